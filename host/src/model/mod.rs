@@ -1,0 +1,1 @@
+//! Finite element models: beam tables and the generalised eigenproblem.

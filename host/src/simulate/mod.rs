@@ -1,0 +1,1 @@
+//! Simulation: recordings of a structure whose truth is known.
