@@ -1,1 +1,3 @@
+//! The `belfry` command: parses arguments and prints.
+
 fn main() {}

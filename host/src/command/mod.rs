@@ -1,1 +1,59 @@
-//! The subcommands of `belfry`, one file each.
+//! The subcommands of `belfry`, one file each, and the console they share.
+//!
+//! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
+
+use std::io::IsTerminal;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+/// Where a command's words go: tables and sentences to standard output for people, or one JSON object with `--json`.
+#[derive(Debug, Clone, Copy)]
+pub struct Console {
+    json: bool,
+}
+
+impl Console {
+    /// A console for people, or for programs with `json`.
+    pub fn new(json: bool) -> Self {
+        Self { json }
+    }
+
+    /// Whether standard output carries one JSON object and nothing else.
+    pub fn is_json(&self) -> bool {
+        self.json
+    }
+
+    /// Prints a line for people; silent with `--json`.
+    pub fn say(&self, line: impl std::fmt::Display) {
+        if !self.json {
+            println!("{line}");
+        }
+    }
+
+    /// Prints a warning on standard error, with or without `--json`.
+    pub fn warn(&self, warning: impl std::fmt::Display) {
+        eprintln!("warning: {warning}");
+    }
+
+    /// Prints the command's JSON object; silent without `--json`.
+    pub fn json(&self, object: &impl Serialize) -> anyhow::Result<()> {
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(object)?);
+        }
+        Ok(())
+    }
+
+    /// A progress bar on standard error over `length` steps; hidden where standard error is not a terminal.
+    pub fn progress(&self, length: u64, label: &str) -> ProgressBar {
+        if !std::io::stderr().is_terminal() {
+            return ProgressBar::hidden();
+        }
+        let style = ProgressStyle::with_template("{msg:24} {wide_bar} {percent:>3} % {eta:>4}")
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = ProgressBar::new(length).with_style(style).with_message(label.to_owned());
+        bar.enable_steady_tick(Duration::from_millis(200));
+        bar
+    }
+}

@@ -33,6 +33,8 @@ pub struct Setup {
     pub name: String,
     /// File patterns relative to the study's folder, in the order in which they follow each other in time.
     pub files: Vec<String>,
+    /// The variable to read from MATLAB files that hold more than one matrix.
+    pub variable: Option<String>,
     /// Rows per second.
     pub sampling_rate_hz: f64,
     /// What the recorded numbers are.
