@@ -15,11 +15,11 @@ const GAPS_KEPT: usize = 5;
 
 /// Rows missing from a recording by its time column.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TimeGap {
+pub(super) struct TimeGap {
     /// The row after the gap.
-    pub place: Place,
+    pub(super) place: Place,
     /// Rows missing, filled with NaN.
-    pub rows: u64,
+    pub(super) rows: u64,
 }
 
 /// Follows the time column through a recording.
@@ -61,7 +61,7 @@ impl Clock {
         self.regular_steps = 0;
     }
 
-    /// Takes a row's time and returns the rows missing before it.
+    /// Takes a row's time, which is finite, and returns the rows missing before it.
     ///
     /// A step of more than one and a half sampling intervals is a gap. A file whose times start again where those of
     /// the recording's first file did (or at zero) follows the file before it without a gap.
@@ -77,8 +77,7 @@ impl Clock {
                 return Ok(0);
             }
         }
-        // Written so that NaN, which no comparison holds for, is refused as well.
-        if !(step_s > 0.0) {
+        if step_s <= 0.0 {
             return Err(RecordError::TimeBackwards { place: place.clone(), previous_s, time_s });
         }
         if step_rows <= 1.5 {

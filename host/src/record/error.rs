@@ -100,7 +100,7 @@ pub enum RecordError {
     #[error("{place}: a quote is not closed on its line: cells of a recording must not run over several lines")]
     OpenQuote { place: Place },
     #[error(
-        "{place}: the rows follow each other at {measured_hz:.6} Hz by the time column `{column}`, but the setup's sampling_rate_hz is {stated_hz}: correct sampling_rate_hz, or the column where it is not in seconds"
+        "{place}: the rows follow each other at {measured_hz:.4} Hz by the time column `{column}`, but the setup's sampling_rate_hz is {stated_hz}: correct sampling_rate_hz, or the column where it is not in seconds"
     )]
     RateDiffers { place: Place, column: String, measured_hz: f64, stated_hz: f64 },
     #[error(

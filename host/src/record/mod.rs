@@ -24,7 +24,6 @@ mod tests;
 use std::path::Path;
 
 pub use block::Block;
-pub use clock::TimeGap;
 pub use error::{At, Place, RecordError};
 pub use mat::MatError;
 pub use report::{ChannelReport, Gap, RecordReport, RecordWarning};

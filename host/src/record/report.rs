@@ -260,6 +260,7 @@ impl ChannelSums {
     fn report(self, channel: &str) -> ChannelReport {
         let present = self.present as f64;
         let offset = self.sum / present; // NaN where nothing is present
+        let variance = self.square / present - offset * offset;
         ChannelReport {
             channel: channel.to_owned(),
             missing: self.missing,
@@ -268,7 +269,8 @@ impl ChannelSums {
             // One sample alone has nothing to differ from.
             constant: self.square == 0.0 && self.present != 1,
             mean: self.pivot.map_or(f64::NAN, |pivot| pivot + offset),
-            rms: (self.square / present - offset * offset).max(0.0).sqrt(),
+            // Rounding may leave a tiny negative variance. `max` would also make 0 of the NaN of no samples.
+            rms: if self.present == 0 { f64::NAN } else { variance.max(0.0).sqrt() },
         }
     }
 }

@@ -5,10 +5,7 @@ use npyz::WriterBuilder;
 use super::*;
 
 /// An NPY file by the library that others use, so that reader and writer do not share a mistake.
-fn npy<T: npyz::AutoSerialize>(values: &[T], shape: &[u64], order: npyz::Order) -> Vec<u8>
-where
-    T: npyz::Serialize + Clone,
-{
+fn npy<T: npyz::AutoSerialize + Clone>(values: &[T], shape: &[u64], order: npyz::Order) -> Vec<u8> {
     let mut bytes = Vec::new();
     let options = npyz::WriteOptions::new().default_dtype().shape(shape).order(order);
     let mut writer = options.writer(&mut bytes).begin_nd().unwrap();
@@ -30,7 +27,8 @@ pub(super) fn with_header(dictionary: &str, data: &[u8]) -> Vec<u8> {
 fn both_orders_and_both_directions_give_the_same_rows() {
     let rows = 5000_u32;
     let by_row: Vec<f64> = (0..rows).flat_map(|row| [f64::from(row), f64::from(row) + 0.5]).collect();
-    let by_column: Vec<f64> = [0.0, 0.5].into_iter().flat_map(|add| (0..rows).map(move |row| f64::from(row) + add)).collect();
+    let by_column: Vec<f64> =
+        [0.0, 0.5].into_iter().flat_map(|add| (0..rows).map(move |row| f64::from(row) + add)).collect();
     let (tall, wide) = ([u64::from(rows), 2], [2, u64::from(rows)]);
     let files = [
         npy(&by_row, &tall, npyz::Order::C),

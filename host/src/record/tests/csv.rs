@@ -131,7 +131,11 @@ fn time_that_is_none_is_named() {
     expect_error(&wanted, &[("a.csv", &timed([0.0, 0.02, 0.02], 2))], &["line 4", "from 0.02 s to 0.02 s", "advance"]);
     for time in ["2024-01-31 10:00:00", "", "nan"] {
         let text = format!("timestamp,top\n{time},1\n");
-        expect_error(&wanted, &[("a.csv", text.as_bytes())], &["line 2", "`timestamp`", time, "seconds as plain numbers"]);
+        expect_error(
+            &wanted,
+            &[("a.csv", text.as_bytes())],
+            &["line 2", "`timestamp`", time, "seconds as plain numbers"],
+        );
     }
     let leap = timed([0.0, 0.02, 0.04, 1e6], 2);
     expect_error(&wanted, &[("a.csv", &leap)], &["line 5", "from 0.04 s to 1000000 s", "10000000"]);

@@ -74,9 +74,15 @@ fn what_is_wrong_with_the_setup_is_named() {
     let other: (&str, &[u8]) = ("b.txt", b"1 2 3\n");
     expect_error(&setup(&["1"], &["*.txt"]), &[file, other], &["b.txt has 3 columns", "a.txt has 2 columns"]);
     for empty in ["", "\n \n", "# nothing\n"] {
-        expect_error(&setup(&["1"], &["c.txt"]), &[("c.txt", empty.as_bytes())], &["c.txt is empty", "at least one row"]);
+        expect_error(
+            &setup(&["1"], &["c.txt"]),
+            &[("c.txt", empty.as_bytes())],
+            &["c.txt is empty", "at least one row"],
+        );
     }
-    for (name, part) in [("a.parquet", "Parquet"), ("a.uff", "UFF 58"), ("a.wav", ".npy or .mat"), ("a", ".npy or .mat")] {
+    for (name, part) in
+        [("a.parquet", "Parquet"), ("a.uff", "UFF 58"), ("a.wav", ".npy or .mat"), ("a", ".npy or .mat")]
+    {
         expect_error(&setup(&["1"], &[name]), &[(name, b"1")], &[name, part]);
     }
     let mut slow = setup(&["1"], &["a.txt"]);
