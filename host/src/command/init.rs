@@ -48,14 +48,19 @@ impl Template {
     }
 
     fn next(self, folder: &Path) -> String {
+        let place = folder.display().to_string();
+        // As one would type it in a shell.
+        let argument = if place.contains(char::is_whitespace) { format!("\"{place}\"") } else { place.clone() };
+        let study_file = folder.join(STUDY_FILE);
+        let study_file = study_file.display();
         match self {
             Self::Canton => format!(
-                "put recordings accdata_*.txt into {}, or make one with `belfry simulate`, then run `belfry identify`",
-                folder.display()
+                "put recordings accdata_*.txt into {place}, or make one with `belfry simulate {argument}`, then run \
+                 `belfry identify {argument}`"
             ),
             Self::Blank => format!(
-                "describe your sensors in {}, put the recording next to it, then run `belfry identify`",
-                folder.join(STUDY_FILE).display()
+                "describe your sensors in {study_file}, put the recording next to it, then run \
+                 `belfry identify {argument}`"
             ),
         }
     }
