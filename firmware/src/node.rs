@@ -250,6 +250,7 @@ impl Node {
                 boot: self.identity.boot,
                 channels: self.identity.channels,
                 configuration_hash: self.plan.as_ref().map(|plan| plan.hash),
+                clock_set: self.clock.is_some(),
             })
         } else if let Some(refusal) = self.pending.refusal.take() {
             NodeMessage::Refused(refusal)

@@ -24,7 +24,7 @@
 //! The host says [`HostMessage::Greet`]; the node answers with [`Hello`] (also unasked, when it starts). The host compares
 //! protocol version and schema hash and refuses a node that differs. It sends a [`Configuration`]; the node answers with
 //! a `Hello` that carries the configuration's hash, or a [`Refusal`]. Then [`ClockRequest`]s and [`ClockReply`]s measure the
-//! node's clock, and a [`ClockModel`] tells the node the time. From then on it measures, window by window on the grid
+//! node's clock, and a [`ClockModel`] tells the node the time (a later `Hello` confirms it). From then on it measures, window by window on the grid
 //! of host time ([`crate::time::WindowGrid`]), and host and node exchange windows, acknowledgements and clock readings.
 //!
 //! # Units
@@ -110,6 +110,8 @@ pub struct Hello {
     pub channels: u8,
     /// [`Configuration::hash`] of what it runs; `None` before the first configuration.
     pub configuration_hash: Option<u32>,
+    /// Whether the host has told it the time.
+    pub clock_set: bool,
 }
 
 /// What a node is to measure.

@@ -1,1 +1,36 @@
-//! The link to the sensor nodes: transports, the host end of the protocol, and simulated nodes.
+//! The link to the sensor nodes: transports, the host's end of the protocol, and nodes simulated in process.
+//!
+//! Bytes flow in from a [`Transport`], whole windows flow out of a [`Session`] into a [`WindowSink`], each exactly once. The
+//! session does not know whether its bytes come from a serial port or from [`memory`]; it is told the time.
+
+pub mod assembly;
+pub mod clock;
+pub mod fleet;
+pub mod memory;
+pub mod session;
+
+use std::io;
+
+pub use assembly::{ChannelData, NodeWindow};
+pub use session::{Session, SessionError, SessionStatistics};
+
+/// A byte stream to a node that never blocks.
+pub trait Transport {
+    /// Takes bytes to send.
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()>;
+    /// Fills `buffer` with bytes that have arrived and returns how many; 0 where there are none.
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize>;
+}
+
+/// Where whole windows go. A window counts as delivered when `store` has returned; only then is it acknowledged.
+pub trait WindowSink {
+    /// Keeps a window.
+    fn store(&mut self, window: NodeWindow) -> io::Result<()>;
+}
+
+impl WindowSink for Vec<NodeWindow> {
+    fn store(&mut self, window: NodeWindow) -> io::Result<()> {
+        self.push(window);
+        Ok(())
+    }
+}

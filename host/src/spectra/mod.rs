@@ -1,8 +1,16 @@
 //! Spectra: from windows of complex lines to an averaged cross-spectral matrix.
 //!
-//! Windows come from sensor nodes or straight from a recording ([`direct`]), in the same units either way.
+//! [`plan`] chooses decimation and segment, windows come from sensor nodes or straight from a recording ([`direct`]), in the
+//! same units and on the same grid either way, and [`cross_spectrum`] averages their outer products.
+
+pub mod cross_spectrum;
+pub mod direct;
+pub mod plan;
 
 use num_complex::Complex32;
+
+pub use cross_spectrum::{CrossSpectrum, CrossSpectrumAccumulator, SpectraError, SpectraWarning};
+pub use plan::{PlanError, SetupExtent, SpectralPlan};
 
 /// The spectral lines that every window of one setup carries.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,10 +19,22 @@ pub struct LineGrid {
     pub sampling_rate_hz: f64,
     /// Points a segment; the line spacing is `sampling_rate_hz / segment`.
     pub segment: usize,
-    /// Index of the first line (its frequency is `first_line` times the line spacing).
+    /// Index of the first line (its frequency is `first_line` times the line spacing); at least 1.
     pub first_line: usize,
     /// Number of consecutive lines.
     pub lines: usize,
+}
+
+impl LineGrid {
+    /// Distance between lines in Hz.
+    pub fn spacing_hz(&self) -> f64 {
+        self.sampling_rate_hz / self.segment as f64
+    }
+
+    /// Frequency of the `index`-th line of the grid in Hz.
+    pub fn frequency_hz(&self, index: usize) -> f64 {
+        (self.first_line + index) as f64 * self.spacing_hz()
+    }
 }
 
 /// One measurement window: the spectral lines of one Hann segment, all channels of one setup.

@@ -1,0 +1,133 @@
+//! The node's clock, measured from the host by two-way exchanges.
+//!
+//! Each exchange gives four times: request sent and reply received on the host's clock, request received and reply sent on
+//! the node's. The midpoints are the same moment if both ways took equally long (Mills 1991, NTP); of exchanges that did
+//! not (a frame was queued behind another) the round trip is longer, and they are left out.
+
+use std::collections::VecDeque;
+
+use belfry_shared::message::ClockReply;
+use belfry_shared::time::{ClockModel, HostTime, NodeTime};
+
+/// Exchanges kept.
+const KEPT: usize = 64;
+/// Exchanges whose round trip is at most this much longer than the shortest are used.
+const ROUND_TRIP_TOLERANCE_US: i64 = 500;
+/// Span of exchanges from which drift is estimated.
+const DRIFT_SPAN_US: i64 = 20_000_000;
+/// Crystals do not drift more; a larger estimate is a fault of the measurement.
+const MAX_DRIFT_PPB: f64 = 500_000.0;
+
+#[derive(Debug, Clone, Copy)]
+struct Exchange {
+    node: NodeTime,
+    /// Host time minus node time in µs.
+    offset_us: i64,
+    round_trip_us: i64,
+}
+
+/// Estimates offset and drift of a node's clock.
+#[derive(Debug, Clone, Default)]
+pub struct ClockEstimator {
+    exchanges: VecDeque<Exchange>,
+}
+
+impl ClockEstimator {
+    /// Adds an exchange. `request_us` and `reply_us` are the times the two frames need on the line; the rest of the round
+    /// trip is waiting.
+    pub fn add(&mut self, reply: &ClockReply, received: HostTime, request_us: i64, reply_us: i64) {
+        let sent = reply.host_sent.0 + request_us;
+        let arrived = received.0 - reply_us;
+        let round_trip_us = (arrived - sent) - reply.node_sent.since(reply.node_received);
+        let half_held = reply.node_sent.since(reply.node_received) / 2;
+        let node = reply.node_received.offset(half_held);
+        let Ok(node_us) = i64::try_from(node.0) else { return };
+        let offset_us = sent + (arrived - sent) / 2 - node_us;
+        if self.exchanges.len() == KEPT {
+            self.exchanges.pop_front();
+        }
+        self.exchanges.push_back(Exchange { node, offset_us, round_trip_us });
+    }
+
+    /// Exchanges there are.
+    pub fn len(&self) -> usize {
+        self.exchanges.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.exchanges.is_empty()
+    }
+
+    /// Forgets everything; for a node that has restarted.
+    pub fn clear(&mut self) {
+        self.exchanges.clear();
+    }
+
+    /// The best model so far: a least-squares line through the exchanges with short round trips, a constant offset while they
+    /// span less than 20 s. `None` before the first exchange.
+    pub fn model(&self) -> Option<ClockModel> {
+        let shortest = self.exchanges.iter().map(|exchange| exchange.round_trip_us).min()?;
+        let good: Vec<&Exchange> =
+            self.exchanges.iter().filter(|e| e.round_trip_us <= shortest + ROUND_TRIP_TOLERANCE_US).collect();
+        let (first, last) = (good.first()?, good.last()?);
+        let count = good.len() as f64;
+        let elapsed = |exchange: &Exchange| exchange.node.since(last.node) as f64;
+        let lead = |exchange: &Exchange| (exchange.offset_us - last.offset_us) as f64;
+        let mean_elapsed = good.iter().map(|e| elapsed(e)).sum::<f64>() / count;
+        let mean_lead = good.iter().map(|e| lead(e)).sum::<f64>() / count;
+        let slope = if last.node.since(first.node) < DRIFT_SPAN_US {
+            0.0
+        } else {
+            let covariance: f64 = good.iter().map(|e| (elapsed(e) - mean_elapsed) * (lead(e) - mean_lead)).sum();
+            let variance: f64 = good.iter().map(|e| (elapsed(e) - mean_elapsed).powi(2)).sum();
+            (covariance / variance).clamp(-MAX_DRIFT_PPB * 1e-9, MAX_DRIFT_PPB * 1e-9)
+        };
+        // The line's value at the last exchange.
+        let offset = last.offset_us + (mean_lead - slope * mean_elapsed).round() as i64;
+        let node_us = i64::try_from(last.node.0).ok()?;
+        Some(ClockModel { node: last.node, host: HostTime(node_us + offset), drift_ppb: (slope * 1e9).round() as i32 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A node whose clock started 100 s before the host's epoch and loses 20 ppm.
+    fn node_time(host_us: i64) -> NodeTime {
+        NodeTime(((host_us + 100_000_000) as f64 / (1.0 + 20e-6)).round() as u64)
+    }
+
+    fn exchange(at_us: i64, queued_us: i64) -> (ClockReply, HostTime) {
+        let received = at_us + 1_000;
+        let sent = received + 300;
+        let reply =
+            ClockReply { host_sent: HostTime(at_us), node_received: node_time(received), node_sent: node_time(sent) };
+        (reply, HostTime(sent + queued_us + 2_000))
+    }
+
+    #[test]
+    fn offset_and_drift_are_found_although_some_replies_were_queued() {
+        let mut estimator = ClockEstimator::default();
+        for minute in 0..10 {
+            let (reply, received) = exchange(minute * 60_000_000, if minute % 3 == 1 { 40_000 } else { 0 });
+            estimator.add(&reply, received, 1_000, 2_000);
+        }
+        let model = estimator.model().unwrap();
+        assert!((model.drift_ppb - 20_000).abs() < 10, "{model:?}");
+        let later = 12 * 60_000_000;
+        assert!((model.host_time(node_time(later)).0 - later).abs() <= 5);
+    }
+
+    #[test]
+    fn one_exchange_gives_an_offset_and_none_gives_nothing() {
+        let mut estimator = ClockEstimator::default();
+        assert_eq!(estimator.model(), None);
+        let (reply, received) = exchange(0, 0);
+        estimator.add(&reply, received, 1_000, 2_000);
+        let model = estimator.model().unwrap();
+        assert_eq!(model.drift_ppb, 0);
+        assert!((model.host_time(node_time(0)).0).abs() <= 2);
+    }
+}

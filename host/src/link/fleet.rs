@@ -1,0 +1,267 @@
+//! A fleet of simulated nodes: the real firmware library, fed from a recording, talking over simulated serial lines.
+//!
+//! Rows of one setup flow in, windows of all its channels flow out, on the grid of host time. Every node has its own crystal
+//! (off by up to 20 ppm), its own boot time and its own line; host and node run the code they run on a real port.
+
+mod grid;
+mod node;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::thread;
+
+use belfry_shared::decimation::Stages;
+use belfry_shared::message::{Band, Configuration, Summary};
+use thiserror::Error;
+
+use super::memory::{Faults, LineStatistics};
+use super::session::{SessionError, SessionStatistics};
+use crate::spectra::{LineGrid, WindowLines};
+use crate::study::Setup;
+use grid::GridAssembler;
+use node::{Feed, NodeSettings, SimulatedNode};
+
+/// Blocks of rows that may wait for a worker.
+const BLOCKS_AHEAD: usize = 4;
+
+/// How the nodes are set up and what their lines do to them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FleetOptions {
+    /// What the nodes send. Only [`Summary::Lines`] makes modes.
+    pub summary: Summary,
+    /// Baud rate of every line.
+    pub baud: u32,
+    /// What happens to frames.
+    pub faults: Faults,
+    /// Draws clocks, boot ids and faults.
+    pub seed: u64,
+}
+
+impl Default for FleetOptions {
+    /// Lines of 8 bits over a sound line of 115 200 baud.
+    fn default() -> Self {
+        Self { summary: Summary::Lines { bits: 8 }, baud: 115_200, faults: Faults::default(), seed: 1 }
+    }
+}
+
+/// Why the fleet could not measure.
+#[derive(Debug, Error)]
+pub enum FleetError {
+    /// The host's session with a node ended.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// A node was not ready when the recording began.
+    #[error("node {node} was not ready when the recording began: its line damages too many frames")]
+    NotReady {
+        /// The node.
+        node: u16,
+    },
+    /// The settings cannot be expressed in a configuration.
+    #[error(
+        "decimation {decimation} with a segment of {segment} and {lines} lines from line {first_line} cannot be sent to a node"
+    )]
+    Settings {
+        /// Raw samples a decimated one.
+        decimation: u32,
+        /// Decimated samples a segment.
+        segment: usize,
+        /// Index of the first line.
+        first_line: usize,
+        /// Number of lines.
+        lines: usize,
+    },
+    /// A worker thread ended early.
+    #[error("a simulated node stopped unexpectedly; this is a fault in belfry, please report it")]
+    Worker,
+}
+
+/// What one node and its line did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NodeReport {
+    /// The node.
+    pub node: u16,
+    /// Its channels.
+    pub channels: usize,
+    /// The host's side of the conversation.
+    pub session: SessionStatistics,
+    /// What the line did towards the host.
+    pub to_host: LineStatistics,
+    /// What the line did towards the node.
+    pub to_node: LineStatistics,
+}
+
+/// What the fleet did.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FleetReport {
+    /// One entry a node, by number.
+    pub nodes: Vec<NodeReport>,
+    /// Duration of the recording in s.
+    pub duration_s: f64,
+}
+
+impl FleetReport {
+    /// Bytes a second and channel on the wire towards the host, everything included.
+    pub fn wire_bytes_per_second_and_channel(&self) -> f64 {
+        let bytes: u64 = self.nodes.iter().map(|node| node.to_host.bytes).sum();
+        let channels: usize = self.nodes.iter().map(|node| node.channels).sum();
+        bytes as f64 / self.duration_s / channels as f64
+    }
+}
+
+/// The configuration of a node with `channels` channels for a setup's spectral settings.
+pub fn node_configuration(
+    sampling_rate_hz: f64,
+    decimation: u32,
+    grid: &LineGrid,
+    channels: usize,
+    summary: Summary,
+) -> Option<Configuration> {
+    let band = Band { first_line: u16::try_from(grid.first_line).ok()?, lines: u16::try_from(grid.lines).ok()? };
+    Some(Configuration {
+        channels: u8::try_from(channels).ok()?,
+        sampling_rate_uhz: (sampling_rate_hz * 1e6).round() as u64,
+        decimation,
+        segment: u16::try_from(grid.segment).ok()?,
+        summary,
+        bands: [band].into_iter().collect(),
+    })
+}
+
+type Rows = Arc<[f64]>;
+
+/// A fleet at work: give it rows, take its windows.
+///
+/// Nodes run on as many threads as there are processors; windows come out in the order of the grid.
+pub struct Fleet {
+    rows: Vec<SyncSender<Rows>>,
+    windows: Receiver<Result<Feed, FleetError>>,
+    workers: Vec<thread::JoinHandle<()>>,
+    assembler: GridAssembler,
+    channels: usize,
+    row_count: u64,
+    sampling_rate_hz: f64,
+}
+
+impl Fleet {
+    /// Starts one node for every node number in the setup and brings them to measuring.
+    pub fn start(setup: &Setup, decimation: u32, grid: &LineGrid, options: &FleetOptions) -> Result<Self, FleetError> {
+        let settings = || FleetError::Settings {
+            decimation,
+            segment: grid.segment,
+            first_line: grid.first_line,
+            lines: grid.lines,
+        };
+        let stages = Stages::of(decimation).ok_or_else(settings)?;
+        let lead_rows = u64::from(stages.first_full_output()) * u64::from(decimation);
+        let mut channels_of: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
+        for (channel, sensor) in setup.sensors.iter().enumerate() {
+            channels_of.entry(sensor.node).or_default().push(channel);
+        }
+        let workers = thread::available_parallelism().map_or(1, usize::from).min(channels_of.len().max(1));
+        let mut nodes: Vec<Vec<NodeSettings>> = (0..workers).map(|_| Vec::new()).collect();
+        for (index, (&number, channels)) in channels_of.iter().enumerate() {
+            let configuration =
+                node_configuration(setup.sampling_rate_hz, decimation, grid, channels.len(), options.summary)
+                    .ok_or_else(settings)?;
+            let channels = channels.clone();
+            nodes[index % workers].push(NodeSettings { number, channels, configuration, lead_rows, options: *options });
+        }
+        let assembler = GridAssembler::new(*grid, setup.sensors.len(), channels_of);
+        let (window_sender, windows) = channel();
+        let (rows, workers) = nodes
+            .into_iter()
+            .map(|nodes| {
+                let (sender, receiver) = sync_channel(BLOCKS_AHEAD);
+                let results = window_sender.clone();
+                let width = setup.sensors.len();
+                (sender, thread::spawn(move || work(nodes, width, &receiver, &results)))
+            })
+            .unzip();
+        Ok(Self {
+            rows,
+            windows,
+            workers,
+            assembler,
+            channels: setup.sensors.len(),
+            row_count: 0,
+            sampling_rate_hz: setup.sampling_rate_hz,
+        })
+    }
+
+    /// Takes rows (row-major, a value a channel, NaN where one is missing) and hands out windows that are whole.
+    pub fn push(&mut self, rows: &[f64], on_window: &mut dyn FnMut(WindowLines)) -> Result<(), FleetError> {
+        self.row_count += (rows.len() / self.channels.max(1)) as u64;
+        let shared: Rows = rows.into();
+        for sender in &self.rows {
+            if sender.send(Arc::clone(&shared)).is_err() {
+                break; // The worker's error is in the other channel.
+            }
+        }
+        while let Ok(feed) = self.windows.try_recv() {
+            self.take(feed?, on_window);
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, feed: Feed, on_window: &mut dyn FnMut(WindowLines)) -> Option<NodeReport> {
+        match feed {
+            Feed::Window(window) => {
+                self.assembler.add(*window, on_window);
+                None
+            }
+            Feed::Done(report) => Some(report),
+        }
+    }
+
+    /// Ends the recording, waits until everything is delivered, and hands out the remaining windows.
+    pub fn finish(mut self, on_window: &mut dyn FnMut(WindowLines)) -> Result<FleetReport, FleetError> {
+        self.rows.clear();
+        let mut nodes = Vec::new();
+        while let Ok(feed) = self.windows.recv() {
+            nodes.extend(self.take(feed?, on_window));
+        }
+        for worker in self.workers.drain(..) {
+            worker.join().map_err(|_| FleetError::Worker)?;
+        }
+        self.assembler.flush(on_window);
+        nodes.sort_by_key(|node| node.node);
+        Ok(FleetReport { nodes, duration_s: self.row_count as f64 / self.sampling_rate_hz })
+    }
+}
+
+/// A worker's life: brings its nodes to measuring, feeds them, and waits for their last windows.
+fn work(settings: Vec<NodeSettings>, width: usize, rows: &Receiver<Rows>, results: &Sender<Result<Feed, FleetError>>) {
+    let run = || -> Result<(), FleetError> {
+        // A receiver that has gone away wants no more results.
+        let hand_over = |node: &mut SimulatedNode| {
+            for window in node.take_windows() {
+                let _ = results.send(Ok(Feed::Window(Box::new(window))));
+            }
+        };
+        let mut nodes: Vec<SimulatedNode> = settings.into_iter().map(SimulatedNode::new).collect();
+        for node in &mut nodes {
+            node.prepare()?;
+        }
+        for block in rows {
+            for node in &mut nodes {
+                for row in block.chunks_exact(width) {
+                    node.feed(row)?;
+                }
+                hand_over(node);
+            }
+        }
+        for node in &mut nodes {
+            let report = node.finish()?;
+            hand_over(node);
+            let _ = results.send(Ok(Feed::Done(report)));
+        }
+        Ok(())
+    }();
+    if let Err(error) = run {
+        let _ = results.send(Err(error));
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,413 @@
+//! The host's end of the conversation with one node.
+//!
+//! Bytes and the time flow in, bytes to send and whole windows flow out. The session greets, checks the version, configures,
+//! sets the clock, then collects: it acknowledges what the sink has stored and asks again for what is overdue.
+
+use std::collections::VecDeque;
+use std::io;
+
+use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, PROTOCOL_VERSION};
+use belfry_shared::message::{
+    self, Acknowledgement, ClockRequest, Configuration, Hello, HostMessage, NodeMessage, RefusalReason, SCHEMA_HASH,
+};
+use belfry_shared::time::HostTime;
+use thiserror::Error;
+
+use super::assembly::{Assembler, Outcome};
+use super::clock::ClockEstimator;
+use super::{Transport, WindowSink};
+
+/// Time between tries of a greeting, configuration or clock setting, in µs.
+const RETRY_US: i64 = 500_000;
+/// Clock exchanges before the clock is set first, and the time between them.
+const FIRST_EXCHANGES: usize = 6;
+const FIRST_EXCHANGE_PERIOD_US: i64 = 100_000;
+/// Time between clock exchanges while measuring.
+const EXCHANGE_PERIOD_US: i64 = 20_000_000;
+/// The line counts as silent when nothing came for this long.
+const SILENCE_US: i64 = 300_000;
+/// A part asked again is asked once more after this time.
+const ASK_PERIOD_US: i64 = 2_000_000;
+
+/// Why a conversation cannot go on.
+#[derive(Debug, Error)]
+pub enum SessionError {
+    /// The node speaks another version of the protocol.
+    #[error(
+        "node {node} speaks protocol version {found}, this host speaks version {PROTOCOL_VERSION}: flash the node with the firmware of this release"
+    )]
+    Version {
+        /// The node the session is for.
+        node: u16,
+        /// The version it speaks.
+        found: u8,
+    },
+    /// The node's messages are laid out differently although the version is the same.
+    #[error(
+        "node {node} runs firmware of another build (messages {found:#018x}, here {SCHEMA_HASH:#018x}): flash it with the firmware of this release"
+    )]
+    Schema {
+        /// The node the session is for.
+        node: u16,
+        /// Its schema hash.
+        found: u64,
+    },
+    /// Another node is on the line.
+    #[error("node {found} answers where node {node} was expected: check the cables or the node numbers in study.toml")]
+    WrongNode {
+        /// The node the session is for.
+        node: u16,
+        /// The node that answered.
+        found: u16,
+    },
+    /// The node cannot run the configuration.
+    #[error("node {node} cannot measure what the study asks: {reason}")]
+    Refused {
+        /// The node the session is for.
+        node: u16,
+        /// Why.
+        reason: RefusalReason,
+    },
+    /// The transport failed.
+    #[error("the line to node {node} failed")]
+    Transport {
+        /// The node the session is for.
+        node: u16,
+        /// The cause.
+        source: io::Error,
+    },
+    /// A window could not be stored.
+    #[error("a window of node {node} could not be stored")]
+    Store {
+        /// The node the session is for.
+        node: u16,
+        /// The cause.
+        source: io::Error,
+    },
+}
+
+/// What a session has seen.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SessionStatistics {
+    /// Bytes that came from the node.
+    pub bytes_received: u64,
+    /// Bytes sent to the node.
+    pub bytes_sent: u64,
+    /// Frames that came undamaged.
+    pub frames: u64,
+    /// Frames that came damaged.
+    pub damaged_frames: u64,
+    /// Parts that were known already.
+    pub duplicate_parts: u64,
+    /// Parts that contradicted the configuration or other parts.
+    pub contradictions: u64,
+    /// Ranges of parts asked again.
+    pub asked_again: u64,
+    /// Windows stored.
+    pub windows: u64,
+    /// Windows that the node dropped before they were delivered, or that could not be read.
+    pub lost_windows: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    Greeting,
+    Configuring,
+    Timing,
+    SettingClock,
+    Measuring,
+}
+
+/// The host's end of the conversation with one node.
+#[derive(Debug)]
+pub struct Session {
+    node: u16,
+    configuration: Configuration,
+    byte_us: f64,
+    stage: Stage,
+    decoder: FrameDecoder,
+    frame_bytes: usize,
+    outgoing: VecDeque<u8>,
+    assembler: Option<Assembler>,
+    clock: ClockEstimator,
+    request_bytes: usize,
+    next_try: HostTime,
+    next_exchange: HostTime,
+    last_received: HostTime,
+    acknowledge: bool,
+    earlier_losses: u64,
+    statistics: SessionStatistics,
+}
+
+impl Session {
+    /// A session for a node that shall run `configuration`, over a line of `baud`.
+    pub fn new(node: u16, configuration: Configuration, baud: u32) -> Self {
+        Self {
+            node,
+            configuration,
+            byte_us: 10e6 / f64::from(baud.max(1)),
+            stage: Stage::Greeting,
+            decoder: FrameDecoder::new(),
+            frame_bytes: 0,
+            outgoing: VecDeque::new(),
+            assembler: None,
+            clock: ClockEstimator::default(),
+            request_bytes: 0,
+            next_try: HostTime(i64::MIN),
+            next_exchange: HostTime(i64::MIN),
+            last_received: HostTime(i64::MIN),
+            acknowledge: false,
+            earlier_losses: 0,
+            statistics: SessionStatistics::default(),
+        }
+    }
+
+    /// The node it is for.
+    pub fn node(&self) -> u16 {
+        self.node
+    }
+
+    /// Whether the node has its configuration and the time.
+    pub fn is_measuring(&self) -> bool {
+        self.stage == Stage::Measuring
+    }
+
+    /// Whether every window known to exist is stored or given up, and the node knows.
+    pub fn is_complete(&self) -> bool {
+        !self.acknowledge && self.assembler.as_ref().is_none_or(Assembler::is_complete)
+    }
+
+    /// What it has seen.
+    pub fn statistics(&self) -> SessionStatistics {
+        let lost_windows = self.earlier_losses + self.assembler.as_ref().map_or(0, Assembler::lost);
+        SessionStatistics { lost_windows, ..self.statistics }
+    }
+
+    /// Reads everything that has arrived, says what is due, and sends it.
+    pub fn service(
+        &mut self,
+        now: HostTime,
+        transport: &mut dyn Transport,
+        sink: &mut dyn WindowSink,
+    ) -> Result<(), SessionError> {
+        let node = self.node;
+        let fail = |source| SessionError::Transport { node, source };
+        let mut buffer = [0; 512];
+        loop {
+            let count = transport.read(&mut buffer).map_err(fail)?;
+            if count == 0 {
+                break;
+            }
+            self.receive(now, &buffer[..count], sink)?;
+        }
+        self.poll(now);
+        if !self.outgoing.is_empty() {
+            let bytes: Vec<u8> = self.outgoing.drain(..).collect();
+            self.statistics.bytes_sent += bytes.len() as u64;
+            transport.write(&bytes).map_err(fail)?;
+        }
+        Ok(())
+    }
+
+    /// When [`service`](Self::service) has something to do even if no byte arrives.
+    pub fn next_due(&self) -> HostTime {
+        let due = match self.stage {
+            Stage::Greeting | Stage::Configuring | Stage::SettingClock => self.next_try,
+            Stage::Timing => self.next_exchange,
+            Stage::Measuring if !self.is_complete() => {
+                HostTime(self.next_exchange.0.min(self.next_try.0.max(self.last_received.0.saturating_add(SILENCE_US))))
+            }
+            Stage::Measuring => self.next_exchange,
+        };
+        if self.acknowledge { HostTime(due.0.min(self.last_received.0.saturating_add(1))) } else { due }
+    }
+
+    fn receive(&mut self, now: HostTime, bytes: &[u8], sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        self.last_received = now;
+        self.statistics.bytes_received += bytes.len() as u64;
+        for &byte in bytes {
+            self.frame_bytes += 1;
+            let ended = byte == END_OF_FRAME;
+            let frame = match self.decoder.push(byte) {
+                Some(Ok(frame)) => Some(frame.to_vec()),
+                Some(Err(FrameError::Version { found })) => {
+                    return Err(SessionError::Version { node: self.node, found });
+                }
+                Some(Err(_)) => {
+                    self.statistics.damaged_frames += 1;
+                    None
+                }
+                None => None,
+            };
+            if let Some(encoded) = frame {
+                match message::decode::<NodeMessage<'_>>(&encoded) {
+                    Ok(message) => {
+                        self.statistics.frames += 1;
+                        self.handle(now, &message, &encoded, sink)?;
+                    }
+                    Err(_) => self.statistics.damaged_frames += 1,
+                }
+            }
+            if ended {
+                self.frame_bytes = 0;
+            }
+        }
+        Ok(())
+    }
+
+    fn handle(
+        &mut self,
+        now: HostTime,
+        message: &NodeMessage<'_>,
+        encoded: &[u8],
+        sink: &mut dyn WindowSink,
+    ) -> Result<(), SessionError> {
+        match message {
+            NodeMessage::Hello(hello) => self.greeted(hello)?,
+            NodeMessage::Refused(refusal) if refusal.configuration_hash == self.configuration.hash() => {
+                return Err(SessionError::Refused { node: self.node, reason: refusal.reason });
+            }
+            NodeMessage::Refused(_) => {}
+            NodeMessage::Clock(reply) => {
+                let on_line = |bytes: usize| (bytes as f64 * self.byte_us).round() as i64;
+                let (request_us, reply_us) = (on_line(self.request_bytes), on_line(self.frame_bytes));
+                self.clock.add(reply, now, request_us, reply_us);
+                if self.stage == Stage::Measuring
+                    && let Some(model) = self.clock.model()
+                {
+                    self.say(&HostMessage::SetClock(model));
+                }
+            }
+            NodeMessage::Heartbeat(heartbeat) => {
+                if let Some(assembler) = self.assembler.as_mut().filter(|a| a.boot() == heartbeat.boot) {
+                    assembler.heartbeat(heartbeat.oldest_window, heartbeat.next_window);
+                    // Also repeats an acknowledgement that was lost.
+                    self.acknowledge |= heartbeat.oldest_window < assembler.below();
+                } else {
+                    self.stage = Stage::Greeting;
+                }
+            }
+            part => {
+                let Some(assembler) = &mut self.assembler else { return Ok(()) };
+                match assembler.take(&self.configuration, part, encoded) {
+                    Outcome::Taken => {}
+                    Outcome::Duplicate => {
+                        self.statistics.duplicate_parts += 1;
+                        self.acknowledge = true;
+                    }
+                    Outcome::Contradiction => self.statistics.contradictions += 1,
+                    Outcome::Whole(window) => {
+                        let number = window.name.number;
+                        sink.store(*window).map_err(|source| SessionError::Store { node: self.node, source })?;
+                        assembler.stored(number);
+                        self.statistics.windows += 1;
+                        self.acknowledge = true;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn greeted(&mut self, hello: &Hello) -> Result<(), SessionError> {
+        let node = self.node;
+        if hello.protocol_version != PROTOCOL_VERSION {
+            return Err(SessionError::Version { node, found: hello.protocol_version });
+        }
+        if hello.schema_hash != SCHEMA_HASH {
+            return Err(SessionError::Schema { node, found: hello.schema_hash });
+        }
+        if hello.node != node {
+            return Err(SessionError::WrongNode { node, found: hello.node });
+        }
+        if self.assembler.as_ref().is_none_or(|assembler| assembler.boot() != hello.boot) {
+            // A new life of the node: what the old one still had is lost with it.
+            self.earlier_losses += self.assembler.as_ref().map_or(0, Assembler::lost);
+            self.assembler = Some(Assembler::new(hello.boot));
+            self.clock.clear();
+        }
+        let configured = hello.configuration_hash == Some(self.configuration.hash());
+        let stage = match (configured, hello.clock_set) {
+            (false, _) => Stage::Configuring,
+            (true, _) if self.clock.len() < FIRST_EXCHANGES => Stage::Timing,
+            (true, false) => Stage::SettingClock,
+            (true, true) => Stage::Measuring,
+        };
+        if stage != self.stage {
+            self.stage = stage;
+            self.next_try = HostTime(i64::MIN);
+            if stage == Stage::Timing {
+                self.next_exchange = HostTime(i64::MIN);
+            }
+        }
+        Ok(())
+    }
+
+    fn poll(&mut self, now: HostTime) {
+        let retry = now >= self.next_try;
+        match self.stage {
+            Stage::Greeting if retry => {
+                self.say(&HostMessage::Greet);
+                self.next_try = HostTime(now.0 + RETRY_US);
+            }
+            Stage::Configuring if retry => {
+                self.say(&HostMessage::Configure(self.configuration.clone()));
+                self.next_try = HostTime(now.0 + RETRY_US);
+            }
+            Stage::Timing if self.clock.len() >= FIRST_EXCHANGES => {
+                self.stage = Stage::SettingClock;
+                self.next_try = now;
+            }
+            Stage::Timing if now >= self.next_exchange => self.ask_time(now, FIRST_EXCHANGE_PERIOD_US),
+            Stage::SettingClock if retry => {
+                if let Some(model) = self.clock.model() {
+                    self.say(&HostMessage::SetClock(model));
+                }
+                self.say(&HostMessage::Greet);
+                self.next_try = HostTime(now.0 + RETRY_US);
+            }
+            Stage::Measuring => self.poll_measuring(now),
+            _ => {}
+        }
+    }
+
+    fn poll_measuring(&mut self, now: HostTime) {
+        if now >= self.next_exchange {
+            self.ask_time(now, EXCHANGE_PERIOD_US);
+        }
+        let busy = now.0.saturating_sub(self.last_received.0) < SILENCE_US;
+        let Some(assembler) = &mut self.assembler else { return };
+        let again = if assembler.is_complete() || (busy && now < self.next_try) {
+            Vec::new()
+        } else {
+            self.next_try = HostTime(now.0 + SILENCE_US);
+            assembler.overdue(now, HostTime(now.0 - ASK_PERIOD_US), busy)
+        };
+        if again.is_empty() && !self.acknowledge {
+            return;
+        }
+        self.statistics.asked_again += again.len() as u64;
+        let acknowledgement =
+            Acknowledgement { boot: assembler.boot(), below: assembler.below(), again: again.into_iter().collect() };
+        self.acknowledge = false;
+        self.say(&HostMessage::Acknowledge(acknowledgement));
+    }
+
+    fn ask_time(&mut self, now: HostTime, period_us: i64) {
+        let before = self.outgoing.len();
+        self.say(&HostMessage::Clock(ClockRequest { host_sent: now }));
+        self.request_bytes = self.outgoing.len() - before;
+        self.next_exchange = HostTime(now.0 + period_us);
+    }
+
+    fn say(&mut self, message: &HostMessage) {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        // The host's messages are all far shorter than a frame's limit.
+        if let Ok(length) = message::encode(message, &mut frame) {
+            self.outgoing.extend(&frame[..length]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

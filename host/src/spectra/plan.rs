@@ -1,0 +1,337 @@
+//! The plan: how far to decimate, and how long a segment is.
+//!
+//! Long segments resolve close modes, many segments make the average trustworthy. Where the study leaves the choice open,
+//! the plan takes the finest line spacing that still leaves four averages a channel: with fewer the cross-spectral matrix
+//! nears rank deficiency, and modal coherence loses its meaning (Brincker, Andersen, Jacobsen 2007).
+
+use belfry_shared::decimation::{Stages, USABLE_FRACTION};
+use thiserror::Error;
+
+use super::LineGrid;
+use crate::study::Analysis;
+
+/// Averages a channel that picking modes by coherence needs.
+pub const AVERAGES_A_CHANNEL: usize = 4;
+/// Segments a node can transform.
+const SEGMENTS: [usize; 5] = [256, 512, 1024, 2048, 4096];
+/// Largest decimation that is tried.
+const MAX_DECIMATION: u32 = 1000;
+/// Share of the Nyquist frequency that is used where nothing is decimated.
+const USABLE_OF_RAW: f64 = 0.49;
+/// Relative difference below which a ratio of sampling rates counts as whole.
+const RATIO_TOLERANCE: f64 = 1e-4;
+
+/// What the plan needs to know of a setup.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SetupExtent {
+    /// Raw rows a second.
+    pub sampling_rate_hz: f64,
+    /// Rows in the recording.
+    pub rows: u64,
+    /// Channels.
+    pub channels: usize,
+}
+
+/// Why there is no plan.
+#[derive(Debug, Error, PartialEq)]
+pub enum PlanError {
+    /// No segment fits into the recording.
+    #[error(
+        "the recording of {seconds:.1} s is too short: a segment of {segment} points at {decimated_rate_hz} Hz and the filter need {needed_s:.1} s; record longer or choose a shorter segment in [analysis]"
+    )]
+    TooShort {
+        /// Duration of the shortest setup.
+        seconds: f64,
+        /// Points of the shortest segment possible.
+        segment: usize,
+        /// Decimated sampling rate.
+        decimated_rate_hz: f64,
+        /// Duration needed.
+        needed_s: f64,
+    },
+    /// The band leaves no lines.
+    #[error(
+        "no spectral line lies in band_hz = [{low_hz}, {high_hz}] at a spacing of {spacing_hz:.4} Hz: widen the band or lengthen the segment in [analysis]"
+    )]
+    EmptyBand {
+        /// Lower edge.
+        low_hz: f64,
+        /// Upper edge.
+        high_hz: f64,
+        /// Line spacing.
+        spacing_hz: f64,
+    },
+    /// No decimation serves the band and all setups.
+    #[error(
+        "no decimation of {rates} Hz reaches decimated_rate_hz = {wanted}: it must divide every sampling rate by a product of at most three numbers from 2 to 10"
+    )]
+    NoDecimation {
+        /// The setups' sampling rates.
+        rates: String,
+        /// The rate wanted, or what the band asks for.
+        wanted: String,
+    },
+    /// The band reaches too high.
+    #[error(
+        "band_hz ends at {high_hz} Hz, but at {rate_hz} Hz only {usable_hz:.3} Hz are free of aliases: lower the band or raise the rate in [analysis]"
+    )]
+    BandTooHigh {
+        /// Upper edge.
+        high_hz: f64,
+        /// Sampling rate after decimation.
+        rate_hz: f64,
+        /// Highest usable frequency.
+        usable_hz: f64,
+    },
+}
+
+/// Too few averages for the number of channels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FewAverages {
+    /// Averages of all setups together.
+    pub averages: usize,
+    /// Averages wanted.
+    pub wanted: usize,
+    /// Channels of the largest setup.
+    pub channels: usize,
+    /// Minutes of recording that are missing at this line spacing.
+    pub missing_min: f64,
+}
+
+impl std::fmt::Display for FewAverages {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{} averages for {} channels, {} are needed for modes to be told from noise with confidence: record {:.0} min more, or shorten the segment in [analysis]",
+            self.averages,
+            self.channels,
+            self.wanted,
+            self.missing_min.ceil()
+        )
+    }
+}
+
+/// Decimation, segment and lines for all setups of a study.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SpectralPlan {
+    /// Lines, segment and decimated rate; the same for all setups.
+    pub grid: LineGrid,
+    /// Each setup's decimation.
+    pub decimations: Vec<u32>,
+    /// Windows that each setup's recording gives.
+    pub windows: Vec<usize>,
+    /// Set where the averages are too few.
+    pub few_averages: Option<FewAverages>,
+}
+
+impl SpectralPlan {
+    /// Chooses what `analysis` leaves open for setups that are picked together.
+    pub fn choose(setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
+        let rates = decimations(setups, analysis)?;
+        let segments: Vec<usize> = analysis.segment.map_or(SEGMENTS.to_vec(), |segment| vec![segment]);
+        let channels = setups.iter().map(|setup| setup.channels).max().unwrap_or(0);
+        let wanted = AVERAGES_A_CHANNEL * channels;
+        let mut candidates: Vec<Candidate> = rates
+            .iter()
+            .flat_map(|rate| segments.iter().map(|&segment| Candidate::new(setups, rate, segment)))
+            .collect();
+        // Finest spacing first; of equal ones the one with the lower rate, which has less work for the same lines.
+        candidates.sort_by(|a, b| a.spacing_hz().total_cmp(&b.spacing_hz()).then(a.rate_hz.total_cmp(&b.rate_hz)));
+        let averages = |candidate: &&Candidate| -> usize { candidate.windows.iter().sum() };
+        let enough = |candidate: &&Candidate| averages(candidate) >= wanted;
+        let complete = |candidate: &&Candidate| candidate.windows.iter().all(|&windows| windows > 0);
+        let best = candidates
+            .iter()
+            .filter(complete)
+            .find(enough)
+            .or_else(|| candidates.iter().filter(complete).max_by_key(averages))
+            .ok_or_else(|| too_short(setups, &candidates))?;
+        let grid = best.grid(analysis)?;
+        let averages: usize = best.windows.iter().sum();
+        let few_averages = (averages < wanted).then(|| FewAverages {
+            averages,
+            wanted,
+            channels,
+            missing_min: (wanted - averages) as f64 * grid.segment as f64 / 2.0 / grid.sampling_rate_hz / 60.0,
+        });
+        Ok(Self { grid, decimations: best.decimations.clone(), windows: best.windows.clone(), few_averages })
+    }
+
+    /// Rows of a setup before the first decimated sample whose filter support lies within the recording; that sample is at
+    /// the epoch of the grid.
+    pub fn lead_rows(decimation: u32) -> u64 {
+        Stages::of(decimation).map_or(0, |stages| u64::from(stages.first_full_output()) * u64::from(decimation))
+    }
+}
+
+/// A decimated rate and how each setup reaches it.
+#[derive(Debug, Clone)]
+struct Rate {
+    hz: f64,
+    decimations: Vec<u32>,
+}
+
+#[derive(Debug)]
+struct Candidate {
+    rate_hz: f64,
+    decimations: Vec<u32>,
+    segment: usize,
+    windows: Vec<usize>,
+}
+
+impl Candidate {
+    fn new(setups: &[SetupExtent], rate: &Rate, segment: usize) -> Self {
+        let windows = setups
+            .iter()
+            .zip(&rate.decimations)
+            .map(|(setup, &decimation)| window_count(setup.rows, decimation, segment))
+            .collect();
+        Self { rate_hz: rate.hz, decimations: rate.decimations.clone(), segment, windows }
+    }
+
+    fn spacing_hz(&self) -> f64 {
+        self.rate_hz / self.segment as f64
+    }
+
+    fn grid(&self, analysis: &Analysis) -> Result<LineGrid, PlanError> {
+        let spacing_hz = self.spacing_hz();
+        let usable_hz = usable_hz(self.rate_hz, &self.decimations);
+        // Below four lines the Hann window's main lobe mixes with what is left of mean and drift.
+        let [low_hz, high_hz] = analysis.band_hz.unwrap_or([4.0 * spacing_hz, usable_hz]);
+        if high_hz > usable_hz * (1.0 + RATIO_TOLERANCE) {
+            return Err(PlanError::BandTooHigh { high_hz, rate_hz: self.rate_hz, usable_hz });
+        }
+        let first_line = ((low_hz / spacing_hz - 1e-9).ceil() as usize).max(1);
+        let last_line = ((high_hz / spacing_hz + 1e-9).floor() as usize).min(self.segment / 2 - 1);
+        if last_line < first_line + 2 {
+            return Err(PlanError::EmptyBand { low_hz, high_hz, spacing_hz });
+        }
+        let lines = last_line - first_line + 1;
+        Ok(LineGrid { sampling_rate_hz: self.rate_hz, segment: self.segment, first_line, lines })
+    }
+}
+
+fn usable_hz(rate_hz: f64, decimations: &[u32]) -> f64 {
+    let decimated = decimations.iter().any(|&decimation| decimation > 1);
+    rate_hz * if decimated { USABLE_FRACTION } else { USABLE_OF_RAW }
+}
+
+/// Windows that `rows` rows give.
+pub(super) fn window_count(rows: u64, decimation: u32, segment: usize) -> usize {
+    let Some(stages) = Stages::of(decimation) else { return 0 };
+    let last_full =
+        (rows.max(1) - 1).checked_sub(u64::from(stages.reach_rows())).map(|row| row / u64::from(decimation));
+    let samples = last_full.map_or(0, |last| (last + 1).saturating_sub(u64::from(stages.first_full_output())));
+    let segment = segment as u64;
+    if samples < segment { 0 } else { ((samples - segment) / (segment / 2)) as usize + 1 }
+}
+
+/// The decimated rates that come into question.
+fn decimations(setups: &[SetupExtent], analysis: &Analysis) -> Result<Vec<Rate>, PlanError> {
+    let Some(first) = setups.first() else { return Ok(Vec::new()) };
+    let reach = |rate_hz: f64| -> Option<Rate> {
+        let decimations = setups.iter().map(|setup| {
+            let ratio = setup.sampling_rate_hz / rate_hz;
+            let whole = ratio.round();
+            let supported = (ratio - whole).abs() <= RATIO_TOLERANCE * ratio && Stages::of(whole as u32).is_some();
+            supported.then_some(whole as u32)
+        });
+        Some(Rate { hz: rate_hz, decimations: decimations.collect::<Option<Vec<u32>>>()? })
+    };
+    let fail = |wanted: String| {
+        let mut rates: Vec<String> = setups.iter().map(|setup| setup.sampling_rate_hz.to_string()).collect();
+        rates.dedup();
+        PlanError::NoDecimation { rates: rates.join(", "), wanted }
+    };
+    if let Some(rate_hz) = analysis.decimated_rate_hz {
+        return reach(rate_hz).map(|rate| vec![rate]).ok_or_else(|| fail(rate_hz.to_string()));
+    }
+    let Some([_, high_hz]) = analysis.band_hz else {
+        return reach(first.sampling_rate_hz).map(|rate| vec![rate]).ok_or_else(|| fail("one common rate".into()));
+    };
+    let rates: Vec<Rate> = (1..=MAX_DECIMATION)
+        .filter_map(|decimation| reach(first.sampling_rate_hz / f64::from(decimation)))
+        .filter(|rate| usable_hz(rate.hz, &rate.decimations) >= high_hz * (1.0 - 1e-9))
+        .collect();
+    if rates.is_empty() {
+        let rate_hz = first.sampling_rate_hz;
+        let usable_hz = rate_hz * USABLE_OF_RAW;
+        return Err(if high_hz > usable_hz {
+            PlanError::BandTooHigh { high_hz, rate_hz, usable_hz }
+        } else {
+            fail(format!("one that serves band_hz up to {high_hz}"))
+        });
+    }
+    Ok(rates)
+}
+
+fn too_short(setups: &[SetupExtent], candidates: &[Candidate]) -> PlanError {
+    let shortest = |candidate: &&Candidate| (candidate.segment as f64 / candidate.rate_hz * 1e6) as u64;
+    let (segment, decimated_rate_hz, decimations) = candidates
+        .iter()
+        .min_by_key(shortest)
+        .map_or((0, 0.0, &[][..]), |candidate| (candidate.segment, candidate.rate_hz, &candidate.decimations));
+    let needed = |setup: &SetupExtent, decimation: u32| {
+        let reach = Stages::of(decimation).map_or(0, |stages| 2 * stages.reach_rows());
+        f64::from(reach) / setup.sampling_rate_hz + segment as f64 / decimated_rate_hz
+    };
+    PlanError::TooShort {
+        seconds: setups.iter().map(|setup| setup.rows as f64 / setup.sampling_rate_hz).fold(f64::INFINITY, f64::min),
+        segment,
+        decimated_rate_hz,
+        needed_s: setups.iter().zip(decimations).map(|(setup, &d)| needed(setup, d)).fold(0.0, f64::max),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn analysis(band_hz: [f64; 2]) -> Analysis {
+        Analysis { band_hz: Some(band_hz), ..Analysis::default() }
+    }
+
+    #[test]
+    fn an_hour_of_twenty_channels_gets_the_finest_spacing_with_eighty_averages() {
+        let hour = SetupExtent { sampling_rate_hz: 50.0, rows: 180_000, channels: 20 };
+        let plan = SpectralPlan::choose(&[hour], &analysis([0.05, 1.5])).unwrap();
+        assert_eq!((plan.decimations[0], plan.grid.segment), (8, 512));
+        assert_eq!((plan.windows[0], plan.few_averages), (86, None));
+        assert!(plan.grid.frequency_hz(0) >= 0.05 && plan.grid.frequency_hz(plan.grid.lines - 1) <= 1.5);
+    }
+
+    #[test]
+    fn setups_picked_together_share_their_averages() {
+        let setup = SetupExtent { sampling_rate_hz: 40.0, rows: 13_108, channels: 8 };
+        let plan = SpectralPlan::choose(&[setup; 4], &analysis([0.5, 8.0])).unwrap();
+        assert!(plan.windows.iter().sum::<usize>() >= 32);
+        assert_eq!((plan.decimations[0], plan.grid.segment), (2, 1024));
+    }
+
+    #[test]
+    fn what_the_study_fixes_stays_and_few_averages_are_said_with_the_time_that_is_missing() {
+        let ten_minutes = SetupExtent { sampling_rate_hz: 50.0, rows: 30_000, channels: 20 };
+        let fixed = Analysis { decimated_rate_hz: Some(5.0), segment: Some(512), ..analysis([0.05, 1.5]) };
+        let plan = SpectralPlan::choose(&[ten_minutes], &fixed).unwrap();
+        assert_eq!((plan.decimations[0], plan.grid.segment, plan.windows[0]), (10, 512, 10));
+        let few = plan.few_averages.unwrap();
+        // 70 more windows of 51.2 s.
+        assert!((few.missing_min - 70.0 * 51.2 / 60.0).abs() < 0.01);
+        assert!(few.to_string().contains("record 60 min more"), "{few}");
+    }
+
+    #[test]
+    fn impossible_wishes_are_named() {
+        let short = SetupExtent { sampling_rate_hz: 50.0, rows: 250, channels: 2 };
+        let error = SpectralPlan::choose(&[short], &analysis([0.5, 10.0])).unwrap_err();
+        assert!(matches!(error, PlanError::TooShort { seconds, .. } if seconds == 5.0), "{error}");
+        let hour = SetupExtent { rows: 180_000, ..short };
+        let error = SpectralPlan::choose(&[hour], &analysis([0.5, 24.9])).unwrap_err();
+        assert!(matches!(error, PlanError::BandTooHigh { .. }), "{error}");
+        let odd = Analysis { decimated_rate_hz: Some(50.0 / 13.0), ..analysis([0.05, 1.0]) };
+        let error = SpectralPlan::choose(&[hour], &odd).unwrap_err();
+        assert!(matches!(error, PlanError::NoDecimation { .. }), "{error}");
+        let error = SpectralPlan::choose(&[hour], &analysis([1.0, 1.0001])).unwrap_err();
+        assert!(matches!(error, PlanError::EmptyBand { .. }), "{error}");
+    }
+}
