@@ -1,3 +1,105 @@
 //! Identification: from cross-spectral matrices to modes.
 //!
 //! Per-setup cross-spectral matrices flow in; modes with frequency, damping, shape and the uncertainty of each flow out.
+//! [`pick`] finds modes in the singular values, [`shape`] filters each mode from its neighbours, [`bell`] reads frequency and
+//! damping from the filtered spectrum, [`mod@merge`] joins the setups, and the jackknife in [`estimate`] says how sure it all is.
+
+pub mod bell;
+mod estimate;
+mod merge;
+mod pick;
+mod result;
+mod shape;
+mod singular;
+
+use thiserror::Error;
+
+use crate::spectra::CrossSpectrum;
+use crate::study::{Setup, Unit};
+use estimate::SetupModes;
+use singular::SingularValues;
+
+pub use result::{Harmonic, Identification, Mode, ShapeComponent, SingularSpectrum};
+pub use shape::{mac, phase_collinearity};
+
+/// A setup with its averaged cross spectra.
+#[derive(Debug, Clone)]
+pub struct MeasuredSetup<'a> {
+    /// What stands where.
+    pub setup: &'a Setup,
+    /// Its cross-spectral matrices.
+    pub spectrum: CrossSpectrum,
+}
+
+/// Why there are no modes.
+#[derive(Debug, Error, PartialEq)]
+pub enum IdentifyError {
+    /// No setup.
+    #[error("there is no setup to identify modes from")]
+    NoSetup,
+    /// The average is rank-deficient.
+    #[error(
+        "{averages} averages for {channels} channels: a cross-spectral matrix averaged over fewer segments than channels cannot tell modes from noise; record {} times as long, or shorten the segment in [analysis]",
+        channels.div_ceil(*averages.max(&1)) * 4
+    )]
+    RankDeficient {
+        /// Averages of all setups together.
+        averages: usize,
+        /// Channels of the largest setup.
+        channels: usize,
+    },
+    /// Setups have different lines.
+    #[error("setup \"{setup}\" has other spectral lines than the first; give decimated_rate_hz and segment in [analysis]")]
+    DifferentLines {
+        /// The setup that differs.
+        setup: String,
+    },
+}
+
+/// Identifies the modes that all setups show.
+///
+/// # Errors
+/// When there are fewer averages than channels, or the setups' lines differ.
+pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, IdentifyError> {
+    let first = measured.first().ok_or(IdentifyError::NoSetup)?;
+    let grid = *first.spectrum.grid();
+    if let Some(other) = measured.iter().find(|m| *m.spectrum.grid() != grid) {
+        return Err(IdentifyError::DifferentLines { setup: other.setup.name.clone() });
+    }
+    let averages: usize = measured.iter().map(|m| m.spectrum.averages()).sum();
+    let channels = measured.iter().map(|m| m.spectrum.channels().len()).max().unwrap_or(0);
+    if averages < channels {
+        return Err(IdentifyError::RankDeficient { averages, channels });
+    }
+    let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
+    let picks = pick::pick(&grid, measured, &singular);
+    let (harmonics, picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.harmonic_kurtosis.is_some());
+    let per_setup: Vec<SetupModes> =
+        measured.iter().enumerate().map(|(index, m)| estimate::estimate(&m.spectrum, index, &picks)).collect();
+    let mut warnings = Vec::new();
+    let modes = merge::merge(&grid, measured, &per_setup, &mut warnings);
+    if measured.iter().any(|m| m.setup.unit == Unit::MetrePerSecond) {
+        warnings.push("shapes and spectra come from velocities; densities are those of velocity".to_owned());
+    }
+    Ok(Identification {
+        modes,
+        averages,
+        frequency_resolution_hz: grid.spacing_hz(),
+        harmonics: harmonics
+            .iter()
+            .filter_map(|pick| {
+                let frequency_hz = grid.frequency_hz(pick.line);
+                pick.harmonic_kurtosis.map(|kurtosis| Harmonic { frequency_hz, kurtosis })
+            })
+            .collect(),
+        warnings,
+        singular_values: measured
+            .iter()
+            .zip(&singular)
+            .map(|(m, singular)| singular.spectrum(&grid, &m.setup.name))
+            .collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,374 @@
+//! The bell of one mode: frequency and damping from a filtered power spectrum.
+//!
+//! First EFDD: the bell (the spectrum itself, not its root) is transformed to the autocorrelation, freed of the window's own
+//! autocorrelation, and read for frequency (phase) and damping (logarithmic decrement). From there a maximum-likelihood
+//! (Whittle) fit of frequency, damping, level, the neighbours' remains and a noise floor, with the Hann window's leakage in
+//! the model, so that neither a cut bell nor a coarse line spacing biases the damping.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{DMatrix, DVector};
+use num_complex::Complex64;
+
+/// Damping ratios outside this range are not fitted.
+const DAMPING_RANGE: [f64; 2] = [1e-5, 0.3];
+/// Part of the autocorrelation's decay that is read.
+const DECAY_RANGE: [f64; 2] = [0.95, 0.25];
+/// Steps of Fisher scoring.
+const MAX_STEPS: usize = 60;
+/// A component's level may not fall below this share of the smallest density.
+const MIN_LEVEL: f64 = 1e-6;
+
+/// A resonance: where it is and how damped.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resonance {
+    /// Natural frequency in Hz.
+    pub frequency_hz: f64,
+    /// Damping ratio.
+    pub damping_ratio: f64,
+}
+
+impl Resonance {
+    /// Expected Welch density at `frequency_hz` for a segment of `duration_s`, unit level.
+    ///
+    /// The response of an oscillator to white force has the autocorrelation exp(-zeta w |t|) cos(w t) near resonance; a
+    /// Welch estimate sees it times the window's autocorrelation. The transform of that product is closed: with
+    /// p = zeta w + i (2 pi f - w) it is 2 Re of the integral of r_hann(t) exp(-p t) over the segment. The factor
+    /// (f/f0)^4 4 / (1 + f/f0)^2 turns the symmetric resonance into that of acceleration.
+    pub fn density(&self, frequency_hz: f64, duration_s: f64) -> f64 {
+        let decay = Complex64::new(
+            TAU * self.damping_ratio * self.frequency_hz,
+            TAU * (frequency_hz - self.frequency_hz),
+        );
+        let ratio = frequency_hz / self.frequency_hz;
+        let acceleration = ratio.powi(4) * 4.0 / (1.0 + ratio).powi(2);
+        2.0 * hann_transform(decay, duration_s).re * acceleration
+    }
+
+    /// Density at resonance, unit level.
+    pub fn peak_density(&self, duration_s: f64) -> f64 {
+        self.density(self.frequency_hz, duration_s)
+    }
+
+    /// Half-power bandwidth 2 zeta f in Hz.
+    pub fn bandwidth_hz(&self) -> f64 {
+        2.0 * self.damping_ratio * self.frequency_hz
+    }
+}
+
+/// Autocorrelation of the Hann window of unit length at lag `u` (0 to 1), 1 at lag 0:
+/// (1 - u)(2/3 + cos(2 pi u)/3) + sin(2 pi u)/(2 pi).
+pub fn hann_autocorrelation(u: f64) -> f64 {
+    if u >= 1.0 { 0.0 } else { (1.0 - u) * (2.0 + (TAU * u).cos()) / 3.0 + (TAU * u).sin() / TAU }
+}
+
+/// Integral of hann_autocorrelation(t/T) exp(-p t) over t = 0..T.
+fn hann_transform(p: Complex64, duration_s: f64) -> Complex64 {
+    let a = Complex64::new(0.0, TAU / duration_s);
+    let triangle = |q: Complex64| {
+        let x = q * duration_s;
+        // (x - 1 + exp(-x)) / x² loses its digits for small x; its series is 1/2 - x/6 + x²/24.
+        if x.norm() < 1e-3 { (0.5 - x / 6.0 + x * x / 24.0) * duration_s } else { (x - 1.0 + (-x).exp()) / (x * x) * duration_s }
+    };
+    let decay = |q: Complex64| {
+        let x = q * duration_s;
+        if x.norm() < 1e-3 { (1.0 - x / 2.0 + x * x / 6.0) * duration_s } else { (1.0 - (-x).exp()) / q }
+    };
+    let (below, above) = (p - a, p + a);
+    let sine = (decay(below) - decay(above)) * Complex64::new(0.0, -0.5);
+    triangle(p) * (2.0 / 3.0) + (triangle(below) + triangle(above)) / 6.0 + sine / TAU
+}
+
+/// A filtered spectrum around a mode.
+#[derive(Debug, Clone)]
+pub struct Bell {
+    /// Frequencies of consecutive lines in Hz.
+    pub frequency_hz: Vec<f64>,
+    /// Densities.
+    pub density: Vec<f64>,
+    /// Duration of a segment in s (one over the line spacing).
+    pub duration_s: f64,
+}
+
+/// What the fit found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BellFit {
+    /// The mode.
+    pub resonance: Resonance,
+    /// Its level: density over [`Resonance::density`].
+    pub level: f64,
+    /// Noise floor.
+    pub floor: f64,
+    /// Levels of the neighbours' remains.
+    pub neighbours: Vec<f64>,
+}
+
+impl Bell {
+    /// EFDD: frequency and damping from the autocorrelation of the bell's part between `first` and `last` (indices).
+    ///
+    /// `None` where the bell does not decay.
+    pub fn from_autocorrelation(&self, first: usize, last: usize) -> Option<Resonance> {
+        let lines = self.frequency_hz.get(first..=last)?;
+        let centre_hz = lines[lines.len() / 2];
+        // Lags up to half a segment: beyond, the window's autocorrelation is too small to divide by.
+        let lags = 4 * lines.len();
+        let lag_s = 0.5 * self.duration_s / lags as f64;
+        let correlation: Vec<Complex64> = (0..=lags)
+            .map(|lag| {
+                let t = lag as f64 * lag_s;
+                let sum: Complex64 = lines
+                    .iter()
+                    .zip(&self.density[first..])
+                    .map(|(f, density)| Complex64::from_polar(*density, TAU * (f - centre_hz) * t))
+                    .sum();
+                sum / hann_autocorrelation(t / self.duration_s)
+            })
+            .collect();
+        let start = correlation.first()?.norm();
+        let relative: Vec<f64> = correlation.iter().map(|value| value.norm() / start).collect();
+        let from = relative.iter().position(|&value| value <= DECAY_RANGE[0])?;
+        let to = relative.iter().position(|&value| value <= DECAY_RANGE[1]).unwrap_or(lags);
+        if to < from + 2 {
+            return None;
+        }
+        let mut turns = 0.0;
+        let mut last_phase = correlation[from].arg();
+        let points: Vec<(f64, f64, f64)> = (from..=to)
+            .map(|lag| {
+                let phase = correlation[lag].arg();
+                let step = (phase - last_phase + PI).rem_euclid(TAU) - PI;
+                turns += step;
+                last_phase = phase;
+                (lag as f64 * lag_s, relative[lag].ln(), turns)
+            })
+            .collect();
+        let decay = -slope(points.iter().map(|&(t, log, _)| (t, log)));
+        let turn = slope(points.iter().map(|&(t, _, phase)| (t, phase)));
+        let frequency_hz = centre_hz + turn / TAU;
+        let damping_ratio = (decay / (TAU * frequency_hz)).clamp(DAMPING_RANGE[0], DAMPING_RANGE[1]);
+        (frequency_hz > 0.0 && decay.is_finite()).then_some(Resonance { frequency_hz, damping_ratio })
+    }
+
+    /// Maximum-likelihood fit (Whittle 1953) from a start, with neighbours whose resonances are known and only their level
+    /// is fitted: least sum of ln S + P/S over the lines, by Fisher scoring with damping.
+    ///
+    /// `averages` weighs nothing here (all lines have the same); `None` where no step improves a start that is not finite.
+    pub fn fit(&self, start: Resonance, neighbours: &[Resonance]) -> Option<BellFit> {
+        let mut model = Model::start(self, start, neighbours);
+        let (mut objective, mut jacobian, mut ratio) = model.evaluate(self);
+        if !objective.is_finite() {
+            return None;
+        }
+        let mut damping = 1e-2;
+        for _ in 0..MAX_STEPS {
+            let gradient = jacobian.transpose() * ratio.map(|r| r - 1.0);
+            let mut fisher = jacobian.transpose() * &jacobian;
+            for index in 0..fisher.nrows() {
+                fisher[(index, index)] *= 1.0 + damping;
+                fisher[(index, index)] += 1e-9;
+            }
+            let Some(step) = fisher.cholesky().map(|cholesky| cholesky.solve(&gradient)) else { break };
+            let trial = model.moved(&step, self);
+            let (trial_objective, trial_jacobian, trial_ratio) = trial.evaluate(self);
+            if trial_objective.is_finite() && trial_objective <= objective {
+                let gain = objective - trial_objective;
+                (model, objective, jacobian, ratio) = (trial, trial_objective, trial_jacobian, trial_ratio);
+                damping = (damping * 0.3).max(1e-9);
+                if gain < 1e-10 * self.density.len() as f64 {
+                    break;
+                }
+            } else {
+                damping *= 8.0;
+                if damping > 1e8 {
+                    break;
+                }
+            }
+        }
+        Some(model.result())
+    }
+}
+
+fn slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+    let count = points.clone().count() as f64;
+    let (mean_x, mean_y) = points.clone().fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
+    let (mut xy, mut xx) = (0.0, 0.0);
+    for (x, y) in points {
+        xy += (x - mean_x) * (y - mean_y);
+        xx += (x - mean_x).powi(2);
+    }
+    xy / xx
+}
+
+/// Parameters: offset of the frequency in bandwidths, ln damping, ln level, ln neighbours' levels, ln floor.
+#[derive(Debug, Clone)]
+struct Model<'a> {
+    resonance: Resonance,
+    neighbours: &'a [Resonance],
+    /// Own level, neighbours' levels, floor.
+    levels: Vec<f64>,
+    min_density: f64,
+}
+
+impl<'a> Model<'a> {
+    fn start(bell: &Bell, resonance: Resonance, neighbours: &'a [Resonance]) -> Self {
+        let largest = bell.density.iter().copied().fold(0.0, f64::max);
+        let smallest = bell.density.iter().copied().fold(f64::INFINITY, f64::min).max(largest * 1e-12);
+        let level = largest / resonance.peak_density(bell.duration_s);
+        let mut levels = vec![level];
+        levels.extend(neighbours.iter().map(|other| 0.01 * largest / other.peak_density(bell.duration_s)));
+        levels.push(smallest * 0.5);
+        Self { resonance, neighbours, levels, min_density: smallest }
+    }
+
+    /// Objective, derivatives of ln S by the parameters, and P/S.
+    fn evaluate(&self, bell: &Bell) -> (f64, DMatrix<f64>, DVector<f64>) {
+        let count = bell.frequency_hz.len();
+        let parameters = 2 + self.levels.len();
+        let mut jacobian = DMatrix::zeros(count, parameters);
+        let mut ratio = DVector::zeros(count);
+        let mut objective = 0.0;
+        // Derivatives by frequency (in bandwidths) and ln damping are central differences of a closed form.
+        let step = 1e-4;
+        let bandwidth = self.resonance.bandwidth_hz();
+        let moved = |df: f64, dz: f64| Resonance {
+            frequency_hz: self.resonance.frequency_hz + df * bandwidth,
+            damping_ratio: self.resonance.damping_ratio * dz.exp(),
+        };
+        let (right, left, more, less) = (moved(step, 0.0), moved(-step, 0.0), moved(0.0, step), moved(0.0, -step));
+        for (index, (&f, &density)) in bell.frequency_hz.iter().zip(&bell.density).enumerate() {
+            let at = |resonance: &Resonance| resonance.density(f, bell.duration_s).max(0.0);
+            let own = at(&self.resonance) * self.levels[0];
+            let others: Vec<f64> =
+                self.neighbours.iter().zip(&self.levels[1..]).map(|(other, level)| level * at(other)).collect();
+            let floor = self.levels[self.levels.len() - 1];
+            let total = own + others.iter().sum::<f64>() + floor;
+            jacobian[(index, 0)] = self.levels[0] * (at(&right) - at(&left)) / (2.0 * step) / total;
+            jacobian[(index, 1)] = self.levels[0] * (at(&more) - at(&less)) / (2.0 * step) / total;
+            jacobian[(index, 2)] = own / total;
+            for (place, other) in others.iter().enumerate() {
+                jacobian[(index, 3 + place)] = other / total;
+            }
+            jacobian[(index, parameters - 1)] = floor / total;
+            ratio[index] = density / total;
+            objective += total.ln() + density / total;
+        }
+        (objective, jacobian, ratio)
+    }
+
+    fn moved(&self, step: &DVector<f64>, bell: &Bell) -> Self {
+        let limit = |value: f64, bound: f64| value.clamp(-bound, bound);
+        let bandwidth = self.resonance.bandwidth_hz().max(0.02 / bell.duration_s);
+        let shift = limit(step[0] * self.resonance.bandwidth_hz(), bandwidth.max(0.2 / bell.duration_s));
+        let (first, last) = (bell.frequency_hz[0], bell.frequency_hz[bell.frequency_hz.len() - 1]);
+        let resonance = Resonance {
+            frequency_hz: (self.resonance.frequency_hz + shift).clamp(first, last),
+            damping_ratio: (self.resonance.damping_ratio * limit(step[1], 0.7).exp())
+                .clamp(DAMPING_RANGE[0], DAMPING_RANGE[1]),
+        };
+        let largest_level = |index: usize| if index + 1 == self.levels.len() { 1e3 } else { f64::INFINITY };
+        let levels = self
+            .levels
+            .iter()
+            .enumerate()
+            .map(|(index, level)| {
+                let unit = match index {
+                    0 => self.resonance.peak_density(bell.duration_s),
+                    _ if index + 1 == self.levels.len() => 1.0,
+                    _ => self.neighbours[index - 1].peak_density(bell.duration_s),
+                };
+                let lowest = MIN_LEVEL * self.min_density / unit;
+                (level * limit(step[2 + index], 2.0).exp()).clamp(lowest, largest_level(index).max(lowest))
+            })
+            .collect();
+        Self { resonance, neighbours: self.neighbours, levels, min_density: self.min_density }
+    }
+
+    fn result(&self) -> BellFit {
+        let count = self.levels.len();
+        BellFit {
+            resonance: self.resonance,
+            level: self.levels[0],
+            floor: self.levels[count - 1],
+            neighbours: self.levels[1..count - 1].to_vec(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_expected_density_is_the_resonance_convolved_with_the_windows_kernel() {
+        // Numerically: sum over lags of exp(-zeta w t) cos(...) times the window's autocorrelation.
+        let resonance = Resonance { frequency_hz: 1.0, damping_ratio: 0.01 };
+        let duration = 60.0;
+        for f in [0.9, 0.98, 1.0, 1.01, 1.1] {
+            let steps = 200_000;
+            let dt = duration / f64::from(steps);
+            let numeric: f64 = (0..steps)
+                .map(|n| {
+                    let t = (f64::from(n) + 0.5) * dt;
+                    let decay = (-TAU * 0.01 * t).exp();
+                    2.0 * dt * decay * hann_autocorrelation(t / duration) * (TAU * (f - 1.0) * t).cos()
+                })
+                .sum();
+            let acceleration = f.powi(4) * 4.0 / (1.0 + f).powi(2);
+            let closed = resonance.density(f, duration);
+            assert!((closed / (numeric * acceleration) - 1.0).abs() < 1e-6, "{f}: {closed}, {numeric}");
+        }
+    }
+
+    #[test]
+    fn the_hann_autocorrelation_is_that_of_the_window() {
+        let count = 20_000;
+        let hann = |n: usize| 0.5 - 0.5 * (TAU * n as f64 / count as f64).cos();
+        let at = |lag: usize| (0..count - lag).map(|n| hann(n) * hann(n + lag)).sum::<f64>();
+        for lag in [0, 1000, 5000, 10_000, 15_000] {
+            let expected = at(lag) / at(0);
+            assert!((hann_autocorrelation(lag as f64 / count as f64) - expected).abs() < 1e-6);
+        }
+    }
+
+    fn exact_bell(resonance: Resonance, duration_s: f64, half: usize, floor: f64) -> Bell {
+        let centre = (resonance.frequency_hz * duration_s).round() as usize;
+        let frequency_hz: Vec<f64> = (centre - half..=centre + half).map(|line| line as f64 / duration_s).collect();
+        let density = frequency_hz.iter().map(|&f| 3.0 * resonance.density(f, duration_s) + floor).collect();
+        Bell { frequency_hz, density, duration_s }
+    }
+
+    #[test]
+    fn the_fit_recovers_frequency_and_damping_whatever_the_line_spacing() {
+        for (damping_ratio, duration_s) in [(0.01, 60.0), (0.01, 250.0), (0.005, 40.0), (0.03, 100.0)] {
+            let truth = Resonance { frequency_hz: 1.003, damping_ratio };
+            let bell = exact_bell(truth, duration_s, 15, 1e-3);
+            let start = Resonance { frequency_hz: 1.01, damping_ratio: 2.0 * damping_ratio };
+            let fit = bell.fit(start, &[]).unwrap();
+            assert!((fit.resonance.frequency_hz - 1.003).abs() < 1e-6, "{fit:?}");
+            assert!((fit.resonance.damping_ratio / damping_ratio - 1.0).abs() < 1e-3, "{fit:?}");
+            assert!((fit.level / 3.0 - 1.0).abs() < 1e-3, "{fit:?}");
+        }
+    }
+
+    #[test]
+    fn the_autocorrelation_gives_a_start_within_a_fifth() {
+        let truth = Resonance { frequency_hz: 1.003, damping_ratio: 0.01 };
+        let bell = exact_bell(truth, 100.0, 20, 0.0);
+        let start = bell.from_autocorrelation(0, 40).unwrap();
+        assert!((start.frequency_hz - 1.003).abs() < 1e-3, "{start:?}");
+        // The bell is cut at ten bandwidths, which makes it look a little more damped (methods: half-bells).
+        assert!((start.damping_ratio / 0.01 - 1.0).abs() < 0.2, "{start:?}");
+    }
+
+    #[test]
+    fn a_neighbours_remains_do_not_move_the_mode() {
+        let truth = Resonance { frequency_hz: 1.0, damping_ratio: 0.01 };
+        let other = Resonance { frequency_hz: 1.05, damping_ratio: 0.01 };
+        let mut bell = exact_bell(truth, 100.0, 15, 1e-3);
+        for (density, &f) in bell.density.iter_mut().zip(&bell.frequency_hz) {
+            *density += 0.3 * other.density(f, 100.0);
+        }
+        let fit = bell.fit(Resonance { frequency_hz: 1.002, damping_ratio: 0.02 }, &[other]).unwrap();
+        assert!((fit.resonance.frequency_hz - 1.0).abs() < 1e-5 && (fit.resonance.damping_ratio - 0.01).abs() < 1e-5);
+    }
+}

@@ -1,0 +1,79 @@
+//! What identification says, as it is printed and stored.
+
+use serde::{Deserialize, Serialize};
+
+/// The modes of a structure, with how much data stands behind them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Identification {
+    /// The modes, lowest frequency first.
+    pub modes: Vec<Mode>,
+    /// Segments averaged, all setups together.
+    pub averages: usize,
+    /// Distance between spectral lines in Hz.
+    pub frequency_resolution_hz: f64,
+    /// Forced lines that are no modes.
+    pub harmonics: Vec<Harmonic>,
+    /// What the reader should know.
+    pub warnings: Vec<String>,
+    /// The singular values from which modes were picked, for pictures; not part of the printed JSON.
+    #[serde(skip)]
+    pub singular_values: Vec<SingularSpectrum>,
+}
+
+/// A mode of vibration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Mode {
+    /// Counts from 1.
+    pub number: usize,
+    /// Natural frequency in Hz.
+    pub frequency_hz: f64,
+    /// Its standard deviation.
+    pub frequency_std_hz: f64,
+    /// Damping ratio (1 is critical).
+    pub damping_ratio: f64,
+    /// Its standard deviation.
+    pub damping_ratio_std: f64,
+    /// Least standard deviation any method could reach on this record (Au 2014): of the frequency, in Hz.
+    pub frequency_std_bound_hz: f64,
+    /// The same of the damping ratio.
+    pub damping_ratio_std_bound: f64,
+    /// The mode shape, largest component 1; the points of all setups.
+    pub shape: Vec<ShapeComponent>,
+    /// Modal phase collinearity: 1 for a shape whose points move in phase or against phase.
+    pub phase_collinearity: f64,
+}
+
+/// A mode shape at one measurement point.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ShapeComponent {
+    /// The channel's name; `setup/channel` in studies of several setups, where names recur.
+    pub channel: String,
+    /// The measurement point's name.
+    pub point: String,
+    /// Real part.
+    pub re: f64,
+    /// Imaginary part.
+    pub im: f64,
+    /// Standard deviation of the component (along its own phase).
+    pub std: f64,
+}
+
+/// A forced line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Harmonic {
+    /// Frequency in Hz.
+    pub frequency_hz: f64,
+    /// Kurtosis of the band-passed response: 1.5 for a steady harmonic, 3 for a mode.
+    pub kurtosis: f64,
+}
+
+/// The singular values of one setup over frequency.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SingularSpectrum {
+    /// The setup's name.
+    pub setup: String,
+    /// Frequencies in Hz.
+    pub frequency_hz: Vec<f64>,
+    /// Singular values in (m/s²)²/Hz, largest first: one vector a rank (at most four).
+    pub values: Vec<Vec<f64>>,
+}

@@ -1,0 +1,69 @@
+//! Singular values of the cross-spectral matrix, line by line.
+//!
+//! G is Hermitian and positive semidefinite, so its singular value decomposition is its eigen-decomposition (paper, eq. 4).
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use num_complex::Complex64;
+
+use super::result::SingularSpectrum;
+use crate::spectra::{CrossSpectrum, LineGrid};
+
+/// Ranks shown in pictures.
+const SHOWN: usize = 4;
+/// Singular values taken for modes when the noise floor is estimated from the others.
+const RANKS_OF_MODES: usize = 3;
+
+/// Largest singular value, its vector, and the noise floor of one matrix.
+#[derive(Debug, Clone)]
+pub(super) struct Leading {
+    /// Largest singular value.
+    pub(super) value: f64,
+    /// Its vector, of unit length.
+    pub(super) vector: DVector<Complex64>,
+    /// Singular values, descending.
+    pub(super) values: Vec<f64>,
+}
+
+/// Decomposes a Hermitian matrix.
+pub(super) fn leading(matrix: DMatrix<Complex64>) -> Leading {
+    let eigen = SymmetricEigen::new(matrix);
+    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let values: Vec<f64> = order.iter().map(|&index| eigen.eigenvalues[index].max(0.0)).collect();
+    let first = order.first().copied().unwrap_or(0);
+    Leading { value: values.first().copied().unwrap_or(0.0), vector: eigen.eigenvectors.column(first).into_owned(), values }
+}
+
+/// The decomposition of a setup's matrices at all lines.
+#[derive(Debug, Clone)]
+pub(super) struct SingularValues {
+    /// One decomposition a line.
+    pub(super) lines: Vec<Leading>,
+}
+
+impl SingularValues {
+    pub(super) fn of(spectrum: &CrossSpectrum) -> Self {
+        Self { lines: (0..spectrum.grid().lines).map(|line| leading(spectrum.matrix(line))).collect() }
+    }
+
+    /// For pictures.
+    pub(super) fn spectrum(&self, grid: &LineGrid, setup: &str) -> SingularSpectrum {
+        let ranks = self.lines.first().map_or(0, |line| line.values.len()).min(SHOWN);
+        SingularSpectrum {
+            setup: setup.to_owned(),
+            frequency_hz: (0..grid.lines).map(|line| grid.frequency_hz(line)).collect(),
+            values: (0..ranks).map(|rank| self.lines.iter().map(|line| line.values[rank]).collect()).collect(),
+        }
+    }
+}
+
+/// The level that noise alone would give the largest singular value, from the small ones.
+///
+/// The mean of the values beyond the modes' is the noise density nu; the largest value of a matrix of pure noise of n
+/// channels over M averages then lies near nu (1 + sqrt(n / M))^2 (Marchenko & Pastur 1967). `None` with fewer than five
+/// channels, where too few values are left to tell noise from modes.
+pub(super) fn noise_edge(values: &[f64], averages: usize) -> Option<f64> {
+    let rest = values.get(RANKS_OF_MODES..).filter(|rest| rest.len() >= 2)?;
+    let floor = rest.iter().sum::<f64>() / rest.len() as f64;
+    Some(floor * (1.0 + (values.len() as f64 / averages.max(1) as f64).sqrt()).powi(2))
+}
