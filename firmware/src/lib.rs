@@ -1,1 +1,28 @@
+//! Belfry's sensor node: samples in, spectral summaries out.
+//!
+//! [`Node`] is a state machine that is fed with samples, bytes and the time, and asked for bytes to send; it owns all its
+//! memory, never allocates, never waits, and no input makes it panic. What feeds it (an accelerometer and a serial port, a
+//! recording, a test) is not its business.
+//!
+//! Samples pass the decimating filter ([`decimator`]) into a ring of recent history ([`acquisition`]); whenever the
+//! schedule says that a segment is complete, [`spectrum`] transforms it, and its lines or averaged densities wait in the
+//! [`outbox`] until the host has acknowledged them.
 #![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+mod acquisition;
+mod decimator;
+mod level;
+mod node;
+mod outbox;
+mod plan;
+mod psd;
+mod schedule;
+mod spectrum;
+mod tables;
+mod windows;
+
+pub use node::{Identity, Node};
+pub use spectrum::SUPPORTED_SEGMENTS;

@@ -1,3 +1,59 @@
-//! The `belfry` command: parses arguments and prints.
+//! The `belfry` command: parses arguments, runs one subcommand, and turns an error into sentences.
 
-fn main() {}
+use std::io::Write;
+use std::process::ExitCode;
+
+use belfry_host::command::{Console, init};
+use clap::{Parser, Subcommand};
+
+/// Finds how a tall structure moves, and why its model is wrong
+#[derive(Debug, Parser)]
+#[command(
+    name = "belfry",
+    version,
+    arg_required_else_help = true,
+    after_help = "\
+Examples:
+  belfry init canton --template canton    a study of the Canton Tower
+  belfry help init                        what a command does, with examples
+
+Exit status: 0 done, 1 failed, 2 wrong usage."
+)]
+struct CommandLine {
+    /// Print one JSON object on standard output, and nothing else there
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Init(init::Arguments),
+}
+
+fn main() -> ExitCode {
+    let CommandLine { json, command } = CommandLine::parse();
+    let console = Console::new(json);
+    let outcome = match &command {
+        Command::Init(arguments) => init::run(arguments, &console),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            explain(&error);
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The error and its causes on standard error, a sentence each. Not by `Debug`, which adds stack traces where
+/// `RUST_BACKTRACE` is set.
+fn explain(error: &anyhow::Error) {
+    let mut stderr = std::io::stderr().lock();
+    // Where standard error is closed there is nobody left to tell; the exit status still says it.
+    let _ = writeln!(stderr, "error: {error}");
+    for cause in error.chain().skip(1) {
+        let _ = writeln!(stderr, "  caused by: {cause}");
+    }
+}

@@ -2,9 +2,12 @@
 //!
 //! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
 
-use std::io::IsTerminal;
+pub mod init;
+
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::time::Duration;
 
+use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
@@ -26,21 +29,29 @@ impl Console {
     }
 
     /// Prints a line for people; silent with `--json`.
+    ///
+    /// A reader that has seen enough (`belfry ... | head`) is no fault: the command goes on and writes its files.
     pub fn say(&self, line: impl std::fmt::Display) {
-        if !self.json {
-            println!("{line}");
+        if !self.json
+            && let Err(error) = print(line)
+        {
+            self.warn(format_args!("cannot write to standard output: {error}"));
         }
     }
 
     /// Prints a warning on standard error, with or without `--json`.
     pub fn warn(&self, warning: impl std::fmt::Display) {
-        eprintln!("warning: {warning}");
+        // Where standard error is closed there is nobody left to tell.
+        let _ = writeln!(std::io::stderr(), "warning: {warning}");
     }
 
     /// Prints the command's JSON object; silent without `--json`.
+    ///
+    /// # Errors
+    /// When standard output cannot be written, a reader that went away aside.
     pub fn json(&self, object: &impl Serialize) -> anyhow::Result<()> {
         if self.json {
-            println!("{}", serde_json::to_string_pretty(object)?);
+            print(serde_json::to_string_pretty(object)?).context("cannot write to standard output")?;
         }
         Ok(())
     }
@@ -55,5 +66,13 @@ impl Console {
         let bar = ProgressBar::new(length).with_style(style).with_message(label.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
         bar
+    }
+}
+
+/// A line on standard output; `println!` would panic where the reader has closed it.
+fn print(line: impl std::fmt::Display) -> std::io::Result<()> {
+    match writeln!(std::io::stdout(), "{line}") {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        written => written,
     }
 }

@@ -1,3 +1,140 @@
 //! Recordings: what a setup's files hold, streamed in blocks, never read whole.
 //!
-//! Files flow in; rows in the study's channel order and in SI units flow out, with NaN where a sample is missing.
+//! Files flow in; rows in the study's channel order and in SI units flow out, with NaN where a sample is missing. The
+//! format goes by a file's ending: white space (`.txt`, `.asc`, `.dat`), CSV (`.csv`), NumPy (`.npy`), MATLAB v5
+//! (`.mat`). At the end a [`RecordReport`] says what was missing, dead or out of the ordinary.
+
+mod array;
+mod block;
+mod clock;
+mod columns;
+mod error;
+mod files;
+mod lines;
+pub mod mat;
+mod npy;
+mod number;
+mod reader;
+mod report;
+mod text;
+
+#[cfg(test)]
+mod tests;
+
+use std::path::Path;
+
+pub use block::Block;
+pub use error::{At, Place, RecordError};
+pub use mat::MatError;
+pub use report::{ChannelReport, Gap, RecordReport, RecordWarning};
+
+use crate::study::Setup;
+use clock::Clock;
+use columns::Selection;
+use reader::{RowReader, SourceFile, common_columns};
+use report::Statistics;
+
+/// Values in a block: what stays in the second-level cache while it is decoded and analysed.
+const BLOCK_VALUES: usize = 1 << 15;
+/// Rows in a block, whatever the number of channels.
+const BLOCK_ROWS: std::ops::RangeInclusive<usize> = 64..=4096;
+
+/// One setup's files as one stream in time, in m/s².
+///
+/// Numbers recorded in g or volts are converted. Those recorded as velocity ([`crate::study::Unit::MetrePerSecond`])
+/// stay m/s: differentiating is a multiplication in the spectrum, and is left to what makes the spectra.
+#[derive(Debug)]
+pub struct Recording {
+    setup: Setup,
+    files: Vec<SourceFile>,
+    selection: Selection,
+    clock: Clock,
+    next_file: usize,
+    reader: Option<Box<dyn RowReader>>,
+    statistics: Statistics,
+}
+
+impl Recording {
+    /// Opens the files of `setup`, whose patterns start at `folder`, and checks that they have its channels and
+    /// agree with each other and with its sampling rate.
+    ///
+    /// # Errors
+    /// What is wrong with the setup or can be seen without reading the files through: patterns that match nothing,
+    /// unknown formats, missing channels, differing columns, empty or truncated files, the rate of a time column.
+    pub fn open(setup: &Setup, folder: &Path) -> Result<Self, RecordError> {
+        let sampling_rate_hz = setup.sampling_rate_hz;
+        if setup.sensors.is_empty() {
+            return Err(RecordError::NoSensors { setup: setup.name.clone() });
+        }
+        if !(sampling_rate_hz.is_normal() && sampling_rate_hz > 0.0) {
+            return Err(RecordError::SamplingRate { setup: setup.name.clone(), sampling_rate_hz });
+        }
+        let files = files::matching_files(setup, folder)?;
+        let files: Vec<SourceFile> = files.into_iter().map(SourceFile::new).collect::<Result<_, _>>()?;
+        let (Some(columns), Some(first)) = (common_columns(&files, setup)?, files.first()) else {
+            return Err(RecordError::NoFiles { setup: setup.name.clone() });
+        };
+        let selection = Selection::new(setup, &columns, &first.path)?;
+        Ok(Self {
+            statistics: Statistics::new(selection.columns.len()),
+            clock: Clock::new(sampling_rate_hz),
+            setup: setup.clone(),
+            files,
+            selection,
+            next_file: 0,
+            reader: None,
+        })
+    }
+
+    /// Rows per second.
+    pub fn sampling_rate_hz(&self) -> f64 {
+        self.setup.sampling_rate_hz
+    }
+
+    /// Number of channels: the setup's sensors, in their order.
+    pub fn channels(&self) -> usize {
+        self.selection.columns.len()
+    }
+
+    /// Exact number of rows of the whole recording, filled gaps included. At once for NPY and MATLAB files; text is
+    /// read through (without parsing its samples), so call it once.
+    ///
+    /// # Errors
+    /// Where a file cannot be read, or its time column goes wrong.
+    pub fn total_rows(&self) -> Result<u64, RecordError> {
+        let mut clock = Clock::new(self.setup.sampling_rate_hz);
+        let rows = self.files.iter().map(|file| file.count_rows(&self.setup, &mut clock));
+        rows.sum()
+    }
+
+    /// Reads the next rows, a few thousand at most, into `block`; false, with `block` empty, at the recording's end.
+    ///
+    /// A block never reaches over the end of a file, so blocks differ in length.
+    ///
+    /// # Errors
+    /// What is wrong with the file at the place reached. The recording cannot be read further then.
+    pub fn next_block(&mut self, block: &mut Block) -> Result<bool, RecordError> {
+        let channels = self.channels();
+        let rows = (BLOCK_VALUES / channels.max(1)).clamp(*BLOCK_ROWS.start(), *BLOCK_ROWS.end());
+        loop {
+            let values = block.start(channels);
+            let Some(reader) = &mut self.reader else {
+                let Some(file) = self.files.get(self.next_file) else { return Ok(false) };
+                self.reader = Some(file.open(&self.setup)?);
+                self.next_file += 1;
+                self.clock.start_file();
+                continue;
+            };
+            if reader.read(rows, &self.selection, &mut self.clock, values)? > 0 {
+                self.statistics.add(block, &self.selection, |row| reader.place(row))?;
+                return Ok(true);
+            }
+            self.reader = None;
+        }
+    }
+
+    /// What was read until now, and what about it the user should know.
+    pub fn finish(self) -> RecordReport {
+        self.statistics.report(&self.selection, &self.clock, self.setup.sampling_rate_hz)
+    }
+}

@@ -1,108 +1,48 @@
 //! The study: a folder with `study.toml`, which says what was measured where, and what to make of it.
 //!
-//! Text flows in, validated types flow out; every error names the file, the line and what was expected.
+//! Text flows in, validated types flow out; every error names the file, the line and what was expected. Sections that
+//! only later versions of Belfry act on do not stand in the way: they are named in [`Study::unused`].
 
-use std::path::PathBuf;
+mod check;
+mod error;
+mod parse;
+mod section;
+pub mod template;
+mod types;
 
-/// A study as read from its folder, validated.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Study {
-    /// The study's folder; relative paths in `study.toml` start here.
-    pub folder: PathBuf,
-    /// What the structure is called.
-    pub structure: Structure,
-    /// The measurements, at least one for everything but a purely simulated study.
-    pub setups: Vec<Setup>,
-    /// How to analyse them.
-    pub analysis: Analysis,
-    /// The finite element model, where the study has one.
-    pub model: Option<Model>,
+use std::path::Path;
+
+pub use error::{Place, StudyError};
+pub use types::{Analysis, Direction, Effect, Model, Sensor, Setup, Structure, Study, Unit, Unused};
+
+/// The file of a study that a user writes.
+pub const STUDY_FILE: &str = "study.toml";
+
+impl Study {
+    /// Reads and checks `study.toml` in `folder`.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no TOML, or says something that cannot be meant; the first fault in reading
+    /// order of the checks is reported.
+    pub fn load(folder: &Path) -> Result<Self, StudyError> {
+        let file = folder.join(STUDY_FILE);
+        let bytes = std::fs::read(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let good = error.utf8_error().valid_up_to();
+            let line = section::line_of(error.as_bytes(), good);
+            StudyError::Syntax { file, line, message: "there is a byte that is not UTF-8 text".to_owned() }
+        })?;
+        Self::from_text(&text, folder)
+    }
+
+    /// Reads and checks the text of a `study.toml` that stands in `folder`; touches no file.
+    ///
+    /// # Errors
+    /// As [`Study::load`], reading aside.
+    pub fn from_text(text: &str, folder: &Path) -> Result<Self, StudyError> {
+        parse::study(text, folder)
+    }
 }
 
-/// `[structure]`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Structure {
-    /// A name for titles.
-    pub name: String,
-}
-
-/// `[[setup]]`: one measurement with its sensors in one arrangement.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Setup {
-    /// The setup's name, unique in the study.
-    pub name: String,
-    /// File patterns relative to the study's folder, in the order in which they follow each other in time.
-    pub files: Vec<String>,
-    /// The variable to read from MATLAB files that hold more than one matrix.
-    pub variable: Option<String>,
-    /// Rows per second.
-    pub sampling_rate_hz: f64,
-    /// What the recorded numbers are.
-    pub unit: Unit,
-    /// The sensors, in the order of `study.toml`; this is the channel order everywhere downstream.
-    pub sensors: Vec<Sensor>,
-}
-
-/// What a recording's numbers are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Unit {
-    /// Acceleration in m/s².
-    MetrePerSecondSquared,
-    /// Acceleration in standard gravities.
-    StandardGravity,
-    /// Volts; every sensor then has a sensitivity.
-    Volt,
-    /// Velocity in m/s.
-    MetrePerSecond,
-}
-
-/// `[[setup.sensor]]`: one measured direction at one place.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sensor {
-    /// The column's name, or its 1-based position where the file has no header.
-    pub channel: String,
-    /// The measurement point's name, unique within a setup; the channel's name unless given. Reference sensors are
-    /// matched between setups by it.
-    pub point: String,
-    /// The sensor node that samples this channel.
-    pub node: u16,
-    /// Height in metres, where known. Identification needs none; comparison with a model does.
-    pub elevation_m: Option<f64>,
-    /// The direction that counts as positive.
-    pub direction: Option<Direction>,
-    /// Plan position from the beam axis in metres (global X, Y).
-    pub offset_m: [f64; 2],
-    /// Whether the same point stands in every setup.
-    pub reference: bool,
-    /// Recorded volts per m/s² (only with [`Unit::Volt`]).
-    pub sensitivity_v_per_m_s2: Option<f64>,
-    /// 1-based row of the model's matrices, instead of a place.
-    pub dof: Option<usize>,
-}
-
-/// A sensor's positive direction.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Direction {
-    /// Horizontal, degrees anticlockwise from +X seen from above.
-    AzimuthDeg(f64),
-    /// Vertical, positive up.
-    Up,
-}
-
-/// `[analysis]`; what is `None` is chosen from the band and the recording's length.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Analysis {
-    /// Lowest and highest frequency of interest.
-    pub band_hz: Option<[f64; 2]>,
-    /// Sampling rate after decimation.
-    pub decimated_rate_hz: Option<f64>,
-    /// Points a segment (a power of two from 256 to 4096).
-    pub segment: Option<usize>,
-}
-
-/// `[model]`.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Model {
-    /// Path of the beam table, relative to the study's folder.
-    pub beam: PathBuf,
-}
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,367 @@
+//! The node from outside: bytes and samples in, frames out.
+
+use super::*;
+use belfry_shared::decimation::Stages;
+use belfry_shared::message::{Acknowledgement, Again, Band, ChannelState, RefusalReason, Summary};
+use belfry_shared::quantise::{decode_density, decode_lines};
+use belfry_shared::time::HostTime;
+use heapless::Vec as HeaplessVec;
+use num_complex::Complex32;
+use proptest::prelude::*;
+use std::boxed::Box;
+use std::{vec, vec::Vec};
+
+const IDENTITY: Identity = Identity { node: 3, boot: 77, channels: 4, full_scale_m_s2: 19.6 };
+/// Raw sampling period in µs (50 Hz).
+const PERIOD_US: u64 = 20_000;
+
+fn configuration(summary: Summary) -> Configuration {
+    Configuration {
+        channels: 2,
+        sampling_rate_uhz: 50_000_000,
+        decimation: 5,
+        segment: 256,
+        summary,
+        bands: HeaplessVec::from_slice(&[Band { first_line: 3, lines: 90 }]).unwrap(),
+    }
+}
+
+/// A node and what it has said, as owned messages.
+struct Bench {
+    node: Box<Node>,
+    row: u64,
+    frames: Vec<Vec<u8>>,
+}
+
+impl Bench {
+    /// A node with a configuration whose clock is the host's.
+    fn new(summary: Summary) -> Self {
+        let mut bench = Self { node: Box::new(Node::new(IDENTITY)), row: 0, frames: Vec::new() };
+        bench.say(&HostMessage::Configure(configuration(summary)));
+        bench.say(&HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 }));
+        bench
+    }
+
+    fn now(&self) -> NodeTime {
+        NodeTime(self.row * PERIOD_US)
+    }
+
+    fn say(&mut self, message: &HostMessage) {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let length = message::encode(message, &mut frame).unwrap();
+        for &byte in &frame[..length] {
+            self.node.receive(self.now(), byte);
+        }
+    }
+
+    /// Feeds rows without letting the node work.
+    fn feed(&mut self, rows: u64, readings: impl Fn(u64) -> [f32; 2]) {
+        for _ in 0..rows {
+            self.node.sample(self.now(), &readings(self.row));
+            self.row += 1;
+        }
+    }
+
+    /// Lets the node work and collects what it says.
+    fn listen(&mut self) {
+        while self.node.poll(self.now()) {}
+        let mut decoder = FrameDecoder::new();
+        let mut bytes = [0; 64];
+        loop {
+            let count = self.node.transmit(self.now(), &mut bytes);
+            if count == 0 {
+                break;
+            }
+            for &byte in &bytes[..count] {
+                if let Some(frame) = decoder.push(byte) {
+                    self.frames.push(frame.unwrap().to_vec());
+                }
+            }
+        }
+    }
+
+    fn run(&mut self, rows: u64, readings: impl Fn(u64) -> [f32; 2] + Copy) {
+        for _ in 0..rows {
+            self.feed(1, readings);
+            self.listen();
+        }
+    }
+
+    fn messages(&self) -> Vec<NodeMessage<'_>> {
+        self.frames.iter().map(|frame| message::decode(frame).unwrap()).collect()
+    }
+
+    fn heads(&self) -> Vec<message::WindowHead> {
+        let heads = self.messages().into_iter().filter_map(|message| match message {
+            NodeMessage::Head(head) => Some(head),
+            _ => None,
+        });
+        heads.collect()
+    }
+}
+
+fn tone(row: u64) -> f32 {
+    let t = row as f64 * 0.02;
+    ((std::f64::consts::TAU * 1.0 * t).sin() + 0.3 * (std::f64::consts::TAU * 2.2 * t + 0.5).cos()) as f32
+}
+
+const SOUND: ChannelState = ChannelState::Sound { segments: 1 };
+
+#[test]
+fn it_greets_and_confirms_its_configuration_by_hash() {
+    let mut bench = Bench { node: Box::new(Node::new(IDENTITY)), row: 0, frames: Vec::new() };
+    bench.listen();
+    let wanted = configuration(Summary::Lines { bits: 8 });
+    bench.say(&HostMessage::Configure(wanted.clone()));
+    bench.listen();
+    let hashes: Vec<_> = bench
+        .messages()
+        .iter()
+        .map(|message| match message {
+            NodeMessage::Hello(hello) => (hello.node, hello.boot, hello.schema_hash, hello.configuration_hash),
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert_eq!(hashes, [(3, 77, SCHEMA_HASH, None), (3, 77, SCHEMA_HASH, Some(wanted.hash()))]);
+}
+
+#[test]
+fn it_refuses_what_it_cannot_run_and_goes_on_with_what_it_had() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.listen();
+    bench.frames.clear();
+    let mut impossible = configuration(Summary::Lines { bits: 8 });
+    impossible.decimation = 11;
+    bench.say(&HostMessage::Configure(impossible.clone()));
+    bench.say(&HostMessage::Greet);
+    bench.listen();
+    let refusal = Refusal { configuration_hash: impossible.hash(), reason: RefusalReason::Decimation };
+    assert!(bench.messages().contains(&NodeMessage::Refused(refusal)));
+    let hash = configuration(Summary::Lines { bits: 8 }).hash();
+    assert!(bench.messages().iter().any(|m| matches!(m, NodeMessage::Hello(h) if h.configuration_hash == Some(hash))));
+}
+
+#[test]
+fn its_lines_are_those_of_the_same_segment_computed_in_f64() {
+    let mut bench = Bench::new(Summary::Lines { bits: 16 });
+    bench.run(256 * 5 * 3, |row| [tone(row), 9.81 + 0.5 * tone(row + 7)]);
+    let heads = bench.heads();
+    // Samples are on the grid (row 0 is at 0), the filter reaches 13 samples back: window 1 (12.8 s) is the first.
+    let seen: Vec<_> = heads.iter().map(|head| (head.name.number, head.grid_index, head.start_offset_us)).collect();
+    assert_eq!(seen, [(0, 1, 0), (1, 2, 0), (2, 3, 0)]);
+    assert!(heads.iter().all(|head| head.channels == [SOUND, SOUND]));
+
+    // The filter passes these tones unchanged (to 1e-4), so the reference is the tone at the decimated instants.
+    let reference = |grid: usize, line: usize| {
+        let (mut re, mut im, mut mean) = (0.0, 0.0, 0.0);
+        let sample = |n: usize| f64::from(tone((grid * 128 + n) as u64 * 5));
+        for n in 0..256 {
+            mean += sample(n) / 256.0;
+        }
+        let slope =
+            (0..256).map(|n| (n as f64 - 127.5) * sample(n)).sum::<f64>() / (256.0 * (256.0_f64.powi(2) - 1.0) / 12.0);
+        for n in 0..256 {
+            let phase = std::f64::consts::TAU * (line * n % 256) as f64 / 256.0;
+            let weight = 0.5 - 0.5 * (std::f64::consts::TAU * n as f64 / 256.0).cos();
+            let value = weight * (sample(n) - mean - slope * (n as f64 - 127.5));
+            re += value * phase.cos();
+            im -= value * phase.sin();
+        }
+        let scale = (2.0_f64 / (10.0 * 96.0)).sqrt();
+        (re * scale, im * scale)
+    };
+    let (mut compared, mut largest, mut worst) = (0, 0.0_f64, 0.0_f64);
+    for message in bench.messages() {
+        let NodeMessage::Lines(part) = message else { continue };
+        if part.channel != 0 {
+            continue;
+        }
+        let mut lines = vec![Complex32::default(); usize::from(part.lines)];
+        decode_lines(part.code, part.bits, &mut lines).unwrap();
+        for (k, line) in lines.iter().enumerate() {
+            let (re, im) = reference(part.name.number as usize + 1, usize::from(part.first_line) + k);
+            worst = worst.max((f64::from(line.re) - re).hypot(f64::from(line.im) - im));
+            largest = largest.max(re.hypot(im));
+            compared += 1;
+        }
+    }
+    assert_eq!(compared, 3 * 90);
+    // The filter's ripple of 1e-4, and 16 bits.
+    assert!(worst < 2e-4 * largest, "off by {worst} of {largest}");
+}
+
+#[test]
+fn its_averaged_densities_peak_where_the_tones_are() {
+    let mut bench = Bench::new(Summary::Psd { segments: 3 });
+    bench.run(256 * 5 * 5, |row| [tone(row), 0.1 * tone(row) + 2e-3 * (row % 7) as f32]);
+    let heads = bench.heads();
+    assert_eq!(heads.iter().map(|head| head.grid_index).collect::<Vec<_>>(), [1, 4]);
+    assert!(heads.iter().all(|head| head.channels == [ChannelState::Sound { segments: 3 }; 2]));
+    let spacing = 10.0 / 256.0;
+    let mut densities = 0;
+    for message in bench.messages() {
+        match message {
+            NodeMessage::Peaks(part) => {
+                let found: Vec<f32> = part.peaks.iter().take(2).map(|peak| peak.frequency_hz).collect();
+                assert!(
+                    (found[0] - 1.0).abs() < 0.05 * spacing && (found[1] - 2.2).abs() < 0.05 * spacing,
+                    "{found:?}"
+                );
+            }
+            NodeMessage::Density(part) => {
+                let (line, _) = part.code.iter().enumerate().max_by_key(|(_, code)| **code).unwrap();
+                assert!(((usize::from(part.first_line) + line) as f32 * spacing - 1.0).abs() <= spacing);
+                // A sine of amplitude a has the mean square a^2/2, its density integrates to that.
+                let power: f32 = part.code.iter().map(|&code| decode_density(part.base, code) * spacing).sum();
+                let expected = if part.channel == 0 { 0.5 * (1.0 + 0.09) } else { 0.005 * (1.0 + 0.09) };
+                assert!((power / expected - 1.0).abs() < 0.05, "{power} for {expected}");
+                densities += 1;
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(densities, 4);
+}
+
+#[test]
+fn windows_without_sound_data_say_why_and_keep_their_numbers() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.run(256 * 5 * 4, |row| {
+        [if row == 2000 { f32::NAN } else { tone(row) }, if row < 2500 { 1.0 } else { tone(row) }]
+    });
+    let states: Vec<_> =
+        bench.heads().iter().map(|head| (head.name.number, head.channels.clone().into_array::<2>().unwrap())).collect();
+    use ChannelState::{Constant, Missing};
+    // Row 2000 is sample 400: windows 2 (256..512) and 3 (384..640). The second channel comes alive at sample 500.
+    assert_eq!(
+        states,
+        [
+            (0, [SOUND, Constant]),
+            (1, [Missing, SOUND]),
+            (2, [Missing, SOUND]),
+            (3, [SOUND, SOUND]),
+            (4, [SOUND, SOUND])
+        ]
+    );
+}
+
+#[test]
+fn rows_that_stay_out_count_as_missing_and_a_long_interruption_starts_over_on_the_grid() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.run(1000, |row| [tone(row); 2]);
+    bench.row += 3;
+    bench.run(256 * 5 * 2, |row| [tone(row); 2]);
+    let states: Vec<_> = bench.heads().iter().map(|head| (head.grid_index, head.channels[0])).collect();
+    // Rows 1000 to 1002 are samples 200 and neighbours: window 1 (128..384); window 2 (256..512) is clean.
+    assert_eq!(states, [(1, ChannelState::Missing), (2, SOUND), (3, SOUND)]);
+    bench.frames.clear();
+    bench.row += 5000;
+    bench.run(256 * 5 * 3, |row| [tone(row); 2]);
+    let heads = bench.heads();
+    // From row 8563 (sample 1712.6) and 13 samples of the filter on: window 14 (sample 1792) is the first.
+    assert_eq!(
+        heads.iter().map(|h| (h.name.number, h.grid_index, h.start_offset_us)).collect::<Vec<_>>(),
+        [(3, 14, 0), (4, 15, 0), (5, 16, 0), (6, 17, 0)]
+    );
+    assert!(heads.iter().all(|head| head.channels[0] == SOUND));
+}
+
+#[test]
+fn a_node_that_gets_no_time_to_work_says_overrun_not_nothing() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.feed(256 * 5 * 40, |row| [tone(row); 2]);
+    bench.listen();
+    let states: Vec<_> = bench.heads().iter().map(|head| (head.name.number, head.channels[0])).collect();
+    assert_eq!(states[0], (0, ChannelState::Overrun));
+    assert!(states.windows(2).all(|pair| pair[1].0 == pair[0].0 + 1));
+}
+
+#[test]
+fn parts_are_kept_until_acknowledged_and_sent_again_when_asked() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.run(256 * 5 * 3, |row| [tone(row); 2]);
+    let first = bench.frames.clone();
+    bench.frames.clear();
+    let again = |boot, below, window, part| {
+        let again = Again { first_window: window, last_window: window, first_part: part, last_part: part };
+        HostMessage::Acknowledge(Acknowledgement { boot, below, again: HeaplessVec::from_slice(&[again]).unwrap() })
+    };
+    bench.say(&again(77, 1, 1, 2));
+    bench.listen();
+    assert_eq!(bench.frames.len(), 1);
+    assert!(first.contains(&bench.frames[0]));
+    bench.say(&again(77, 2, 1, 2));
+    bench.say(&again(78, 9, 2, 2));
+    bench.listen();
+    assert_eq!(bench.frames.len(), 1, "window 1 is gone, and boot 78 is another node's life");
+    bench.row += 60 * 50;
+    bench.listen();
+    let NodeMessage::Heartbeat(heartbeat) = bench.messages().pop().unwrap() else { panic!("no heartbeat") };
+    assert_eq!((heartbeat.next_window, heartbeat.oldest_window, heartbeat.lost_windows), (3, 2, 0));
+    // RMS 0.738 about the mean, 0.784 about the first reading (0.263); the meter is good to 6 %.
+    assert!((heartbeat.level[0] / 0.784 - 1.0).abs() < 0.065, "{heartbeat:?}");
+}
+
+#[test]
+fn an_outbox_that_overflows_counts_what_it_lost_and_keeps_the_newest() {
+    let mut bench = Bench::new(Summary::Lines { bits: 16 });
+    for _ in 0..200 {
+        bench.feed(640, |row| [tone(row); 2]);
+        while bench.node.poll(bench.now()) {}
+    }
+    bench.listen();
+    let heads = bench.heads();
+    // 25 600 samples less the filter's 13: window 197 of the grid is complete, and window 1 was number 0.
+    assert_eq!(heads.last().unwrap().name.number, 196);
+    let lost = bench.messages().iter().rev().find_map(|m| match m {
+        NodeMessage::Heartbeat(heartbeat) => Some((heartbeat.lost_windows, heartbeat.oldest_window)),
+        _ => None,
+    });
+    let oldest = heads[0].name.number;
+    assert_eq!(lost, Some((oldest, oldest)));
+    assert_eq!(heads.len() as u32, 197 - oldest);
+}
+
+#[test]
+fn the_node_fits_into_112_kilobytes() {
+    assert!(size_of::<Node>() <= 112 * 1024, "{}", size_of::<Node>());
+}
+
+#[test]
+fn every_stage_count_of_decimation_runs() {
+    for decimation in [1, 10, 60, 200] {
+        let mut bench = Bench::new(Summary::Lines { bits: 8 });
+        let mut wanted = configuration(Summary::Lines { bits: 8 });
+        wanted.decimation = decimation;
+        bench.say(&HostMessage::Configure(wanted));
+        let settling = u64::from(Stages::of(decimation).unwrap().reach_rows());
+        bench.run(u64::from(decimation) * 256 * 2 + 2 * settling, |row| [tone(row); 2]);
+        assert!(!bench.heads().is_empty(), "decimation {decimation}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn no_bytes_samples_or_times_make_it_panic(
+        bytes in prop::collection::vec(any::<u8>(), 0..300),
+        steps in prop::collection::vec((any::<u64>(), any::<[f32; 2]>(), 0_u8..3), 0..200),
+        clocks in prop::collection::vec((any::<u64>(), any::<i64>(), any::<i32>()), 1..4),
+        segments in 0_u16..4,
+    ) {
+        let mut bench = Bench::new(if segments == 0 { Summary::Lines { bits: 5 } } else { Summary::Psd { segments } });
+        for (node, host, drift_ppb) in clocks {
+            bench.say(&HostMessage::SetClock(ClockModel { node: NodeTime(node), host: HostTime(host), drift_ppb }));
+            for &byte in &bytes {
+                bench.node.receive(NodeTime(1), byte);
+            }
+            let mut time = 0_u64;
+            for &(jump, readings, kind) in &steps {
+                time = match kind { 0 => time.wrapping_add(PERIOD_US), 1 => time.wrapping_add(jump % 10_000_000), _ => jump };
+                bench.node.sample(NodeTime(time), &readings);
+                bench.node.poll(NodeTime(time));
+                let _ = bench.node.transmit(NodeTime(time), &mut [0; 100]);
+            }
+        }
+    }
+}

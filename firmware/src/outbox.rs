@@ -1,0 +1,190 @@
+//! The outbox: every part of every window, kept until the host acknowledges it.
+//!
+//! Messages lie in a ring of bytes that the caller owns, oldest first; a full ring loses its oldest window, and counts it.
+
+use belfry_shared::message::Again;
+use heapless::Deque;
+
+/// Most parts the outbox holds.
+pub(crate) const MAX_PARTS: usize = 160;
+
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    window: u32,
+    part: u16,
+    offset: u16,
+    length: u16,
+    pending: bool,
+}
+
+impl Entry {
+    fn end(&self) -> usize {
+        usize::from(self.offset) + usize::from(self.length)
+    }
+}
+
+/// The directory of the ring.
+#[derive(Debug, Clone)]
+pub(crate) struct Outbox {
+    entries: Deque<Entry, MAX_PARTS>,
+    lost_windows: u32,
+}
+
+impl Outbox {
+    /// An empty outbox.
+    pub(crate) const fn new() -> Self {
+        Self { entries: Deque::new(), lost_windows: 0 }
+    }
+
+    /// Windows dropped for want of room.
+    pub(crate) fn lost_windows(&self) -> u32 {
+        self.lost_windows
+    }
+
+    /// The oldest window still here.
+    pub(crate) fn oldest_window(&self) -> Option<u32> {
+        self.entries.front().map(|entry| entry.window)
+    }
+
+    /// Stores a part behind the others; drops the oldest windows where there is no room. Returns whether it was stored:
+    /// a message larger than the whole ring is not.
+    pub(crate) fn push(&mut self, ring: &mut [u8], window: u32, part: u16, message: &[u8]) -> bool {
+        let Ok(length) = u16::try_from(message.len()) else { return false };
+        if message.len() > ring.len() {
+            return false;
+        }
+        while self.entries.is_full() {
+            self.drop_oldest_window();
+        }
+        let offset = loop {
+            match self.room(ring.len(), message.len()) {
+                Some(offset) => break offset,
+                None => self.drop_oldest_window(),
+            }
+        };
+        let Some(place) = ring.get_mut(offset..offset + message.len()) else { return false };
+        let Ok(offset) = u16::try_from(offset) else { return false };
+        place.copy_from_slice(message);
+        self.entries.push_back(Entry { window, part, offset, length, pending: true }).is_ok()
+    }
+
+    /// Where the next `length` bytes can lie, if anywhere.
+    fn room(&self, ring: usize, length: usize) -> Option<usize> {
+        let (Some(oldest), Some(newest)) = (self.entries.front(), self.entries.back()) else { return Some(0) };
+        let (start, end) = (usize::from(oldest.offset), newest.end());
+        if newest.offset >= oldest.offset {
+            // The used bytes are in one piece: behind it, or from the ring's beginning.
+            if end + length <= ring {
+                Some(end)
+            } else if length < start {
+                Some(0)
+            } else {
+                None
+            }
+        } else {
+            (end + length <= start).then_some(end)
+        }
+    }
+
+    fn drop_oldest_window(&mut self) {
+        let Some(window) = self.oldest_window() else { return };
+        self.forget(|entry| entry.window == window);
+        self.lost_windows = self.lost_windows.saturating_add(1);
+    }
+
+    fn forget(&mut self, done: impl Fn(&Entry) -> bool) {
+        while self.entries.front().is_some_and(&done) {
+            self.entries.pop_front();
+        }
+    }
+
+    /// Drops the windows that lie beyond `ring` bytes (and all older ones), when the ring shrinks.
+    pub(crate) fn shrink(&mut self, ring: usize) {
+        while self.entries.iter().any(|entry| entry.end() > ring) {
+            self.drop_oldest_window();
+        }
+    }
+
+    /// Forgets all windows below `window`.
+    pub(crate) fn acknowledge(&mut self, window: u32) {
+        self.forget(|entry| entry.window < window);
+    }
+
+    /// Marks parts to be sent again.
+    pub(crate) fn again(&mut self, wanted: &Again) {
+        for entry in &mut self.entries {
+            entry.pending |= (wanted.first_window..=wanted.last_window).contains(&entry.window)
+                && (wanted.first_part..=wanted.last_part).contains(&entry.part);
+        }
+    }
+
+    /// Whether a part waits to be sent.
+    pub(crate) fn is_pending(&self) -> bool {
+        self.entries.iter().any(|entry| entry.pending)
+    }
+
+    /// The next part to send, marked as sent.
+    pub(crate) fn next<'a>(&mut self, ring: &'a [u8]) -> Option<&'a [u8]> {
+        let entry = self.entries.iter_mut().find(|entry| entry.pending)?;
+        entry.pending = false;
+        ring.get(usize::from(entry.offset)..entry.end())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::{vec, vec::Vec};
+
+    fn everything() -> Again {
+        Again { first_window: 0, last_window: u32::MAX, first_part: 0, last_part: u16::MAX }
+    }
+
+    fn sent(outbox: &mut Outbox, ring: &[u8]) -> Vec<Vec<u8>> {
+        core::iter::from_fn(|| outbox.next(ring).map(<[u8]>::to_vec)).collect()
+    }
+
+    #[test]
+    fn parts_are_sent_once_kept_until_acknowledged_and_sent_again_when_asked() {
+        let mut ring = [0; 100];
+        let mut outbox = Outbox::new();
+        for (window, part) in [(4, 1), (4, 0), (5, 1), (5, 0)] {
+            assert!(outbox.push(&mut ring, window, part, &[window as u8, part as u8]));
+        }
+        assert_eq!(sent(&mut outbox, &ring), [[4, 1], [4, 0], [5, 1], [5, 0]]);
+        assert!(!outbox.is_pending());
+        outbox.again(&Again { first_window: 4, last_window: 5, first_part: 0, last_part: 0 });
+        assert_eq!(sent(&mut outbox, &ring), [[4, 0], [5, 0]]);
+        outbox.acknowledge(5);
+        outbox.again(&everything());
+        assert_eq!(sent(&mut outbox, &ring), [[5, 1], [5, 0]]);
+        assert_eq!((outbox.oldest_window(), outbox.lost_windows()), (Some(5), 0));
+        outbox.acknowledge(6);
+        assert_eq!(outbox.oldest_window(), None);
+    }
+
+    proptest! {
+        /// Against a plain list: what is here is always the newest windows, unchanged, and the rest is counted as lost.
+        #[test]
+        fn the_ring_keeps_the_newest_windows_intact(size in 50_usize..400, windows in prop::collection::vec(prop::collection::vec(1_usize..50, 1..4), 1..60)) {
+            let mut ring = vec![0; size];
+            let mut outbox = Outbox::new();
+            let mut pushed: Vec<(u32, Vec<u8>)> = Vec::new();
+            for (window, parts) in windows.iter().enumerate() {
+                for (part, &length) in parts.iter().enumerate() {
+                    let message = vec![(7 * window + part) as u8; length];
+                    prop_assert!(outbox.push(&mut ring, window as u32, part as u16, &message));
+                    pushed.push((window as u32, message));
+                }
+            }
+            outbox.again(&everything());
+            let oldest = outbox.oldest_window().unwrap();
+            let here = sent(&mut outbox, &ring);
+            // A window larger than the ring may have lost its first parts; all whole windows above it are here.
+            let expected: Vec<_> = pushed.iter().rev().take(here.len()).rev().map(|(_, message)| message.clone()).collect();
+            prop_assert_eq!(&here, &expected);
+            prop_assert!(outbox.lost_windows() >= oldest);
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! The schedule: which decimated samples make the next window, so that all nodes' windows start on one grid of host time.
+
+use belfry_shared::message::Configuration;
+use belfry_shared::time::{ClockModel, HostTime, NodeTime, WindowGrid};
+
+/// Which samples make a window.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct WindowSpan {
+    /// Index on the grid of host time.
+    pub(crate) grid_index: u64,
+    /// Index of its first decimated sample.
+    pub(crate) start: u64,
+    /// Time of that sample minus grid time, in µs.
+    pub(crate) start_offset_us: i32,
+}
+
+/// A decimated sample and when it was, on the node's clock.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SampleMoment {
+    /// Index of the decimated sample.
+    pub(crate) index: u64,
+    /// When it was.
+    pub(crate) time: NodeTime,
+}
+
+/// Turns grid times into sample indices.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Schedule {
+    grid: WindowGrid,
+    /// Decimated sampling period in ps.
+    period_ps: u64,
+}
+
+impl Schedule {
+    /// The schedule of a (checked) configuration.
+    pub(crate) fn new(configuration: &Configuration) -> Self {
+        Self {
+            grid: WindowGrid {
+                sampling_rate_uhz: configuration.sampling_rate_uhz,
+                hop_samples: configuration.hop_samples(),
+            },
+            period_ps: rows_to_ps(u64::from(configuration.decimation), configuration.sampling_rate_uhz),
+        }
+    }
+
+    /// How far `time` is from the nearest multiple of the decimated period, in ps: decimated samples centred on such
+    /// multiples put windows on the grid without a remainder.
+    pub(crate) fn phase_ps(&self, time: HostTime) -> i64 {
+        let period = i128::from(self.period_ps.max(1));
+        let half = period / 2;
+        ((i128::from(time.0) * 1_000_000 + half).rem_euclid(period) - half) as i64
+    }
+
+    /// The first window that starts no earlier than sample `earliest` (to within half a decimated period).
+    pub(crate) fn first(&self, clock: &ClockModel, moment: SampleMoment, earliest: u64) -> WindowSpan {
+        let samples = i128::from(earliest) - i128::from(moment.index);
+        let ahead_us = (samples * i128::from(self.period_ps) - i128::from(self.period_ps / 2)) / 1_000_000;
+        let time = HostTime(clock.host_time(moment.time).0.saturating_add(ahead_us as i64));
+        self.window(clock, moment, self.grid.first_at_or_after(time))
+    }
+
+    /// The window of a grid index, seen from a recent sample.
+    pub(crate) fn window(&self, clock: &ClockModel, moment: SampleMoment, grid_index: u64) -> WindowSpan {
+        let here = clock.host_time(moment.time);
+        let ahead_host_ps = (i128::from(self.grid.start(grid_index).0) - i128::from(here.0)) * 1_000_000;
+        // Samples are a period of the node's clock apart.
+        let ahead_ps = ahead_host_ps - ahead_host_ps * i128::from(clock.drift_ppb) / 1_000_000_000;
+        let period = i128::from(self.period_ps.max(1));
+        let samples = (ahead_ps + period / 2).div_euclid(period);
+        let remainder_us = (samples * period - ahead_ps) / 1_000_000;
+        WindowSpan {
+            grid_index,
+            start: moment.index.saturating_add_signed(samples as i64),
+            start_offset_us: remainder_us as i32,
+        }
+    }
+}
+
+/// The duration of `rows` sampling periods in ps.
+pub(crate) fn rows_to_ps(rows: u64, sampling_rate_uhz: u64) -> u64 {
+    let ps = u128::from(rows) * 1_000_000_000_000_000_000 / u128::from(sampling_rate_uhz.max(1));
+    u64::try_from(ps).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use belfry_shared::message::Summary;
+    use heapless::Vec;
+
+    fn configuration() -> Configuration {
+        Configuration {
+            channels: 1,
+            sampling_rate_uhz: 50_000_000,
+            decimation: 10,
+            segment: 256,
+            summary: Summary::Lines { bits: 8 },
+            bands: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn windows_start_at_the_sample_nearest_to_the_grid_and_say_how_far_off_it_is() {
+        let schedule = Schedule::new(&configuration());
+        // Host and node agree; sample 100 was at 7.03 s, samples are 0.2 s apart, the hop is 25.6 s.
+        let clock = ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 };
+        let moment = SampleMoment { index: 100, time: NodeTime(7_030_000) };
+        let first = schedule.first(&clock, moment, 90);
+        // 25.6 s is 18.57 s (92.85 samples) later: sample 193 at 25.63 s.
+        assert_eq!(first, WindowSpan { grid_index: 1, start: 193, start_offset_us: 30_000 });
+        assert_eq!(schedule.window(&clock, moment, 2).start, 321);
+    }
+
+    #[test]
+    fn a_drifting_clock_moves_the_start_by_one_sample_when_half_a_sample_has_gathered() {
+        let schedule = Schedule::new(&configuration());
+        // The node's clock runs 20 ppm slow: 0.1 s (half a sample) are gathered after 5000 s, in window 195 (4992 s) of
+        // 25.6 s hops. Samples are 0.2 s of the node's clock apart; any sample serves as the moment.
+        let clock = ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 20_000 };
+        for index in [0, 24_000, 30_000] {
+            let moment = SampleMoment { index, time: NodeTime(index * 200_000) };
+            let spans = [195_u64, 196].map(|grid_index| schedule.window(&clock, moment, grid_index));
+            assert_eq!(spans.map(|span| span.start as i64 - (span.grid_index * 128) as i64), [0, -1]);
+            // 4992 s x 20 ppm = 99.84 ms late; a sample earlier, 5017.6 s x 20 ppm - 200 ms = 99.65 ms early.
+            assert!((spans[0].start_offset_us - 99_840).abs() < 5 && (spans[1].start_offset_us + 99_648).abs() < 10);
+        }
+    }
+
+    #[test]
+    fn the_phase_is_the_distance_to_the_next_multiple_of_the_decimated_period() {
+        let schedule = Schedule::new(&configuration());
+        assert_eq!(schedule.phase_ps(HostTime(400_000)), 0);
+        assert_eq!(schedule.phase_ps(HostTime(-390_000)), 10_000 * 1_000_000);
+        assert_eq!(schedule.phase_ps(HostTime(390_000)), -10_000 * 1_000_000);
+    }
+}

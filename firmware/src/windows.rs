@@ -1,0 +1,276 @@
+//! Windows: decides when a segment is complete, transforms it channel by channel, and files what comes out.
+
+use belfry_shared::frame::MAX_MESSAGE_BYTES;
+use belfry_shared::message::{
+    ChannelState, DensityPart, LinesPart, MAX_CHANNELS, MAX_DATA_BYTES, NodeMessage, PeaksPart, Summary, WindowHead,
+    WindowName,
+};
+use belfry_shared::quantise::{encode_densities, encode_lines, encoded_bytes};
+use belfry_shared::time::ClockModel;
+use heapless::{Deque, Vec};
+use num_complex::Complex32;
+
+use crate::acquisition::Acquisition;
+use crate::outbox::Outbox;
+use crate::plan::{ARENA_WORDS, Plan, lines_a_part};
+use crate::psd::{DensityAverage, add_peaks};
+use crate::schedule::{SampleMoment, WindowSpan};
+use crate::spectrum::{LONGEST_SEGMENT, decimated_rate_hz, transform};
+
+/// Complete segments that can wait for their transform.
+const MAX_WAITING: usize = 4;
+
+/// Running averages and the outbox's bytes, in one piece of memory.
+pub(crate) struct Arena([f32; ARENA_WORDS]);
+
+impl Arena {
+    /// Empty memory.
+    pub(crate) const START: Self = Self([0.0; ARENA_WORDS]);
+
+    /// The running averages' cells and the outbox's ring. The ring lies in front, so that it keeps its place.
+    pub(crate) fn split(&mut self, cells: usize) -> (&mut [f32], &mut [u8]) {
+        let (ring, cells) = self.0.split_at_mut(ARENA_WORDS - cells.min(ARENA_WORDS));
+        (cells, bytemuck::cast_slice_mut(ring))
+    }
+}
+
+/// A window that is being made.
+#[derive(Debug, Clone)]
+struct OpenWindow {
+    span: WindowSpan,
+    segments: u16,
+    parts: u16,
+    states: Vec<ChannelState, MAX_CHANNELS>,
+}
+
+/// Makes windows of the acquisition's history.
+pub(crate) struct WindowMaker {
+    /// The next window to start.
+    upcoming: Option<WindowSpan>,
+    last_started: Option<u64>,
+    /// Windows whose segment is not complete yet.
+    started: Deque<WindowSpan, MAX_WAITING>,
+    /// Windows whose segment is complete and waits for its transform.
+    waiting: Deque<WindowSpan, MAX_WAITING>,
+    open: Option<OpenWindow>,
+    channel: usize,
+    average: DensityAverage,
+    next_number: u32,
+    buffer: [f32; LONGEST_SEGMENT],
+}
+
+/// Where finished parts go.
+pub(crate) struct Files<'a> {
+    pub(crate) outbox: &'a mut Outbox,
+    pub(crate) ring: &'a mut [u8],
+    pub(crate) name: WindowName,
+}
+
+impl Files<'_> {
+    fn store(&mut self, part: u16, message: &NodeMessage<'_>) {
+        let mut buffer = [0; MAX_MESSAGE_BYTES];
+        // Parts are cut to fit; should one not, the head's count of parts tells the host, which asks and gives up.
+        if let Ok(bytes) = postcard::to_slice(message, &mut buffer) {
+            self.outbox.push(self.ring, self.name.number, part, bytes);
+        }
+    }
+}
+
+impl WindowMaker {
+    /// No windows yet.
+    pub(crate) const START: Self = Self {
+        upcoming: None,
+        last_started: None,
+        started: Deque::new(),
+        waiting: Deque::new(),
+        open: None,
+        channel: 0,
+        average: DensityAverage::START,
+        next_number: 0,
+        buffer: [0.0; LONGEST_SEGMENT],
+    };
+
+    /// Drops what is being made; numbers go on.
+    pub(crate) fn restart(&mut self) {
+        self.upcoming = None;
+        self.last_started = None;
+        self.started.clear();
+        self.waiting.clear();
+        self.open = None;
+        self.channel = 0;
+        self.average = DensityAverage::START;
+    }
+
+    /// The number the next window will have.
+    pub(crate) fn next_number(&self) -> u32 {
+        self.next_number
+    }
+
+    /// To be called when the host has set the clock: the grid may have moved.
+    pub(crate) fn reschedule(&mut self) {
+        self.upcoming = None;
+    }
+
+    /// To be called for every new decimated sample: starts windows and lines up the segments that are complete with it.
+    pub(crate) fn on_sample(&mut self, plan: &Plan, clock: &ClockModel, moment: SampleMoment) {
+        if let Some(started) = self.started.front()
+            && moment.index + 1 >= started.start + plan.segment() as u64
+            && !self.waiting.is_full()
+            && let Some(complete) = self.started.pop_front()
+        {
+            // Cannot fail: there is room. A segment that waits for room may be gone when its turn comes, and then says so.
+            let _ = self.waiting.push_back(complete);
+        }
+        let upcoming = self.upcoming.unwrap_or_else(|| {
+            let earliest = u64::from(plan.stages.first_full_output()).max(moment.index);
+            let first = plan.schedule.first(clock, moment, earliest);
+            if Some(first.grid_index) == self.last_started {
+                plan.schedule.window(clock, moment, first.grid_index + 1)
+            } else {
+                first
+            }
+        });
+        self.upcoming = Some(upcoming);
+        if moment.index < upcoming.start || self.started.is_full() {
+            return;
+        }
+        // Only now, with a sample from the same moment, is the start's time known to the µs, whatever the crystal does.
+        let span = plan.schedule.window(clock, moment, upcoming.grid_index);
+        if span.start > moment.index {
+            self.upcoming = Some(span);
+            return;
+        }
+        self.last_started = Some(span.grid_index);
+        self.upcoming = Some(plan.schedule.window(clock, moment, span.grid_index + 1));
+        // Cannot fail: there is room.
+        let _ = self.started.push_back(span);
+    }
+
+    /// Does one step of waiting work: one channel of one segment. Returns whether there was any.
+    pub(crate) fn work(
+        &mut self,
+        plan: &Plan,
+        acquisition: &mut Acquisition,
+        cells: &mut [f32],
+        files: &mut Files<'_>,
+    ) -> bool {
+        let Some(&span) = self.waiting.front() else { return false };
+        files.name.number = self.next_number;
+        let channel = self.channel;
+        let mut state = acquisition.state(&plan.stages, channel, span.start, plan.segment());
+        let mut parts = self.open.as_ref().map_or(0, |open| open.parts);
+        if let (ChannelState::Sound { .. }, Some(buffer)) = (state, self.buffer.get_mut(..plan.segment())) {
+            if acquisition.fetch(channel, span.start, buffer) {
+                let lines = transform(buffer, decimated_rate_hz(&plan.configuration));
+                match plan.configuration.summary {
+                    Summary::Lines { bits } => file_lines(plan, files, channel, lines, bits, &mut parts),
+                    Summary::Psd { .. } => self.average.add(&plan.configuration, cells, channel, lines),
+                }
+            } else {
+                state = ChannelState::Overrun;
+            }
+        }
+        let open = self.open.get_or_insert_with(|| OpenWindow { span, segments: 0, parts: 0, states: Vec::new() });
+        open.parts = parts;
+        match open.states.get_mut(channel) {
+            Some(known) if !matches!(state, ChannelState::Sound { .. }) => {
+                if !matches!(known, ChannelState::Sound { .. }) {
+                    *known = state;
+                }
+            }
+            Some(known) => *known = state,
+            // Cannot fail: a plan has no more channels than this has room for.
+            None => drop(open.states.push(state)),
+        }
+        self.channel += 1;
+        if self.channel == plan.channels() {
+            self.channel = 0;
+            open.segments += 1;
+            self.waiting.pop_front();
+            acquisition.forget_faults_before(span.start + plan.segment() as u64 / 4);
+            self.close_if_complete(plan, cells, files);
+        }
+        true
+    }
+
+    fn close_if_complete(&mut self, plan: &Plan, cells: &mut [f32], files: &mut Files<'_>) {
+        let segments = match plan.configuration.summary {
+            Summary::Lines { .. } => 1,
+            Summary::Psd { segments } => segments,
+        };
+        let Some(mut open) = self.open.take_if(|open| open.segments >= segments) else { return };
+        if let Summary::Psd { .. } = plan.configuration.summary {
+            for (channel, state) in open.states.iter_mut().enumerate() {
+                if let ChannelState::Sound { segments } = state {
+                    *segments = self.average.segments(channel);
+                    let densities = self.average.finish(&plan.configuration, cells, channel);
+                    file_densities(plan, files, channel, densities, &mut open.parts);
+                }
+            }
+            self.average = DensityAverage::START;
+        }
+        let head = WindowHead {
+            name: files.name,
+            configuration_hash: plan.hash,
+            grid_index: open.span.grid_index,
+            start_offset_us: open.span.start_offset_us,
+            data_parts: open.parts,
+            channels: open.states,
+        };
+        files.store(0, &NodeMessage::Head(head));
+        self.next_number = self.next_number.wrapping_add(1);
+    }
+}
+
+/// Files a channel's lines in the configured bands.
+fn file_lines(plan: &Plan, files: &mut Files<'_>, channel: usize, lines: &[Complex32], bits: u8, parts: &mut u16) {
+    let mut code = [0; MAX_DATA_BYTES];
+    for band in &plan.configuration.bands {
+        let first = usize::from(band.first_line);
+        let Some(lines) = lines.get(first..first + usize::from(band.lines)) else { continue };
+        let size = lines_a_part(bits);
+        for (index, lines) in lines.chunks(size).enumerate() {
+            let Some(code) = code.get_mut(..encoded_bytes(lines.len(), bits)) else { continue };
+            *parts += 1;
+            if encode_lines(lines, bits, code).is_err() {
+                // Not finite: cannot be, readings are checked; the host would ask for the part and give up.
+                continue;
+            }
+            let part = LinesPart {
+                name: files.name,
+                part: *parts,
+                channel: channel as u8,
+                first_line: (first + index * size) as u16,
+                lines: lines.len() as u16,
+                bits,
+                code,
+            };
+            files.store(*parts, &NodeMessage::Lines(part));
+        }
+    }
+}
+
+/// Files a channel's averaged densities in the configured bands, and their peaks.
+fn file_densities(plan: &Plan, files: &mut Files<'_>, channel: usize, densities: &[f32], parts: &mut u16) {
+    let configuration = &plan.configuration;
+    let spacing_hz = decimated_rate_hz(configuration) / f32::from(configuration.segment);
+    let mut code = [0; MAX_DATA_BYTES];
+    let mut peaks = Vec::new();
+    let mut rest = densities;
+    for band in &configuration.bands {
+        let (densities, others) = rest.split_at(usize::from(band.lines).min(rest.len()));
+        rest = others;
+        add_peaks(&mut peaks, densities, band.first_line, spacing_hz);
+        for (index, densities) in densities.chunks(MAX_DATA_BYTES).enumerate() {
+            let Some(code) = code.get_mut(..densities.len()) else { continue };
+            *parts += 1;
+            let Ok(base) = encode_densities(densities, code) else { continue };
+            let first_line = band.first_line + (index * MAX_DATA_BYTES) as u16;
+            let part = DensityPart { name: files.name, part: *parts, channel: channel as u8, first_line, base, code };
+            files.store(*parts, &NodeMessage::Density(part));
+        }
+    }
+    *parts += 1;
+    let part = PeaksPart { name: files.name, part: *parts, channel: channel as u8, peaks };
+    files.store(*parts, &NodeMessage::Peaks(part));
+}

@@ -1,0 +1,118 @@
+//! `belfry init`: a new study from a template.
+//!
+//! A folder's name flows in; the files of the study flow out. What is there already is never overwritten.
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::ValueEnum;
+use serde::Serialize;
+
+use super::Console;
+use crate::study::{STUDY_FILE, template};
+
+/// Make a new study: a folder with a study.toml to edit
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  belfry init tower                       a study to fill in, in the new folder `tower`
+  belfry init canton --template canton    the Canton Tower: 20 accelerometers, beam model
+  belfry init . --json                    in this folder, and say what was written as JSON")]
+pub struct Arguments {
+    /// Folder of the study; made where it does not exist
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// What the study starts from
+    #[arg(long, value_enum, default_value_t = Template::Blank)]
+    pub template: Template,
+}
+
+/// What a new study starts from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Template {
+    /// The Canton Tower: 20 accelerometers at 8 levels, with its beam model
+    Canton,
+    /// One setup of two sensors, every key explained
+    Blank,
+}
+
+impl Template {
+    /// Name and content of the study's files; `study.toml` stands last, so that a study is whole once it is there.
+    pub fn files(self) -> &'static [(&'static str, &'static str)] {
+        match self {
+            Self::Canton => &[("beam.csv", template::CANTON_BEAM), (STUDY_FILE, template::CANTON_STUDY)],
+            Self::Blank => &[(STUDY_FILE, template::BLANK_STUDY)],
+        }
+    }
+
+    fn next(self, folder: &Path) -> String {
+        let place = folder.display().to_string();
+        // As one would type it in a shell.
+        let argument = if place.contains(char::is_whitespace) { format!("\"{place}\"") } else { place.clone() };
+        let study_file = folder.join(STUDY_FILE);
+        let study_file = study_file.display();
+        match self {
+            Self::Canton => format!(
+                "put recordings accdata_*.txt into {place}, or make one with `belfry simulate {argument}`, then run \
+                 `belfry identify {argument}`"
+            ),
+            Self::Blank => format!(
+                "describe your sensors in {study_file}, put the recording next to it, then run \
+                 `belfry identify {argument}`"
+            ),
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Report {
+    study: String,
+    files: Vec<&'static str>,
+    next: String,
+}
+
+/// Writes the template's files into the folder and says what comes next.
+///
+/// # Errors
+/// When one of the files exists already, or cannot be written.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let folder = &arguments.folder;
+    let files = arguments.template.files();
+    refuse_existing(folder, files)?;
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}; name one that you may write to", folder.display()))?;
+    for (name, content) in files {
+        let path = folder.join(name);
+        // `create_new` so that a file which came up since the look above is not overwritten either.
+        OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .open(&path)
+            .and_then(|mut file| file.write_all(content.as_bytes()))
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+
+    let next = arguments.template.next(folder);
+    console.say(format_args!("new study in {}", folder.display()));
+    for (name, _) in files {
+        console.say(format_args!("  {name}"));
+    }
+    console.say(format_args!("next: {next}"));
+    let names = files.iter().map(|(name, _)| *name).collect();
+    console.json(&Report { study: folder.display().to_string(), files: names, next })
+}
+
+/// A study is somebody's work: the first file that is in the way is named, nothing is written.
+fn refuse_existing(folder: &Path, files: &[(&str, &str)]) -> anyhow::Result<()> {
+    // study.toml first: it says that there is a study, any other file only that there is a file.
+    for (name, _) in files.iter().rev() {
+        let path = folder.join(name);
+        // Not `exists`: a link that leads nowhere is in the way too.
+        if path.symlink_metadata().is_ok() {
+            bail!("{} exists already and is not overwritten; name another folder, or move it away", path.display());
+        }
+    }
+    Ok(())
+}

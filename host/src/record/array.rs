@@ -1,0 +1,226 @@
+//! Arrays of binary numbers, in a file or in memory, read row by row: what NPY and MATLAB files have in common.
+
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::PathBuf;
+
+use super::clock::Clock;
+use super::columns::Selection;
+use super::error::{At, Place, RecordError};
+use super::reader::RowReader;
+
+/// How a number is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sample {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Sample {
+    /// Size of a number in bytes.
+    pub(super) fn bytes(self) -> usize {
+        match self {
+            Sample::I8 | Sample::U8 => 1,
+            Sample::I16 | Sample::U16 => 2,
+            Sample::I32 | Sample::U32 | Sample::F32 => 4,
+            Sample::I64 | Sample::U64 | Sample::F64 => 8,
+        }
+    }
+
+    /// Decodes little-endian numbers to where `placement` wants them.
+    fn decode(self, raw: &[u8], placement: Placement<'_>) {
+        match self {
+            Sample::I8 => placement.fill(raw, |bytes| f64::from(i8::from_le_bytes(bytes))),
+            Sample::U8 => placement.fill(raw, |bytes| f64::from(u8::from_le_bytes(bytes))),
+            Sample::I16 => placement.fill(raw, |bytes| f64::from(i16::from_le_bytes(bytes))),
+            Sample::U16 => placement.fill(raw, |bytes| f64::from(u16::from_le_bytes(bytes))),
+            Sample::I32 => placement.fill(raw, |bytes| f64::from(i32::from_le_bytes(bytes))),
+            Sample::U32 => placement.fill(raw, |bytes| f64::from(u32::from_le_bytes(bytes))),
+            Sample::I64 => placement.fill(raw, |bytes| i64::from_le_bytes(bytes) as f64),
+            Sample::U64 => placement.fill(raw, |bytes| u64::from_le_bytes(bytes) as f64),
+            Sample::F32 => placement.fill(raw, |bytes| f64::from(f32::from_le_bytes(bytes))),
+            Sample::F64 => placement.fill(raw, f64::from_le_bytes),
+        }
+    }
+
+    /// Decodes a whole array of numbers; what is left of `raw` after the last whole number is passed over.
+    pub(super) fn decode_all(self, raw: &mut [u8], big_endian: bool) -> Vec<f64> {
+        if big_endian {
+            self.swap(raw);
+        }
+        let mut values = vec![0.0; raw.len() / self.bytes()];
+        self.decode(raw, Placement::Column { values: &mut values, start: 0, stride: 1, factor: 1.0 });
+        values
+    }
+
+    /// Turns big-endian numbers into little-endian ones.
+    fn swap(self, raw: &mut [u8]) {
+        raw.chunks_exact_mut(self.bytes()).for_each(<[u8]>::reverse);
+    }
+}
+
+/// Where decoded numbers go in a block's row-major values.
+enum Placement<'a> {
+    /// `raw` holds whole rows of `width` numbers, of which the selected columns are taken.
+    Rows { values: &'a mut [f64], width: usize, selection: &'a Selection },
+    /// `raw` holds one channel, which goes to every `stride`-th value from `start` on.
+    Column { values: &'a mut [f64], start: usize, stride: usize, factor: f64 },
+}
+
+impl Placement<'_> {
+    fn fill<const N: usize>(self, raw: &[u8], decode: impl Fn([u8; N]) -> f64) {
+        let (numbers, _) = raw.as_chunks::<N>();
+        match self {
+            Placement::Rows { values, width, selection } => {
+                let channels = selection.columns.len().max(1);
+                let rows = numbers.chunks_exact(width.max(1)).zip(values.chunks_exact_mut(channels));
+                if selection.columns.iter().copied().eq(0..width) {
+                    for (numbers, values) in rows {
+                        for ((value, number), factor) in values.iter_mut().zip(numbers).zip(&selection.factors) {
+                            *value = decode(*number) * factor;
+                        }
+                    }
+                    return;
+                }
+                for (numbers, values) in rows {
+                    let channels = selection.columns.iter().zip(&selection.factors);
+                    for (value, (column, factor)) in values.iter_mut().zip(channels) {
+                        *value = numbers.get(*column).map_or(f64::NAN, |number| decode(*number) * factor);
+                    }
+                }
+            }
+            Placement::Column { values, start, stride, factor } => {
+                let values = values.iter_mut().skip(start).step_by(stride.max(1));
+                for (value, number) in values.zip(numbers) {
+                    *value = decode(*number) * factor;
+                }
+            }
+        }
+    }
+}
+
+/// Where an array's bytes are.
+#[derive(Debug)]
+pub(super) enum Source {
+    File(File),
+    Memory(Vec<u8>),
+}
+
+impl Source {
+    /// Fills `raw` from `offset` on.
+    fn fetch(&mut self, offset: u64, raw: &mut [u8]) -> io::Result<()> {
+        match self {
+            Source::File(file) => {
+                file.seek(SeekFrom::Start(offset))?;
+                file.read_exact(raw)
+            }
+            Source::Memory(bytes) => {
+                let start = usize::try_from(offset).unwrap_or(usize::MAX).min(bytes.len());
+                bytes.get(start..).unwrap_or_default().read_exact(raw)
+            }
+        }
+    }
+}
+
+/// How an array of `rows × columns` lies in its source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Layout {
+    /// Byte at which the first number stands.
+    pub(super) offset: u64,
+    pub(super) sample: Sample,
+    pub(super) big_endian: bool,
+    /// Samples in time.
+    pub(super) rows: u64,
+    /// Columns of the file.
+    pub(super) columns: usize,
+    /// Whether the numbers of one row stand together, or else those of one column.
+    pub(super) row_by_row: bool,
+}
+
+impl Layout {
+    /// Bytes of all numbers; `None` where no file could be so large.
+    pub(super) fn bytes(&self) -> Option<u64> {
+        self.rows.checked_mul(self.columns as u64)?.checked_mul(self.sample.bytes() as u64)
+    }
+}
+
+/// Reads an array row by row, in blocks.
+#[derive(Debug)]
+pub(super) struct ArrayReader {
+    path: PathBuf,
+    source: Source,
+    layout: Layout,
+    next_row: u64,
+    block_start: u64,
+    raw: Vec<u8>,
+}
+
+impl ArrayReader {
+    /// A reader of an array in `source`, which was read from the file `path`.
+    pub(super) fn new(path: PathBuf, source: Source, layout: Layout) -> Self {
+        Self { path, source, layout, next_row: 0, block_start: 0, raw: Vec::new() }
+    }
+
+    pub(super) fn rows(&self) -> u64 {
+        self.layout.rows
+    }
+
+    pub(super) fn columns(&self) -> usize {
+        self.layout.columns
+    }
+
+    /// Fetches `count` numbers from the `first` on, little-endian, into `raw`.
+    fn fetch(&mut self, first: u64, count: usize) -> Result<(), RecordError> {
+        let size = self.layout.sample.bytes();
+        self.raw.resize(count * size, 0);
+        let offset = self.layout.offset + first * size as u64;
+        self.source.fetch(offset, &mut self.raw).map_err(RecordError::io(&self.path))?;
+        if self.layout.big_endian {
+            self.layout.sample.swap(&mut self.raw);
+        }
+        Ok(())
+    }
+}
+
+impl RowReader for ArrayReader {
+    fn read(
+        &mut self,
+        rows: usize,
+        selection: &Selection,
+        _clock: &mut Clock,
+        values: &mut Vec<f64>,
+    ) -> Result<usize, RecordError> {
+        let Layout { columns, sample, .. } = self.layout;
+        let left = usize::try_from(self.layout.rows - self.next_row).unwrap_or(usize::MAX);
+        let rows = rows.min(left);
+        let channels = selection.columns.len();
+        let start = values.len();
+        values.resize(start + rows * channels, 0.0);
+        let values = values.get_mut(start..).unwrap_or_default();
+        if self.layout.row_by_row {
+            self.fetch(self.next_row * columns as u64, rows * columns)?;
+            sample.decode(&self.raw, Placement::Rows { values, width: columns, selection });
+        } else {
+            for (channel, (column, factor)) in selection.columns.iter().zip(&selection.factors).enumerate() {
+                self.fetch(*column as u64 * self.layout.rows + self.next_row, rows)?;
+                let placement = Placement::Column { values, start: channel, stride: channels, factor: *factor };
+                sample.decode(&self.raw, placement);
+            }
+        }
+        self.block_start = self.next_row;
+        self.next_row += rows as u64;
+        Ok(rows)
+    }
+
+    fn place(&self, row: usize) -> Place {
+        Place { file: self.path.clone(), at: At::Row(self.block_start + row as u64 + 1) }
+    }
+}

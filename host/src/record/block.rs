@@ -1,0 +1,44 @@
+//! Blocks: a few thousand rows of a recording at a time, in a buffer that is used again and again.
+
+/// Consecutive rows of a recording, row-major, `rows × channels`; a missing sample is NaN.
+///
+/// Values are in m/s² (m/s where the setup's unit is metre per second), channels in the order of the setup's sensors.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Block {
+    channels: usize,
+    values: Vec<f64>,
+}
+
+impl Block {
+    /// An empty block; [`Recording::next_block`](super::Recording::next_block) gives it its channels and rows.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Channels a row.
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// Number of rows.
+    pub fn row_count(&self) -> usize {
+        self.values.len() / self.channels.max(1)
+    }
+
+    /// The rows in time order, each with one value a channel.
+    pub fn rows(&self) -> impl ExactSizeIterator<Item = &[f64]> {
+        self.values.chunks_exact(self.channels.max(1))
+    }
+
+    /// All values, row after row.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Empties the block for rows of `channels` values and hands out its buffer, which keeps its capacity.
+    pub(super) fn start(&mut self, channels: usize) -> &mut Vec<f64> {
+        self.channels = channels;
+        self.values.clear();
+        &mut self.values
+    }
+}

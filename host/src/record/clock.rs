@@ -1,0 +1,133 @@
+//! The time column: holds it against the setup's sampling rate and says where rows are missing.
+//!
+//! Times in seconds flow in, row by row and file after file; the number of rows lost before each flows out.
+
+use super::error::{Place, RecordError};
+
+/// A time column's step may differ from the sampling rate by this much.
+const RATE_TOLERANCE: f64 = 1e-3;
+/// Rows that may be filled into one recording: 55 h at 50 Hz. More is a wrong time column, not a gap.
+const MOST_FILLED_ROWS: u64 = 10_000_000;
+/// The rate is held against the setup's over stretches of this many steps.
+const STEPS_TO_CHECK: u32 = 4096;
+/// Gaps in time that are kept one by one.
+const GAPS_KEPT: usize = 5;
+
+/// Rows missing from a recording by its time column.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct TimeGap {
+    /// The row after the gap.
+    pub(super) place: Place,
+    /// Rows missing, filled with NaN.
+    pub(super) rows: u64,
+}
+
+/// Follows the time column through a recording.
+#[derive(Debug, Clone)]
+pub(super) struct Clock {
+    sampling_rate_hz: f64,
+    recording_start_s: Option<f64>,
+    previous_s: Option<f64>,
+    at_file_start: bool,
+    regular_s: f64,
+    regular_steps: u32,
+    /// The first few gaps.
+    pub(super) gaps: Vec<TimeGap>,
+    /// All gaps.
+    pub(super) gap_count: u64,
+    /// Rows missing in all gaps together.
+    pub(super) missing_rows: u64,
+}
+
+impl Clock {
+    pub(super) fn new(sampling_rate_hz: f64) -> Self {
+        Self {
+            sampling_rate_hz,
+            recording_start_s: None,
+            previous_s: None,
+            at_file_start: true,
+            regular_s: 0.0,
+            regular_steps: 0,
+            gaps: Vec::new(),
+            gap_count: 0,
+            missing_rows: 0,
+        }
+    }
+
+    /// Tells that the next time is a file's first.
+    pub(super) fn start_file(&mut self) {
+        self.at_file_start = true;
+        self.regular_s = 0.0;
+        self.regular_steps = 0;
+    }
+
+    /// Takes a row's time, which is finite, and returns the rows missing before it.
+    ///
+    /// A step of more than one and a half sampling intervals is a gap. A file whose times start again where those of
+    /// the recording's first file did (or at zero) follows the file before it without a gap.
+    pub(super) fn advance(&mut self, time_s: f64, column: &str, place: &Place) -> Result<u64, RecordError> {
+        let start_s = *self.recording_start_s.get_or_insert(time_s);
+        let first_of_file = std::mem::take(&mut self.at_file_start);
+        let Some(previous_s) = self.previous_s.replace(time_s) else { return Ok(0) };
+        let step_s = time_s - previous_s;
+        let step_rows = step_s * self.sampling_rate_hz;
+        if first_of_file && step_s <= 0.0 {
+            let restarts = |at_s: f64| (time_s - at_s).abs() * self.sampling_rate_hz <= 1.5;
+            if restarts(start_s) || restarts(0.0) {
+                return Ok(0);
+            }
+        }
+        if step_s <= 0.0 {
+            return Err(RecordError::TimeBackwards { place: place.clone(), previous_s, time_s });
+        }
+        if step_rows <= 1.5 {
+            self.check_regular_step(step_s, column, place)?;
+            return Ok(0);
+        }
+        let rows = step_rows.round() as u64 - 1; // a float too large for u64 saturates, and is refused here
+        if rows > MOST_FILLED_ROWS.saturating_sub(self.missing_rows) {
+            return Err(RecordError::GapTooLong { place: place.clone(), previous_s, time_s, limit: MOST_FILLED_ROWS });
+        }
+        self.missing_rows += rows;
+        self.gap_count += 1;
+        if self.gaps.len() < GAPS_KEPT {
+            self.gaps.push(TimeGap { place: place.clone(), rows });
+        }
+        Ok(rows)
+    }
+
+    /// Notices a rate that changes within a file: every full stretch of regular steps must keep the setup's rate.
+    fn check_regular_step(&mut self, step_s: f64, column: &str, place: &Place) -> Result<(), RecordError> {
+        self.regular_s += step_s;
+        self.regular_steps += 1;
+        if self.regular_steps < STEPS_TO_CHECK {
+            return Ok(());
+        }
+        let measured_hz = f64::from(self.regular_steps) / self.regular_s;
+        self.regular_s = 0.0;
+        self.regular_steps = 0;
+        if (measured_hz / self.sampling_rate_hz - 1.0).abs() <= RATE_TOLERANCE {
+            return Ok(());
+        }
+        let (place, column, stated_hz) = (place.clone(), column.to_owned(), self.sampling_rate_hz);
+        Err(RecordError::RateDiffers { place, column, measured_hz, stated_hz })
+    }
+}
+
+/// The rate that disagrees with `sampling_rate_hz` by more than 0.1 %, of a file's first times; `None` where they agree
+/// or say nothing.
+///
+/// The median step tells gaps from regular steps; the mean of the regular ones is then free of the rounding of the
+/// single times (128 Hz written with three decimals steps by 0.007 and 0.008 s). What rounding to `resolution_s` can
+/// still do to the mean is allowed for.
+pub(super) fn disagreeing_rate_hz(times_s: &[f64], resolution_s: f64, sampling_rate_hz: f64) -> Option<f64> {
+    let mut steps_s: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
+    steps_s.sort_by(f64::total_cmp);
+    let median_s = *steps_s.get(steps_s.len() / 2)?;
+    let regular = steps_s.iter().filter(|step| **step < 1.5 * median_s);
+    let (count, sum_s) = regular.fold((0_u32, 0.0), |(count, sum_s), step_s| (count + 1, sum_s + step_s));
+    let measured_hz = f64::from(count) / sum_s;
+    let allowed = RATE_TOLERANCE + resolution_s / sum_s;
+    // A rate that is no number (a step of the smallest doubles) disagrees too.
+    if (measured_hz / sampling_rate_hz - 1.0).abs() <= allowed { None } else { Some(measured_hz) }
+}

@@ -1,0 +1,98 @@
+//! Columns: which of a file's columns each sensor of the setup is, and what makes SI units of its numbers.
+
+use std::fmt;
+use std::path::Path;
+
+use super::error::RecordError;
+use crate::study::{Sensor, Setup, Unit};
+
+/// Standard gravity in m/s² (3rd General Conference on Weights and Measures, 1901).
+const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
+
+/// A file's columns.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Columns {
+    /// Named by a header, in the file's order.
+    Named(Vec<String>),
+    /// Known by their position, from 1.
+    Numbered(usize),
+}
+
+impl fmt::Display for Columns {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Columns::Named(names) => write!(formatter, "the columns `{}`", names.join("`, `")),
+            Columns::Numbered(1) => write!(formatter, "1 column without a name, which is channel 1"),
+            Columns::Numbered(count) => {
+                write!(formatter, "{count} columns without names, which are channels 1 to {count}")
+            }
+        }
+    }
+}
+
+impl Columns {
+    /// The column (from 0) that a sensor's `channel` names.
+    pub(super) fn find(&self, channel: &str, file: &Path) -> Result<usize, RecordError> {
+        let unknown = || RecordError::UnknownChannel {
+            file: file.to_owned(),
+            channel: channel.to_owned(),
+            available: self.to_string(),
+        };
+        match self {
+            Columns::Named(names) => {
+                let mut found = (0..).zip(names).filter(|(_, name)| *name == channel.trim()).map(|(column, _)| column);
+                match (found.next(), found.next()) {
+                    (Some(column), None) => Ok(column),
+                    (Some(_), Some(_)) => {
+                        Err(RecordError::AmbiguousChannel { file: file.to_owned(), channel: channel.to_owned() })
+                    }
+                    (None, _) => Err(unknown()),
+                }
+            }
+            Columns::Numbered(count) => match channel.trim().parse::<usize>() {
+                Ok(position) if (1..=*count).contains(&position) => Ok(position - 1),
+                _ => Err(unknown()),
+            },
+        }
+    }
+}
+
+/// The setup's channels as they lie in its files.
+#[derive(Debug, Clone)]
+pub(super) struct Selection {
+    /// The column of each channel, from 0; every one of them exists in the setup's files.
+    pub(super) columns: Vec<usize>,
+    /// What each channel's numbers are multiplied by.
+    pub(super) factors: Vec<f64>,
+    /// The channels' names as the sensors have them.
+    pub(super) channels: Vec<String>,
+}
+
+impl Selection {
+    /// Finds the setup's sensors among the columns of `file`.
+    pub(super) fn new(setup: &Setup, columns: &Columns, file: &Path) -> Result<Self, RecordError> {
+        let sensors = &setup.sensors;
+        Ok(Self {
+            columns: sensors.iter().map(|sensor| columns.find(&sensor.channel, file)).collect::<Result<_, _>>()?,
+            factors: sensors.iter().map(|sensor| si_factor(setup.unit, sensor)).collect::<Result<_, _>>()?,
+            channels: sensors.iter().map(|sensor| sensor.channel.clone()).collect(),
+        })
+    }
+
+    /// The name of a channel, for errors.
+    pub(super) fn channel(&self, index: usize) -> String {
+        self.channels.get(index).cloned().unwrap_or_default()
+    }
+}
+
+/// What makes m/s² (or m/s of a velocity) of a recorded number.
+fn si_factor(unit: Unit, sensor: &Sensor) -> Result<f64, RecordError> {
+    match unit {
+        Unit::MetrePerSecondSquared | Unit::MetrePerSecond => Ok(1.0),
+        Unit::StandardGravity => Ok(STANDARD_GRAVITY_M_S2),
+        Unit::Volt => match sensor.sensitivity_v_per_m_s2 {
+            Some(sensitivity) if sensitivity.is_normal() => Ok(sensitivity.recip()),
+            _ => Err(RecordError::NoSensitivity { channel: sensor.channel.clone() }),
+        },
+    }
+}

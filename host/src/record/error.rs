@@ -1,0 +1,147 @@
+//! What can be wrong with a recording: each error names the place and the thing found there, and says what to do.
+
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::mat::MatError;
+
+/// A place in a recording's file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// The file.
+    pub file: PathBuf,
+    /// Where in the file.
+    pub at: At,
+}
+
+/// A position in a file, counted from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum At {
+    /// A line of a text file, as an editor counts it.
+    Line(u64),
+    /// A row of samples of a binary file.
+    Row(u64),
+}
+
+impl Place {
+    pub(super) fn line(file: &Path, line: u64) -> Self {
+        Self { file: file.to_owned(), at: At::Line(line) }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.at {
+            At::Line(line) => write!(formatter, "{}, line {line}", self.file.display()),
+            At::Row(row) => write!(formatter, "{}, row {row}", self.file.display()),
+        }
+    }
+}
+
+/// Why a recording could not be read.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)] // the messages say what each field is
+pub enum RecordError {
+    #[error("setup `{setup}` has no sensors: add a [[setup.sensor]] for each channel to read")]
+    NoSensors { setup: String },
+    #[error("setup `{setup}` names no files: give `files`, such as files = [\"record_*.txt\"]")]
+    NoFiles { setup: String },
+    #[error(
+        "setup `{setup}` has a sampling rate of {sampling_rate_hz} Hz: expected a positive number of rows a second"
+    )]
+    SamplingRate { setup: String, sampling_rate_hz: f64 },
+    #[error(
+        "channel `{channel}` is recorded in volts, but its sensor has no usable sensitivity: give the sensor its sensitivity in V/(m/s²), not zero"
+    )]
+    NoSensitivity { channel: String },
+    #[error("file pattern `{pattern}` cannot be read: {reason}")]
+    Pattern { pattern: String, reason: String },
+    #[error(
+        "no file matches `{pattern}` in {folder}: check `files` of the setup; patterns start at the study's folder"
+    )]
+    NothingMatches { pattern: String, folder: PathBuf },
+    #[error("{file} is named twice by the setup's `files`: its rows would count twice, so make the patterns disjoint")]
+    FileTwice { file: PathBuf },
+    #[error(
+        "{file}: the ending says nothing about the format: expected .txt, .asc or .dat (white space), .csv, .npy or .mat"
+    )]
+    UnknownEnding { file: PathBuf },
+    #[error("{file}: {format} recordings are not read yet: export the recording as .csv, .npy or .mat")]
+    NotReadYet { file: PathBuf, format: &'static str },
+    #[error("{file} cannot be read: {source}")]
+    Io { file: PathBuf, source: io::Error },
+    #[error(
+        "{file} is empty: expected at least one row of samples, so take the file out of the setup's `files` or restore it"
+    )]
+    Empty { file: PathBuf },
+    #[error(
+        "{file} has {found}, but the setup's first file {first_file} has {expected}: all files of one setup must have the same columns"
+    )]
+    OtherColumns { file: PathBuf, found: String, first_file: PathBuf, expected: String },
+    #[error("{file} has no channel `{channel}`: it has {available}; correct `channel` of the sensor")]
+    UnknownChannel { file: PathBuf, channel: String, available: String },
+    #[error(
+        "{file} has more than one column named `{channel}`: rename them so that the sensor's channel is one of them"
+    )]
+    AmbiguousChannel { file: PathBuf, channel: String },
+    #[error(
+        "{place}: {found} values, but the rows before it (or the header) have {expected}: complete or remove the line; a missing sample is written NaN"
+    )]
+    Ragged { place: Place, expected: usize, found: usize },
+    #[error("{place}, channel `{channel}`: `{text}` is not a number: {hint}")]
+    NotANumber { place: Place, channel: String, text: String, hint: &'static str },
+    #[error(
+        "{place}, channel `{channel}`: the value is infinite: expected finite numbers; write a missing or clipped sample as NaN"
+    )]
+    Infinite { place: Place, channel: String },
+    #[error("{place}: longer than {limit} bytes: expected one row of numbers a line; is this a text file?")]
+    LineTooLong { place: Place, limit: usize },
+    #[error("{place}: a quote is not closed on its line: cells of a recording must not run over several lines")]
+    OpenQuote { place: Place },
+    #[error(
+        "{place}: the rows follow each other at {measured_hz:.4} Hz by the time column `{column}`, but the setup's sampling_rate_hz is {stated_hz}: correct sampling_rate_hz, or the column where it is not in seconds"
+    )]
+    RateDiffers { place: Place, column: String, measured_hz: f64, stated_hz: f64 },
+    #[error(
+        "{place}: time column `{column}` holds `{text}`: only seconds as plain numbers are read; convert the column, or rename it (to `clock`, say) to go by sampling_rate_hz alone"
+    )]
+    TimeNotSeconds { place: Place, column: String, text: String },
+    #[error(
+        "{place}: time goes from {previous_s} s to {time_s} s: it must advance with every row; put rows and files in the order of time, or rename the time column to go by sampling_rate_hz alone"
+    )]
+    TimeBackwards { place: Place, previous_s: f64, time_s: f64 },
+    #[error(
+        "{place}: time jumps from {previous_s} s to {time_s} s: filling the gap would take the recording beyond {limit} filled rows; make two setups of the parts, or correct the time column"
+    )]
+    GapTooLong { place: Place, previous_s: f64, time_s: f64, limit: u64 },
+    #[error(
+        "{file} is cut short: {expected} bytes of samples announced, {found} there; copy the file again, or cut the shape in its header"
+    )]
+    Truncated { file: PathBuf, expected: u64, found: u64 },
+    #[error(
+        "{file} holds numbers of type `{found}`: expected real numbers (f4, f8 or integers of 1 to 8 bytes); convert with numpy's astype('<f8')"
+    )]
+    WrongDtype { file: PathBuf, found: String },
+    #[error("{file} is not a NumPy array file: {reason}; save the recording again with numpy.save")]
+    NpyHeader { file: PathBuf, reason: String },
+    #[error("{file} holds an array of shape {shape}: expected rows × channels (or one channel)")]
+    Shape { file: PathBuf, shape: String },
+    #[error(transparent)]
+    Mat(#[from] MatError),
+}
+
+impl RecordError {
+    /// For `map_err` on what is done to `file`.
+    pub(super) fn io(file: &Path) -> impl Fn(io::Error) -> RecordError + '_ {
+        move |source| RecordError::Io { file: file.to_owned(), source }
+    }
+}
+
+/// A cell's text as an error quotes it: printable and short, whatever the file holds.
+pub(super) fn quoted(cell: &[u8]) -> String {
+    const LONGEST: usize = 40;
+    let text = String::from_utf8_lossy(cell.get(..LONGEST).unwrap_or(cell));
+    let ellipsis = if cell.len() > LONGEST { "…" } else { "" };
+    format!("{}{ellipsis}", text.escape_debug())
+}

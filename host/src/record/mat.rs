@@ -1,0 +1,173 @@
+//! MATLAB v5 files: their variables, read as whole matrices (models) or row by row (recordings).
+//!
+//! The format is that of MathWorks' "MAT-File Format": elements with a tag, a variable being an element of elements,
+//! compressed or not. An uncompressed recording is read by seeking; a compressed one is inflated into memory first.
+
+mod element;
+mod error;
+
+use std::fs::File;
+use std::path::Path;
+
+use nalgebra::DMatrix;
+
+use super::array::{ArrayReader, Layout, Source};
+use element::MatFile;
+
+pub use element::{Class, Variable};
+pub use error::MatError;
+
+/// Numbers in the largest matrix that is made dense: 1 GiB.
+const MOST_NUMBERS: u64 = 1 << 27;
+
+/// The named variables of a MATLAB v5 file, in the file's order.
+///
+/// # Errors
+/// Where the file cannot be read, is of another version, or is damaged.
+pub fn variables(path: &Path) -> Result<Vec<Variable>, MatError> {
+    MatFile::open(path)?.variables()
+}
+
+/// Reads a real matrix, full or sparse, by its variable's name.
+///
+/// # Errors
+/// Where the file cannot be read or is damaged, has no variable of that name, or the variable is no real matrix of a
+/// size that fits memory.
+pub fn read_matrix(path: &Path, name: &str) -> Result<DMatrix<f64>, MatError> {
+    let file = MatFile::open(path)?;
+    let variable = find(path, file.variables()?, name)?;
+    let (rows, columns) = real_dimensions(path, &variable)?;
+    let numbers = rows.checked_mul(columns).filter(|numbers| *numbers <= MOST_NUMBERS);
+    let (Some(_), Ok(row_count), Ok(column_count)) = (numbers, usize::try_from(rows), usize::try_from(columns)) else {
+        return Err(MatError::TooLarge { file: path.to_owned(), variable: variable.name, rows, columns });
+    };
+    if variable.class == Class::Sparse {
+        let entries = file.sparse(&variable)?;
+        let mut matrix = DMatrix::zeros(row_count, column_count);
+        for (row, column, value) in entries {
+            match matrix.get_mut((row, column)) {
+                Some(entry) => *entry += value,
+                None => {
+                    let reason = format!("entry ({row}, {column}) is outside {rows} × {columns}");
+                    return Err(MatError::Damaged { file: path.to_owned(), variable: variable.name, reason });
+                }
+            }
+        }
+        return Ok(matrix);
+    }
+    // MATLAB stores column after column, as nalgebra does.
+    let values = file.full(&variable)?;
+    if values.len() != row_count * column_count {
+        let reason = format!("{} numbers where {rows} × {columns} are announced", values.len());
+        return Err(MatError::Damaged { file: path.to_owned(), variable: variable.name, reason });
+    }
+    Ok(DMatrix::from_vec(row_count, column_count, values))
+}
+
+/// Shape of a recording: its longer dimension is time (the first, where they are equal).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct RecordingShape {
+    pub(super) rows: u64,
+    pub(super) columns: usize,
+    row_by_row: bool,
+}
+
+/// The shape of the recording that `variable` names, or the file's only matrix.
+pub(super) fn recording_shape(path: &Path, variable: Option<&str>) -> Result<RecordingShape, MatError> {
+    let chosen = recording_variable(path, variable)?;
+    let shape = shape_of(path, &chosen)?;
+    if !chosen.is_compressed() {
+        // Finds a file cut short before the reading starts.
+        MatFile::open(path)?.numbers(&chosen)?;
+    }
+    Ok(shape)
+}
+
+/// Opens the recording that `variable` names, or the file's only matrix.
+pub(super) fn open_recording(path: &Path, variable: Option<&str>) -> Result<ArrayReader, MatError> {
+    let chosen = recording_variable(path, variable)?;
+    let shape = shape_of(path, &chosen)?;
+    let numbers = MatFile::open(path)?.numbers(&chosen)?;
+    let source = match numbers.in_memory {
+        Some(bytes) => Source::Memory(bytes),
+        None => Source::File(File::open(path).map_err(MatError::io(path))?),
+    };
+    let layout = Layout {
+        offset: numbers.offset,
+        sample: numbers.sample,
+        big_endian: numbers.big_endian,
+        rows: shape.rows,
+        columns: shape.columns,
+        row_by_row: shape.row_by_row,
+    };
+    Ok(ArrayReader::new(path.to_owned(), source, layout))
+}
+
+fn shape_of(path: &Path, variable: &Variable) -> Result<RecordingShape, MatError> {
+    let (first, second) = real_dimensions(path, variable)?;
+    let (file, name) = (path.to_owned(), variable.name.clone());
+    if variable.class != Class::Numeric {
+        return Err(MatError::NotNumeric { file, variable: name, found: variable.class.to_string() });
+    }
+    if first == 0 || second == 0 {
+        return Err(MatError::Empty { file, variable: name });
+    }
+    let row_by_row = second > first;
+    let (rows, columns) = if row_by_row { (second, first) } else { (first, second) };
+    let columns = usize::try_from(columns).map_err(|_| MatError::TooLarge { file, variable: name, rows, columns })?;
+    Ok(RecordingShape { rows, columns, row_by_row })
+}
+
+/// The variable a recording is in: the one named, else the only matrix, else (no matrix) the only vector.
+fn recording_variable(path: &Path, name: Option<&str>) -> Result<Variable, MatError> {
+    let mut variables = variables(path)?;
+    if let Some(name) = name {
+        return find(path, variables, name);
+    }
+    let available = list(&variables);
+    variables.retain(|variable| variable.class == Class::Numeric && !variable.complex);
+    let longer_than_one = |variable: &Variable| variable.dimensions.iter().filter(|length| **length > 1).count();
+    variables.retain(|variable| variable.dimensions.len() == 2);
+    for least in [2, 1] {
+        let mut candidates: Vec<Variable> =
+            variables.iter().filter(|variable| longer_than_one(variable) >= least).cloned().collect();
+        match (candidates.pop(), candidates.is_empty()) {
+            (Some(only), true) => return Ok(only),
+            (Some(last), false) => {
+                candidates.push(last);
+                return Err(MatError::SeveralMatrices { file: path.to_owned(), candidates: list(&candidates) });
+            }
+            (None, _) => {}
+        }
+    }
+    Err(MatError::NoMatrix { file: path.to_owned(), available })
+}
+
+fn find(path: &Path, variables: Vec<Variable>, name: &str) -> Result<Variable, MatError> {
+    let available = list(&variables);
+    let found = variables.into_iter().find(|variable| variable.name == name);
+    found.ok_or_else(|| MatError::NoVariable { file: path.to_owned(), variable: name.to_owned(), available })
+}
+
+/// Variables as errors list them.
+fn list(variables: &[Variable]) -> String {
+    if variables.is_empty() {
+        return "no variables".to_owned();
+    }
+    variables.iter().map(Variable::to_string).collect::<Vec<_>>().join(", ")
+}
+
+/// Rows and columns of a variable that must be a real matrix.
+fn real_dimensions(path: &Path, variable: &Variable) -> Result<(u64, u64), MatError> {
+    let (file, name) = (path.to_owned(), variable.name.clone());
+    if let Class::Other(found) = variable.class {
+        return Err(MatError::NotNumeric { file, variable: name, found: found.to_owned() });
+    }
+    if variable.complex {
+        return Err(MatError::Complex { file, variable: name });
+    }
+    match variable.dimensions[..] {
+        [rows, columns] => Ok((rows, columns)),
+        _ => Err(MatError::Shape { file, variable: name, dimensions: variable.dimensions_text() }),
+    }
+}

@@ -1,0 +1,368 @@
+//! The elements of a MATLAB v5 file: tags, variables' headers, and where their numbers stand.
+
+use std::fmt;
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use flate2::read::ZlibDecoder;
+
+use super::error::MatError;
+use crate::record::array::Sample;
+
+const FILE_HEADER_BYTES: usize = 128;
+const HDF5_SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
+const MATRIX: u32 = 14;
+const COMPRESSED: u32 = 15;
+const COMPLEX_FLAG: u32 = 0x0800;
+/// Bytes of a variable's flags, dimensions or name; more is damage.
+const LONGEST_HEADER_PART: u32 = 1 << 16;
+
+/// What a variable is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Class {
+    /// A full array of numbers.
+    Numeric,
+    /// A sparse matrix.
+    Sparse,
+    /// Something else, by MATLAB's name for it.
+    Other(&'static str),
+}
+
+impl fmt::Display for Class {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Class::Numeric => "numeric",
+            Class::Sparse => "sparse",
+            Class::Other(name) => name,
+        })
+    }
+}
+
+/// A named variable of a MATLAB file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variable {
+    /// Its name.
+    pub name: String,
+    /// What it is.
+    pub class: Class,
+    /// Its dimensions, two at least.
+    pub dimensions: Vec<u64>,
+    /// Whether its numbers have an imaginary part.
+    pub complex: bool,
+    element: Element,
+}
+
+impl Variable {
+    /// Whether its numbers must be inflated before they can be read.
+    pub fn is_compressed(&self) -> bool {
+        self.element.compressed
+    }
+
+    /// Its dimensions as people write them: `3 × 2`.
+    pub fn dimensions_text(&self) -> String {
+        self.dimensions.iter().map(u64::to_string).collect::<Vec<_>>().join(" × ")
+    }
+}
+
+impl fmt::Display for Variable {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "`{}` ({}, {})", self.name, self.dimensions_text(), self.class)
+    }
+}
+
+/// An element's content in the file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Element {
+    offset: u64,
+    bytes: u64,
+    compressed: bool,
+}
+
+/// Where a variable's numbers are and how they are stored.
+#[derive(Debug)]
+pub(super) struct Numbers {
+    pub(super) sample: Sample,
+    pub(super) big_endian: bool,
+    /// Byte of the first number, in the file or in `in_memory`.
+    pub(super) offset: u64,
+    /// The numbers, where they had to be inflated.
+    pub(super) in_memory: Option<Vec<u8>>,
+}
+
+/// A MATLAB v5 file, its header read.
+#[derive(Debug)]
+pub(super) struct MatFile {
+    path: PathBuf,
+    bytes: u64,
+    big_endian: bool,
+}
+
+impl MatFile {
+    pub(super) fn open(path: &Path) -> Result<Self, MatError> {
+        let mut file = File::open(path).map_err(MatError::io(path))?;
+        let bytes = file.metadata().map_err(MatError::io(path))?.len();
+        if bytes == 0 {
+            return Err(MatError::EmptyFile { file: path.to_owned() });
+        }
+        let mut header = Vec::new();
+        (&mut file).take(FILE_HEADER_BYTES as u64).read_to_end(&mut header).map_err(MatError::io(path))?;
+        if header.starts_with(HDF5_SIGNATURE) || header.starts_with(b"MATLAB 7.3") {
+            return Err(MatError::Version73 { file: path.to_owned() });
+        }
+        // Version 0x0100, then "MI" as a 16-bit number: its bytes tell the file's byte order.
+        let big_endian = match header.get(124..) {
+            Some([0x00, 0x01, b'I', b'M']) => false,
+            Some([0x01, 0x00, b'M', b'I']) => true,
+            _ => return Err(MatError::NotVersion5 { file: path.to_owned() }),
+        };
+        Ok(Self { path: path.to_owned(), bytes, big_endian })
+    }
+
+    pub(super) fn variables(&self) -> Result<Vec<Variable>, MatError> {
+        let mut variables = Vec::new();
+        let mut offset = FILE_HEADER_BYTES as u64;
+        while offset < self.bytes {
+            let part = format!("the element at byte {offset}");
+            let tag = self.tag_at(offset).map_err(MatError::reading(&self.path, &part))?;
+            let element =
+                Element { offset: offset + 8, bytes: u64::from(tag.bytes), compressed: tag.kind == COMPRESSED };
+            let end = if tag.packed.is_some() { element.offset } else { element.offset + element.bytes };
+            if tag.kind == MATRIX || tag.kind == COMPRESSED {
+                let header = self.content(element).and_then(|mut content| content.variable_header());
+                // What has no name is MATLAB's own.
+                let header = header.map_err(MatError::reading(&self.path, &part))?;
+                if let Some(header) = header.filter(|header| !header.name.is_empty()) {
+                    let Header { name, class, dimensions, complex } = header;
+                    variables.push(Variable { name, class, dimensions, complex, element });
+                }
+            }
+            if end > self.bytes {
+                let part = variables.last().map_or(part, |variable| format!("variable `{}`", variable.name));
+                return Err(MatError::Truncated { file: self.path.clone(), part });
+            }
+            offset = end;
+        }
+        Ok(variables)
+    }
+
+    /// Finds a full variable's numbers; inflates them where they are compressed.
+    pub(super) fn numbers(&self, variable: &Variable) -> Result<Numbers, MatError> {
+        let part = format!("variable `{}`", variable.name);
+        let reading = MatError::reading(&self.path, &part);
+        let mut content = self.after_header(variable).map_err(&reading)?;
+        let tag = content.tag().map_err(&reading)?;
+        let damaged =
+            |reason: String| MatError::Damaged { file: self.path.clone(), variable: variable.name.clone(), reason };
+        let sample = sample_of(tag.kind).ok_or_else(|| damaged(format!("its numbers are of type {}", tag.kind)))?;
+        let expected = variable
+            .dimensions
+            .iter()
+            .try_fold(sample.bytes() as u64, |bytes, length| bytes.checked_mul(*length))
+            .unwrap_or(u64::MAX);
+        if u64::from(tag.bytes) != expected {
+            return Err(damaged(format!(
+                "{} bytes of numbers where {} need {expected}",
+                tag.bytes,
+                variable.dimensions_text()
+            )));
+        }
+        if tag.packed.is_none() && !variable.element.compressed {
+            let offset = variable.element.offset + content.consumed;
+            if offset + expected > self.bytes {
+                return Err(reading(io::ErrorKind::UnexpectedEof.into()));
+            }
+            return Ok(Numbers { sample, big_endian: self.big_endian, offset, in_memory: None });
+        }
+        let bytes = content.payload(&tag).map_err(&reading)?;
+        Ok(Numbers { sample, big_endian: self.big_endian, offset: 0, in_memory: Some(bytes) })
+    }
+
+    /// All numbers of a full variable, column after column.
+    pub(super) fn full(&self, variable: &Variable) -> Result<Vec<f64>, MatError> {
+        let part = format!("variable `{}`", variable.name);
+        let reading = MatError::reading(&self.path, &part);
+        self.numbers(variable)?; // checks type and size
+        self.after_header(variable).and_then(|mut content| content.values()).map_err(&reading)
+    }
+
+    /// The entries of a sparse variable: row and column from 0, and value.
+    pub(super) fn sparse(&self, variable: &Variable) -> Result<Vec<(usize, usize, f64)>, MatError> {
+        let part = format!("variable `{}`", variable.name);
+        let reading = MatError::reading(&self.path, &part);
+        let mut content = self.after_header(variable).map_err(&reading)?;
+        let rows = content.values().map_err(&reading)?;
+        let column_starts = content.values().map_err(&reading)?;
+        let values = content.values().map_err(&reading)?;
+        let mut entries = Vec::with_capacity(values.len());
+        for (column, bounds) in column_starts.windows(2).enumerate() {
+            let (start, end) = (bounds[0] as usize, bounds[1] as usize);
+            let (Some(rows), Some(values)) = (rows.get(start..end), values.get(start..end)) else {
+                let reason = format!("column {} of the sparse matrix has no entries {start} to {end}", column + 1);
+                let (file, variable) = (self.path.clone(), variable.name.clone());
+                return Err(MatError::Damaged { file, variable, reason });
+            };
+            entries.extend(rows.iter().zip(values).map(|(row, value)| (*row as usize, column, *value)));
+        }
+        Ok(entries)
+    }
+
+    fn tag_at(&self, offset: u64) -> io::Result<Tag> {
+        self.from(offset)?.tag()
+    }
+
+    /// The file's bytes from `offset` on.
+    fn from(&self, offset: u64) -> io::Result<Content> {
+        let mut file = File::open(&self.path)?;
+        file.seek(SeekFrom::Start(offset))?;
+        let reader = Box::new(BufReader::with_capacity(1 << 10, file));
+        Ok(Content { reader, big_endian: self.big_endian, consumed: 0 })
+    }
+
+    /// A variable's content, inflated where it is compressed.
+    fn content(&self, element: Element) -> io::Result<Content> {
+        let raw = self.from(element.offset)?;
+        if !element.compressed {
+            return Ok(raw);
+        }
+        let inflated = Box::new(BufReader::new(ZlibDecoder::new(raw.reader.take(element.bytes))));
+        let mut content = Content { reader: inflated, big_endian: self.big_endian, consumed: 0 };
+        match content.tag()?.kind {
+            MATRIX => Ok(content),
+            kind => Err(invalid(format!("a compressed element of type {kind}, expected a matrix"))),
+        }
+    }
+
+    /// A variable's content from behind its header on.
+    fn after_header(&self, variable: &Variable) -> io::Result<Content> {
+        let mut content = self.content(variable.element)?;
+        content.variable_header()?;
+        Ok(content)
+    }
+}
+
+/// An element's tag. Up to four bytes of content can be packed into the tag itself.
+#[derive(Debug)]
+struct Tag {
+    kind: u32,
+    bytes: u32,
+    packed: Option<[u8; 4]>,
+}
+
+/// A variable's header.
+struct Header {
+    name: String,
+    class: Class,
+    dimensions: Vec<u64>,
+    complex: bool,
+}
+
+/// Reads elements one after the other.
+struct Content {
+    reader: Box<dyn Read>,
+    big_endian: bool,
+    consumed: u64,
+}
+
+impl Content {
+    fn bytes<const N: usize>(&mut self) -> io::Result<[u8; N]> {
+        let mut bytes = [0; N];
+        self.reader.read_exact(&mut bytes)?;
+        self.consumed += N as u64;
+        Ok(bytes)
+    }
+
+    fn number(&self, bytes: [u8; 4]) -> u32 {
+        if self.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
+    }
+
+    fn tag(&mut self) -> io::Result<Tag> {
+        let first = self.bytes()?;
+        let second = self.bytes()?;
+        let kind = self.number(first);
+        if kind >> 16 == 0 {
+            return Ok(Tag { kind, bytes: self.number(second), packed: None });
+        }
+        match kind >> 16 {
+            bytes @ 1..=4 => Ok(Tag { kind: kind & 0xffff, bytes, packed: Some(second) }),
+            bytes => Err(invalid(format!("a packed element of {bytes} bytes, expected 4 at most"))),
+        }
+    }
+
+    /// The bytes behind `tag`, and past what fills them up to eight.
+    fn payload(&mut self, tag: &Tag) -> io::Result<Vec<u8>> {
+        if let Some(packed) = tag.packed {
+            return Ok(packed.into_iter().take(tag.bytes as usize).collect());
+        }
+        // Not allocated at once: a damaged tag may claim gigabytes.
+        let mut payload = Vec::new();
+        let bytes = u64::from(tag.bytes);
+        if (&mut self.reader).take(bytes).read_to_end(&mut payload)? as u64 != bytes {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        let padding = bytes.next_multiple_of(8) - bytes;
+        let skipped = io::copy(&mut (&mut self.reader).take(padding), &mut io::sink())?;
+        self.consumed += bytes + skipped;
+        Ok(payload)
+    }
+
+    fn header_part(&mut self) -> io::Result<Vec<u8>> {
+        let tag = self.tag()?;
+        if tag.bytes > LONGEST_HEADER_PART {
+            return Err(invalid(format!("{} bytes in a variable's header", tag.bytes)));
+        }
+        self.payload(&tag)
+    }
+
+    /// Reads a variable's flags, dimensions and name; `None` for what has another layout (objects of newer classes).
+    fn variable_header(&mut self) -> io::Result<Option<Header>> {
+        let flags = self.header_part()?;
+        let Some((flags, _)) = flags.split_first_chunk() else {
+            return Err(invalid("a variable without flags".to_owned()));
+        };
+        let flags = self.number(*flags);
+        let class = match flags & 0xff {
+            1 => Class::Other("cell"),
+            2 => Class::Other("struct"),
+            3 => Class::Other("object"),
+            4 => Class::Other("char"),
+            5 => Class::Sparse,
+            6..=15 => Class::Numeric,
+            _ => return Ok(None),
+        };
+        let dimensions = self.header_part()?;
+        let (dimensions, _) = dimensions.as_chunks();
+        let dimensions: Vec<u64> = dimensions.iter().map(|length| u64::from(self.number(*length))).collect();
+        let name = String::from_utf8_lossy(&self.header_part()?).escape_debug().to_string();
+        Ok(Some(Header { name, class, dimensions, complex: flags & COMPLEX_FLAG != 0 }))
+    }
+
+    /// Reads an element of numbers.
+    fn values(&mut self) -> io::Result<Vec<f64>> {
+        let tag = self.tag()?;
+        let sample = sample_of(tag.kind).ok_or_else(|| invalid(format!("numbers of type {}", tag.kind)))?;
+        let mut raw = self.payload(&tag)?;
+        Ok(sample.decode_all(&mut raw, self.big_endian))
+    }
+}
+
+/// How numbers of an element's type are stored: MATLAB saves whole numbers small, whatever the variable's class.
+fn sample_of(kind: u32) -> Option<Sample> {
+    Some(match kind {
+        1 => Sample::I8,
+        2 => Sample::U8,
+        3 => Sample::I16,
+        4 => Sample::U16,
+        5 => Sample::I32,
+        6 => Sample::U32,
+        7 => Sample::F32,
+        9 => Sample::F64,
+        12 => Sample::I64,
+        13 => Sample::U64,
+        _ => return None,
+    })
+}
+
+fn invalid(reason: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, reason)
+}

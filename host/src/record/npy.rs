@@ -1,0 +1,152 @@
+//! NPY recordings: `rows × channels`, or one channel.
+//!
+//! The format is that of NumPy Enhancement Proposal 1: a short header, a Python dictionary, that says type, order and
+//! shape, then the numbers. The header is read here and not by a library because a damaged one must not end the
+//! program: those at hand multiply the shape unchecked and follow nested brackets without a limit.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use super::array::{ArrayReader, Layout, Sample, Source};
+use super::error::{RecordError, quoted};
+
+const MAGIC: &[u8; 6] = b"\x93NUMPY";
+/// NumPy itself refuses longer headers.
+const LONGEST_HEADER: u64 = 10_000;
+
+/// What a header says.
+#[derive(Debug, PartialEq)]
+struct Header {
+    descr: String,
+    fortran_order: bool,
+    shape: Vec<u64>,
+}
+
+/// Opens an NPY file for reading row by row. Of two dimensions the longer is time (the first, where they are equal).
+pub(super) fn open(path: &Path) -> Result<ArrayReader, RecordError> {
+    let file = File::open(path).map_err(RecordError::io(path))?;
+    let file_bytes = file.metadata().map_err(RecordError::io(path))?.len();
+    if file_bytes == 0 {
+        return Err(RecordError::Empty { file: path.to_owned() });
+    }
+    let damaged = |reason: String| RecordError::NpyHeader { file: path.to_owned(), reason };
+    let (text, offset) = header_text(BufReader::new(&file)).map_err(damaged)?;
+    let header = parse_header(&text).map_err(damaged)?;
+    let (sample, big_endian) = sample_type(&header.descr)
+        .ok_or_else(|| RecordError::WrongDtype { file: path.to_owned(), found: header.descr.clone() })?;
+    let (first, second) = match header.shape[..] {
+        [rows] => (rows, 1),
+        [first, second] => (first, second),
+        _ => return Err(shape_error(path, &header.shape)),
+    };
+    if first == 0 || second == 0 {
+        return Err(RecordError::Empty { file: path.to_owned() });
+    }
+    // In C order the second index runs fastest: a row stands together if rows are the first dimension.
+    let time_first = first >= second || header.shape.len() == 1;
+    let (rows, columns) = if time_first { (first, second) } else { (second, first) };
+    let columns = usize::try_from(columns).map_err(|_| shape_error(path, &header.shape))?;
+    let row_by_row = time_first != header.fortran_order;
+    let layout = Layout { offset, sample, big_endian, rows, columns, row_by_row };
+    let expected = layout.bytes().ok_or_else(|| shape_error(path, &header.shape))?;
+    let found = file_bytes.saturating_sub(offset);
+    if found < expected {
+        return Err(RecordError::Truncated { file: path.to_owned(), expected, found });
+    }
+    Ok(ArrayReader::new(path.to_owned(), Source::File(file), layout))
+}
+
+fn shape_error(path: &Path, shape: &[u64]) -> RecordError {
+    RecordError::Shape { file: path.to_owned(), shape: format!("{shape:?}") }
+}
+
+/// The header's text, and the byte at which the numbers start.
+fn header_text(mut reader: impl Read) -> Result<(Vec<u8>, u64), String> {
+    let mut start = [0; 8];
+    let cut = |_| "it ends within its header".to_owned();
+    reader.read_exact(&mut start).map_err(cut)?;
+    let Some([major, _]) = start.strip_prefix(MAGIC) else {
+        return Err(format!("it starts with `{}`", quoted(&start)));
+    };
+    let (length, before) = match major {
+        1 => {
+            let mut length = [0; 2];
+            reader.read_exact(&mut length).map_err(cut)?;
+            (u64::from(u16::from_le_bytes(length)), 10)
+        }
+        2 | 3 => {
+            let mut length = [0; 4];
+            reader.read_exact(&mut length).map_err(cut)?;
+            (u64::from(u32::from_le_bytes(length)), 12)
+        }
+        _ => return Err(format!("its format version {major} is unknown (1, 2 and 3 are known)")),
+    };
+    if length > LONGEST_HEADER {
+        return Err(format!("its header of {length} bytes is no description of a plain array"));
+    }
+    let mut text = Vec::new();
+    reader.take(length).read_to_end(&mut text).map_err(|error| error.to_string())?;
+    if (text.len() as u64) < length {
+        return Err("it ends within its header".to_owned());
+    }
+    Ok((text, before + length))
+}
+
+/// Reads `{'descr': '<f8', 'fortran_order': False, 'shape': (3, 2), }`.
+fn parse_header(text: &[u8]) -> Result<Header, String> {
+    let text = std::str::from_utf8(text).map_err(|_| "its header is not text".to_owned())?;
+    let value_of = |key: &str| {
+        let found = ['\'', '"'].into_iter().find_map(|quote| text.split_once(&format!("{quote}{key}{quote}")));
+        let value = found.and_then(|(_, rest)| rest.trim_start().strip_prefix(':'));
+        value.map(str::trim_start).ok_or_else(|| format!("its header has no `{key}`"))
+    };
+    let descr = value_of("descr")?;
+    let fortran = value_of("fortran_order")?;
+    let shape = value_of("shape")?;
+    // A description that is not one quoted word (a list: named fields) is kept as written, to be refused by name.
+    let descr = ['\'', '"']
+        .into_iter()
+        .find_map(|quote| descr.strip_prefix(quote)?.split_once(quote))
+        .map_or_else(|| quoted(descr.as_bytes()), |(word, _)| word.escape_debug().to_string());
+    let fortran_order = match (fortran.starts_with("True"), fortran.starts_with("False")) {
+        (true, _) => true,
+        (_, true) => false,
+        _ => return Err("its `fortran_order` is neither True nor False".to_owned()),
+    };
+    let inside = shape.strip_prefix('(').and_then(|rest| rest.split_once(')')).map(|(inside, _)| inside.trim());
+    let inside = inside.ok_or_else(|| "its `shape` is not a tuple".to_owned())?;
+    let shape = match inside.strip_suffix(',').unwrap_or(inside) {
+        "" => Vec::new(),
+        lengths => lengths
+            .split(',')
+            .map(|length| {
+                length.trim().parse().map_err(|_| format!("its `shape` holds `{}`", quoted(length.as_bytes())))
+            })
+            .collect::<Result<_, _>>()?,
+    };
+    Ok(Header { descr, fortran_order, shape })
+}
+
+/// How the numbers that NumPy describes so are stored, and whether big-endian; `None` where they are no real numbers.
+fn sample_type(descr: &str) -> Option<(Sample, bool)> {
+    let (order, kind) = descr.split_at_checked(1)?;
+    let sample = match kind {
+        "i1" => Sample::I8,
+        "u1" => Sample::U8,
+        "i2" => Sample::I16,
+        "u2" => Sample::U16,
+        "i4" => Sample::I32,
+        "u4" => Sample::U32,
+        "i8" => Sample::I64,
+        "u8" => Sample::U64,
+        "f4" => Sample::F32,
+        "f8" => Sample::F64,
+        _ => return None,
+    };
+    match order {
+        "<" | "|" => Some((sample, false)),
+        ">" => Some((sample, true)),
+        _ => None,
+    }
+}

@@ -1,0 +1,112 @@
+//! What the readers of all formats have in common, and the choice among them by a file's ending.
+
+use std::path::{Path, PathBuf};
+
+use super::array::ArrayReader;
+use super::clock::Clock;
+use super::columns::{Columns, Selection};
+use super::error::{Place, RecordError};
+use super::text::TextReader;
+use super::{mat, npy};
+use crate::study::Setup;
+
+/// Reads one file from its first row to its last.
+pub(super) trait RowReader: std::fmt::Debug + Send {
+    /// Appends up to `rows` rows of the selected channels to `values`, in SI units, NaN where a sample is missing, and
+    /// returns how many; 0 at the end of the file.
+    fn read(
+        &mut self,
+        rows: usize,
+        selection: &Selection,
+        clock: &mut Clock,
+        values: &mut Vec<f64>,
+    ) -> Result<usize, RecordError>;
+
+    /// Where a row of the last read stands (from 0 within that read).
+    fn place(&self, row: usize) -> Place;
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    WhiteSpace,
+    Csv,
+    Npy,
+    Mat,
+}
+
+/// One of a setup's files, its format known by its ending.
+#[derive(Debug, Clone)]
+pub(super) struct SourceFile {
+    pub(super) path: PathBuf,
+    format: Format,
+}
+
+impl SourceFile {
+    pub(super) fn new(path: PathBuf) -> Result<Self, RecordError> {
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+        let format = match ending.as_deref() {
+            Some("txt" | "asc" | "dat") => Format::WhiteSpace,
+            Some("csv") => Format::Csv,
+            Some("npy") => Format::Npy,
+            Some("mat") => Format::Mat,
+            Some("parquet") => return Err(RecordError::NotReadYet { file: path, format: "Parquet" }),
+            Some("uff" | "unv") => return Err(RecordError::NotReadYet { file: path, format: "UFF 58" }),
+            _ => return Err(RecordError::UnknownEnding { file: path }),
+        };
+        Ok(Self { path, format })
+    }
+
+    /// The file's columns; what its first bytes or its size tell to be wrong is found here.
+    pub(super) fn inspect(&self, setup: &Setup) -> Result<Columns, RecordError> {
+        match self.format {
+            Format::WhiteSpace => TextReader::open_white_space(&self.path)?.inspect(setup.sampling_rate_hz),
+            Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
+            Format::Npy => Ok(Columns::Numbered(npy::open(&self.path)?.columns())),
+            Format::Mat => Ok(Columns::Numbered(mat::recording_shape(&self.path, setup.variable.as_deref())?.columns)),
+        }
+    }
+
+    pub(super) fn open(&self, setup: &Setup) -> Result<Box<dyn RowReader>, RecordError> {
+        Ok(match self.format {
+            Format::WhiteSpace => Box::new(TextReader::open_white_space(&self.path)?),
+            Format::Csv => Box::new(TextReader::open_csv(&self.path, &setup.sensors)?),
+            Format::Npy => Box::new(npy::open(&self.path)?),
+            Format::Mat => Box::new(self.open_mat(setup)?),
+        })
+    }
+
+    fn open_mat(&self, setup: &Setup) -> Result<ArrayReader, RecordError> {
+        Ok(mat::open_recording(&self.path, setup.variable.as_deref())?)
+    }
+
+    /// Exact number of rows, those included that the time column says are missing.
+    pub(super) fn count_rows(&self, setup: &Setup, clock: &mut Clock) -> Result<u64, RecordError> {
+        match self.format {
+            Format::WhiteSpace => TextReader::open_white_space(&self.path)?.count_rows(clock),
+            Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.count_rows(clock),
+            Format::Npy => Ok(npy::open(&self.path)?.rows()),
+            Format::Mat => Ok(mat::recording_shape(&self.path, setup.variable.as_deref())?.rows),
+        }
+    }
+}
+
+/// Checks that no two files differ in their columns and returns those of the first.
+pub(super) fn common_columns(files: &[SourceFile], setup: &Setup) -> Result<Option<Columns>, RecordError> {
+    let mut first: Option<(&Path, Columns)> = None;
+    for file in files {
+        let columns = file.inspect(setup)?;
+        match &first {
+            None => first = Some((&file.path, columns)),
+            Some((_, expected)) if *expected == columns => {}
+            Some((first_file, expected)) => {
+                return Err(RecordError::OtherColumns {
+                    file: file.path.clone(),
+                    found: columns.to_string(),
+                    first_file: (*first_file).to_owned(),
+                    expected: expected.to_string(),
+                });
+            }
+        }
+    }
+    Ok(first.map(|(_, columns)| columns))
+}

@@ -1,0 +1,276 @@
+//! What was read: rows, missing samples, gaps, dead channels and levels, gathered block by block.
+
+use std::fmt;
+
+use super::block::Block;
+use super::clock::{Clock, TimeGap};
+use super::columns::Selection;
+use super::error::{Place, RecordError};
+
+/// Gaps that are kept one by one for each channel.
+const GAPS_KEPT: usize = 5;
+/// A channel with a larger part of its samples missing is warned of as such.
+const MOSTLY_MISSING: f64 = 0.5;
+
+/// What a recording held, as far as it was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordReport {
+    /// Rows read, filled rows included.
+    pub rows: u64,
+    /// Rows of NaN filled in where the time column says that rows are missing.
+    pub filled_rows: u64,
+    /// Each channel, in the order of the setup's sensors.
+    pub channels: Vec<ChannelReport>,
+    /// What the user should know before trusting the recording.
+    pub warnings: Vec<RecordWarning>,
+}
+
+/// What one channel of a recording held.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChannelReport {
+    /// The sensor's channel.
+    pub channel: String,
+    /// Samples missing, filled rows included.
+    pub missing: u64,
+    /// Runs of missing samples.
+    pub gap_count: u64,
+    /// The first few of these runs.
+    pub gaps: Vec<Gap>,
+    /// Whether all samples are equal, or none is there: a dead or unplugged sensor.
+    pub constant: bool,
+    /// Mean of the samples in m/s² (m/s for a velocity); NaN where there is none.
+    pub mean: f64,
+    /// Root mean square about the mean, in m/s² (m/s for a velocity); NaN where there is no sample.
+    pub rms: f64,
+}
+
+/// A run of missing samples of one channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gap {
+    /// Where the first missing sample stands (the row after it, if the row itself is missing from the file).
+    pub place: Place,
+    /// The recording's row, from 0, at which the run starts.
+    pub row: u64,
+    /// Its length in rows.
+    pub rows: u64,
+}
+
+/// What a user should know before trusting a recording.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs)] // the messages say what each field is
+pub enum RecordWarning {
+    /// The time column says that rows are missing.
+    TimeGap { place: Place, rows: u64, seconds: f64 },
+    /// More of the same than is worth listing; the figures are for all of them.
+    TimeGaps { count: u64, rows: u64, seconds: f64 },
+    /// Samples of one channel are missing from rows that are there.
+    MissingSamples { channel: String, samples: u64, seconds: f64, gap_count: u64, first: Place },
+    /// More than half of a channel's samples are missing.
+    MostlyMissing { channel: String, percent: f64 },
+    /// A channel does not move at all.
+    Constant { channel: String, value: f64 },
+}
+
+impl fmt::Display for RecordWarning {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RecordWarning::TimeGap { place, rows, seconds } => {
+                write!(
+                    formatter,
+                    "{place}: gap in time: {rows} rows ({seconds:.3} s) are missing in all channels before it; they count as missing samples"
+                )
+            }
+            RecordWarning::TimeGaps { count, rows, seconds } => {
+                write!(
+                    formatter,
+                    "{count} gaps in time altogether: {rows} rows ({seconds:.3} s) are missing in all channels"
+                )
+            }
+            RecordWarning::MissingSamples { channel, samples, seconds, gap_count, first } => {
+                write!(
+                    formatter,
+                    "channel `{channel}`: {samples} samples ({seconds:.3} s) are missing in {gap_count} gaps, the first at {first}; the analysis leaves out the segments they touch"
+                )
+            }
+            RecordWarning::MostlyMissing { channel, percent } => {
+                write!(
+                    formatter,
+                    "channel `{channel}`: {percent:.1} % of the samples are missing; consider leaving the sensor out of the setup"
+                )
+            }
+            RecordWarning::Constant { channel, value } => {
+                write!(
+                    formatter,
+                    "channel `{channel}` is dead: every sample is {value}; check the sensor and its cable, or leave the sensor out of the setup"
+                )
+            }
+        }
+    }
+}
+
+/// The sums behind a [`RecordReport`].
+#[derive(Debug, Clone)]
+pub(super) struct Statistics {
+    rows: u64,
+    channels: Vec<ChannelSums>,
+    /// Working space: per channel, the value that differences are taken from, their sum and the sum of their squares.
+    pivots: Vec<f64>,
+    sums: Vec<f64>,
+    squares: Vec<f64>,
+}
+
+#[derive(Debug, Clone, Default)]
+struct ChannelSums {
+    /// The first value: taken off all others, so that gravity on a vertical sensor does not drown its vibration.
+    pivot: Option<f64>,
+    sum: f64,
+    square: f64,
+    present: u64,
+    missing: u64,
+    gap_count: u64,
+    gaps: Vec<Gap>,
+    /// The last sample was missing; the length of the run so far counts on in `gaps` while it is kept there.
+    in_gap: bool,
+}
+
+impl Statistics {
+    pub(super) fn new(channels: usize) -> Self {
+        Self {
+            rows: 0,
+            channels: vec![ChannelSums::default(); channels],
+            pivots: vec![f64::NAN; channels],
+            sums: vec![0.0; channels],
+            squares: vec![0.0; channels],
+        }
+    }
+
+    /// Takes a block in; `place` says where a row of the block (from 0) stands. Refuses infinite values.
+    pub(super) fn add(
+        &mut self,
+        block: &Block,
+        selection: &Selection,
+        place: impl Fn(usize) -> Place,
+    ) -> Result<(), RecordError> {
+        self.sums.fill(0.0);
+        self.squares.fill(0.0);
+        for row in block.rows() {
+            let sums = self.sums.iter_mut().zip(&mut self.squares);
+            for ((value, pivot), (sum, square)) in row.iter().zip(&self.pivots).zip(sums) {
+                let difference = value - pivot;
+                *sum += difference;
+                *square += difference * difference;
+            }
+        }
+        for (index, channel) in self.channels.iter_mut().enumerate() {
+            let (Some(sum), Some(square)) = (self.sums.get(index), self.squares.get(index)) else { continue };
+            if square.is_finite() {
+                // Every sample is there: the common case, for which the loop above is all the work.
+                channel.sum += sum;
+                channel.square += square;
+                channel.present += block.row_count() as u64;
+                channel.in_gap = false;
+                continue;
+            }
+            // A missing or infinite sample (or the channel's first) spoilt the sums: take the samples one by one.
+            for (row, value) in block.rows().filter_map(|row| row.get(index)).enumerate() {
+                if value.is_infinite() {
+                    let (place, channel) = (place(row), selection.channel(index));
+                    return Err(RecordError::Infinite { place, channel });
+                }
+                channel.push(*value, self.rows + row as u64, || place(row));
+            }
+            if let (Some(pivot), Some(known)) = (self.pivots.get_mut(index), channel.pivot) {
+                *pivot = known;
+            }
+        }
+        self.rows += block.row_count() as u64;
+        Ok(())
+    }
+
+    /// The report of all that was taken in, with the gaps in time that `clock` found.
+    pub(super) fn report(self, selection: &Selection, clock: &Clock, sampling_rate_hz: f64) -> RecordReport {
+        let seconds = |rows: u64| rows as f64 / sampling_rate_hz;
+        let rows = self.rows;
+        let filled_rows = clock.missing_rows.min(rows);
+        let channels: Vec<ChannelReport> =
+            self.channels.into_iter().zip(&selection.channels).map(|(sums, name)| sums.report(name)).collect();
+        let mut warnings: Vec<RecordWarning> = clock
+            .gaps
+            .iter()
+            .map(|TimeGap { place, rows }| RecordWarning::TimeGap {
+                place: place.clone(),
+                rows: *rows,
+                seconds: seconds(*rows),
+            })
+            .collect();
+        if clock.gap_count > clock.gaps.len() as u64 {
+            warnings.push(RecordWarning::TimeGaps {
+                count: clock.gap_count,
+                rows: clock.missing_rows,
+                seconds: seconds(clock.missing_rows),
+            });
+        }
+        for report in &channels {
+            let channel = report.channel.clone();
+            if let Some(first) = report.gaps.first().filter(|_| report.missing > filled_rows) {
+                warnings.push(RecordWarning::MissingSamples {
+                    channel: channel.clone(),
+                    samples: report.missing,
+                    seconds: seconds(report.missing),
+                    gap_count: report.gap_count,
+                    first: first.place.clone(),
+                });
+            }
+            if report.missing as f64 > MOSTLY_MISSING * rows as f64 {
+                let percent = 100.0 * report.missing as f64 / rows as f64;
+                warnings.push(RecordWarning::MostlyMissing { channel, percent });
+            } else if report.constant && rows > 0 {
+                warnings.push(RecordWarning::Constant { channel, value: report.mean });
+            }
+        }
+        RecordReport { rows, filled_rows, channels, warnings }
+    }
+}
+
+impl ChannelSums {
+    fn push(&mut self, value: f64, row: u64, place: impl Fn() -> Place) {
+        if value.is_nan() {
+            self.missing += 1;
+            if !self.in_gap {
+                self.gap_count += 1;
+                if self.gaps.len() < GAPS_KEPT {
+                    self.gaps.push(Gap { place: place(), row, rows: 0 });
+                }
+            }
+            self.in_gap = true;
+            if self.gap_count == self.gaps.len() as u64
+                && let Some(gap) = self.gaps.last_mut()
+            {
+                gap.rows += 1;
+            }
+            return;
+        }
+        self.in_gap = false;
+        self.present += 1;
+        let difference = value - *self.pivot.get_or_insert(value);
+        self.sum += difference;
+        self.square += difference * difference;
+    }
+
+    fn report(self, channel: &str) -> ChannelReport {
+        let present = self.present as f64;
+        let offset = self.sum / present; // NaN where nothing is present
+        let variance = self.square / present - offset * offset;
+        ChannelReport {
+            channel: channel.to_owned(),
+            missing: self.missing,
+            gap_count: self.gap_count,
+            gaps: self.gaps,
+            // One sample alone has nothing to differ from.
+            constant: self.square == 0.0 && self.present != 1,
+            mean: self.pivot.map_or(f64::NAN, |pivot| pivot + offset),
+            // Rounding may leave a tiny negative variance. `max` would also make 0 of the NaN of no samples.
+            rms: if self.present == 0 { f64::NAN } else { variance.max(0.0).sqrt() },
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! CSV: headers, separators, and the time column.
+
+use super::*;
+use crate::record::{At, RecordWarning};
+
+#[test]
+fn columns_go_by_their_names() {
+    let text = b"# logger 7\nlabel, top ,\"low, east\"\r\nx,1.5,\"2\"\r\n,,3\r\n\r\ny,4,nan\r\n";
+    let rows = rows_of(&setup(&["low, east", "top"], &["a.csv"]), "a.csv", text);
+    assert_eq!(rows.len(), 3);
+    assert_eq!(rows[0], [2.0, 1.5]);
+    assert!(rows[1][0] == 3.0 && rows[1][1].is_nan());
+    assert!(rows[2][0].is_nan() && rows[2][1] == 4.0);
+}
+
+#[test]
+fn semicolons_and_tabulators_separate_too() {
+    let wanted = setup(&["b"], &["a.csv"]);
+    assert_eq!(rows_of(&wanted, "a.csv", b"a;b\n1;2\n"), [[2.0]]);
+    let rows = rows_of(&wanted, "a.csv", b"a\tb\n1\t2\n\t\n3\t\n");
+    assert_eq!(rows.len(), 3);
+    assert!(rows[0][0] == 2.0 && rows[1][0].is_nan() && rows[2][0].is_nan());
+}
+
+#[test]
+fn a_blank_line_in_the_only_column_is_a_missing_sample() {
+    let rows = rows_of(&setup(&["b"], &["a.csv"]), "a.csv", b"b\n1\n\n\n2\n\n");
+    assert_eq!(rows.len(), 4);
+    assert!(rows[0][0] == 1.0 && rows[1][0].is_nan() && rows[2][0].is_nan() && rows[3][0] == 2.0);
+}
+
+#[test]
+fn a_damaged_cell_is_named() {
+    let wanted = setup(&["b"], &["a.csv"]);
+    expect_error(&wanted, &[("a.csv", b"a,b\r\n1,2\r\n#\r\n1,on\r\n")], &["a.csv, line 4", "`b`", "`on`", "empty"]);
+    expect_error(&wanted, &[("a.csv", b"a,b\n1,2\n1,2,3\n")], &["a.csv, line 3", "3 values", "have 2"]);
+    expect_error(&wanted, &[("a.csv", b"a,b\n1,2\n1\n")], &["a.csv, line 3", "1 values", "have 2"]);
+    expect_error(&wanted, &[("a.csv", b"a,b\n1,inf\n")], &["a.csv, line 2", "`b`", "infinite"]);
+    expect_error(&wanted, &[("a.csv", b"a,b\n1,\"2\n")], &["a.csv, line 2", "quote"]);
+    expect_error(&wanted, &[("a.csv", b"a,c\n1,2\n")], &["a.csv", "`b`", "columns `a`, `c`"]);
+    expect_error(&wanted, &[("a.csv", b"b,b\n1,2\n")], &["more than one", "`b`"]);
+    expect_error(&wanted, &[("a.csv", b"a,b\n")], &["a.csv is empty"]);
+    expect_error(&wanted, &[("a.csv", b"")], &["a.csv is empty"]);
+    let both = setup(&["b"], &["*.csv"]);
+    let (first, second): (&[u8], &[u8]) = (b"a,b\n1,2\n", b"b,a\n2,1\n");
+    expect_error(&both, &[("1.csv", first), ("2.csv", second)], &["2.csv has the columns `b`, `a`", "`a`, `b`"]);
+}
+
+/// A CSV with rows at `times_s` written with `decimals`, whose samples count up.
+fn timed(times_s: impl IntoIterator<Item = f64>, decimals: usize) -> Vec<u8> {
+    let rows = times_s.into_iter().enumerate().map(|(row, time_s)| format!("{time_s:.decimals$},{row}\n"));
+    format!("Time,top\n{}", rows.collect::<String>()).into_bytes()
+}
+
+#[test]
+fn rows_lost_by_the_time_column_are_filled_and_warned_of() {
+    // 50 Hz; after the third row five rows are lost, which is a jump of six steps.
+    let times_s = [0.00, 0.02, 0.04, 0.16, 0.18];
+    let folder = folder(&[("a.csv", &timed(times_s, 2))]);
+    let (rows, report) = read(&setup(&["top"], &["a.csv"]), folder.path()).unwrap();
+    assert_eq!(rows.len(), 10);
+    assert!(rows[3..8].iter().all(|row| row[0].is_nan()));
+    assert_eq!(rows[8..], [[3.0], [4.0]]);
+    assert_eq!(report.filled_rows, 5);
+    let [RecordWarning::TimeGap { place, rows: 5, seconds }] = &report.warnings[..] else {
+        panic!("{:?}", report.warnings)
+    };
+    assert_eq!(place.at, At::Line(5));
+    assert!((seconds - 0.1).abs() < 1e-12); // 5 rows at 50 Hz, rounded once
+    let text = report.warnings[0].to_string();
+    assert!(text.contains("a.csv, line 5") && text.contains("5 rows (0.100 s)"), "{text}");
+    assert_eq!((report.channels[0].missing, report.channels[0].gap_count), (5, 1));
+    assert_eq!((report.channels[0].gaps[0].row, report.channels[0].gaps[0].rows), (3, 5));
+}
+
+#[test]
+fn many_gaps_are_summed_up() {
+    let times_s = (0..4000).filter(|row| row % 400 != 399).map(|row| f64::from(row) * 0.02);
+    let folder = folder(&[("a.csv", &timed(times_s, 3))]);
+    let (rows, report) = read(&setup(&["top"], &["a.csv"]), folder.path()).unwrap();
+    // The tenth lost row is the last, after which nothing tells that it was there.
+    assert_eq!(rows.len(), 3999);
+    assert_eq!(report.warnings.len(), 6);
+    assert!(report.warnings[5].to_string().contains("9 gaps in time altogether: 9 rows (0.180 s)"));
+}
+
+#[test]
+fn time_goes_on_or_starts_again_in_the_next_file() {
+    let wanted = setup(&["top"], &["*.csv"]);
+    let second = |start_s: f64| timed([start_s, start_s + 0.02], 2);
+    let count = |start_s: f64| {
+        let folder = folder(&[("1.csv", &timed([10.0, 10.02], 2)), ("2.csv", &second(start_s))]);
+        read(&wanted, folder.path()).map(|(rows, _)| rows.len())
+    };
+    assert_eq!(count(10.04).unwrap(), 4);
+    assert_eq!(count(10.0).unwrap(), 4);
+    assert_eq!(count(0.0).unwrap(), 4);
+    assert_eq!(count(11.04).unwrap(), 4 + 50);
+    let text = count(9.0).unwrap_err().to_string();
+    assert!(text.contains("2.csv, line 2") && text.contains("from 10.02 s to 9 s"), "{text}");
+}
+
+#[test]
+fn the_time_column_must_keep_the_sampling_rate() {
+    let wanted = setup(&["top"], &["a.csv"]);
+    let at = |rate_hz: f64| timed((0..500).map(|row| f64::from(row) / rate_hz), 6);
+    expect_error(&wanted, &[("a.csv", &at(100.0))], &["a.csv, line 2", "100.000", "50", "`Time`", "sampling_rate_hz"]);
+    expect_error(&wanted, &[("a.csv", &at(50.1))], &["50.1", "sampling_rate_hz is 50"]);
+    // 0.04 % off is a crystal, not a mistake.
+    assert_eq!(rows_of(&wanted, "a.csv", &at(50.02)).len(), 500);
+    // A rate that changes later on is noticed where it happens.
+    let drifting = (0..6000).map(|row| f64::from(row) * 0.02 + f64::from((row - 1500).max(0)) * 0.0002);
+    expect_error(&wanted, &[("a.csv", &timed(drifting, 6))], &["a.csv, line 4098", "sampling_rate_hz is 50"]);
+}
+
+#[test]
+fn rounded_times_do_not_mislead() {
+    // 128 Hz in whole milliseconds steps by 7 and 8 ms: the median step alone would say 125 Hz.
+    let mut wanted = setup(&["top"], &["a.csv"]);
+    wanted.sampling_rate_hz = 128.0;
+    for rows in [3, 50, 5000] {
+        let text = timed((0..rows).map(|row| f64::from(row) / 128.0), 3);
+        assert_eq!(rows_of(&wanted, "a.csv", &text).len(), rows as usize);
+    }
+}
+
+#[test]
+fn time_that_is_none_is_named() {
+    let wanted = setup(&["top"], &["a.csv"]);
+    expect_error(&wanted, &[("a.csv", &timed([0.0, 0.02, 0.04, 0.02], 2))], &["line 5", "from 0.04 s to 0.02 s"]);
+    expect_error(&wanted, &[("a.csv", &timed([0.0, 0.02, 0.02], 2))], &["line 4", "from 0.02 s to 0.02 s", "advance"]);
+    for time in ["2024-01-31 10:00:00", "", "nan"] {
+        let text = format!("timestamp,top\n{time},1\n");
+        expect_error(
+            &wanted,
+            &[("a.csv", text.as_bytes())],
+            &["line 2", "`timestamp`", time, "seconds as plain numbers"],
+        );
+    }
+    let leap = timed([0.0, 0.02, 0.04, 1e6], 2);
+    expect_error(&wanted, &[("a.csv", &leap)], &["line 5", "from 0.04 s to 1000000 s", "10000000"]);
+    // A sensor may be called t.
+    assert_eq!(rows_of(&setup(&["t"], &["a.csv"]), "a.csv", b"t\n5\n5\n4\n"), [[5.0], [5.0], [4.0]]);
+}

@@ -1,0 +1,87 @@
+//! Recordings of every format, written to a temporary folder and read back.
+
+mod arrays;
+mod csv;
+mod matlab;
+mod properties;
+mod report;
+mod white_space;
+
+use std::path::{Path, PathBuf};
+
+use super::{Block, RecordError, RecordReport, Recording};
+use crate::study::{Sensor, Setup, Unit};
+
+/// A setup of channels at 50 Hz, in m/s².
+fn setup(channels: &[&str], files: &[&str]) -> Setup {
+    let sensor = |channel: &&str| Sensor {
+        channel: (*channel).to_owned(),
+        point: (*channel).to_owned(),
+        node: 1,
+        elevation_m: None,
+        direction: None,
+        offset_m: [0.0; 2],
+        reference: false,
+        sensitivity_v_per_m_s2: None,
+        dof: None,
+    };
+    Setup {
+        name: "january".to_owned(),
+        files: files.iter().map(|file| (*file).to_owned()).collect(),
+        variable: None,
+        sampling_rate_hz: 50.0,
+        unit: Unit::MetrePerSecondSquared,
+        sensors: channels.iter().map(sensor).collect(),
+    }
+}
+
+/// Files of the given contents in a new folder.
+fn folder(files: &[(&str, &[u8])]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, content) in files {
+        std::fs::write(folder.path().join(name), content).unwrap();
+    }
+    folder
+}
+
+/// All rows and the report; checks on the way that the count made beforehand is that of the rows.
+fn read(setup: &Setup, folder: &Path) -> Result<(Vec<Vec<f64>>, RecordReport), RecordError> {
+    let mut recording = Recording::open(setup, folder)?;
+    let mut block = Block::new();
+    let mut rows = Vec::new();
+    while recording.next_block(&mut block)? {
+        assert_eq!(block.channels(), setup.sensors.len());
+        assert!((1..=4096).contains(&block.row_count()));
+        assert_eq!(block.rows().len(), block.row_count());
+        rows.extend(block.rows().map(<[f64]>::to_vec));
+    }
+    assert_eq!(block.row_count(), 0);
+    assert_eq!(recording.total_rows()?, rows.len() as u64);
+    let report = recording.finish();
+    assert_eq!(report.rows, rows.len() as u64);
+    Ok((rows, report))
+}
+
+/// The rows of one file of the given name and content.
+fn rows_of(setup: &Setup, name: &str, content: &[u8]) -> Vec<Vec<f64>> {
+    read(setup, folder(&[(name, content)]).path()).unwrap().0
+}
+
+/// The error text of one file, which must hold all of `parts`.
+fn expect_error(setup: &Setup, files: &[(&str, &[u8])], parts: &[&str]) {
+    let folder = folder(files);
+    let text = read(setup, folder.path()).expect_err("the recording should be refused").to_string();
+    for part in parts {
+        assert!(text.contains(part), "`{part}` is not in: {text}");
+    }
+}
+
+/// A file among the data that others published; `None` (with a word on standard error) where it is absent.
+fn shared(path: &str) -> Option<PathBuf> {
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(path);
+    if path.is_file() {
+        return Some(path);
+    }
+    eprintln!("skipped: {} is not here", path.display());
+    None
+}

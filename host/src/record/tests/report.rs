@@ -1,0 +1,63 @@
+//! The report: levels, missing samples, dead channels.
+
+use super::*;
+use crate::record::At;
+
+#[test]
+fn levels_are_those_of_the_samples() {
+    // A vertical sensor: 1e-4 m/s² of vibration on gravity. A sum of plain squares would keep 4 digits of it.
+    let amplitude = 1e-4;
+    let text: String =
+        (0..10_000).map(|row| format!("{:.9} 5\n", 9.81 + amplitude * f64::from(row % 2 * 2 - 1))).collect();
+    let folder = folder(&[("a.txt", text.as_bytes())]);
+    let (_, report) = read(&setup(&["1", "2"], &["a.txt"]), folder.path()).unwrap();
+    // The square wave's rms is its amplitude; 9.81 as a double is known to 2e-15.
+    assert!((report.channels[0].rms / amplitude - 1.0).abs() < 1e-8, "{}", report.channels[0].rms);
+    assert!((report.channels[0].mean - 9.81).abs() < 1e-12);
+    assert!(!report.channels[0].constant);
+    assert!(report.channels[1].constant);
+    assert_eq!((report.channels[1].mean, report.channels[1].rms), (5.0, 0.0));
+    assert_eq!(report.warnings.len(), 1);
+    let text = report.warnings[0].to_string();
+    assert!(text.contains("channel `2` is dead: every sample is 5"), "{text}");
+}
+
+#[test]
+fn gaps_are_counted_over_blocks_and_files() {
+    let value = |row: usize| if (4000..4200).contains(&row) || row == 10 { "NaN".to_owned() } else { row.to_string() };
+    let part = |rows: std::ops::Range<usize>| -> String { rows.map(|row| format!("{row} {}\n", value(row))).collect() };
+    let (first, second) = (format!("# one\n{}", part(0..4150)), part(4150..9000));
+    let folder = folder(&[("1.txt", first.as_bytes()), ("2.txt", second.as_bytes())]);
+    let (_, report) = read(&setup(&["1", "2"], &["*.txt"]), folder.path()).unwrap();
+    assert_eq!((report.channels[0].missing, report.channels[0].gap_count), (0, 0));
+    let channel = &report.channels[1];
+    assert_eq!((channel.missing, channel.gap_count), (201, 2));
+    assert_eq!((channel.gaps[0].row, channel.gaps[0].rows, channel.gaps[0].place.at), (10, 1, At::Line(12)));
+    assert_eq!((channel.gaps[1].row, channel.gaps[1].rows, channel.gaps[1].place.at), (4000, 200, At::Line(4002)));
+    let text = report.warnings[0].to_string();
+    for part in ["channel `2`", "201 samples (4.020 s)", "2 gaps", "1.txt, line 12"] {
+        assert!(text.contains(part), "{text}");
+    }
+    assert_eq!(report.warnings.len(), 1);
+}
+
+#[test]
+fn many_gaps_keep_the_first_few() {
+    let text: String = (0..100).map(|row| if row % 2 == 0 { "nan\n".into() } else { format!("{row}\n") }).collect();
+    let folder = folder(&[("a.txt", text.as_bytes())]);
+    let (_, report) = read(&setup(&["1"], &["a.txt"]), folder.path()).unwrap();
+    assert_eq!((report.channels[0].missing, report.channels[0].gap_count), (50, 50));
+    assert_eq!(report.channels[0].gaps.len(), 5);
+    assert!(report.channels[0].gaps.iter().all(|gap| gap.rows == 1));
+}
+
+#[test]
+fn mostly_missing_channels_are_warned_of() {
+    let folder = folder(&[("a.txt", b"1 nan nan\n2 nan nan\n3 5 nan\n")]);
+    let (_, report) = read(&setup(&["1", "2", "3"], &["a.txt"]), folder.path()).unwrap();
+    let texts: Vec<String> = report.warnings.iter().map(ToString::to_string).collect();
+    assert_eq!(texts.len(), 4, "{texts:?}");
+    assert!(texts[1].contains("channel `2`: 66.7 %") && texts[3].contains("channel `3`: 100.0 %"), "{texts:?}");
+    assert!(report.channels[2].constant && report.channels[2].rms.is_nan());
+    assert!(!report.channels[1].constant, "one sample has nothing to differ from");
+}

@@ -1,0 +1,319 @@
+//! Text recordings: white space without a header (`.txt`, `.asc`, `.dat`) and CSV with one (`.csv`).
+//!
+//! Lines flow in, rows of the setup's channels flow out; where a CSV has a time column, rows of NaN stand for the rows
+//! that it says are missing.
+
+use std::path::Path;
+
+use super::clock::{Clock, disagreeing_rate_hz};
+use super::columns::{Columns, Selection};
+use super::error::{At, Place, RecordError, quoted};
+use super::lines::Lines;
+use super::number::parse_number;
+use super::reader::RowReader;
+use crate::study::Sensor;
+
+/// Header names that mean time in seconds, in lower case.
+const TIME_NAMES: [&str; 6] = ["time", "t", "time_s", "t_s", "seconds", "timestamp"];
+/// Rows read ahead to hold a time column against the sampling rate.
+const ROWS_TO_CHECK: usize = 1024;
+const WHITE_SPACE_HINT: &str = "expected numbers with a decimal point between blanks; a header line must start with #, and a missing sample is NaN";
+const CSV_HINT: &str = "expected a number with a decimal point; leave the cell empty where the sample is missing";
+
+/// What stands between two cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Separator {
+    WhiteSpace,
+    Byte(u8),
+}
+
+/// The time column of a CSV.
+#[derive(Debug, Clone, PartialEq)]
+struct TimeColumn {
+    column: usize,
+    name: String,
+}
+
+/// Reads one text file row by row.
+#[derive(Debug)]
+pub(super) struct TextReader {
+    lines: Lines,
+    separator: Separator,
+    /// The header's names; `None` before the first row of a file without a header, whose width is then `width`.
+    names: Option<Vec<String>>,
+    width: usize,
+    time: Option<TimeColumn>,
+    cells: Vec<(usize, usize)>,
+    unquoted: csv::ByteRecord,
+    /// Rows of NaN that stand before the line reached.
+    missing_before: u64,
+    /// The line reached holds a row not yet handed out.
+    row_waits: bool,
+    line_of_row: Vec<u64>,
+}
+
+impl TextReader {
+    /// Opens a file of numbers between blanks; lines that start with # or % are comments.
+    pub(super) fn open_white_space(path: &Path) -> Result<Self, RecordError> {
+        Ok(Self::new(Lines::open(path, b"#%")?, Separator::WhiteSpace))
+    }
+
+    /// Opens a CSV file and reads its header; lines that start with # are comments. Cells are separated by what the
+    /// header has most of: comma, semicolon or tabulator. A time column that no sensor claims is noted.
+    pub(super) fn open_csv(path: &Path, sensors: &[Sensor]) -> Result<Self, RecordError> {
+        let mut lines = Lines::open(path, b"#")?;
+        loop {
+            if !lines.advance()? {
+                return Err(RecordError::Empty { file: path.to_owned() });
+            }
+            if !lines.line().trim_ascii().is_empty() {
+                break;
+            }
+        }
+        let count = |separator: u8| lines.line().iter().filter(|byte| **byte == separator).count();
+        let separator = [b'\t', b';', b','].into_iter().max_by_key(|separator| count(*separator)).unwrap_or(b',');
+        let mut reader = Self::new(lines, Separator::Byte(separator));
+        reader.split()?;
+        let names: Vec<String> =
+            (0..reader.cell_count()).map(|cell| String::from_utf8_lossy(reader.cell(cell)).into_owned()).collect();
+        reader.width = names.len();
+        reader.time = names
+            .iter()
+            .position(|name| {
+                TIME_NAMES.contains(&name.to_ascii_lowercase().as_str())
+                    && !sensors.iter().any(|sensor| sensor.channel.trim() == name)
+            })
+            .and_then(|column| Some(TimeColumn { column, name: names.get(column)?.clone() }));
+        reader.names = Some(names);
+        Ok(reader)
+    }
+
+    fn new(lines: Lines, separator: Separator) -> Self {
+        Self {
+            lines,
+            separator,
+            names: None,
+            width: 0,
+            time: None,
+            cells: Vec::new(),
+            unquoted: csv::ByteRecord::new(),
+            missing_before: 0,
+            row_waits: false,
+            line_of_row: Vec::new(),
+        }
+    }
+
+    /// The file's columns, and whether its time column keeps `sampling_rate_hz`; consumes the first rows.
+    pub(super) fn inspect(mut self, sampling_rate_hz: f64) -> Result<Columns, RecordError> {
+        if !self.next_line()? {
+            return Err(RecordError::Empty { file: self.lines.path().to_owned() });
+        }
+        let first_line = self.lines.place();
+        let columns = match &self.names {
+            Some(names) => Columns::Named(names.clone()),
+            None => Columns::Numbered(self.width),
+        };
+        let Some(time) = self.time.clone() else { return Ok(columns) };
+        let mut times_s = Vec::new();
+        // The finest digit of any of the times tells how far they are rounded.
+        let mut resolution_s: f64 = 1.0;
+        loop {
+            let text = self.cell(time.column);
+            let decimals = text.iter().rev().position(|byte| *byte == b'.').unwrap_or(0);
+            resolution_s = resolution_s.min(0.1_f64.powi(decimals.min(30) as i32));
+            times_s.push(self.time_s(&time)?);
+            if times_s.len() >= ROWS_TO_CHECK || !self.next_line()? {
+                break;
+            }
+        }
+        match disagreeing_rate_hz(&times_s, resolution_s, sampling_rate_hz) {
+            None => Ok(columns),
+            Some(measured_hz) => Err(RecordError::RateDiffers {
+                place: first_line,
+                column: time.name,
+                measured_hz,
+                stated_hz: sampling_rate_hz,
+            }),
+        }
+    }
+
+    /// Exact number of rows that [`RowReader::read`] will give, filled rows included.
+    pub(super) fn count_rows(mut self, clock: &mut Clock) -> Result<u64, RecordError> {
+        // Only where blank lines or the time column make rows must the lines be looked into.
+        let blanks_are_cells = self.names.is_some() && (self.width == 1 || self.separator == Separator::Byte(b'\t'));
+        if self.time.is_none() && !blanks_are_cells {
+            return self.lines.count_rest();
+        }
+        clock.start_file();
+        let mut rows = 0;
+        while self.next_row(clock)? {
+            rows += 1 + std::mem::take(&mut self.missing_before);
+        }
+        Ok(rows)
+    }
+
+    /// Goes to the next row and finds what is missing before it.
+    fn next_row(&mut self, clock: &mut Clock) -> Result<bool, RecordError> {
+        if !self.next_line()? {
+            // Blank lines at the end of a file with one column are the end of the file.
+            self.missing_before = 0;
+            return Ok(false);
+        }
+        if let Some(time) = &self.time {
+            let time_s = self.time_s(time)?;
+            self.missing_before += clock.advance(time_s, &time.name, &self.lines.place())?;
+        }
+        Ok(true)
+    }
+
+    /// Goes to the next line with cells and splits it. In a CSV with one column a blank line is an empty cell.
+    fn next_line(&mut self) -> Result<bool, RecordError> {
+        loop {
+            if !self.lines.advance()? {
+                return Ok(false);
+            }
+            if !self.is_blank() {
+                break;
+            }
+            if self.width == 1 && self.names.is_some() && self.time.is_none() {
+                self.missing_before += 1;
+            }
+        }
+        self.split()?;
+        let found = self.cell_count();
+        if self.names.is_none() && self.width == 0 {
+            self.width = found;
+        }
+        if found == self.width {
+            return Ok(true);
+        }
+        Err(RecordError::Ragged { place: self.lines.place(), expected: self.width, found })
+    }
+
+    /// Whether the line reached is no row; tabulators between empty cells are one.
+    fn is_blank(&self) -> bool {
+        let blank = |byte: &u8| byte.is_ascii_whitespace() && self.separator != Separator::Byte(*byte);
+        self.lines.line().iter().all(blank)
+    }
+
+    /// Finds the cells of the line reached.
+    fn split(&mut self) -> Result<(), RecordError> {
+        self.cells.clear();
+        self.unquoted.clear();
+        let line = self.lines.line();
+        match self.separator {
+            Separator::WhiteSpace => {
+                let mut start = None;
+                for (position, byte) in line.iter().enumerate() {
+                    match (byte.is_ascii_whitespace(), start) {
+                        (false, None) => start = Some(position),
+                        (true, Some(begun)) => {
+                            self.cells.push((begun, position));
+                            start = None;
+                        }
+                        _ => {}
+                    }
+                }
+                self.cells.extend(start.map(|begun| (begun, line.len())));
+            }
+            Separator::Byte(separator) if line.contains(&b'"') => {
+                if line.iter().filter(|byte| **byte == b'"').count() % 2 == 1 {
+                    return Err(RecordError::OpenQuote { place: self.lines.place() });
+                }
+                csv::ReaderBuilder::new()
+                    .delimiter(separator)
+                    .has_headers(false)
+                    .flexible(true)
+                    .from_reader(line)
+                    .read_byte_record(&mut self.unquoted)
+                    .map_err(|error| RecordError::io(self.lines.path())(error.into()))?;
+            }
+            Separator::Byte(separator) => {
+                let mut start = 0;
+                for (position, byte) in line.iter().enumerate() {
+                    if *byte == separator {
+                        self.cells.push((start, position));
+                        start = position + 1;
+                    }
+                }
+                self.cells.push((start, line.len()));
+            }
+        }
+        Ok(())
+    }
+
+    fn cell_count(&self) -> usize {
+        self.cells.len() + self.unquoted.len()
+    }
+
+    /// A cell of the line reached, without blanks around it; empty where the line has no such cell.
+    fn cell(&self, index: usize) -> &[u8] {
+        let cell = match self.cells.get(index) {
+            Some(&(start, end)) => self.lines.line().get(start..end),
+            None => self.unquoted.get(index),
+        };
+        cell.unwrap_or_default().trim_ascii()
+    }
+
+    fn time_s(&self, time: &TimeColumn) -> Result<f64, RecordError> {
+        let text = self.cell(time.column);
+        parse_number(text).filter(|time_s| time_s.is_finite()).ok_or_else(|| RecordError::TimeNotSeconds {
+            place: self.lines.place(),
+            column: time.name.clone(),
+            text: quoted(text),
+        })
+    }
+
+    /// Appends the channels of the line reached.
+    fn push_row(&self, selection: &Selection, values: &mut Vec<f64>) -> Result<(), RecordError> {
+        for (channel, (column, factor)) in selection.columns.iter().zip(&selection.factors).enumerate() {
+            let text = self.cell(*column);
+            let value = parse_number(text).ok_or_else(|| RecordError::NotANumber {
+                place: self.lines.place(),
+                channel: selection.channel(channel),
+                text: quoted(text),
+                hint: if self.separator == Separator::WhiteSpace { WHITE_SPACE_HINT } else { CSV_HINT },
+            })?;
+            if value.is_infinite() {
+                let (place, channel) = (self.lines.place(), selection.channel(channel));
+                return Err(RecordError::Infinite { place, channel });
+            }
+            values.push(value * factor);
+        }
+        Ok(())
+    }
+}
+
+impl RowReader for TextReader {
+    fn read(
+        &mut self,
+        rows: usize,
+        selection: &Selection,
+        clock: &mut Clock,
+        values: &mut Vec<f64>,
+    ) -> Result<usize, RecordError> {
+        self.line_of_row.clear();
+        while self.line_of_row.len() < rows {
+            if !self.row_waits {
+                if !self.next_row(clock)? {
+                    break;
+                }
+                self.row_waits = true;
+            }
+            if self.missing_before > 0 {
+                self.missing_before -= 1;
+                values.extend(selection.columns.iter().map(|_| f64::NAN));
+            } else {
+                self.push_row(selection, values)?;
+                self.row_waits = false;
+            }
+            self.line_of_row.push(self.lines.number());
+        }
+        Ok(self.line_of_row.len())
+    }
+
+    fn place(&self, row: usize) -> Place {
+        let line = self.line_of_row.get(row).copied().unwrap_or_else(|| self.lines.number());
+        Place { file: self.lines.path().to_owned(), at: At::Line(line) }
+    }
+}

@@ -1,0 +1,181 @@
+//! What has to hold between the values of a study: names that stand once, nodes with room, references that tie setups
+//! together, a band that the recordings can show.
+
+use std::collections::HashMap;
+
+use belfry_shared::decimation::{Stages, USABLE_FRACTION};
+
+use super::error::StudyError;
+use super::section::Section;
+use super::types::{Analysis, Sensor, Setup, Unit};
+
+/// Channels that one sensor node can have.
+const CHANNELS_PER_NODE: usize = 4;
+
+/// How far a ratio of sampling rates may be from a whole number: rates are typed with a few digits (33.333), and a
+/// node's crystal is no better than 20 ppm anyway.
+const RATIO_TOLERANCE: f64 = 2e-5;
+
+/// The sensors of one setup against each other; `sections` are theirs, in the same order.
+pub(super) fn sensors(setup: &Setup, sections: &[Section<'_>]) -> Result<(), StudyError> {
+    let mut channels = HashMap::new();
+    let mut points = HashMap::new();
+    let mut node_channels: HashMap<u16, usize> = HashMap::new();
+    for (sensor, section) in setup.sensors.iter().zip(sections) {
+        unique(
+            &mut channels,
+            &sensor.channel,
+            section,
+            "channel",
+            "each channel has one [[setup.sensor]] in its setup",
+        )?;
+        let advice = "give every point of a setup its own `point` (it is the channel's name unless given)";
+        unique(&mut points, &sensor.point, section, "point", advice)?;
+
+        let taken = node_channels.entry(sensor.node).or_default();
+        *taken += 1;
+        if *taken > CHANNELS_PER_NODE {
+            return Err(StudyError::NodeFull {
+                place: section.place_of("node"),
+                setup: setup.name.clone(),
+                channel: sensor.channel.clone(),
+                node: sensor.node,
+                limit: CHANNELS_PER_NODE,
+            });
+        }
+        sensitivity(setup, sensor, section)?;
+    }
+    Ok(())
+}
+
+/// Notes `name` with its line, or fails with the line where it stood before.
+fn unique<'n>(
+    lines: &mut HashMap<&'n str, usize>,
+    name: &'n str,
+    section: &Section<'_>,
+    key: &str,
+    advice: &'static str,
+) -> Result<(), StudyError> {
+    let place = section.place_of(key);
+    match lines.insert(name, place.line) {
+        Some(first_line) => Err(StudyError::Duplicate { place, name: name.to_owned(), first_line, advice }),
+        None => Ok(()),
+    }
+}
+
+fn sensitivity(setup: &Setup, sensor: &Sensor, section: &Section<'_>) -> Result<(), StudyError> {
+    let place = section.place_of("sensitivity_v_per_m_s2");
+    let (setup_name, channel) = (setup.name.clone(), sensor.channel.clone());
+    match (setup.unit == Unit::Volt, sensor.sensitivity_v_per_m_s2) {
+        (true, None) => Err(StudyError::NoSensitivity { place, setup: setup_name, channel }),
+        (false, Some(_)) => Err(StudyError::NeedlessSensitivity { place, setup: setup_name, channel }),
+        _ => Ok(()),
+    }
+}
+
+/// The setups against each other; `sections` are theirs, in the same order.
+pub(super) fn setups(setups: &[Setup], sections: &[Section<'_>]) -> Result<(), StudyError> {
+    let mut names = HashMap::new();
+    for (setup, section) in setups.iter().zip(sections) {
+        unique(&mut names, &setup.name, section, "name", "give every setup its own name")?;
+    }
+    if setups.len() > 1 {
+        common_references(setups, sections)?;
+        references_stay_in_place(setups, sections)?;
+    }
+    Ok(())
+}
+
+fn references(setup: &Setup) -> impl Iterator<Item = &Sensor> {
+    setup.sensors.iter().filter(|sensor| sensor.reference)
+}
+
+/// At least one point is a reference in every setup: shapes of parts are put together over it.
+fn common_references(setups: &[Setup], sections: &[Section<'_>]) -> Result<(), StudyError> {
+    let mut common: Option<Vec<&str>> = None;
+    for (setup, section) in setups.iter().zip(sections) {
+        let here = || references(setup).map(|sensor| sensor.point.as_str());
+        let shared = match common {
+            None => here().collect::<Vec<_>>(),
+            Some(before) => before.into_iter().filter(|point| here().any(|here| here == *point)).collect(),
+        };
+        if shared.is_empty() {
+            return Err(StudyError::NoCommonReference {
+                place: section.place(),
+                references: setups.iter().map(references_in_words).collect::<Vec<_>>().join("; "),
+            });
+        }
+        common = Some(shared);
+    }
+    Ok(())
+}
+
+fn references_in_words(setup: &Setup) -> String {
+    let points = references(setup).map(|sensor| sensor.point.as_str()).collect::<Vec<_>>();
+    let points = if points.is_empty() { "none".to_owned() } else { points.join(", ") };
+    format!("{:?} has {points}", setup.name)
+}
+
+/// A reference that moved or turned would bend every shape that is put together over it.
+fn references_stay_in_place(setups: &[Setup], sections: &[Section<'_>]) -> Result<(), StudyError> {
+    let mut first: HashMap<&str, (&Sensor, usize)> = HashMap::new();
+    for (setup, section) in setups.iter().zip(sections) {
+        let sensor_sections = section.tables("sensor")?;
+        for (sensor, section) in setup.sensors.iter().zip(&sensor_sections).filter(|(sensor, _)| sensor.reference) {
+            let place = section.place();
+            let (before, first_line) = *first.entry(&sensor.point).or_insert((sensor, place.line));
+            let same = before.elevation_m == sensor.elevation_m
+                && before.direction == sensor.direction
+                && before.offset_m == sensor.offset_m;
+            if !same {
+                return Err(StudyError::ReferenceMoved { place, point: sensor.point.clone(), first_line });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The analysis against the recordings it is meant for.
+pub(super) fn analysis(analysis: &Analysis, section: &Section<'_>, setups: &[Setup]) -> Result<(), StudyError> {
+    if let Some([low_hz, high_hz]) = analysis.band_hz
+        && low_hz >= high_hz
+    {
+        return Err(StudyError::BandReversed { place: section.place_of("band_hz"), low_hz, high_hz });
+    }
+    for setup in setups {
+        let ratio = match analysis.decimated_rate_hz {
+            Some(decimated_rate_hz) => {
+                Some(decimation_ratio(setup.sampling_rate_hz, decimated_rate_hz).ok_or_else(|| {
+                    StudyError::DecimatedRate {
+                        place: section.place_of("decimated_rate_hz"),
+                        setup: setup.name.clone(),
+                        decimated_rate_hz,
+                        sampling_rate_hz: setup.sampling_rate_hz,
+                    }
+                })?)
+            }
+            None => None,
+        };
+        if let Some([_, high_hz]) = analysis.band_hz {
+            let decimated = ratio.is_some_and(|ratio| ratio > 1);
+            let (limit_hz, reason) = match analysis.decimated_rate_hz {
+                Some(rate_hz) if decimated => (USABLE_FRACTION * rate_hz, "0.4 times the decimated rate"),
+                _ => (setup.sampling_rate_hz / 2.0, "half the sampling rate"),
+            };
+            // 0.4 is no binary fraction: a band that ends exactly at the limit must not fail by a rounding.
+            if high_hz > limit_hz * (1.0 + 1e-9) {
+                let (place, setup) = (section.place_of("band_hz"), setup.name.clone());
+                return Err(StudyError::BandTooHigh { place, setup, high_hz, limit_hz, reason, decimated });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The whole number that brings one rate to the other, where the shared decimating filter has stages for it.
+fn decimation_ratio(sampling_rate_hz: f64, decimated_rate_hz: f64) -> Option<u32> {
+    let ratio = sampling_rate_hz / decimated_rate_hz;
+    let whole = ratio.round();
+    let fits = whole >= 1.0 && whole <= f64::from(u32::MAX) && (ratio - whole).abs() <= RATIO_TOLERANCE * whole;
+    fits.then(|| Stages::of(whole as u32)).flatten().map(|stages| stages.ratio())
+}

@@ -1,0 +1,285 @@
+//! What can be wrong with a study: where, what was expected, and what to do.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// A key in a study's file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// The study's file.
+    pub file: PathBuf,
+    /// 1-based line.
+    pub line: usize,
+    /// Dotted key such as `setup.sensor.node`; empty for the document as a whole.
+    pub key: String,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{} line {}", self.file.display(), self.line)?;
+        if self.key.is_empty() { Ok(()) } else { write!(formatter, ", `{}`", self.key) }
+    }
+}
+
+/// Why a study cannot be used.
+#[derive(Debug, Error)]
+pub enum StudyError {
+    /// The file is absent or unreadable.
+    #[error("cannot read {}; name a study's folder, or make a new study with `belfry init`", file.display())]
+    Read {
+        /// The file that should hold the study.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is no TOML.
+    #[error("{} line {line}: {message}; see https://toml.io for how TOML is written", file.display())]
+    Syntax {
+        /// The study's file.
+        file: PathBuf,
+        /// 1-based line.
+        line: usize,
+        /// What the parser found.
+        message: String,
+    },
+    /// A key that Belfry does not know.
+    #[error("{place}: unknown key{}; known here: {}", did_you_mean(*near), known.join(", "))]
+    UnknownKey {
+        /// The key.
+        place: Place,
+        /// The known key that it most resembles, if any does.
+        near: Option<&'static str>,
+        /// All keys known there.
+        known: &'static [&'static str],
+    },
+    /// A key that has to be there is not.
+    #[error("{} line {}: {} needs `{name}`: {expected}", place.file.display(), place.line, table_name(table))]
+    Missing {
+        /// The table that lacks it.
+        place: Place,
+        /// The key that is missing.
+        name: String,
+        /// What should stand there.
+        expected: &'static str,
+        /// The table's dotted key.
+        table: String,
+    },
+    /// Another type than expected.
+    #[error("{place}: expected {expected}, found {found}", found = with_article(found))]
+    WrongType {
+        /// The key.
+        place: Place,
+        /// The TOML type that stands there.
+        found: &'static str,
+        /// What should stand there.
+        expected: &'static str,
+    },
+    /// The right type, but a value that cannot be meant.
+    #[error("{place}: expected {expected}, found {found}")]
+    OutOfRange {
+        /// The key.
+        place: Place,
+        /// The value as written.
+        found: String,
+        /// What should stand there.
+        expected: &'static str,
+    },
+    /// A unit that Belfry cannot convert.
+    #[error(
+        "{place}: unknown unit {found}; use \"m/s2\", \"g\", \"V\" (with a sensitivity for every sensor) or \
+         \"m/s\""
+    )]
+    UnknownUnit {
+        /// The key.
+        place: Place,
+        /// The unit as written.
+        found: String,
+    },
+    /// A file pattern that cannot match anything.
+    #[error("{place}: {pattern:?} is no file pattern; use * for any characters and [abc] for one of several")]
+    Pattern {
+        /// The list of patterns.
+        place: Place,
+        /// The pattern.
+        pattern: String,
+        /// What is wrong with it.
+        source: glob::PatternError,
+    },
+    /// `live = true`.
+    #[error(
+        "{place}: collecting live comes with `belfry collect`, which is not yet available; {}",
+        if *has_files { "remove `live`, the setup has `files` already" } else { "give the recording's `files` instead" }
+    )]
+    Live {
+        /// The key.
+        place: Place,
+        /// Whether the setup names files as well.
+        has_files: bool,
+    },
+    /// A name that has to be unique stands twice.
+    #[error("{place}: {name:?} stands already in line {first_line}; {advice}")]
+    Duplicate {
+        /// The second.
+        place: Place,
+        /// The name.
+        name: String,
+        /// Line of the first.
+        first_line: usize,
+        /// What makes it unique.
+        advice: &'static str,
+    },
+    /// A node samples at most four channels.
+    #[error(
+        "{place}: channel {channel:?} is the fifth of node {node} in setup {setup:?}; a node has at most \
+         {limit} channels, so give it to another node"
+    )]
+    NodeFull {
+        /// The sensor's node.
+        place: Place,
+        /// The setup.
+        setup: String,
+        /// The sensor that has no room.
+        channel: String,
+        /// The node.
+        node: u16,
+        /// How many channels a node has.
+        limit: usize,
+    },
+    /// Volts say nothing without a sensitivity.
+    #[error(
+        "{place}: channel {channel:?} needs `sensitivity_v_per_m_s2` (volts per m/s²), as setup {setup:?} \
+         is recorded in V"
+    )]
+    NoSensitivity {
+        /// The sensor.
+        place: Place,
+        /// The setup.
+        setup: String,
+        /// The sensor's channel.
+        channel: String,
+    },
+    /// A sensitivity where the recording is in a unit already.
+    #[error(
+        "{place}: channel {channel:?} has a sensitivity, but setup {setup:?} is not recorded in volts; \
+         remove it, or set `unit = \"V\"`"
+    )]
+    NeedlessSensitivity {
+        /// The sensitivity.
+        place: Place,
+        /// The setup.
+        setup: String,
+        /// The sensor's channel.
+        channel: String,
+    },
+    /// The band's ends are the wrong way round.
+    #[error("{place}: the band starts at {low_hz} Hz and ends at {high_hz} Hz; write the lower frequency first")]
+    BandReversed {
+        /// The band.
+        place: Place,
+        /// What stands first.
+        low_hz: f64,
+        /// What stands second.
+        high_hz: f64,
+    },
+    /// The band reaches beyond what the sampling rate can show.
+    #[error(
+        "{place}: the band ends at {high_hz} Hz, but setup {setup:?} shows nothing above {limit_hz} Hz \
+         ({reason}); end the band there or below{}",
+        if *decimated { ", or raise `decimated_rate_hz`" } else { "" }
+    )]
+    BandTooHigh {
+        /// The band.
+        place: Place,
+        /// The setup with the lowest limit.
+        setup: String,
+        /// Where the band ends.
+        high_hz: f64,
+        /// Up to where there is something to see.
+        limit_hz: f64,
+        /// Where the limit comes from.
+        reason: &'static str,
+        /// Whether it is the decimated rate that limits.
+        decimated: bool,
+    },
+    /// The recording cannot be brought to the decimated rate.
+    #[error(
+        "{place}: {decimated_rate_hz} Hz cannot be reached from the {sampling_rate_hz} Hz of setup \
+         {setup:?}; divide the sampling rate by a whole number made of up to three factors from 2 to 10, or \
+         leave the key out"
+    )]
+    DecimatedRate {
+        /// The decimated rate.
+        place: Place,
+        /// The setup.
+        setup: String,
+        /// What is asked for.
+        decimated_rate_hz: f64,
+        /// What was recorded.
+        sampling_rate_hz: f64,
+    },
+    /// Several setups that nothing ties together.
+    #[error(
+        "{place}: no point is a reference in every setup ({references}), so their shapes cannot be put \
+         together; give the sensors that stayed in place the same `point` and `reference = true` in every \
+         setup"
+    )]
+    NoCommonReference {
+        /// The first setup that has none of the reference points before it.
+        place: Place,
+        /// The reference points of each setup.
+        references: String,
+    },
+    /// A reference point that is not where it was.
+    #[error(
+        "{place}: reference point {point:?} stands elsewhere, or looks elsewhere, than in line \
+         {first_line}; a reference stays in place, so correct one of the two or give it another `point`"
+    )]
+    ReferenceMoved {
+        /// The later sensor.
+        place: Place,
+        /// The point.
+        point: String,
+        /// Line of the earlier sensor.
+        first_line: usize,
+    },
+    /// No measurement at all.
+    #[error(
+        "{} says nothing of sensors; add a [[setup]] with its [[setup.sensor]] (a recording), or [measured] \
+         with [[sensor]] (modes from elsewhere)",
+        file.display()
+    )]
+    NothingMeasured {
+        /// The study's file.
+        file: PathBuf,
+    },
+    /// A model of nothing, or of two things.
+    #[error(
+        "{place}: a model has either `beam` or `matrices`, this one has {}",
+        if *both { "both; remove one" } else { "neither; write for instance beam = \"beam.csv\"" }
+    )]
+    ModelSource {
+        /// The model.
+        place: Place,
+        /// Whether both are there.
+        both: bool,
+    },
+}
+
+fn did_you_mean(near: Option<&str>) -> String {
+    near.map(|near| format!(" (did you mean `{near}`?)")).unwrap_or_default()
+}
+
+fn table_name(table: &str) -> String {
+    match table {
+        "" => "the study".to_owned(),
+        "setup" | "setup.sensor" | "model.effect" => format!("[[{table}]]"),
+        _ => format!("[{table}]"),
+    }
+}
+
+fn with_article(kind: &str) -> String {
+    let article = if kind.starts_with(['a', 'i']) { "an" } else { "a" };
+    format!("{article} {kind}")
+}

@@ -1,0 +1,255 @@
+//! From the text of `study.toml` to its types: every key read once, every single value checked on the way.
+
+use std::path::{Path, PathBuf};
+
+use toml::de::DeTable;
+
+use super::check;
+use super::error::StudyError;
+use super::section::{Entry, Section, Source, line_of};
+use super::types::{Analysis, Direction, Effect, Model, Sensor, Setup, Structure, Study, Unit, Unused};
+
+const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
+const STRUCTURE_KEYS: &[&str] = &["name"];
+const SETUP_KEYS: &[&str] = &["name", "files", "variable", "live", "sampling_rate_hz", "unit", "sensor"];
+const SENSOR_KEYS: &[&str] = &[
+    "channel",
+    "point",
+    "node",
+    "elevation_m",
+    "azimuth_deg",
+    "offset_m",
+    "reference",
+    "sensitivity_v_per_m_s2",
+    "dof",
+];
+const ANALYSIS_KEYS: &[&str] = &["band_hz", "decimated_rate_hz", "segment"];
+const MODEL_KEYS: &[&str] =
+    &["beam", "matrices", "background_stiffness", "background_mass", "correlation_length_m", "effect"];
+
+/// Reads and checks a whole study.
+pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
+    let file = folder.join(super::STUDY_FILE);
+    let document = DeTable::parse(text).map_err(|error| StudyError::Syntax {
+        file: file.clone(),
+        // An error without a span is about what is missing at the end.
+        line: line_of(text.as_bytes(), error.span().map_or(text.len(), |span| span.start)),
+        message: error.message().to_owned(),
+    })?;
+    let document = Section::document(Source { file: &file, text }, &document);
+    document.allow_only(STUDY_KEYS)?;
+
+    let structure = structure(
+        &document
+            .required("structure", "a [structure] section with the structure's name")?
+            .section("a section, written [structure]")?,
+    )?;
+    let setup_sections = document.tables("setup")?;
+    let setups = setup_sections.iter().map(setup).collect::<Result<Vec<_>, _>>()?;
+    if setups.is_empty() && document.tables("sensor")?.is_empty() {
+        return Err(StudyError::NothingMeasured { file });
+    }
+    check::setups(&setups, &setup_sections)?;
+
+    let analysis = match document.get("analysis") {
+        Some(entry) => {
+            let section = entry.section("a section, written [analysis]")?;
+            let analysis = analysis(&section)?;
+            check::analysis(&analysis, &section, &setups)?;
+            analysis
+        }
+        None => Analysis::default(),
+    };
+
+    let mut unused = ["sensor", "measured"].iter().filter_map(|key| document.get(key)).collect::<Vec<_>>();
+    let model = match document.get("model") {
+        Some(entry) => {
+            let section = entry.section("a section, written [model]")?;
+            unused.extend(["matrices", "effect"].iter().filter_map(|key| section.get(key)));
+            model(&section)?
+        }
+        None => None,
+    };
+    let mut unused = unused.iter().map(unused_key).collect::<Vec<_>>();
+    unused.sort_by_key(|unused| unused.line);
+    Ok(Study { folder: folder.to_owned(), structure, setups, analysis, model, unused })
+}
+
+/// Names what stands in the file for later versions: modes identified elsewhere with their sensors, matrices, effects.
+fn unused_key(entry: &Entry<'_>) -> Unused {
+    let place = entry.first_place();
+    Unused { line: place.line, key: place.key }
+}
+
+fn structure(section: &Section<'_>) -> Result<Structure, StudyError> {
+    section.allow_only(STRUCTURE_KEYS)?;
+    const NAME: &str = "the structure's name, in quotes";
+    Ok(Structure { name: section.required("name", NAME)?.text(NAME)? })
+}
+
+fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
+    section.allow_only(SETUP_KEYS)?;
+    const NAME: &str = "a name for the setup, in quotes, such as \"january\"";
+    const FILES: &str = "a list of file names or patterns, such as [\"day1_*.csv\"]";
+    const VARIABLE: &str = "the name of a variable in the MATLAB file, in quotes";
+    const RATE: &str = "the recording's rows per second, a number above 0";
+    const UNIT: &str = "one of \"m/s2\", \"g\", \"V\" and \"m/s\"";
+
+    let name = section.required("name", NAME)?.text(NAME)?;
+    if let Some(live) = section.get("live")
+        && live.boolean()?
+    {
+        return Err(StudyError::Live { place: live.place(), has_files: section.get("files").is_some() });
+    }
+    let files = file_patterns(&section.required("files", FILES)?, FILES)?;
+    let variable = section.get("variable").map(|entry| entry.text(VARIABLE)).transpose()?;
+    let sampling_rate_hz = section.required("sampling_rate_hz", RATE)?.positive(RATE)?;
+    let unit = unit(&section.required("unit", UNIT)?, UNIT)?;
+
+    let sensor_sections = section.tables("sensor")?;
+    if sensor_sections.is_empty() {
+        let expected = "one [[setup.sensor]] for each channel of the recording, below the setup's own keys";
+        return Err(section.missing("sensor", expected));
+    }
+    let sensors = sensor_sections.iter().map(sensor).collect::<Result<Vec<_>, _>>()?;
+    let setup = Setup { name, files, variable, sampling_rate_hz, unit, sensors };
+    check::sensors(&setup, &sensor_sections)?;
+    Ok(setup)
+}
+
+fn file_patterns(entry: &Entry<'_>, expected: &'static str) -> Result<Vec<String>, StudyError> {
+    let entries = entry.list(expected)?;
+    if entries.is_empty() {
+        return Err(entry.out_of_range(expected));
+    }
+    entries
+        .iter()
+        .map(|entry| {
+            let pattern = entry.text(expected)?;
+            match glob::Pattern::new(&pattern) {
+                Ok(_) => Ok(pattern),
+                Err(source) => Err(StudyError::Pattern { place: entry.place(), pattern, source }),
+            }
+        })
+        .collect()
+}
+
+fn unit(entry: &Entry<'_>, expected: &'static str) -> Result<Unit, StudyError> {
+    match entry.text(expected)?.as_str() {
+        "m/s2" => Ok(Unit::MetrePerSecondSquared),
+        "g" => Ok(Unit::StandardGravity),
+        "V" => Ok(Unit::Volt),
+        "m/s" => Ok(Unit::MetrePerSecond),
+        _ => Err(StudyError::UnknownUnit { place: entry.place(), found: entry.written() }),
+    }
+}
+
+fn sensor(section: &Section<'_>) -> Result<Sensor, StudyError> {
+    section.allow_only(SENSOR_KEYS)?;
+    const CHANNEL: &str = "the column's name or its 1-based position, in quotes, such as \"01\"";
+    const POINT: &str = "a name for the measurement point, in quotes";
+    const NODE: &str = "the number of the sensor node that samples the channel, from 1 to 65535";
+    const ELEVATION: &str = "a height in metres";
+    const OFFSET: &str = "the plan position from the beam axis in metres, such as [-6.32, 3.65]";
+    const SENSITIVITY: &str = "volts per m/s², a number above 0 (for a sensor mounted backwards turn `azimuth_deg`)";
+    const DOF: &str = "the 1-based row of the model's matrices, a whole number from 1";
+
+    let optional_number = |key, expected| section.get(key).map(|entry: Entry<'_>| entry.number(expected)).transpose();
+    let channel = section.required("channel", CHANNEL)?.text(CHANNEL)?;
+    let point = match section.get("point") {
+        Some(entry) => entry.text(POINT)?,
+        None => channel.clone(),
+    };
+    // The ranges make both conversions lossless.
+    let node = section.required("node", NODE)?.whole(1..65536, NODE)? as u16;
+    let dof = section.get("dof").map(|entry| entry.whole(1..i64::from(u32::MAX), DOF)).transpose()?;
+    Ok(Sensor {
+        channel,
+        point,
+        node,
+        elevation_m: optional_number("elevation_m", ELEVATION)?,
+        direction: section.get("azimuth_deg").map(|entry| direction(&entry)).transpose()?,
+        offset_m: section.get("offset_m").map_or(Ok([0.0, 0.0]), |entry| entry.pair(OFFSET))?,
+        reference: section.get("reference").map_or(Ok(false), |entry| entry.boolean())?,
+        sensitivity_v_per_m_s2: section
+            .get("sensitivity_v_per_m_s2")
+            .map(|entry| entry.positive(SENSITIVITY))
+            .transpose()?,
+        dof: dof.map(|dof| dof as usize),
+    })
+}
+
+fn direction(entry: &Entry<'_>) -> Result<Direction, StudyError> {
+    const AZIMUTH: &str = "degrees anticlockwise from +X seen from above, or \"up\" for a vertical sensor";
+    if !entry.is_text() {
+        return Ok(Direction::AzimuthDeg(entry.number(AZIMUTH)?));
+    }
+    match entry.text(AZIMUTH)?.as_str() {
+        "up" => Ok(Direction::Up),
+        _ => Err(entry.out_of_range(AZIMUTH)),
+    }
+}
+
+fn analysis(section: &Section<'_>) -> Result<Analysis, StudyError> {
+    section.allow_only(ANALYSIS_KEYS)?;
+    const BAND: &str = "the lowest and highest frequency of interest in Hz, both above 0, such as [0.05, 1.5]";
+    const RATE: &str = "the sampling rate after decimation in Hz, a number above 0";
+    const SEGMENT: &str = "256, 512, 1024, 2048 or 4096 points";
+
+    let band_hz = match section.get("band_hz") {
+        Some(entry) => {
+            let band = entry.pair(BAND)?;
+            // Line 0 is the mean, which every sensor's offset drowns.
+            if band.iter().any(|&end| end <= 0.0) {
+                return Err(entry.out_of_range(BAND));
+            }
+            Some(band)
+        }
+        None => None,
+    };
+    let segment = match section.get("segment") {
+        Some(entry) => {
+            let segment = entry.whole(256..4097, SEGMENT)? as usize;
+            if !segment.is_power_of_two() {
+                return Err(entry.out_of_range(SEGMENT));
+            }
+            Some(segment)
+        }
+        None => None,
+    };
+    let decimated_rate_hz = section.get("decimated_rate_hz").map(|entry| entry.positive(RATE)).transpose()?;
+    Ok(Analysis { band_hz, decimated_rate_hz, segment })
+}
+
+/// `None` where the model is given as matrices, which later versions read.
+fn model(section: &Section<'_>) -> Result<Option<Model>, StudyError> {
+    section.allow_only(MODEL_KEYS)?;
+    const BEAM: &str = "the name of a beam table, in quotes, such as \"beam.csv\"";
+    const BACKGROUND: &str = "a relative standard deviation, a number above 0 such as 0.03";
+    const LENGTH: &str = "a length in metres, a number above 0";
+
+    let optional_positive =
+        |key, expected| section.get(key).map(|entry: Entry<'_>| entry.positive(expected)).transpose();
+    let background_stiffness = optional_positive("background_stiffness", BACKGROUND)?;
+    let background_mass = optional_positive("background_mass", BACKGROUND)?;
+    let correlation_length_m = optional_positive("correlation_length_m", LENGTH)?;
+    let effects = section.tables("effect")?.iter().map(effect).collect::<Result<Vec<_>, _>>()?;
+    match (section.get("beam"), section.get("matrices")) {
+        (Some(beam), None) => {
+            let beam = PathBuf::from(beam.text(BEAM)?);
+            Ok(Some(Model { beam, background_stiffness, background_mass, correlation_length_m, effects }))
+        }
+        (None, Some(_)) => Ok(None),
+        (beam, _) => Err(StudyError::ModelSource { place: section.place(), both: beam.is_some() }),
+    }
+}
+
+fn effect(section: &Section<'_>) -> Result<Effect, StudyError> {
+    const KIND: &str = "an effect of the catalogue, in quotes, such as \"base-rotation\"";
+    const WHERE: &str = "the place of the effect, in quotes, such as \"225.2m\", \"ch07\" or \"node3\"";
+    Ok(Effect {
+        kind: section.required("kind", KIND)?.text(KIND)?,
+        location: section.get("where").map(|entry| entry.text(WHERE)).transpose()?,
+        parameters: section.rest(&["kind", "where"])?,
+    })
+}

@@ -1,0 +1,210 @@
+//! Frames: a payload, made safe to find and to trust on a byte stream.
+//!
+//! A frame on the line is `COBS(version, message, CRC-32) 0x00`. COBS (Cheshire & Baker 1999) takes every zero out of the
+//! body, so that a zero always ends a frame and a receiver that joins late, or lost bytes, is back in step at the next
+//! zero. The CRC is CRC-32/ISO-HDLC (Ethernet's) over version and message, little endian. The version stands outside
+//! the message, so that a peer of another version is recognised whatever its messages look like.
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use thiserror::Error;
+
+/// The version of framing and messages.
+pub const PROTOCOL_VERSION: u8 = 1;
+/// Longest message in a frame, in bytes.
+pub const MAX_MESSAGE_BYTES: usize = 512;
+/// Version byte and CRC.
+const ENVELOPE_BYTES: usize = 1 + CRC_BYTES;
+const CRC_BYTES: usize = 4;
+/// Longest frame body before COBS.
+const MAX_BODY_BYTES: usize = MAX_MESSAGE_BYTES + ENVELOPE_BYTES;
+/// Longest frame on the line, with its end mark.
+pub const MAX_FRAME_BYTES: usize = cobs::max_encoding_length(MAX_BODY_BYTES) + 1;
+/// The byte that ends a frame and occurs nowhere else.
+pub const END_OF_FRAME: u8 = 0;
+
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+
+/// CRC-32 as frames carry it; also the hash of a configuration.
+pub fn crc32(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}
+
+/// Why a frame was not made or not accepted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum FrameError {
+    /// The body is no COBS code: bytes were lost or changed.
+    #[error("the frame's byte stuffing is broken")]
+    Stuffing,
+    /// More bytes than any frame has came without an end mark.
+    #[error("the frame is longer than {MAX_FRAME_BYTES} bytes")]
+    TooLong,
+    /// Fewer bytes than the envelope has.
+    #[error("the frame is too short to be one")]
+    TooShort,
+    /// The check sum does not fit: bytes were changed.
+    #[error("the frame's check sum is wrong")]
+    Checksum,
+    /// The peer speaks another version (its check sum is right).
+    #[error("the frame has protocol version {found}, this side speaks {PROTOCOL_VERSION}")]
+    Version {
+        /// The version found.
+        found: u8,
+    },
+    /// The check sum is right but the message is none of this version's.
+    #[error("the frame's message cannot be read")]
+    Message,
+}
+
+/// Writes the frame of `message` to `frame` and returns its length.
+///
+/// `message` may be up to [`MAX_MESSAGE_BYTES`] long; a longer one is refused with [`FrameError::TooLong`].
+pub fn encode(message: &[u8], frame: &mut [u8; MAX_FRAME_BYTES]) -> Result<usize, FrameError> {
+    let mut body = [0_u8; MAX_BODY_BYTES];
+    let length = message.len();
+    let body = body.get_mut(..length + ENVELOPE_BYTES).ok_or(FrameError::TooLong)?;
+    body[0] = PROTOCOL_VERSION;
+    body[1..=length].copy_from_slice(message);
+    let checksum = crc32(&body[..=length]);
+    body[length + 1..].copy_from_slice(&checksum.to_le_bytes());
+    let stuffed = cobs::try_encode(body, frame).map_err(|_| FrameError::TooLong)?;
+    *frame.get_mut(stuffed).ok_or(FrameError::TooLong)? = END_OF_FRAME;
+    Ok(stuffed + 1)
+}
+
+/// Finds frames in a byte stream, a byte at a time, in bounded memory.
+#[derive(Debug, Clone)]
+pub struct FrameDecoder {
+    buffer: [u8; MAX_FRAME_BYTES],
+    length: usize,
+    overrun: bool,
+}
+
+impl FrameDecoder {
+    /// A decoder at the start of a stream.
+    pub const fn new() -> Self {
+        Self { buffer: [0; MAX_FRAME_BYTES], length: 0, overrun: false }
+    }
+
+    /// Takes a byte; at the end of a frame returns its message, or why there is none.
+    ///
+    /// Empty frames (two end marks in a row) are passed over, so that a sender may put an end mark in front to flush noise.
+    pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], FrameError>> {
+        if byte != END_OF_FRAME {
+            match self.buffer.get_mut(self.length) {
+                Some(place) => {
+                    *place = byte;
+                    self.length += 1;
+                }
+                None => self.overrun = true,
+            }
+            return None;
+        }
+        let length = core::mem::take(&mut self.length);
+        if core::mem::take(&mut self.overrun) {
+            return Some(Err(FrameError::TooLong));
+        }
+        (length > 0).then(|| open(&mut self.buffer[..length]))
+    }
+}
+
+impl Default for FrameDecoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Takes the envelope off a stuffed body.
+fn open(stuffed: &mut [u8]) -> Result<&[u8], FrameError> {
+    let length = cobs::decode_in_place(stuffed).map_err(|_| FrameError::Stuffing)?;
+    let body = stuffed.get(..length).ok_or(FrameError::Stuffing)?;
+    let (content, checksum) = body.split_last_chunk::<CRC_BYTES>().ok_or(FrameError::TooShort)?;
+    let (&version, message) = content.split_first().ok_or(FrameError::TooShort)?;
+    if crc32(content) != u32::from_le_bytes(*checksum) {
+        return Err(FrameError::Checksum);
+    }
+    if version != PROTOCOL_VERSION {
+        return Err(FrameError::Version { found: version });
+    }
+    Ok(message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    fn framed(message: &[u8]) -> Vec<u8> {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let length = encode(message, &mut frame).unwrap();
+        frame[..length].to_vec()
+    }
+
+    fn decoded(bytes: &[u8]) -> Vec<Result<Vec<u8>, FrameError>> {
+        let mut decoder = FrameDecoder::new();
+        bytes.iter().filter_map(|&byte| decoder.push(byte).map(|frame| frame.map(<[u8]>::to_vec))).collect()
+    }
+
+    #[test]
+    fn golden_frame() {
+        // Version 1, message 11 00 22, CRC-32 of 01 11 00 22 little endian; COBS codes 03 and 06 in place of the zeros.
+        let checksum = crc32(&[1, 0x11, 0, 0x22]).to_le_bytes();
+        let mut expected = std::vec![3, 1, 0x11, 6, 0x22];
+        expected.extend_from_slice(&checksum);
+        expected.push(0);
+        assert_eq!(checksum, [0xDA, 0x30, 0x7C, 0x51]);
+        assert_eq!(framed(&[0x11, 0, 0x22]), expected);
+    }
+
+    #[test]
+    fn the_checksum_is_the_one_every_reference_lists() {
+        assert_eq!(crc32(b"123456789"), 0xCBF4_3926);
+    }
+
+    #[test]
+    fn another_version_is_named() {
+        let mut body = std::vec![9, 1, 2];
+        body.extend_from_slice(&crc32(&body).to_le_bytes());
+        let mut frame = [0; 32];
+        let length = cobs::try_encode(&body, &mut frame).unwrap();
+        assert_eq!(decoded(&frame[..=length]), [Err(FrameError::Version { found: 9 })]);
+    }
+
+    #[test]
+    fn a_stream_without_end_marks_is_bounded_and_recovers() {
+        let mut bytes = std::vec![1; 3 * MAX_FRAME_BYTES];
+        bytes.push(0);
+        bytes.extend(framed(b"back in step"));
+        assert_eq!(decoded(&bytes), [Err(FrameError::TooLong), Ok(b"back in step".to_vec())]);
+    }
+
+    #[test]
+    fn a_message_that_is_too_long_is_refused() {
+        assert_eq!(encode(&[0; MAX_MESSAGE_BYTES + 1], &mut [0; MAX_FRAME_BYTES]), Err(FrameError::TooLong));
+        assert_eq!(decoded(&framed(&[0; MAX_MESSAGE_BYTES])), [Ok(std::vec![0; MAX_MESSAGE_BYTES])]);
+    }
+
+    proptest! {
+        #[test]
+        fn messages_come_back_unchanged_whatever_noise_went_before(
+            noise in prop::collection::vec(any::<u8>(), 0..600),
+            messages in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..=MAX_MESSAGE_BYTES), 1..4),
+        ) {
+            let mut bytes = noise;
+            bytes.push(END_OF_FRAME);
+            let before = decoded(&bytes).len();
+            for message in &messages { bytes.extend(framed(message)); }
+            let after: Vec<_> = decoded(&bytes).into_iter().skip(before).map(Result::unwrap).collect();
+            prop_assert_eq!(after, messages);
+        }
+
+        #[test]
+        fn a_flipped_bit_never_passes_for_a_message(message in prop::collection::vec(any::<u8>(), 1..200), bit in any::<prop::sample::Index>()) {
+            let mut bytes = framed(&message);
+            let bit = bit.index((bytes.len() - 1) * 8);
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            prop_assert!(decoded(&bytes).iter().all(Result::is_err));
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! A user makes a new study: from either template, not over an old one, by hand and from a program.
+
+use std::fs;
+use std::io::Read;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use assert_cmd::prelude::*;
+use belfry_host::study::{STUDY_FILE, Study};
+use belfry_tests::belfry_command;
+use predicates::prelude::*;
+
+/// `belfry init FOLDER ARGUMENTS`, as a user with backtraces switched on runs it.
+fn init(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = belfry_command();
+    command.env("RUST_BACKTRACE", "1").arg("init").arg(folder).args(arguments);
+    command
+}
+
+#[test]
+fn both_templates_make_a_study_that_loads() {
+    for (template, setup, sensors, has_model) in [("canton", "january", 20, true), ("blank", "first", 2, false)] {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("new").join("study");
+        let next = predicate::str::contains("next: ").and(predicate::str::contains("belfry identify"));
+        init(&folder, &["--template", template]).assert().success().stdout(next).stderr("");
+        let study = Study::load(&folder).unwrap();
+        assert_eq!(study.setups[0].name, setup);
+        assert_eq!(study.setups[0].sensors.len(), sensors);
+        assert_eq!(study.model.is_some(), has_model);
+        if let Some(model) = study.model {
+            let beam = fs::read_to_string(folder.join(model.beam)).unwrap();
+            assert_eq!(beam.lines().count(), 38, "a header and the tower's 37 segments");
+        }
+    }
+}
+
+#[test]
+fn a_study_that_is_there_is_named_and_left_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    for mine in [STUDY_FILE, "beam.csv"] {
+        let file = folder.path().join(mine);
+        fs::write(&file, "mine").unwrap();
+        for arguments in [&["--template", "canton"][..], &["--template", "canton", "--json"]] {
+            let named = predicate::str::starts_with(format!("error: {} exists already", file.display()))
+                .and(predicate::str::contains("name another folder"))
+                .and(predicate::str::contains("backtrace").not());
+            init(folder.path(), arguments).assert().code(1).stdout("").stderr(named);
+        }
+        assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing was written next to it");
+        fs::remove_file(file).unwrap();
+    }
+}
+
+#[test]
+fn a_folder_that_cannot_be_made_is_told_with_its_cause() {
+    let parent = tempfile::tempdir().unwrap();
+    let file = parent.path().join("file");
+    fs::write(&file, "").unwrap();
+    let told = predicate::str::contains("error: cannot make the folder")
+        .and(predicate::str::contains("\n  caused by: "))
+        .and(predicate::str::contains("backtrace").not());
+    init(&file.join("study"), &[]).assert().code(1).stdout("").stderr(told);
+}
+
+#[test]
+fn json_is_one_object_with_the_study_its_files_and_what_comes_next() {
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join("canton");
+    let output = init(&folder, &["--template", "canton", "--json"]).output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty());
+    let object: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(object["study"], folder.display().to_string());
+    assert_eq!(object["files"], serde_json::json!(["beam.csv", "study.toml"]));
+    for file in object["files"].as_array().unwrap() {
+        assert!(folder.join(file.as_str().unwrap()).is_file());
+    }
+    assert!(object["next"].as_str().unwrap().contains("belfry identify"));
+}
+
+#[test]
+fn usage_is_told_with_status_2_and_help_with_0() {
+    let folder = tempfile::tempdir().unwrap();
+    let templates = predicate::str::contains("canton").and(predicate::str::contains("blank"));
+    init(folder.path(), &["--template", "castle"]).assert().code(2).stdout("").stderr(templates);
+    belfry_command().assert().code(2).stdout("");
+    belfry_command().args(["init", "--json"]).assert().code(2).stdout("");
+    belfry_command().arg("--help").assert().code(0).stdout(predicate::str::contains("Examples:"));
+    belfry_command().args(["init", "--help"]).assert().code(0).stdout(predicate::str::contains("Examples:"));
+    let version = format!("belfry {}\n", env!("CARGO_PKG_VERSION"));
+    belfry_command().arg("--version").assert().code(0).stdout(version);
+}
+
+/// What `belfry ... | true` does: the reader is gone before the first line.
+#[test]
+fn a_reader_that_goes_away_is_no_fault() {
+    for arguments in [&[][..], &["--json"]] {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("study");
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = init(&folder, arguments);
+        let mut belfry = command.stdout(writer).stderr(Stdio::piped()).spawn().unwrap();
+        drop(command);
+        let mut said = String::new();
+        belfry.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+        assert!(belfry.wait().unwrap().success(), "{said}");
+        assert_eq!(said, "");
+        assert!(Study::load(&folder).is_ok());
+    }
+}
