@@ -21,37 +21,38 @@ const EXAMPLES: &str = "Examples:
 The structure is clamped at its base unless an effect frees it. It is loaded by white noise at all nodes; the top of the
 Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json says what identification should find.";
 
-/// Make recordings of a structure with effects that the study's model does not know.
+/// Make recordings of a structure with effects that the study's model does not know
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// The study's folder; every setup gets a recording.
+    /// The study's folder; every setup gets a recording
+    #[arg(value_name = "STUDY")]
     study: PathBuf,
-    /// An effect in the simulated structure; repeat for more.
+    /// An effect in the simulated structure; repeat for more
     #[arg(long = "effect", value_name = "KIND[@WHERE]=VALUE")]
     effects: Vec<Effect>,
-    /// Length of each recording in hours.
+    /// Length of each recording in hours
     #[arg(long, value_parser = hours)]
     hours: f64,
-    /// Seed of load and noise: the same seed gives the same bytes.
+    /// Seed of load and noise: the same seed gives the same bytes
     #[arg(long)]
     seed: u64,
-    /// Beam table of the simulated structure [default: the study's model].
+    /// Beam table of the simulated structure [default: the study's model]
     #[arg(long, value_name = "FILE")]
     beam: Option<PathBuf>,
-    /// Damping ratio of every mode.
+    /// Damping ratio of every mode
     #[arg(long, default_value_t = Options::default().damping_ratio)]
     damping_ratio: f64,
-    /// White sensor noise in percent of each channel's RMS.
+    /// White sensor noise in percent of each channel's RMS
     #[arg(long, default_value_t = Options::default().noise_percent)]
     noise_percent: f64,
-    /// Folder for recordings and truth.json [default: the study's].
+    /// Folder for recordings and truth.json [default: the study's]
     #[arg(long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Overwrite recordings and truth.json that are there.
+    /// Overwrite recordings and truth.json that are there
     #[arg(long)]
     force: bool,
-    /// Put the recordings into the setups' `files` in study.toml (comments and order stay).
+    /// Put the recordings into the setups' `files` in study.toml (comments and order stay)
     #[arg(long)]
     adopt: bool,
 }
@@ -94,6 +95,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         (None, Some(model)) => study.folder.join(&model.beam),
         (None, None) => bail!("the study has no [model]; name the structure's beam table with --beam FILE"),
     };
+    if study.model.as_ref().is_some_and(|model| !model.effects.is_empty()) {
+        console.warn("the [[model.effect]] of study.toml are not in the simulated structure; name them with --effect");
+    }
     let assembly = Structure::with_effects(BeamTable::read(&beam_file)?, &arguments.effects)?.assemble();
     let planned = plan(&study, arguments.output.as_deref())?;
     let truth_file = arguments.output.as_ref().unwrap_or(&study.folder).join("truth.json");

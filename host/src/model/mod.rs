@@ -15,7 +15,7 @@ mod eigen;
 mod element;
 mod sensor;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use assembly::{AddedMass, Assembly, BaseFlexibility, Structure};
 pub use beam::{BeamError, BeamTable, Segment};

@@ -5,7 +5,8 @@
 //!
 //! The structure is a sum of its modes below 0.9 of the Nyquist rate, all with one damping ratio. It is loaded by white
 //! noise: independent forces in X and Y and a small torsional moment at every node (see the `loading` module for their
-//! levels). The response is stationary from the first row and ends with white sensor noise.
+//! levels). A force is held over each sample, which leaves sinc²(f/fs) of its density: 0.4 % less at a thirtieth of the
+//! sampling rate, 60 % at the Nyquist rate. The response is stationary from the first row; white sensor noise is added.
 
 mod file;
 mod loading;
