@@ -1,1 +1,26 @@
 //! Finite element models: beam tables and the generalised eigenproblem.
+//!
+//! A [`BeamTable`] flows in, [`effect`]s change the [`Structure`] made of it, [`Structure::assemble`] turns it into the
+//! mass and stiffness matrices of an [`Assembly`]; [`Assembly::modes`] and [`Assembly::sensor_rows`] say what flows
+//! out: frequencies, mode shapes, and what a sensor sees of them.
+//!
+//! Every node has five degrees of freedom in this order: `ux`, `uy`, `rx`, `ry`, `rz` (global axes, Z up, rotations
+//! right-handed, so that a beam rigid in shear has `ry = dux/dz` and `rx = -duy/dz`). There is no axial one. The base
+//! node is left out of the matrices.
+
+mod assembly;
+mod beam;
+pub mod effect;
+mod eigen;
+mod element;
+mod sensor;
+#[cfg(test)]
+pub(crate) mod tests;
+
+pub use assembly::{AddedMass, Assembly, BaseFlexibility, Structure};
+pub use beam::{BeamError, BeamTable, Segment};
+pub use eigen::{EigenError, Modes, eigenmodes};
+pub use sensor::SensorError;
+
+/// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.
+pub const DOFS_A_NODE: usize = 5;

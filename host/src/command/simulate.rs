@@ -1,0 +1,184 @@
+//! `belfry simulate`: recordings of a study's setups from a structure whose truth is known.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use clap::Args;
+use serde::Serialize;
+
+use super::Console;
+use crate::model::effect::Effect;
+use crate::model::{BeamTable, Structure};
+use crate::simulate::{Options, PlannedRecording, Simulation, Truth, adopt, plan};
+use crate::study::Study;
+
+const EXAMPLES: &str = "Examples:
+  belfry simulate canton --effect base-rotation=7.21e-15 --hours 24 --seed 1
+  belfry simulate canton --effect added-mass@443.6m=2e5 --effect mass-scale=0.02 --hours 1 --seed 7 --adopt
+  belfry simulate canton --effect base-rotation=flexibility_x=1e-14,flexibility_y=5e-15 --hours 2 --seed 3
+  belfry simulate canton --beam tower_as_built.csv --hours 6 --seed 2 --output recordings --force
+
+The structure is clamped at its base unless an effect frees it. It is loaded by white noise at all nodes; the top of the
+Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json says what identification should find.";
+
+/// Make recordings of a structure with effects that the study's model does not know
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The study's folder; every setup gets a recording
+    #[arg(value_name = "STUDY")]
+    study: PathBuf,
+    /// An effect in the simulated structure; repeat for more
+    #[arg(long = "effect", value_name = "KIND[@WHERE]=VALUE")]
+    effects: Vec<Effect>,
+    /// Length of each recording in hours
+    #[arg(long, value_parser = hours)]
+    hours: f64,
+    /// Seed of load and noise: the same seed gives the same bytes
+    #[arg(long)]
+    seed: u64,
+    /// Beam table of the simulated structure [default: the study's model]
+    #[arg(long, value_name = "FILE")]
+    beam: Option<PathBuf>,
+    /// Damping ratio of every mode
+    #[arg(long, default_value_t = Options::default().damping_ratio)]
+    damping_ratio: f64,
+    /// White sensor noise in percent of each channel's RMS
+    #[arg(long, default_value_t = Options::default().noise_percent)]
+    noise_percent: f64,
+    /// Folder for recordings and truth.json [default: the study's]
+    #[arg(long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Overwrite recordings and truth.json that are there
+    #[arg(long)]
+    force: bool,
+    /// Put the recordings into the setups' `files` in study.toml (comments and order stay)
+    #[arg(long)]
+    adopt: bool,
+}
+
+#[derive(Serialize)]
+struct Outcome {
+    recordings: Vec<Recording>,
+    truth: Truth,
+    /// Where the truth stands as a file.
+    truth_file: PathBuf,
+}
+
+#[derive(Serialize)]
+struct Recording {
+    setup: String,
+    file: PathBuf,
+    rows: u64,
+    sampling_rate_hz: f64,
+    /// Expected RMS of each channel without noise, in the setup's unit.
+    channel_rms: Vec<f64>,
+    /// What the setup's `files` must hold for the study to read it; null where it does.
+    put_into_study: Option<String>,
+}
+
+fn hours(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(hours) if hours > 0.0 && hours <= 10_000.0 => Ok(hours),
+        _ => Err("expected hours, above 0 and at most 10000".to_owned()),
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// What cannot be read, does not fit the structure, or would be overwritten.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let study = Study::load(&arguments.study)?;
+    let beam_file = match (&arguments.beam, &study.model) {
+        (Some(beam), _) => beam.clone(),
+        (None, Some(model)) => study.folder.join(&model.beam),
+        (None, None) => bail!("the study has no [model]; name the structure's beam table with --beam FILE"),
+    };
+    if study.model.as_ref().is_some_and(|model| !model.effects.is_empty()) {
+        console.warn("the [[model.effect]] of study.toml are not in the simulated structure; name them with --effect");
+    }
+    let assembly = Structure::with_effects(BeamTable::read(&beam_file)?, &arguments.effects)?.assemble();
+    let planned = plan(&study, arguments.output.as_deref())?;
+    let truth_file = arguments.output.as_ref().unwrap_or(&study.folder).join("truth.json");
+    refuse_overwriting(arguments, &planned, &truth_file)?;
+
+    // All of them before the first file: a sensor off the structure should not leave half of the recordings.
+    let mut simulations = Vec::new();
+    for (setup, stream) in study.setups.iter().zip(0u32..) {
+        let options = Options {
+            damping_ratio: arguments.damping_ratio,
+            noise_percent: arguments.noise_percent,
+            seed: arguments.seed,
+            stream,
+            ..Options::default()
+        };
+        simulations.push(Simulation::new(&assembly, &arguments.effects, setup, &options)?);
+    }
+    let truth = Truth::joined(simulations.iter().map(Simulation::truth)).context("the study has no setups")?;
+
+    let mut recordings = Vec::new();
+    for (simulation, recording) in simulations.iter_mut().zip(&planned) {
+        let sampling_rate_hz = simulation.sampling_rate_hz();
+        let rows = ((arguments.hours * 3600.0 * sampling_rate_hz).round() as u64).max(1);
+        let bar = console.progress(rows, &recording.setup);
+        simulation.write(&recording.path, rows, |made| bar.inc(made))?;
+        bar.finish_and_clear();
+        recordings.push(Recording {
+            setup: recording.setup.clone(),
+            file: recording.path.clone(),
+            rows,
+            sampling_rate_hz,
+            channel_rms: simulation.channel_rms().to_vec(),
+            put_into_study: recording.adopt_as.clone().filter(|_| !arguments.adopt),
+        });
+    }
+    std::fs::write(&truth_file, serde_json::to_string_pretty(&truth)? + "\n")
+        .with_context(|| format!("{}: cannot be written", truth_file.display()))?;
+    if arguments.adopt {
+        adopt(&study.folder, &planned)?;
+    }
+
+    let outcome = Outcome { recordings, truth, truth_file };
+    tell(&outcome, console);
+    console.json(&outcome)
+}
+
+fn refuse_overwriting(
+    arguments: &Arguments,
+    planned: &[PlannedRecording],
+    truth_file: &std::path::Path,
+) -> anyhow::Result<()> {
+    let mut files = planned.iter().map(|recording| recording.path.as_path()).chain([truth_file]);
+    match files.find(|file| file.exists()) {
+        Some(file) if !arguments.force => {
+            bail!("{} is there already; --force overwrites it, --output DIR writes elsewhere", file.display())
+        }
+        _ => Ok(()),
+    }
+}
+
+fn tell(outcome: &Outcome, console: &Console) {
+    for recording in &outcome.recordings {
+        console.say(format_args!(
+            "{}: {} rows at {} Hz in {}",
+            recording.setup,
+            recording.rows,
+            recording.sampling_rate_hz,
+            recording.file.display()
+        ));
+        if let Some(files) = &recording.put_into_study {
+            console.say(format_args!(
+                "  to have the study read it, put files = [\"{files}\"] into setup {} of study.toml, or run with --adopt",
+                recording.setup
+            ));
+        }
+    }
+    let lowest: Vec<_> = outcome.truth.modes.iter().take(12).map(|mode| format!("{:.4}", mode.frequency_hz)).collect();
+    console.say(format_args!(
+        "{} modes, the lowest at {} Hz; all in {}",
+        outcome.truth.modes.len(),
+        lowest.join(", "),
+        outcome.truth_file.display()
+    ));
+}

@@ -1,0 +1,25 @@
+//! `stiffness-scale`: all of K times (1 + value), as a wrong modulus of elasticity would do.
+
+use super::{EffectError, EffectKind, Parameter, Where};
+use crate::model::Structure;
+
+const RELATIVE: Parameter = Parameter { name: "relative", unit: "-", least: -0.9, greatest: 9.0 };
+
+/// All frequencies rise by the square root of 1 + `relative`, shapes stay. Exact twin: the inverse mass scale.
+#[derive(Debug)]
+pub(super) struct StiffnessScale;
+
+impl EffectKind for StiffnessScale {
+    fn name(&self) -> &'static str {
+        "stiffness-scale"
+    }
+
+    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
+        &[&[RELATIVE]]
+    }
+
+    fn apply(&self, values: &[f64], _place: Option<&Where>, structure: &mut Structure) -> Result<(), EffectError> {
+        structure.stiffness_factor *= values.iter().fold(1.0, |factor, relative| factor * (1.0 + relative));
+        Ok(())
+    }
+}

@@ -1,0 +1,118 @@
+//! The Timoshenko beam element: stiffness and shape functions of one segment, in local and global axes.
+//!
+//! Formulas after Przemieniecki (1968), "Theory of Matrix Structural Analysis", section 5.6, and Friedman and Kosmatka
+//! (1993), "An improved two-node Timoshenko beam finite element", Computers & Structures 47. With an
+//! infinite shear stiffness they are the cubic Hermite functions.
+
+use nalgebra::{DMatrix, Matrix2, Matrix4, RowVector4, SMatrix};
+
+use super::{DOFS_A_NODE, Segment};
+
+/// Degrees of freedom of a segment: bottom node, then top node.
+pub(super) const DOFS_A_SEGMENT: usize = 2 * DOFS_A_NODE;
+
+/// Local DOFs of bending along local axis 1: deflection and its slope-like rotation at both ends.
+const PLANE_1: [usize; 4] = [0, 3, 5, 8];
+/// Local DOFs of bending along local axis 2.
+const PLANE_2: [usize; 4] = [1, 2, 6, 7];
+
+/// Signs that turn a plane's rotations into the right-handed ones: `r2 = +du1/dz` but `r1 = -du2/dz`.
+const HANDEDNESS: [f64; 2] = [1.0, -1.0];
+
+/// Stiffness of a segment in global axes, 10 x 10 (bottom node, top node), N/m, N and N m.
+pub(super) fn stiffness(segment: &Segment) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
+    let length = segment.length_m();
+    let mut local = SMatrix::<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>::zeros();
+    for (axis, dofs) in [PLANE_1, PLANE_2].iter().enumerate() {
+        let plane = plane_stiffness(length, segment.bending_n_m2[axis], shear_ratio(segment, axis));
+        let sign = [1.0, HANDEDNESS[axis], 1.0, HANDEDNESS[axis]];
+        for (i, &row) in dofs.iter().enumerate() {
+            for (j, &column) in dofs.iter().enumerate() {
+                local[(row, column)] += sign[i] * plane[(i, j)] * sign[j];
+            }
+        }
+    }
+    let torsion = segment.torsion_n_m2 / length;
+    for (row, column, sign) in [(4, 4, 1.0), (9, 9, 1.0), (4, 9, -1.0), (9, 4, -1.0)] {
+        local[(row, column)] += sign * torsion;
+    }
+    let turn = turn(segment.axis_deg);
+    turn.transpose() * local * turn
+}
+
+/// Motion of the beam axis at `z_m` within a segment, 5 x 10: rows `ux, uy, rx, ry, rz` there, columns the segment's
+/// global DOFs. These are the static shapes of the unloaded element, so a lumped load at `z_m` acts through the
+/// transpose without error in the nodal displacements.
+pub(super) fn interpolation(segment: &Segment, z_m: f64) -> SMatrix<f64, DOFS_A_NODE, DOFS_A_SEGMENT> {
+    let length = segment.length_m();
+    let xi = ((z_m - segment.z_bottom_m) / length).clamp(0.0, 1.0);
+    let mut local = SMatrix::<f64, DOFS_A_NODE, DOFS_A_SEGMENT>::zeros();
+    for (axis, dofs) in [PLANE_1, PLANE_2].iter().enumerate() {
+        let (deflection, rotation) = plane_shapes(length, shear_ratio(segment, axis), xi);
+        let hand = HANDEDNESS[axis];
+        let sign = [1.0, hand, 1.0, hand];
+        for (i, &column) in dofs.iter().enumerate() {
+            local[(dofs[0], column)] = deflection[i] * sign[i];
+            local[(dofs[1], column)] = hand * rotation[i] * sign[i];
+        }
+    }
+    local[(4, 4)] = 1.0 - xi;
+    local[(4, 9)] = xi;
+    let turn = turn(segment.axis_deg);
+    turn.fixed_view::<DOFS_A_NODE, DOFS_A_NODE>(0, 0).transpose() * local * turn
+}
+
+/// phi = 12 EI / (kGA L²), zero where the segment is rigid in shear.
+fn shear_ratio(segment: &Segment, axis: usize) -> f64 {
+    let length = segment.length_m();
+    segment.shear_n[axis].map_or(0.0, |shear| 12.0 * segment.bending_n_m2[axis] / (shear * length * length))
+}
+
+/// Przemieniecki eq. 5.116, one plane: deflection and slope at the bottom, then at the top.
+fn plane_stiffness(length: f64, bending: f64, phi: f64) -> Matrix4<f64> {
+    let (l, l2) = (length, length * length);
+    #[rustfmt::skip]
+    let k = Matrix4::new(
+         12.0,        6.0 * l, -12.0,        6.0 * l,
+        6.0 * l, (4.0 + phi) * l2, -6.0 * l, (2.0 - phi) * l2,
+        -12.0,       -6.0 * l,  12.0,       -6.0 * l,
+        6.0 * l, (2.0 - phi) * l2, -6.0 * l, (4.0 + phi) * l2,
+    );
+    k * (bending / (length * l2 * (1.0 + phi)))
+}
+
+/// Friedman and Kosmatka's shape functions: deflection and rotation at xi in 0 to 1, from the end values.
+fn plane_shapes(length: f64, phi: f64, xi: f64) -> (RowVector4<f64>, RowVector4<f64>) {
+    let (l, x, x2, x3) = (length, xi, xi * xi, xi * xi * xi);
+    let deflection = RowVector4::new(
+        2.0 * x3 - 3.0 * x2 - phi * x + 1.0 + phi,
+        l * (x3 - (2.0 + phi / 2.0) * x2 + (1.0 + phi / 2.0) * x),
+        -(2.0 * x3 - 3.0 * x2 - phi * x),
+        l * (x3 - (1.0 - phi / 2.0) * x2 - phi / 2.0 * x),
+    );
+    let rotation = RowVector4::new(
+        6.0 / l * (x2 - x),
+        3.0 * x2 - (4.0 + phi) * x + 1.0 + phi,
+        -6.0 / l * (x2 - x),
+        3.0 * x2 - (2.0 - phi) * x,
+    );
+    (deflection / (1.0 + phi), rotation / (1.0 + phi))
+}
+
+/// Global to local axes for both nodes.
+fn turn(axis_deg: f64) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
+    let (sin, cos) = axis_deg.to_radians().sin_cos();
+    let plan = Matrix2::new(cos, sin, -sin, cos);
+    let mut turn = SMatrix::<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>::identity();
+    for corner in [0, 2, 5, 7] {
+        turn.fixed_view_mut::<2, 2>(corner, corner).copy_from(&plan);
+    }
+    turn
+}
+
+/// Adds a segment's matrix into a matrix over all nodes, the base included; `segment` counts from 0.
+pub(super) fn scatter(total: &mut DMatrix<f64>, part: &SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>, segment: usize) {
+    let corner = segment * DOFS_A_NODE;
+    let mut view = total.fixed_view_mut::<DOFS_A_SEGMENT, DOFS_A_SEGMENT>(corner, corner);
+    view += part;
+}

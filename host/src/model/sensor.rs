@@ -1,0 +1,94 @@
+//! What sensors see of the model: places and directions flow in, a matrix over the DOFs flows out.
+
+use nalgebra::{DMatrix, RowDVector};
+use thiserror::Error;
+
+use super::Assembly;
+use crate::study::{Direction, Sensor};
+
+/// Why a sensor has no place in the model.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum SensorError {
+    /// The study does not say how high it stands.
+    #[error("channel {channel}: no elevation_m; a comparison with the model needs the height of every sensor")]
+    NoElevation {
+        /// The channel.
+        channel: String,
+    },
+    /// The study does not say which way it points.
+    #[error("channel {channel}: no azimuth_deg; give degrees anticlockwise from +X seen from above, or \"up\"")]
+    NoDirection {
+        /// The channel.
+        channel: String,
+    },
+    /// It stands above or below the beam.
+    #[error(
+        "channel {channel}: elevation_m = {elevation_m} lies outside the beam, which stands from {z_base_m} m to {z_top_m} m"
+    )]
+    OutsideBeam {
+        /// The channel.
+        channel: String,
+        /// Its height.
+        elevation_m: f64,
+        /// Where the beam starts.
+        z_base_m: f64,
+        /// Where it ends.
+        z_top_m: f64,
+    },
+    /// It names a row that the matrices do not have.
+    #[error("channel {channel}: dof = {dof}, but the model's matrices have the rows 1 to {dofs}")]
+    NoSuchDof {
+        /// The channel.
+        channel: String,
+        /// The row asked for.
+        dof: usize,
+        /// The rows there are.
+        dofs: usize,
+    },
+}
+
+/// A sensor this far (in m) outside the beam stands at its end: rounding in the files.
+const END_TOLERANCE_M: f64 = 1e-6;
+
+impl Assembly {
+    /// Motion at the sensors, sensors x DOFs, in the sensors' order and positive directions.
+    ///
+    /// The section is rigid: a sensor at the plan offset (x, y) moves by `ux - y rz` and `uy + x rz`, and up by
+    /// `y rx - x ry`. Between nodes see [`Assembly::axis_motion`].
+    ///
+    /// # Errors
+    /// [`SensorError`] names the channel.
+    pub fn sensor_rows(&self, sensors: &[Sensor]) -> Result<DMatrix<f64>, SensorError> {
+        let mut rows = DMatrix::zeros(sensors.len(), self.dofs());
+        for (index, sensor) in sensors.iter().enumerate() {
+            rows.set_row(index, &self.sensor_row(sensor)?);
+        }
+        Ok(rows)
+    }
+
+    fn sensor_row(&self, sensor: &Sensor) -> Result<RowDVector<f64>, SensorError> {
+        let channel = || sensor.channel.clone();
+        if let Some(dof) = sensor.dof {
+            let mut row = RowDVector::zeros(self.dofs());
+            let slot = dof.checked_sub(1).and_then(|index| row.get_mut(index));
+            *slot.ok_or_else(|| SensorError::NoSuchDof { channel: channel(), dof, dofs: self.dofs() })? = 1.0;
+            return Ok(row);
+        }
+        let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
+        let direction = sensor.direction.ok_or_else(|| SensorError::NoDirection { channel: channel() })?;
+        let (z_base_m, z_top_m) = (self.z_base_m(), self.z_top_m());
+        if !(z_base_m - END_TOLERANCE_M..=z_top_m + END_TOLERANCE_M).contains(&elevation_m) {
+            return Err(SensorError::OutsideBeam { channel: channel(), elevation_m, z_base_m, z_top_m });
+        }
+        let axis = self.axis_motion(elevation_m);
+        let [x, y] = sensor.offset_m;
+        let (ux, uy, rx, ry, rz) = (axis.row(0), axis.row(1), axis.row(2), axis.row(3), axis.row(4));
+        Ok(match direction {
+            Direction::AzimuthDeg(azimuth_deg) => {
+                let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+                (ux - rz * y) * cos + (uy + rz * x) * sin
+            }
+            Direction::Up => rx * y - ry * x,
+        })
+    }
+}
