@@ -1,14 +1,17 @@
 //! Belfry's host: from recordings and sensor nodes to modes, and from modes to what a model lacks.
 //!
 //! Data goes one way, one folder a step: [`study`] says what stands where, [`record`] reads what was measured,
-//! [`link`] talks to the sensor nodes, [`spectra`] averages what they send, [`identify`] makes modes of it. [`model`]
+//! [`link`] talks to the sensor nodes, [`spectra`] averages what they send, [`measure`]
+//! runs a study through all of these, [`identify`] makes modes of it. [`model`]
 //! and [`simulate`] go the other way and make recordings of a structure whose truth is known. [`command`] holds one
 //! file a subcommand of the `belfry` program; nothing else prints.
 
 pub mod command;
 pub mod identify;
 pub mod link;
+pub mod measure;
 pub mod model;
+pub mod picture;
 pub mod record;
 pub mod simulate;
 pub mod spectra;

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::process::ExitCode;
 
-use belfry_host::command::{Console, init};
+use belfry_host::command::{Console, identify, init, simulate};
 use clap::{Parser, Subcommand};
 
 /// Finds how a tall structure moves, and why its model is wrong
@@ -30,6 +30,8 @@ struct CommandLine {
 #[derive(Debug, Subcommand)]
 enum Command {
     Init(init::Arguments),
+    Simulate(simulate::Arguments),
+    Identify(identify::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -37,6 +39,8 @@ fn main() -> ExitCode {
     let console = Console::new(json);
     let outcome = match &command {
         Command::Init(arguments) => init::run(arguments, &console),
+        Command::Simulate(arguments) => simulate::run(arguments, &console),
+        Command::Identify(arguments) => identify::run(arguments, &console),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

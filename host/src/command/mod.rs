@@ -2,7 +2,9 @@
 //!
 //! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
 
+pub mod identify;
 pub mod init;
+pub mod simulate;
 
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::time::Duration;

@@ -32,10 +32,10 @@ pub struct Arguments {
     #[arg(long = "effect", value_name = "KIND[@WHERE]=VALUE")]
     effects: Vec<Effect>,
     /// Length of each recording in hours
-    #[arg(long, value_parser = hours)]
+    #[arg(long, default_value_t = 1.0, value_parser = hours)]
     hours: f64,
     /// Seed of load and noise: the same seed gives the same bytes
-    #[arg(long)]
+    #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Beam table of the simulated structure [default: the study's model]
     #[arg(long, value_name = "FILE")]

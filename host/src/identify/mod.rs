@@ -6,6 +6,7 @@
 
 pub mod bell;
 mod estimate;
+mod judge;
 mod merge;
 mod pick;
 mod result;
@@ -15,8 +16,7 @@ mod singular;
 use thiserror::Error;
 
 use crate::spectra::CrossSpectrum;
-use crate::study::{Setup, Unit};
-use estimate::SetupModes;
+use crate::study::Setup;
 use singular::SingularValues;
 
 pub use result::{Harmonic, Identification, Mode, ShapeComponent, SingularSpectrum};
@@ -49,7 +49,9 @@ pub enum IdentifyError {
         channels: usize,
     },
     /// Setups have different lines.
-    #[error("setup \"{setup}\" has other spectral lines than the first; give decimated_rate_hz and segment in [analysis]")]
+    #[error(
+        "setup \"{setup}\" has other spectral lines than the first; give decimated_rate_hz and segment in [analysis]"
+    )]
     DifferentLines {
         /// The setup that differs.
         setup: String,
@@ -74,13 +76,18 @@ pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, Identi
     let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
     let picks = pick::pick(&grid, measured, &singular);
     let (harmonics, picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.harmonic_kurtosis.is_some());
-    let per_setup: Vec<SetupModes> =
-        measured.iter().enumerate().map(|(index, m)| estimate::estimate(&m.spectrum, index, &picks)).collect();
+    let (mut picks, mut per_setup) = (picks, Vec::new());
+    loop {
+        let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| estimate::estimate(&m.spectrum, index, &picks);
+        per_setup.splice(.., measured.iter().enumerate().map(estimate));
+        // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
+        match judge::worst(&per_setup, grid.spacing_hz()) {
+            Some(pick) => drop(picks.remove(pick)),
+            None => break,
+        }
+    }
     let mut warnings = Vec::new();
     let modes = merge::merge(&grid, measured, &per_setup, &mut warnings);
-    if measured.iter().any(|m| m.setup.unit == Unit::MetrePerSecond) {
-        warnings.push("shapes and spectra come from velocities; densities are those of velocity".to_owned());
-    }
     Ok(Identification {
         modes,
         averages,

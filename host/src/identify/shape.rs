@@ -100,10 +100,7 @@ mod tests {
 
     #[test]
     fn the_filter_passes_its_mode_and_stops_the_others() {
-        let shapes = [
-            shape(&[(1.0, 0.0), (0.8, 0.1), (0.1, 0.0)]),
-            shape(&[(0.9, 0.0), (1.0, 0.0), (0.3, 0.0)]),
-        ];
+        let shapes = [shape(&[(1.0, 0.0), (0.8, 0.1), (0.1, 0.0)]), shape(&[(0.9, 0.0), (1.0, 0.0), (0.3, 0.0)])];
         let filter = modal_filter(&[&shapes[0], &shapes[1]]).unwrap();
         assert!((filter.dotc(&shapes[0]) - Complex64::ONE).norm() < 1e-12);
         assert!(filter.dotc(&shapes[1]).norm() < 1e-12);

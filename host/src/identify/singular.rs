@@ -31,7 +31,11 @@ pub(super) fn leading(matrix: DMatrix<Complex64>) -> Leading {
     order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     let values: Vec<f64> = order.iter().map(|&index| eigen.eigenvalues[index].max(0.0)).collect();
     let first = order.first().copied().unwrap_or(0);
-    Leading { value: values.first().copied().unwrap_or(0.0), vector: eigen.eigenvectors.column(first).into_owned(), values }
+    Leading {
+        value: values.first().copied().unwrap_or(0.0),
+        vector: eigen.eigenvectors.column(first).into_owned(),
+        values,
+    }
 }
 
 /// The decomposition of a setup's matrices at all lines.

@@ -35,6 +35,12 @@ impl LineGrid {
     pub fn frequency_hz(&self, index: usize) -> f64 {
         (self.first_line + index) as f64 * self.spacing_hz()
     }
+
+    /// The line of the grid nearest to a frequency.
+    pub fn nearest_line(&self, frequency_hz: f64) -> usize {
+        let line = (frequency_hz / self.spacing_hz()).round() - self.first_line as f64;
+        line.clamp(0.0, self.lines.saturating_sub(1) as f64) as usize
+    }
 }
 
 /// One measurement window: the spectral lines of one Hann segment, all channels of one setup.

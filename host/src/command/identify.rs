@@ -1,0 +1,275 @@
+//! `belfry identify`: modes from a study's recordings.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use belfry_shared::message::Summary;
+use clap::Args;
+use comfy_table::{CellAlignment, Table, presets::UTF8_HORIZONTAL_ONLY};
+use serde::Serialize;
+
+use super::Console;
+use crate::identify::{Identification, identify};
+use crate::link::fleet::{FleetOptions, FleetReport};
+use crate::link::memory::Faults;
+use crate::measure::{Measurement, Route, measure};
+use crate::picture;
+use crate::study::Study;
+
+const EXAMPLES: &str = "Examples:
+  belfry identify canton                       through simulated sensor nodes and their serial lines
+  belfry identify canton --direct              straight from the recording; the two agree
+  belfry identify canton --damaged-frames 2    on lines that damage 2 % of all frames
+  belfry identify canton --json > modes.json
+
+Writes results/modes.json and results/singular_values.svg into the study.";
+
+/// Find the modes: frequency, damping and shape, each with its standard deviation
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    pub study: PathBuf,
+    /// Make spectra straight from the recording, without sensor nodes
+    #[arg(long)]
+    pub direct: bool,
+    /// Bits a component of the spectral lines that nodes send
+    #[arg(long, value_name = "BITS", default_value_t = 8, value_parser = clap::value_parser!(u8).range(3..=16), conflicts_with = "direct")]
+    pub bits: u8,
+    /// Baud rate of the simulated serial lines
+    #[arg(long, default_value_t = 115_200, value_parser = clap::value_parser!(u32).range(300..=10_000_000), conflicts_with = "direct")]
+    pub baud: u32,
+    /// Share of frames that the simulated lines damage, in percent
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, value_parser = percent, conflicts_with = "direct")]
+    pub damaged_frames: f64,
+    /// Seed of the simulated nodes' clocks and of the damage
+    #[arg(long, default_value_t = 1, conflicts_with = "direct")]
+    pub seed: u64,
+}
+
+fn percent(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(value) if (0.0..=50.0).contains(&value) => Ok(value),
+        _ => Err("expected a number from 0 to 50".to_owned()),
+    }
+}
+
+/// What `--json` prints and `results/modes.json` holds.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    #[serde(flatten)]
+    identification: Identification,
+    segments: SegmentReport,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    link: Option<LinkReport>,
+    timings: TimingReport,
+}
+
+#[derive(Debug, Serialize)]
+struct SegmentReport {
+    points: usize,
+    decimated_rate_hz: f64,
+    duration_s: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct LinkReport {
+    windows: u64,
+    lost_windows: u64,
+    damaged_frames: u64,
+    parts_asked_again: u64,
+    bytes_per_second_and_channel: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct TimingReport {
+    recorded_s: f64,
+    counting_s: f64,
+    reading_s: f64,
+    spectra_s: f64,
+    averaging_s: f64,
+    modes_s: f64,
+    times_faster_than_real_time: f64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the study or all of its recordings cannot be read, or hold too little for modes.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let study = Study::load(&arguments.study)?;
+    let route = if arguments.direct {
+        Route::Direct
+    } else {
+        Route::Nodes(FleetOptions {
+            summary: Summary::Lines { bits: arguments.bits },
+            baud: arguments.baud,
+            faults: Faults::damaging(arguments.damaged_frames / 100.0),
+            seed: arguments.seed,
+        })
+    };
+    let report = identify_study(&study, route, console)?;
+    console.json(&report)?;
+    console.say(format!("\n{}\n", modes_table(&report.identification)));
+    for harmonic in &report.identification.harmonics {
+        console.say(format!(
+            "Forced line at {:.4} Hz (kurtosis {:.2}; a mode has 3): machinery or vortices, not a mode.",
+            harmonic.frequency_hz, harmonic.kurtosis
+        ));
+    }
+    console.say(summary(&report));
+    console.say(format!("Written: {}", results_folder(&study).join("{modes.json,singular_values.svg}").display()));
+    Ok(())
+}
+
+/// Measures, identifies, warns, and writes the results into the study.
+pub(super) fn identify_study(study: &Study, route: Route, console: &Console) -> anyhow::Result<Report> {
+    let start = Instant::now();
+    let label = match route {
+        Route::Nodes(_) => "nodes and link",
+        Route::Direct => "spectra",
+    };
+    let bar = console.progress(0, label);
+    let measurement = measure(study, route, &mut |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    });
+    bar.finish_and_clear();
+    let measurement = measurement?;
+    let modes_start = Instant::now();
+    let mut identification = identify(&measurement.setups)?;
+    let modes = modes_start.elapsed();
+    let mut warnings = measurement.warnings.clone();
+    warnings.append(&mut identification.warnings);
+    identification.warnings = warnings;
+    for warning in &identification.warnings {
+        console.warn(warning);
+    }
+    let report = report(identification, &measurement, modes, start.elapsed());
+    write_results(study, &report)?;
+    Ok(report)
+}
+
+impl Report {
+    /// The modes.
+    pub fn identification(&self) -> &Identification {
+        &self.identification
+    }
+}
+
+fn report(identification: Identification, measurement: &Measurement<'_>, modes: Duration, all: Duration) -> Report {
+    let grid = measurement.plan.grid;
+    let timings = measurement.timings;
+    Report {
+        identification,
+        segments: SegmentReport {
+            points: grid.segment,
+            decimated_rate_hz: grid.sampling_rate_hz,
+            duration_s: 1.0 / grid.spacing_hz(),
+        },
+        link: link_report(&measurement.fleets),
+        timings: TimingReport {
+            recorded_s: measurement.duration_s,
+            counting_s: timings.counting.as_secs_f64(),
+            reading_s: timings.reading.as_secs_f64(),
+            spectra_s: timings.spectra.as_secs_f64(),
+            averaging_s: timings.averaging.as_secs_f64(),
+            modes_s: modes.as_secs_f64(),
+            times_faster_than_real_time: measurement.duration_s / all.as_secs_f64(),
+        },
+    }
+}
+
+fn link_report(fleets: &[FleetReport]) -> Option<LinkReport> {
+    let nodes = || fleets.iter().flat_map(|fleet| &fleet.nodes);
+    let channel_seconds: f64 =
+        fleets.iter().map(|f| f.duration_s * f.nodes.iter().map(|node| node.channels as f64).sum::<f64>()).sum();
+    (!fleets.is_empty()).then(|| LinkReport {
+        windows: nodes().map(|node| node.session.windows).sum(),
+        lost_windows: nodes().map(|node| node.session.lost_windows).sum(),
+        damaged_frames: nodes().map(|node| node.to_host.damaged + node.to_node.damaged).sum(),
+        parts_asked_again: nodes().map(|node| node.session.asked_again).sum(),
+        bytes_per_second_and_channel: nodes().map(|node| node.to_host.bytes).sum::<u64>() as f64 / channel_seconds,
+    })
+}
+
+fn results_folder(study: &Study) -> PathBuf {
+    study.folder.join("results")
+}
+
+fn write_results(study: &Study, report: &Report) -> anyhow::Result<()> {
+    let folder = results_folder(study);
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let write =
+        |path: &Path, text: &str| fs::write(path, text).with_context(|| format!("cannot write {}", path.display()));
+    write(&folder.join("modes.json"), &(serde_json::to_string_pretty(report)? + "\n"))?;
+    let picture = picture::singular_values(&study.structure.name, &report.identification)?;
+    write(&folder.join("singular_values.svg"), &picture)
+}
+
+/// The modes as a table.
+pub(super) fn modes_table(identification: &Identification) -> Table {
+    let mut table = Table::new();
+    table.load_style(UTF8_HORIZONTAL_ONLY);
+    table.set_header(["mode", "frequency Hz", "± Hz", "damping %", "± %", "collinearity", "moves most at"]);
+    for mode in &identification.modes {
+        let most = mode.shape.iter().max_by(|a, b| a.re.hypot(a.im).total_cmp(&b.re.hypot(b.im)));
+        table.add_row([
+            mode.number.to_string(),
+            format!("{:.4}", mode.frequency_hz),
+            deviation(mode.frequency_std_hz, 4),
+            format!("{:.2}", 100.0 * mode.damping_ratio),
+            deviation(100.0 * mode.damping_ratio_std, 2),
+            format!("{:.3}", mode.phase_collinearity),
+            most.map_or(String::new(), |component| component.point.clone()),
+        ]);
+    }
+    align_right(&mut table, 6);
+    table
+}
+
+/// Aligns the first `count` columns to the right, as numbers stand.
+pub(super) fn align_right(table: &mut Table, count: usize) {
+    for column in table.column_iter_mut().take(count) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+}
+
+fn deviation(value: f64, digits: usize) -> String {
+    if value.is_finite() { format!("{value:.digits$}") } else { "unknown".to_owned() }
+}
+
+/// What stands behind the modes, in two or three sentences.
+pub(super) fn summary(report: &Report) -> String {
+    let segments = &report.segments;
+    let mut text = format!(
+        "{} averages of {:.1} s segments ({} points at {} Hz), lines every {:.4} Hz.",
+        report.identification.averages,
+        segments.duration_s,
+        segments.points,
+        segments.decimated_rate_hz,
+        report.identification.frequency_resolution_hz
+    );
+    if let Some(link) = &report.link {
+        text += &format!(
+            "\n{} windows came over the link, {} lost; {:.2} bytes a second and channel on the wire",
+            link.windows, link.lost_windows, link.bytes_per_second_and_channel
+        );
+        if link.damaged_frames > 0 {
+            text += &format!(
+                "; {} frames were damaged, {} ranges asked again",
+                link.damaged_frames, link.parts_asked_again
+            );
+        }
+        text += ".";
+    }
+    let t = &report.timings;
+    text += &format!(
+        "\n{:.0} s of recording took {:.0} times less: counting {:.2} s, reading {:.2} s, spectra {:.2} s, averaging {:.2} s, modes {:.2} s.",
+        t.recorded_s, t.times_faster_than_real_time, t.counting_s, t.reading_s, t.spectra_s, t.averaging_s, t.modes_s
+    );
+    text
+}

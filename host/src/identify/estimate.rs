@@ -1,0 +1,257 @@
+//! Estimating one setup's modes: shapes by modal filtering, frequency and damping from each mode's bell, and the jackknife.
+
+use nalgebra::DMatrix;
+use num_complex::Complex64;
+
+use super::bell::{Bell, BellFit, Resonance};
+use super::pick::Pick;
+use super::shape::{Shape, align, filtered, modal_filter, normalise};
+use crate::spectra::{CrossSpectrum, LineGrid};
+
+/// Rounds of shapes and bells, each with the other's result.
+const ROUNDS: usize = 4;
+/// Neighbours that a modal filter stops, at most.
+const MAX_NEIGHBOURS: usize = 4;
+/// A neighbour is stopped when its response at the mode's resonance is more than this share of the mode's own, or when it is
+/// no further away than this many lines.
+const NEIGHBOUR_SHARE: f64 = 0.01;
+const NEIGHBOUR_LINES: f64 = 3.0;
+/// Half-width of the bell in lines and in bandwidths of the mode, whichever is more, and its limits.
+const BELL_LINES: f64 = 5.0;
+const BELL_BANDWIDTHS: f64 = 5.0;
+const BELL_LIMITS: [f64; 2] = [3.0, 40.0];
+/// How far the fit may take a mode from its pick, in lines and in bandwidths together.
+const LEEWAY_LINES: f64 = 2.0;
+const LEEWAY_BANDWIDTHS: f64 = 0.5;
+/// Damping ratio assumed before anything is known.
+const FIRST_DAMPING: f64 = 0.01;
+/// Lines to either side that EFDD's start is read from.
+const START_LINES: usize = 4;
+
+/// One mode in one setup.
+#[derive(Debug, Clone)]
+pub(super) struct SetupMode {
+    /// Frequency and damping.
+    pub(super) resonance: Resonance,
+    /// Shape at the setup's kept channels, largest component 1.
+    pub(super) shape: Shape,
+    /// Standard deviations.
+    pub(super) frequency_std_hz: f64,
+    pub(super) damping_std: f64,
+    pub(super) shape_std: Vec<f64>,
+    /// Whether the bell has its top near the pick; otherwise this setup does not show the mode.
+    pub(super) found: bool,
+}
+
+/// The modes of one setup, in the order of the picks.
+#[derive(Debug, Clone)]
+pub(super) struct SetupModes {
+    pub(super) modes: Vec<SetupMode>,
+}
+
+/// The running state: all modes' shapes and bells.
+#[derive(Debug, Clone)]
+struct State {
+    picked_hz: Vec<f64>,
+    shapes: Vec<Shape>,
+    fits: Vec<BellFit>,
+}
+
+/// Estimates every pick in one setup (`setup` is its index among the picks' shapes).
+pub(super) fn estimate(spectrum: &CrossSpectrum, setup: usize, picks: &[Pick]) -> SetupModes {
+    let matrices: Vec<DMatrix<Complex64>> = (0..spectrum.grid().lines).map(|line| spectrum.matrix(line)).collect();
+    let mut state = State::start(spectrum, setup, picks, &matrices);
+    for _ in 0..ROUNDS {
+        state.improve(spectrum, &matrices);
+    }
+    let groups = spectrum.group_count();
+    let replicates: Vec<State> = (0..groups)
+        .filter(|_| groups > 1)
+        .map(|group| {
+            let matrices: Vec<DMatrix<Complex64>> =
+                (0..spectrum.grid().lines).map(|line| spectrum.matrix_without(group, line)).collect();
+            let mut replicate = state.clone();
+            replicate.improve(spectrum, &matrices);
+            replicate
+        })
+        .collect();
+    let modes = (0..picks.len()).map(|mode| state.conclude(mode, &replicates, spectrum.grid().spacing_hz())).collect();
+    SetupModes { modes }
+}
+
+impl State {
+    fn start(spectrum: &CrossSpectrum, setup: usize, picks: &[Pick], matrices: &[DMatrix<Complex64>]) -> Self {
+        let grid = spectrum.grid();
+        let shapes: Vec<Shape> = picks.iter().map(|pick| pick.shapes[setup].clone()).collect();
+        let duration_s = 1.0 / grid.spacing_hz();
+        let fits = picks
+            .iter()
+            .zip(&shapes)
+            .map(|(pick, shape)| {
+                let (first, last) =
+                    (pick.line.saturating_sub(START_LINES), (pick.line + START_LINES).min(grid.lines - 1));
+                let guess = Resonance { frequency_hz: grid.frequency_hz(pick.line), damping_ratio: FIRST_DAMPING };
+                let bell = bell(spectrum, matrices, shape, first, last);
+                let resonance = bell
+                    .from_autocorrelation(0, last - first)
+                    .filter(|r| (r.frequency_hz - guess.frequency_hz).abs() < 2.0 * grid.spacing_hz())
+                    .unwrap_or(guess);
+                let density = filtered(shape, &matrices[pick.line]);
+                let level = density / resonance.peak_density(duration_s);
+                BellFit { resonance, level, floor: 0.0, neighbours: Vec::new() }
+            })
+            .collect();
+        let picked_hz = picks.iter().map(|pick| grid.frequency_hz(pick.line)).collect();
+        Self { picked_hz, shapes, fits }
+    }
+
+    /// One round: every mode's shape with the other modes' shapes, then its bell with the other modes' bells.
+    fn improve(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>]) {
+        let grid = spectrum.grid();
+        let before = self.shapes.clone();
+        for mode in 0..self.shapes.len() {
+            let here = self.fits[mode].resonance;
+            let mut stopped: Vec<&Shape> = vec![&before[mode]];
+            stopped.extend(self.neighbours(mode, grid.spacing_hz()).iter().map(|&other| &before[other]));
+            let Some(filter) = modal_filter(&stopped) else { continue };
+            // Only the lines at resonance: away from it the modes' cross spectra, which the filter cannot stop, weigh more.
+            let reach = (0.5 * here.bandwidth_hz() / grid.spacing_hz()).round().max(1.0) as usize;
+            let centre = grid.nearest_line(here.frequency_hz);
+            let mut sum: Shape = Shape::zeros(filter.len());
+            for matrix in &matrices[centre.saturating_sub(reach)..(centre + reach + 1).min(grid.lines)] {
+                sum += matrix * &filter;
+            }
+            let norm = sum.norm();
+            if norm.is_finite() && norm > 0.0 {
+                self.shapes[mode] = sum / Complex64::from(norm);
+            }
+        }
+        for mode in 0..self.shapes.len() {
+            let neighbours = self.neighbours(mode, grid.spacing_hz());
+            let (first, last) = self.range(mode, &neighbours, grid);
+            let mut stopped: Vec<&Shape> = vec![&self.shapes[mode]];
+            stopped.extend(neighbours.iter().map(|&other| &self.shapes[other]));
+            let Some(filter) = modal_filter(&stopped) else { continue };
+            let bell = bell(spectrum, matrices, &filter, first, last);
+            let others: Vec<Resonance> = neighbours.iter().map(|&other| self.fits[other].resonance).collect();
+            let here = self.fits[mode].resonance;
+            if let Some(fit) = bell.fit(here, &others, self.limits_hz(mode, grid.spacing_hz())) {
+                self.fits[mode] = fit;
+            }
+        }
+    }
+
+    /// Where the fit may take a mode.
+    fn limits_hz(&self, mode: usize, spacing_hz: f64) -> [f64; 2] {
+        let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(10.0 * spacing_hz);
+        let leeway_hz = LEEWAY_LINES * spacing_hz + LEEWAY_BANDWIDTHS * bandwidth_hz;
+        [self.picked_hz[mode] - leeway_hz, self.picked_hz[mode] + leeway_hz]
+    }
+
+    /// The modes whose bells reach into this mode's, strongest first.
+    fn neighbours(&self, mode: usize, spacing_hz: f64) -> Vec<usize> {
+        let here = self.fits[mode].resonance.frequency_hz;
+        let response = |other: usize| {
+            let fit = &self.fits[other];
+            fit.level * fit.resonance.density(here, 1.0 / spacing_hz)
+        };
+        let least = NEIGHBOUR_SHARE * response(mode);
+        let is_near =
+            |other: usize| (self.fits[other].resonance.frequency_hz - here).abs() <= NEIGHBOUR_LINES * spacing_hz;
+        let mut neighbours: Vec<usize> = (0..self.fits.len())
+            .filter(|&other| other != mode && (response(other) > least || is_near(other)))
+            .collect();
+        neighbours.sort_by(|&a, &b| response(b).total_cmp(&response(a)));
+        // The filter needs more channels than modes it stops.
+        neighbours.truncate(MAX_NEIGHBOURS.min(self.shapes[mode].len().saturating_sub(2)));
+        neighbours
+    }
+
+    /// The lines of a mode's bell: wide enough not to cut it, ending half-way to modes that the filter does not stop.
+    fn range(&self, mode: usize, neighbours: &[usize], grid: &LineGrid) -> (usize, usize) {
+        let spacing_hz = grid.spacing_hz();
+        let here = self.fits[mode].resonance;
+        let half_hz = (BELL_BANDWIDTHS * here.bandwidth_hz()).max(BELL_LINES * spacing_hz);
+        let mut sides_hz = [half_hz, half_hz];
+        for (other, fit) in self.fits.iter().enumerate() {
+            let distance_hz = fit.resonance.frequency_hz - here.frequency_hz;
+            if other != mode && !neighbours.contains(&other) {
+                let side = &mut sides_hz[usize::from(distance_hz > 0.0)];
+                *side = side.min(distance_hz.abs() / 2.0);
+            }
+        }
+        let [below, above] =
+            sides_hz.map(|side| (side / spacing_hz).clamp(BELL_LIMITS[0], BELL_LIMITS[1]).round() as usize);
+        let centre = grid.nearest_line(here.frequency_hz);
+        (centre.saturating_sub(below), (centre + above).min(grid.lines - 1))
+    }
+
+    /// A mode's estimate with its jackknife deviations.
+    fn conclude(&self, mode: usize, replicates: &[Self], spacing_hz: f64) -> SetupMode {
+        let mut shape = self.shapes[mode].clone();
+        normalise(&mut shape);
+        let deviation = |value: &dyn Fn(&Self) -> f64| jackknife(&replicates.iter().map(value).collect::<Vec<_>>());
+        let aligned: Vec<Shape> = replicates
+            .iter()
+            .map(|replicate| {
+                let mut other = replicate.shapes[mode].clone();
+                align(&mut other, &shape);
+                other
+            })
+            .collect();
+        let shape_std = (0..shape.len())
+            .map(|place| {
+                let part = |component: fn(&Complex64) -> f64| {
+                    jackknife(&aligned.iter().map(|other| component(&other[place])).collect::<Vec<_>>())
+                };
+                part(|c| c.re).hypot(part(|c| c.im)) / std::f64::consts::SQRT_2
+            })
+            .collect();
+        let [lowest, highest] = self.limits_hz(mode, spacing_hz);
+        let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
+        SetupMode {
+            found: distance_hz < 0.48 * (highest - lowest),
+            resonance: self.fits[mode].resonance,
+            shape,
+            frequency_std_hz: deviation(&|state| state.fits[mode].resonance.frequency_hz),
+            damping_std: deviation(&|state| state.fits[mode].resonance.damping_ratio),
+            shape_std,
+        }
+    }
+}
+
+/// The filtered spectrum of consecutive lines.
+fn bell(spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>], filter: &Shape, first: usize, last: usize) -> Bell {
+    let grid = spectrum.grid();
+    Bell {
+        frequency_hz: (first..=last).map(|line| grid.frequency_hz(line)).collect(),
+        density: (first..=last).map(|line| filtered(filter, &matrices[line]).max(f64::MIN_POSITIVE)).collect(),
+        duration_s: 1.0 / grid.spacing_hz(),
+    }
+}
+
+/// Standard deviation of an estimate from its delete-a-group replicates (Efron & Tibshirani 1993, eq. 11.5); infinite
+/// where there are fewer than two, which no uncertainty can be read from.
+fn jackknife(replicates: &[f64]) -> f64 {
+    let count = replicates.len() as f64;
+    if replicates.len() < 2 {
+        return f64::INFINITY;
+    }
+    let mean = replicates.iter().sum::<f64>() / count;
+    ((count - 1.0) / count * replicates.iter().map(|value| (value - mean).powi(2)).sum::<f64>()).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_jackknife_of_a_mean_is_its_standard_error() {
+        let values = [1.0, 4.0, 2.0, 8.0, 5.0, 7.0];
+        let total: f64 = values.iter().sum();
+        let replicates: Vec<f64> = values.iter().map(|value| (total - value) / 5.0).collect();
+        let mean = total / 6.0;
+        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / 5.0;
+        assert!((jackknife(&replicates) - (variance / 6.0).sqrt()).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,210 @@
+//! Merging: one set of modes from several setups that share reference points.
+//!
+//! Every setup's shape is scaled so that its references match those of all setups together (Au 2011, the least-squares
+//! form for real factors, here complex); points measured more than once are averaged, and frequency and damping are
+//! combined by their variances.
+
+use std::collections::BTreeMap;
+
+use num_complex::Complex64;
+
+use super::MeasuredSetup;
+use super::estimate::{SetupMode, SetupModes};
+use super::result::{Mode, ShapeComponent};
+use super::shape::{Shape, normalise, phase_collinearity};
+use crate::spectra::LineGrid;
+
+/// Rounds of scaling setups to the mean of the references, and the mean to the setups.
+const ROUNDS: usize = 20;
+/// References below this share of a setup's shape cannot scale it.
+const MIN_REFERENCE_SHARE: f64 = 0.05;
+/// Setups disagree when their frequencies differ by this many standard deviations.
+const DISAGREEMENT_SIGMAS: f64 = 4.0;
+
+/// A measurement point of the merged shape.
+struct Point {
+    channel: String,
+    point: String,
+    /// (setup, place among its kept channels).
+    places: Vec<(usize, usize)>,
+    reference: bool,
+}
+
+/// Merges all setups' estimates.
+pub(super) fn merge(
+    grid: &LineGrid,
+    measured: &[MeasuredSetup<'_>],
+    setups: &[SetupModes],
+    warnings: &mut Vec<String>,
+) -> Vec<Mode> {
+    let points = points(measured);
+    let count = setups.iter().map(|setup| setup.modes.len()).min().unwrap_or(0);
+    let duration_s: f64 = measured.iter().map(|m| (m.spectrum.averages() + 1) as f64 * 0.5 / grid.spacing_hz()).sum();
+    let mut modes: Vec<Mode> = (0..count)
+        .map(|index| {
+            let estimates: Vec<&SetupMode> = setups.iter().map(|setup| &setup.modes[index]).collect();
+            merged(&points, &estimates, measured, duration_s, warnings)
+        })
+        .collect();
+    modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    for (index, mode) in modes.iter_mut().enumerate() {
+        mode.number = index + 1;
+    }
+    modes
+}
+
+fn points(measured: &[MeasuredSetup<'_>]) -> Vec<Point> {
+    let mut points: Vec<Point> = Vec::new();
+    let mut references: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut names: BTreeMap<&str, usize> = BTreeMap::new();
+    for m in measured {
+        for sensor in &m.setup.sensors {
+            *names.entry(sensor.channel.as_str()).or_default() += 1;
+        }
+    }
+    for (setup, m) in measured.iter().enumerate() {
+        for (place, &channel) in m.spectrum.channels().iter().enumerate() {
+            let Some(sensor) = m.setup.sensors.get(channel) else { continue };
+            if sensor.reference
+                && let Some(&index) = references.get(sensor.point.as_str())
+            {
+                points[index].places.push((setup, place));
+                continue;
+            }
+            if sensor.reference {
+                references.insert(&sensor.point, points.len());
+            }
+            let recurs = names.get(sensor.channel.as_str()).is_some_and(|&count| count > 1);
+            let name = if recurs { format!("{}/{}", m.setup.name, sensor.channel) } else { sensor.channel.clone() };
+            let (point, reference) = (sensor.point.clone(), sensor.reference);
+            points.push(Point { channel: name, point, places: vec![(setup, place)], reference });
+        }
+    }
+    points
+}
+
+fn merged(
+    points: &[Point],
+    estimates: &[&SetupMode],
+    measured: &[MeasuredSetup<'_>],
+    duration_s: f64,
+    warnings: &mut Vec<String>,
+) -> Mode {
+    let found = || estimates.iter().filter(|mode| mode.found);
+    let (frequency_hz, frequency_std_hz) =
+        combine(found().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
+    let (damping_ratio, damping_ratio_std) =
+        combine(found().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
+    for (mode, m) in estimates.iter().zip(measured) {
+        let difference = (mode.resonance.frequency_hz - frequency_hz).abs();
+        if mode.found && difference > DISAGREEMENT_SIGMAS * mode.frequency_std_hz.hypot(frequency_std_hz) {
+            warnings.push(format!(
+                "mode at {frequency_hz:.3} Hz: setup \"{}\" has it at {:.3} Hz; the structure or the load changed between setups",
+                m.setup.name, mode.resonance.frequency_hz
+            ));
+        }
+    }
+    let scales = scales(points, estimates, measured, frequency_hz, warnings);
+    let mut shape = Shape::zeros(points.len());
+    let mut variances = vec![0.0; points.len()];
+    for (index, point) in points.iter().enumerate() {
+        let weight = 1.0 / point.places.len() as f64;
+        for &(setup, place) in &point.places {
+            shape[index] += scales[setup] * estimates[setup].shape[place] * weight;
+            variances[index] += (scales[setup].norm() * estimates[setup].shape_std[place] * weight).powi(2);
+        }
+    }
+    let before = shape.camax();
+    normalise(&mut shape);
+    let scale = if before > 0.0 { 1.0 / before } else { 1.0 };
+    // Au (2014): coefficients of variation sqrt(zeta / (2 pi N)) and 1 / sqrt(2 pi zeta N), N cycles in the record.
+    let cycles = frequency_hz * duration_s;
+    let phase_collinearity = phase_collinearity(shape.as_slice());
+    Mode {
+        number: 0,
+        frequency_hz,
+        frequency_std_hz,
+        damping_ratio,
+        damping_ratio_std,
+        frequency_std_bound_hz: frequency_hz * (damping_ratio / (std::f64::consts::TAU * cycles)).sqrt(),
+        damping_ratio_std_bound: damping_ratio / (std::f64::consts::TAU * damping_ratio * cycles).sqrt(),
+        shape: points
+            .iter()
+            .enumerate()
+            .map(|(index, point)| ShapeComponent {
+                channel: point.channel.clone(),
+                point: point.point.clone(),
+                re: shape[index].re,
+                im: shape[index].im,
+                std: variances[index].sqrt() * scale,
+            })
+            .collect(),
+        phase_collinearity,
+    }
+}
+
+/// The factor by which each setup's shape is multiplied.
+fn scales(
+    points: &[Point],
+    estimates: &[&SetupMode],
+    measured: &[MeasuredSetup<'_>],
+    frequency_hz: f64,
+    warnings: &mut Vec<String>,
+) -> Vec<Complex64> {
+    let mut scales = vec![Complex64::ONE; estimates.len()];
+    if estimates.len() == 1 {
+        return scales;
+    }
+    let references: Vec<&Point> = points.iter().filter(|point| point.reference && point.places.len() > 1).collect();
+    for (setup, mode) in estimates.iter().enumerate() {
+        let own = references.iter().flat_map(|point| &point.places).filter(|(s, _)| *s == setup);
+        let norm: f64 = own.map(|&(_, place)| mode.shape[place].norm_sqr()).sum();
+        if norm.sqrt() < MIN_REFERENCE_SHARE * mode.shape.norm() {
+            warnings.push(format!(
+                "mode at {frequency_hz:.3} Hz: the references hardly move in setup \"{}\", so the scale of its other points is uncertain",
+                measured[setup].setup.name
+            ));
+        }
+    }
+    // Alternating least squares: references from the scaled setups, each setup's scale from the references.
+    let mut values: Vec<Complex64> = references
+        .iter()
+        .map(|point| point.places.first().map_or(Complex64::ZERO, |&(setup, place)| estimates[setup].shape[place]))
+        .collect();
+    for _ in 0..ROUNDS {
+        for (setup, mode) in estimates.iter().enumerate() {
+            let (mut product, mut norm) = (Complex64::ZERO, 0.0);
+            for (point, value) in references.iter().zip(&values) {
+                for &(_, place) in point.places.iter().filter(|(s, _)| *s == setup) {
+                    product += mode.shape[place].conj() * value;
+                    norm += mode.shape[place].norm_sqr();
+                }
+            }
+            if norm > 0.0 {
+                scales[setup] = product / norm;
+            }
+        }
+        for (value, point) in values.iter_mut().zip(&references) {
+            let sum: Complex64 =
+                point.places.iter().map(|&(setup, place)| scales[setup] * estimates[setup].shape[place]).sum();
+            *value = sum / point.places.len() as f64;
+        }
+        // The common scale is free; without this it would shrink from round to round.
+        let largest = values.iter().map(|value| value.norm()).fold(0.0, f64::max);
+        if largest > 0.0 {
+            values.iter_mut().for_each(|value| *value /= largest);
+        }
+    }
+    scales
+}
+
+/// Mean by inverse variance and its deviation; the plain mean where a deviation is not known.
+pub(super) fn combine(values: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
+    let count = values.clone().count().max(1) as f64;
+    if values.clone().any(|(_, std)| !(std.is_finite() && std > 0.0)) {
+        let std = values.clone().map(|(_, std)| std).fold(0.0, f64::max);
+        return (values.map(|(value, _)| value).sum::<f64>() / count, std / count.sqrt());
+    }
+    let weight: f64 = values.clone().map(|(_, std)| 1.0 / (std * std)).sum();
+    (values.map(|(value, std)| value / (std * std)).sum::<f64>() / weight, 1.0 / weight.sqrt())
+}

@@ -1,0 +1,271 @@
+//! Picking modes: peaks of the pooled first singular value, then what is left when the modes found are taken out.
+//!
+//! All setups are picked together: their first singular values are averaged as logarithms, so that every mode exists in
+//! every setup and no strong setup drowns a weak one. A peak counts as a mode when
+//! - it stands out of its surroundings by more than the scatter of averaged spectra explains ([`PROMINENCE_SIGMAS`]),
+//! - it is above the largest singular value that noise alone would give ([`noise_edge`]),
+//! - neighbouring lines move in its shape (modal coherence) and no earlier pick has its shape within its modal domain
+//!   (Brincker, Andersen, Jacobsen 2007).
+//!
+//! Close modes hide below a stronger one's bell. So the picked shapes near by are projected out of the matrices, and the
+//! first singular value of what remains is searched in the same way.
+
+use std::ops::Range;
+
+use nalgebra::{DMatrix, DVector};
+use num_complex::Complex64;
+
+use super::MeasuredSetup;
+use super::shape::{Shape, mac};
+use super::singular::{Leading, SingularValues, leading, noise_edge};
+use crate::spectra::LineGrid;
+
+/// How many standard deviations (of the difference of two pooled log spectra) a peak must stand out by.
+const PROMINENCE_SIGMAS: f64 = 4.0;
+/// How far a peak must be above the noise's largest singular value.
+const NOISE_FACTOR: f64 = 2.0;
+/// What is left below a mode must be at least this share of the mode itself: smaller remains can be its own distortion.
+const LEAST_REMAINS: f64 = 1e-2;
+/// MAC above which neighbouring lines count as moving alike.
+const COHERENT: f64 = 0.8;
+/// MAC above which a peak belongs to a mode picked already, when it is within [`DOMAIN_LINES`].
+const SAME_MODE: f64 = 0.8;
+/// Lines to either side within which a mode's shape is projected out, and its domain is looked for.
+const DOMAIN_LINES: usize = 16;
+/// Lines that the band's edge hides.
+const EDGE_LINES: usize = 2;
+/// Modes looked for below one another.
+const MAX_LAYERS: usize = 4;
+/// Increase of a log spectrum's variance by 50 % overlap of Hann windows (Welch 1967).
+const OVERLAP_VARIANCE: f64 = 1.06;
+/// A harmonic's kurtosis is below this and this many standard deviations below a mode's.
+const HARMONIC_KURTOSIS: f64 = 2.25;
+const HARMONIC_SIGMAS: f64 = 3.5;
+
+/// A mode (or harmonic) found.
+#[derive(Debug, Clone)]
+pub(super) struct Pick {
+    /// Index of its line.
+    pub(super) line: usize,
+    /// Its shape in every setup, of unit length; the start for what follows.
+    pub(super) shapes: Vec<Shape>,
+    /// Set where the response at the line is a forced harmonic's.
+    pub(super) harmonic_kurtosis: Option<f64>,
+}
+
+/// Finds modes and harmonics, lowest first.
+pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[SingularValues]) -> Vec<Pick> {
+    let averages: usize = measured.iter().map(|m| m.spectrum.averages()).sum();
+    let prominence = PROMINENCE_SIGMAS * (2.0 * OVERLAP_VARIANCE / averages.max(1) as f64).sqrt();
+    let whole = Layer::new(measured, singular, &[], 0..grid.lines);
+    let mut picks = whole.modes(prominence, 1);
+    // Below each mode, with the modes around it taken out, until nothing more is found.
+    let mut next = 0;
+    while next < picks.len() {
+        let centre = picks[next].line;
+        for _ in 0..MAX_LAYERS {
+            let near: Vec<&Pick> = picks.iter().filter(|pick| pick.line.abs_diff(centre) <= 2 * DOMAIN_LINES).collect();
+            let channels = measured.iter().map(|m| m.spectrum.channels().len()).min().unwrap_or(0);
+            if 2 * near.len() > channels {
+                break;
+            }
+            let region = centre.saturating_sub(DOMAIN_LINES)..(centre + DOMAIN_LINES + 1).min(grid.lines);
+            let below = Layer::new(measured, singular, &near, region);
+            let found =
+                below.modes(prominence, 2).into_iter().find(|pick| !near.iter().any(|other| is_same(pick, other)));
+            let Some(found) = found else { break };
+            picks.push(found);
+        }
+        next += 1;
+    }
+    for pick in &mut picks {
+        pick.harmonic_kurtosis = harmonic_kurtosis(measured, pick);
+    }
+    picks.sort_by_key(|pick| pick.line);
+    picks
+}
+
+/// Whether two picks are one mode: alike in shape, pooled over the setups, and within each other's domain.
+fn is_same(a: &Pick, b: &Pick) -> bool {
+    a.line.abs_diff(b.line) <= DOMAIN_LINES && pooled_mac(&a.shapes, &b.shapes) > SAME_MODE
+}
+
+fn pooled_mac(a: &[Shape], b: &[Shape]) -> f64 {
+    let sum: f64 = a.iter().zip(b).map(|(a, b)| mac(a, b)).sum();
+    sum / a.len().max(1) as f64
+}
+
+/// The pooled spectrum of some lines, with some picks taken out.
+struct Layer {
+    first_line: usize,
+    /// One decomposition a line and setup: `lines[line][setup]`.
+    lines: Vec<Vec<Leading>>,
+    /// Mean over setups of ln of the first singular value.
+    log_first: Vec<f64>,
+    /// The same before anything was taken out.
+    log_original: Vec<f64>,
+    /// Mean over setups of ln of the level noise alone would reach.
+    log_edge: Vec<Option<f64>>,
+}
+
+impl Layer {
+    fn new(measured: &[MeasuredSetup<'_>], singular: &[SingularValues], out: &[&Pick], region: Range<usize>) -> Self {
+        let setups = measured.len().max(1) as f64;
+        let mean_log =
+            |values: &mut dyn Iterator<Item = f64>| values.map(|v| v.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / setups;
+        let mut layer = Self {
+            first_line: region.start,
+            lines: Vec::with_capacity(region.len()),
+            log_first: Vec::new(),
+            log_original: Vec::new(),
+            log_edge: Vec::new(),
+        };
+        for line in region {
+            let decompositions: Vec<Leading> = measured
+                .iter()
+                .zip(singular)
+                .enumerate()
+                .map(|(setup, (m, singular))| {
+                    if out.is_empty() {
+                        singular.lines[line].clone()
+                    } else {
+                        let shapes: Vec<&Shape> = out.iter().map(|pick| &pick.shapes[setup]).collect();
+                        leading(projected(m.spectrum.matrix(line), &shapes))
+                    }
+                })
+                .collect();
+            layer.log_first.push(mean_log(&mut decompositions.iter().map(|d| d.value)));
+            layer.log_original.push(mean_log(&mut singular.iter().map(|s| s.lines[line].value)));
+            let edges: Option<Vec<f64>> = decompositions
+                .iter()
+                .zip(measured)
+                .map(|(d, m)| noise_edge(&d.values, m.spectrum.averages()))
+                .collect();
+            layer.log_edge.push(edges.map(|edges| mean_log(&mut edges.into_iter())));
+            layer.lines.push(decompositions);
+        }
+        layer
+    }
+
+    /// The modes in these lines: peaks of sufficient prominence (in ln density) that are significant, and coherent with at
+    /// least `sides` of their neighbouring lines; most prominent first.
+    fn modes(&self, prominence: f64, sides: usize) -> Vec<Pick> {
+        let curve = &self.log_first;
+        let last = curve.len().saturating_sub(EDGE_LINES);
+        let mut peaks: Vec<(f64, usize)> = (EDGE_LINES..last)
+            .filter(|&line| curve[line] > curve[line - 1] && curve[line] >= curve[line + 1])
+            .map(|line| (curve[line] - saddle(curve, line), line))
+            .filter(|&(height, line)| {
+                height >= prominence && self.is_significant(line) && self.coherence(line, sides) >= COHERENT
+            })
+            .collect();
+        peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+        peaks.into_iter().map(|(_, line)| self.pick(line)).collect()
+    }
+
+    fn is_significant(&self, line: usize) -> bool {
+        let above_noise = self.log_edge[line].is_none_or(|edge| self.log_first[line] >= edge + NOISE_FACTOR.ln());
+        above_noise && self.log_first[line] >= self.log_original[line] + LEAST_REMAINS.ln()
+    }
+
+    /// Modal coherence: how alike in shape a line is to its more alike (one side) or less alike (both sides) neighbour.
+    fn coherence(&self, line: usize, sides: usize) -> f64 {
+        let alike = |other: usize| {
+            let pairs = self.lines[line].iter().zip(&self.lines[other]);
+            pairs.map(|(a, b)| mac(&a.vector, &b.vector)).sum::<f64>() / self.lines[line].len().max(1) as f64
+        };
+        let (left, right) = (alike(line - 1), alike(line + 1));
+        if sides == 1 { left.max(right) } else { left.min(right) }
+    }
+
+    fn pick(&self, line: usize) -> Pick {
+        let shapes = self.lines[line].iter().map(|setup| setup.vector.clone()).collect();
+        Pick { line: self.first_line + line, shapes, harmonic_kurtosis: None }
+    }
+}
+
+/// The higher of the two lowest points between a peak and the next higher ground on either side; the band's edge counts as
+/// ground at its own height, so that a tail that leaves the band is no peak.
+fn saddle(curve: &[f64], peak: usize) -> f64 {
+    let height = curve[peak];
+    let lowest = |line: &mut dyn Iterator<Item = f64>| {
+        let mut low = height;
+        for value in line {
+            if value > height {
+                break;
+            }
+            low = low.min(value);
+        }
+        low
+    };
+    let left = lowest(&mut curve[..peak].iter().rev().copied());
+    let right = lowest(&mut curve[peak + 1..].iter().copied());
+    left.max(right)
+}
+
+/// The matrix without what moves in the given shapes: P G P, P = I - Q Q^H.
+fn projected(matrix: DMatrix<Complex64>, shapes: &[&Shape]) -> DMatrix<Complex64> {
+    let mut basis: Vec<DVector<Complex64>> = Vec::new();
+    for shape in shapes {
+        let mut direction = (*shape).clone();
+        for other in &basis {
+            let along = other.dotc(&direction);
+            direction.axpy(-along, other, Complex64::ONE);
+        }
+        let norm = direction.norm();
+        if norm > 1e-3 * shape.norm() {
+            basis.push(direction / Complex64::from(norm));
+        }
+    }
+    let mut matrix = matrix;
+    for direction in &basis {
+        let row = direction.adjoint() * &matrix;
+        matrix -= direction * row;
+        let column = &matrix * direction;
+        matrix -= column * direction.adjoint();
+    }
+    // Rounding must not spoil the Hermitian symmetry that the decomposition relies on.
+    (&matrix + matrix.adjoint()) * Complex64::from(0.5)
+}
+
+/// The kurtosis of the response at a pick, where it is a harmonic's.
+fn harmonic_kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Option<f64> {
+    let (mut sum, mut windows) = (0.0, 0.0);
+    for (m, shape) in measured.iter().zip(&pick.shapes) {
+        // The channel that moves most carries least noise.
+        let channel = shape.icamax();
+        let weight = m.spectrum.averages() as f64;
+        sum += weight * m.spectrum.kurtosis(pick.line).get(channel).copied().unwrap_or(3.0);
+        windows += weight;
+    }
+    let kurtosis = sum / windows;
+    let effective = windows / OVERLAP_VARIANCE;
+    // Mean and standard deviation of 1.5 <|X|^4>/<|X|^2>^2 for a Gaussian response.
+    let expected = 3.0 * effective / (effective + measured.len() as f64);
+    let deviation = 3.0 / effective.sqrt();
+    (kurtosis < HARMONIC_KURTOSIS && kurtosis < expected - HARMONIC_SIGMAS * deviation).then_some(kurtosis)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_saddle_is_the_higher_of_the_two_valleys_beside_a_peak() {
+        let curve = [5.0, 1.0, 3.0, 0.5, 2.0, 1.5, 9.0];
+        assert_eq!(saddle(&curve, 2), 1.0);
+        assert_eq!(saddle(&curve, 4), 1.5);
+        assert_eq!(saddle(&curve, 6), 9.0, "nothing to the right: the edge is ground");
+    }
+
+    #[test]
+    fn projecting_a_shape_out_leaves_the_others() {
+        let a: Shape = DVector::from_vec([1.0, 1.0, 0.0].map(Complex64::from).to_vec());
+        let b: Shape = DVector::from_vec([0.0, 1.0, 1.0].map(Complex64::from).to_vec());
+        let matrix = &a * a.adjoint() * Complex64::from(9.0) + &b * b.adjoint();
+        let left = leading(projected(matrix, &[&a]));
+        // What is left of b is its part orthogonal to a: length² 2 - 1/2.
+        assert!((left.value - 1.5).abs() < 1e-12 && left.values[1].abs() < 1e-12);
+        assert!(left.vector.dotc(&a).norm() < 1e-12);
+    }
+}

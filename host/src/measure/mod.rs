@@ -1,0 +1,275 @@
+//! Measuring: from a study's recordings to each setup's cross-spectral matrices, through simulated nodes or directly.
+//!
+//! A study flows in; averaged cross spectra flow out, with what was left out, what the link did and where the time went. A
+//! setup that cannot be measured is left out with a warning as long as another can.
+
+use std::time::{Duration, Instant};
+
+use num_complex::Complex32;
+use thiserror::Error;
+
+use crate::identify::MeasuredSetup;
+use crate::link::fleet::{Fleet, FleetError, FleetOptions, FleetReport};
+use crate::record::{Block, RecordError, Recording};
+use crate::spectra::direct::Welch;
+use crate::spectra::{
+    CrossSpectrumAccumulator, PlanError, SetupExtent, SpectraError, SpectraWarning, SpectralPlan, WindowLines,
+};
+use crate::study::{Setup, Study, Unit};
+
+/// How spectra are made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Route {
+    /// By simulated sensor nodes: the firmware, a serial line, the host's protocol.
+    Nodes(FleetOptions),
+    /// Straight from the recording.
+    Direct,
+}
+
+/// Why a study could not be measured.
+#[derive(Debug, Error)]
+pub enum MeasureError {
+    /// The study has no setups.
+    #[error("the study has no [[setup]] to measure: describe the recording and its sensors in study.toml")]
+    NoSetups,
+    /// A setup's recording cannot be read.
+    #[error("setup \"{setup}\": {source}")]
+    Record {
+        /// The setup.
+        setup: String,
+        /// Why.
+        source: RecordError,
+    },
+    /// There is no way to analyse the setups.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// The simulated nodes failed.
+    #[error("setup \"{setup}\": {source}")]
+    Fleet {
+        /// The setup.
+        setup: String,
+        /// Why.
+        source: FleetError,
+    },
+    /// No spectrum came of a setup.
+    #[error("setup \"{setup}\": {source}")]
+    Spectra {
+        /// The setup.
+        setup: String,
+        /// Why.
+        source: SpectraError,
+    },
+}
+
+/// Where the time went.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Timings {
+    /// Counting rows to choose the analysis.
+    pub counting: Duration,
+    /// Reading the recordings.
+    pub reading: Duration,
+    /// Waiting for nodes and link, or computing spectra directly.
+    pub spectra: Duration,
+    /// Averaging outer products.
+    pub averaging: Duration,
+}
+
+/// What measuring gave.
+#[derive(Debug)]
+pub struct Measurement<'a> {
+    /// Decimation, segment and lines.
+    pub plan: SpectralPlan,
+    /// The setups that could be measured.
+    pub setups: Vec<MeasuredSetup<'a>>,
+    /// What the nodes and lines did, for each of them (nothing on the direct route).
+    pub fleets: Vec<FleetReport>,
+    /// What the reader should know.
+    pub warnings: Vec<String>,
+    /// Duration of all recordings in s.
+    pub duration_s: f64,
+    /// Where the time went.
+    pub timings: Timings,
+}
+
+/// Rows that are read, of how many; for a progress bar.
+pub type Progress<'a> = &'a mut dyn FnMut(u64, u64);
+
+/// Measures all setups of a study.
+///
+/// # Errors
+/// When no setup can be measured; what is wrong with a single one among others becomes a warning.
+pub fn measure<'a>(study: &'a Study, route: Route, progress: Progress<'_>) -> Result<Measurement<'a>, MeasureError> {
+    let mut warnings: Vec<String> = study.unused.iter().map(ToString::to_string).collect();
+    let mut timings = Timings::default();
+    let start = Instant::now();
+    let mut failure = None;
+    let mut opened: Vec<(&Setup, Recording, u64)> = Vec::new();
+    for setup in &study.setups {
+        let counted = Recording::open(setup, &study.folder).and_then(|r| r.total_rows().map(|rows| (r, rows)));
+        match counted {
+            Ok((recording, rows)) => opened.push((setup, recording, rows)),
+            Err(source) => {
+                leave_out(&mut warnings, &mut failure, MeasureError::Record { setup: setup.name.clone(), source })
+            }
+        }
+    }
+    timings.counting = start.elapsed();
+    let extents: Vec<SetupExtent> = opened
+        .iter()
+        .map(|(setup, _, rows)| SetupExtent {
+            sampling_rate_hz: setup.sampling_rate_hz,
+            rows: *rows,
+            channels: setup.sensors.len(),
+        })
+        .collect();
+    if extents.is_empty() {
+        return Err(failure.unwrap_or(MeasureError::NoSetups));
+    }
+    let plan = SpectralPlan::choose(&extents, &study.analysis)?;
+    warnings.extend(plan.few_averages.map(|few| few.to_string()));
+    let total_rows: u64 = extents.iter().map(|extent| extent.rows).sum();
+    let mut done_rows = 0;
+    let (mut setups, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), 0.0);
+    for ((setup, recording, rows), &decimation) in opened.into_iter().zip(&plan.decimations) {
+        let mut on_rows = |rows: u64| progress(done_rows + rows, total_rows);
+        let outcome = measure_setup(setup, recording, &plan, decimation, route, &mut on_rows, &mut timings);
+        done_rows += rows;
+        match outcome {
+            Ok(measured) => {
+                warnings.extend(measured.warnings);
+                fleets.extend(measured.fleet);
+                duration_s += rows as f64 / setup.sampling_rate_hz;
+                setups.push(measured.setup);
+            }
+            Err(error) => leave_out(&mut warnings, &mut failure, error),
+        }
+    }
+    if setups.is_empty() {
+        return Err(failure.unwrap_or(MeasureError::NoSetups));
+    }
+    Ok(Measurement { plan, setups, fleets, warnings, duration_s, timings })
+}
+
+/// Keeps the first failure, for the case that nothing remains, and says every one.
+fn leave_out(warnings: &mut Vec<String>, failure: &mut Option<MeasureError>, error: MeasureError) {
+    warnings.push(format!("left out: {error}"));
+    failure.get_or_insert(error);
+}
+
+struct OneSetup<'a> {
+    setup: MeasuredSetup<'a>,
+    fleet: Option<FleetReport>,
+    warnings: Vec<String>,
+}
+
+fn measure_setup<'a>(
+    setup: &'a Setup,
+    mut recording: Recording,
+    plan: &SpectralPlan,
+    decimation: u32,
+    route: Route,
+    on_rows: &mut dyn FnMut(u64),
+    timings: &mut Timings,
+) -> Result<OneSetup<'a>, MeasureError> {
+    let name = || setup.name.clone();
+    let grid = plan.grid;
+    let spectra = |source| MeasureError::Spectra { setup: name(), source };
+    let fleet_failed = |source| MeasureError::Fleet { setup: name(), source };
+    let mut accumulator = CrossSpectrumAccumulator::new(grid, setup.sensors.len()).map_err(spectra)?;
+    let mut refused = None;
+    let mut averaging = Duration::ZERO;
+    let mut on_window = |mut window: WindowLines| {
+        let start = Instant::now();
+        if setup.unit == Unit::MetrePerSecond {
+            differentiate(plan, &mut window);
+        }
+        if let Err(error) = accumulator.add(&window) {
+            refused.get_or_insert(error);
+        }
+        averaging += start.elapsed();
+    };
+    let mut source = match route {
+        Route::Nodes(options) => {
+            Source::Nodes(Box::new(Fleet::start(setup, decimation, &grid, &options).map_err(fleet_failed)?))
+        }
+        Route::Direct => {
+            let welch = Welch::new(grid, decimation, setup.sensors.len());
+            let settings = || FleetError::Settings {
+                decimation,
+                segment: grid.segment,
+                first_line: grid.first_line,
+                lines: grid.lines,
+            };
+            Source::Direct(Box::new(welch.ok_or_else(|| fleet_failed(settings()))?))
+        }
+    };
+    let mut block = Block::new();
+    let mut rows = 0;
+    loop {
+        let start = Instant::now();
+        let more = recording.next_block(&mut block).map_err(|source| MeasureError::Record { setup: name(), source })?;
+        timings.reading += start.elapsed();
+        if !more {
+            break;
+        }
+        let start = Instant::now();
+        match &mut source {
+            Source::Nodes(fleet) => fleet.push(block.values(), &mut on_window).map_err(fleet_failed)?,
+            Source::Direct(welch) => block.rows().for_each(|row| welch.push_row(row, &mut on_window)),
+        }
+        timings.spectra += start.elapsed();
+        rows += block.row_count() as u64;
+        on_rows(rows);
+    }
+    let start = Instant::now();
+    let fleet = match source {
+        Source::Nodes(fleet) => Some(fleet.finish(&mut on_window).map_err(fleet_failed)?),
+        Source::Direct(_) => None,
+    };
+    timings.spectra += start.elapsed();
+    timings.spectra = timings.spectra.saturating_sub(averaging);
+    timings.averaging += averaging;
+    if let Some(error) = refused {
+        return Err(spectra(error));
+    }
+    let report = recording.finish();
+    let several = |warning: String| format!("setup \"{}\": {warning}", setup.name);
+    let mut warnings: Vec<String> = report.warnings.iter().map(|warning| several(warning.to_string())).collect();
+    let (spectrum, left_out) = accumulator.finish().map_err(spectra)?;
+    warnings.extend(left_out.iter().map(|warning| several(sentence(setup, *warning))));
+    if let Some(fleet) = &fleet {
+        let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();
+        if lost > 0 {
+            warnings.push(several(format!(
+                "{lost} windows were lost on the way: the line is too slow or too bad for what the nodes send"
+            )));
+        }
+    }
+    Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, fleet, warnings })
+}
+
+enum Source {
+    Nodes(Box<Fleet>),
+    Direct(Box<Welch>),
+}
+
+/// Turns lines of velocity into lines of acceleration.
+fn differentiate(plan: &SpectralPlan, window: &mut WindowLines) {
+    for lines in window.channels.iter_mut().flatten() {
+        for (index, line) in lines.iter_mut().enumerate() {
+            *line *= Complex32::new(0.0, (std::f64::consts::TAU * plan.grid.frequency_hz(index)) as f32);
+        }
+    }
+}
+
+fn sentence(setup: &Setup, warning: SpectraWarning) -> String {
+    match warning {
+        SpectraWarning::ChannelLeftOut { channel, sound, windows } => format!(
+            "channel \"{}\" is left out: it is sound in {sound} of {windows} windows; check the sensor and its cable",
+            setup.sensors.get(channel).map_or("?", |sensor| sensor.channel.as_str())
+        ),
+        SpectraWarning::WindowsLeftOut { left_out, windows } => format!(
+            "{left_out} of {windows} windows are left out: a channel has gaps, clipped or constant samples in them"
+        ),
+    }
+}

@@ -1,0 +1,75 @@
+//! Pictures, as SVG text.
+
+use plotters::prelude::*;
+use thiserror::Error;
+
+use crate::identify::Identification;
+
+/// A picture could not be drawn.
+#[derive(Debug, Error)]
+#[error("the picture of {0} could not be drawn: {1}")]
+pub struct PictureError(&'static str, String);
+
+const SIZE: (u32, u32) = (960, 520);
+const RANKS: [RGBColor; 4] =
+    [RGBColor(31, 87, 147), RGBColor(214, 124, 38), RGBColor(90, 150, 90), RGBColor(160, 160, 160)];
+const MODE: RGBColor = RGBColor(190, 40, 40);
+
+/// Singular values over frequency (one thin line a setup and rank), the modes marked.
+///
+/// # Errors
+/// When nothing was measured, or drawing fails.
+pub fn singular_values(structure: &str, identification: &Identification) -> Result<String, PictureError> {
+    let fail = |reason: &dyn std::fmt::Display| PictureError("the singular values", reason.to_string());
+    let spectra = &identification.singular_values;
+    let values = || spectra.iter().flat_map(|s| s.values.iter().flatten().copied()).filter(|v| *v > 0.0);
+    let highest = values().fold(0.0, f64::max);
+    let first_rank_lowest =
+        spectra.iter().filter_map(|s| s.values.first()).flatten().copied().fold(f64::INFINITY, f64::min);
+    let (first_hz, last_hz) = spectra
+        .first()
+        .and_then(|s| Some((*s.frequency_hz.first()?, *s.frequency_hz.last()?)))
+        .ok_or_else(|| fail(&"nothing was measured"))?;
+    let lowest = values().fold(f64::INFINITY, f64::min).max(first_rank_lowest * 1e-3).max(highest * 1e-12);
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
+        root.fill(&WHITE).map_err(|e| fail(&e))?;
+        let mut chart = ChartBuilder::on(&root)
+            .caption(format!("{structure}: singular values of the cross-spectral matrix"), ("sans-serif", 20))
+            .margin(12)
+            .x_label_area_size(44)
+            .y_label_area_size(76)
+            .build_cartesian_2d(first_hz..last_hz, (lowest * 0.5..highest * 3.0).log_scale())
+            .map_err(|e| fail(&e))?;
+        chart
+            .configure_mesh()
+            .x_desc("frequency in Hz")
+            .y_desc("density in (m/s²)²/Hz")
+            .y_label_formatter(&|value| format!("{value:.0e}"))
+            .light_line_style(WHITE.mix(0.0))
+            .bold_line_style(RGBColor(228, 228, 228))
+            .draw()
+            .map_err(|e| fail(&e))?;
+        for mode in &identification.modes {
+            let line = [(mode.frequency_hz, lowest * 0.5), (mode.frequency_hz, highest * 3.0)];
+            chart.draw_series(LineSeries::new(line, MODE.mix(0.45).stroke_width(1))).map_err(|e| fail(&e))?;
+        }
+        for spectrum in spectra {
+            for (rank, values) in spectrum.values.iter().enumerate().rev() {
+                let color = RANKS[rank.min(RANKS.len() - 1)];
+                let points = spectrum.frequency_hz.iter().zip(values).map(|(f, v)| (*f, v.max(lowest * 0.5)));
+                chart.draw_series(LineSeries::new(points, color.stroke_width(2))).map_err(|e| fail(&e))?;
+            }
+        }
+        for mode in &identification.modes {
+            let label = format!("{}", mode.number);
+            let style = ("sans-serif", 14).into_font().color(&MODE);
+            chart
+                .draw_series(std::iter::once(Text::new(label, (mode.frequency_hz, highest * 2.6), style)))
+                .map_err(|e| fail(&e))?;
+        }
+        root.present().map_err(|e| fail(&e))?;
+    }
+    Ok(svg)
+}
