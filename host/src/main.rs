@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::process::ExitCode;
 
-use belfry_host::command::{Console, identify, init, simulate};
+use belfry_host::command::{Console, demo, identify, init, simulate};
 use clap::{Parser, Subcommand};
 
 /// Finds how a tall structure moves, and why its model is wrong
@@ -14,7 +14,9 @@ use clap::{Parser, Subcommand};
     arg_required_else_help = true,
     after_help = "\
 Examples:
+  belfry demo                             the chain at work on a simulated tower
   belfry init canton --template canton    a study of the Canton Tower
+  belfry identify canton                  its modes
   belfry help init                        what a command does, with examples
 
 Exit status: 0 done, 1 failed, 2 wrong usage."
@@ -29,6 +31,7 @@ struct CommandLine {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::Arguments),
     Init(init::Arguments),
     Simulate(simulate::Arguments),
     Identify(identify::Arguments),
@@ -38,6 +41,7 @@ fn main() -> ExitCode {
     let CommandLine { json, command } = CommandLine::parse();
     let console = Console::new(json);
     let outcome = match &command {
+        Command::Demo(arguments) => demo::run(arguments, &console),
         Command::Init(arguments) => init::run(arguments, &console),
         Command::Simulate(arguments) => simulate::run(arguments, &console),
         Command::Identify(arguments) => identify::run(arguments, &console),

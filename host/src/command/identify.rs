@@ -15,7 +15,7 @@ use crate::identify::{Identification, identify};
 use crate::link::fleet::{FleetOptions, FleetReport};
 use crate::link::memory::Faults;
 use crate::measure::{Measurement, Route, measure};
-use crate::picture;
+use crate::picture::{self, TrueShape};
 use crate::study::Study;
 
 const EXAMPLES: &str = "Examples:
@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
   belfry identify canton --damaged-frames 2    on lines that damage 2 % of all frames
   belfry identify canton --json > modes.json
 
-Writes results/modes.json and results/singular_values.svg into the study.";
+Writes modes.json, singular_values.svg and mode_shapes.svg into the study's folder `results`.";
 
 /// Find the modes: frequency, damping and shape, each with its standard deviation
 #[derive(Debug, Args)]
@@ -112,6 +112,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         })
     };
     let report = identify_study(&study, route, console)?;
+    write_results(&study, &report, &[])?;
     console.json(&report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification)));
     for harmonic in &report.identification.harmonics {
@@ -121,11 +122,11 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         ));
     }
     console.say(summary(&report));
-    console.say(format!("Written: {}", results_folder(&study).join("{modes.json,singular_values.svg}").display()));
+    console.say(format!("Modes and pictures are in {}.", results_folder(&study).display()));
     Ok(())
 }
 
-/// Measures, identifies, warns, and writes the results into the study.
+/// Measures, identifies, and warns.
 pub(super) fn identify_study(study: &Study, route: Route, console: &Console) -> anyhow::Result<Report> {
     let start = Instant::now();
     let label = match route {
@@ -148,9 +149,7 @@ pub(super) fn identify_study(study: &Study, route: Route, console: &Console) -> 
     for warning in &identification.warnings {
         console.warn(warning);
     }
-    let report = report(identification, &measurement, modes, start.elapsed());
-    write_results(study, &report)?;
-    Ok(report)
+    Ok(report(identification, &measurement, modes, start.elapsed()))
 }
 
 impl Report {
@@ -196,18 +195,23 @@ fn link_report(fleets: &[FleetReport]) -> Option<LinkReport> {
     })
 }
 
-fn results_folder(study: &Study) -> PathBuf {
+pub(super) fn results_folder(study: &Study) -> PathBuf {
     study.folder.join("results")
 }
 
-fn write_results(study: &Study, report: &Report) -> anyhow::Result<()> {
+/// Writes modes and pictures into the study; `truth` is one shape a mode, where it is known.
+pub(super) fn write_results(study: &Study, report: &Report, truth: &[Option<TrueShape>]) -> anyhow::Result<()> {
     let folder = results_folder(study);
     fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let write =
         |path: &Path, text: &str| fs::write(path, text).with_context(|| format!("cannot write {}", path.display()));
     write(&folder.join("modes.json"), &(serde_json::to_string_pretty(report)? + "\n"))?;
     let picture = picture::singular_values(&study.structure.name, &report.identification)?;
-    write(&folder.join("singular_values.svg"), &picture)
+    write(&folder.join("singular_values.svg"), &picture)?;
+    match picture::mode_shapes(&study.structure.name, &study.setups, &report.identification, truth)? {
+        Some(picture) => write(&folder.join("mode_shapes.svg"), &picture),
+        None => Ok(()),
+    }
 }
 
 /// The modes as a table.

@@ -2,6 +2,7 @@
 //!
 //! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
 
+pub mod demo;
 pub mod identify;
 pub mod init;
 pub mod simulate;

@@ -1,19 +1,13 @@
-//! Pictures, as SVG text.
+//! The singular values over frequency, with the modes marked.
 
 use plotters::prelude::*;
-use thiserror::Error;
 
+use super::{MODE, PictureError};
 use crate::identify::Identification;
-
-/// A picture could not be drawn.
-#[derive(Debug, Error)]
-#[error("the picture of {0} could not be drawn: {1}")]
-pub struct PictureError(&'static str, String);
 
 const SIZE: (u32, u32) = (960, 520);
 const RANKS: [RGBColor; 4] =
     [RGBColor(31, 87, 147), RGBColor(214, 124, 38), RGBColor(90, 150, 90), RGBColor(160, 160, 160)];
-const MODE: RGBColor = RGBColor(190, 40, 40);
 
 /// Singular values over frequency (one thin line a setup and rank), the modes marked.
 ///

@@ -1,0 +1,292 @@
+//! `belfry demo`: the chain in one go, on a structure whose truth is known.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::Args;
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
+use nalgebra::DVector;
+use num_complex::Complex64;
+use serde::Serialize;
+
+use super::Console;
+use super::identify::{Report, align_right, identify_study, results_folder, summary, write_results};
+use crate::identify::{Mode, mac};
+use crate::link::fleet::FleetOptions;
+use crate::link::memory::Faults;
+use crate::measure::Route;
+use crate::model::BeamTable;
+use crate::model::effect::Effect;
+use crate::picture::TrueShape;
+use crate::simulate::{Options, Simulation, TrueMode, Truth};
+use crate::study::{STUDY_FILE, Study, template};
+
+const EXAMPLES: &str = "Examples:
+  belfry demo                         in the new folder belfry-demo
+  belfry demo tower --hours 4         a longer recording: finer lines, smaller deviations
+  belfry demo --seed 2 --json         another hour, as JSON
+
+The tower is a stand-in: a synthetic beam that has the measured frequencies of the Canton Tower. Its recording goes to
+simulated sensor nodes that run the real firmware, over serial lines that damage 2 % of all frames, to the host.
+Afterwards the folder is a study like any other.";
+
+/// First line of the demo's study.toml, by which a later demo knows that it may write over it.
+const MARK: &str = "# Made by `belfry demo`; the next `belfry demo` here writes it anew.\n";
+const RECORDING: &str = "recording.npy";
+/// The flexibility that gives the stand-in tower its measured frequencies.
+const BASE_ROTATION: &str = "base-rotation=7.21e-15";
+const DAMAGED_SHARE: f64 = 0.02;
+/// A measured mode belongs to a true one when it is this near (relative) and this alike.
+const NEAR: f64 = 0.05;
+const ALIKE: f64 = 0.5;
+
+/// Show the chain at work on a simulated tower: nodes, serial link, modes beside the truth
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// Folder for the demo's study
+    #[arg(value_name = "DIR", default_value = "belfry-demo")]
+    pub folder: PathBuf,
+    /// Hours of recording
+    #[arg(long, default_value_t = 1.0, value_parser = hours)]
+    pub hours: f64,
+    /// Seed of load, noise, clocks and damage
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+fn hours(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(hours) if (0.2..=240.0).contains(&hours) => Ok(hours),
+        _ => Err("expected a number of hours from 0.2 to 240".to_owned()),
+    }
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Outcome {
+    study: String,
+    pairs: Vec<Pair>,
+    missed_hz: Vec<f64>,
+    spurious_hz: Vec<f64>,
+    #[serde(flatten)]
+    report: Report,
+}
+
+/// A measured mode beside its truth.
+#[derive(Debug, Clone, Serialize)]
+struct Pair {
+    number: usize,
+    true_frequency_hz: f64,
+    frequency_hz: f64,
+    frequency_std_hz: f64,
+    frequency_error_percent: f64,
+    true_damping_ratio: f64,
+    damping_ratio: f64,
+    damping_ratio_std: f64,
+    mac: f64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the folder holds another study, or cannot be written.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let study = write_study(&arguments.folder)?;
+    console.say(format!(
+        "A synthetic stand-in for the Canton Tower, {} h at 50 Hz, 20 accelerometers on 8 sensor nodes.",
+        arguments.hours
+    ));
+    let truth = simulate(&study, arguments, console)?;
+    let faults = Faults::damaging(DAMAGED_SHARE);
+    let options = FleetOptions { faults, seed: arguments.seed, ..FleetOptions::default() };
+    let report = identify_study(&study, Route::Nodes(options), console)?;
+    let band_hz = study.analysis.band_hz.unwrap_or([0.0, f64::INFINITY]);
+    let in_band = |mode: &&TrueMode| (band_hz[0]..=band_hz[1]).contains(&mode.frequency_hz);
+    let true_modes: Vec<&TrueMode> = truth.modes.iter().filter(in_band).collect();
+    let matches = pair(&report.identification().modes, &true_modes, &truth);
+    let shapes: Vec<Option<TrueShape>> = matches
+        .iter()
+        .zip(&report.identification().modes)
+        .map(|(found, mode)| found.map(|index| true_shape(mode, true_modes[index], &truth)))
+        .collect();
+    write_results(&study, &report, &shapes)?;
+    let outcome = outcome(&study, report, &matches, &true_modes, &truth);
+    console.json(&outcome)?;
+    tell(&outcome, &study, console);
+    Ok(())
+}
+
+/// Writes the demo's study.
+fn write_study(folder: &Path) -> anyhow::Result<Study> {
+    let path = folder.join(STUDY_FILE);
+    if fs::read_to_string(&path).is_ok_and(|text| !text.starts_with(MARK)) {
+        bail!(
+            "{} is a study of your own: name another folder, as in `belfry demo {}-demo`",
+            path.display(),
+            folder.display()
+        );
+    }
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let mut study: toml_edit::DocumentMut = template::CANTON_STUDY.parse()?;
+    if let Some(setups) = study.get_mut("setup").and_then(|item| item.as_array_of_tables_mut())
+        && let Some(setup) = setups.get_mut(0)
+    {
+        setup["files"] = toml_edit::value(toml_edit::Array::from_iter([RECORDING]));
+    }
+    let write = |name: &str, text: &str| {
+        let path = folder.join(name);
+        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    };
+    write("beam.csv", template::CANTON_BEAM)?;
+    write(STUDY_FILE, &format!("{MARK}{study}"))?;
+    Ok(Study::load(folder)?)
+}
+
+/// Simulates the stand-in tower's recording into the study.
+fn simulate(study: &Study, arguments: &Arguments, console: &Console) -> anyhow::Result<Truth> {
+    let setup = study.setups.first().context("the demo's study has no setup")?;
+    let beam = BeamTable::from_reader(template::CANTON_BEAM_FIELD.as_bytes(), Path::new("beam_field.csv"))?;
+    let effect: Effect = BASE_ROTATION.parse()?;
+    let options = Options { seed: arguments.seed, ..Options::default() };
+    let mut simulation = Simulation::of_beam(beam, &[effect], setup, &options)?;
+    let rows = (arguments.hours * 3600.0 * setup.sampling_rate_hz).round() as u64;
+    let bar = console.progress(rows, "recording");
+    simulation.write(&study.folder.join(RECORDING), rows, |done| bar.set_position(done))?;
+    bar.finish_and_clear();
+    let truth = simulation.truth().clone();
+    let path = study.folder.join("truth.json");
+    fs::write(&path, serde_json::to_string_pretty(&truth)? + "\n")
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(truth)
+}
+
+/// For each measured mode the true mode that is near and most alike, each true mode once.
+fn pair(modes: &[Mode], true_modes: &[&TrueMode], truth: &Truth) -> Vec<Option<usize>> {
+    let mut candidates: Vec<(f64, usize, usize)> = Vec::new();
+    for (measured, mode) in modes.iter().enumerate() {
+        for (index, true_mode) in true_modes.iter().enumerate() {
+            let alike = shape_mac(mode, true_mode, truth);
+            if (mode.frequency_hz / true_mode.frequency_hz - 1.0).abs() < NEAR && alike > ALIKE {
+                candidates.push((alike, measured, index));
+            }
+        }
+    }
+    candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut pairs = vec![None; modes.len()];
+    for (_, measured, index) in candidates {
+        if pairs[measured].is_none() && !pairs.contains(&Some(index)) {
+            pairs[measured] = Some(index);
+        }
+    }
+    pairs
+}
+
+/// MAC of a measured and a true shape over the channels that both have.
+fn shape_mac(mode: &Mode, true_mode: &TrueMode, truth: &Truth) -> f64 {
+    let expected: BTreeMap<&str, f64> = truth
+        .channels
+        .iter()
+        .zip(&true_mode.shape)
+        .map(|(channel, &value)| (channel.channel.as_str(), value))
+        .collect();
+    let (mut a, mut b) = (Vec::new(), Vec::new());
+    for component in &mode.shape {
+        if let Some(&value) = expected.get(component.channel.as_str()) {
+            a.push(Complex64::new(component.re, component.im));
+            b.push(Complex64::from(value));
+        }
+    }
+    mac(&DVector::from_vec(a), &DVector::from_vec(b))
+}
+
+/// A true shape by point, with the sign of the measured one.
+fn true_shape(mode: &Mode, true_mode: &TrueMode, truth: &Truth) -> TrueShape {
+    let value = |channel: &str| {
+        let index = truth.channels.iter().position(|other| other.channel == channel)?;
+        true_mode.shape.get(index).copied()
+    };
+    let product: f64 = mode.shape.iter().filter_map(|c| Some(c.re * value(&c.channel)?)).sum();
+    let sign = if product < 0.0 { -1.0 } else { 1.0 };
+    mode.shape.iter().filter_map(|c| Some((c.point.clone(), sign * value(&c.channel)?))).collect()
+}
+
+fn outcome(
+    study: &Study,
+    report: Report,
+    matches: &[Option<usize>],
+    true_modes: &[&TrueMode],
+    truth: &Truth,
+) -> Outcome {
+    let modes = &report.identification().modes;
+    let pairs = modes
+        .iter()
+        .zip(matches)
+        .filter_map(|(mode, index)| {
+            let true_mode = true_modes[(*index)?];
+            Some(Pair {
+                number: mode.number,
+                true_frequency_hz: true_mode.frequency_hz,
+                frequency_hz: mode.frequency_hz,
+                frequency_std_hz: mode.frequency_std_hz,
+                frequency_error_percent: 100.0 * (mode.frequency_hz / true_mode.frequency_hz - 1.0),
+                true_damping_ratio: true_mode.damping_ratio,
+                damping_ratio: mode.damping_ratio,
+                damping_ratio_std: mode.damping_ratio_std,
+                mac: shape_mac(mode, true_mode, truth),
+            })
+        })
+        .collect();
+    let missed = true_modes.iter().enumerate().filter(|(index, _)| !matches.contains(&Some(*index)));
+    let spurious = modes.iter().zip(matches).filter(|(_, index)| index.is_none());
+    Outcome {
+        study: study.folder.display().to_string(),
+        pairs,
+        missed_hz: missed.map(|(_, mode)| mode.frequency_hz).collect(),
+        spurious_hz: spurious.map(|(mode, _)| mode.frequency_hz).collect(),
+        report,
+    }
+}
+
+fn tell(outcome: &Outcome, study: &Study, console: &Console) {
+    let mut table = Table::new();
+    table.load_style(UTF8_FULL_CONDENSED);
+    table.set_header([
+        "mode",
+        "true Hz",
+        "measured Hz",
+        "± Hz",
+        "error %",
+        "true damping %",
+        "measured %",
+        "± %",
+        "MAC",
+    ]);
+    for pair in &outcome.pairs {
+        table.add_row([
+            pair.number.to_string(),
+            format!("{:.4}", pair.true_frequency_hz),
+            format!("{:.4}", pair.frequency_hz),
+            format!("{:.4}", pair.frequency_std_hz),
+            format!("{:+.2}", pair.frequency_error_percent),
+            format!("{:.2}", 100.0 * pair.true_damping_ratio),
+            format!("{:.2}", 100.0 * pair.damping_ratio),
+            format!("{:.2}", 100.0 * pair.damping_ratio_std),
+            format!("{:.4}", pair.mac),
+        ]);
+    }
+    align_right(&mut table, 9);
+    console.say(format!("\n{table}"));
+    for frequency_hz in &outcome.missed_hz {
+        console.say(format!("Not found: the mode at {frequency_hz:.4} Hz."));
+    }
+    for frequency_hz in &outcome.spurious_hz {
+        console.say(format!("Found at {frequency_hz:.4} Hz, but there is no such mode."));
+    }
+    console.say(format!("{}\n", summary(&outcome.report)));
+    console.say(format!("Pictures: {}", results_folder(study).join("singular_values.svg").display()));
+    console.say(format!("          {}", results_folder(study).join("mode_shapes.svg").display()));
+    console.say(format!("Next:     belfry identify {} --direct    the same without nodes and link", outcome.study));
+}

@@ -1,0 +1,18 @@
+//! Pictures, as SVG text.
+
+mod shapes;
+mod singular;
+
+use plotters::style::RGBColor;
+use thiserror::Error;
+
+pub use shapes::{TrueShape, mode_shapes};
+pub use singular::singular_values;
+
+/// The colour of modes.
+const MODE: RGBColor = RGBColor(190, 40, 40);
+
+/// A picture could not be drawn.
+#[derive(Debug, Error)]
+#[error("the picture of {0} could not be drawn: {1}")]
+pub struct PictureError(&'static str, String);
