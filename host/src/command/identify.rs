@@ -37,7 +37,7 @@ pub struct Arguments {
     #[arg(long)]
     pub direct: bool,
     /// Bits a component of the spectral lines that nodes send
-    #[arg(long, value_name = "BITS", default_value_t = 8, value_parser = clap::value_parser!(u8).range(3..=16), conflicts_with = "direct")]
+    #[arg(long, value_name = "BITS", default_value_t = 10, value_parser = clap::value_parser!(u8).range(3..=16), conflicts_with = "direct")]
     pub bits: u8,
     /// Baud rate of the simulated serial lines
     #[arg(long, default_value_t = 115_200, value_parser = clap::value_parser!(u32).range(300..=10_000_000), conflicts_with = "direct")]
@@ -250,7 +250,7 @@ fn deviation(value: f64, digits: usize) -> String {
 pub(super) fn summary(report: &Report) -> String {
     let segments = &report.segments;
     let mut text = format!(
-        "{} averages of {:.1} s segments ({} points at {} Hz), lines every {:.4} Hz.",
+        "{} averages of {:.1} s segments ({} points at {:.4} Hz), lines every {:.4} Hz.",
         report.identification.averages,
         segments.duration_s,
         segments.points,

@@ -28,10 +28,12 @@ const NOISE_FACTOR: f64 = 2.0;
 const LEAST_REMAINS: f64 = 1e-2;
 /// MAC above which neighbouring lines count as moving alike.
 const COHERENT: f64 = 0.8;
-/// MAC above which a peak belongs to a mode picked already, when it is within [`DOMAIN_LINES`].
+/// MAC above which a peak belongs to a mode picked already, when it is within that mode's domain.
 const SAME_MODE: f64 = 0.8;
-/// Lines to either side within which a mode's shape is projected out, and its domain is looked for.
+/// A mode's domain to either side: this many lines or this share of its frequency (a dozen bandwidths of a structure of
+/// little damping), whichever is more.
 const DOMAIN_LINES: usize = 16;
+const DOMAIN_SHARE: f64 = 0.06;
 /// Lines that the band's edge hides.
 const EDGE_LINES: usize = 2;
 /// Modes looked for below one another.
@@ -64,15 +66,18 @@ pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[
     while next < picks.len() {
         let centre = picks[next].line;
         for _ in 0..MAX_LAYERS {
-            let near: Vec<&Pick> = picks.iter().filter(|pick| pick.line.abs_diff(centre) <= 2 * DOMAIN_LINES).collect();
+            let domain = domain_lines(grid, centre);
+            let near: Vec<&Pick> = picks.iter().filter(|pick| pick.line.abs_diff(centre) <= 2 * domain).collect();
             let channels = measured.iter().map(|m| m.spectrum.channels().len()).min().unwrap_or(0);
             if 2 * near.len() > channels {
                 break;
             }
-            let region = centre.saturating_sub(DOMAIN_LINES)..(centre + DOMAIN_LINES + 1).min(grid.lines);
+            let region = centre.saturating_sub(domain)..(centre + domain + 1).min(grid.lines);
             let below = Layer::new(measured, singular, &near, region);
-            let found =
-                below.modes(prominence, 2).into_iter().find(|pick| !near.iter().any(|other| is_same(pick, other)));
+            let found = below
+                .modes(prominence, 2)
+                .into_iter()
+                .find(|pick| !near.iter().any(|other| is_same(grid, pick, other)));
             let Some(found) = found else { break };
             picks.push(found);
         }
@@ -85,9 +90,14 @@ pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[
     picks
 }
 
+/// A mode's domain in lines to either side.
+fn domain_lines(grid: &LineGrid, line: usize) -> usize {
+    DOMAIN_LINES.max((DOMAIN_SHARE * grid.frequency_hz(line) / grid.spacing_hz()).ceil() as usize)
+}
+
 /// Whether two picks are one mode: alike in shape, pooled over the setups, and within each other's domain.
-fn is_same(a: &Pick, b: &Pick) -> bool {
-    a.line.abs_diff(b.line) <= DOMAIN_LINES && pooled_mac(&a.shapes, &b.shapes) > SAME_MODE
+fn is_same(grid: &LineGrid, a: &Pick, b: &Pick) -> bool {
+    a.line.abs_diff(b.line) <= domain_lines(grid, b.line) && pooled_mac(&a.shapes, &b.shapes) > SAME_MODE
 }
 
 fn pooled_mac(a: &[Shape], b: &[Shape]) -> f64 {

@@ -39,9 +39,9 @@ pub struct FleetOptions {
 }
 
 impl Default for FleetOptions {
-    /// Lines of 8 bits over a sound line of 115 200 baud.
+    /// Lines of 10 bits over a sound line of 115 200 baud.
     fn default() -> Self {
-        Self { summary: Summary::Lines { bits: 8 }, baud: 115_200, faults: Faults::default(), seed: 1 }
+        Self { summary: Summary::Lines { bits: 10 }, baud: 115_200, faults: Faults::default(), seed: 1 }
     }
 }
 

@@ -142,7 +142,8 @@ fn draw_mode(
         let key = format!("{:?} {:?}", place.sensor.direction, place.sensor.offset_m);
         verticals.entry(key).or_default().push((component.re, place.elevation_m, place.color));
     }
-    for points in verticals.values_mut() {
+    // Two points make no curve.
+    for points in verticals.values_mut().filter(|points| points.len() > 2) {
         points.sort_by(|a, b| a.1.total_cmp(&b.1));
         let color = points.first().map_or(FRAME, |point| point.2);
         chart.draw_series(LineSeries::new(points.iter().map(|&(x, y, _)| (x, y)), color.mix(0.5).stroke_width(1)))?;
