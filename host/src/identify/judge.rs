@@ -7,8 +7,9 @@ use super::merge::combine;
 
 /// Standard deviation of a shape over its length, at most.
 const MAX_SHAPE_NOISE: f64 = 0.5;
-/// Damping ratios beyond are no structure's.
+/// Damping ratios beyond these are no structure's.
 const MAX_DAMPING: f64 = 0.2;
+const MIN_DAMPING: f64 = 5e-4;
 /// Standard deviation of the frequency in lines, at most.
 const MAX_FREQUENCY_LINES: f64 = 1.0;
 
@@ -20,6 +21,12 @@ pub(super) fn worst(setups: &[SetupModes], spacing_hz: f64) -> Option<usize> {
         (doubt(&estimates, spacing_hz), pick)
     });
     doubts.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(doubt, _)| *doubt > 1.0).map(|(_, pick)| pick)
+}
+
+/// Whether a pick has no damping that a structure could have: a forced line's spectrum is the window's own.
+pub(super) fn is_undamped(setups: &[SetupModes], pick: usize) -> bool {
+    let estimates = setups.iter().filter_map(|setup| setup.modes.get(pick));
+    estimates.clone().count() > 0 && estimates.clone().all(|mode| mode.resonance.damping_ratio < MIN_DAMPING)
 }
 
 /// How far the estimates are from being a mode's; above 1 they are none. Uncertainties that are not known raise no doubt.

@@ -75,17 +75,23 @@ pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, Identi
     }
     let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
     let picks = pick::pick(&grid, measured, &singular);
-    let (harmonics, picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.harmonic_kurtosis.is_some());
-    let (mut picks, mut per_setup) = (picks, Vec::new());
+    let (mut harmonics, mut picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.kurtosis.is_harmonics());
+    let mut per_setup = Vec::new();
     loop {
         let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| estimate::estimate(&m.spectrum, index, &picks);
         per_setup.splice(.., measured.iter().enumerate().map(estimate));
         // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
-        match judge::worst(&per_setup, grid.spacing_hz()) {
-            Some(pick) => drop(picks.remove(pick)),
-            None => break,
+        if let Some(pick) =
+            (0..picks.len()).find(|&pick| picks[pick].kurtosis.is_low() && judge::is_undamped(&per_setup, pick))
+        {
+            harmonics.push(picks.remove(pick));
+        } else if let Some(pick) = judge::worst(&per_setup, grid.spacing_hz()) {
+            picks.remove(pick);
+        } else {
+            break;
         }
     }
+    harmonics.sort_by_key(|pick| pick.line);
     let mut warnings = Vec::new();
     let modes = merge::merge(&grid, measured, &per_setup, &mut warnings);
     Ok(Identification {
@@ -94,10 +100,7 @@ pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, Identi
         frequency_resolution_hz: grid.spacing_hz(),
         harmonics: harmonics
             .iter()
-            .filter_map(|pick| {
-                let frequency_hz = grid.frequency_hz(pick.line);
-                pick.harmonic_kurtosis.map(|kurtosis| Harmonic { frequency_hz, kurtosis })
-            })
+            .map(|pick| Harmonic { frequency_hz: grid.frequency_hz(pick.line), kurtosis: pick.kurtosis.value })
             .collect(),
         warnings,
         singular_values: measured

@@ -40,7 +40,7 @@ const EDGE_LINES: usize = 2;
 const MAX_LAYERS: usize = 4;
 /// Increase of a log spectrum's variance by 50 % overlap of Hann windows (Welch 1967).
 const OVERLAP_VARIANCE: f64 = 1.06;
-/// A harmonic's kurtosis is below this and this many standard deviations below a mode's.
+/// A harmonic's kurtosis is below this; where it is also this many standard deviations below a mode's, it is a harmonic.
 const HARMONIC_KURTOSIS: f64 = 2.25;
 const HARMONIC_SIGMAS: f64 = 3.5;
 
@@ -51,8 +51,29 @@ pub(super) struct Pick {
     pub(super) line: usize,
     /// Its shape in every setup, of unit length; the start for what follows.
     pub(super) shapes: Vec<Shape>,
-    /// Set where the response at the line is a forced harmonic's.
-    pub(super) harmonic_kurtosis: Option<f64>,
+    /// Kurtosis of the response at the line.
+    pub(super) kurtosis: Kurtosis,
+}
+
+/// Kurtosis of the band-passed response at a line, over all setups.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Kurtosis {
+    /// The estimate: 3 for a mode, 1.5 for a steady harmonic.
+    pub(super) value: f64,
+    /// How far it is below a mode's, in standard deviations.
+    pub(super) sigmas_below: f64,
+}
+
+impl Kurtosis {
+    /// Whether it is so far from a mode's that nothing else need be known.
+    pub(super) fn is_harmonics(&self) -> bool {
+        self.is_low() && self.sigmas_below > HARMONIC_SIGMAS
+    }
+
+    /// Whether it is nearer to a harmonic's than to a mode's.
+    pub(super) fn is_low(&self) -> bool {
+        self.value < HARMONIC_KURTOSIS
+    }
 }
 
 /// Finds modes and harmonics, lowest first.
@@ -84,7 +105,7 @@ pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[
         next += 1;
     }
     for pick in &mut picks {
-        pick.harmonic_kurtosis = harmonic_kurtosis(measured, pick);
+        pick.kurtosis = kurtosis(measured, pick);
     }
     picks.sort_by_key(|pick| pick.line);
     picks
@@ -190,7 +211,7 @@ impl Layer {
 
     fn pick(&self, line: usize) -> Pick {
         let shapes = self.lines[line].iter().map(|setup| setup.vector.clone()).collect();
-        Pick { line: self.first_line + line, shapes, harmonic_kurtosis: None }
+        Pick { line: self.first_line + line, shapes, kurtosis: Kurtosis { value: 3.0, sigmas_below: 0.0 } }
     }
 }
 
@@ -238,8 +259,8 @@ fn projected(matrix: DMatrix<Complex64>, shapes: &[&Shape]) -> DMatrix<Complex64
     (&matrix + matrix.adjoint()) * Complex64::from(0.5)
 }
 
-/// The kurtosis of the response at a pick, where it is a harmonic's.
-fn harmonic_kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Option<f64> {
+/// The kurtosis of the response at a pick.
+fn kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Kurtosis {
     let (mut sum, mut windows) = (0.0, 0.0);
     for (m, shape) in measured.iter().zip(&pick.shapes) {
         // The channel that moves most carries least noise.
@@ -248,12 +269,12 @@ fn harmonic_kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Option<f64>
         sum += weight * m.spectrum.kurtosis(pick.line).get(channel).copied().unwrap_or(3.0);
         windows += weight;
     }
-    let kurtosis = sum / windows;
+    let value = sum / windows;
     let effective = windows / OVERLAP_VARIANCE;
     // Mean and standard deviation of 1.5 <|X|^4>/<|X|^2>^2 for a Gaussian response.
     let expected = 3.0 * effective / (effective + measured.len() as f64);
     let deviation = 3.0 / effective.sqrt();
-    (kurtosis < HARMONIC_KURTOSIS && kurtosis < expected - HARMONIC_SIGMAS * deviation).then_some(kurtosis)
+    Kurtosis { value, sigmas_below: (expected - value) / deviation }
 }
 
 #[cfg(test)]

@@ -40,6 +40,14 @@ pub enum MeasureError {
         /// Why.
         source: RecordError,
     },
+    /// A setup's recording is too short for the others' analysis.
+    #[error("setup \"{setup}\": {source}")]
+    TooShort {
+        /// The setup.
+        setup: String,
+        /// What it would need.
+        source: PlanError,
+    },
     /// There is no way to analyse the setups.
     #[error(transparent)]
     Plan(#[from] PlanError),
@@ -114,20 +122,29 @@ pub fn measure<'a>(study: &'a Study, route: Route, progress: Progress<'_>) -> Re
         }
     }
     timings.counting = start.elapsed();
-    let extents: Vec<SetupExtent> = opened
-        .iter()
-        .map(|(setup, _, rows)| SetupExtent {
-            sampling_rate_hz: setup.sampling_rate_hz,
-            rows: *rows,
-            channels: setup.sensors.len(),
-        })
-        .collect();
-    if extents.is_empty() {
-        return Err(failure.unwrap_or(MeasureError::NoSetups));
-    }
-    let plan = SpectralPlan::choose(&extents, &study.analysis)?;
+    let plan = loop {
+        let extents: Vec<SetupExtent> = opened
+            .iter()
+            .map(|(setup, _, rows)| SetupExtent {
+                sampling_rate_hz: setup.sampling_rate_hz,
+                rows: *rows,
+                channels: setup.sensors.len(),
+            })
+            .collect();
+        if extents.is_empty() {
+            return Err(failure.unwrap_or(MeasureError::NoSetups));
+        }
+        match SpectralPlan::choose(&extents, &study.analysis) {
+            Ok(plan) => break plan,
+            Err(source @ PlanError::TooShort { setup, .. }) if opened.len() > 1 => {
+                let (setup, _, _) = opened.remove(setup);
+                leave_out(&mut warnings, &mut failure, MeasureError::TooShort { setup: setup.name.clone(), source });
+            }
+            Err(error) => return Err(error.into()),
+        }
+    };
     warnings.extend(plan.few_averages.map(|few| few.to_string()));
-    let total_rows: u64 = extents.iter().map(|extent| extent.rows).sum();
+    let total_rows: u64 = opened.iter().map(|(_, _, rows)| rows).sum();
     let mut done_rows = 0;
     let (mut setups, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), 0.0);
     for ((setup, recording, rows), &decimation) in opened.into_iter().zip(&plan.decimations) {

@@ -1,0 +1,265 @@
+//! A user's data are not what they should be: every fault is named with its place and a way out, and what is sound still works.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use assert_cmd::prelude::*;
+use belfry_tests::belfry_command;
+use serde_json::Value;
+
+const RATE_HZ: usize = 20;
+
+/// Two modes (1.1 and 2.7 Hz, 2 % damping) at four sensors, driven by noise, with a little sensor noise: 20 minutes.
+fn recording() -> Vec<[f64; 4]> {
+    let mut state = 1_u64;
+    let mut noise = || {
+        let mut sum = 0.0;
+        for _ in 0..12 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            sum += (state >> 40) as f64 / (1 << 24) as f64;
+        }
+        sum - 6.0
+    };
+    let step = 1.0 / RATE_HZ as f64;
+    let mut oscillators = [(1.1_f64, 0.0_f64, 0.0_f64), (2.7, 0.0, 0.0)];
+    let shapes = [[0.2, 0.5, 0.8, 1.0], [-0.6, -1.0, -0.1, 0.9]];
+    (0..20 * 60 * RATE_HZ)
+        .map(|_| {
+            let mut row = [0.0; 4];
+            for ((frequency, x, before), shape) in oscillators.iter_mut().zip(shapes) {
+                // x(n+1) = 2 e cos(w dt) x(n) - e² x(n-1) + force: the exact poles of a damped oscillator.
+                let omega = std::f64::consts::TAU * *frequency;
+                let decay = (-0.02 * omega * step).exp();
+                let next = 2.0 * decay * (omega * step).cos() * *x - decay * decay * *before + noise();
+                (*before, *x) = (*x, next);
+                for (value, part) in row.iter_mut().zip(shape) {
+                    *value += part * next;
+                }
+            }
+            row.map(|value| 1e-3 * (value + 0.1 * noise()))
+        })
+        .collect()
+}
+
+fn csv(rows: &[[f64; 4]], mut cell: impl FnMut(usize, usize, f64) -> String) -> String {
+    let mut text = String::from("north,east,south,west\n");
+    for (row, values) in rows.iter().enumerate() {
+        let cells: Vec<String> = values.iter().enumerate().map(|(column, &value)| cell(row, column, value)).collect();
+        writeln!(text, "{}", cells.join(",")).unwrap();
+    }
+    text
+}
+
+fn plain(_: usize, _: usize, value: f64) -> String {
+    format!("{value:.6e}")
+}
+
+/// A study of these setups (name, recording's file, sampling rate) with four channels each.
+fn study(folder: &Path, setups: &[(&str, &str, f64)], channels: [&str; 4]) {
+    let mut text = String::from("[structure]\nname = \"Test mast\"\n\n[analysis]\nband_hz = [0.5, 4.0]\n");
+    for (name, file, rate) in setups {
+        write!(
+            text,
+            "\n[[setup]]\nname = \"{name}\"\nfiles = [\"{file}\"]\nsampling_rate_hz = {rate}\nunit = \"m/s2\"\n"
+        )
+        .unwrap();
+        for (index, channel) in channels.iter().enumerate() {
+            let node = 1 + index / 2;
+            write!(text, "\n[[setup.sensor]]\nchannel = \"{channel}\"\nnode = {node}\nreference = true\n").unwrap();
+        }
+    }
+    fs::write(folder.join("study.toml"), text).unwrap();
+}
+
+const CHANNELS: [&str; 4] = ["north", "east", "south", "west"];
+
+/// Runs identify on one recording; exit status, standard error, and the JSON where there is one.
+fn identify(file: &str, content: &str, rate: f64, channels: [&str; 4]) -> (i32, String, Option<Value>) {
+    let folder = tempfile::tempdir().unwrap();
+    study(folder.path(), &[("first", file, rate)], channels);
+    fs::write(folder.path().join(file), content).unwrap();
+    run(folder.path())
+}
+
+fn run(folder: &Path) -> (i32, String, Option<Value>) {
+    let output =
+        belfry_command().arg("identify").arg(folder).arg("--json").env("RUST_BACKTRACE", "1").unwrap_or_output();
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(!error.contains("panicked") && !error.contains("stack backtrace"), "{error}");
+    (output.status.code().unwrap(), error, serde_json::from_slice(&output.stdout).ok())
+}
+
+trait Output {
+    fn unwrap_or_output(&mut self) -> std::process::Output;
+}
+
+impl Output for std::process::Command {
+    fn unwrap_or_output(&mut self) -> std::process::Output {
+        self.output().unwrap()
+    }
+}
+
+fn frequencies(report: &Value) -> Vec<f64> {
+    report["modes"].as_array().unwrap().iter().map(|mode| mode["frequency_hz"].as_f64().unwrap()).collect()
+}
+
+fn assert_both_modes(report: &Option<Value>) {
+    let found = frequencies(report.as_ref().expect("a report"));
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!((found[0] - 1.1).abs() < 0.01 && (found[1] - 2.7).abs() < 0.02, "{found:?}");
+}
+
+/// Fails with status 1, prints no JSON, and says all of `parts`.
+fn assert_fails(outcome: &(i32, String, Option<Value>), parts: &[&str]) {
+    let (status, error, report) = outcome;
+    assert_eq!((*status, report.is_none()), (1, true), "{error}");
+    for part in parts {
+        assert!(error.contains(part), "\"{part}\" is not in: {error}");
+    }
+}
+
+#[test]
+fn a_sound_recording_gives_both_modes_and_no_warning() {
+    let (status, error, report) = identify("data.csv", &csv(&recording(), plain), 20.0, CHANNELS);
+    assert_eq!((status, error.as_str()), (0, ""));
+    assert_both_modes(&report);
+}
+
+#[test]
+fn broken_rows_are_named_by_file_line_and_column() {
+    let rows = recording();
+    let ragged = csv(&rows, plain).lines().enumerate().fold(String::new(), |mut text, (index, line)| {
+        let line = if index == 500 { line.rsplit_once(',').unwrap().0 } else { line };
+        writeln!(text, "{line}").unwrap();
+        text
+    });
+    assert_fails(&identify("data.csv", &ragged, 20.0, CHANNELS), &["data.csv", "501", "3", "4"]);
+    let text =
+        csv(&rows, |row, column, value| if (row, column) == (700, 1) { "n/a?".into() } else { plain(0, 0, value) });
+    assert_fails(&identify("data.csv", &text, 20.0, CHANNELS), &["data.csv", "702", "n/a?", "east"]);
+    let infinite =
+        csv(&rows, |row, column, value| if (row, column) == (9, 2) { "inf".into() } else { plain(0, 0, value) });
+    assert_fails(&identify("data.csv", &infinite, 20.0, CHANNELS), &["data.csv", "11", "south"]);
+}
+
+#[test]
+fn a_wrong_channel_name_lists_the_names_there_are() {
+    let outcome = identify("data.csv", &csv(&recording(), plain), 20.0, ["north", "east", "south", "wset"]);
+    assert_fails(&outcome, &["wset", "west", "data.csv"]);
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    study(folder.path(), &[("first", "nowhere.csv", 20.0)], CHANNELS);
+    assert_fails(&run(folder.path()), &["nowhere.csv", "first"]);
+}
+
+#[test]
+fn a_sampling_rate_that_contradicts_the_time_column_is_refused_with_both_rates() {
+    let rows = recording();
+    let mut text = String::from("time,north,east,south,west\n");
+    for (index, row) in rows.iter().enumerate() {
+        writeln!(text, "{:.3},{},{},{},{}", index as f64 / 20.0, row[0], row[1], row[2], row[3]).unwrap();
+    }
+    assert_fails(&identify("data.csv", &text, 25.0, CHANNELS), &["data.csv", "20", "25", "sampling_rate_hz"]);
+    let (status, _, report) = identify("data.csv", &text, 20.0, CHANNELS);
+    assert_eq!(status, 0);
+    assert_both_modes(&report);
+}
+
+#[test]
+fn a_recording_too_short_for_its_channels_is_said_with_what_is_missing() {
+    let rows = recording();
+    // 40 s: a few windows of 256 points, fewer than 16 averages for four channels.
+    let (status, error, _) = identify("data.csv", &csv(&rows[..40 * RATE_HZ], plain), 20.0, CHANNELS);
+    assert!(error.contains("averages") && error.contains("record") && error.contains("more"), "{status}: {error}");
+    let outcome = identify("data.csv", &csv(&rows[..5 * RATE_HZ], plain), 20.0, CHANNELS);
+    assert_fails(&outcome, &["too short", "record longer"]);
+}
+
+#[test]
+fn a_dead_channel_is_left_out_and_named_and_the_rest_works() {
+    let text = csv(&recording(), |_, column, value| if column == 2 { "0.25".into() } else { plain(0, 0, value) });
+    let (status, error, report) = identify("data.csv", &text, 20.0, CHANNELS);
+    assert_eq!(status, 0, "{error}");
+    assert!(error.contains("south"), "{error}");
+    assert_both_modes(&report);
+    let shape = &report.unwrap()["modes"][0]["shape"];
+    let channels: Vec<&str> = shape.as_array().unwrap().iter().map(|c| c["channel"].as_str().unwrap()).collect();
+    assert_eq!(channels, ["north", "east", "west"]);
+}
+
+#[test]
+fn gaps_cost_their_windows_and_are_named_by_channel_and_row() {
+    // NaN for a second in one channel, empty cells in another.
+    let text = csv(&recording(), |row, column, value| match (row, column) {
+        (4000..4020, 0) => "NaN".into(),
+        (15_000..15_003, 3) => String::new(),
+        _ => plain(0, 0, value),
+    });
+    let (status, error, report) = identify("data.csv", &text, 20.0, CHANNELS);
+    assert_eq!(status, 0, "{error}");
+    for part in ["north", "west", "windows are left out", "data.csv"] {
+        assert!(error.contains(part), "\"{part}\" is not in: {error}");
+    }
+    assert_both_modes(&report);
+}
+
+#[test]
+fn a_setup_that_cannot_be_read_is_left_out_and_the_others_still_give_modes() {
+    let folder = tempfile::tempdir().unwrap();
+    let setups = [
+        ("first", "good.csv", 20.0),
+        ("second", "bad.csv", 20.0),
+        ("third", "short.csv", 20.0),
+        ("fourth", "none.csv", 20.0),
+    ];
+    study(folder.path(), &setups, CHANNELS);
+    let rows = recording();
+    let bad = csv(&rows, |row, column, value| if (row, column) == (700, 1) { "x".into() } else { plain(0, 0, value) });
+    for (file, text) in [("good.csv", csv(&rows, plain)), ("bad.csv", bad), ("short.csv", csv(&rows[..50], plain))] {
+        fs::write(folder.path().join(file), text).unwrap();
+    }
+    let (status, error, report) = run(folder.path());
+    assert_eq!(status, 0, "{error}");
+    for part in ["left out", "\"second\"", "bad.csv", "702", "\"third\"", "too short", "\"fourth\"", "none.csv"] {
+        assert!(error.contains(part), "\"{part}\" is not in: {error}");
+    }
+    assert_both_modes(&report);
+}
+
+#[test]
+fn a_harmonic_is_reported_as_one_and_not_as_a_mode() {
+    // A fan at 1.875 Hz: on a spectral line, steady, in all channels.
+    let text = csv(&recording(), |row, column, value| {
+        let tone = 5e-3 * (std::f64::consts::TAU * 1.875 * row as f64 / 20.0).sin();
+        plain(0, 0, value + tone * [1.0, 0.9, -0.4, 0.7][column])
+    });
+    let (status, error, report) = identify("data.csv", &text, 20.0, CHANNELS);
+    assert_eq!(status, 0, "{error}");
+    assert_both_modes(&report);
+    let harmonics = report.unwrap()["harmonics"].as_array().unwrap().clone();
+    assert_eq!(harmonics.len(), 1, "{harmonics:?}");
+    assert!((harmonics[0]["frequency_hz"].as_f64().unwrap() - 1.875).abs() < 0.02);
+    assert!(harmonics[0]["kurtosis"].as_f64().unwrap() < 2.0);
+}
+
+#[test]
+fn one_channel_alone_gives_its_frequencies() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "[structure]\nname = \"Mast\"\n[analysis]\nband_hz = [0.5, 4.0]\n[[setup]]\nname = \"one\"\nfiles = [\"data.csv\"]\nsampling_rate_hz = 20.0\nunit = \"m/s2\"\n[[setup.sensor]]\nchannel = \"west\"\nnode = 1\n";
+    fs::write(folder.path().join("study.toml"), text).unwrap();
+    fs::write(folder.path().join("data.csv"), csv(&recording(), plain)).unwrap();
+    let (status, error, report) = run(folder.path());
+    assert_eq!(status, 0, "{error}");
+    assert_both_modes(&report);
+}
+
+#[test]
+fn wrong_usage_has_status_two() {
+    belfry_command().args(["identify", ".", "--bits", "40"]).assert().code(2);
+    belfry_command().args(["identify", ".", "--direct", "--bits", "8"]).assert().code(2);
+    belfry_command().arg("identify").assert().code(2);
+}
