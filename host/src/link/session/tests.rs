@@ -1,1 +1,214 @@
+//! Conversations with a real node over a simulated line, and with impostors.
 
+use super::*;
+use crate::link::NodeWindow;
+use crate::link::memory::{Faults, Line};
+use belfry_firmware::{Identity, Node};
+use belfry_shared::message::{Band, Summary};
+use belfry_shared::time::NodeTime;
+use proptest::prelude::*;
+
+const BAUD: u32 = 115_200;
+
+fn configuration() -> Configuration {
+    Configuration {
+        channels: 1,
+        sampling_rate_uhz: 50_000_000,
+        decimation: 5,
+        segment: 256,
+        summary: Summary::Lines { bits: 8 },
+        bands: [Band { first_line: 3, lines: 60 }].into_iter().collect(),
+    }
+}
+
+fn node(boot: u32) -> Box<Node> {
+    Box::new(Node::new(Identity { node: 3, boot, channels: 1, full_scale_m_s2: 19.6 }))
+}
+
+/// A session and a node joined by a line, in steps of 20 ms (a row each).
+struct Bench {
+    line: Line,
+    node: Box<Node>,
+    session: Session,
+    step: i64,
+    node_start: i64,
+}
+
+impl Bench {
+    fn new(faults: Faults) -> Self {
+        let line = Line::new(BAUD, faults, 11);
+        Self { line, node: node(77), session: Session::new(3, configuration(), BAUD), step: 0, node_start: -900 }
+    }
+
+    /// One step; the node's clock gains 15 ppm and started at `node_start`.
+    fn step(&mut self, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        self.step += 1;
+        for part in 0..20 {
+            let now_us = self.step * 20_000 + part * 1000;
+            let node_us = (now_us - self.node_start * 20_000) as f64 * (1.0 + 15e-6);
+            let node_time = NodeTime(node_us as u64);
+            self.line.advance(now_us * 1000);
+            let mut node_end = self.line.node_end();
+            if part == 0 {
+                self.node.sample(node_time, &[(self.step as f32 * 0.37).sin()]);
+            }
+            let mut buffer = [0; 64];
+            while let count @ 1.. = node_end.read(&mut buffer).unwrap() {
+                buffer[..count].iter().for_each(|&byte| self.node.receive(node_time, byte));
+            }
+            while self.node.poll(node_time) {}
+            if self.line.node_free_at() <= now_us * 1000 {
+                let mut frame = [0; MAX_FRAME_BYTES];
+                let count = self.node.transmit(node_time, &mut frame);
+                node_end.write(&frame[..count]).unwrap();
+            }
+            self.session.service(HostTime(now_us), &mut self.line.host_end(), sink)?;
+        }
+        Ok(())
+    }
+
+    fn run(&mut self, steps: usize, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        (0..steps).try_for_each(|_| self.step(sink))
+    }
+}
+
+#[test]
+fn a_node_is_brought_to_measuring_and_its_clock_found() {
+    let mut bench = Bench::new(Faults::default());
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    bench.run(50 * 200, &mut windows).unwrap();
+    assert!(bench.session.is_measuring());
+    let model = bench.session.clock.model().unwrap();
+    // The host's clock runs 15 ppm slower than the node's; times are known to some 100 µs over 180 s.
+    assert!((model.drift_ppb + 15_000).abs() < 2000, "{model:?}");
+    // 200 s less the first seconds, a hop of 12.8 s.
+    assert!((13..=15).contains(&windows.len()), "{}", windows.len());
+    assert!(windows.iter().zip(&windows[1..]).all(|(a, b)| b.grid_index == a.grid_index + 1));
+    // Windows start within half a decimated sample (50 ms) of the grid, and the first ones on it.
+    assert!(windows.iter().all(|window| window.start_offset_us.abs() <= 50_000), "{windows:?}");
+}
+
+#[test]
+fn the_handshake_survives_a_line_that_loses_every_third_frame() {
+    let mut bench = Bench::new(Faults::damaging(0.33));
+    bench.run(50 * 30, &mut Vec::<NodeWindow>::new()).unwrap();
+    assert!(bench.session.is_measuring());
+}
+
+#[test]
+fn a_node_that_restarts_is_set_up_again_and_goes_on_under_its_new_name() {
+    let mut bench = Bench::new(Faults::default());
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    bench.run(50 * 60, &mut windows).unwrap();
+    let before = windows.len();
+    bench.node = node(78);
+    bench.node_start = bench.step;
+    bench.run(50 * 60, &mut windows).unwrap();
+    assert!(before >= 2 && windows.len() >= before + 2, "{before}, then {}", windows.len());
+    assert!(windows[..before].iter().all(|window| window.name.boot == 77));
+    let after: Vec<(u32, u32)> =
+        windows[before..].iter().map(|window| (window.name.boot, window.name.number)).collect();
+    assert_eq!(after[..2], [(78, 0), (78, 1)]);
+    assert!(windows.iter().zip(&windows[1..]).all(|(a, b)| b.grid_index > a.grid_index));
+}
+
+/// Refuses to store from a certain window on.
+struct FullDisk {
+    room: usize,
+    stored: usize,
+}
+
+impl WindowSink for FullDisk {
+    fn store(&mut self, _: NodeWindow) -> io::Result<()> {
+        if self.stored == self.room {
+            return Err(io::Error::other("no space left"));
+        }
+        self.stored += 1;
+        Ok(())
+    }
+}
+
+#[test]
+fn a_window_that_cannot_be_stored_ends_the_session_and_is_not_acknowledged() {
+    let mut bench = Bench::new(Faults::default());
+    let mut disk = FullDisk { room: 2, stored: 0 };
+    let error = bench.run(50 * 100, &mut disk).unwrap_err();
+    assert!(
+        matches!(&error, SessionError::Store { node: 3, source } if source.to_string() == "no space left"),
+        "{error}"
+    );
+    // Windows 0 and 1 are stored; 2 is not, and stays in the node.
+    assert_eq!(bench.session.assembler.as_ref().unwrap().below(), 2);
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    bench.session = Session::new(3, configuration(), BAUD);
+    bench.run(50 * 100, &mut windows).unwrap();
+    assert!(windows.iter().any(|window| window.name.number == 2), "a new session gets it");
+}
+
+/// What a session says to the given bytes.
+fn heard(bytes: &[u8]) -> Result<(), SessionError> {
+    Session::new(3, configuration(), BAUD).receive(HostTime(0), bytes, &mut Vec::<NodeWindow>::new())
+}
+
+fn frame(message: &NodeMessage<'_>) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let length = message::encode(message, &mut frame).unwrap();
+    frame[..length].to_vec()
+}
+
+fn hello() -> Hello {
+    Hello {
+        protocol_version: PROTOCOL_VERSION,
+        schema_hash: SCHEMA_HASH,
+        node: 3,
+        boot: 1,
+        channels: 1,
+        configuration_hash: None,
+        clock_set: false,
+    }
+}
+
+#[test]
+fn nodes_that_do_not_fit_are_refused_with_what_to_do() {
+    assert!(heard(&frame(&NodeMessage::Hello(hello()))).is_ok());
+    let other_layout = Hello { schema_hash: 1, ..hello() };
+    let error = heard(&frame(&NodeMessage::Hello(other_layout))).unwrap_err().to_string();
+    assert!(error.contains("node 3") && error.contains("flash"), "{error}");
+    let other_node = Hello { node: 4, ..hello() };
+    let error = heard(&frame(&NodeMessage::Hello(other_node))).unwrap_err().to_string();
+    assert!(error.contains("node 4") && error.contains("node 3") && error.contains("study.toml"), "{error}");
+    let refusal = belfry_shared::message::Refusal {
+        configuration_hash: configuration().hash(),
+        reason: RefusalReason::Memory { needed: 30_000, available: 25_600 },
+    };
+    let error = heard(&frame(&NodeMessage::Refused(refusal))).unwrap_err().to_string();
+    assert!(error.contains("30000") && error.contains("25600"), "{error}");
+}
+
+#[test]
+fn another_protocol_version_is_named_even_if_its_messages_are_foreign() {
+    let mut body = vec![2, 0xFF, 0xFE];
+    body.extend_from_slice(&belfry_shared::frame::crc32(&body).to_le_bytes());
+    // No byte is zero, so COBS adds a length in front and the end mark.
+    assert!(!body.contains(&0));
+    let mut bytes = vec![body.len() as u8 + 1];
+    bytes.extend(body);
+    bytes.push(0);
+    let error = heard(&bytes).unwrap_err();
+    assert!(matches!(error, SessionError::Version { node: 3, found: 2 }), "{error}");
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..2000), chunks in 1_usize..50) {
+        let mut session = Session::new(3, configuration(), BAUD);
+        let mut windows: Vec<NodeWindow> = Vec::new();
+        for (index, chunk) in bytes.chunks(chunks).enumerate() {
+            let now = HostTime(index as i64 * 100_000);
+            let _ = session.receive(now, chunk, &mut windows);
+            session.poll(now);
+            let _ = session.next_due();
+        }
+        prop_assert!(windows.is_empty());
+    }
+}
