@@ -162,7 +162,8 @@ impl Acquisition {
         if let Some(fault) = channel.faults.iter().find(|fault| fault.first < end && fault.last >= start) {
             return fault.state;
         }
-        if channel.unchanged_since <= start * u64::from(stages.ratio()) {
+        // The filter still rings with what it heard before.
+        if channel.unchanged_since + u64::from(stages.reach_rows()) <= start * u64::from(stages.ratio()) {
             return ChannelState::Constant;
         }
         ChannelState::Sound { segments: 1 }

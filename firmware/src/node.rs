@@ -16,7 +16,7 @@ use crate::schedule::{SampleMoment, rows_to_ps};
 use crate::windows::{Arena, Files, WindowMaker};
 
 /// Time between heartbeats in µs.
-const HEARTBEAT_US: i64 = 60_000_000;
+const HEARTBEAT_US: i64 = 120_000_000;
 /// Rows that may be missing in one piece before the node starts over at the next window.
 const MAX_MISSING_ROWS: i64 = 1000;
 

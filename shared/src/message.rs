@@ -64,7 +64,7 @@ pub enum NodeMessage<'a> {
     Refused(Refusal),
     /// The node's answer to a clock request.
     Clock(ClockReply),
-    /// A sign of life, once a minute.
+    /// A sign of life, every two minutes.
     Heartbeat(Heartbeat),
     /// Part 0 of a window.
     Head(WindowHead),
@@ -349,7 +349,7 @@ pub struct Heartbeat {
     pub lost_windows: u32,
     /// Frames from the host that were damaged or not understood, since the start.
     pub damaged_frames: u32,
-    /// Each channel's level: the RMS of the raw reading about its bias in m/s² over the last minute. Good to 6 % only
+    /// Each channel's level: the RMS of the raw reading about its bias in m/s² since the last heartbeat. Good to 6 % only
     /// (a fast square root); it tells a live sensor from a dead one, and is no measurement.
     pub level: Vec<f32, MAX_CHANNELS>,
 }

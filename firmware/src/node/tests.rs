@@ -294,7 +294,7 @@ fn parts_are_kept_until_acknowledged_and_sent_again_when_asked() {
     bench.say(&again(78, 9, 2, 2));
     bench.listen();
     assert_eq!(bench.frames.len(), 1, "window 1 is gone, and boot 78 is another node's life");
-    bench.row += 60 * 50;
+    bench.row += 120 * 50;
     bench.listen();
     let NodeMessage::Heartbeat(heartbeat) = bench.messages().pop().unwrap() else { panic!("no heartbeat") };
     assert_eq!((heartbeat.next_window, heartbeat.oldest_window, heartbeat.lost_windows), (3, 2, 0));

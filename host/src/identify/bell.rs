@@ -19,6 +19,26 @@ const MAX_STEPS: usize = 60;
 /// A component's level may not fall below this share of the smallest density.
 const MIN_LEVEL: f64 = 1e-6;
 
+/// What the spectra are of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// Acceleration.
+    Acceleration,
+    /// Velocity.
+    Velocity,
+}
+
+impl Quantity {
+    /// d ln g / d ln f at resonance, where f^n / (f + f0)^2 = g is what the response's density has beside the symmetric
+    /// resonance: n = 4 for acceleration, 2 for velocity.
+    fn slope(self) -> f64 {
+        match self {
+            Self::Acceleration => 3.0,
+            Self::Velocity => 1.0,
+        }
+    }
+}
+
 /// A resonance: where it is and how damped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resonance {
@@ -26,20 +46,22 @@ pub struct Resonance {
     pub frequency_hz: f64,
     /// Damping ratio.
     pub damping_ratio: f64,
+    /// What is seen of it.
+    pub quantity: Quantity,
 }
 
 impl Resonance {
     /// Expected Welch density at `frequency_hz` for a segment of `duration_s`, unit level.
     ///
-    /// The acceleration of an oscillator under white force has, near resonance, the autocorrelation
-    /// Re (1 + i kappa) exp(-zeta w |t| + i w |t|), beside a constant density that is left to the noise floor. kappa = 3 zeta
-    /// comes from the slope of the acceleration's density, f^4 / (f + f0)^2, across the resonance. A Welch estimate sees
+    /// The response of an oscillator to white force has, near resonance, the autocorrelation
+    /// Re (1 + i kappa) exp(-zeta w |t| + i w |t|), beside a constant density that is left to the noise floor. kappa, 3 zeta for
+    /// acceleration, comes from the slope of the density's smooth factor across the resonance. A Welch estimate sees
     /// this times the window's autocorrelation, and the transform of the product is closed: with
     /// p = zeta w + i (2 pi f - w) it is 2 Re of (1 + i kappa) times the integral of r_hann(t) exp(-p t) over the segment.
     pub fn density(&self, frequency_hz: f64, duration_s: f64) -> f64 {
         let decay =
             Complex64::new(TAU * self.damping_ratio * self.frequency_hz, TAU * (frequency_hz - self.frequency_hz));
-        let tilt = Complex64::new(1.0, 3.0 * self.damping_ratio);
+        let tilt = Complex64::new(1.0, self.quantity.slope() * self.damping_ratio);
         2.0 * (tilt * hann_transform(decay, duration_s)).re
     }
 
@@ -109,7 +131,7 @@ impl Bell {
     /// EFDD: frequency and damping from the autocorrelation of the bell's part between `first` and `last` (indices).
     ///
     /// `None` where the bell does not decay.
-    pub fn from_autocorrelation(&self, first: usize, last: usize) -> Option<Resonance> {
+    pub fn from_autocorrelation(&self, first: usize, last: usize, quantity: Quantity) -> Option<Resonance> {
         let lines = self.frequency_hz.get(first..=last)?;
         let centre_hz = lines[lines.len() / 2];
         // Lags up to half a segment: beyond, the window's autocorrelation is too small to divide by.
@@ -148,7 +170,7 @@ impl Bell {
         let turn = slope(points.iter().map(|&(t, _, phase)| (t, phase)));
         let frequency_hz = centre_hz + turn / TAU;
         let damping_ratio = (decay / (TAU * frequency_hz)).clamp(DAMPING_RANGE[0], DAMPING_RANGE[1]);
-        (frequency_hz > 0.0 && decay.is_finite()).then_some(Resonance { frequency_hz, damping_ratio })
+        (frequency_hz > 0.0 && decay.is_finite()).then_some(Resonance { frequency_hz, damping_ratio, quantity })
     }
 
     /// Maximum-likelihood fit (Whittle 1953) from a start, with neighbours whose resonances are known and only their level
@@ -235,6 +257,7 @@ impl<'a> Model<'a> {
         let moved = |df: f64, dz: f64| Resonance {
             frequency_hz: self.resonance.frequency_hz + df * bandwidth,
             damping_ratio: self.resonance.damping_ratio * dz.exp(),
+            ..self.resonance
         };
         let (right, left, more, less) = (moved(step, 0.0), moved(-step, 0.0), moved(0.0, step), moved(0.0, -step));
         for (index, (&f, &density)) in bell.frequency_hz.iter().zip(&bell.density).enumerate() {
@@ -266,6 +289,7 @@ impl<'a> Model<'a> {
             frequency_hz: (self.resonance.frequency_hz + shift).clamp(first, last),
             damping_ratio: (self.resonance.damping_ratio * limit(step[1], 0.7).exp())
                 .clamp(DAMPING_RANGE[0], DAMPING_RANGE[1]),
+            ..self.resonance
         };
         let largest_level = |index: usize| if index + 1 == self.levels.len() { 1e3 } else { f64::INFINITY };
         let levels = self
@@ -300,10 +324,14 @@ impl<'a> Model<'a> {
 mod tests {
     use super::*;
 
+    fn acceleration(frequency_hz: f64, damping_ratio: f64) -> Resonance {
+        Resonance { frequency_hz, damping_ratio, quantity: Quantity::Acceleration }
+    }
+
     #[test]
     fn the_expected_density_is_the_resonance_convolved_with_the_windows_kernel() {
         // Numerically: sum over lags of exp(-zeta w t) cos(...) times the window's autocorrelation.
-        let resonance = Resonance { frequency_hz: 1.0, damping_ratio: 0.01 };
+        let resonance = acceleration(1.0, 0.01);
         let duration = 60.0;
         for f in [0.9, 0.98, 1.0, 1.01, 1.1] {
             let steps = 200_000;
@@ -334,7 +362,7 @@ mod tests {
 
     #[test]
     fn a_fine_line_spacing_shows_the_accelerations_own_density() {
-        let resonance = Resonance { frequency_hz: 1.0, damping_ratio: 0.01 };
+        let resonance = acceleration(1.0, 0.01);
         let exact = |f: f64| f.powi(4) / ((1.0 - f * f).powi(2) + (0.02 * f).powi(2));
         for f in [0.9, 0.97, 0.99, 1.0, 1.01, 1.03, 1.1] {
             let ratio = resonance.density(f, 1e5) / resonance.density(1.0, 1e5) / (exact(f) / exact(1.0));
@@ -354,10 +382,10 @@ mod tests {
     #[test]
     fn the_fit_recovers_frequency_and_damping_whatever_the_line_spacing() {
         for (damping_ratio, duration_s) in [(0.01, 60.0), (0.01, 250.0), (0.005, 40.0), (0.03, 100.0)] {
-            let truth = Resonance { frequency_hz: 1.003, damping_ratio };
+            let truth = acceleration(1.003, damping_ratio);
             // Within a quarter of the frequency to either side, where the tilted resonance is positive.
             let bell = exact_bell(truth, duration_s, 10, 1e-3);
-            let start = Resonance { frequency_hz: 1.01, damping_ratio: 2.0 * damping_ratio };
+            let start = acceleration(1.01, 2.0 * damping_ratio);
             let fit = bell.fit(start, &[], [0.9, 1.1]).unwrap();
             assert!((fit.resonance.frequency_hz - 1.003).abs() < 1e-6, "{fit:?}");
             assert!((fit.resonance.damping_ratio / damping_ratio - 1.0).abs() < 1e-3, "{fit:?}");
@@ -367,9 +395,9 @@ mod tests {
 
     #[test]
     fn the_autocorrelation_gives_a_start_within_a_fifth() {
-        let truth = Resonance { frequency_hz: 1.003, damping_ratio: 0.01 };
+        let truth = acceleration(1.003, 0.01);
         let bell = exact_bell(truth, 100.0, 20, 0.0);
-        let start = bell.from_autocorrelation(0, 40).unwrap();
+        let start = bell.from_autocorrelation(0, 40, Quantity::Acceleration).unwrap();
         assert!((start.frequency_hz - 1.003).abs() < 1e-3, "{start:?}");
         // The bell is cut at ten bandwidths, which makes it look a little more damped (methods: half-bells).
         assert!((start.damping_ratio / 0.01 - 1.0).abs() < 0.2, "{start:?}");
@@ -377,13 +405,13 @@ mod tests {
 
     #[test]
     fn a_neighbours_remains_do_not_move_the_mode() {
-        let truth = Resonance { frequency_hz: 1.0, damping_ratio: 0.01 };
-        let other = Resonance { frequency_hz: 1.05, damping_ratio: 0.01 };
+        let truth = acceleration(1.0, 0.01);
+        let other = acceleration(1.05, 0.01);
         let mut bell = exact_bell(truth, 100.0, 15, 1e-3);
         for (density, &f) in bell.density.iter_mut().zip(&bell.frequency_hz) {
             *density += 0.3 * other.density(f, 100.0);
         }
-        let fit = bell.fit(Resonance { frequency_hz: 1.002, damping_ratio: 0.02 }, &[other], [0.9, 1.1]).unwrap();
+        let fit = bell.fit(acceleration(1.002, 0.02), &[other], [0.9, 1.1]).unwrap();
         assert!((fit.resonance.frequency_hz - 1.0).abs() < 1e-5 && (fit.resonance.damping_ratio - 0.01).abs() < 1e-5);
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
-use super::bell::{Bell, BellFit, Resonance};
+use super::bell::{Bell, BellFit, Quantity, Resonance};
 use super::pick::Pick;
 use super::shape::{Shape, align, filtered, modal_filter, normalise};
 use crate::spectra::{CrossSpectrum, LineGrid};
@@ -39,6 +39,8 @@ pub(super) struct SetupMode {
     pub(super) frequency_std_hz: f64,
     pub(super) damping_std: f64,
     pub(super) shape_std: Vec<f64>,
+    /// Density at resonance.
+    pub(super) peak_density: f64,
     /// Whether the bell has its top near the pick; otherwise this setup does not show the mode.
     pub(super) found: bool,
 }
@@ -58,9 +60,9 @@ struct State {
 }
 
 /// Estimates every pick in one setup (`setup` is its index among the picks' shapes).
-pub(super) fn estimate(spectrum: &CrossSpectrum, setup: usize, picks: &[Pick]) -> SetupModes {
+pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usize, picks: &[Pick]) -> SetupModes {
     let matrices: Vec<DMatrix<Complex64>> = (0..spectrum.grid().lines).map(|line| spectrum.matrix(line)).collect();
-    let mut state = State::start(spectrum, setup, picks, &matrices);
+    let mut state = State::start(spectrum, quantity, setup, picks, &matrices);
     for _ in 0..ROUNDS {
         state.improve(spectrum, &matrices);
     }
@@ -80,7 +82,13 @@ pub(super) fn estimate(spectrum: &CrossSpectrum, setup: usize, picks: &[Pick]) -
 }
 
 impl State {
-    fn start(spectrum: &CrossSpectrum, setup: usize, picks: &[Pick], matrices: &[DMatrix<Complex64>]) -> Self {
+    fn start(
+        spectrum: &CrossSpectrum,
+        quantity: Quantity,
+        setup: usize,
+        picks: &[Pick],
+        matrices: &[DMatrix<Complex64>],
+    ) -> Self {
         let grid = spectrum.grid();
         let shapes: Vec<Shape> = picks.iter().map(|pick| pick.shapes[setup].clone()).collect();
         let duration_s = 1.0 / grid.spacing_hz();
@@ -90,10 +98,11 @@ impl State {
             .map(|(pick, shape)| {
                 let (first, last) =
                     (pick.line.saturating_sub(START_LINES), (pick.line + START_LINES).min(grid.lines - 1));
-                let guess = Resonance { frequency_hz: grid.frequency_hz(pick.line), damping_ratio: FIRST_DAMPING };
+                let guess =
+                    Resonance { frequency_hz: grid.frequency_hz(pick.line), damping_ratio: FIRST_DAMPING, quantity };
                 let bell = bell(spectrum, matrices, shape, first, last);
                 let resonance = bell
-                    .from_autocorrelation(0, last - first)
+                    .from_autocorrelation(0, last - first, quantity)
                     .filter(|r| (r.frequency_hz - guess.frequency_hz).abs() < 2.0 * grid.spacing_hz())
                     .unwrap_or(guess);
                 let density = filtered(shape, &matrices[pick.line]);
@@ -209,7 +218,9 @@ impl State {
             .collect();
         let [lowest, highest] = self.limits_hz(mode, spacing_hz);
         let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
+        let fit = &self.fits[mode];
         SetupMode {
+            peak_density: fit.level * fit.resonance.peak_density(1.0 / spacing_hz),
             found: distance_hz < 0.48 * (highest - lowest),
             resonance: self.fits[mode].resonance,
             shape,

@@ -4,21 +4,27 @@
 
 use super::estimate::{SetupMode, SetupModes};
 use super::merge::combine;
+use super::shape::mac;
 
 /// Standard deviation of a shape over its length, at most.
 const MAX_SHAPE_NOISE: f64 = 0.5;
 /// Damping ratios beyond these are no structure's.
 const MAX_DAMPING: f64 = 0.2;
 const MIN_DAMPING: f64 = 5e-4;
+/// Two estimates within this many lines and half a bandwidth, with a MAC above this, are one mode.
+const DOUBLE_LINES: f64 = 1.0;
+const DOUBLE_MAC: f64 = 0.5;
 /// Standard deviation of the frequency in lines, at most.
 const MAX_FREQUENCY_LINES: f64 = 1.0;
 
 /// The pick that is least likely to be a mode, if one is not.
 pub(super) fn worst(setups: &[SetupModes], spacing_hz: f64) -> Option<usize> {
     let picks = setups.iter().map(|setup| setup.modes.len()).min().unwrap_or(0);
+    let estimates = |pick: usize| setups.iter().map(|setup| &setup.modes[pick]).collect::<Vec<_>>();
     let doubts = (0..picks).map(|pick| {
-        let estimates: Vec<&SetupMode> = setups.iter().map(|setup| &setup.modes[pick]).collect();
-        (doubt(&estimates, spacing_hz), pick)
+        let here = estimates(pick);
+        let doubled = (0..picks).any(|other| other != pick && is_double_of(&here, &estimates(other), spacing_hz));
+        (if doubled { f64::INFINITY } else { doubt(&here, spacing_hz) }, pick)
     });
     doubts.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(doubt, _)| *doubt > 1.0).map(|(_, pick)| pick)
 }
@@ -27,6 +33,20 @@ pub(super) fn worst(setups: &[SetupModes], spacing_hz: f64) -> Option<usize> {
 pub(super) fn is_undamped(setups: &[SetupModes], pick: usize) -> bool {
     let estimates = setups.iter().filter_map(|setup| setup.modes.get(pick));
     estimates.clone().count() > 0 && estimates.clone().all(|mode| mode.resonance.damping_ratio < MIN_DAMPING)
+}
+
+/// Whether the estimates are a second, weaker sight of another pick's mode: at the same place and alike, or so alike that
+/// the jackknife could not tell them apart (it then leaves both as they are, without any scatter).
+fn is_double_of(estimates: &[&SetupMode], others: &[&SetupMode], spacing_hz: f64) -> bool {
+    let count = estimates.len().max(1) as f64;
+    let pairs = || estimates.iter().zip(others);
+    let mean = |of: &dyn Fn(&SetupMode, &SetupMode) -> f64| pairs().map(|(a, b)| of(a, b)).sum::<f64>() / count;
+    let distance_hz = mean(&|a, b| (a.resonance.frequency_hz - b.resonance.frequency_hz).abs());
+    let width_hz = mean(&|a, b| a.resonance.bandwidth_hz().max(b.resonance.bandwidth_hz()));
+    let alike = mean(&|a, b| mac(&a.shape, &b.shape));
+    let stuck = mean(&|a, _| a.frequency_std_hz) == 0.0;
+    let weaker = mean(&|a, b| (a.peak_density / b.peak_density).ln()) < 0.0;
+    weaker && distance_hz < DOUBLE_LINES * spacing_hz + 0.5 * width_hz && (alike > DOUBLE_MAC || stuck)
 }
 
 /// How far the estimates are from being a mode's; above 1 they are none. Uncertainties that are not known raise no doubt.

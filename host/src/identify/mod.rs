@@ -1,8 +1,9 @@
 //! Identification: from cross-spectral matrices to modes.
 //!
 //! Per-setup cross-spectral matrices flow in; modes with frequency, damping, shape and the uncertainty of each flow out.
-//! [`pick`] finds modes in the singular values, [`shape`] filters each mode from its neighbours, [`bell`] reads frequency and
-//! damping from the filtered spectrum, [`mod@merge`] joins the setups, and the jackknife in [`estimate`] says how sure it all is.
+//! `pick` finds modes in the singular values, `shape` filters each mode from its neighbours, [`bell`] reads frequency and
+//! damping from the filtered spectrum, the jackknife in `estimate` says how sure it all is, `judge` throws out what the data
+//! do not determine, and `merge` joins the setups.
 
 pub mod bell;
 mod estimate;
@@ -15,8 +16,9 @@ mod singular;
 
 use thiserror::Error;
 
-use crate::spectra::CrossSpectrum;
-use crate::study::Setup;
+use crate::spectra::{CrossSpectrum, LineGrid};
+use crate::study::{Setup, Unit};
+use bell::Quantity;
 use singular::SingularValues;
 
 pub use result::{Harmonic, Identification, Mode, ShapeComponent, SingularSpectrum};
@@ -78,7 +80,11 @@ pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, Identi
     let (mut harmonics, mut picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.kurtosis.is_harmonics());
     let mut per_setup = Vec::new();
     loop {
-        let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| estimate::estimate(&m.spectrum, index, &picks);
+        let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| {
+            let quantity =
+                if m.setup.unit == Unit::MetrePerSecond { Quantity::Velocity } else { Quantity::Acceleration };
+            estimate::estimate(&m.spectrum, quantity, index, &picks)
+        };
         per_setup.splice(.., measured.iter().enumerate().map(estimate));
         // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
         if let Some(pick) =
@@ -100,7 +106,10 @@ pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, Identi
         frequency_resolution_hz: grid.spacing_hz(),
         harmonics: harmonics
             .iter()
-            .map(|pick| Harmonic { frequency_hz: grid.frequency_hz(pick.line), kurtosis: pick.kurtosis.value })
+            .map(|pick| Harmonic {
+                frequency_hz: tone_frequency_hz(&grid, &singular, pick.line),
+                kurtosis: pick.kurtosis.value,
+            })
             .collect(),
         warnings,
         singular_values: measured
@@ -111,5 +120,21 @@ pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, Identi
     })
 }
 
+/// The frequency of a steady tone from the magnitudes of its two strongest lines, pooled over the setups: the Hann window
+/// gives them the ratio r = (1 + d)/(2 - d) for a tone d lines from the strongest towards the other (Rife & Vincent 1970).
+fn tone_frequency_hz(grid: &LineGrid, singular: &[SingularValues], line: usize) -> f64 {
+    let log_power = |line: usize| {
+        let values = singular.iter().filter_map(|setup| setup.lines.get(line));
+        values.map(|line| line.value.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / singular.len().max(1) as f64
+    };
+    let (left, right) = (log_power(line.saturating_sub(1)), log_power(line + 1));
+    let (stronger, side) = if left > right { (left, -1.0) } else { (right, 1.0) };
+    let ratio = ((stronger - log_power(line)) / 2.0).exp();
+    let offset = ((2.0 * ratio - 1.0) / (1.0 + ratio)).clamp(0.0, 0.5);
+    grid.frequency_hz(line) + side * offset * grid.spacing_hz()
+}
+
+#[cfg(test)]
+mod synthetic;
 #[cfg(test)]
 mod tests;

@@ -5,7 +5,6 @@
 
 use std::time::{Duration, Instant};
 
-use num_complex::Complex32;
 use thiserror::Error;
 
 use crate::identify::MeasuredSetup;
@@ -15,7 +14,7 @@ use crate::spectra::direct::Welch;
 use crate::spectra::{
     CrossSpectrumAccumulator, PlanError, SetupExtent, SpectraError, SpectraWarning, SpectralPlan, WindowLines,
 };
-use crate::study::{Setup, Study, Unit};
+use crate::study::{Setup, Study};
 
 /// How spectra are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +37,7 @@ pub enum MeasureError {
         /// The setup.
         setup: String,
         /// Why.
-        source: RecordError,
+        source: Box<RecordError>,
     },
     /// A setup's recording is too short for the others' analysis.
     #[error("setup \"{setup}\": {source}")]
@@ -116,9 +115,11 @@ pub fn measure<'a>(study: &'a Study, route: Route, progress: Progress<'_>) -> Re
         let counted = Recording::open(setup, &study.folder).and_then(|r| r.total_rows().map(|rows| (r, rows)));
         match counted {
             Ok((recording, rows)) => opened.push((setup, recording, rows)),
-            Err(source) => {
-                leave_out(&mut warnings, &mut failure, MeasureError::Record { setup: setup.name.clone(), source })
-            }
+            Err(source) => leave_out(
+                &mut warnings,
+                &mut failure,
+                MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) },
+            ),
         }
     }
     timings.counting = start.elapsed();
@@ -195,11 +196,8 @@ fn measure_setup<'a>(
     let mut accumulator = CrossSpectrumAccumulator::new(grid, setup.sensors.len()).map_err(spectra)?;
     let mut refused = None;
     let mut averaging = Duration::ZERO;
-    let mut on_window = |mut window: WindowLines| {
+    let mut on_window = |window: WindowLines| {
         let start = Instant::now();
-        if setup.unit == Unit::MetrePerSecond {
-            differentiate(plan, &mut window);
-        }
         if let Err(error) = accumulator.add(&window) {
             refused.get_or_insert(error);
         }
@@ -224,7 +222,9 @@ fn measure_setup<'a>(
     let mut rows = 0;
     loop {
         let start = Instant::now();
-        let more = recording.next_block(&mut block).map_err(|source| MeasureError::Record { setup: name(), source })?;
+        let more = recording
+            .next_block(&mut block)
+            .map_err(|source| MeasureError::Record { setup: name(), source: Box::new(source) })?;
         timings.reading += start.elapsed();
         if !more {
             break;
@@ -268,15 +268,6 @@ fn measure_setup<'a>(
 enum Source {
     Nodes(Box<Fleet>),
     Direct(Box<Welch>),
-}
-
-/// Turns lines of velocity into lines of acceleration.
-fn differentiate(plan: &SpectralPlan, window: &mut WindowLines) {
-    for lines in window.channels.iter_mut().flatten() {
-        for (index, line) in lines.iter_mut().enumerate() {
-            *line *= Complex32::new(0.0, (std::f64::consts::TAU * plan.grid.frequency_hz(index)) as f32);
-        }
-    }
 }
 
 fn sentence(setup: &Setup, warning: SpectraWarning) -> String {

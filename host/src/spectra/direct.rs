@@ -171,7 +171,9 @@ impl Welch {
         let channels = (0..self.soundness.len())
             .map(|channel| {
                 let Soundness { unchanged_since, spoilt_until, .. } = self.soundness[channel];
-                let sound = spoilt_until <= start && unchanged_since > start * self.decimation;
+                // The filter still rings with what it heard before a channel fell silent.
+                let silent = unchanged_since + self.reach_rows <= start * self.decimation;
+                let sound = spoilt_until <= start && !silent;
                 sound.then(|| self.lines(channel))
             })
             .collect();

@@ -13,7 +13,7 @@ use crate::link::{NodeWindow, Session, Transport};
 /// Simulated time before the recording in which node and host get to know each other.
 const PREPARATION_NS: Nanoseconds = 120_000_000_000;
 /// Simulated time after the recording: two heartbeats, so that the last window is missed if it was lost.
-const AFTERMATH_NS: Nanoseconds = 130_000_000_000;
+const AFTERMATH_NS: Nanoseconds = 250_000_000_000;
 /// Longest wait for delivery after that.
 const PATIENCE_NS: Nanoseconds = 3_600_000_000_000;
 /// The node gets time to work at least this often.

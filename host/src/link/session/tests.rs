@@ -79,8 +79,9 @@ fn a_node_is_brought_to_measuring_and_its_clock_found() {
     bench.run(50 * 200, &mut windows).unwrap();
     assert!(bench.session.is_measuring());
     let model = bench.session.clock.model().unwrap();
-    // The host's clock runs 15 ppm slower than the node's; times are known to some 100 µs over 180 s.
-    assert!((model.drift_ppb + 15_000).abs() < 2000, "{model:?}");
+    // The host's clock runs 15 ppm slower than the node's. The bench looks at the line every ms, and 1 ms over the two
+    // minutes of exchanges is 8 ppm.
+    assert!((model.drift_ppb + 15_000).abs() < 10_000, "{model:?}");
     // 200 s less the first seconds, a hop of 12.8 s.
     assert!((13..=15).contains(&windows.len()), "{}", windows.len());
     assert!(windows.iter().zip(&windows[1..]).all(|(a, b)| b.grid_index == a.grid_index + 1));

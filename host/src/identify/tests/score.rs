@@ -1,0 +1,112 @@
+//! How an identification stands to its truth.
+
+use crate::identify::synthetic::{Truth, points, setup};
+use crate::identify::{Identification, MeasuredSetup, Mode, identify};
+use crate::spectra::CrossSpectrum;
+
+pub(super) fn identified(truth: &Truth, spectrum: &CrossSpectrum) -> Identification {
+    let setup = setup("one", &points(truth.shapes.nrows()), &[]);
+    identify(&[MeasuredSetup { setup: &setup, spectrum: spectrum.clone() }]).unwrap()
+}
+
+pub(super) fn mac(mode: &Mode, truth: &Truth, at: usize) -> f64 {
+    let (mut product, mut a, mut b) = ([0.0; 2], 0.0, 0.0);
+    for (row, part) in mode.shape.iter().enumerate() {
+        let t = truth.shapes[(row, at)];
+        product[0] += part.re * t;
+        product[1] += part.im * t;
+        a += part.re * part.re + part.im * part.im;
+        b += t * t;
+    }
+    (product[0].powi(2) + product[1].powi(2)) / (a * b)
+}
+
+/// How an identification stands to its truth.
+#[derive(Debug, Default)]
+pub(super) struct Score {
+    pub(super) missed: usize,
+    pub(super) spurious: usize,
+    pub(super) frequency_errors: Vec<f64>,
+    pub(super) damping: Vec<f64>,
+    pub(super) macs: Vec<f64>,
+    /// (estimate - truth) / std of frequency and damping.
+    pub(super) frequency_z: Vec<f64>,
+    pub(super) damping_z: Vec<f64>,
+    pub(super) shape_z: Vec<f64>,
+}
+
+pub(super) fn score(found: &Identification, truth: &Truth) -> Score {
+    let mut score = Score::default();
+    let mut used = vec![false; found.modes.len()];
+    for (at, &f) in truth.frequencies_hz.iter().enumerate() {
+        let best = (0..found.modes.len())
+            .filter(|&m| !used[m] && (found.modes[m].frequency_hz / f - 1.0).abs() < 0.02)
+            .max_by(|&a, &b| mac(&found.modes[a], truth, at).total_cmp(&mac(&found.modes[b], truth, at)));
+        let Some(m) = best.filter(|&m| mac(&found.modes[m], truth, at) > 0.8) else {
+            score.missed += 1;
+            continue;
+        };
+        used[m] = true;
+        let mode = &found.modes[m];
+        score.frequency_errors.push((mode.frequency_hz / f - 1.0) * 100.0);
+        score.damping.push(mode.damping_ratio / truth.damping_ratio);
+        score.macs.push(mac(mode, truth, at));
+        score.frequency_z.push((mode.frequency_hz - f) / mode.frequency_std_hz);
+        score.damping_z.push((mode.damping_ratio - truth.damping_ratio) / mode.damping_ratio_std);
+        let (mut product, mut power) = (0.0, 0.0);
+        for (row, part) in mode.shape.iter().enumerate() {
+            product += part.re * truth.shapes[(row, at)];
+            power += truth.shapes[(row, at)].powi(2);
+        }
+        for (row, part) in mode.shape.iter().enumerate() {
+            score.shape_z.push((part.re - truth.shapes[(row, at)] * product / power) / part.std);
+        }
+    }
+    score.spurious = used.iter().filter(|used| !**used).count();
+    score
+}
+
+pub(super) fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+pub(super) fn median_of_magnitudes(values: &[f64]) -> f64 {
+    let mut sorted: Vec<f64> = values.iter().map(|value| value.abs()).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted[sorted.len() / 2]
+}
+
+pub(super) fn range(values: &[f64]) -> [f64; 2] {
+    values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &v| [low.min(v), high.max(v)])
+}
+
+impl Score {
+    pub(super) fn line(&self) -> String {
+        let [worst_low, worst_high] = range(&self.frequency_errors);
+        let damping = range(&self.damping);
+        format!(
+            "missed {} spurious {} | f err % median {:.4} max {:.3} | damping {:.3}-{:.3} | min MAC {:.5} | z rms f {:.2} damping {:.2} shape {:.2}",
+            self.missed,
+            self.spurious,
+            median_of_magnitudes(&self.frequency_errors),
+            worst_high.max(-worst_low),
+            damping[0],
+            damping[1],
+            range(&self.macs)[0],
+            rms(&self.frequency_z),
+            rms(&self.damping_z),
+            rms(&self.shape_z)
+        )
+    }
+
+    pub(super) fn absorb(&mut self, other: Score) {
+        self.missed += other.missed;
+        self.spurious += other.spurious;
+        self.frequency_errors.extend(other.frequency_errors);
+        self.damping.extend(other.damping);
+        self.macs.extend(other.macs);
+        self.frequency_z.extend(other.frequency_z);
+        self.damping_z.extend(other.damping_z);
+        self.shape_z.extend(other.shape_z);
+    }
+}

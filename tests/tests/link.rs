@@ -1,0 +1,105 @@
+//! What crosses the wire: how many bytes, and that every window arrives exactly once although frames are damaged.
+
+use belfry_host::link::fleet::{Fleet, FleetOptions, FleetReport};
+use belfry_host::link::memory::Faults;
+use belfry_host::spectra::{LineGrid, WindowLines};
+use belfry_host::study::{Direction, Sensor, Setup, Unit};
+use belfry_shared::message::Summary;
+
+const RATE_HZ: f64 = 50.0;
+/// Raw data of a 24 bit channel at 50 Hz.
+const RAW_BYTES_PER_SECOND: f64 = 150.0;
+
+fn setup(channels: usize, a_node: usize) -> Setup {
+    let sensors = (0..channels).map(|channel| Sensor {
+        channel: format!("{channel}"),
+        point: format!("{channel}"),
+        node: (channel / a_node) as u16 + 1,
+        elevation_m: None,
+        direction: Some(Direction::Up),
+        offset_m: [0.0; 2],
+        reference: false,
+        sensitivity_v_per_m_s2: None,
+        dof: None,
+    });
+    Setup {
+        name: "wire".to_owned(),
+        files: Vec::new(),
+        variable: None,
+        sampling_rate_hz: RATE_HZ,
+        unit: Unit::MetrePerSecondSquared,
+        sensors: sensors.collect(),
+    }
+}
+
+/// Runs a fleet over `seconds` of noise and a tone.
+fn run(
+    channels: usize,
+    a_node: usize,
+    seconds: usize,
+    decimation: u32,
+    grid: &LineGrid,
+    options: &FleetOptions,
+) -> (Vec<WindowLines>, FleetReport) {
+    let mut state = 3_u64;
+    let mut windows = Vec::new();
+    let mut fleet = Fleet::start(&setup(channels, a_node), decimation, grid, options).unwrap();
+    let mut block = Vec::new();
+    for second in 0..seconds {
+        block.clear();
+        for row in 0..RATE_HZ as usize {
+            let t = (second * RATE_HZ as usize + row) as f64 / RATE_HZ;
+            for channel in 0..channels {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                block.push((state >> 33) as f64 * 1e-12 + 1e-3 * (2.0 * t + channel as f64).sin());
+            }
+        }
+        fleet.push(&block, &mut |window| windows.push(window)).unwrap();
+    }
+    let report = fleet.finish(&mut |window| windows.push(window)).unwrap();
+    (windows, report)
+}
+
+/// 0.05 to 1.5 Hz of 4096 points at 5 Hz.
+fn reference_grid() -> LineGrid {
+    LineGrid { sampling_rate_hz: 5.0, segment: 4096, first_line: 41, lines: 1188 }
+}
+
+#[test]
+fn lines_of_the_reference_band_take_less_than_five_bytes_a_second_and_densities_less_than_half_a_byte() {
+    // Six hours of a node with four channels: 51 windows of lines, six of densities.
+    let hours = 6;
+    for (summary, most) in [(Summary::Lines { bits: 6 }, 5.0), (Summary::Psd { segments: 8 }, 0.5)] {
+        let options = FleetOptions { summary, ..FleetOptions::default() };
+        let (_, report) = run(4, 4, hours * 3600, 10, &reference_grid(), &options);
+        let windows = report.nodes[0].session.windows;
+        assert!(windows >= 5 && report.nodes[0].session.lost_windows == 0);
+        let bytes = report.wire_bytes_per_second_and_channel();
+        println!(
+            "{summary:?}: {bytes:.2} bytes a second and channel, {:.0} times less than raw",
+            RAW_BYTES_PER_SECOND / bytes
+        );
+        // The first window starts after the filter has settled and nothing is sent of the last, incomplete one.
+        assert!(bytes < most, "{summary:?}: {bytes} bytes a second and channel");
+        assert!(bytes > 0.5 * most * 0.5, "{summary:?}: {bytes} is too little to be all data");
+    }
+}
+
+#[test]
+fn with_two_percent_of_frames_damaged_every_window_of_eight_nodes_arrives_exactly_once() {
+    let grid = LineGrid { sampling_rate_hz: 6.25, segment: 512, first_line: 5, lines: 118 };
+    let options = FleetOptions { faults: Faults::damaging(0.02), seed: 4, ..FleetOptions::default() };
+    let (windows, report) = run(20, 3, 20 * 60, 8, &grid, &options);
+    // 1200 s less the filter's 2 x 2.1 s in segments of 81.9 s, every 41 s.
+    let expected = ((1200.0 - 4.2 - 81.92_f64) / 40.96).floor() as usize + 1;
+    assert_eq!(
+        windows.iter().map(|window| window.grid_index as usize).collect::<Vec<_>>(),
+        (0..expected).collect::<Vec<_>>()
+    );
+    assert!(windows.iter().all(|window| window.channels.iter().all(Option::is_some)));
+    let damaged: u64 = report.nodes.iter().map(|node| node.to_host.damaged + node.to_node.damaged).sum();
+    assert!(damaged > 10, "{damaged} frames damaged");
+    for node in &report.nodes {
+        assert_eq!((node.session.windows as usize, node.session.lost_windows), (expected, 0), "node {}", node.node);
+    }
+}
