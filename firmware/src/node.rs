@@ -112,8 +112,12 @@ impl Node {
             }
             Ok(HostMessage::Clock(request)) => self.pending.clock = Some((request, now)),
             Ok(HostMessage::SetClock(model)) => {
-                self.clock = Some(model);
-                self.windows.reschedule();
+                // A model may be overtaken on the line by a newer one; one from the future would keep all others out.
+                let is_newest = self.clock.is_none_or(|known| model.node >= known.node);
+                if is_newest && model.node <= now {
+                    self.clock = Some(model);
+                    self.windows.reschedule();
+                }
             }
         }
     }

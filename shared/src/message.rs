@@ -90,7 +90,8 @@ pub enum HostMessage {
     Acknowledge(Acknowledgement),
     /// Asks for the node's time.
     Clock(ClockRequest),
-    /// Tells the node the host's time.
+    /// Tells the node the host's time. A model whose reference moment is older than the known one's, or still to come, is
+    /// ignored: it was overtaken on the line, or is wrong.
     SetClock(ClockModel),
 }
 

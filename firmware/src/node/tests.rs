@@ -323,6 +323,24 @@ fn an_outbox_that_overflows_counts_what_it_lost_and_keeps_the_newest() {
 }
 
 #[test]
+fn a_clock_setting_that_was_overtaken_or_lies_in_the_future_changes_nothing() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.run(256 * 5 * 2, |row| [tone(row); 2]);
+    let set =
+        |node, host| HostMessage::SetClock(ClockModel { node: NodeTime(node), host: HostTime(host), drift_ppb: 0 });
+    let now = bench.now().0;
+    bench.say(&set(now, now as i64));
+    bench.say(&set(now - 1_000_000, now as i64 + 40_000));
+    bench.say(&set(now + 1_000_000, now as i64 + 70_000));
+    bench.run(256 * 5 * 2, |row| [tone(row); 2]);
+    assert!(bench.heads().iter().all(|head| head.start_offset_us == 0), "{:?}", bench.heads());
+    bench.say(&set(bench.now().0, bench.now().0 as i64 + 30_000));
+    bench.run(256 * 5 * 2, |row| [tone(row); 2]);
+    // 30 ms later on the host: windows start 30 ms off, or a sample (100 ms) earlier.
+    assert!([30_000, -70_000].contains(&bench.heads().last().unwrap().start_offset_us));
+}
+
+#[test]
 fn the_node_fits_into_112_kilobytes() {
     assert!(size_of::<Node>() <= 112 * 1024, "{}", size_of::<Node>());
 }

@@ -13,6 +13,8 @@ use belfry_shared::time::{ClockModel, HostTime, NodeTime};
 const KEPT: usize = 32;
 /// Exchanges whose round trip is at most this much longer than the shortest are used; USB serial ports alone vary by 1 ms.
 const ROUND_TRIP_TOLERANCE_US: i64 = 2_000;
+/// Error of an exchange without any excess, in µs; half the excess of its round trip over the shortest adds to it.
+const LEAST_ERROR_US: f64 = 30.0;
 /// Span of exchanges from which drift is estimated.
 const DRIFT_SPAN_US: i64 = 20_000_000;
 /// Crystals do not drift more; a larger estimate is a fault of the measurement.
@@ -64,23 +66,40 @@ impl ClockEstimator {
         self.exchanges.clear();
     }
 
-    /// The best model so far: a least-squares line through the exchanges with short round trips, a constant offset while they
+    /// Time over which exchanges with short round trips have been made, in µs: what the drift is known from. A burst of
+    /// replies that a stalled line held back adds nothing.
+    pub fn span_us(&self) -> i64 {
+        let span = self.good().and_then(|(_, good)| Some(good.last()?.node.since(good.first()?.node)));
+        span.unwrap_or(0)
+    }
+
+    /// The shortest round trip, and the exchanges that took little longer.
+    fn good(&self) -> Option<(i64, Vec<&Exchange>)> {
+        let shortest = self.exchanges.iter().map(|exchange| exchange.round_trip_us).min()?;
+        let is_short = |exchange: &&Exchange| exchange.round_trip_us <= shortest + ROUND_TRIP_TOLERANCE_US;
+        Some((shortest, self.exchanges.iter().filter(is_short).collect()))
+    }
+
+    /// The best model so far: a weighted least-squares line through the exchanges with short round trips, a constant offset while they
     /// span less than 20 s. `None` before the first exchange.
     pub fn model(&self) -> Option<ClockModel> {
-        let shortest = self.exchanges.iter().map(|exchange| exchange.round_trip_us).min()?;
-        let good: Vec<&Exchange> =
-            self.exchanges.iter().filter(|e| e.round_trip_us <= shortest + ROUND_TRIP_TOLERANCE_US).collect();
+        let (shortest, good) = self.good()?;
         let (first, last) = (good.first()?, good.last()?);
-        let count = good.len() as f64;
+        let weight = |exchange: &Exchange| {
+            let excess_us = (exchange.round_trip_us - shortest) as f64 / 2.0;
+            1.0 / (LEAST_ERROR_US * LEAST_ERROR_US + excess_us * excess_us)
+        };
+        let total: f64 = good.iter().map(|e| weight(e)).sum();
         let elapsed = |exchange: &Exchange| exchange.node.since(last.node) as f64;
         let lead = |exchange: &Exchange| (exchange.offset_us - last.offset_us) as f64;
-        let mean_elapsed = good.iter().map(|e| elapsed(e)).sum::<f64>() / count;
-        let mean_lead = good.iter().map(|e| lead(e)).sum::<f64>() / count;
+        let mean_elapsed = good.iter().map(|e| weight(e) * elapsed(e)).sum::<f64>() / total;
+        let mean_lead = good.iter().map(|e| weight(e) * lead(e)).sum::<f64>() / total;
         let slope = if last.node.since(first.node) < DRIFT_SPAN_US {
             0.0
         } else {
-            let covariance: f64 = good.iter().map(|e| (elapsed(e) - mean_elapsed) * (lead(e) - mean_lead)).sum();
-            let variance: f64 = good.iter().map(|e| (elapsed(e) - mean_elapsed).powi(2)).sum();
+            let covariance: f64 =
+                good.iter().map(|e| weight(e) * (elapsed(e) - mean_elapsed) * (lead(e) - mean_lead)).sum();
+            let variance: f64 = good.iter().map(|e| weight(e) * (elapsed(e) - mean_elapsed).powi(2)).sum();
             (covariance / variance).clamp(-MAX_DRIFT_PPB * 1e-9, MAX_DRIFT_PPB * 1e-9)
         };
         // The line's value at the last exchange.
@@ -118,6 +137,19 @@ mod tests {
         assert!((model.drift_ppb - 20_000).abs() < 10, "{model:?}");
         let later = 12 * 60_000_000;
         assert!((model.host_time(node_time(later)).0 - later).abs() <= 5);
+    }
+
+    #[test]
+    fn a_burst_of_delayed_replies_does_not_pass_for_a_long_measurement() {
+        let mut estimator = ClockEstimator::default();
+        for (second, queued_us) in [(0, 0), (1, 0), (20, 900_000), (40, 700_000), (60, 500_000)] {
+            let (reply, received) = exchange(second * 1_000_000, queued_us);
+            estimator.add(&reply, received, 1_000, 2_000);
+        }
+        assert!((estimator.span_us() - 1_000_000).abs() < 100);
+        let (reply, received) = exchange(80_000_000, 0);
+        estimator.add(&reply, received, 1_000, 2_000);
+        assert!((estimator.span_us() - 80_000_000).abs() < 5_000);
     }
 
     #[test]

@@ -24,7 +24,7 @@ const FIRST_EXCHANGES: usize = 6;
 const FIRST_EXCHANGE_PERIOD_US: i64 = 100_000;
 /// Time between clock exchanges while measuring: short until the drift is known, then long, for they are bytes on the wire.
 const EARLY_EXCHANGE_PERIOD_US: i64 = 20_000_000;
-const EARLY_EXCHANGES: usize = 12;
+const EARLY_SPAN_US: i64 = 100_000_000;
 const EXCHANGE_PERIOD_US: i64 = 300_000_000;
 /// The line counts as silent when nothing came for this long.
 const SILENCE_US: i64 = 300_000;
@@ -375,7 +375,7 @@ impl Session {
 
     fn poll_measuring(&mut self, now: HostTime) {
         if now >= self.next_exchange {
-            let early = self.clock.len() < EARLY_EXCHANGES;
+            let early = self.clock.span_us() < EARLY_SPAN_US;
             self.ask_time(now, if early { EARLY_EXCHANGE_PERIOD_US } else { EXCHANGE_PERIOD_US });
         }
         let busy = now.0.saturating_sub(self.last_received.0) < SILENCE_US;
