@@ -55,7 +55,7 @@ impl Template {
         let study_file = study_file.display();
         match self {
             Self::Canton => format!(
-                "put recordings accdata_*.txt into {place}, or make one with `belfry simulate {argument}`, then run \
+                "put recordings accdata_*.txt into {place}, or make one with `belfry simulate {argument} --adopt`, then run \
                  `belfry identify {argument}`"
             ),
             Self::Blank => format!(
