@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use belfry_shared::message::{
     Again, ChannelState, Configuration, MAX_AGAIN, NodeMessage, Peak, Summary, WindowHead, WindowName,
 };
-use belfry_shared::quantise::{decode_density, decode_lines};
+use belfry_shared::quantise::{decode_density, decode_lines, encoded_bytes};
 use belfry_shared::time::HostTime;
 use num_complex::Complex32;
 
@@ -139,10 +139,11 @@ impl Assembler {
             || name.number - self.below >= MAX_AHEAD
             || is_head != (part == 0)
             || part > MAX_DATA_PARTS
+            || !fits(configuration, message)
         {
             return Outcome::Contradiction;
         }
-        self.known = self.known.max(name.number + 1);
+        self.known = self.known.max(name.number.saturating_add(1));
         let progress = self.windows.entry(name.number).or_insert_with(|| Progress::Partial(Partial::default()));
         let Progress::Partial(partial) = progress else { return Outcome::Duplicate };
         match message {
@@ -171,6 +172,17 @@ impl Assembler {
         }
     }
 
+    /// Forgets a whole window that could not be stored, so that it is asked again.
+    pub fn unstored(&mut self, number: u32) {
+        self.windows.insert(number, Progress::Partial(Partial::default()));
+    }
+
+    /// Windows known to exist that are neither done nor given up: what is lost if the node has restarted.
+    pub fn missing(&self) -> u64 {
+        let done = self.windows.values().filter(|progress| matches!(progress, Progress::Done)).count();
+        u64::from(self.known.saturating_sub(self.below)).saturating_sub(done as u64)
+    }
+
     fn give_up(&mut self, number: u32) {
         self.windows.insert(number, Progress::Done);
         self.lost += 1;
@@ -180,21 +192,23 @@ impl Assembler {
     fn advance(&mut self) {
         while matches!(self.windows.first_key_value(), Some((&number, Progress::Done)) if number == self.below) {
             self.windows.pop_first();
-            self.below += 1;
+            self.below = self.below.saturating_add(1);
         }
     }
 
     /// Takes what a heartbeat says: windows below `next` exist, those below `oldest` are gone from the node.
     pub fn heartbeat(&mut self, oldest: u32, next: u32) {
-        if next.wrapping_sub(self.below) >= MAX_AHEAD {
-            return;
+        let gone = oldest.min(next);
+        if gone > self.below {
+            let kept = self.windows.split_off(&gone);
+            let done = self.windows.values().filter(|progress| matches!(progress, Progress::Done)).count();
+            self.lost += u64::from(gone - self.below) - done as u64;
+            self.windows = kept;
+            self.below = gone;
+            self.advance();
         }
-        self.known = self.known.max(next);
-        for number in self.below..oldest.min(next) {
-            if !matches!(self.windows.get(&number), Some(Progress::Done)) {
-                self.give_up(number);
-            }
-        }
+        // More cannot wait in any node; the rest comes into reach as windows are done.
+        self.known = self.known.max(next.min(self.below.saturating_add(MAX_AHEAD)));
     }
 
     /// What to ask again at `now`, of windows not asked since `before`; at most [`MAX_AGAIN`] ranges.
@@ -231,6 +245,41 @@ impl Assembler {
         ranges.truncate(MAX_AGAIN);
         ranges
     }
+}
+
+/// Whether a part can belong to a window of the configuration.
+fn fits(configuration: &Configuration, message: &NodeMessage<'_>) -> bool {
+    let in_band = |first_line: u16, count: usize| position(configuration, first_line, count).is_some();
+    let is_channel = |channel: u8| channel < configuration.channels;
+    match (message, configuration.summary) {
+        (NodeMessage::Head(head), _) => head.channels.len() == usize::from(configuration.channels),
+        (NodeMessage::Lines(part), Summary::Lines { bits }) => {
+            let lines = usize::from(part.lines);
+            part.bits == bits
+                && lines > 0
+                && is_channel(part.channel)
+                && in_band(part.first_line, lines)
+                && part.code.len() == encoded_bytes(lines, bits)
+        }
+        (NodeMessage::Density(part), Summary::Psd { .. }) => {
+            !part.code.is_empty() && is_channel(part.channel) && in_band(part.first_line, part.code.len())
+        }
+        (NodeMessage::Peaks(part), Summary::Psd { .. }) => is_channel(part.channel),
+        _ => false,
+    }
+}
+
+/// Position of a run of lines among all bands' lines; `None` where no band holds it.
+fn position(configuration: &Configuration, first_line: u16, count: usize) -> Option<usize> {
+    let mut before = 0;
+    for band in &configuration.bands {
+        let offset = first_line.wrapping_sub(band.first_line);
+        if first_line >= band.first_line && usize::from(offset) + count <= usize::from(band.lines) {
+            return Some(before + usize::from(offset));
+        }
+        before += usize::from(band.lines);
+    }
+    None
 }
 
 /// Runs of part numbers that a window still lacks.
@@ -273,18 +322,6 @@ fn join_whole_windows(ranges: &mut Vec<Again>) {
 /// Decodes a whole window; `None` where its parts contradict each other or the configuration.
 fn build(configuration: &Configuration, head: &WindowHead, parts: &BTreeMap<u16, Vec<u8>>) -> Option<NodeWindow> {
     let total = configuration.lines();
-    // Position of a line among all bands' lines.
-    let position = |line: u16, count: usize| {
-        let mut before = 0;
-        for band in &configuration.bands {
-            let offset = line.wrapping_sub(band.first_line);
-            if line >= band.first_line && usize::from(offset) + count <= usize::from(band.lines) {
-                return Some(before + usize::from(offset));
-            }
-            before += usize::from(band.lines);
-        }
-        None
-    };
     let mut channels: Vec<ChannelData> = head
         .channels
         .iter()
@@ -303,13 +340,13 @@ fn build(configuration: &Configuration, head: &WindowHead, parts: &BTreeMap<u16,
         match belfry_shared::message::decode::<NodeMessage<'_>>(encoded).ok()? {
             NodeMessage::Lines(part) => {
                 let count = usize::from(part.lines);
-                let start = position(part.first_line, count)?;
+                let start = position(configuration, part.first_line, count)?;
                 let ChannelData::Lines(lines) = channels.get_mut(usize::from(part.channel))? else { return None };
                 decode_lines(part.code, part.bits, lines.get_mut(start..start + count)?).ok()?;
                 filled[usize::from(part.channel)] += count;
             }
             NodeMessage::Density(part) => {
-                let start = position(part.first_line, part.code.len())?;
+                let start = position(configuration, part.first_line, part.code.len())?;
                 let ChannelData::Psd { densities, .. } = channels.get_mut(usize::from(part.channel))? else {
                     return None;
                 };

@@ -15,6 +15,8 @@ const KEPT: usize = 32;
 const ROUND_TRIP_TOLERANCE_US: i64 = 2_000;
 /// Error of an exchange without any excess, in µs; half the excess of its round trip over the shortest adds to it.
 const LEAST_ERROR_US: f64 = 30.0;
+/// A line faster than its baud rate says (USB) makes round trips that seem negative, but not by more than this.
+const LEAST_ROUND_TRIP_US: i64 = -1_000_000;
 /// Span of exchanges from which drift is estimated.
 const DRIFT_SPAN_US: i64 = 20_000_000;
 /// Crystals do not drift more; a larger estimate is a fault of the measurement.
@@ -38,17 +40,11 @@ impl ClockEstimator {
     /// Adds an exchange. `request_us` and `reply_us` are the times the two frames need on the line; the rest of the round
     /// trip is waiting.
     pub fn add(&mut self, reply: &ClockReply, received: HostTime, request_us: i64, reply_us: i64) {
-        let sent = reply.host_sent.0 + request_us;
-        let arrived = received.0 - reply_us;
-        let round_trip_us = (arrived - sent) - reply.node_sent.since(reply.node_received);
-        let half_held = reply.node_sent.since(reply.node_received) / 2;
-        let node = reply.node_received.offset(half_held);
-        let Ok(node_us) = i64::try_from(node.0) else { return };
-        let offset_us = sent + (arrived - sent) / 2 - node_us;
+        let Some(exchange) = exchange(reply, received, request_us, reply_us) else { return };
         if self.exchanges.len() == KEPT {
             self.exchanges.pop_front();
         }
-        self.exchanges.push_back(Exchange { node, offset_us, round_trip_us });
+        self.exchanges.push_back(exchange);
     }
 
     /// Exchanges there are.
@@ -76,7 +72,8 @@ impl ClockEstimator {
     /// The shortest round trip, and the exchanges that took little longer.
     fn good(&self) -> Option<(i64, Vec<&Exchange>)> {
         let shortest = self.exchanges.iter().map(|exchange| exchange.round_trip_us).min()?;
-        let is_short = |exchange: &&Exchange| exchange.round_trip_us <= shortest + ROUND_TRIP_TOLERANCE_US;
+        let is_short =
+            |exchange: &&Exchange| exchange.round_trip_us <= shortest.saturating_add(ROUND_TRIP_TOLERANCE_US);
         Some((shortest, self.exchanges.iter().filter(is_short).collect()))
     }
 
@@ -91,7 +88,7 @@ impl ClockEstimator {
         };
         let total: f64 = good.iter().map(|e| weight(e)).sum();
         let elapsed = |exchange: &Exchange| exchange.node.since(last.node) as f64;
-        let lead = |exchange: &Exchange| (exchange.offset_us - last.offset_us) as f64;
+        let lead = |exchange: &Exchange| exchange.offset_us.saturating_sub(last.offset_us) as f64;
         let mean_elapsed = good.iter().map(|e| weight(e) * elapsed(e)).sum::<f64>() / total;
         let mean_lead = good.iter().map(|e| weight(e) * lead(e)).sum::<f64>() / total;
         let slope = if last.node.since(first.node) < DRIFT_SPAN_US {
@@ -103,10 +100,29 @@ impl ClockEstimator {
             (covariance / variance).clamp(-MAX_DRIFT_PPB * 1e-9, MAX_DRIFT_PPB * 1e-9)
         };
         // The line's value at the last exchange.
-        let offset = last.offset_us + (mean_lead - slope * mean_elapsed).round() as i64;
+        let offset = last.offset_us.saturating_add((mean_lead - slope * mean_elapsed).round() as i64);
         let node_us = i64::try_from(last.node.0).ok()?;
-        Some(ClockModel { node: last.node, host: HostTime(node_us + offset), drift_ppb: (slope * 1e9).round() as i32 })
+        Some(ClockModel {
+            node: last.node,
+            host: HostTime(node_us.saturating_add(offset)),
+            drift_ppb: (slope * 1e9).round() as i32,
+        })
     }
+}
+
+/// An exchange of its four times; `None` where they lie beyond all clocks or contradict each other: the times of a reply
+/// come from the line, and anything may stand in them.
+fn exchange(reply: &ClockReply, received: HostTime, request_us: i64, reply_us: i64) -> Option<Exchange> {
+    let sent = reply.host_sent.0.checked_add(request_us)?;
+    let away_us = received.0.checked_sub(reply_us)?.checked_sub(sent)?;
+    let held_us = reply.node_sent.since(reply.node_received);
+    let round_trip_us = away_us.checked_sub(held_us)?;
+    if held_us < 0 || round_trip_us < LEAST_ROUND_TRIP_US {
+        return None;
+    }
+    let node = reply.node_received.offset(held_us / 2);
+    let offset_us = sent.checked_add(away_us / 2)?.checked_sub(i64::try_from(node.0).ok()?)?;
+    Some(Exchange { node, offset_us, round_trip_us })
 }
 
 #[cfg(test)]

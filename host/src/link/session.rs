@@ -30,6 +30,8 @@ const EXCHANGE_PERIOD_US: i64 = 300_000_000;
 const SILENCE_US: i64 = 300_000;
 /// A part asked again is asked once more after this time.
 const ASK_PERIOD_US: i64 = 2_000_000;
+/// Earlier lives of a node that are remembered.
+const LIVES_KEPT: usize = 8;
 
 /// Why a conversation cannot go on.
 #[derive(Debug, Error)]
@@ -137,7 +139,9 @@ pub struct Session {
     next_exchange: HostTime,
     last_received: HostTime,
     acknowledge: bool,
-    earlier_losses: u64,
+    /// The node's earlier lives, oldest first.
+    earlier: Vec<Assembler>,
+    forgotten_losses: u64,
     statistics: SessionStatistics,
 }
 
@@ -159,7 +163,8 @@ impl Session {
             next_exchange: HostTime(i64::MIN),
             last_received: HostTime(i64::MIN),
             acknowledge: false,
-            earlier_losses: 0,
+            earlier: Vec::new(),
+            forgotten_losses: 0,
             statistics: SessionStatistics::default(),
         }
     }
@@ -181,7 +186,9 @@ impl Session {
 
     /// What it has seen.
     pub fn statistics(&self) -> SessionStatistics {
-        let lost_windows = self.earlier_losses + self.assembler.as_ref().map_or(0, Assembler::lost);
+        let earlier: u64 = self.earlier.iter().map(|assembler| assembler.lost() + assembler.missing()).sum();
+        let current = self.assembler.as_ref().map_or(0, Assembler::lost);
+        let lost_windows = self.forgotten_losses + earlier + current;
         SessionStatistics { lost_windows, ..self.statistics }
     }
 
@@ -221,7 +228,12 @@ impl Session {
             }
             Stage::Measuring => self.next_exchange,
         };
-        if self.acknowledge { HostTime(due.0.min(self.last_received.0.saturating_add(1))) } else { due }
+        // Only a session that measures acknowledges; in the other stages that has to wait.
+        if self.acknowledge && self.is_measuring() {
+            HostTime(due.0.min(self.last_received.0.saturating_add(1)))
+        } else {
+            due
+        }
     }
 
     fn receive(&mut self, now: HostTime, bytes: &[u8], sink: &mut dyn WindowSink) -> Result<(), SessionError> {
@@ -300,7 +312,10 @@ impl Session {
                     Outcome::Contradiction => self.statistics.contradictions += 1,
                     Outcome::Whole(window) => {
                         let number = window.name.number;
-                        sink.store(*window).map_err(|source| SessionError::Store { node: self.node, source })?;
+                        if let Err(source) = sink.store(*window) {
+                            assembler.unstored(number);
+                            return Err(SessionError::Store { node: self.node, source });
+                        }
                         assembler.stored(number);
                         self.statistics.windows += 1;
                         self.acknowledge = true;
@@ -323,9 +338,15 @@ impl Session {
             return Err(SessionError::WrongNode { node, found: hello.node });
         }
         if self.assembler.as_ref().is_none_or(|assembler| assembler.boot() != hello.boot) {
-            // A new life of the node: what the old one still had is lost with it.
-            self.earlier_losses += self.assembler.as_ref().map_or(0, Assembler::lost);
-            self.assembler = Some(Assembler::new(hello.boot));
+            // A new life of the node: what the old one still had is lost with it. What is known of the old one stays, for a
+            // frame of it may come late, and its windows must not be taken for new ones.
+            let known = self.earlier.iter().position(|assembler| assembler.boot() == hello.boot);
+            let next = known.map_or_else(|| Assembler::new(hello.boot), |index| self.earlier.remove(index));
+            self.earlier.extend(self.assembler.replace(next));
+            if self.earlier.len() > LIVES_KEPT {
+                let oldest = self.earlier.remove(0);
+                self.forgotten_losses += oldest.lost() + oldest.missing();
+            }
             self.clock.clear();
         }
         let configured = hello.configuration_hash == Some(self.configuration.hash());

@@ -255,3 +255,36 @@ fn an_acknowledgement_has_no_more_ranges_than_a_message_holds() {
     }
     assert!(asked(&mut assembler, 1000, false).len() <= MAX_AGAIN);
 }
+
+/// Contradictory parts come before the window's own: they must not cost it.
+#[test]
+fn a_part_of_a_channel_band_or_size_that_cannot_be_is_refused_and_the_window_still_comes() {
+    let configuration = lines_configuration();
+    let valid = vec![0; encoded_bytes(32, 16)];
+    let part = |part, channel, first_line, lines, bits, code| {
+        encode(&NodeMessage::Lines(LinesPart { name: name(0), part, channel, first_line, lines, bits, code }))
+    };
+    for (what, wrong) in [
+        ("channel 3 of 3", part(1, 3, 3, 32, 16, &valid)),
+        ("a line outside the bands", part(1, 0, 50, 32, 16, &valid)),
+        ("a code that is too short", part(1, 0, 3, 32, 16, &valid[1..])),
+        ("other bits", part(1, 0, 3, 32, 8, &valid[..encoded_bytes(32, 8)])),
+        (
+            "densities among lines",
+            encode(&NodeMessage::Density(DensityPart {
+                name: name(0),
+                part: 1,
+                channel: 0,
+                first_line: 3,
+                base: 0,
+                code: &[1],
+            })),
+        ),
+    ] {
+        let mut assembler = Assembler::new(BOOT);
+        assert_eq!(take(&mut assembler, &configuration, &wrong), Outcome::Contradiction, "{what}");
+        let whole =
+            lines_window(0).iter().any(|part| matches!(take(&mut assembler, &configuration, part), Outcome::Whole(_)));
+        assert!(whole, "{what} cost the window");
+    }
+}

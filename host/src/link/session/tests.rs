@@ -213,3 +213,108 @@ proptest! {
         prop_assert!(windows.is_empty());
     }
 }
+
+/// A session that a node of the given boot has greeted, configured and with its clock set.
+fn measuring(boot: u32) -> Session {
+    let mut session = Session::new(3, configuration(), BAUD);
+    let ready = Hello { boot, configuration_hash: Some(configuration().hash()), clock_set: true, ..hello() };
+    session.greeted(&ready).unwrap();
+    session.stage = Stage::Measuring;
+    session
+}
+
+fn heartbeat(boot: u32, oldest_window: u32, next_window: u32) -> NodeMessage<'static> {
+    NodeMessage::Heartbeat(belfry_shared::message::Heartbeat {
+        node: 3,
+        boot,
+        next_window,
+        oldest_window,
+        lost_windows: 0,
+        damaged_frames: 0,
+        level: Default::default(),
+    })
+}
+
+/// A window without sound data: a head and nothing else.
+fn unsound(boot: u32, number: u32) -> NodeMessage<'static> {
+    NodeMessage::Head(belfry_shared::message::WindowHead {
+        name: belfry_shared::message::WindowName { node: 3, boot, number },
+        configuration_hash: configuration().hash(),
+        grid_index: u64::from(number),
+        start_offset_us: 0,
+        data_parts: 0,
+        channels: [belfry_shared::message::ChannelState::Missing].into_iter().collect(),
+    })
+}
+
+fn tell(session: &mut Session, message: &NodeMessage<'_>, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+    session.receive(HostTime(1_000_000), &frame(message), sink)
+}
+
+#[test]
+fn an_acknowledgement_that_must_wait_does_not_make_the_session_due_at_once() {
+    let mut session = measuring(1);
+    tell(&mut session, &unsound(1, 0), &mut Vec::<NodeWindow>::new()).unwrap();
+    session.stage = Stage::Greeting;
+    let now = HostTime(2_000_000);
+    session.poll(now);
+    assert!(
+        session.next_due() > now,
+        "due at {:?} although nothing is said before the next greeting",
+        session.next_due()
+    );
+}
+
+#[test]
+fn a_clock_reply_with_any_times_is_survived() {
+    for (host_sent, node_received, node_sent) in [(i64::MAX, 0, 0), (i64::MIN, 0, u64::MAX), (-5, i64::MAX as u64, 0)] {
+        let mut session = measuring(1);
+        let reply = belfry_shared::message::ClockReply {
+            host_sent: HostTime(host_sent),
+            node_received: NodeTime(node_received),
+            node_sent: NodeTime(node_sent),
+        };
+        for _ in 0..2 {
+            tell(&mut session, &NodeMessage::Clock(reply), &mut Vec::<NodeWindow>::new()).unwrap();
+        }
+    }
+}
+
+#[test]
+fn what_a_restarted_node_had_not_delivered_is_counted_as_lost() {
+    let mut session = measuring(1);
+    tell(&mut session, &heartbeat(1, 0, 4), &mut Vec::<NodeWindow>::new()).unwrap();
+    tell(&mut session, &NodeMessage::Hello(Hello { boot: 2, ..hello() }), &mut Vec::<NodeWindow>::new()).unwrap();
+    assert_eq!(session.statistics().lost_windows, 4);
+}
+
+#[test]
+fn a_greeting_from_a_nodes_last_life_that_comes_late_delivers_nothing_twice() {
+    let mut session = measuring(1);
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    tell(&mut session, &unsound(1, 0), &mut windows).unwrap();
+    for boot in [2, 1] {
+        tell(&mut session, &NodeMessage::Hello(Hello { boot, ..hello() }), &mut windows).unwrap();
+    }
+    tell(&mut session, &unsound(1, 0), &mut windows).unwrap();
+    assert_eq!(windows.len(), 1);
+}
+
+#[test]
+fn a_window_that_could_not_be_stored_comes_again_when_there_is_room() {
+    let mut session = measuring(1);
+    let failed = tell(&mut session, &unsound(1, 0), &mut FullDisk { room: 0, stored: 0 });
+    assert!(matches!(failed, Err(SessionError::Store { .. })));
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    tell(&mut session, &unsound(1, 0), &mut windows).unwrap();
+    assert_eq!((windows.len(), session.statistics().lost_windows), (1, 0));
+}
+
+#[test]
+fn a_session_finds_its_place_with_a_node_that_has_measured_for_weeks() {
+    let mut session = measuring(1);
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    tell(&mut session, &heartbeat(1, 70_000, 70_003), &mut windows).unwrap();
+    tell(&mut session, &unsound(1, 70_000), &mut windows).unwrap();
+    assert_eq!(windows.len(), 1);
+}
