@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use assert_cmd::prelude::*;
-use belfry_host::study::{STUDY_FILE, Study};
+use belfry_host::study::{ModelSource, STUDY_FILE, Study};
 use belfry_tests::belfry_command;
 use predicates::prelude::*;
 
@@ -29,7 +29,8 @@ fn both_templates_make_a_study_that_loads() {
         assert_eq!(study.setups[0].sensors.len(), sensors);
         assert_eq!(study.model.is_some(), has_model);
         if let Some(model) = study.model {
-            let beam = fs::read_to_string(folder.join(model.beam)).unwrap();
+            let ModelSource::Beam(beam) = model.source else { panic!("the template has a beam table") };
+            let beam = fs::read_to_string(folder.join(beam)).unwrap();
             assert_eq!(beam.lines().count(), 38, "a header and the tower's 37 segments");
         }
     }

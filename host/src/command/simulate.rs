@@ -10,7 +10,7 @@ use super::Console;
 use crate::model::effect::Effect;
 use crate::model::{BeamTable, Structure};
 use crate::simulate::{Options, PlannedRecording, Simulation, Truth, adopt, plan};
-use crate::study::Study;
+use crate::study::{ModelSource, Study};
 
 const EXAMPLES: &str = "Examples:
   belfry simulate canton --effect base-rotation=7.21e-15 --hours 24 --seed 1
@@ -90,9 +90,12 @@ fn hours(text: &str) -> Result<f64, String> {
 /// What cannot be read, does not fit the structure, or would be overwritten.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
-    let beam_file = match (&arguments.beam, &study.model) {
+    let beam_file = match (&arguments.beam, study.model.as_ref().map(|model| &model.source)) {
         (Some(beam), _) => beam.clone(),
-        (None, Some(model)) => study.folder.join(&model.beam),
+        (None, Some(ModelSource::Beam(beam))) => study.folder.join(beam),
+        (None, Some(ModelSource::Matrices(_))) => {
+            bail!("the study's model is matrices; name the simulated structure's beam table with --beam FILE")
+        }
         (None, None) => bail!("the study has no [model]; name the structure's beam table with --beam FILE"),
     };
     if study.model.as_ref().is_some_and(|model| !model.effects.is_empty()) {

@@ -3,17 +3,28 @@
 use nalgebra::{DMatrix, SMatrix, SVector};
 
 use super::beam::BeamTable;
+use super::DOFS_A_NODE;
 use super::effect::{Effect, EffectError};
-use super::eigen::{EigenError, Modes, eigenmodes};
-use super::element::{interpolation, scatter, stiffness};
-use super::{DOFS_A_NODE, Segment};
+use super::eigen::{EigenError, ModalBasis, Modes};
+use super::element::{scatter, stiffness};
+use super::geometry::{Geometry, Line};
+use super::matrices::ImportedMatrices;
 
-/// A beam and everything else that effects may change before it is assembled.
+/// What a model is made of.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Body {
+    /// A table of beam segments.
+    Beam(BeamTable),
+    /// Matrices from elsewhere.
+    Matrices(ImportedMatrices),
+}
+
+/// A body and everything else that effects may change before it is assembled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Structure {
-    /// The beam.
-    pub beam: BeamTable,
-    /// How far the base gives way; all zero is clamped.
+    /// What it is made of.
+    pub body: Body,
+    /// How far the base of a beam gives way; all zero is clamped.
     pub base: BaseFlexibility,
     /// Masses besides those of the table.
     pub added_masses: Vec<AddedMass>,
@@ -48,39 +59,74 @@ pub struct Assembly {
     pub stiffness: DMatrix<f64>,
     /// M, DOFs x DOFs, symmetric (kg, kg m, kg m²).
     pub mass: DMatrix<f64>,
-    /// Motion of the base node that follows from the DOFs, 5 x DOFs; zero where it is clamped.
-    base_motion: DMatrix<f64>,
-    /// The segments as assembled, for interpolation between nodes.
-    segments: Vec<Segment>,
+    /// Where the DOFs stand.
+    pub(super) geometry: Geometry,
+}
+
+impl From<BeamTable> for Body {
+    fn from(beam: BeamTable) -> Self {
+        Self::Beam(beam)
+    }
 }
 
 impl Structure {
-    /// The beam as its table gives it, clamped at the base.
-    pub fn new(beam: BeamTable) -> Self {
-        let base = BaseFlexibility::default();
-        Self { beam, base, added_masses: Vec::new(), stiffness_factor: 1.0, mass_factor: 1.0 }
+    /// The body as it is given; a beam is clamped at the base.
+    pub fn new(body: impl Into<Body>) -> Self {
+        let (body, base) = (body.into(), BaseFlexibility::default());
+        Self { body, base, added_masses: Vec::new(), stiffness_factor: 1.0, mass_factor: 1.0 }
     }
 
-    /// A beam with effects, applied in their order, clamped at the base but for what they free.
+    /// A body with effects, applied in their order; a beam is clamped at the base but for what they free.
     ///
     /// # Errors
-    /// [`EffectError::OutsideBeam`] where an effect's height is not on this beam.
-    pub fn with_effects(beam: BeamTable, effects: &[Effect]) -> Result<Self, EffectError> {
-        let mut structure = Self::new(beam);
+    /// [`EffectError`] where an effect's height is not on this structure, or it needs a beam table.
+    pub fn with_effects(body: impl Into<Body>, effects: &[Effect]) -> Result<Self, EffectError> {
+        let mut structure = Self::new(body);
         for effect in effects {
             effect.apply(&mut structure)?;
         }
         Ok(structure)
     }
 
-    /// K and M over five DOFs a node, base first and left out.
+    /// Heights of base and top in m; `None` where the body is no line.
+    pub fn z_range_m(&self) -> Option<[f64; 2]> {
+        match &self.body {
+            Body::Beam(beam) => Some([beam.z_base_m(), beam.z_top_m()]),
+            Body::Matrices(matrices) => {
+                matrices.is_line().then_some(())?;
+                let (first, last) = (matrices.nodes.first()?, matrices.nodes.last()?);
+                Some([first.position_m[2], last.position_m[2]])
+            }
+        }
+    }
+
+    /// K and M. A beam has five DOFs a node, base first and left out.
     ///
     /// The base node carries no mass, so its springs are condensed without approximation: with flexibilities C on the
     /// base DOFs b, `x_b = -(I + C K_bb)⁻¹ C K_bf x_f` and `K = K_ff + K_fb x_b/x_f`. C = 0 is the clamped base, so a
     /// flexibility acts smoothly from zero on and M stays positive definite. (I + C K_bb has eigenvalues of 1 and more
     /// for flexibilities of 0 and more, so it always has an inverse.)
     pub fn assemble(&self) -> Assembly {
-        let segments = self.beam.segments();
+        let mut assembly = match &self.body {
+            Body::Beam(beam) => self.assemble_beam(beam),
+            Body::Matrices(ImportedMatrices { stiffness, mass, nodes }) => Assembly {
+                stiffness: stiffness.clone(),
+                mass: mass.clone(),
+                geometry: Geometry::of_nodes(nodes, stiffness),
+            },
+        };
+        for added in &self.added_masses {
+            let motion = assembly.axis_motion(added.z_m);
+            let horizontal = motion.rows(0, 2);
+            assembly.mass += horizontal.tr_mul(&horizontal) * added.mass_kg;
+        }
+        assembly.stiffness *= self.stiffness_factor;
+        assembly.mass *= self.mass_factor;
+        assembly
+    }
+
+    fn assemble_beam(&self, beam: &BeamTable) -> Assembly {
+        let segments = beam.segments();
         let free = segments.len() * DOFS_A_NODE;
         let mut whole = DMatrix::zeros(free + DOFS_A_NODE, free + DOFS_A_NODE);
         for (index, segment) in segments.iter().enumerate() {
@@ -97,10 +143,8 @@ impl Structure {
         );
         let mut stiffness = whole.view((DOFS_A_NODE, DOFS_A_NODE), (free, free)) + base_free.tr_mul(&base_motion);
         // The two sums round differently above and below the diagonal.
-        stiffness = (&stiffness + stiffness.transpose()) * (0.5 * self.stiffness_factor);
+        stiffness = (&stiffness + stiffness.transpose()) * 0.5;
 
-        let mut assembly =
-            Assembly { stiffness, mass: DMatrix::zeros(free, free), base_motion, segments: segments.to_vec() };
         let mut mass = DMatrix::zeros(free, free);
         for (index, segment) in segments.iter().enumerate() {
             let [inertia_x, inertia_y, inertia_z] = segment.inertia_kg_m2;
@@ -110,13 +154,7 @@ impl Structure {
                 mass[(row, row)] += value;
             }
         }
-        for added in &self.added_masses {
-            let motion = assembly.axis_motion(added.z_m);
-            let horizontal = motion.rows(0, 2);
-            mass += horizontal.tr_mul(&horizontal) * added.mass_kg;
-        }
-        assembly.mass = mass * self.mass_factor;
-        assembly
+        Assembly { stiffness, mass, geometry: Geometry::Line(Line::of_beam(segments, base_motion)) }
     }
 }
 
@@ -133,19 +171,18 @@ impl Assembly {
         self.stiffness.nrows()
     }
 
-    /// Heights of the nodes in m, lowest first, the base left out; node i has the DOFs from 5 i on.
-    pub fn node_elevations_m(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
-        self.segments.iter().map(|segment| segment.z_top_m)
+    /// Whether heights mean something: nodes stand above each other.
+    pub fn is_line(&self) -> bool {
+        matches!(self.geometry, Geometry::Line(_))
     }
 
-    /// Height of the base in m.
-    pub fn z_base_m(&self) -> f64 {
-        self.segments.first().map_or(0.0, |segment| segment.z_bottom_m)
-    }
-
-    /// Height of the top in m.
-    pub fn z_top_m(&self) -> f64 {
-        self.segments.last().map_or(0.0, |segment| segment.z_top_m)
+    /// Heights of a beam's nodes in m, lowest first, the base left out; node i has the DOFs from 5 i on. Empty where the
+    /// nodes do not stand above each other.
+    pub fn node_elevations_m(&self) -> Vec<f64> {
+        match &self.geometry {
+            Geometry::Line(line) => line.node_elevations_m().collect(),
+            Geometry::Unknown | Geometry::Space(_) => Vec::new(),
+        }
     }
 
     /// The structure's modes, lowest frequency first.
@@ -153,23 +190,24 @@ impl Assembly {
     /// # Errors
     /// [`EigenError`] where the matrices are not those of a supported structure.
     pub fn modes(&self) -> Result<Modes, EigenError> {
-        eigenmodes(&self.stiffness, &self.mass)
+        Ok(self.modal_basis()?.modes(usize::MAX))
     }
 
-    /// Motion of the beam axis at a height, 5 x DOFs: rows `ux, uy, rx, ry, rz`. Between nodes the element's own shape
-    /// functions (cubic, with the shear correction); heights outside the beam count as its ends.
+    /// All eigenvectors, those without mass included.
+    ///
+    /// # Errors
+    /// As [`Assembly::modes`].
+    pub fn modal_basis(&self) -> Result<ModalBasis, EigenError> {
+        ModalBasis::of(&self.stiffness, &self.mass)
+    }
+
+    /// Motion of the axis at a height, 5 x DOFs: rows `ux, uy, rx, ry, rz`. Between nodes the element's own shape
+    /// functions (cubic, with the shear correction); heights outside count as the ends. Zero where nodes do not stand above
+    /// each other.
     pub fn axis_motion(&self, z_m: f64) -> DMatrix<f64> {
-        let mut motion = DMatrix::zeros(DOFS_A_NODE, self.dofs());
-        let last = self.segments.len().saturating_sub(1);
-        let index = self.segments.iter().position(|segment| z_m <= segment.z_top_m).unwrap_or(last);
-        let Some(segment) = self.segments.get(index) else { return motion };
-        let shape = interpolation(segment, z_m);
-        let (bottom, top) = (shape.columns(0, DOFS_A_NODE), shape.columns(DOFS_A_NODE, DOFS_A_NODE));
-        motion.columns_mut(index * DOFS_A_NODE, DOFS_A_NODE).copy_from(&top);
-        match index.checked_sub(1) {
-            Some(below) => motion.columns_mut(below * DOFS_A_NODE, DOFS_A_NODE).copy_from(&bottom),
-            None => motion += bottom * &self.base_motion,
+        match &self.geometry {
+            Geometry::Line(line) => line.motion(z_m, self.dofs()),
+            Geometry::Unknown | Geometry::Space(_) => DMatrix::zeros(DOFS_A_NODE, self.dofs()),
         }
-        motion
     }
 }

@@ -2,7 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
+use faer::linalg::solvers::{Llt, SelfAdjointEigen};
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::{Mat, MatRef, Par, Side};
+use nalgebra::DMatrix;
 use thiserror::Error;
 
 /// Modes of a structure, lowest frequency first.
@@ -14,11 +17,20 @@ pub struct Modes {
     pub shapes: DMatrix<f64>,
 }
 
+/// All eigenvectors of a supported structure, those without mass included, so that they span every motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModalBasis {
+    /// 1/lambda in s², descending (lowest frequency first); zero for motions without mass.
+    pub inverse_lambda: Vec<f64>,
+    /// The vectors, DOFs x DOFs, `xᵀ K x = 1` and `xᵀ M x = inverse_lambda`.
+    pub vectors: DMatrix<f64>,
+}
+
 /// Why there are no modes.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum EigenError {
     /// The matrices do not fit.
-    #[error("K is {stiffness:?} and M is {mass:?}; both must be square and alike")]
+    #[error("K is {} x {} and M is {} x {}; both must be square and alike", stiffness.0, stiffness.1, mass.0, mass.1)]
     Shape {
         /// Rows and columns of K.
         stiffness: (usize, usize),
@@ -40,7 +52,7 @@ pub enum EigenError {
         "neither K nor M is positive definite: the structure can move freely and parts of it have no mass; support it, or give it mass"
     )]
     NotDefinite,
-    /// The structure can move without strain.
+    /// K allows motion without strain.
     #[error(
         "K is not positive definite (lambda = {lambda:.3e} 1/s²): the structure can move without strain; support it"
     )]
@@ -68,90 +80,97 @@ pub enum EigenError {
 /// An eigenvalue below this share of the largest is rounding: it belongs to a motion without mass (or without strain).
 const NEGLIGIBLE: f64 = 1e-13;
 
-/// Far more sweeps than the QR iteration needs (about two an eigenvalue); a bound so that it ends.
-const MOST_SWEEPS_A_DOF: usize = 100;
-
-/// Solves K x = lambda M x through M x = mu K x with a Cholesky factor of K, where K is positive definite (the structure
-/// is supported): M may then have massless or nearly massless motions, only the modes with mass are returned, and it
-/// is the lowest frequencies that are the most accurate. A factor of M would mix them with the huge eigenvalues of small
-/// rotary inertias; it serves where K is not positive definite, to say by how much (Golub and Van Loan, "Matrix
-/// Computations", section 8.7).
+/// Solves K x = lambda M x; only the modes that have mass are returned.
 ///
 /// # Errors
-/// [`EigenError`] says which matrix is not what a supported structure has.
+/// As [`ModalBasis::of`].
 pub fn eigenmodes(stiffness: &DMatrix<f64>, mass: &DMatrix<f64>) -> Result<Modes, EigenError> {
-    if !stiffness.is_square() || stiffness.shape() != mass.shape() {
-        return Err(EigenError::Shape { stiffness: stiffness.shape(), mass: mass.shape() });
-    }
-    for (matrix, name) in [(stiffness, "K"), (mass, "M")] {
-        if let Some(index) = matrix.iter().position(|value| !value.is_finite()) {
-            let (row, column) = matrix.vector_to_matrix_index(index);
-            return Err(EigenError::NotFinite { matrix: name, row: row + 1, column: column + 1 });
+    Ok(ModalBasis::of(stiffness, mass)?.modes(usize::MAX))
+}
+
+impl ModalBasis {
+    /// Solves K x = lambda M x through M x = mu K x with a Cholesky factor of K, where K is positive definite (the
+    /// structure is supported): M may then have massless or nearly massless motions, and it is the lowest frequencies
+    /// that are the most accurate. A factor of M would mix them with the huge eigenvalues of small rotary inertias; it
+    /// serves where K is not positive definite, to say by how much (Golub and Van Loan, "Matrix Computations",
+    /// section 8.7). Rounding is some 1e-16 of the largest 1/lambda: a mode at 1000 times the lowest frequency has lost
+    /// six of sixteen digits.
+    ///
+    /// # Errors
+    /// [`EigenError`] says which matrix is not what a supported structure has.
+    pub fn of(stiffness: &DMatrix<f64>, mass: &DMatrix<f64>) -> Result<Self, EigenError> {
+        if !stiffness.is_square() || stiffness.shape() != mass.shape() {
+            return Err(EigenError::Shape { stiffness: stiffness.shape(), mass: mass.shape() });
         }
-    }
-    let Some(factor) = sound_factor(stiffness) else {
-        let factor = sound_factor(mass).ok_or(EigenError::NotDefinite)?;
-        let (lambdas, vectors) = reduced(&factor, stiffness)?;
-        return match lambdas.iter().copied().reduce(f64::min) {
-            Some(least) if least <= NEGLIGIBLE * lambdas.amax() => Err(EigenError::Unsupported { lambda: least }),
-            _ => Ok(ascending(&lambdas, |lambda| lambda, &vectors, |_| 1.0)),
+        for (matrix, name) in [(stiffness, "K"), (mass, "M")] {
+            if let Some(index) = matrix.iter().position(|value| !value.is_finite()) {
+                let (row, column) = matrix.vector_to_matrix_index(index);
+                return Err(EigenError::NotFinite { matrix: name, row: row + 1, column: column + 1 });
+            }
+        }
+        let Some(factor) = sound_factor(stiffness) else {
+            let factor = sound_factor(mass).ok_or(EigenError::NotDefinite)?;
+            let lambda = least(&reduced(&factor, stiffness)?.0);
+            return Err(EigenError::Unsupported { lambda });
         };
-    };
-    let (inverses, vectors) = reduced(&factor, mass)?;
-    let greatest = inverses.amax();
-    if greatest == 0.0 {
-        return Err(EigenError::Massless);
+        let (ascending, reduced_vectors) = reduced(&factor, mass)?;
+        let greatest = ascending.iter().fold(0.0, |most: f64, mu| most.max(mu.abs()));
+        if greatest == 0.0 {
+            return Err(EigenError::Massless);
+        }
+        let inverse_lambda = least(&ascending);
+        if inverse_lambda < -1e-9 * greatest {
+            return Err(EigenError::NegativeMass { inverse_lambda });
+        }
+        let mut vectors = reduced_vectors;
+        solve_upper_triangular_in_place(factor.L().transpose(), vectors.as_mut(), Par::Seq);
+        let dofs = ascending.len();
+        let inverse_lambda = ascending.iter().rev().map(|&mu| if mu > NEGLIGIBLE * greatest { mu } else { 0.0 });
+        Ok(Self {
+            inverse_lambda: inverse_lambda.collect(),
+            vectors: DMatrix::from_fn(dofs, dofs, |row, mode| vectors[(row, dofs - 1 - mode)]),
+        })
     }
-    if let Some(&inverse_lambda) = inverses.iter().find(|&&mu| mu < -1e-9 * greatest) {
-        return Err(EigenError::NegativeMass { inverse_lambda });
+
+    /// The lowest modes that have mass, at most `most` of them.
+    pub fn modes(&self, most: usize) -> Modes {
+        let massive: Vec<f64> = self.inverse_lambda.iter().copied().take_while(|&mu| mu > 0.0).take(most).collect();
+        let mut shapes = self.vectors.columns(0, massive.len()).into_owned();
+        for (mut shape, &mu) in shapes.column_iter_mut().zip(&massive) {
+            // xᵀ M x = mu here, so a mass-normalised shape is x / sqrt(mu).
+            let sign = if shape[shape.icamax()] < 0.0 { -1.0 } else { 1.0 };
+            shape *= sign / mu.sqrt();
+        }
+        Modes { frequency_hz: massive.iter().map(|mu| 1.0 / (TAU * mu.sqrt())).collect(), shapes }
     }
-    // xᵀ K x = 1 here, so xᵀ M x = mu; a mass-normalised shape is x / sqrt(mu).
-    let massive = |mu: f64| if mu > NEGLIGIBLE * greatest { 1.0 / mu } else { f64::INFINITY };
-    Ok(ascending(&inverses, massive, &vectors, |mu| 1.0 / mu.sqrt()))
+}
+
+fn least(values: &[f64]) -> f64 {
+    values.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// A matrix as the eigen-solver's library sees it; both store column after column.
+fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
+    MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
 }
 
 /// A Cholesky factor, unless a pivot shows that the matrix is singular up to rounding (entries are of
 /// different units and rightly differ by many powers of ten, so each pivot is held against its own diagonal entry).
-fn sound_factor(matrix: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
-    let factor = Cholesky::new(matrix.clone())?;
-    let sound = factor
-        .l_dirty()
-        .diagonal()
-        .iter()
-        .zip(matrix.diagonal().iter())
-        .all(|(&pivot, &entry)| pivot * pivot > NEGLIGIBLE * entry);
+fn sound_factor(matrix: &DMatrix<f64>) -> Option<Llt<f64>> {
+    let factor = Llt::new(view(matrix), Side::Lower).ok()?;
+    let lower = factor.L();
+    let sound = (0..matrix.nrows()).all(|i| lower[(i, i)] * lower[(i, i)] > NEGLIGIBLE * matrix[(i, i)]);
     sound.then_some(factor)
 }
 
-/// Eigenvalues and vectors of `other x = value (L Lᵀ) x`, vectors with `xᵀ L Lᵀ x = 1`.
-fn reduced(factor: &Cholesky<f64, Dyn>, other: &DMatrix<f64>) -> Result<(DVector<f64>, DMatrix<f64>), EigenError> {
-    let dofs = other.nrows();
-    let lower = factor.l_dirty();
-    let not_converged = EigenError::NotConverged { dofs };
-    let half = lower.solve_lower_triangular(other).ok_or(not_converged.clone())?;
-    let whole = lower.solve_lower_triangular(&half.transpose()).ok_or(not_converged.clone())?;
-    let symmetric = (&whole + whole.transpose()) * 0.5;
-    let eigen = SymmetricEigen::try_new(symmetric, f64::EPSILON, MOST_SWEEPS_A_DOF * dofs.max(1))
-        .ok_or(not_converged.clone())?;
-    let vectors = lower.tr_solve_lower_triangular(&eigen.eigenvectors).ok_or(not_converged)?;
-    Ok((eigen.eigenvalues, vectors))
-}
-
-/// Sorts by `lambda(value)`, drops the infinite, scales each vector by `scale(value)` and fixes its sign.
-fn ascending(
-    values: &DVector<f64>,
-    lambda: impl Fn(f64) -> f64,
-    vectors: &DMatrix<f64>,
-    scale: impl Fn(f64) -> f64,
-) -> Modes {
-    let mut order: Vec<usize> = (0..values.len()).filter(|&i| lambda(values[i]).is_finite()).collect();
-    order.sort_by(|&i, &j| lambda(values[i]).total_cmp(&lambda(values[j])));
-    let frequency_hz = order.iter().map(|&i| lambda(values[i]).max(0.0).sqrt() / TAU).collect();
-    let mut shapes = DMatrix::zeros(vectors.nrows(), order.len());
-    for (mut shape, &i) in shapes.column_iter_mut().zip(&order) {
-        let vector = vectors.column(i);
-        let largest = vector[vector.icamax()];
-        shape.copy_from(&(vector * (scale(values[i]) * if largest < 0.0 { -1.0 } else { 1.0 })));
-    }
-    Modes { frequency_hz, shapes }
+/// Eigenvalues, ascending, and vectors y of `L⁻¹ other L⁻ᵀ y = value y`.
+fn reduced(factor: &Llt<f64>, other: &DMatrix<f64>) -> Result<(Vec<f64>, Mat<f64>), EigenError> {
+    let mut half = view(other).to_owned();
+    solve_lower_triangular_in_place(factor.L(), half.as_mut(), Par::Seq);
+    let mut whole = half.transpose().to_owned();
+    solve_lower_triangular_in_place(factor.L(), whole.as_mut(), Par::Seq);
+    let symmetric = (&whole + whole.transpose()) * faer::Scale(0.5);
+    let eigen = SelfAdjointEigen::new(symmetric.as_ref(), Side::Lower)
+        .map_err(|_| EigenError::NotConverged { dofs: other.nrows() })?;
+    Ok((eigen.S().column_vector().iter().copied().collect(), eigen.U().to_owned()))
 }

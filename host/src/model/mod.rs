@@ -1,10 +1,10 @@
 //! Finite element models: beam tables and the generalised eigenproblem.
 //!
-//! A [`BeamTable`] flows in, [`effect`]s change the [`Structure`] made of it, [`Structure::assemble`] turns it into the
-//! mass and stiffness matrices of an [`Assembly`]; [`Assembly::modes`] and [`Assembly::sensor_rows`] say what flows
+//! A [`BeamTable`] or [`ImportedMatrices`] flow in, [`effect`]s change the [`Structure`] made of it,
+//! [`Structure::assemble`] turns it into the mass and stiffness matrices of an [`Assembly`]; [`Assembly::modes`] and [`Assembly::sensor_rows`] say what flows
 //! out: frequencies, mode shapes, and what a sensor sees of them.
 //!
-//! Every node has five degrees of freedom in this order: `ux`, `uy`, `rx`, `ry`, `rz` (global axes, Z up, rotations
+//! Every node of a beam has five degrees of freedom in this order: `ux`, `uy`, `rx`, `ry`, `rz` (global axes, Z up, rotations
 //! right-handed, so that a beam rigid in shear has `ry = dux/dz` and `rx = -duy/dz`). There is no axial one. The base
 //! node is left out of the matrices.
 
@@ -13,13 +13,20 @@ mod beam;
 pub mod effect;
 mod eigen;
 mod element;
+mod geometry;
+mod layout;
+mod load;
+mod matrices;
 mod sensor;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use assembly::{AddedMass, Assembly, BaseFlexibility, Structure};
+pub use assembly::{AddedMass, Assembly, BaseFlexibility, Body, Structure};
 pub use beam::{BeamError, BeamTable, Segment};
-pub use eigen::{EigenError, Modes, eigenmodes};
+pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
+pub use layout::{LayoutError, LayoutNode};
+pub use load::{LoadedModel, ModelError, load};
+pub use matrices::{ImportedMatrices, MatrixError};
 pub use sensor::SensorError;
 
 /// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.

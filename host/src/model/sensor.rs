@@ -4,6 +4,8 @@ use nalgebra::{DMatrix, RowDVector};
 use thiserror::Error;
 
 use super::Assembly;
+use super::geometry::Geometry;
+use super::layout::LayoutNode;
 use crate::study::{Direction, Sensor};
 
 /// Why a sensor has no place in the model.
@@ -23,7 +25,7 @@ pub enum SensorError {
     },
     /// It stands above or below the beam.
     #[error(
-        "channel {channel}: elevation_m = {elevation_m} lies outside the beam, which stands from {z_base_m} m to {z_top_m} m"
+        "channel {channel}: elevation_m = {elevation_m} lies outside the structure, which stands from {z_base_m} m to {z_top_m} m"
     )]
     OutsideBeam {
         /// The channel.
@@ -34,6 +36,28 @@ pub enum SensorError {
         z_base_m: f64,
         /// Where it ends.
         z_top_m: f64,
+    },
+    /// The model's matrices come without places.
+    #[error(
+        "channel {channel}: the model's matrices come without places of their rows; give the sensor a `dof` (row of the matrices, from 1), or the matrices `nodes` or `dofs`"
+    )]
+    NoPlaces {
+        /// The channel.
+        channel: String,
+    },
+    /// It stands at no node of a structure in space.
+    #[error(
+        "channel {channel}: no node stands at {place:?} m (x, y, height); the nearest, {nearest}, stands at {position_m:?}"
+    )]
+    NotAtNode {
+        /// The channel.
+        channel: String,
+        /// Where the sensor stands.
+        place: [f64; 3],
+        /// The nearest node's name.
+        nearest: String,
+        /// Where that stands.
+        position_m: [f64; 3],
     },
     /// It names a row that the matrices do not have.
     #[error("channel {channel}: dof = {dof}, but the model's matrices have the rows 1 to {dofs}")]
@@ -49,6 +73,8 @@ pub enum SensorError {
 
 /// A sensor this far (in m) outside the beam stands at its end: rounding in the files.
 const END_TOLERANCE_M: f64 = 1e-6;
+/// A sensor this near (in m) to a node of a structure in space stands at it.
+const NODE_TOLERANCE_M: f64 = 1e-3;
 
 impl Assembly {
     /// Motion at the sensors, sensors x DOFs, in the sensors' order and positive directions.
@@ -76,19 +102,50 @@ impl Assembly {
         }
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
         let direction = sensor.direction.ok_or_else(|| SensorError::NoDirection { channel: channel() })?;
-        let (z_base_m, z_top_m) = (self.z_base_m(), self.z_top_m());
-        if !(z_base_m - END_TOLERANCE_M..=z_top_m + END_TOLERANCE_M).contains(&elevation_m) {
-            return Err(SensorError::OutsideBeam { channel: channel(), elevation_m, z_base_m, z_top_m });
-        }
-        let axis = self.axis_motion(elevation_m);
         let [x, y] = sensor.offset_m;
-        let (ux, uy, rx, ry, rz) = (axis.row(0), axis.row(1), axis.row(2), axis.row(3), axis.row(4));
+        // Columns of (ux, uy, uz) at the sensor over the DOFs.
+        let [ux, uy, uz] = match &self.geometry {
+            Geometry::Line(line) => {
+                let (z_base_m, z_top_m) = (line.z_base_m(), line.z_top_m());
+                if !(z_base_m - END_TOLERANCE_M..=z_top_m + END_TOLERANCE_M).contains(&elevation_m) {
+                    return Err(SensorError::OutsideBeam { channel: channel(), elevation_m, z_base_m, z_top_m });
+                }
+                let axis = line.motion(elevation_m, self.dofs());
+                let (ux, uy, rx, ry, rz) = (axis.row(0), axis.row(1), axis.row(2), axis.row(3), axis.row(4));
+                [ux - rz * y, uy + rz * x, rx * y - ry * x]
+            }
+            Geometry::Space(nodes) => {
+                let place = [x, y, elevation_m];
+                let distance = |node: &&LayoutNode| {
+                    node.position_m.iter().zip(place).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+                };
+                let nearest = nodes.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+                let nearest = nearest.ok_or_else(|| SensorError::NoPlaces { channel: channel() })?;
+                if distance(&nearest) > NODE_TOLERANCE_M {
+                    return Err(SensorError::NotAtNode {
+                        channel: channel(),
+                        place,
+                        nearest: nearest.name.clone(),
+                        position_m: nearest.position_m,
+                    });
+                }
+                let unit = |dof: usize| {
+                    let mut row = RowDVector::zeros(self.dofs());
+                    if let Some(index) = nearest.rows[dof] {
+                        row[index] = 1.0;
+                    }
+                    row
+                };
+                [unit(0), unit(1), unit(5)]
+            }
+            Geometry::Unknown => return Err(SensorError::NoPlaces { channel: channel() }),
+        };
         Ok(match direction {
             Direction::AzimuthDeg(azimuth_deg) => {
                 let (sin, cos) = azimuth_deg.to_radians().sin_cos();
-                (ux - rz * y) * cos + (uy + rz * x) * sin
+                ux * cos + uy * sin
             }
-            Direction::Up => rx * y - ry * x,
+            Direction::Up => uz,
         })
     }
 }

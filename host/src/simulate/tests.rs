@@ -353,7 +353,7 @@ fn study(folder: &Path, setups: Vec<Setup>) -> Study {
         setups,
         analysis: Analysis { band_hz: None, decimated_rate_hz: None, segment: None },
         model: None,
-        unused: Vec::new(),
+        measured: None,
     }
 }
 

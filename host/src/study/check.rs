@@ -18,20 +18,9 @@ const RATIO_TOLERANCE: f64 = 2e-5;
 
 /// The sensors of one setup against each other; `sections` are theirs, in the same order.
 pub(super) fn sensors(setup: &Setup, sections: &[Section<'_>]) -> Result<(), StudyError> {
-    let mut channels = HashMap::new();
-    let mut points = HashMap::new();
+    places(&setup.sensors, sections)?;
     let mut node_channels: HashMap<u16, usize> = HashMap::new();
     for (sensor, section) in setup.sensors.iter().zip(sections) {
-        unique(
-            &mut channels,
-            &sensor.channel,
-            section,
-            "channel",
-            "each channel has one [[setup.sensor]] in its setup",
-        )?;
-        let advice = "give every point of a setup its own `point` (it is the channel's name unless given)";
-        unique(&mut points, &sensor.point, section, "point", advice)?;
-
         let taken = node_channels.entry(sensor.node).or_default();
         *taken += 1;
         if *taken > CHANNELS_PER_NODE {
@@ -61,6 +50,19 @@ fn unique<'n>(
         Some(first_line) => Err(StudyError::Duplicate { place, name: name.to_owned(), first_line, advice }),
         None => Ok(()),
     }
+}
+
+/// Every sensor of an arrangement has a channel and a point of its own.
+pub(super) fn places(sensors: &[Sensor], sections: &[Section<'_>]) -> Result<(), StudyError> {
+    let mut channels = HashMap::new();
+    let mut points = HashMap::new();
+    for (sensor, section) in sensors.iter().zip(sections) {
+        let advice = "each channel has one sensor in its arrangement";
+        unique(&mut channels, &sensor.channel, section, "channel", advice)?;
+        let advice = "give every point of an arrangement its own `point` (it is the channel's name unless given)";
+        unique(&mut points, &sensor.point, section, "point", advice)?;
+    }
+    Ok(())
 }
 
 fn sensitivity(setup: &Setup, sensor: &Sensor, section: &Section<'_>) -> Result<(), StudyError> {

@@ -254,6 +254,28 @@ pub enum StudyError {
         /// The study's file.
         file: PathBuf,
     },
+    /// Both a recording and modes from elsewhere.
+    #[error(
+        "{place}: a study has either [measured] (modes from elsewhere) or [[setup]] (line {setup_line}: a recording), this one has both; remove one"
+    )]
+    MeasuredTwice {
+        /// `[measured]`.
+        place: Place,
+        /// Line of the first setup.
+        setup_line: usize,
+    },
+    /// A sensor that belongs to no setup.
+    #[error("{place}: a sensor of a recording stands under its setup as [[setup.sensor]]; [[sensor]] goes with [measured]")]
+    SensorOutsideSetup {
+        /// The sensor.
+        place: Place,
+    },
+    /// Two layouts.
+    #[error("{place}: matrices have either `nodes` or `dofs`; remove one")]
+    LayoutTwice {
+        /// The second.
+        place: Place,
+    },
     /// A model of nothing, or of two things.
     #[error(
         "{place}: a model has either `beam` or `matrices`, this one has {}",

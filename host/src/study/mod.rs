@@ -1,7 +1,6 @@
 //! The study: a folder with `study.toml`, which says what was measured where, and what to make of it.
 //!
-//! Text flows in, validated types flow out; every error names the file, the line and what was expected. Sections that
-//! only later versions of Belfry act on do not stand in the way: they are named in [`Study::unused`].
+//! Text flows in, validated types flow out; every error names the file, the line and what was expected.
 
 mod check;
 mod error;
@@ -13,7 +12,10 @@ mod types;
 use std::path::Path;
 
 pub use error::{Place, StudyError};
-pub use types::{Analysis, Direction, Effect, Model, Sensor, Setup, Structure, Study, Unit, Unused};
+pub use types::{
+    Analysis, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, Model, ModelSource, Sensor, Setup,
+    Structure, Study, Unit,
+};
 
 /// The file of a study that a user writes.
 pub const STUDY_FILE: &str = "study.toml";

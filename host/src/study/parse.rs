@@ -7,7 +7,10 @@ use toml::de::DeTable;
 use super::check;
 use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
-use super::types::{Analysis, Direction, Effect, Model, Sensor, Setup, Structure, Study, Unit, Unused};
+use super::types::{
+    Analysis, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, Model, ModelSource, Sensor, Setup,
+    Structure, Study, Unit,
+};
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
 const STRUCTURE_KEYS: &[&str] = &["name"];
@@ -24,6 +27,8 @@ const SENSOR_KEYS: &[&str] = &[
     "dof",
 ];
 const ANALYSIS_KEYS: &[&str] = &["band_hz", "decimated_rate_hz", "segment"];
+const MEASURED_KEYS: &[&str] = &["modes"];
+const MATRICES_KEYS: &[&str] = &["file", "stiffness", "mass", "nodes", "dofs"];
 const MODEL_KEYS: &[&str] =
     &["beam", "matrices", "background_stiffness", "background_mass", "correlation_length_m", "effect"];
 
@@ -46,7 +51,8 @@ pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
     )?;
     let setup_sections = document.tables("setup")?;
     let setups = setup_sections.iter().map(setup).collect::<Result<Vec<_>, _>>()?;
-    if setups.is_empty() && document.tables("sensor")?.is_empty() {
+    let measured = measured(&document, &setup_sections)?;
+    if setups.is_empty() && measured.is_none() {
         return Err(StudyError::NothingMeasured { file });
     }
     check::setups(&setups, &setup_sections)?;
@@ -61,24 +67,33 @@ pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
         None => Analysis::default(),
     };
 
-    let mut unused = ["sensor", "measured"].iter().filter_map(|key| document.get(key)).collect::<Vec<_>>();
     let model = match document.get("model") {
-        Some(entry) => {
-            let section = entry.section("a section, written [model]")?;
-            unused.extend(["matrices", "effect"].iter().filter_map(|key| section.get(key)));
-            model(&section)?
-        }
+        Some(entry) => Some(model(&entry.section("a section, written [model]")?)?),
         None => None,
     };
-    let mut unused = unused.iter().map(unused_key).collect::<Vec<_>>();
-    unused.sort_by_key(|unused| unused.line);
-    Ok(Study { folder: folder.to_owned(), structure, setups, analysis, model, unused })
+    Ok(Study { folder: folder.to_owned(), structure, setups, measured, analysis, model })
 }
 
-/// Names what stands in the file for later versions: modes identified elsewhere with their sensors, matrices, effects.
-fn unused_key(entry: &Entry<'_>) -> Unused {
-    let place = entry.first_place();
-    Unused { line: place.line, key: place.key }
+/// `[measured]` with its `[[sensor]]`s; a study has these or setups.
+fn measured(document: &Section<'_>, setups: &[Section<'_>]) -> Result<Option<MeasuredSource>, StudyError> {
+    const MODES: &str = "the name of a file of modes, in quotes, such as \"modes.csv\"";
+    let sections = document.tables("sensor")?;
+    let Some(entry) = document.get("measured") else {
+        return match (sections.first(), setups.is_empty()) {
+            (Some(section), false) => Err(StudyError::SensorOutsideSetup { place: section.place() }),
+            (Some(_), true) => Err(document.missing("measured", "[measured] with modes = \"modes.csv\", the modes of these sensors")),
+            (None, _) => Ok(None),
+        };
+    };
+    if let Some(setup) = setups.first() {
+        return Err(StudyError::MeasuredTwice { place: entry.place(), setup_line: setup.place().line });
+    }
+    let section = entry.section("a section, written [measured]")?;
+    section.allow_only(MEASURED_KEYS)?;
+    let modes = PathBuf::from(section.required("modes", MODES)?.text(MODES)?);
+    let sensors = sections.iter().map(|section| sensor(section, false)).collect::<Result<Vec<_>, _>>()?;
+    check::places(&sensors, &sections)?;
+    Ok(Some(MeasuredSource { modes, sensors }))
 }
 
 fn structure(section: &Section<'_>) -> Result<Structure, StudyError> {
@@ -111,7 +126,7 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
         let expected = "one [[setup.sensor]] for each channel of the recording, below the setup's own keys";
         return Err(section.missing("sensor", expected));
     }
-    let sensors = sensor_sections.iter().map(sensor).collect::<Result<Vec<_>, _>>()?;
+    let sensors = sensor_sections.iter().map(|section| sensor(section, true)).collect::<Result<Vec<_>, _>>()?;
     let setup = Setup { name, files, variable, sampling_rate_hz, unit, sensors };
     check::sensors(&setup, &sensor_sections)?;
     Ok(setup)
@@ -144,7 +159,8 @@ fn unit(entry: &Entry<'_>, expected: &'static str) -> Result<Unit, StudyError> {
     }
 }
 
-fn sensor(section: &Section<'_>) -> Result<Sensor, StudyError> {
+/// `sampled`: by a node, as the sensors of a setup are.
+fn sensor(section: &Section<'_>, sampled: bool) -> Result<Sensor, StudyError> {
     section.allow_only(SENSOR_KEYS)?;
     const CHANNEL: &str = "the column's name or its 1-based position, in quotes, such as \"01\"";
     const POINT: &str = "a name for the measurement point, in quotes";
@@ -160,8 +176,12 @@ fn sensor(section: &Section<'_>) -> Result<Sensor, StudyError> {
         Some(entry) => entry.text(POINT)?,
         None => channel.clone(),
     };
-    // The ranges make both conversions lossless.
-    let node = section.required("node", NODE)?.whole(1..65536, NODE)? as u16;
+    let node = match section.get("node") {
+        // The range makes the conversion lossless.
+        Some(entry) => entry.whole(1..65536, NODE)? as u16,
+        None if sampled => return Err(section.missing("node", NODE)),
+        None => 0,
+    };
     let dof = section.get("dof").map(|entry| entry.whole(1..i64::from(u32::MAX), DOF)).transpose()?;
     Ok(Sensor {
         channel,
@@ -221,33 +241,76 @@ fn analysis(section: &Section<'_>) -> Result<Analysis, StudyError> {
     Ok(Analysis { band_hz, decimated_rate_hz, segment })
 }
 
-/// `None` where the model is given as matrices, which later versions read.
-fn model(section: &Section<'_>) -> Result<Option<Model>, StudyError> {
+fn model(section: &Section<'_>) -> Result<Model, StudyError> {
     section.allow_only(MODEL_KEYS)?;
     const BEAM: &str = "the name of a beam table, in quotes, such as \"beam.csv\"";
+    const MATRICES: &str = "a table such as { file = \"model.mat\", stiffness = \"K\", mass = \"M\", nodes = \"nodes.csv\" }";
     const BACKGROUND: &str = "a relative standard deviation, a number above 0 such as 0.03";
     const LENGTH: &str = "a length in metres, a number above 0";
 
     let optional_positive =
         |key, expected| section.get(key).map(|entry: Entry<'_>| entry.positive(expected)).transpose();
-    let background_stiffness = optional_positive("background_stiffness", BACKGROUND)?;
-    let background_mass = optional_positive("background_mass", BACKGROUND)?;
-    let correlation_length_m = optional_positive("correlation_length_m", LENGTH)?;
-    let effects = section.tables("effect")?.iter().map(effect).collect::<Result<Vec<_>, _>>()?;
-    match (section.get("beam"), section.get("matrices")) {
-        (Some(beam), None) => {
-            let beam = PathBuf::from(beam.text(BEAM)?);
-            Ok(Some(Model { beam, background_stiffness, background_mass, correlation_length_m, effects }))
-        }
-        (None, Some(_)) => Ok(None),
-        (beam, _) => Err(StudyError::ModelSource { place: section.place(), both: beam.is_some() }),
+    let source = match (section.get("beam"), section.get("matrices")) {
+        (Some(beam), None) => ModelSource::Beam(PathBuf::from(beam.text(BEAM)?)),
+        (None, Some(matrices)) => ModelSource::Matrices(matrix_source(&matrices.section(MATRICES)?)?),
+        (beam, _) => return Err(StudyError::ModelSource { place: section.place(), both: beam.is_some() }),
+    };
+    Ok(Model {
+        source,
+        background_stiffness: optional_positive("background_stiffness", BACKGROUND)?,
+        background_mass: optional_positive("background_mass", BACKGROUND)?,
+        correlation_length_m: optional_positive("correlation_length_m", LENGTH)?,
+        effects: section.tables("effect")?.iter().map(effect).collect::<Result<Vec<_>, _>>()?,
+    })
+}
+
+fn matrix_source(section: &Section<'_>) -> Result<MatrixSource, StudyError> {
+    section.allow_only(MATRICES_KEYS)?;
+    const FILE: &str = "the name of a MATLAB v5 file, in quotes, such as \"model.mat\"";
+    const STIFFNESS: &str = "the stiffness matrix: a name such as \"K\" or \"k.mtx\", or a list of names and [name, factor] pairs";
+    const MASS: &str = "the mass matrix: a name such as \"M\" or \"m.mtx\", or a list of names and [name, factor] pairs";
+    const LAYOUT: &str = "the name of a CSV file, in quotes, such as \"nodes.csv\"";
+
+    let path = |key, expected| section.get(key).map(|entry: Entry<'_>| entry.text(expected).map(PathBuf::from)).transpose();
+    let layout = match (path("nodes", LAYOUT)?, path("dofs", LAYOUT)?) {
+        (Some(_), Some(_)) => return Err(StudyError::LayoutTwice { place: section.place_of("dofs") }),
+        (Some(nodes), None) => Some(LayoutFile::Nodes(nodes)),
+        (None, dofs) => dofs.map(LayoutFile::Dofs),
+    };
+    Ok(MatrixSource {
+        file: path("file", FILE)?,
+        stiffness: matrix_terms(&section.required("stiffness", STIFFNESS)?, STIFFNESS)?,
+        mass: matrix_terms(&section.required("mass", MASS)?, MASS)?,
+        layout,
+    })
+}
+
+/// A name, or a list of names and `[name, factor]` pairs.
+fn matrix_terms(entry: &Entry<'_>, expected: &'static str) -> Result<Vec<MatrixTerm>, StudyError> {
+    if entry.is_text() {
+        return Ok(vec![MatrixTerm { name: entry.text(expected)?, factor: 1.0 }]);
     }
+    let entries = entry.list(expected)?;
+    if entries.is_empty() {
+        return Err(entry.out_of_range(expected));
+    }
+    let term = |entry: &Entry<'_>| {
+        if entry.is_text() {
+            return Ok(MatrixTerm { name: entry.text(expected)?, factor: 1.0 });
+        }
+        match entry.list(expected)?.as_slice() {
+            [name, factor] => Ok(MatrixTerm { name: name.text(expected)?, factor: factor.number(expected)? }),
+            _ => Err(entry.out_of_range(expected)),
+        }
+    };
+    entries.iter().map(term).collect()
 }
 
 fn effect(section: &Section<'_>) -> Result<Effect, StudyError> {
     const KIND: &str = "an effect of the catalogue, in quotes, such as \"base-rotation\"";
     const WHERE: &str = "the place of the effect, in quotes, such as \"225.2m\", \"ch07\" or \"node3\"";
     Ok(Effect {
+        line: section.place().line,
         kind: section.required("kind", KIND)?.text(KIND)?,
         location: section.get("where").map(|entry| entry.text(WHERE)).transpose()?,
         parameters: section.rest(&["kind", "where"])?,

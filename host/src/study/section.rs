@@ -141,12 +141,6 @@ impl<'a> Entry<'a> {
         self.source.place(self.value.span(), self.key.clone())
     }
 
-    /// Where the value starts; of a list of tables, the first.
-    pub(super) fn first_place(&self) -> Place {
-        let first = self.value.get_ref().as_array().and_then(|array| array.iter().next());
-        self.source.place(first.unwrap_or(self.value).span(), self.key.clone())
-    }
-
     /// The first line of the value as the user wrote it.
     pub(super) fn written(&self) -> String {
         let text = self.source.text.get(self.value.span()).unwrap_or_default();

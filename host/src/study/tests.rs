@@ -92,8 +92,8 @@ fn a_sound_study_is_read_with_every_value_in_its_place() {
     let analysis = Analysis { band_hz: Some([0.5, 10.0]), decimated_rate_hz: Some(25.0), segment: Some(1024) };
     assert_eq!(study.analysis, analysis);
     let model = study.model.unwrap();
-    assert_eq!((model.beam, model.background_stiffness), (PathBuf::from("beam.csv"), Some(0.03)));
-    assert!(study.unused.is_empty());
+    let beam = ModelSource::Beam(PathBuf::from("beam.csv"));
+    assert_eq!((model.source, model.background_stiffness), (beam, Some(0.03)));
 }
 
 #[test]
@@ -224,18 +224,37 @@ fn setups_are_tied_together_by_reference_points() {
 }
 
 #[test]
-fn what_later_versions_use_is_kept_or_named_but_no_fault() {
+fn modes_from_elsewhere_and_matrices_stand_in_for_recordings_and_beam_tables() {
     let elsewhere = "[structure]\nname = \"a\"\n[measured]\nmodes = \"modes.csv\"\n[[sensor]]\nchannel = \"1\"\n\
-                     dof = 3\n[model]\nmatrices = { file = \"m.mat\", stiffness = \"k\", mass = \"m\" }\n";
+                     dof = 3\n[model]\nmatrices = { file = \"m.mat\", stiffness = [\"k\", [\"spring\", 0.5]], mass = \"m.mtx\" }\n";
     let study = load(elsewhere).unwrap();
-    assert!(study.setups.is_empty() && study.model.is_none());
-    let unused = study.unused.iter().map(|unused| (unused.line, unused.key.as_str())).collect::<Vec<_>>();
-    assert_eq!(unused, [(3, "measured"), (5, "sensor"), (9, "model.matrices")]);
+    assert!(study.setups.is_empty());
+    assert_eq!(study.measured.as_ref().unwrap().modes, PathBuf::from("modes.csv"));
+    assert_eq!(study.sensors()[0].dof, Some(3));
+    let ModelSource::Matrices(matrices) = study.model.unwrap().source else { panic!("matrices were given") };
+    let term = |name: &str, factor| MatrixTerm { name: name.to_owned(), factor };
+    assert_eq!(matrices.stiffness, [term("k", 1.0), term("spring", 0.5)]);
+    assert_eq!(matrices.mass, [term("m.mtx", 1.0)]);
+    assert_eq!(matrices.file, Some(PathBuf::from("m.mat")));
 
+    let frequencies_alone = "[structure]\nname = \"a\"\n[measured]\nmodes = \"modes.csv\"\n";
+    assert!(load(frequencies_alone).unwrap().sensors().is_empty());
+    assert_told(&format!("{SOUND}[measured]\nmodes = \"m.csv\"\n"), 27, &["[[setup]] (line 3", "remove one"]);
+    assert_told(&format!("{SOUND}[[sensor]]\nchannel = \"1\"\n"), 27, &["[[setup.sensor]]"]);
+    assert_told(&elsewhere.replace("[measured]\nmodes = \"modes.csv\"\n", ""), 1, &["needs `measured`"]);
+    let wrong = |from: &str, to: &str, expected: &[&str]| assert_told(&elsewhere.replace(from, to), 9, expected);
+    wrong("\"m.mtx\"", "[]", &["`model.matrices.mass`", "found []"]);
+    wrong("0.5", "\"half\"", &["`model.matrices.stiffness`", "[name, factor]"]);
+    wrong("file =", "fiel =", &["did you mean `file`"]);
+    wrong("mass =", "nodes = \"n.csv\", dofs = \"d.csv\", mass =", &["either `nodes` or `dofs`"]);
+}
+
+#[test]
+fn effects_are_kept_as_written() {
     let effect = "[[model.effect]]\nkind = \"tuned-mass-damper\"\nwhere = \"80m\"\nmass = 4e5\naxis = \"x\"\n";
     let study = load(&format!("{SOUND}{effect}")).unwrap();
-    assert_eq!(study.unused[0].key, "model.effect");
     let effect = &study.model.unwrap().effects[0];
+    assert_eq!(effect.line, 27);
     assert_eq!((effect.kind.as_str(), effect.location.as_deref()), ("tuned-mass-damper", Some("80m")));
     assert_eq!(effect.parameters["mass"].as_float(), Some(4e5));
     assert_eq!(effect.parameters["axis"].as_str(), Some("x"));

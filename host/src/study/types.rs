@@ -1,6 +1,5 @@
 //! What a study says, as validated types with units in their names.
 
-use std::fmt;
 use std::path::PathBuf;
 
 /// A study as read from its folder, validated.
@@ -12,12 +11,12 @@ pub struct Study {
     pub structure: Structure,
     /// The measurements, at least one for everything but a study of modes measured elsewhere.
     pub setups: Vec<Setup>,
+    /// Modes identified elsewhere, instead of setups.
+    pub measured: Option<MeasuredSource>,
     /// How to analyse them.
     pub analysis: Analysis,
-    /// The finite element model, where the study has a beam.
+    /// The finite element model, where the study has one.
     pub model: Option<Model>,
-    /// What stands in `study.toml` for later versions of Belfry and has no influence on this one.
-    pub unused: Vec<Unused>,
 }
 
 /// `[structure]`.
@@ -25,6 +24,15 @@ pub struct Study {
 pub struct Structure {
     /// A name for titles.
     pub name: String,
+}
+
+/// `[measured]`: modes identified elsewhere, with the sensors that they stand at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredSource {
+    /// The file of modes, relative to the study's folder.
+    pub modes: PathBuf,
+    /// `[[sensor]]`; none where only frequencies were measured.
+    pub sensors: Vec<Sensor>,
 }
 
 /// `[[setup]]`: one measurement with its sensors in one arrangement.
@@ -65,7 +73,7 @@ pub struct Sensor {
     /// The measurement point's name, unique within a setup; the channel's name unless given. Reference sensors are
     /// matched between setups by it.
     pub point: String,
-    /// The sensor node that samples this channel.
+    /// The sensor node that samples this channel; 0 for modes identified elsewhere, where none is named.
     pub node: u16,
     /// Height in metres, where known. Identification needs none; comparison with a model does.
     pub elevation_m: Option<f64>,
@@ -104,22 +112,63 @@ pub struct Analysis {
 /// `[model]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
-    /// Path of the beam table, relative to the study's folder.
-    pub beam: PathBuf,
+    /// What it is read from.
+    pub source: ModelSource,
     /// How far a segment's stiffness is trusted: one relative standard deviation.
     pub background_stiffness: Option<f64>,
     /// How far a segment's mass is trusted: one relative standard deviation.
     pub background_mass: Option<f64>,
     /// Height over which neighbouring segments err alike, in metres.
     pub correlation_length_m: Option<f64>,
-    /// Effects already in the model, in the order of `study.toml`. Kept as written: nothing applies them yet, and
-    /// [`Study::unused`] says so.
+    /// Effects already in the model, in the order of `study.toml`.
     pub effects: Vec<Effect>,
+}
+
+/// What a model is read from; paths are relative to the study's folder.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ModelSource {
+    /// A beam table.
+    Beam(PathBuf),
+    /// Matrices.
+    Matrices(MatrixSource),
+}
+
+/// `matrices = { ... }`: where M and K are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MatrixSource {
+    /// The MATLAB file that holds the matrices named without an ending of their own.
+    pub file: Option<PathBuf>,
+    /// What sums up to K, at least one.
+    pub stiffness: Vec<MatrixTerm>,
+    /// What sums up to M, at least one.
+    pub mass: Vec<MatrixTerm>,
+    /// Where the rows stand.
+    pub layout: Option<LayoutFile>,
+}
+
+/// One of the matrices that are summed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MatrixTerm {
+    /// A variable of the MATLAB file, or a Matrix Market (`.mtx`) or NumPy (`.npy`) file.
+    pub name: String,
+    /// Its factor.
+    pub factor: f64,
+}
+
+/// A file that says where the rows of matrices stand.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LayoutFile {
+    /// `node,z_m`: five DOFs a node.
+    Nodes(PathBuf),
+    /// `row,node,dof` and positions.
+    Dofs(PathBuf),
 }
 
 /// `[[model.effect]]`: a physical effect that the model has on top of its beam table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Effect {
+    /// 1-based line in `study.toml`.
+    pub line: usize,
     /// The effect's name in the catalogue, such as `base-rotation`.
     pub kind: String,
     /// The part after the @ (`"225.2m"`, `"ch07"`), for effects that have a place.
@@ -128,18 +177,30 @@ pub struct Effect {
     pub parameters: toml::Table,
 }
 
-/// Something in `study.toml` that this version of Belfry reads over.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Unused {
-    /// 1-based line in `study.toml`.
-    pub line: usize,
-    /// The section or key, such as `measured` or `model.matrices`.
-    pub key: String,
-}
-
-impl fmt::Display for Unused {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { line, key } = self;
-        write!(formatter, "`{key}` (study.toml line {line}) is for a later version of belfry and has no influence here")
+impl Study {
+    /// The sensors that measured mode shapes may stand at, each point once: those of `[measured]`, else of all setups. A
+    /// channel's name that recurs between setups becomes `setup/channel`, as identification names it.
+    pub fn sensors(&self) -> Vec<Sensor> {
+        if let Some(measured) = &self.measured {
+            return measured.sensors.clone();
+        }
+        let recurs = |channel: &str| {
+            self.setups.iter().flat_map(|setup| &setup.sensors).filter(|sensor| sensor.channel == channel).count() > 1
+        };
+        let mut sensors: Vec<Sensor> = Vec::new();
+        for setup in &self.setups {
+            for sensor in &setup.sensors {
+                // A reference stands in every setup; other points of one name are different sensors.
+                if sensors.iter().any(|known| known.reference && sensor.reference && known.point == sensor.point) {
+                    continue;
+                }
+                let mut sensor = sensor.clone();
+                if recurs(&sensor.channel) {
+                    sensor.channel = format!("{}/{}", setup.name, sensor.channel);
+                }
+                sensors.push(sensor);
+            }
+        }
+        sensors
     }
 }

@@ -1,6 +1,6 @@
 //! `base-rotation`: the foundation turns under moment, as on soil.
 
-use super::{EffectError, EffectKind, Parameter, Where};
+use super::{EffectError, EffectKind, Parameter, Where, base};
 use crate::model::Structure;
 
 const fn flexibility(name: &'static str) -> Parameter {
@@ -25,7 +25,7 @@ impl EffectKind for BaseRotation {
 
     fn apply(&self, values: &[f64], _place: Option<&Where>, structure: &mut Structure) -> Result<(), EffectError> {
         // One value serves both axes. Springs in series: their flexibilities add.
-        for (total, value) in structure.base.rotation_rad_n_m.iter_mut().zip(values.iter().cycle()) {
+        for (total, value) in base(self.name(), structure)?.rotation_rad_n_m.iter_mut().zip(values.iter().cycle()) {
             *total += value;
         }
         Ok(())

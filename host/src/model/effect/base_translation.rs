@@ -1,6 +1,6 @@
 //! `base-translation`: the foundation slides under shear, as on soil or piles.
 
-use super::{EffectError, EffectKind, Parameter, Where};
+use super::{EffectError, EffectKind, Parameter, Where, base};
 use crate::model::Structure;
 
 const fn flexibility(name: &'static str) -> Parameter {
@@ -25,7 +25,7 @@ impl EffectKind for BaseTranslation {
 
     fn apply(&self, values: &[f64], _place: Option<&Where>, structure: &mut Structure) -> Result<(), EffectError> {
         // One value serves both axes. Springs in series: their flexibilities add.
-        for (total, value) in structure.base.translation_m_n.iter_mut().zip(values.iter().cycle()) {
+        for (total, value) in base(self.name(), structure)?.translation_m_n.iter_mut().zip(values.iter().cycle()) {
             *total += value;
         }
         Ok(())

@@ -18,7 +18,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::Structure;
+use super::{BaseFlexibility, Body, Segment, Structure};
 pub use parse::Where;
 
 /// A parameter of an effect. Bounds belong to the range.
@@ -160,6 +160,20 @@ pub enum EffectError {
         /// Where it ends.
         z_top_m: f64,
     },
+    /// The model's nodes do not stand above each other.
+    #[error(
+        "{kind} acts at a height, but the nodes of the model's matrices do not stand above each other; give them `nodes`, or use a beam table"
+    )]
+    NoHeights {
+        /// The kind.
+        kind: &'static str,
+    },
+    /// The effect changes segments, and matrices have none.
+    #[error("{kind} changes beam segments or their base, and a model of matrices has none; it needs a beam table")]
+    NeedsBeam {
+        /// The kind.
+        kind: &'static str,
+    },
     /// The names of parameters given are not those of the kind.
     #[error("{kind}: `{value}` is not a value for it; expected {expected}")]
     BadValue {
@@ -205,6 +219,35 @@ impl Effect {
         Ok(Self { kind, place, parameters, values: values.to_vec() })
     }
 
+    /// An effect as it stands in a study: `value` for a kind with one parameter, else the parameters by name. Standard
+    /// deviations that stand beside them (`std`, `..._std`) are read over.
+    ///
+    /// # Errors
+    /// As [`Effect::new`], and where a parameter is missing, unknown or no number.
+    pub fn from_study(written: &crate::study::Effect) -> Result<Self, EffectError> {
+        let kind = find(&written.kind)?;
+        let place = written.location.as_deref().map(str::parse).transpose()?;
+        let given: Vec<(&str, &toml::Value)> = written
+            .parameters
+            .iter()
+            .map(|(name, value)| (name.as_str(), value))
+            .filter(|(name, _)| *name != "std" && !name.ends_with("_std"))
+            .collect();
+        let bad = |value: String| EffectError::BadValue { kind: kind.name(), value, expected: expected_value(kind) };
+        let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|integer| integer as f64));
+        let value_of = |wanted: &str| given.iter().find(|(name, _)| *name == wanted).and_then(|(_, value)| number(value));
+        if let [("value", value)] = given[..] {
+            return Self::new(kind.name(), place, &[number(value).ok_or_else(|| bad(value.to_string()))?]);
+        }
+        let in_order = |set: &&[Parameter]| {
+            let values: Option<Vec<f64>> = set.iter().map(|parameter| value_of(parameter.name)).collect();
+            values.filter(|values| values.len() == given.len())
+        };
+        let words = || given.iter().map(|(name, value)| format!("{name} = {value}")).collect::<Vec<_>>().join(", ");
+        let values = kind.parameter_sets().iter().find_map(in_order).ok_or_else(|| bad(words()))?;
+        Self::new(kind.name(), place, &values)
+    }
+
     /// The kind's name.
     pub fn kind(&self) -> &'static str {
         self.kind.name()
@@ -223,7 +266,8 @@ impl Effect {
     /// Changes `structure`.
     ///
     /// # Errors
-    /// [`EffectError::OutsideBeam`] where its place is not on this beam.
+    /// [`EffectError::OutsideBeam`] where its place is not on this structure, [`EffectError::NeedsBeam`] where it needs a beam
+    /// table.
     pub fn apply(&self, structure: &mut Structure) -> Result<(), EffectError> {
         self.kind.apply(&self.values, self.place.as_ref(), structure)
     }
@@ -281,13 +325,31 @@ fn expected_value(kind: &dyn EffectKind) -> String {
     sets.collect::<Vec<_>>().join(", or ")
 }
 
+/// The base of a beam.
+fn base<'a>(kind: &'static str, structure: &'a mut Structure) -> Result<&'a mut BaseFlexibility, EffectError> {
+    match structure.body {
+        Body::Beam(_) => Ok(&mut structure.base),
+        Body::Matrices(_) => Err(EffectError::NeedsBeam { kind }),
+    }
+}
+
+/// The segments of a beam.
+fn segments<'a>(kind: &'static str, structure: &'a mut Structure) -> Result<&'a mut [Segment], EffectError> {
+    match &mut structure.body {
+        Body::Beam(beam) => Ok(beam.segments_mut()),
+        Body::Matrices(_) => Err(EffectError::NeedsBeam { kind }),
+    }
+}
+
 /// The height of a located effect, on the beam.
 fn height(kind: &'static str, place: Option<&Where>, structure: &Structure) -> Result<f64, EffectError> {
     let Some(&Where::Height(z_m)) = place else {
         let found = place.map_or_else(|| "nothing".to_owned(), |place| format!("@{place}"));
         return Err(EffectError::WrongPlace { kind, expected: "needs a height such as @225.2m", found });
     };
-    let (z_base_m, z_top_m) = (structure.beam.z_base_m(), structure.beam.z_top_m());
+    let Some([z_base_m, z_top_m]) = structure.z_range_m() else {
+        return Err(EffectError::NoHeights { kind });
+    };
     if !(z_base_m..=z_top_m).contains(&z_m) {
         return Err(EffectError::OutsideBeam { kind, z_m, z_base_m, z_top_m });
     }

@@ -1,6 +1,6 @@
 //! `stiffness-loss@z`: damage or a weaker section around a height.
 
-use super::{EffectError, EffectKind, Parameter, Place, Where, height};
+use super::{EffectError, EffectKind, Parameter, Place, Where, height, segments};
 use crate::model::Structure;
 
 /// A full loss would cut the structure in two, so the range ends short of it.
@@ -27,7 +27,7 @@ impl EffectKind for StiffnessLoss {
     fn apply(&self, values: &[f64], place: Option<&Where>, structure: &mut Structure) -> Result<(), EffectError> {
         let z_m = height(self.name(), place, structure)?;
         let left = values.iter().fold(1.0, |factor, relative| factor * (1.0 - relative));
-        for segment in structure.beam.segments_mut() {
+        for segment in segments(self.name(), structure)? {
             if (segment.z_bottom_m..=segment.z_top_m).contains(&z_m) {
                 segment.bending_n_m2 = segment.bending_n_m2.map(|bending| bending * left);
                 segment.shear_n = segment.shear_n.map(|shear| shear.map(|shear| shear * left));

@@ -1,0 +1,235 @@
+//! Where the degrees of freedom of matrices stand: `nodes.csv` or `dofs.csv` flows in, places of matrix rows flow out.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use super::DOFS_A_NODE;
+
+/// Rotations and translations of a node, in the order of [`LayoutNode::rows`].
+const DOF_NAMES: [&str; 6] = ["ux", "uy", "rx", "ry", "rz", "uz"];
+/// Nodes whose plan positions differ by less (in m) stand above each other.
+const PLAN_TOLERANCE_M: f64 = 1e-6;
+
+/// A node of a model that is given as matrices.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LayoutNode {
+    /// Its name in the file.
+    pub name: String,
+    /// Position in m: X, Y, and Z up.
+    pub position_m: [f64; 3],
+    /// 0-based matrix rows of `ux, uy, rx, ry, rz, uz`; `None` is fixed, or not in the model.
+    pub rows: [Option<usize>; 6],
+}
+
+/// Why a layout was refused.
+#[derive(Debug, Error)]
+pub enum LayoutError {
+    /// The file cannot be opened.
+    #[error("{}: cannot be read ({source}); [model] matrices in study.toml names it", file.display())]
+    Unreadable {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The text is not CSV.
+    #[error("{}, line {line}: not a CSV row like its header ({reason})", file.display())]
+    NotCsv {
+        /// The file.
+        file: PathBuf,
+        /// 1-based line.
+        line: u64,
+        /// What the reader said.
+        reason: String,
+    },
+    /// The header lacks a column.
+    #[error("{}, line 1: the column `{column}` is missing; expected {expected}", file.display())]
+    MissingColumn {
+        /// The file.
+        file: PathBuf,
+        /// The column.
+        column: &'static str,
+        /// What a header looks like.
+        expected: &'static str,
+    },
+    /// A cell cannot be meant.
+    #[error("{}, line {line}, column `{column}`: `{value}` where {expected} was expected", file.display())]
+    Value {
+        /// The file.
+        file: PathBuf,
+        /// 1-based line.
+        line: u64,
+        /// The column.
+        column: &'static str,
+        /// The cell's text.
+        value: String,
+        /// What would have been right.
+        expected: String,
+    },
+    /// The nodes and the matrices do not go together.
+    #[error(
+        "{}: {nodes} nodes, but matrices of {dofs} rows have {} nodes of 5 DOFs (with the fixed base first, {}); a different layout needs `dofs` instead of `nodes`",
+        file.display(), *dofs as f64 / 5.0, *dofs as f64 / 5.0 + 1.0
+    )]
+    NodeCount {
+        /// The file.
+        file: PathBuf,
+        /// Nodes in it.
+        nodes: usize,
+        /// Rows of the matrices.
+        dofs: usize,
+    },
+}
+
+/// Reads `node,z_m` (further columns are read over): five DOFs a node, lowest first; one node more than the matrices hold
+/// is the fixed base.
+pub(super) fn read_nodes(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, LayoutError> {
+    let table = Table::read(path)?;
+    let expected = "node,z_m";
+    let (name, height) = (table.column("node", expected)?, table.column("z_m", expected)?);
+    let nodes = table.rows.len();
+    let fixed = match nodes.checked_mul(DOFS_A_NODE) {
+        Some(rows) if rows == dofs => 0,
+        Some(rows) if rows == dofs + DOFS_A_NODE => 1,
+        _ => return Err(LayoutError::NodeCount { file: path.to_owned(), nodes, dofs }),
+    };
+    let mut layout: Vec<LayoutNode> = Vec::new();
+    for (index, row) in table.rows.iter().enumerate() {
+        let z_m = table.number(row, height, "z_m")?;
+        if layout.last().is_some_and(|below| below.position_m[2] >= z_m) {
+            return Err(table.value(row, height, "z_m", "a height above the node before".to_owned()));
+        }
+        let mut rows = [None; 6];
+        if let Some(node) = index.checked_sub(fixed) {
+            for (dof, row) in rows.iter_mut().take(DOFS_A_NODE).enumerate() {
+                *row = Some(node * DOFS_A_NODE + dof);
+            }
+        }
+        layout.push(LayoutNode { name: table.text(row, name).to_owned(), position_m: [0.0, 0.0, z_m], rows });
+    }
+    Ok(layout)
+}
+
+/// Reads `row,node,dof` and the position as `z_m` or `x_m,y_m,z_m`; `row` counts from 1 and is empty for a fixed DOF.
+pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, LayoutError> {
+    let table = Table::read(path)?;
+    let expected = "row,node,dof,x_m,y_m,z_m (x_m and y_m may be absent)";
+    let (row_column, node_column) = (table.column("row", expected)?, table.column("node", expected)?);
+    let (dof_column, z_column) = (table.column("dof", expected)?, table.column("z_m", expected)?);
+    let plan_columns = [table.find("x_m"), table.find("y_m")];
+    let mut layout: Vec<LayoutNode> = Vec::new();
+    let mut taken = vec![false; dofs];
+    for row in &table.rows {
+        let mut position_m = [0.0, 0.0, table.number(row, z_column, "z_m")?];
+        for ((slot, column), name) in position_m.iter_mut().zip(plan_columns).zip(["x_m", "y_m"]) {
+            if let Some(column) = column {
+                *slot = table.number(row, column, name)?;
+            }
+        }
+        let dof = DOF_NAMES.iter().position(|name| *name == table.text(row, dof_column)).ok_or_else(|| {
+            table.value(row, dof_column, "dof", format!("one of {}", DOF_NAMES.join(", ")))
+        })?;
+        let matrix_row = match table.text(row, row_column) {
+            "" => None,
+            text => {
+                let free = text
+                    .parse::<usize>()
+                    .ok()
+                    .and_then(|number| number.checked_sub(1))
+                    .filter(|&index| taken.get(index) == Some(&false));
+                let index = free.ok_or_else(|| {
+                    let expected = format!("a row of the matrices, 1 to {dofs}, that no other line has");
+                    table.value(row, row_column, "row", expected)
+                })?;
+                taken[index] = true;
+                Some(index)
+            }
+        };
+        let name = table.text(row, node_column);
+        let node = match layout.iter_mut().find(|node| node.name == name) {
+            Some(node) if node.position_m != position_m => {
+                let [x, y, z] = node.position_m;
+                let expected = format!("the position ({x}, {y}, {z}) that the node has in an earlier line");
+                return Err(table.value(row, z_column, "z_m", expected));
+            }
+            Some(node) => node,
+            None => {
+                layout.push(LayoutNode { name: name.to_owned(), position_m, rows: [None; 6] });
+                let last = layout.len() - 1;
+                &mut layout[last]
+            }
+        };
+        if node.rows[dof].is_some() {
+            let expected = format!("a DOF that node {name} has not had yet");
+            return Err(table.value(row, dof_column, "dof", expected));
+        }
+        node.rows[dof] = matrix_row;
+    }
+    layout.sort_by(|a, b| a.position_m[2].total_cmp(&b.position_m[2]));
+    Ok(layout)
+}
+
+/// Whether all nodes stand above each other on the Z axis of the plan, each at a height of its own.
+pub(super) fn is_line(nodes: &[LayoutNode]) -> bool {
+    nodes.len() > 1
+        && nodes.windows(2).all(|pair| match pair {
+            [below, above] => {
+                let moved = |axis: usize| (above.position_m[axis] - below.position_m[axis]).abs();
+                moved(0) < PLAN_TOLERANCE_M && moved(1) < PLAN_TOLERANCE_M && moved(2) > PLAN_TOLERANCE_M
+            }
+            _ => true,
+        })
+}
+
+/// A CSV file with a header, for errors that name line and column.
+struct Table<'a> {
+    file: &'a Path,
+    header: csv::StringRecord,
+    rows: Vec<csv::StringRecord>,
+}
+
+impl<'a> Table<'a> {
+    fn read(file: &'a Path) -> Result<Self, LayoutError> {
+        let source =
+            File::open(file).map_err(|source| LayoutError::Unreadable { file: file.to_owned(), source })?;
+        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(source);
+        let not_csv = |error: csv::Error| LayoutError::NotCsv {
+            file: file.to_owned(),
+            line: error.position().map_or(1, csv::Position::line),
+            reason: error.to_string(),
+        };
+        let header = reader.headers().map_err(not_csv)?.clone();
+        let rows = reader.records().collect::<Result<_, _>>().map_err(not_csv)?;
+        Ok(Self { file, header, rows })
+    }
+
+    fn find(&self, column: &str) -> Option<usize> {
+        self.header.iter().position(|name| name.trim_start_matches('\u{feff}') == column)
+    }
+
+    fn column(&self, column: &'static str, expected: &'static str) -> Result<usize, LayoutError> {
+        let missing = || LayoutError::MissingColumn { file: self.file.to_owned(), column, expected };
+        self.find(column).ok_or_else(missing)
+    }
+
+    fn text<'r>(&self, row: &'r csv::StringRecord, column: usize) -> &'r str {
+        row.get(column).unwrap_or("")
+    }
+
+    fn number(&self, row: &csv::StringRecord, column: usize, name: &'static str) -> Result<f64, LayoutError> {
+        let number = self.text(row, column).parse::<f64>().ok().filter(|number| number.is_finite());
+        number.ok_or_else(|| self.value(row, column, name, "a number in metres".to_owned()))
+    }
+
+    fn value(&self, row: &csv::StringRecord, column: usize, name: &'static str, expected: String) -> LayoutError {
+        LayoutError::Value {
+            file: self.file.to_owned(),
+            line: row.position().map_or(0, csv::Position::line),
+            column: name,
+            value: self.text(row, column).to_owned(),
+            expected,
+        }
+    }
+}

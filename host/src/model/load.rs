@@ -1,0 +1,84 @@
+//! From a study's `[model]` to a body and the effects that the study has put into it.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use super::assembly::{Assembly, Body, Structure};
+use super::beam::{BeamError, BeamTable};
+use super::effect::{Effect, EffectError};
+use super::matrices::{ImportedMatrices, MatrixError};
+use crate::study::{ModelSource, STUDY_FILE, Study};
+
+/// A study's model, read.
+#[derive(Debug, Clone)]
+pub struct LoadedModel {
+    /// What it is made of, as first given.
+    pub body: Body,
+    /// The effects that the study has put into it, in their order.
+    pub effects: Vec<Effect>,
+}
+
+/// Why a study has no usable model.
+#[derive(Debug, Error)]
+pub enum ModelError {
+    /// There is no `[model]`.
+    #[error("{}: there is no [model] to hold against the measurement; add one, for instance\n  [model]\n  beam = \"beam.csv\"", file.display())]
+    NoModel {
+        /// The study's file.
+        file: PathBuf,
+    },
+    /// The beam table.
+    #[error(transparent)]
+    Beam(#[from] BeamError),
+    /// The matrices.
+    #[error(transparent)]
+    Matrices(#[from] MatrixError),
+    /// An effect of the study.
+    #[error("{} line {line}, [[model.effect]]: {source}", file.display())]
+    Effect {
+        /// The study's file.
+        file: PathBuf,
+        /// 1-based line.
+        line: usize,
+        /// Why.
+        source: EffectError,
+    },
+}
+
+/// Reads the model of a study: its beam table or matrices, and its effects, checked against them.
+///
+/// # Errors
+/// [`ModelError`] names the file and, in it, line, column or matrix entry.
+pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
+    let file = study.folder.join(STUDY_FILE);
+    let model = study.model.as_ref().ok_or_else(|| ModelError::NoModel { file: file.clone() })?;
+    let body = match &model.source {
+        ModelSource::Beam(path) => Body::Beam(BeamTable::read(&study.folder.join(path))?),
+        ModelSource::Matrices(source) => Body::Matrices(ImportedMatrices::read(source, &study.folder)?),
+    };
+    let mut structure = Structure::new(body.clone());
+    let mut effects = Vec::new();
+    for written in &model.effects {
+        let failed = |source| ModelError::Effect { file: file.clone(), line: written.line, source };
+        let effect = Effect::from_study(written).map_err(failed)?;
+        effect.apply(&mut structure).map_err(failed)?;
+        effects.push(effect);
+    }
+    Ok(LoadedModel { body, effects })
+}
+
+impl LoadedModel {
+    /// The model as first given, without effects.
+    pub fn as_given(&self) -> Assembly {
+        Structure::new(self.body.clone()).assemble()
+    }
+
+    /// The structure with the study's effects.
+    ///
+    /// # Errors
+    /// None that [`load`] would not have found.
+    pub fn structure(&self) -> Result<Structure, EffectError> {
+        Structure::with_effects(self.body.clone(), &self.effects)
+    }
+}

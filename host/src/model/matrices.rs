@@ -1,0 +1,257 @@
+//! Models that are given as matrices: files of M and K flow in, checked matrices with their layout flow out.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::DMatrix;
+use nalgebra_sparse::io::load_coo_from_matrix_market_file;
+use npyz::NpyFile;
+use thiserror::Error;
+
+use super::layout::{LayoutError, LayoutNode, is_line, read_dofs, read_nodes};
+use crate::record::MatError;
+use crate::record::mat::read_matrix;
+use crate::study::{LayoutFile, MatrixSource, MatrixTerm};
+
+/// Mass and stiffness matrices from files, and where their rows stand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImportedMatrices {
+    /// K, DOFs x DOFs, symmetric.
+    pub stiffness: DMatrix<f64>,
+    /// M, DOFs x DOFs, symmetric.
+    pub mass: DMatrix<f64>,
+    /// The nodes, lowest first; empty where nothing is known of them, and sensors name rows.
+    pub nodes: Vec<LayoutNode>,
+}
+
+/// Why matrices were refused.
+#[derive(Debug, Error)]
+pub enum MatrixError {
+    /// A MATLAB file.
+    #[error(transparent)]
+    Mat(#[from] MatError),
+    /// A name that no file goes with.
+    #[error(
+        "[model] matrices: `{name}` is neither a Matrix Market file (.mtx), a NumPy file (.npy), nor a variable of a MATLAB file named by `file`"
+    )]
+    NoFile {
+        /// The name.
+        name: String,
+    },
+    /// Another file that cannot be read.
+    #[error("{}: {reason}", file.display())]
+    Unreadable {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// Not square.
+    #[error("{name} in {}: {rows} x {columns}; a {quantity} matrix is square", file.display())]
+    NotSquare {
+        /// The file.
+        file: PathBuf,
+        /// The matrix.
+        name: String,
+        /// `stiffness` or `mass`.
+        quantity: &'static str,
+        /// Its rows.
+        rows: usize,
+        /// Its columns.
+        columns: usize,
+    },
+    /// Of another size than the others.
+    #[error(
+        "{name} in {}: {rows} x {rows}, but the matrices before it are {expected} x {expected}; all must be of one size",
+        file.display()
+    )]
+    Size {
+        /// The file.
+        file: PathBuf,
+        /// The matrix.
+        name: String,
+        /// Its rows.
+        rows: usize,
+        /// What was expected.
+        expected: usize,
+    },
+    /// An entry that is not finite.
+    #[error("{name} in {}: the entry at row {row}, column {column} (counted from 1) is not a finite number", file.display())]
+    NotFinite {
+        /// The file.
+        file: PathBuf,
+        /// The matrix.
+        name: String,
+        /// 1-based row.
+        row: usize,
+        /// 1-based column.
+        column: usize,
+    },
+    /// Not symmetric.
+    #[error(
+        "{name} in {}: not symmetric: row {row}, column {column} (counted from 1) holds {value:e}, its mirror {mirror:e}; stiffness and mass matrices are symmetric",
+        file.display()
+    )]
+    NotSymmetric {
+        /// The file.
+        file: PathBuf,
+        /// The matrix.
+        name: String,
+        /// 1-based row.
+        row: usize,
+        /// 1-based column.
+        column: usize,
+        /// The entry.
+        value: f64,
+        /// Its mirror image.
+        mirror: f64,
+    },
+    /// A diagonal entry that no structure has.
+    #[error("the summed {quantity} matrix has {value:e} on its diagonal in row {row} (counted from 1), where {expected} is possible")]
+    Diagonal {
+        /// `stiffness` or `mass`.
+        quantity: &'static str,
+        /// 1-based row.
+        row: usize,
+        /// The entry.
+        value: f64,
+        /// What would have been right.
+        expected: &'static str,
+    },
+    /// The layout of nodes.
+    #[error(transparent)]
+    Layout(#[from] LayoutError),
+}
+
+/// Differences of mirror images below this share of the geometric mean of their diagonals are rounding.
+const SYMMETRY_TOLERANCE: f64 = 1e-8;
+
+impl ImportedMatrices {
+    /// Reads and sums the matrices that a study names; relative paths start at `folder`.
+    ///
+    /// # Errors
+    /// [`MatrixError`] names the file, the matrix and the entry.
+    pub fn read(source: &MatrixSource, folder: &Path) -> Result<Self, MatrixError> {
+        let file = source.file.as_ref().map(|file| folder.join(file));
+        let stiffness = sum(&source.stiffness, "stiffness", file.as_deref(), folder, None)?;
+        let mass = sum(&source.mass, "mass", file.as_deref(), folder, Some(stiffness.nrows()))?;
+        for (matrix, quantity, admissible, expected) in [
+            (&stiffness, "stiffness", (|value| value > 0.0) as fn(f64) -> bool, "only a number above 0"),
+            (&mass, "mass", |value| value >= 0.0, "only 0 or more"),
+        ] {
+            if let Some(row) = matrix.diagonal().iter().position(|&value| !admissible(value)) {
+                return Err(MatrixError::Diagonal { quantity, row: row + 1, value: matrix[(row, row)], expected });
+            }
+        }
+        let nodes = match &source.layout {
+            Some(LayoutFile::Nodes(path)) => read_nodes(&folder.join(path), stiffness.nrows())?,
+            Some(LayoutFile::Dofs(path)) => read_dofs(&folder.join(path), stiffness.nrows())?,
+            None => Vec::new(),
+        };
+        Ok(Self { stiffness, mass, nodes })
+    }
+
+    /// Whether the nodes stand above each other, so that heights mean something.
+    pub fn is_line(&self) -> bool {
+        is_line(&self.nodes)
+    }
+}
+
+fn sum(
+    terms: &[MatrixTerm],
+    quantity: &'static str,
+    file: Option<&Path>,
+    folder: &Path,
+    mut size: Option<usize>,
+) -> Result<DMatrix<f64>, MatrixError> {
+    let mut total: Option<DMatrix<f64>> = None;
+    for MatrixTerm { name, factor } in terms {
+        let (path, matrix) = read_one(name, file, folder)?;
+        check(&matrix, &path, name, quantity, size)?;
+        size = Some(matrix.nrows());
+        let scaled = symmetric(&matrix) * *factor;
+        total = Some(match total {
+            Some(total) => total + scaled,
+            None => scaled,
+        });
+    }
+    // The study's reader refuses an empty list.
+    Ok(total.unwrap_or_else(|| DMatrix::zeros(0, 0)))
+}
+
+fn read_one(name: &str, file: Option<&Path>, folder: &Path) -> Result<(PathBuf, DMatrix<f64>), MatrixError> {
+    let unreadable = |path: &Path, reason: String| MatrixError::Unreadable { file: path.to_owned(), reason };
+    let path = folder.join(name);
+    match (Path::new(name).extension().and_then(|extension| extension.to_str()), file) {
+        (Some("mtx"), _) => {
+            let entries = load_coo_from_matrix_market_file::<f64, _>(&path).map_err(|error| {
+                unreadable(&path, format!("not a Matrix Market file of real numbers ({error})"))
+            })?;
+            let mut matrix = DMatrix::zeros(entries.nrows(), entries.ncols());
+            for (row, column, value) in entries.triplet_iter() {
+                matrix[(row, column)] += value;
+            }
+            Ok((path, matrix))
+        }
+        (Some("npy"), _) => {
+            let bytes = std::fs::read(&path).map_err(|error| unreadable(&path, format!("cannot be read ({error})")))?;
+            let matrix = square_npy(&bytes)
+                .map_err(|reason| unreadable(&path, format!("not a NumPy file of 64-bit numbers ({reason})")))?;
+            Ok((path, matrix))
+        }
+        (_, Some(file)) => Ok((file.to_owned(), read_matrix(file, name)?)),
+        (_, None) => Err(MatrixError::NoFile { name: name.to_owned() }),
+    }
+}
+
+fn square_npy(bytes: &[u8]) -> Result<DMatrix<f64>, String> {
+    let file = NpyFile::new(bytes).map_err(|error| error.to_string())?;
+    let [rows, columns] = file.shape() else {
+        return Err(format!("{} dimensions where a matrix has 2", file.shape().len()));
+    };
+    let (rows, columns) = (*rows as usize, *columns as usize);
+    let by_column = file.order() == npyz::Order::Fortran;
+    let values: Vec<f64> = file.into_vec().map_err(|error| error.to_string())?;
+    if rows.checked_mul(columns) != Some(values.len()) {
+        return Err(format!("{} numbers where {rows} x {columns} are announced", values.len()));
+    }
+    Ok(if by_column { DMatrix::from_vec(rows, columns, values) } else { DMatrix::from_row_slice(rows, columns, &values) })
+}
+
+fn check(
+    matrix: &DMatrix<f64>,
+    file: &Path,
+    name: &str,
+    quantity: &'static str,
+    size: Option<usize>,
+) -> Result<(), MatrixError> {
+    let (file, name) = (file.to_owned(), name.to_owned());
+    let (rows, columns) = matrix.shape();
+    if rows != columns || rows == 0 {
+        return Err(MatrixError::NotSquare { file, name, quantity, rows, columns });
+    }
+    if let Some(expected) = size
+        && rows != expected
+    {
+        return Err(MatrixError::Size { file, name, rows, expected });
+    }
+    if let Some(index) = matrix.iter().position(|value| !value.is_finite()) {
+        let (row, column) = matrix.vector_to_matrix_index(index);
+        return Err(MatrixError::NotFinite { file, name, row: row + 1, column: column + 1 });
+    }
+    let largest = matrix.amax();
+    for (row, column) in (0..rows).flat_map(|column| (0..column).map(move |row| (row, column))) {
+        let (value, mirror) = (matrix[(row, column)], matrix[(column, row)]);
+        // Entries are of different units; where a diagonal is empty, the largest entry is the scale.
+        let diagonal = (matrix[(row, row)] * matrix[(column, column)]).abs().sqrt();
+        let scale = if diagonal > 0.0 { diagonal } else { largest };
+        if (value - mirror).abs() > SYMMETRY_TOLERANCE * scale {
+            return Err(MatrixError::NotSymmetric { file, name, row: row + 1, column: column + 1, value, mirror });
+        }
+    }
+    Ok(())
+}
+
+/// Mirror images may differ by rounding.
+fn symmetric(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    (matrix + matrix.transpose()) * 0.5
+}
