@@ -7,12 +7,16 @@
 //! file a subcommand of the `belfry` program; nothing else prints.
 
 pub mod command;
+pub mod compare;
+pub mod covalidate;
 pub mod identify;
 pub mod link;
 pub mod measure;
+pub mod measured;
 pub mod model;
 pub mod picture;
 pub mod record;
 pub mod simulate;
 pub mod spectra;
 pub mod study;
+pub mod update;

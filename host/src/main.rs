@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::process::ExitCode;
 
-use belfry_host::command::{Console, demo, identify, init, simulate};
+use belfry_host::command::{Console, compare, covalidate, demo, identify, init, simulate, update};
 use clap::{Parser, Subcommand};
 
 /// Finds how a tall structure moves, and why its model is wrong
@@ -17,6 +17,7 @@ Examples:
   belfry demo                             the chain at work on a simulated tower
   belfry init canton --template canton    a study of the Canton Tower
   belfry identify canton                  its modes
+  belfry compare canton                   its model against the measured modes
   belfry help init                        what a command does, with examples
 
 Exit status: 0 done, 1 failed, 2 wrong usage."
@@ -35,6 +36,9 @@ enum Command {
     Init(init::Arguments),
     Simulate(simulate::Arguments),
     Identify(identify::Arguments),
+    Compare(compare::Arguments),
+    Update(update::Arguments),
+    Covalidate(covalidate::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -45,6 +49,9 @@ fn main() -> ExitCode {
         Command::Init(arguments) => init::run(arguments, &console),
         Command::Simulate(arguments) => simulate::run(arguments, &console),
         Command::Identify(arguments) => identify::run(arguments, &console),
+        Command::Compare(arguments) => compare::run(arguments, &console),
+        Command::Update(arguments) => update::run(arguments, &console),
+        Command::Covalidate(arguments) => covalidate::run(arguments, &console),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

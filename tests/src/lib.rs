@@ -1,5 +1,9 @@
 //! End-to-end tests of Belfry live in `tests/tests`, one file per story a user would tell; here is what they share.
 
+mod footbridge;
+
+pub use footbridge::{FOOTBRIDGE_STIFFNESS, footbridge_data, write_footbridge_study};
+
 use std::env;
 use std::path::{Path, PathBuf};
 use std::process::Command;

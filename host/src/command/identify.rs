@@ -5,15 +5,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use belfry_shared::message::Summary;
 use clap::Args;
-use comfy_table::{CellAlignment, Table, presets::UTF8_HORIZONTAL_ONLY};
+use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
 
 use super::Console;
+use super::route::RouteArguments;
 use crate::identify::{Identification, identify};
-use crate::link::fleet::{FleetOptions, FleetReport};
-use crate::link::memory::Faults;
+use crate::link::fleet::FleetReport;
 use crate::measure::{Measurement, Route, measure};
 use crate::picture::{self, TrueShape};
 use crate::study::Study;
@@ -33,28 +32,9 @@ pub struct Arguments {
     /// The study's folder
     #[arg(value_name = "STUDY")]
     pub study: PathBuf,
-    /// Make spectra straight from the recording, without sensor nodes
-    #[arg(long)]
-    pub direct: bool,
-    /// Bits a component of the spectral lines that nodes send
-    #[arg(long, value_name = "BITS", default_value_t = 10, value_parser = clap::value_parser!(u8).range(3..=16), conflicts_with = "direct")]
-    pub bits: u8,
-    /// Baud rate of the simulated serial lines
-    #[arg(long, default_value_t = 115_200, value_parser = clap::value_parser!(u32).range(300..=10_000_000), conflicts_with = "direct")]
-    pub baud: u32,
-    /// Share of frames that the simulated lines damage, in percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, value_parser = percent, conflicts_with = "direct")]
-    pub damaged_frames: f64,
-    /// Seed of the simulated nodes' clocks and of the damage
-    #[arg(long, default_value_t = 1, conflicts_with = "direct")]
-    pub seed: u64,
-}
-
-fn percent(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(value) if (0.0..=50.0).contains(&value) => Ok(value),
-        _ => Err("expected a number from 0 to 50".to_owned()),
-    }
+    /// How spectra are made of the recordings
+    #[command(flatten)]
+    pub route: RouteArguments,
 }
 
 /// What `--json` prints and `results/modes.json` holds.
@@ -101,17 +81,7 @@ struct TimingReport {
 /// When the study or all of its recordings cannot be read, or hold too little for modes.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
-    let route = if arguments.direct {
-        Route::Direct
-    } else {
-        Route::Nodes(FleetOptions {
-            summary: Summary::Lines { bits: arguments.bits },
-            baud: arguments.baud,
-            faults: Faults::damaging(arguments.damaged_frames / 100.0),
-            seed: arguments.seed,
-        })
-    };
-    let report = identify_study(&study, route, console)?;
+    let report = identify_study(&study, arguments.route.route(), console)?;
     write_results(&study, &report, &[])?;
     console.json(&report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification)));
@@ -217,7 +187,7 @@ pub(super) fn write_results(study: &Study, report: &Report, truth: &[Option<True
 /// The modes as a table.
 pub(super) fn modes_table(identification: &Identification) -> Table {
     let mut table = Table::new();
-    table.load_style(UTF8_HORIZONTAL_ONLY);
+    table.load_style(UTF8_FULL_CONDENSED);
     table.set_header(["mode", "frequency Hz", "± Hz", "damping %", "± %", "collinearity", "moves most at"]);
     for mode in &identification.modes {
         let most = mode.shape.iter().max_by(|a, b| a.re.hypot(a.im).total_cmp(&b.re.hypot(b.im)));

@@ -2,10 +2,15 @@
 //!
 //! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
 
+mod case;
+pub mod compare;
+pub mod covalidate;
 pub mod demo;
 pub mod identify;
 pub mod init;
+mod route;
 pub mod simulate;
+pub mod update;
 
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::time::Duration;
@@ -13,6 +18,8 @@ use std::time::Duration;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+
+pub use route::RouteArguments;
 
 /// Where a command's words go: tables and sentences to standard output for people, or one JSON object with `--json`.
 #[derive(Debug, Clone, Copy)]

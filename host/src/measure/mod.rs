@@ -12,7 +12,7 @@ use crate::link::fleet::{Fleet, FleetError, FleetOptions, FleetReport};
 use crate::record::{Block, RecordError, Recording};
 use crate::spectra::direct::Welch;
 use crate::spectra::{
-    CrossSpectrumAccumulator, PlanError, SetupExtent, SpectraError, SpectraWarning, SpectralPlan, WindowLines,
+    CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectraWarning, SpectralPlan, WindowLines,
 };
 use crate::study::{Setup, Study};
 
@@ -101,11 +101,27 @@ pub struct Measurement<'a> {
 /// Rows that are read, of how many; for a progress bar.
 pub type Progress<'a> = &'a mut dyn FnMut(u64, u64);
 
+/// Sees every window on its way into the averages, in the order of the grid.
+pub type Observer<'a> = &'a mut dyn FnMut(&Setup, &LineGrid, &WindowLines);
+
 /// Measures all setups of a study.
 ///
 /// # Errors
 /// When no setup can be measured; what is wrong with a single one among others becomes a warning.
 pub fn measure<'a>(study: &'a Study, route: Route, progress: Progress<'_>) -> Result<Measurement<'a>, MeasureError> {
+    measure_observed(study, route, progress, &mut |_, _, _| {})
+}
+
+/// As [`measure`], and lets `observer` see the windows.
+///
+/// # Errors
+/// As [`measure`].
+pub fn measure_observed<'a>(
+    study: &'a Study,
+    route: Route,
+    progress: Progress<'_>,
+    observer: Observer<'_>,
+) -> Result<Measurement<'a>, MeasureError> {
     let mut warnings: Vec<String> = Vec::new();
     let mut timings = Timings::default();
     let start = Instant::now();
@@ -150,7 +166,8 @@ pub fn measure<'a>(study: &'a Study, route: Route, progress: Progress<'_>) -> Re
     let (mut setups, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), 0.0);
     for ((setup, recording, rows), &decimation) in opened.into_iter().zip(&plan.decimations) {
         let mut on_rows = |rows: u64| progress(done_rows + rows, total_rows);
-        let outcome = measure_setup(setup, recording, &plan, decimation, route, &mut on_rows, &mut timings);
+        let task = SetupTask { setup, recording, plan: &plan, decimation, route };
+        let outcome = measure_setup(task, &mut on_rows, observer, &mut timings);
         done_rows += rows;
         match outcome {
             Ok(measured) => {
@@ -180,15 +197,22 @@ struct OneSetup<'a> {
     warnings: Vec<String>,
 }
 
-fn measure_setup<'a>(
+/// One setup to measure.
+struct SetupTask<'a, 'p> {
     setup: &'a Setup,
-    mut recording: Recording,
-    plan: &SpectralPlan,
+    recording: Recording,
+    plan: &'p SpectralPlan,
     decimation: u32,
     route: Route,
+}
+
+fn measure_setup<'a>(
+    task: SetupTask<'a, '_>,
     on_rows: &mut dyn FnMut(u64),
+    observer: Observer<'_>,
     timings: &mut Timings,
 ) -> Result<OneSetup<'a>, MeasureError> {
+    let SetupTask { setup, mut recording, plan, decimation, route } = task;
     let name = || setup.name.clone();
     let grid = plan.grid;
     let spectra = |source| MeasureError::Spectra { setup: name(), source };
@@ -198,6 +222,7 @@ fn measure_setup<'a>(
     let mut averaging = Duration::ZERO;
     let mut on_window = |window: WindowLines| {
         let start = Instant::now();
+        observer(setup, &grid, &window);
         if let Err(error) = accumulator.add(&window) {
             refused.get_or_insert(error);
         }

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, SMatrix, SVector};
 
-use super::beam::BeamTable;
 use super::DOFS_A_NODE;
+use super::beam::BeamTable;
 use super::effect::{Effect, EffectError};
 use super::eigen::{EigenError, ModalBasis, Modes};
 use super::element::{scatter, stiffness};
@@ -182,6 +182,14 @@ impl Assembly {
         match &self.geometry {
             Geometry::Line(line) => line.node_elevations_m().collect(),
             Geometry::Unknown | Geometry::Space(_) => Vec::new(),
+        }
+    }
+
+    /// Height of the lowest node in m; 0 where heights mean nothing.
+    pub fn z_base_m(&self) -> f64 {
+        match &self.geometry {
+            Geometry::Line(line) => line.z_base_m(),
+            Geometry::Unknown | Geometry::Space(_) => 0.0,
         }
     }
 

@@ -128,9 +128,10 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
                 *slot = table.number(row, column, name)?;
             }
         }
-        let dof = DOF_NAMES.iter().position(|name| *name == table.text(row, dof_column)).ok_or_else(|| {
-            table.value(row, dof_column, "dof", format!("one of {}", DOF_NAMES.join(", ")))
-        })?;
+        let dof = DOF_NAMES
+            .iter()
+            .position(|name| *name == table.text(row, dof_column))
+            .ok_or_else(|| table.value(row, dof_column, "dof", format!("one of {}", DOF_NAMES.join(", "))))?;
         let matrix_row = match table.text(row, row_column) {
             "" => None,
             text => {
@@ -192,8 +193,7 @@ struct Table<'a> {
 
 impl<'a> Table<'a> {
     fn read(file: &'a Path) -> Result<Self, LayoutError> {
-        let source =
-            File::open(file).map_err(|source| LayoutError::Unreadable { file: file.to_owned(), source })?;
+        let source = File::open(file).map_err(|source| LayoutError::Unreadable { file: file.to_owned(), source })?;
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(source);
         let not_csv = |error: csv::Error| LayoutError::NotCsv {
             file: file.to_owned(),

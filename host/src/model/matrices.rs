@@ -106,7 +106,9 @@ pub enum MatrixError {
         mirror: f64,
     },
     /// A diagonal entry that no structure has.
-    #[error("the summed {quantity} matrix has {value:e} on its diagonal in row {row} (counted from 1), where {expected} is possible")]
+    #[error(
+        "the summed {quantity} matrix has {value:e} on its diagonal in row {row} (counted from 1), where {expected} is possible"
+    )]
     Diagonal {
         /// `stiffness` or `mass`.
         quantity: &'static str,
@@ -183,9 +185,8 @@ fn read_one(name: &str, file: Option<&Path>, folder: &Path) -> Result<(PathBuf, 
     let path = folder.join(name);
     match (Path::new(name).extension().and_then(|extension| extension.to_str()), file) {
         (Some("mtx"), _) => {
-            let entries = load_coo_from_matrix_market_file::<f64, _>(&path).map_err(|error| {
-                unreadable(&path, format!("not a Matrix Market file of real numbers ({error})"))
-            })?;
+            let entries = load_coo_from_matrix_market_file::<f64, _>(&path)
+                .map_err(|error| unreadable(&path, format!("not a Matrix Market file of real numbers ({error})")))?;
             let mut matrix = DMatrix::zeros(entries.nrows(), entries.ncols());
             for (row, column, value) in entries.triplet_iter() {
                 matrix[(row, column)] += value;
@@ -214,7 +215,11 @@ fn square_npy(bytes: &[u8]) -> Result<DMatrix<f64>, String> {
     if rows.checked_mul(columns) != Some(values.len()) {
         return Err(format!("{} numbers where {rows} x {columns} are announced", values.len()));
     }
-    Ok(if by_column { DMatrix::from_vec(rows, columns, values) } else { DMatrix::from_row_slice(rows, columns, &values) })
+    Ok(if by_column {
+        DMatrix::from_vec(rows, columns, values)
+    } else {
+        DMatrix::from_row_slice(rows, columns, &values)
+    })
 }
 
 fn check(

@@ -17,6 +17,7 @@ mod geometry;
 mod layout;
 mod load;
 mod matrices;
+mod sensitivity;
 mod sensor;
 #[cfg(test)]
 pub(crate) mod tests;
@@ -27,6 +28,7 @@ pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use layout::{LayoutError, LayoutNode};
 pub use load::{LoadedModel, ModelError, load};
 pub use matrices::{ImportedMatrices, MatrixError};
+pub use sensitivity::{Change, ModeDerivative, derivatives};
 pub use sensor::SensorError;
 
 /// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.

@@ -1,11 +1,15 @@
 //! Pictures, as SVG text.
 
+mod comparison;
+mod covalidation;
 mod shapes;
 mod singular;
 
 use plotters::style::RGBColor;
 use thiserror::Error;
 
+pub use comparison::comparison;
+pub use covalidation::{Curves, Prediction, covalidation};
 pub use shapes::{TrueShape, mode_shapes};
 pub use singular::singular_values;
 

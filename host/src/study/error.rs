@@ -265,7 +265,9 @@ pub enum StudyError {
         setup_line: usize,
     },
     /// A sensor that belongs to no setup.
-    #[error("{place}: a sensor of a recording stands under its setup as [[setup.sensor]]; [[sensor]] goes with [measured]")]
+    #[error(
+        "{place}: a sensor of a recording stands under its setup as [[setup.sensor]]; [[sensor]] goes with [measured]"
+    )]
     SensorOutsideSetup {
         /// The sensor.
         place: Place,

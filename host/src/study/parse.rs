@@ -8,8 +8,8 @@ use super::check;
 use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
 use super::types::{
-    Analysis, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, Model, ModelSource, Sensor, Setup,
-    Structure, Study, Unit,
+    Analysis, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, Model, ModelSource, Sensor,
+    Setup, Structure, Study, Unit,
 };
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
@@ -81,7 +81,9 @@ fn measured(document: &Section<'_>, setups: &[Section<'_>]) -> Result<Option<Mea
     let Some(entry) = document.get("measured") else {
         return match (sections.first(), setups.is_empty()) {
             (Some(section), false) => Err(StudyError::SensorOutsideSetup { place: section.place() }),
-            (Some(_), true) => Err(document.missing("measured", "[measured] with modes = \"modes.csv\", the modes of these sensors")),
+            (Some(_), true) => {
+                Err(document.missing("measured", "[measured] with modes = \"modes.csv\", the modes of these sensors"))
+            }
             (None, _) => Ok(None),
         };
     };
@@ -244,7 +246,8 @@ fn analysis(section: &Section<'_>) -> Result<Analysis, StudyError> {
 fn model(section: &Section<'_>) -> Result<Model, StudyError> {
     section.allow_only(MODEL_KEYS)?;
     const BEAM: &str = "the name of a beam table, in quotes, such as \"beam.csv\"";
-    const MATRICES: &str = "a table such as { file = \"model.mat\", stiffness = \"K\", mass = \"M\", nodes = \"nodes.csv\" }";
+    const MATRICES: &str =
+        "a table such as { file = \"model.mat\", stiffness = \"K\", mass = \"M\", nodes = \"nodes.csv\" }";
     const BACKGROUND: &str = "a relative standard deviation, a number above 0 such as 0.03";
     const LENGTH: &str = "a length in metres, a number above 0";
 
@@ -267,11 +270,14 @@ fn model(section: &Section<'_>) -> Result<Model, StudyError> {
 fn matrix_source(section: &Section<'_>) -> Result<MatrixSource, StudyError> {
     section.allow_only(MATRICES_KEYS)?;
     const FILE: &str = "the name of a MATLAB v5 file, in quotes, such as \"model.mat\"";
-    const STIFFNESS: &str = "the stiffness matrix: a name such as \"K\" or \"k.mtx\", or a list of names and [name, factor] pairs";
-    const MASS: &str = "the mass matrix: a name such as \"M\" or \"m.mtx\", or a list of names and [name, factor] pairs";
+    const STIFFNESS: &str =
+        "the stiffness matrix: a name such as \"K\" or \"k.mtx\", or a list of names and [name, factor] pairs";
+    const MASS: &str =
+        "the mass matrix: a name such as \"M\" or \"m.mtx\", or a list of names and [name, factor] pairs";
     const LAYOUT: &str = "the name of a CSV file, in quotes, such as \"nodes.csv\"";
 
-    let path = |key, expected| section.get(key).map(|entry: Entry<'_>| entry.text(expected).map(PathBuf::from)).transpose();
+    let path =
+        |key, expected| section.get(key).map(|entry: Entry<'_>| entry.text(expected).map(PathBuf::from)).transpose();
     let layout = match (path("nodes", LAYOUT)?, path("dofs", LAYOUT)?) {
         (Some(_), Some(_)) => return Err(StudyError::LayoutTwice { place: section.place_of("dofs") }),
         (Some(nodes), None) => Some(LayoutFile::Nodes(nodes)),

@@ -235,7 +235,8 @@ impl Effect {
             .collect();
         let bad = |value: String| EffectError::BadValue { kind: kind.name(), value, expected: expected_value(kind) };
         let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|integer| integer as f64));
-        let value_of = |wanted: &str| given.iter().find(|(name, _)| *name == wanted).and_then(|(_, value)| number(value));
+        let value_of =
+            |wanted: &str| given.iter().find(|(name, _)| *name == wanted).and_then(|(_, value)| number(value));
         if let [("value", value)] = given[..] {
             return Self::new(kind.name(), place, &[number(value).ok_or_else(|| bad(value.to_string()))?]);
         }

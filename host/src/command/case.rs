@@ -1,0 +1,114 @@
+//! What `compare`, `update` and `covalidate` start from: a study's model and its measured modes, seen by the same sensors.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+
+use super::Console;
+use crate::compare::{Comparison, ModelView, Pair, Tolerance, compare, pair};
+use crate::measured::{MeasuredModes, read};
+use crate::model::{Assembly, LoadedModel, load};
+use crate::study::{Sensor, Study};
+
+/// A study's model against its measured modes.
+pub(super) struct Case {
+    pub(super) study: Study,
+    pub(super) model: LoadedModel,
+    pub(super) sensors: Vec<Sensor>,
+    pub(super) measured: MeasuredModes,
+    /// The model with the study's effects.
+    pub(super) assembly: Assembly,
+    pub(super) view: ModelView,
+    pub(super) tolerance: Option<Tolerance>,
+}
+
+/// The folder of a study's results.
+pub(super) fn results_folder(study: &Study) -> PathBuf {
+    study.folder.join("results")
+}
+
+impl Case {
+    /// Reads a study, its model and its measured modes; warnings go to the console.
+    pub(super) fn load(folder: &Path, console: &Console) -> anyhow::Result<Self> {
+        let study = Study::load(folder)?;
+        let model = load(&study)?;
+        let sensors = study.sensors();
+        let measured = measured_modes(&study, &sensors)?;
+        for warning in &measured.warnings {
+            console.warn(warning);
+        }
+        let structure = model.structure()?;
+        let assembly = structure.assemble();
+        // Where frequencies alone were measured, sensors need no place.
+        let has_shapes = measured.modes.iter().any(|mode| mode.shape.is_some());
+        let view = ModelView::of(&assembly, if has_shapes { &sensors } else { &[] })?;
+        let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
+        Ok(Self { study, model, sensors, measured, assembly, view, tolerance })
+    }
+
+    /// The model as first given, seen by the same sensors.
+    pub(super) fn view_as_given(&self) -> anyhow::Result<ModelView> {
+        Ok(ModelView::of(&self.model.as_given(), &self.sensors)?)
+    }
+
+    /// Keeps only the measured modes of these numbers; none given keeps all.
+    pub(super) fn keep_modes(&mut self, numbers: &[usize]) -> anyhow::Result<()> {
+        if numbers.is_empty() {
+            return Ok(());
+        }
+        let known: Vec<String> = self.measured.modes.iter().map(|mode| mode.number.to_string()).collect();
+        if let Some(unknown) =
+            numbers.iter().find(|number| self.measured.modes.iter().all(|mode| mode.number != **number))
+        {
+            bail!(
+                "--modes: there is no measured mode {unknown}; {} has {}",
+                self.measured.file.display(),
+                known.join(", ")
+            );
+        }
+        self.measured.modes.retain(|mode| numbers.contains(&mode.number));
+        Ok(())
+    }
+
+    /// Pairs of the measured modes with the model's.
+    pub(super) fn pairs(&self) -> Vec<Pair> {
+        pair(&self.view, &self.measured.modes)
+    }
+
+    /// Model against measurement.
+    pub(super) fn compare(&self) -> Comparison {
+        compare(&self.view, &self.measured.modes, &self.sensors, self.tolerance.as_ref())
+    }
+
+    /// Names of the effects that the study has in its model.
+    pub(super) fn effect_names(&self) -> Vec<String> {
+        self.model.effects.iter().map(ToString::to_string).collect()
+    }
+}
+
+/// The modes that a study has: those of `[measured]`, else what `belfry identify` has found.
+fn measured_modes(study: &Study, sensors: &[Sensor]) -> anyhow::Result<MeasuredModes> {
+    if let Some(measured) = &study.measured {
+        return Ok(read(&study.folder.join(&measured.modes), sensors)?);
+    }
+    let file = results_folder(study).join("modes.json");
+    if !file.exists() {
+        bail!("{}: the study has no modes yet; run `belfry identify {}` first", file.display(), study.folder.display());
+    }
+    Ok(read(&file, sensors)?)
+}
+
+/// Writes an object as JSON into the study's results.
+pub(super) fn write_json(study: &Study, name: &str, object: &impl serde::Serialize) -> anyhow::Result<PathBuf> {
+    let text = serde_json::to_string_pretty(object)? + "\n";
+    write_result(study, name, text.as_bytes())
+}
+
+/// Writes a file into the study's results.
+pub(super) fn write_result(study: &Study, name: &str, bytes: &[u8]) -> anyhow::Result<PathBuf> {
+    let folder = results_folder(study);
+    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let path = folder.join(name);
+    std::fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(path)
+}

@@ -1,0 +1,205 @@
+//! `belfry compare`: the model against the measured modes, and where it fails.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
+
+use super::Console;
+use super::case::{Case, write_json, write_result};
+use super::identify::align_right;
+use crate::compare::{Comparison, Side};
+use crate::picture;
+
+const EXAMPLES: &str = "Examples:
+  belfry compare canton                        after `belfry identify canton`
+  belfry compare bridge                        a study with [measured] modes of another tool
+  belfry compare canton --json
+
+Modes are paired by shape and frequency together. z is the frequency's error in standard deviations of the measurement
+(at least 0.02 %). Misfit is the shapes' difference in shares of their RMS component; COMAC is 1 where a sensor fits in
+all modes. chi-squared weighs every difference against the measurement's deviations and, with background_stiffness and
+background_mass in [model], against the model's own tolerance. Writes comparison.json and comparison.svg into `results`.";
+
+/// Hold the model against the measurement: where it fails, by mode, sensor and height
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    pub study: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the study, its model or its modes cannot be read, or do not go together.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let case = Case::load(&arguments.study, console)?;
+    let comparison = compare_case(&case, console)?;
+    console.json(&comparison)?;
+    if !comparison.pairs.is_empty() {
+        let study = case.study.folder.display();
+        console.say(format!("Next: belfry update {study}    the paper's direct update of the stiffness matrix"));
+    }
+    Ok(())
+}
+
+/// Compares, tells and stores.
+pub(super) fn compare_case(case: &Case, console: &Console) -> anyhow::Result<Comparison> {
+    let comparison = case.compare();
+    tell(&comparison, case, console);
+    write_json(&case.study, "comparison.json", &comparison)?;
+    if let Some(picture) = picture::comparison(
+        &case.study.structure.name,
+        &case.assembly,
+        &case.sensors,
+        &case.measured.modes,
+        &comparison,
+    )? {
+        let path = write_result(&case.study, "comparison.svg", picture.as_bytes())?;
+        console.say(format!("Picture: {}", path.display()));
+    }
+    Ok(comparison)
+}
+
+/// A number, or a dash where there is none.
+pub(super) fn or_dash(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+}
+
+/// A MAC, never rounded up to a perfect one.
+pub(super) fn mac_text(mac: Option<f64>) -> String {
+    or_dash(mac.map(|mac| (mac * 1e4).floor() / 1e4), 4)
+}
+
+fn tell(comparison: &Comparison, case: &Case, console: &Console) {
+    let effects = case.effect_names();
+    let with = if effects.is_empty() { String::new() } else { format!(", with {}", effects.join(", ")) };
+    console.say(format!("\n{}: model{with} against {}", case.study.structure.name, case.measured.file.display()));
+    let close = comparison.pairs.iter().any(|pair| pair.subspace_mac.is_some());
+    let mut table = Table::new();
+    table.load_style(UTF8_FULL_CONDENSED);
+    let mut header = vec!["mode", "measured Hz", "model", "model Hz", "error %", "z", "MAC"];
+    header.extend(close.then_some("MAC of close modes together"));
+    table.set_header(header);
+    for pair in &comparison.pairs {
+        let mut row = vec![
+            pair.measured.to_string(),
+            format!("{:.4}", pair.measured_hz),
+            pair.model.to_string(),
+            format!("{:.4}", pair.model_hz),
+            format!("{:+.2}", pair.frequency_error_percent),
+            pair.frequency_z.map_or_else(|| "-".to_owned(), |z| format!("{z:+.1}")),
+            mac_text(pair.mac),
+        ];
+        row.extend(close.then(|| mac_text(pair.subspace_mac)));
+        table.add_row(row);
+    }
+    align_right(&mut table, if close { 8 } else { 7 });
+    console.say(table);
+    match (comparison.mean_abs_frequency_error_percent, comparison.mean_mac) {
+        (Some(error), Some(mac)) => console.say(format!("Mean frequency error {error:.2} %, mean MAC {mac:.4}.")),
+        (Some(error), None) => console.say(format!("Mean frequency error {error:.2} %; no shapes were measured.")),
+        (None, _) => console.say("No measured mode resembles any of the model's: check units, heights and azimuths."),
+    }
+    tell_unpaired(comparison, console);
+    tell_where(comparison, console);
+    tell_test(comparison, case, console);
+}
+
+fn tell_unpaired(comparison: &Comparison, console: &Console) {
+    for mode in &comparison.unpaired {
+        let whose = if mode.side == Side::Measured { "Measured mode" } else { "Model mode" };
+        let like = match (mode.nearest, mode.nearest_mac) {
+            (Some(number), Some(mac)) => {
+                let other = if mode.side == Side::Measured { "model" } else { "measured" };
+                format!("; it resembles {other} mode {number} most (MAC {mac:.2})")
+            }
+            _ => String::new(),
+        };
+        console.say(format!("{whose} {} at {:.4} Hz has no partner{like}.", mode.number, mode.frequency_hz));
+    }
+}
+
+/// How many sensors are named as the worst.
+const WORST_SENSORS: usize = 6;
+/// Columns of the longest bar.
+const BAR: f64 = 30.0;
+
+fn tell_where(comparison: &Comparison, console: &Console) {
+    if comparison.pairs.is_empty() {
+        return;
+    }
+    console.say("\nWhere it fails");
+    let worst = |value: &dyn Fn(usize) -> Option<f64>| {
+        let values = (0..comparison.pairs.len()).filter_map(|index| Some((index, value(index)?)));
+        values.max_by(|a, b| a.1.total_cmp(&b.1)).and_then(|(index, _)| comparison.pairs.get(index))
+    };
+    if let Some(pair) = worst(&|index| Some(comparison.pairs[index].frequency_error_percent.abs())) {
+        console.say(format!(
+            "  by mode: frequency worst in mode {} at {:.4} Hz ({:+.2} %)",
+            pair.measured, pair.measured_hz, pair.frequency_error_percent
+        ));
+    }
+    if let Some(pair) = worst(&|index| comparison.pairs[index].mac.map(|mac| -mac)) {
+        console.say(format!(
+            "           shape worst in mode {} at {:.4} Hz (MAC {})",
+            pair.measured,
+            pair.measured_hz,
+            mac_text(pair.mac)
+        ));
+    }
+    let mut sensors: Vec<_> = comparison.by_sensor.iter().collect();
+    sensors.sort_by(|a, b| b.misfit.total_cmp(&a.misfit));
+    let largest = sensors.first().map_or(1.0, |sensor| sensor.misfit).max(f64::MIN_POSITIVE);
+    for (index, sensor) in sensors.iter().take(WORST_SENSORS).enumerate() {
+        console.say(format!(
+            "  {:10} channel {:>8}  misfit {:5.3}  COMAC {}  {}",
+            if index == 0 { "by sensor:" } else { "" },
+            sensor.channel,
+            sensor.misfit,
+            or_dash(sensor.comac, 3),
+            "▪".repeat((BAR * sensor.misfit / largest).round() as usize)
+        ));
+    }
+    let largest = comparison.by_height.iter().map(|level| level.misfit).fold(f64::MIN_POSITIVE, f64::max);
+    for (index, level) in comparison.by_height.iter().rev().enumerate() {
+        console.say(format!(
+            "  {:10} {:9.2} m         misfit {:5.3}               {}",
+            if index == 0 { "by height:" } else { "" },
+            level.elevation_m,
+            level.misfit,
+            "▪".repeat((BAR * level.misfit / largest).round() as usize)
+        ));
+    }
+}
+
+/// Below this probability a model is said to fail.
+const SIGNIFICANT: f64 = 0.01;
+
+fn tell_test(comparison: &Comparison, case: &Case, console: &Console) {
+    let (Some(chi_squared), Some(degrees), Some(p_value)) =
+        (comparison.chi_squared, comparison.degrees_of_freedom, comparison.p_value)
+    else {
+        return;
+    };
+    let allowance = if case.tolerance.is_some() {
+        "the measurement's deviations and the model's tolerance"
+    } else {
+        "the measurement's deviations alone (no background_stiffness or background_mass in [model])"
+    };
+    let verdict = if p_value < SIGNIFICANT {
+        "the model does not explain the measurement: something is missing or wrong"
+    } else {
+        "nothing contradicts the model"
+    };
+    console.say(format!(
+        "\nchi-squared {chi_squared:.1} on {degrees} degrees of freedom, p = {}, against {allowance}: {verdict}.",
+        match p_value {
+            p if p < 1e-99 => "0".to_owned(),
+            p if p < 1e-3 => format!("{p:.0e}"),
+            p => format!("{p:.3}"),
+        }
+    ));
+}

@@ -1,0 +1,295 @@
+//! `belfry update`: the direct update of the stiffness matrix by Psi.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::Args;
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+use super::Console;
+use super::case::{Case, write_json, write_result};
+use super::compare::mac_text;
+use super::identify::align_right;
+use crate::compare::{frequency_z, mac};
+use crate::update::{Problem, Solution, Weights, matrix_market, npy, solve, updated};
+
+const EXAMPLES: &str = "Examples:
+  belfry update canton                              all modes that have a partner
+  belfry update canton --modes 1,2,3,4,5,7,8,9,10,11    without torsion, as in the paper
+  belfry update canton --shape-weights 1            every shape weighs the same
+  belfry update canton --json > update.json
+
+K* = K + M Phi1 Psi Phi1ᵀ M (Lei, Wang, Shen 2012, eqs. 8 to 14) meets the used frequencies exactly and turns the used
+shapes within their own span; every other mode stays as it is. Writes update.json, stiffness_updated.mtx and
+stiffness_updated.npy into `results`; the mass matrix does not change.";
+
+/// The largest relative change of another eigenvalue that passes for rounding.
+const UNCHANGED: f64 = 1e-6;
+
+/// Update the stiffness matrix directly (Psi), as the paper does
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    pub study: PathBuf,
+    /// Numbers of the measured modes to use, as in 1,2,5 [default: all that have a partner]
+    #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
+    pub modes: Vec<usize>,
+    /// Weight of frequencies in the objective
+    #[arg(long, value_name = "WEIGHT", default_value_t = 10.0, value_parser = weight)]
+    pub frequency_weight: f64,
+    /// Weights of shapes: two for the lower and the upper half of the modes, or one after another
+    #[arg(long, value_name = "WEIGHTS", value_delimiter = ',', default_values_t = [2.0, 0.5], value_parser = weight)]
+    pub shape_weights: Vec<f64>,
+}
+
+fn weight(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(weight) if weight > 0.0 && weight.is_finite() => Ok(weight),
+        _ => Err("expected a number above 0".to_owned()),
+    }
+}
+
+/// What `--json` prints and `results/update.json` holds.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct UpdateReport {
+    /// Psi in 1/s², row by row, in the order of the pairs.
+    pub psi: Vec<Vec<f64>>,
+    /// The paper's objective at the solution.
+    pub objective: f64,
+    /// Used modes before and after.
+    pub pairs: Vec<UpdatedPair>,
+    /// The highest MAC that any update within the model's span can reach, pair by pair.
+    pub mac_ceiling: Vec<Option<f64>>,
+    /// The largest relative change of an eigenvalue of K* that was not updated.
+    pub max_relative_change_of_other_eigenvalues: f64,
+    /// How many such eigenvalues there are.
+    pub other_eigenvalues: usize,
+    /// Mean absolute frequency error of the used modes before and after.
+    pub mean_abs_frequency_error_percent: BeforeAfter,
+    /// Mean MAC of the used modes before and after.
+    pub mean_mac: Option<BeforeAfter>,
+    /// V, row by row: the updated shape of pair i is Phi1 times its column i.
+    pub rotation: Vec<Vec<f64>>,
+    /// Effects that were in the model.
+    pub effects: Vec<String>,
+    /// What the reader should know.
+    pub warnings: Vec<String>,
+}
+
+/// A figure before and after.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct BeforeAfter {
+    /// Of the model.
+    pub before: f64,
+    /// Of the updated model.
+    pub after: f64,
+}
+
+/// A pair before and after.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct UpdatedPair {
+    /// Number of the measured mode.
+    pub measured: usize,
+    /// Number of the model's mode.
+    pub model: usize,
+    /// Measured frequency.
+    pub measured_hz: f64,
+    /// The model.
+    pub before: PairState,
+    /// The updated model.
+    pub after: PairState,
+}
+
+/// A model's mode beside its measured one.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct PairState {
+    /// Its frequency.
+    pub model_hz: f64,
+    /// Against the measured one.
+    pub frequency_error_percent: f64,
+    /// In standard deviations of the measurement.
+    pub frequency_z: Option<f64>,
+    /// Modal assurance criterion.
+    pub mac: Option<f64>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the study cannot be read, no mode has a partner, or a result cannot be written.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let mut case = Case::load(&arguments.study, console)?;
+    case.keep_modes(&arguments.modes)?;
+    let weights = Weights { frequency: arguments.frequency_weight, shape: arguments.shape_weights.clone() };
+    let report = update_case(&case, &weights, console)?;
+    console.json(&report)?;
+    if !case.study.setups.is_empty() {
+        let study = case.study.folder.display();
+        console.say(format!(
+            "Next: belfry covalidate {study} --channels CHANNELS    predict sensors that the model is not shown"
+        ));
+    }
+    Ok(())
+}
+
+/// Updates, tells and stores.
+pub(super) fn update_case(case: &Case, weights: &Weights, console: &Console) -> anyhow::Result<UpdateReport> {
+    let pairs = case.pairs();
+    let problem = Problem::of(&case.view, &case.measured.modes, &pairs, weights);
+    let solution = solve(&problem)?;
+    let used: Vec<usize> = pairs.iter().map(|pair| pair.model).collect();
+    let matrices = updated(&case.assembly, &case.view.modes, &used, &solution.psi, &problem.measured_lambda)
+        .context("the updated model")?;
+    let at_sensors = case.view.at_sensors.select_columns(&used) * &solution.rotation;
+    let state = |measured: usize, model_hz: f64, mac: Option<f64>| {
+        let mode = &case.measured.modes[measured];
+        PairState {
+            model_hz,
+            frequency_error_percent: 100.0 * (model_hz / mode.frequency_hz - 1.0),
+            frequency_z: frequency_z(mode, model_hz),
+            mac,
+        }
+    };
+    let pair_reports: Vec<UpdatedPair> = pairs
+        .iter()
+        .enumerate()
+        .map(|(index, pair)| {
+            let mode = &case.measured.modes[pair.measured];
+            let shape: Vec<f64> = at_sensors.column(index).iter().copied().collect();
+            let after_mac = mode.shape.as_ref().map(|measured| mac(&shape, measured));
+            // Of K* solved anew, not what it should be.
+            let after_hz = nearest(&matrices.modes.frequency_hz, mode.frequency_hz);
+            UpdatedPair {
+                measured: mode.number,
+                model: pair.model + 1,
+                measured_hz: mode.frequency_hz,
+                before: state(pair.measured, case.view.modes.frequency_hz[pair.model], pair.mac),
+                after: state(pair.measured, after_hz, after_mac),
+            }
+        })
+        .collect();
+    let report = report(case, &solution, weights, pair_reports, &matrices);
+    for warning in &report.warnings {
+        console.warn(warning);
+    }
+    tell(&report, case, console);
+    write_json(&case.study, "update.json", &report)?;
+    let mtx = write_result(&case.study, "stiffness_updated.mtx", matrix_market(&matrices.stiffness).as_bytes())?;
+    write_result(&case.study, "stiffness_updated.npy", &npy(&matrices.stiffness)?)?;
+    console.say(format!("The updated stiffness matrix is in {} (and .npy); the mass matrix stays.", mtx.display()));
+    Ok(report)
+}
+
+fn nearest(frequencies_hz: &[f64], wanted_hz: f64) -> f64 {
+    let distance = |hz: &f64| (hz - wanted_hz).abs();
+    frequencies_hz.iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(f64::NAN)
+}
+
+fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+}
+
+fn report(
+    case: &Case,
+    solution: &Solution,
+    weights: &Weights,
+    pairs: Vec<UpdatedPair>,
+    matrices: &crate::update::UpdatedMatrices,
+) -> UpdateReport {
+    let mean = |value: &dyn Fn(&UpdatedPair) -> Option<f64>| {
+        let values: Vec<f64> = pairs.iter().filter_map(value).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    };
+    let errors = BeforeAfter {
+        before: mean(&|pair| Some(pair.before.frequency_error_percent.abs())).unwrap_or(0.0),
+        after: mean(&|pair| Some(pair.after.frequency_error_percent.abs())).unwrap_or(0.0),
+    };
+    let frequency_part: f64 =
+        pairs.iter().map(|pair| weights.frequency * (pair.after.frequency_error_percent / 100.0).powi(2)).sum();
+    let macs = mean(&|pair| pair.before.mac).zip(mean(&|pair| pair.after.mac));
+    let mut warnings = solution.warnings.clone();
+    if matrices.max_relative_change_of_other_eigenvalues > UNCHANGED {
+        warnings.push(format!(
+            "other eigenvalues changed by up to {:.1e}: the matrices are too badly conditioned for the update to leave them alone",
+            matrices.max_relative_change_of_other_eigenvalues
+        ));
+    }
+    UpdateReport {
+        psi: rows(&solution.psi),
+        objective: solution.objective + frequency_part,
+        mac_ceiling: solution.mac_ceiling.clone(),
+        max_relative_change_of_other_eigenvalues: matrices.max_relative_change_of_other_eigenvalues,
+        other_eigenvalues: matrices.other_eigenvalues,
+        mean_abs_frequency_error_percent: errors,
+        mean_mac: macs.map(|(before, after)| BeforeAfter { before, after }),
+        rotation: rows(&solution.rotation),
+        effects: case.effect_names(),
+        warnings,
+        pairs,
+    }
+}
+
+fn tell(report: &UpdateReport, case: &Case, console: &Console) {
+    console.say(format!(
+        "\n{}: K* = K + M Phi1 Psi Phi1ᵀ M with {} modes at {} sensors",
+        case.study.structure.name,
+        report.pairs.len(),
+        case.sensors.len()
+    ));
+    let mut table = Table::new();
+    table.load_style(UTF8_FULL_CONDENSED);
+    table.set_header([
+        "mode",
+        "measured Hz",
+        "model Hz",
+        "error %",
+        "updated Hz",
+        "error %",
+        "MAC",
+        "updated",
+        "ceiling",
+    ]);
+    for (pair, ceiling) in report.pairs.iter().zip(&report.mac_ceiling) {
+        table.add_row([
+            pair.measured.to_string(),
+            format!("{:.4}", pair.measured_hz),
+            format!("{:.4}", pair.before.model_hz),
+            signed(pair.before.frequency_error_percent),
+            format!("{:.4}", pair.after.model_hz),
+            signed(pair.after.frequency_error_percent),
+            mac_text(pair.before.mac),
+            mac_text(pair.after.mac),
+            mac_text(*ceiling),
+        ]);
+    }
+    align_right(&mut table, 9);
+    console.say(table);
+    let errors = report.mean_abs_frequency_error_percent;
+    let macs = report.mean_mac.map_or(String::new(), |mac| format!(", mean MAC {:.3} -> {:.3}", mac.before, mac.after));
+    console.say(format!(
+        "Mean frequency error {:.2} -> {:.2} %{macs}; objective {:.3e}; the {} other eigenvalues changed by at most {:.1e}.",
+        errors.before,
+        errors.after,
+        report.objective,
+        report.other_eigenvalues,
+        report.max_relative_change_of_other_eigenvalues
+    ));
+    console.say("\nPsi in 1/s²:");
+    for row in &report.psi {
+        console.say(row.iter().map(|value| format!("{value:10.3e}")).collect::<Vec<_>>().join(" "));
+    }
+    console.say(
+        "\nAny orthogonal matrix in place of the one found would meet the frequencies just as well: their agreement after this
+update is no evidence that the model is right. The MAC cannot pass its ceiling, whatever Psi is: what is missing there is
+not in the span of the model's shapes. Whether the model predicts what it was not shown is for `belfry covalidate`.",
+    );
+}
+
+/// A percentage with its sign, but for what rounds to nothing.
+fn signed(percent: f64) -> String {
+    if percent.abs() < 0.005 { "0.00".to_owned() } else { format!("{percent:+.2}") }
+}

@@ -1,0 +1,115 @@
+//! Which model mode belongs to which measured mode: an assignment over MAC and frequency together.
+//!
+//! Not by order: a model that is wrong has modes in a wrong order. Not greedily: a good pair must not cost two others.
+
+use nalgebra::DMatrix;
+use pathfinding::prelude::{Matrix, kuhn_munkres};
+
+use super::{ModelView, mac};
+use crate::measured::{MeasuredMode, MeasuredShape};
+
+/// A measured mode and the model mode that belongs to it; both 0-based.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pair {
+    /// Index into the measured modes.
+    pub measured: usize,
+    /// Index into the model's modes, lowest first.
+    pub model: usize,
+    /// Modal assurance criterion; `None` where no shape was measured.
+    pub mac: Option<f64>,
+    /// For one of several close modes: squared cosine of the measured shape and the span of the close model shapes. Close
+    /// modes may turn within that span at the slightest change, so it is what a model of them can be held to.
+    pub subspace_mac: Option<f64>,
+}
+
+/// Frequencies count as alike over this range (standard deviation of their logarithm): models are off by 10 to 20 %.
+const LIKENESS: f64 = 0.25;
+/// A pair below this likeness is none: neither the shape nor the frequency speaks for it.
+const LEAST_LIKENESS: f64 = 0.1;
+/// What the shape counts for where none was measured.
+const UNKNOWN_SHAPE: f64 = 0.5;
+/// Model modes are close when neighbours differ by less than this share of their frequency.
+const CLOSE: f64 = 0.03;
+/// Likeness is brought to whole numbers for the assignment.
+const WHOLE: f64 = 1e9;
+
+/// Pairs measured with model modes so that the sum of `MAC exp(-(ln f ratio)²/(2 LIKENESS²))` is the largest; pairs that
+/// resemble each other too little are left out. In the order of the measured modes.
+pub fn pair(view: &ModelView, measured: &[MeasuredMode]) -> Vec<Pair> {
+    let highest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
+    // Beyond four deviations nothing pairs.
+    let reach = (4.0 * LIKENESS).exp();
+    let candidates = view.modes.frequency_hz.partition_point(|&frequency_hz| frequency_hz <= highest_hz * reach);
+    if measured.is_empty() || candidates == 0 {
+        return Vec::new();
+    }
+    let likeness = |mode: &MeasuredMode, model: usize| {
+        let ratio = (view.modes.frequency_hz[model] / mode.frequency_hz).ln() / LIKENESS;
+        let shape = mode.shape.as_ref().map_or(UNKNOWN_SHAPE, |shape| mac(view.shape(model), shape));
+        let likeness = shape * (-0.5 * ratio * ratio).exp();
+        if likeness < LEAST_LIKENESS { 0.0 } else { likeness }
+    };
+    // A column for every measured mode that stays without a partner: the assignment wants no fewer columns than rows.
+    let columns = candidates + measured.len();
+    let weights = Matrix::from_fn(measured.len(), columns, |(row, column)| {
+        if column < candidates { (likeness(&measured[row], column) * WHOLE) as i64 } else { 0 }
+    });
+    let (_, assignment) = kuhn_munkres(&weights);
+    let mut pairs: Vec<Pair> = assignment
+        .into_iter()
+        .enumerate()
+        .filter(|&(index, model)| model < candidates && weights[(index, model)] > 0)
+        .map(|(index, model)| {
+            let mac = measured[index].shape.as_ref().map(|shape| mac(view.shape(model), shape));
+            Pair { measured: index, model, mac, subspace_mac: None }
+        })
+        .collect();
+    for index in 0..pairs.len() {
+        let group = close_models(view, &pairs, pairs[index].model);
+        if group.len() > 1
+            && let Some(shape) = &measured[pairs[index].measured].shape
+        {
+            pairs[index].subspace_mac = Some(share_in_span(&view.at_sensors.select_columns(&group), shape));
+        }
+    }
+    pairs
+}
+
+/// The paired model modes that stand close together with `model`, itself included.
+fn close_models(view: &ModelView, pairs: &[Pair], model: usize) -> Vec<usize> {
+    let mut paired: Vec<usize> = pairs.iter().map(|pair| pair.model).collect();
+    paired.sort_unstable();
+    let near = |a: usize, b: usize| {
+        let (a, b) = (view.modes.frequency_hz[a], view.modes.frequency_hz[b]);
+        (a - b).abs() < CLOSE * a.max(b)
+    };
+    let position = paired.partition_point(|&other| other < model);
+    let (mut first, mut last) = (position, position);
+    while first > 0 && near(paired[first - 1], paired[first]) {
+        first -= 1;
+    }
+    while last + 1 < paired.len() && near(paired[last], paired[last + 1]) {
+        last += 1;
+    }
+    paired.get(first..=last).unwrap_or(&[]).to_vec()
+}
+
+/// |P phihat|² / |phihat|² with P the projector on the span of `shapes` (sensors x modes) at the measured sensors: the
+/// highest MAC that any combination of the shapes can have.
+pub(crate) fn share_in_span(shapes: &DMatrix<f64>, measured: &MeasuredShape) -> f64 {
+    let there = shapes.select_rows(&measured.sensors);
+    let total = measured.values.norm_squared();
+    let left = there.svd(true, false);
+    let (Some(directions), Some(greatest)) = (left.u, left.singular_values.iter().copied().reduce(f64::max)) else {
+        return 0.0;
+    };
+    let kept = directions
+        .column_iter()
+        .zip(left.singular_values.iter())
+        .filter(|&(_, &value)| value > RANK_TOLERANCE * greatest)
+        .map(|(direction, _)| direction.dot(&measured.values).powi(2));
+    (kept.sum::<f64>() / total).min(1.0)
+}
+
+/// Singular values below this share of the largest are rounding.
+pub(crate) const RANK_TOLERANCE: f64 = 1e-10;

@@ -1,0 +1,149 @@
+//! Modes as a CSV table: `mode, frequency_hz, frequency_std_hz, damping_ratio`, then a column a channel, and `CHANNEL_std`.
+//!
+//! Only `frequency_hz` is needed. A component is a number, or a complex one as `0.5-0.1i`; an empty cell or NaN is a
+//! component that is not known.
+
+use std::path::Path;
+
+use num_complex::Complex64;
+
+use super::error::MeasuredError;
+use super::shape::{RawComponent, RawMode};
+use super::{known_channels, sensor_named};
+use crate::study::Sensor;
+
+/// What a column holds.
+enum Column {
+    Number,
+    Frequency,
+    FrequencyStd,
+    Damping,
+    /// Of later use, or of other tools: what identify prints beside.
+    Ignored,
+    Component(usize),
+    ComponentStd(usize),
+}
+
+pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<RawMode>, MeasuredError> {
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
+    let syntax = |error: csv::Error| MeasuredError::Syntax {
+        file: path.to_owned(),
+        line: error.position().map_or(1, csv::Position::line),
+        reason: format!("not a CSV row like its header ({error})"),
+    };
+    let header = reader.headers().map_err(syntax)?.clone();
+    let columns = header.iter().map(|name| column(path, name, sensors)).collect::<Result<Vec<_>, _>>()?;
+    if !columns.iter().any(|column| matches!(column, Column::Frequency)) {
+        let reason = "the column `frequency_hz` is missing; expected mode,frequency_hz,frequency_std_hz,damping_ratio and a column a channel";
+        return Err(MeasuredError::Syntax { file: path.to_owned(), line: 1, reason: reason.to_owned() });
+    }
+    let mut modes = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(syntax)?;
+        let row = Row { path, header: &header, line: record.position().map_or(0, csv::Position::line) };
+        modes.push(row.mode(&record, &columns, modes.len() + 1)?);
+    }
+    Ok(modes)
+}
+
+fn column(path: &Path, name: &str, sensors: &[Sensor]) -> Result<Column, MeasuredError> {
+    Ok(match name {
+        "mode" | "number" => Column::Number,
+        "frequency_hz" | "measured_hz" => Column::Frequency,
+        "frequency_std_hz" => Column::FrequencyStd,
+        "damping_ratio" => Column::Damping,
+        "damping_ratio_std" | "phase_collinearity" | "type" => Column::Ignored,
+        _ => match (sensor_named(sensors, name), name.strip_suffix("_std")) {
+            (Some(sensor), _) => Column::Component(sensor),
+            (None, Some(channel)) if sensor_named(sensors, channel).is_some() => {
+                Column::ComponentStd(sensor_named(sensors, channel).unwrap_or_default())
+            }
+            _ => {
+                return Err(MeasuredError::UnknownChannel {
+                    file: path.to_owned(),
+                    channel: name.to_owned(),
+                    known: known_channels(sensors),
+                });
+            }
+        },
+    })
+}
+
+struct Row<'a> {
+    path: &'a Path,
+    header: &'a csv::StringRecord,
+    line: u64,
+}
+
+impl Row<'_> {
+    fn mode(&self, record: &csv::StringRecord, columns: &[Column], number: usize) -> Result<RawMode, MeasuredError> {
+        let mut mode = RawMode {
+            number,
+            frequency_hz: f64::NAN,
+            frequency_std_hz: None,
+            damping_ratio: None,
+            components: Vec::new(),
+        };
+        let mut stds = Vec::new();
+        for (index, column) in columns.iter().enumerate() {
+            let cell = record.get(index).unwrap_or("");
+            match column {
+                Column::Number => {
+                    mode.number = cell.parse().map_err(|_| self.value(index, cell, "the mode's number"))?;
+                }
+                Column::Frequency => {
+                    let expected = "a frequency in Hz, above 0,";
+                    let frequency = self.number(index, cell, expected)?;
+                    mode.frequency_hz =
+                        frequency.filter(|f| *f > 0.0).ok_or_else(|| self.value(index, cell, expected))?;
+                }
+                Column::FrequencyStd => mode.frequency_std_hz = self.number(index, cell, "a standard deviation")?,
+                Column::Damping => mode.damping_ratio = self.number(index, cell, "a damping ratio")?,
+                Column::Ignored => {}
+                Column::Component(sensor) => {
+                    let value = self.component(index, cell)?;
+                    mode.components.push(RawComponent { sensor: *sensor, value, std: None });
+                }
+                Column::ComponentStd(sensor) => {
+                    stds.push((*sensor, self.number(index, cell, "a standard deviation")?));
+                }
+            }
+        }
+        for component in &mut mode.components {
+            component.std = stds.iter().find(|(sensor, _)| *sensor == component.sensor).and_then(|(_, std)| *std);
+        }
+        Ok(mode)
+    }
+
+    /// A finite number; `None` for an empty cell or NaN.
+    fn number(&self, index: usize, cell: &str, expected: &'static str) -> Result<Option<f64>, MeasuredError> {
+        if cell.is_empty() {
+            return Ok(None);
+        }
+        match cell.parse::<f64>() {
+            Ok(number) if number.is_nan() => Ok(None),
+            Ok(number) if number.is_finite() => Ok(Some(number)),
+            _ => Err(self.value(index, cell, expected)),
+        }
+    }
+
+    fn component(&self, index: usize, cell: &str) -> Result<Complex64, MeasuredError> {
+        if cell.is_empty() {
+            return Ok(Complex64::new(f64::NAN, 0.0));
+        }
+        let expected = "a number, or a complex one such as 0.5-0.1i,";
+        let with_i = cell.replace('j', "i");
+        let number = cell.parse::<f64>().map(Complex64::from).or_else(|_| with_i.parse::<Complex64>());
+        number.ok().filter(|number| !number.is_infinite()).ok_or_else(|| self.value(index, cell, expected))
+    }
+
+    fn value(&self, index: usize, value: &str, expected: &'static str) -> MeasuredError {
+        MeasuredError::Value {
+            file: self.path.to_owned(),
+            line: self.line,
+            column: self.header.get(index).unwrap_or("").to_owned(),
+            value: value.to_owned(),
+            expected,
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Why a file of modes was refused.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// Why a file of modes was refused.
+#[derive(Debug, Error)]
+pub enum MeasuredError {
+    /// It cannot be opened.
+    #[error("{}: cannot be read ({source}); [measured] modes in study.toml names the file of modes", file.display())]
+    Unreadable {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Its text is not what its format wants.
+    #[error("{}, line {line}: {reason}", file.display())]
+    Syntax {
+        /// The file.
+        file: PathBuf,
+        /// 1-based line.
+        line: u64,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A cell that is no number.
+    #[error("{}, line {line}, column `{column}`: `{value}` where {expected} was expected", file.display())]
+    Value {
+        /// The file.
+        file: PathBuf,
+        /// 1-based line.
+        line: u64,
+        /// The column.
+        column: String,
+        /// What stands there.
+        value: String,
+        /// What should.
+        expected: &'static str,
+    },
+    /// A channel that the study does not have.
+    #[error("{}: `{channel}` is no channel or point of the study; it has {known}", file.display())]
+    UnknownChannel {
+        /// The file.
+        file: PathBuf,
+        /// The name in the file.
+        channel: String,
+        /// The study's channels.
+        known: String,
+    },
+    /// A channel twice in one shape.
+    #[error("{}, mode {number}: channel {channel} has two components", file.display())]
+    ChannelTwice {
+        /// The file.
+        file: PathBuf,
+        /// The mode.
+        number: usize,
+        /// The channel.
+        channel: String,
+    },
+    /// Two modes of one number.
+    #[error("{}: two modes have the number {number}; give each its own", file.display())]
+    SameNumber {
+        /// The file.
+        file: PathBuf,
+        /// The number.
+        number: usize,
+    },
+    /// A frequency that none can be.
+    #[error("{}, mode {number}: the frequency is {frequency_hz} Hz; expected a number above 0", file.display())]
+    Frequency {
+        /// The file.
+        file: PathBuf,
+        /// The mode.
+        number: usize,
+        /// What stands there.
+        frequency_hz: f64,
+    },
+    /// A component that is infinite.
+    #[error("{}, mode {number}, channel {channel}: the shape's component is not a finite number", file.display())]
+    Infinite {
+        /// The file.
+        file: PathBuf,
+        /// The mode.
+        number: usize,
+        /// The channel.
+        channel: String,
+    },
+    /// A shape of zeros.
+    #[error("{}, mode {number}: every known component of its shape is zero", file.display())]
+    ZeroShape {
+        /// The file.
+        file: PathBuf,
+        /// The mode.
+        number: usize,
+    },
+    /// Nothing in it.
+    #[error("{}: no modes in it", file.display())]
+    NoModes {
+        /// The file.
+        file: PathBuf,
+    },
+    /// Node labels that belong to no sensor.
+    #[error(
+        "{}: node {node}, direction {direction} belongs to no sensor; name a channel (or its `point`) by node label and direction, such as \"{node}{direction}\" - the study has {known}",
+        file.display()
+    )]
+    UnknownNode {
+        /// The file.
+        file: PathBuf,
+        /// The label.
+        node: i64,
+        /// `x`, `y` or `z`.
+        direction: &'static str,
+        /// The study's channels.
+        known: String,
+    },
+}

@@ -1,0 +1,65 @@
+//! Modes as `belfry identify` writes them; of another tool's JSON only `frequency_hz` is needed.
+
+use std::path::Path;
+
+use num_complex::Complex64;
+use serde::Deserialize;
+
+use super::error::MeasuredError;
+use super::shape::{RawComponent, RawMode};
+use super::{known_channels, sensor_named};
+use crate::study::Sensor;
+
+#[derive(Deserialize)]
+struct File {
+    modes: Vec<Mode>,
+}
+
+#[derive(Deserialize)]
+struct Mode {
+    number: Option<usize>,
+    frequency_hz: f64,
+    frequency_std_hz: Option<f64>,
+    damping_ratio: Option<f64>,
+    #[serde(default)]
+    shape: Vec<Component>,
+}
+
+#[derive(Deserialize)]
+struct Component {
+    channel: String,
+    point: Option<String>,
+    re: Option<f64>,
+    #[serde(default)]
+    im: Option<f64>,
+    std: Option<f64>,
+}
+
+pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<RawMode>, MeasuredError> {
+    let file: File = serde_json::from_str(text).map_err(|error| MeasuredError::Syntax {
+        file: path.to_owned(),
+        line: error.line() as u64,
+        reason: format!("not the JSON of modes ({error})"),
+    })?;
+    let component = |component: Component| {
+        let by_point = component.point.as_deref().and_then(|point| sensor_named(sensors, point));
+        let sensor = sensor_named(sensors, &component.channel).or(by_point);
+        let sensor = sensor.ok_or_else(|| MeasuredError::UnknownChannel {
+            file: path.to_owned(),
+            channel: component.channel.clone(),
+            known: known_channels(sensors),
+        })?;
+        let value = Complex64::new(component.re.unwrap_or(f64::NAN), component.im.unwrap_or(0.0));
+        Ok(RawComponent { sensor, value, std: component.std })
+    };
+    let mode = |(index, mode): (usize, Mode)| {
+        Ok(RawMode {
+            number: mode.number.unwrap_or(index + 1),
+            frequency_hz: mode.frequency_hz,
+            frequency_std_hz: mode.frequency_std_hz,
+            damping_ratio: mode.damping_ratio,
+            components: mode.shape.into_iter().map(component).collect::<Result<_, _>>()?,
+        })
+    };
+    file.modes.into_iter().enumerate().map(mode).collect()
+}

@@ -1,0 +1,147 @@
+//! Modes that were measured: a file of modes flows in, modes over the study's sensors flow out.
+//!
+//! The file is what `belfry identify` writes (JSON), a CSV table, or a UFF 55 file of another tool. A shape may be
+//! complex in the file; it is turned to the phase at which it is the most real.
+
+mod csv_table;
+mod error;
+mod json;
+mod shape;
+#[cfg(test)]
+mod tests;
+mod uff;
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use nalgebra::DVector;
+
+use crate::study::Sensor;
+pub use error::MeasuredError;
+use shape::RawMode;
+
+/// Modes with what is known of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredModes {
+    /// Where they come from.
+    pub file: PathBuf,
+    /// The modes, lowest frequency first.
+    pub modes: Vec<MeasuredMode>,
+    /// What the reader should know: components that are missing, sensors without any.
+    pub warnings: Vec<String>,
+}
+
+/// A measured mode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredMode {
+    /// Its number in the file, from 1.
+    pub number: usize,
+    /// Natural frequency in Hz, above 0.
+    pub frequency_hz: f64,
+    /// Its standard deviation in Hz, where known and above 0.
+    pub frequency_std_hz: Option<f64>,
+    /// Damping ratio (1 is critical), where known.
+    pub damping_ratio: Option<f64>,
+    /// Its shape; `None` where only the frequency is known.
+    pub shape: Option<MeasuredShape>,
+}
+
+/// A real mode shape at some of the study's sensors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredShape {
+    /// Indices into the study's sensors, ascending: those at which a component is known.
+    pub sensors: Vec<usize>,
+    /// The components there, in the sensors' positive directions, the largest 1.
+    pub values: DVector<f64>,
+    /// Standard deviations of the components, at the same scale (NaN where one is unknown); `None` where all are.
+    pub stds: Option<DVector<f64>>,
+}
+
+/// Reads a file of modes; its ending says what it is (`.json`, `.csv`, `.uff` or `.unv`), and where that says nothing, its
+/// beginning does.
+///
+/// # Errors
+/// [`MeasuredError`] names the file, the line or mode, and the channel.
+pub fn read(path: &Path, sensors: &[Sensor]) -> Result<MeasuredModes, MeasuredError> {
+    let bytes = std::fs::read(path).map_err(|source| MeasuredError::Unreadable { file: path.to_owned(), source })?;
+    parse(path, &bytes, sensors)
+}
+
+/// What files of modes look like.
+#[derive(Clone, Copy)]
+enum Format {
+    Json,
+    Csv,
+    Uff,
+}
+
+fn parse(path: &Path, bytes: &[u8], sensors: &[Sensor]) -> Result<MeasuredModes, MeasuredError> {
+    let text = String::from_utf8_lossy(bytes);
+    let text = text.trim_start_matches('\u{feff}');
+    let format = match path.extension().and_then(|extension| extension.to_str()) {
+        Some("json") => Format::Json,
+        Some("csv") => Format::Csv,
+        Some("uff" | "unv" | "u55") => Format::Uff,
+        _ if text.trim_start().starts_with('{') => Format::Json,
+        _ if text.lines().next().is_some_and(|line| line.trim() == "-1") => Format::Uff,
+        _ => Format::Csv,
+    };
+    let raw = match format {
+        Format::Json => json::modes(path, text, sensors)?,
+        Format::Csv => csv_table::modes(path, text, sensors)?,
+        Format::Uff => uff::modes(path, text, sensors)?,
+    };
+    finish(path, raw, sensors)
+}
+
+/// Checks what all formats have in common, and makes shapes real.
+fn finish(path: &Path, raw: Vec<RawMode>, sensors: &[Sensor]) -> Result<MeasuredModes, MeasuredError> {
+    let file = path.to_owned();
+    if raw.is_empty() {
+        return Err(MeasuredError::NoModes { file });
+    }
+    let mut numbers = BTreeSet::new();
+    let mut warnings = Vec::new();
+    let mut modes = Vec::new();
+    let mut seen = vec![false; sensors.len()];
+    let any_shape = raw.iter().any(|mode| !mode.components.is_empty());
+    for mode in raw {
+        if !numbers.insert(mode.number) {
+            return Err(MeasuredError::SameNumber { file, number: mode.number });
+        }
+        if !(mode.frequency_hz.is_finite() && mode.frequency_hz > 0.0) {
+            return Err(MeasuredError::Frequency { file, number: mode.number, frequency_hz: mode.frequency_hz });
+        }
+        for component in &mode.components {
+            if let Some(seen) = seen.get_mut(component.sensor) {
+                *seen = true;
+            }
+        }
+        modes.push(mode.finish(&file, sensors, any_shape, &mut warnings)?);
+    }
+    if any_shape {
+        let blind: Vec<&str> =
+            sensors.iter().zip(&seen).filter(|(_, seen)| !**seen).map(|(sensor, _)| sensor.channel.as_str()).collect();
+        if !blind.is_empty() {
+            warnings.push(format!("{}: no mode has a component at channel {}", path.display(), blind.join(", ")));
+        }
+    }
+    modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    Ok(MeasuredModes { file, modes, warnings })
+}
+
+/// The sensor that a file calls `name`: by channel, else by point where only one sensor has it.
+fn sensor_named(sensors: &[Sensor], name: &str) -> Option<usize> {
+    sensors.iter().position(|sensor| sensor.channel == name).or_else(|| {
+        let mut at_point = (0..sensors.len()).filter(|&index| sensors[index].point == name);
+        at_point.next().filter(|_| at_point.next().is_none())
+    })
+}
+
+/// The channels there are, in words.
+fn known_channels(sensors: &[Sensor]) -> String {
+    if sensors.is_empty() {
+        return "none: give the study its [[sensor]]s".to_owned();
+    }
+    sensors.iter().map(|sensor| sensor.channel.as_str()).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,112 @@
+//! From the components of a file to a real shape.
+
+use std::path::Path;
+
+use nalgebra::DVector;
+use num_complex::Complex64;
+
+use super::error::MeasuredError;
+use super::{MeasuredMode, MeasuredShape};
+use crate::identify::phase_collinearity;
+use crate::study::Sensor;
+
+/// A mode as its file gives it.
+pub(super) struct RawMode {
+    pub(super) number: usize,
+    pub(super) frequency_hz: f64,
+    pub(super) frequency_std_hz: Option<f64>,
+    pub(super) damping_ratio: Option<f64>,
+    pub(super) components: Vec<RawComponent>,
+}
+
+/// A component of a shape.
+pub(super) struct RawComponent {
+    /// Index into the study's sensors.
+    pub(super) sensor: usize,
+    /// NaN where it is unknown.
+    pub(super) value: Complex64,
+    pub(super) std: Option<f64>,
+}
+
+/// Below this a shape is said to be complex.
+const LEAST_COLLINEARITY: f64 = 0.9;
+
+impl RawMode {
+    /// `any_shape`: the file has shapes, so that a mode without one is worth a warning.
+    pub(super) fn finish(
+        self,
+        file: &Path,
+        sensors: &[Sensor],
+        any_shape: bool,
+        warnings: &mut Vec<String>,
+    ) -> Result<MeasuredMode, MeasuredError> {
+        let number = self.number;
+        let shape = real_shape(file, number, self.components, sensors, warnings)?;
+        if any_shape && shape.is_none() {
+            warnings.push(format!("{}, mode {number}: no shape, only its frequency is compared", file.display()));
+        }
+        let known = |value: Option<f64>| value.filter(|value| value.is_finite() && *value > 0.0);
+        Ok(MeasuredMode {
+            number,
+            frequency_hz: self.frequency_hz,
+            frequency_std_hz: known(self.frequency_std_hz),
+            damping_ratio: known(self.damping_ratio),
+            shape,
+        })
+    }
+}
+
+fn real_shape(
+    file: &Path,
+    number: usize,
+    mut components: Vec<RawComponent>,
+    sensors: &[Sensor],
+    warnings: &mut Vec<String>,
+) -> Result<Option<MeasuredShape>, MeasuredError> {
+    let channel = |sensor: usize| sensors.get(sensor).map_or_else(String::new, |sensor| sensor.channel.clone());
+    components.sort_by_key(|component| component.sensor);
+    if let Some(pair) = components.windows(2).find(|pair| pair[0].sensor == pair[1].sensor) {
+        let channel = channel(pair[0].sensor);
+        return Err(MeasuredError::ChannelTwice { file: file.to_owned(), number, channel });
+    }
+    if let Some(infinite) = components.iter().find(|component| component.value.is_infinite()) {
+        let channel = channel(infinite.sensor);
+        return Err(MeasuredError::Infinite { file: file.to_owned(), number, channel });
+    }
+    let unknown: Vec<String> =
+        components.iter().filter(|component| component.value.is_nan()).map(|c| channel(c.sensor)).collect();
+    components.retain(|component| !component.value.is_nan());
+    if components.is_empty() {
+        return Ok(None);
+    }
+    if !unknown.is_empty() {
+        warnings.push(format!(
+            "{}, mode {number}: the shape has no component at channel {}; the mode is compared at the others",
+            file.display(),
+            unknown.join(", ")
+        ));
+    }
+    let values: Vec<Complex64> = components.iter().map(|component| component.value).collect();
+    // The phase that maximises the sum of squared real parts is half that of the sum of squares.
+    let turn = Complex64::cis(-0.5 * values.iter().map(|value| value * value).sum::<Complex64>().arg());
+    let real: Vec<f64> = values.iter().map(|value| (value * turn).re).collect();
+    let largest = real.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
+    if largest == 0.0 || !largest.is_finite() {
+        return Err(MeasuredError::ZeroShape { file: file.to_owned(), number });
+    }
+    let collinearity = phase_collinearity(&values);
+    if collinearity < LEAST_COLLINEARITY {
+        warnings.push(format!(
+            "{}, mode {number}: the shape is complex (phase collinearity {collinearity:.2}); only its real part is compared",
+            file.display()
+        ));
+    }
+    let size = components.len();
+    let stds = components.iter().map(|c| c.std.filter(|std| *std >= 0.0).map_or(f64::NAN, |std| std / largest.abs()));
+    let stds = DVector::from_iterator(size, stds);
+    Ok(Some(MeasuredShape {
+        sensors: components.iter().map(|component| component.sensor).collect(),
+        values: DVector::from_iterator(size, real.iter().map(|value| value / largest)),
+        stds: stds.iter().any(|std| std.is_finite()).then_some(stds),
+    }))
+}

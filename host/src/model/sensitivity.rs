@@ -1,0 +1,69 @@
+//! How frequencies and shapes follow a small change of K and M: exact first derivatives over all eigenvectors.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::eigen::ModalBasis;
+
+/// A small change of a structure, per unit of what changes it.
+#[derive(Debug, Clone)]
+pub struct Change {
+    /// The matrix rows that change, ascending.
+    rows: Vec<usize>,
+    /// Change of K there, rows x rows.
+    stiffness: DMatrix<f64>,
+    /// Change of M there.
+    mass: DMatrix<f64>,
+}
+
+/// Derivatives of one mode by one change.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModeDerivative {
+    /// Of the frequency's logarithm.
+    pub ln_frequency: f64,
+    /// Of the mass-normalised shape at the sensors.
+    pub shape: DVector<f64>,
+}
+
+/// Two modes whose 1/lambda differ by less than this share count as one: their shapes turn without bound.
+const DEGENERATE: f64 = 1e-9;
+
+impl Change {
+    /// From the whole matrices of the change (all but a few rows of them zero), DOFs x DOFs.
+    pub fn of(stiffness: &DMatrix<f64>, mass: &DMatrix<f64>) -> Self {
+        let changes = |row: usize| stiffness.column(row).amax() > 0.0 || mass.column(row).amax() > 0.0;
+        let rows: Vec<usize> = (0..stiffness.nrows()).filter(|&row| changes(row)).collect();
+        let part = |whole: &DMatrix<f64>| whole.select_rows(&rows).select_columns(&rows);
+        Self { stiffness: part(stiffness), mass: part(mass), rows }
+    }
+}
+
+/// Derivatives of the modes `modes` (0-based, with mass) by a change. `sensor_vectors` are the basis' vectors at the
+/// sensors, sensors x DOFs.
+///
+/// With K-orthonormal vectors x_j and mu_j = 1/lambda_j, `d lambda = phiᵀ (dK - lambda dM) phi` and
+/// `d phi = -sum_(j≠i) x_j x_jᵀ (dK - lambda dM) phi / (1 - lambda mu_j) - phi phiᵀ dM phi / 2`: motions without mass
+/// (mu_j = 0) take part, so nothing is truncated (Fox and Kapoor 1968, AIAA Journal 6, eq. 13, in K-orthonormal form).
+pub fn derivatives(
+    basis: &ModalBasis,
+    sensor_vectors: &DMatrix<f64>,
+    modes: &[usize],
+    change: &Change,
+) -> Vec<ModeDerivative> {
+    let vectors = basis.vectors.select_rows(&change.rows);
+    let derivative = |&mode: &usize| {
+        let mu = basis.inverse_lambda[mode];
+        let lambda = 1.0 / mu;
+        let local = vectors.column(mode) / mu.sqrt();
+        let inertial = &change.mass * &local;
+        let force = &change.stiffness * &local - &inertial * lambda;
+        let mut share = vectors.tr_mul(&force);
+        for (other, share) in share.iter_mut().enumerate() {
+            let distance = 1.0 - lambda * basis.inverse_lambda[other];
+            *share = if other == mode || distance.abs() < DEGENERATE { 0.0 } else { -*share / distance };
+        }
+        // phi = x / sqrt(mu)
+        share[mode] = -0.5 * local.dot(&inertial) / mu.sqrt();
+        ModeDerivative { ln_frequency: 0.5 * local.dot(&force) / lambda, shape: sensor_vectors * share }
+    };
+    modes.iter().map(derivative).collect()
+}
