@@ -1,7 +1,9 @@
 //! End-to-end tests of Belfry live in `tests/tests`, one file per story a user would tell; here is what they share.
 
+mod canton;
 mod footbridge;
 
+pub use canton::{CantonRun, canton_data, run_canton};
 pub use footbridge::{FOOTBRIDGE_STIFFNESS, footbridge_data, write_footbridge_study};
 
 use std::env;

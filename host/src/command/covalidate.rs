@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use nalgebra::DMatrix;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::case::{Case, results_folder, write_json, write_result};
 use super::compare::or_dash;
@@ -66,7 +66,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 /// What `--json` prints and `results/covalidation.json` holds.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct CovalidationReport {
     /// The left-out channels.
     pub channels: Vec<ChannelReport>,
@@ -74,8 +74,6 @@ pub struct CovalidationReport {
     pub modes: Vec<usize>,
     /// Channels that predict.
     pub kept_channels: Vec<String>,
-    /// How much the kept channels' noise may grow in the modal coordinates.
-    pub condition: f64,
     /// Length of what was compared, in s.
     pub compared_s: f64,
     /// The band of the comparison.
@@ -87,18 +85,20 @@ pub struct CovalidationReport {
 }
 
 /// A left-out channel.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct ChannelReport {
     /// Its name.
     pub channel: String,
     /// Root mean square of its measured motion in the band, in the setup's unit.
     pub rms_measured: f64,
+    /// Standard deviation of the model's prediction where every kept channel has independent noise of standard deviation 1.
+    pub noise_gain: f64,
     /// E_d.
     pub error_percent: Errors,
 }
 
 /// E_d in percent; null where there is no such model.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Errors {
     /// The model as first given.
     pub model: Option<f64>,
@@ -175,7 +175,9 @@ pub(super) fn covalidate_case(
     let mut channels: Vec<ChannelReport> = split
         .left_out
         .iter()
-        .map(|&channel| ChannelReport {
+        .enumerate()
+        .map(|(index, &channel)| ChannelReport {
+            noise_gain: predictors.first().map_or(f64::NAN, |(_, predictor)| predictor.weights.row(index).norm()),
             channel: setup.sensors[channel].channel.clone(),
             rms_measured: collected.witness.rms(channel),
             error_percent: Errors::default(),
@@ -198,7 +200,6 @@ pub(super) fn covalidate_case(
         channels,
         modes: case.pairs().iter().map(|pair| case.measured.modes[pair.measured].number).collect(),
         kept_channels: split.kept.iter().map(|&channel| setup.sensors[channel].channel.clone()).collect(),
-        condition: predictors.first().map_or(f64::NAN, |(_, predictor)| predictor.condition),
         compared_s: collected.witness.samples() as f64 / collected.rate_hz,
         band_hz: collected.band_hz,
         curves: curves_path,
@@ -491,34 +492,43 @@ fn curves_csv(curves: &[Curves]) -> String {
 
 fn tell(report: &CovalidationReport, picture: &std::path::Path, console: &Console) {
     console.say(format!(
-        "\nLeft-out channels from the {} others, through {} modes, {:.0} s, {:.3} to {:.3} Hz (noise grows up to {:.1} times)",
+        "\nLeft-out channels from the {} others, through {} modes, {:.0} s, {:.3} to {:.3} Hz",
         report.kept_channels.len(),
         report.modes.len(),
         report.compared_s,
         report.band_hz[0],
-        report.band_hz[1],
-        report.condition
+        report.band_hz[1]
     ));
     let mut table = Table::new();
     table.load_style(UTF8_FULL_CONDENSED);
-    table.set_header(["channel", "RMS measured", "E_d % model", "after Psi", "with effects", "measured shapes"]);
+    table.set_header([
+        "channel",
+        "RMS measured",
+        "noise gain",
+        "E_d % model",
+        "after Psi",
+        "with effects",
+        "measured shapes",
+    ]);
     for channel in &report.channels {
         let errors = channel.error_percent;
         table.add_row([
             channel.channel.clone(),
             format!("{:.3e}", channel.rms_measured),
+            format!("{:.2}", channel.noise_gain),
             or_dash(errors.model, 2),
             or_dash(errors.updated, 2),
             or_dash(errors.with_effects, 2),
             or_dash(errors.measured_shapes, 2),
         ]);
     }
-    align_right(&mut table, 6);
+    align_right(&mut table, 7);
     console.say(table);
     console.say(
         "E_d judges the span of the model's shapes and nothing else. A Psi update turns the shapes within that span, so it
 cannot change E_d, however good its frequencies and MAC look; E_d falls only when physics that the model lacks is put into
-it. The last column is what noise leaves: a model that comes near it has the right shapes, of its frequencies it says nothing.",
+it. The last column is what noise leaves: a model that comes near it has the right shapes, of its frequencies it says nothing.
+Noise gain is how much of the other channels' noise gets into the prediction.",
     );
     console.say(format!("Curves: {}", report.curves.display()));
     console.say(format!("Picture: {}", picture.display()));

@@ -12,7 +12,13 @@ use num_complex::Complex64;
 use serde::Serialize;
 
 use super::Console;
-use super::identify::{Report, align_right, identify_study, results_folder, summary, write_results};
+use super::case::{Case, results_folder};
+use super::compare::compare_case;
+use super::covalidate::{CovalidationReport, Request, covalidate_case};
+use super::identify::{Report, align_right, identify_study, summary, write_results};
+use super::paper;
+use super::update::{UpdateReport, update_case};
+use crate::compare::Comparison;
 use crate::identify::{Mode, mac};
 use crate::link::fleet::FleetOptions;
 use crate::link::memory::Faults;
@@ -22,6 +28,7 @@ use crate::model::effect::Effect;
 use crate::picture::TrueShape;
 use crate::simulate::{Options, Simulation, TrueMode, Truth};
 use crate::study::{STUDY_FILE, Study, template};
+use crate::update::Weights;
 
 const EXAMPLES: &str = "Examples:
   belfry demo                         in the new folder belfry-demo
@@ -29,8 +36,9 @@ const EXAMPLES: &str = "Examples:
   belfry demo --seed 2 --json         another hour, as JSON
 
 The tower is a stand-in: a synthetic beam that has the measured frequencies of the Canton Tower. Its recording goes to
-simulated sensor nodes that run the real firmware, over serial lines that damage 2 % of all frames, to the host.
-Afterwards the folder is a study like any other.";
+simulated sensor nodes that run the real firmware, over serial lines that damage 2 % of all frames, to the host. Then a
+finite element model that does not know what this tower has is compared with the modes, updated, and put to the test on
+sensors that it was not shown. Afterwards the folder is a study like any other.";
 
 /// First line of the demo's study.toml, by which a later demo knows that it may write over it.
 const MARK: &str = "# Made by `belfry demo`; the next `belfry demo` here writes it anew.\n";
@@ -42,7 +50,7 @@ const DAMAGED_SHARE: f64 = 0.02;
 const NEAR: f64 = 0.05;
 const ALIKE: f64 = 0.5;
 
-/// Show the chain at work on a simulated tower: nodes, serial link, modes beside the truth
+/// Show the chain at work on a simulated tower: nodes, serial link, modes, and a model held against them
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
@@ -73,6 +81,12 @@ struct Outcome {
     spurious_hz: Vec<f64>,
     #[serde(flatten)]
     report: Report,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    comparison: Option<Comparison>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    update: Option<UpdateReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    covalidation: Option<CovalidationReport>,
 }
 
 /// A measured mode beside its truth.
@@ -113,10 +127,44 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         .map(|(found, mode)| found.map(|index| true_shape(mode, true_modes[index], &truth)))
         .collect();
     write_results(&study, &report, &shapes)?;
-    let outcome = outcome(&study, report, &matches, &true_modes, &truth);
-    console.json(&outcome)?;
+    let mut outcome = outcome(&study, report, &matches, &true_modes, &truth);
     tell(&outcome, &study, console);
+    hold_model(&mut outcome, &study, Route::Nodes(options), console)?;
+    console.json(&outcome)
+}
+
+/// Sensors that the paper leaves out of its co-validation.
+const LEFT_OUT: [&str; 2] = ["09", "12"];
+
+/// The model that does not know what the tower has, against what was measured: compared, updated, co-validated.
+fn hold_model(outcome: &mut Outcome, study: &Study, route: Route, console: &Console) -> anyhow::Result<()> {
+    let case = Case::load(&study.folder, console)?;
+    console.say(heading("The model against the measurement (belfry compare)"));
+    let comparison = compare_case(&case, console)?;
+    if comparison.pairs.is_empty() {
+        return Ok(());
+    }
+    console.say(heading("The paper's direct update (belfry update)"));
+    let update = update_case(&case, &Weights::default(), console)?;
+    console.say(heading("Sensors that the model was not shown (belfry covalidate)"));
+    let channels = LEFT_OUT.map(str::to_owned);
+    let request = Request { channels: &channels, setup: None, start_s: 0.0, duration_s: None, route };
+    let covalidation = covalidate_case(&case, &request, console)?;
+    console.say(heading("Beside the paper: Lei, Wang, Shen (2012)"));
+    console.say(paper::tables(&update, &covalidation)?);
+    let folder = study.folder.display();
+    console.say(format!(
+        "\nNext:     belfry compare {folder}                  the steps one by one; every one has --json"
+    ));
+    console.say(format!("          belfry identify {folder} --direct        modes without nodes and link"));
+    outcome.comparison = Some(comparison);
+    outcome.update = Some(update);
+    outcome.covalidation = Some(covalidation);
     Ok(())
+}
+
+fn heading(text: &str) -> String {
+    format!("\n{text}\n{}", "─".repeat(text.chars().count()))
 }
 
 /// Writes the demo's study.
@@ -247,6 +295,9 @@ fn outcome(
         missed_hz: missed.map(|(_, mode)| mode.frequency_hz).collect(),
         spurious_hz: spurious.map(|(mode, _)| mode.frequency_hz).collect(),
         report,
+        comparison: None,
+        update: None,
+        covalidation: None,
     }
 }
 
@@ -288,5 +339,4 @@ fn tell(outcome: &Outcome, study: &Study, console: &Console) {
     console.say(format!("{}\n", summary(&outcome.report)));
     console.say(format!("Pictures: {}", results_folder(study).join("singular_values.svg").display()));
     console.say(format!("          {}", results_folder(study).join("mode_shapes.svg").display()));
-    console.say(format!("Next:     belfry identify {} --direct    the same without nodes and link", outcome.study));
 }

@@ -10,6 +10,7 @@ use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
 
 use super::Console;
+use super::case::results_folder;
 use super::route::RouteArguments;
 use crate::identify::{Identification, identify};
 use crate::link::fleet::FleetReport;
@@ -93,6 +94,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     }
     console.say(summary(&report));
     console.say(format!("Modes and pictures are in {}.", results_folder(&study).display()));
+    if study.model.is_some() {
+        console.say(format!("Next: belfry compare {}    the model against these modes", study.folder.display()));
+    }
     Ok(())
 }
 
@@ -163,10 +167,6 @@ fn link_report(fleets: &[FleetReport]) -> Option<LinkReport> {
         parts_asked_again: nodes().map(|node| node.session.asked_again).sum(),
         bytes_per_second_and_channel: nodes().map(|node| node.to_host.bytes).sum::<u64>() as f64 / channel_seconds,
     })
-}
-
-pub(super) fn results_folder(study: &Study) -> PathBuf {
-    study.folder.join("results")
 }
 
 /// Writes modes and pictures into the study; `truth` is one shape a mode, where it is known.

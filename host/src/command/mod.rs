@@ -8,6 +8,7 @@ pub mod covalidate;
 pub mod demo;
 pub mod identify;
 pub mod init;
+pub mod paper;
 mod route;
 pub mod simulate;
 pub mod update;

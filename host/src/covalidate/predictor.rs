@@ -9,8 +9,6 @@ use thiserror::Error;
 pub struct Predictor {
     /// Left-out channels x kept channels.
     pub weights: DMatrix<f64>,
-    /// Largest singular value of chi_s over the smallest: how much noise of the kept channels grows.
-    pub condition: f64,
 }
 
 /// Why there is no prediction.
@@ -57,7 +55,7 @@ impl Predictor {
         if modes > sensors {
             return Err(PredictError::TooManyModes { modes, sensors });
         }
-        // Columns of unit length: rank and condition should not depend on how a shape is scaled.
+        // Columns of unit length: rank should not depend on how a shape is scaled.
         let lengths: Vec<f64> = kept.column_iter().map(|column| column.norm()).collect();
         let scale = |shapes: &DMatrix<f64>| {
             let mut scaled = shapes.clone();
@@ -70,11 +68,10 @@ impl Predictor {
         };
         let decomposition = scale(kept).svd(true, true);
         let greatest = decomposition.singular_values.iter().copied().fold(0.0, f64::max);
-        let least = decomposition.singular_values.iter().copied().fold(f64::INFINITY, f64::min);
         let rank = decomposition.singular_values.iter().filter(|&&value| value > RANK_TOLERANCE * greatest).count();
         let inverse =
             decomposition.pseudo_inverse(RANK_TOLERANCE * greatest).ok().filter(|_| rank == modes && modes > 0);
         let inverse = inverse.ok_or(PredictError::RankDeficient { modes, sensors, rank })?;
-        Ok(Self { weights: scale(left_out) * inverse, condition: greatest / least })
+        Ok(Self { weights: scale(left_out) * inverse })
     }
 }

@@ -12,3 +12,9 @@ pub const CANTON_BEAM: &str = include_str!("../../templates/canton/beam.csv");
 /// A stand-in for the real tower, whose recordings are not public. Synthetic: together with a base rotation flexibility
 /// of 7.21e-15 rad/(N m) it has the measured frequencies of Lei, Wang, Shen (2012), table 1, within 0.03 %.
 pub const CANTON_BEAM_FIELD: &str = include_str!("../../templates/canton/beam_field.csv");
+
+/// The paper's Table 1: measured, model and updated frequencies in Hz, MAC of model and updated model.
+pub const PAPER_TABLE_1: &str = include_str!("../../templates/canton/paper_table1.csv");
+
+/// The paper's Table 2: errors at the sensors left out, before and after the update.
+pub const PAPER_TABLE_2: &str = include_str!("../../templates/canton/paper_table2.csv");
