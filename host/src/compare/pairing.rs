@@ -25,7 +25,7 @@ pub struct Pair {
 /// Frequencies count as alike over this range (standard deviation of their logarithm): models are off by 10 to 20 %.
 const LIKENESS: f64 = 0.25;
 /// A pair below this likeness is none: neither the shape nor the frequency speaks for it.
-const LEAST_LIKENESS: f64 = 0.1;
+const LEAST_LIKENESS: f64 = 0.2;
 /// What the shape counts for where none was measured.
 const UNKNOWN_SHAPE: f64 = 0.5;
 /// Model modes are close when neighbours differ by less than this share of their frequency.

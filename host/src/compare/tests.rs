@@ -1,1 +1,233 @@
-//! Tests.
+//! Comparison: pairs whatever the order, tests that are honest, misfit where it is.
+
+use std::path::Path;
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::*;
+use crate::model::{BeamTable, Body, Structure};
+use crate::study::{Model, ModelSource, Study, template};
+
+fn tower() -> (BeamTable, Vec<Sensor>) {
+    let beam = BeamTable::from_reader(template::CANTON_BEAM.as_bytes(), Path::new("beam.csv")).unwrap();
+    let study = Study::from_text(template::CANTON_STUDY, Path::new("canton")).unwrap();
+    (beam, study.sensors())
+}
+
+fn seen(structure: &Structure, sensors: &[Sensor]) -> ModelView {
+    ModelView::of(&structure.assemble(), sensors).unwrap()
+}
+
+fn deviates(std: f64, random: &mut ChaCha8Rng) -> f64 {
+    let unit: f64 = StandardNormal.sample(random);
+    std * unit
+}
+
+/// Measured modes with relative deviations of 0.1 % on frequencies and 1 % of the length on shapes.
+fn measure(view: &ModelView, modes: impl IntoIterator<Item = usize>, random: &mut ChaCha8Rng) -> Vec<MeasuredMode> {
+    let one = |(number, mode): (usize, usize)| {
+        let shape = DVector::from_column_slice(view.shape(mode)).normalize();
+        let values = shape.map(|value| value + deviates(0.01, random));
+        let frequency_hz = view.modes.frequency_hz[mode];
+        MeasuredMode {
+            number: number + 1,
+            frequency_hz: frequency_hz * (1.0 + deviates(1e-3, random)),
+            frequency_std_hz: Some(1e-3 * frequency_hz),
+            damping_ratio: None,
+            shape: Some(MeasuredShape {
+                sensors: (0..values.len()).collect(),
+                stds: Some(DVector::from_element(values.len(), 0.01)),
+                values,
+            }),
+        }
+    };
+    modes.into_iter().enumerate().map(one).collect()
+}
+
+#[test]
+fn pairs_follow_shapes_where_the_order_of_frequencies_is_wrong() {
+    let (beam, sensors) = tower();
+    let view = seen(&Structure::new(beam), &sensors);
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    // Measured in another order than the model's, and 15 % higher; mode 2 is not measured.
+    let mut measured = measure(&view, [3, 0, 2, 5, 4], &mut random);
+    let frequencies = [0, 2, 3, 4, 5].map(|mode: usize| view.modes.frequency_hz[mode] * 1.15);
+    for (mode, frequency_hz) in
+        measured.iter_mut().zip([frequencies[1], frequencies[0], frequencies[2], frequencies[3], frequencies[4]])
+    {
+        mode.frequency_hz = frequency_hz;
+    }
+    let pairs = pair(&view, &measured);
+    assert_eq!(pairs.iter().map(|pair| pair.model).collect::<Vec<_>>(), [3, 0, 2, 5, 4]);
+    let comparison = compare(&view, &measured, &sensors, None);
+    assert_eq!(comparison.unpaired.len(), 1);
+    assert_eq!((comparison.unpaired[0].side, comparison.unpaired[0].number), (Side::Model, 2));
+}
+
+#[test]
+fn a_measured_mode_that_the_model_lacks_stays_alone_and_is_named() {
+    let (beam, sensors) = tower();
+    let view = seen(&Structure::new(beam), &sensors);
+    let mut random = ChaCha8Rng::seed_from_u64(2);
+    let mut measured = measure(&view, 0..4, &mut random);
+    // A local mode: one sensor moves.
+    let mut values = DVector::from_element(20, 0.0);
+    values[6] = 1.0;
+    let shape = MeasuredShape { sensors: (0..20).collect(), values, stds: None };
+    measured.push(MeasuredMode {
+        number: 5,
+        frequency_hz: 0.37,
+        frequency_std_hz: None,
+        damping_ratio: None,
+        shape: Some(shape),
+    });
+    let comparison = compare(&view, &measured, &sensors, None);
+    assert_eq!(comparison.pairs.len(), 4);
+    let lone = &comparison.unpaired[0];
+    assert_eq!((lone.side, lone.number), (Side::Measured, 5));
+    assert!(lone.nearest.is_some() && lone.nearest_mac.unwrap() < 0.5);
+}
+
+#[test]
+fn frequencies_alone_pair_by_nearness() {
+    let (beam, _) = tower();
+    let view = seen(&Structure::new(beam), &[]);
+    let measured: Vec<MeasuredMode> = (0..5)
+        .map(|mode| MeasuredMode {
+            number: mode + 1,
+            frequency_hz: view.modes.frequency_hz[mode] * 1.02,
+            frequency_std_hz: Some(1e-3),
+            damping_ratio: None,
+            shape: None,
+        })
+        .collect();
+    let comparison = compare(&view, &measured, &[], None);
+    assert_eq!(comparison.pairs.iter().map(|pair| pair.model).collect::<Vec<_>>(), [1, 2, 3, 4, 5]);
+    assert!((comparison.mean_abs_frequency_error_percent.unwrap() - 100.0 * (1.0 - 1.0 / 1.02)).abs() < 1e-9);
+    assert_eq!((comparison.mean_mac, comparison.degrees_of_freedom), (None, Some(5)));
+}
+
+#[test]
+fn close_modes_that_turned_within_their_plane_are_held_to_the_plane() {
+    // Nearly the same stiffness both ways: the two first modes point where little decides.
+    let (mut beam, sensors) = tower();
+    for segment in beam.segments_mut() {
+        segment.bending_n_m2[1] = segment.bending_n_m2[0] * 1.03;
+        segment.shear_n[1] = segment.shear_n[0];
+        segment.axis_deg = 0.0;
+    }
+    let model = Structure::new(beam.clone());
+    for segment in beam.segments_mut() {
+        segment.axis_deg = 40.0;
+    }
+    let view = seen(&model, &sensors);
+    let measured = measure(&seen(&Structure::new(beam), &sensors), 0..2, &mut ChaCha8Rng::seed_from_u64(3));
+    let comparison = compare(&view, &measured, &sensors, None);
+    assert_eq!(comparison.pairs.len(), 2);
+    for pair in &comparison.pairs {
+        assert!(pair.mac.unwrap() < 0.9, "turned by 40 degrees: {:?}", pair.mac);
+        assert!(pair.subspace_mac.unwrap() > 0.99, "{:?}", pair.subspace_mac);
+    }
+}
+
+#[test]
+fn chi_squared_of_a_right_model_is_as_large_as_its_degrees_of_freedom() {
+    let (beam, sensors) = tower();
+    let view = seen(&Structure::new(beam), &sensors);
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    let runs = 40;
+    let mut sum = 0.0;
+    for _ in 0..runs {
+        let measured = measure(&view, 0..8, &mut random);
+        let test = compare(&view, &measured, &sensors, None);
+        assert_eq!(test.degrees_of_freedom, Some(8 * 20));
+        assert!(test.p_value.unwrap() > 1e-5);
+        sum += test.chi_squared.unwrap();
+    }
+    // The mean of 40 chi-squared variables of 160 degrees has a deviation of sqrt(2 160 / 40) = 2.8.
+    assert!((sum / f64::from(runs) - 160.0).abs() < 12.0, "mean {}", sum / f64::from(runs));
+}
+
+/// Towers whose segments scatter as the study allows: rejected without the tolerance, as expected with it.
+#[test]
+fn the_models_tolerance_explains_what_it_allows() {
+    let (beam, sensors) = tower();
+    let structure = Structure::new(beam.clone());
+    let view = seen(&structure, &sensors);
+    let model = Model {
+        source: ModelSource::Beam("beam.csv".into()),
+        background_stiffness: Some(0.01),
+        background_mass: Some(0.005),
+        correlation_length_m: Some(100.0),
+        effects: Vec::new(),
+    };
+    let tolerance = Tolerance::of(&structure, &model).unwrap();
+    let segments = beam.segments().len();
+    assert_eq!(tolerance.covariance.nrows(), 2 * segments);
+    // A Gaussian kernel over many near segments is singular to rounding.
+    let jitter = DMatrix::identity(2 * segments, 2 * segments) * 1e-12;
+    let factor = Cholesky::new(&tolerance.covariance + jitter).unwrap().l();
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let (mut with, mut without) = (0.0, 0.0);
+    let runs = 12;
+    for _ in 0..runs {
+        let scatter = &factor * DVector::from_fn(2 * segments, |_, _| deviates(1.0, &mut random));
+        let mut other = Structure::new(beam.clone());
+        let Body::Beam(table) = &mut other.body else { panic!("a beam was given") };
+        for (index, segment) in table.segments_mut().iter_mut().enumerate() {
+            let (stiffness, mass) = (1.0 + scatter[index], 1.0 + scatter[segments + index]);
+            segment.bending_n_m2 = segment.bending_n_m2.map(|bending| bending * stiffness);
+            segment.shear_n = segment.shear_n.map(|shear| shear.map(|shear| shear * stiffness));
+            segment.torsion_n_m2 *= stiffness;
+            segment.mass_top_kg *= mass;
+            segment.inertia_kg_m2 = segment.inertia_kg_m2.map(|inertia| inertia * mass);
+        }
+        let measured = measure(&seen(&other, &sensors), 0..8, &mut random);
+        with += compare(&view, &measured, &sensors, Some(&tolerance)).chi_squared.unwrap();
+        without += compare(&view, &measured, &sensors, None).chi_squared.unwrap();
+    }
+    let (with, without) = (with / f64::from(runs), without / f64::from(runs));
+    // Deviation of the mean of 12: 5.2; second-order effects of the scatter add a little.
+    assert!((140.0..200.0).contains(&with), "with tolerance {with}");
+    assert!(without > 1.5 * 160.0, "without {without}");
+}
+
+#[test]
+fn misfit_and_comac_point_at_the_sensor_that_is_wrong() {
+    let (beam, sensors) = tower();
+    let view = seen(&Structure::new(beam), &sensors);
+    let mut measured = measure(&view, 0..6, &mut ChaCha8Rng::seed_from_u64(6));
+    for mode in &mut measured {
+        // Channel 13 stands the wrong way round.
+        let shape = mode.shape.as_mut().unwrap();
+        shape.values[12] = -shape.values[12];
+    }
+    let comparison = compare(&view, &measured, &sensors, None);
+    let worst = comparison.by_sensor.iter().max_by(|a, b| a.misfit.total_cmp(&b.misfit)).unwrap();
+    assert_eq!(worst.channel, "13");
+    let level = comparison.by_height.iter().max_by(|a, b| a.misfit.total_cmp(&b.misfit)).unwrap();
+    assert!((level.elevation_m - 332.15).abs() < 1e-9);
+    assert!(comparison.by_height.windows(2).all(|pair| pair[0].elevation_m < pair[1].elevation_m));
+}
+
+#[test]
+fn components_that_are_missing_are_left_out_of_mac_and_residual() {
+    let (beam, sensors) = tower();
+    let view = seen(&Structure::new(beam), &sensors);
+    let mut measured = measure(&view, 0..3, &mut ChaCha8Rng::seed_from_u64(7));
+    let shape = measured[1].shape.as_mut().unwrap();
+    *shape = MeasuredShape {
+        sensors: vec![2, 5, 9],
+        values: DVector::from_column_slice(&[shape.values[2], shape.values[5], shape.values[9]]),
+        stds: None,
+    };
+    let comparison = compare(&view, &measured, &sensors, None);
+    assert_eq!(comparison.degrees_of_freedom, Some(20 + 3 + 20));
+    assert!(comparison.pairs[1].mac.unwrap() > 0.98);
+    let frequency_only = MeasuredMode { shape: None, ..measured[0].clone() };
+    assert_eq!(compare(&view, &[frequency_only], &sensors, None).degrees_of_freedom, Some(1));
+    assert_eq!(compare(&view, &[], &sensors, None).chi_squared, None);
+}

@@ -112,7 +112,7 @@ fn finish(path: &Path, raw: Vec<RawMode>, sensors: &[Sensor]) -> Result<Measured
         if !(mode.frequency_hz.is_finite() && mode.frequency_hz > 0.0) {
             return Err(MeasuredError::Frequency { file, number: mode.number, frequency_hz: mode.frequency_hz });
         }
-        for component in &mode.components {
+        for component in mode.components.iter().filter(|component| !component.value.is_nan()) {
             if let Some(seen) = seen.get_mut(component.sensor) {
                 *seen = true;
             }

@@ -14,6 +14,8 @@ pub mod effect;
 mod eigen;
 mod element;
 mod geometry;
+#[cfg(test)]
+mod import_tests;
 mod layout;
 mod load;
 mod matrices;

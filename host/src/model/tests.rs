@@ -10,15 +10,15 @@ use super::*;
 use crate::study::{Direction, Sensor};
 
 /// A uniform beam as text: unit mass a metre lumped half to each neighbouring node.
-struct Uniform {
-    segments: usize,
-    length_m: f64,
-    bending: [f64; 2],
-    axis_deg: f64,
-    shear: String,
-    rotary_inertia: f64,
-    tip_mass: f64,
-    mass_per_m: f64,
+pub(super) struct Uniform {
+    pub(super) segments: usize,
+    pub(super) length_m: f64,
+    pub(super) bending: [f64; 2],
+    pub(super) axis_deg: f64,
+    pub(super) shear: String,
+    pub(super) rotary_inertia: f64,
+    pub(super) tip_mass: f64,
+    pub(super) mass_per_m: f64,
 }
 
 impl Default for Uniform {
@@ -40,7 +40,7 @@ const TORSION_N_M2: f64 = 2e9;
 const POLAR_PER_M: f64 = 5000.0;
 
 impl Uniform {
-    fn table(&self) -> BeamTable {
+    pub(super) fn table(&self) -> BeamTable {
         let mut text = String::from(
             "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_1_n,shear_2_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2\n",
         );
@@ -78,7 +78,7 @@ fn frequencies_along(modes: &Modes, dof: usize) -> Vec<f64> {
     (0..modes.frequency_hz.len()).filter(along).map(|mode| modes.frequency_hz[mode]).collect()
 }
 
-fn near(value: f64, expected: f64, relative: f64) {
+pub(super) fn near(value: f64, expected: f64, relative: f64) {
     assert!((value / expected - 1.0).abs() <= relative, "{value} where {expected} was expected (within {relative})");
 }
 

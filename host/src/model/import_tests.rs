@@ -1,0 +1,221 @@
+//! Models from matrices: what is read, where sensors stand in it, and what is refused.
+
+use std::fs;
+use std::path::Path;
+
+use nalgebra::DMatrix;
+
+use super::tests::{Uniform, near};
+use super::*;
+use crate::study::{Direction, LayoutFile, MatrixSource, MatrixTerm, Sensor};
+use crate::update::{matrix_market, npy};
+
+fn term(name: &str, factor: f64) -> MatrixTerm {
+    MatrixTerm { name: name.to_owned(), factor }
+}
+
+fn files(stiffness: &str, mass: &str, layout: Option<LayoutFile>) -> MatrixSource {
+    MatrixSource { file: None, stiffness: vec![term(stiffness, 1.0)], mass: vec![term(mass, 1.0)], layout }
+}
+
+fn sensor(elevation_m: f64, azimuth_deg: f64, offset_m: [f64; 2]) -> Sensor {
+    Sensor {
+        channel: "07".to_owned(),
+        point: "07".to_owned(),
+        node: 1,
+        elevation_m: Some(elevation_m),
+        direction: Some(Direction::AzimuthDeg(azimuth_deg)),
+        offset_m,
+        reference: false,
+        sensitivity_v_per_m_s2: None,
+        dof: None,
+    }
+}
+
+/// A beam's matrices as files, with their heights.
+fn write_beam(folder: &Path, beam: &BeamTable) -> Assembly {
+    let assembly = Structure::new(beam.clone()).assemble();
+    fs::write(folder.join("k.mtx"), matrix_market(&assembly.stiffness)).unwrap();
+    fs::write(folder.join("m.npy"), npy(&assembly.mass).unwrap()).unwrap();
+    let mut nodes = format!("node,z_m,mass_kg\n1,{},\n", beam.z_base_m());
+    for (index, z_m) in assembly.node_elevations_m().iter().enumerate() {
+        nodes += &format!("{},{z_m},7\n", index + 2);
+    }
+    fs::write(folder.join("nodes.csv"), nodes).unwrap();
+    assembly
+}
+
+#[test]
+fn a_beams_matrices_from_files_are_the_same_structure_between_its_nodes_too() {
+    let folder = tempfile::tempdir().unwrap();
+    // Axes turned and soft in shear: the shape functions must be found again in the matrices.
+    let beam = Uniform { axis_deg: 30.0, shear: "2e6".to_owned(), segments: 8, ..Uniform::default() }.table();
+    let own = write_beam(folder.path(), &beam);
+    let source = files("k.mtx", "m.npy", Some(LayoutFile::Nodes("nodes.csv".into())));
+    let imported = Structure::new(Body::Matrices(ImportedMatrices::read(&source, folder.path()).unwrap())).assemble();
+    assert_eq!(imported.stiffness, own.stiffness);
+    assert_eq!(imported.modes().unwrap().frequency_hz, own.modes().unwrap().frequency_hz);
+    for z_m in [3.0, 12.5, 40.0, 77.7, 100.0] {
+        let place = [sensor(z_m, 50.0, [2.0, -1.0])];
+        let (there, expected) = (imported.sensor_rows(&place).unwrap(), own.sensor_rows(&place).unwrap());
+        assert!((&there - &expected).amax() < 1e-6, "{z_m} m: {there} instead of {expected}");
+    }
+    let above = imported.sensor_rows(&[sensor(100.2, 0.0, [0.0; 2])]).unwrap_err().to_string();
+    assert!(above.contains("channel 07") && above.contains("100.2") && above.contains("from 0 m to 100 m"), "{above}");
+}
+
+#[test]
+fn lists_of_matrices_are_summed_with_their_factors() {
+    let folder = tempfile::tempdir().unwrap();
+    let own = write_beam(folder.path(), &Uniform::default().table());
+    let mut source = files("k.mtx", "m.npy", None);
+    source.stiffness = vec![term("k.mtx", 3.0), term("k.mtx", 1.0)];
+    let imported = ImportedMatrices::read(&source, folder.path()).unwrap();
+    assert!((imported.stiffness - &own.stiffness * 4.0).amax() < 1e-12 * own.stiffness.amax());
+    // Four times the stiffness, twice the frequency; no layout, so sensors must name rows.
+    let imported = Structure::new(Body::Matrices(ImportedMatrices::read(&source, folder.path()).unwrap())).assemble();
+    near(imported.modes().unwrap().frequency_hz[0], 2.0 * own.modes().unwrap().frequency_hz[0], 1e-9);
+    let unplaced = imported.sensor_rows(&[sensor(50.0, 0.0, [0.0; 2])]).unwrap_err().to_string();
+    assert!(unplaced.contains("channel 07") && unplaced.contains("`dof`"), "{unplaced}");
+    let by_row = Sensor { dof: Some(6), ..sensor(0.0, 0.0, [0.0; 2]) };
+    let rows = imported.sensor_rows(&[by_row]).unwrap();
+    assert_eq!((rows[(0, 5)], rows.sum()), (1.0, 1.0));
+}
+
+/// A shear building of three floors that only move along X: no rotations, so displacements between floors are straight.
+#[test]
+fn other_layouts_place_rows_by_node_and_direction() {
+    let folder = tempfile::tempdir().unwrap();
+    let (k, m) = (2e6, 1e4);
+    #[rustfmt::skip]
+    let stiffness = DMatrix::from_row_slice(3, 3, &[2.0 * k, -k, 0.0, -k, 2.0 * k, -k, 0.0, -k, k]);
+    fs::write(folder.path().join("k.mtx"), matrix_market(&stiffness)).unwrap();
+    fs::write(folder.path().join("m.mtx"), matrix_market(&(DMatrix::identity(3, 3) * m))).unwrap();
+    let dofs = "row,node,dof,z_m\n,base,ux,0\n1,first,ux,3\n2,second,ux,6\n3,third,ux,9\n";
+    fs::write(folder.path().join("dofs.csv"), dofs).unwrap();
+    let source = files("k.mtx", "m.mtx", Some(LayoutFile::Dofs("dofs.csv".into())));
+    let read = || ImportedMatrices::read(&source, folder.path());
+    let building = Structure::new(Body::Matrices(read().unwrap())).assemble();
+    // Fixed-free chain: omega_1 = 2 sqrt(k/m) sin(pi/14).
+    let expected = 2.0 * (k / m).sqrt() * (std::f64::consts::PI / 14.0).sin() / std::f64::consts::TAU;
+    near(building.modes().unwrap().frequency_hz[0], expected, 1e-12);
+    let rows = building.sensor_rows(&[sensor(4.5, 60.0, [0.0; 2]), sensor(1.0, 0.0, [0.0; 2])]).unwrap();
+    near(rows[(0, 0)], 0.25, 1e-6);
+    near(rows[(0, 1)], 0.25, 1e-6);
+    near(rows[(1, 0)], 1.0 / 3.0, 1e-6);
+
+    // In space: two corners of a floor.
+    let corners = "row,node,dof,x_m,y_m,z_m\n1,a,ux,0,0,3\n2,a,uy,0,0,3\n3,b,uz,5,0,3\n";
+    fs::write(folder.path().join("dofs.csv"), corners).unwrap();
+    let frame = Structure::new(Body::Matrices(read().unwrap())).assemble();
+    let up = Sensor { direction: Some(Direction::Up), ..sensor(3.0, 0.0, [5.0, 0.0]) };
+    let rows = frame.sensor_rows(&[sensor(3.0, 90.0, [0.0; 2]), up]).unwrap();
+    near(rows[(0, 1)], 1.0, 1e-12);
+    assert_eq!(rows[(1, 2)], 1.0);
+    let nowhere = frame.sensor_rows(&[sensor(3.0, 0.0, [2.0, 0.0])]).unwrap_err().to_string();
+    assert!(nowhere.contains("no node stands at [2.0, 0.0, 3.0]") && nowhere.contains("the nearest, a"), "{nowhere}");
+
+    for (text, expected) in [
+        ("row,node,dof,z_m\n4,a,ux,3\n", "line 2, column `row`: `4` where a row of the matrices, 1 to 3"),
+        ("row,node,dof,z_m\n1,a,ux,3\n1,b,ux,4\n", "line 3, column `row`: `1`"),
+        ("row,node,dof,z_m\n1,a,sideways,3\n", "line 2, column `dof`: `sideways`"),
+        ("row,node,dof,z_m\n1,a,ux,3\n2,a,uy,4\n", "line 3, column `z_m`"),
+        ("row,node,dof,z_m\n1,a,ux,high\n", "line 2, column `z_m`: `high`"),
+        ("row,node,z_m\n1,a,3\n", "the column `dof` is missing"),
+    ] {
+        fs::write(folder.path().join("dofs.csv"), text).unwrap();
+        let message = read().unwrap_err().to_string();
+        assert!(message.contains("dofs.csv") && message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn matrices_that_no_structure_has_are_refused_by_file_and_entry() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = DMatrix::<f64>::from_row_slice(2, 2, &[2.0, -1.0, -1.0, 2.0]);
+    fs::write(folder.path().join("m.npy"), npy(&good).unwrap()).unwrap();
+    let told = |k: &DMatrix<f64>, expected: &[&str]| {
+        fs::write(folder.path().join("k.npy"), npy(k).unwrap()).unwrap();
+        let message = ImportedMatrices::read(&files("k.npy", "m.npy", None), folder.path()).unwrap_err().to_string();
+        assert!(expected.iter().all(|part| message.contains(part)), "{message}");
+    };
+    told(
+        &DMatrix::from_row_slice(2, 2, &[2.0, -1.0, -1.5, 2.0]),
+        &["k.npy", "not symmetric", "row 1, column 2", "-1.5e0"],
+    );
+    told(
+        &DMatrix::from_row_slice(2, 2, &[2.0, f64::NAN, f64::NAN, 2.0]),
+        &["k.npy", "not a finite number", "row 2, column 1"],
+    );
+    told(&DMatrix::from_row_slice(1, 2, &[2.0, 1.0]), &["k.npy", "1 x 2", "square"]);
+    told(&DMatrix::from_row_slice(3, 3, &[2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.0]), &["m.npy", "2 x 2", "3 x 3"]);
+    told(&DMatrix::from_row_slice(2, 2, &[2.0, 0.0, 0.0, 0.0]), &["stiffness", "row 2", "above 0"]);
+    let missing = ImportedMatrices::read(&files("none.mtx", "m.npy", None), folder.path()).unwrap_err().to_string();
+    assert!(missing.contains("none.mtx"), "{missing}");
+    let nameless = ImportedMatrices::read(&files("K", "m.npy", None), folder.path()).unwrap_err().to_string();
+    assert!(nameless.contains("`K` is neither"), "{nameless}");
+    // Symmetric and with a positive diagonal, but not positive definite: the eigenproblem says so.
+    fs::write(folder.path().join("k.npy"), npy(&DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 2.0, 1.0])).unwrap())
+        .unwrap();
+    let read = ImportedMatrices::read(&files("k.npy", "m.npy", None), folder.path()).unwrap();
+    let message = Structure::new(Body::Matrices(read)).assemble().modes().unwrap_err().to_string();
+    assert!(message.contains("K is not positive definite"), "{message}");
+}
+
+#[test]
+fn effects_that_need_segments_say_that_matrices_have_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let own = write_beam(folder.path(), &Uniform::default().table());
+    let source = files("k.mtx", "m.npy", Some(LayoutFile::Nodes("nodes.csv".into())));
+    let body = Body::Matrices(ImportedMatrices::read(&source, folder.path()).unwrap());
+    let with = |word: &str| Structure::with_effects(body.clone(), &[word.parse().unwrap()]);
+    for word in ["base-rotation=1e-12", "stiffness-loss@50m=0.1"] {
+        assert!(with(word).unwrap_err().to_string().contains("needs a beam table"));
+    }
+    // A mass needs a height only, and acts as on the beam.
+    let effect = "added-mass@33m=1000";
+    let on_matrices = with(effect).unwrap().assemble().modes().unwrap().frequency_hz;
+    let on_beam = Structure::with_effects(Uniform::default().table(), &[effect.parse().unwrap()]).unwrap().assemble();
+    near(on_matrices[0], on_beam.modes().unwrap().frequency_hz[0], 1e-6);
+    assert!(on_matrices[0] < own.modes().unwrap().frequency_hz[0]);
+}
+
+/// Derivatives by a segment's stiffness and by its mass against differences of two solved models.
+#[test]
+fn modal_derivatives_are_what_two_solutions_differ_by() {
+    for rotary_inertia in [0.0, 800.0] {
+        let beam = Uniform { axis_deg: 20.0, segments: 10, rotary_inertia, ..Uniform::default() }.table();
+        let with = |stiffness: f64, mass: f64| {
+            let mut table = beam.clone();
+            let segment = &mut table.segments_mut()[3];
+            segment.bending_n_m2 = segment.bending_n_m2.map(|bending| bending * stiffness);
+            segment.mass_top_kg *= mass;
+            Structure::new(table).assemble()
+        };
+        let given = with(1.0, 1.0);
+        let rows = given.sensor_rows(&[sensor(35.0, 10.0, [0.0; 2]), sensor(90.0, 70.0, [1.0, 2.0])]).unwrap();
+        let basis = given.modal_basis().unwrap();
+        let step = 1e-4;
+        for (stiffness, mass) in [(step, 0.0), (0.0, step)] {
+            let (above, below) = (with(1.0 + stiffness, 1.0 + mass), with(1.0 - stiffness, 1.0 - mass));
+            let half = 1.0 / (2.0 * step);
+            let change =
+                Change::of(&((&above.stiffness - &below.stiffness) * half), &((&above.mass - &below.mass) * half));
+            let found = derivatives(&basis, &(&rows * &basis.vectors), &[0, 1, 2, 5], &change);
+            let (above, below, middle) = (above.modes().unwrap(), below.modes().unwrap(), basis.modes(usize::MAX));
+            for (derivative, mode) in found.iter().zip([0, 1, 2, 5]) {
+                let ln = (above.frequency_hz[mode] / below.frequency_hz[mode]).ln() * half;
+                // Differences err by the square of the step.
+                assert!((derivative.ln_frequency - ln).abs() < 1e-6, "mode {mode}: {} {ln}", derivative.ln_frequency);
+                let sign = |shape: nalgebra::DVectorView<'_, f64>, like: nalgebra::DVectorView<'_, f64>| {
+                    &rows * shape * shape.dot(&like).signum()
+                };
+                // The basis' vectors have a sign of their own.
+                let like = basis.vectors.column(mode);
+                let difference = (sign(above.shapes.column(mode), like) - sign(below.shapes.column(mode), like)) * half;
+                let size = (&rows * middle.shapes.column(mode)).amax();
+                assert!((&derivative.shape - &difference).amax() < 1e-4 * size, "{} {difference}", derivative.shape);
+            }
+        }
+    }
+}
