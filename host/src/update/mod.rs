@@ -4,7 +4,7 @@
 //! only, so all other eigenpairs stay as they are. The updated eigenpairs inside that span are those of the small matrix
 //! `Lambda1 + Psi = V Lambda* Vᵀ`: with Lambda* and the orthogonal V as unknowns instead of the entries of Psi, the
 //! paper's objective separates. Lambda* are the measured eigenvalues exactly, and only the MAC terms are left, over the
-//! orthogonal group ([`rotation`] minimises them).
+//! orthogonal group (`rotation` minimises them).
 
 mod matrices;
 mod problem;
