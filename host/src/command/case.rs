@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 
 use super::Console;
-use crate::compare::{Comparison, ModelView, Pair, Tolerance, compare, pair};
+use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, compare, pair};
 use crate::measured::{MeasuredModes, read};
 use crate::model::{Assembly, LoadedModel, load};
 use crate::study::{Sensor, Study};
@@ -39,9 +39,12 @@ impl Case {
         }
         let structure = model.structure()?;
         let assembly = structure.assemble();
-        // Where frequencies alone were measured, sensors need no place.
         let has_shapes = measured.modes.iter().any(|mode| mode.shape.is_some());
-        let view = ModelView::of(&assembly, if has_shapes { &sensors } else { &[] })?;
+        let view = match ModelView::of(&assembly, &sensors) {
+            // Where frequencies alone were measured, sensors need no place.
+            Err(ViewError::Sensor(_)) if !has_shapes => ModelView::of(&assembly, &[])?,
+            view => view?,
+        };
         let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
         Ok(Self { study, model, sensors, measured, assembly, view, tolerance })
     }

@@ -49,6 +49,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 pub(super) fn compare_case(case: &Case, console: &Console) -> anyhow::Result<Comparison> {
     let comparison = case.compare();
     tell(&comparison, case, console);
+    for warning in &comparison.warnings {
+        console.warn(warning);
+    }
     write_json(&case.study, "comparison.json", &comparison)?;
     if let Some(picture) = picture::comparison(
         &case.study.structure.name,

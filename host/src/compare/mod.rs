@@ -1,8 +1,9 @@
 //! Comparison: a model's modes and measured modes flow in; pairs, and where they disagree, flow out.
 //!
-//! `pairing` says which belongs to which, `residual` makes whitened differences of the pairs, `tolerance` how far the
-//! model itself is trusted. What is computed here is printed and stored by the commands.
+//! `pairing` says which belongs to which, `residual` makes whitened differences of the pairs, `misfit` looks at them sensor
+//! by sensor, `tolerance` says how far the model itself is trusted. What is computed here is printed and stored by the commands.
 
+mod misfit;
 mod pairing;
 mod residual;
 mod result;

@@ -76,7 +76,7 @@ pub fn pair(view: &ModelView, measured: &[MeasuredMode]) -> Vec<Pair> {
 }
 
 /// The paired model modes that stand close together with `model`, itself included.
-fn close_models(view: &ModelView, pairs: &[Pair], model: usize) -> Vec<usize> {
+pub(super) fn close_models(view: &ModelView, pairs: &[Pair], model: usize) -> Vec<usize> {
     let mut paired: Vec<usize> = pairs.iter().map(|pair| pair.model).collect();
     paired.sort_unstable();
     let near = |a: usize, b: usize| {

@@ -4,8 +4,9 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::Serialize;
 use statrs::distribution::{ChiSquared as Distribution, ContinuousCDF};
 
+use super::pairing::{RANK_TOLERANCE, close_models};
 use super::tolerance::Tolerance;
-use super::{ModelView, Pair, frequency_deviation, scale, shape_deviations};
+use super::{ModelView, Pair, frequency_deviation, shape_deviations};
 use crate::measured::{MeasuredMode, MeasuredShape};
 use crate::model::derivatives;
 
@@ -23,6 +24,9 @@ pub struct ChiSquared {
 /// The residual `y = [ln f_model - ln f ; Qᵀ (a phi - phihat)]` of each pair, phihat of unit length, Q its orthogonal
 /// complement, a least squares; held against the covariance of the measurement plus, with a tolerance, `G Q_b Gᵀ`, G the
 /// sensitivities of y to every segment's stiffness and mass. `None` without pairs, or where that covariance is none.
+///
+/// Close modes turn within their span at the slightest change, so a shape among them is held to the span:
+/// `Nᵀ (B c - phihat)` with B the close model shapes, c least squares, and N the orthogonal complement of B.
 pub fn chi_squared(
     view: &ModelView,
     measured: &[MeasuredMode],
@@ -30,7 +34,7 @@ pub fn chi_squared(
     tolerance: Option<&Tolerance>,
 ) -> Option<ChiSquared> {
     let blocks: Vec<Block> =
-        pairs.iter().filter_map(|pair| Block::of(view, measured.get(pair.measured)?, pair)).collect();
+        pairs.iter().filter_map(|pair| Block::of(view, measured.get(pair.measured)?, pair, pairs)).collect();
     let size = blocks.iter().map(Block::size).sum::<usize>();
     if size == 0 {
         return None;
@@ -56,14 +60,22 @@ pub fn chi_squared(
 /// G, residual x changes.
 fn sensitivities(view: &ModelView, blocks: &[Block], tolerance: &Tolerance, size: usize) -> DMatrix<f64> {
     let sensor_vectors = &view.sensor_rows * &view.basis.vectors;
-    let modes: Vec<usize> = blocks.iter().map(|block| block.model).collect();
+    let mut models: Vec<usize> = blocks.iter().flat_map(|block| block.models().iter().copied()).collect();
+    models.sort_unstable();
+    models.dedup();
     let mut sensitivities = DMatrix::zeros(size, tolerance.changes.len());
     for (mut column, change) in sensitivities.column_iter_mut().zip(&tolerance.changes) {
+        let derivatives = derivatives(&view.basis, &sensor_vectors, &models, change);
+        let derivative = |model: &usize| models.binary_search(model).ok().and_then(|index| derivatives.get(index));
         let mut first = 0;
-        for (block, derivative) in blocks.iter().zip(derivatives(&view.basis, &sensor_vectors, &modes, change)) {
-            column[first] = derivative.ln_frequency;
+        for block in blocks {
+            column[first] = derivative(&block.model).map_or(0.0, |derivative| derivative.ln_frequency);
             if let Some(shape) = &block.shape {
-                let there = derivative.shape.select_rows(&shape.sensors);
+                let changes: Vec<&DVector<f64>> =
+                    shape.models.iter().filter_map(derivative).map(|derivative| &derivative.shape).collect();
+                let there = DMatrix::from_fn(shape.sensors.len(), changes.len(), |row, model| {
+                    changes[model][shape.sensors[row]]
+                });
                 column.rows_mut(first + 1, block.size() - 1).copy_from(&shape.slope(&there));
             }
             first += block.size();
@@ -80,22 +92,28 @@ struct Block {
     shape: Option<ShapeBlock>,
 }
 
+/// A measured shape against the model's, or against the span of several close ones.
 struct ShapeBlock {
     sensors: Vec<usize>,
-    /// The model's shape there.
-    model: DVector<f64>,
+    /// The model's modes, one but for close modes.
+    models: Vec<usize>,
+    /// Their shapes at the sensors, sensors x models.
+    shapes: DMatrix<f64>,
+    /// The combination of them that is nearest to the measured shape.
+    combination: DVector<f64>,
     /// The measured shape, of unit length.
     measured: DVector<f64>,
-    /// Orthogonal complement of the measured shape, components x (components - 1).
-    complement: DMatrix<f64>,
+    /// Orthonormal directions in which the difference counts, sensors x directions: the complement of the measured shape,
+    /// or of the span of several shapes.
+    directions: DMatrix<f64>,
 }
 
 impl Block {
-    fn of(view: &ModelView, mode: &MeasuredMode, pair: &Pair) -> Option<Self> {
+    fn of(view: &ModelView, mode: &MeasuredMode, pair: &Pair, pairs: &[Pair]) -> Option<Self> {
         let difference = (view.modes.frequency_hz.get(pair.model)? / mode.frequency_hz).ln();
-        let shape = mode.shape.as_ref().filter(|shape| shape.sensors.len() > 1);
-        let shape = shape.and_then(|shape| Some((ShapeBlock::of(view.shape(pair.model), shape)?, shape)));
-        let size = 1 + shape.as_ref().map_or(0, |(block, _)| block.complement.ncols());
+        let shape = mode.shape.as_ref();
+        let shape = shape.and_then(|shape| Some((ShapeBlock::of(view, pair, pairs, shape)?, shape)));
+        let size = 1 + shape.as_ref().map_or(0, |(block, _)| block.directions.ncols());
         let mut residual = DVector::zeros(size);
         let mut covariance = DMatrix::zeros(size, size);
         residual[0] = difference;
@@ -106,7 +124,7 @@ impl Block {
                 shape.sensors.len(),
                 shape_deviations(shape).into_iter().map(|deviation| deviation * deviation),
             );
-            let projected = block.complement.transpose() * DMatrix::from_diagonal(&variances) * &block.complement;
+            let projected = block.directions.transpose() * DMatrix::from_diagonal(&variances) * &block.directions;
             covariance.view_mut((1, 1), (size - 1, size - 1)).copy_from(&projected);
         }
         Some(Self { model: pair.model, residual, covariance, shape: shape.map(|(block, _)| block) })
@@ -115,91 +133,61 @@ impl Block {
     fn size(&self) -> usize {
         self.residual.len()
     }
+
+    /// The model's modes that the block depends on.
+    fn models(&self) -> &[usize] {
+        self.shape.as_ref().map_or(std::slice::from_ref(&self.model), |shape| &shape.models)
+    }
 }
 
 impl ShapeBlock {
-    fn of(model: &[f64], shape: &MeasuredShape) -> Option<Self> {
-        let there: Option<Vec<f64>> = shape.sensors.iter().map(|&sensor| model.get(sensor).copied()).collect();
-        let there = DVector::from_vec(there?);
-        // A model mode that no sensor sees has no shape to compare.
-        (there.norm_squared() > 0.0).then_some(())?;
+    /// `None` where the model's shapes leave nothing to compare: no sensor sees them, or too few to tell them apart.
+    fn of(view: &ModelView, pair: &Pair, pairs: &[Pair], shape: &MeasuredShape) -> Option<Self> {
+        if shape.sensors.iter().any(|&sensor| sensor >= view.at_sensors.nrows()) {
+            return None;
+        }
+        let models = close_models(view, pairs, pair.model);
+        let shapes = view.at_sensors.select_rows(&shape.sensors).select_columns(&models);
         let measured = shape.values.normalize();
-        let complement = complement(&measured);
-        Some(Self { sensors: shape.sensors.clone(), model: there, measured, complement })
+        let decomposition = shapes.clone().svd(true, true);
+        let greatest = decomposition.singular_values.iter().copied().fold(0.0, f64::max);
+        let told_apart = decomposition.singular_values.iter().all(|&value| value > RANK_TOLERANCE * greatest);
+        (told_apart && models.len() < shape.sensors.len()).then_some(())?;
+        let combination = decomposition.solve(&measured, 0.0).ok()?;
+        let directions = match models.len() {
+            1 => complement(&DMatrix::from_column_slice(measured.len(), 1, measured.as_slice()))?,
+            _ => complement(&shapes)?,
+        };
+        Some(Self { sensors: shape.sensors.clone(), models, shapes, combination, measured, directions })
     }
 
-    /// a = phiᵀ phihat / phiᵀ phi.
-    fn factor(&self) -> f64 {
-        self.model.dot(&self.measured) / self.model.norm_squared()
-    }
-
-    /// Qᵀ (a phi - phihat); Qᵀ phihat is zero.
     fn difference(&self) -> DVector<f64> {
-        self.complement.tr_mul(&self.model) * self.factor()
+        self.directions.tr_mul(&(&self.shapes * &self.combination - &self.measured))
     }
 
-    /// Change of [`ShapeBlock::difference`] with a change of the model's shape, a moving along.
-    fn slope(&self, change: &DVector<f64>) -> DVector<f64> {
-        let square = self.model.norm_squared();
-        let factor = self.factor();
-        let factor_change = (change.dot(&self.measured) - 2.0 * factor * self.model.dot(change)) / square;
-        self.complement.tr_mul(&(change * factor + &self.model * factor_change))
-    }
-}
-
-/// An orthonormal basis of what is orthogonal to a unit vector: the last columns of a Householder reflection.
-fn complement(unit: &DVector<f64>) -> DMatrix<f64> {
-    let size = unit.len();
-    let mut normal = unit.clone();
-    // Away from cancellation.
-    normal[0] += if normal[0] < 0.0 { -1.0 } else { 1.0 };
-    let square = normal.norm_squared();
-    let reflection = DMatrix::identity(size, size) - &normal * normal.transpose() * (2.0 / square);
-    reflection.columns(1, size - 1).into_owned()
-}
-
-/// Root mean square over pairs, sensor by sensor, of `(a phi - phihat)` in shares of the RMS component of phihat; `None`
-/// at sensors where no paired shape is known.
-pub(super) fn misfit_by_sensor(
-    view: &ModelView,
-    measured: &[MeasuredMode],
-    pairs: &[Pair],
-    sensors: usize,
-) -> Vec<Option<f64>> {
-    let mut sums = vec![(0.0, 0usize); sensors];
-    for pair in pairs {
-        let Some(shape) = measured.get(pair.measured).and_then(|mode| mode.shape.as_ref()) else { continue };
-        let model = view.shape(pair.model);
-        let factor = scale(model, shape);
-        let mean_square = shape.values.norm_squared() / shape.values.len() as f64;
-        for (&sensor, &value) in shape.sensors.iter().zip(shape.values.iter()) {
-            if let (Some(sum), Some(there)) = (sums.get_mut(sensor), model.get(sensor)) {
-                sum.0 += (factor * there - value).powi(2) / mean_square;
-                sum.1 += 1;
-            }
+    /// How the difference follows a change of the model's shapes at the sensors (sensors x models).
+    fn slope(&self, change: &DMatrix<f64>) -> DVector<f64> {
+        let moved = change * &self.combination;
+        if self.models.len() > 1 {
+            // N moves with the shapes so that Nᵀ B stays zero; what is left is Nᵀ dB c.
+            return self.directions.tr_mul(&moved);
         }
+        // a = phiᵀ phihat / phiᵀ phi
+        let (model, factor) = (self.shapes.column(0), self.combination[0]);
+        let change = change.column(0);
+        let factor_change = (change.dot(&self.measured) - 2.0 * factor * model.dot(&change)) / model.norm_squared();
+        self.directions.tr_mul(&(moved + model * factor_change))
     }
-    sums.into_iter().map(|(sum, count)| (count > 0).then(|| (sum / count as f64).sqrt())).collect()
 }
 
-/// Coordinate MAC of each sensor over the pairs (Lieven and Ewins 1988); model shapes are first brought to the scale of
-/// the measured ones.
-pub(super) fn comac(view: &ModelView, measured: &[MeasuredMode], pairs: &[Pair], sensors: usize) -> Vec<Option<f64>> {
-    let mut sums = vec![(0.0, 0.0, 0.0); sensors];
-    for pair in pairs {
-        let Some(shape) = measured.get(pair.measured).and_then(|mode| mode.shape.as_ref()) else { continue };
-        let model = view.shape(pair.model);
-        let factor = scale(model, shape);
-        let length = shape.values.norm();
-        for (&sensor, &value) in shape.sensors.iter().zip(shape.values.iter()) {
-            if let (Some(sum), Some(there)) = (sums.get_mut(sensor), model.get(sensor)) {
-                let (there, value) = (factor * there / length, value / length);
-                *sum = (sum.0 + (there * value).abs(), sum.1 + there * there, sum.2 + value * value);
-            }
-        }
-    }
-    let ratio = |(product, model, measured): (f64, f64, f64)| {
-        (model * measured > 0.0).then(|| (product * product / (model * measured)).min(1.0))
-    };
-    sums.into_iter().map(ratio).collect()
+/// An orthonormal basis of what is orthogonal to independent columns.
+fn complement(columns: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let (size, count) = columns.shape();
+    let directions = columns.clone().svd(true, false).u?;
+    let outside = DMatrix::identity(size, size) - &directions * directions.transpose();
+    let eigen = outside.symmetric_eigen();
+    // Eigenvalues are 1 outside and 0 inside.
+    let mut order: Vec<usize> = (0..size).collect();
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    Some(eigen.eigenvectors.select_columns(&order[..size.checked_sub(count)?]))
 }

@@ -2,8 +2,9 @@
 
 use serde::Serialize;
 
-use super::residual::{ChiSquared, comac, misfit_by_sensor};
-use super::{ModelView, Pair, frequency_deviation, mac};
+use super::misfit::{comac, misfit_by_sensor};
+use super::residual::ChiSquared;
+use super::{FREQUENCY_ASSUMED, ModelView, Pair, SHAPE_ASSUMED, frequency_deviation, mac};
 use crate::measured::MeasuredMode;
 use crate::study::Sensor;
 
@@ -28,6 +29,8 @@ pub struct Comparison {
     pub by_height: Vec<HeightMisfit>,
     /// Modes without a partner.
     pub unpaired: Vec<Unpaired>,
+    /// What the reader should know.
+    pub warnings: Vec<String>,
 }
 
 /// A measured mode and the model mode that belongs to it.
@@ -120,8 +123,50 @@ pub(super) fn comparison(
         by_sensor: by_sensor.collect(),
         by_height: by_height(sensors, &misfits),
         unpaired: unpaired(view, measured, pairs),
+        warnings: warnings(measured, &reports, chi_squared.is_some()),
         pairs: reports,
     }
+}
+
+/// Shapes with a MAC below this stand more than 45° apart, from where on a |phi - phihat| projected shrinks again.
+const FAR_APART: f64 = 0.5;
+
+fn warnings(measured: &[MeasuredMode], pairs: &[PairReport], has_test: bool) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let paired: Vec<&MeasuredMode> =
+        pairs.iter().filter_map(|pair| measured.iter().find(|mode| mode.number == pair.measured)).collect();
+    let numbers = |which: &dyn Fn(&MeasuredMode) -> bool| {
+        let numbers: Vec<String> =
+            paired.iter().filter(|mode| which(mode)).map(|mode| mode.number.to_string()).collect();
+        (!numbers.is_empty()).then(|| numbers.join(", "))
+    };
+    if let Some(numbers) = numbers(&|mode| mode.frequency_std_hz.is_none()) {
+        warnings.push(format!(
+            "mode {numbers}: the measurement states no deviation of the frequency; chi-squared assumes {} %",
+            100.0 * FREQUENCY_ASSUMED
+        ));
+    }
+    let unknown = |mode: &MeasuredMode| {
+        let shape = mode.shape.as_ref();
+        shape.is_some_and(|shape| shape.stds.as_ref().is_none_or(|stds| stds.iter().any(|std| std.is_nan())))
+    };
+    if let Some(numbers) = numbers(&unknown) {
+        warnings.push(format!(
+            "mode {numbers}: the measurement states no deviation of (all of) the shape; chi-squared assumes {SHAPE_ASSUMED} of its length"
+        ));
+    }
+    for pair in pairs.iter().filter(|pair| pair.subspace_mac.or(pair.mac).is_some_and(|mac| mac < FAR_APART)) {
+        warnings.push(format!(
+            "mode {}: hardly resembles model mode {} (MAC {:.2}); chi-squared counts its shape for less than it is off",
+            pair.measured,
+            pair.model,
+            pair.mac.unwrap_or(0.0)
+        ));
+    }
+    if !pairs.is_empty() && !has_test {
+        warnings.push("no chi-squared: the covariance of the measured modes is not positive definite".to_owned());
+    }
+    warnings
 }
 
 fn report(view: &ModelView, mode: &MeasuredMode, pair: &Pair) -> PairReport {

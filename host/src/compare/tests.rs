@@ -131,6 +131,14 @@ fn close_modes_that_turned_within_their_plane_are_held_to_the_plane() {
         assert!(pair.mac.unwrap() < 0.9, "turned by 40 degrees: {:?}", pair.mac);
         assert!(pair.subspace_mac.unwrap() > 0.99, "{:?}", pair.subspace_mac);
     }
+    // Which way the pair stands within its plane is decided by nothing that a model could be blamed for.
+    assert_eq!(comparison.degrees_of_freedom, Some(2 * (1 + 18)));
+    assert!(comparison.p_value.unwrap() > 1e-3, "{:?}", comparison.p_value);
+    // A shape outside the plane is a difference.
+    let mut bent = measured.clone();
+    let shape = bent[0].shape.as_mut().unwrap();
+    shape.values[19] *= 1.5;
+    assert!(compare(&view, &bent, &sensors, None).p_value.unwrap() < 1e-6);
 }
 
 #[test]
@@ -229,5 +237,8 @@ fn components_that_are_missing_are_left_out_of_mac_and_residual() {
     assert!(comparison.pairs[1].mac.unwrap() > 0.98);
     let frequency_only = MeasuredMode { shape: None, ..measured[0].clone() };
     assert_eq!(compare(&view, &[frequency_only], &sensors, None).degrees_of_freedom, Some(1));
-    assert_eq!(compare(&view, &[], &sensors, None).chi_squared, None);
+    let nothing = compare(&view, &[], &sensors, None);
+    assert_eq!((nothing.chi_squared, nothing.warnings.len()), (None, 0));
+    assert_eq!(comparison.warnings.len(), 1, "{:?}", comparison.warnings);
+    assert!(comparison.warnings[0].starts_with("mode 2: the measurement states no deviation of"));
 }

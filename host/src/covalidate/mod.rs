@@ -13,4 +13,4 @@ mod witness;
 
 pub use overlap::{Hop, OverlapAdd};
 pub use predictor::{PredictError, Predictor};
-pub use witness::Witness;
+pub use witness::{Motion, Witness};

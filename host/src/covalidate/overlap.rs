@@ -10,6 +10,7 @@ use crate::spectra::{LineGrid, WindowLines};
 /// transforms of neighbouring windows add up to what was measured in the band of the lines.
 pub struct OverlapAdd {
     grid: LineGrid,
+    epoch_s: f64,
     inverse: Arc<dyn ComplexToReal<f64>>,
     /// What the last window leaves for the next half segment, one vector a channel; `None` where it was not sound.
     tail: Vec<Option<Vec<f64>>>,
@@ -22,7 +23,7 @@ pub struct OverlapAdd {
 /// Half a segment of samples in the band.
 #[derive(Debug)]
 pub struct Hop<'a> {
-    /// Time of the first sample from the recording's epoch, in s.
+    /// Time of the first sample in the recording, in s.
     pub start_s: f64,
     /// Samples at the decimated rate, one slice a channel, in the lines' unit without the 1/√Hz; `None` where a window that
     /// they come from was not sound.
@@ -30,12 +31,13 @@ pub struct Hop<'a> {
 }
 
 impl OverlapAdd {
-    /// For the windows of one setup with `channels` channels.
-    pub fn new(grid: LineGrid, channels: usize) -> Self {
+    /// For the windows of one setup with `channels` channels; `epoch_s` is where in the recording the grid's epoch lies.
+    pub fn new(grid: LineGrid, epoch_s: f64, channels: usize) -> Self {
         let inverse = RealFftPlanner::<f64>::new().plan_fft_inverse(grid.segment);
         let (spectrum, samples) = (inverse.make_input_vec(), inverse.make_output_vec());
         Self {
             grid,
+            epoch_s,
             inverse,
             tail: vec![None; channels],
             last_index: None,
@@ -82,7 +84,7 @@ impl OverlapAdd {
             };
             self.tail[channel] = now.then(|| self.samples[hop..].iter().map(|sample| sample * norm).collect());
         }
-        let start_s = window.grid_index as f64 * hop as f64 / self.grid.sampling_rate_hz;
+        let start_s = self.epoch_s + window.grid_index as f64 * hop as f64 / self.grid.sampling_rate_hz;
         follows.then_some(Hop { start_s, channels: &self.halves })
     }
 }

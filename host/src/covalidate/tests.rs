@@ -17,7 +17,7 @@ fn motion(time_s: f64, channel: usize) -> f64 {
 }
 
 fn hops(windows: &[WindowLines]) -> Vec<(f64, Vec<Option<Vec<f64>>>)> {
-    let mut overlap = OverlapAdd::new(GRID, 2);
+    let mut overlap = OverlapAdd::new(GRID, 0.0, 2);
     windows.iter().filter_map(|window| overlap.push(window).map(|hop| (hop.start_s, hop.channels.to_vec()))).collect()
 }
 
@@ -63,22 +63,42 @@ fn a_window_that_is_missing_or_not_sound_silences_the_halves_it_belongs_to() {
 
 #[test]
 fn the_error_is_that_of_the_samples_themselves() {
-    let mut overlap = OverlapAdd::new(GRID, 2);
+    let mut overlap = OverlapAdd::new(GRID, 0.0, 2);
     let mut witness = Witness::new(2);
     let mut samples: Vec<[f64; 2]> = Vec::new();
     for window in windows(120.0) {
         let Some(hop) = overlap.push(&window) else { continue };
-        assert!(witness.add(&hop));
+        witness.add(&hop);
         let [one, two] = [0, 1].map(|channel: usize| hop.channels[channel].clone().unwrap());
         samples.extend(one.into_iter().zip(two).map(|(one, two)| [one, two]));
     }
     let predictor = Predictor { weights: DMatrix::from_element(1, 1, -0.4) };
-    let found = witness.error_percent(&predictor, &[0], &[1])[0].unwrap();
+    let motion = witness.motion(&[0, 1]);
+    let found = motion.error_percent(&predictor, &[0], &[1])[0].unwrap();
     let norm = |value: fn(&[f64; 2]) -> f64| samples.iter().map(|sample| value(sample).powi(2)).sum::<f64>().sqrt();
     let expected = 100.0 * norm(|[kept, left_out]| -0.4 * kept - left_out) / norm(|[_, left_out]| *left_out);
     assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
-    assert!((witness.rms(0) - norm(|[kept, _]| *kept) / (samples.len() as f64).sqrt()).abs() < 1e-12);
-    assert_eq!(witness.samples(), samples.len() as u64);
+    assert!((motion.rms(0) - norm(|[kept, _]| *kept) / (samples.len() as f64).sqrt()).abs() < 1e-12);
+    assert_eq!(motion.samples(), samples.len() as u64);
+}
+
+#[test]
+fn a_channel_that_drops_out_takes_no_other_channels_motion_along() {
+    let mut all = windows(200.0);
+    for window in all.iter_mut().skip(4) {
+        window.channels[1] = None;
+    }
+    let (mut overlap, mut witness) = (OverlapAdd::new(GRID, 0.0, 2), Witness::new(2));
+    for window in &all {
+        if let Some(hop) = overlap.push(window) {
+            witness.add(&hop);
+        }
+    }
+    assert_eq!(witness.hops(), all.len() as u64 - 1);
+    assert_eq!((witness.sound_hops(&[0]), witness.sound_hops(&[0, 1])), (witness.hops(), 3));
+    assert_eq!(witness.motion(&[0]).samples(), witness.hops() * 128);
+    assert_eq!(witness.motion(&[0, 1]).samples(), 3 * 128);
+    assert!((witness.motion(&[0]).rms(0) - (0.5 * 1.04_f64).sqrt()).abs() < 0.02);
 }
 
 #[test]
@@ -127,7 +147,7 @@ proptest! {
     #[test]
     fn any_lines_are_added(values in proptest::collection::vec(proptest::num::f32::ANY, 180), indices in proptest::collection::vec(0u64..5, 6)) {
         let lines: Vec<Complex32> = values.chunks(2).map(|pair| Complex32::new(pair[0], pair[1])).collect();
-        let mut overlap = OverlapAdd::new(GRID, 1);
+        let mut overlap = OverlapAdd::new(GRID, 0.0, 1);
         let mut witness = Witness::new(1);
         for grid_index in indices {
             let window = WindowLines { grid_index, channels: vec![Some(lines.clone())] };

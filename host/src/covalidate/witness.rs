@@ -1,47 +1,96 @@
 //! Measured motion, summed up as it comes: enough to say how far any prediction is off, without keeping the samples.
 
+use std::collections::BTreeMap;
+
 use nalgebra::DMatrix;
 
 use super::overlap::Hop;
 use super::predictor::Predictor;
 
-/// Sums of products of all channels over the samples at which all of them are sound.
+/// Sums of products of the channels' samples, apart for each set of channels that are sound at a time: which channels
+/// count is only known when all have been seen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Witness {
-    /// Sum over samples of y yᵀ, channels x channels.
+    channels: usize,
+    /// By which channels are sound.
+    sums: BTreeMap<Vec<bool>, Sums>,
+    hops: u64,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Sums {
+    /// Sum over samples of y yᵀ, channels x channels, zero where one is not sound.
     products: DMatrix<f64>,
     samples: u64,
-    left_out_hops: u64,
+    hops: u64,
 }
+
+/// Sets of sound channels that are kept apart; one set more is left out, so that memory has a bound.
+const MOST_SETS: usize = 4096;
 
 impl Witness {
     /// For `channels` channels.
     pub fn new(channels: usize) -> Self {
-        Self { products: DMatrix::zeros(channels, channels), samples: 0, left_out_hops: 0 }
+        Self { channels, sums: BTreeMap::new(), hops: 0 }
     }
 
-    /// Adds half a segment; one in which a channel is not sound is left out. Says whether it was added.
-    pub fn add(&mut self, hop: &Hop<'_>) -> bool {
-        let sound: Option<Vec<&Vec<f64>>> = hop.channels.iter().map(Option::as_ref).collect();
-        let Some(channels) = sound.filter(|channels| channels.len() == self.products.nrows()) else {
-            self.left_out_hops += 1;
-            return false;
-        };
-        let length = channels.iter().map(|channel| channel.len()).min().unwrap_or(0);
-        let block = DMatrix::from_fn(length, channels.len(), |sample, channel| channels[channel][sample]);
-        self.products += block.tr_mul(&block);
-        self.samples += length as u64;
-        true
+    /// Adds half a segment.
+    pub fn add(&mut self, hop: &Hop<'_>) {
+        self.hops += 1;
+        let lengths = hop.channels.iter().flatten().map(Vec::len);
+        let (Some(length), true) = (lengths.min(), hop.channels.len() == self.channels) else { return };
+        let sound: Vec<bool> = hop.channels.iter().map(Option::is_some).collect();
+        if self.sums.len() >= MOST_SETS && !self.sums.contains_key(&sound) {
+            return;
+        }
+        let block = DMatrix::from_fn(length, self.channels, |sample, channel| {
+            hop.channels[channel].as_ref().map_or(0.0, |samples| samples[sample])
+        });
+        let channels = self.channels;
+        let empty = || Sums { products: DMatrix::zeros(channels, channels), samples: 0, hops: 0 };
+        let sums = self.sums.entry(sound).or_insert_with(empty);
+        sums.products += block.tr_mul(&block);
+        sums.samples += length as u64;
+        sums.hops += 1;
     }
 
-    /// Samples added.
+    /// Half segments seen.
+    pub fn hops(&self) -> u64 {
+        self.hops
+    }
+
+    /// Half segments in which all of `channels` are sound.
+    pub fn sound_hops(&self, channels: &[usize]) -> u64 {
+        self.sound(channels).map(|sums| sums.hops).sum()
+    }
+
+    /// The motion while all of `channels` are sound.
+    pub fn motion(&self, channels: &[usize]) -> Motion {
+        let mut motion = Motion { products: DMatrix::zeros(self.channels, self.channels), samples: 0 };
+        for sums in self.sound(channels) {
+            motion.products += &sums.products;
+            motion.samples += sums.samples;
+        }
+        motion
+    }
+
+    fn sound(&self, channels: &[usize]) -> impl Iterator<Item = &Sums> {
+        let all = move |sound: &Vec<bool>| channels.iter().all(|&channel| sound.get(channel) == Some(&true));
+        self.sums.iter().filter(move |(sound, _)| all(sound)).map(|(_, sums)| sums)
+    }
+}
+
+/// Sums of products over the samples at which certain channels are sound; of the others it knows nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motion {
+    products: DMatrix<f64>,
+    samples: u64,
+}
+
+impl Motion {
+    /// Samples summed.
     pub fn samples(&self) -> u64 {
         self.samples
-    }
-
-    /// Half segments that were left out.
-    pub fn left_out_hops(&self) -> u64 {
-        self.left_out_hops
     }
 
     /// Root mean square of a channel.

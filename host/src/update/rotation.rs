@@ -2,8 +2,9 @@
 //!
 //! Minimises `sum w_i (1 - MAC_i(V e_i))²` over V in O(m) by a Levenberg-Marquardt method on the group: steps are
 //! `V exp(A)`, A skew. The gradient vanishes at MAC = 0 as it does at MAC = 1, so one start is not enough: the
-//! identity and three ridge-regularised Procrustes solutions are taken, first with frozen weights `w (1 - MAC)`, then the
-//! true objective is polished.
+//! identity and three ridge-regularised Procrustes solutions are taken, first with frozen weights `w (1 - MAC)`, then on the
+//! true objective. Modes that the sensors hardly tell apart leave valleys with several bottoms: from the best one the search
+//! goes on a long way along the directions in which the objective rises the least.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
@@ -23,12 +24,22 @@ const RIDGES: [f64; 3] = [1e-4, 1e-2, 1.0];
 const ROUGH_ROUNDS: usize = 6;
 /// Far more than the polish needs; a bound so that it ends.
 const POLISH_ROUNDS: usize = 400;
-/// The polish ends where a step gains less than this share of the objective.
-const LEAST_GAIN: f64 = 1e-13;
+/// The search of the right valley ends where a step gains less than this share of the objective, ...
+const SEARCH_GAIN: f64 = 1e-6;
+/// ... and the polish there.
+const POLISH_GAIN: f64 = 1e-13;
+/// How many of the softest directions are tried from a bottom, ...
+const SOFT_DIRECTIONS: usize = 3;
+/// ... how far, as an angle, ...
+const EXCURSION: f64 = 1.0;
+/// ... and how often, where that found a lower bottom.
+const EXCURSIONS: usize = 4;
+/// A bottom that is lower by less than this share is the same one.
+const LOWER: f64 = 1e-4;
 /// Frozen weights stay above this share of the weight, or a pair that fits would be given up.
 const LEAST_MISFIT: f64 = 1e-3;
-/// A start this much worse than the best after the rough rounds is not polished.
-const HOPELESS: f64 = 4.0;
+/// How many of the best starts after the rough rounds are followed to the bottom.
+const FOLLOWED: usize = 2;
 
 impl ShapeTerm {
     /// `None` where the measured shape is zero at its sensors, or no model shape moves there.
@@ -105,19 +116,43 @@ pub(super) fn minimise(terms: &[Option<ShapeTerm>]) -> DMatrix<f64> {
                         term.weight * (1.0 - term.mac(&column.into_owned())).max(LEAST_MISFIT)
                     })
                     .collect();
-                rotation = descend(terms, Stage::Frozen(&frozen), rotation, 2);
+                rotation = descend(terms, Stage::Frozen(&frozen), rotation, 2, SEARCH_GAIN);
             }
             (objective(terms, Stage::True, &rotation), rotation)
         })
         .collect();
     rough.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let limit = rough.first().map_or(0.0, |(least, _)| HOPELESS * least);
-    rough
+    let best =
+        rough.into_iter().take(FOLLOWED).map(|(_, start)| bottom(terms, start)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let Some(mut best) = best else { return identity };
+    for _ in 0..EXCURSIONS {
+        let lower = excursions(terms, &best.1).into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        match lower {
+            Some(lower) if lower.0 < (1.0 - LOWER) * best.0 => best = lower,
+            _ => break,
+        }
+    }
+    descend(terms, Stage::True, best.1, POLISH_ROUNDS, POLISH_GAIN)
+}
+
+/// The bottom of the valley around `start`: the objective there and V.
+fn bottom(terms: &[Option<ShapeTerm>], start: DMatrix<f64>) -> (f64, DMatrix<f64>) {
+    let rotation = descend(terms, Stage::True, start, POLISH_ROUNDS, SEARCH_GAIN);
+    (objective(terms, Stage::True, &rotation), rotation)
+}
+
+/// Bottoms that are reached from a bottom over the softest directions.
+fn excursions(terms: &[Option<ShapeTerm>], rotation: &DMatrix<f64>) -> Vec<(f64, DMatrix<f64>)> {
+    let (_, hessian) = slopes(terms, Stage::True, rotation);
+    let eigen = hessian.symmetric_eigen();
+    let mut softest: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
+    softest.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+    softest
         .into_iter()
-        .filter(|(value, _)| *value <= limit)
-        .map(|(_, start)| descend(terms, Stage::True, start, POLISH_ROUNDS))
-        .min_by(|a, b| objective(terms, Stage::True, a).total_cmp(&objective(terms, Stage::True, b)))
-        .unwrap_or(identity)
+        .take(SOFT_DIRECTIONS)
+        .flat_map(|direction| [EXCURSION, -EXCURSION].map(|angle| eigen.eigenvectors.column(direction) * angle))
+        .map(|step| bottom(terms, turned(rotation, &step)))
+        .collect()
 }
 
 /// The orthogonal matrix nearest to the columns that each resemble their measured shape the most (polar factor).
@@ -145,7 +180,13 @@ fn objective(terms: &[Option<ShapeTerm>], stage: Stage<'_>, rotation: &DMatrix<f
 }
 
 /// Levenberg-Marquardt steps from `rotation`, each of which lowers the objective.
-fn descend(terms: &[Option<ShapeTerm>], stage: Stage<'_>, mut rotation: DMatrix<f64>, rounds: usize) -> DMatrix<f64> {
+fn descend(
+    terms: &[Option<ShapeTerm>],
+    stage: Stage<'_>,
+    mut rotation: DMatrix<f64>,
+    rounds: usize,
+    least_gain: f64,
+) -> DMatrix<f64> {
     let mut value = objective(terms, stage, &rotation);
     let mut damping = 1e-3;
     for _ in 0..rounds {
@@ -168,7 +209,7 @@ fn descend(terms: &[Option<ShapeTerm>], stage: Stage<'_>, mut rotation: DMatrix<
         let gain = value - there;
         (value, rotation) = (there, candidate);
         damping = f64::max(damping, 1e-9);
-        if gain <= LEAST_GAIN * value {
+        if gain <= least_gain * value {
             break;
         }
     }
