@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use super::Console;
 use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, compare, pair};
 use crate::measured::{MeasuredModes, read};
-use crate::model::{Assembly, LoadedModel, load};
+use crate::model::{Assembly, Body, LoadedModel, load};
 use crate::study::{Sensor, Study};
 
 /// A study's model against its measured modes.
@@ -45,6 +45,9 @@ impl Case {
             Err(ViewError::Sensor(_)) if !has_shapes => ModelView::of(&assembly, &[])?,
             view => view?,
         };
+        for warning in model_warnings(&study, &model, &assembly, &sensors) {
+            console.warn(warning);
+        }
         let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
         Ok(Self { study, model, sensors, measured, assembly, view, tolerance })
     }
@@ -87,6 +90,30 @@ impl Case {
     pub(super) fn effect_names(&self) -> Vec<String> {
         self.model.effects.iter().map(ToString::to_string).collect()
     }
+}
+
+/// What the reader should know of a model that was read.
+fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, sensors: &[Sensor]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let section = study.model.as_ref();
+    let trusts = section.is_some_and(|model| model.background_stiffness.or(model.background_mass).is_some());
+    if trusts && matches!(model.body, Body::Matrices(_)) {
+        warnings.push(
+            "[model] background_stiffness and background_mass scatter the segments of a beam table; matrices have none, so they are not used"
+                .to_owned(),
+        );
+    }
+    for [bottom_m, top_m] in assembly.guessed_spans_m() {
+        let between = |sensor: &&Sensor| sensor.elevation_m.is_some_and(|z_m| *bottom_m < z_m && z_m < *top_m);
+        let channels: Vec<&str> = sensors.iter().filter(between).map(|sensor| sensor.channel.as_str()).collect();
+        if !channels.is_empty() {
+            warnings.push(format!(
+                "channel {}: between {bottom_m} m and {top_m} m the model's matrices are not those of a beam (do rotations turn right-handed?), so its motion there is taken from a straight line",
+                channels.join(", ")
+            ));
+        }
+    }
+    warnings
 }
 
 /// The modes that a study has: those of `[measured]`, else what `belfry identify` has found.

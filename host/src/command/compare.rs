@@ -9,6 +9,7 @@ use super::Console;
 use super::case::{Case, write_json, write_result};
 use super::identify::align_right;
 use crate::compare::{Comparison, Side};
+use crate::model::Body;
 use crate::picture;
 
 const EXAMPLES: &str = "Examples:
@@ -56,6 +57,7 @@ pub(super) fn compare_case(case: &Case, console: &Console) -> anyhow::Result<Com
     if let Some(picture) = picture::comparison(
         &case.study.structure.name,
         &case.assembly,
+        &case.view.modes,
         &case.sensors,
         &case.measured.modes,
         &comparison,
@@ -189,6 +191,8 @@ fn tell_test(comparison: &Comparison, case: &Case, console: &Console) {
     };
     let allowance = if case.tolerance.is_some() {
         "the measurement's deviations and the model's tolerance"
+    } else if matches!(case.model.body, Body::Matrices(_)) {
+        "the measurement's deviations alone (matrices have no tolerance)"
     } else {
         "the measurement's deviations alone (no background_stiffness or background_mass in [model])"
     };

@@ -26,7 +26,7 @@ shapes within their own span; every other mode stays as it is. Writes update.jso
 stiffness_updated.npy into `results`; the mass matrix does not change.";
 
 /// The largest relative change of another eigenvalue that passes for rounding.
-const UNCHANGED: f64 = 1e-6;
+const UNCHANGED: f64 = 1e-9;
 
 /// Update the stiffness matrix directly (Psi), as the paper does
 #[derive(Debug, Args)]

@@ -86,25 +86,34 @@ fn parse(path: &Path, bytes: &[u8], sensors: &[Sensor]) -> Result<MeasuredModes,
         _ if text.lines().next().is_some_and(|line| line.trim() == "-1") => Format::Uff,
         _ => Format::Csv,
     };
+    let mut warnings = Vec::new();
     let raw = match format {
         Format::Json => json::modes(path, text, sensors)?,
         Format::Csv => csv_table::modes(path, text, sensors)?,
-        Format::Uff => uff::modes(path, text, sensors)?,
+        Format::Uff => uff::modes(path, text, sensors, &mut warnings)?,
     };
-    finish(path, raw, sensors)
+    finish(path, raw, sensors, warnings)
 }
 
 /// Checks what all formats have in common, and makes shapes real.
-fn finish(path: &Path, raw: Vec<RawMode>, sensors: &[Sensor]) -> Result<MeasuredModes, MeasuredError> {
+fn finish(
+    path: &Path,
+    raw: Vec<RawMode>,
+    sensors: &[Sensor],
+    mut warnings: Vec<String>,
+) -> Result<MeasuredModes, MeasuredError> {
     let file = path.to_owned();
     if raw.is_empty() {
         return Err(MeasuredError::NoModes { file });
     }
     let mut numbers = BTreeSet::new();
-    let mut warnings = Vec::new();
     let mut modes = Vec::new();
     let mut seen = vec![false; sensors.len()];
-    let any_shape = raw.iter().any(|mode| !mode.components.is_empty());
+    for component in raw.iter().flat_map(|mode| &mode.components).filter(|component| !component.value.is_nan()) {
+        if let Some(seen) = seen.get_mut(component.sensor) {
+            *seen = true;
+        }
+    }
     for mode in raw {
         if !numbers.insert(mode.number) {
             return Err(MeasuredError::SameNumber { file, number: mode.number });
@@ -112,14 +121,9 @@ fn finish(path: &Path, raw: Vec<RawMode>, sensors: &[Sensor]) -> Result<Measured
         if !(mode.frequency_hz.is_finite() && mode.frequency_hz > 0.0) {
             return Err(MeasuredError::Frequency { file, number: mode.number, frequency_hz: mode.frequency_hz });
         }
-        for component in mode.components.iter().filter(|component| !component.value.is_nan()) {
-            if let Some(seen) = seen.get_mut(component.sensor) {
-                *seen = true;
-            }
-        }
-        modes.push(mode.finish(&file, sensors, any_shape, &mut warnings)?);
+        modes.push(mode.finish(&file, sensors, &seen, &mut warnings)?);
     }
-    if any_shape {
+    if seen.contains(&true) {
         let blind: Vec<&str> =
             sensors.iter().zip(&seen).filter(|(_, seen)| !**seen).map(|(sensor, _)| sensor.channel.as_str()).collect();
         if !blind.is_empty() {

@@ -32,17 +32,17 @@ pub(super) struct RawComponent {
 const LEAST_COLLINEARITY: f64 = 0.9;
 
 impl RawMode {
-    /// `any_shape`: the file has shapes, so that a mode without one is worth a warning.
+    /// `seen`: the sensors at which any mode of the file has a component, so that a mode without one is worth a warning.
     pub(super) fn finish(
         self,
         file: &Path,
         sensors: &[Sensor],
-        any_shape: bool,
+        seen: &[bool],
         warnings: &mut Vec<String>,
     ) -> Result<MeasuredMode, MeasuredError> {
         let number = self.number;
-        let shape = real_shape(file, number, self.components, sensors, warnings)?;
-        if any_shape && shape.is_none() {
+        let shape = real_shape(file, number, self.components, sensors, seen, warnings)?;
+        if seen.contains(&true) && shape.is_none() {
             warnings.push(format!("{}, mode {number}: no shape, only its frequency is compared", file.display()));
         }
         let known = |value: Option<f64>| value.filter(|value| value.is_finite() && *value > 0.0);
@@ -61,6 +61,7 @@ fn real_shape(
     number: usize,
     mut components: Vec<RawComponent>,
     sensors: &[Sensor],
+    seen: &[bool],
     warnings: &mut Vec<String>,
 ) -> Result<Option<MeasuredShape>, MeasuredError> {
     let channel = |sensor: usize| sensors.get(sensor).map_or_else(String::new, |sensor| sensor.channel.clone());
@@ -73,17 +74,34 @@ fn real_shape(
         let channel = channel(infinite.sensor);
         return Err(MeasuredError::Infinite { file: file.to_owned(), number, channel });
     }
-    let unknown: Vec<String> =
-        components.iter().filter(|component| component.value.is_nan()).map(|c| channel(c.sensor)).collect();
+    // Unknown in this mode: said to be so, or left out although other modes have it.
+    let known: Vec<usize> = components.iter().filter(|c| !c.value.is_nan()).map(|c| c.sensor).collect();
+    let said = |sensor: usize| components.iter().any(|component| component.sensor == sensor);
+    let unknown: Vec<String> = (0..sensors.len())
+        .filter(|sensor| !known.contains(sensor) && (said(*sensor) || seen.get(*sensor) == Some(&true)))
+        .map(channel)
+        .collect();
+    let negative: Vec<String> =
+        components.iter().filter(|c| c.std.is_some_and(|std| std < 0.0)).map(|c| channel(c.sensor)).collect();
     components.retain(|component| !component.value.is_nan());
     if components.is_empty() {
         return Ok(None);
     }
+    let at = format!("{}, mode {number}", file.display());
+    if components.len() == 1 {
+        warnings.push(format!("{at}: a component at channel {} alone is no shape", channel(components[0].sensor)));
+        return Ok(None);
+    }
     if !unknown.is_empty() {
         warnings.push(format!(
-            "{}, mode {number}: the shape has no component at channel {}; the mode is compared at the others",
-            file.display(),
+            "{at}: the shape has no component at channel {}; the mode is compared at the others",
             unknown.join(", ")
+        ));
+    }
+    if !negative.is_empty() {
+        warnings.push(format!(
+            "{at}: the deviation at channel {} is negative, so it counts as unknown",
+            negative.join(", ")
         ));
     }
     let values: Vec<Complex64> = components.iter().map(|component| component.value).collect();
@@ -97,8 +115,7 @@ fn real_shape(
     let collinearity = phase_collinearity(&values);
     if collinearity < LEAST_COLLINEARITY {
         warnings.push(format!(
-            "{}, mode {number}: the shape is complex (phase collinearity {collinearity:.2}); only its real part is compared",
-            file.display()
+            "{at}: the shape is complex (phase collinearity {collinearity:.2}); only its real part is compared"
         ));
     }
     let size = components.len();

@@ -65,6 +65,23 @@ fn components_that_are_missing_are_named_and_the_rest_is_kept() {
 }
 
 #[test]
+fn what_is_no_shape_or_no_deviation_is_said() {
+    let text = "mode,frequency_hz,a,a_std,b,c\n1,0.5,1.0,-0.1,0.5,0.2\n2,0.7,,,0.3,\n";
+    let modes = read_text("modes.csv", text, &["a", "b", "c"]).unwrap();
+    assert_eq!(modes.modes[0].shape.as_ref().unwrap().stds, None);
+    assert_eq!(modes.modes[1].shape, None);
+    let all = modes.warnings.join("\n");
+    assert!(all.contains("mode 1: the deviation at channel a is negative"), "{all}");
+    assert!(all.contains("mode 2: a component at channel b alone is no shape"), "{all}");
+    // A channel that one mode leaves out and others have.
+    let text = r#"{"modes":[{"number":1,"frequency_hz":1.0,"shape":[{"channel":"a","re":1.0},{"channel":"b","re":0.5}]},
+        {"number":2,"frequency_hz":2.0,"shape":[{"channel":"a","re":1.0},{"channel":"b","re":-0.5},{"channel":"c","re":0.1}]}]}"#;
+    let modes = read_text("modes.json", text, &["a", "b", "c"]).unwrap();
+    assert_eq!(modes.warnings.len(), 1, "{:?}", modes.warnings);
+    assert!(modes.warnings[0].contains("mode 1: the shape has no component at channel c"), "{:?}", modes.warnings);
+}
+
+#[test]
 fn csv_slips_are_told_by_line_and_column() {
     let csv = "modes.csv";
     assert_told(csv, "mode,frequency_hz,tpo\n1,0.5,1\n", &["top"], &["`tpo` is no channel", "it has top"]);
@@ -72,7 +89,7 @@ fn csv_slips_are_told_by_line_and_column() {
     assert_told(csv, "mode,frequency_hz,a\n1,0.5,1\n2,-0.5,1\n", &["a"], &["line 3, column `frequency_hz`: `-0.5`"]);
     assert_told(csv, "mode,frequency_hz,a\n1,0.5,inf\n", &["a"], &["line 2, column `a`: `inf`"]);
     assert_told(csv, "mode,frequency_hz,a\n1,0.5,high\n", &["a"], &["line 2, column `a`: `high`"]);
-    assert_told(csv, "mode,frequency_hz,a\n1,0.5,0\n", &["a"], &["mode 1", "zero"]);
+    assert_told(csv, "mode,frequency_hz,a,b\n1,0.5,0,0\n", &["a", "b"], &["mode 1", "zero"]);
     assert_told(csv, "mode,frequency_hz\n1,0.5\n1,0.6\n", &[], &["two modes have the number 1"]);
     assert_told(csv, "mode,frequency_hz,a,a\n1,0.5,1,1\n", &["a"], &["mode 1: channel a has two components"]);
     assert_told(csv, "mode,frequency_hz\n", &[], &["no modes"]);
@@ -142,6 +159,10 @@ fn a_universal_file_names_channels_by_node_and_direction() {
     assert_told("modes.uff", "    -1\n  2414\n", &[], &["2414", "dataset 55"]);
     let cut = text.split("2\n0 2").next().unwrap().to_owned() + "2\n0 2\n";
     assert_told("modes.uff", &cut, &["left", "right"], &["ends where a node's values"]);
+    let cut = text.trim_end().strip_suffix("-1").unwrap().trim_end();
+    assert_told("modes.uff", cut, &["left", "right"], &["cut off"]);
+    // That the order was taken is said.
+    assert!(modes.warnings[0].contains("nodes 1 to 2 are taken for the study's channels"), "{:?}", modes.warnings);
 }
 
 proptest! {

@@ -19,8 +19,15 @@ const DIRECTIONS: [&str; 3] = ["x", "y", "z"];
 const NORMAL_MODE: i64 = 2;
 const COMPLEX_MODES: [i64; 2] = [3, 7];
 const COMPLEX_DATA: [i64; 2] = [5, 6];
+/// More real numbers than this no mode's record 8 has.
+const MOST_REALS: usize = 100;
 
-pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<RawMode>, MeasuredError> {
+pub(super) fn modes(
+    path: &Path,
+    text: &str,
+    sensors: &[Sensor],
+    warnings: &mut Vec<String>,
+) -> Result<Vec<RawMode>, MeasuredError> {
     let mut lines = Lines { path, lines: text.lines().collect(), next: 0 };
     let mut nodal: Vec<NodalMode> = Vec::new();
     while let Some(line) = lines.take() {
@@ -37,6 +44,13 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
         }
     }
     let places = Places::of(&nodal, sensors);
+    if let Places::InOrder(directions) = &places {
+        warnings.push(format!(
+            "{}: nodes 1 to {} are taken for the study's channels in their order, as no channel is named by node and direction (12x)",
+            path.display(),
+            directions.len()
+        ));
+    }
     nodal
         .into_iter()
         .map(|mode| {
@@ -186,7 +200,8 @@ impl<'a> Lines<'a> {
     /// `None` for a dataset that holds no mode.
     fn dataset_55(&mut self, position: usize) -> Result<Option<NodalMode>, MeasuredError> {
         for _ in 0..5 {
-            self.take().ok_or_else(|| self.syntax("the dataset ends within its five lines of text"))?;
+            let text = self.take().filter(|line| line.trim() != "-1");
+            text.ok_or_else(|| self.syntax("the dataset ends within its five lines of text"))?;
         }
         let kinds = self.integers(6, "model, analysis, data characteristic, specific, data type and values a node")?;
         let (analysis, data_type) = (kinds[1], kinds[4]);
@@ -201,7 +216,10 @@ impl<'a> Lines<'a> {
         let specifics = self.integers(4, "counts, load case and mode number")?;
         let number = usize::try_from(specifics[3]).ok().filter(|&number| number > 0).unwrap_or(position);
         let counted = usize::try_from(specifics[1]).unwrap_or(0).max(if is_complex_mode { 2 } else { 1 });
-        let reals = self.numbers(counted.min(12), "frequency and damping")?;
+        if counted > MOST_REALS {
+            return Err(self.syntax(&format!("{counted} numbers of a mode are announced, where a few are expected")));
+        }
+        let reals = self.numbers(counted, "frequency and damping")?;
         let (frequency_hz, damping_ratio) = if is_complex_mode {
             // The eigenvalue s: |s| is the undamped circular frequency.
             let eigenvalue = Complex64::new(reals[0], reals[1]);
@@ -211,7 +229,8 @@ impl<'a> Lines<'a> {
             (reals[0], reals.get(2).copied().unwrap_or(0.0))
         };
         let mut values = Vec::new();
-        while let Some(line) = self.take() {
+        loop {
+            let line = self.take().ok_or_else(|| self.syntax("the file is cut off: it ends within a dataset"))?;
             if line.trim() == "-1" {
                 break;
             }

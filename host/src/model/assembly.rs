@@ -176,8 +176,8 @@ impl Assembly {
         matches!(self.geometry, Geometry::Line(_))
     }
 
-    /// Heights of a beam's nodes in m, lowest first, the base left out; node i has the DOFs from 5 i on. Empty where the
-    /// nodes do not stand above each other.
+    /// Heights of the nodes in m, lowest first, the lowest left out (a beam's node i has the DOFs from 5 i on, one of
+    /// imported matrices those of its layout). Empty where the nodes do not stand above each other.
     pub fn node_elevations_m(&self) -> Vec<f64> {
         match &self.geometry {
             Geometry::Line(line) => line.node_elevations_m().collect(),
@@ -190,6 +190,15 @@ impl Assembly {
         match &self.geometry {
             Geometry::Line(line) => line.z_base_m(),
             Geometry::Unknown | Geometry::Space(_) => 0.0,
+        }
+    }
+
+    /// Bottom and top in m of spans of imported matrices that are not those of a beam: motion between these two nodes is
+    /// taken to be straight.
+    pub fn guessed_spans_m(&self) -> &[[f64; 2]] {
+        match &self.geometry {
+            Geometry::Line(line) => line.guessed_m(),
+            Geometry::Unknown | Geometry::Space(_) => &[],
         }
     }
 

@@ -1,7 +1,7 @@
 //! Where a model's degrees of freedom stand in space: heights and places flow in, motion there as a matrix over the DOFs
 //! flows out.
 
-use nalgebra::{DMatrix, Matrix2};
+use nalgebra::{DMatrix, Matrix2, RowDVector, Vector2};
 
 use super::element::interpolation;
 use super::layout::{LayoutNode, is_line};
@@ -27,7 +27,16 @@ pub(super) struct Line {
     spans: Vec<Segment>,
     /// Motion of the lowest node where it follows from the DOFs, 5 x DOFs.
     base_motion: Option<DMatrix<f64>>,
+    /// Matrix rows of `uz` of each node; empty where the model has none.
+    vertical_rows: Vec<Option<usize>>,
+    /// Whether the model has motions along X, Y and Z.
+    moves: [bool; 3],
+    /// Bottom and top of spans between which motion is a guess.
+    guessed_m: Vec<[f64; 2]>,
 }
+
+/// `uz` among a layout node's rows.
+const UZ: usize = 5;
 
 /// In a span whose matrices show no rotations, displacements are straight: a shear stiffness this small against bending
 /// (as 12 EI / (kGA L²)) makes them so.
@@ -51,7 +60,15 @@ impl Line {
     pub(super) fn of_beam(segments: &[Segment], base_motion: DMatrix<f64>) -> Self {
         let node = |index: usize| std::array::from_fn(|dof| Some(index * DOFS_A_NODE + dof));
         let rows = std::iter::once([None; DOFS_A_NODE]).chain((0..segments.len()).map(node));
-        Self { rows: rows.collect(), spans: segments.to_vec(), base_motion: Some(base_motion) }
+        Self {
+            rows: rows.collect(),
+            spans: segments.to_vec(),
+            base_motion: Some(base_motion),
+            vertical_rows: Vec::new(),
+            // Stiff along its axis, which is motion enough for a sensor that points up.
+            moves: [true; 3],
+            guessed_m: Vec::new(),
+        }
     }
 
     /// Imported nodes. The shape functions between two of them need the share of shear in their deflection, which the
@@ -59,31 +76,63 @@ impl Line {
     fn of_nodes(nodes: &[LayoutNode], stiffness: &DMatrix<f64>) -> Self {
         let rows: Vec<[Option<usize>; DOFS_A_NODE]> =
             nodes.iter().map(|node| std::array::from_fn(|dof| node.rows[dof])).collect();
-        let mut spans: Vec<Option<Segment>> = nodes
+        let heights = |pair: &[LayoutNode]| [pair[0].position_m[2], pair[1].position_m[2]];
+        let found: Vec<Recovered> = nodes
             .windows(2)
             .zip(rows.windows(2))
             .map(|(pair, rows)| {
-                let (z_bottom_m, z_top_m) = (pair[0].position_m[2], pair[1].position_m[2]);
-                let straight = || span(z_bottom_m, z_top_m, 0.0, [STRAIGHT; 2]);
-                if rows.iter().all(|rows| rows[2].is_none() && rows[3].is_none()) {
-                    return Some(straight());
-                }
-                let (shear_ratios, axis_deg) = recovered(stiffness, rows[0], rows[1], z_top_m - z_bottom_m)?;
-                Some(span(z_bottom_m, z_top_m, axis_deg, shear_ratios))
+                let [z_bottom_m, z_top_m] = heights(pair);
+                recovered(stiffness, rows[0], rows[1], z_top_m - z_bottom_m)
             })
             .collect();
-        for index in (0..spans.len().saturating_sub(1)).rev() {
-            if spans[index].is_none()
-                && let Some(above) = spans[index + 1].clone()
-            {
-                let (z_bottom_m, z_top_m) = (nodes[index].position_m[2], nodes[index + 1].position_m[2]);
-                spans[index] = Some(Segment { z_bottom_m, z_top_m, ..above });
+        let mut above = ([0.0; 2], 0.0);
+        let mut spans = Vec::new();
+        for (found, pair) in found.iter().zip(nodes.windows(2)).rev() {
+            let [z_bottom_m, z_top_m] = heights(pair);
+            let (shear_ratios, axis_deg) = match *found {
+                Recovered::Beam { shear_ratios, axis_deg } => (shear_ratios, axis_deg),
+                Recovered::NoBeam => ([STRAIGHT; 2], 0.0),
+                Recovered::AtSupport => above,
+            };
+            above = (shear_ratios, axis_deg);
+            spans.push(span(z_bottom_m, z_top_m, axis_deg, shear_ratios));
+        }
+        spans.reverse();
+        let guessed_m = found.iter().zip(nodes.windows(2)).filter(|(found, _)| matches!(found, Recovered::NoBeam));
+        let there = |dof: usize| nodes.iter().any(|node| node.rows[dof].is_some() || node.fixed[dof]);
+        Self {
+            rows,
+            spans,
+            base_motion: None,
+            vertical_rows: nodes.iter().map(|node| node.rows[UZ]).collect(),
+            moves: [there(0), there(1), there(UZ)],
+            guessed_m: guessed_m.map(|(_, pair)| heights(pair)).collect(),
+        }
+    }
+
+    /// Whether the model has motions along X, Y and Z.
+    pub(super) fn moves(&self) -> [bool; 3] {
+        self.moves
+    }
+
+    /// Bottom and top of spans whose stiffness is not that of a beam: motion between these nodes is a guess.
+    pub(super) fn guessed_m(&self) -> &[[f64; 2]] {
+        &self.guessed_m
+    }
+
+    /// Vertical motion of the axis at a height, 1 x DOFs: straight between the nodes.
+    pub(super) fn vertical_motion(&self, z_m: f64, dofs: usize) -> RowDVector<f64> {
+        let mut motion = RowDVector::zeros(dofs);
+        let last = self.spans.len().saturating_sub(1);
+        let index = self.spans.iter().position(|span| z_m <= span.z_top_m).unwrap_or(last);
+        let Some(span) = self.spans.get(index) else { return motion };
+        let share = ((z_m - span.z_bottom_m) / span.length_m()).clamp(0.0, 1.0);
+        for (node, share) in [(index, 1.0 - share), (index + 1, share)] {
+            if let Some(row) = self.vertical_rows.get(node).copied().flatten() {
+                motion[row] += share;
             }
         }
-        let whole = |(span_of, pair): (Option<Segment>, &[LayoutNode])| {
-            span_of.unwrap_or_else(|| span(pair[0].position_m[2], pair[1].position_m[2], 0.0, [0.0; 2]))
-        };
-        Self { rows, spans: spans.into_iter().zip(nodes.windows(2)).map(whole).collect(), base_motion: None }
+        motion
     }
 
     /// Height of the lowest node in m.
@@ -143,28 +192,77 @@ fn span(z_bottom_m: f64, z_top_m: f64, axis_deg: f64, shear_ratios: [f64; 2]) ->
     }
 }
 
-/// The shear ratios phi = 12 EI / (kGA L²) of a span along its principal axes, and where axis 1 stands, from the block of
-/// K that couples its two nodes (no other element has part in it).
+/// What the matrices say of the beam between two nodes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Recovered {
+    /// Shear ratios along the principal axes, and where axis 1 stands.
+    Beam { shear_ratios: [f64; 2], axis_deg: f64 },
+    /// A DOF is fixed, so nothing is left of the stiffness between the nodes.
+    AtSupport,
+    /// It is none: forces and moments are not in balance, as where rotations turn the other way round.
+    NoBeam,
+}
+
+/// Displacement, rotation and its sign (slopes along X and Y are ry and -rx) of bending along X and along Y.
+const PLANES: [(usize, usize, f64); 2] = [(0, 3, 1.0), (1, 2, -1.0)];
+/// Moments of a beam's end displacement are in balance to this share.
+const BALANCE: f64 = 0.01;
+
+/// The shear ratios phi = 12 EI / (kGA L²) of a span from the block of K that couples its two nodes (no other element has
+/// part in it).
 ///
 /// With a = 12 EI/(L³(1+phi)) between the displacements and d = (2-phi) EI/(L(1+phi)) between the rotations
-/// (Przemieniecki 1968, eq. 5.116): phi = 2 - 12 d/(a L²). `None` where a DOF is fixed or the block is not that of a beam.
+/// (Przemieniecki 1968, eq. 5.116): phi = 2 - 12 d/(a L²). A model of one plane has one of the two; displacements without
+/// rotations are straight.
 fn recovered(
     stiffness: &DMatrix<f64>,
     lower: [Option<usize>; DOFS_A_NODE],
     upper: [Option<usize>; DOFS_A_NODE],
     length: f64,
-) -> Option<([f64; 2], f64)> {
-    let entry = |i: usize, j: usize| Some(stiffness[(lower[i]?, upper[j]?)]);
-    let displacements = -Matrix2::new(entry(0, 0)?, entry(0, 1)?, entry(1, 0)?, entry(1, 1)?);
-    // Slopes along X and Y are ry and -rx.
-    let rotations = Matrix2::new(entry(3, 3)?, -entry(3, 2)?, -entry(2, 3)?, entry(2, 2)?);
-    let eigen = ((displacements + displacements.transpose()) * 0.5).symmetric_eigen();
-    let axis = eigen.eigenvectors.column(0);
-    let ratio = |index: usize| {
-        let direction = eigen.eigenvectors.column(index);
-        let a = eigen.eigenvalues[index];
-        let d = (direction.transpose() * rotations * direction)[(0, 0)];
-        (a > 0.0).then(|| (2.0 - 12.0 * d / (a * length * length)).clamp(0.0, STRAIGHT))
+) -> Recovered {
+    let whole = |(u, r, _): (usize, usize, f64)| [lower[u], lower[r], upper[u], upper[r]].iter().all(Option::is_some);
+    // Rows of one kind of DOF below against columns of another above, in a plane each.
+    let block = |below: fn((usize, usize, f64)) -> (usize, f64), above: fn((usize, usize, f64)) -> (usize, f64)| {
+        Matrix2::from_fn(|i, j| {
+            let ((row, sign), (column, other_sign)) = (below(PLANES[i]), above(PLANES[j]));
+            let entry = lower[row].zip(upper[column]).map_or(0.0, |place| stiffness[place]);
+            sign * other_sign * entry
+        })
     };
-    Some(([ratio(0)?, ratio(1)?], axis[1].atan2(axis[0]).to_degrees()))
+    let (displacement, slope) = (|(u, _, _)| (u, 1.0), |(_, r, sign)| (r, sign));
+    let displacements = -block(displacement, displacement);
+    let slopes = block(slope, slope);
+    let (shears, moments) = (block(displacement, slope), block(slope, displacement));
+    let ratio = |direction: Vector2<f64>| {
+        let along = |matrix: &Matrix2<f64>| direction.dot(&(matrix * direction));
+        let a = along(&displacements);
+        let balance = along(&shears) - along(&moments);
+        let sound = a > 0.0 && (balance - a * length).abs() <= BALANCE * a * length;
+        sound.then(|| (2.0 - 12.0 * along(&slopes) / (a * length * length)).clamp(0.0, STRAIGHT))
+    };
+    if PLANES.iter().all(|&plane| whole(plane)) {
+        let eigen = ((displacements + displacements.transpose()) * 0.5).symmetric_eigen();
+        let axes = [eigen.eigenvectors.column(0).into_owned(), eigen.eigenvectors.column(1).into_owned()];
+        return match (ratio(axes[0]), ratio(axes[1])) {
+            (Some(first), Some(second)) => {
+                Recovered::Beam { shear_ratios: [first, second], axis_deg: axes[0][1].atan2(axes[0][0]).to_degrees() }
+            }
+            _ => Recovered::NoBeam,
+        };
+    }
+    let mut shear_ratios = [0.0; 2];
+    for ((shear_ratio, plane), direction) in shear_ratios.iter_mut().zip(PLANES).zip([Vector2::x(), Vector2::y()]) {
+        let (u, r, _) = plane;
+        *shear_ratio = if whole(plane) {
+            let Some(ratio) = ratio(direction) else { return Recovered::NoBeam };
+            ratio
+        } else if lower[r].is_none() && upper[r].is_none() {
+            STRAIGHT
+        } else if lower[u].is_none() || lower[r].is_none() {
+            return Recovered::AtSupport;
+        } else {
+            return Recovered::NoBeam;
+        };
+    }
+    Recovered::Beam { shear_ratios, axis_deg: 0.0 }
 }

@@ -99,10 +99,16 @@ fn other_layouts_place_rows_by_node_and_direction() {
     // Fixed-free chain: omega_1 = 2 sqrt(k/m) sin(pi/14).
     let expected = 2.0 * (k / m).sqrt() * (std::f64::consts::PI / 14.0).sin() / std::f64::consts::TAU;
     near(building.modes().unwrap().frequency_hz[0], expected, 1e-12);
-    let rows = building.sensor_rows(&[sensor(4.5, 60.0, [0.0; 2]), sensor(1.0, 0.0, [0.0; 2])]).unwrap();
-    near(rows[(0, 0)], 0.25, 1e-6);
-    near(rows[(0, 1)], 0.25, 1e-6);
+    let rows = building.sensor_rows(&[sensor(4.5, 180.0, [0.0; 2]), sensor(1.0, 0.0, [0.0; 2])]).unwrap();
+    near(rows[(0, 0)], -0.5, 1e-6);
+    near(rows[(0, 1)], -0.5, 1e-6);
     near(rows[(1, 0)], 1.0 / 3.0, 1e-6);
+
+    // Nothing is known of motion along Y or Z.
+    let across = building.sensor_rows(&[sensor(4.5, 90.0, [0.0; 2])]).unwrap_err().to_string();
+    assert!(across.contains("channel 07: points along Y") && across.contains("no uy"), "{across}");
+    let up = Sensor { direction: Some(Direction::Up), ..sensor(3.0, 0.0, [0.0; 2]) };
+    assert!(building.sensor_rows(&[up]).unwrap_err().to_string().contains("along Z"));
 
     // In space: two corners of a floor.
     let corners = "row,node,dof,x_m,y_m,z_m\n1,a,ux,0,0,3\n2,a,uy,0,0,3\n3,b,uz,5,0,3\n";
@@ -112,6 +118,8 @@ fn other_layouts_place_rows_by_node_and_direction() {
     let rows = frame.sensor_rows(&[sensor(3.0, 90.0, [0.0; 2]), up]).unwrap();
     near(rows[(0, 1)], 1.0, 1e-12);
     assert_eq!(rows[(1, 2)], 1.0);
+    let missing = frame.sensor_rows(&[sensor(3.0, 90.0, [5.0, 0.0])]).unwrap_err().to_string();
+    assert!(missing.contains("no motion along Y there"), "{missing}");
     let nowhere = frame.sensor_rows(&[sensor(3.0, 0.0, [2.0, 0.0])]).unwrap_err().to_string();
     assert!(nowhere.contains("no node stands at [2.0, 0.0, 3.0]") && nowhere.contains("the nearest, a"), "{nowhere}");
 
@@ -217,5 +225,81 @@ fn modal_derivatives_are_what_two_solutions_differ_by() {
                 assert!((&derivative.shape - &difference).amax() < 1e-4 * size, "{} {difference}", derivative.shape);
             }
         }
+    }
+}
+
+/// The X plane of a beam, and one of the same with vertical motion besides.
+#[test]
+fn a_model_of_one_plane_keeps_its_shear_and_its_vertical_motion() {
+    let folder = tempfile::tempdir().unwrap();
+    let beam = Uniform { shear: "2e6".to_owned(), segments: 6, ..Uniform::default() }.table();
+    let own = Structure::new(beam).assemble();
+    let plane: Vec<usize> = (0..6).flat_map(|node| [5 * node, 5 * node + 3]).collect();
+    let part = |whole: &DMatrix<f64>| whole.select_rows(&plane).select_columns(&plane);
+    let mut stiffness: DMatrix<f64> = part(&own.stiffness).resize(18, 18, 0.0);
+    let mut mass = part(&own.mass).resize(18, 18, 0.0);
+    let mut dofs = "row,node,dof,z_m\n,0,ux,0\n,0,ry,0\n,0,uz,0\n".to_owned();
+    for (node, z_m) in own.node_elevations_m().into_iter().enumerate() {
+        stiffness[(12 + node, 12 + node)] = 1e9;
+        mass[(12 + node, 12 + node)] = 1e4;
+        for (dof, row) in [("ux", 2 * node), ("ry", 2 * node + 1), ("uz", 12 + node)] {
+            dofs += &format!("{},{},{dof},{z_m}\n", row + 1, node + 1);
+        }
+    }
+    fs::write(folder.path().join("k.mtx"), matrix_market(&stiffness)).unwrap();
+    fs::write(folder.path().join("m.mtx"), matrix_market(&mass)).unwrap();
+    fs::write(folder.path().join("dofs.csv"), &dofs).unwrap();
+    let source = files("k.mtx", "m.mtx", Some(LayoutFile::Dofs("dofs.csv".into())));
+    let read = || Structure::new(Body::Matrices(ImportedMatrices::read(&source, folder.path()).unwrap())).assemble();
+    let imported = read();
+    assert!(imported.guessed_spans_m().is_empty());
+    for z_m in [5.0, 30.0, 71.0] {
+        let place = [sensor(z_m, 0.0, [0.0; 2])];
+        let expected = own.sensor_rows(&place).unwrap().select_columns(&plane);
+        let there = imported.sensor_rows(&place).unwrap();
+        assert!((there.columns(0, 12) - &expected).amax() < 1e-6, "{z_m} m: {there} instead of {expected}");
+    }
+    // Halfway up the second of six segments, off the axis by 2 m.
+    let (low, high) = (own.node_elevations_m()[0], own.node_elevations_m()[1]);
+    let up = Sensor { direction: Some(Direction::Up), ..sensor(0.5 * (low + high), 0.0, [2.0, 0.0]) };
+    let rows = imported.sensor_rows(&[up]).unwrap();
+    near(rows[(0, 12)], 0.5, 1e-12);
+    near(rows[(0, 13)], 0.5, 1e-12);
+    assert!(rows[(0, 1)] < 0.0, "ry lowers what stands at +X: {rows}");
+
+    // Rotations that turn the other way round are no beam's: said, and interpolated along straight lines.
+    for row in (1..12).step_by(2) {
+        let mut flipped = stiffness.clone();
+        flipped.row_mut(row).neg_mut();
+        flipped.column_mut(row).neg_mut();
+        stiffness = flipped;
+    }
+    fs::write(folder.path().join("k.mtx"), matrix_market(&stiffness)).unwrap();
+    let left_handed = read();
+    assert_eq!(left_handed.guessed_spans_m().len(), 5);
+    let rows = left_handed.sensor_rows(&[sensor(0.5 * (low + high), 0.0, [0.0; 2])]).unwrap();
+    near(rows[(0, 0)], 0.5, 1e-6);
+    near(rows[(0, 2)], 0.5, 1e-6);
+}
+
+/// The library takes any digits for a number that fits into memory.
+#[test]
+fn matrix_market_files_of_impossible_sizes_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let header = "%%MatrixMarket matrix coordinate real general\n% made by hand\n";
+    for (body, expected) in [
+        ("99999999999999999999 1 1\n1 1 1\n", "line 3: `99999999999999999999`"),
+        ("400000 400000 1\n1 1 1\n", "line 3: `400000`"),
+        ("0 0 0\n", "line 3: `0`"),
+        ("1 1 18446744073709551616\n1 1 1\n", "line 3: `18446744073709551616`"),
+        ("1 1 1\n1 18446744073709551616 1\n", "line 4: `18446744073709551616`"),
+        ("2 2 1\n3 1 1\n", "not a Matrix Market file"),
+        ("2 2 1\n0 1 1\n", "not a Matrix Market file"),
+        ("2 2\n1 1 1\n", "not a Matrix Market file"),
+        ("", "not a Matrix Market file"),
+    ] {
+        fs::write(folder.path().join("k.mtx"), format!("{header}{body}")).unwrap();
+        let refused = ImportedMatrices::read(&files("k.mtx", "k.mtx", None), folder.path()).unwrap_err().to_string();
+        assert!(refused.contains("k.mtx") && refused.contains(expected), "{body}: {refused}");
     }
 }

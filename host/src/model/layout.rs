@@ -21,6 +21,8 @@ pub struct LayoutNode {
     pub position_m: [f64; 3],
     /// 0-based matrix rows of `ux, uy, rx, ry, rz, uz`; `None` is fixed, or not in the model.
     pub rows: [Option<usize>; 6],
+    /// Which of them are fixed.
+    pub fixed: [bool; 6],
 }
 
 /// Why a layout was refused.
@@ -101,13 +103,19 @@ pub(super) fn read_nodes(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, La
         if layout.last().is_some_and(|below| below.position_m[2] >= z_m) {
             return Err(table.value(row, height, "z_m", "a height above the node before".to_owned()));
         }
-        let mut rows = [None; 6];
-        if let Some(node) = index.checked_sub(fixed) {
-            for (dof, row) in rows.iter_mut().take(DOFS_A_NODE).enumerate() {
-                *row = Some(node * DOFS_A_NODE + dof);
+        let mut node = LayoutNode {
+            name: table.text(row, name).to_owned(),
+            position_m: [0.0, 0.0, z_m],
+            rows: [None; 6],
+            fixed: [true; 6],
+        };
+        if let Some(number) = index.checked_sub(fixed) {
+            for dof in 0..DOFS_A_NODE {
+                node.rows[dof] = Some(number * DOFS_A_NODE + dof);
+                node.fixed[dof] = false;
             }
         }
-        layout.push(LayoutNode { name: table.text(row, name).to_owned(), position_m: [0.0, 0.0, z_m], rows });
+        layout.push(node);
     }
     Ok(layout)
 }
@@ -157,16 +165,17 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
             }
             Some(node) => node,
             None => {
-                layout.push(LayoutNode { name: name.to_owned(), position_m, rows: [None; 6] });
+                layout.push(LayoutNode { name: name.to_owned(), position_m, rows: [None; 6], fixed: [false; 6] });
                 let last = layout.len() - 1;
                 &mut layout[last]
             }
         };
-        if node.rows[dof].is_some() {
+        if node.rows[dof].is_some() || node.fixed[dof] {
             let expected = format!("a DOF that node {name} has not had yet");
             return Err(table.value(row, dof_column, "dof", expected));
         }
         node.rows[dof] = matrix_row;
+        node.fixed[dof] = matrix_row.is_none();
     }
     layout.sort_by(|a, b| a.position_m[2].total_cmp(&b.position_m[2]));
     Ok(layout)

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
-use nalgebra_sparse::io::load_coo_from_matrix_market_file;
+use nalgebra_sparse::io::load_coo_from_matrix_market_str;
 use npyz::NpyFile;
 use thiserror::Error;
 
@@ -185,7 +185,10 @@ fn read_one(name: &str, file: Option<&Path>, folder: &Path) -> Result<(PathBuf, 
     let path = folder.join(name);
     match (Path::new(name).extension().and_then(|extension| extension.to_str()), file) {
         (Some("mtx"), _) => {
-            let entries = load_coo_from_matrix_market_file::<f64, _>(&path)
+            let text = std::fs::read_to_string(&path)
+                .map_err(|error| unreadable(&path, format!("cannot be read ({error})")))?;
+            check_sizes(&text).map_err(|reason| unreadable(&path, reason))?;
+            let entries = load_coo_from_matrix_market_str::<f64>(&text)
                 .map_err(|error| unreadable(&path, format!("not a Matrix Market file of real numbers ({error})")))?;
             let mut matrix = DMatrix::zeros(entries.nrows(), entries.ncols());
             for (row, column, value) in entries.triplet_iter() {
@@ -202,6 +205,35 @@ fn read_one(name: &str, file: Option<&Path>, folder: &Path) -> Result<(PathBuf, 
         (_, Some(file)) => Ok((file.to_owned(), read_matrix(file, name)?)),
         (_, None) => Err(MatrixError::NoFile { name: name.to_owned() }),
     }
+}
+
+/// More rows than this no model has that is kept as a full matrix (3 GB a matrix).
+const MOST_ROWS: usize = 20_000;
+
+/// Refuses sizes and indices that the library would choke on: it takes any digits for a number that fits, and any size for
+/// one that fits into memory.
+fn check_sizes(text: &str) -> Result<(), String> {
+    let coordinate = text.lines().next().is_some_and(|header| header.to_ascii_lowercase().contains("coordinate"));
+    let is_content = |line: &str| !line.trim().is_empty() && !line.starts_with('%');
+    let mut lines = text.lines().enumerate().filter(|(_, line)| is_content(line));
+    let Some((index, sizes)) = lines.next() else { return Ok(()) };
+    let is_size = |word: &str| word.parse::<usize>().is_ok_and(|size| (1..=MOST_ROWS).contains(&size));
+    if let Some(word) = sizes.split_whitespace().take(2).find(|word| !is_size(word)) {
+        return Err(format!(
+            "line {}: `{word}` where a number of rows or columns, 1 to {MOST_ROWS}, was expected",
+            index + 1
+        ));
+    }
+    let is_no_index = |word: &&str| word.parse::<u32>().is_err();
+    if let Some(word) = sizes.split_whitespace().nth(2).filter(is_no_index) {
+        return Err(format!("line {}: `{word}` where a number of entries was expected", index + 1));
+    }
+    for (index, line) in lines.filter(|_| coordinate) {
+        if let Some(word) = line.split_whitespace().take(2).find(is_no_index) {
+            return Err(format!("line {}: `{word}` where a row or column was expected", index + 1));
+        }
+    }
+    Ok(())
 }
 
 fn square_npy(bytes: &[u8]) -> Result<DMatrix<f64>, String> {

@@ -59,6 +59,18 @@ pub enum SensorError {
         /// Where that stands.
         position_m: [f64; 3],
     },
+    /// It points where the model does not move.
+    #[error(
+        "channel {channel}: points along {axis}, but the model has no motion along {axis} there: its `dofs` name no {dof}, free or fixed"
+    )]
+    NoMotion {
+        /// The channel.
+        channel: String,
+        /// `X`, `Y` or `Z`.
+        axis: &'static str,
+        /// `ux`, `uy` or `uz`.
+        dof: &'static str,
+    },
     /// It names a row that the matrices do not have.
     #[error("channel {channel}: dof = {dof}, but the model's matrices have the rows 1 to {dofs}")]
     NoSuchDof {
@@ -73,14 +85,17 @@ pub enum SensorError {
 
 /// A sensor this far (in m) outside the beam stands at its end: rounding in the files.
 const END_TOLERANCE_M: f64 = 1e-6;
+/// A direction cosine below this is rounding of a sensor that points along an axis.
+const ALONG_AN_AXIS: f64 = 1e-9;
 /// A sensor this near (in m) to a node of a structure in space stands at it.
 const NODE_TOLERANCE_M: f64 = 1e-3;
 
 impl Assembly {
     /// Motion at the sensors, sensors x DOFs, in the sensors' order and positive directions.
     ///
-    /// The section is rigid: a sensor at the plan offset (x, y) moves by `ux - y rz` and `uy + x rz`, and up by
-    /// `y rx - x ry`. Between nodes see [`Assembly::axis_motion`].
+    /// Where nodes stand above each other the section is rigid: a sensor at the plan offset (x, y) moves by `ux - y rz` and
+    /// `uy + x rz`, and up by `uz + y rx - x ry`. Between nodes see [`Assembly::axis_motion`]. In a structure in space the
+    /// offset is the sensor's place in plan, at which a node must stand.
     ///
     /// # Errors
     /// [`SensorError`] names the channel.
@@ -103,8 +118,15 @@ impl Assembly {
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
         let direction = sensor.direction.ok_or_else(|| SensorError::NoDirection { channel: channel() })?;
         let [x, y] = sensor.offset_m;
-        // Columns of (ux, uy, uz) at the sensor over the DOFs.
-        let [ux, uy, uz] = match &self.geometry {
+        let direction_cosines = match direction {
+            Direction::AzimuthDeg(azimuth_deg) => {
+                let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+                [cos, sin, 0.0]
+            }
+            Direction::Up => [0.0, 0.0, 1.0],
+        };
+        // Columns of (ux, uy, uz) at the sensor over the DOFs, and whether the model has such motions.
+        let (motions, moves) = match &self.geometry {
             Geometry::Line(line) => {
                 let (z_base_m, z_top_m) = (line.z_base_m(), line.z_top_m());
                 if !(z_base_m - END_TOLERANCE_M..=z_top_m + END_TOLERANCE_M).contains(&elevation_m) {
@@ -112,7 +134,8 @@ impl Assembly {
                 }
                 let axis = line.motion(elevation_m, self.dofs());
                 let (ux, uy, rx, ry, rz) = (axis.row(0), axis.row(1), axis.row(2), axis.row(3), axis.row(4));
-                [ux - rz * y, uy + rz * x, rx * y - ry * x]
+                let uz = line.vertical_motion(elevation_m, self.dofs()) + rx * y - ry * x;
+                ([ux - rz * y, uy + rz * x, uz], line.moves())
             }
             Geometry::Space(nodes) => {
                 let place = [x, y, elevation_m];
@@ -136,16 +159,23 @@ impl Assembly {
                     }
                     row
                 };
-                [unit(0), unit(1), unit(5)]
+                let translations = [0, 1, 5];
+                let there = |dof: usize| nearest.rows[dof].is_some() || nearest.fixed[dof];
+                (translations.map(unit), translations.map(there))
             }
             Geometry::Unknown => return Err(SensorError::NoPlaces { channel: channel() }),
         };
-        Ok(match direction {
-            Direction::AzimuthDeg(azimuth_deg) => {
-                let (sin, cos) = azimuth_deg.to_radians().sin_cos();
-                ux * cos + uy * sin
+        let mut row = RowDVector::zeros(self.dofs());
+        for (index, motion) in motions.into_iter().enumerate() {
+            let cosine = direction_cosines[index];
+            if cosine.abs() > ALONG_AN_AXIS {
+                if !moves[index] {
+                    let (axis, dof) = [("X", "ux"), ("Y", "uy"), ("Z", "uz")][index];
+                    return Err(SensorError::NoMotion { channel: channel(), axis, dof });
+                }
+                row += motion * cosine;
             }
-            Direction::Up => uz,
-        })
+        }
+        Ok(row)
     }
 }

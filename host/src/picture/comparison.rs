@@ -27,6 +27,7 @@ const FRAME: RGBColor = RGBColor(200, 200, 200);
 pub fn comparison(
     structure: &str,
     assembly: &Assembly,
+    modes: &Modes,
     sensors: &[Sensor],
     measured: &[MeasuredMode],
     comparison: &Comparison,
@@ -46,8 +47,7 @@ pub fn comparison(
         return Ok(None);
     };
     let base_m = assembly.z_base_m();
-    let modes = assembly.modes().map_err(|e| fail(&e))?;
-    let curves = curves(assembly, &modes, sensors, &verticals, [base_m, top_m]).map_err(|e| fail(&e))?;
+    let curves = curves(assembly, modes, sensors, &verticals, [base_m, top_m]).map_err(|e| fail(&e))?;
     let rows = shapes.len().div_ceil(COLUMNS);
     let columns = shapes.len().min(COLUMNS);
     let mut svg = String::new();
@@ -63,11 +63,11 @@ pub fn comparison(
                 ("sans-serif", 15),
             ))
             .map_err(|e| fail(&e))?;
-        for (index, (key, _)) in verticals.iter().enumerate().take(COLORS.len()) {
-            let style = ("sans-serif", 12).into_font().color(&COLORS[index]);
+        for (index, (key, _)) in verticals.iter().enumerate() {
+            let style = ("sans-serif", 12).into_font().color(&COLORS[index % COLORS.len()]);
             header.draw(&Text::new(key.clone(), (10 + 150 * index as i32, 26), style)).map_err(|e| fail(&e))?;
         }
-        for ((panel, (pair, shape)), _) in body.split_evenly((rows, columns.max(4))).iter().zip(&shapes).zip(0..) {
+        for (panel, (pair, shape)) in body.split_evenly((rows, columns.max(4))).iter().zip(&shapes) {
             draw(panel, pair, shape, sensors, &verticals, &curves, [base_m, top_m]).map_err(|e| fail(&e))?;
         }
         root.present().map_err(|e| fail(&e))?;
@@ -108,9 +108,12 @@ fn curves(
         .values()
         .map(|indices| {
             // The plan position that most sensors of the direction share; torsion looks different at the others.
-            let first = &sensors[indices[0]];
+            let sharing = |&index: &usize| {
+                indices.iter().filter(|&&other| sensors[other].offset_m == sensors[index].offset_m).count()
+            };
+            let typical = indices.iter().rev().copied().max_by_key(sharing).unwrap_or(indices[0]);
             let along: Vec<Sensor> =
-                heights_m.iter().map(|&z_m| Sensor { elevation_m: Some(z_m), ..first.clone() }).collect();
+                heights_m.iter().map(|&z_m| Sensor { elevation_m: Some(z_m), ..sensors[typical].clone() }).collect();
             Ok(Curve { heights_m: heights_m.clone(), values: assembly.sensor_rows(&along)? * &modes.shapes })
         })
         .collect()
@@ -157,7 +160,7 @@ fn draw(
         }
     }
     let scale = if square > 0.0 { product / square } else { 0.0 };
-    for ((indices, curve), color) in verticals.values().zip(curves).zip(COLORS) {
+    for ((indices, curve), color) in verticals.values().zip(curves).zip(COLORS.iter().cycle()) {
         let model = curve.values.column(pair.model - 1);
         let line = curve.heights_m.iter().zip(model.iter()).map(|(&z, &value)| ((value * scale).clamp(-1.6, 1.6), z));
         chart.draw_series(LineSeries::new(line, color.stroke_width(1)))?;

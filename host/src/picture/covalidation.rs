@@ -28,14 +28,17 @@ pub struct Prediction {
     pub values: Vec<f64>,
 }
 
-const SIZE: (u32, u32) = (960, 260);
+const SIZE: (u32, u32) = (960, 400);
+/// Height of a channel's upper panel.
+const UPPER: u32 = 235;
 /// Seconds that are drawn: curves of thousands of seconds are a grey band.
 const DRAWN_S: f64 = 200.0;
 const MEASURED: RGBColor = RGBColor(40, 40, 40);
 const COLORS: [RGBColor; 4] =
     [RGBColor(190, 40, 40), RGBColor(214, 124, 38), RGBColor(31, 87, 147), RGBColor(150, 150, 150)];
 
-/// Draws the curves, a panel a channel; predictions as differences from the measured curve in the lower panel of each.
+/// Draws the curves, two panels a channel: the motion, and below it how far each prediction is off. Where a sample is not
+/// sound the lines are broken.
 ///
 /// # Errors
 /// When drawing fails.
@@ -55,16 +58,57 @@ pub fn covalidation(structure: &str, curves: &[Curves]) -> Result<String, Pictur
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
+/// A curve by the name and colour it is drawn with.
+struct Line<'a> {
+    label: String,
+    values: &'a [f64],
+    color: RGBColor,
+    width: u32,
+}
+
 fn draw(panel: &Area<'_>, structure: &str, curve: &Curves) -> Result<(), Box<dyn std::error::Error>> {
+    let (upper, lower) = panel.split_vertically(UPPER);
+    let measured = Line { label: "measured".to_owned(), values: &curve.measured, color: MEASURED, width: 2 };
+    let predicted = curve.predictions.iter().zip(COLORS.iter().cycle()).map(|(prediction, &color)| Line {
+        label: prediction.label.replace('_', " "),
+        values: &prediction.values,
+        color,
+        width: 1,
+    });
+    let lines: Vec<Line<'_>> = std::iter::once(measured).chain(predicted).collect();
+    let title = format!("{structure}, channel {}: left out, and predicted from the others", curve.channel);
+    axes(&upper, curve, &title, "motion in the band", &lines)?;
+    let differences: Vec<Vec<f64>> = lines
+        .iter()
+        .skip(1)
+        .map(|line| line.values.iter().zip(&curve.measured).map(|(value, measured)| value - measured).collect())
+        .collect();
+    let differences: Vec<Line<'_>> = lines
+        .iter()
+        .skip(1)
+        .zip(&differences)
+        .map(|(line, values)| Line { label: String::new(), values, color: line.color, width: 1 })
+        .collect();
+    axes(&lower, curve, "", "prediction - measured", &differences)
+}
+
+fn axes(
+    panel: &Area<'_>,
+    curve: &Curves,
+    title: &str,
+    y_name: &str,
+    lines: &[Line<'_>],
+) -> Result<(), Box<dyn std::error::Error>> {
     let drawn = ((DRAWN_S * curve.rate_hz) as usize).min(curve.measured.len());
     let time = |sample: usize| curve.start_s + sample as f64 / curve.rate_hz;
-    let largest = curve.measured.iter().take(drawn).filter(|v| v.is_finite()).fold(0.0, |m: f64, v| m.max(v.abs()));
+    let drawn_values = lines.iter().flat_map(|line| line.values.iter().take(drawn));
+    let largest = drawn_values.filter(|value| value.is_finite()).fold(0.0, |m: f64, value| m.max(value.abs()));
     let largest = if largest > 0.0 { 1.15 * largest } else { 1.0 };
-    let mut chart = ChartBuilder::on(panel)
-        .caption(
-            format!("{structure}, channel {}: left out, and predicted from the others", curve.channel),
-            ("sans-serif", 15),
-        )
+    let mut builder = ChartBuilder::on(panel);
+    if !title.is_empty() {
+        builder.caption(title, ("sans-serif", 15));
+    }
+    let mut chart = builder
         .margin(8)
         .x_label_area_size(34)
         .y_label_area_size(64)
@@ -72,23 +116,27 @@ fn draw(panel: &Area<'_>, structure: &str, curve: &Curves) -> Result<(), Box<dyn
     chart
         .configure_mesh()
         .disable_mesh()
+        .y_labels(5)
         .x_desc("time s")
-        .y_desc("motion in the band")
+        .y_desc(y_name)
         .y_label_formatter(&|value| format!("{value:.1e}"))
         .draw()?;
-    let line = |values: &[f64]| -> Vec<(f64, f64)> {
-        values.iter().take(drawn).enumerate().filter(|(_, v)| v.is_finite()).map(|(i, &v)| (time(i), v)).collect()
-    };
-    chart
-        .draw_series(LineSeries::new(line(&curve.measured), MEASURED.stroke_width(2)))?
-        .label("measured")
-        .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], MEASURED.stroke_width(2)));
-    for (prediction, color) in curve.predictions.iter().zip(COLORS) {
-        chart
-            .draw_series(LineSeries::new(line(&prediction.values), color.stroke_width(1)))?
-            .label(prediction.label.replace('_', " "))
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(1)));
+    for line in lines {
+        let style = line.color.stroke_width(line.width);
+        let points: Vec<(f64, f64)> =
+            line.values.iter().take(drawn).enumerate().map(|(sample, &value)| (time(sample), value)).collect();
+        for (part, sound) in points.chunk_by(|a, b| a.1.is_finite() == b.1.is_finite()).enumerate() {
+            if !sound.iter().all(|(_, value)| value.is_finite()) {
+                continue;
+            }
+            let drawn = chart.draw_series(LineSeries::new(sound.iter().copied(), style))?;
+            if part < 2 && !line.label.is_empty() {
+                drawn.label(line.label.clone()).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+            }
+        }
     }
-    chart.configure_series_labels().border_style(MEASURED.mix(0.3)).background_style(WHITE.mix(0.8)).draw()?;
+    if lines.iter().any(|line| !line.label.is_empty()) {
+        chart.configure_series_labels().border_style(MEASURED.mix(0.3)).background_style(WHITE.mix(0.8)).draw()?;
+    }
     Ok(())
 }

@@ -11,7 +11,8 @@ pub struct UpdatedMatrices {
     pub stiffness: DMatrix<f64>,
     /// Its modes, solved anew.
     pub modes: Modes,
-    /// The largest relative change of an eigenvalue that does not belong to the updated modes.
+    /// The largest relative change of an eigenvalue that does not belong to the updated modes; 1 where one has appeared or
+    /// vanished.
     pub max_relative_change_of_other_eigenvalues: f64,
     /// How many other eigenvalues there are.
     pub other_eigenvalues: usize,
@@ -42,7 +43,9 @@ pub fn updated(
         }
     }
     let others = modes.frequency_hz.iter().enumerate().filter(|(mode, _)| !used.contains(mode)).map(|(_, f)| lambda(f));
-    let change = others.clone().zip(&left).map(|(before, after)| (after / before - 1.0).abs()).fold(0.0, f64::max);
+    let same_number = if others.clone().count() == left.len() { 0.0 } else { 1.0 };
+    let change =
+        others.clone().zip(&left).map(|(before, after)| (after / before - 1.0).abs()).fold(same_number, f64::max);
     Ok(UpdatedMatrices {
         stiffness,
         modes: solved,

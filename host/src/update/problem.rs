@@ -149,18 +149,26 @@ pub fn solve(problem: &Problem) -> Result<Solution, UpdateError> {
 /// What the sensors cannot tell apart.
 fn rank_warnings(problem: &Problem) -> Vec<String> {
     let mut warnings = Vec::new();
-    let (sensors, modes) = problem.shapes.shape();
-    let singular = problem.shapes.singular_values();
-    let greatest = singular.iter().copied().fold(0.0, f64::max);
-    let rank = singular.iter().filter(|&&value| value > RANK_TOLERANCE * greatest).count();
-    if rank < modes {
-        let reason = if sensors < modes {
-            format!("{modes} modes at {sensors} sensors")
-        } else {
-            format!("at {sensors} sensors the model's {modes} shapes have rank {rank}")
-        };
+    let modes = problem.shapes.ncols();
+    // By the sensors at which a shape is known: (sensors, rank, pairs).
+    let mut poor: Vec<(usize, usize, Vec<String>)> = Vec::new();
+    for (index, measured) in problem.measured.iter().enumerate() {
+        let Some((sensors, _)) = measured else { continue };
+        let singular = problem.shapes.select_rows(sensors).singular_values();
+        let greatest = singular.iter().copied().fold(0.0, f64::max);
+        let rank = singular.iter().filter(|&&value| value > RANK_TOLERANCE * greatest).count();
+        if rank < modes {
+            let pair = (index + 1).to_string();
+            match poor.iter_mut().find(|(count, other, _)| (*count, *other) == (sensors.len(), rank)) {
+                Some((_, _, pairs)) => pairs.push(pair),
+                None => poor.push((sensors.len(), rank, vec![pair])),
+            }
+        }
+    }
+    for (sensors, rank, pairs) in poor {
+        let which = if pairs.len() == modes { String::new() } else { format!("for pair {}, ", pairs.join(", ")) };
         warnings.push(format!(
-            "{reason}: {} of the {modes} directions of V are not determined by the measurement; shapes between the sensors are then not to be trusted, and MAC says little. Use fewer modes (--modes) or more sensors",
+            "{which}{modes} modes at {sensors} sensors: the model's shapes have rank {rank} there, so {} of the {modes} directions of V are not determined by the measurement; shapes between the sensors are then not to be trusted, and MAC says little. Use fewer modes (--modes) or more sensors",
             modes - rank
         ));
     }

@@ -158,8 +158,16 @@ fn a_structure_in_the_models_span_is_found_again() {
 fn more_modes_than_sensors_are_said_to_be_undetermined() {
     let Case { problem, .. } = case(4, 6, 10);
     let solution = solve(&problem).unwrap();
-    assert!(solution.warnings[0].contains("10 modes at 6 sensors: 4 of the 10 directions"), "{:?}", solution.warnings);
+    let warning = &solution.warnings[0];
+    assert!(warning.starts_with("10 modes at 6 sensors") && warning.contains("so 4 of the 10 directions"), "{warning}");
     assert!(solution.psi.iter().all(|value| value.is_finite()));
+    // Enough sensors, but one mode is known at few of them.
+    let Case { mut problem, .. } = case(4, 16, 10);
+    assert!(solve(&problem).unwrap().warnings.is_empty());
+    problem.measured[1] =
+        problem.measured[1].as_ref().map(|(_, values)| (vec![0, 3, 7], values.rows(0, 3).into_owned()));
+    let warnings = solve(&problem).unwrap().warnings;
+    assert!(warnings.len() == 1 && warnings[0].starts_with("for pair 2, 10 modes at 3 sensors"), "{warnings:?}");
 }
 
 #[test]
