@@ -83,7 +83,7 @@ fn a_tower_is_compared_updated_and_co_validated() {
         channels.map(three).collect()
     };
     let through_nodes = errors(&[]);
-    json(&["update", &study, "--modes", "1,2,3,4,5,7", "--shape-weights", "1,3,5"]);
+    json(&["update", &study, "--modes", "1,2,3,4,5,7", "--shape-weights", "1,1,1,3,3,5"]);
     let direct = errors(&["--direct"]);
     for ((model, updated, shapes), (direct_model, direct_updated, _)) in through_nodes.iter().zip(&direct) {
         assert!((model - updated).abs() < 1e-6 && (direct_model - direct_updated).abs() < 1e-6);
@@ -113,26 +113,27 @@ fn the_missing_effect_in_the_model_lowers_what_no_update_lowers() {
     let folder = tempfile::tempdir().unwrap();
     let study = folder.path().join("canton").to_str().unwrap().to_owned();
     belfry_command().args(["init", &study, "--template", "canton"]).assert().success();
-    let effect = "base-rotation=2e-14";
-    belfry_command().args(["simulate", &study, "--effect", effect, "--adopt", "--seed", "6"]).assert().success();
+    // Soft enough to change shapes, quiet enough to see it in single sensors.
+    let simulate = ["simulate", &study, "--effect", "base-rotation=1e-13", "--adopt", "--hours", "3"];
+    belfry_command().args(simulate).args(["--noise-percent", "1", "--seed", "6"]).assert().success();
     json(&["identify", &study]);
     let without = json(&["compare", &study]);
     assert!(number(&without["p_value"]) < 0.01);
     json(&["update", &study]);
     let file = Path::new(&study).join("study.toml");
-    let text = fs::read_to_string(&file).unwrap() + "\n[[model.effect]]\nkind = \"base-rotation\"\nvalue = 2e-14\n";
+    let text = fs::read_to_string(&file).unwrap() + "\n[[model.effect]]\nkind = \"base-rotation\"\nvalue = 1e-13\n";
     fs::write(&file, text).unwrap();
     let with = json(&["compare", &study]);
     assert!(
         number(&with["mean_abs_frequency_error_percent"]) < 0.2 * number(&without["mean_abs_frequency_error_percent"])
     );
-    // Not to p > 0.01: on one hour the deviations of the close modes near 0.37 and 0.39 Hz are stated too small.
-    assert!(number(&with["chi_squared"]) < 0.05 * number(&without["chi_squared"]), "{with}");
-    let report = json(&["covalidate", &study, "--channels", "03,09"]);
+    assert!(number(&with["chi_squared"]) < 0.02 * number(&without["chi_squared"]), "{with}");
+    assert!(number(&with["p_value"]) > 0.01, "{with}");
+    let report = json(&["covalidate", &study, "--channels", "05,13"]);
     for channel in list(&report["channels"]) {
         let error = |whose: &str| number(&channel["error_percent"][whose]);
         assert!((error("model") - error("updated")).abs() < 1e-6);
-        assert!(error("with_effects") < 0.8 * error("model"), "{channel}");
+        assert!(error("with_effects") < 0.95 * error("model"), "{channel}");
     }
     // An effect off the structure is told by its line.
     fs::write(
@@ -212,24 +213,33 @@ fn frequencies_alone_are_compared_and_shapes_are_asked_for() {
 #[test]
 fn what_does_not_go_together_is_told_with_its_place() {
     let folder = tempfile::tempdir().unwrap();
-    let sensor =
-        |elevation_m: f64| format!("[[sensor]]\nchannel = \"top\"\nelevation_m = {elevation_m}\nazimuth_deg = 0\n");
-    let write = |sensors: &str, modes: &str| mast(folder.path(), &format!("{MODES_ALONE}\n{sensors}"), modes);
+    let sensor = |channel: &str, elevation_m: f64| {
+        format!("[[sensor]]\nchannel = \"{channel}\"\nelevation_m = {elevation_m}\nazimuth_deg = 108\n")
+    };
+    let write = |top_m: f64, modes: &str| {
+        let sensors = sensor("top", top_m) + &sensor("mid", 300.0);
+        mast(folder.path(), &format!("{MODES_ALONE}\n{sensors}"), modes)
+    };
 
-    let study = write(&sensor(900.0), "mode,frequency_hz,top\n1,0.1,1\n");
+    let study = write(900.0, "mode,frequency_hz,top,mid\n1,0.1,1,0.4\n");
     let message = refused(&["compare", &study]);
     assert!(message.contains("channel top") && message.contains("900") && message.contains("618"), "{message}");
 
-    let study = write(&sensor(600.0), "mode,frequency_hz,tpo\n1,0.1,1\n");
-    assert!(refused(&["compare", &study]).contains("`tpo` is no channel or point of the study; it has top"));
+    let study = write(600.0, "mode,frequency_hz,tpo\n1,0.1,1\n");
+    assert!(refused(&["compare", &study]).contains("`tpo` is no channel or point of the study; it has top, mid"));
 
-    // One sensor, three modes: an answer, and what it lacks.
-    let study = write(&sensor(600.0), "mode,frequency_hz,top\n1,0.11,1\n2,0.16,1\n3,0.35,1\n");
-    let warned = predicate::str::contains("3 modes at 1 sensors: 2 of the 3 directions");
+    // Two sensors, three modes: an answer, and what it lacks. With one mode there is nothing to turn.
+    let study = write(600.0, "mode,frequency_hz,top,mid\n1,0.11,1,0.3\n2,0.16,1,0.3\n3,0.35,1,-0.4\n");
+    let warned =
+        predicate::str::contains("3 modes at 2 sensors").and(predicate::str::contains("1 of the 3 directions"));
     belfry_command().args(["update", &study]).assert().success().stderr(warned);
+    let one = json(&["update", &study, "--modes", "1"]);
+    assert!(number(&one["max_relative_change_of_other_eigenvalues"]) < 1e-9);
+    assert_eq!(one["rotation"], serde_json::json!([[1.0]]));
+    assert!(refused(&["update", &study, "--shape-weights", "1,2,3,4"]).contains("give 1, 2 or one for each of the 3"));
 
-    let study = write(&sensor(600.0), "mode,frequency_hz,top\n1,0.11,NaN\n");
-    let warned = predicate::str::contains("mode 1: no shape").or(predicate::str::contains("no component"));
+    let study = write(600.0, "mode,frequency_hz,top,mid\n1,0.11,1,NaN\n");
+    let warned = predicate::str::contains("mode 1: a component at channel top alone is no shape");
     belfry_command().args(["compare", &study]).assert().success().stderr(warned);
 
     fs::write(folder.path().join("study.toml"), MODES_ALONE.replace("[model]\nbeam = \"beam.csv\"\n", "")).unwrap();

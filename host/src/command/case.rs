@@ -42,7 +42,10 @@ impl Case {
         let has_shapes = measured.modes.iter().any(|mode| mode.shape.is_some());
         let view = match ModelView::of(&assembly, &sensors) {
             // Where frequencies alone were measured, sensors need no place.
-            Err(ViewError::Sensor(_)) if !has_shapes => ModelView::of(&assembly, &[])?,
+            Err(ViewError::Sensor(error)) if !has_shapes => {
+                console.warn(format!("{error}; no shape was measured, so frequencies are compared all the same"));
+                ModelView::of(&assembly, &[])?
+            }
             view => view?,
         };
         for warning in model_warnings(&study, &model, &assembly, &sensors) {
@@ -103,15 +106,23 @@ fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, senso
                 .to_owned(),
         );
     }
-    for [bottom_m, top_m] in assembly.guessed_spans_m() {
-        let between = |sensor: &&Sensor| sensor.elevation_m.is_some_and(|z_m| *bottom_m < z_m && z_m < *top_m);
-        let channels: Vec<&str> = sensors.iter().filter(between).map(|sensor| sensor.channel.as_str()).collect();
+    let guessed = assembly.guessed_spans_m();
+    if !guessed.is_empty() {
+        let spans: Vec<String> = guessed.iter().map(|[bottom, top]| format!("{bottom} to {top} m")).collect();
+        let inside = |z_m: f64| guessed.iter().any(|[bottom_m, top_m]| *bottom_m < z_m && z_m < *top_m);
+        let channels: Vec<&str> = sensors
+            .iter()
+            .filter(|sensor| sensor.elevation_m.is_some_and(inside))
+            .map(|sensor| sensor.channel.as_str())
+            .collect();
+        let mut warning = format!(
+            "between these nodes the model's matrices are not those of a beam: {}; are all nodes there, at their heights, and do rotations turn right-handed?",
+            spans.join(", ")
+        );
         if !channels.is_empty() {
-            warnings.push(format!(
-                "channel {}: between {bottom_m} m and {top_m} m the model's matrices are not those of a beam (do rotations turn right-handed?), so its motion there is taken from a straight line",
-                channels.join(", ")
-            ));
+            warning += &format!(" Motion at channel {} is taken from straight lines", channels.join(", "));
         }
+        warnings.push(warning);
     }
     warnings
 }

@@ -39,7 +39,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let case = Case::load(&arguments.study, console)?;
     let comparison = compare_case(&case, console)?;
     console.json(&comparison)?;
-    if !comparison.pairs.is_empty() {
+    if comparison.mean_mac.is_some() {
         let study = case.study.folder.display();
         console.say(format!("Next: belfry update {study}    the paper's direct update of the stiffness matrix"));
     }
@@ -74,8 +74,9 @@ pub(super) fn or_dash(value: Option<f64>, digits: usize) -> String {
 }
 
 /// A MAC, never rounded up to a perfect one.
-pub(super) fn mac_text(mac: Option<f64>) -> String {
-    or_dash(mac.map(|mac| (mac * 1e4).floor() / 1e4), 4)
+pub(super) fn mac_text(mac: Option<f64>, digits: usize) -> String {
+    let unit = 10f64.powi(digits as i32);
+    or_dash(mac.map(|mac| (mac * unit).floor() / unit), digits)
 }
 
 fn tell(comparison: &Comparison, case: &Case, console: &Console) {
@@ -96,9 +97,9 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
             format!("{:.4}", pair.model_hz),
             format!("{:+.2}", pair.frequency_error_percent),
             pair.frequency_z.map_or_else(|| "-".to_owned(), |z| format!("{z:+.1}")),
-            mac_text(pair.mac),
+            mac_text(pair.mac, 4),
         ];
-        row.extend(close.then(|| mac_text(pair.subspace_mac)));
+        row.extend(close.then(|| mac_text(pair.subspace_mac, 4)));
         table.add_row(row);
     }
     align_right(&mut table, if close { 8 } else { 7 });
@@ -106,7 +107,10 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
     match (comparison.mean_abs_frequency_error_percent, comparison.mean_mac) {
         (Some(error), Some(mac)) => console.say(format!("Mean frequency error {error:.2} %, mean MAC {mac:.4}.")),
         (Some(error), None) => console.say(format!("Mean frequency error {error:.2} %; no shapes were measured.")),
-        (None, _) => console.say("No measured mode resembles any of the model's: check units, heights and azimuths."),
+        (None, _) if case.measured.modes.iter().any(|mode| mode.shape.is_some()) => {
+            console.say("No measured mode resembles any of the model's: check units, heights and azimuths.");
+        }
+        (None, _) => console.say("No measured frequency is near one of the model's: check units."),
     }
     tell_unpaired(comparison, console);
     tell_where(comparison, console);
@@ -152,7 +156,7 @@ fn tell_where(comparison: &Comparison, console: &Console) {
             "           shape worst in mode {} at {:.4} Hz (MAC {})",
             pair.measured,
             pair.measured_hz,
-            mac_text(pair.mac)
+            mac_text(pair.mac, 4)
         ));
     }
     let mut sensors: Vec<_> = comparison.by_sensor.iter().collect();
@@ -202,7 +206,7 @@ fn tell_test(comparison: &Comparison, case: &Case, console: &Console) {
         "nothing contradicts the model"
     };
     console.say(format!(
-        "\nchi-squared {chi_squared:.1} on {degrees} degrees of freedom, p = {}, against {allowance}: {verdict}.",
+        "\nchi-squared {chi_squared:.1} on {degrees} degrees of freedom, p = {},\nagainst {allowance}:\n{verdict}.",
         match p_value {
             p if p < 1e-99 => "0".to_owned(),
             p if p < 1e-3 => format!("{p:.0e}"),

@@ -3,6 +3,7 @@
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde::Deserialize;
 
+use super::compare::mac_text;
 use super::covalidate::CovalidationReport;
 use super::identify::align_right;
 use super::update::UpdateReport;
@@ -75,8 +76,8 @@ pub fn tables(update: &UpdateReport, covalidation: &CovalidationReport) -> anyho
                 number(pair.measured_hz, 4),
                 number(pair.before.model_hz, 4),
                 number(pair.after.model_hz, 4),
-                optional(pair.before.mac),
-                optional(pair.after.mac),
+                mac_text(pair.before.mac, 2),
+                mac_text(pair.after.mac, 2),
             ]),
             None => row.extend(std::iter::repeat_n("-".to_owned(), 5)),
         }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use nalgebra::DMatrix;
@@ -13,6 +13,7 @@ use super::case::{Case, write_json, write_result};
 use super::compare::mac_text;
 use super::identify::align_right;
 use crate::compare::{frequency_z, mac};
+use crate::model::{Assembly, Body};
 use crate::update::{Problem, Solution, Weights, matrix_market, npy, solve, updated};
 
 const EXAMPLES: &str = "Examples:
@@ -22,11 +23,14 @@ const EXAMPLES: &str = "Examples:
   belfry update canton --json > update.json
 
 K* = K + M Phi1 Psi Phi1ᵀ M (Lei, Wang, Shen 2012, eqs. 8 to 14) meets the used frequencies exactly and turns the used
-shapes within their own span; every other mode stays as it is. Writes update.json, stiffness_updated.mtx and
-stiffness_updated.npy into `results`; the mass matrix does not change.";
+shapes within their own span; every other mode stays as it is. Writes update.json, stiffness_updated.mtx (and .npy) and
+mass.mtx into `results`, for a beam table also nodes.csv: together they are a model for [model] matrices.";
 
 /// The largest relative change of another eigenvalue that passes for rounding.
 const UNCHANGED: f64 = 1e-9;
+
+/// How many of the modes that the update does not use are shown.
+const OTHERS_SHOWN: usize = 4;
 
 /// Update the stiffness matrix directly (Psi), as the paper does
 #[derive(Debug, Args)]
@@ -38,10 +42,10 @@ pub struct Arguments {
     /// Numbers of the measured modes to use, as in 1,2,5 [default: all that have a partner]
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
     pub modes: Vec<usize>,
-    /// Weight of frequencies in the objective
+    /// Weight of frequencies in the objective; it changes the objective's value alone, as frequencies are met exactly
     #[arg(long, value_name = "WEIGHT", default_value_t = 10.0, value_parser = weight)]
     pub frequency_weight: f64,
-    /// Weights of shapes: two for the lower and the upper half of the modes, or one after another
+    /// Weights of shapes: one for all, two for the lower and the upper half of the modes, or one a mode
     #[arg(long, value_name = "WEIGHTS", value_delimiter = ',', default_values_t = [2.0, 0.5], value_parser = weight)]
     pub shape_weights: Vec<f64>,
 }
@@ -68,6 +72,10 @@ pub struct UpdateReport {
     pub max_relative_change_of_other_eigenvalues: f64,
     /// How many such eigenvalues there are.
     pub other_eigenvalues: usize,
+    /// The largest turn of another mode: 1 minus the squared cosine, by mass, of its shapes before and after.
+    pub max_turn_of_other_shapes: f64,
+    /// The lowest of the other modes before and after.
+    pub other_modes: Vec<OtherMode>,
     /// Mean absolute frequency error of the used modes before and after.
     pub mean_abs_frequency_error_percent: BeforeAfter,
     /// Mean MAC of the used modes before and after.
@@ -78,6 +86,17 @@ pub struct UpdateReport {
     pub effects: Vec<String>,
     /// What the reader should know.
     pub warnings: Vec<String>,
+}
+
+/// A mode that the update does not use.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct OtherMode {
+    /// Number of the model's mode.
+    pub model: usize,
+    /// Its frequency in the model.
+    pub before_hz: f64,
+    /// Its frequency in the updated model.
+    pub after_hz: f64,
 }
 
 /// A figure before and after.
@@ -139,6 +158,13 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 /// Updates, tells and stores.
 pub(super) fn update_case(case: &Case, weights: &Weights, console: &Console) -> anyhow::Result<UpdateReport> {
     let pairs = case.pairs();
+    if ![1, 2, pairs.len()].contains(&weights.shape.len()) {
+        bail!(
+            "--shape-weights has {} weights; give 1, 2 or one for each of the {} modes that have a partner",
+            weights.shape.len(),
+            pairs.len()
+        );
+    }
     let problem = Problem::of(&case.view, &case.measured.modes, &pairs, weights);
     let solution = solve(&problem)?;
     let used: Vec<usize> = pairs.iter().map(|pair| pair.model).collect();
@@ -180,8 +206,25 @@ pub(super) fn update_case(case: &Case, weights: &Weights, console: &Console) -> 
     write_json(&case.study, "update.json", &report)?;
     let mtx = write_result(&case.study, "stiffness_updated.mtx", matrix_market(&matrices.stiffness).as_bytes())?;
     write_result(&case.study, "stiffness_updated.npy", &npy(&matrices.stiffness)?)?;
-    console.say(format!("The updated stiffness matrix is in {} (and .npy); the mass matrix stays.", mtx.display()));
+    let mass = write_result(&case.study, "mass.mtx", matrix_market(&case.assembly.mass).as_bytes())?;
+    let mut written = format!(
+        "The updated stiffness matrix is in {} (and .npy), the mass matrix, which stays, in {}",
+        mtx.display(),
+        mass.display()
+    );
+    if matches!(case.model.body, Body::Beam(_)) {
+        let nodes = write_result(&case.study, "nodes.csv", nodes_csv(&case.assembly).as_bytes())?;
+        written += &format!(", the nodes of their rows in {}", nodes.display());
+    }
+    console.say(written + ".");
     Ok(report)
+}
+
+/// A beam's nodes as `[model] matrices` reads them: the base first, whose rows are left out.
+fn nodes_csv(assembly: &Assembly) -> String {
+    let heights = std::iter::once(assembly.z_base_m()).chain(assembly.node_elevations_m());
+    let lines = heights.zip(1..).map(|(z_m, node)| format!("{node},{z_m}\n"));
+    std::iter::once("node,z_m\n".to_owned()).chain(lines).collect()
 }
 
 fn nearest(frequencies_hz: &[f64], wanted_hz: f64) -> f64 {
@@ -223,7 +266,14 @@ fn report(
         objective: solution.objective + frequency_part,
         mac_ceiling: solution.mac_ceiling.clone(),
         max_relative_change_of_other_eigenvalues: matrices.max_relative_change_of_other_eigenvalues,
-        other_eigenvalues: matrices.other_eigenvalues,
+        other_eigenvalues: matrices.others.len(),
+        max_turn_of_other_shapes: matrices.max_turn_of_other_shapes,
+        other_modes: matrices
+            .others
+            .iter()
+            .take(OTHERS_SHOWN)
+            .map(|other| OtherMode { model: other.mode + 1, before_hz: other.before_hz, after_hz: other.after_hz })
+            .collect(),
         mean_abs_frequency_error_percent: errors,
         mean_mac: macs.map(|(before, after)| BeforeAfter { before, after }),
         rotation: rows(&solution.rotation),
@@ -261,9 +311,9 @@ fn tell(report: &UpdateReport, case: &Case, console: &Console) {
             signed(pair.before.frequency_error_percent),
             format!("{:.4}", pair.after.model_hz),
             signed(pair.after.frequency_error_percent),
-            mac_text(pair.before.mac),
-            mac_text(pair.after.mac),
-            mac_text(*ceiling),
+            mac_text(pair.before.mac, 4),
+            mac_text(pair.after.mac, 4),
+            mac_text(*ceiling, 4),
         ]);
     }
     align_right(&mut table, 9);
@@ -271,13 +321,24 @@ fn tell(report: &UpdateReport, case: &Case, console: &Console) {
     let errors = report.mean_abs_frequency_error_percent;
     let macs = report.mean_mac.map_or(String::new(), |mac| format!(", mean MAC {:.3} -> {:.3}", mac.before, mac.after));
     console.say(format!(
-        "Mean frequency error {:.2} -> {:.2} %{macs}; objective {:.3e}; the {} other eigenvalues changed by at most {:.1e}.",
-        errors.before,
-        errors.after,
-        report.objective,
-        report.other_eigenvalues,
-        report.max_relative_change_of_other_eigenvalues
+        "Mean frequency error {:.2} -> {:.2} %{macs}; objective {:.3e}.",
+        errors.before, errors.after, report.objective,
     ));
+    let others: Vec<String> = report
+        .other_modes
+        .iter()
+        .map(|other| format!("mode {} {:.4} -> {:.4} Hz", other.model, other.before_hz, other.after_hz))
+        .collect();
+    if !others.is_empty() {
+        console.say(format!(
+            "The {} other modes of the model stay: {}{}.\nTheir eigenvalues changed by at most {:.1e}, their shapes turned by at most {:.1e} (1 - MAC by mass).",
+            report.other_eigenvalues,
+            others.join(", "),
+            if report.other_eigenvalues > others.len() { ", ..." } else { "" },
+            report.max_relative_change_of_other_eigenvalues,
+            report.max_turn_of_other_shapes
+        ));
+    }
     console.say("\nPsi in 1/s²:");
     for row in &report.psi {
         console.say(row.iter().map(|value| format!("{value:10.3e}")).collect::<Vec<_>>().join(" "));

@@ -155,6 +155,11 @@ fn warnings(measured: &[MeasuredMode], pairs: &[PairReport], has_test: bool) -> 
             "mode {numbers}: the measurement states no deviation of (all of) the shape; chi-squared assumes {SHAPE_ASSUMED} of its length"
         ));
     }
+    if let Some(numbers) = numbers(&|mode| mode.shape.is_none()) {
+        warnings.push(format!(
+            "mode {numbers}: no shape was measured, so its partner is a guess by frequency; a model that is wrong by 10 % can have another mode there"
+        ));
+    }
     for pair in pairs.iter().filter(|pair| pair.subspace_mac.or(pair.mac).is_some_and(|mac| mac < FAR_APART)) {
         warnings.push(format!(
             "mode {}: hardly resembles model mode {} (MAC {:.2}); chi-squared counts its shape for less than it is off",

@@ -78,6 +78,7 @@ fn the_error_is_that_of_the_samples_themselves() {
     let norm = |value: fn(&[f64; 2]) -> f64| samples.iter().map(|sample| value(sample).powi(2)).sum::<f64>().sqrt();
     let expected = 100.0 * norm(|[kept, left_out]| -0.4 * kept - left_out) / norm(|[_, left_out]| *left_out);
     assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+    assert!((motion.rms_predicted(&predictor, &[0])[0] / (0.4 * motion.rms(0)) - 1.0).abs() < 1e-12);
     assert!((motion.rms(0) - norm(|[kept, _]| *kept) / (samples.len() as f64).sqrt()).abs() < 1e-12);
     assert_eq!(motion.samples(), samples.len() as u64);
 }

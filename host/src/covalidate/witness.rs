@@ -98,6 +98,14 @@ impl Motion {
         if self.samples == 0 { 0.0 } else { (self.products[(channel, channel)] / self.samples as f64).sqrt() }
     }
 
+    /// Root mean square of the prediction of each left-out channel: its rows over the channels `kept`.
+    pub fn rms_predicted(&self, predictor: &Predictor, kept: &[usize]) -> Vec<f64> {
+        let among_kept = self.products.select_rows(kept).select_columns(kept);
+        let samples = self.samples.max(1) as f64;
+        let square = |weights: nalgebra::RowDVector<f64>| (&weights * &among_kept * weights.transpose())[(0, 0)];
+        predictor.weights.row_iter().map(|row| (square(row.into_owned()).max(0.0) / samples).sqrt()).collect()
+    }
+
     /// `E_d = |prediction - measured| / |measured|` (eq. 17) of each left-out channel, in percent; `kept` and `left_out` are
     /// the channels that the predictor's columns and rows stand for. `None` where a channel does not move.
     ///

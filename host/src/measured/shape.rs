@@ -45,6 +45,12 @@ impl RawMode {
         if seen.contains(&true) && shape.is_none() {
             warnings.push(format!("{}, mode {number}: no shape, only its frequency is compared", file.display()));
         }
+        if self.frequency_std_hz.is_some_and(|std| std <= 0.0) {
+            warnings.push(format!(
+                "{}, mode {number}: the frequency's deviation is not above 0, so it counts as unknown",
+                file.display()
+            ));
+        }
         let known = |value: Option<f64>| value.filter(|value| value.is_finite() && *value > 0.0);
         Ok(MeasuredMode {
             number,

@@ -54,7 +54,7 @@ pub enum EigenError {
     NotDefinite,
     /// K allows motion without strain.
     #[error(
-        "K is not positive definite (lambda = {lambda:.3e} 1/s²): the structure can move without strain; support it"
+        "K is not positive definite (lambda = {lambda:.3e} 1/s²): the structure can move without strain, or a stiffness is negative; support it, check the signs"
     )]
     Unsupported {
         /// The lowest eigenvalue.

@@ -1,11 +1,9 @@
 //! Measured mode shapes over height on the model's curves, a panel a pair.
 
-use std::collections::BTreeMap;
-
 use plotters::prelude::*;
 
 use super::PictureError;
-use crate::compare::{Comparison, PairReport};
+use crate::compare::{Comparison, HeightMisfit, PairReport};
 use crate::measured::{MeasuredMode, MeasuredShape};
 use crate::model::{Assembly, Modes};
 use crate::study::{Direction, Sensor};
@@ -14,13 +12,16 @@ const COLUMNS: usize = 7;
 const PANEL: (u32, u32) = (138, 262);
 const HEADER: u32 = 44;
 /// Points of a model's curve.
-const POINTS: usize = 80;
+const POINTS: usize = 160;
+/// Motion at a panel's edge; the largest measured component is 1.
+const EDGE: f64 = 1.6;
 const COLORS: [RGBColor; 4] =
     [RGBColor(31, 87, 147), RGBColor(214, 124, 38), RGBColor(90, 150, 90), RGBColor(130, 90, 160)];
+const MISFIT: RGBColor = RGBColor(190, 60, 60);
 const FRAME: RGBColor = RGBColor(200, 200, 200);
 
 /// Draws the pairs: dots with bars of two standard deviations are measured, curves are the model at the sensors' direction
-/// and plan position. `None` where the model is no line, no pair has a shape, or no sensor a height.
+/// and plan position; the last panel is the misfit by height. `None` where the model is no line, no pair has a shape, or no sensor a height.
 ///
 /// # Errors
 /// When drawing fails.
@@ -48,8 +49,9 @@ pub fn comparison(
     };
     let base_m = assembly.z_base_m();
     let curves = curves(assembly, modes, sensors, &verticals, [base_m, top_m]).map_err(|e| fail(&e))?;
-    let rows = shapes.len().div_ceil(COLUMNS);
-    let columns = shapes.len().min(COLUMNS);
+    let panels = shapes.len() + 1;
+    let rows = panels.div_ceil(COLUMNS);
+    let columns = panels.min(COLUMNS);
     let mut svg = String::new();
     {
         let size = (PANEL.0 * columns.max(4) as u32, HEADER + PANEL.1 * rows as u32);
@@ -58,7 +60,7 @@ pub fn comparison(
         let (header, body) = root.split_vertically(HEADER);
         header
             .draw(&Text::new(
-                format!("{structure}: model (curves) and measurement (dots)"),
+                format!("{structure}: model (curves) and measurement (dots, bars of two deviations), heights in m"),
                 (10, 6),
                 ("sans-serif", 15),
             ))
@@ -70,21 +72,29 @@ pub fn comparison(
         for (panel, (pair, shape)) in body.split_evenly((rows, columns.max(4))).iter().zip(&shapes) {
             draw(panel, pair, shape, sensors, &verticals, &curves, [base_m, top_m]).map_err(|e| fail(&e))?;
         }
+        if let Some(panel) = body.split_evenly((rows, columns.max(4))).get(shapes.len()) {
+            draw_misfit(panel, &comparison.by_height, [base_m, top_m]).map_err(|e| fail(&e))?;
+        }
         root.present().map_err(|e| fail(&e))?;
     }
     Ok(Some(svg))
 }
 
 /// Sensors of one direction, by its name.
-type Verticals = BTreeMap<String, Vec<usize>>;
+type Verticals = Vec<(String, Vec<usize>)>;
 
 fn verticals(sensors: &[Sensor]) -> Verticals {
+    // In the order in which the study names them, as the picture of the measured shapes has them.
     let mut verticals = Verticals::new();
     for (index, sensor) in sensors.iter().enumerate() {
         if let (Some(_), Some(Direction::AzimuthDeg(azimuth_deg)), None) =
             (sensor.elevation_m, sensor.direction, sensor.dof)
         {
-            verticals.entry(format!("{azimuth_deg}° from +X")).or_default().push(index);
+            let name = format!("towards {azimuth_deg}°");
+            match verticals.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, indices)) => indices.push(index),
+                None => verticals.push((name, vec![index])),
+            }
         }
     }
     verticals
@@ -105,8 +115,8 @@ fn curves(
 ) -> Result<Vec<Curve>, crate::model::SensorError> {
     let heights_m: Vec<f64> = (0..POINTS).map(|i| base_m + (top_m - base_m) * i as f64 / (POINTS - 1) as f64).collect();
     verticals
-        .values()
-        .map(|indices| {
+        .iter()
+        .map(|(_, indices)| {
             // The plan position that most sensors of the direction share; torsion looks different at the others.
             let sharing = |&index: &usize| {
                 indices.iter().filter(|&&other| sensors[other].offset_m == sensors[index].offset_m).count()
@@ -128,13 +138,13 @@ fn draw(
     curves: &[Curve],
     [base_m, top_m]: [f64; 2],
 ) -> Result<(), Box<dyn std::error::Error>> {
-    let mac = pair.mac.map_or(String::new(), |mac| format!(", MAC {:.2}", (mac * 100.0).floor() / 100.0));
+    let mac = pair.mac.map_or(String::new(), |mac| format!(", MAC {:.3}", (mac * 1000.0).floor() / 1000.0));
     let caption = format!("{}: {:+.1} %{mac}", pair.measured, pair.frequency_error_percent);
     let mut chart = ChartBuilder::on(panel)
         .caption(caption, ("sans-serif", 12))
         .margin(4)
         .y_label_area_size(30)
-        .build_cartesian_2d(-1.6..1.6, base_m..top_m)?;
+        .build_cartesian_2d(-EDGE..EDGE, base_m..top_m)?;
     chart
         .configure_mesh()
         .disable_mesh()
@@ -150,7 +160,7 @@ fn draw(
     };
     // The model's scale that fits the measured components best.
     let (mut product, mut square) = (0.0, 0.0);
-    for (indices, curve) in verticals.values().zip(curves) {
+    for ((_, indices), curve) in verticals.iter().zip(curves) {
         for &sensor in indices {
             if let (Some((value, _)), Some(z_m)) = (value_at(sensor), sensors[sensor].elevation_m) {
                 let there = curve.at(z_m, pair.model - 1);
@@ -160,18 +170,50 @@ fn draw(
         }
     }
     let scale = if square > 0.0 { product / square } else { 0.0 };
-    for ((indices, curve), color) in verticals.values().zip(curves).zip(COLORS.iter().cycle()) {
+    for (((_, indices), curve), color) in verticals.iter().zip(curves).zip(COLORS.iter().cycle()) {
         let model = curve.values.column(pair.model - 1);
-        let line = curve.heights_m.iter().zip(model.iter()).map(|(&z, &value)| ((value * scale).clamp(-1.6, 1.6), z));
-        chart.draw_series(LineSeries::new(line, color.stroke_width(1)))?;
+        let line: Vec<(f64, f64)> =
+            curve.heights_m.iter().zip(model.iter()).map(|(&z, &value)| (value * scale, z)).collect();
+        // A mast may swing far beyond the sensors' motion: the curve ends at the panel's edge.
+        let inside = |point: &(f64, f64)| point.0.abs() <= EDGE;
+        for part in line.chunk_by(|a, b| inside(a) && inside(b)).filter(|part| part.len() > 1) {
+            chart.draw_series(LineSeries::new(part.iter().copied(), color.stroke_width(1)))?;
+        }
         for &sensor in indices {
             let (Some((value, std)), Some(z_m)) = (value_at(sensor), sensors[sensor].elevation_m) else { continue };
             if let Some(std) = std.filter(|std| std.is_finite()) {
-                let bar = [((value - 2.0 * std).max(-1.6), z_m), ((value + 2.0 * std).min(1.6), z_m)];
+                let bar = [((value - 2.0 * std).max(-EDGE), z_m), ((value + 2.0 * std).min(EDGE), z_m)];
                 chart.draw_series(LineSeries::new(bar, color.stroke_width(1)))?;
             }
             chart.draw_series(std::iter::once(Circle::new((value, z_m), 2, color.filled())))?;
         }
+    }
+    Ok(())
+}
+
+/// The shapes' misfit by height.
+fn draw_misfit(
+    panel: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
+    levels: &[HeightMisfit],
+    [base_m, top_m]: [f64; 2],
+) -> Result<(), Box<dyn std::error::Error>> {
+    let largest = levels.iter().map(|level| level.misfit).fold(f64::MIN_POSITIVE, f64::max);
+    let mut chart = ChartBuilder::on(panel)
+        .caption(format!("misfit, at most {:.0} %", 100.0 * largest), ("sans-serif", 12))
+        .margin(4)
+        .y_label_area_size(30)
+        .build_cartesian_2d(0.0..1.05 * largest, base_m..top_m)?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .disable_x_axis()
+        .y_labels(5)
+        .y_label_formatter(&|z| format!("{z:.0}"))
+        .axis_style(FRAME)
+        .draw()?;
+    for level in levels {
+        let bar = [(0.0, level.elevation_m), (level.misfit, level.elevation_m)];
+        chart.draw_series(LineSeries::new(bar, MISFIT.stroke_width(5)))?;
     }
     Ok(())
 }

@@ -28,14 +28,16 @@ pub struct Prediction {
     pub values: Vec<f64>,
 }
 
-const SIZE: (u32, u32) = (960, 400);
-/// Height of a channel's upper panel.
-const UPPER: u32 = 235;
+const SIZE: (u32, u32) = (960, 420);
+/// Height of a channel's title and legend.
+const HEADER: u32 = 42;
+/// Height of its upper panel.
+const UPPER: u32 = 225;
 /// Seconds that are drawn: curves of thousands of seconds are a grey band.
-const DRAWN_S: f64 = 200.0;
+const DRAWN_S: f64 = 100.0;
 const MEASURED: RGBColor = RGBColor(40, 40, 40);
 const COLORS: [RGBColor; 4] =
-    [RGBColor(190, 40, 40), RGBColor(214, 124, 38), RGBColor(31, 87, 147), RGBColor(150, 150, 150)];
+    [RGBColor(244, 170, 160), RGBColor(200, 50, 40), RGBColor(60, 140, 70), RGBColor(31, 87, 147)];
 
 /// Draws the curves, two panels a channel: the motion, and below it how far each prediction is off. Where a sample is not
 /// sound the lines are broken.
@@ -67,17 +69,26 @@ struct Line<'a> {
 }
 
 fn draw(panel: &Area<'_>, structure: &str, curve: &Curves) -> Result<(), Box<dyn std::error::Error>> {
-    let (upper, lower) = panel.split_vertically(UPPER);
+    let (header, body) = panel.split_vertically(HEADER);
+    let (upper, lower) = body.split_vertically(UPPER);
     let measured = Line { label: "measured".to_owned(), values: &curve.measured, color: MEASURED, width: 2 };
-    let predicted = curve.predictions.iter().zip(COLORS.iter().cycle()).map(|(prediction, &color)| Line {
+    // The first is wider, so that it shows beneath one that lies on it.
+    let looks = COLORS.iter().cycle().zip(std::iter::once(3).chain(std::iter::repeat(1)));
+    let predicted = curve.predictions.iter().zip(looks).map(|(prediction, (&color, width))| Line {
         label: prediction.label.replace('_', " "),
         values: &prediction.values,
         color,
-        width: 1,
+        width,
     });
     let lines: Vec<Line<'_>> = std::iter::once(measured).chain(predicted).collect();
     let title = format!("{structure}, channel {}: left out, and predicted from the others", curve.channel);
-    axes(&upper, curve, &title, "motion in the band", &lines)?;
+    header.draw(&Text::new(title, (10, 6), ("sans-serif", 15)))?;
+    for (index, line) in lines.iter().enumerate() {
+        let x = 72 + 150 * index as i32;
+        header.draw(&PathElement::new([(x, 33), (x + 18, 33)], line.color.stroke_width(line.width)))?;
+        header.draw(&Text::new(line.label.clone(), (x + 24, 26), ("sans-serif", 12)))?;
+    }
+    axes(&upper, curve, "m/s² in the band", &lines)?;
     let differences: Vec<Vec<f64>> = lines
         .iter()
         .skip(1)
@@ -87,28 +98,18 @@ fn draw(panel: &Area<'_>, structure: &str, curve: &Curves) -> Result<(), Box<dyn
         .iter()
         .skip(1)
         .zip(&differences)
-        .map(|(line, values)| Line { label: String::new(), values, color: line.color, width: 1 })
+        .map(|(line, values)| Line { label: String::new(), values, color: line.color, width: line.width })
         .collect();
-    axes(&lower, curve, "", "prediction - measured", &differences)
+    axes(&lower, curve, "prediction - measured", &differences)
 }
 
-fn axes(
-    panel: &Area<'_>,
-    curve: &Curves,
-    title: &str,
-    y_name: &str,
-    lines: &[Line<'_>],
-) -> Result<(), Box<dyn std::error::Error>> {
+fn axes(panel: &Area<'_>, curve: &Curves, y_name: &str, lines: &[Line<'_>]) -> Result<(), Box<dyn std::error::Error>> {
     let drawn = ((DRAWN_S * curve.rate_hz) as usize).min(curve.measured.len());
     let time = |sample: usize| curve.start_s + sample as f64 / curve.rate_hz;
     let drawn_values = lines.iter().flat_map(|line| line.values.iter().take(drawn));
     let largest = drawn_values.filter(|value| value.is_finite()).fold(0.0, |m: f64, value| m.max(value.abs()));
     let largest = if largest > 0.0 { 1.15 * largest } else { 1.0 };
-    let mut builder = ChartBuilder::on(panel);
-    if !title.is_empty() {
-        builder.caption(title, ("sans-serif", 15));
-    }
-    let mut chart = builder
+    let mut chart = ChartBuilder::on(panel)
         .margin(8)
         .x_label_area_size(34)
         .y_label_area_size(64)
@@ -119,24 +120,15 @@ fn axes(
         .y_labels(5)
         .x_desc("time s")
         .y_desc(y_name)
-        .y_label_formatter(&|value| format!("{value:.1e}"))
+        .y_label_formatter(&|value| if value.abs() < 1e-6 * largest { "0".to_owned() } else { format!("{value:.1e}") })
         .draw()?;
     for line in lines {
         let style = line.color.stroke_width(line.width);
         let points: Vec<(f64, f64)> =
             line.values.iter().take(drawn).enumerate().map(|(sample, &value)| (time(sample), value)).collect();
-        for (part, sound) in points.chunk_by(|a, b| a.1.is_finite() == b.1.is_finite()).enumerate() {
-            if !sound.iter().all(|(_, value)| value.is_finite()) {
-                continue;
-            }
-            let drawn = chart.draw_series(LineSeries::new(sound.iter().copied(), style))?;
-            if part < 2 && !line.label.is_empty() {
-                drawn.label(line.label.clone()).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
-            }
+        for sound in points.chunk_by(|a, b| a.1.is_finite() && b.1.is_finite()).filter(|part| part[0].1.is_finite()) {
+            chart.draw_series(LineSeries::new(sound.iter().copied(), style))?;
         }
-    }
-    if lines.iter().any(|line| !line.label.is_empty()) {
-        chart.configure_series_labels().border_style(MEASURED.mix(0.3)).background_style(WHITE.mix(0.8)).draw()?;
     }
     Ok(())
 }

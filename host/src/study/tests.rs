@@ -304,10 +304,20 @@ fn the_blank_template_explains_every_key_with_a_value_that_loads() {
         .collect::<String>()
         .replace("unit = \"m/s2\"", "unit = \"V\"")
         .replacen("node = 1", "node = 1\nsensitivity_v_per_m_s2 = 0.1", 1);
-    let study = load(&uncommented).unwrap();
+    // What stands in the file one instead of the other: beam or matrices, setups or modes measured elsewhere.
+    let (with_setups, elsewhere) = uncommented.split_once("[measured]").unwrap();
+    let without = |text: &str, key: &str| -> String {
+        text.lines().filter(|line| !line.starts_with(key)).map(|line| format!("{line}\n")).collect()
+    };
+    let study = load(&without(with_setups, "matrices = ")).unwrap();
     assert_eq!(study.setups[0].sensors[1].dof, Some(123));
     assert_eq!(study.analysis.segment, Some(4096));
-    assert!(study.model.is_some());
+    let model = study.model.unwrap();
+    assert_eq!((model.background_mass, model.effects.len()), (Some(0.01), 1));
+    let matrices = load(&without(with_setups, "beam = ")).unwrap().model.unwrap();
+    assert!(matches!(matrices.source, ModelSource::Matrices(source) if source.stiffness[1].factor == 0.8));
+    let study = load(&format!("[structure]\nname = \"x\"\n[measured]{elsewhere}")).unwrap();
+    assert_eq!(study.measured.unwrap().sensors[0].elevation_m, Some(20.0));
 }
 
 #[test]

@@ -14,8 +14,21 @@ pub struct UpdatedMatrices {
     /// The largest relative change of an eigenvalue that does not belong to the updated modes; 1 where one has appeared or
     /// vanished.
     pub max_relative_change_of_other_eigenvalues: f64,
-    /// How many other eigenvalues there are.
-    pub other_eigenvalues: usize,
+    /// The largest turn of a mode that was not used, as 1 minus the squared cosine, by mass, of its shapes.
+    pub max_turn_of_other_shapes: f64,
+    /// The modes that were not used, lowest first.
+    pub others: Vec<Other>,
+}
+
+/// A mode that was not used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Other {
+    /// Index into the model's modes.
+    pub mode: usize,
+    /// Its frequency in K.
+    pub before_hz: f64,
+    /// Its frequency in K*.
+    pub after_hz: f64,
 }
 
 /// Builds K* from the used model modes (0-based) and Psi, solves its eigenproblem anew, and holds it against the old one.
@@ -34,24 +47,54 @@ pub fn updated(
     let stiffness = &assembly.stiffness + (&change + change.transpose()) * 0.5;
     let basis = ModalBasis::of(&stiffness, &assembly.mass)?;
     let solved = basis.modes(usize::MAX);
-    let lambda = |frequency_hz: &f64| (std::f64::consts::TAU * frequency_hz).powi(2);
-    let mut left: Vec<f64> = solved.frequency_hz.iter().map(lambda).collect();
+    let lambda = |frequency_hz: f64| (std::f64::consts::TAU * frequency_hz).powi(2);
+    let mut left: Vec<usize> = (0..solved.frequency_hz.len()).collect();
     for &updated in measured_lambda {
-        let nearest = left.iter().enumerate().min_by(|a, b| (a.1 - updated).abs().total_cmp(&(b.1 - updated).abs()));
+        let distance = |mode: usize| (lambda(solved.frequency_hz[mode]) - updated).abs();
+        let nearest = left.iter().enumerate().min_by(|a, b| distance(*a.1).total_cmp(&distance(*b.1)));
         if let Some((index, _)) = nearest {
             left.remove(index);
         }
     }
-    let others = modes.frequency_hz.iter().enumerate().filter(|(mode, _)| !used.contains(mode)).map(|(_, f)| lambda(f));
-    let same_number = if others.clone().count() == left.len() { 0.0 } else { 1.0 };
-    let change =
-        others.clone().zip(&left).map(|(before, after)| (after / before - 1.0).abs()).fold(same_number, f64::max);
+    let unused: Vec<usize> = (0..modes.frequency_hz.len()).filter(|mode| !used.contains(mode)).collect();
+    let others: Vec<Other> = unused
+        .iter()
+        .zip(&left)
+        .map(|(&mode, &after)| Other {
+            mode,
+            before_hz: modes.frequency_hz[mode],
+            after_hz: solved.frequency_hz[after],
+        })
+        .collect();
+    let appeared_or_vanished = if unused.len() == left.len() { 0.0 } else { 1.0 };
+    let change = |other: &Other| (lambda(other.after_hz) / lambda(other.before_hz) - 1.0).abs();
     Ok(UpdatedMatrices {
+        max_relative_change_of_other_eigenvalues: others.iter().map(change).fold(appeared_or_vanished, f64::max),
+        max_turn_of_other_shapes: greatest_turn(&assembly.mass, modes, &unused, &solved, &left),
         stiffness,
         modes: solved,
-        max_relative_change_of_other_eigenvalues: change,
-        other_eigenvalues: others.count(),
+        others,
     })
+}
+
+/// Eigenvalues that differ by less than this share have a common span, in which each shape may stand anywhere.
+const SAME_EIGENVALUE: f64 = 1e-6;
+
+/// The largest `1 - (phiᵀ M phi*)²` of modes before and after; of modes with nearly one eigenvalue, that with the span of
+/// the modes after.
+fn greatest_turn(mass: &DMatrix<f64>, before: &Modes, unused: &[usize], after: &Modes, left: &[usize]) -> f64 {
+    let products = (mass * before.shapes.select_columns(unused)).tr_mul(&after.shapes.select_columns(left));
+    let near = |one: usize, other: usize| {
+        (before.frequency_hz[unused[one]] / after.frequency_hz[left[other]] - 1.0).abs() < SAME_EIGENVALUE
+    };
+    let turn = |one: usize| {
+        let kept: f64 = (0..left.len())
+            .filter(|&other| other == one || near(one, other))
+            .map(|other| products[(one, other)].powi(2))
+            .sum();
+        (1.0 - kept).max(0.0)
+    };
+    (0..unused.len().min(left.len())).map(turn).fold(0.0, f64::max)
 }
 
 /// A symmetric matrix as a Matrix Market file (array, real, symmetric: the lower triangle, column after column), every

@@ -12,5 +12,5 @@ mod rotation;
 #[cfg(test)]
 mod tests;
 
-pub use matrices::{UpdatedMatrices, matrix_market, npy, updated};
+pub use matrices::{Other, UpdatedMatrices, matrix_market, npy, updated};
 pub use problem::{Problem, Solution, UpdateError, Weights, solve};

@@ -103,6 +103,9 @@ enum Stage<'a> {
 pub(super) fn minimise(terms: &[Option<ShapeTerm>]) -> DMatrix<f64> {
     let size = terms.len();
     let identity = DMatrix::identity(size, size);
+    if size < 2 {
+        return identity;
+    }
     let starts = std::iter::once(identity.clone()).chain(RIDGES.iter().filter_map(|&ridge| procrustes(terms, ridge)));
     let mut rough: Vec<(f64, DMatrix<f64>)> = starts
         .map(|start| {

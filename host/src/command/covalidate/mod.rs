@@ -27,8 +27,8 @@ const EXAMPLES: &str = "Examples:
 
 The left-out channels' motion in the analysis band is predicted from the others: y_d = chi_d (chi_sᵀ chi_s)⁻¹ chi_sᵀ y_s
 (Lei, Wang, Shen 2012, eq. 16), and E_d = |prediction - measured| / |measured|. Columns: the model as first given, after
-the last `belfry update`, with the study's effects, and with the measured mode shapes themselves, which is what noise alone
-leaves. Writes covalidation.json, covalidation.csv (the curves) and covalidation.svg into `results`.";
+the last `belfry update`, with the effects that study.toml puts into the model ([[model.effect]]), and with the measured
+mode shapes themselves, which is about what noise and other modes leave. Writes covalidation.json, covalidation.csv (the curves) and covalidation.svg into `results`.";
 
 /// Predict left-out sensors from the others through the model's shapes
 #[derive(Debug, Args)]
@@ -38,7 +38,7 @@ pub struct Arguments {
     #[arg(value_name = "STUDY")]
     pub study: PathBuf,
     /// Channels to leave out and to predict
-    #[arg(long, value_name = "CHANNELS", value_delimiter = ',', required = true)]
+    #[arg(long, value_name = "CHANNELS", value_delimiter = ',', required = true, value_parser = name)]
     pub channels: Vec<String>,
     /// Numbers of the measured modes whose partners predict, as in 1,2,5 [default: all that have one]
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
@@ -55,6 +55,13 @@ pub struct Arguments {
     /// How the recording is read
     #[command(flatten)]
     pub route: RouteArguments,
+}
+
+fn name(text: &str) -> Result<String, String> {
+    match text.trim() {
+        "" => Err("expected names of channels, with a comma between two".to_owned()),
+        name => Ok(name.to_owned()),
+    }
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -88,24 +95,26 @@ pub struct CovalidationReport {
 pub struct ChannelReport {
     /// Its name.
     pub channel: String,
-    /// Root mean square of its measured motion in the band, in the setup's unit.
+    /// Root mean square of its measured motion in the band, in m/s².
     pub rms_measured: f64,
+    /// The same of its predictions.
+    pub rms_predicted: BySource,
     /// Standard deviation of the model's prediction where every kept channel has independent noise of standard deviation 1.
     pub noise_gain: f64,
-    /// E_d.
-    pub error_percent: Errors,
+    /// E_d in percent.
+    pub error_percent: BySource,
 }
 
-/// E_d in percent; null where there is no such model.
+/// A figure for each of those whose shapes predict; null where there is no such model.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct Errors {
+pub struct BySource {
     /// The model as first given.
     pub model: Option<f64>,
     /// After Psi.
     pub updated: Option<f64>,
     /// With the study's effects.
     pub with_effects: Option<f64>,
-    /// With the measured mode shapes: what noise alone leaves.
+    /// With the measured mode shapes: about what noise and other modes leave.
     pub measured_shapes: Option<f64>,
 }
 
@@ -117,6 +126,9 @@ pub(super) struct Request<'a> {
     pub(super) duration_s: Option<f64>,
     pub(super) route: Route,
 }
+
+/// A prediction that multiplies noise by more says little.
+const MOST_NOISE_GAIN: f64 = 4.0;
 
 /// Runs the command.
 ///
@@ -151,9 +163,6 @@ pub(super) fn covalidate_case(
     let motion = collected.motion(setup, &mut split, request.start_s)?;
     let predictors = predictors(&sources, &split, &mut warnings)?;
     warnings.append(&mut collected.warnings);
-    for warning in &warnings {
-        console.warn(warning);
-    }
     let mut channels: Vec<ChannelReport> = split
         .left_out
         .iter()
@@ -162,13 +171,30 @@ pub(super) fn covalidate_case(
             noise_gain: predictors.first().map_or(f64::NAN, |(_, predictor)| predictor.weights.row(index).norm()),
             channel: setup.sensors[channel].channel.clone(),
             rms_measured: motion.rms(channel),
-            error_percent: Errors::default(),
+            rms_predicted: BySource::default(),
+            error_percent: BySource::default(),
         })
         .collect();
+    let poor: Vec<String> = channels
+        .iter()
+        .filter(|channel| channel.noise_gain > MOST_NOISE_GAIN)
+        .map(|channel| format!("{} (noise gain {:.0})", channel.channel, channel.noise_gain))
+        .collect();
+    if !poor.is_empty() {
+        warnings.push(format!(
+            "the kept channels hardly see the motion of channel {}: its E_d is mostly their noise; leave fewer channels out, or use fewer modes (--modes)",
+            poor.join(", ")
+        ));
+    }
+    for warning in &warnings {
+        console.warn(warning);
+    }
     for (source, predictor) in &predictors {
         let errors = motion.error_percent(predictor, &split.kept, &split.left_out);
-        for (channel, error) in channels.iter_mut().zip(errors) {
+        let predicted = motion.rms_predicted(predictor, &split.kept);
+        for (channel, (error, rms)) in channels.iter_mut().zip(errors.into_iter().zip(predicted)) {
             *source.slot(&mut channel.error_percent) = error;
+            *source.slot(&mut channel.rms_predicted) = Some(rms);
         }
     }
     let curves = curves(setup, &split, &collected, &predictors);
@@ -226,7 +252,8 @@ fn tell(report: &CovalidationReport, picture: &std::path::Path, console: &Consol
     table.load_style(UTF8_FULL_CONDENSED);
     table.set_header([
         "channel",
-        "RMS measured",
+        "RMS m/s²",
+        "predicted",
         "noise gain",
         "E_d % model",
         "after Psi",
@@ -238,6 +265,7 @@ fn tell(report: &CovalidationReport, picture: &std::path::Path, console: &Consol
         table.add_row([
             channel.channel.clone(),
             format!("{:.3e}", channel.rms_measured),
+            channel.rms_predicted.model.map_or_else(|| "-".to_owned(), |rms| format!("{rms:.3e}")),
             format!("{:.2}", channel.noise_gain),
             or_dash(errors.model, 2),
             or_dash(errors.updated, 2),
@@ -245,13 +273,14 @@ fn tell(report: &CovalidationReport, picture: &std::path::Path, console: &Consol
             or_dash(errors.measured_shapes, 2),
         ]);
     }
-    align_right(&mut table, 7);
+    align_right(&mut table, 8);
     console.say(table);
     console.say(
-        "E_d judges the span of the model's shapes and nothing else. A Psi update turns the shapes within that span, so it
-cannot change E_d, however good its frequencies and MAC look; E_d falls only when physics that the model lacks is put into
-it. The last column is what noise leaves: a model that comes near it has the right shapes, of its frequencies it says nothing.
-Noise gain is how much of the other channels' noise gets into the prediction.",
+        "E_d judges the span of the model's shapes, not its frequencies. A Psi update turns the shapes within that span, so it
+cannot change E_d, however good its frequencies and MAC look; E_d falls when physics is put into the model that its shapes
+lacked. It does not fall to zero: noise of the kept channels (times the noise gain) and of the channel itself stays, and
+so does motion of modes that are not among those used. The measured shapes show about how much that is (they have seen the left-out
+channels, so they may be a little better than true shapes). Set side by side only what has the same modes and channels.",
     );
     console.say(format!("Curves: {}", report.curves.display()));
     console.say(format!("Picture: {}", picture.display()));

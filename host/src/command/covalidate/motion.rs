@@ -190,7 +190,9 @@ impl Collected {
     pub(super) fn motion(&mut self, setup: &Setup, split: &mut Split, start_s: f64) -> anyhow::Result<Motion> {
         let name = |channel: usize| setup.sensors[channel].channel.as_str();
         if self.witness.hops() == 0 {
-            bail!("from {start_s} s on the recording has no two neighbouring windows; choose an earlier --start-s");
+            bail!(
+                "from {start_s} s on the time asked for holds no half segment of the analysis; choose an earlier --start-s, or a longer --duration-s"
+            );
         }
         let silent: Vec<&str> = split
             .left_out

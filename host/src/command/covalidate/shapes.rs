@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 
 use super::super::case::{Case, results_folder};
 use super::super::update::UpdateReport;
-use super::Errors;
+use super::BySource;
 use crate::compare::{ModelView, Pair, pair};
 
 /// Whose shapes predict.
@@ -18,12 +18,12 @@ pub(super) enum Source {
 }
 
 impl Source {
-    pub(super) fn slot(self, errors: &mut Errors) -> &mut Option<f64> {
+    pub(super) fn slot(self, figures: &mut BySource) -> &mut Option<f64> {
         match self {
-            Self::Model => &mut errors.model,
-            Self::Updated => &mut errors.updated,
-            Self::WithEffects => &mut errors.with_effects,
-            Self::MeasuredShapes => &mut errors.measured_shapes,
+            Self::Model => &mut figures.model,
+            Self::Updated => &mut figures.updated,
+            Self::WithEffects => &mut figures.with_effects,
+            Self::MeasuredShapes => &mut figures.measured_shapes,
         }
     }
 
