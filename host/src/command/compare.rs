@@ -83,6 +83,12 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
     let effects = case.effect_names();
     let with = if effects.is_empty() { String::new() } else { format!(", with {}", effects.join(", ")) };
     console.say(format!("\n{}: model{with} against {}", case.study.structure.name, case.measured.file.display()));
+    let assembly = &case.assembly;
+    let extent = assembly
+        .node_elevations_m()
+        .last()
+        .map_or(String::new(), |top_m| format!(", from {} m to {top_m} m", assembly.z_base_m()));
+    console.say(format!("The model has {} degrees of freedom{extent}.", assembly.dofs()));
     let close = comparison.pairs.iter().any(|pair| pair.subspace_mac.is_some());
     let mut table = Table::new();
     table.load_style(UTF8_FULL_CONDENSED);
