@@ -331,10 +331,10 @@ fn tell(report: &UpdateReport, case: &Case, console: &Console) {
         .collect();
     if !others.is_empty() {
         console.say(format!(
-            "The {} other modes of the model stay: {}{}.\nTheir eigenvalues changed by at most {:.1e}, their shapes turned by at most {:.1e} (1 - MAC by mass).",
+            "The {} other modes of the model stay: {}{}\nTheir eigenvalues changed by at most {:.1e}, their shapes turned by at most {:.1e} (1 - MAC by mass).",
             report.other_eigenvalues,
             others.join(", "),
-            if report.other_eigenvalues > others.len() { ", ..." } else { "" },
+            if report.other_eigenvalues > others.len() { ", ..." } else { "." },
             report.max_relative_change_of_other_eigenvalues,
             report.max_turn_of_other_shapes
         ));

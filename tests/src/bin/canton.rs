@@ -17,6 +17,7 @@ fn main() -> ExitCode {
     match run(&folder, hours) {
         Ok(CantonRun { tables, .. }) => {
             println!("{tables}");
+            println!("The study is in {0}; next: belfry compare {0}", folder.display());
             ExitCode::SUCCESS
         }
         Err(error) => {
