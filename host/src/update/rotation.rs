@@ -25,15 +25,17 @@ const ROUGH_ROUNDS: usize = 6;
 /// Far more than the polish needs; a bound so that it ends.
 const POLISH_ROUNDS: usize = 400;
 /// The search of the right valley ends where a step gains less than this share of the objective, ...
-const SEARCH_GAIN: f64 = 1e-6;
+const SEARCH_GAIN: f64 = 1e-4;
 /// ... and the polish there.
 const POLISH_GAIN: f64 = 1e-13;
 /// How many of the softest directions are tried from a bottom, ...
-const SOFT_DIRECTIONS: usize = 3;
+const SOFT_DIRECTIONS: usize = 2;
 /// ... how far, as an angle, ...
 const EXCURSION: f64 = 1.0;
 /// ... and how often, where that found a lower bottom.
 const EXCURSIONS: usize = 4;
+/// Inverse iterations towards the softest directions.
+const INVERSE_ITERATIONS: usize = 6;
 /// A bottom that is lower by less than this share is the same one.
 const LOWER: f64 = 1e-4;
 /// Frozen weights stay above this share of the weight, or a pair that fits would be given up.
@@ -147,15 +149,30 @@ fn bottom(terms: &[Option<ShapeTerm>], start: DMatrix<f64>) -> (f64, DMatrix<f64
 /// Bottoms that are reached from a bottom over the softest directions.
 fn excursions(terms: &[Option<ShapeTerm>], rotation: &DMatrix<f64>) -> Vec<(f64, DMatrix<f64>)> {
     let (_, hessian) = slopes(terms, Stage::True, rotation);
-    let eigen = hessian.symmetric_eigen();
-    let mut softest: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
-    softest.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-    softest
-        .into_iter()
-        .take(SOFT_DIRECTIONS)
-        .flat_map(|direction| [EXCURSION, -EXCURSION].map(|angle| eigen.eigenvectors.column(direction) * angle))
+    let Some(directions) = softest(&hessian) else { return Vec::new() };
+    directions
+        .column_iter()
+        .flat_map(|direction| [EXCURSION, -EXCURSION].map(|angle| direction * angle))
         .map(|step| bottom(terms, turned(rotation, &step)))
         .collect()
+}
+
+/// The directions in which a quadratic form rises the least, nearly: inverse iteration from the least diagonal entries, far
+/// cheaper than all eigenvectors.
+fn softest(hessian: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let size = hessian.nrows();
+    let shift = 1e-6 * hessian.trace() / size as f64;
+    let factor = Cholesky::new(hessian + DMatrix::identity(size, size) * shift)?;
+    let mut order: Vec<usize> = (0..size).collect();
+    order.sort_by(|&a, &b| hessian[(a, a)].total_cmp(&hessian[(b, b)]));
+    let mut directions = DMatrix::zeros(size, SOFT_DIRECTIONS.min(size));
+    for (column, &row) in order.iter().take(directions.ncols()).enumerate() {
+        directions[(row, column)] = 1.0;
+    }
+    for _ in 0..INVERSE_ITERATIONS {
+        directions = factor.solve(&directions).qr().q();
+    }
+    Some(directions)
 }
 
 /// The orthogonal matrix nearest to the columns that each resemble their measured shape the most (polar factor).
