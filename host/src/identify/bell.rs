@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
 /// Damping ratios outside this range are not fitted.
-const DAMPING_RANGE: [f64; 2] = [1e-5, 0.3];
+pub(super) const DAMPING_RANGE: [f64; 2] = [1e-5, 0.3];
 /// Part of the autocorrelation's decay that is read.
 const DECAY_RANGE: [f64; 2] = [0.95, 0.25];
 /// Steps of Fisher scoring.
@@ -59,10 +59,16 @@ impl Resonance {
     /// this times the window's autocorrelation, and the transform of the product is closed: with
     /// p = zeta w + i (2 pi f - w) it is 2 Re of (1 + i kappa) times the integral of r_hann(t) exp(-p t) over the segment.
     pub fn density(&self, frequency_hz: f64, duration_s: f64) -> f64 {
+        2.0 * self.half_density(frequency_hz, duration_s).re
+    }
+
+    /// What positive lags contribute to [`Resonance::density`]; the cross density of two modes i and j, of unit
+    /// amplitude, is half_i + half_j* .
+    pub(super) fn half_density(&self, frequency_hz: f64, duration_s: f64) -> Complex64 {
         let decay =
             Complex64::new(TAU * self.damping_ratio * self.frequency_hz, TAU * (frequency_hz - self.frequency_hz));
         let tilt = Complex64::new(1.0, self.quantity.slope() * self.damping_ratio);
-        2.0 * (tilt * hann_transform(decay, duration_s)).re
+        tilt * hann_transform(decay, duration_s)
     }
 
     /// Density at resonance, unit level.

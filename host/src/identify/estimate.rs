@@ -4,12 +4,23 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::bell::{Bell, BellFit, Quantity, Resonance};
+use super::cluster::{Filters, clusters, noise_variances, regressed_shapes, seen};
+use super::joint::JointFit;
 use super::pick::Pick;
 use super::shape::{Shape, align, filtered, modal_filter, normalise};
 use crate::spectra::{CrossSpectrum, LineGrid};
 
 /// Rounds of shapes and bells, each with the other's result.
 const ROUNDS: usize = 4;
+/// Rounds of joint fits and shapes, and steps of each fit.
+const JOINT_ROUNDS: usize = 3;
+const JOINT_STEPS: usize = 30;
+/// Steps of a replicate's fit, which starts from the whole record's.
+const REPLICATE_STEPS: usize = 4;
+/// Modes this near to a cluster's lines are stopped by its filters.
+const STOPPED_LINES: f64 = 4.0;
+/// Fewer channels cannot tell close modes from noise.
+const JOINT_CHANNELS: usize = 4;
 /// Neighbours that a modal filter stops, at most.
 const MAX_NEIGHBOURS: usize = 4;
 /// A neighbour is stopped when its response at the mode's resonance is more than this share of the mode's own, or when it is
@@ -57,6 +68,14 @@ struct State {
     picked_hz: Vec<f64>,
     shapes: Vec<Shape>,
     fits: Vec<BellFit>,
+    clusters: Vec<Cluster>,
+}
+
+/// Modes that are fitted together.
+#[derive(Debug, Clone)]
+struct Cluster {
+    modes: Vec<usize>,
+    fit: JointFit,
 }
 
 /// Estimates every pick in one setup (`setup` is its index among the picks' shapes).
@@ -66,6 +85,7 @@ pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usiz
     for _ in 0..ROUNDS {
         state.improve(spectrum, &matrices);
     }
+    let jointly = state.fit_clusters(spectrum, &matrices);
     let groups = spectrum.group_count();
     let replicates: Vec<State> = (0..groups)
         .filter(|_| groups > 1)
@@ -73,7 +93,11 @@ pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usiz
             let matrices: Vec<DMatrix<Complex64>> =
                 (0..spectrum.grid().lines).map(|line| spectrum.matrix_without(group, line)).collect();
             let mut replicate = state.clone();
-            replicate.improve(spectrum, &matrices);
+            if jointly {
+                replicate.refit_clusters(spectrum, &matrices, REPLICATE_STEPS);
+            } else {
+                replicate.improve(spectrum, &matrices);
+            }
             replicate
         })
         .collect();
@@ -111,7 +135,7 @@ impl State {
             })
             .collect();
         let picked_hz = picks.iter().map(|pick| grid.frequency_hz(pick.line)).collect();
-        Self { picked_hz, shapes, fits }
+        Self { picked_hz, shapes, fits, clusters: Vec::new() }
     }
 
     /// One round: every mode's shape with the other modes' shapes, then its bell with the other modes' bells.
@@ -148,6 +172,82 @@ impl State {
                 self.fits[mode] = fit;
             }
         }
+    }
+
+    /// Fits close modes together, from what is known of them one by one. Says whether it did: with few channels there is
+    /// nothing to tell them apart by.
+    fn fit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>]) -> bool {
+        let grid = spectrum.grid();
+        let channels = spectrum.channels().len();
+        if channels < JOINT_CHANNELS {
+            return false;
+        }
+        let resonances: Vec<Resonance> = self.fits.iter().map(|fit| fit.resonance).collect();
+        self.clusters = clusters(&resonances, grid.spacing_hz(), channels)
+            .into_iter()
+            .map(|modes| {
+                let fits = || modes.iter().map(|&mode| &self.fits[mode]);
+                let levels = fits().map(|fit| fit.level.max(f64::MIN_POSITIVE)).collect();
+                let fit = JointFit::start(fits().map(|fit| fit.resonance).collect(), levels);
+                Cluster { modes, fit }
+            })
+            .collect();
+        for _ in 0..JOINT_ROUNDS {
+            self.refit_clusters(spectrum, matrices, JOINT_STEPS);
+        }
+        true
+    }
+
+    /// Goes on from an earlier joint fit of the same clusters.
+    fn refit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>], steps: usize) {
+        let grid = spectrum.grid();
+        let spacing_hz = grid.spacing_hz();
+        let before = self.clone();
+        for cluster in &mut self.clusters {
+            let modes = &cluster.modes;
+            let ranges = modes.iter().map(|&mode| {
+                let inside: Vec<usize> = modes.iter().copied().filter(|&other| other != mode).collect();
+                before.range(mode, &inside, grid)
+            });
+            let (first, last) = ranges.fold((usize::MAX, 0), |(a, b), (first, last)| (a.min(first), b.max(last)));
+            let stopped = before.stopped(modes, [grid.frequency_hz(first), grid.frequency_hz(last)], grid);
+            let own: Vec<&Shape> = modes.iter().map(|&mode| &before.shapes[mode]).collect();
+            let others: Vec<&Shape> = stopped.iter().map(|&mode| &before.shapes[mode]).collect();
+            let lines = &matrices[first..=last];
+            let all: Vec<&Shape> = own.iter().chain(&others).copied().collect();
+            let variances = noise_variances(&all, lines);
+            let Some(filters) = Filters::new(&own, &others, &variances) else { continue };
+            let frequency_hz = (first..=last).map(|line| grid.frequency_hz(line)).collect();
+            let seen = seen(&filters, lines, frequency_hz, 1.0 / spacing_hz, spectrum.averages() as f64);
+            let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode, spacing_hz)).collect();
+            let Some(fit) = cluster.fit.fit(&seen, &limits, steps) else { continue };
+            let Some(shapes) = regressed_shapes(&fit, &filters, &seen, lines) else { continue };
+            let growths: Vec<f64> = shapes.iter().map(|(_, growth)| *growth).collect();
+            cluster.fit = fit.unmixed(&growths);
+            for ((index, &mode), (shape, _)) in modes.iter().enumerate().zip(shapes) {
+                self.fits[mode].resonance = cluster.fit.resonances[index];
+                self.fits[mode].level = cluster.fit.levels[index];
+                self.shapes[mode] = shape;
+            }
+        }
+    }
+
+    /// The modes that filters of a cluster stop: those that reach into its modes' bells, and those near its lines; the
+    /// nearest, as many as the channels can tell apart.
+    fn stopped(&self, cluster: &[usize], [lowest_hz, highest_hz]: [f64; 2], grid: &LineGrid) -> Vec<usize> {
+        let spacing_hz = grid.spacing_hz();
+        let outside_hz = |other: usize| {
+            let hz = self.fits[other].resonance.frequency_hz;
+            (lowest_hz - hz).max(hz - highest_hz).max(0.0)
+        };
+        let mut stopped: Vec<usize> = cluster.iter().flat_map(|&mode| self.neighbours(mode, spacing_hz)).collect();
+        stopped.extend((0..self.fits.len()).filter(|&other| outside_hz(other) < STOPPED_LINES * spacing_hz));
+        stopped.sort_by(|&a, &b| outside_hz(a).total_cmp(&outside_hz(b)).then(a.cmp(&b)));
+        stopped.dedup();
+        stopped.retain(|other| !cluster.contains(other));
+        let channels = self.shapes.first().map_or(0, Shape::len);
+        stopped.truncate((channels / 2).saturating_sub(cluster.len()));
+        stopped
     }
 
     /// Where the fit may take a mode.

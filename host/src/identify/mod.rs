@@ -6,7 +6,9 @@
 //! do not determine, and `merge` joins the setups.
 
 pub mod bell;
+mod cluster;
 mod estimate;
+mod joint;
 mod judge;
 mod merge;
 mod pick;

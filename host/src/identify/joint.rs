@@ -1,0 +1,338 @@
+//! Close modes together: a maximum-likelihood fit of their small cross-spectral matrix.
+//!
+//! What modal filters make of all channels is a matrix of as many rows as there are close modes. Its expectation is
+//! `S = A P Aᴴ + D V D`: P the modal spectra with the segment's leakage, A what the filters' shapes still mix (1 on its
+//! diagonal), V the noise as the filters pass it, D its size. The averaged matrix R is complex Wishart about S, so the
+//! least sum over lines of `ln det S + tr S⁻¹ R` is the Whittle estimate (Whittle 1953; for modes Au 2017, "Operational
+//! Modal Analysis", chapter 12). Correlated modal forces are in P, with a mild prior that they are not.
+
+use nalgebra::{DMatrix, DVector};
+use num_complex::Complex64;
+
+use super::bell::{DAMPING_RANGE, Resonance};
+
+/// Standard deviation of the correlation of two modal forces, beforehand.
+const CORRELATION_PRIOR: f64 = 0.3;
+/// Standard deviation of the logarithm of the noise's size, beforehand, and the range it keeps to.
+const NOISE_PRIOR: f64 = 1.0;
+const NOISE_RANGE: [f64; 2] = [0.03, 30.0];
+/// Steps of Fisher scoring.
+const MAX_STEPS: usize = 40;
+/// The fit ends where a step gains less than this, a line and average.
+const LEAST_GAIN: f64 = 1e-9;
+/// The largest step in ln damping, in ln level and noise, in bandwidths, and in mixture and correlation.
+const LARGEST_STEP: [f64; 4] = [0.5, 1.5, 1.0, 0.5];
+
+/// A group of close modes seen through modal filters.
+#[derive(Debug, Clone)]
+pub(super) struct Seen {
+    /// Frequencies of the lines in Hz.
+    pub(super) frequency_hz: Vec<f64>,
+    /// R, line by line: modes x modes, Hermitian.
+    pub(super) matrices: Vec<DMatrix<Complex64>>,
+    /// V: what the filters make of noise, modes x modes, Hermitian.
+    pub(super) noise: DMatrix<Complex64>,
+    /// Duration of a segment in s.
+    pub(super) duration_s: f64,
+    /// Averages behind each matrix.
+    pub(super) averages: f64,
+}
+
+/// Close modes and how they are seen.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct JointFit {
+    /// The modes.
+    pub(super) resonances: Vec<Resonance>,
+    /// Their levels: density over [`Resonance::density`].
+    pub(super) levels: Vec<f64>,
+    /// A, modes x modes, 1 on its diagonal.
+    pub(super) mixture: DMatrix<Complex64>,
+    /// Correlation of the modal forces, Hermitian, 1 on its diagonal.
+    pub(super) correlation: DMatrix<Complex64>,
+    /// The diagonal of D.
+    pub(super) noise: Vec<f64>,
+}
+
+impl JointFit {
+    /// The same modes once the shapes have taken the mixture in.
+    pub(super) fn unmixed(mut self, growths: &[f64]) -> Self {
+        self.mixture.fill_with_identity();
+        for (level, growth) in self.levels.iter_mut().zip(growths) {
+            *level *= growth;
+        }
+        self
+    }
+
+    /// A start from modes fitted one by one.
+    pub(super) fn start(resonances: Vec<Resonance>, levels: Vec<f64>) -> Self {
+        let size = resonances.len();
+        let identity = DMatrix::identity(size, size);
+        Self { resonances, levels, mixture: identity.clone(), correlation: identity, noise: vec![1.0; size] }
+    }
+
+    /// P at a frequency, modes x modes.
+    pub(super) fn modal_spectra(&self, frequency_hz: f64, duration_s: f64) -> DMatrix<Complex64> {
+        let halves: Vec<Complex64> =
+            self.resonances.iter().map(|resonance| half_density(resonance, frequency_hz, duration_s)).collect();
+        let size = halves.len();
+        DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()))
+    }
+
+    fn amplitude(&self, i: usize, j: usize) -> Complex64 {
+        self.correlation[(i, j)] * (self.levels[i] * self.levels[j]).sqrt()
+    }
+
+    /// Fits everything; frequencies stay within `limits_hz`. `None` where the start has no likelihood.
+    pub(super) fn fit(&self, seen: &Seen, limits_hz: &[[f64; 2]], most_steps: usize) -> Option<Self> {
+        let mut fit = self.clone();
+        let mut slopes = fit.slopes(seen)?;
+        let mut damping = 1e-3;
+        for _ in 0..most_steps.min(MAX_STEPS) {
+            let mut fisher = slopes.fisher.clone();
+            for index in 0..fisher.nrows() {
+                fisher[(index, index)] *= 1.0 + damping;
+                fisher[(index, index)] += 1e-12;
+            }
+            let Some(step) = fisher.cholesky().map(|factor| factor.solve(&slopes.gradient)) else { break };
+            let trial = fit.moved(&step, limits_hz);
+            match trial.slopes(seen) {
+                Some(there) if there.objective <= slopes.objective => {
+                    let gain = slopes.objective - there.objective;
+                    (fit, slopes) = (trial, there);
+                    damping = f64::max(damping * 0.2, 1e-9);
+                    if gain < LEAST_GAIN * seen.matrices.len() as f64 {
+                        break;
+                    }
+                }
+                _ => {
+                    damping *= 10.0;
+                    if damping > 1e8 {
+                        break;
+                    }
+                }
+            }
+        }
+        Some(fit)
+    }
+
+    fn unknowns(&self) -> usize {
+        let size = self.resonances.len();
+        4 * size + 2 * size * (size - 1) + size * (size - 1)
+    }
+
+    fn moved(&self, step: &DVector<f64>, limits_hz: &[[f64; 2]]) -> Self {
+        let mut moved = self.clone();
+        let size = self.resonances.len();
+        let [most_damping, most_level, most_bandwidths, most_mixture] = LARGEST_STEP;
+        for (mode, resonance) in moved.resonances.iter_mut().enumerate() {
+            let [lowest, highest] = limits_hz[mode];
+            let shift = step[mode].clamp(-most_bandwidths, most_bandwidths) * resonance.bandwidth_hz();
+            resonance.frequency_hz = (resonance.frequency_hz + shift).clamp(lowest, highest);
+            let factor = step[size + mode].clamp(-most_damping, most_damping).exp();
+            resonance.damping_ratio = (resonance.damping_ratio * factor).clamp(DAMPING_RANGE[0], DAMPING_RANGE[1]);
+            moved.levels[mode] *= step[2 * size + mode].clamp(-most_level, most_level).exp();
+            moved.noise[mode] *= step[3 * size + mode].clamp(-most_level, most_level).exp();
+            moved.noise[mode] = moved.noise[mode].clamp(NOISE_RANGE[0], NOISE_RANGE[1]);
+        }
+        let mut next = 4 * size;
+        let mut complex = || {
+            let value = Complex64::new(step[next], step[next + 1]);
+            next += 2;
+            let length = value.norm();
+            if length > most_mixture { value * (most_mixture / length) } else { value }
+        };
+        for i in 0..size {
+            for j in (0..size).filter(|&j| j != i) {
+                moved.mixture[(i, j)] += complex();
+            }
+        }
+        for i in 0..size {
+            for j in i + 1..size {
+                let mut value = moved.correlation[(i, j)] + complex();
+                let length = value.norm();
+                if length > 0.95 {
+                    value *= 0.95 / length;
+                }
+                moved.correlation[(i, j)] = value;
+                moved.correlation[(j, i)] = value.conj();
+            }
+        }
+        moved
+    }
+
+    /// The objective, its negative gradient and the Fisher information, an average; `None` where S is not positive
+    /// definite at some line.
+    ///
+    /// Every derivative of S is `u q + (u q)ᴴ`, u a column and q a row; with S = L Lᴴ, u and q come divided by L.
+    fn slopes(&self, seen: &Seen) -> Option<Slopes> {
+        let size = self.resonances.len();
+        let unknowns = self.unknowns();
+        let mut objective = 0.0;
+        let mut gradient = DVector::zeros(unknowns);
+        let mut fisher = DMatrix::zeros(unknowns, unknowns);
+        let noise = DMatrix::from_fn(size, size, |i, j| seen.noise[(i, j)] * (self.noise[i] * self.noise[j]));
+        let step = 1e-4;
+        let moved: Vec<[Resonance; 4]> = self
+            .resonances
+            .iter()
+            .map(|here| {
+                let at = |bandwidths: f64, log: f64| Resonance {
+                    frequency_hz: here.frequency_hz + bandwidths * here.bandwidth_hz(),
+                    damping_ratio: here.damping_ratio * log.exp(),
+                    ..*here
+                };
+                [at(step, 0.0), at(-step, 0.0), at(0.0, step), at(0.0, -step)]
+            })
+            .collect();
+        let mut jacobian = DMatrix::zeros(size * size, unknowns);
+        let mut half = DMatrix::zeros(size, size);
+        for (&frequency_hz, matrix) in seen.frequency_hz.iter().zip(&seen.matrices) {
+            let density = |resonance: &Resonance| half_density(resonance, frequency_hz, seen.duration_s);
+            let halves: Vec<Complex64> = self.resonances.iter().map(density).collect();
+            let spectra = DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()));
+            let through = &self.mixture * &spectra;
+            let expected = &through * self.mixture.adjoint() + &noise;
+            let lower = cholesky(&expected)?;
+            let inverse = lower_inverse(&lower);
+            objective += 2.0 * (0..size).map(|i| lower[(i, i)].re.ln()).sum::<f64>();
+            // (R/S) and what every derivative is made of.
+            let ratio = &inverse * matrix * inverse.adjoint();
+            objective += ratio.trace().re;
+            let mixed = &inverse * &self.mixture;
+            let spectra_mixed = &spectra * mixed.adjoint();
+            let noise_mixed = &noise * inverse.adjoint();
+            let mut column = 0;
+            let mut put = |u: &dyn Fn(usize) -> Complex64, q: &dyn Fn(usize) -> Complex64| {
+                for k in 0..size {
+                    for l in 0..size {
+                        half[(k, l)] = u(k) * q(l);
+                    }
+                }
+                let mut target = jacobian.column_mut(column);
+                let mut place = 0;
+                for k in 0..size {
+                    target[place] = 2.0 * half[(k, k)].re;
+                    place += 1;
+                    for l in k + 1..size {
+                        let value: Complex64 = half[(k, l)] + half[(l, k)].conj();
+                        target[place] = std::f64::consts::SQRT_2 * value.re;
+                        target[place + 1] = std::f64::consts::SQRT_2 * value.im;
+                        place += 2;
+                    }
+                }
+                column += 1;
+            };
+            // Rows of C times conj(mixed), for changes of one mode's half density.
+            let amplitudes = DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j)) * mixed.adjoint();
+            for pair in 0..2 {
+                for mode in 0..size {
+                    let [.., more, less] = moved[mode];
+                    let [more, less] = if pair == 0 { [moved[mode][0], moved[mode][1]] } else { [more, less] };
+                    let change = (density(&more) - density(&less)) / (2.0 * step);
+                    put(&|k| mixed[(k, mode)], &|l| change * amplitudes[(mode, l)]);
+                }
+            }
+            for mode in 0..size {
+                put(&|k| mixed[(k, mode)], &|l| spectra_mixed[(mode, l)] * 0.5);
+            }
+            for mode in 0..size {
+                put(&|k| inverse[(k, mode)], &|l| noise_mixed[(mode, l)]);
+            }
+            for i in 0..size {
+                for j in (0..size).filter(|&j| j != i) {
+                    for unit in [Complex64::ONE, Complex64::I] {
+                        put(&|k| inverse[(k, i)] * unit, &|l| spectra_mixed[(j, l)]);
+                    }
+                }
+            }
+            for i in 0..size {
+                for j in i + 1..size {
+                    let change = (halves[i] + halves[j].conj()) * (self.levels[i] * self.levels[j]).sqrt();
+                    for unit in [Complex64::ONE, Complex64::I] {
+                        put(&|k| mixed[(k, i)], &|l| unit * change * mixed[(l, j)].conj());
+                    }
+                }
+            }
+            let mut excess = DVector::zeros(size * size);
+            let mut place = 0;
+            for k in 0..size {
+                excess[place] = ratio[(k, k)].re - 1.0;
+                place += 1;
+                for l in k + 1..size {
+                    excess[place] = std::f64::consts::SQRT_2 * ratio[(k, l)].re;
+                    excess[place + 1] = std::f64::consts::SQRT_2 * ratio[(k, l)].im;
+                    place += 2;
+                }
+            }
+            gradient.gemv_tr(1.0, &jacobian, &excess, 1.0);
+            fisher.gemm_tr(1.0, &jacobian, &jacobian, 1.0);
+        }
+        let prior = 1.0 / (NOISE_PRIOR * NOISE_PRIOR * seen.averages.max(1.0));
+        for (mode, noise) in self.noise.iter().enumerate() {
+            let place = 3 * size + mode;
+            objective += 0.5 * prior * noise.ln().powi(2);
+            gradient[place] -= prior * noise.ln();
+            fisher[(place, place)] += prior;
+        }
+        let prior = 1.0 / (CORRELATION_PRIOR * CORRELATION_PRIOR * seen.averages.max(1.0));
+        let mut place = 4 * size + 2 * size * (size - 1);
+        for i in 0..size {
+            for j in i + 1..size {
+                let value = self.correlation[(i, j)];
+                objective += 0.5 * prior * value.norm_sqr();
+                for part in [value.re, value.im] {
+                    gradient[place] -= prior * part;
+                    fisher[(place, place)] += prior;
+                    place += 1;
+                }
+            }
+        }
+        objective.is_finite().then_some(Slopes { objective, gradient, fisher })
+    }
+}
+
+/// Far from a resonance its tilt would make the density negative.
+fn half_density(resonance: &Resonance, frequency_hz: f64, duration_s: f64) -> Complex64 {
+    let half = resonance.half_density(frequency_hz, duration_s);
+    Complex64::new(half.re.max(0.0), half.im)
+}
+
+struct Slopes {
+    objective: f64,
+    gradient: DVector<f64>,
+    fisher: DMatrix<f64>,
+}
+
+/// Lower factor of a Hermitian matrix; `None` where it is not positive definite.
+fn cholesky(matrix: &DMatrix<Complex64>) -> Option<DMatrix<Complex64>> {
+    let size = matrix.nrows();
+    let mut lower = DMatrix::zeros(size, size);
+    for column in 0..size {
+        let before: f64 = (0..column).map(|k| lower[(column, k)]).map(|value: Complex64| value.norm_sqr()).sum();
+        let square = matrix[(column, column)].re - before;
+        if square.is_nan() || square <= 1e-14 * matrix[(column, column)].re {
+            return None;
+        }
+        let diagonal = square.sqrt();
+        lower[(column, column)] = Complex64::from(diagonal);
+        for row in column + 1..size {
+            let before: Complex64 = (0..column).map(|k| lower[(row, k)] * lower[(column, k)].conj()).sum();
+            lower[(row, column)] = (matrix[(row, column)] - before) / diagonal;
+        }
+    }
+    Some(lower)
+}
+
+/// Inverse of a lower triangular matrix with a positive diagonal.
+fn lower_inverse(lower: &DMatrix<Complex64>) -> DMatrix<Complex64> {
+    let size = lower.nrows();
+    let mut inverse = DMatrix::zeros(size, size);
+    for column in 0..size {
+        for row in column..size {
+            let unit = if row == column { Complex64::ONE } else { Complex64::ZERO };
+            let before: Complex64 = (column..row).map(|k| lower[(row, k)] * inverse[(k, column)]).sum();
+            inverse[(row, column)] = (unit - before) / lower[(row, row)];
+        }
+    }
+    inverse
+}
