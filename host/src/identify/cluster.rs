@@ -4,7 +4,7 @@
 //! of its shapes the joint fit says how they mix; what leaves that span follows from the regression of all channels on
 //! the modal responses (a step of expectation and maximisation; Li and Au 2019).
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::bell::Resonance;
@@ -76,29 +76,25 @@ impl Filters {
     }
 }
 
-/// Noise of each channel: its power outside the span of the shapes, over some lines.
+/// Noise of each channel: its mean power outside the span of the shapes, over some lines.
 pub(super) fn noise_variances(shapes: &[&Shape], matrices: &[DMatrix<Complex64>]) -> Vec<f64> {
     let channels = matrices.first().map_or(0, DMatrix::nrows);
     let columns = DMatrix::from_fn(channels, shapes.len(), |row, column| shapes[column][row]);
     let directions = columns.qr().q();
     let outside = DMatrix::identity(channels, channels) - &directions * directions.adjoint();
-    let mut left: DVector<f64> = DVector::zeros(channels);
-    let mut power: DVector<f64> = DVector::zeros(channels);
+    let mut mean = DMatrix::zeros(channels, channels);
     for matrix in matrices {
-        let projected = &outside * matrix;
-        for channel in 0..channels {
-            // Diagonal of (outside matrix outside).
-            let value: Complex64 = (0..channels).map(|k| projected[(channel, k)] * outside[(k, channel)]).sum();
-            left[channel] += value.re;
-            power[channel] += matrix[(channel, channel)].re;
-        }
+        mean += matrix;
     }
+    mean /= Complex64::from(matrices.len().max(1) as f64);
+    let left = (&outside * &mean * &outside).diagonal().map(|power| power.re);
+    // Independent noise N leaves sum_k |outside_ck|² N_k at channel c.
+    let solved = outside.map(|value| value.norm_sqr()).lu().solve(&left);
     (0..channels)
         .map(|channel| {
-            // Noise loses that part of itself to the span.
-            let share = outside[(channel, channel)].re.max(0.05);
-            (left[channel] / share).max(LEAST_NOISE * power[channel]).max(f64::MIN_POSITIVE)
-                / matrices.len().max(1) as f64
+            let plain = left[channel] / outside[(channel, channel)].re.max(0.05);
+            let least = (0.1 * plain).max(LEAST_NOISE * mean[(channel, channel)].re).max(f64::MIN_POSITIVE);
+            solved.as_ref().map_or(plain, |noise| noise[channel].min(10.0 * plain)).max(least)
         })
         .collect()
 }
@@ -151,4 +147,51 @@ pub(super) fn regressed_shapes(
         (norm.is_finite() && norm > 0.0).then(|| (shape / Complex64::from(norm), norm * norm))
     };
     (0..size).map(column).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::bell::Quantity;
+
+    #[test]
+    fn close_modes_belong_together_and_large_groups_part_at_their_widest_gap() {
+        let at = |frequencies: &[f64]| -> Vec<Resonance> {
+            let one =
+                |&frequency_hz: &f64| Resonance { frequency_hz, damping_ratio: 0.01, quantity: Quantity::Acceleration };
+            frequencies.iter().map(one).collect()
+        };
+        let sorted = |frequencies: &[f64], channels: usize| {
+            let mut clusters = clusters(&at(frequencies), 0.001, channels);
+            clusters.sort();
+            clusters
+        };
+        assert_eq!(sorted(&[1.02, 2.0, 1.0], 20), [vec![1], vec![2, 0]]);
+        assert_eq!(sorted(&[1.0, 1.02, 1.06, 1.08, 1.1], 20), [vec![0, 1], vec![2, 3, 4]]);
+        assert_eq!(sorted(&[1.0, 1.02], 3), [vec![0], vec![1]]);
+        assert!(sorted(&[], 20).is_empty());
+    }
+
+    #[test]
+    fn filters_pass_their_own_modes_stop_the_others_and_trust_quiet_channels() {
+        let shape = |values: [f64; 4]| Shape::from_iterator(4, values.map(Complex64::from));
+        let (own, other) = (shape([1.0, 0.5, 0.2, 0.9]), shape([0.1, -0.7, 1.0, 0.3]));
+        let filters = Filters::new(&[&own], &[&other], &[1e-3, 1e-3, 1e-3, 10.0]).unwrap();
+        assert!(((&filters.rows * &own)[0] - Complex64::ONE).norm() < 1e-12);
+        assert!((&filters.rows * &other)[0].norm() < 1e-12);
+        assert!(filters.rows[(0, 3)].norm() < 1e-3 * filters.rows[(0, 0)].norm());
+        assert!(filters.noise[(0, 0)].re > 0.0);
+        assert!(Filters::new(&[&own], &[&own], &[1.0; 4]).is_none_or(|filters| filters.noise[(0, 0)].re > 1e6));
+    }
+
+    #[test]
+    fn what_no_shape_explains_is_noise() {
+        let shape = Shape::from_iterator(5, (1..6).map(|k| Complex64::from(f64::from(k))));
+        let variances = [0.1, 0.2, 0.1, 0.3, 0.05];
+        let noise = DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&variances)).map(Complex64::from);
+        let matrix = &shape * shape.adjoint() * Complex64::from(7.0) + noise;
+        for (found, made) in noise_variances(&[&shape], &[matrix.clone(), matrix]).into_iter().zip(variances) {
+            assert!((found / made - 1.0).abs() < 1e-9, "{found} {made}");
+        }
+    }
 }

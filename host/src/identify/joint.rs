@@ -336,3 +336,81 @@ fn lower_inverse(lower: &DMatrix<Complex64>) -> DMatrix<Complex64> {
     }
     inverse
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::bell::Quantity;
+
+    fn resonance(frequency_hz: f64, damping_ratio: f64) -> Resonance {
+        Resonance { frequency_hz, damping_ratio, quantity: Quantity::Acceleration }
+    }
+
+    /// Two modes half a bandwidth and a half apart, that mix and whose forces are correlated, and what is expected of them.
+    fn pair() -> (JointFit, Seen) {
+        let mut truth = JointFit::start(vec![resonance(1.0, 0.01), resonance(1.015, 0.008)], vec![2.0, 0.5]);
+        truth.mixture[(0, 1)] = Complex64::new(0.2, -0.05);
+        truth.mixture[(1, 0)] = Complex64::new(-0.1, 0.02);
+        truth.correlation[(0, 1)] = Complex64::new(0.1, 0.0);
+        truth.correlation[(1, 0)] = Complex64::new(0.1, 0.0);
+        let duration_s = 200.0;
+        let frequency_hz: Vec<f64> = (0..40).map(|line| 0.9 + f64::from(line) / duration_s).collect();
+        let noise = DMatrix::from_row_slice(2, 2, &[1e-3, 2e-4, 2e-4, 2e-3]).map(Complex64::from);
+        let expected =
+            |&hz: &f64| &truth.mixture * truth.modal_spectra(hz, duration_s) * truth.mixture.adjoint() + &noise;
+        let matrices = frequency_hz.iter().map(expected).collect();
+        (truth.clone(), Seen { frequency_hz, matrices, noise, duration_s, averages: 1e9 })
+    }
+
+    #[test]
+    fn an_exact_spectrum_of_two_close_modes_gives_them_back() {
+        let (truth, seen) = pair();
+        let start = JointFit::start(vec![resonance(0.998, 0.015), resonance(1.018, 0.005)], vec![1.0, 1.0]);
+        let mut fit = start;
+        for _ in 0..3 {
+            fit = fit.fit(&seen, &[[0.98, 1.02]; 2], MAX_STEPS).unwrap();
+        }
+        for (found, made) in fit.resonances.iter().zip(&truth.resonances) {
+            assert!((found.frequency_hz / made.frequency_hz - 1.0).abs() < 1e-6, "{found:?} {made:?}");
+            assert!((found.damping_ratio / made.damping_ratio - 1.0).abs() < 2e-3, "{found:?} {made:?}");
+        }
+        assert!((fit.mixture - &truth.mixture).norm() < 2e-3);
+        assert!((fit.correlation[(0, 1)] - truth.correlation[(0, 1)]).norm() < 2e-3);
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_objective() {
+        let (truth, mut seen) = pair();
+        // Away from the optimum, with averages that make the priors count.
+        seen.averages = 20.0;
+        for (index, matrix) in seen.matrices.iter_mut().enumerate() {
+            *matrix *= Complex64::from(1.0 + 0.3 * (index as f64).sin());
+        }
+        let mut here = truth;
+        here.noise = vec![1.5, 0.7];
+        let free = [[0.0, 10.0]; 2];
+        let slopes = here.slopes(&seen).unwrap();
+        for unknown in 0..here.unknowns() {
+            let at = |size: f64| {
+                let mut step = DVector::zeros(here.unknowns());
+                step[unknown] = size;
+                here.moved(&step, &free).slopes(&seen).unwrap().objective
+            };
+            let numeric = (at(1e-5) - at(-1e-5)) / 2e-5;
+            let found = -slopes.gradient[unknown];
+            assert!((found - numeric).abs() < 1e-4 * (1.0 + numeric.abs()), "{unknown}: {found} {numeric}");
+        }
+        assert!(slopes.fisher.clone().cholesky().is_some());
+    }
+
+    #[test]
+    fn matrices_that_are_not_positive_definite_have_no_factor() {
+        let matrix = DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 2.0, 1.0]).map(Complex64::from);
+        assert!(cholesky(&matrix).is_none());
+        assert!(cholesky(&DMatrix::from_element(1, 1, Complex64::from(f64::NAN))).is_none());
+        let (_, seen) = pair();
+        let lower = cholesky(&seen.matrices[7]).unwrap();
+        assert!((&lower * lower.adjoint() - &seen.matrices[7]).norm() < 1e-12 * seen.matrices[7].norm());
+        assert!((lower_inverse(&lower) * lower - DMatrix::identity(2, 2)).norm() < 1e-10);
+    }
+}
