@@ -64,11 +64,20 @@ impl Resonance {
 
     /// What positive lags contribute to [`Resonance::density`]; the cross density of two modes i and j, of unit
     /// amplitude, is half_i + half_j* .
-    pub(super) fn half_density(&self, frequency_hz: f64, duration_s: f64) -> Complex64 {
+    fn half_density(&self, frequency_hz: f64, duration_s: f64) -> Complex64 {
+        Complex64::new(1.0, self.white_tilt()) * self.symmetric_half(frequency_hz, duration_s)
+    }
+
+    /// kappa where the force is white.
+    pub(super) fn white_tilt(&self) -> f64 {
+        self.quantity.slope() * self.damping_ratio
+    }
+
+    /// [`Resonance::half_density`] without its tilt.
+    pub(super) fn symmetric_half(&self, frequency_hz: f64, duration_s: f64) -> Complex64 {
         let decay =
             Complex64::new(TAU * self.damping_ratio * self.frequency_hz, TAU * (frequency_hz - self.frequency_hz));
-        let tilt = Complex64::new(1.0, self.quantity.slope() * self.damping_ratio);
-        tilt * hann_transform(decay, duration_s)
+        hann_transform(decay, duration_s)
     }
 
     /// Density at resonance, unit level.

@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::bell::Resonance;
-use super::joint::{JointFit, Seen};
+use super::joint::{JointFit, Seen, SlopePrior};
 use super::shape::Shape;
 
 /// Modes nearer than this many bandwidths, or lines, to the next belong together.
@@ -106,6 +106,7 @@ pub(super) fn seen(
     frequency_hz: Vec<f64>,
     duration_s: f64,
     averages: f64,
+    slope: SlopePrior,
 ) -> Seen {
     let through = |matrix: &DMatrix<Complex64>| &filters.rows * matrix * filters.rows.adjoint();
     Seen {
@@ -114,6 +115,7 @@ pub(super) fn seen(
         noise: filters.noise.clone(),
         duration_s,
         averages,
+        slope,
     }
 }
 

@@ -20,8 +20,19 @@ const NOISE_RANGE: [f64; 2] = [0.03, 30.0];
 const MAX_STEPS: usize = 40;
 /// The fit ends where a step gains less than this, a line and average.
 const LEAST_GAIN: f64 = 1e-9;
+/// The steepest exponent.
+const STEEPEST: f64 = 8.0;
 /// The largest step in ln damping, in ln level and noise, in bandwidths, and in mixture and correlation.
 const LARGEST_STEP: [f64; 4] = [0.5, 1.5, 1.0, 0.5];
+
+/// What is known beforehand of the exponent of the force's density over frequency, near a mode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SlopePrior {
+    /// Mean.
+    pub(super) mean: f64,
+    /// Standard deviation.
+    pub(super) std: f64,
+}
 
 /// A group of close modes seen through modal filters.
 #[derive(Debug, Clone)]
@@ -36,6 +47,8 @@ pub(super) struct Seen {
     pub(super) duration_s: f64,
     /// Averages behind each matrix.
     pub(super) averages: f64,
+    /// The force's colour.
+    pub(super) slope: SlopePrior,
 }
 
 /// Close modes and how they are seen.
@@ -45,6 +58,8 @@ pub(super) struct JointFit {
     pub(super) resonances: Vec<Resonance>,
     /// Their levels: density over [`Resonance::density`].
     pub(super) levels: Vec<f64>,
+    /// Exponents of the modal forces' densities over frequency, near the modes; 0 is white.
+    pub(super) slopes: Vec<f64>,
     /// A, modes x modes, 1 on its diagonal.
     pub(super) mixture: DMatrix<Complex64>,
     /// Correlation of the modal forces, Hermitian, 1 on its diagonal.
@@ -67,13 +82,24 @@ impl JointFit {
     pub(super) fn start(resonances: Vec<Resonance>, levels: Vec<f64>) -> Self {
         let size = resonances.len();
         let identity = DMatrix::identity(size, size);
-        Self { resonances, levels, mixture: identity.clone(), correlation: identity, noise: vec![1.0; size] }
+        Self {
+            resonances,
+            levels,
+            mixture: identity.clone(),
+            correlation: identity,
+            slopes: vec![0.0; size],
+            noise: vec![1.0; size],
+        }
     }
 
     /// P at a frequency, modes x modes.
     pub(super) fn modal_spectra(&self, frequency_hz: f64, duration_s: f64) -> DMatrix<Complex64> {
-        let halves: Vec<Complex64> =
-            self.resonances.iter().map(|resonance| half_density(resonance, frequency_hz, duration_s)).collect();
+        let halves: Vec<Complex64> = self
+            .resonances
+            .iter()
+            .zip(&self.slopes)
+            .map(|(resonance, &slope)| half_density(resonance, slope, frequency_hz, duration_s))
+            .collect();
         let size = halves.len();
         DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()))
     }
@@ -117,7 +143,7 @@ impl JointFit {
 
     fn unknowns(&self) -> usize {
         let size = self.resonances.len();
-        4 * size + 2 * size * (size - 1) + size * (size - 1)
+        5 * size + 2 * size * (size - 1) + size * (size - 1)
     }
 
     fn moved(&self, step: &DVector<f64>, limits_hz: &[[f64; 2]]) -> Self {
@@ -134,7 +160,10 @@ impl JointFit {
             moved.noise[mode] *= step[3 * size + mode].clamp(-most_level, most_level).exp();
             moved.noise[mode] = moved.noise[mode].clamp(NOISE_RANGE[0], NOISE_RANGE[1]);
         }
-        let mut next = 4 * size;
+        for (mode, slope) in moved.slopes.iter_mut().enumerate() {
+            *slope = (*slope + step[4 * size + mode].clamp(-most_level, most_level)).clamp(-STEEPEST, STEEPEST);
+        }
+        let mut next = 5 * size;
         let mut complex = || {
             let value = Complex64::new(step[next], step[next + 1]);
             next += 2;
@@ -187,8 +216,11 @@ impl JointFit {
         let mut jacobian = DMatrix::zeros(size * size, unknowns);
         let mut half = DMatrix::zeros(size, size);
         for (&frequency_hz, matrix) in seen.frequency_hz.iter().zip(&seen.matrices) {
-            let density = |resonance: &Resonance| half_density(resonance, frequency_hz, seen.duration_s);
-            let halves: Vec<Complex64> = self.resonances.iter().map(density).collect();
+            let density = |mode: usize, resonance: &Resonance, slope: f64| {
+                half_density(resonance, self.slopes[mode] + slope, frequency_hz, seen.duration_s)
+            };
+            let halves: Vec<Complex64> =
+                self.resonances.iter().enumerate().map(|(mode, here)| density(mode, here, 0.0)).collect();
             let spectra = DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()));
             let through = &self.mixture * &spectra;
             let expected = &through * self.mixture.adjoint() + &noise;
@@ -228,7 +260,7 @@ impl JointFit {
                 for mode in 0..size {
                     let [.., more, less] = moved[mode];
                     let [more, less] = if pair == 0 { [moved[mode][0], moved[mode][1]] } else { [more, less] };
-                    let change = (density(&more) - density(&less)) / (2.0 * step);
+                    let change = (density(mode, &more, 0.0) - density(mode, &less, 0.0)) / (2.0 * step);
                     put(&|k| mixed[(k, mode)], &|l| change * amplitudes[(mode, l)]);
                 }
             }
@@ -237,6 +269,11 @@ impl JointFit {
             }
             for mode in 0..size {
                 put(&|k| inverse[(k, mode)], &|l| noise_mixed[(mode, l)]);
+            }
+            for mode in 0..size {
+                let here = &self.resonances[mode];
+                let change = (density(mode, here, step) - density(mode, here, -step)) / (2.0 * step);
+                put(&|k| mixed[(k, mode)], &|l| change * amplitudes[(mode, l)]);
             }
             for i in 0..size {
                 for j in (0..size).filter(|&j| j != i) {
@@ -274,8 +311,15 @@ impl JointFit {
             gradient[place] -= prior * noise.ln();
             fisher[(place, place)] += prior;
         }
+        let prior = 1.0 / (seen.slope.std * seen.slope.std * seen.averages.max(1.0));
+        for (mode, slope) in self.slopes.iter().enumerate() {
+            let (place, away) = (4 * size + mode, slope - seen.slope.mean);
+            objective += 0.5 * prior * away * away;
+            gradient[place] -= prior * away;
+            fisher[(place, place)] += prior;
+        }
         let prior = 1.0 / (CORRELATION_PRIOR * CORRELATION_PRIOR * seen.averages.max(1.0));
-        let mut place = 4 * size + 2 * size * (size - 1);
+        let mut place = 5 * size + 2 * size * (size - 1);
         for i in 0..size {
             for j in i + 1..size {
                 let value = self.correlation[(i, j)];
@@ -291,9 +335,11 @@ impl JointFit {
     }
 }
 
-/// Far from a resonance its tilt would make the density negative.
-fn half_density(resonance: &Resonance, frequency_hz: f64, duration_s: f64) -> Complex64 {
-    let half = resonance.half_density(frequency_hz, duration_s);
+/// The half density under a force of density f^slope. Far from a resonance its tilt would make the density negative.
+fn half_density(resonance: &Resonance, slope: f64, frequency_hz: f64, duration_s: f64) -> Complex64 {
+    // As for the slope of the response's own smooth factor.
+    let tilt = resonance.white_tilt() + slope * resonance.damping_ratio;
+    let half = Complex64::new(1.0, tilt) * resonance.symmetric_half(frequency_hz, duration_s);
     Complex64::new(half.re.max(0.0), half.im)
 }
 
@@ -359,7 +405,17 @@ mod tests {
         let expected =
             |&hz: &f64| &truth.mixture * truth.modal_spectra(hz, duration_s) * truth.mixture.adjoint() + &noise;
         let matrices = frequency_hz.iter().map(expected).collect();
-        (truth.clone(), Seen { frequency_hz, matrices, noise, duration_s, averages: 1e9 })
+        (
+            truth.clone(),
+            Seen {
+                frequency_hz,
+                matrices,
+                noise,
+                duration_s,
+                averages: 1e9,
+                slope: SlopePrior { mean: 0.0, std: 2.0 },
+            },
+        )
     }
 
     #[test]
@@ -388,6 +444,7 @@ mod tests {
         }
         let mut here = truth;
         here.noise = vec![1.5, 0.7];
+        here.slopes = vec![-1.0, 0.5];
         let free = [[0.0, 10.0]; 2];
         let slopes = here.slopes(&seen).unwrap();
         for unknown in 0..here.unknowns() {

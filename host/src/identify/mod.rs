@@ -2,8 +2,9 @@
 //!
 //! Per-setup cross-spectral matrices flow in; modes with frequency, damping, shape and the uncertainty of each flow out.
 //! `pick` finds modes in the singular values, `shape` filters each mode from its neighbours, [`bell`] reads frequency and
-//! damping from the filtered spectrum, the jackknife in `estimate` says how sure it all is, `judge` throws out what the data
-//! do not determine, and `merge` joins the setups.
+//! damping from the filtered spectrum one by one; from there `cluster` and `joint` fit close modes together by maximum
+//! likelihood. The jackknife in `estimate` says how sure it all is, `judge` throws out what the data do not determine, and
+//! `merge` joins the setups.
 
 pub mod bell;
 mod cluster;
