@@ -16,6 +16,8 @@ const CLOSE_BANDWIDTHS: f64 = 5.0;
 const CLOSE_LINES: f64 = 3.0;
 /// Modes in one cluster, at most.
 const LARGEST: usize = 4;
+/// A shape is read from the lines within this many bandwidths of its mode: further away other modes weigh more.
+const RESONANCE: f64 = 0.5;
 /// A channel's noise is not taken to be below this share of its power.
 const LEAST_NOISE: f64 = 1e-7;
 
@@ -56,47 +58,45 @@ pub(super) fn clusters(resonances: &[Resonance], spacing_hz: f64, channels: usiz
 pub(super) struct Filters {
     /// modes x channels: the modes' responses, the stopped ones' taken out.
     pub(super) rows: DMatrix<Complex64>,
+    /// The same for the stopped modes.
+    stopped: DMatrix<Complex64>,
     /// modes x modes: covariance of the channels' noise behind the filters.
     pub(super) noise: DMatrix<Complex64>,
 }
 
 impl Filters {
-    /// The best linear filters for `own` shapes beside `stopped` ones in noise of the given variances (generalised least
-    /// squares). `None` where the shapes are not independent.
-    pub(super) fn new(own: &[&Shape], stopped: &[&Shape], variances: &[f64]) -> Option<Self> {
+    /// Least-squares filters for `own` shapes beside `stopped` ones in noise of the given variance on every channel. `None`
+    /// where the shapes are not independent.
+    pub(super) fn new(own: &[&Shape], stopped: &[&Shape], variance: f64) -> Option<Self> {
         let all: Vec<&Shape> = own.iter().chain(stopped).copied().collect();
-        let channels = variances.len();
-        let weighted = DMatrix::from_fn(channels, all.len(), |row, column| all[column][row] / variances[row]);
+        let channels = all.first()?.len();
         let shapes = DMatrix::from_fn(channels, all.len(), |row, column| all[column][row]);
-        let gram = shapes.adjoint() * &weighted;
+        let gram = shapes.adjoint() * &shapes;
         let inverse = gram.cholesky()?.inverse();
-        let rows = (&inverse * weighted.adjoint()).rows(0, own.len()).into_owned();
-        let noise = inverse.view((0, 0), (own.len(), own.len())).into_owned();
-        (rows.iter().all(|value| value.is_finite())).then_some(Self { rows, noise })
+        let all = &inverse * shapes.adjoint();
+        let rows = all.rows(0, own.len()).into_owned();
+        let stopped = all.rows(own.len(), stopped.len()).into_owned();
+        let noise = inverse.view((0, 0), (own.len(), own.len())) * Complex64::from(variance);
+        (rows.iter().all(|value| value.is_finite())).then_some(Self { rows, stopped, noise })
     }
 }
 
-/// Noise of each channel: its mean power outside the span of the shapes, over some lines.
-pub(super) fn noise_variances(shapes: &[&Shape], matrices: &[DMatrix<Complex64>]) -> Vec<f64> {
+/// Noise of a channel: the mean power outside the span of the shapes, over some lines. One figure for all channels: what is
+/// left is as much the motion of modes outside the band, which is not independent, as it is noise, so that weights by
+/// channel would trust the channels that move least.
+pub(super) fn noise_variance(shapes: &[&Shape], matrices: &[DMatrix<Complex64>]) -> f64 {
     let channels = matrices.first().map_or(0, DMatrix::nrows);
     let columns = DMatrix::from_fn(channels, shapes.len(), |row, column| shapes[column][row]);
     let directions = columns.qr().q();
-    let outside = DMatrix::identity(channels, channels) - &directions * directions.adjoint();
     let mut mean = DMatrix::zeros(channels, channels);
     for matrix in matrices {
         mean += matrix;
     }
     mean /= Complex64::from(matrices.len().max(1) as f64);
-    let left = (&outside * &mean * &outside).diagonal().map(|power| power.re);
-    // Independent noise N leaves sum_k |outside_ck|² N_k at channel c.
-    let solved = outside.map(|value| value.norm_sqr()).lu().solve(&left);
-    (0..channels)
-        .map(|channel| {
-            let plain = left[channel] / outside[(channel, channel)].re.max(0.05);
-            let least = (0.1 * plain).max(LEAST_NOISE * mean[(channel, channel)].re).max(f64::MIN_POSITIVE);
-            solved.as_ref().map_or(plain, |noise| noise[channel].min(10.0 * plain)).max(least)
-        })
-        .collect()
+    let power = mean.trace().re;
+    let inside = (directions.adjoint() * &mean * &directions).trace().re;
+    let left = (power - inside) / channels.saturating_sub(shapes.len()).max(1) as f64;
+    left.max(LEAST_NOISE * power).max(f64::MIN_POSITIVE)
 }
 
 /// The cluster as its filters see it.
@@ -121,6 +121,9 @@ pub(super) fn seen(
 
 /// Shapes from the regression of all channels on the modal responses that the fit sees, of unit length, and the factor on
 /// the levels that goes with it; in the order of the cluster. `None` where it has no solution.
+///
+/// The stopped modes' responses take part: forces on different modes are correlated, and without them a weak mode's shape
+/// would take up what a strong neighbour does at the same time.
 pub(super) fn regressed_shapes(
     fit: &JointFit,
     filters: &Filters,
@@ -129,26 +132,40 @@ pub(super) fn regressed_shapes(
 ) -> Option<Vec<(Shape, f64)>> {
     let size = fit.levels.len();
     let channels = filters.rows.ncols();
-    let mut cross: DMatrix<Complex64> = DMatrix::zeros(channels, size);
-    let mut power: DMatrix<Complex64> = DMatrix::zeros(size, size);
+    let whole = size + filters.stopped.nrows();
     let noise = DMatrix::from_fn(size, size, |i, j| seen.noise[(i, j)] * (fit.noise[i] * fit.noise[j]));
-    for ((&frequency_hz, matrix), reduced) in seen.frequency_hz.iter().zip(matrices).zip(&seen.matrices) {
-        let spectra = fit.modal_spectra(frequency_hz, seen.duration_s);
-        let gain = &spectra * fit.mixture.adjoint();
-        let expected = &fit.mixture * &gain + &noise;
-        // eta = P Aᴴ S⁻¹ W y
-        let estimate = &gain * expected.try_inverse()?;
-        // Lines weigh as what noise leaves in them.
-        cross += matrix * (&estimate * &filters.rows).adjoint();
-        power += &spectra - &estimate * &fit.mixture * &spectra + &estimate * reduced * estimate.adjoint();
-    }
-    let shapes = cross * power.try_inverse()?;
-    let column = |mode: usize| {
-        let shape: Shape = shapes.column(mode).into_owned();
+    let mut rows = DMatrix::zeros(whole, channels);
+    rows.rows_mut(size, whole - size).copy_from(&filters.stopped);
+    let mut shapes = Vec::new();
+    for (mode, resonance) in fit.resonances.iter().enumerate() {
+        let mut cross: DMatrix<Complex64> = DMatrix::zeros(channels, whole);
+        let mut power: DMatrix<Complex64> = DMatrix::zeros(whole, whole);
+        let reach_hz = (RESONANCE * resonance.bandwidth_hz()).max(1.5 / seen.duration_s);
+        let near = |hz: f64| (hz - resonance.frequency_hz).abs() <= reach_hz;
+        for (&frequency_hz, matrix) in seen.frequency_hz.iter().zip(matrices).filter(|(hz, _)| near(**hz)) {
+            let spectra = fit.modal_spectra(frequency_hz, seen.duration_s);
+            let gain = &spectra * fit.mixture.adjoint();
+            let expected = &fit.mixture * &gain + &noise;
+            // eta = P Aᴴ S⁻¹ W y
+            let estimate = &gain * expected.try_inverse()?;
+            rows.rows_mut(0, size).copy_from(&(&estimate * &filters.rows));
+            let seen_with = matrix * rows.adjoint();
+            power += &rows * &seen_with;
+            cross += seen_with;
+            // What the responses themselves are uncertain by.
+            let mut own = power.view_mut((0, 0), (size, size));
+            own += &spectra - &estimate * &fit.mixture * &spectra;
+        }
+        let mut unit = nalgebra::DVector::zeros(whole);
+        unit[mode] = Complex64::ONE;
+        let shape: Shape = cross * power.lu().solve(&unit)?;
         let norm = shape.norm();
-        (norm.is_finite() && norm > 0.0).then(|| (shape / Complex64::from(norm), norm * norm))
-    };
-    (0..size).map(column).collect()
+        if !(norm.is_finite() && norm > 0.0) {
+            return None;
+        }
+        shapes.push((shape / Complex64::from(norm), norm * norm));
+    }
+    Some(shapes)
 }
 
 #[cfg(test)]
@@ -175,25 +192,21 @@ mod tests {
     }
 
     #[test]
-    fn filters_pass_their_own_modes_stop_the_others_and_trust_quiet_channels() {
+    fn filters_pass_their_own_modes_and_stop_the_others() {
         let shape = |values: [f64; 4]| Shape::from_iterator(4, values.map(Complex64::from));
         let (own, other) = (shape([1.0, 0.5, 0.2, 0.9]), shape([0.1, -0.7, 1.0, 0.3]));
-        let filters = Filters::new(&[&own], &[&other], &[1e-3, 1e-3, 1e-3, 10.0]).unwrap();
+        let filters = Filters::new(&[&own], &[&other], 1e-3).unwrap();
         assert!(((&filters.rows * &own)[0] - Complex64::ONE).norm() < 1e-12);
         assert!((&filters.rows * &other)[0].norm() < 1e-12);
-        assert!(filters.rows[(0, 3)].norm() < 1e-3 * filters.rows[(0, 0)].norm());
-        assert!(filters.noise[(0, 0)].re > 0.0);
-        assert!(Filters::new(&[&own], &[&own], &[1.0; 4]).is_none_or(|filters| filters.noise[(0, 0)].re > 1e6));
+        // Independent noise of 1e-3 on every channel.
+        assert!((filters.noise[(0, 0)].re / (1e-3 * filters.rows.norm_squared()) - 1.0).abs() < 1e-9);
+        assert!(Filters::new(&[&own], &[&own], 1.0).is_none_or(|filters| filters.noise[(0, 0)].re > 1e6));
     }
 
     #[test]
     fn what_no_shape_explains_is_noise() {
         let shape = Shape::from_iterator(5, (1..6).map(|k| Complex64::from(f64::from(k))));
-        let variances = [0.1, 0.2, 0.1, 0.3, 0.05];
-        let noise = DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&variances)).map(Complex64::from);
-        let matrix = &shape * shape.adjoint() * Complex64::from(7.0) + noise;
-        for (found, made) in noise_variances(&[&shape], &[matrix.clone(), matrix]).into_iter().zip(variances) {
-            assert!((found / made - 1.0).abs() < 1e-9, "{found} {made}");
-        }
+        let matrix = &shape * shape.adjoint() * Complex64::from(7.0) + DMatrix::identity(5, 5) * Complex64::from(0.3);
+        assert!((noise_variance(&[&shape], &[matrix.clone(), matrix]) - 0.3).abs() < 1e-9);
     }
 }

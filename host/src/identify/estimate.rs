@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::bell::{Bell, BellFit, Quantity, Resonance};
-use super::cluster::{Filters, clusters, noise_variances, regressed_shapes, seen};
+use super::cluster::{Filters, clusters, noise_variance, regressed_shapes, seen};
 use super::joint::{JointFit, SlopePrior};
 use super::pick::Pick;
 use super::shape::{Shape, align, filtered, modal_filter, normalise};
@@ -219,11 +219,12 @@ impl State {
         }
     }
 
-    /// Goes on from an earlier joint fit of the same clusters.
+    /// Goes on from an earlier joint fit of the same clusters; modes whose cluster cannot be fitted go on one by one.
     fn refit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>], steps: usize) {
         let grid = spectrum.grid();
         let spacing_hz = grid.spacing_hz();
         let before = self.clone();
+        let mut failed: Vec<usize> = Vec::new();
         for cluster in &mut self.clusters {
             let modes = &cluster.modes;
             let ranges = modes.iter().map(|&mode| {
@@ -236,20 +237,35 @@ impl State {
             let others: Vec<&Shape> = stopped.iter().map(|&mode| &before.shapes[mode]).collect();
             let lines = &matrices[first..=last];
             let all: Vec<&Shape> = own.iter().chain(&others).copied().collect();
-            let variances = noise_variances(&all, lines);
-            let Some(filters) = Filters::new(&own, &others, &variances) else { continue };
-            let frequency_hz = (first..=last).map(|line| grid.frequency_hz(line)).collect();
-            let averages = spectrum.averages() as f64;
-            let seen = seen(&filters, lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
-            let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode, spacing_hz)).collect();
-            let Some(fit) = cluster.fit.fit(&seen, &limits, steps) else { continue };
-            let Some(shapes) = regressed_shapes(&fit, &filters, &seen, lines) else { continue };
+            let noise = noise_variance(&all, lines);
+            let refit = || {
+                let filters = Filters::new(&own, &others, noise)?;
+                let frequency_hz = (first..=last).map(|line| grid.frequency_hz(line)).collect();
+                let averages = spectrum.averages() as f64;
+                let seen = seen(&filters, lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
+                let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode, spacing_hz)).collect();
+                let fit = cluster.fit.fit(&seen, &limits, steps)?;
+                let shapes = regressed_shapes(&fit, &filters, &seen, lines)?;
+                Some((fit, shapes))
+            };
+            let Some((fit, shapes)) = refit() else {
+                failed.extend(modes);
+                continue;
+            };
             let growths: Vec<f64> = shapes.iter().map(|(_, growth)| *growth).collect();
             cluster.fit = fit.unmixed(&growths);
             for ((index, &mode), (shape, _)) in modes.iter().enumerate().zip(shapes) {
                 self.fits[mode].resonance = cluster.fit.resonances[index];
                 self.fits[mode].level = cluster.fit.levels[index];
                 self.shapes[mode] = shape;
+            }
+        }
+        if !failed.is_empty() {
+            let mut alone = before;
+            alone.improve(spectrum, matrices);
+            for mode in failed {
+                self.fits[mode] = alone.fits[mode].clone();
+                self.shapes[mode] = alone.shapes[mode].clone();
             }
         }
     }
