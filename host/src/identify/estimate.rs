@@ -23,6 +23,9 @@ const ANY_SLOPE: SlopePrior = SlopePrior { mean: 0.0, std: 2.0 };
 /// How much it may differ from mode to mode once so many modes have told it.
 const SHARED_SLOPE_STD: f64 = 0.3;
 const SHARED_BY: usize = 5;
+/// A mode whose bandwidth is below this many lines is left as it was found: what is fitted jointly is then the window's
+/// shape, over lines that reach far from the mode.
+const RESOLVED_LINES: f64 = 1.0;
 /// Modes this near to a cluster's lines are stopped by its filters.
 const STOPPED_LINES: f64 = 4.0;
 /// Fewer channels cannot tell close modes from noise.
@@ -188,8 +191,11 @@ impl State {
             return false;
         }
         let resonances: Vec<Resonance> = self.fits.iter().map(|fit| fit.resonance).collect();
-        self.clusters = clusters(&resonances, grid.spacing_hz(), channels)
+        let spacing_hz = grid.spacing_hz();
+        let is_resolved = |mode: &usize| resonances[*mode].bandwidth_hz() >= RESOLVED_LINES * spacing_hz;
+        self.clusters = clusters(&resonances, spacing_hz, channels)
             .into_iter()
+            .filter(|modes| modes.iter().all(is_resolved))
             .map(|modes| {
                 let fits = || modes.iter().map(|&mode| &self.fits[mode]);
                 let levels = fits().map(|fit| fit.level.max(f64::MIN_POSITIVE)).collect();
@@ -224,7 +230,9 @@ impl State {
         let grid = spectrum.grid();
         let spacing_hz = grid.spacing_hz();
         let before = self.clone();
-        let mut failed: Vec<usize> = Vec::new();
+        let mut failed: Vec<usize> = (0..self.fits.len())
+            .filter(|mode| self.clusters.iter().all(|cluster| !cluster.modes.contains(mode)))
+            .collect();
         for cluster in &mut self.clusters {
             let modes = &cluster.modes;
             let ranges = modes.iter().map(|&mode| {
