@@ -133,7 +133,7 @@ pub(super) fn regressed_shapes(
     let size = fit.levels.len();
     let channels = filters.rows.ncols();
     let whole = size + filters.stopped.nrows();
-    let noise = DMatrix::from_fn(size, size, |i, j| seen.noise[(i, j)] * (fit.noise[i] * fit.noise[j]));
+    let noise = fit.noise_seen(seen);
     let mut rows = DMatrix::zeros(whole, channels);
     rows.rows_mut(size, whole - size).copy_from(&filters.stopped);
     let mut shapes = Vec::new();

@@ -95,17 +95,13 @@ pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usiz
     for _ in 0..ROUNDS {
         state.improve(spectrum, &matrices);
     }
-    let jointly = state.fit_clusters(spectrum, &matrices);
+    state.fit_clusters(spectrum, &matrices);
     let groups = if spectrum.group_count() > 1 { spectrum.group_count() } else { 0 };
     let replicate = |group: usize| {
         let matrices: Vec<DMatrix<Complex64>> =
             (0..spectrum.grid().lines).map(|line| spectrum.matrix_without(group, line)).collect();
         let mut replicate = state.clone();
-        if jointly {
-            replicate.refit_clusters(spectrum, &matrices, REPLICATE_STEPS);
-        } else {
-            replicate.improve(spectrum, &matrices);
-        }
+        replicate.refit_clusters(spectrum, &matrices, REPLICATE_STEPS);
         replicate
     };
     let replicates = in_parallel(groups, replicate);
@@ -182,13 +178,13 @@ impl State {
         }
     }
 
-    /// Fits close modes together, from what is known of them one by one. Says whether it did: with few channels there is
-    /// nothing to tell them apart by.
-    fn fit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>]) -> bool {
+    /// Fits close modes together, from what is known of them one by one. With few channels there is nothing to tell them
+    /// apart by, and no cluster.
+    fn fit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>]) {
         let grid = spectrum.grid();
         let channels = spectrum.channels().len();
         if channels < JOINT_CHANNELS {
-            return false;
+            return;
         }
         let resonances: Vec<Resonance> = self.fits.iter().map(|fit| fit.resonance).collect();
         let spacing_hz = grid.spacing_hz();
@@ -209,7 +205,6 @@ impl State {
             }
             self.refit_clusters(spectrum, matrices, JOINT_STEPS);
         }
-        true
     }
 
     /// One force shakes all modes, so its colour is nearly the same at all of them: what many say of it together spares each
@@ -225,7 +220,7 @@ impl State {
         }
     }
 
-    /// Goes on from an earlier joint fit of the same clusters; modes whose cluster cannot be fitted go on one by one.
+    /// Goes on from an earlier joint fit of the same clusters; modes without a cluster that can be fitted go on one by one.
     fn refit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>], steps: usize) {
         let grid = spectrum.grid();
         let spacing_hz = grid.spacing_hz();

@@ -104,6 +104,12 @@ impl JointFit {
         DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()))
     }
 
+    /// D V D, modes x modes.
+    pub(super) fn noise_seen(&self, seen: &Seen) -> DMatrix<Complex64> {
+        let size = self.noise.len();
+        DMatrix::from_fn(size, size, |i, j| seen.noise[(i, j)] * (self.noise[i] * self.noise[j]))
+    }
+
     fn amplitude(&self, i: usize, j: usize) -> Complex64 {
         self.correlation[(i, j)] * (self.levels[i] * self.levels[j]).sqrt()
     }
@@ -199,7 +205,7 @@ impl JointFit {
         let mut objective = 0.0;
         let mut gradient = DVector::zeros(unknowns);
         let mut fisher = DMatrix::zeros(unknowns, unknowns);
-        let noise = DMatrix::from_fn(size, size, |i, j| seen.noise[(i, j)] * (self.noise[i] * self.noise[j]));
+        let noise = self.noise_seen(seen);
         let step = 1e-4;
         let moved: Vec<[Resonance; 4]> = self
             .resonances
@@ -258,8 +264,7 @@ impl JointFit {
             let amplitudes = DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j)) * mixed.adjoint();
             for pair in 0..2 {
                 for mode in 0..size {
-                    let [.., more, less] = moved[mode];
-                    let [more, less] = if pair == 0 { [moved[mode][0], moved[mode][1]] } else { [more, less] };
+                    let (more, less) = (moved[mode][2 * pair], moved[mode][2 * pair + 1]);
                     let change = (density(mode, &more, 0.0) - density(mode, &less, 0.0)) / (2.0 * step);
                     put(&|k| mixed[(k, mode)], &|l| change * amplitudes[(mode, l)]);
                 }
