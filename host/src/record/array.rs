@@ -36,7 +36,7 @@ impl Sample {
     }
 
     /// Decodes little-endian numbers to where `placement` wants them.
-    fn decode(self, raw: &[u8], placement: Placement<'_>) {
+    pub(super) fn decode(self, raw: &[u8], placement: Placement<'_>) {
         match self {
             Sample::I8 => placement.fill(raw, |bytes| f64::from(i8::from_le_bytes(bytes))),
             Sample::U8 => placement.fill(raw, |bytes| f64::from(u8::from_le_bytes(bytes))),
@@ -62,13 +62,13 @@ impl Sample {
     }
 
     /// Turns big-endian numbers into little-endian ones.
-    fn swap(self, raw: &mut [u8]) {
+    pub(super) fn swap(self, raw: &mut [u8]) {
         raw.chunks_exact_mut(self.bytes()).for_each(<[u8]>::reverse);
     }
 }
 
 /// Where decoded numbers go in a block's row-major values.
-enum Placement<'a> {
+pub(super) enum Placement<'a> {
     /// `raw` holds whole rows of `width` numbers, of which the selected columns are taken.
     Rows { values: &'a mut [f64], width: usize, selection: &'a Selection },
     /// `raw` holds one channel, which goes to every `stride`-th value from `start` on.

@@ -4,8 +4,8 @@
 
 use super::error::{Place, RecordError};
 
-/// A time column's step may differ from the sampling rate by this much.
-const RATE_TOLERANCE: f64 = 1e-3;
+/// A time column's step (or a dataset's) may differ from the sampling rate by this much.
+pub(super) const RATE_TOLERANCE: f64 = 1e-3;
 /// Rows that may be filled into one recording: 55 h at 50 Hz. More is a wrong time column, not a gap.
 const MOST_FILLED_ROWS: u64 = 10_000_000;
 /// The rate is held against the setup's over stretches of this many steps.

@@ -4,18 +4,42 @@ use std::fmt;
 use std::path::Path;
 
 use super::error::RecordError;
+use super::uff::{ResponseName, find_response, same_responses};
 use crate::study::{Sensor, Setup, Unit};
 
 /// Standard gravity in m/s² (3rd General Conference on Weights and Measures, 1901).
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
+/// Names of columns that mean time, in lower case: seconds, or timestamps where the format has them.
+const TIME_NAMES: [&str; 6] = ["time", "t", "time_s", "t_s", "seconds", "timestamp"];
+
+/// Whether a column of this name is the time, and no sensor's channel.
+pub(super) fn is_time_column(name: &str, sensors: &[Sensor]) -> bool {
+    TIME_NAMES.contains(&name.to_ascii_lowercase().as_str())
+        && !sensors.iter().any(|sensor| sensor.channel.trim() == name)
+}
+
 /// A file's columns.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub(super) enum Columns {
     /// Named by a header, in the file's order.
     Named(Vec<String>),
     /// Known by their position, from 1.
     Numbered(usize),
+    /// The time responses of a universal file, in its order.
+    Responses(Vec<ResponseName>),
+}
+
+/// Whether what stands in one file's columns stands in the other's.
+impl PartialEq for Columns {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Columns::Named(one), Columns::Named(other)) => one == other,
+            (Columns::Numbered(one), Columns::Numbered(other)) => one == other,
+            (Columns::Responses(one), Columns::Responses(other)) => same_responses(one, other),
+            _ => false,
+        }
+    }
 }
 
 impl fmt::Display for Columns {
@@ -25,6 +49,10 @@ impl fmt::Display for Columns {
             Columns::Numbered(1) => write!(formatter, "1 column without a name, which is channel 1"),
             Columns::Numbered(count) => {
                 write!(formatter, "{count} columns without names, which are channels 1 to {count}")
+            }
+            Columns::Responses(names) => {
+                let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+                write!(formatter, "the time responses `{}`", names.join("`, `"))
             }
         }
     }
@@ -53,6 +81,7 @@ impl Columns {
                 Ok(position) if (1..=*count).contains(&position) => Ok(position - 1),
                 _ => Err(unknown()),
             },
+            Columns::Responses(names) => find_response(names, channel, file, unknown),
         }
     }
 }

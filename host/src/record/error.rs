@@ -22,6 +22,8 @@ pub enum At {
     Line(u64),
     /// A row of samples of a binary file.
     Row(u64),
+    /// A dataset of a universal file.
+    Dataset(u64),
 }
 
 impl Place {
@@ -35,6 +37,7 @@ impl fmt::Display for Place {
         match self.at {
             At::Line(line) => write!(formatter, "{}, line {line}", self.file.display()),
             At::Row(row) => write!(formatter, "{}, row {row}", self.file.display()),
+            At::Dataset(dataset) => write!(formatter, "{}, dataset {dataset}", self.file.display()),
         }
     }
 }
@@ -64,11 +67,9 @@ pub enum RecordError {
     #[error("{file} is named twice by the setup's `files`: its rows would count twice, so make the patterns disjoint")]
     FileTwice { file: PathBuf },
     #[error(
-        "{file}: the ending says nothing about the format: expected .txt, .asc or .dat (white space), .csv, .npy or .mat"
+        "{file}: the ending says nothing about the format: expected .txt, .asc or .dat (white space), .csv, .npy, .mat, .parquet, .uff or .unv"
     )]
     UnknownEnding { file: PathBuf },
-    #[error("{file}: {format} recordings are not read yet: export the recording as .csv, .npy or .mat")]
-    NotReadYet { file: PathBuf, format: &'static str },
     #[error("{file} cannot be read: {source}")]
     Io { file: PathBuf, source: io::Error },
     #[error(
@@ -127,6 +128,34 @@ pub enum RecordError {
     NpyHeader { file: PathBuf, reason: String },
     #[error("{file} holds an array of shape {shape}: expected rows × channels (or one channel)")]
     Shape { file: PathBuf, shape: String },
+    #[error("{file} cannot be read as Parquet: {reason}; write or copy the recording again")]
+    Parquet { file: PathBuf, reason: String },
+    #[error(
+        "{file}, channel `{channel}`: the column holds {found}, where FLOAT, DOUBLE or plain integers were expected; convert the column"
+    )]
+    ParquetType { file: PathBuf, channel: String, found: String },
+    #[error("{place}: {reason}")]
+    Uff { place: Place, reason: String },
+    #[error(
+        "{file} has no time response (dataset 58, function type 1): it has {found}; export the time histories of the measurement"
+    )]
+    NoTimeResponse { file: PathBuf, found: String },
+    #[error(
+        "{file}, channel `{channel}`: the samples are {found} by the dataset's ordinate, which the setup's unit contradicts: correct `unit`, or name another channel"
+    )]
+    UffOrdinate { file: PathBuf, channel: String, found: &'static str },
+    #[error(
+        "{file}, channel `{channel}`: the samples follow each other at {measured_hz:.4} Hz by the dataset's abscissa, but the setup's sampling_rate_hz is {stated_hz}: correct sampling_rate_hz"
+    )]
+    UffRate { file: PathBuf, channel: String, measured_hz: f64, stated_hz: f64 },
+    #[error(
+        "{file}, channel `{channel}`: {rows} samples, where the setup's first channel has {expected}: channels of one setup must be equally long; cut the longer ones, or leave the sensor out of the setup"
+    )]
+    UffLength { file: PathBuf, channel: String, rows: u64, expected: u64 },
+    #[error(
+        "{file}, channel `{channel}`: starts {late_s} s after the setup's first channel: channels of one setup must start together; cut them so, or leave the sensor out of the setup"
+    )]
+    UffStart { file: PathBuf, channel: String, late_s: f64 },
     #[error(transparent)]
     Mat(#[from] MatError),
 }

@@ -2,7 +2,8 @@
 //!
 //! Files flow in; rows in the study's channel order and in SI units flow out, with NaN where a sample is missing. The
 //! format goes by a file's ending: white space (`.txt`, `.asc`, `.dat`), CSV (`.csv`), NumPy (`.npy`), MATLAB v5
-//! (`.mat`). At the end a [`RecordReport`] says what was missing, dead or out of the ordinary.
+//! (`.mat`), Parquet (`.parquet`), datasets 58 of a universal file (`.uff`, `.unv`). At the end a [`RecordReport`] says what
+//! was missing, dead or out of the ordinary.
 
 mod array;
 mod block;
@@ -14,9 +15,11 @@ mod lines;
 pub mod mat;
 mod npy;
 mod number;
+mod parquet;
 mod reader;
 mod report;
 mod text;
+mod uff;
 
 #[cfg(test)]
 mod tests;
@@ -96,8 +99,9 @@ impl Recording {
         self.selection.columns.len()
     }
 
-    /// Exact number of rows of the whole recording, filled gaps included. At once for NPY and MATLAB files; text is
-    /// read through (without parsing its samples), so call it once.
+    /// Exact number of rows of the whole recording, filled gaps included. At once for NPY, MATLAB and binary
+    /// universal files, and for Parquet without a time column; text is read through (without parsing its samples), so
+    /// call it once.
     ///
     /// # Errors
     /// Where a file cannot be read, or its time column goes wrong.

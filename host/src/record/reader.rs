@@ -6,7 +6,9 @@ use super::array::ArrayReader;
 use super::clock::Clock;
 use super::columns::{Columns, Selection};
 use super::error::{Place, RecordError};
+use super::parquet::ParquetReader;
 use super::text::TextReader;
+use super::uff::UffReader;
 use super::{mat, npy};
 use crate::study::Setup;
 
@@ -32,6 +34,8 @@ enum Format {
     Csv,
     Npy,
     Mat,
+    Parquet,
+    Uff,
 }
 
 /// One of a setup's files, its format known by its ending.
@@ -49,8 +53,8 @@ impl SourceFile {
             Some("csv") => Format::Csv,
             Some("npy") => Format::Npy,
             Some("mat") => Format::Mat,
-            Some("parquet") => return Err(RecordError::NotReadYet { file: path, format: "Parquet" }),
-            Some("uff" | "unv") => return Err(RecordError::NotReadYet { file: path, format: "UFF 58" }),
+            Some("parquet") => Format::Parquet,
+            Some("uff" | "unv") => Format::Uff,
             _ => return Err(RecordError::UnknownEnding { file: path }),
         };
         Ok(Self { path, format })
@@ -63,6 +67,8 @@ impl SourceFile {
             Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
             Format::Npy => Ok(Columns::Numbered(npy::open(&self.path)?.columns())),
             Format::Mat => Ok(Columns::Numbered(mat::recording_shape(&self.path, setup.variable.as_deref())?.columns)),
+            Format::Parquet => ParquetReader::open(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
+            Format::Uff => Ok(UffReader::open(&self.path, setup)?.columns()),
         }
     }
 
@@ -72,6 +78,8 @@ impl SourceFile {
             Format::Csv => Box::new(TextReader::open_csv(&self.path, &setup.sensors)?),
             Format::Npy => Box::new(npy::open(&self.path)?),
             Format::Mat => Box::new(self.open_mat(setup)?),
+            Format::Parquet => Box::new(ParquetReader::open(&self.path, &setup.sensors)?),
+            Format::Uff => Box::new(UffReader::open(&self.path, setup)?),
         })
     }
 
@@ -86,6 +94,8 @@ impl SourceFile {
             Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.count_rows(clock),
             Format::Npy => Ok(npy::open(&self.path)?.rows()),
             Format::Mat => Ok(mat::recording_shape(&self.path, setup.variable.as_deref())?.rows),
+            Format::Parquet => ParquetReader::open(&self.path, &setup.sensors)?.count_rows(clock),
+            Format::Uff => Ok(UffReader::open(&self.path, setup)?.rows()),
         }
     }
 }

@@ -6,15 +6,13 @@
 use std::path::Path;
 
 use super::clock::{Clock, disagreeing_rate_hz};
-use super::columns::{Columns, Selection};
+use super::columns::{Columns, Selection, is_time_column};
 use super::error::{At, Place, RecordError, quoted};
 use super::lines::Lines;
 use super::number::parse_number;
 use super::reader::RowReader;
 use crate::study::Sensor;
 
-/// Header names that mean time in seconds, in lower case.
-const TIME_NAMES: [&str; 6] = ["time", "t", "time_s", "t_s", "seconds", "timestamp"];
 /// Rows read ahead to hold a time column against the sampling rate.
 const ROWS_TO_CHECK: usize = 1024;
 const WHITE_SPACE_HINT: &str = "expected numbers with a decimal point between blanks; a header line must start with #, and a missing sample is NaN";
@@ -79,10 +77,7 @@ impl TextReader {
         reader.width = names.len();
         reader.time = names
             .iter()
-            .position(|name| {
-                TIME_NAMES.contains(&name.to_ascii_lowercase().as_str())
-                    && !sensors.iter().any(|sensor| sensor.channel.trim() == name)
-            })
+            .position(|name| is_time_column(name, sensors))
             .and_then(|column| Some(TimeColumn { column, name: names.get(column)?.clone() }));
         reader.names = Some(names);
         Ok(reader)

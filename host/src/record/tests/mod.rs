@@ -3,8 +3,10 @@
 mod arrays;
 mod csv;
 mod matlab;
+mod parquet;
 mod properties;
 mod report;
+mod universal;
 mod white_space;
 
 use std::path::{Path, PathBuf};

@@ -41,7 +41,7 @@ proptest! {
 
     #[test]
     fn arbitrary_bytes(content in prop::collection::vec(any::<u8>(), 0..600)) {
-        for name in ["a.txt", "a.csv", "a.npy", "a.mat"] {
+        for name in ["a.txt", "a.csv", "a.npy", "a.mat", "a.parquet", "a.uff"] {
             survive(name, &content);
         }
     }
@@ -77,6 +77,12 @@ proptest! {
         let writer = Writer { big_endian, compressed };
         let variables = [writer.matrix("a", 4, 3, &[1.5; 12]), writer.matrix("b", 1, 3, &[0.5; 3])];
         survive("a.mat", &damage(writer.file(&variables), 128, &places, cut));
+    }
+
+    #[test]
+    fn arbitrary_universal_files(words in prop::collection::vec("(-1|58|58b|1|2|4|11|12|0.02|1e9|x|99999999999999999999|\n)", 0..80)) {
+        survive("a.uff", format!("    -1\n    58\na\nb\nc\nd\ne\n{}", words.join(" ")).as_bytes());
+        survive("a.uff", format!("    -1\n    58b     1     2    11    16\na\nb\nc\nd\ne\n{}", words.join(" ")).as_bytes());
     }
 
     #[test]

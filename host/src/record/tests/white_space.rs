@@ -80,9 +80,12 @@ fn what_is_wrong_with_the_setup_is_named() {
             &["c.txt is empty", "at least one row"],
         );
     }
-    for (name, part) in
-        [("a.parquet", "Parquet"), ("a.uff", "UFF 58"), ("a.wav", ".npy or .mat"), ("a", ".npy or .mat")]
-    {
+    for (name, part) in [
+        ("a.parquet", "Parquet"),
+        ("a.uff", "dataset 58"),
+        ("a.wav", ".npy, .mat, .parquet"),
+        ("a", ".npy, .mat, .parquet"),
+    ] {
         expect_error(&setup(&["1"], &[name]), &[(name, b"1")], &[name, part]);
     }
     let mut slow = setup(&["1"], &["a.txt"]);

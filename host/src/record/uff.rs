@@ -1,0 +1,180 @@
+//! UFF 58 recordings: datasets 58 of a universal file, in text or binary (58b), each the time response of one channel.
+//!
+//! A file's datasets are found and their headers read on opening; then all channels are read in step, each from its own
+//! place in the file, so that memory does not grow with the recording.
+
+mod dataset;
+mod name;
+mod values;
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use super::array::Placement;
+use super::clock::{Clock, RATE_TOLERANCE};
+use super::columns::{Columns, Selection};
+use super::error::{At, Place, RecordError};
+use super::reader::RowReader;
+use crate::study::{Setup, Unit};
+use dataset::{Data, TimeResponse, time_responses};
+use values::TextValues;
+
+pub(super) use name::{ResponseName, find as find_response, same as same_responses};
+
+/// Reads the setup's channels of one universal file row by row.
+#[derive(Debug)]
+pub(super) struct UffReader {
+    path: PathBuf,
+    file: File,
+    responses: Vec<TimeResponse>,
+    /// Rows of every channel that the setup names.
+    rows: u64,
+    next_row: u64,
+    block_start: u64,
+    /// Of each response in text that is read, how far it is read.
+    texts: Vec<Option<TextValues>>,
+    raw: Vec<u8>,
+}
+
+impl UffReader {
+    /// Opens a file and finds that the setup's channels are in it, in step with each other and at its sampling rate.
+    pub(super) fn open(path: &Path, setup: &Setup) -> Result<Self, RecordError> {
+        let mut file = File::open(path).map_err(RecordError::io(path))?;
+        if file.metadata().map_err(RecordError::io(path))?.len() == 0 {
+            return Err(RecordError::Empty { file: path.to_owned() });
+        }
+        let responses = time_responses(path, &mut file)?;
+        let columns = columns_of(&responses);
+        let mut first: Option<&TimeResponse> = None;
+        for sensor in &setup.sensors {
+            let column = columns.find(&sensor.channel, path)?;
+            let Some(response) = responses.get(column) else { continue };
+            check(path, setup, &sensor.channel, response, first)?;
+            first = first.or(Some(response));
+        }
+        let rows = first.map_or(0, |response| response.count);
+        if rows == 0 {
+            return Err(RecordError::Empty { file: path.to_owned() });
+        }
+        let texts = responses.iter().map(|_| None).collect();
+        let (path, raw) = (path.to_owned(), Vec::new());
+        Ok(Self { path, file, responses, rows, next_row: 0, block_start: 0, texts, raw })
+    }
+
+    /// The file's channels.
+    pub(super) fn columns(&self) -> Columns {
+        columns_of(&self.responses)
+    }
+
+    pub(super) fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// Puts the next `rows` numbers of a response, times `factor`, to every `stride`-th of `values`.
+    fn read_response(
+        &mut self,
+        column: usize,
+        rows: usize,
+        (values, stride): (&mut [f64], usize),
+        factor: f64,
+    ) -> Result<(), RecordError> {
+        let (Some(response), Some(text)) = (self.responses.get(column), self.texts.get_mut(column)) else {
+            return Ok(());
+        };
+        match response.data {
+            Data::Binary { offset, big_endian } => {
+                let size = response.sample.bytes();
+                self.raw.resize(rows * size, 0);
+                let from = offset + self.next_row * size as u64;
+                let fetched = self.file.seek(SeekFrom::Start(from)).and_then(|_| self.file.read_exact(&mut self.raw));
+                fetched.map_err(RecordError::io(&self.path))?;
+                if big_endian {
+                    response.sample.swap(&mut self.raw);
+                }
+                response.sample.decode(&self.raw, Placement::Column { values, start: 0, stride, factor });
+            }
+            Data::Text { start, end } => {
+                let text = text.get_or_insert_with(|| TextValues::new(start, end, response));
+                let is_last = self.next_row + rows as u64 == self.rows;
+                let numbers = text.take(&self.path, &mut self.file, rows, is_last)?;
+                for (value, number) in values.iter_mut().step_by(stride.max(1)).zip(numbers) {
+                    *value = number * factor;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl RowReader for UffReader {
+    fn read(
+        &mut self,
+        rows: usize,
+        selection: &Selection,
+        _clock: &mut Clock,
+        values: &mut Vec<f64>,
+    ) -> Result<usize, RecordError> {
+        let left = usize::try_from(self.rows - self.next_row).unwrap_or(usize::MAX);
+        let rows = rows.min(left);
+        if rows == 0 {
+            return Ok(0);
+        }
+        let channels = selection.columns.len();
+        let start = values.len();
+        values.resize(start + rows * channels, 0.0);
+        for (channel, (column, factor)) in selection.columns.iter().zip(&selection.factors).enumerate() {
+            let values = values.get_mut(start + channel..).unwrap_or_default();
+            self.read_response(*column, rows, (values, channels), *factor)?;
+        }
+        self.block_start = self.next_row;
+        self.next_row += rows as u64;
+        Ok(rows)
+    }
+
+    fn place(&self, row: usize) -> Place {
+        Place { file: self.path.clone(), at: At::Row(self.block_start + row as u64 + 1) }
+    }
+}
+
+fn columns_of(responses: &[TimeResponse]) -> Columns {
+    Columns::Responses(responses.iter().map(|response| response.name.clone()).collect())
+}
+
+/// Holds a channel's response against the setup, and against the `first` of its channels.
+fn check(
+    path: &Path,
+    setup: &Setup,
+    channel: &str,
+    response: &TimeResponse,
+    first: Option<&TimeResponse>,
+) -> Result<(), RecordError> {
+    let (file, channel) = (path.to_owned(), channel.to_owned());
+    let expected = match setup.unit {
+        Unit::MetrePerSecondSquared | Unit::StandardGravity => dataset::ACCELERATION,
+        Unit::MetrePerSecond => dataset::VELOCITY,
+        // Volts stand for acceleration by the sensor's sensitivity, whatever the file calls them.
+        Unit::Volt => dataset::UNKNOWN,
+    };
+    if let Some(found) = dataset::motion(response.ordinate)
+        && expected != dataset::UNKNOWN
+        && response.ordinate != expected
+    {
+        return Err(RecordError::UffOrdinate { file, channel, found });
+    }
+    let stated_hz = setup.sampling_rate_hz;
+    let measured_hz = response.step_s.recip();
+    if !((measured_hz / stated_hz - 1.0).abs() <= RATE_TOLERANCE) {
+        return Err(RecordError::UffRate { file, channel, measured_hz, stated_hz });
+    }
+    let Some(first) = first else { return Ok(()) };
+    if response.count != first.count {
+        let (rows, expected) = (response.count, first.count);
+        return Err(RecordError::UffLength { file, channel, rows, expected });
+    }
+    let late_s = response.start_s - first.start_s;
+    if late_s.abs() * stated_hz > 0.5 {
+        return Err(RecordError::UffStart { file, channel, late_s });
+    }
+    Ok(())
+}
