@@ -5,12 +5,13 @@
 //! runs a study through all of these, [`identify`] makes modes of it. [`measured`] reads modes, its own or another tool's,
 //! [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree, [`covalidate`]
 //! predicts sensors that it was not shown. [`simulate`] goes the other way and makes recordings of a structure whose truth
-//! is known. [`command`] holds one
+//! is known, [`export`] writes modes and spectra for other tools. [`command`] holds one
 //! file a subcommand of the `belfry` program; nothing else prints.
 
 pub mod command;
 pub mod compare;
 pub mod covalidate;
+pub mod export;
 pub mod identify;
 pub mod link;
 pub mod measure;

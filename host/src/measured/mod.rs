@@ -19,6 +19,7 @@ use nalgebra::DVector;
 use crate::study::Sensor;
 pub use error::MeasuredError;
 use shape::RawMode;
+pub(crate) use uff::node_and_direction;
 
 /// Modes with what is known of them.
 #[derive(Debug, Clone, PartialEq)]

@@ -147,7 +147,7 @@ impl Places {
 }
 
 /// `12x`, `12X`, `12:x`, `12:+X`.
-fn node_and_direction(name: &str) -> Option<(i64, usize)> {
+pub(crate) fn node_and_direction(name: &str) -> Option<(i64, usize)> {
     let lower = name.to_ascii_lowercase();
     let direction = DIRECTIONS.iter().position(|direction| lower.ends_with(direction))?;
     let label = lower.get(..lower.len() - 1)?.trim_end_matches(['+', ':', ' ']);

@@ -51,7 +51,7 @@ impl Simulation {
 }
 
 /// The name under which a file is written until it is complete, in the same folder so that it can be renamed.
-pub(super) fn partial_name(path: &Path) -> PathBuf {
+pub(crate) fn partial_name(path: &Path) -> PathBuf {
     let mut name = path.file_name().map_or_else(OsString::new, ToOwned::to_owned);
     name.push(".partial");
     path.with_file_name(name)

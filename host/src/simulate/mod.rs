@@ -27,6 +27,7 @@ use thiserror::Error;
 use crate::model::effect::{Effect, EffectError};
 use crate::model::{Assembly, BeamTable, EigenError, SensorError, Structure};
 use crate::study::{Setup, Unit};
+pub(crate) use file::partial_name;
 use loading::Loading;
 use oscillator::{OscillatorBank, Quantity};
 pub use plan::{AdoptError, PlanError, PlannedRecording, adopt, plan};

@@ -1,0 +1,269 @@
+//! `belfry export`: modes, spectra and spectral lines as files for other tools.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use clap::error::ErrorKind;
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+
+use super::Console;
+use super::case::results_folder;
+use super::route::RouteArguments;
+use crate::export::modes::Modes;
+use crate::export::spectra::{LinesTable, write_psd_csv, write_psd_parquet};
+use crate::export::{table, universal, write_whole};
+use crate::measure::{Measurement, Observer, Route, measure_observed};
+use crate::study::Study;
+
+const EXAMPLES: &str = "Examples:
+  belfry export canton                                  its modes as UFF 55, CSV and JSON
+  belfry export canton --format uff55 --output canton.uff
+  belfry export canton --of psd --direct                averaged power spectral densities as Parquet
+  belfry export canton --of psd --format csv
+  belfry export canton --of lines                       every window's complex lines, as the nodes sent them
+
+Modes are those that `belfry identify` found; spectra are measured anew. Files go into the study's folder
+`results/export`: modes.uff, modes.csv, modes.json, psd.parquet, lines.parquet. Columns are named with their units.";
+
+/// Write modes as UFF 55, CSV and JSON, or spectra and spectral lines as Parquet
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    pub study: PathBuf,
+    /// The files' format [default: uff55, csv and json for modes; parquet otherwise]
+    #[arg(long, value_enum)]
+    pub format: Option<Format>,
+    /// What to export
+    #[arg(long = "of", value_enum, default_value_t = Content::Modes)]
+    pub content: Content,
+    /// The file to write; its ending says the format where --format does not
+    #[arg(long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// How spectra are made of the recordings
+    #[command(flatten)]
+    pub route: RouteArguments,
+}
+
+/// What can be exported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Content {
+    /// Frequencies, damping ratios and shapes
+    Modes,
+    /// Averaged power spectral densities of every channel
+    Psd,
+    /// The complex spectral lines of every window
+    Lines,
+}
+
+/// Formats of exported files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// Universal file datasets 55, with the nodes (15)
+    Uff55,
+    /// A table as text
+    Csv,
+    /// The JSON of `belfry identify`
+    Json,
+    /// A table as Apache Parquet
+    Parquet,
+}
+
+impl Content {
+    /// What it can be written as; without --format, as all of `by_default`.
+    fn formats(self) -> &'static [Format] {
+        match self {
+            Self::Modes => &[Format::Uff55, Format::Csv, Format::Json],
+            Self::Psd => &[Format::Parquet, Format::Csv],
+            Self::Lines => &[Format::Parquet],
+        }
+    }
+
+    fn by_default(self) -> &'static [Format] {
+        match self {
+            Self::Modes => self.formats(),
+            Self::Psd | Self::Lines => &[Format::Parquet],
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Modes => "modes",
+            Self::Psd => "psd",
+            Self::Lines => "lines",
+        }
+    }
+}
+
+impl Format {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Uff55 => "uff55",
+            Self::Csv => "csv",
+            Self::Json => "json",
+            Self::Parquet => "parquet",
+        }
+    }
+
+    fn ending(self) -> &'static str {
+        match self {
+            Self::Uff55 => "uff",
+            Self::Csv => "csv",
+            Self::Json => "json",
+            Self::Parquet => "parquet",
+        }
+    }
+
+    fn of_ending(path: &Path) -> Option<Self> {
+        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+            "uff" | "unv" => Some(Self::Uff55),
+            "csv" => Some(Self::Csv),
+            "json" => Some(Self::Json),
+            "parquet" => Some(Self::Parquet),
+            _ => None,
+        }
+    }
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    /// The files that were written.
+    pub files: Vec<WrittenFile>,
+}
+
+/// A file that was written.
+#[derive(Debug, Serialize)]
+pub struct WrittenFile {
+    /// Its path.
+    pub file: PathBuf,
+    /// What it holds.
+    pub of: Content,
+    /// Its format.
+    pub format: Format,
+    /// Modes, or rows of the table.
+    pub rows: u64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the study has no modes yet, its recordings cannot be read, or a file cannot be written.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    // What clap's attributes cannot say; it exits as for any wrong usage.
+    let formats =
+        formats(arguments).unwrap_or_else(|usage| clap::Error::raw(ErrorKind::ArgumentConflict, usage).exit());
+    let study = Study::load(&arguments.study)?;
+    let content = arguments.content;
+    let targets: Vec<(Format, PathBuf)> = formats
+        .into_iter()
+        .map(|format| {
+            let file = format!("{}.{}", content.name(), format.ending());
+            (format, arguments.output.clone().unwrap_or_else(|| results_folder(&study).join("export").join(file)))
+        })
+        .collect();
+    let route = arguments.route.route();
+    let written = match content {
+        Content::Modes => export_modes(&study, &targets, console)?,
+        Content::Psd => {
+            let measurement = measured(&study, route, console, &mut |_, _, _| {})?;
+            let write = |(format, path): &(Format, PathBuf)| match format {
+                Format::Csv => write_psd_csv(path, &measurement),
+                _ => write_psd_parquet(path, &measurement),
+            };
+            targets.iter().map(write).collect::<Result<_, _>>()?
+        }
+        Content::Lines => {
+            let mut rows = Vec::new();
+            for (_, path) in &targets {
+                let mut table = LinesTable::create(path, &study.setups)?;
+                measured(&study, route, console, &mut |setup, grid, window| table.observe(setup, grid, window))?;
+                rows.push(table.finish()?);
+            }
+            rows
+        }
+    };
+    let files: Vec<WrittenFile> = targets
+        .into_iter()
+        .zip(written)
+        .map(|((format, file), rows)| WrittenFile { file, of: content, format, rows })
+        .collect();
+    for WrittenFile { file, rows, .. } in &files {
+        let what = if content == Content::Modes { "modes" } else { "rows" };
+        console.say(format!("{}: {rows} {what}", file.display()));
+    }
+    console.json(&Report { files })
+}
+
+/// The formats asked for; the sentence that says what is wrong with the usage.
+fn formats(arguments: &Arguments) -> Result<Vec<Format>, String> {
+    let content = arguments.content;
+    let by_ending = || match &arguments.output {
+        None => Ok(None),
+        Some(path) => Format::of_ending(path).map(Some).ok_or_else(|| {
+            format!("--output {}: the ending says nothing about the format; give --format too\n", path.display())
+        }),
+    };
+    let format = match arguments.format {
+        Some(format) => Some(format),
+        None => by_ending()?,
+    };
+    match format {
+        None => Ok(content.by_default().to_vec()),
+        Some(format) if content.formats().contains(&format) => Ok(vec![format]),
+        Some(format) => {
+            let names: Vec<&str> = content.formats().iter().map(|format| format.name()).collect();
+            let (content, format) = (content.name(), format.name());
+            Err(format!("--of {content} cannot be written as {format}; expected {}\n", names.join(" or ")))
+        }
+    }
+}
+
+fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console) -> anyhow::Result<Vec<u64>> {
+    if let Some(measured) = &study.measured {
+        bail!(
+            "{}: the study's modes are those of another tool; there are none of `belfry identify` to export",
+            study.folder.join(&measured.modes).display()
+        );
+    }
+    let modes = Modes::load(study)?;
+    for (format, path) in targets {
+        match format {
+            Format::Csv => write_whole(path, &table::csv(&modes)?)?,
+            Format::Uff55 => {
+                let (text, warnings) = universal::text(&modes, &study.structure.name);
+                for warning in warnings {
+                    console.warn(format!("{}: {warning}", path.display()));
+                }
+                write_whole(path, &text)?;
+            }
+            Format::Json | Format::Parquet => write_whole(path, &modes.json)?,
+        }
+    }
+    Ok(vec![modes.modes.len() as u64; targets.len()])
+}
+
+/// Measures the study with a progress bar, and warns.
+fn measured<'a>(
+    study: &'a Study,
+    route: Route,
+    console: &Console,
+    observer: Observer<'_>,
+) -> anyhow::Result<Measurement<'a>> {
+    let bar = console.progress(0, "spectra");
+    let mut progress = |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    };
+    let measurement = measure_observed(study, route, &mut progress, observer);
+    bar.finish_and_clear();
+    let measurement = measurement?;
+    for warning in &measurement.warnings {
+        console.warn(warning);
+    }
+    Ok(measurement)
+}

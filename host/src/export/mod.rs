@@ -1,0 +1,108 @@
+//! Export: what Belfry found, as files that other tools read.
+//!
+//! Modes ([`modes`]) flow out as universal file datasets 55 ([`universal`]) and as a CSV table ([`table`]), both of which
+//! [`crate::measured`] reads back; averaged spectra and the lines of every window ([`spectra`]) as Parquet, written while
+//! they are measured. A file appears whole or not at all.
+
+pub mod modes;
+mod parquet;
+pub mod spectra;
+pub mod table;
+pub mod universal;
+
+#[cfg(test)]
+mod tests;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use crate::simulate::partial_name;
+
+/// Why something could not be exported.
+#[derive(Debug, Error)]
+pub enum ExportError {
+    /// There are no modes yet.
+    #[error("{}: the study has no modes yet; run `belfry identify {}` first", file.display(), study.display())]
+    NoModes {
+        /// Where they should be.
+        file: PathBuf,
+        /// The study's folder.
+        study: PathBuf,
+    },
+    /// The file of modes cannot be opened.
+    #[error("{}: cannot be read ({source})", file.display())]
+    Unreadable {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The file of modes is not what `identify` writes.
+    #[error("{}, line {}: not the modes of `belfry identify` ({source}); run it again", file.display(), source.line())]
+    Syntax {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong, and where.
+        source: serde_json::Error,
+    },
+    /// The modes are of other sensors than the study's.
+    #[error(
+        "{}, mode {number}: `{channel}` is no channel of the study; run `belfry identify` again after changing sensors",
+        file.display()
+    )]
+    UnknownChannel {
+        /// The file.
+        file: PathBuf,
+        /// The mode.
+        number: usize,
+        /// The name in the file.
+        channel: String,
+    },
+    /// A channel's name is that of another column of the table.
+    #[error(
+        "channel `{channel}` cannot be a column of the table of modes: `{column}` is another column; rename the channel, or export as uff55 or json"
+    )]
+    ColumnTwice {
+        /// The channel.
+        channel: String,
+        /// The column.
+        column: String,
+    },
+    /// A file cannot be written.
+    #[error("{}: cannot be written ({source})", file.display())]
+    Write {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+impl ExportError {
+    /// For `map_err` on writing `file`.
+    fn write(file: &Path) -> impl Fn(io::Error) -> ExportError + '_ {
+        move |source| ExportError::Write { file: file.to_owned(), source }
+    }
+}
+
+/// Writes a file under another name until it is complete, and replaces what was there.
+///
+/// # Errors
+/// [`ExportError::Write`] names the file.
+pub fn write_whole(path: &Path, text: &str) -> Result<(), ExportError> {
+    let fail = ExportError::write(path);
+    make_folder(path)?;
+    let partial = partial_name(path);
+    fs::write(&partial, text).and_then(|()| fs::rename(&partial, path)).map_err(|source| {
+        // Nothing to save, and the first error is the one to tell.
+        let _ = fs::remove_file(&partial);
+        fail(source)
+    })
+}
+
+fn make_folder(path: &Path) -> Result<(), ExportError> {
+    path.parent().map_or(Ok(()), fs::create_dir_all).map_err(ExportError::write(path))
+}

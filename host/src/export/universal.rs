@@ -1,0 +1,260 @@
+//! Modes as a universal file: units (dataset 164), the sensors' coordinate systems (18) and places (15), and a complex mode
+//! each (55), as SDRC's universal file format describes them, columns included.
+//!
+//! A channel is a direction at a node. Channels that are named so (`12x`) keep their node; others become nodes 1 to p in the
+//! study's order, with their component along the node's own axis x (z for vertical ones): a coordinate system says where
+//! that axis points, so that no azimuth is lost.
+
+use std::collections::BTreeSet;
+
+use num_complex::Complex64;
+
+use super::modes::{Mode, Modes};
+use crate::measured::node_and_direction;
+use crate::study::{Direction, Sensor};
+
+/// The global Cartesian coordinate system.
+const GLOBAL: usize = 0;
+/// Number of the first coordinate system that is turned; 1 and 2 are the global ones of some tools.
+const FIRST_TURNED: usize = 11;
+const MARK: &str = "    -1\n";
+
+/// A channel as a direction at a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Place {
+    /// Label of the node, from 1.
+    node: i64,
+    /// 0, 1, 2: x, y, z of the node's coordinate system.
+    axis: usize,
+    /// That coordinate system.
+    system: usize,
+    position_m: Option<[f64; 3]>,
+}
+
+/// The file's text, and what the reader of it should know.
+pub fn text(modes: &Modes, title: &str) -> (String, Vec<String>) {
+    let mut warnings = Vec::new();
+    let mut azimuths_deg = Vec::new();
+    let places = places(&modes.sensors, &mut azimuths_deg, &mut warnings);
+    let unmeasured: Vec<&str> = (0..modes.sensors.len())
+        .filter(|sensor| !modes.is_measured(*sensor))
+        .filter_map(|sensor| Some(modes.sensors.get(sensor)?.channel.as_str()))
+        .collect();
+    let by_name = modes.sensors.iter().any(|sensor| named(sensor).is_some());
+    if !unmeasured.is_empty() && !by_name {
+        warnings.push(format!(
+            "no mode has a component at channel {}: the nodes of a universal file then go to the study's channels by name only; call channels by node and direction (12x) where Belfry is to read the file back",
+            unmeasured.join(", ")
+        ));
+    }
+    let mut text = units();
+    text += &systems(&azimuths_deg);
+    text += &nodes(&places);
+    for mode in &modes.modes {
+        text += &dataset_55(mode, &places, title);
+    }
+    (text, warnings)
+}
+
+/// Node and direction that a sensor's channel, or its point, is named by.
+fn named(sensor: &Sensor) -> Option<(i64, usize)> {
+    let name = node_and_direction(&sensor.channel).or_else(|| node_and_direction(&sensor.point));
+    // Labels are positive; -1 would be read as a dataset's end.
+    name.filter(|(node, _)| (1..=9_999_999_999).contains(node))
+}
+
+fn places(sensors: &[Sensor], azimuths_deg: &mut Vec<f64>, warnings: &mut Vec<String>) -> Vec<Place> {
+    let position_m = |sensor: &Sensor| {
+        let [x, y] = sensor.offset_m;
+        sensor.elevation_m.map(|z| [x, y, z])
+    };
+    let mut taken = BTreeSet::new();
+    let mut places: Vec<Option<Place>> = sensors
+        .iter()
+        .map(|sensor| {
+            let (node, axis) = named(sensor).filter(|name| taken.insert(*name))?;
+            Some(Place { node, axis, system: GLOBAL, position_m: position_m(sensor) })
+        })
+        .collect();
+    let unnamed: Vec<&str> = sensors
+        .iter()
+        .zip(&places)
+        .filter(|(_, place)| place.is_none())
+        .map(|(sensor, _)| sensor.channel.as_str())
+        .collect();
+    if !taken.is_empty() && !unnamed.is_empty() {
+        warnings.push(format!(
+            "channel {} is not named by a node and direction of its own, as others are (12x): it gets a node that Belfry cannot tell the channel by",
+            unnamed.join(", ")
+        ));
+    }
+    let mut next = taken.iter().map(|(node, _)| *node).max().unwrap_or(0);
+    for (place, sensor) in places.iter_mut().zip(sensors).filter(|(place, _)| place.is_none()) {
+        next += 1;
+        let position_m = position_m(sensor);
+        let (axis, system) = axis(sensor.direction, position_m.is_some(), azimuths_deg);
+        *place = Some(Place { node: next, axis, system, position_m });
+    }
+    places.into_iter().flatten().collect()
+}
+
+/// Axis and coordinate system of a direction. A node whose place is not known stands in no dataset 15 and so has no system
+/// of its own: its component then goes to the nearest axis.
+fn axis(direction: Option<Direction>, placed: bool, azimuths_deg: &mut Vec<f64>) -> (usize, usize) {
+    let azimuth_deg = match direction {
+        None => return (0, GLOBAL),
+        Some(Direction::Up) => return (2, GLOBAL),
+        Some(Direction::AzimuthDeg(azimuth_deg)) => azimuth_deg.rem_euclid(360.0),
+    };
+    if azimuth_deg == 0.0 {
+        return (0, GLOBAL);
+    }
+    if azimuth_deg == 90.0 {
+        return (1, GLOBAL);
+    }
+    if !placed {
+        let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+        return (usize::from(sin.abs() > cos.abs()), GLOBAL);
+    }
+    let known = azimuths_deg.iter().position(|known| *known == azimuth_deg);
+    let system = known.unwrap_or_else(|| {
+        azimuths_deg.push(azimuth_deg);
+        azimuths_deg.len() - 1
+    });
+    (0, FIRST_TURNED + system)
+}
+
+/// Dataset 164: SI, metres and newtons.
+fn units() -> String {
+    let one = exponent(1.0, 17, 'D');
+    let kelvin = exponent(273.15, 17, 'D');
+    format!(
+        "{MARK}   164\n{:10}{:20}{:10}\n{one:>25}{one:>25}{one:>25}\n{kelvin:>25}\n{MARK}",
+        1, "SI: Meter (newton)", 2
+    )
+}
+
+/// Dataset 18: systems turned about the vertical axis.
+fn systems(azimuths_deg: &[f64]) -> String {
+    if azimuths_deg.is_empty() {
+        return String::new();
+    }
+    let mut text = format!("{MARK}    18\n");
+    for (number, azimuth_deg) in (FIRST_TURNED..).zip(azimuths_deg) {
+        let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+        text += &format!("{number:10}{:10}{GLOBAL:10}{:10}{:10}\n", 0, 8, 1);
+        text += &format!("azimuth {azimuth_deg} deg\n");
+        text += &reals(&[0.0, 0.0, 0.0, cos, sin, 0.0]);
+        text += &reals(&[0.0, 0.0, 1.0]);
+    }
+    text + MARK
+}
+
+/// Dataset 15: the nodes whose places are known, each once.
+fn nodes(places: &[Place]) -> String {
+    let mut seen = BTreeSet::new();
+    let mut lines = String::new();
+    for place in places {
+        let Some(position_m) = place.position_m.filter(|_| seen.insert(place.node)) else { continue };
+        lines += &format!("{:10}{GLOBAL:10}{:10}{:10}", place.node, place.system, 11);
+        lines += &reals(&position_m);
+    }
+    if lines.is_empty() { lines } else { format!("{MARK}    15\n{lines}{MARK}") }
+}
+
+/// Dataset 55: a complex mode at nodes.
+fn dataset_55(mode: &Mode, places: &[Place], title: &str) -> String {
+    let printable: String =
+        title.chars().map(|c| if c.is_ascii_graphic() || c == ' ' { c } else { '?' }).take(80).collect();
+    // A title that a reader would take for the dataset's end.
+    let printable = if printable.trim() == "-1" { "NONE" } else { printable.trim() };
+    let mut text =
+        format!("{MARK}    55\n{printable}\nMode {}, {} Hz\nNONE\nNONE\nNONE\n", mode.number, mode.frequency_hz);
+    // Structural model, complex eigenvalues of first order, three translations a node, displacement, complex numbers.
+    text += &integers(&[1, 3, 2, 8, 5, 3]);
+    // Two integers and six numbers follow: load case and mode, then the eigenvalue, modal A and modal B (not known).
+    text += &integers(&[2, 6, 0, mode.number as i64]);
+    let eigenvalue = eigenvalue(mode.frequency_hz, mode.damping_ratio.unwrap_or(0.0));
+    text += &reals(&[eigenvalue.re, eigenvalue.im, 0.0, 0.0, 0.0, 0.0]);
+    let mut nodes: Vec<(i64, [Complex64; 3])> = Vec::new();
+    for (place, component) in places.iter().zip(&mode.shape) {
+        let Some(component) = component else { continue };
+        if nodes.iter().all(|(node, _)| *node != place.node) {
+            nodes.push((place.node, [Complex64::ZERO; 3]));
+        }
+        let values = nodes.iter_mut().find(|(node, _)| *node == place.node);
+        if let Some(value) = values.and_then(|(_, values)| values.get_mut(place.axis)) {
+            *value = component.value;
+        }
+    }
+    for (node, values) in nodes {
+        text += &integers(&[node]);
+        text += &reals(&values.map(|value| [value.re, value.im]).concat());
+    }
+    text + MARK
+}
+
+/// s = -zeta omega + i omega sqrt(1 - zeta²), of the upper half plane.
+fn eigenvalue(frequency_hz: f64, damping_ratio: f64) -> Complex64 {
+    let circular = std::f64::consts::TAU * frequency_hz;
+    Complex64::new(-damping_ratio * circular, circular * (1.0 - damping_ratio * damping_ratio).max(0.0).sqrt())
+}
+
+/// A line of I10.
+fn integers(numbers: &[i64]) -> String {
+    numbers.iter().map(|number| format!("{number:10}")).collect::<String>() + "\n"
+}
+
+/// A line of E13.5.
+fn reals(numbers: &[f64]) -> String {
+    numbers.iter().map(|number| format!("{:>13}", exponent(*number, 5, 'E'))).collect::<String>() + "\n"
+}
+
+/// A number with an exponent of two digits, as Fortran writes it.
+fn exponent(number: f64, decimals: usize, letter: char) -> String {
+    let text = format!("{number:.decimals$e}");
+    let (mantissa, power) = text.split_once('e').unwrap_or((&text, "0"));
+    match power.parse::<i32>() {
+        Ok(power) if power < -99 => exponent(0.0, decimals, letter),
+        Ok(power) => format!("{mantissa}{letter}{power:+03}"),
+        Err(_) => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{axis, eigenvalue, exponent};
+    use crate::study::Direction;
+
+    #[test]
+    fn numbers_are_written_as_fortran_writes_them() {
+        for (number, expected) in [
+            (0.0, "0.00000E+00"),
+            (-1.5, "-1.50000E+00"),
+            (12345.678, "1.23457E+04"),
+            (2e-7, "2.00000E-07"),
+            (1e-120, "0.00000E+00"),
+        ] {
+            assert_eq!(exponent(number, 5, 'E'), expected);
+        }
+    }
+
+    #[test]
+    fn an_eigenvalue_has_the_undamped_frequency_as_its_size() {
+        let eigenvalue = eigenvalue(0.5, 0.02);
+        assert!((eigenvalue.norm() - std::f64::consts::PI).abs() < 1e-12);
+        assert!((eigenvalue.re / eigenvalue.norm() + 0.02).abs() < 1e-12);
+    }
+
+    #[test]
+    fn directions_off_the_axes_get_a_coordinate_system_each() {
+        let mut azimuths = Vec::new();
+        let mut at = |azimuth: f64, placed: bool| axis(Some(Direction::AzimuthDeg(azimuth)), placed, &mut azimuths);
+        assert_eq!(
+            [at(0.0, true), at(90.0, true), at(18.0, true), at(180.0, true), at(378.0, true)],
+            [(0, 0), (1, 0), (0, 11), (0, 12), (0, 11)]
+        );
+        assert_eq!([at(100.0, false), at(-10.0, false)], [(1, 0), (0, 0)]);
+        assert_eq!(azimuths, [18.0, 180.0]);
+    }
+}
