@@ -32,6 +32,12 @@ pub enum ExportError {
         /// The study's folder.
         study: PathBuf,
     },
+    /// None were found.
+    #[error("{}: no modes were found, so there are none to export; widen band_hz or measure longer", file.display())]
+    Empty {
+        /// The file.
+        file: PathBuf,
+    },
     /// The file of modes cannot be opened.
     #[error("{}: cannot be read ({source})", file.display())]
     Unreadable {

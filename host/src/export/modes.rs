@@ -90,6 +90,9 @@ impl Modes {
             std::fs::read_to_string(&file).map_err(|source| ExportError::Unreadable { file: file.clone(), source })?;
         let read: File =
             serde_json::from_str(&json).map_err(|source| ExportError::Syntax { file: file.clone(), source })?;
+        if read.modes.is_empty() {
+            return Err(ExportError::Empty { file });
+        }
         let sensors = study.sensors();
         let mut modes = Vec::new();
         for mode in read.modes {

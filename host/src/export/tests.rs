@@ -153,6 +153,9 @@ fn what_cannot_be_exported_is_named() {
     fs::write(folder.path().join("results/modes.json"), "{\"modes\":\n[{}]}").unwrap();
     let syntax = Modes::load(&study_of(AROUND)).unwrap_err().to_string();
     assert!(syntax.contains("modes.json, line 2"), "{syntax}");
+    fs::write(folder.path().join("results/modes.json"), "{\"modes\":[]}").unwrap();
+    let empty = Modes::load(&study_of(AROUND)).unwrap_err().to_string();
+    assert!(empty.contains("no modes were found"), "{empty}");
     let names = ["top", "top_std", "a", "b"];
     write_modes(folder.path(), names);
     let sensors = ["channel = \"top\"", "channel = \"top_std\"", "channel = \"a\"", "channel = \"b\""];

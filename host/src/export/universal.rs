@@ -88,12 +88,12 @@ fn places(sensors: &[Sensor], azimuths_deg: &mut Vec<f64>, warnings: &mut Vec<St
             unnamed.join(", ")
         ));
     }
-    let mut next = taken.iter().map(|(node, _)| *node).max().unwrap_or(0);
-    for (place, sensor) in places.iter_mut().zip(sensors).filter(|(place, _)| place.is_none()) {
-        next += 1;
+    let free = taken.iter().map(|(node, _)| *node).max().unwrap_or(0) + 1;
+    let without = places.iter_mut().zip(sensors).filter(|(place, _)| place.is_none());
+    for (node, (place, sensor)) in (free..).zip(without) {
         let position_m = position_m(sensor);
         let (axis, system) = axis(sensor.direction, position_m.is_some(), azimuths_deg);
-        *place = Some(Place { node: next, axis, system, position_m });
+        *place = Some(Place { node, axis, system, position_m });
     }
     places.into_iter().flatten().collect()
 }

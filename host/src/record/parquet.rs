@@ -162,8 +162,8 @@ impl ParquetReader {
 
     /// Rows by the file's metadata.
     fn rows_in_file(&self) -> Result<u64, RecordError> {
-        let rows = self.file.metadata().row_groups().iter().map(|group| u64::try_from(group.num_rows()).ok());
-        let total = rows.fold(Some(0_u64), |total, rows| total?.checked_add(rows?));
+        let mut rows = self.file.metadata().row_groups().iter().map(|group| u64::try_from(group.num_rows()).ok());
+        let total = rows.try_fold(0_u64, |total, rows| total.checked_add(rows?));
         total.ok_or_else(|| damaged(&self.path, "a row group announces an impossible number of rows"))
     }
 

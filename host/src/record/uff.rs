@@ -164,7 +164,8 @@ fn check(
     }
     let stated_hz = setup.sampling_rate_hz;
     let measured_hz = response.step_s.recip();
-    if !((measured_hz / stated_hz - 1.0).abs() <= RATE_TOLERANCE) {
+    let deviation = (measured_hz / stated_hz - 1.0).abs();
+    if deviation.is_nan() || deviation > RATE_TOLERANCE {
         return Err(RecordError::UffRate { file, channel, measured_hz, stated_hz });
     }
     let Some(first) = first else { return Ok(()) };

@@ -170,7 +170,7 @@ fn what_contradicts_the_setup_is_named() {
     let still = Dataset { step_s: 0.0, ..good.clone() };
     check(&[still], &one, &["a.uff, channel `1x`", "inf Hz"]);
     let velocity = Dataset { ordinate: 11, ..good.clone() };
-    check(&[velocity.clone()], &one, &["a.uff, channel `1x`", "velocity", "`unit`"]);
+    check(std::slice::from_ref(&velocity), &one, &["a.uff, channel `1x`", "velocity", "`unit`"]);
     let both = setup(&["1x", "2y"], &["a.uff"]);
     check(&[good.clone(), response(2, 2, &[1.0])], &both, &["channel `2y`", "1 samples", "has 3"]);
     let late = Dataset { start_s: 1.5, ..response(2, 2, &[1.0, 2.0, 3.0]) };
@@ -208,4 +208,22 @@ fn a_file_cut_short_is_refused() {
     let binary = file(&[response(1, 1, &[1.0; 6])], FORMS[1]);
     let cut = &binary[..binary.len() - 20];
     expect_error(&one, &[("a.uff", cut)], &["a.uff, dataset 2", "48 bytes of samples announced"]);
+}
+
+/// What the Python package pyuff writes; `host/tests-data/README.md` says how.
+#[test]
+fn files_of_another_writer_are_read_to_their_last_digit() {
+    let first = [0.5, -1.25, 3.0e-7, std::f64::consts::PI, -2.0e5, 6.0, 7.5];
+    let second = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, -7.125];
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests-data"));
+    for (file, digits) in [("pyuff_text.uff", 1e-11), ("pyuff_little.uff", 0.0), ("pyuff_big.uff", 0.0)] {
+        for names in [["12x", "7-y"], ["channel 0", "channel 1"], ["1", "2"]] {
+            let (rows, _) = read(&setup(&names, &[file]), folder).unwrap();
+            assert_eq!(rows.len(), 7);
+            for (row, expected) in rows.iter().zip(first.iter().zip(&second)) {
+                assert!((row[0] - expected.0).abs() <= digits * expected.0.abs(), "{file}: {row:?}");
+                assert_eq!(row[1], *expected.1, "{file}");
+            }
+        }
+    }
 }
