@@ -74,7 +74,7 @@ pub enum Format {
 }
 
 impl Content {
-    /// What it can be written as; without --format, as all of `by_default`.
+    /// What it can be written as.
     fn formats(self) -> &'static [Format] {
         match self {
             Self::Modes => &[Format::Uff55, Format::Csv, Format::Json],
@@ -83,6 +83,7 @@ impl Content {
         }
     }
 
+    /// What it is written as without --format.
     fn by_default(self) -> &'static [Format] {
         match self {
             Self::Modes => self.formats(),
