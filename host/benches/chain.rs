@@ -56,7 +56,7 @@ fn direct(rows: &[f64]) -> Vec<WindowLines> {
     let mut windows = Vec::new();
     let mut welch = Welch::new(grid(), DECIMATION, CHANNELS).expect("8 is a decimation");
     for row in rows.chunks_exact(CHANNELS) {
-        welch.push_row(row, &mut |window| windows.push(window));
+        welch.push(row, &mut |window| windows.push(window));
     }
     windows
 }
@@ -83,7 +83,7 @@ fn chain(criterion: &mut Criterion) {
     let windows = direct(&rows);
     let average = || {
         let mut accumulator = CrossSpectrumAccumulator::new(grid(), CHANNELS).expect("20 channels");
-        windows.iter().for_each(|window| accumulator.add(window).expect("windows of one grid"));
+        windows.iter().for_each(|window| accumulator.add(window.clone()).expect("windows of one grid"));
         accumulator.finish().expect("windows").0
     };
     group.bench_function("averaging", |bencher| bencher.iter(|| black_box(average())));

@@ -26,7 +26,7 @@ fn windows(seconds: f64) -> Vec<WindowLines> {
     let mut windows = Vec::new();
     for sample in 0..(seconds * GRID.sampling_rate_hz) as usize {
         let time_s = sample as f64 / GRID.sampling_rate_hz;
-        welch.push_row(&[motion(time_s, 0), motion(time_s, 1)], &mut |window| windows.push(window));
+        welch.push(&[motion(time_s, 0), motion(time_s, 1)], &mut |window| windows.push(window));
     }
     windows
 }

@@ -99,23 +99,18 @@ pub fn hann_autocorrelation(u: f64) -> f64 {
 
 /// Integral of hann_autocorrelation(t/T) exp(-p t) over t = 0..T.
 fn hann_transform(p: Complex64, duration_s: f64) -> Complex64 {
-    let a = Complex64::new(0.0, TAU / duration_s);
-    let triangle = |q: Complex64| {
-        let x = q * duration_s;
-        // (x - 1 + exp(-x)) / x² loses its digits for small x; its series is 1/2 - x/6 + x²/24.
-        if x.norm() < 1e-3 {
-            (0.5 - x / 6.0 + x * x / 24.0) * duration_s
-        } else {
-            (x - 1.0 + (-x).exp()) / (x * x) * duration_s
-        }
-    };
-    let decay = |q: Complex64| {
-        let x = q * duration_s;
-        if x.norm() < 1e-3 { (1.0 - x / 2.0 + x * x / 6.0) * duration_s } else { (1.0 - (-x).exp()) / q }
-    };
-    let (below, above) = (p - a, p + a);
+    let x = p * duration_s;
+    // The window's cosine shifts x by a whole turn, which leaves its exponential as it is.
+    let falls = (-x).exp();
+    let turn = Complex64::new(0.0, TAU);
+    let is_small = |x: Complex64| x.norm_sqr() < 1e-6;
+    // (x - 1 + exp(-x)) / x² loses its digits for small x; its series is 1/2 - x/6 + x²/24.
+    let triangle =
+        |x: Complex64| if is_small(x) { 0.5 - x / 6.0 + x * x / 24.0 } else { (x - 1.0 + falls) / (x * x) };
+    let decay = |x: Complex64| if is_small(x) { 1.0 - x / 2.0 + x * x / 6.0 } else { (1.0 - falls) / x };
+    let (below, above) = (x - turn, x + turn);
     let sine = (decay(below) - decay(above)) * Complex64::new(0.0, -0.5);
-    triangle(p) * (2.0 / 3.0) + (triangle(below) + triangle(above)) / 6.0 + sine / TAU
+    (triangle(x) * (2.0 / 3.0) + (triangle(below) + triangle(above)) / 6.0 + sine / TAU) * duration_s
 }
 
 /// A filtered spectrum around a mode.

@@ -84,12 +84,12 @@ impl Filters {
 /// Noise of a channel: the mean power outside the span of the shapes, over some lines. One figure for all channels: what is
 /// left is as much the motion of modes outside the band, which is not independent, as it is noise, so that weights by
 /// channel would trust the channels that move least.
-pub(super) fn noise_variance(shapes: &[&Shape], matrices: &[DMatrix<Complex64>]) -> f64 {
-    let channels = matrices.first().map_or(0, DMatrix::nrows);
+pub(super) fn noise_variance(shapes: &[&Shape], matrices: &[&DMatrix<Complex64>]) -> f64 {
+    let channels = matrices.first().map_or(0, |matrix| matrix.nrows());
     let columns = DMatrix::from_fn(channels, shapes.len(), |row, column| shapes[column][row]);
     let directions = columns.qr().q();
     let mut mean = DMatrix::zeros(channels, channels);
-    for matrix in matrices {
+    for &matrix in matrices {
         mean += matrix;
     }
     mean /= Complex64::from(matrices.len().max(1) as f64);
@@ -102,7 +102,7 @@ pub(super) fn noise_variance(shapes: &[&Shape], matrices: &[DMatrix<Complex64>])
 /// The cluster as its filters see it.
 pub(super) fn seen(
     filters: &Filters,
-    matrices: &[DMatrix<Complex64>],
+    matrices: &[&DMatrix<Complex64>],
     frequency_hz: Vec<f64>,
     duration_s: f64,
     averages: f64,
@@ -111,7 +111,7 @@ pub(super) fn seen(
     let through = |matrix: &DMatrix<Complex64>| &filters.rows * matrix * filters.rows.adjoint();
     Seen {
         frequency_hz,
-        matrices: matrices.iter().map(through).collect(),
+        matrices: matrices.iter().copied().map(through).collect(),
         noise: filters.noise.clone(),
         duration_s,
         averages,
@@ -128,7 +128,7 @@ pub(super) fn regressed_shapes(
     fit: &JointFit,
     filters: &Filters,
     seen: &Seen,
-    matrices: &[DMatrix<Complex64>],
+    matrices: &[&DMatrix<Complex64>],
 ) -> Option<Vec<(Shape, f64)>> {
     let size = fit.levels.len();
     let channels = filters.rows.ncols();
@@ -142,7 +142,7 @@ pub(super) fn regressed_shapes(
         let mut power: DMatrix<Complex64> = DMatrix::zeros(whole, whole);
         let reach_hz = (RESONANCE * resonance.bandwidth_hz()).max(1.5 / seen.duration_s);
         let near = |hz: f64| (hz - resonance.frequency_hz).abs() <= reach_hz;
-        for (&frequency_hz, matrix) in seen.frequency_hz.iter().zip(matrices).filter(|(hz, _)| near(**hz)) {
+        for (&frequency_hz, &matrix) in seen.frequency_hz.iter().zip(matrices).filter(|(hz, _)| near(**hz)) {
             let spectra = fit.modal_spectra(frequency_hz, seen.duration_s);
             let gain = &spectra * fit.mixture.adjoint();
             let expected = &fit.mixture * &gain + &noise;

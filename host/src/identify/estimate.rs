@@ -1,5 +1,7 @@
 //! Estimating one setup's modes: shapes by modal filtering, frequency and damping from each mode's bell, and the jackknife.
 
+use std::cell::OnceCell;
+
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
@@ -88,9 +90,30 @@ struct Cluster {
     fit: JointFit,
 }
 
+/// Cross-spectral matrices by line, with or without one group of windows, unpacked when they are asked for: modes need those
+/// near them only.
+struct Matrices<'a> {
+    spectrum: &'a CrossSpectrum,
+    without: Option<usize>,
+    lines: Vec<OnceCell<DMatrix<Complex64>>>,
+}
+
+impl<'a> Matrices<'a> {
+    fn new(spectrum: &'a CrossSpectrum, without: Option<usize>) -> Self {
+        Self { spectrum, without, lines: vec![OnceCell::new(); spectrum.grid().lines] }
+    }
+
+    fn at(&self, line: usize) -> &DMatrix<Complex64> {
+        self.lines[line].get_or_init(|| match self.without {
+            Some(group) => self.spectrum.matrix_without(group, line),
+            None => self.spectrum.matrix(line),
+        })
+    }
+}
+
 /// Estimates every pick in one setup (`setup` is its index among the picks' shapes).
 pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usize, picks: &[Pick]) -> SetupModes {
-    let matrices: Vec<DMatrix<Complex64>> = (0..spectrum.grid().lines).map(|line| spectrum.matrix(line)).collect();
+    let matrices = Matrices::new(spectrum, None);
     let mut state = State::start(spectrum, quantity, setup, picks, &matrices);
     for _ in 0..ROUNDS {
         state.improve(spectrum, &matrices);
@@ -98,8 +121,7 @@ pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usiz
     state.fit_clusters(spectrum, &matrices);
     let groups = if spectrum.group_count() > 1 { spectrum.group_count() } else { 0 };
     let replicate = |group: usize| {
-        let matrices: Vec<DMatrix<Complex64>> =
-            (0..spectrum.grid().lines).map(|line| spectrum.matrix_without(group, line)).collect();
+        let matrices = Matrices::new(spectrum, Some(group));
         let mut replicate = state.clone();
         replicate.refit_clusters(spectrum, &matrices, REPLICATE_STEPS);
         replicate
@@ -115,7 +137,7 @@ impl State {
         quantity: Quantity,
         setup: usize,
         picks: &[Pick],
-        matrices: &[DMatrix<Complex64>],
+        matrices: &Matrices<'_>,
     ) -> Self {
         let grid = spectrum.grid();
         let shapes: Vec<Shape> = picks.iter().map(|pick| pick.shapes[setup].clone()).collect();
@@ -133,7 +155,7 @@ impl State {
                     .from_autocorrelation(0, last - first, quantity)
                     .filter(|r| (r.frequency_hz - guess.frequency_hz).abs() < 2.0 * grid.spacing_hz())
                     .unwrap_or(guess);
-                let density = filtered(shape, &matrices[pick.line]);
+                let density = filtered(shape, matrices.at(pick.line));
                 let level = density / resonance.peak_density(duration_s);
                 BellFit { resonance, level, floor: 0.0, neighbours: Vec::new() }
             })
@@ -143,7 +165,7 @@ impl State {
     }
 
     /// One round: every mode's shape with the other modes' shapes, then its bell with the other modes' bells.
-    fn improve(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>]) {
+    fn improve(&mut self, spectrum: &CrossSpectrum, matrices: &Matrices<'_>) {
         let grid = spectrum.grid();
         let before = self.shapes.clone();
         for mode in 0..self.shapes.len() {
@@ -155,8 +177,8 @@ impl State {
             let reach = (0.5 * here.bandwidth_hz() / grid.spacing_hz()).round().max(1.0) as usize;
             let centre = grid.nearest_line(here.frequency_hz);
             let mut sum: Shape = Shape::zeros(filter.len());
-            for matrix in &matrices[centre.saturating_sub(reach)..(centre + reach + 1).min(grid.lines)] {
-                sum += matrix * &filter;
+            for line in centre.saturating_sub(reach)..(centre + reach + 1).min(grid.lines) {
+                sum += matrices.at(line) * &filter;
             }
             let norm = sum.norm();
             if norm.is_finite() && norm > 0.0 {
@@ -180,7 +202,7 @@ impl State {
 
     /// Fits close modes together, from what is known of them one by one. With few channels there is nothing to tell them
     /// apart by, and no cluster.
-    fn fit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>]) {
+    fn fit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &Matrices<'_>) {
         let grid = spectrum.grid();
         let channels = spectrum.channels().len();
         if channels < JOINT_CHANNELS {
@@ -221,7 +243,7 @@ impl State {
     }
 
     /// Goes on from an earlier joint fit of the same clusters; modes without a cluster that can be fitted go on one by one.
-    fn refit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>], steps: usize) {
+    fn refit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &Matrices<'_>, steps: usize) {
         let grid = spectrum.grid();
         let spacing_hz = grid.spacing_hz();
         let before = self.clone();
@@ -238,17 +260,17 @@ impl State {
             let stopped = before.stopped(modes, [grid.frequency_hz(first), grid.frequency_hz(last)], grid);
             let own: Vec<&Shape> = modes.iter().map(|&mode| &before.shapes[mode]).collect();
             let others: Vec<&Shape> = stopped.iter().map(|&mode| &before.shapes[mode]).collect();
-            let lines = &matrices[first..=last];
+            let lines: Vec<&DMatrix<Complex64>> = (first..=last).map(|line| matrices.at(line)).collect();
             let all: Vec<&Shape> = own.iter().chain(&others).copied().collect();
-            let noise = noise_variance(&all, lines);
+            let noise = noise_variance(&all, &lines);
             let refit = || {
                 let filters = Filters::new(&own, &others, noise)?;
                 let frequency_hz = (first..=last).map(|line| grid.frequency_hz(line)).collect();
                 let averages = spectrum.averages() as f64;
-                let seen = seen(&filters, lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
+                let seen = seen(&filters, &lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
                 let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode, spacing_hz)).collect();
                 let fit = cluster.fit.fit(&seen, &limits, steps)?;
-                let shapes = regressed_shapes(&fit, &filters, &seen, lines)?;
+                let shapes = regressed_shapes(&fit, &filters, &seen, &lines)?;
                 Some((fit, shapes))
             };
             let Some((fit, shapes)) = refit() else {
@@ -401,11 +423,11 @@ fn in_parallel<T: Send>(tasks: usize, task: impl Fn(usize) -> T + Sync) -> Vec<T
 }
 
 /// The filtered spectrum of consecutive lines.
-fn bell(spectrum: &CrossSpectrum, matrices: &[DMatrix<Complex64>], filter: &Shape, first: usize, last: usize) -> Bell {
+fn bell(spectrum: &CrossSpectrum, matrices: &Matrices<'_>, filter: &Shape, first: usize, last: usize) -> Bell {
     let grid = spectrum.grid();
     Bell {
         frequency_hz: (first..=last).map(|line| grid.frequency_hz(line)).collect(),
-        density: (first..=last).map(|line| filtered(filter, &matrices[line]).max(f64::MIN_POSITIVE)).collect(),
+        density: (first..=last).map(|line| filtered(filter, matrices.at(line)).max(f64::MIN_POSITIVE)).collect(),
         duration_s: 1.0 / grid.spacing_hz(),
     }
 }

@@ -181,7 +181,7 @@ impl Truth {
                     *value += share * rms[0] * std::f64::consts::SQRT_2 * phase.sin() * (1.0 + channel as f64 / 10.0);
                 }
             }
-            welch.push_row(&row, &mut |window| accumulator.add(&window).unwrap());
+            welch.push(&row, &mut |window| accumulator.add(window).unwrap());
         }
         accumulator.finish().unwrap().0
     }

@@ -3,18 +3,20 @@
 //! A study flows in; averaged cross spectra flow out, with what was left out, what the link did and where the time went. A
 //! setup that cannot be measured is left out with a warning as long as another can.
 
+mod stream;
+
 use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
 use crate::identify::MeasuredSetup;
-use crate::link::fleet::{Fleet, FleetError, FleetOptions, FleetReport};
-use crate::record::{Block, RecordError, Recording};
-use crate::spectra::direct::Welch;
+use crate::link::fleet::{FleetError, FleetOptions, FleetReport};
+use crate::record::{RecordError, Recording};
 use crate::spectra::{
     CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectraWarning, SpectralPlan, WindowLines,
 };
 use crate::study::{Setup, Study};
+use stream::{Streamed, Task};
 
 /// How spectra are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,7 +70,7 @@ pub enum MeasureError {
     },
 }
 
-/// Where the time went.
+/// Where the time went. Reading, spectra and averaging run side by side, so their times do not add up.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Timings {
     /// Counting rows to choose the analysis.
@@ -164,10 +166,12 @@ pub fn measure_observed<'a>(
     let total_rows: u64 = opened.iter().map(|(_, _, rows)| rows).sum();
     let mut done_rows = 0;
     let (mut setups, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), 0.0);
-    for ((setup, recording, rows), &decimation) in opened.into_iter().zip(&plan.decimations) {
+    for (((setup, recording, rows), &decimation), &windows) in
+        opened.into_iter().zip(&plan.decimations).zip(&plan.windows)
+    {
         let mut on_rows = |rows: u64| progress(done_rows + rows, total_rows);
-        let task = SetupTask { setup, recording, plan: &plan, decimation, route };
-        let outcome = measure_setup(task, &mut on_rows, observer, &mut timings);
+        let task = Task { setup, recording, plan: &plan, decimation, route };
+        let outcome = measure_setup(task, windows, &mut on_rows, observer, &mut timings);
         done_rows += rows;
         match outcome {
             Ok(measured) => {
@@ -197,84 +201,27 @@ struct OneSetup<'a> {
     warnings: Vec<String>,
 }
 
-/// One setup to measure.
-struct SetupTask<'a, 'p> {
-    setup: &'a Setup,
-    recording: Recording,
-    plan: &'p SpectralPlan,
-    decimation: u32,
-    route: Route,
-}
-
 fn measure_setup<'a>(
-    task: SetupTask<'a, '_>,
+    task: Task<'a, '_>,
+    windows: usize,
     on_rows: &mut dyn FnMut(u64),
     observer: Observer<'_>,
     timings: &mut Timings,
 ) -> Result<OneSetup<'a>, MeasureError> {
-    let SetupTask { setup, mut recording, plan, decimation, route } = task;
-    let name = || setup.name.clone();
-    let grid = plan.grid;
-    let spectra = |source| MeasureError::Spectra { setup: name(), source };
-    let fleet_failed = |source| MeasureError::Fleet { setup: name(), source };
-    let mut accumulator = CrossSpectrumAccumulator::new(grid, setup.sensors.len()).map_err(spectra)?;
+    let setup = task.setup;
+    let spectra = |source| MeasureError::Spectra { setup: setup.name.clone(), source };
+    let mut accumulator =
+        CrossSpectrumAccumulator::expecting(task.plan.grid, setup.sensors.len(), windows).map_err(spectra)?;
     let mut refused = None;
-    let mut averaging = Duration::ZERO;
-    let mut on_window = |window: WindowLines| {
-        let start = Instant::now();
-        observer(setup, &grid, &window);
-        if let Err(error) = accumulator.add(&window) {
+    let average = |window| {
+        if let Err(error) = accumulator.add(window) {
             refused.get_or_insert(error);
         }
-        averaging += start.elapsed();
     };
-    let mut source = match route {
-        Route::Nodes(options) => {
-            Source::Nodes(Box::new(Fleet::start(setup, decimation, &grid, &options).map_err(fleet_failed)?))
-        }
-        Route::Direct => {
-            let welch = Welch::new(grid, decimation, setup.sensors.len());
-            let settings = || FleetError::Settings {
-                decimation,
-                segment: grid.segment,
-                first_line: grid.first_line,
-                lines: grid.lines,
-            };
-            Source::Direct(Box::new(welch.ok_or_else(|| fleet_failed(settings()))?))
-        }
-    };
-    let mut block = Block::new();
-    let mut rows = 0;
-    loop {
-        let start = Instant::now();
-        let more = recording
-            .next_block(&mut block)
-            .map_err(|source| MeasureError::Record { setup: name(), source: Box::new(source) })?;
-        timings.reading += start.elapsed();
-        if !more {
-            break;
-        }
-        let start = Instant::now();
-        match &mut source {
-            Source::Nodes(fleet) => fleet.push(block.values(), &mut on_window).map_err(fleet_failed)?,
-            Source::Direct(welch) => block.rows().for_each(|row| welch.push_row(row, &mut on_window)),
-        }
-        timings.spectra += start.elapsed();
-        rows += block.row_count() as u64;
-        on_rows(rows);
-    }
-    let start = Instant::now();
-    let fleet = match source {
-        Source::Nodes(fleet) => Some(fleet.finish(&mut on_window).map_err(fleet_failed)?),
-        Source::Direct(_) => None,
-    };
-    timings.spectra += start.elapsed();
-    timings.spectra = timings.spectra.saturating_sub(averaging);
-    timings.averaging += averaging;
+    let Streamed { report, fleet } = stream::stream(task, on_rows, observer, average, timings)?;
     if let Some(error) = refused {
         return Err(spectra(error));
     }
-    let report = recording.finish();
     let several = |warning: String| format!("setup \"{}\": {warning}", setup.name);
     let mut warnings: Vec<String> = report.warnings.iter().map(|warning| several(warning.to_string())).collect();
     let (spectrum, left_out) = accumulator.finish().map_err(spectra)?;
@@ -288,11 +235,6 @@ fn measure_setup<'a>(
         }
     }
     Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, fleet, warnings })
-}
-
-enum Source {
-    Nodes(Box<Fleet>),
-    Direct(Box<Welch>),
 }
 
 fn sentence(setup: &Setup, warning: SpectraWarning) -> String {

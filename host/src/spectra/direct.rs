@@ -41,6 +41,7 @@ impl Stage {
         Self { taps, accumulators: vec![0.0; ACCUMULATORS * channels], phase: 0, warm_up: WARM_UP }
     }
 
+    #[inline(always)]
     /// Adds a row in place of which, each `ratio` calls, an output row stands; returns whether it does.
     fn push(&mut self, row: &mut [f64]) -> bool {
         let channels = row.len();
@@ -125,8 +126,19 @@ impl Welch {
         })
     }
 
-    /// Takes a row (a value a channel, NaN where one is missing) and hands out the window that is complete with it.
-    pub fn push_row(&mut self, values: &[f64], on_window: &mut dyn FnMut(WindowLines)) {
+    /// Takes rows (row-major, a value a channel, NaN where one is missing) and hands out the windows that are complete with
+    /// them.
+    pub fn push(&mut self, rows: &[f64], on_window: &mut dyn FnMut(WindowLines)) {
+        let channels = self.row.len().max(1);
+        // The same loops, compiled for what this processor can do.
+        pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || rows.chunks_exact(channels).for_each(|row| self.push_row(row, on_window)),
+        );
+    }
+
+    #[inline(always)]
+    fn push_row(&mut self, values: &[f64], on_window: &mut dyn FnMut(WindowLines)) {
         let row = self.rows;
         self.rows += 1;
         for ((value, place), soundness) in values.iter().zip(&mut self.row).zip(&mut self.soundness) {
@@ -211,7 +223,7 @@ mod tests {
         let channels = welch.row.len();
         for row in 0..rows {
             let values: Vec<f64> = (0..channels).map(|channel| value(row, channel)).collect();
-            welch.push_row(&values, &mut |window| windows.push(window));
+            welch.push(&values, &mut |window| windows.push(window));
         }
         windows
     }

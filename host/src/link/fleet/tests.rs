@@ -66,7 +66,7 @@ fn directly(setup: &Setup, rows: &[f64]) -> Vec<WindowLines> {
     let mut windows = Vec::new();
     let mut welch = Welch::new(grid(), DECIMATION, setup.sensors.len()).unwrap();
     for row in rows.chunks(setup.sensors.len()) {
-        welch.push_row(row, &mut |window| windows.push(window));
+        welch.push(row, &mut |window| windows.push(window));
     }
     windows
 }

@@ -1,0 +1,163 @@
+//! One setup's windows as a stream: reading ahead, making spectra and taking windows in, each on a thread of its own.
+
+use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
+use std::thread::{self, ScopedJoinHandle};
+use std::time::{Duration, Instant};
+
+use super::{MeasureError, Observer, Route, Timings};
+use crate::link::fleet::{Fleet, FleetError, FleetReport};
+use crate::record::{Block, RecordError, RecordReport, Recording};
+use crate::spectra::direct::Welch;
+use crate::spectra::{SpectralPlan, WindowLines};
+use crate::study::Setup;
+
+/// Blocks that are read ahead.
+const BLOCKS_AHEAD: usize = 4;
+/// Windows that may wait to be taken in.
+const WINDOWS_WAITING: usize = 4;
+
+/// One setup to measure.
+pub(super) struct Task<'a, 'p> {
+    pub(super) setup: &'a Setup,
+    pub(super) recording: Recording,
+    pub(super) plan: &'p SpectralPlan,
+    pub(super) decimation: u32,
+    pub(super) route: Route,
+}
+
+/// What is left when the last window has passed.
+pub(super) struct Streamed {
+    pub(super) report: RecordReport,
+    pub(super) fleet: Option<FleetReport>,
+}
+
+/// Streams a setup's windows, in the order of the grid, past `observer` (on this thread) into `sink` (on another).
+///
+/// # Errors
+/// When the recording cannot be read or the nodes fail; windows that came before have been taken in.
+pub(super) fn stream(
+    task: Task<'_, '_>,
+    on_rows: &mut dyn FnMut(u64),
+    observer: Observer<'_>,
+    sink: impl FnMut(WindowLines) + Send,
+    timings: &mut Timings,
+) -> Result<Streamed, MeasureError> {
+    let Task { setup, recording, plan, decimation, route } = task;
+    let grid = plan.grid;
+    let fleet_failed = |source| MeasureError::Fleet { setup: setup.name.clone(), source };
+    let mut source = Source::new(setup, plan, decimation, route).map_err(fleet_failed)?;
+    thread::scope(|scope| {
+        let (block_sender, blocks) = sync_channel(BLOCKS_AHEAD);
+        let (used_sender, used) = channel();
+        let reader = scope.spawn(move || read_ahead(recording, &block_sender, &used));
+        let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
+        let taker = scope.spawn(move || take_in(&windows, sink));
+        let mut on_window = |window: WindowLines| {
+            observer(setup, &grid, &window);
+            // The other end lives until this one is dropped; if it panicked, joining it says so.
+            let _ = window_sender.send(window);
+        };
+        let mut rows = 0;
+        let spectra = || -> Result<Option<FleetReport>, FleetError> {
+            for block in &blocks {
+                let start = Instant::now();
+                source.push(&block, &mut on_window)?;
+                timings.spectra += start.elapsed();
+                rows += block.row_count() as u64;
+                on_rows(rows);
+                // A reader that has come to the end wants no more.
+                let _ = used_sender.send(block);
+            }
+            let start = Instant::now();
+            let fleet = source.finish(&mut on_window)?;
+            timings.spectra += start.elapsed();
+            Ok(fleet)
+        };
+        let fleet = spectra();
+        // A reader that is still ahead stops when nobody takes its blocks, the taker when no more windows can come.
+        drop((blocks, window_sender));
+        let (read, reading) = joined(reader);
+        timings.reading += reading;
+        timings.averaging += joined(taker);
+        let fleet = fleet.map_err(fleet_failed)?;
+        let record_failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
+        Ok(Streamed { report: read.map_err(record_failed)?, fleet })
+    })
+}
+
+/// A thread's result; its panic goes on here.
+fn joined<T>(handle: ScopedJoinHandle<'_, T>) -> T {
+    handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+/// Reads to the recording's end, or until nobody takes the blocks; how long reading took.
+fn read_ahead(
+    mut recording: Recording,
+    blocks: &SyncSender<Block>,
+    used: &Receiver<Block>,
+) -> (Result<RecordReport, RecordError>, Duration) {
+    let mut reading = Duration::ZERO;
+    loop {
+        let mut block = used.try_recv().unwrap_or_default();
+        let start = Instant::now();
+        let more = recording.next_block(&mut block);
+        reading += start.elapsed();
+        match more {
+            Ok(true) if blocks.send(block).is_ok() => {}
+            Ok(_) => return (Ok(recording.finish()), reading),
+            Err(error) => return (Err(error), reading),
+        }
+    }
+}
+
+/// Gives every window to `sink`; how long it took.
+fn take_in(windows: &Receiver<WindowLines>, mut sink: impl FnMut(WindowLines)) -> Duration {
+    let mut busy = Duration::ZERO;
+    for window in windows {
+        let start = Instant::now();
+        sink(window);
+        busy += start.elapsed();
+    }
+    busy
+}
+
+/// What makes windows of rows.
+enum Source {
+    Nodes(Box<Fleet>),
+    Direct(Box<Welch>),
+}
+
+impl Source {
+    fn new(setup: &Setup, plan: &SpectralPlan, decimation: u32, route: Route) -> Result<Self, FleetError> {
+        let grid = plan.grid;
+        Ok(match route {
+            Route::Nodes(options) => Self::Nodes(Box::new(Fleet::start(setup, decimation, &grid, &options)?)),
+            Route::Direct => {
+                let welch = Welch::new(grid, decimation, setup.sensors.len());
+                Self::Direct(Box::new(welch.ok_or(FleetError::Settings {
+                    decimation,
+                    segment: grid.segment,
+                    first_line: grid.first_line,
+                    lines: grid.lines,
+                })?))
+            }
+        })
+    }
+
+    fn push(&mut self, block: &Block, on_window: &mut dyn FnMut(WindowLines)) -> Result<(), FleetError> {
+        match self {
+            Self::Nodes(fleet) => fleet.push(block.values(), on_window),
+            Self::Direct(welch) => {
+                welch.push(block.values(), on_window);
+                Ok(())
+            }
+        }
+    }
+
+    fn finish(self, on_window: &mut dyn FnMut(WindowLines)) -> Result<Option<FleetReport>, FleetError> {
+        match self {
+            Self::Nodes(fleet) => fleet.finish(on_window).map(Some),
+            Self::Direct(_) => Ok(None),
+        }
+    }
+}
