@@ -9,7 +9,7 @@ use belfry_host::link::fleet::{Fleet, FleetOptions};
 use belfry_host::link::memory::Faults;
 use belfry_host::spectra::direct::Welch;
 use belfry_host::spectra::{CrossSpectrumAccumulator, LineGrid, WindowLines};
-use belfry_host::study::{Sensor, Setup, Unit};
+use belfry_host::study::{ModeChoice, Sensor, Setup, Unit};
 use criterion::{Criterion, criterion_group, criterion_main};
 
 const CHANNELS: usize = 20;
@@ -38,6 +38,7 @@ fn setup() -> Setup {
         variable: None,
         sampling_rate_hz: 50.0,
         unit: Unit::MetrePerSecondSquared,
+        temperature: None,
         sensors: sensors.collect(),
     }
 }
@@ -90,7 +91,7 @@ fn chain(criterion: &mut Criterion) {
     let setup = setup();
     let measured = [MeasuredSetup { setup: &setup, spectrum: average() }];
     group.bench_function("modes", |bencher| {
-        bencher.iter(|| black_box(belfry_host::identify::identify(&measured).is_ok()))
+        bencher.iter(|| black_box(belfry_host::identify::identify(&measured, &ModeChoice::default()).is_ok()))
     });
     group.finish();
 }

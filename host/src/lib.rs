@@ -22,4 +22,5 @@ pub mod record;
 pub mod simulate;
 pub mod spectra;
 pub mod study;
+pub mod trend;
 pub mod update;

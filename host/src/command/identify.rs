@@ -12,19 +12,29 @@ use serde::Serialize;
 use super::Console;
 use super::case::results_folder;
 use super::route::RouteArguments;
-use crate::identify::{Identification, identify};
+use super::trends::{self, follow_study};
+use crate::identify::accuracy::{RecordNeeded, Wish, record_needed};
+use crate::identify::{Identification, Mode, identify};
 use crate::link::fleet::FleetReport;
 use crate::measure::{Measurement, Route, measure};
 use crate::picture::{self, TrueShape};
+use crate::spectra::LineGrid;
 use crate::study::Study;
+use crate::trend::Trend;
 
 const EXAMPLES: &str = "Examples:
   belfry identify canton                       through simulated sensor nodes and their serial lines
   belfry identify canton --direct              straight from the recording; the two agree
   belfry identify canton --damaged-frames 2    on lines that damage 2 % of all frames
   belfry identify canton --json > modes.json
+  belfry identify canton --every 1h            what becomes of the modes over the hours
+  belfry identify canton --frequency-within 0.05 --damping-within 5    the record that this would need
 
-Writes modes.json, singular_values.svg and mode_shapes.svg into the study's folder `results`.";
+`best` in the table is the least deviation that any method could reach on this record (Au 2014). Modes are picked
+automatically; in [analysis] of study.toml, add_modes_hz and drop_modes_hz change the choice, modes_hz makes it.
+
+Writes modes.json, singular_values.svg and mode_shapes.svg (with --every also trends.csv and trends.svg) into the study's
+folder `results`.";
 
 /// Find the modes: frequency, damping and shape, each with its standard deviation
 #[derive(Debug, Args)]
@@ -33,9 +43,36 @@ pub struct Arguments {
     /// The study's folder
     #[arg(value_name = "STUDY")]
     pub study: PathBuf,
+    /// Follow the modes over intervals of this length, such as 1h or 30min
+    #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
+    pub every: Option<Duration>,
+    /// Say how long a record would know every frequency within PERCENT (one standard deviation)
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    pub frequency_within: Option<f64>,
+    /// Say how long a record would know every damping ratio within PERCENT [default: 10]
+    #[arg(long, value_name = "PERCENT", value_parser = share)]
+    pub damping_within: Option<f64>,
     /// How spectra are made of the recordings
     #[command(flatten)]
     pub route: RouteArguments,
+}
+
+/// A wished standard deviation in percent, as a share.
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(percent) if percent > 0.0 && percent <= 100.0 => Ok(percent / 100.0),
+        _ => Err("expected a number above 0, up to 100".to_owned()),
+    }
+}
+
+impl Arguments {
+    /// What is wished; damping within a tenth where nothing is.
+    fn wish(&self) -> Wish {
+        match (self.frequency_within, self.damping_within) {
+            (None, None) => Wish { frequency: None, damping: Some(0.1) },
+            (frequency, damping) => Wish { frequency, damping },
+        }
+    }
 }
 
 /// What `--json` prints and `results/modes.json` holds.
@@ -44,9 +81,17 @@ pub struct Report {
     #[serde(flatten)]
     identification: Identification,
     segments: SegmentReport,
+    /// The record that a wished accuracy would need.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    record_needed: Option<Vec<RecordNeeded>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     link: Option<LinkReport>,
+    /// The modes over the hours.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trends: Option<Trend>,
     timings: TimingReport,
+    #[serde(skip)]
+    grid: LineGrid,
 }
 
 #[derive(Debug, Serialize)]
@@ -54,6 +99,8 @@ struct SegmentReport {
     points: usize,
     decimated_rate_hz: f64,
     duration_s: f64,
+    /// Why these, and the band where it was chosen.
+    reasons: Vec<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -82,7 +129,13 @@ struct TimingReport {
 /// When the study or all of its recordings cannot be read, or hold too little for modes.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
-    let report = identify_study(&study, arguments.route.route(), console)?;
+    let mut report = identify_study(&study, arguments.route.route(), console)?;
+    let wish = arguments.wish();
+    report.record_needed = Some(record_needed(&report.identification, wish));
+    if let Some(every) = arguments.every {
+        let modes = &report.identification.modes;
+        report.trends = Some(follow_study(&study, modes, &report.grid, every, arguments.route.route(), console)?);
+    }
     write_results(&study, &report, &[])?;
     console.json(&report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification)));
@@ -92,7 +145,13 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             harmonic.frequency_hz, harmonic.kurtosis
         ));
     }
+    for sentence in needs(&report, wish) {
+        console.say(sentence);
+    }
     console.say(summary(&report));
+    if let Some(trend) = &report.trends {
+        trends::tell(&study, trend, console);
+    }
     console.say(format!("Modes and pictures are in {}.", results_folder(&study).display()));
     if study.model.is_some() {
         console.say(format!("Next: belfry compare {}    the model against these modes", study.folder.display()));
@@ -115,7 +174,7 @@ pub(super) fn identify_study(study: &Study, route: Route, console: &Console) -> 
     bar.finish_and_clear();
     let measurement = measurement?;
     let modes_start = Instant::now();
-    let mut identification = identify(&measurement.setups)?;
+    let mut identification = identify(&measurement.setups, &study.analysis.modes)?;
     let modes = modes_start.elapsed();
     let mut warnings = measurement.warnings.clone();
     warnings.append(&mut identification.warnings);
@@ -142,7 +201,11 @@ fn report(identification: Identification, measurement: &Measurement<'_>, modes: 
             points: grid.segment,
             decimated_rate_hz: grid.sampling_rate_hz,
             duration_s: 1.0 / grid.spacing_hz(),
+            reasons: measurement.reasons.clone(),
         },
+        record_needed: None,
+        trends: None,
+        grid,
         link: link_report(&measurement.fleets),
         timings: TimingReport {
             recorded_s: measurement.duration_s,
@@ -184,24 +247,36 @@ pub(super) fn write_results(study: &Study, report: &Report, truth: &[Option<True
     }
 }
 
-/// The modes as a table.
+/// The modes as a table; `best` is what no method can go below on the record at hand.
 pub(super) fn modes_table(identification: &Identification) -> Table {
     let mut table = Table::new();
     table.load_style(UTF8_FULL_CONDENSED);
-    table.set_header(["mode", "frequency Hz", "± Hz", "damping %", "± %", "collinearity", "moves most at"]);
+    table.set_header([
+        "mode",
+        "frequency Hz",
+        "± Hz",
+        "best ±",
+        "damping %",
+        "± %",
+        "best ±",
+        "collinearity",
+        "moves most at",
+    ]);
     for mode in &identification.modes {
         let most = mode.shape.iter().max_by(|a, b| a.re.hypot(a.im).total_cmp(&b.re.hypot(b.im)));
         table.add_row([
             mode.number.to_string(),
-            format!("{:.4}", mode.frequency_hz),
-            deviation(mode.frequency_std_hz, 4),
+            format!("{:.*}", frequency_digits(mode), mode.frequency_hz),
+            deviation(mode.frequency_std_hz, frequency_digits(mode)),
+            deviation(mode.frequency_std_bound_hz, frequency_digits(mode)),
             format!("{:.2}", 100.0 * mode.damping_ratio),
             deviation(100.0 * mode.damping_ratio_std, 2),
+            deviation(100.0 * mode.damping_ratio_std_bound, 2),
             format!("{:.3}", mode.phase_collinearity),
             most.map_or(String::new(), |component| component.point.clone()),
         ]);
     }
-    align_right(&mut table, 6);
+    align_right(&mut table, 8);
     table
 }
 
@@ -212,21 +287,48 @@ pub(super) fn align_right(table: &mut Table, count: usize) {
     }
 }
 
+/// Digits that show the deviation of a frequency with two places, between four and seven.
+fn frequency_digits(mode: &Mode) -> usize {
+    let places = 1.0 - mode.frequency_std_hz.min(mode.frequency_std_bound_hz).log10().floor();
+    if places.is_finite() { places.clamp(4.0, 7.0) as usize } else { 4 }
+}
+
+/// How much more record a wish takes, a sentence a wish.
+fn needs(report: &Report, wish: Wish) -> Vec<String> {
+    let needed = report.record_needed.as_deref().unwrap_or_default();
+    let hours = report.identification.record_s / 3600.0;
+    let say = |what: &str, share: Option<f64>, of: fn(&RecordNeeded) -> (Option<f64>, Option<f64>)| {
+        let percent = 100.0 * share?;
+        let most = |a: &&RecordNeeded, b: &&RecordNeeded| of(a).0.unwrap_or(0.0).total_cmp(&of(b).0.unwrap_or(0.0));
+        let worst = needed.iter().filter(|mode| of(mode).0.is_some()).max_by(most)?;
+        let (needed_h, best_h) = of(worst);
+        let needed_h = needed_h?;
+        Some(if needed_h <= hours {
+            format!("Every {what} is known within {percent} %.")
+        } else {
+            format!(
+                "For every {what} within {percent} % record {needed_h:.1} h instead of {hours:.1} h; mode {} needs most, and the best possible method would need {:.1} h for it.",
+                worst.mode,
+                best_h.unwrap_or(f64::NAN)
+            )
+        })
+    };
+    [
+        say("frequency", wish.frequency, |mode| (mode.frequency_h, mode.frequency_best_h)),
+        say("damping", wish.damping, |mode| (mode.damping_h, mode.damping_best_h)),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
 fn deviation(value: f64, digits: usize) -> String {
     if value.is_finite() { format!("{value:.digits$}") } else { "unknown".to_owned() }
 }
 
 /// What stands behind the modes, in two or three sentences.
 pub(super) fn summary(report: &Report) -> String {
-    let segments = &report.segments;
-    let mut text = format!(
-        "{} averages of {:.1} s segments ({} points at {:.4} Hz), lines every {:.4} Hz.",
-        report.identification.averages,
-        segments.duration_s,
-        segments.points,
-        segments.decimated_rate_hz,
-        report.identification.frequency_resolution_hz
-    );
+    let mut text = report.segments.reasons.join("\n");
     if let Some(link) = &report.link {
         text += &format!(
             "\n{} windows came over the link, {} lost; {:.2} bytes a second and channel on the wire",

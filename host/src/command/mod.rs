@@ -12,6 +12,7 @@ pub mod init;
 pub mod paper;
 mod route;
 pub mod simulate;
+mod trends;
 pub mod update;
 
 use std::io::{ErrorKind, IsTerminal, Write};

@@ -207,6 +207,6 @@ mod tests {
     fn what_no_shape_explains_is_noise() {
         let shape = Shape::from_iterator(5, (1..6).map(|k| Complex64::from(f64::from(k))));
         let matrix = &shape * shape.adjoint() * Complex64::from(7.0) + DMatrix::identity(5, 5) * Complex64::from(0.3);
-        assert!((noise_variance(&[&shape], &[matrix.clone(), matrix]) - 0.3).abs() < 1e-9);
+        assert!((noise_variance(&[&shape], &[&matrix, &matrix]) - 0.3).abs() < 1e-9);
     }
 }

@@ -63,6 +63,8 @@ pub(super) struct SetupMode {
     pub(super) shape_std: Vec<f64>,
     /// Density at resonance.
     pub(super) peak_density: f64,
+    /// Root mean square of the mode's response where it moves most.
+    pub(super) level: f64,
     /// Whether the bell has its top near the pick; otherwise this setup does not show the mode.
     pub(super) found: bool,
 }
@@ -384,6 +386,8 @@ impl State {
         let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
         let fit = &self.fits[mode];
         SetupMode {
+            // The fit's level is the power of the modal response along a shape of unit length.
+            level: fit.level.max(0.0).sqrt() / shape.norm(),
             peak_density: fit.level * fit.resonance.peak_density(1.0 / spacing_hz),
             found: distance_hz < 0.48 * (highest - lowest),
             resonance: self.fits[mode].resonance,

@@ -17,8 +17,8 @@ const DOUBLE_MAC: f64 = 0.5;
 /// Standard deviation of the frequency in lines, at most.
 const MAX_FREQUENCY_LINES: f64 = 1.0;
 
-/// The pick that is least likely to be a mode, if one is not.
-pub(super) fn worst(setups: &[SetupModes], spacing_hz: f64) -> Option<usize> {
+/// Of the picks that may go, the one that is least likely to be a mode, if one is not.
+pub(super) fn worst(setups: &[SetupModes], spacing_hz: f64, may_go: impl Fn(usize) -> bool) -> Option<usize> {
     let picks = setups.iter().map(|setup| setup.modes.len()).min().unwrap_or(0);
     let estimates = |pick: usize| setups.iter().map(|setup| &setup.modes[pick]).collect::<Vec<_>>();
     let doubts = (0..picks).map(|pick| {
@@ -26,7 +26,13 @@ pub(super) fn worst(setups: &[SetupModes], spacing_hz: f64) -> Option<usize> {
         let doubled = (0..picks).any(|other| other != pick && is_double_of(&here, &estimates(other), spacing_hz));
         (if doubled { f64::INFINITY } else { doubt(&here, spacing_hz) }, pick)
     });
+    let doubts = doubts.filter(|(_, pick)| may_go(*pick));
     doubts.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(doubt, _)| *doubt > 1.0).map(|(_, pick)| pick)
+}
+
+/// Whether the data do not determine a pick as a mode.
+pub(super) fn is_doubtful(setups: &[SetupModes], spacing_hz: f64, pick: usize) -> bool {
+    worst(setups, spacing_hz, |other| other == pick).is_some()
 }
 
 /// Whether a pick has no damping that a structure could have: a forced line's spectrum is the window's own.

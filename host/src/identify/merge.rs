@@ -39,7 +39,7 @@ pub(super) fn merge(
 ) -> Vec<Mode> {
     let points = points(measured);
     let count = setups.iter().map(|setup| setup.modes.len()).min().unwrap_or(0);
-    let duration_s: f64 = measured.iter().map(|m| (m.spectrum.averages() + 1) as f64 * 0.5 / grid.spacing_hz()).sum();
+    let duration_s: f64 = measured.iter().map(|m| duration_s(m, grid)).sum();
     let mut modes: Vec<Mode> = (0..count)
         .map(|index| {
             let estimates: Vec<&SetupMode> = setups.iter().map(|setup| &setup.modes[index]).collect();
@@ -51,6 +51,11 @@ pub(super) fn merge(
         mode.number = index + 1;
     }
     modes
+}
+
+/// What a setup's averages cover, in s.
+pub(super) fn duration_s(measured: &MeasuredSetup<'_>, grid: &LineGrid) -> f64 {
+    (measured.spectrum.averages() + 1) as f64 * 0.5 / grid.spacing_hz()
 }
 
 fn points(measured: &[MeasuredSetup<'_>]) -> Vec<Point> {

@@ -6,7 +6,9 @@
 //! likelihood. The jackknife in `estimate` says how sure it all is, `judge` throws out what the data do not determine, and
 //! `merge` joins the setups.
 
+pub mod accuracy;
 pub mod bell;
+mod choice;
 mod cluster;
 mod estimate;
 mod joint;
@@ -16,11 +18,13 @@ mod pick;
 mod result;
 mod shape;
 mod singular;
+pub mod track;
 
 use thiserror::Error;
 
+use crate::spectra::plan::AVERAGES_A_CHANNEL;
 use crate::spectra::{CrossSpectrum, LineGrid};
-use crate::study::{Setup, Unit};
+use crate::study::{ModeChoice, Setup, Unit};
 use bell::Quantity;
 use singular::SingularValues;
 
@@ -53,6 +57,20 @@ pub enum IdentifyError {
         /// Channels of the largest setup.
         channels: usize,
     },
+    /// Too few averages to tell modes from noise.
+    #[error(
+        "{averages} averages for {channels} channels: below {AVERAGES_A_CHANNEL} a channel, which is {wanted} here, peaks of noise pass for modes. Record {missing_min:.0} min more at least, or shorten the segment in [analysis], or name the modes there yourself: modes_hz = [...]"
+    )]
+    TooFewAverages {
+        /// Averages of all setups together.
+        averages: usize,
+        /// Channels of the largest setup.
+        channels: usize,
+        /// Averages wanted.
+        wanted: usize,
+        /// Minutes of recording that are missing at this line spacing.
+        missing_min: f64,
+    },
     /// Setups have different lines.
     #[error(
         "setup \"{setup}\" has other spectral lines than the first; give decimated_rate_hz and segment in [analysis]"
@@ -63,11 +81,12 @@ pub enum IdentifyError {
     },
 }
 
-/// Identifies the modes that all setups show.
+/// Identifies the modes that all setups show, picked automatically but for what `choice` says.
 ///
 /// # Errors
-/// When there are fewer averages than channels, or the setups' lines differ.
-pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, IdentifyError> {
+/// When there are fewer than four averages a channel (fewer than channels, where `choice` names all modes), or the setups'
+/// lines differ.
+pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<Identification, IdentifyError> {
     let first = measured.first().ok_or(IdentifyError::NoSetup)?;
     let grid = *first.spectrum.grid();
     if let Some(other) = measured.iter().find(|m| *m.spectrum.grid() != grid) {
@@ -78,34 +97,49 @@ pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, Identi
     if averages < channels {
         return Err(IdentifyError::RankDeficient { averages, channels });
     }
+    let wanted = AVERAGES_A_CHANNEL * channels;
+    if averages < wanted && choice.only_hz.is_none() {
+        let missing_min = ((wanted - averages) as f64 * 0.5 / grid.spacing_hz() / 60.0).ceil();
+        return Err(IdentifyError::TooFewAverages { averages, channels, wanted, missing_min });
+    }
     let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
-    let picks = pick::pick(&grid, measured, &singular);
+    let mut warnings = Vec::new();
+    let picks = if choice.only_hz.is_some() { Vec::new() } else { pick::pick(&grid, measured, &singular) };
     let (mut harmonics, mut picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.kurtosis.is_harmonics());
+    choice::drop_picks(&grid, &mut picks, choice, &mut warnings);
+    choice::add_picks(&grid, measured, &singular, &mut picks, choice, &mut warnings);
     let mut per_setup = Vec::new();
     loop {
         let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| {
-            let quantity =
-                if m.setup.unit == Unit::MetrePerSecond { Quantity::Velocity } else { Quantity::Acceleration };
-            estimate::estimate(&m.spectrum, quantity, index, &picks)
+            estimate::estimate(&m.spectrum, quantity(m.setup), index, &picks)
         };
         per_setup.splice(.., measured.iter().enumerate().map(estimate));
+        let is_forced = |pick: &usize| picks[*pick].kurtosis.is_low() && judge::is_undamped(&per_setup, *pick);
+        let may_go = |pick: usize| !picks[pick].by_user;
         // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
-        if let Some(pick) =
-            (0..picks.len()).find(|&pick| picks[pick].kurtosis.is_low() && judge::is_undamped(&per_setup, pick))
-        {
+        if let Some(pick) = (0..picks.len()).filter(|&pick| may_go(pick)).find(is_forced) {
             harmonics.push(picks.remove(pick));
-        } else if let Some(pick) = judge::worst(&per_setup, grid.spacing_hz()) {
+        } else if let Some(pick) = judge::worst(&per_setup, grid.spacing_hz(), may_go) {
             picks.remove(pick);
         } else {
             break;
         }
     }
+    for (index, pick) in picks.iter().enumerate() {
+        if pick.by_user && judge::is_doubtful(&per_setup, grid.spacing_hz(), index) {
+            warnings.push(format!(
+                "the mode asked for near {:.4} Hz is hardly in the data: what stands here of it is mostly noise",
+                grid.frequency_hz(pick.line)
+            ));
+        }
+    }
     harmonics.sort_by_key(|pick| pick.line);
-    let mut warnings = Vec::new();
+    let record_s = measured.iter().map(|m| merge::duration_s(m, &grid)).sum();
     let modes = merge::merge(&grid, measured, &per_setup, &mut warnings);
     Ok(Identification {
         modes,
         averages,
+        record_s,
         frequency_resolution_hz: grid.spacing_hz(),
         harmonics: harmonics
             .iter()
@@ -121,6 +155,24 @@ pub fn identify(measured: &[MeasuredSetup<'_>]) -> Result<Identification, Identi
             .map(|(m, singular)| singular.spectrum(&grid, &m.setup.name))
             .collect(),
     })
+}
+
+/// What a setup's recording is of.
+fn quantity(setup: &Setup) -> Quantity {
+    if setup.unit == Unit::MetrePerSecond { Quantity::Velocity } else { Quantity::Acceleration }
+}
+
+/// Frequencies in Hz of the peaks that pass for modes at first sight, lowest first; none where the setups' lines differ or
+/// there are fewer averages than channels.
+pub fn picked_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
+    let Some(first) = measured.first() else { return Vec::new() };
+    let grid = *first.spectrum.grid();
+    let is_full = |m: &MeasuredSetup<'_>| m.spectrum.averages() >= m.spectrum.channels().len();
+    if !measured.iter().all(|m| *m.spectrum.grid() == grid && is_full(m)) {
+        return Vec::new();
+    }
+    let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
+    pick::pick(&grid, measured, &singular).iter().map(|pick| grid.frequency_hz(pick.line)).collect()
 }
 
 /// The frequency of a steady tone from the magnitudes of its two strongest lines, pooled over the setups: the Hann window

@@ -53,6 +53,8 @@ pub(super) struct Pick {
     pub(super) shapes: Vec<Shape>,
     /// Kurtosis of the response at the line.
     pub(super) kurtosis: Kurtosis,
+    /// Whether the user asked for it: it then stays, whatever the data say.
+    pub(super) by_user: bool,
 }
 
 /// Kurtosis of the band-passed response at a line, over all setups.
@@ -78,8 +80,7 @@ impl Kurtosis {
 
 /// Finds modes and harmonics, lowest first.
 pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[SingularValues]) -> Vec<Pick> {
-    let averages: usize = measured.iter().map(|m| m.spectrum.averages()).sum();
-    let prominence = PROMINENCE_SIGMAS * (2.0 * OVERLAP_VARIANCE / averages.max(1) as f64).sqrt();
+    let prominence = prominence(measured);
     let whole = Layer::new(measured, singular, &[], 0..grid.lines);
     let mut picks = whole.modes(prominence, 1);
     // Below each mode, with the modes around it taken out, until nothing more is found.
@@ -109,6 +110,41 @@ pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[
     }
     picks.sort_by_key(|pick| pick.line);
     picks
+}
+
+/// The highest point within `leeway_hz` of a frequency of what is left when the other picks near by are taken out, and
+/// whether it would pass for a mode by itself.
+pub(super) fn peak_near(
+    grid: &LineGrid,
+    measured: &[MeasuredSetup<'_>],
+    singular: &[SingularValues],
+    picks: &[Pick],
+    frequency_hz: f64,
+    leeway_hz: f64,
+) -> (Pick, bool) {
+    let centre = grid.nearest_line(frequency_hz);
+    let domain = domain_lines(grid, centre);
+    let channels = measured.iter().map(|m| m.spectrum.channels().len()).min().unwrap_or(0);
+    let mut near: Vec<&Pick> = picks.iter().filter(|pick| pick.line.abs_diff(centre) <= 2 * domain).collect();
+    near.sort_by_key(|pick| pick.line.abs_diff(centre));
+    near.truncate(channels / 2);
+    let region = centre.saturating_sub(domain)..(centre + domain + 1).min(grid.lines);
+    let layer = Layer::new(measured, singular, &near, region.clone());
+    let reach = (leeway_hz / grid.spacing_hz()).round().max(1.0) as usize;
+    let highest = region
+        .filter(|line| line.abs_diff(centre) <= reach)
+        .map(|line| line - layer.first_line)
+        .max_by(|&a, &b| layer.log_first[a].total_cmp(&layer.log_first[b]))
+        .unwrap_or(0);
+    let pick = Pick { by_user: true, ..layer.pick(highest) };
+    let stands_out = layer.modes(prominence(measured), 1).iter().any(|mode| mode.line == pick.line);
+    (pick, stands_out)
+}
+
+/// How far a peak must stand out, in ln density.
+fn prominence(measured: &[MeasuredSetup<'_>]) -> f64 {
+    let averages: usize = measured.iter().map(|m| m.spectrum.averages()).sum();
+    PROMINENCE_SIGMAS * (2.0 * OVERLAP_VARIANCE / averages.max(1) as f64).sqrt()
 }
 
 /// A mode's domain in lines to either side.
@@ -211,7 +247,7 @@ impl Layer {
 
     fn pick(&self, line: usize) -> Pick {
         let shapes = self.lines[line].iter().map(|setup| setup.vector.clone()).collect();
-        Pick { line: self.first_line + line, shapes, kurtosis: Kurtosis { value: 3.0, sigmas_below: 0.0 } }
+        Pick { line: self.first_line + line, shapes, kurtosis: Kurtosis { value: 3.0, sigmas_below: 0.0 }, by_user: false }
     }
 }
 
@@ -260,7 +296,7 @@ fn projected(matrix: DMatrix<Complex64>, shapes: &[&Shape]) -> DMatrix<Complex64
 }
 
 /// The kurtosis of the response at a pick.
-fn kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Kurtosis {
+pub(super) fn kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Kurtosis {
     let (mut sum, mut windows) = (0.0, 0.0);
     for (m, shape) in measured.iter().zip(&pick.shapes) {
         // The channel that moves most carries least noise.

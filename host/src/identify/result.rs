@@ -9,6 +9,9 @@ pub struct Identification {
     pub modes: Vec<Mode>,
     /// Segments averaged, all setups together.
     pub averages: usize,
+    /// Time that the averages cover, all setups together, in s.
+    #[serde(default)]
+    pub record_s: f64,
     /// Distance between spectral lines in Hz.
     pub frequency_resolution_hz: f64,
     /// Forced lines that are no modes.

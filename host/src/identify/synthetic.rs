@@ -53,6 +53,7 @@ pub(crate) fn setup(name: &str, points: &[String], references: &[bool]) -> Setup
         variable: None,
         sampling_rate_hz: 1.0,
         unit: Unit::MetrePerSecondSquared,
+        temperature: None,
         sensors: points.iter().enumerate().map(sensor).collect(),
     }
 }
@@ -138,7 +139,7 @@ impl Truth {
         let rate = recording.sampling_rate_hz;
         let rows = (recording.hours * 3600.0 * rate) as u64;
         let channels = self.shapes.nrows();
-        let analysis = Analysis { band_hz: Some(recording.band_hz), decimated_rate_hz: None, segment: None };
+        let analysis = Analysis { band_hz: Some(recording.band_hz), decimated_rate_hz: None, segment: None, ..Analysis::default() };
         let extent = SetupExtent { sampling_rate_hz: rate, rows, channels };
         let plan = SpectralPlan::choose(&[extent], &analysis).unwrap();
         self.recorded_along(recording, &plan)

@@ -14,7 +14,7 @@ fn chain_record(seed: u64, hours: f64) -> (Truth, CrossSpectrum) {
     let band_hz = [0.03, 1.0];
     let recording =
         Recording { sampling_rate_hz: 10.0, hours, noise: 0.05, band_hz, seed, harmonic: None, velocity: false };
-    let analysis = Analysis { band_hz: Some(band_hz), decimated_rate_hz: Some(2.5), segment: None };
+    let analysis = Analysis { band_hz: Some(band_hz), decimated_rate_hz: Some(2.5), segment: None, ..Analysis::default() };
     let extent = SetupExtent { sampling_rate_hz: 10.0, rows: (hours * 36_000.0) as u64, channels: 20 };
     let plan = SpectralPlan::choose(&[extent], &analysis).unwrap();
     let spectrum = truth.recorded_along(&recording, &plan);
@@ -241,7 +241,7 @@ fn a_recorded_velocity_gives_the_same_modes() {
     let spectrum = truth.recorded(&recording);
     let mut velocity = setup("velocity", &points(20), &[]);
     velocity.unit = crate::study::Unit::MetrePerSecond;
-    let found = identify(&[MeasuredSetup { setup: &velocity, spectrum }]).unwrap();
+    let found = identify(&[MeasuredSetup { setup: &velocity, spectrum }], &ModeChoice::default()).unwrap();
     let score = score(&found, &truth);
     assert_eq!((score.missed, score.spurious), (0, 0), "{}", score.line());
     // As with acceleration: no bias beyond the stated scatter.
@@ -253,7 +253,7 @@ fn setups_merge_through_their_references() {
     let truth = Truth::tower();
     // Three references at the top, which see both directions and torsion; the levels shared out over two measurements.
     let rows = [vec![16, 17, 18, 0, 1, 4, 5, 8, 9, 12, 13], vec![16, 17, 18, 2, 3, 6, 7, 10, 11, 14, 15, 19]];
-    let analysis = Analysis { band_hz: Some([0.05, 1.5]), decimated_rate_hz: None, segment: None };
+    let analysis = Analysis { band_hz: Some([0.05, 1.5]), decimated_rate_hz: None, segment: None, ..Analysis::default() };
     let extent = SetupExtent { sampling_rate_hz: 12.5, rows: 90_000, channels: 12 };
     let plan = SpectralPlan::choose(&[extent; 2], &analysis).unwrap();
     let measured: Vec<(Setup, CrossSpectrum)> = rows
@@ -277,7 +277,7 @@ fn setups_merge_through_their_references() {
         .collect();
     let views: Vec<MeasuredSetup<'_>> =
         measured.iter().map(|(setup, spectrum)| MeasuredSetup { setup, spectrum: spectrum.clone() }).collect();
-    let found = identify(&views).unwrap();
+    let found = identify(&views, &ModeChoice::default()).unwrap();
     let by_point =
         Truth { shapes: truth.shapes.select_rows(&[rows[0].clone(), rows[1][3..].to_vec()].concat()), ..truth.clone() };
     let score = score(&found, &by_point);
@@ -288,15 +288,20 @@ fn setups_merge_through_their_references() {
     assert!(found.modes.iter().all(|mode| mode.shape.len() == 20));
 }
 
-#[test]
-fn too_little_record_is_refused_with_what_it_takes() {
+/// The tower at 6.25 Hz in segments of 512, for `hours`: the setup and its spectrum.
+fn brief_tower(hours: f64) -> (Truth, Setup, CrossSpectrum) {
     let truth = Truth::tower();
-    let analysis = Analysis { band_hz: Some([0.05, 1.5]), decimated_rate_hz: Some(6.25), segment: Some(512) };
-    let extent = SetupExtent { sampling_rate_hz: 12.5, rows: 10_000, channels: 20 };
+    let analysis = Analysis {
+        band_hz: Some([0.05, 1.5]),
+        decimated_rate_hz: Some(6.25),
+        segment: Some(512),
+        ..Analysis::default()
+    };
+    let extent = SetupExtent { sampling_rate_hz: 12.5, rows: (hours * 45_000.0) as u64, channels: 20 };
     let plan = SpectralPlan::choose(&[extent], &analysis).unwrap();
     let recording = Recording {
         sampling_rate_hz: 12.5,
-        hours: 0.2,
+        hours,
         noise: 0.05,
         band_hz: [0.05, 1.5],
         seed: 1,
@@ -304,11 +309,60 @@ fn too_little_record_is_refused_with_what_it_takes() {
         velocity: false,
     };
     let spectrum = truth.recorded_along(&recording, &plan);
-    let setup = setup("short", &points(20), &[]);
-    let error = identify(&[MeasuredSetup { setup: &setup, spectrum }]).unwrap_err();
+    (truth, setup("brief", &points(20), &[]), spectrum)
+}
+
+#[test]
+fn too_little_record_is_refused_with_what_it_takes() {
+    let (_, setup, spectrum) = brief_tower(0.2);
+    let error = identify(&[MeasuredSetup { setup: &setup, spectrum }], &ModeChoice::default()).unwrap_err();
     let IdentifyError::RankDeficient { averages, channels: 20 } = error else { panic!("{error}") };
     assert!(averages < 20 && error.to_string().contains("times as long"), "{error}");
-    assert!(matches!(identify(&[]), Err(IdentifyError::NoSetup)));
+    assert!(matches!(identify(&[], &ModeChoice::default()), Err(IdentifyError::NoSetup)));
+}
+
+#[test]
+fn below_four_averages_a_channel_modes_are_not_picked_but_can_be_named() {
+    let (truth, setup, spectrum) = brief_tower(0.6);
+    let measured = [MeasuredSetup { setup: &setup, spectrum }];
+    let error = identify(&measured, &ModeChoice::default()).unwrap_err();
+    let IdentifyError::TooFewAverages { averages, channels: 20, wanted: 80, missing_min } = error else {
+        panic!("{error}")
+    };
+    // A window more every half segment of 40.96 s.
+    assert_eq!(missing_min, ((80 - averages) as f64 * 40.96 / 60.0).ceil());
+    assert!(error.to_string().contains("modes_hz"), "{error}");
+    let only = ModeChoice { only_hz: Some(vec![0.366, 0.795]), ..ModeChoice::default() };
+    let found = identify(&measured, &only).unwrap();
+    assert_eq!(found.modes.len(), 2);
+    for (mode, at) in found.modes.iter().zip([2, 7]) {
+        assert!((mode.frequency_hz / truth.frequencies_hz[at] - 1.0).abs() < 0.01, "{}", mode.frequency_hz);
+        assert!(mac(mode, &truth, at) > 0.95);
+    }
+}
+
+#[test]
+fn a_user_adds_drops_and_fixes_modes() {
+    let (truth, setup, spectrum) = brief_tower(2.0);
+    let measured = [MeasuredSetup { setup: &setup, spectrum }];
+    let automatic = identify(&measured, &ModeChoice::default()).unwrap();
+    assert_eq!(automatic.modes.len(), 12);
+    let choice = ModeChoice { drop_hz: vec![0.366, 0.7], ..ModeChoice::default() };
+    let dropped = identify(&measured, &choice).unwrap();
+    assert_eq!(dropped.modes.len(), 11);
+    assert!(dropped.modes.iter().all(|mode| (mode.frequency_hz - 0.366).abs() > 0.02));
+    assert!(dropped.warnings.iter().any(|w| w.contains("0.7 Hz") && w.contains("none is dropped")), "{dropped:?}");
+    // Nothing is at 0.65 Hz: it stays, as asked, and that is said.
+    let added = identify(&measured, &ModeChoice { add_hz: vec![0.65], ..ModeChoice::default() }).unwrap();
+    assert_eq!(added.modes.len(), 13);
+    assert!(added.warnings.iter().any(|w| w.contains("no peak of its own")), "{:?}", added.warnings);
+    let fixed = ModeChoice { only_hz: Some(truth.frequencies_hz.clone()), ..ModeChoice::default() };
+    let fixed = identify(&measured, &fixed).unwrap();
+    assert!(fixed.warnings.is_empty(), "{:?}", fixed.warnings);
+    for (fixed, automatic) in fixed.modes.iter().zip(&automatic.modes) {
+        let difference = (fixed.frequency_hz - automatic.frequency_hz).abs();
+        assert!(difference < automatic.frequency_std_hz, "{} {}", fixed.frequency_hz, automatic.frequency_hz);
+    }
 }
 
 #[test]

@@ -3,6 +3,8 @@
 //! A study flows in; averaged cross spectra flow out, with what was left out, what the link did and where the time went. A
 //! setup that cannot be measured is left out with a warning as long as another can.
 
+mod intervals;
+mod scout;
 mod stream;
 
 use std::time::{Duration, Instant};
@@ -17,6 +19,8 @@ use crate::spectra::{
 };
 use crate::study::{Setup, Study};
 use stream::{Streamed, Task};
+
+pub use intervals::{Interval, measure_intervals};
 
 /// How spectra are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,7 +77,7 @@ pub enum MeasureError {
 /// Where the time went. Reading, spectra and averaging run side by side, so their times do not add up.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Timings {
-    /// Counting rows to choose the analysis.
+    /// Counting rows, and a first look where the study names no band, to choose the analysis.
     pub counting: Duration,
     /// Reading the recordings.
     pub reading: Duration,
@@ -88,6 +92,8 @@ pub struct Timings {
 pub struct Measurement<'a> {
     /// Decimation, segment and lines.
     pub plan: SpectralPlan,
+    /// Why this band (where it was chosen), rate and segment, a line each.
+    pub reasons: Vec<String>,
     /// The setups that could be measured.
     pub setups: Vec<MeasuredSetup<'a>>,
     /// What the nodes and lines did, for each of them (nothing on the direct route).
@@ -140,20 +146,22 @@ pub fn measure_observed<'a>(
             ),
         }
     }
+    let mut analysis = study.analysis.clone();
+    let mut reasons = Vec::new();
+    if analysis.band_hz.is_none() && analysis.decimated_rate_hz.is_none() {
+        let setups: Vec<&Setup> = opened.iter().map(|(setup, _, _)| *setup).collect();
+        if let Some((band_hz, reason)) = scout::band(&study.folder, &setups, &extents(&opened), &analysis) {
+            analysis.band_hz = Some(band_hz);
+            reasons.push(reason);
+        }
+    }
     timings.counting = start.elapsed();
     let plan = loop {
-        let extents: Vec<SetupExtent> = opened
-            .iter()
-            .map(|(setup, _, rows)| SetupExtent {
-                sampling_rate_hz: setup.sampling_rate_hz,
-                rows: *rows,
-                channels: setup.sensors.len(),
-            })
-            .collect();
+        let extents = extents(&opened);
         if extents.is_empty() {
             return Err(failure.unwrap_or(MeasureError::NoSetups));
         }
-        match SpectralPlan::choose(&extents, &study.analysis) {
+        match SpectralPlan::choose(&extents, &analysis) {
             Ok(plan) => break plan,
             Err(source @ PlanError::TooShort { setup, .. }) if opened.len() > 1 => {
                 let (setup, _, _) = opened.remove(setup);
@@ -163,6 +171,7 @@ pub fn measure_observed<'a>(
         }
     };
     warnings.extend(plan.few_averages.map(|few| few.to_string()));
+    reasons.push(plan.reason.clone());
     let total_rows: u64 = opened.iter().map(|(_, _, rows)| rows).sum();
     let mut done_rows = 0;
     let (mut setups, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), 0.0);
@@ -186,7 +195,17 @@ pub fn measure_observed<'a>(
     if setups.is_empty() {
         return Err(failure.unwrap_or(MeasureError::NoSetups));
     }
-    Ok(Measurement { plan, setups, fleets, warnings, duration_s, timings })
+    Ok(Measurement { plan, reasons, setups, fleets, warnings, duration_s, timings })
+}
+
+/// What the plan needs to know of the setups that were opened.
+fn extents(opened: &[(&Setup, Recording, u64)]) -> Vec<SetupExtent> {
+    let extent = |(setup, _, rows): &(&Setup, Recording, u64)| SetupExtent {
+        sampling_rate_hz: setup.sampling_rate_hz,
+        rows: *rows,
+        channels: setup.sensors.len(),
+    };
+    opened.iter().map(extent).collect()
 }
 
 /// Keeps the first failure, for the case that nothing remains, and says every one.
@@ -225,7 +244,7 @@ fn measure_setup<'a>(
     let several = |warning: String| format!("setup \"{}\": {warning}", setup.name);
     let mut warnings: Vec<String> = report.warnings.iter().map(|warning| several(warning.to_string())).collect();
     let (spectrum, left_out) = accumulator.finish().map_err(spectra)?;
-    warnings.extend(left_out.iter().map(|warning| several(sentence(setup, *warning))));
+    warnings.extend(left_out.iter().map(|warning| several(left_out_sentence(setup, *warning))));
     if let Some(fleet) = &fleet {
         let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();
         if lost > 0 {
@@ -237,7 +256,8 @@ fn measure_setup<'a>(
     Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, fleet, warnings })
 }
 
-fn sentence(setup: &Setup, warning: SpectraWarning) -> String {
+/// What was left out, with the channel's name.
+fn left_out_sentence(setup: &Setup, warning: SpectraWarning) -> String {
     match warning {
         SpectraWarning::ChannelLeftOut { channel, sound, windows } => format!(
             "channel \"{}\" is left out: it is sound in {sound} of {windows} windows; check the sensor and its cable",

@@ -4,6 +4,7 @@ mod comparison;
 mod covalidation;
 mod shapes;
 mod singular;
+mod trends;
 
 use plotters::style::RGBColor;
 use thiserror::Error;
@@ -12,6 +13,7 @@ pub use comparison::comparison;
 pub use covalidation::{Curves, Prediction, covalidation};
 pub use shapes::{TrueShape, mode_shapes};
 pub use singular::singular_values;
+pub use trends::trends;
 
 /// The colour of modes.
 const MODE: RGBColor = RGBColor(190, 40, 40);

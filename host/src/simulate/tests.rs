@@ -31,6 +31,7 @@ fn setup(sensors: Vec<Sensor>, sampling_rate_hz: f64) -> Setup {
         variable: None,
         sampling_rate_hz,
         unit: Unit::MetrePerSecondSquared,
+        temperature: None,
         sensors,
     }
 }
@@ -351,7 +352,7 @@ fn study(folder: &Path, setups: Vec<Setup>) -> Study {
         folder: folder.to_owned(),
         structure: Named { name: "mast".into() },
         setups,
-        analysis: Analysis { band_hz: None, decimated_rate_hz: None, segment: None },
+        analysis: Analysis { band_hz: None, decimated_rate_hz: None, segment: None, ..Analysis::default() },
         model: None,
         measured: None,
     }

@@ -126,6 +126,8 @@ pub struct SpectralPlan {
     pub windows: Vec<usize>,
     /// Set where the averages are too few.
     pub few_averages: Option<FewAverages>,
+    /// Why this rate and this segment, in one line.
+    pub reason: String,
 }
 
 impl SpectralPlan {
@@ -158,7 +160,8 @@ impl SpectralPlan {
             channels,
             missing_min: (wanted - averages) as f64 * grid.segment as f64 / 2.0 / grid.sampling_rate_hz / 60.0,
         });
-        Ok(Self { grid, decimations: best.decimations.clone(), windows: best.windows.clone(), few_averages })
+        let reason = reason(setups, analysis, best, &grid, wanted.max(LEAST_AVERAGES));
+        Ok(Self { grid, decimations: best.decimations.clone(), windows: best.windows.clone(), few_averages, reason })
     }
 
     /// Rows of a setup before the first decimated sample whose filter support lies within the recording; that sample is at
@@ -166,6 +169,49 @@ impl SpectralPlan {
     pub fn lead_rows(decimation: u32) -> u64 {
         Stages::of(decimation).map_or(0, |stages| u64::from(stages.first_full_output()) * u64::from(decimation))
     }
+}
+
+/// Why the best candidate is the best, for the user.
+fn reason(setups: &[SetupExtent], analysis: &Analysis, best: &Candidate, grid: &LineGrid, enough: usize) -> String {
+    let rate = if best.decimations.iter().all(|&decimation| decimation == 1) {
+        format!("{} Hz, as recorded", short(best.rate_hz))
+    } else {
+        let mut ways: Vec<String> = setups
+            .iter()
+            .zip(&best.decimations)
+            .map(|(setup, decimation)| format!("{} / {decimation}", short(setup.sampling_rate_hz)))
+            .collect();
+        ways.dedup();
+        let why = if analysis.decimated_rate_hz.is_some() { "as [analysis] says" } else { "free of aliases in the band" };
+        format!("{} Hz ({}), {why}", short(best.rate_hz), ways.join(", "))
+    };
+    let averages: usize = best.windows.iter().sum();
+    let why = if analysis.segment.is_some() {
+        format!("as [analysis] says; {averages} averages")
+    } else if averages < enough {
+        format!("the most averages that this record gives, {averages}")
+    } else if best.segment == SEGMENTS[SEGMENTS.len() - 1] {
+        format!("the longest that a node has; {averages} averages")
+    } else {
+        format!("the finest lines that leave {enough} averages; {averages} here")
+    };
+    let last_hz = grid.frequency_hz(grid.lines - 1);
+    format!(
+        "Rate: {rate}. Segments: {} points, {:.1} s, {why}. Lines: {} from {} to {} Hz, every {} Hz.",
+        grid.segment,
+        1.0 / grid.spacing_hz(),
+        grid.lines,
+        short(grid.frequency_hz(0)),
+        short(last_hz),
+        short(grid.spacing_hz()),
+    )
+}
+
+/// A number in at most five digits.
+fn short(value: f64) -> String {
+    let digits = (4 - value.abs().max(1e-12).log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{value:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 /// A decimated rate and how each setup reaches it.
@@ -304,6 +350,10 @@ mod tests {
         let plan = SpectralPlan::choose(&[hour], &analysis([0.05, 1.5])).unwrap();
         assert_eq!((plan.decimations[0], plan.grid.segment), (8, 512));
         assert_eq!((plan.windows[0], plan.few_averages), (86, None));
+        assert_eq!(
+            plan.reason,
+            "Rate: 6.25 Hz (50 / 8), free of aliases in the band. Segments: 512 points, 81.9 s, the finest lines that leave 80 averages; 86 here. Lines: 118 from 0.061035 to 1.4893 Hz, every 0.012207 Hz."
+        );
         assert!(plan.grid.frequency_hz(0) >= 0.05 && plan.grid.frequency_hz(plan.grid.lines - 1) <= 1.5);
     }
 
@@ -325,6 +375,7 @@ mod tests {
         // 70 more windows of 51.2 s.
         assert!((few.missing_min - 70.0 * 51.2 / 60.0).abs() < 0.01);
         assert!(few.to_string().contains("record 60 min more"), "{few}");
+        assert!(plan.reason.contains("5 Hz (50 / 10), as [analysis] says. Segments: 512 points"), "{}", plan.reason);
     }
 
     #[test]

@@ -8,13 +8,13 @@ use super::check;
 use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
 use super::types::{
-    Analysis, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, Model, ModelSource, Sensor,
-    Setup, Structure, Study, Unit,
+    Analysis, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model, ModelSource,
+    Sensor, Setup, Structure, Study, Unit,
 };
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
 const STRUCTURE_KEYS: &[&str] = &["name"];
-const SETUP_KEYS: &[&str] = &["name", "files", "variable", "live", "sampling_rate_hz", "unit", "sensor"];
+const SETUP_KEYS: &[&str] = &["name", "files", "variable", "live", "sampling_rate_hz", "unit", "temperature", "sensor"];
 const SENSOR_KEYS: &[&str] = &[
     "channel",
     "point",
@@ -26,7 +26,8 @@ const SENSOR_KEYS: &[&str] = &[
     "sensitivity_v_per_m_s2",
     "dof",
 ];
-const ANALYSIS_KEYS: &[&str] = &["band_hz", "decimated_rate_hz", "segment"];
+const ANALYSIS_KEYS: &[&str] =
+    &["band_hz", "decimated_rate_hz", "segment", "modes_hz", "add_modes_hz", "drop_modes_hz"];
 const MEASURED_KEYS: &[&str] = &["modes"];
 const MATRICES_KEYS: &[&str] = &["file", "stiffness", "mass", "nodes", "dofs"];
 const MODEL_KEYS: &[&str] =
@@ -110,6 +111,7 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
     const FILES: &str = "a list of file names or patterns, such as [\"day1_*.csv\"]";
     const VARIABLE: &str = "the name of a variable in the MATLAB file, in quotes";
     const RATE: &str = "the recording's rows per second, a number above 0";
+    const TEMPERATURE: &str = "the name of a CSV table with time_s and temperature_degc, in quotes";
     const UNIT: &str = "one of \"m/s2\", \"g\", \"V\" and \"m/s\"";
 
     let name = section.required("name", NAME)?.text(NAME)?;
@@ -122,6 +124,7 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
     let variable = section.get("variable").map(|entry| entry.text(VARIABLE)).transpose()?;
     let sampling_rate_hz = section.required("sampling_rate_hz", RATE)?.positive(RATE)?;
     let unit = unit(&section.required("unit", UNIT)?, UNIT)?;
+    let temperature = section.get("temperature").map(|entry| entry.text(TEMPERATURE)).transpose()?.map(PathBuf::from);
 
     let sensor_sections = section.tables("sensor")?;
     if sensor_sections.is_empty() {
@@ -129,7 +132,7 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
         return Err(section.missing("sensor", expected));
     }
     let sensors = sensor_sections.iter().map(|section| sensor(section, true)).collect::<Result<Vec<_>, _>>()?;
-    let setup = Setup { name, files, variable, sampling_rate_hz, unit, sensors };
+    let setup = Setup { name, files, variable, sampling_rate_hz, unit, temperature, sensors };
     check::sensors(&setup, &sensor_sections)?;
     Ok(setup)
 }
@@ -240,7 +243,34 @@ fn analysis(section: &Section<'_>) -> Result<Analysis, StudyError> {
         None => None,
     };
     let decimated_rate_hz = section.get("decimated_rate_hz").map(|entry| entry.positive(RATE)).transpose()?;
-    Ok(Analysis { band_hz, decimated_rate_hz, segment })
+    Ok(Analysis { band_hz, decimated_rate_hz, segment, modes: mode_choice(section, band_hz)? })
+}
+
+/// The modes that the user adds, drops or fixes, all inside the band.
+fn mode_choice(section: &Section<'_>, band_hz: Option<[f64; 2]>) -> Result<ModeChoice, StudyError> {
+    const MODES: &str = "a list of frequencies in Hz within band_hz, such as [0.138, 0.366]";
+    const NO_MORE: &str = "left out beside modes_hz, which names all modes";
+    let frequencies = |key| -> Result<Option<Vec<f64>>, StudyError> {
+        let Some(entry) = section.get(key) else { return Ok(None) };
+        let inside = |hz: f64| band_hz.is_none_or(|[low_hz, high_hz]| (low_hz..=high_hz).contains(&hz));
+        let frequency = |entry: &Entry<'_>| {
+            let hz = entry.positive(MODES)?;
+            if inside(hz) { Ok(hz) } else { Err(entry.out_of_range(MODES)) }
+        };
+        let frequencies = entry.list(MODES)?.iter().map(frequency).collect::<Result<Vec<f64>, _>>()?;
+        if frequencies.is_empty() { Err(entry.out_of_range(MODES)) } else { Ok(Some(frequencies)) }
+    };
+    let only_hz = frequencies("modes_hz")?;
+    if only_hz.is_some()
+        && let Some(entry) = section.get("add_modes_hz").or_else(|| section.get("drop_modes_hz"))
+    {
+        return Err(entry.out_of_range(NO_MORE));
+    }
+    Ok(ModeChoice {
+        only_hz,
+        add_hz: frequencies("add_modes_hz")?.unwrap_or_default(),
+        drop_hz: frequencies("drop_modes_hz")?.unwrap_or_default(),
+    })
 }
 
 fn model(section: &Section<'_>) -> Result<Model, StudyError> {

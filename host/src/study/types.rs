@@ -48,6 +48,8 @@ pub struct Setup {
     pub sampling_rate_hz: f64,
     /// What the recorded numbers are.
     pub unit: Unit,
+    /// A table of temperatures beside the recording, relative to the study's folder.
+    pub temperature: Option<PathBuf>,
     /// The sensors, in the order of `study.toml`; this is the channel order everywhere downstream.
     pub sensors: Vec<Sensor>,
 }
@@ -107,6 +109,19 @@ pub struct Analysis {
     pub decimated_rate_hz: Option<f64>,
     /// Points a segment (a power of two from 256 to 4096).
     pub segment: Option<usize>,
+    /// What the user says of the modes.
+    pub modes: ModeChoice,
+}
+
+/// What a study says of the modes to identify: frequencies in Hz near which they are.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ModeChoice {
+    /// `modes_hz`: these and no others, instead of automatic picking.
+    pub only_hz: Option<Vec<f64>>,
+    /// `add_modes_hz`: these too.
+    pub add_hz: Vec<f64>,
+    /// `drop_modes_hz`: not these.
+    pub drop_hz: Vec<f64>,
 }
 
 /// `[model]`.

@@ -3,10 +3,11 @@
 use crate::identify::synthetic::{Truth, points, setup};
 use crate::identify::{Identification, MeasuredSetup, Mode, identify};
 use crate::spectra::CrossSpectrum;
+use crate::study::ModeChoice;
 
 pub(super) fn identified(truth: &Truth, spectrum: &CrossSpectrum) -> Identification {
     let setup = setup("one", &points(truth.shapes.nrows()), &[]);
-    identify(&[MeasuredSetup { setup: &setup, spectrum: spectrum.clone() }]).unwrap()
+    identify(&[MeasuredSetup { setup: &setup, spectrum: spectrum.clone() }], &ModeChoice::default()).unwrap()
 }
 
 pub(super) fn mac(mode: &Mode, truth: &Truth, at: usize) -> f64 {

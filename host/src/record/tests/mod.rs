@@ -33,6 +33,7 @@ fn setup(channels: &[&str], files: &[&str]) -> Setup {
         variable: None,
         sampling_rate_hz: 50.0,
         unit: Unit::MetrePerSecondSquared,
+        temperature: None,
         sensors: channels.iter().map(sensor).collect(),
     }
 }

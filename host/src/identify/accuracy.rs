@@ -1,0 +1,94 @@
+//! How long a record must be for a wished accuracy.
+//!
+//! Deviations fall with the square root of the record's length, which is all that the answer rests on: the record at hand
+//! says what this structure and these sensors give in its length; Au's law (2014) says what no method can go below.
+
+use serde::Serialize;
+
+use super::result::{Identification, Mode};
+
+/// Wished standard deviations, relative to frequency and damping.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wish {
+    /// Standard deviation over frequency.
+    pub frequency: Option<f64>,
+    /// Standard deviation over damping ratio.
+    pub damping: Option<f64>,
+}
+
+/// What a mode needs for a wish.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RecordNeeded {
+    /// The mode's number.
+    pub mode: usize,
+    /// Hours of record for the wished frequency, as this record went; nothing where its deviation is not known or no wish.
+    pub frequency_h: Option<f64>,
+    /// The fewest hours that any method would need for it.
+    pub frequency_best_h: Option<f64>,
+    /// The same of the damping ratio.
+    pub damping_h: Option<f64>,
+    /// The fewest hours for the damping ratio.
+    pub damping_best_h: Option<f64>,
+}
+
+/// What every mode needs for a wish.
+pub fn record_needed(found: &Identification, wish: Wish) -> Vec<RecordNeeded> {
+    let needed = |wish: Option<f64>, value: f64, std: f64| -> Option<f64> {
+        let hours = found.record_s / 3600.0 * (std / value / wish?).powi(2);
+        hours.is_finite().then_some(hours)
+    };
+    // A deviation is an estimate itself; where chance made it less than any method could have, the bound says more.
+    let of = |mode: &Mode| RecordNeeded {
+        mode: mode.number,
+        frequency_h: needed(wish.frequency, mode.frequency_hz, mode.frequency_std_hz.max(mode.frequency_std_bound_hz)),
+        frequency_best_h: needed(wish.frequency, mode.frequency_hz, mode.frequency_std_bound_hz),
+        damping_h: needed(
+            wish.damping,
+            mode.damping_ratio,
+            mode.damping_ratio_std.max(mode.damping_ratio_std_bound),
+        ),
+        damping_best_h: needed(wish.damping, mode.damping_ratio, mode.damping_ratio_std_bound),
+    };
+    found.modes.iter().map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found() -> Identification {
+        // The tower's first mode after an hour (methods: 0.22 % on f, 22 % on damping by Au's law).
+        let (frequency_hz, damping_ratio) = (0.094, 0.01);
+        let cycles = frequency_hz * 3600.0;
+        let mode = Mode {
+            number: 1,
+            frequency_hz,
+            frequency_std_hz: 0.0044 * frequency_hz,
+            damping_ratio,
+            damping_ratio_std: f64::INFINITY,
+            frequency_std_bound_hz: frequency_hz * (damping_ratio / (std::f64::consts::TAU * cycles)).sqrt(),
+            damping_ratio_std_bound: damping_ratio / (std::f64::consts::TAU * damping_ratio * cycles).sqrt(),
+            shape: Vec::new(),
+            phase_collinearity: 1.0,
+        };
+        Identification {
+            modes: vec![mode],
+            averages: 80,
+            record_s: 3600.0,
+            frequency_resolution_hz: 0.01,
+            harmonics: Vec::new(),
+            warnings: Vec::new(),
+            singular_values: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_tenth_of_the_deviation_takes_a_hundred_times_the_record() {
+        let needed = record_needed(&found(), Wish { frequency: Some(0.00044), damping: Some(0.044) });
+        assert!((needed[0].frequency_h.unwrap() - 100.0).abs() < 1e-9);
+        // 22 % after an hour are 4.4 % after a day.
+        assert!((needed[0].damping_best_h.unwrap() / 24.0 - 1.0).abs() < 0.06, "{needed:?}");
+        assert_eq!(needed[0].damping_h, None, "a deviation that is not known says nothing");
+        assert_eq!(record_needed(&found(), Wish { frequency: None, damping: None })[0].frequency_best_h, None);
+    }
+}

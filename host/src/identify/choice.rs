@@ -1,0 +1,76 @@
+//! What the user says of the picks: modes added, dropped, or all of them named.
+
+use super::MeasuredSetup;
+use super::pick::{Pick, kurtosis, peak_near};
+use super::singular::SingularValues;
+use crate::spectra::LineGrid;
+use crate::study::ModeChoice;
+
+/// How far from a pick, in lines and as a share of the frequency (whichever is more), it is still the one that was meant.
+const NEAR_LINES: f64 = 2.0;
+const NEAR_SHARE: f64 = 0.01;
+
+/// How far from `frequency_hz` the user may have meant.
+fn leeway_hz(grid: &LineGrid, frequency_hz: f64) -> f64 {
+    (NEAR_LINES * grid.spacing_hz()).max(NEAR_SHARE * frequency_hz)
+}
+
+/// Takes out the automatic picks that the user drops; says where there was none.
+pub(super) fn drop_picks(grid: &LineGrid, picks: &mut Vec<Pick>, choice: &ModeChoice, warnings: &mut Vec<String>) {
+    for &frequency_hz in &choice.drop_hz {
+        let distance_hz = |pick: &Pick| (grid.frequency_hz(pick.line) - frequency_hz).abs();
+        let nearest = (0..picks.len()).min_by(|&a, &b| distance_hz(&picks[a]).total_cmp(&distance_hz(&picks[b])));
+        match nearest.filter(|&pick| distance_hz(&picks[pick]) <= leeway_hz(grid, frequency_hz)) {
+            Some(pick) => drop(picks.remove(pick)),
+            None => {
+                let nearest = nearest.map_or(String::new(), |pick| {
+                    format!("; the nearest is at {:.4} Hz", grid.frequency_hz(picks[pick].line))
+                });
+                warnings.push(format!(
+                    "drop_modes_hz: no mode was picked within {:.4} Hz of {frequency_hz} Hz, so none is dropped{nearest}",
+                    leeway_hz(grid, frequency_hz)
+                ));
+            }
+        }
+    }
+}
+
+/// Adds the modes that the user names: at the highest point near by of what the other picks leave.
+pub(super) fn add_picks(
+    grid: &LineGrid,
+    measured: &[MeasuredSetup<'_>],
+    singular: &[SingularValues],
+    picks: &mut Vec<Pick>,
+    choice: &ModeChoice,
+    warnings: &mut Vec<String>,
+) {
+    let half_line_hz = 0.5 * grid.spacing_hz();
+    let band_hz =
+        grid.frequency_hz(0) - half_line_hz..=grid.frequency_hz(grid.lines.saturating_sub(1)) + half_line_hz;
+    for &frequency_hz in choice.only_hz.iter().flatten().chain(&choice.add_hz) {
+        if !band_hz.contains(&frequency_hz) {
+            warnings.push(format!(
+                "the mode asked for at {frequency_hz} Hz lies outside the band of {:.4} to {:.4} Hz and is not looked for",
+                band_hz.start(),
+                band_hz.end()
+            ));
+            continue;
+        }
+        let (mut pick, stands_out) =
+            peak_near(grid, measured, singular, picks, frequency_hz, leeway_hz(grid, frequency_hz));
+        pick.kurtosis = kurtosis(measured, &pick);
+        if pick.kurtosis.is_harmonics() {
+            warnings.push(format!(
+                "the mode asked for at {frequency_hz} Hz has the kurtosis {:.2} of a forced line (a mode has 3)",
+                pick.kurtosis.value
+            ));
+        }
+        if !stands_out {
+            warnings.push(format!(
+                "the mode asked for at {frequency_hz} Hz has no peak of its own: what stands here of it may be noise, or what other modes leave there"
+            ));
+        }
+        picks.push(pick);
+    }
+    picks.sort_by_key(|pick| pick.line);
+}

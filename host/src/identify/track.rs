@@ -1,0 +1,114 @@
+//! Tracking: the modes of a whole record in a part of it.
+//!
+//! What the modes are is known from the whole record, so nothing is picked: each mode's filter (which stops its
+//! neighbours) shows where it is now, and the estimate goes on from there as for a pick.
+
+use nalgebra::DVector;
+use num_complex::Complex64;
+
+use super::estimate;
+use super::judge;
+use super::pick::{Kurtosis, Pick};
+use super::result::Mode;
+use super::shape::{Shape, filtered, mac, modal_filter};
+use super::{MeasuredSetup, quantity};
+
+/// How far a mode may have moved, as a share of its frequency, and at least in lines.
+const REACH: f64 = 0.03;
+const REACH_LINES: f64 = 2.0;
+/// A mode whose shape has less MAC with that of the whole record is another one, or noise.
+const SAME: f64 = 0.8;
+/// Modes within this factor of the reach are stopped while a mode is looked for.
+const STOPPED: f64 = 2.0;
+
+/// A known mode in a part of the record.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tracked {
+    /// Natural frequency in Hz and its standard deviation.
+    pub frequency_hz: f64,
+    /// Standard deviation of the frequency.
+    pub frequency_std_hz: f64,
+    /// Damping ratio.
+    pub damping_ratio: f64,
+    /// Its standard deviation.
+    pub damping_ratio_std: f64,
+    /// MAC with the shape of the whole record.
+    pub mac: f64,
+    /// Root mean square of the mode's own response where it moves most, in m/s² (m/s where velocity was recorded).
+    pub level: f64,
+}
+
+/// Follows known modes in a part of a record; `None` for each that the part does not show.
+pub fn track(measured: &MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>> {
+    let spectrum = &measured.spectrum;
+    let grid = *spectrum.grid();
+    let known: Vec<(usize, Shape)> =
+        modes.iter().enumerate().filter_map(|(index, mode)| Some((index, shape_here(measured, mode)?))).collect();
+    let hz = |known: usize| modes[known].frequency_hz;
+    let reach_hz = |known: usize| (REACH * hz(known)).max(REACH_LINES * grid.spacing_hz());
+    let picks: Vec<Pick> = known
+        .iter()
+        .map(|(index, shape)| {
+            let mut near: Vec<&(usize, Shape)> = known
+                .iter()
+                .filter(|(other, _)| other != index && (hz(*other) - hz(*index)).abs() < STOPPED * reach_hz(*index))
+                .collect();
+            near.sort_by(|a, b| (hz(a.0) - hz(*index)).abs().total_cmp(&(hz(b.0) - hz(*index)).abs()));
+            near.truncate(shape.len().saturating_sub(2) / 2);
+            let shapes: Vec<&Shape> = std::iter::once(shape).chain(near.iter().map(|(_, shape)| shape)).collect();
+            let filter = modal_filter(&shapes).unwrap_or_else(|| shape.clone());
+            // Not beyond half-way to a neighbour that looks alike with these channels.
+            let inside = |line: &usize| {
+                let distance = (grid.frequency_hz(*line) - hz(*index)).abs();
+                let nearest = near.iter().map(|(other, _)| (grid.frequency_hz(*line) - hz(*other)).abs());
+                distance <= reach_hz(*index) && nearest.fold(f64::INFINITY, f64::min) >= distance
+            };
+            let density = |line: usize| filtered(&filter, &spectrum.matrix(line));
+            let line = (0..grid.lines)
+                .filter(inside)
+                .map(|line| (density(line), line))
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+                .map_or_else(|| grid.nearest_line(hz(*index)), |(_, line)| line);
+            let unit = shape / Complex64::from(shape.norm().max(f64::MIN_POSITIVE));
+            let kurtosis = Kurtosis { value: 3.0, sigmas_below: 0.0 };
+            Pick { line, shapes: vec![unit], kurtosis, by_user: true }
+        })
+        .collect();
+    let estimates = estimate::estimate(spectrum, quantity(measured.setup), 0, &picks);
+    let mut tracked = vec![None; modes.len()];
+    let all = [estimates];
+    for (place, (index, shape)) in known.iter().enumerate() {
+        let mode = &all[0].modes[place];
+        let alike = mac(&mode.shape, shape);
+        if alike >= SAME && mode.found && !judge::is_doubtful(&all, grid.spacing_hz(), place) {
+            tracked[*index] = Some(Tracked {
+                frequency_hz: mode.resonance.frequency_hz,
+                frequency_std_hz: mode.frequency_std_hz,
+                damping_ratio: mode.resonance.damping_ratio,
+                damping_ratio_std: mode.damping_std,
+                mac: alike,
+                level: mode.level,
+            });
+        }
+    }
+    tracked
+}
+
+/// A mode's shape at the channels that a setup's spectrum has; `None` where it is not known at one of them.
+fn shape_here(measured: &MeasuredSetup<'_>, mode: &Mode) -> Option<Shape> {
+    let setup = measured.setup;
+    let parts: Option<Vec<Complex64>> = measured
+        .spectrum
+        .channels()
+        .iter()
+        .map(|&channel| {
+            let sensor = setup.sensors.get(channel)?;
+            let in_setup = format!("{}/{}", setup.name, sensor.channel);
+            let named = |name: &str| mode.shape.iter().find(|component| component.channel == name);
+            let reference = || mode.shape.iter().find(|part| sensor.reference && part.point == sensor.point);
+            let part = named(&in_setup).or_else(reference).or_else(|| named(&sensor.channel))?;
+            Some(Complex64::new(part.re, part.im))
+        })
+        .collect();
+    parts.map(DVector::from_vec).filter(|shape| shape.norm() > 0.0)
+}

@@ -1,0 +1,99 @@
+//! Measuring a recording piece by piece: one averaged spectrum an hour, or any other interval.
+
+use std::sync::mpsc::channel;
+
+use super::stream::{self, Task};
+use super::{MeasureError, Progress, Route, Timings, left_out_sentence};
+use crate::record::Recording;
+use crate::spectra::{CrossSpectrum, CrossSpectrumAccumulator, SetupExtent, SpectraError, SpectralPlan, WindowLines};
+use crate::study::{Analysis, Setup, Study};
+
+/// An interval needs this share of the windows that it has room for.
+const LEAST_SHARE: f64 = 0.5;
+
+/// One interval of a setup's recording.
+#[derive(Debug)]
+pub struct Interval {
+    /// Start and end after the recording's first row, in s.
+    pub start_s: f64,
+    /// End, in s.
+    pub end_s: f64,
+    /// Its spectrum, or why there is none.
+    pub spectrum: Result<CrossSpectrum, SpectraError>,
+    /// What was left out of it.
+    pub warnings: Vec<String>,
+}
+
+/// Measures the setup's recording in intervals of `every_s`, each with segments that suit its length, and gives them to
+/// `on_interval` in the order of time, on a thread of its own. Memory does not grow with the record.
+///
+/// # Errors
+/// When the recording cannot be read, the nodes fail, or an interval is too short for a segment.
+pub fn measure_intervals(
+    study: &Study,
+    setup: &Setup,
+    analysis: &Analysis,
+    every_s: f64,
+    route: Route,
+    progress: Progress<'_>,
+    mut on_interval: impl FnMut(Interval) + Send,
+) -> Result<SpectralPlan, MeasureError> {
+    let failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
+    let recording = Recording::open(setup, &study.folder).map_err(failed)?;
+    let rows = recording.total_rows().map_err(failed)?;
+    let interval_rows = (every_s * setup.sampling_rate_hz).round() as u64;
+    let extent = SetupExtent {
+        sampling_rate_hz: setup.sampling_rate_hz,
+        rows: interval_rows.min(rows),
+        channels: setup.sensors.len(),
+    };
+    let plan = SpectralPlan::choose(&[extent], analysis)?;
+    let decimation = plan.decimations[0];
+    let hop_s = 0.5 / plan.grid.spacing_hz();
+    let lead_s = SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz;
+    let fitting = (every_s / hop_s).floor().max(1.0);
+    // A window belongs to the interval that holds its middle.
+    let interval_of = |window: u64| ((lead_s + (window + 1) as f64 * hop_s) / every_s).floor() as u64;
+    let (broken_sender, broken) = channel();
+    let mut open: Option<(u64, CrossSpectrumAccumulator, usize)> = None;
+    let spectra_failed = |source| MeasureError::Spectra { setup: setup.name.clone(), source };
+    let mut close = move |open: Option<(u64, CrossSpectrumAccumulator, usize)>| {
+        let Some((number, accumulator, windows)) = open else { return };
+        if (windows as f64) < LEAST_SHARE * fitting {
+            return;
+        }
+        let (spectrum, warnings) = match accumulator.finish() {
+            Ok((spectrum, left_out)) => (Ok(spectrum), left_out),
+            Err(error) => (Err(error), Vec::new()),
+        };
+        let warnings = warnings.into_iter().map(|warning| left_out_sentence(setup, warning)).collect();
+        let (start_s, end_s) = (number as f64 * every_s, (number + 1) as f64 * every_s);
+        on_interval(Interval { start_s, end_s, spectrum, warnings });
+    };
+    let mut timings = Timings::default();
+    let (grid, channels) = (plan.grid, setup.sensors.len());
+    let take = |window: WindowLines| {
+        let number = interval_of(window.grid_index);
+        if open.as_ref().is_none_or(|(current, _, _)| *current != number) {
+            close(open.take());
+            match CrossSpectrumAccumulator::expecting(grid, channels, fitting as usize) {
+                Ok(fresh) => open = Some((number, fresh, 0)),
+                Err(error) => drop(broken_sender.send(error)),
+            }
+        }
+        if let Some((_, accumulator, windows)) = &mut open {
+            *windows += 1;
+            if let Err(error) = accumulator.add(window) {
+                let _ = broken_sender.send(error);
+            }
+        }
+    };
+    let task = Task { setup, recording, plan: &plan, decimation, route };
+    let mut on_rows = |done: u64| progress(done, rows);
+    stream::stream(task, &mut on_rows, &mut |_, _, _| {}, take, &mut timings)?;
+    close(open.take());
+    match broken.try_iter().next() {
+        Some(error) => Err(spectra_failed(error)),
+        None => Ok(plan),
+    }
+}

@@ -1,0 +1,97 @@
+//! Scouting: a first, coarse look at a recording for which the study names no band.
+//!
+//! All of a recording's band is rarely of interest, and long segments of it cannot be had: a tower at 0.1 Hz that is
+//! recorded at 50 Hz needs lines a hundred times finer than a machine. So the first hours are looked at over the whole band;
+//! as long as more modes show than are asked of a structure, the band is narrowed to the lowest of them and the look
+//! taken again with the finer lines that this allows.
+
+use std::path::Path;
+
+use crate::identify::{MeasuredSetup, picked_frequencies_hz};
+use crate::record::{Block, Recording};
+use crate::spectra::direct::Welch;
+use crate::spectra::{CrossSpectrumAccumulator, SetupExtent, SpectralPlan};
+use crate::study::{Analysis, Setup};
+
+/// Rows of each setup that are looked at, in s.
+const LOOK_S: f64 = 2.0 * 3600.0;
+/// Modes that a band is to hold at most: as many as a dozen sensors tell apart.
+const MODES: usize = 16;
+/// Looks taken at most; each narrows the band to what it shows.
+const LOOKS: usize = 4;
+/// The band beyond the lowest and highest mode, as a factor.
+const BELOW: f64 = 0.5;
+const ABOVE: f64 = 1.2;
+
+/// The band chosen and why, or `None` where nothing stands out.
+pub(super) fn band(
+    folder: &Path,
+    setups: &[&Setup],
+    extents: &[SetupExtent],
+    analysis: &Analysis,
+) -> Option<([f64; 2], String)> {
+    let looked: Vec<SetupExtent> = extents
+        .iter()
+        .map(|extent| SetupExtent { rows: extent.rows.min((LOOK_S * extent.sampling_rate_hz) as u64), ..*extent })
+        .collect();
+    let mut analysis = analysis.clone();
+    let mut found: Option<([f64; 2], String)> = None;
+    for _ in 0..LOOKS {
+        let Ok(plan) = SpectralPlan::choose(&looked, &analysis) else { break };
+        let frequencies_hz = look(folder, setups, &looked, &plan);
+        let lowest = &frequencies_hz[..frequencies_hz.len().min(MODES)];
+        let (Some(first), Some(last)) = (lowest.first(), lowest.last()) else { break };
+        let whole_hz = [plan.grid.frequency_hz(0), plan.grid.frequency_hz(plan.grid.lines - 1)];
+        // Half-way to the next peak at most, so that no half mode stands at the end.
+        let next_hz = frequencies_hz.get(lowest.len()).map_or(f64::INFINITY, |next| 0.5 * (last + next));
+        let band_hz = [(BELOW * first).max(whole_hz[0]), (ABOVE * last).min(next_hz).min(whole_hz[1])];
+        let minutes = looked.iter().map(|extent| extent.rows as f64 / extent.sampling_rate_hz / 60.0).sum::<f64>();
+        found = Some((
+            band_hz,
+            format!(
+                "Band: {:.4} to {:.4} Hz, around the lowest {} peaks of a first look at {minutes:.0} min (band_hz in [analysis] fixes it).",
+                band_hz[0],
+                band_hz[1],
+                lowest.len()
+            ),
+        ));
+        if frequencies_hz.len() <= MODES {
+            break;
+        }
+        analysis = Analysis { band_hz: Some(band_hz), ..analysis };
+    }
+    found
+}
+
+/// Frequencies of the peaks that the looked-at rows show, lowest first; none where a recording cannot be read, which is told
+/// when it is measured.
+fn look(folder: &Path, setups: &[&Setup], extents: &[SetupExtent], plan: &SpectralPlan) -> Vec<f64> {
+    let measured: Option<Vec<MeasuredSetup<'_>>> = setups
+        .iter()
+        .zip(extents)
+        .zip(&plan.decimations)
+        .map(|((setup, extent), &decimation)| look_at(folder, setup, extent.rows, decimation, plan))
+        .collect();
+    measured.map(|measured| picked_frequencies_hz(&measured)).unwrap_or_default()
+}
+
+fn look_at<'a>(
+    folder: &Path,
+    setup: &'a Setup,
+    rows: u64,
+    decimation: u32,
+    plan: &SpectralPlan,
+) -> Option<MeasuredSetup<'a>> {
+    let mut recording = Recording::open(setup, folder).ok()?;
+    let mut welch = Welch::new(plan.grid, decimation, setup.sensors.len())?;
+    let mut accumulator = CrossSpectrumAccumulator::new(plan.grid, setup.sensors.len()).ok()?;
+    let mut block = Block::new();
+    let mut seen = 0;
+    let mut refused = false;
+    while seen < rows && recording.next_block(&mut block).ok()? {
+        welch.push(block.values(), &mut |window| refused |= accumulator.add(window).is_err());
+        seen += block.row_count() as u64;
+    }
+    let (spectrum, _) = accumulator.finish().ok().filter(|_| !refused)?;
+    Some(MeasuredSetup { setup, spectrum })
+}

@@ -1,0 +1,108 @@
+//! A structure that softens with temperature, hour by hour.
+
+use std::path::Path;
+
+use super::*;
+use crate::identify::identify;
+use crate::measure::measure;
+use crate::model::BeamTable;
+use crate::model::effect::Effect;
+use crate::simulate::{Options, Simulation};
+use crate::study::template;
+
+const HALF_HOURS: usize = 8;
+/// What the simulated stiffness loses a kelvin, relative; frequencies lose half of it.
+const PER_KELVIN: f64 = -0.002;
+
+/// Temperature of a half-hour, up and down once.
+fn degrees(half_hour: usize) -> f64 {
+    15.0 + 8.0 * (std::f64::consts::TAU * half_hour as f64 / HALF_HOURS as f64).sin()
+}
+
+/// Four hours of the tower at 12.5 Hz, a file each half-hour, its stiffness by the temperature.
+fn write_study(folder: &Path, temperatures: bool) {
+    std::fs::write(folder.join("beam.csv"), template::CANTON_BEAM).unwrap();
+    // From the fourth level up: what the lower ones add is below the noise in half an hour.
+    let sensors: String = [(225.2, 18.0), (225.2, 108.0), (334.6, 18.0), (334.6, 108.0), (443.6, 18.0), (443.6, 108.0)]
+        .iter()
+        .enumerate()
+        .map(|(at, (z, azimuth))| {
+            format!(
+                "[[setup.sensor]]\nchannel = \"{}\"\nnode = {}\nelevation_m = {z}\nazimuth_deg = {azimuth}\n",
+                at + 1,
+                at / 2 + 1
+            )
+        })
+        .collect();
+    let temperature = if temperatures { "temperature = \"weather.csv\"\n" } else { "" };
+    let study = format!(
+        "[structure]\nname = \"Tower\"\n[[setup]]\nname = \"day\"\nfiles = [\"part_*.npy\"]\nsampling_rate_hz = 12.5\nunit = \"m/s2\"\n{temperature}{sensors}[analysis]\nband_hz = [0.25, 1.3]\n"
+    );
+    std::fs::write(folder.join("study.toml"), study).unwrap();
+    let setup = &Study::load(folder).unwrap().setups[0];
+    let mut weather = "time_s,temperature_degc\n".to_owned();
+    for half_hour in 0..HALF_HOURS {
+        let effect: Effect =
+            format!("stiffness-scale={}", PER_KELVIN * (degrees(half_hour) - 15.0)).parse().unwrap();
+        let beam = BeamTable::read(&folder.join("beam.csv")).unwrap();
+        let options = Options { seed: half_hour as u64, ..Options::default() };
+        let mut simulation = Simulation::of_beam(beam, &[effect], setup, &options).unwrap();
+        simulation.write(&folder.join(format!("part_{half_hour}.npy")), 22_500, |_| ()).unwrap();
+        weather += &format!("{},{}\n", half_hour * 1800 + 900, degrees(half_hour));
+    }
+    std::fs::write(folder.join("weather.csv"), weather).unwrap();
+}
+
+fn followed(folder: &Path, every_s: f64) -> Result<Trend, TrendError> {
+    let study = Study::load(folder).unwrap();
+    let measurement = measure(&study, Route::Direct, &mut |_, _| ()).unwrap();
+    let found = identify(&measurement.setups, &study.analysis.modes).unwrap();
+    follow(&study, &found.modes, &measurement.plan.grid, every_s, Route::Direct, &mut |_, _| ())
+}
+
+#[test]
+fn a_stiffness_that_goes_with_temperature_shows_in_the_half_hours() {
+    let folder = tempfile::tempdir().unwrap();
+    write_study(folder.path(), true);
+    let trend = followed(folder.path(), 1800.0).unwrap();
+    assert_eq!(trend.intervals.len(), HALF_HOURS);
+    for (half_hour, interval) in trend.intervals.iter().enumerate() {
+        assert_eq!((interval.start_s, interval.end_s), (half_hour as f64 * 1800.0, (half_hour + 1) as f64 * 1800.0));
+        assert!((interval.temperature_degc.unwrap() - degrees(half_hour)).abs() < 1e-9);
+    }
+    // Frequencies go with the root of the stiffness.
+    let expected = 100.0 * PER_KELVIN / 2.0;
+    let known: Vec<&ModeTrend> = trend.modes.iter().filter(|mode| mode.intervals + 1 >= HALF_HOURS).collect();
+    assert!(known.len() >= 4, "{:?}", trend.modes);
+    let mut weights = (0.0, 0.0);
+    for mode in &known {
+        let Some(slope) = mode.percent_per_kelvin else { continue };
+        assert!((slope.value - expected).abs() < 5.0 * slope.std, "{mode:?}");
+        weights.0 += slope.value / slope.std.powi(2);
+        weights.1 += slope.std.powi(-2);
+    }
+    // All modes together: within 15 %, and far from nothing.
+    let together = weights.0 / weights.1;
+    assert!((together / expected - 1.0).abs() < 0.15 && weights.1.sqrt() * -together > 10.0, "{together}");
+    let changing = known.iter().filter(|mode| mode.p_value_of_no_change.unwrap() < 1e-3).count();
+    assert!(2 * changing >= known.len(), "{:?}", trend.modes);
+    for interval in trend.intervals.iter().flat_map(|interval| &interval.modes) {
+        // The top of the tower moves by 0.5e-4 m/s² in this band, all modes together.
+        assert!((1e-6..1e-4).contains(&interval.response_rms) && interval.mac > SAME_SHAPE, "{interval:?}");
+    }
+}
+
+const SAME_SHAPE: f64 = 0.8;
+
+#[test]
+fn without_temperatures_the_level_alone_is_held_against_the_frequencies() {
+    let folder = tempfile::tempdir().unwrap();
+    write_study(folder.path(), false);
+    let trend = followed(folder.path(), 1800.0).unwrap();
+    assert!(trend.modes.iter().all(|mode| mode.percent_per_kelvin.is_none()));
+    assert!(trend.modes.iter().any(|mode| mode.percent_per_decade.is_some()));
+    assert!(trend.intervals.iter().all(|interval| interval.temperature_degc.is_none()));
+    // Two minutes hold a handful of the shortest segments.
+    let error = followed(folder.path(), 120.0).unwrap_err();
+    assert!(matches!(error, TrendError::TooShort { .. } | TrendError::Measure(_)), "{error}");
+}
