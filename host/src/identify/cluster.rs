@@ -133,7 +133,6 @@ pub(super) fn regressed_shapes(
     let size = fit.levels.len();
     let channels = filters.rows.ncols();
     let whole = size + filters.stopped.nrows();
-    let noise = fit.noise_seen(seen);
     let mut rows = DMatrix::zeros(whole, channels);
     rows.rows_mut(size, whole - size).copy_from(&filters.stopped);
     let mut shapes = Vec::new();
@@ -145,7 +144,7 @@ pub(super) fn regressed_shapes(
         for (&frequency_hz, &matrix) in seen.frequency_hz.iter().zip(matrices).filter(|(hz, _)| near(**hz)) {
             let spectra = fit.modal_spectra(frequency_hz, seen.duration_s);
             let gain = &spectra * fit.mixture.adjoint();
-            let expected = &fit.mixture * &gain + &noise;
+            let expected = &fit.mixture * &gain + fit.noise_seen(seen, frequency_hz);
             // eta = P Aᴴ S⁻¹ W y
             let estimate = &gain * expected.try_inverse()?;
             rows.rows_mut(0, size).copy_from(&(&estimate * &filters.rows));

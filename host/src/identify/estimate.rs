@@ -40,7 +40,7 @@ const NEIGHBOUR_SHARE: f64 = 0.01;
 const NEIGHBOUR_LINES: f64 = 3.0;
 /// Half-width of the bell in lines and in bandwidths of the mode, whichever is more, and its limits.
 const BELL_LINES: f64 = 5.0;
-const BELL_BANDWIDTHS: f64 = 5.0;
+const BELL_BANDWIDTHS: f64 = 3.0;
 const BELL_LIMITS: [f64; 2] = [3.0, 40.0];
 /// How far the fit may take a mode from its pick, in lines and in bandwidths together.
 const LEEWAY_LINES: f64 = 2.0;

@@ -2,7 +2,8 @@
 //!
 //! What modal filters make of all channels is a matrix of as many rows as there are close modes. Its expectation is
 //! `S = A P Aᴴ + D V D`: P the modal spectra with the segment's leakage, A what the filters' shapes still mix (1 on its
-//! diagonal), V the noise as the filters pass it, D its size. The averaged matrix R is complex Wishart about S, so the
+//! diagonal), V the noise as the filters pass it, D its size and colour: what is left beside the modes is mostly the tails of
+//! modes outside the band, which rise or fall across it. The averaged matrix R is complex Wishart about S, so the
 //! least sum over lines of `ln det S + tr S⁻¹ R` is the Whittle estimate (Whittle 1953; for modes Au 2017, "Operational
 //! Modal Analysis", chapter 12). Correlated modal forces are in P, with a mild prior that they are not.
 
@@ -16,6 +17,10 @@ const CORRELATION_PRIOR: f64 = 0.3;
 /// Standard deviation of the logarithm of the noise's size, beforehand, and the range it keeps to.
 const NOISE_PRIOR: f64 = 1.0;
 const NOISE_RANGE: [f64; 2] = [0.03, 30.0];
+/// Standard deviation of the exponent of the noise's amplitude over frequency, beforehand: 2 are the tails of modes far above,
+/// 0 those of modes far below.
+const NOISE_COLOUR_PRIOR: f64 = 2.0;
+const STEEPEST_NOISE: f64 = 12.0;
 /// Steps of Fisher scoring.
 const MAX_STEPS: usize = 40;
 /// The fit ends where a step gains less than this, a line and average.
@@ -64,8 +69,12 @@ pub(super) struct JointFit {
     pub(super) mixture: DMatrix<Complex64>,
     /// Correlation of the modal forces, Hermitian, 1 on its diagonal.
     pub(super) correlation: DMatrix<Complex64>,
-    /// The diagonal of D.
+    /// The diagonal of D at each mode's frequency...
     pub(super) noise: Vec<f64>,
+    /// ...and its exponent over frequency.
+    noise_colours: Vec<f64>,
+    /// The modes' frequencies at the start, which the noise's colours refer to.
+    centres_hz: Vec<f64>,
 }
 
 impl JointFit {
@@ -83,12 +92,14 @@ impl JointFit {
         let size = resonances.len();
         let identity = DMatrix::identity(size, size);
         Self {
+            centres_hz: resonances.iter().map(|resonance| resonance.frequency_hz).collect(),
             resonances,
             levels,
             mixture: identity.clone(),
             correlation: identity,
             slopes: vec![0.0; size],
             noise: vec![1.0; size],
+            noise_colours: vec![0.0; size],
         }
     }
 
@@ -104,10 +115,12 @@ impl JointFit {
         DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()))
     }
 
-    /// D V D, modes x modes.
-    pub(super) fn noise_seen(&self, seen: &Seen) -> DMatrix<Complex64> {
-        let size = self.noise.len();
-        DMatrix::from_fn(size, size, |i, j| seen.noise[(i, j)] * (self.noise[i] * self.noise[j]))
+    /// D V D at a frequency, modes x modes.
+    pub(super) fn noise_seen(&self, seen: &Seen, frequency_hz: f64) -> DMatrix<Complex64> {
+        let size: Vec<f64> = (0..self.noise.len())
+            .map(|i| self.noise[i] * (frequency_hz / self.centres_hz[i]).powf(self.noise_colours[i]))
+            .collect();
+        DMatrix::from_fn(size.len(), size.len(), |i, j| seen.noise[(i, j)] * (size[i] * size[j]))
     }
 
     fn amplitude(&self, i: usize, j: usize) -> Complex64 {
@@ -149,7 +162,7 @@ impl JointFit {
 
     fn unknowns(&self) -> usize {
         let size = self.resonances.len();
-        5 * size + 2 * size * (size - 1) + size * (size - 1)
+        6 * size + 2 * size * (size - 1) + size * (size - 1)
     }
 
     fn moved(&self, step: &DVector<f64>, limits_hz: &[[f64; 2]]) -> Self {
@@ -169,7 +182,11 @@ impl JointFit {
         for (mode, slope) in moved.slopes.iter_mut().enumerate() {
             *slope = (*slope + step[4 * size + mode].clamp(-most_level, most_level)).clamp(-STEEPEST, STEEPEST);
         }
-        let mut next = 5 * size;
+        for (mode, colour) in moved.noise_colours.iter_mut().enumerate() {
+            let step = step[5 * size + mode].clamp(-most_level, most_level);
+            *colour = (*colour + step).clamp(-STEEPEST_NOISE, STEEPEST_NOISE);
+        }
+        let mut next = 6 * size;
         let mut complex = || {
             let value = Complex64::new(step[next], step[next + 1]);
             next += 2;
@@ -205,7 +222,6 @@ impl JointFit {
         let mut objective = 0.0;
         let mut gradient = DVector::zeros(unknowns);
         let mut fisher = DMatrix::zeros(unknowns, unknowns);
-        let noise = self.noise_seen(seen);
         let step = 1e-4;
         let moved: Vec<[Resonance; 4]> = self
             .resonances
@@ -229,6 +245,7 @@ impl JointFit {
                 self.resonances.iter().enumerate().map(|(mode, here)| density(mode, here, 0.0)).collect();
             let spectra = DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()));
             let through = &self.mixture * &spectra;
+            let noise = self.noise_seen(seen, frequency_hz);
             let expected = &through * self.mixture.adjoint() + &noise;
             let lower = cholesky(&expected)?;
             let inverse = lower_inverse(&lower);
@@ -280,6 +297,10 @@ impl JointFit {
                 let change = (density(mode, here, step) - density(mode, here, -step)) / (2.0 * step);
                 put(&|k| mixed[(k, mode)], &|l| change * amplitudes[(mode, l)]);
             }
+            for mode in 0..size {
+                let change = (frequency_hz / self.centres_hz[mode]).ln();
+                put(&|k| inverse[(k, mode)], &|l| change * noise_mixed[(mode, l)]);
+            }
             for i in 0..size {
                 for j in (0..size).filter(|&j| j != i) {
                     for unit in [Complex64::ONE, Complex64::I] {
@@ -323,8 +344,15 @@ impl JointFit {
             gradient[place] -= prior * away;
             fisher[(place, place)] += prior;
         }
+        let prior = 1.0 / (NOISE_COLOUR_PRIOR * NOISE_COLOUR_PRIOR * seen.averages.max(1.0));
+        for (mode, colour) in self.noise_colours.iter().enumerate() {
+            let place = 5 * size + mode;
+            objective += 0.5 * prior * colour * colour;
+            gradient[place] -= prior * colour;
+            fisher[(place, place)] += prior;
+        }
         let prior = 1.0 / (CORRELATION_PRIOR * CORRELATION_PRIOR * seen.averages.max(1.0));
-        let mut place = 5 * size + 2 * size * (size - 1);
+        let mut place = 6 * size + 2 * size * (size - 1);
         for i in 0..size {
             for j in i + 1..size {
                 let value = self.correlation[(i, j)];
@@ -450,6 +478,7 @@ mod tests {
         let mut here = truth;
         here.noise = vec![1.5, 0.7];
         here.slopes = vec![-1.0, 0.5];
+        here.noise_colours = vec![3.0, -0.5];
         let free = [[0.0, 10.0]; 2];
         let slopes = here.slopes(&seen).unwrap();
         for unknown in 0..here.unknowns() {

@@ -68,6 +68,10 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> f64 {
     let shape_noise = estimates.iter().map(shape_noise).sum::<f64>() / estimates.len() as f64;
     let (_, frequency_std_hz) = combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
     let (damping, _) = combine(found.iter().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
+    // Nothing that stands is so little damped: a line of noise that the fit took for a resonance.
+    if damping < MIN_DAMPING {
+        return f64::INFINITY;
+    }
     [shape_noise / MAX_SHAPE_NOISE, frequency_std_hz / (MAX_FREQUENCY_LINES * spacing_hz), damping / MAX_DAMPING]
         .into_iter()
         .filter(|doubt| doubt.is_finite())
