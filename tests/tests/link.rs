@@ -28,6 +28,7 @@ fn setup(channels: usize, a_node: usize) -> Setup {
         variable: None,
         sampling_rate_hz: RATE_HZ,
         unit: Unit::MetrePerSecondSquared,
+        temperature: None,
         sensors: sensors.collect(),
     }
 }

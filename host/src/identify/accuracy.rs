@@ -42,11 +42,7 @@ pub fn record_needed(found: &Identification, wish: Wish) -> Vec<RecordNeeded> {
         mode: mode.number,
         frequency_h: needed(wish.frequency, mode.frequency_hz, mode.frequency_std_hz.max(mode.frequency_std_bound_hz)),
         frequency_best_h: needed(wish.frequency, mode.frequency_hz, mode.frequency_std_bound_hz),
-        damping_h: needed(
-            wish.damping,
-            mode.damping_ratio,
-            mode.damping_ratio_std.max(mode.damping_ratio_std_bound),
-        ),
+        damping_h: needed(wish.damping, mode.damping_ratio, mode.damping_ratio_std.max(mode.damping_ratio_std_bound)),
         damping_best_h: needed(wish.damping, mode.damping_ratio, mode.damping_ratio_std_bound),
     };
     found.modes.iter().map(of).collect()

@@ -45,8 +45,7 @@ pub(super) fn add_picks(
     warnings: &mut Vec<String>,
 ) {
     let half_line_hz = 0.5 * grid.spacing_hz();
-    let band_hz =
-        grid.frequency_hz(0) - half_line_hz..=grid.frequency_hz(grid.lines.saturating_sub(1)) + half_line_hz;
+    let band_hz = grid.frequency_hz(0) - half_line_hz..=grid.frequency_hz(grid.lines.saturating_sub(1)) + half_line_hz;
     for &frequency_hz in choice.only_hz.iter().flatten().chain(&choice.add_hz) {
         if !band_hz.contains(&frequency_hz) {
             warnings.push(format!(

@@ -327,7 +327,8 @@ impl State {
         let here = self.fits[mode].resonance.frequency_hz;
         let response = |other: usize| {
             let fit = &self.fits[other];
-            fit.level * fit.resonance.density(here, 1.0 / spacing_hz)
+            // The smooth part of far modes is left to the noise: filters that stop them too pass more of everything else.
+            fit.level * fit.resonance.resonant_density(here, 1.0 / spacing_hz)
         };
         let least = NEIGHBOUR_SHARE * response(mode);
         let is_near =

@@ -370,9 +370,7 @@ impl JointFit {
 
 /// The half density under a force of density f^slope. Far from a resonance its tilt would make the density negative.
 fn half_density(resonance: &Resonance, slope: f64, frequency_hz: f64, duration_s: f64) -> Complex64 {
-    // As for the slope of the response's own smooth factor.
-    let tilt = resonance.white_tilt() + slope * resonance.damping_ratio;
-    let half = Complex64::new(1.0, tilt) * resonance.symmetric_half(frequency_hz, duration_s);
+    let half = resonance.half_density(frequency_hz, duration_s, slope);
     Complex64::new(half.re.max(0.0), half.im)
 }
 

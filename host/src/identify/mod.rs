@@ -110,9 +110,8 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
     choice::add_picks(&grid, measured, &singular, &mut picks, choice, &mut warnings);
     let mut per_setup = Vec::new();
     loop {
-        let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| {
-            estimate::estimate(&m.spectrum, quantity(m.setup), index, &picks)
-        };
+        let estimate =
+            |(index, m): (usize, &MeasuredSetup<'_>)| estimate::estimate(&m.spectrum, quantity(m.setup), index, &picks);
         per_setup.splice(.., measured.iter().enumerate().map(estimate));
         let is_forced = |pick: &usize| picks[*pick].kurtosis.is_low() && judge::is_undamped(&per_setup, *pick);
         let may_go = |pick: usize| !picks[pick].by_user;
@@ -189,7 +188,5 @@ fn tone_frequency_hz(grid: &LineGrid, singular: &[SingularValues], line: usize) 
     grid.frequency_hz(line) + side * offset * grid.spacing_hz()
 }
 
-#[cfg(test)]
-mod synthetic;
 #[cfg(test)]
 mod tests;

@@ -247,7 +247,12 @@ impl Layer {
 
     fn pick(&self, line: usize) -> Pick {
         let shapes = self.lines[line].iter().map(|setup| setup.vector.clone()).collect();
-        Pick { line: self.first_line + line, shapes, kurtosis: Kurtosis { value: 3.0, sigmas_below: 0.0 }, by_user: false }
+        Pick {
+            line: self.first_line + line,
+            shapes,
+            kurtosis: Kurtosis { value: 3.0, sigmas_below: 0.0 },
+            by_user: false,
+        }
     }
 }
 

@@ -1,12 +1,10 @@
 //! Identification against truths: synthetic structures and a real building.
 
-mod score;
-
-use super::synthetic::{Recording, Truth, points, setup};
 use super::*;
+use crate::simulate::modal::score::{identified, mac, median_of_magnitudes, rms, score};
+use crate::simulate::modal::{Recording, Truth, points, setup};
 use crate::spectra::plan::{SetupExtent, SpectralPlan};
 use crate::study::{Analysis, Setup};
-use score::{Score, identified, mac, median_of_magnitudes, rms, score};
 
 /// The two chains at 2.5 Hz, decimated from 10 Hz.
 fn chain_record(seed: u64, hours: f64) -> (Truth, CrossSpectrum) {
@@ -14,29 +12,11 @@ fn chain_record(seed: u64, hours: f64) -> (Truth, CrossSpectrum) {
     let band_hz = [0.03, 1.0];
     let recording =
         Recording { sampling_rate_hz: 10.0, hours, noise: 0.05, band_hz, seed, harmonic: None, velocity: false };
-    let analysis = Analysis { band_hz: Some(band_hz), decimated_rate_hz: Some(2.5), segment: None, ..Analysis::default() };
+    let analysis =
+        Analysis { band_hz: Some(band_hz), decimated_rate_hz: Some(2.5), segment: None, ..Analysis::default() };
     let extent = SetupExtent { sampling_rate_hz: 10.0, rows: (hours * 36_000.0) as u64, channels: 20 };
     let plan = SpectralPlan::choose(&[extent], &analysis).unwrap();
-    let spectrum = truth.recorded_along(&recording, &plan);
-    (truth, spectrum)
-}
-
-fn chain_day(seed: u64) -> (Truth, CrossSpectrum) {
-    chain_record(seed, 24.0)
-}
-
-fn chain_hour(seed: u64) -> (Truth, CrossSpectrum) {
-    let truth = Truth::chains(20);
-    let recording = Recording {
-        sampling_rate_hz: 50.0,
-        hours: 1.0,
-        noise: 0.05,
-        band_hz: [0.03, 1.2],
-        seed,
-        harmonic: None,
-        velocity: false,
-    };
-    let spectrum = truth.recorded(&recording);
+    let spectrum = truth.recorded_along(&recording, &plan).unwrap();
     (truth, spectrum)
 }
 
@@ -51,78 +31,15 @@ fn tower_hour(seed: u64) -> (Truth, CrossSpectrum) {
         harmonic: None,
         velocity: false,
     };
-    let spectrum = truth.recorded(&recording);
+    let spectrum = truth.recorded(&recording).unwrap();
     (truth, spectrum)
-}
-
-#[test]
-#[ignore = "figures: cargo test --release -p belfry-host identify::tests::figures -- --ignored --nocapture"]
-fn figures() {
-    // SEEDS: how many; CASE: part of a case's name; MODES: list every mode.
-    let seeds: u64 = std::env::var("SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(3);
-    let which = std::env::var("CASE").unwrap_or_default();
-    for (name, case) in [
-        ("chains 24 h", chain_day as fn(u64) -> (Truth, CrossSpectrum)),
-        ("chains 1 h", chain_hour),
-        ("tower 1 h", tower_hour),
-        ("tower day", |seed| {
-            let truth = Truth::tower();
-            let recording = Recording {
-                sampling_rate_hz: 12.5,
-                hours: 24.0,
-                noise: 0.05,
-                band_hz: [0.05, 1.5],
-                seed,
-                harmonic: None,
-                velocity: false,
-            };
-            let spectrum = truth.recorded(&recording);
-            (truth, spectrum)
-        }),
-    ] {
-        if !name.contains(&which) {
-            continue;
-        }
-        let mut all = Score::default();
-        for seed in 1..=seeds {
-            let (truth, spectrum) = case(seed);
-            let started = std::time::Instant::now();
-            let found = identified(&truth, &spectrum);
-            let score = score(&found, &truth);
-            if !found.harmonics.is_empty() {
-                println!("harmonics {:?}", found.harmonics);
-            }
-            println!("{name} seed {seed}: {:?} | {} ", started.elapsed(), score.line());
-            if std::env::var("MODES").is_ok() {
-                println!("  truth {:.4?}", truth.frequencies_hz);
-                for mode in &found.modes {
-                    let best = (0..truth.frequencies_hz.len())
-                        .max_by(|&a, &b| mac(mode, &truth, a).total_cmp(&mac(mode, &truth, b)))
-                        .unwrap();
-                    println!(
-                        "  {:.5} ± {:.5} ({:.4}) damping {:.4} ± {:.4} mpc {:.4} best {} MAC {:.4}",
-                        mode.frequency_hz,
-                        mode.frequency_std_hz,
-                        truth.frequencies_hz[best],
-                        mode.damping_ratio,
-                        mode.damping_ratio_std,
-                        mode.phase_collinearity,
-                        best,
-                        mac(mode, &truth, best)
-                    );
-                }
-            }
-            all.absorb(score);
-        }
-        println!("{name} all: {}", all.line());
-    }
 }
 
 #[test]
 fn a_day_of_close_modes_is_found_whole_and_as_precisely_as_the_record_allows() {
     // Ten hours keep the test short: at 2.5 Hz decimated 20 channels leave 42 windows of 2048.
     let (truth, spectrum) = chain_record(5, 10.0);
-    let found = identified(&truth, &spectrum);
+    let found = identified(&truth, spectrum).unwrap();
     let score = score(&found, &truth);
     println!("{}", score.line());
     assert_eq!((score.missed, score.spurious), (0, 0));
@@ -139,7 +56,7 @@ fn a_day_of_close_modes_is_found_whole_and_as_precisely_as_the_record_allows() {
 fn an_hour_of_a_tower_shows_all_twelve_modes_and_nothing_else() {
     for seed in [1, 2] {
         let (truth, spectrum) = tower_hour(seed);
-        let found = identified(&truth, &spectrum);
+        let found = identified(&truth, spectrum).unwrap();
         let score = score(&found, &truth);
         println!("{}", score.line());
         assert_eq!((score.missed, score.spurious), (0, 0), "{}", score.line());
@@ -153,14 +70,14 @@ fn short_tower(harmonic: Option<(f64, f64)>, band_hz: [f64; 2], rate_hz: f64, se
     let truth = Truth::tower();
     let recording =
         Recording { sampling_rate_hz: rate_hz, hours: 1.0, noise: 0.05, band_hz, seed, harmonic, velocity: false };
-    let spectrum = truth.recorded(&recording);
+    let spectrum = truth.recorded(&recording).unwrap();
     (truth, spectrum)
 }
 
 #[test]
 fn a_machine_is_reported_as_a_harmonic_and_costs_no_mode() {
     let (truth, spectrum) = short_tower(Some((0.633, 0.5)), [0.05, 1.5], 12.5, 3);
-    let found = identified(&truth, &spectrum);
+    let found = identified(&truth, spectrum).unwrap();
     assert_eq!(found.harmonics.len(), 1, "{:?}", found.harmonics);
     assert!((found.harmonics[0].frequency_hz - 0.633).abs() < 0.1 * found.frequency_resolution_hz);
     assert!((found.harmonics[0].kurtosis - 1.5).abs() < 0.1);
@@ -172,7 +89,7 @@ fn a_machine_is_reported_as_a_harmonic_and_costs_no_mode() {
 fn tails_of_modes_outside_the_band_are_no_modes() {
     // The band ends between modes: 0.366 and 1.150 Hz lie just outside.
     let (truth, spectrum) = short_tower(None, [0.39, 1.10], 12.5, 4);
-    let found = identified(&truth, &spectrum);
+    let found = identified(&truth, spectrum).unwrap();
     let frequencies: Vec<f64> = found.modes.iter().map(|mode| mode.frequency_hz).collect();
     assert_eq!(frequencies.len(), 6, "{frequencies:?}");
     for (found, truth) in frequencies.iter().zip([0.424, 0.475, 0.505, 0.522, 0.795, 0.964]) {
@@ -195,7 +112,7 @@ fn sensor_noise_alone_has_no_modes() {
             harmonic: None,
             velocity: false,
         };
-        let found = identified(&silent, &silent.recorded(&recording));
+        let found = identified(&silent, silent.recorded(&recording).unwrap()).unwrap();
         assert!(found.modes.is_empty(), "seed {seed}: {:?}", found.modes[0].frequency_hz);
         assert!(found.harmonics.is_empty());
     }
@@ -214,7 +131,7 @@ fn one_channel_is_enough_for_frequencies() {
         harmonic: None,
         velocity: false,
     };
-    let found = identified(&truth, &truth.recorded(&recording));
+    let found = identified(&truth, truth.recorded(&recording).unwrap()).unwrap();
     // No shape to tell modes apart by: only what one channel shows as peaks of its own. The two at 0.505 and 0.522 Hz,
     // four bandwidths apart and of unlike strength, may be one.
     assert!(found.modes.len() >= 8, "{:?}", found.modes.len());
@@ -238,7 +155,7 @@ fn a_recorded_velocity_gives_the_same_modes() {
         harmonic: None,
         velocity: true,
     };
-    let spectrum = truth.recorded(&recording);
+    let spectrum = truth.recorded(&recording).unwrap();
     let mut velocity = setup("velocity", &points(20), &[]);
     velocity.unit = crate::study::Unit::MetrePerSecond;
     let found = identify(&[MeasuredSetup { setup: &velocity, spectrum }], &ModeChoice::default()).unwrap();
@@ -253,7 +170,8 @@ fn setups_merge_through_their_references() {
     let truth = Truth::tower();
     // Three references at the top, which see both directions and torsion; the levels shared out over two measurements.
     let rows = [vec![16, 17, 18, 0, 1, 4, 5, 8, 9, 12, 13], vec![16, 17, 18, 2, 3, 6, 7, 10, 11, 14, 15, 19]];
-    let analysis = Analysis { band_hz: Some([0.05, 1.5]), decimated_rate_hz: None, segment: None, ..Analysis::default() };
+    let analysis =
+        Analysis { band_hz: Some([0.05, 1.5]), decimated_rate_hz: None, segment: None, ..Analysis::default() };
     let extent = SetupExtent { sampling_rate_hz: 12.5, rows: 90_000, channels: 12 };
     let plan = SpectralPlan::choose(&[extent; 2], &analysis).unwrap();
     let measured: Vec<(Setup, CrossSpectrum)> = rows
@@ -272,7 +190,7 @@ fn setups_merge_through_their_references() {
             };
             let names: Vec<String> = rows.iter().map(|row| format!("p{row}")).collect();
             let references: Vec<bool> = rows.iter().map(|&row| (16..=18).contains(&row)).collect();
-            (setup(&format!("s{at}"), &names, &references), part.recorded_along(&recording, &plan))
+            (setup(&format!("s{at}"), &names, &references), part.recorded_along(&recording, &plan).unwrap())
         })
         .collect();
     let views: Vec<MeasuredSetup<'_>> =
@@ -308,7 +226,7 @@ fn brief_tower(hours: f64) -> (Truth, Setup, CrossSpectrum) {
         harmonic: None,
         velocity: false,
     };
-    let spectrum = truth.recorded_along(&recording, &plan);
+    let spectrum = truth.recorded_along(&recording, &plan).unwrap();
     (truth, setup("brief", &points(20), &[]), spectrum)
 }
 
@@ -368,7 +286,7 @@ fn a_user_adds_drops_and_fixes_modes() {
 #[test]
 fn the_result_serialises_under_the_names_of_the_design() {
     let (truth, spectrum) = short_tower(None, [0.3, 1.5], 12.5, 6);
-    let json = serde_json::to_value(identified(&truth, &spectrum)).unwrap();
+    let json = serde_json::to_value(identified(&truth, spectrum).unwrap()).unwrap();
     let mode = &json["modes"][0];
     for key in
         ["number", "frequency_hz", "frequency_std_hz", "damping_ratio", "damping_ratio_std", "phase_collinearity"]
@@ -381,4 +299,85 @@ fn the_result_serialises_under_the_names_of_the_design() {
     assert!(mode["shape"][0]["channel"].is_string());
     assert!(json["averages"].is_number() && json["frequency_resolution_hz"].is_number());
     assert!(json["harmonics"].is_array() && json["warnings"].is_array());
+}
+
+/// The density that Welch's method expects of the acceleration of an oscillator under white force (f^4 / ((f0² - f²)² +
+/// (2 zeta f0 f)²), its whole density and not its neighbourhood alone), in Hann segments of `duration_s`: by quadrature with the
+/// window's kernel sinc(x) / (1 - x²), x in lines.
+fn exact_welch_density(frequency_hz: f64, damping_ratio: f64, line_hz: f64, duration_s: f64) -> f64 {
+    let density = |f: f64| {
+        let (f2, f02) = (f * f, frequency_hz * frequency_hz);
+        f2 * f2 / ((f02 - f2).powi(2) + (2.0 * damping_ratio * frequency_hz * f).powi(2))
+    };
+    let kernel = |x: f64| {
+        let sinc = if x == 0.0 { 1.0 } else { (std::f64::consts::PI * x).sin() / (std::f64::consts::PI * x) };
+        let beside = 1.0 - x * x;
+        if beside.abs() < 1e-9 { 0.25 } else { (sinc / beside).powi(2) }
+    };
+    // Lines to either side; beyond, the kernel is below 1e-12 of its peak. A step is a small part of the bandwidth.
+    let reach = 100.0;
+    let step = (0.02 * damping_ratio * frequency_hz * duration_s).min(0.02);
+    let count = (reach / step) as i64;
+    let (mut sum, mut norm) = (0.0, 0.0);
+    for at in -count..=count {
+        // Off the kernel's removable poles.
+        let x = (at as f64 + 0.137) * step;
+        let weight = kernel(x);
+        sum += weight * density(line_hz - x / duration_s);
+        norm += weight;
+    }
+    sum / norm
+}
+
+/// A spectrum of exactly these matrices, as often as there are averages to pick by: windows are their factors' columns.
+fn exact_spectrum(grid: LineGrid, matrices: &[nalgebra::DMatrix<f64>]) -> CrossSpectrum {
+    use crate::spectra::{CrossSpectrumAccumulator, WindowLines};
+    let channels = matrices[0].nrows();
+    let factors: Vec<nalgebra::DMatrix<f64>> =
+        matrices.iter().map(|matrix| matrix.clone().cholesky().unwrap().l() * (channels as f64).sqrt()).collect();
+    let mut accumulator = CrossSpectrumAccumulator::new(grid, channels).unwrap();
+    for window in 0..48 * channels {
+        let line = |channel: usize| {
+            factors.iter().map(move |l| num_complex::Complex32::new(l[(channel, window % channels)] as f32, 0.0))
+        };
+        let lines = (0..channels).map(|channel| Some(line(channel).collect())).collect();
+        accumulator.add(WindowLines { grid_index: window as u64, channels: lines }).unwrap();
+    }
+    accumulator.finish().unwrap().0
+}
+
+#[test]
+fn damping_on_an_exact_spectrum_is_the_truth() {
+    // Lines of 1/8, 1/2 and 1.2 half-power bandwidths; the plain spectrum's half-power width at the last shows 1.8 times the
+    // damping.
+    let truth = Truth::tower();
+    for (frequency_hz, damping_ratio, bandwidths_a_line) in
+        [(0.366, 0.01, 0.125), (0.366, 0.01, 0.5), (0.366, 0.01, 1.2), (0.795, 0.005, 0.5), (0.795, 0.02, 0.3)]
+    {
+        let spacing_hz = bandwidths_a_line * 2.0 * damping_ratio * frequency_hz;
+        let grid = LineGrid {
+            sampling_rate_hz: 1024.0 * spacing_hz,
+            segment: 1024,
+            first_line: ((0.75 * frequency_hz / spacing_hz) as usize).max(4),
+            lines: (0.5 * frequency_hz / spacing_hz) as usize,
+        };
+        let shape = truth.shapes.column(2).rows(0, 6).into_owned();
+        let matrices: Vec<nalgebra::DMatrix<f64>> = (0..grid.lines)
+            .map(|line| {
+                let density =
+                    exact_welch_density(frequency_hz, damping_ratio, grid.frequency_hz(line), 1.0 / spacing_hz);
+                let noise = 1e-6 / (2.0 * damping_ratio).powi(2);
+                &shape * shape.transpose() * density + nalgebra::DMatrix::identity(6, 6) * noise
+            })
+            .collect();
+        let setup = setup("exact", &points(6), &[]);
+        let measured = [MeasuredSetup { setup: &setup, spectrum: exact_spectrum(grid, &matrices) }];
+        let only = ModeChoice { only_hz: Some(vec![frequency_hz]), ..ModeChoice::default() };
+        let found = identify(&measured, &only).unwrap();
+        let mode = &found.modes[0];
+        let (f, zeta) = (mode.frequency_hz / frequency_hz - 1.0, mode.damping_ratio / damping_ratio);
+
+        assert!((zeta - 1.0).abs() < 2e-4, "{frequency_hz} Hz, {damping_ratio}, {bandwidths_a_line}: {zeta}");
+        assert!(f.abs() < 1e-6, "{f}");
+    }
 }

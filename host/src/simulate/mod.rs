@@ -10,6 +10,7 @@
 
 mod file;
 mod loading;
+pub mod modal;
 mod oscillator;
 mod plan;
 #[cfg(test)]

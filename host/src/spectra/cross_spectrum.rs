@@ -389,7 +389,10 @@ impl Places {
         if self.are_all() {
             return values;
         }
-        (0..lines).flat_map(|line| self.wanted.iter().map(move |place| line * self.count + place)).map(|at| values[at]).collect()
+        (0..lines)
+            .flat_map(|line| self.wanted.iter().map(move |place| line * self.count + place))
+            .map(|at| values[at])
+            .collect()
     }
 }
 
@@ -552,7 +555,8 @@ mod tests {
     fn gaps_that_come_and_go_on_every_channel_cost_no_memory_and_only_the_windows_they_touch() {
         let mut accumulator = CrossSpectrumAccumulator::expecting(grid(2), 12, 400).unwrap();
         // Every third window lacks some channels, each time others.
-        let is_sound = |number: usize, channel: usize| !number.is_multiple_of(3) || ((number * 7919) >> (channel % 11)) & 3 != 0;
+        let is_sound =
+            |number: usize, channel: usize| !number.is_multiple_of(3) || ((number * 7919) >> (channel % 11)) & 3 != 0;
         for number in 0..400 {
             accumulator.add(window(number, 12, 2, |channel| is_sound(number, channel))).unwrap();
             assert!(accumulator.total.len() <= MAX_SETS && accumulator.groups.len() <= MAX_GROUPS);

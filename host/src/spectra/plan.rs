@@ -182,7 +182,8 @@ fn reason(setups: &[SetupExtent], analysis: &Analysis, best: &Candidate, grid: &
             .map(|(setup, decimation)| format!("{} / {decimation}", short(setup.sampling_rate_hz)))
             .collect();
         ways.dedup();
-        let why = if analysis.decimated_rate_hz.is_some() { "as [analysis] says" } else { "free of aliases in the band" };
+        let why =
+            if analysis.decimated_rate_hz.is_some() { "as [analysis] says" } else { "free of aliases in the band" };
         format!("{} Hz ({}), {why}", short(best.rate_hz), ways.join(", "))
     };
     let averages: usize = best.windows.iter().sum();

@@ -89,7 +89,12 @@ fn a_sound_study_is_read_with_every_value_in_its_place() {
         ..first.clone()
     };
     assert_eq!(setup.sensors, [first, second]);
-    let analysis = Analysis { band_hz: Some([0.5, 10.0]), decimated_rate_hz: Some(25.0), segment: Some(1024), ..Analysis::default() };
+    let analysis = Analysis {
+        band_hz: Some([0.5, 10.0]),
+        decimated_rate_hz: Some(25.0),
+        segment: Some(1024),
+        ..Analysis::default()
+    };
     assert_eq!(study.analysis, analysis);
     let model = study.model.unwrap();
     let beam = ModelSource::Beam(PathBuf::from("beam.csv"));

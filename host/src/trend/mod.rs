@@ -168,7 +168,8 @@ pub fn follow(
     if study.setups.iter().any(|setup| setup.temperature.is_some())
         && intervals.iter().all(|interval| interval.temperature_degc.is_none())
     {
-        warnings.push("no temperature lies within the recording's time: is time_s counted from its first row?".to_owned());
+        warnings
+            .push("no temperature lies within the recording's time: is time_s counted from its first row?".to_owned());
     }
     let modes = modes.iter().map(|mode| mode_trend(mode, &intervals)).collect();
     Ok(Trend { every_s, modes, intervals, warnings })

@@ -42,8 +42,7 @@ fn write_study(folder: &Path, temperatures: bool) {
     let setup = &Study::load(folder).unwrap().setups[0];
     let mut weather = "time_s,temperature_degc\n".to_owned();
     for half_hour in 0..HALF_HOURS {
-        let effect: Effect =
-            format!("stiffness-scale={}", PER_KELVIN * (degrees(half_hour) - 15.0)).parse().unwrap();
+        let effect: Effect = format!("stiffness-scale={}", PER_KELVIN * (degrees(half_hour) - 15.0)).parse().unwrap();
         let beam = BeamTable::read(&folder.join("beam.csv")).unwrap();
         let options = Options { seed: half_hour as u64, ..Options::default() };
         let mut simulation = Simulation::of_beam(beam, &[effect], setup, &options).unwrap();

@@ -1,41 +1,64 @@
-//! Recordings of structures whose modes are known, for tests: every mode an exact discrete oscillator under white force.
+//! Recordings of given modes, without a model: what identification is measured by, in tests and in the study of its figures.
+//!
+//! Every mode is an exact discrete oscillator under white force of its own. [`score`] holds an identification against them.
+
+pub mod score;
 
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use thiserror::Error;
 
-use crate::spectra::cross_spectrum::{CrossSpectrum, CrossSpectrumAccumulator};
+use crate::spectra::cross_spectrum::{CrossSpectrum, CrossSpectrumAccumulator, SpectraError};
 use crate::spectra::direct::Welch;
-use crate::spectra::plan::{SetupExtent, SpectralPlan};
+use crate::spectra::plan::{PlanError, SetupExtent, SpectralPlan};
 use crate::study::{Analysis, Sensor, Setup, Unit};
 
-/// Modes of a structure: frequencies in Hz, damping ratios, modal force levels, shapes (a column a mode).
+/// Why there is no spectrum of a recording.
+#[derive(Debug, Error)]
+pub enum ModalError {
+    /// The recording is too short for the band, or the rate too low.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// The windows gave no spectrum.
+    #[error(transparent)]
+    Spectra(#[from] SpectraError),
+}
+
+/// Modes of a structure.
 #[derive(Debug, Clone)]
-pub(crate) struct Truth {
-    pub(crate) frequencies_hz: Vec<f64>,
-    pub(crate) damping_ratio: f64,
-    pub(crate) shapes: DMatrix<f64>,
+pub struct Truth {
+    /// Natural frequencies in Hz, rising.
+    pub frequencies_hz: Vec<f64>,
+    /// Damping ratio of all modes.
+    pub damping_ratio: f64,
+    /// Mode shapes: channels x modes.
+    pub shapes: DMatrix<f64>,
 }
 
 /// A recording to make.
 #[derive(Debug, Clone)]
-pub(crate) struct Recording {
-    pub(crate) sampling_rate_hz: f64,
-    pub(crate) hours: f64,
+pub struct Recording {
+    /// Rows a second.
+    pub sampling_rate_hz: f64,
+    /// Length.
+    pub hours: f64,
     /// Sensor noise as a share of each channel's RMS.
-    pub(crate) noise: f64,
-    pub(crate) band_hz: [f64; 2],
-    pub(crate) seed: u64,
+    pub noise: f64,
+    /// The band that is analysed.
+    pub band_hz: [f64; 2],
+    /// Same seed, same recording.
+    pub seed: u64,
     /// Whether velocity is recorded instead of acceleration.
-    pub(crate) velocity: bool,
+    pub velocity: bool,
     /// A harmonic on all channels: frequency in Hz, amplitude as a share of the first channel's RMS.
-    pub(crate) harmonic: Option<(f64, f64)>,
+    pub harmonic: Option<(f64, f64)>,
 }
 
 /// A setup whose channels are "1", "2", ... and whose points are named the same.
-pub(crate) fn setup(name: &str, points: &[String], references: &[bool]) -> Setup {
+pub fn setup(name: &str, points: &[String], references: &[bool]) -> Setup {
     let sensor = |(at, point): (usize, &String)| Sensor {
         channel: (at + 1).to_string(),
         point: point.clone(),
@@ -58,14 +81,15 @@ pub(crate) fn setup(name: &str, points: &[String], references: &[bool]) -> Setup
     }
 }
 
-pub(crate) fn points(count: usize) -> Vec<String> {
+/// Names of points, counted from 1.
+pub fn points(count: usize) -> Vec<String> {
     (1..=count).map(|at| at.to_string()).collect()
 }
 
 impl Truth {
     /// Two ten-storey chains, coupled by weak springs at every floor; the second 1.8 % stiffer in frequency. Scaled so
     /// that the first six modes of each lie below 1 Hz. 20 channels, 12 modes.
-    pub(crate) fn chains(channels: usize) -> Self {
+    pub fn chains(channels: usize) -> Self {
         let storeys = 10;
         let mut stiffness = DMatrix::<f64>::zeros(2 * storeys, 2 * storeys);
         for (chain, k) in [1.0, 1.018_f64.powi(2)].into_iter().enumerate() {
@@ -101,7 +125,7 @@ impl Truth {
 
     /// A tower: cantilever shapes in two directions and torsion at eight levels; 20 channels, 12 modes, the closest
     /// pair 3.3 % apart.
-    pub(crate) fn tower() -> Self {
+    pub fn tower() -> Self {
         let frequencies_hz = vec![0.094, 0.138, 0.366, 0.424, 0.475, 0.505, 0.522, 0.795, 0.964, 1.150, 1.191, 1.250];
         // Direction (0, 1, torsion 2) and bending order of each.
         let kinds = [(0, 0), (1, 0), (0, 1), (0, 2), (1, 1), (2, 0), (1, 2), (0, 3), (1, 3), (2, 1), (0, 4), (1, 4)];
@@ -134,22 +158,31 @@ impl Truth {
         Self { frequencies_hz, damping_ratio: 0.008, shapes }
     }
 
-    /// The averaged spectrum of a recording.
-    pub(crate) fn recorded(&self, recording: &Recording) -> CrossSpectrum {
-        let rate = recording.sampling_rate_hz;
-        let rows = (recording.hours * 3600.0 * rate) as u64;
-        let channels = self.shapes.nrows();
-        let analysis = Analysis { band_hz: Some(recording.band_hz), decimated_rate_hz: None, segment: None, ..Analysis::default() };
-        let extent = SetupExtent { sampling_rate_hz: rate, rows, channels };
-        let plan = SpectralPlan::choose(&[extent], &analysis).unwrap();
+    /// The averaged spectrum of a recording, along the plan that suits its length.
+    ///
+    /// # Errors
+    /// When the recording is too short for the band.
+    pub fn recorded(&self, recording: &Recording) -> Result<CrossSpectrum, ModalError> {
+        let analysis = Analysis { band_hz: Some(recording.band_hz), ..Analysis::default() };
+        let plan = SpectralPlan::choose(&[self.extent(recording)], &analysis)?;
         self.recorded_along(recording, &plan)
     }
 
+    /// What a plan needs to know of a recording.
+    pub fn extent(&self, recording: &Recording) -> SetupExtent {
+        SetupExtent {
+            sampling_rate_hz: recording.sampling_rate_hz,
+            rows: (recording.hours * 3600.0 * recording.sampling_rate_hz) as u64,
+            channels: self.shapes.nrows(),
+        }
+    }
+
     /// The same along a given plan.
-    pub(crate) fn recorded_along(&self, recording: &Recording, plan: &SpectralPlan) -> CrossSpectrum {
-        let rate = recording.sampling_rate_hz;
-        let rows = (recording.hours * 3600.0 * rate) as u64;
-        let channels = self.shapes.nrows();
+    ///
+    /// # Errors
+    /// When the recording is shorter than a segment.
+    pub fn recorded_along(&self, recording: &Recording, plan: &SpectralPlan) -> Result<CrossSpectrum, ModalError> {
+        let SetupExtent { sampling_rate_hz: rate, rows, channels } = self.extent(recording);
         let mut rng = ChaCha8Rng::seed_from_u64(recording.seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let mut oscillators: Vec<Oscillator> =
@@ -161,8 +194,11 @@ impl Truth {
         let rms: Vec<f64> = (0..channels)
             .map(|row| (0..variances.len()).map(|m| self.shapes[(row, m)].powi(2) * variances[m]).sum::<f64>().sqrt())
             .collect();
-        let mut welch = Welch::new(plan.grid, plan.decimations[0], channels).unwrap();
-        let mut accumulator = CrossSpectrumAccumulator::new(plan.grid, channels).unwrap();
+        let decimation = plan.decimations.first().copied().unwrap_or(1);
+        let no_window = || ModalError::Spectra(SpectraError::NoWindows);
+        let mut welch = Welch::new(plan.grid, decimation, channels).ok_or_else(no_window)?;
+        let mut accumulator = CrossSpectrumAccumulator::new(plan.grid, channels)?;
+        let mut refused = None;
         let mut row = vec![0.0; channels];
         for index in 0..rows {
             let motion: Vec<f64> = oscillators
@@ -182,9 +218,10 @@ impl Truth {
                     *value += share * rms[0] * std::f64::consts::SQRT_2 * phase.sin() * (1.0 + channel as f64 / 10.0);
                 }
             }
-            welch.push(&row, &mut |window| accumulator.add(window).unwrap());
+            welch.push(&row, &mut |window| refused = accumulator.add(window).err().or(refused.take()));
         }
-        accumulator.finish().unwrap().0
+        refused.map_or(Ok(()), Err)?;
+        Ok(accumulator.finish()?.0)
     }
 }
 

@@ -1,16 +1,21 @@
 //! How an identification stands to its truth.
 
-use crate::identify::synthetic::{Truth, points, setup};
-use crate::identify::{Identification, MeasuredSetup, Mode, identify};
+use super::{Truth, points, setup};
+use crate::identify::{Identification, IdentifyError, MeasuredSetup, Mode, identify};
 use crate::spectra::CrossSpectrum;
 use crate::study::ModeChoice;
 
-pub(super) fn identified(truth: &Truth, spectrum: &CrossSpectrum) -> Identification {
+/// Identifies a recording's spectrum, everything automatic.
+///
+/// # Errors
+/// As [`identify`].
+pub fn identified(truth: &Truth, spectrum: CrossSpectrum) -> Result<Identification, IdentifyError> {
     let setup = setup("one", &points(truth.shapes.nrows()), &[]);
-    identify(&[MeasuredSetup { setup: &setup, spectrum: spectrum.clone() }], &ModeChoice::default()).unwrap()
+    identify(&[MeasuredSetup { setup: &setup, spectrum }], &ModeChoice::default())
 }
 
-pub(super) fn mac(mode: &Mode, truth: &Truth, at: usize) -> f64 {
+/// Modal assurance criterion of a mode and a true shape.
+pub fn mac(mode: &Mode, truth: &Truth, at: usize) -> f64 {
     let (mut product, mut a, mut b) = ([0.0; 2], 0.0, 0.0);
     for (row, part) in mode.shape.iter().enumerate() {
         let t = truth.shapes[(row, at)];
@@ -24,19 +29,27 @@ pub(super) fn mac(mode: &Mode, truth: &Truth, at: usize) -> f64 {
 
 /// How an identification stands to its truth.
 #[derive(Debug, Default)]
-pub(super) struct Score {
-    pub(super) missed: usize,
-    pub(super) spurious: usize,
-    pub(super) frequency_errors: Vec<f64>,
-    pub(super) damping: Vec<f64>,
-    pub(super) macs: Vec<f64>,
-    /// (estimate - truth) / std of frequency and damping.
-    pub(super) frequency_z: Vec<f64>,
-    pub(super) damping_z: Vec<f64>,
-    pub(super) shape_z: Vec<f64>,
+pub struct Score {
+    /// True modes that were not found.
+    pub missed: usize,
+    /// Modes that are none.
+    pub spurious: usize,
+    /// Errors of the frequencies in percent.
+    pub frequency_errors: Vec<f64>,
+    /// Damping ratios over the truth.
+    pub damping: Vec<f64>,
+    /// MAC of the shapes.
+    pub macs: Vec<f64>,
+    /// (estimate - truth) / std of the frequencies...
+    pub frequency_z: Vec<f64>,
+    /// ...of the damping ratios...
+    pub damping_z: Vec<f64>,
+    /// ...and of the shapes' components.
+    pub shape_z: Vec<f64>,
 }
 
-pub(super) fn score(found: &Identification, truth: &Truth) -> Score {
+/// Every true mode takes the mode within 2 % that resembles it the most.
+pub fn score(found: &Identification, truth: &Truth) -> Score {
     let mut score = Score::default();
     let mut used = vec![false; found.modes.len()];
     for (at, &f) in truth.frequencies_hz.iter().enumerate() {
@@ -67,22 +80,26 @@ pub(super) fn score(found: &Identification, truth: &Truth) -> Score {
     score
 }
 
-pub(super) fn rms(values: &[f64]) -> f64 {
+/// Root mean square.
+pub fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-pub(super) fn median_of_magnitudes(values: &[f64]) -> f64 {
+/// Median of the magnitudes; NaN of nothing.
+pub fn median_of_magnitudes(values: &[f64]) -> f64 {
     let mut sorted: Vec<f64> = values.iter().map(|value| value.abs()).collect();
     sorted.sort_by(f64::total_cmp);
-    sorted[sorted.len() / 2]
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-pub(super) fn range(values: &[f64]) -> [f64; 2] {
+/// Lowest and highest.
+pub fn range(values: &[f64]) -> [f64; 2] {
     values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &v| [low.min(v), high.max(v)])
 }
 
 impl Score {
-    pub(super) fn line(&self) -> String {
+    /// All figures in a line.
+    pub fn line(&self) -> String {
         let [worst_low, worst_high] = range(&self.frequency_errors);
         let damping = range(&self.damping);
         format!(
@@ -100,7 +117,8 @@ impl Score {
         )
     }
 
-    pub(super) fn absorb(&mut self, other: Score) {
+    /// Takes another score's figures in.
+    pub fn absorb(&mut self, other: Score) {
         self.missed += other.missed;
         self.spurious += other.spurious;
         self.frequency_errors.extend(other.frequency_errors);
