@@ -170,11 +170,11 @@ fn a_sampling_rate_that_contradicts_the_time_column_is_refused_with_both_rates()
 }
 
 #[test]
-fn a_recording_too_short_for_its_channels_is_said_with_what_is_missing() {
+fn a_recording_too_short_for_its_channels_is_refused_with_what_is_missing() {
     let rows = recording();
     // 40 s: a few windows of 256 points, fewer than 16 averages for four channels.
-    let (status, error, _) = identify("data.csv", &csv(&rows[..40 * RATE_HZ], plain), 20.0, CHANNELS);
-    assert!(error.contains("averages") && error.contains("record") && error.contains("more"), "{status}: {error}");
+    let outcome = identify("data.csv", &csv(&rows[..40 * RATE_HZ], plain), 20.0, CHANNELS);
+    assert_fails(&outcome, &["averages for 4 channels", "Record", "min more", "modes_hz"]);
     let outcome = identify("data.csv", &csv(&rows[..5 * RATE_HZ], plain), 20.0, CHANNELS);
     assert_fails(&outcome, &["too short", "record longer"]);
 }

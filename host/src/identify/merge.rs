@@ -95,7 +95,9 @@ fn merged(
     duration_s: f64,
     warnings: &mut Vec<String>,
 ) -> Mode {
-    let found = || estimates.iter().filter(|mode| mode.found);
+    // A mode that the user asked for stays where no setup shows it.
+    let nowhere = estimates.iter().all(|mode| !mode.found);
+    let found = || estimates.iter().filter(move |mode| mode.found || nowhere);
     let (frequency_hz, frequency_std_hz) =
         combine(found().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
     let (damping_ratio, damping_ratio_std) =

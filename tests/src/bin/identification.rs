@@ -14,9 +14,16 @@ use belfry_host::spectra::{CrossSpectrum, SpectralPlan};
 use belfry_host::study::Analysis;
 
 /// A case: its name and what it is.
-const CASES: [(&str, &str); 4] = [
-    ("chains-day", "two coupled chains, 24 h at 2.5 Hz (decimated from 10 Hz), 12 modes, the closest 1.8 % apart"),
-    ("chains-hour", "the same, 1 h at 50 Hz: the closest pair is a seventh of a line apart"),
+const CASES: [(&str, &str); 5] = [
+    (
+        "chains-day",
+        "two coupled chains, 24 h at 2.5 Hz (decimated from 10 Hz), 12 modes to 0.93 Hz, the closest 1.8 % apart",
+    ),
+    ("chains-hour", "the same twenty times as fast, to 18.6 Hz, 1 h at 50 Hz (decimated from 200 Hz)"),
+    (
+        "chains-short",
+        "the chains to 0.93 Hz in 1 h at 50 Hz: the closest pair is a seventh of a line apart, beyond resolution",
+    ),
     ("tower-day", "a tower, 24 h, 12 modes, the closest 3.3 % apart"),
     ("tower-hour", "the same, 1 h"),
 ];
@@ -76,24 +83,24 @@ fn run(cases: &[&str], first: u64, seeds: u64) -> Result<(), Box<dyn std::error:
 }
 
 fn record(case: &str, seed: u64) -> Result<(Truth, CrossSpectrum), ModalError> {
-    let (chains, hours) = (case.starts_with("chains"), if case.ends_with("day") { 24.0 } else { 1.0 });
-    let truth = if chains { Truth::chains(20) } else { Truth::tower() };
-    let sampling_rate_hz = match case {
-        "chains-day" => 10.0,
-        "tower-day" => 12.5,
-        _ => 50.0,
+    let hours = if case.ends_with("day") { 24.0 } else { 1.0 };
+    let mut truth = if case.starts_with("chains") { Truth::chains(20) } else { Truth::tower() };
+    // Rate, band, and the rate that the case is about where the recording is made finer: what is recorded is the
+    // acceleration averaged over a step.
+    let (sampling_rate_hz, band_hz, decimated_rate_hz) = match case {
+        "chains-day" => (10.0, [0.03, 1.0], Some(2.5)),
+        "chains-hour" => (200.0, [0.6, 20.0], Some(50.0)),
+        "chains-short" => (50.0, [0.03, 1.2], None),
+        "tower-day" => (12.5, [0.05, 1.5], None),
+        _ => (50.0, [0.05, 1.5], None),
     };
-    let band_hz = match case {
-        "chains-day" => [0.03, 1.0],
-        "chains-hour" => [0.03, 1.2],
-        _ => [0.05, 1.5],
-    };
-    let recording = Recording { sampling_rate_hz, hours, noise: 0.05, band_hz, seed, velocity: false, harmonic: None };
-    if case != "chains-day" {
-        let spectrum = truth.recorded(&recording)?;
-        return Ok((truth, spectrum));
+    if case == "chains-hour" {
+        truth.frequencies_hz.iter_mut().for_each(|hz| *hz *= 20.0);
     }
-    let analysis = Analysis { band_hz: Some(band_hz), decimated_rate_hz: Some(2.5), ..Analysis::default() };
+    // Of each channel's RMS, white over the band of the rate that the case is about.
+    let noise = 0.05 * (sampling_rate_hz / decimated_rate_hz.unwrap_or(sampling_rate_hz)).sqrt();
+    let recording = Recording { sampling_rate_hz, hours, noise, band_hz, seed, velocity: false, harmonic: None };
+    let analysis = Analysis { band_hz: Some(band_hz), decimated_rate_hz, ..Analysis::default() };
     let plan = SpectralPlan::choose(&[truth.extent(&recording)], &analysis)?;
     let spectrum = truth.recorded_along(&recording, &plan)?;
     Ok((truth, spectrum))

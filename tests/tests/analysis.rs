@@ -1,0 +1,180 @@
+//! A user steers the analysis of half a day of the tower: fewer bytes on the wire, modes chosen by hand, the hours one by
+//! one, no band given, and the modes taken elsewhere.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use assert_cmd::prelude::*;
+use belfry_tests::belfry_command;
+use predicates::prelude::*;
+use predicates::str::contains;
+use serde_json::Value;
+
+/// Twelve hours of the stand-in tower, simulated once for all tests: segments of 4096 points are right for it.
+static RECORDED: LazyLock<PathBuf> = LazyLock::new(|| {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("half-a-day");
+    let _ = fs::remove_dir_all(&folder);
+    belfry_command().arg("init").arg(&folder).args(["--template", "canton"]).assert().success();
+    let file = folder.join("study.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, text.replace("sampling_rate_hz = 50.0", "sampling_rate_hz = 12.5")).unwrap();
+    let arguments = ["--effect", "base-rotation=7.21e-15", "--hours", "12", "--seed", "4", "--adopt"];
+    belfry_command().arg("simulate").arg(&folder).args(arguments).assert().success();
+    folder
+});
+
+/// A study of its own on the recording, `edit`ed.
+fn study(edit: impl Fn(String) -> String) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let text = fs::read_to_string(RECORDED.join("study.toml")).unwrap();
+    let recording = RECORDED.join("simulated-january.npy");
+    let text = text.replace("simulated-january.npy", recording.to_str().unwrap());
+    fs::write(folder.path().join("study.toml"), edit(text)).unwrap();
+    fs::copy(RECORDED.join("beam.csv"), folder.path().join("beam.csv")).unwrap();
+    folder
+}
+
+fn with_analysis(line: &'static str) -> impl Fn(String) -> String {
+    move |text| text.replace("band_hz = [0.05, 1.5]", &format!("band_hz = [0.05, 1.5]\n{line}"))
+}
+
+fn json(folder: &Path, arguments: &[&str]) -> Value {
+    let mut command = belfry_command();
+    command.arg("identify").arg(folder).args(arguments).arg("--json");
+    serde_json::from_slice(&command.assert().success().get_output().stdout).expect("one JSON object")
+}
+
+fn modes(report: &Value) -> &Vec<Value> {
+    report["modes"].as_array().expect("modes are a list")
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+fn frequencies(report: &Value) -> Vec<f64> {
+    modes(report).iter().map(|mode| number(&mode["frequency_hz"])).collect()
+}
+
+fn mac(a: &Value, b: &Value) -> f64 {
+    let parts = |mode: &Value| -> Vec<(f64, f64)> {
+        let shape = mode["shape"].as_array().unwrap();
+        shape.iter().map(|part| (number(&part["re"]), number(&part["im"]))).collect()
+    };
+    let (a, b) = (parts(a), parts(b));
+    let product =
+        a.iter().zip(&b).fold((0.0, 0.0), |sum, (a, b)| (sum.0 + a.0 * b.0 + a.1 * b.1, sum.1 + a.0 * b.1 - a.1 * b.0));
+    let square = |shape: &[(f64, f64)]| shape.iter().map(|part| part.0 * part.0 + part.1 * part.1).sum::<f64>();
+    (product.0 * product.0 + product.1 * product.1) / (square(&a) * square(&b))
+}
+
+#[test]
+fn six_bits_a_component_keep_frequencies_within_a_twenty_thousandth_at_five_bytes_a_second() {
+    let folder = study(|text| text);
+    let direct = json(folder.path(), &["--direct"]);
+    let nodes = json(folder.path(), &["--bits", "6"]);
+    assert_eq!(nodes["segments"]["points"], 4096);
+    assert!(number(&nodes["link"]["bytes_per_second_and_channel"]) <= 5.0, "{}", nodes["link"]);
+    assert_eq!(modes(&nodes).len(), modes(&direct).len());
+    for (node, direct) in modes(&nodes).iter().zip(modes(&direct)) {
+        let (a, b) = (number(&node["frequency_hz"]), number(&direct["frequency_hz"]));
+        assert!((a / b - 1.0).abs() < 5e-5, "{a} Hz through nodes, {b} Hz directly");
+        assert!(mac(node, direct) > 1.0 - 1e-4, "{a} Hz: {}", mac(node, direct));
+    }
+}
+
+#[test]
+fn modes_are_added_dropped_and_fixed_in_the_study() {
+    let automatic = json(study(|text| text).path(), &["--direct"]);
+    let all = frequencies(&automatic);
+    assert!(all.len() >= 13, "{all:?}");
+    let dropped = study(with_analysis("drop_modes_hz = [0.1525]     # not of interest"));
+    let report = json(dropped.path(), &["--direct"]);
+    assert_eq!(frequencies(&report).len(), all.len() - 1);
+    assert!(frequencies(&report).iter().all(|hz| (hz - 0.1525).abs() > 0.01));
+    let added = study(with_analysis("add_modes_hz = [0.65]"));
+    let report = json(added.path(), &["--direct"]);
+    assert_eq!(frequencies(&report).len(), all.len() + 1);
+    let warnings = report["warnings"].to_string();
+    assert!(warnings.contains("0.65 Hz has no peak of its own"), "{warnings}");
+    let fixed = study(with_analysis("modes_hz = [0.341, 0.1085]"));
+    let report = json(fixed.path(), &["--direct"]);
+    let found = frequencies(&report);
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!((found[0] / 0.1085 - 1.0).abs() < 0.01 && (found[1] / 0.341 - 1.0).abs() < 0.01, "{found:?}");
+    for (line, expected) in [
+        ("modes_hz = [0.341]\nadd_modes_hz = [0.5]", "left out beside modes_hz"),
+        ("modes_hz = [2.4]", "within band_hz"),
+        ("modes_hz = []", "a list of frequencies"),
+        ("drop_modes_hz = 0.3", "a list of frequencies"),
+        ("drop_mode_hz = [0.3]", "drop_modes_hz"),
+    ] {
+        let wrong = study(with_analysis(line));
+        belfry_command().arg("identify").arg(wrong.path()).assert().code(1).stderr(contains(expected));
+    }
+}
+
+#[test]
+fn the_hours_one_by_one_show_what_goes_with_temperature() {
+    let folder =
+        study(|text| text.replace("sampling_rate_hz = 12.5", "sampling_rate_hz = 12.5\ntemperature = \"station.csv\""));
+    let station = "time_s,temperature_degc\n0,12.0\n21600,18.0\n43200,13.0\n";
+    fs::write(folder.path().join("station.csv"), station).unwrap();
+    let report = json(folder.path(), &["--direct", "--every", "1h"]);
+    let trend = &report["trends"];
+    let intervals = trend["intervals"].as_array().unwrap();
+    assert_eq!(intervals.len(), 12);
+    assert_eq!(number(&intervals[5]["temperature_degc"]), 17.5);
+    let followed = trend["modes"].as_array().unwrap();
+    assert_eq!(followed.len(), modes(&report).len());
+    // The tower does not change: hardly a mode is said to, and none goes with the temperature by much.
+    let changing = followed.iter().filter(|mode| number(&mode["p_value_of_no_change"]) < 1e-3).count();
+    assert!(changing <= 1, "{trend:#}");
+    for mode in followed {
+        let slope = &mode["percent_per_kelvin"];
+        if slope.is_object() {
+            assert!(number(&slope["value"]).abs() < 4.0 * number(&slope["std"]), "{mode}");
+        }
+    }
+    let table = fs::read_to_string(folder.path().join("results/trends.csv")).unwrap();
+    let rows: usize = intervals.iter().map(|interval| interval["modes"].as_array().unwrap().len()).sum();
+    assert_eq!(table.lines().count(), rows + 1);
+    assert!(fs::read_to_string(folder.path().join("results/trends.svg")).unwrap().contains("temperature"));
+    let identify = |every: &str| {
+        let mut command = belfry_command();
+        command.arg("identify").arg(folder.path()).args(["--direct", "--every", every]);
+        command.assert()
+    };
+    identify("1 fortnight").code(2);
+    identify("5s").code(1).stderr(contains("short"));
+    fs::write(folder.path().join("station.csv"), "time_s,temperature_degc\n0,12.0\n0,18.0\n").unwrap();
+    identify("1h").code(1).stderr(contains("station.csv:3").and(contains("does not rise")));
+}
+
+#[test]
+fn what_the_analysis_was_chosen_by_and_what_more_record_would_bring_is_said() {
+    let folder = study(|text| text.replace("band_hz = [0.05, 1.5]", ""));
+    let report = json(folder.path(), &["--direct", "--frequency-within", "0.01", "--damping-within", "2"]);
+    let reasons = report["segments"]["reasons"].as_array().unwrap();
+    assert!(reasons[0].as_str().unwrap().starts_with("Band: 0.0"), "{reasons:?}");
+    assert!(reasons[1].as_str().unwrap().contains("free of aliases"), "{reasons:?}");
+    // The band holds the tower's first modes, and no more than can be told apart.
+    let found = frequencies(&report);
+    assert!((12..=18).contains(&found.len()) && (found[0] / 0.1085 - 1.0).abs() < 0.01, "{found:?}");
+    for (needed, mode) in report["record_needed"].as_array().unwrap().iter().zip(modes(&report)) {
+        let bound = number(&mode["frequency_std_bound_hz"]) / number(&mode["frequency_hz"]);
+        let expected = number(&report["record_s"]) / 3600.0 * (bound / 1e-4).powi(2);
+        assert!((number(&needed["frequency_best_h"]) / expected - 1.0).abs() < 1e-9);
+        assert!(number(&needed["frequency_h"]) >= number(&needed["frequency_best_h"]));
+        assert!(number(&needed["damping_h"]) > 12.0);
+    }
+    belfry_command()
+        .arg("identify")
+        .arg(folder.path())
+        .args(["--direct", "--damping-within", "2"])
+        .assert()
+        .success()
+        .stdout(contains("For every damping within 2 % record").and(contains("Rate: ")));
+    belfry_command().arg("identify").arg(folder.path()).args(["--damping-within", "0"]).assert().code(2);
+}
