@@ -147,7 +147,9 @@ fn the_hours_one_by_one_show_what_goes_with_temperature() {
         command.assert()
     };
     identify("1 fortnight").code(2);
-    identify("5s").code(1).stderr(contains("short"));
+    identify("5s").code(1).stderr(contains("an interval of 5 s gives 0 averages").and(contains("take intervals of")));
+    // What is identified stays where it cannot be followed.
+    assert!(folder.path().join("results/modes.json").exists());
     fs::write(folder.path().join("station.csv"), "time_s,temperature_degc\n0,12.0\n0,18.0\n").unwrap();
     identify("1h").code(1).stderr(contains("station.csv:3").and(contains("does not rise")));
 }
@@ -177,4 +179,19 @@ fn what_the_analysis_was_chosen_by_and_what_more_record_would_bring_is_said() {
         .success()
         .stdout(contains("For every damping within 2 % record").and(contains("Rate: ")));
     belfry_command().arg("identify").arg(folder.path()).args(["--damping-within", "0"]).assert().code(2);
+}
+
+#[test]
+fn a_tower_that_is_sampled_fast_keeps_its_lowest_modes_without_a_band() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("fast");
+    belfry_command().arg("init").arg(&place).args(["--template", "canton"]).assert().success();
+    let file = place.join("study.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    let text = text.replace("sampling_rate_hz = 50.0", "sampling_rate_hz = 100.0").replace("band_hz = [0.05, 1.5]", "");
+    fs::write(&file, text).unwrap();
+    belfry_command().arg("simulate").arg(&place).args(["--hours", "1", "--adopt"]).assert().success();
+    let found = frequencies(&json(&place, &["--direct"]));
+    // At 100 Hz the first line of a first look is at 0.098 Hz, and its lowest peaks cannot be told from its edge.
+    assert!((found[0] / 0.110 - 1.0).abs() < 0.02 && (found[1] / 0.159 - 1.0).abs() < 0.02, "{found:?}");
 }

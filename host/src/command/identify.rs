@@ -132,11 +132,14 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let mut report = identify_study(&study, arguments.route.route(), console)?;
     let wish = arguments.wish();
     report.record_needed = Some(record_needed(&report.identification, wish));
+    write_results(&study, &report, &[])?;
     if let Some(every) = arguments.every {
         let modes = &report.identification.modes;
-        report.trends = Some(follow_study(&study, modes, &report.grid, every, arguments.route.route(), console)?);
+        let trend = follow_study(&study, modes, &report.grid, every, arguments.route.route(), console);
+        // What was identified stays, also where it cannot be followed.
+        report.trends = Some(trend.context("the modes are identified, but cannot be followed")?);
+        write_results(&study, &report, &[])?;
     }
-    write_results(&study, &report, &[])?;
     console.json(&report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification)));
     for harmonic in &report.identification.harmonics {
@@ -303,8 +306,15 @@ fn needs(report: &Report, wish: Wish) -> Vec<String> {
         let worst = needed.iter().filter(|mode| of(mode).0.is_some()).max_by(most)?;
         let (needed_h, best_h) = of(worst);
         let needed_h = needed_h?;
-        Some(if needed_h <= hours {
+        let unknown: Vec<String> =
+            needed.iter().filter(|mode| of(mode).0.is_none()).map(|mode| mode.mode.to_string()).collect();
+        Some(if needed_h <= hours && unknown.is_empty() {
             format!("Every {what} is known within {percent} %.")
+        } else if needed_h <= hours {
+            format!(
+                "The {what} is known within {percent} % but of mode {}: this record does not say how well.",
+                unknown.join(", ")
+            )
         } else {
             format!(
                 "For every {what} within {percent} % record {needed_h:.1} h instead of {hours:.1} h; mode {} needs most, and the best possible method would need {:.1} h for it.",

@@ -324,7 +324,8 @@ impl<'a> Model<'a> {
                 .clamp(DAMPING_RANGE[0], DAMPING_RANGE[1]),
             ..self.resonance
         };
-        let largest_level = |index: usize| if index + 1 == self.levels.len() { 1e3 } else { f64::INFINITY };
+        let largest = bell.density.iter().copied().fold(0.0, f64::max);
+        let largest_level = |index: usize| if index + 1 == self.levels.len() { largest } else { f64::INFINITY };
         let levels = self
             .levels
             .iter()

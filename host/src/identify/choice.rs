@@ -64,6 +64,17 @@ pub(super) fn add_picks(
                 pick.kurtosis.value
             ));
         }
+        let distance_hz = |other: &Pick| (grid.frequency_hz(other.line) - frequency_hz).abs();
+        if let Some(already) = picks
+            .iter_mut()
+            .filter(|other| distance_hz(other) <= leeway_hz(grid, frequency_hz))
+            .min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)))
+            && !stands_out
+        {
+            // It is picked already; a second one at its place would be its own remains.
+            already.by_user = true;
+            continue;
+        }
         if !stands_out {
             warnings.push(format!(
                 "the mode asked for at {frequency_hz} Hz has no peak of its own: what stands here of it may be noise, or what other modes leave there"

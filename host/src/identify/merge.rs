@@ -121,7 +121,7 @@ fn merged(
             variances[index] += (scales[setup].norm() * estimates[setup].shape_std[place] * weight).powi(2);
         }
     }
-    let before = shape.camax();
+    let before = shape.iter().map(|component| component.norm()).fold(0.0, f64::max);
     normalise(&mut shape);
     let scale = if before > 0.0 { 1.0 / before } else { 1.0 };
     // Au (2014): coefficients of variation sqrt(zeta / (2 pi N)) and 1 / sqrt(2 pi zeta N), N cycles in the record.
@@ -205,13 +205,35 @@ fn scales(
     scales
 }
 
-/// Mean by inverse variance and its deviation; the plain mean where a deviation is not known.
+/// Mean by inverse variance and its deviation, which is as much larger as the values scatter more than theirs explain. Values
+/// whose deviation is not known take part only where none is.
 pub(super) fn combine(values: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
-    let count = values.clone().count().max(1) as f64;
-    if values.clone().any(|(_, std)| !(std.is_finite() && std > 0.0)) {
+    let known = values.clone().filter(|(_, std)| std.is_finite() && *std > 0.0);
+    let count = known.clone().count();
+    if count == 0 {
+        let count = values.clone().count().max(1) as f64;
         let std = values.clone().map(|(_, std)| std).fold(0.0, f64::max);
         return (values.map(|(value, _)| value).sum::<f64>() / count, std / count.sqrt());
     }
-    let weight: f64 = values.clone().map(|(_, std)| 1.0 / (std * std)).sum();
-    (values.map(|(value, std)| value / (std * std)).sum::<f64>() / weight, 1.0 / weight.sqrt())
+    let weight: f64 = known.clone().map(|(_, std)| std.powi(-2)).sum();
+    let mean = known.clone().map(|(value, std)| value * std.powi(-2)).sum::<f64>() / weight;
+    let scatter: f64 = known.map(|(value, std)| ((value - mean) / std).powi(2)).sum();
+    let excess = (scatter / (count.max(2) - 1) as f64).max(1.0);
+    (mean, (excess / weight).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn setups_are_weighted_by_what_they_know_and_disagreement_is_not_averaged_away() {
+        let combine = |values: &[(f64, f64)]| super::combine(values.iter().copied());
+        let (mean, std) = combine(&[(1.0, 0.1), (1.2, 0.2)]);
+        assert!((mean - 1.04).abs() < 1e-12 && (std - (1.0_f64 / 125.0).sqrt()).abs() < 1e-12);
+        // One that knows nothing of its uncertainty adds nothing.
+        assert_eq!(combine(&[(1.0, 0.1), (5.0, f64::INFINITY)]), (1.0, 0.1));
+        assert_eq!(combine(&[(1.0, f64::INFINITY), (3.0, f64::INFINITY)]).0, 2.0);
+        // Three deviations apart to either side: the mean is known as the scatter says.
+        let (_, std) = combine(&[(-0.3, 0.1), (0.3, 0.1)]);
+        assert!((std - 0.3).abs() < 1e-12);
+    }
 }

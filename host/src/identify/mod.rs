@@ -48,13 +48,15 @@ pub enum IdentifyError {
     NoSetup,
     /// The average is rank-deficient.
     #[error(
-        "{averages} averages for {channels} channels: a cross-spectral matrix averaged over fewer segments than channels cannot tell modes from noise; record {} times as long, or shorten the segment in [analysis]",
+        "setup \"{setup}\": {averages} averages for {channels} channels: a cross-spectral matrix averaged over fewer segments than channels cannot tell modes from noise; record {} times as long, or shorten the segment in [analysis]",
         channels.div_ceil(*averages.max(&1)) * 4
     )]
     RankDeficient {
-        /// Averages of all setups together.
+        /// The setup.
+        setup: String,
+        /// Its averages.
         averages: usize,
-        /// Channels of the largest setup.
+        /// Its channels.
         channels: usize,
     },
     /// Too few averages to tell modes from noise.
@@ -94,8 +96,11 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
     }
     let averages: usize = measured.iter().map(|m| m.spectrum.averages()).sum();
     let channels = measured.iter().map(|m| m.spectrum.channels().len()).max().unwrap_or(0);
-    if averages < channels {
-        return Err(IdentifyError::RankDeficient { averages, channels });
+    for m in measured {
+        let (setup, averages, channels) = (m.setup.name.clone(), m.spectrum.averages(), m.spectrum.channels().len());
+        if averages < channels {
+            return Err(IdentifyError::RankDeficient { setup, averages, channels });
+        }
     }
     let wanted = AVERAGES_A_CHANNEL * channels;
     if averages < wanted && choice.only_hz.is_none() {

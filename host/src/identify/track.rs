@@ -12,6 +12,7 @@ use super::pick::{Kurtosis, Pick};
 use super::result::Mode;
 use super::shape::{Shape, filtered, mac, modal_filter};
 use super::{MeasuredSetup, quantity};
+use crate::study::Setup;
 
 /// How far a mode may have moved, as a share of its frequency, and at least in lines.
 const REACH: f64 = 0.03;
@@ -39,7 +40,12 @@ pub struct Tracked {
 }
 
 /// Follows known modes in a part of a record; `None` for each that the part does not show.
-pub fn track(measured: &MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>> {
+pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>> {
+    // A channel that is sound now and was not in most of the record has no part in the shapes.
+    let setup = measured.setup;
+    let is_known = |channel: &usize| modes.first().is_some_and(|mode| component(setup, *channel, mode).is_some());
+    let known: Vec<usize> = measured.spectrum.channels().iter().copied().filter(is_known).collect();
+    let measured = &MeasuredSetup { setup, spectrum: measured.spectrum.restricted(&known) };
     let spectrum = &measured.spectrum;
     let grid = *spectrum.grid();
     let known: Vec<(usize, Shape)> =
@@ -96,19 +102,18 @@ pub fn track(measured: &MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked
 
 /// A mode's shape at the channels that a setup's spectrum has; `None` where it is not known at one of them.
 fn shape_here(measured: &MeasuredSetup<'_>, mode: &Mode) -> Option<Shape> {
-    let setup = measured.setup;
-    let parts: Option<Vec<Complex64>> = measured
-        .spectrum
-        .channels()
-        .iter()
-        .map(|&channel| {
-            let sensor = setup.sensors.get(channel)?;
-            let in_setup = format!("{}/{}", setup.name, sensor.channel);
-            let named = |name: &str| mode.shape.iter().find(|component| component.channel == name);
-            let reference = || mode.shape.iter().find(|part| sensor.reference && part.point == sensor.point);
-            let part = named(&in_setup).or_else(reference).or_else(|| named(&sensor.channel))?;
-            Some(Complex64::new(part.re, part.im))
-        })
-        .collect();
-    parts.map(DVector::from_vec).filter(|shape| shape.norm() > 0.0)
+    let channels = measured.spectrum.channels();
+    let parts: Option<Vec<Complex64>> =
+        channels.iter().map(|&channel| component(measured.setup, channel, mode)).collect();
+    parts.map(DVector::from_vec).filter(|shape| !shape.is_empty() && shape.norm() > 0.0)
+}
+
+/// What a mode's shape is at a channel of a setup.
+fn component(setup: &Setup, channel: usize, mode: &Mode) -> Option<Complex64> {
+    let sensor = setup.sensors.get(channel)?;
+    let in_setup = format!("{}/{}", setup.name, sensor.channel);
+    let named = |name: &str| mode.shape.iter().find(|component| component.channel == name);
+    let reference = || mode.shape.iter().find(|part| sensor.reference && part.point == sensor.point);
+    let part = named(&in_setup).or_else(reference).or_else(|| named(&sensor.channel))?;
+    Some(Complex64::new(part.re, part.im))
 }

@@ -5,9 +5,13 @@ use std::sync::mpsc::channel;
 use super::stream::{self, Task};
 use super::{MeasureError, Progress, Route, Timings, left_out_sentence};
 use crate::record::Recording;
-use crate::spectra::{CrossSpectrum, CrossSpectrumAccumulator, SetupExtent, SpectraError, SpectralPlan, WindowLines};
+use crate::spectra::{
+    CrossSpectrum, CrossSpectrumAccumulator, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines,
+};
 use crate::study::{Analysis, Setup, Study};
 
+/// Averages an interval needs: its jackknife has as many groups at most, and fewer do not say how sure they are.
+const LEAST_AVERAGES: usize = 12;
 /// An interval needs this share of the windows that it has room for.
 const LEAST_SHARE: f64 = 0.5;
 
@@ -37,7 +41,7 @@ pub fn measure_intervals(
     route: Route,
     progress: Progress<'_>,
     mut on_interval: impl FnMut(Interval) + Send,
-) -> Result<SpectralPlan, MeasureError> {
+) -> Result<(), MeasureError> {
     let failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
     let recording = Recording::open(setup, &study.folder).map_err(failed)?;
     let rows = recording.total_rows().map_err(failed)?;
@@ -47,8 +51,22 @@ pub fn measure_intervals(
         rows: interval_rows.min(rows),
         channels: setup.sensors.len(),
     };
-    let plan = SpectralPlan::choose(&[extent], analysis)?;
-    let decimation = plan.decimations[0];
+    let too_short = |averages: usize, segment_s: f64| MeasureError::IntervalTooShort {
+        every_s,
+        averages,
+        needed_s: ((LEAST_AVERAGES + 2) as f64 * 0.5 * segment_s).ceil(),
+    };
+    let plan = match SpectralPlan::choose(&[extent], analysis) {
+        Err(PlanError::TooShort { segment, decimated_rate_hz, .. }) if interval_rows < rows => {
+            return Err(too_short(0, segment as f64 / decimated_rate_hz));
+        }
+        plan => plan?,
+    };
+    let averages = plan.windows.iter().sum();
+    if averages < LEAST_AVERAGES {
+        return Err(too_short(averages, 1.0 / plan.grid.spacing_hz()));
+    }
+    let decimation = plan.decimations.first().copied().unwrap_or(1);
     let hop_s = 0.5 / plan.grid.spacing_hz();
     let lead_s = SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz;
     let fitting = (every_s / hop_s).floor().max(1.0);
@@ -94,6 +112,6 @@ pub fn measure_intervals(
     close(open.take());
     match broken.try_iter().next() {
         Some(error) => Err(spectra_failed(error)),
-        None => Ok(plan),
+        None => Ok(()),
     }
 }

@@ -53,6 +53,18 @@ pub enum MeasureError {
         /// What it would need.
         source: PlanError,
     },
+    /// An interval of a recording has too few averages.
+    #[error(
+        "an interval of {every_s} s gives {averages} averages, too few to say how sure they are; take intervals of {needed_s} s at least"
+    )]
+    IntervalTooShort {
+        /// The interval.
+        every_s: f64,
+        /// Its averages.
+        averages: usize,
+        /// What would do.
+        needed_s: f64,
+    },
     /// There is no way to analyse the setups.
     #[error(transparent)]
     Plan(#[from] PlanError),

@@ -10,6 +10,7 @@ use std::path::Path;
 use crate::identify::{MeasuredSetup, picked_frequencies_hz};
 use crate::record::{Block, Recording};
 use crate::spectra::direct::Welch;
+use crate::spectra::plan::LOWEST_LINE;
 use crate::spectra::{CrossSpectrumAccumulator, SetupExtent, SpectralPlan};
 use crate::study::{Analysis, Setup};
 
@@ -18,10 +19,14 @@ const LOOK_S: f64 = 2.0 * 3600.0;
 /// Modes that a band is to hold at most: as many as a dozen sensors tell apart.
 const MODES: usize = 16;
 /// Looks taken at most; each narrows the band to what it shows.
-const LOOKS: usize = 4;
+const LOOKS: usize = 5;
 /// The band beyond the lowest and highest mode, as a factor.
 const BELOW: f64 = 0.5;
 const ABOVE: f64 = 1.2;
+/// Where a look shows nothing, the next is taken at this share of its band.
+const NOTHING: f64 = 0.125;
+/// A look that narrows the band less than this ends the scouting.
+const NARROWED: f64 = 0.9;
 
 /// The band chosen and why, or `None` where nothing stands out.
 pub(super) fn band(
@@ -34,33 +39,47 @@ pub(super) fn band(
         .iter()
         .map(|extent| SetupExtent { rows: extent.rows.min((LOOK_S * extent.sampling_rate_hz) as u64), ..*extent })
         .collect();
-    let mut analysis = analysis.clone();
-    let mut found: Option<([f64; 2], String)> = None;
+    let mut plan = SpectralPlan::choose(&looked, analysis).ok()?;
+    let mut found: Option<[f64; 2]> = None;
+    let mut peaks = 0;
     for _ in 0..LOOKS {
-        let Ok(plan) = SpectralPlan::choose(&looked, &analysis) else { break };
         let frequencies_hz = look(folder, setups, &looked, &plan);
         let lowest = &frequencies_hz[..frequencies_hz.len().min(MODES)];
-        let (Some(first), Some(last)) = (lowest.first(), lowest.last()) else { break };
         let whole_hz = [plan.grid.frequency_hz(0), plan.grid.frequency_hz(plan.grid.lines - 1)];
-        // Half-way to the next peak at most, so that no half mode stands at the end.
-        let next_hz = frequencies_hz.get(lowest.len()).map_or(f64::INFINITY, |next| 0.5 * (last + next));
-        let band_hz = [(BELOW * first).max(whole_hz[0]), (ABOVE * last).min(next_hz).min(whole_hz[1])];
-        let minutes = looked.iter().map(|extent| extent.rows as f64 / extent.sampling_rate_hz / 60.0).sum::<f64>();
-        found = Some((
-            band_hz,
-            format!(
-                "Band: {:.4} to {:.4} Hz, around the lowest {} peaks of a first look at {minutes:.0} min (band_hz in [analysis] fixes it).",
-                band_hz[0],
-                band_hz[1],
-                lowest.len()
-            ),
-        ));
-        if frequencies_hz.len() <= MODES {
+        let high_hz = if let (Some(first), Some(last)) = (lowest.first(), lowest.last()) {
+            // Half-way to the next peak at most, so that no half mode stands at the end.
+            let next_hz = frequencies_hz.get(lowest.len()).map_or(f64::INFINITY, |next| 0.5 * (last + next));
+            let high_hz = (ABOVE * last).min(next_hz).min(whole_hz[1]);
+            peaks = lowest.len();
+            found = Some([(BELOW * first).max(whole_hz[0]), high_hz]);
+            high_hz
+        } else {
+            NOTHING * whole_hz[1]
+        };
+        // The finer lines of a narrower band show what lies below the first look's lowest, too.
+        let Some(next) = finer(&looked, analysis, high_hz) else { break };
+        if high_hz > NARROWED * whole_hz[1] || next.grid.spacing_hz() >= plan.grid.spacing_hz() {
             break;
         }
-        analysis = Analysis { band_hz: Some(band_hz), ..analysis };
+        plan = next;
     }
-    found
+    let minutes = looked.iter().map(|extent| extent.rows as f64 / extent.sampling_rate_hz / 60.0).sum::<f64>();
+    found.map(|band_hz| {
+        let reason = format!(
+            "Band: {:.4} to {:.4} Hz, around the lowest {peaks} peaks of a first look at {minutes:.0} min (band_hz in [analysis] fixes it).",
+            band_hz[0], band_hz[1]
+        );
+        (band_hz, reason)
+    })
+}
+
+/// The plan for a band up to `high_hz`, from the lowest frequency that its lines show.
+fn finer(looked: &[SetupExtent], analysis: &Analysis, high_hz: f64) -> Option<SpectralPlan> {
+    let up_to = |low_hz: f64| {
+        SpectralPlan::choose(looked, &Analysis { band_hz: Some([low_hz, high_hz]), ..analysis.clone() }).ok()
+    };
+    let spacing_hz = up_to(1e-3 * high_hz)?.grid.spacing_hz();
+    up_to(LOWEST_LINE as f64 * spacing_hz)
 }
 
 /// Frequencies of the peaks that the looked-at rows show, lowest first; none where a recording cannot be read, which is told

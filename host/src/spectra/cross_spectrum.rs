@@ -17,8 +17,8 @@ use super::{LineGrid, WindowLines};
 const MAX_GROUPS: usize = 24;
 /// Windows that are added together at most.
 const MAX_WAITING: usize = 8;
-/// Sets of channels that sums are kept for.
-const MAX_SETS: usize = 8;
+/// Sets of channels that sums are kept for; each costs as much memory as the whole average.
+const MAX_SETS: usize = 4;
 /// A channel that is sound in fewer than this share of the windows is left out.
 const MIN_SOUND_SHARE: f64 = 0.5;
 
@@ -79,6 +79,8 @@ struct Sums<T> {
 struct Total {
     sums: Sums<f64>,
     fourths: Vec<f64>,
+    /// Windows of the set, and the rank of the set whose place it took.
+    rank: usize,
 }
 
 /// Sums of a group of windows. Single precision: they are only taken off the total for the jackknife, and are most of the
@@ -174,11 +176,27 @@ impl CrossSpectrumAccumulator {
         for windows in self.waiting.chunk_by(|a, b| a.0 == b.0) {
             let (mask, count) = (windows[0].0, windows[0].1.len());
             let lines = self.grid.lines;
+            // Where gaps come and go on every channel, every window has channels of its own. A new set takes the place of the
+            // rarest and inherits its rank (Space-Saving; Metwally et al. 2005): memory does not grow with the record, and a
+            // set that becomes common stays, however late it comes.
+            let mut inherited = 0;
+            if !self.total.contains_key(&mask) && self.total.len() >= MAX_SETS {
+                let rarest = self.total.iter().min_by_key(|(_, total)| total.rank).map(|(&rarest, _)| rarest);
+                if let Some(given_up) =
+                    rarest.and_then(|rarest| self.total.remove(&rarest).map(|set| (rarest, set.rank)))
+                {
+                    inherited = given_up.1;
+                    self.open.remove(&given_up.0);
+                    self.groups.iter_mut().for_each(|group| drop(group.remove(&given_up.0)));
+                }
+            }
             let sums = self.open.entry(mask).or_insert_with(|| Sums::zero(lines * triangle(count)));
             let total = self.total.entry(mask).or_insert_with(|| Total {
                 sums: Sums::zero(lines * triangle(count)),
                 fourths: vec![0.0; lines * count],
+                rank: inherited,
             });
+            total.rank += windows.len();
             sums.windows += windows.len();
             // The same loops, compiled for what this processor can do.
             pulp::Arch::new().dispatch(
@@ -187,7 +205,6 @@ impl CrossSpectrumAccumulator {
             );
         }
         self.waiting.clear();
-        self.give_up_rarest();
     }
 
     /// Ends the open group: into the total, and kept for the jackknife.
@@ -205,19 +222,6 @@ impl CrossSpectrumAccumulator {
         }
         self.groups.push(group);
         self.open_windows = 0;
-    }
-
-    /// Where gaps come and go on every channel, every window has channels of its own: those seldom complete alike are given
-    /// up, so that memory does not grow with the record.
-    fn give_up_rarest(&mut self) {
-        while self.total.len() > MAX_SETS {
-            let open = |mask: &u128| self.open.get(mask).map_or(0, |sums| sums.windows);
-            let rarest = self.total.iter().min_by_key(|(mask, total)| total.sums.windows + open(mask));
-            let Some(rarest) = rarest.map(|(&mask, _)| mask) else { break };
-            self.total.remove(&rarest);
-            self.open.remove(&rarest);
-            self.groups.iter_mut().for_each(|group| drop(group.remove(&rarest)));
-        }
     }
 
     fn merge_pairs(&mut self) {
@@ -261,6 +265,7 @@ impl CrossSpectrumAccumulator {
             let part = Total {
                 sums: part.sums.restricted(&places, lines),
                 fourths: places.restricted_channels(part.fourths, lines),
+                rank: part.rank,
             };
             match &mut total {
                 None => total = Some(part),
@@ -425,6 +430,23 @@ impl CrossSpectrum {
         &self.kept
     }
 
+    /// The same averages of some of the channels alone; `wanted` as in [`CrossSpectrum::channels`], others are ignored.
+    pub fn restricted(self, wanted: &[usize]) -> Self {
+        let places: Vec<usize> = (0..self.kept.len()).filter(|&place| wanted.contains(&self.kept[place])).collect();
+        let places = Places { count: self.kept.len(), wanted: places };
+        let lines = self.grid.lines;
+        Self {
+            grid: self.grid,
+            kept: places.wanted.iter().map(|&place| self.kept[place]).collect(),
+            groups: self.groups.into_iter().map(|group| group.restricted(&places, lines)).collect(),
+            total: Total {
+                sums: self.total.sums.restricted(&places, lines),
+                fourths: places.restricted_channels(self.total.fourths, lines),
+                rank: self.total.rank,
+            },
+        }
+    }
+
     /// Windows averaged.
     pub fn averages(&self) -> usize {
         self.total.sums.windows
@@ -566,6 +588,26 @@ mod tests {
         assert_eq!(spectrum.channels().len(), 12);
         assert_eq!(warnings, [SpectraWarning::WindowsLeftOut { left_out: 400 - whole.len(), windows: 400 }]);
         assert!((spectrum.matrix(1)[(2, 9)] - mean_product(&whole, 2, 9, 1)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn channels_that_come_online_one_by_one_do_not_cost_the_windows_that_follow() {
+        let mut accumulator = CrossSpectrumAccumulator::expecting(grid(2), 12, 1000).unwrap();
+        // A channel more every 12 windows.
+        for number in 0..1000 {
+            accumulator.add(window(number, 12, 2, |channel| number >= 12 * channel)).unwrap();
+        }
+        let (spectrum, _) = accumulator.finish().unwrap();
+        assert_eq!(spectrum.channels().len(), 12);
+        let whole: Vec<usize> = (132..1000).collect();
+        assert_eq!(spectrum.averages(), whole.len());
+        assert!((spectrum.matrix(0)[(3, 11)] - mean_product(&whole, 3, 11, 0)).norm() < 1e-12);
+        // Some channels alone are the same averages.
+        let some = spectrum.clone().restricted(&[11, 3, 40]);
+        assert_eq!((some.channels(), some.averages()), (&[3, 11][..], whole.len()));
+        assert_eq!(some.matrix(1)[(0, 1)], spectrum.matrix(1)[(3, 11)]);
+        assert_eq!(some.matrix_without(2, 1)[(1, 0)], spectrum.matrix_without(2, 1)[(11, 3)]);
+        assert_eq!(some.kurtosis(0)[1], spectrum.kurtosis(0)[11]);
     }
 
     #[test]

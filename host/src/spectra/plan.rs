@@ -14,6 +14,8 @@ use crate::study::Analysis;
 pub const AVERAGES_A_CHANNEL: usize = 4;
 /// Averages that a chosen segment leaves at least, however few channels there are: with 32 a spectrum scatters by 18 %.
 const LEAST_AVERAGES: usize = 32;
+/// The first line where the band is open: below, the Hann window's main lobe mixes with what is left of mean and drift.
+pub(crate) const LOWEST_LINE: usize = 4;
 /// Segments a node can transform.
 const SEGMENTS: [usize; 5] = [256, 512, 1024, 2048, 4096];
 /// Largest decimation that is tried.
@@ -144,7 +146,11 @@ impl SpectralPlan {
         // Finest spacing first; of equal ones the one with the lower rate, which has less work for the same lines.
         candidates.sort_by(|a, b| a.spacing_hz().total_cmp(&b.spacing_hz()).then(a.rate_hz.total_cmp(&b.rate_hz)));
         let averages = |candidate: &&Candidate| -> usize { candidate.windows.iter().sum() };
-        let enough = |candidate: &&Candidate| averages(candidate) >= wanted.max(LEAST_AVERAGES);
+        // Every setup by itself needs a matrix of full rank, with room for a few windows that gaps may cost.
+        let full = |(windows, setup): (&usize, &SetupExtent)| *windows >= setup.channels + setup.channels / 4;
+        let enough = |candidate: &&Candidate| {
+            averages(candidate) >= wanted.max(LEAST_AVERAGES) && candidate.windows.iter().zip(setups).all(full)
+        };
         let complete = |candidate: &&Candidate| candidate.windows.iter().all(|&windows| windows > 0);
         let best = candidates
             .iter()
@@ -247,8 +253,7 @@ impl Candidate {
     fn grid(&self, analysis: &Analysis) -> Result<LineGrid, PlanError> {
         let spacing_hz = self.spacing_hz();
         let usable_hz = usable_hz(self.rate_hz, &self.decimations);
-        // Below four lines the Hann window's main lobe mixes with what is left of mean and drift.
-        let [low_hz, high_hz] = analysis.band_hz.unwrap_or([4.0 * spacing_hz, usable_hz]);
+        let [low_hz, high_hz] = analysis.band_hz.unwrap_or([LOWEST_LINE as f64 * spacing_hz, usable_hz]);
         if high_hz > usable_hz * (1.0 + RATIO_TOLERANCE) {
             return Err(PlanError::BandTooHigh { high_hz, rate_hz: self.rate_hz, usable_hz });
         }

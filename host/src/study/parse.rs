@@ -248,7 +248,7 @@ fn analysis(section: &Section<'_>) -> Result<Analysis, StudyError> {
 
 /// The modes that the user adds, drops or fixes, all inside the band.
 fn mode_choice(section: &Section<'_>, band_hz: Option<[f64; 2]>) -> Result<ModeChoice, StudyError> {
-    const MODES: &str = "a list of frequencies in Hz within band_hz, such as [0.138, 0.366]";
+    const MODES: &str = "a list of frequencies in Hz within band_hz, each once, such as [0.138, 0.366]";
     const NO_MORE: &str = "left out beside modes_hz, which names all modes";
     let frequencies = |key| -> Result<Option<Vec<f64>>, StudyError> {
         let Some(entry) = section.get(key) else { return Ok(None) };
@@ -258,7 +258,8 @@ fn mode_choice(section: &Section<'_>, band_hz: Option<[f64; 2]>) -> Result<ModeC
             if inside(hz) { Ok(hz) } else { Err(entry.out_of_range(MODES)) }
         };
         let frequencies = entry.list(MODES)?.iter().map(frequency).collect::<Result<Vec<f64>, _>>()?;
-        if frequencies.is_empty() { Err(entry.out_of_range(MODES)) } else { Ok(Some(frequencies)) }
+        let twice = (1..frequencies.len()).any(|at| frequencies[..at].contains(&frequencies[at]));
+        if frequencies.is_empty() || twice { Err(entry.out_of_range(MODES)) } else { Ok(Some(frequencies)) }
     };
     let only_hz = frequencies("modes_hz")?;
     if only_hz.is_some()

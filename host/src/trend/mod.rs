@@ -7,7 +7,7 @@ mod regression;
 mod temperature;
 
 use serde::Serialize;
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 use thiserror::Error;
 
 pub use regression::Slope;
@@ -17,11 +17,8 @@ use crate::identify::track::{Tracked, track};
 use crate::identify::{MeasuredSetup, Mode};
 use crate::measure::{Interval, MeasureError, Progress, Route, measure_intervals};
 use crate::spectra::LineGrid;
-use crate::study::{Analysis, Study};
+use crate::study::{Analysis, Setup, Study};
 use regression::slopes;
-
-/// Averages an interval needs: its jackknife has as many groups at most, and twelve are the fewest to trust.
-const LEAST_AVERAGES: usize = 12;
 
 /// Why there is no trend.
 #[derive(Debug, Error)]
@@ -32,17 +29,11 @@ pub enum TrendError {
     /// The temperatures cannot be read.
     #[error(transparent)]
     Temperature(#[from] TemperatureError),
-    /// An interval has too few averages.
-    #[error(
-        "an interval of {every_s} s gives {averages} averages, and fewer than {LEAST_AVERAGES} do not say how sure they are; take intervals of {needed_s:.0} s at least"
-    )]
-    TooShort {
+    /// The record has no whole interval.
+    #[error("the record holds no interval of {every_s} s")]
+    NoInterval {
         /// The interval.
         every_s: f64,
-        /// Its averages.
-        averages: usize,
-        /// What would do.
-        needed_s: f64,
     },
     /// There are no modes to follow.
     #[error("no mode was found in the whole record, so there is none to follow")]
@@ -73,6 +64,9 @@ pub struct TrendInterval {
     pub end_s: f64,
     /// Segments averaged.
     pub averages: usize,
+    /// Groups of the jackknife that the deviations come from.
+    #[serde(skip)]
+    pub groups: usize,
     /// Mean temperature in degrees Celsius, where the study has one.
     pub temperature_degc: Option<f64>,
     /// The modes that the interval shows.
@@ -138,10 +132,12 @@ pub fn follow(
     // The same band; segments are chosen anew, as an interval has room for shorter ones only.
     let band_hz = [grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1))];
     let analysis = Analysis { band_hz: Some(band_hz), segment: None, ..study.analysis.clone() };
-    let (mut intervals, mut warnings) = (Vec::new(), Vec::new());
-    for setup in &study.setups {
-        let temperatures =
-            setup.temperature.as_ref().map(|file| Temperatures::read(&study.folder.join(file))).transpose()?;
+    let read = |setup: &Setup| -> Result<Option<Temperatures>, TemperatureError> {
+        setup.temperature.as_ref().map(|file| Temperatures::read(&study.folder.join(file))).transpose()
+    };
+    let temperatures = study.setups.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let (mut intervals, mut warnings, mut failure) = (Vec::new(), Vec::new(), None);
+    for (setup, temperatures) in study.setups.iter().zip(&temperatures) {
         let take = |interval: Interval| {
             let (start_s, end_s) = (interval.start_s, interval.end_s);
             let place = format!("setup \"{}\", {start_s:.0} to {end_s:.0} s", setup.name);
@@ -152,18 +148,28 @@ pub fn follow(
                     start_s,
                     end_s,
                     averages: spectrum.averages(),
+                    groups: spectrum.group_count(),
                     temperature_degc: temperatures.as_ref().and_then(|table| table.mean_degc(start_s, end_s)),
-                    modes: tracked(&MeasuredSetup { setup, spectrum }, modes),
+                    modes: tracked(MeasuredSetup { setup, spectrum }, modes),
                 }),
                 Err(error) => warnings.push(format!("{place}: left out: {error}")),
             }
         };
-        let plan = measure_intervals(study, setup, &analysis, every_s, route, progress, take)?;
-        let averages = plan.windows.first().copied().unwrap_or(0);
-        if averages < LEAST_AVERAGES {
-            let needed_s = (LEAST_AVERAGES + 2) as f64 * 0.5 / plan.grid.spacing_hz();
-            return Err(TrendError::TooShort { every_s, averages, needed_s });
+        // As for the whole record: one setup that fails among others is left out.
+        if let Err(error) = measure_intervals(study, setup, &analysis, every_s, route, progress, take) {
+            warnings.push(format!("setup \"{}\" is left out of the trends: {error}", setup.name));
+            failure.get_or_insert(error);
         }
+    }
+    if intervals.is_empty() {
+        return Err(failure.map_or(TrendError::NoInterval { every_s }, TrendError::Measure));
+    }
+    let without = intervals.iter().filter(|interval| interval.temperature_degc.is_none()).count();
+    if without > 0 && without < intervals.len() {
+        warnings.push(format!(
+            "{without} of {} intervals have no temperature and are left out of what goes with it",
+            intervals.len()
+        ));
     }
     if study.setups.iter().any(|setup| setup.temperature.is_some())
         && intervals.iter().all(|interval| interval.temperature_degc.is_none())
@@ -175,11 +181,8 @@ pub fn follow(
     Ok(Trend { every_s, modes, intervals, warnings })
 }
 
-/// The modes that an interval shows, if it has averages enough.
-fn tracked(measured: &MeasuredSetup<'_>, modes: &[Mode]) -> Vec<IntervalMode> {
-    if measured.spectrum.averages() < LEAST_AVERAGES {
-        return Vec::new();
-    }
+/// The modes that an interval shows.
+fn tracked(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<IntervalMode> {
     let of = |(mode, tracked): (&Mode, Option<Tracked>)| {
         let Tracked { frequency_hz, frequency_std_hz, damping_ratio, damping_ratio_std, mac, level } = tracked?;
         let number = mode.number;
@@ -205,9 +208,6 @@ fn mode_trend(mode: &Mode, intervals: &[TrendInterval]) -> ModeTrend {
     let weight = |seen: &IntervalMode| seen.frequency_std_hz.powi(-2);
     let weights: f64 = seen.iter().map(|(_, seen)| weight(seen)).sum();
     let mean_hz = seen.iter().map(|(_, seen)| weight(seen) * seen.frequency_hz).sum::<f64>() / weights;
-    let chi_squared: f64 = seen.iter().map(|(_, seen)| weight(seen) * (seen.frequency_hz - mean_hz).powi(2)).sum();
-    let freedom = seen.len().saturating_sub(1);
-    let distribution = (freedom > 0).then(|| ChiSquared::new(freedom as f64).ok()).flatten();
     let frequencies = || seen.iter().map(|(_, seen)| seen.frequency_hz);
     let [percent_per_kelvin, percent_per_decade] = dependences(&seen);
     ModeTrend {
@@ -216,26 +216,60 @@ fn mode_trend(mode: &Mode, intervals: &[TrendInterval]) -> ModeTrend {
         frequency_hz: if seen.is_empty() { mode.frequency_hz } else { mean_hz },
         lowest_hz: frequencies().fold(f64::INFINITY, f64::min).min(mode.frequency_hz),
         highest_hz: frequencies().fold(0.0, f64::max).max(mode.frequency_hz),
-        p_value_of_no_change: distribution.map(|chi| chi.sf(chi_squared)),
+        p_value_of_no_change: p_value_of_no_change(&seen),
         percent_per_kelvin,
         percent_per_decade,
     }
 }
 
-/// Change with temperature and with the level: together where the study has temperatures for all intervals and both vary by
-/// themselves, else with the level alone.
+/// Welch's test (1951, eq. 14 ff.) of several means whose deviations are themselves estimates: their own degrees of freedom
+/// are the groups of the jackknife less one. `None` with one interval.
+fn p_value_of_no_change(seen: &[(&TrendInterval, &IntervalMode)]) -> Option<f64> {
+    let count = seen.len() as f64;
+    if seen.len() < 2 {
+        return None;
+    }
+    let weights: Vec<f64> = seen.iter().map(|(_, mode)| mode.frequency_std_hz.powi(-2)).collect();
+    let total: f64 = weights.iter().sum();
+    let mean_hz = seen.iter().zip(&weights).map(|((_, mode), weight)| weight * mode.frequency_hz).sum::<f64>() / total;
+    let between =
+        seen.iter().zip(&weights).map(|((_, mode), w)| w * (mode.frequency_hz - mean_hz).powi(2)).sum::<f64>();
+    let lambda: f64 = seen
+        .iter()
+        .zip(&weights)
+        .map(|((interval, _), weight)| (1.0 - weight / total).powi(2) / interval.groups.saturating_sub(1).max(1) as f64)
+        .sum();
+    let squares = count * count - 1.0;
+    let statistic = between / (count - 1.0) / (1.0 + 2.0 * (count - 2.0) / squares * lambda);
+    let distribution = FisherSnedecor::new(count - 1.0, squares / (3.0 * lambda)).ok()?;
+    Some(distribution.sf(statistic.max(0.0)))
+}
+
+/// Change with temperature and with the level: together over the intervals that have a temperature, where both vary by
+/// themselves, else with the level alone. Of several setups the one with most intervals speaks: in another the level is
+/// that of other sensors.
 fn dependences(seen: &[(&TrendInterval, &IntervalMode)]) -> [Option<Slope>; 2] {
-    let y: Vec<f64> = seen.iter().map(|(_, seen)| seen.frequency_hz.ln()).collect();
-    let std: Vec<f64> = seen.iter().map(|(_, seen)| seen.frequency_std_hz / seen.frequency_hz).collect();
-    let level: Vec<f64> = seen.iter().map(|(_, seen)| seen.response_rms.max(f64::MIN_POSITIVE).log10()).collect();
+    let count = |setup: &str| seen.iter().filter(|(interval, _)| interval.setup == setup).count();
+    let setup = seen.iter().map(|(interval, _)| interval.setup.as_str()).max_by_key(|setup| count(setup));
+    let of_setup: Vec<_> = seen.iter().filter(|(interval, _)| Some(interval.setup.as_str()) == setup).collect();
     let percent = |slope: Slope| Slope { value: 100.0 * slope.value, std: 100.0 * slope.std };
-    let temperature: Option<Vec<f64>> = seen.iter().map(|(interval, _)| interval.temperature_degc).collect();
-    if let Some(temperature) = temperature
-        && let Some(found) = slopes(&y, &std, &[temperature, level.clone()])
-    {
+    let fit = |chosen: &[&&(&TrendInterval, &IntervalMode)], with_temperature: bool| {
+        let column =
+            |of: fn(&(&TrendInterval, &IntervalMode)) -> f64| chosen.iter().map(|seen| of(seen)).collect::<Vec<f64>>();
+        let y = column(|(_, mode)| mode.frequency_hz.ln());
+        let std = column(|(_, mode)| mode.frequency_std_hz / mode.frequency_hz);
+        let level = column(|(_, mode)| mode.response_rms.max(f64::MIN_POSITIVE).log10());
+        let temperature = column(|(interval, _)| interval.temperature_degc.unwrap_or(f64::NAN));
+        let regressors = if with_temperature { vec![temperature, level] } else { vec![level] };
+        slopes(&y, &std, &regressors)
+    };
+    let all: Vec<&&(&TrendInterval, &IntervalMode)> = of_setup.iter().collect();
+    let with_temperature: Vec<_> =
+        all.iter().copied().filter(|(interval, _)| interval.temperature_degc.is_some()).collect();
+    if let Some(found) = fit(&with_temperature, true) {
         return [Some(percent(found[0])), Some(percent(found[1]))];
     }
-    [None, slopes(&y, &std, &[level]).map(|found| percent(found[0]))]
+    [None, fit(&all, false).map(|found| percent(found[0]))]
 }
 
 #[cfg(test)]

@@ -103,5 +103,49 @@ fn without_temperatures_the_level_alone_is_held_against_the_frequencies() {
     assert!(trend.intervals.iter().all(|interval| interval.temperature_degc.is_none()));
     // Two minutes hold a handful of the shortest segments.
     let error = followed(folder.path(), 120.0).unwrap_err();
-    assert!(matches!(error, TrendError::TooShort { .. } | TrendError::Measure(_)), "{error}");
+    assert!(matches!(error, TrendError::Measure(MeasureError::IntervalTooShort { every_s: 120.0, .. })), "{error}");
+}
+
+/// An interval whose deviation comes from 12 groups of normal scatter.
+fn interval(number: usize, draw: &mut impl FnMut() -> f64) -> (TrendInterval, IntervalMode) {
+    let groups: Vec<f64> = (0..12).map(|_| 1.0 + 1e-3 * draw()).collect();
+    let mean = groups.iter().sum::<f64>() / 12.0;
+    let variance = groups.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / 11.0 / 12.0;
+    let mode = IntervalMode {
+        number: 1,
+        frequency_hz: mean,
+        frequency_std_hz: variance.sqrt(),
+        damping_ratio: 0.01,
+        damping_ratio_std: 0.001,
+        mac: 1.0,
+        response_rms: 1.0,
+    };
+    let start_s = number as f64 * 3600.0;
+    let interval = TrendInterval {
+        setup: "one".into(),
+        start_s,
+        end_s: start_s + 3600.0,
+        averages: 80,
+        groups: 12,
+        temperature_degc: None,
+        modes: vec![mode],
+    };
+    (interval, mode)
+}
+
+#[test]
+fn no_change_is_called_one_as_seldom_as_said() {
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+    let mut draw = || -> f64 { StandardNormal.sample(&mut random) };
+    let mut called = 0;
+    for _ in 0..2000 {
+        let day: Vec<(TrendInterval, IntervalMode)> = (0..24).map(|number| interval(number, &mut draw)).collect();
+        let seen: Vec<(&TrendInterval, &IntervalMode)> = day.iter().map(|(interval, mode)| (interval, mode)).collect();
+        called += usize::from(p_value_of_no_change(&seen).unwrap() < 0.01);
+    }
+    // 20 of 2000 are expected, 4.5 the scatter; taken as exact, the deviations would make it more than a hundred.
+    assert!((5..45).contains(&called), "{called}");
+    assert_eq!(p_value_of_no_change(&[]), None);
 }

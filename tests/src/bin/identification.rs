@@ -84,7 +84,7 @@ fn run(cases: &[&str], first: u64, seeds: u64) -> Result<(), Box<dyn std::error:
 
 fn record(case: &str, seed: u64) -> Result<(Truth, CrossSpectrum), ModalError> {
     let hours = if case.ends_with("day") { 24.0 } else { 1.0 };
-    let mut truth = if case.starts_with("chains") { Truth::chains(20) } else { Truth::tower() };
+    let mut truth = if case.starts_with("chains") { Truth::chains() } else { Truth::tower() };
     // Rate, band, and the rate that the case is about where the recording is made finer: what is recorded is the
     // acceleration averaged over a step.
     let (sampling_rate_hz, band_hz, decimated_rate_hz) = match case {

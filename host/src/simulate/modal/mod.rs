@@ -89,7 +89,7 @@ pub fn points(count: usize) -> Vec<String> {
 impl Truth {
     /// Two ten-storey chains, coupled by weak springs at every floor; the second 1.8 % stiffer in frequency. Scaled so
     /// that the first six modes of each lie below 1 Hz. 20 channels, 12 modes.
-    pub fn chains(channels: usize) -> Self {
+    pub fn chains() -> Self {
         let storeys = 10;
         let mut stiffness = DMatrix::<f64>::zeros(2 * storeys, 2 * storeys);
         for (chain, k) in [1.0, 1.018_f64.powi(2)].into_iter().enumerate() {
@@ -119,7 +119,7 @@ impl Truth {
         Self {
             frequencies_hz: order.iter().map(|&mode| 0.93 * eigen.eigenvalues[mode].sqrt() / highest).collect(),
             damping_ratio: 0.01,
-            shapes: DMatrix::from_fn(channels, 12, |row, mode| eigen.eigenvectors[(row, order[mode])]),
+            shapes: DMatrix::from_fn(2 * storeys, 12, |row, mode| eigen.eigenvectors[(row, order[mode])]),
         }
     }
 
