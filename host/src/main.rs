@@ -70,7 +70,12 @@ fn explain(error: &anyhow::Error) {
     let mut stderr = std::io::stderr().lock();
     // Where standard error is closed there is nobody left to tell; the exit status still says it.
     let _ = writeln!(stderr, "error: {error}");
-    for cause in error.chain().skip(1) {
-        let _ = writeln!(stderr, "  caused by: {cause}");
+    let mut told = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        // Many errors quote their cause.
+        if !told.contains(&cause) {
+            let _ = writeln!(stderr, "  caused by: {cause}");
+            told = cause;
+        }
     }
 }

@@ -106,6 +106,7 @@ fn modes_are_added_dropped_and_fixed_in_the_study() {
     for (line, expected) in [
         ("modes_hz = [0.341]\nadd_modes_hz = [0.5]", "left out beside modes_hz"),
         ("modes_hz = [2.4]", "within band_hz"),
+        ("modes_hz = [0.341, 0.341]", "each once"),
         ("modes_hz = []", "a list of frequencies"),
         ("drop_modes_hz = 0.3", "a list of frequencies"),
         ("drop_mode_hz = [0.3]", "drop_modes_hz"),
@@ -147,6 +148,7 @@ fn the_hours_one_by_one_show_what_goes_with_temperature() {
         command.assert()
     };
     identify("1 fortnight").code(2);
+    identify("0h").code(2);
     identify("5s").code(1).stderr(contains("an interval of 5 s gives 0 averages").and(contains("take intervals of")));
     // What is identified stays where it cannot be followed.
     assert!(folder.path().join("results/modes.json").exists());

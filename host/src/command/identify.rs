@@ -44,7 +44,7 @@ pub struct Arguments {
     #[arg(value_name = "STUDY")]
     pub study: PathBuf,
     /// Follow the modes over intervals of this length, such as 1h or 30min
-    #[arg(long, value_name = "DURATION", value_parser = humantime::parse_duration)]
+    #[arg(long, value_name = "DURATION", value_parser = interval)]
     pub every: Option<Duration>,
     /// Say how long a record would know every frequency within PERCENT (one standard deviation)
     #[arg(long, value_name = "PERCENT", value_parser = share)]
@@ -55,6 +55,15 @@ pub struct Arguments {
     /// How spectra are made of the recordings
     #[command(flatten)]
     pub route: RouteArguments,
+}
+
+/// An interval of a second at least.
+fn interval(text: &str) -> Result<Duration, String> {
+    match humantime::parse_duration(text) {
+        Ok(duration) if duration >= Duration::from_secs(1) => Ok(duration),
+        Ok(_) => Err("expected a second at least".to_owned()),
+        Err(error) => Err(format!("{error}; expected a length of time such as 1h or 30min")),
+    }
 }
 
 /// A wished standard deviation in percent, as a share.
@@ -354,7 +363,7 @@ pub(super) fn summary(report: &Report) -> String {
     }
     let t = &report.timings;
     text += &format!(
-        "\n{:.0} s of recording took {:.0} times less: counting {:.2} s, reading {:.2} s, spectra {:.2} s, averaging {:.2} s, modes {:.2} s.",
+        "\n{:.0} s of recording were analysed {:.0} times faster than they were recorded: counting {:.2} s, reading {:.2} s, spectra {:.2} s, averaging {:.2} s, modes {:.2} s.",
         t.recorded_s, t.times_faster_than_real_time, t.counting_s, t.reading_s, t.spectra_s, t.averaging_s, t.modes_s
     );
     text

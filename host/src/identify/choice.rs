@@ -10,6 +10,9 @@ use crate::study::ModeChoice;
 const NEAR_LINES: f64 = 2.0;
 const NEAR_SHARE: f64 = 0.01;
 
+/// A pick this near is the one that was meant, whatever else is there.
+const SAME_LINES: f64 = 0.5;
+
 /// How far from `frequency_hz` the user may have meant.
 fn leeway_hz(grid: &LineGrid, frequency_hz: f64) -> f64 {
     (NEAR_LINES * grid.spacing_hz()).max(NEAR_SHARE * frequency_hz)
@@ -65,12 +68,13 @@ pub(super) fn add_picks(
             ));
         }
         let distance_hz = |other: &Pick| (grid.frequency_hz(other.line) - frequency_hz).abs();
-        if let Some(already) = picks
-            .iter_mut()
-            .filter(|other| distance_hz(other) <= leeway_hz(grid, frequency_hz))
-            .min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)))
-            && !stands_out
-        {
+        // An automatic pick that is very near, or as near as was meant where nothing else is. Two that the user names are two.
+        let is_near = |other: &Pick| {
+            let reach_hz = if stands_out { SAME_LINES * grid.spacing_hz() } else { leeway_hz(grid, frequency_hz) };
+            !other.by_user && distance_hz(other) <= reach_hz
+        };
+        let nearest = picks.iter_mut().min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
+        if let Some(already) = nearest.filter(|other| is_near(other)) {
             // It is picked already; a second one at its place would be its own remains.
             already.by_user = true;
             continue;

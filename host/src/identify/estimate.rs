@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
-use super::bell::{Bell, BellFit, Quantity, Resonance};
+use super::bell::{Bell, BellFit, DAMPING_RANGE, Quantity, Resonance};
 use super::cluster::{Filters, clusters, noise_variance, regressed_shapes, seen};
 use super::joint::{JointFit, SlopePrior};
 use super::pick::Pick;
@@ -386,6 +386,10 @@ impl State {
         let [lowest, highest] = self.limits_hz(mode, spacing_hz);
         let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
         let fit = &self.fits[mode];
+        // At the end of its range a fit does not move from replicate to replicate: that says nothing of how sure it is.
+        let [least, most] = DAMPING_RANGE;
+        let is_bounded = !(1.001 * least..0.999 * most).contains(&fit.resonance.damping_ratio);
+        let deviation = |value: &dyn Fn(&Self) -> f64| if is_bounded { f64::INFINITY } else { deviation(value) };
         SetupMode {
             // The fit's level is the power of the modal response along a shape of unit length.
             level: fit.level.max(0.0).sqrt() / shape.norm(),

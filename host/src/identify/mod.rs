@@ -22,7 +22,7 @@ pub mod track;
 
 use thiserror::Error;
 
-use crate::spectra::plan::AVERAGES_A_CHANNEL;
+use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
 use crate::spectra::{CrossSpectrum, LineGrid};
 use crate::study::{ModeChoice, Setup, Unit};
 use bell::Quantity;
@@ -48,8 +48,10 @@ pub enum IdentifyError {
     NoSetup,
     /// The average is rank-deficient.
     #[error(
-        "setup \"{setup}\": {averages} averages for {channels} channels: a cross-spectral matrix averaged over fewer segments than channels cannot tell modes from noise; record {} times as long, or shorten the segment in [analysis]",
-        channels.div_ceil(*averages.max(&1)) * 4
+        "setup \"{setup}\": {} for {channels} channels: a cross-spectral matrix averaged over fewer segments than channels cannot tell modes from noise; record {} times as long, {needed_min:.0} min{}",
+        if *averages == 1 { "1 average".to_owned() } else { format!("{averages} averages") },
+        channels.div_ceil(*averages.max(&1)) * 4,
+        if *is_shortest { "" } else { ", or shorten the segment in [analysis]" }
     )]
     RankDeficient {
         /// The setup.
@@ -58,6 +60,10 @@ pub enum IdentifyError {
         averages: usize,
         /// Its channels.
         channels: usize,
+        /// The record that would do, in minutes.
+        needed_min: f64,
+        /// Whether segments are the shortest there are.
+        is_shortest: bool,
     },
     /// Too few averages to tell modes from noise.
     #[error(
@@ -72,6 +78,14 @@ pub enum IdentifyError {
         wanted: usize,
         /// Minutes of recording that are missing at this line spacing.
         missing_min: f64,
+    },
+    /// The user names modes, none of them in the band.
+    #[error("none of modes_hz in [analysis] lies in the band of {low_hz:.4} to {high_hz:.4} Hz")]
+    NoneInBand {
+        /// Lower edge of the band.
+        low_hz: f64,
+        /// Upper edge.
+        high_hz: f64,
     },
     /// Setups have different lines.
     #[error(
@@ -99,7 +113,9 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
     for m in measured {
         let (setup, averages, channels) = (m.setup.name.clone(), m.spectrum.averages(), m.spectrum.channels().len());
         if averages < channels {
-            return Err(IdentifyError::RankDeficient { setup, averages, channels });
+            let needed_min = ((AVERAGES_A_CHANNEL * channels + 1) as f64 * 0.5 / grid.spacing_hz() / 60.0).ceil();
+            let is_shortest = grid.segment <= SHORTEST_SEGMENT;
+            return Err(IdentifyError::RankDeficient { setup, averages, channels, needed_min, is_shortest });
         }
     }
     let wanted = AVERAGES_A_CHANNEL * channels;
@@ -113,6 +129,10 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
     let (mut harmonics, mut picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.kurtosis.is_harmonics());
     choice::drop_picks(&grid, &mut picks, choice, &mut warnings);
     choice::add_picks(&grid, measured, &singular, &mut picks, choice, &mut warnings);
+    if picks.is_empty() && choice.only_hz.is_some() {
+        let band_hz = [grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1))];
+        return Err(IdentifyError::NoneInBand { low_hz: band_hz[0], high_hz: band_hz[1] });
+    }
     let mut per_setup = Vec::new();
     loop {
         let estimate =

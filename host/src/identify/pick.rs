@@ -17,11 +17,13 @@ use num_complex::Complex64;
 
 use super::MeasuredSetup;
 use super::shape::{Shape, mac};
-use super::singular::{Leading, SingularValues, leading, noise_edge};
+use super::singular::{Leading, NOISE_EDGE_CHANNELS, SingularValues, leading, noise_edge};
 use crate::spectra::LineGrid;
 
 /// How many standard deviations (of the difference of two pooled log spectra) a peak must stand out by.
 const PROMINENCE_SIGMAS: f64 = 4.0;
+/// The same with so few channels that nothing else tells noise.
+const PROMINENCE_SIGMAS_ALONE: f64 = 5.0;
 /// How far a peak must be above the noise's largest singular value.
 const NOISE_FACTOR: f64 = 2.0;
 /// What is left below a mode must be at least this share of the mode itself: smaller remains can be its own distortion.
@@ -144,7 +146,9 @@ pub(super) fn peak_near(
 /// How far a peak must stand out, in ln density.
 fn prominence(measured: &[MeasuredSetup<'_>]) -> f64 {
     let averages: usize = measured.iter().map(|m| m.spectrum.averages()).sum();
-    PROMINENCE_SIGMAS * (2.0 * OVERLAP_VARIANCE / averages.max(1) as f64).sqrt()
+    let tells_noise = measured.iter().all(|m| m.spectrum.channels().len() >= NOISE_EDGE_CHANNELS);
+    let sigmas = if tells_noise { PROMINENCE_SIGMAS } else { PROMINENCE_SIGMAS_ALONE };
+    sigmas * (2.0 * OVERLAP_VARIANCE / averages.max(1) as f64).sqrt()
 }
 
 /// A mode's domain in lines to either side.

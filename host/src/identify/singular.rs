@@ -13,6 +13,9 @@ const SHOWN: usize = 4;
 /// Singular values taken for modes when the noise floor is estimated from the others.
 const RANKS_OF_MODES: usize = 3;
 
+/// Fewer channels leave too few values to tell noise from modes.
+pub(super) const NOISE_EDGE_CHANNELS: usize = RANKS_OF_MODES + 2;
+
 /// Largest singular value, its vector, and the noise floor of one matrix.
 #[derive(Debug, Clone)]
 pub(super) struct Leading {
@@ -64,10 +67,10 @@ impl SingularValues {
 /// The level that noise alone would give the largest singular value, from the small ones.
 ///
 /// The mean of the values beyond the modes' is the noise density nu; the largest value of a matrix of pure noise of n
-/// channels over M averages then lies near nu (1 + sqrt(n / M))^2 (Marchenko & Pastur 1967). `None` with fewer than five
-/// channels, where too few values are left to tell noise from modes.
+/// channels over M averages then lies near nu (1 + sqrt(n / M))^2 (Marchenko & Pastur 1967). `None` with fewer than
+/// [`NOISE_EDGE_CHANNELS`].
 pub(super) fn noise_edge(values: &[f64], averages: usize) -> Option<f64> {
-    let rest = values.get(RANKS_OF_MODES..).filter(|rest| rest.len() >= 2)?;
+    let rest = values.get(RANKS_OF_MODES..).filter(|_| values.len() >= NOISE_EDGE_CHANNELS)?;
     let floor = rest.iter().sum::<f64>() / rest.len() as f64;
     Some(floor * (1.0 + (values.len() as f64 / averages.max(1) as f64).sqrt()).powi(2))
 }

@@ -250,6 +250,8 @@ fn below_four_averages_a_channel_modes_are_not_picked_but_can_be_named() {
     // A window more every half segment of 40.96 s.
     assert_eq!(missing_min, ((80 - averages) as f64 * 40.96 / 60.0).ceil());
     assert!(error.to_string().contains("modes_hz"), "{error}");
+    let outside = ModeChoice { only_hz: Some(vec![7.0]), ..ModeChoice::default() };
+    assert!(matches!(identify(&measured, &outside), Err(IdentifyError::NoneInBand { .. })));
     let only = ModeChoice { only_hz: Some(vec![0.366, 0.795]), ..ModeChoice::default() };
     let found = identify(&measured, &only).unwrap();
     assert_eq!(found.modes.len(), 2);
@@ -280,6 +282,7 @@ fn a_user_adds_drops_and_fixes_modes() {
     let fixed = ModeChoice { only_hz: Some(truth.frequencies_hz.clone()), ..ModeChoice::default() };
     let fixed = identify(&measured, &fixed).unwrap();
     assert!(fixed.warnings.is_empty(), "{:?}", fixed.warnings);
+    assert_eq!(fixed.modes.len(), 12);
     for (fixed, automatic) in fixed.modes.iter().zip(&automatic.modes) {
         let difference = (fixed.frequency_hz - automatic.frequency_hz).abs();
         assert!(difference < automatic.frequency_std_hz, "{} {}", fixed.frequency_hz, automatic.frequency_hz);

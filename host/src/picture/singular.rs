@@ -30,7 +30,10 @@ pub fn singular_values(structure: &str, identification: &Identification) -> Resu
         let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
         root.fill(&WHITE).map_err(|e| fail(&e))?;
         let mut chart = ChartBuilder::on(&root)
-            .caption(format!("{structure}: singular values of the cross-spectral matrix"), ("sans-serif", 20))
+            .caption(
+                format!("{structure}: the largest singular values of the cross-spectral matrix, and the modes"),
+                ("sans-serif", 20),
+            )
             .margin(12)
             .x_label_area_size(44)
             .y_label_area_size(76)

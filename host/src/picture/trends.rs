@@ -68,12 +68,16 @@ fn panels(trend: &Trend, intervals: &[&TrendInterval]) -> Vec<Panel> {
     let hour = |interval: &TrendInterval| 0.5 * (interval.start_s + interval.end_s) / 3600.0;
     let mut panels = Vec::new();
     let temperatures = intervals.iter().filter_map(|i| Some((hour(i), i.temperature_degc?, 0.0))).collect();
-    panels.push(Panel { name: "temperature, °C".to_owned(), points: temperatures, color: BESIDE });
+    panels.push(Panel { name: "temperature in °C".to_owned(), points: temperatures, color: BESIDE });
     let strongest = |interval: &TrendInterval| {
         interval.modes.iter().map(|mode| mode.response_rms.powi(2)).sum::<f64>().sqrt().log10()
     };
     let levels = intervals.iter().filter(|i| !i.modes.is_empty()).map(|i| (hour(i), strongest(i), 0.0)).collect();
-    panels.push(Panel { name: "response, log10 of RMS".to_owned(), points: levels, color: BESIDE });
+    panels.push(Panel {
+        name: "response of all modes, log10 of its RMS in m/s² (m/s of a velocity)".to_owned(),
+        points: levels,
+        color: BESIDE,
+    });
     for mode in &trend.modes {
         let percent = |seen: &IntervalMode| {
             let scale = 100.0 / mode.frequency_hz;
@@ -86,7 +90,7 @@ fn panels(trend: &Trend, intervals: &[&TrendInterval]) -> Vec<Panel> {
                 Some((hour(interval), value, if std.is_finite() { std } else { 0.0 }))
             })
             .collect();
-        let name = format!("mode {}, {:.4} Hz, %", mode.number, mode.frequency_hz);
+        let name = format!("mode {}: frequency about {:.4} Hz, in % of it", mode.number, mode.frequency_hz);
         panels.push(Panel { name, points, color: MODE });
     }
     panels.retain(|panel| !panel.points.is_empty());
@@ -110,7 +114,11 @@ fn draw(
         .y_label_area_size(64)
         .build_cartesian_2d(0.0..hours, lowest - room..highest + room)?;
     let mut mesh = chart.configure_mesh();
-    mesh.disable_x_mesh().light_line_style(WHITE).y_labels(4).label_style(("sans-serif", 11));
+    mesh.disable_x_mesh()
+        .light_line_style(WHITE)
+        .y_labels(5)
+        .y_label_formatter(&|value| format!("{:.2}", value + 0.0))
+        .label_style(("sans-serif", 11));
     if is_last {
         mesh.x_desc("hours after the recording's first row");
     }

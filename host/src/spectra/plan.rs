@@ -16,8 +16,10 @@ pub const AVERAGES_A_CHANNEL: usize = 4;
 const LEAST_AVERAGES: usize = 32;
 /// The first line where the band is open: below, the Hann window's main lobe mixes with what is left of mean and drift.
 pub(crate) const LOWEST_LINE: usize = 4;
+/// The shortest segment that a node can transform.
+pub(crate) const SHORTEST_SEGMENT: usize = 256;
 /// Segments a node can transform.
-const SEGMENTS: [usize; 5] = [256, 512, 1024, 2048, 4096];
+const SEGMENTS: [usize; 5] = [SHORTEST_SEGMENT, 512, 1024, 2048, 4096];
 /// Largest decimation that is tried.
 const MAX_DECIMATION: u32 = 1000;
 /// Share of the Nyquist frequency that is used where nothing is decimated.

@@ -9,7 +9,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum TemperatureError {
     /// The file cannot be read.
-    #[error("{}: {source}", file.display())]
+    #[error("{}, the temperature that study.toml names: {source}", file.display())]
     Io {
         /// The file.
         file: PathBuf,
