@@ -4,7 +4,8 @@
 //! `pick` finds modes in the singular values, `shape` filters each mode from its neighbours, [`bell`] reads frequency and
 //! damping from the filtered spectrum one by one; from there `cluster` and `joint` fit close modes together by maximum
 //! likelihood. The jackknife in `estimate` says how sure it all is, `judge` throws out what the data do not determine, and
-//! `merge` joins the setups.
+//! `merge` joins the setups. What the user says of the picks is in `choice`; [`track`] follows known modes through parts of a
+//! record, [`accuracy`] says how long a record a wish takes.
 
 pub mod accuracy;
 pub mod bell;

@@ -41,8 +41,8 @@ impl Stage {
         Self { taps, accumulators: vec![0.0; ACCUMULATORS * channels], phase: 0, warm_up: WARM_UP }
     }
 
-    #[inline(always)]
     /// Adds a row in place of which, each `ratio` calls, an output row stands; returns whether it does.
+    #[inline(always)]
     fn push(&mut self, row: &mut [f64]) -> bool {
         let channels = row.len();
         let taps = &self.taps[self.phase];
