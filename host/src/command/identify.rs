@@ -1,7 +1,6 @@
 //! `belfry identify`: modes from a study's recordings.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
@@ -10,7 +9,7 @@ use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
 
 use super::Console;
-use super::case::results_folder;
+use super::case::{results_folder, write_json, write_result};
 use super::route::RouteArguments;
 use super::trends::{self, follow_study};
 use crate::identify::accuracy::{RecordNeeded, Wish, record_needed};
@@ -35,6 +34,9 @@ automatically; in [analysis] of study.toml, add_modes_hz and drop_modes_hz chang
 
 Writes modes.json, singular_values.svg and mode_shapes.svg (with --every also trends.csv and trends.svg) into the study's
 folder `results`.";
+
+/// What is identified, in the study's results.
+const MODES_FILE: &str = "modes.json";
 
 /// Find the modes: frequency, damping and shape, each with its standard deviation
 #[derive(Debug, Args)]
@@ -147,7 +149,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         let trend = follow_study(&study, modes, &report.grid, every, arguments.route.route(), console);
         // What was identified stays, also where it cannot be followed.
         report.trends = Some(trend.context("the modes are identified, but cannot be followed")?);
-        write_results(&study, &report, &[])?;
+        write_json(&study, MODES_FILE, &report)?;
     }
     console.json(&report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification)));
@@ -246,17 +248,13 @@ fn link_report(fleets: &[FleetReport]) -> Option<LinkReport> {
 
 /// Writes modes and pictures into the study; `truth` is one shape a mode, where it is known.
 pub(super) fn write_results(study: &Study, report: &Report, truth: &[Option<TrueShape>]) -> anyhow::Result<()> {
-    let folder = results_folder(study);
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let write =
-        |path: &Path, text: &str| fs::write(path, text).with_context(|| format!("cannot write {}", path.display()));
-    write(&folder.join("modes.json"), &(serde_json::to_string_pretty(report)? + "\n"))?;
+    write_json(study, MODES_FILE, report)?;
     let picture = picture::singular_values(&study.structure.name, &report.identification)?;
-    write(&folder.join("singular_values.svg"), &picture)?;
-    match picture::mode_shapes(&study.structure.name, &study.setups, &report.identification, truth)? {
-        Some(picture) => write(&folder.join("mode_shapes.svg"), &picture),
-        None => Ok(()),
+    write_result(study, "singular_values.svg", picture.as_bytes())?;
+    if let Some(picture) = picture::mode_shapes(&study.structure.name, &study.setups, &report.identification, truth)? {
+        write_result(study, "mode_shapes.svg", picture.as_bytes())?;
     }
+    Ok(())
 }
 
 /// The modes as a table; `best` is what no method can go below on the record at hand.

@@ -65,9 +65,10 @@ impl Resonance {
     /// What positive lags contribute to [`Resonance::density`]; the cross density of two modes i and j, of unit
     /// amplitude, is half_i + half_j* . The force has a density that goes as f to the power of `colour`.
     pub(super) fn half_density(&self, frequency_hz: f64, duration_s: f64, colour: f64) -> Complex64 {
-        let tilt = self.white_tilt() + colour * self.damping_ratio;
+        let kappa = self.white_tilt();
+        let tilt = kappa + colour * self.damping_ratio;
         let resonant = Complex64::new(1.0, tilt) * self.symmetric_half(frequency_hz, duration_s);
-        resonant + 0.5 * self.background(frequency_hz)
+        resonant + 0.5 * self.background(kappa, frequency_hz)
     }
 
     /// [`Resonance::density`] without its smooth part.
@@ -96,8 +97,8 @@ impl Resonance {
 
     /// The smooth part of the density: the pole of negative frequency, and a constant by which the whole vanishes at
     /// frequency 0. The window, which is long beside a period, does nothing to it.
-    fn background(&self, frequency_hz: f64) -> f64 {
-        let (kappa, zeta) = (self.white_tilt(), self.damping_ratio);
+    fn background(&self, kappa: f64, frequency_hz: f64) -> f64 {
+        let zeta = self.damping_ratio;
         let damped_hz = self.damped_frequency_hz();
         let against = Complex64::new(zeta * self.frequency_hz, frequency_hz + damped_hz) * TAU;
         let constant = 4.0 * (kappa * damped_hz / self.frequency_hz - zeta) / (TAU * self.frequency_hz);

@@ -205,20 +205,34 @@ fn mode_trend(mode: &Mode, intervals: &[TrendInterval]) -> ModeTrend {
         .filter_map(|interval| Some((interval, interval.modes.iter().find(|seen| seen.number == mode.number)?)))
         .filter(|(_, seen)| seen.frequency_std_hz.is_finite() && seen.frequency_std_hz > 0.0)
         .collect();
-    let weight = |seen: &IntervalMode| seen.frequency_std_hz.powi(-2);
-    let weights: f64 = seen.iter().map(|(_, seen)| weight(seen)).sum();
-    let mean_hz = seen.iter().map(|(_, seen)| weight(seen) * seen.frequency_hz).sum::<f64>() / weights;
     let frequencies = || seen.iter().map(|(_, seen)| seen.frequency_hz);
     let [percent_per_kelvin, percent_per_decade] = dependences(&seen);
     ModeTrend {
         number: mode.number,
         intervals: seen.len(),
-        frequency_hz: if seen.is_empty() { mode.frequency_hz } else { mean_hz },
+        frequency_hz: if seen.is_empty() { mode.frequency_hz } else { Mean::of(&seen).hz },
         lowest_hz: frequencies().fold(f64::INFINITY, f64::min).min(mode.frequency_hz),
         highest_hz: frequencies().fold(0.0, f64::max).max(mode.frequency_hz),
         p_value_of_no_change: p_value_of_no_change(&seen),
         percent_per_kelvin,
         percent_per_decade,
+    }
+}
+
+/// A mode's mean frequency over intervals, by inverse variance.
+struct Mean {
+    hz: f64,
+    weights: Vec<f64>,
+    /// Sum of the weights.
+    total: f64,
+}
+
+impl Mean {
+    fn of(seen: &[(&TrendInterval, &IntervalMode)]) -> Self {
+        let weights: Vec<f64> = seen.iter().map(|(_, mode)| mode.frequency_std_hz.powi(-2)).collect();
+        let total: f64 = weights.iter().sum();
+        let hz = seen.iter().zip(&weights).map(|((_, mode), weight)| weight * mode.frequency_hz).sum::<f64>() / total;
+        Self { hz, weights, total }
     }
 }
 
@@ -229,9 +243,7 @@ fn p_value_of_no_change(seen: &[(&TrendInterval, &IntervalMode)]) -> Option<f64>
     if seen.len() < 2 {
         return None;
     }
-    let weights: Vec<f64> = seen.iter().map(|(_, mode)| mode.frequency_std_hz.powi(-2)).collect();
-    let total: f64 = weights.iter().sum();
-    let mean_hz = seen.iter().zip(&weights).map(|((_, mode), weight)| weight * mode.frequency_hz).sum::<f64>() / total;
+    let Mean { hz: mean_hz, weights, total } = Mean::of(seen);
     let between =
         seen.iter().zip(&weights).map(|((_, mode), w)| w * (mode.frequency_hz - mean_hz).powi(2)).sum::<f64>();
     let lambda: f64 = seen

@@ -1,30 +1,27 @@
 //! How an identification stands to its truth.
 
+use nalgebra::DVector;
+use num_complex::Complex64;
+
 use super::{Truth, points, setup};
-use crate::identify::{Identification, IdentifyError, MeasuredSetup, Mode, identify};
+use crate::identify::{self, Identification, IdentifyError, MeasuredSetup, Mode};
 use crate::spectra::CrossSpectrum;
 use crate::study::ModeChoice;
 
 /// Identifies a recording's spectrum, everything automatic.
 ///
 /// # Errors
-/// As [`identify`].
+/// As [`identify::identify`].
 pub fn identified(truth: &Truth, spectrum: CrossSpectrum) -> Result<Identification, IdentifyError> {
     let setup = setup("one", &points(truth.shapes.nrows()), &[]);
-    identify(&[MeasuredSetup { setup: &setup, spectrum }], &ModeChoice::default())
+    identify::identify(&[MeasuredSetup { setup: &setup, spectrum }], &ModeChoice::default())
 }
 
 /// Modal assurance criterion of a mode and a true shape.
 pub fn mac(mode: &Mode, truth: &Truth, at: usize) -> f64 {
-    let (mut product, mut a, mut b) = ([0.0; 2], 0.0, 0.0);
-    for (row, part) in mode.shape.iter().enumerate() {
-        let t = truth.shapes[(row, at)];
-        product[0] += part.re * t;
-        product[1] += part.im * t;
-        a += part.re * part.re + part.im * part.im;
-        b += t * t;
-    }
-    (product[0].powi(2) + product[1].powi(2)) / (a * b)
+    let found =
+        DVector::from_iterator(mode.shape.len(), mode.shape.iter().map(|part| Complex64::new(part.re, part.im)));
+    identify::mac(&found, &truth.shapes.column(at).map(Complex64::from))
 }
 
 /// How an identification stands to its truth.
