@@ -55,7 +55,7 @@ fn update(criterion: &mut Criterion) {
                 frequency_hz: field.modes.frequency_hz[mode],
                 frequency_std_hz: Some(1e-3 * field.modes.frequency_hz[mode]),
                 damping_ratio: None,
-                shape: Some(MeasuredShape { sensors: (0..values.len()).collect(), values, stds }),
+                shape: Some(MeasuredShape { imaginary: None, sensors: (0..values.len()).collect(), values, stds }),
             }
         })
         .collect();
@@ -76,6 +76,7 @@ fn update(criterion: &mut Criterion) {
         background_mass: Some(0.01),
         correlation_length_m: Some(100.0),
         effects: Vec::new(),
+        customs: Vec::new(),
     };
     criterion.bench_function("comparison with the model's tolerance, 37 segments", |bencher| {
         bencher.iter(|| {

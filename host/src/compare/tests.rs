@@ -38,6 +38,7 @@ fn measure(view: &ModelView, modes: impl IntoIterator<Item = usize>, random: &mu
             frequency_std_hz: Some(1e-3 * frequency_hz),
             damping_ratio: None,
             shape: Some(MeasuredShape {
+                imaginary: None,
                 sensors: (0..values.len()).collect(),
                 stds: Some(DVector::from_element(values.len(), 0.01)),
                 values,
@@ -76,7 +77,7 @@ fn a_measured_mode_that_the_model_lacks_stays_alone_and_is_named() {
     // A local mode: one sensor moves.
     let mut values = DVector::from_element(20, 0.0);
     values[6] = 1.0;
-    let shape = MeasuredShape { sensors: (0..20).collect(), values, stds: None };
+    let shape = MeasuredShape { imaginary: None, sensors: (0..20).collect(), values, stds: None };
     measured.push(MeasuredMode {
         number: 5,
         frequency_hz: 0.37,
@@ -171,6 +172,7 @@ fn the_models_tolerance_explains_what_it_allows() {
         background_mass: Some(0.005),
         correlation_length_m: Some(100.0),
         effects: Vec::new(),
+        customs: Vec::new(),
     };
     let tolerance = Tolerance::of(&structure, &model).unwrap();
     let segments = beam.segments().len();
@@ -228,6 +230,7 @@ fn components_that_are_missing_are_left_out_of_mac_and_residual() {
     let mut measured = measure(&view, 0..3, &mut ChaCha8Rng::seed_from_u64(7));
     let shape = measured[1].shape.as_mut().unwrap();
     *shape = MeasuredShape {
+        imaginary: None,
         sensors: vec![2, 5, 9],
         values: DVector::from_column_slice(&[shape.values[2], shape.values[5], shape.values[9]]),
         stds: None,

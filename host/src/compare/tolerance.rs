@@ -31,12 +31,12 @@ impl Tolerance {
         }
         let default_length = DEFAULT_CORRELATION * (beam.z_top_m() - beam.z_base_m());
         let length_m = model.correlation_length_m.unwrap_or(default_length);
-        let given = structure.assemble();
+        let segment_changes = structure.segment_changes();
         let mut changes = Vec::new();
         let mut places = Vec::new();
         for (quantity, &deviation) in deviations.iter().enumerate().filter(|(_, deviation)| **deviation > 0.0) {
-            for (index, segment) in beam.segments().iter().enumerate() {
-                changes.push(change(structure, &given, index, quantity == 1));
+            for (segment, change) in beam.segments().iter().zip(&segment_changes) {
+                changes.push(if quantity == 1 { change.mass.clone() } else { change.stiffness.clone() });
                 places.push((quantity, deviation, 0.5 * (segment.z_bottom_m + segment.z_top_m)));
             }
         }
@@ -50,38 +50,4 @@ impl Tolerance {
         });
         Some(Self { changes, covariance })
     }
-}
-
-/// K and M are linear in a segment's mass and (but for a flexible base, where it is smooth) in its stiffness.
-const STEP: f64 = 1e-3;
-
-fn change(structure: &Structure, given: &crate::model::Assembly, index: usize, of_mass: bool) -> Change {
-    let with = |factor: f64| {
-        let mut changed = structure.clone();
-        if let Body::Beam(beam) = &mut changed.body
-            && let Some(segment) = beam.segments_mut().get_mut(index)
-        {
-            if of_mass {
-                segment.mass_top_kg *= factor;
-                segment.inertia_kg_m2 = segment.inertia_kg_m2.map(|inertia| inertia * factor);
-            } else {
-                segment.bending_n_m2 = segment.bending_n_m2.map(|bending| bending * factor);
-                segment.shear_n = segment.shear_n.map(|shear| shear.map(|shear| shear * factor));
-                segment.torsion_n_m2 *= factor;
-            }
-        }
-        changed.assemble()
-    };
-    let (above, below) = (with(1.0 + STEP), with(1.0 - STEP));
-    let slope = |above: DMatrix<f64>, below: DMatrix<f64>, given: &DMatrix<f64>| {
-        let mut slope = (above - below) / (2.0 * STEP);
-        // Rounding of what did not change.
-        slope.zip_apply(given, |slope, given| {
-            if slope.abs() < 1e-10 * given.abs() {
-                *slope = 0.0
-            }
-        });
-        slope
-    };
-    Change::of(&slope(above.stiffness, below.stiffness, &given.stiffness), &slope(above.mass, below.mass, &given.mass))
 }

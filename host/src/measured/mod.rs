@@ -54,6 +54,9 @@ pub struct MeasuredShape {
     pub sensors: Vec<usize>,
     /// The components there, in the sensors' positive directions, the largest 1.
     pub values: DVector<f64>,
+    /// The imaginary parts of the components at the phase at which the shape is the most real, at the same scale; `None`
+    /// where the file knows none.
+    pub imaginary: Option<DVector<f64>>,
     /// Standard deviations of the components, at the same scale (NaN where one is unknown); `None` where all are.
     pub stds: Option<DVector<f64>>,
 }

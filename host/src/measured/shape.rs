@@ -114,6 +114,7 @@ fn real_shape(
     // The phase that maximises the sum of squared real parts is half that of the sum of squares.
     let turn = Complex64::cis(-0.5 * values.iter().map(|value| value * value).sum::<Complex64>().arg());
     let real: Vec<f64> = values.iter().map(|value| (value * turn).re).collect();
+    let is_complex = values.iter().any(|value| value.im != 0.0);
     let largest = real.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
     if largest == 0.0 || !largest.is_finite() {
         return Err(MeasuredError::ZeroShape { file: file.to_owned(), number });
@@ -127,7 +128,9 @@ fn real_shape(
     let size = components.len();
     let stds = components.iter().map(|c| c.std.filter(|std| *std >= 0.0).map_or(f64::NAN, |std| std / largest.abs()));
     let stds = DVector::from_iterator(size, stds);
+    let imaginary = values.iter().map(|value| (value * turn).im / largest);
     Ok(Some(MeasuredShape {
+        imaginary: is_complex.then(|| DVector::from_iterator(size, imaginary)),
         sensors: components.iter().map(|component| component.sensor).collect(),
         values: DVector::from_iterator(size, real.iter().map(|value| value / largest)),
         stds: stds.iter().any(|std| std.is_finite()).then_some(stds),

@@ -1,14 +1,19 @@
-//! From a structure (beam, base, added masses, global factors) to its mass and stiffness matrices.
+//! From a structure (a body and what effects have changed about it) to its mass and stiffness matrices.
 
-use nalgebra::{DMatrix, SMatrix, SVector};
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector};
 
 use super::DOFS_A_NODE;
-use super::beam::BeamTable;
-use super::effect::{Effect, EffectError};
+use super::beam::{BeamTable, Segment};
+use super::effect::{Custom, Effect, EffectError};
 use super::eigen::{EigenError, ModalBasis, Modes};
-use super::element::{scatter, stiffness};
+use super::element::{DOFS_A_SEGMENT, geometric_stiffness, hinged, scatter, stiffness};
 use super::geometry::{Geometry, Line};
 use super::matrices::ImportedMatrices;
+use super::sensing::Sensing;
+use super::sensitivity::Change;
 
 /// What a model is made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,10 +33,74 @@ pub struct Structure {
     pub base: BaseFlexibility,
     /// Masses besides those of the table.
     pub added_masses: Vec<AddedMass>,
+    /// Rotational joints along a beam.
+    pub joints: Vec<Joint>,
+    /// Rotational springs between the beam axis and the ground.
+    pub ground_springs: Vec<GroundSpring>,
+    /// Tuned mass dampers.
+    pub tuned_masses: Vec<TunedMass>,
+    /// Share of the weight above that softens a beam (0 leaves it out, 1 is all of it).
+    pub weight_share: f64,
+    /// Centre of mass of the main body's nodes from the beam axis, along X and Y in m.
+    pub mass_offset_m: [f64; 2],
+    /// How far the principal axes are turned, degrees anticlockwise seen from above.
+    pub axis_turn_deg: f64,
+    /// Changes of K and M by the user's own matrices.
+    pub custom: Vec<MatrixChange>,
     /// Factor on the whole of K, base springs included (1 leaves it as it is).
     pub stiffness_factor: f64,
     /// Factor on the whole of M, added masses included.
     pub mass_factor: f64,
+    /// What the sensors really are.
+    pub sensing: Sensing,
+    /// Frequencies in Hz at which something drives the structure: lines there are no modes.
+    pub forced_hz: Vec<f64>,
+    /// The user's own hypotheses, which effects may name.
+    pub customs: Arc<[Custom]>,
+}
+
+/// A rotational joint: the beam kinks there under moment, alike in all directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Joint {
+    /// Its height in m, between base and top.
+    pub z_m: f64,
+    /// Its flexibility in rad/(N m).
+    pub flexibility_rad_n_m: f64,
+}
+
+/// A rotational spring to the ground, alike about X and Y.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundSpring {
+    /// Its height in m, between base and top.
+    pub z_m: f64,
+    /// Its stiffness in N m/rad.
+    pub stiffness_n_m: f64,
+}
+
+/// A mass on a spring and a dashpot that moves sideways.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TunedMass {
+    /// Its height in m, between base and top.
+    pub z_m: f64,
+    /// Its mass in kg.
+    pub mass_kg: f64,
+    /// Its own frequency on a fixed base in Hz.
+    pub frequency_hz: f64,
+    /// Its own damping ratio.
+    pub damping_ratio: f64,
+    /// Whether it moves along X and Y.
+    pub moves: [bool; 2],
+}
+
+/// A change of K and M that the user gives as matrices; `amount` times is added.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MatrixChange {
+    /// Of K, DOFs x DOFs.
+    pub stiffness: Option<Arc<DMatrix<f64>>>,
+    /// Of M, DOFs x DOFs.
+    pub mass: Option<Arc<DMatrix<f64>>>,
+    /// How much of it.
+    pub amount: f64,
 }
 
 /// Flexibilities of the springs under the base node, about and along the global axes; 0 is clamped.
@@ -61,6 +130,8 @@ pub struct Assembly {
     pub mass: DMatrix<f64>,
     /// Where the DOFs stand.
     pub(super) geometry: Geometry,
+    /// What the sensors really are.
+    pub sensing: Sensing,
 }
 
 impl From<BeamTable> for Body {
@@ -72,8 +143,31 @@ impl From<BeamTable> for Body {
 impl Structure {
     /// The body as it is given; a beam is clamped at the base.
     pub fn new(body: impl Into<Body>) -> Self {
-        let (body, base) = (body.into(), BaseFlexibility::default());
-        Self { body, base, added_masses: Vec::new(), stiffness_factor: 1.0, mass_factor: 1.0 }
+        Self {
+            body: body.into(),
+            base: BaseFlexibility::default(),
+            added_masses: Vec::new(),
+            joints: Vec::new(),
+            ground_springs: Vec::new(),
+            tuned_masses: Vec::new(),
+            weight_share: 0.0,
+            mass_offset_m: [0.0; 2],
+            axis_turn_deg: 0.0,
+            custom: Vec::new(),
+            stiffness_factor: 1.0,
+            mass_factor: 1.0,
+            sensing: Sensing::default(),
+            forced_hz: Vec::new(),
+            customs: Arc::new([]),
+        }
+    }
+
+    /// Number of degrees of freedom of the body.
+    pub fn dofs(&self) -> usize {
+        match &self.body {
+            Body::Beam(beam) => beam.segments().len() * DOFS_A_NODE,
+            Body::Matrices(matrices) => matrices.stiffness.nrows(),
+        }
     }
 
     /// A body with effects, applied in their order; a beam is clamped at the base but for what they free.
@@ -81,11 +175,18 @@ impl Structure {
     /// # Errors
     /// [`EffectError`] where an effect's height is not on this structure, or it needs a beam table.
     pub fn with_effects(body: impl Into<Body>, effects: &[Effect]) -> Result<Self, EffectError> {
-        let mut structure = Self::new(body);
+        Self::new(body).and(effects)
+    }
+
+    /// The structure with more effects, applied in their order.
+    ///
+    /// # Errors
+    /// As [`Structure::with_effects`].
+    pub fn and(mut self, effects: &[Effect]) -> Result<Self, EffectError> {
         for effect in effects {
-            effect.apply(&mut structure)?;
+            effect.apply(&mut self)?;
         }
-        Ok(structure)
+        Ok(self)
     }
 
     /// Heights of base and top in m; `None` where the body is no line.
@@ -113,37 +214,95 @@ impl Structure {
                 stiffness: stiffness.clone(),
                 mass: mass.clone(),
                 geometry: Geometry::of_nodes(nodes, stiffness),
+                sensing: Sensing::default(),
             },
         };
+        if matches!(self.body, Body::Matrices(_)) && self.axis_turn_deg != 0.0 {
+            assembly.turn(self.axis_turn_deg);
+        }
+        if self.mass_offset_m != [0.0; 2] {
+            assembly.offset_masses(self.mass_offset_m);
+        }
         for added in &self.added_masses {
             let motion = assembly.axis_motion(added.z_m);
             let horizontal = motion.rows(0, 2);
             assembly.mass += horizontal.tr_mul(&horizontal) * added.mass_kg;
         }
+        for spring in &self.ground_springs {
+            let motion = assembly.axis_motion(spring.z_m);
+            let rotation = motion.rows(2, 2);
+            assembly.stiffness += rotation.tr_mul(&rotation) * spring.stiffness_n_m;
+        }
+        for change in &self.custom {
+            let add = |matrix: &mut DMatrix<f64>, change: &Option<Arc<DMatrix<f64>>>, amount: f64| {
+                if let Some(change) = change {
+                    *matrix += change.as_ref() * amount;
+                }
+            };
+            add(&mut assembly.stiffness, &change.stiffness, change.amount);
+            add(&mut assembly.mass, &change.mass, change.amount);
+        }
         assembly.stiffness *= self.stiffness_factor;
         assembly.mass *= self.mass_factor;
+        for tuned in &self.tuned_masses {
+            assembly.attach(tuned);
+        }
+        assembly.sensing = self.sensing.clone();
         assembly
+    }
+
+    /// Stiffness of a segment in global axes with its joints and the weight `above_n` (in N) that it carries.
+    fn element(&self, segment: &Segment, above_n: f64) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
+        let mut turned = segment.clone();
+        turned.axis_deg += self.axis_turn_deg;
+        let mut element = stiffness(&turned);
+        // A joint between two segments belongs to the upper one.
+        let inside = |z_m: f64| (segment.z_bottom_m..segment.z_top_m).contains(&z_m);
+        for joint in self.joints.iter().filter(|joint| inside(joint.z_m)) {
+            element = hinged(&element, segment.z_top_m - joint.z_m, joint.flexibility_rad_n_m);
+        }
+        if above_n != 0.0 {
+            element -= geometric_stiffness(segment.length_m(), above_n);
+        }
+        element
+    }
+
+    /// The weight in N that softens each segment: that of everything above its middle.
+    fn weights_above_n(&self, segments: &[Segment]) -> Vec<f64> {
+        let mut weights = vec![0.0; segments.len()];
+        if self.weight_share == 0.0 {
+            return weights;
+        }
+        let added = |from_m: f64, to_m: f64| -> f64 {
+            let inside = self.added_masses.iter().filter(|added| added.z_m > from_m && added.z_m <= to_m);
+            inside.map(|added| added.mass_kg).sum()
+        };
+        let mut mass_kg = 0.0;
+        for (weight, segment) in weights.iter_mut().zip(segments).rev() {
+            mass_kg += segment.mass_top_kg + added(segment.z_bottom_m, segment.z_top_m);
+            *weight = self.weight_share * self.mass_factor * STANDARD_GRAVITY_M_S2 * mass_kg;
+        }
+        weights
     }
 
     fn assemble_beam(&self, beam: &BeamTable) -> Assembly {
         let segments = beam.segments();
         let free = segments.len() * DOFS_A_NODE;
         let mut whole = DMatrix::zeros(free + DOFS_A_NODE, free + DOFS_A_NODE);
-        for (index, segment) in segments.iter().enumerate() {
-            scatter(&mut whole, &stiffness(segment), index);
+        let weights_n = self.weights_above_n(segments);
+        for (index, (segment, &above_n)) in segments.iter().zip(&weights_n).enumerate() {
+            scatter(&mut whole, &self.element(segment, above_n), index);
         }
-        let base_base: SMatrix<f64, DOFS_A_NODE, DOFS_A_NODE> =
-            whole.fixed_view::<DOFS_A_NODE, DOFS_A_NODE>(0, 0).into();
+        let base_motion = self.base_motion(&whole);
         let base_free = whole.view((0, DOFS_A_NODE), (DOFS_A_NODE, free)).into_owned();
-        let flexibility = SMatrix::from_diagonal(&self.base.diagonal());
-        let soft = SMatrix::<f64, DOFS_A_NODE, DOFS_A_NODE>::identity() + flexibility * base_base;
-        let base_motion = soft.lu().solve(&flexibility).map_or_else(
-            || DMatrix::zeros(DOFS_A_NODE, free),
-            |given_way| DMatrix::from_column_slice(DOFS_A_NODE, DOFS_A_NODE, (-given_way).as_slice()) * &base_free,
-        );
-        let mut stiffness = whole.view((DOFS_A_NODE, DOFS_A_NODE), (free, free)) + base_free.tr_mul(&base_motion);
+        let mut stiffness = whole.view((DOFS_A_NODE, DOFS_A_NODE), (free, free)).into_owned();
+        // Only the first node is tied to the base.
+        let near = DOFS_A_NODE.min(free);
+        let condensed = base_free.columns(0, near).tr_mul(&base_motion.columns(0, near));
         // The two sums round differently above and below the diagonal.
-        stiffness = (&stiffness + stiffness.transpose()) * 0.5;
+        let condensed = (&condensed + condensed.transpose()) * 0.5;
+        let mut corner = stiffness.view_mut((0, 0), (near, near));
+        corner += condensed;
 
         let mut mass = DMatrix::zeros(free, free);
         for (index, segment) in segments.iter().enumerate() {
@@ -154,9 +313,86 @@ impl Structure {
                 mass[(row, row)] += value;
             }
         }
-        Assembly { stiffness, mass, geometry: Geometry::Line(Line::of_beam(segments, base_motion)) }
+        let geometry = Geometry::Line(Line::of_beam(segments, self.axis_turn_deg, base_motion));
+        Assembly { stiffness, mass, geometry, sensing: Sensing::default() }
+    }
+
+    /// Motion of the base node that follows from the free DOFs, 5 x free; `whole` is K with the base's DOFs first.
+    fn base_motion(&self, whole: &DMatrix<f64>) -> DMatrix<f64> {
+        let free = whole.nrows() - DOFS_A_NODE;
+        let base_base: SMatrix<f64, DOFS_A_NODE, DOFS_A_NODE> =
+            whole.fixed_view::<DOFS_A_NODE, DOFS_A_NODE>(0, 0).into();
+        let flexibility = SMatrix::from_diagonal(&self.base.diagonal());
+        let soft = SMatrix::<f64, DOFS_A_NODE, DOFS_A_NODE>::identity() + flexibility * base_base;
+        soft.lu().solve(&flexibility).map_or_else(
+            || DMatrix::zeros(DOFS_A_NODE, free),
+            |given_way| {
+                DMatrix::from_column_slice(DOFS_A_NODE, DOFS_A_NODE, (-given_way).as_slice())
+                    * whole.view((0, DOFS_A_NODE), (DOFS_A_NODE, free))
+            },
+        )
+    }
+
+    /// What a relative change of each segment's stiffness (bending, shear and torsion together) does to K, and one of its
+    /// mass to M, segment by segment; empty for matrices.
+    ///
+    /// Exact but for the weight of a segment's mass on those below (`weight_share` times a change of a change).
+    pub fn segment_changes(&self) -> Vec<SegmentChange> {
+        let Body::Beam(beam) = &self.body else { return Vec::new() };
+        let segments = beam.segments();
+        let weights_n = self.weights_above_n(segments);
+        let element = |index: usize, factor: f64| {
+            let mut segment = segments[index].clone();
+            segment.scale_stiffness(factor);
+            self.element(&segment, weights_n[index])
+        };
+        let slope = |index: usize| (element(index, 1.0 + STEP) - element(index, 1.0 - STEP)) / (2.0 * STEP);
+        // The lowest segment acts through the base as well; condensed, its change is that of the corner of K.
+        let corner = |factor: f64| {
+            let mut whole = DMatrix::zeros(2 * DOFS_A_NODE, 2 * DOFS_A_NODE);
+            scatter(&mut whole, &element(0, factor), 0);
+            let motion = self.base_motion(&whole);
+            let base_free = whole.view((0, DOFS_A_NODE), (DOFS_A_NODE, DOFS_A_NODE)).into_owned();
+            whole.view((DOFS_A_NODE, DOFS_A_NODE), (DOFS_A_NODE, DOFS_A_NODE)).into_owned() + base_free.tr_mul(&motion)
+        };
+        let mut changes = Vec::new();
+        for (index, segment) in segments.iter().enumerate() {
+            let (first_row, stiffness) = match index {
+                0 => (0, (corner(1.0 + STEP) - corner(1.0 - STEP)) / (2.0 * STEP)),
+                _ => {
+                    let slope = slope(index);
+                    let part = DMatrix::from_column_slice(DOFS_A_SEGMENT, DOFS_A_SEGMENT, slope.as_slice());
+                    ((index - 1) * DOFS_A_NODE, part)
+                }
+            };
+            let [inertia_x, inertia_y, inertia_z] = segment.inertia_kg_m2;
+            let lumped = [segment.mass_top_kg, segment.mass_top_kg, inertia_x, inertia_y, inertia_z];
+            let mass = DMatrix::from_diagonal(&DVector::from_column_slice(&lumped));
+            changes.push(SegmentChange {
+                stiffness: Change::local(first_row, stiffness * self.stiffness_factor, true),
+                mass: Change::local(index * DOFS_A_NODE, mass * self.mass_factor, false),
+            });
+        }
+        changes
     }
 }
+
+/// What a relative change of one segment does to K and M.
+#[derive(Debug, Clone)]
+pub struct SegmentChange {
+    /// Its stiffness.
+    pub stiffness: Change,
+    /// Its mass.
+    pub mass: Change,
+}
+
+/// Standard gravity in m/s².
+const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
+/// K is linear in a segment's stiffness, but for a flexible base or a joint, where it is smooth.
+const STEP: f64 = 1e-3;
+
+/// Nodes with less than this share of the largest radius of gyration belong to a mast, not to the main body.
+const SLENDER: f64 = 0.5;
 
 impl BaseFlexibility {
     fn diagonal(&self) -> SVector<f64, DOFS_A_NODE> {
@@ -169,6 +405,70 @@ impl Assembly {
     /// Number of degrees of freedom.
     pub fn dofs(&self) -> usize {
         self.stiffness.nrows()
+    }
+
+    /// Turns the principal axes of imported matrices: K becomes Tᵀ K T, T turning each node's X and Y.
+    fn turn(&mut self, angle_deg: f64) {
+        let Geometry::Line(line) = &self.geometry else { return };
+        let (sin, cos) = angle_deg.to_radians().sin_cos();
+        let mut turn = DMatrix::identity(self.dofs(), self.dofs());
+        for rows in line.node_rows() {
+            for (x, y) in [(rows[0], rows[1]), (rows[2], rows[3])] {
+                if let (Some(x), Some(y)) = (x, y) {
+                    let part = Matrix2::new(cos, sin, -sin, cos);
+                    for (i, row) in [x, y].into_iter().enumerate() {
+                        for (j, column) in [x, y].into_iter().enumerate() {
+                            turn[(row, column)] = part[(i, j)];
+                        }
+                    }
+                }
+            }
+        }
+        let turned = turn.tr_mul(&(&self.stiffness * &turn));
+        self.stiffness = (&turned + turned.transpose()) * 0.5;
+    }
+
+    /// Moves the centre of mass of the main body's nodes off the axis: `M[uy,rz] = m x`, `M[ux,rz] = -m y`, and
+    /// `M[rz,rz] += m (x² + y²)` as the inertia stays what it is about the centre of mass.
+    ///
+    /// The main body are the nodes whose radius of gyration about Z is at least [`SLENDER`] of the largest: a mast on top
+    /// has its own axis.
+    fn offset_masses(&mut self, [x, y]: [f64; 2]) {
+        let Geometry::Line(line) = &self.geometry else { return };
+        let nodes: Vec<[usize; 3]> =
+            line.node_rows().iter().filter_map(|rows| Some([rows[0]?, rows[1]?, rows[4]?])).collect();
+        let gyration_square = |&[ux, _, rz]: &[usize; 3]| {
+            let mass = self.mass[(ux, ux)];
+            if mass > 0.0 { self.mass[(rz, rz)] / mass } else { 0.0 }
+        };
+        let largest = nodes.iter().map(gyration_square).fold(0.0, f64::max);
+        let body: Vec<[usize; 3]> =
+            nodes.iter().filter(|node| gyration_square(node) >= SLENDER * SLENDER * largest).copied().collect();
+        for [ux, uy, rz] in body {
+            for (dof, arm) in [(ux, -y), (uy, x)] {
+                let coupling = self.mass[(dof, dof)] * arm;
+                self.mass[(dof, rz)] += coupling;
+                self.mass[(rz, dof)] += coupling;
+                self.mass[(rz, rz)] += coupling * arm;
+            }
+        }
+    }
+
+    /// Hangs a tuned mass onto the structure: one more DOF for each direction in which it moves.
+    fn attach(&mut self, tuned: &TunedMass) {
+        let stiffness = tuned.mass_kg * (TAU * tuned.frequency_hz).powi(2);
+        for axis in (0..2).filter(|&axis| tuned.moves[axis]) {
+            let dofs = self.dofs();
+            let mut stretch = self.axis_motion(tuned.z_m).row(axis).into_owned().resize_horizontally(dofs + 1, 0.0);
+            stretch[dofs] = -1.0;
+            let matrix = |whole: &DMatrix<f64>| whole.clone().resize(dofs + 1, dofs + 1, 0.0);
+            self.stiffness = matrix(&self.stiffness) + stretch.tr_mul(&stretch) * stiffness;
+            self.mass = matrix(&self.mass);
+            self.mass[(dofs, dofs)] = tuned.mass_kg;
+            if let Geometry::Line(line) = &mut self.geometry {
+                line.widen(dofs + 1);
+            }
+        }
     }
 
     /// Whether heights mean something: nodes stand above each other.

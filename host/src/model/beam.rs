@@ -32,6 +32,19 @@ impl Segment {
     pub fn length_m(&self) -> f64 {
         self.z_top_m - self.z_bottom_m
     }
+
+    /// Multiplies bending, shear and torsion alike.
+    pub fn scale_stiffness(&mut self, factor: f64) {
+        self.bending_n_m2 = self.bending_n_m2.map(|bending| bending * factor);
+        self.shear_n = self.shear_n.map(|shear| shear.map(|shear| shear * factor));
+        self.torsion_n_m2 *= factor;
+    }
+
+    /// Multiplies mass and rotational inertia alike.
+    pub fn scale_mass(&mut self, factor: f64) {
+        self.mass_top_kg *= factor;
+        self.inertia_kg_m2 = self.inertia_kg_m2.map(|inertia| inertia * factor);
+    }
 }
 
 /// A line-like structure: contiguous segments, base first.

@@ -4,7 +4,7 @@
 //! (1993), "An improved two-node Timoshenko beam finite element", Computers & Structures 47. With an
 //! infinite shear stiffness they are the cubic Hermite functions.
 
-use nalgebra::{DMatrix, Matrix2, Matrix4, RowVector4, SMatrix};
+use nalgebra::{DMatrix, Matrix2, Matrix4, RowVector4, SMatrix, SVector};
 
 use super::{DOFS_A_NODE, Segment};
 
@@ -38,6 +38,49 @@ pub(super) fn stiffness(segment: &Segment) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_
     }
     let turn = turn(segment.axis_deg);
     turn.transpose() * local * turn
+}
+
+/// An element's stiffness with a rotational joint `lever_m` below its top node, alike in all directions, eliminated without
+/// approximation: a kink of the unit angle with both ends held needs the end forces v = K u, u the motion that the kink gives
+/// the top node, and `K - c v vᵀ / (1 + c uᵀ K u)` is what is left for a flexibility c.
+pub(super) fn hinged(
+    element: &SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>,
+    lever_m: f64,
+    flexibility_rad_n_m: f64,
+) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
+    let mut hinged = *element;
+    // Slopes along X and Y are ry and -rx.
+    for (deflection, rotation, sign) in [(5, 8, 1.0), (6, 7, -1.0)] {
+        let mut kink = SVector::<f64, DOFS_A_SEGMENT>::zeros();
+        kink[deflection] = lever_m;
+        kink[rotation] = sign;
+        let forces = hinged * kink;
+        hinged -= forces * forces.transpose() * (flexibility_rad_n_m / (1.0 + flexibility_rad_n_m * kink.dot(&forces)));
+    }
+    hinged
+}
+
+/// Geometric stiffness of a segment under a compression in N, to be taken off its stiffness: N/(30 L) [36, 3L, -36, 3L; 3L,
+/// 4L², -3L, -L²; ...] in both planes (Przemieniecki 1968, eq. 15.19).
+pub(super) fn geometric_stiffness(length: f64, compression_n: f64) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
+    let (l, l2) = (length, length * length);
+    #[rustfmt::skip]
+    let plane = Matrix4::new(
+         36.0,  3.0 * l, -36.0,  3.0 * l,
+        3.0 * l, 4.0 * l2, -3.0 * l,     -l2,
+        -36.0, -3.0 * l,  36.0, -3.0 * l,
+        3.0 * l,     -l2, -3.0 * l, 4.0 * l2,
+    ) * (compression_n / (30.0 * l));
+    let mut whole = SMatrix::<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>::zeros();
+    for (dofs, hand) in [PLANE_1, PLANE_2].iter().zip(HANDEDNESS) {
+        let sign = [1.0, hand, 1.0, hand];
+        for (i, &row) in dofs.iter().enumerate() {
+            for (j, &column) in dofs.iter().enumerate() {
+                whole[(row, column)] += sign[i] * plane[(i, j)] * sign[j];
+            }
+        }
+    }
+    whole
 }
 
 /// Motion of the beam axis at `z_m` within a segment, 5 x 10: rows `ux, uy, rx, ry, rz` there, columns the segment's

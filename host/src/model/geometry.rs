@@ -57,12 +57,14 @@ impl Geometry {
 
 impl Line {
     /// A beam whose base node is left out of the matrices.
-    pub(super) fn of_beam(segments: &[Segment], base_motion: DMatrix<f64>) -> Self {
+    pub(super) fn of_beam(segments: &[Segment], axis_turn_deg: f64, base_motion: DMatrix<f64>) -> Self {
         let node = |index: usize| std::array::from_fn(|dof| Some(index * DOFS_A_NODE + dof));
         let rows = std::iter::once([None; DOFS_A_NODE]).chain((0..segments.len()).map(node));
+        let turned = |segment: &Segment| Segment { axis_deg: segment.axis_deg + axis_turn_deg, ..segment.clone() };
+        let spans = segments.iter().map(turned);
         Self {
             rows: rows.collect(),
-            spans: segments.to_vec(),
+            spans: spans.collect(),
             base_motion: Some(base_motion),
             vertical_rows: Vec::new(),
             // Stiff along its axis, which is motion enough for a sensor that points up.
@@ -108,6 +110,16 @@ impl Line {
             moves: [there(0), there(1), there(UZ)],
             guessed_m: guessed_m.map(|(_, pair)| heights(pair)).collect(),
         }
+    }
+
+    /// Matrix rows of `ux, uy, rx, ry, rz` of each node, the lowest first.
+    pub(super) fn node_rows(&self) -> &[[Option<usize>; DOFS_A_NODE]] {
+        &self.rows
+    }
+
+    /// More DOFs that do not belong to the line.
+    pub(super) fn widen(&mut self, dofs: usize) {
+        self.base_motion = self.base_motion.take().map(|motion| motion.resize_horizontally(dofs, 0.0));
     }
 
     /// Whether the model has motions along X, Y and Z.

@@ -1,14 +1,15 @@
 //! From a study's `[model]` to a body and the effects that the study has put into it.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use thiserror::Error;
 
 use super::assembly::{Assembly, Body, Structure};
 use super::beam::{BeamError, BeamTable};
-use super::effect::{Effect, EffectError};
+use super::effect::{Custom, CustomError, Effect, EffectError};
 use super::matrices::{ImportedMatrices, MatrixError};
-use crate::study::{ModelSource, STUDY_FILE, Study};
+use crate::study::{CustomSource, ModelSource, STUDY_FILE, Study};
 
 /// A study's model, read.
 #[derive(Debug, Clone)]
@@ -17,6 +18,8 @@ pub struct LoadedModel {
     pub body: Body,
     /// The effects that the study has put into it, in their order.
     pub effects: Vec<Effect>,
+    /// The user's own hypotheses.
+    pub customs: Arc<[Custom]>,
 }
 
 /// Why a study has no usable model.
@@ -34,6 +37,16 @@ pub enum ModelError {
     /// The matrices.
     #[error(transparent)]
     Matrices(#[from] MatrixError),
+    /// A hypothesis of the user's own.
+    #[error("{} line {line}, [[model.custom]]: {source}", file.display())]
+    Custom {
+        /// The study's file.
+        file: PathBuf,
+        /// 1-based line.
+        line: usize,
+        /// Why.
+        source: CustomError,
+    },
     /// An effect of the study.
     #[error("{} line {line}, [[model.effect]]: {source}", file.display())]
     Effect {
@@ -57,15 +70,25 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
         ModelSource::Beam(path) => Body::Beam(BeamTable::read(&study.folder.join(path))?),
         ModelSource::Matrices(source) => Body::Matrices(ImportedMatrices::read(source, &study.folder)?),
     };
-    let mut structure = Structure::new(body.clone());
+    let custom = |source: &CustomSource| {
+        Custom::read(source, &study.folder).map_err(|error| ModelError::Custom {
+            file: file.clone(),
+            line: source.line,
+            source: error,
+        })
+    };
+    let customs: Arc<[Custom]> = model.customs.iter().map(custom).collect::<Result<Vec<_>, _>>()?.into();
+    let sensors = study.sensors();
+    let mut structure = Structure { customs: customs.clone(), ..Structure::new(body.clone()) };
     let mut effects = Vec::new();
     for written in &model.effects {
         let failed = |source| ModelError::Effect { file: file.clone(), line: written.line, source };
         let effect = Effect::from_study(written).map_err(failed)?;
+        effect.check_sensors(&sensors).map_err(failed)?;
         effect.apply(&mut structure).map_err(failed)?;
         effects.push(effect);
     }
-    Ok(LoadedModel { body, effects })
+    Ok(LoadedModel { body, effects, customs })
 }
 
 impl LoadedModel {
@@ -74,11 +97,16 @@ impl LoadedModel {
         Structure::new(self.body.clone()).assemble()
     }
 
+    /// The structure without effects; effects may name the user's own hypotheses.
+    pub fn bare(&self) -> Structure {
+        Structure { customs: self.customs.clone(), ..Structure::new(self.body.clone()) }
+    }
+
     /// The structure with the study's effects.
     ///
     /// # Errors
     /// None that [`load`] would not have found.
     pub fn structure(&self) -> Result<Structure, EffectError> {
-        Structure::with_effects(self.body.clone(), &self.effects)
+        self.bare().and(&self.effects)
     }
 }

@@ -134,8 +134,8 @@ impl ImportedMatrices {
     /// [`MatrixError`] names the file, the matrix and the entry.
     pub fn read(source: &MatrixSource, folder: &Path) -> Result<Self, MatrixError> {
         let file = source.file.as_ref().map(|file| folder.join(file));
-        let stiffness = sum(&source.stiffness, "stiffness", file.as_deref(), folder, None)?;
-        let mass = sum(&source.mass, "mass", file.as_deref(), folder, Some(stiffness.nrows()))?;
+        let stiffness = read_sum(&source.stiffness, "stiffness", file.as_deref(), folder, None)?;
+        let mass = read_sum(&source.mass, "mass", file.as_deref(), folder, Some(stiffness.nrows()))?;
         for (matrix, quantity, admissible, expected) in [
             (&stiffness, "stiffness", (|value| value > 0.0) as fn(f64) -> bool, "only a number above 0"),
             (&mass, "mass", |value| value >= 0.0, "only 0 or more"),
@@ -158,7 +158,11 @@ impl ImportedMatrices {
     }
 }
 
-fn sum(
+/// The sum of the matrices that `terms` name, symmetric; `file` is the MATLAB file of names without an ending.
+///
+/// # Errors
+/// [`MatrixError`] names the file and the matrix.
+pub(super) fn read_sum(
     terms: &[MatrixTerm],
     quantity: &'static str,
     file: Option<&Path>,

@@ -19,17 +19,21 @@ mod import_tests;
 mod layout;
 mod load;
 mod matrices;
+mod sensing;
 mod sensitivity;
 mod sensor;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use assembly::{AddedMass, Assembly, BaseFlexibility, Body, Structure};
+pub use assembly::{
+    AddedMass, Assembly, BaseFlexibility, Body, GroundSpring, Joint, MatrixChange, SegmentChange, Structure, TunedMass,
+};
 pub use beam::{BeamError, BeamTable, Segment};
 pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use layout::{LayoutError, LayoutNode};
 pub use load::{LoadedModel, ModelError, load};
 pub use matrices::{ImportedMatrices, MatrixError};
+pub use sensing::{Sensing, SensorChange, phases_rad};
 pub use sensitivity::{Change, ModeDerivative, derivatives};
 pub use sensor::SensorError;
 

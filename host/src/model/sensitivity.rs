@@ -28,6 +28,14 @@ pub struct ModeDerivative {
 const DEGENERATE: f64 = 1e-9;
 
 impl Change {
+    /// Of the rows from `first_row` on, of K or of M.
+    pub(super) fn local(first_row: usize, part: DMatrix<f64>, of_stiffness: bool) -> Self {
+        let none = DMatrix::zeros(part.nrows(), part.ncols());
+        let rows = (first_row..first_row + part.nrows()).collect();
+        let (stiffness, mass) = if of_stiffness { (part, none) } else { (none, part) };
+        Self { rows, stiffness, mass }
+    }
+
     /// From the whole matrices of the change (all but a few rows of them zero), DOFs x DOFs.
     pub fn of(stiffness: &DMatrix<f64>, mass: &DMatrix<f64>) -> Self {
         let changes = |row: usize| stiffness.column(row).amax() > 0.0 || mass.column(row).amax() > 0.0;

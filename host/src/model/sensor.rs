@@ -102,8 +102,9 @@ impl Assembly {
     pub fn sensor_rows(&self, sensors: &[Sensor]) -> Result<DMatrix<f64>, SensorError> {
         let mut rows = DMatrix::zeros(sensors.len(), self.dofs());
         for (index, sensor) in sensors.iter().enumerate() {
-            rows.set_row(index, &self.sensor_row(sensor)?);
+            rows.set_row(index, &self.sensor_row(&self.sensing.turned(sensor))?);
         }
+        self.sensing.record(&mut rows, sensors);
         Ok(rows)
     }
 

@@ -7,7 +7,7 @@ use belfry_shared::decimation::{Stages, USABLE_FRACTION};
 
 use super::error::StudyError;
 use super::section::Section;
-use super::types::{Analysis, Sensor, Setup, Unit};
+use super::types::{Analysis, CustomSource, Sensor, Setup, Unit};
 
 /// Channels that one sensor node can have.
 const CHANNELS_PER_NODE: usize = 4;
@@ -61,6 +61,15 @@ pub(super) fn places(sensors: &[Sensor], sections: &[Section<'_>]) -> Result<(),
         unique(&mut channels, &sensor.channel, section, "channel", advice)?;
         let advice = "give every point of an arrangement its own `point` (it is the channel's name unless given)";
         unique(&mut points, &sensor.point, section, "point", advice)?;
+    }
+    Ok(())
+}
+
+/// Every hypothesis has a name of its own.
+pub(super) fn custom_names(customs: &[CustomSource], sections: &[Section<'_>]) -> Result<(), StudyError> {
+    let mut names = HashMap::new();
+    for (custom, section) in customs.iter().zip(sections) {
+        unique(&mut names, &custom.name, section, "name", "give every hypothesis its own name")?;
     }
     Ok(())
 }

@@ -13,8 +13,8 @@ use std::path::Path;
 
 pub use error::{Place, StudyError};
 pub use types::{
-    Analysis, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model, ModelSource,
-    Sensor, Setup, Structure, Study, Unit,
+    Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
+    ModelSource, Sensor, Setup, Structure, Study, Unit,
 };
 
 /// The file of a study that a user writes.

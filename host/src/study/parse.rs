@@ -8,8 +8,8 @@ use super::check;
 use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
 use super::types::{
-    Analysis, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model, ModelSource,
-    Sensor, Setup, Structure, Study, Unit,
+    Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
+    ModelSource, Sensor, Setup, Structure, Study, Unit,
 };
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
@@ -30,8 +30,9 @@ const ANALYSIS_KEYS: &[&str] =
     &["band_hz", "decimated_rate_hz", "segment", "modes_hz", "add_modes_hz", "drop_modes_hz"];
 const MEASURED_KEYS: &[&str] = &["modes"];
 const MATRICES_KEYS: &[&str] = &["file", "stiffness", "mass", "nodes", "dofs"];
+const CUSTOM_KEYS: &[&str] = &["name", "file", "stiffness", "mass", "segments", "least", "greatest", "typical"];
 const MODEL_KEYS: &[&str] =
-    &["beam", "matrices", "background_stiffness", "background_mass", "correlation_length_m", "effect"];
+    &["beam", "matrices", "background_stiffness", "background_mass", "correlation_length_m", "effect", "custom"];
 
 /// Reads and checks a whole study.
 pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
@@ -295,6 +296,7 @@ fn model(section: &Section<'_>) -> Result<Model, StudyError> {
         background_mass: optional_positive("background_mass", BACKGROUND)?,
         correlation_length_m: optional_positive("correlation_length_m", LENGTH)?,
         effects: section.tables("effect")?.iter().map(effect).collect::<Result<Vec<_>, _>>()?,
+        customs: customs(section)?,
     })
 }
 
@@ -341,6 +343,59 @@ fn matrix_terms(entry: &Entry<'_>, expected: &'static str) -> Result<Vec<MatrixT
         }
     };
     entries.iter().map(term).collect()
+}
+
+/// Whether a word can stand after `custom@`: nothing that reads as a channel, a node, a height or a frequency.
+fn is_name(word: &str) -> bool {
+    let is_part = |c: char| c.is_alphanumeric() || c == '-' || c == '_';
+    let reads_otherwise = word.starts_with("ch") || word.starts_with("node");
+    word.starts_with(char::is_alphabetic) && word.chars().all(is_part) && !reads_otherwise
+}
+
+/// Hypotheses of the user's own, each name once.
+fn customs(section: &Section<'_>) -> Result<Vec<CustomSource>, StudyError> {
+    let sections = section.tables("custom")?;
+    let customs = sections.iter().map(custom).collect::<Result<Vec<_>, _>>()?;
+    check::custom_names(&customs, &sections)?;
+    Ok(customs)
+}
+
+fn custom(section: &Section<'_>) -> Result<CustomSource, StudyError> {
+    section.allow_only(CUSTOM_KEYS)?;
+    const NAME: &str =
+        "a name of letters, digits, - and _ that starts with neither ch nor node, in quotes, such as \"cables\"";
+    const FILE: &str = "the name of a MATLAB v5 file, in quotes, such as \"model.mat\"";
+    const MATRIX: &str = "a matrix: a name such as \"dK\" or \"dk.mtx\", or a list of names and [name, factor] pairs";
+    const SEGMENTS: &str = "the name of a CSV file of relative changes, in quotes, such as \"cables.csv\"";
+    const CONTENT: &str = "`stiffness`, `mass` or `segments`: what the hypothesis changes";
+    const NUMBER: &str = "a number";
+    const TYPICAL: &str = "a number above 0: the value that is typical";
+    let name = section.required("name", NAME)?;
+    let text = name.text(NAME)?;
+    if !is_name(&text) {
+        return Err(name.out_of_range(NAME));
+    }
+    let path =
+        |key, expected| section.get(key).map(|entry: Entry<'_>| entry.text(expected).map(PathBuf::from)).transpose();
+    let terms = |key| -> Result<Vec<MatrixTerm>, StudyError> {
+        section.get(key).map_or(Ok(Vec::new()), |entry: Entry<'_>| matrix_terms(&entry, MATRIX))
+    };
+    let number = |key| section.get(key).map(|entry: Entry<'_>| entry.number(NUMBER)).transpose();
+    let source = CustomSource {
+        line: section.place().line,
+        name: text,
+        file: path("file", FILE)?,
+        stiffness: terms("stiffness")?,
+        mass: terms("mass")?,
+        segments: path("segments", SEGMENTS)?,
+        least: number("least")?,
+        greatest: number("greatest")?,
+        typical: section.get("typical").map(|entry: Entry<'_>| entry.positive(TYPICAL)).transpose()?,
+    };
+    if source.stiffness.is_empty() && source.mass.is_empty() && source.segments.is_none() {
+        return Err(name.out_of_range(CONTENT));
+    }
+    Ok(source)
 }
 
 fn effect(section: &Section<'_>) -> Result<Effect, StudyError> {

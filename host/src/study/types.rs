@@ -137,6 +137,8 @@ pub struct Model {
     pub correlation_length_m: Option<f64>,
     /// Effects already in the model, in the order of `study.toml`.
     pub effects: Vec<Effect>,
+    /// Hypotheses of the user's own.
+    pub customs: Vec<CustomSource>,
 }
 
 /// What a model is read from; paths are relative to the study's folder.
@@ -168,6 +170,29 @@ pub struct MatrixTerm {
     pub name: String,
     /// Its factor.
     pub factor: f64,
+}
+
+/// `[[model.custom]]`: a hypothesis of the user's own, by name; paths are relative to the study's folder.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CustomSource {
+    /// 1-based line in `study.toml`.
+    pub line: usize,
+    /// Its name, what stands after the @ of `custom@name`.
+    pub name: String,
+    /// The MATLAB file of matrices named without an ending of their own.
+    pub file: Option<PathBuf>,
+    /// What sums up to the change of K; none for no change.
+    pub stiffness: Vec<MatrixTerm>,
+    /// What sums up to the change of M; none for no change.
+    pub mass: Vec<MatrixTerm>,
+    /// A table of relative changes of segments.
+    pub segments: Option<PathBuf>,
+    /// The least admissible value.
+    pub least: Option<f64>,
+    /// The greatest admissible value.
+    pub greatest: Option<f64>,
+    /// The typical value.
+    pub typical: Option<f64>,
 }
 
 /// A file that says where the rows of matrices stand.

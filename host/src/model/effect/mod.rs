@@ -1,50 +1,50 @@
 //! The catalogue of physical effects that a model may lack, one file each.
 //!
 //! A word such as `base-rotation=7e-15` or `added-mass@443.6m=2e5` flows in; an [`Effect`] with its kind, place and
-//! values flows out and changes a [`Structure`] before it is assembled.
+//! values flows out and changes a [`Structure`] before it is assembled. A new kind is a file with an [`EffectKind`] and a
+//! line in [`KINDS`]; what searches, fits, explains and edits effects asks the kind.
 
 mod added_mass;
+mod amplitude_stiffness;
+mod axis_rotation;
 mod base_rotation;
 mod base_translation;
+mod clock_offset;
+mod connection_flexibility;
+mod custom;
+mod error;
+mod harmonic;
+mod mass_eccentricity;
 mod mass_scale;
+mod outrigger;
+mod p_delta;
+mod parameter;
 mod parse;
+mod rotary_inertia;
+mod sensor_gain;
+mod sensor_polarity;
+mod sensor_rotation;
+mod sensor_swap;
+mod shear_flexibility;
 mod stiffness_loss;
 mod stiffness_scale;
+mod target;
+mod temperature_stiffness;
 #[cfg(test)]
 mod tests;
+mod tuned_mass_damper;
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use super::{BaseFlexibility, Body, Segment, Structure};
+use super::Structure;
+use crate::study::Sensor;
+pub use custom::{Custom, CustomError};
+pub use error::EffectError;
+pub use parameter::{Parameter, Prior};
 pub use parse::Where;
-
-/// A parameter of an effect. Bounds belong to the range.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Parameter {
-    /// Its name, as in files and JSON.
-    pub name: &'static str,
-    /// Its unit; `-` for none.
-    pub unit: &'static str,
-    /// The least admissible value.
-    pub least: f64,
-    /// The greatest admissible value; infinite where there is none.
-    pub greatest: f64,
-}
-
-impl Parameter {
-    /// The admissible values in words.
-    pub fn range(&self) -> String {
-        let unit = if self.unit == "-" { String::new() } else { format!(" {}", self.unit) };
-        if self.greatest.is_infinite() {
-            format!("{} or more{unit}", self.least)
-        } else {
-            format!("{} to {}{unit}", self.least, self.greatest)
-        }
-    }
-}
+use target::check_sensors;
 
 /// What stands after the @ of an effect of this kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,23 +53,118 @@ pub enum Place {
     Nowhere,
     /// A height on the beam.
     Height,
+    /// A channel.
+    Channel,
+    /// Two channels.
+    TwoChannels,
+    /// A sensor node.
+    Node,
+    /// A sensor node, or nothing for all.
+    NodeOrAll,
+    /// A frequency.
+    Frequency,
+    /// The name of a `[[model.custom]]`.
+    Name,
+}
+
+/// Where an effect of a kind can be seen, which says how it is looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Evidence {
+    /// In frequencies and shapes.
+    Modes,
+    /// In the shapes' phases besides.
+    Phases,
+    /// In twin peaks of high damping.
+    TwinPeaks,
+    /// In the kurtosis of a line.
+    Kurtosis,
+    /// In how frequencies go with temperature over the record.
+    TemperatureTrend,
+    /// In how frequencies go with the level of response over the record.
+    LevelTrend,
+}
+
+/// What the catalogue says of a kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct About {
+    /// The name that a user types.
+    pub name: &'static str,
+    /// What it is, in two sentences.
+    pub physics: &'static str,
+    /// How it enters M, C, K or the sensors.
+    pub formula: &'static str,
+    /// How it shows.
+    pub fingerprint: &'static str,
+    /// What it is confused with, and what separates the two.
+    pub look_alikes: &'static [LookAlike],
+    /// Where the formula is from.
+    pub source: &'static str,
+}
+
+/// An effect that looks alike.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct LookAlike {
+    /// Its kind.
+    pub kind: &'static str,
+    /// The measurement that separates the two.
+    pub separated_by: &'static str,
 }
 
 /// A kind of effect: what it is called, what it is made of, and what it does to a structure.
 pub trait EffectKind: fmt::Debug + Send + Sync {
-    /// The name that a user types.
-    fn name(&self) -> &'static str;
+    /// What the catalogue says of it.
+    fn about(&self) -> &'static About;
 
     /// Where such an effect acts.
     fn place(&self) -> Place {
         Place::Nowhere
     }
 
+    /// Where it can be seen.
+    fn evidence(&self) -> Evidence {
+        Evidence::Modes
+    }
+
     /// The sets of parameters by which it can be given, the usual one first; all of a set are needed.
     fn parameter_sets(&self) -> &'static [&'static [Parameter]];
 
-    /// Changes `structure`; `values` follow one of the parameter sets and lie inside its bounds.
-    fn apply(&self, values: &[f64], place: Option<&Where>, structure: &mut Structure) -> Result<(), EffectError>;
+    /// Changes `structure`; the values of `given` follow one of the parameter sets and lie inside its bounds.
+    ///
+    /// # Errors
+    /// [`EffectError`] where the structure has no place for it.
+    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError>;
+}
+
+impl dyn EffectKind {
+    /// The name that a user types.
+    pub fn name(&self) -> &'static str {
+        self.about().name
+    }
+}
+
+/// Values of an effect, by name, and its place.
+#[derive(Debug, Clone, Copy)]
+pub struct Given<'a> {
+    parameters: &'static [Parameter],
+    values: &'a [f64],
+    place: Option<&'a Where>,
+}
+
+impl Given<'_> {
+    /// The value of a parameter, where the set has it.
+    pub fn value(&self, name: &str) -> Option<f64> {
+        self.parameters.iter().position(|parameter| parameter.name == name).and_then(|at| self.values.get(at).copied())
+    }
+
+    /// The value of a parameter, zero where the set does not have it.
+    fn or_zero(&self, name: &str) -> f64 {
+        self.value(name).unwrap_or(0.0)
+    }
+
+    /// One value for both axes, or one each.
+    fn by_axis(&self, both: &str, each: [&str; 2]) -> [f64; 2] {
+        each.map(|name| self.value(name).or(self.value(both)).unwrap_or(0.0))
+    }
 }
 
 /// Every kind there is.
@@ -78,8 +173,25 @@ pub const KINDS: &[&dyn EffectKind] = &[
     &mass_scale::MassScale,
     &base_rotation::BaseRotation,
     &base_translation::BaseTranslation,
+    &shear_flexibility::ShearFlexibility,
+    &rotary_inertia::RotaryInertia,
+    &p_delta::PDelta,
     &added_mass::AddedMassAt,
     &stiffness_loss::StiffnessLoss,
+    &connection_flexibility::ConnectionFlexibility,
+    &tuned_mass_damper::TunedMassDamper,
+    &mass_eccentricity::MassEccentricity,
+    &axis_rotation::AxisRotation,
+    &outrigger::Outrigger,
+    &temperature_stiffness::TemperatureStiffness,
+    &amplitude_stiffness::AmplitudeStiffness,
+    &sensor_gain::SensorGain,
+    &sensor_polarity::SensorPolarity,
+    &sensor_swap::SensorSwap,
+    &sensor_rotation::SensorRotation,
+    &clock_offset::ClockOffset,
+    &harmonic::Harmonic,
+    &custom::CustomChange,
 ];
 
 /// An effect of a known kind, at a place, with values inside their bounds.
@@ -109,107 +221,39 @@ pub struct ParameterRecord {
     pub name: String,
     /// Its value.
     pub value: f64,
+    /// Its standard deviation, where it was fitted.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub std: Option<f64>,
     /// The value's unit; `-` for none.
     pub unit: String,
 }
 
-/// Why an effect was refused.
-#[derive(Debug, Error, Clone, PartialEq)]
-pub enum EffectError {
-    /// The word has no value.
-    #[error("`{word}`: no value; write KIND=VALUE or KIND@WHERE=VALUE, for instance added-mass@443.6m=200000")]
-    NoValue {
-        /// What was typed.
-        word: String,
-    },
-    /// No such kind.
-    #[error("no effect is called `{kind}`; there are {known}")]
-    UnknownKind {
-        /// What was typed.
-        kind: String,
-        /// The kinds there are.
-        known: String,
-    },
-    /// A place that is none.
-    #[error(
-        "`{place}` is no place; write a height such as 443.6m, a channel such as ch07 (or ch04+ch05), a node such as node3, or a frequency such as 0.83hz"
-    )]
-    BadPlace {
-        /// What was typed.
-        place: String,
-    },
-    /// The kind acts elsewhere.
-    #[error("{kind} {expected}, not {found}")]
-    WrongPlace {
-        /// The kind.
-        kind: &'static str,
-        /// What it needs.
-        expected: &'static str,
-        /// What it got.
-        found: String,
-    },
-    /// The height is not on the beam.
-    #[error("{kind}@{z_m}m: the beam stands from {z_base_m} m to {z_top_m} m")]
-    OutsideBeam {
-        /// The kind.
-        kind: &'static str,
-        /// The height asked for.
-        z_m: f64,
-        /// Where the beam starts.
-        z_base_m: f64,
-        /// Where it ends.
-        z_top_m: f64,
-    },
-    /// The model's nodes do not stand above each other.
-    #[error(
-        "{kind} acts at a height, but the nodes of the model's matrices do not stand above each other; give them `nodes`, or use a beam table"
-    )]
-    NoHeights {
-        /// The kind.
-        kind: &'static str,
-    },
-    /// The effect changes segments, and matrices have none.
-    #[error("{kind} changes beam segments or their base, and a model of matrices has none; it needs a beam table")]
-    NeedsBeam {
-        /// The kind.
-        kind: &'static str,
-    },
-    /// The names of parameters given are not those of the kind.
-    #[error("{kind}: `{value}` is not a value for it; expected {expected}")]
-    BadValue {
-        /// The kind.
-        kind: &'static str,
-        /// What was typed.
-        value: String,
-        /// What would have been right.
-        expected: String,
-    },
-    /// A value outside its bounds.
-    #[error("{kind}: {parameter} = {value} is out of range; it must be {range}")]
-    OutOfRange {
-        /// The kind.
-        kind: &'static str,
-        /// The parameter.
-        parameter: &'static str,
-        /// Its value.
-        value: f64,
-        /// The range in words, with the unit.
-        range: String,
-    },
-}
-
 impl Effect {
-    /// An effect from its kind's name, its place and its values; `values` follow one of the kind's parameter sets.
+    /// An effect from its kind, its place and its values; `values` follow the first of the kind's parameter sets that has as
+    /// many.
     ///
     /// # Errors
     /// [`EffectError`]: an unknown kind, a place that does not suit it, a value out of range.
     pub fn new(kind: &str, place: Option<Where>, values: &[f64]) -> Result<Self, EffectError> {
         let kind = find(kind)?;
-        check_place(kind, place.as_ref())?;
         let parameters = kind.parameter_sets().iter().find(|set| set.len() == values.len()).ok_or_else(|| {
             let value = values.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
             EffectError::BadValue { kind: kind.name(), value, expected: expected_value(kind) }
         })?;
+        Self::with_parameters(kind, place, parameters, values)
+    }
+
+    /// An effect by one of its kind's parameter sets.
+    ///
+    /// # Errors
+    /// [`EffectError`]: a place that does not suit it, a value out of range.
+    pub fn with_parameters(
+        kind: &'static dyn EffectKind,
+        place: Option<Where>,
+        parameters: &'static [Parameter],
+        values: &[f64],
+    ) -> Result<Self, EffectError> {
+        check_place(kind, place.as_ref())?;
         for (parameter, &value) in parameters.iter().zip(values) {
             if !value.is_finite() || value < parameter.least || value > parameter.greatest {
                 let (name, range) = (parameter.name, parameter.range());
@@ -234,24 +278,36 @@ impl Effect {
             .filter(|(name, _)| *name != "std" && !name.ends_with("_std"))
             .collect();
         let bad = |value: String| EffectError::BadValue { kind: kind.name(), value, expected: expected_value(kind) };
-        let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|integer| integer as f64));
-        let value_of =
-            |wanted: &str| given.iter().find(|(name, _)| *name == wanted).and_then(|(_, value)| number(value));
         if let [("value", value)] = given[..] {
-            return Self::new(kind.name(), place, &[number(value).ok_or_else(|| bad(value.to_string()))?]);
+            let single =
+                kind.parameter_sets().iter().find_map(|set| if let [only] = set { Some((set, only)) } else { None });
+            let (set, only) = single.ok_or_else(|| bad(value.to_string()))?;
+            let number = only.read(value).ok_or_else(|| bad(value.to_string()))?;
+            return Self::with_parameters(kind, place, set, &[number]);
         }
-        let in_order = |set: &&[Parameter]| {
-            let values: Option<Vec<f64>> = set.iter().map(|parameter| value_of(parameter.name)).collect();
-            values.filter(|values| values.len() == given.len())
+        let in_order = |set: &&'static [Parameter]| {
+            let value_of = |parameter: &Parameter| {
+                given.iter().find(|(name, _)| *name == parameter.name).and_then(|(_, value)| parameter.read(value))
+            };
+            let values: Option<Vec<f64>> = set.iter().map(value_of).collect();
+            values.filter(|values| values.len() == given.len()).map(|values| (*set, values))
         };
-        let words = || given.iter().map(|(name, value)| format!("{name} = {value}")).collect::<Vec<_>>().join(", ");
-        let values = kind.parameter_sets().iter().find_map(in_order).ok_or_else(|| bad(words()))?;
-        Self::new(kind.name(), place, &values)
+        let words = || {
+            let words: Vec<String> = given.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+            if words.is_empty() { "nothing".to_owned() } else { words.join(", ") }
+        };
+        let (set, values) = kind.parameter_sets().iter().find_map(in_order).ok_or_else(|| bad(words()))?;
+        Self::with_parameters(kind, place, set, &values)
     }
 
     /// The kind's name.
     pub fn kind(&self) -> &'static str {
         self.kind.name()
+    }
+
+    /// The kind.
+    pub fn of_kind(&self) -> &'static dyn EffectKind {
+        self.kind
     }
 
     /// Where it acts, for kinds that act somewhere.
@@ -260,8 +316,16 @@ impl Effect {
     }
 
     /// Parameters with their values.
-    pub fn parameters(&self) -> impl Iterator<Item = (&'static Parameter, f64)> + '_ {
+    pub fn parameters(&self) -> impl ExactSizeIterator<Item = (&'static Parameter, f64)> + '_ {
         self.parameters.iter().zip(self.values.iter().copied())
+    }
+
+    /// The same effect with other values, brought inside their bounds.
+    #[must_use]
+    pub fn with_values(&self, values: &[f64]) -> Self {
+        let inside = |(parameter, &value): (&Parameter, &f64)| value.clamp(parameter.least, parameter.greatest);
+        let values = self.parameters.iter().zip(values).map(inside).collect();
+        Self { values, ..self.clone() }
     }
 
     /// Changes `structure`.
@@ -270,7 +334,16 @@ impl Effect {
     /// [`EffectError::OutsideBeam`] where its place is not on this structure, [`EffectError::NeedsBeam`] where it needs a beam
     /// table.
     pub fn apply(&self, structure: &mut Structure) -> Result<(), EffectError> {
-        self.kind.apply(&self.values, self.place.as_ref(), structure)
+        let given = Given { parameters: self.parameters, values: &self.values, place: self.place.as_ref() };
+        self.kind.apply(&given, structure)
+    }
+
+    /// Whether its channels and nodes are among the sensors.
+    ///
+    /// # Errors
+    /// [`EffectError::NoChannel`] and [`EffectError::NoNode`].
+    pub fn check_sensors(&self, sensors: &[Sensor]) -> Result<(), EffectError> {
+        check_sensors(self.kind.name(), self.place.as_ref(), sensors)
     }
 
     /// For JSON.
@@ -278,6 +351,7 @@ impl Effect {
         let parameters = self.parameters().map(|(parameter, value)| ParameterRecord {
             name: parameter.name.to_owned(),
             value,
+            std: None,
             unit: parameter.unit.to_owned(),
         });
         EffectRecord {
@@ -298,18 +372,57 @@ impl fmt::Display for Effect {
     }
 }
 
-fn find(name: &str) -> Result<&'static dyn EffectKind, EffectError> {
+/// The kind of a name.
+///
+/// # Errors
+/// [`EffectError::UnknownKind`] lists the names there are.
+pub fn find(name: &str) -> Result<&'static dyn EffectKind, EffectError> {
     KINDS.iter().copied().find(|kind| kind.name() == name).ok_or_else(|| {
         let known: Vec<_> = KINDS.iter().map(|kind| kind.name()).collect();
-        EffectError::UnknownKind { kind: name.to_owned(), known: known.join(", ") }
+        let likeness = |kind: &&str| strsim::jaro_winkler(name, kind);
+        let nearest = known.iter().copied().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
+        EffectError::UnknownKind {
+            kind: name.to_owned(),
+            nearest: nearest.filter(|nearest| likeness(nearest) > 0.8),
+            known: known.join(", "),
+        }
     })
+}
+
+/// `KIND` or `KIND@WHERE` as typed, without values: the kind, and where.
+///
+/// # Errors
+/// [`EffectError`]: an unknown kind, a place that is none or does not suit it.
+pub fn named(word: &str) -> Result<(&'static dyn EffectKind, Option<Where>), EffectError> {
+    let (name, place) = match word.split_once('@') {
+        Some((name, place)) => (name.trim(), Some(place.trim())),
+        None => (word.trim(), None),
+    };
+    let kind = find(name)?;
+    let place = place.map(str::parse::<Where>).transpose()?;
+    check_place(kind, place.as_ref())?;
+    Ok((kind, place))
 }
 
 fn check_place(kind: &'static dyn EffectKind, place: Option<&Where>) -> Result<(), EffectError> {
     let expected = match (kind.place(), place) {
-        (Place::Nowhere, None) | (Place::Height, Some(Where::Height(_))) => return Ok(()),
+        (Place::Nowhere | Place::NodeOrAll, None)
+        | (Place::Height, Some(Where::Height(_)))
+        | (Place::Node | Place::NodeOrAll, Some(Where::Node(_)))
+        | (Place::Frequency, Some(Where::Frequency(_)))
+        | (Place::Name, Some(Where::Name(_))) => return Ok(()),
+        (Place::Channel, Some(Where::Channels(channels))) if channels.len() == 1 => return Ok(()),
+        (Place::TwoChannels, Some(Where::Channels(channels))) if channels.len() == 2 && channels[0] != channels[1] => {
+            return Ok(());
+        }
         (Place::Nowhere, Some(_)) => "acts on the whole structure and takes no @WHERE",
         (Place::Height, _) => "needs a height such as @225.2m",
+        (Place::Channel, _) => "needs a channel such as @ch07",
+        (Place::TwoChannels, _) => "needs two channels such as @ch04+ch05",
+        (Place::Node, _) => "needs a sensor node such as @node3",
+        (Place::NodeOrAll, _) => "takes a sensor node such as @node3, or no @WHERE for all sensors",
+        (Place::Frequency, _) => "needs a frequency such as @0.83hz",
+        (Place::Name, _) => "needs the name of a [[model.custom]] of the study, such as @cables",
     };
     let found = place.map_or_else(|| "nothing".to_owned(), |place| format!("@{place}"));
     Err(EffectError::WrongPlace { kind: kind.name(), expected, found })
@@ -318,41 +431,13 @@ fn check_place(kind: &'static dyn EffectKind, place: Option<&Where>) -> Result<(
 /// What a value of this kind looks like, in words.
 fn expected_value(kind: &dyn EffectKind) -> String {
     let sets = kind.parameter_sets().iter().map(|set| {
+        if set.is_empty() {
+            return "no value".to_owned();
+        }
         set.iter()
             .map(|parameter| format!("{} ({})", parameter.name, parameter.range()))
             .collect::<Vec<_>>()
             .join(" and ")
     });
     sets.collect::<Vec<_>>().join(", or ")
-}
-
-/// The base of a beam.
-fn base<'a>(kind: &'static str, structure: &'a mut Structure) -> Result<&'a mut BaseFlexibility, EffectError> {
-    match structure.body {
-        Body::Beam(_) => Ok(&mut structure.base),
-        Body::Matrices(_) => Err(EffectError::NeedsBeam { kind }),
-    }
-}
-
-/// The segments of a beam.
-fn segments<'a>(kind: &'static str, structure: &'a mut Structure) -> Result<&'a mut [Segment], EffectError> {
-    match &mut structure.body {
-        Body::Beam(beam) => Ok(beam.segments_mut()),
-        Body::Matrices(_) => Err(EffectError::NeedsBeam { kind }),
-    }
-}
-
-/// The height of a located effect, on the beam.
-fn height(kind: &'static str, place: Option<&Where>, structure: &Structure) -> Result<f64, EffectError> {
-    let Some(&Where::Height(z_m)) = place else {
-        let found = place.map_or_else(|| "nothing".to_owned(), |place| format!("@{place}"));
-        return Err(EffectError::WrongPlace { kind, expected: "needs a height such as @225.2m", found });
-    };
-    let Some([z_base_m, z_top_m]) = structure.z_range_m() else {
-        return Err(EffectError::NoHeights { kind });
-    };
-    if !(z_base_m..=z_top_m).contains(&z_m) {
-        return Err(EffectError::OutsideBeam { kind, z_m, z_base_m, z_top_m });
-    }
-    Ok(z_m)
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Effect, EffectError, expected_value, find};
+use super::{Effect, EffectError, Parameter, expected_value, find};
 
 /// The part after the @: where an effect acts.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,6 +16,8 @@ pub enum Where {
     Node(u16),
     /// `0.83hz`: a frequency in Hz.
     Frequency(f64),
+    /// `cables`: the name of a `[[model.custom]]`.
+    Name(String),
 }
 
 impl FromStr for Where {
@@ -33,7 +35,12 @@ impl FromStr for Where {
         } else if let Some(height) = number("m") {
             Some(Self::Height(height))
         } else {
-            channels().collect::<Option<_>>().map(Self::Channels)
+            let channels = channels().collect::<Option<_>>().map(Self::Channels);
+            let is_word = |c: char| c.is_alphanumeric() || c == '-' || c == '_';
+            channels.or_else(|| {
+                let starts = text.starts_with(char::is_alphabetic);
+                (starts && text.chars().all(is_word)).then(|| Self::Name(text.to_owned()))
+            })
         };
         place.ok_or_else(|| EffectError::BadPlace { place: text.to_owned() })
     }
@@ -49,6 +56,7 @@ impl fmt::Display for Where {
             }
             Self::Node(node) => write!(f, "node{node}"),
             Self::Frequency(frequency_hz) => write!(f, "{frequency_hz}hz"),
+            Self::Name(name) => f.write_str(name),
         }
     }
 }
@@ -70,23 +78,31 @@ impl FromStr for Effect {
         // The kind first: a wrong name is the likeliest slip, and its error lists the names there are.
         let kind = find(name)?;
         let place = place.transpose()?;
-        let value = value.ok_or_else(|| EffectError::NoValue { word: word.to_owned() })?;
+        let Some(value) = value else {
+            // Kinds that are there or not have no value.
+            let none = kind.parameter_sets().iter().find(|set| set.is_empty() && !word.contains('='));
+            let set = none.ok_or_else(|| EffectError::NoValue { word: word.to_owned() })?;
+            return Self::with_parameters(kind, place, set, &[]);
+        };
         let bad =
             || EffectError::BadValue { kind: kind.name(), value: value.to_owned(), expected: expected_value(kind) };
         if let Ok(number) = value.parse::<f64>() {
-            return Self::new(name, place, &[number]);
+            let set = kind.parameter_sets().iter().find(|set| set.len() == 1).ok_or_else(bad)?;
+            return Self::with_parameters(kind, place, set, &[number]);
         }
         let mut given = Vec::new();
         for part in value.split(',') {
             let (parameter, number) = part.split_once('=').ok_or_else(bad)?;
-            given.push((parameter.trim(), number.trim().parse::<f64>().map_err(|_| bad())?));
+            given.push((parameter.trim(), number.trim()));
         }
-        let in_order = |set: &&[super::Parameter]| -> Option<Vec<f64>> {
-            let value_of = |name| given.iter().find(|(given, _)| *given == name).map(|&(_, number)| number);
-            let values: Option<Vec<f64>> = set.iter().map(|parameter| value_of(parameter.name)).collect();
-            values.filter(|values| values.len() == given.len())
+        let in_order = |set: &&'static [Parameter]| {
+            let value_of = |parameter: &Parameter| {
+                given.iter().find(|(given, _)| *given == parameter.name).and_then(|(_, word)| parameter.read_word(word))
+            };
+            let values: Option<Vec<f64>> = set.iter().map(value_of).collect();
+            values.filter(|values| values.len() == given.len()).map(|values| (*set, values))
         };
-        let values = kind.parameter_sets().iter().find_map(in_order).ok_or_else(bad)?;
-        Self::new(name, place, &values)
+        let (set, values) = kind.parameter_sets().iter().find_map(in_order).ok_or_else(bad)?;
+        Self::with_parameters(kind, place, set, &values)
     }
 }

@@ -1,19 +1,46 @@
 //! `stiffness-loss@z`: damage or a weaker section around a height.
 
-use super::{EffectError, EffectKind, Parameter, Place, Where, height, segments};
+use super::target::{height, segments};
+use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter, Place};
 use crate::model::Structure;
 
-/// A full loss would cut the structure in two, so the range ends short of it.
-const RELATIVE: Parameter = Parameter { name: "relative", unit: "-", least: 0.0, greatest: 0.99 };
+const ABOUT: About = About {
+    name: "stiffness-loss",
+    physics: "A few neighbouring segments are softer than modelled: cracked concrete, openings, a change of section that \
+         the model smeared. Bending, shear and torsion lose the same share.",
+    formula: "EI, kGA and GJ of the segments around z times (1 - relative)",
+    fingerprint: "modes with a large curvature at z too low; a kink in their curvature there",
+    look_alikes: &[
+        LookAlike {
+            kind: "added-mass",
+            separated_by: "more sensors around the height: a loss kinks the curvature, a mass does not",
+        },
+        LookAlike {
+            kind: "connection-flexibility",
+            separated_by: "torsion, which a rotational joint leaves alone; sensors close above and below",
+        },
+        LookAlike { kind: "base-rotation", separated_by: "for a loss at the very bottom: a sensor at the base" },
+    ],
+    source: "A. K. Pandey, M. Biswas, M. M. Samman (1991), Damage detection from changes in curvature mode shapes, J. \
+         Sound Vib. 145",
+};
 
-/// The segment that contains z loses the share `relative` of its bending, shear and torsion; where z is a node, both
-/// segments that meet there do.
+/// A full loss would cut the structure in two, so the range ends short of it.
+const RELATIVE: Parameter = Parameter::ranged("relative", "-", [0.0, 0.99], 0.3, "share of stiffness that is lost");
+const LENGTH: Parameter = Parameter::given(
+    "length",
+    "m",
+    [0.0, f64::INFINITY],
+    "segments whose middle lies within half of it from z lose stiffness; without it the segment at z, or the two that meet there",
+);
+
+/// See [`ABOUT`].
 #[derive(Debug)]
 pub(super) struct StiffnessLoss;
 
 impl EffectKind for StiffnessLoss {
-    fn name(&self) -> &'static str {
-        "stiffness-loss"
+    fn about(&self) -> &'static About {
+        &ABOUT
     }
 
     fn place(&self) -> Place {
@@ -21,17 +48,19 @@ impl EffectKind for StiffnessLoss {
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        &[&[RELATIVE]]
+        &[&[RELATIVE], &[RELATIVE, LENGTH]]
     }
 
-    fn apply(&self, values: &[f64], place: Option<&Where>, structure: &mut Structure) -> Result<(), EffectError> {
-        let z_m = height(self.name(), place, structure)?;
-        let left = values.iter().fold(1.0, |factor, relative| factor * (1.0 - relative));
-        for segment in segments(self.name(), structure)? {
-            if (segment.z_bottom_m..=segment.z_top_m).contains(&z_m) {
-                segment.bending_n_m2 = segment.bending_n_m2.map(|bending| bending * left);
-                segment.shear_n = segment.shear_n.map(|shear| shear.map(|shear| shear * left));
-                segment.torsion_n_m2 *= left;
+    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
+        let z_m = height(ABOUT.name, given, structure)?;
+        let left = 1.0 - given.or_zero(RELATIVE.name);
+        for segment in segments(ABOUT.name, structure)? {
+            let reaches = match given.value(LENGTH.name) {
+                Some(length_m) => (0.5 * (segment.z_bottom_m + segment.z_top_m) - z_m).abs() <= 0.5 * length_m,
+                None => (segment.z_bottom_m..=segment.z_top_m).contains(&z_m),
+            };
+            if reaches {
+                segment.scale_stiffness(left);
             }
         }
         Ok(())

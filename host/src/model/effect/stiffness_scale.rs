@@ -1,25 +1,50 @@
 //! `stiffness-scale`: all of K times (1 + value), as a wrong modulus of elasticity would do.
 
-use super::{EffectError, EffectKind, Parameter, Where};
+use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter};
 use crate::model::Structure;
 
-const RELATIVE: Parameter = Parameter { name: "relative", unit: "-", least: -0.9, greatest: 9.0 };
+const ABOUT: About = About {
+    name: "stiffness-scale",
+    physics: "All of the structure is stiffer or softer than modelled by one factor, as where the modulus of elasticity of \
+         the concrete was taken from a standard. Every frequency moves alike and no shape changes.",
+    formula: "K becomes (1 + relative) K",
+    fingerprint: "all frequencies off by the same percentage, shapes right",
+    look_alikes: &[
+        LookAlike {
+            kind: "mass-scale",
+            separated_by: "exact twin from modes alone: (1 + stiffness) = 1 / (1 + mass). Weigh: a known mass added (a full \
+                 water tank, a vehicle), or a static load and its deflection",
+        },
+        LookAlike {
+            kind: "base-rotation",
+            separated_by: "shapes near the base, and the higher modes, which a base spring hardly moves",
+        },
+        LookAlike {
+            kind: "temperature-stiffness",
+            separated_by: "days at another temperature: identify --every with a temperature file",
+        },
+    ],
+    source: "M. I. Friswell, J. E. Mottershead (1995), Finite Element Model Updating in Structural Dynamics, section 2.5",
+};
 
-/// All frequencies rise by the square root of 1 + `relative`, shapes stay. Exact twin: the inverse mass scale.
+const RELATIVE: Parameter =
+    Parameter::ranged("relative", "-", [-0.9, 9.0], 0.1, "all stiffness is that of the model times (1 + relative)");
+
+/// See [`ABOUT`].
 #[derive(Debug)]
 pub(super) struct StiffnessScale;
 
 impl EffectKind for StiffnessScale {
-    fn name(&self) -> &'static str {
-        "stiffness-scale"
+    fn about(&self) -> &'static About {
+        &ABOUT
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[RELATIVE]]
     }
 
-    fn apply(&self, values: &[f64], _place: Option<&Where>, structure: &mut Structure) -> Result<(), EffectError> {
-        structure.stiffness_factor *= values.iter().fold(1.0, |factor, relative| factor * (1.0 + relative));
+    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
+        structure.stiffness_factor *= 1.0 + given.or_zero(RELATIVE.name);
         Ok(())
     }
 }

@@ -2,8 +2,15 @@
 
 use std::path::Path;
 
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, RowDVector};
+
 use super::*;
-use crate::model::{BeamTable, Body, Segment};
+use crate::model::{BeamTable, Body, ModalBasis, Segment, phases_rad};
+use crate::study::{Direction, Sensor};
+
+const HEADER: &str = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2\n";
 
 fn beam() -> BeamTable {
     let mut text = String::from(
@@ -32,7 +39,7 @@ fn words_become_effects_and_back() {
     assert_eq!(effect.place(), Some(&Where::Height(443.6)));
     let record = effect.record();
     assert_eq!(record.r#where.as_deref(), Some("443.6m"));
-    assert_eq!(record.parameters[0], ParameterRecord { name: "mass".into(), value: 2e5, unit: "kg".into() });
+    assert_eq!(record.parameters[0], ParameterRecord { name: "mass".into(), value: 2e5, std: None, unit: "kg".into() });
     let json = serde_json::to_value(&record).unwrap();
     assert_eq!(json["where"], "443.6m");
 
@@ -49,7 +56,10 @@ fn words_become_effects_and_back() {
 fn wrong_words_are_refused_with_what_was_expected() {
     assert_eq!(
         refusal("base-rotaton=1e-14"),
-        "no effect is called `base-rotaton`; there are stiffness-scale, mass-scale, base-rotation, base-translation, added-mass, stiffness-loss"
+        format!(
+            "no effect is called `base-rotaton` (did you mean base-rotation?); there are {}",
+            KINDS.iter().map(|kind| kind.name()).collect::<Vec<_>>().join(", ")
+        )
     );
     for (word, part) in [
         ("stiffness-loss@50m=1.5", "stiffness-loss: relative = 1.5 is out of range; it must be 0 to 0.99"),
@@ -172,4 +182,274 @@ fn a_local_loss_takes_its_share_of_the_strain_energy() {
     "stiffness-loss@40m=0.5".parse::<Effect>().unwrap().apply(&mut two_softer).unwrap();
     let halved = segments(&two_softer).iter().filter(|segment| segment.torsion_n_m2 == 1e10).count();
     assert_eq!(halved, 2);
+}
+
+/// A joint is a short segment without stiffness of its own: the same modes as with a segment of 1 mm that bends by what
+/// the joint turns, at a height between two nodes.
+#[test]
+fn a_joint_equals_a_short_soft_segment() {
+    let flexibility = 2e-10;
+    let found = frequencies(&[&format!("connection-flexibility@57m={flexibility}")]);
+    let (hinge, mut text) = (1e-3, HEADER.to_owned());
+    let bending = hinge / flexibility;
+    for index in 0..10 {
+        let (bottom, top) = (10 * index, 10 * (index + 1));
+        if index == 5 {
+            // Torsion and shear pass through the joint.
+            text += &format!("50,{},1e11,3e11,20,5e9,2e10,1e-3,1e-3,1e-3,1e-3\n", 57.0 - hinge / 2.0);
+            text += &format!(
+                "{},{},{bending},{bending},0,,1e16,1e-3,1e-3,1e-3,1e-3\n",
+                57.0 - hinge / 2.0,
+                57.0 + hinge / 2.0
+            );
+            text += &format!("{},60,1e11,3e11,20,5e9,2e10,1e5,1e5,1e5,5e5\n", 57.0 + hinge / 2.0);
+        } else {
+            text += &format!("{bottom},{top},1e11,3e11,20,5e9,2e10,1e5,1e5,1e5,5e5\n");
+        }
+    }
+    let hinged = BeamTable::from_reader(text.as_bytes(), Path::new("hinged.csv")).unwrap();
+    let hinged = Structure::new(hinged).assemble().modes().unwrap().frequency_hz;
+    let sound = frequencies(&[]);
+    for mode in 0..8 {
+        // The short segment replaces 1 mm of sound beam, 1e-5 of it.
+        assert!((hinged[mode] / found[mode] - 1.0).abs() < 5e-5, "mode {mode}: {} {}", hinged[mode], found[mode]);
+    }
+    assert!(found[1] < 0.95 * sound[1], "the joint must matter for the comparison to mean anything");
+}
+
+/// A uniform cantilever buckles under its own weight at q L³ = 7.837 EI (Greenhill 1881): there its first frequency is zero.
+#[test]
+fn weight_brings_the_first_frequency_to_zero_at_greenhills_load() {
+    let (height, segments, mass) = (100.0, 100, 1e5);
+    let bending = 9.806_65 * mass / (height / f64::from(segments)) * f64::powi(height, 3) / 7.837;
+    let share = |share: f64| {
+        let mut text = HEADER.to_owned();
+        for index in 0..segments {
+            text += &format!("{index},{},{bending},{bending},0,,1e12,{mass},0,0,1e5\n", index + 1);
+        }
+        let beam = BeamTable::from_reader(text.as_bytes(), Path::new("column.csv")).unwrap();
+        let effect = Effect::new("p-delta", None, &[share]).unwrap();
+        Structure::with_effects(beam, &[effect]).unwrap().assemble().modes().map(|modes| modes.frequency_hz[0])
+    };
+    let (none, half) = (share(0.0).unwrap(), share(0.5).unwrap());
+    // Lambda falls almost linearly with the load. Mass at the tops of segments lifts the weight by half a segment: 1.5 %.
+    assert!(((half / none).powi(2) - 0.5).abs() < 0.02, "{}", (half / none).powi(2));
+    assert!(share(0.97).unwrap() < 0.2 * none);
+    assert!(share(1.05).is_err(), "beyond the buckling load there is no stiffness left");
+}
+
+/// With everything rigid but one rotational spring at the top, a stiff mast is an inverted pendulum.
+#[test]
+fn an_outrigger_holds_and_a_tuned_mass_splits() {
+    let sound = frequencies(&[]);
+    let held = frequencies(&["outrigger@80m=5e9"]);
+    assert!(held[0] > 1.01 * sound[0] && held.iter().zip(&sound).all(|(held, sound)| *held > sound * (1.0 - 1e-9)));
+
+    // A mass of mu times the modal mass, tuned to the mode, splits it to f sqrt(1 + mu/2 ± sqrt(mu + mu²/4)) (Den Hartog
+    // 1956, eq. 3.22); for the mass at the top the modal mass is 1/phi².
+    let assembly = Structure::new(beam()).assemble();
+    let modes = assembly.modes().unwrap();
+    let motion = assembly.axis_motion(100.0) * &modes.shapes;
+    let along = motion[(0, 0)].hypot(motion[(1, 0)]);
+    let mu: f64 = 1e-3;
+    let mass = mu / (along * along);
+    let word = format!("tuned-mass-damper@100m=mass={mass},frequency={},damping_ratio=0.05", sound[0]);
+    let split = frequencies(&[&word]);
+    assert_eq!(split.len(), sound.len() + 2, "one more mode for each direction");
+    let expected = |sign: f64| sound[0] * (1.0 + mu / 2.0 + sign * (mu + mu * mu / 4.0).sqrt()).sqrt();
+    // The mode moves along one axis of the table, the damper along X and Y: between the twins stands the damper's motion
+    // across, hardly moved by the second mode.
+    let near = |wanted: f64| split.iter().map(|hz| (hz / wanted - 1.0).abs()).fold(f64::INFINITY, f64::min);
+    // Other modes bend the twins by the square of mu.
+    assert!(
+        near(expected(1.0)) < 1e-3 && near(expected(-1.0)) < 1e-3,
+        "{:?} {split:?}",
+        [expected(-1.0), expected(1.0)]
+    );
+    let one_way = frequencies(&[&word.replace("0.05", "0.05,axis=x")]);
+    assert_eq!(one_way.len(), sound.len() + 1);
+}
+
+#[test]
+fn turned_axes_turn_the_shapes_and_leave_the_frequencies() {
+    let sound = Structure::new(beam()).assemble().modes().unwrap();
+    let turned = Structure::with_effects(beam(), &["axis-rotation=25".parse().unwrap()]).unwrap().assemble();
+    let modes = turned.modes().unwrap();
+    let azimuth = |shapes: &DMatrix<f64>| shapes[(46, 0)].atan2(shapes[(45, 0)]).to_degrees().rem_euclid(180.0);
+    for (turned, sound) in modes.frequency_hz.iter().zip(&sound.frequency_hz).take(10) {
+        assert!((turned / sound - 1.0).abs() < 1e-9);
+    }
+    let difference = (azimuth(&modes.shapes) - azimuth(&sound.shapes)).rem_euclid(180.0);
+    assert!((difference - 25.0).abs() < 1e-6, "{difference}");
+    // Matrices turn as tables do; their sensors see the same.
+    let motion = turned.axis_motion(95.0) * &modes.shapes;
+    assert!(
+        ((motion[(1, 0)] / motion[(0, 0)]).atan().to_degrees().rem_euclid(180.0) - azimuth(&modes.shapes)).abs() < 1e-6
+    );
+}
+
+#[test]
+fn an_eccentric_mass_couples_and_keeps_the_mass() {
+    let effect: Effect = "mass-eccentricity=x=0.8,y=-0.3".parse().unwrap();
+    let assembly = Structure::with_effects(beam(), &[effect]).unwrap().assemble();
+    let top = 45;
+    assert_eq!((assembly.mass[(top + 1, top + 4)], assembly.mass[(top, top + 4)]), (0.8e5, 0.3e5));
+    assert!((assembly.mass[(top + 4, top + 4)] - (5e5 + 1e5 * 0.73)).abs() < 1e-6);
+    // Twisting about the centre of mass moves no mass sideways: the unit rotation about (x, y).
+    let twist = RowDVector::from_row_slice(&[-0.3, -0.8, 0.0, 0.0, 1.0]);
+    let block = assembly.mass.view((top, top), (5, 5)).into_owned();
+    assert!((&twist * &block).columns(0, 2).amax() < 1e-6);
+    assert!(frequencies(&["mass-eccentricity=x=0.8,y=-0.3"])[0] < frequencies(&[])[0]);
+}
+
+fn sensor(channel: &str, node: u16, azimuth_deg: f64) -> Sensor {
+    Sensor {
+        channel: channel.to_owned(),
+        point: channel.to_owned(),
+        node,
+        elevation_m: Some(90.0),
+        direction: Some(Direction::AzimuthDeg(azimuth_deg)),
+        offset_m: [0.0; 2],
+        reference: false,
+        sensitivity_v_per_m_s2: None,
+        dof: None,
+    }
+}
+
+#[test]
+fn effects_on_sensors_change_what_they_see() {
+    let sensors = [sensor("a", 1, 0.0), sensor("b", 1, 90.0), sensor("c", 2, 0.0)];
+    let rows = |words: &[&str]| {
+        let effects: Vec<Effect> = words.iter().map(|word| word.parse().unwrap()).collect();
+        Structure::with_effects(beam(), &effects).unwrap().assemble().sensor_rows(&sensors).unwrap()
+    };
+    let sound = rows(&[]);
+    assert_eq!(rows(&["sensor-gain@chb=1.5"]).row(1), sound.row(1) * 1.5);
+    assert_eq!(rows(&["sensor-polarity@cha"]).row(0), -sound.row(0));
+    let swapped = rows(&["sensor-swap@cha+chb"]);
+    assert_eq!((swapped.row(0), swapped.row(1)), (sound.row(1), sound.row(0)));
+    let turned = rows(&["sensor-rotation@node1=30"]);
+    let expected = sound.row(0) * 30f64.to_radians().cos() + sound.row(1) * 30f64.to_radians().sin();
+    assert!((turned.row(0) - expected).amax() < 1e-12 && turned.row(2) == sound.row(2));
+    assert!((rows(&["sensor-rotation=30"]).row(2) - turned.row(0)).amax() < 1e-12);
+
+    let late: Effect = "clock-offset@node2=0.1".parse().unwrap();
+    let structure = Structure::with_effects(beam(), &[late]).unwrap();
+    let delays = structure.sensing.delays_s(&sensors).unwrap();
+    assert_eq!(delays.as_slice(), [0.0, 0.0, 0.1]);
+    // Two equal components, one of them 0.1 s late at 0.5 Hz: 18° apart, each half of that from the mean.
+    let phases = phases_rad(&[1.0, 0.0, 1.0], &delays, 0.5);
+    assert!((phases[0] - 9f64.to_radians()).abs() < 1e-12 && (phases[2] + 9f64.to_radians()).abs() < 1e-12);
+
+    let error = "sensor-gain@chx=2".parse::<Effect>().unwrap().check_sensors(&sensors).unwrap_err().to_string();
+    assert_eq!(error, "sensor-gain: the study has no channel x; there are a, b, c");
+    let error = "clock-offset@node9=1".parse::<Effect>().unwrap().check_sensors(&sensors).unwrap_err().to_string();
+    assert_eq!(error, "clock-offset: no sensor of the study belongs to node 9; there are 1, 2");
+}
+
+#[test]
+fn relative_changes_need_something_to_change() {
+    let rigid = HEADER.to_owned() + "0,10,1e11,3e11,20,,2e10,1e5,0,0,5e5\n10,20,1e11,3e11,20,,2e10,1e5,0,0,5e5\n";
+    let rigid = BeamTable::from_reader(rigid.as_bytes(), Path::new("beam.csv")).unwrap();
+    let with = |word: &str| Structure::with_effects(rigid.clone(), &[word.parse().unwrap()]);
+    let error = |word: &str| with(word).unwrap_err().to_string();
+    assert!(error("shear-flexibility=0.5").contains("give flexibility = ... in 1/N"));
+    assert!(error("rotary-inertia=0.5").contains("give radius = ... in m"));
+    let soft = with("shear-flexibility=flexibility=1e-9").unwrap();
+    assert!(segments(&soft)[0].shear_n.iter().all(|shear| (shear.unwrap() / 1e9 - 1.0).abs() < 1e-12));
+    let heavy = with("rotary-inertia=radius=2").unwrap();
+    assert_eq!(segments(&heavy)[0].inertia_kg_m2, [4e5, 4e5, 5e5]);
+}
+
+#[test]
+fn the_catalogue_says_what_each_effect_is_confused_with() {
+    for kind in KINDS {
+        let about = kind.about();
+        assert!(
+            kind.parameter_sets().iter().flat_map(|set| set.iter()).all(|p| p.least < p.greatest),
+            "{}",
+            about.name
+        );
+        for alike in about.look_alikes {
+            assert!(find(alike.kind).is_ok() && alike.kind != about.name, "{}: {}", about.name, alike.kind);
+        }
+    }
+    let names: std::collections::BTreeSet<_> = KINDS.iter().map(|kind| kind.name()).collect();
+    assert_eq!(names.len(), KINDS.len());
+}
+
+/// What a segment's stiffness and mass do to K and M by the derivative and by taking a segment apart, with all that
+/// depends on it: a soft base, a joint, weight above, turned axes.
+#[test]
+fn segment_changes_are_those_of_the_matrices() {
+    let words = ["base-rotation=4e-11", "connection-flexibility@57m=1e-10", "axis-rotation=12", "stiffness-scale=0.1"];
+    let effects: Vec<Effect> = words.iter().map(|word| word.parse().unwrap()).collect();
+    let structure = Structure::with_effects(beam(), &effects).unwrap();
+    let changes = structure.segment_changes();
+    assert_eq!(changes.len(), 10);
+    let basis: ModalBasis = structure.assemble().modal_basis().unwrap();
+    let sensor_vectors = basis.vectors.rows(40, 5).into_owned();
+    for (index, change) in changes.iter().enumerate() {
+        for of_mass in [false, true] {
+            let step = 1e-4;
+            let moved = |by: f64| {
+                let mut moved = structure.clone();
+                let Body::Beam(beam) = &mut moved.body else { panic!("a beam was given") };
+                let segment = &mut beam.segments_mut()[index];
+                if of_mass {
+                    segment.scale_mass(1.0 + by)
+                } else {
+                    segment.scale_stiffness(1.0 + by)
+                }
+                moved.assemble().modes().unwrap().frequency_hz
+            };
+            let (above, below) = (moved(step), moved(-step));
+            let change = if of_mass { &change.mass } else { &change.stiffness };
+            let slopes = crate::model::derivatives(&basis, &sensor_vectors, &[0, 1, 4], change);
+            for (slope, mode) in slopes.iter().zip([0, 1, 4]) {
+                let expected = (above[mode] / below[mode]).ln() / (2.0 * step);
+                // Second order in the steps.
+                assert!((slope.ln_frequency - expected).abs() < 1e-5 + 1e-3 * expected.abs(), "segment {index}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_custom_change_is_what_its_files_say() {
+    let custom = |segments: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("soft.csv"), segments).unwrap();
+        let source = crate::study::CustomSource {
+            line: 1,
+            name: "soft".into(),
+            file: None,
+            stiffness: Vec::new(),
+            mass: Vec::new(),
+            segments: Some("soft.csv".into()),
+            least: Some(0.0),
+            greatest: Some(2.0),
+            typical: None,
+        };
+        Custom::read(&source, folder.path())
+    };
+    let soft =
+        custom("z_bottom_m,z_top_m,bending_1,bending_2,shear,torsion,mass\n0,35,-0.2,-0.2,-0.2,-0.2,0\n").unwrap();
+    let structure = Structure { customs: Arc::new([soft]), ..Structure::new(beam()) };
+    let changed = structure.clone().and(&["custom@soft=0.5".parse().unwrap()]).unwrap();
+    let factors: Vec<f64> = segments(&changed).iter().map(|segment| segment.bending_n_m2[0] / 1e11).take(5).collect();
+    // 10 % less up to 35 m; the fourth segment lies half below.
+    for (found, expected) in factors.iter().zip([0.9, 0.9, 0.9, 0.95, 1.0]) {
+        assert!((found - expected).abs() < 1e-12, "{factors:?}");
+    }
+    let refused = |word: &str| structure.clone().and(&[word.parse().unwrap()]).unwrap_err().to_string();
+    assert_eq!(
+        refused("custom@hard=1"),
+        "custom@hard: no [[model.custom]] in study.toml has this name; there are soft"
+    );
+    assert!(refused("custom@soft=3").contains("it must be 0 to 2"));
+    let error = custom("z_bottom_m,z_top_m,bend\n0,1,2\n").unwrap_err().to_string();
+    assert!(error.contains("line 1: the column `bend` is none of them"), "{error}");
+    let error = custom("z_bottom_m,z_top_m,shear\n0,1,much\n").unwrap_err().to_string();
+    assert!(error.contains("line 2: column `shear`: `much` is no number"), "{error}");
 }

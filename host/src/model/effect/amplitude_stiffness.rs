@@ -1,0 +1,49 @@
+//! `amplitude-stiffness`: the structure is softer when it moves more.
+
+use super::{About, EffectError, EffectKind, Evidence, Given, LookAlike, Parameter};
+use crate::model::Structure;
+
+const ABOUT: About = About {
+    name: "amplitude-stiffness",
+    physics: "Cracks open, joints slip and soil yields as motion grows, so frequencies fall in strong wind. A linear model \
+         has one frequency for all levels.",
+    formula: "K becomes (1 + relative_per_level log10(response / mean response)) K",
+    fingerprint: "frequencies go with the level of response over the hours",
+    look_alikes: &[LookAlike {
+        kind: "temperature-stiffness",
+        separated_by: "hours of like temperature in different wind",
+    }],
+    source: "Y. Tamura, S.-y. Suganuma (1996), Evaluation of amplitude-dependent damping and natural frequency of \
+         buildings, J. Wind Eng. Ind. Aerodyn. 59",
+};
+
+const SLOPE: Parameter = Parameter::ranged(
+    "relative_per_level",
+    "1/decade",
+    [-1.0, 1.0],
+    0.02,
+    "relative change of all stiffness for a tenfold response",
+);
+
+/// See [`ABOUT`].
+#[derive(Debug)]
+pub(super) struct AmplitudeStiffness;
+
+impl EffectKind for AmplitudeStiffness {
+    fn about(&self) -> &'static About {
+        &ABOUT
+    }
+
+    fn evidence(&self) -> Evidence {
+        Evidence::LevelTrend
+    }
+
+    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
+        &[&[SLOPE]]
+    }
+
+    fn apply(&self, _given: &Given<'_>, _structure: &mut Structure) -> Result<(), EffectError> {
+        // The model is that of the record's mean; the effect says how the structure moves about it.
+        Ok(())
+    }
+}

@@ -1,0 +1,140 @@
+//! Why an effect is refused.
+
+use thiserror::Error;
+
+/// Why an effect was refused.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum EffectError {
+    /// The word has no value.
+    #[error("`{word}`: no value; write KIND=VALUE or KIND@WHERE=VALUE, for instance added-mass@443.6m=200000")]
+    NoValue {
+        /// What was typed.
+        word: String,
+    },
+    /// No such kind.
+    #[error("no effect is called `{kind}`{}; there are {known}", nearest.map_or_else(String::new, |nearest| format!(" (did you mean {nearest}?)")))]
+    UnknownKind {
+        /// What was typed.
+        kind: String,
+        /// The name it was most likely meant to be.
+        nearest: Option<&'static str>,
+        /// The kinds there are.
+        known: String,
+    },
+    /// A place that is none.
+    #[error(
+        "`{place}` is no place; write a height such as 443.6m, a channel such as ch07 (or ch04+ch05), a node such as node3, a frequency such as 0.83hz, or the name of a [[model.custom]]"
+    )]
+    BadPlace {
+        /// What was typed.
+        place: String,
+    },
+    /// The kind acts elsewhere.
+    #[error("{kind} {expected}, not {found}")]
+    WrongPlace {
+        /// The kind.
+        kind: &'static str,
+        /// What it needs.
+        expected: &'static str,
+        /// What it got.
+        found: String,
+    },
+    /// The height is not on the beam.
+    #[error("{kind}@{z_m}m: the beam stands from {z_base_m} m to {z_top_m} m")]
+    OutsideBeam {
+        /// The kind.
+        kind: &'static str,
+        /// The height asked for.
+        z_m: f64,
+        /// Where the beam starts.
+        z_base_m: f64,
+        /// Where it ends.
+        z_top_m: f64,
+    },
+    /// The model's nodes do not stand above each other.
+    #[error(
+        "{kind} acts at a height, but the nodes of the model's matrices do not stand above each other; give them `nodes`, or use a beam table"
+    )]
+    NoHeights {
+        /// The kind.
+        kind: &'static str,
+    },
+    /// The effect changes segments, and matrices have none.
+    #[error(
+        "{kind} changes beam segments or what stands between them, and a model of matrices has none; it needs a beam table"
+    )]
+    NeedsBeam {
+        /// The kind.
+        kind: &'static str,
+    },
+    /// The model has nothing that the effect could scale.
+    #[error("{kind}: {missing}; give {instead}")]
+    NothingToScale {
+        /// The kind.
+        kind: &'static str,
+        /// What the table lacks.
+        missing: &'static str,
+        /// What to give instead.
+        instead: &'static str,
+    },
+    /// The channel is not in the study.
+    #[error("{kind}: the study has no channel {channel}; there are {known}")]
+    NoChannel {
+        /// The kind.
+        kind: &'static str,
+        /// What was asked for.
+        channel: String,
+        /// The channels there are.
+        known: String,
+    },
+    /// The node is not in the study.
+    #[error("{kind}: no sensor of the study belongs to node {node}; there are {known}")]
+    NoNode {
+        /// The kind.
+        kind: &'static str,
+        /// What was asked for.
+        node: u16,
+        /// The nodes there are.
+        known: String,
+    },
+    /// The custom change is not defined.
+    #[error("custom@{name}: no [[model.custom]] in study.toml has this name; there are {known}")]
+    NoCustom {
+        /// What was asked for.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// The custom matrices do not fit the model.
+    #[error("custom@{name}: its matrices are {found} x {found}, those of the model {expected} x {expected}")]
+    CustomSize {
+        /// The name.
+        name: String,
+        /// Rows of the custom matrix.
+        found: usize,
+        /// Rows of the model's.
+        expected: usize,
+    },
+    /// The names of parameters given are not those of the kind.
+    #[error("{kind}: `{value}` is not a value for it; expected {expected}")]
+    BadValue {
+        /// The kind.
+        kind: &'static str,
+        /// What was typed.
+        value: String,
+        /// What would have been right.
+        expected: String,
+    },
+    /// A value outside its bounds.
+    #[error("{kind}: {parameter} = {value} is out of range; it must be {range}")]
+    OutOfRange {
+        /// The kind.
+        kind: &'static str,
+        /// The parameter.
+        parameter: &'static str,
+        /// Its value.
+        value: f64,
+        /// The range in words, with the unit.
+        range: String,
+    },
+}

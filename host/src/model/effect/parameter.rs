@@ -1,0 +1,102 @@
+//! The numbers that an effect is made of.
+
+use serde::Serialize;
+
+/// A parameter of an effect. Bounds belong to the range.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Parameter {
+    /// Its name, as in files and JSON.
+    pub name: &'static str,
+    /// Its unit; `-` for none.
+    pub unit: &'static str,
+    /// The least admissible value.
+    pub least: f64,
+    /// The greatest admissible value; infinite where there is none.
+    #[serde(serialize_with = "finite")]
+    pub greatest: f64,
+    /// What a value means.
+    pub meaning: &'static str,
+    /// Its typical size.
+    pub prior: Prior,
+}
+
+/// The typical size of a parameter: one standard deviation of what is expected before anything is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Prior {
+    /// This value.
+    Value(f64),
+    /// The value that moves the frequency it moves most by this share: what is typical depends on the structure.
+    FrequencyShift(f64),
+    /// It is given, not fitted.
+    Given,
+}
+
+/// JSON knows no infinity.
+fn finite<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    value.is_finite().then_some(*value).serialize(serializer)
+}
+
+/// An effect that is worth looking for moves a frequency by some percent.
+const TYPICAL_SHIFT: f64 = 0.05;
+
+impl Parameter {
+    /// A number of zero or more whose typical size depends on the structure.
+    pub(super) const fn positive(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
+        let prior = Prior::FrequencyShift(TYPICAL_SHIFT);
+        Self { name, unit, least: 0.0, greatest: f64::INFINITY, meaning, prior }
+    }
+
+    /// A number between bounds, of a typical size.
+    pub(super) const fn ranged(
+        name: &'static str,
+        unit: &'static str,
+        [least, greatest]: [f64; 2],
+        typical: f64,
+        meaning: &'static str,
+    ) -> Self {
+        Self { name, unit, least, greatest, meaning, prior: Prior::Value(typical) }
+    }
+
+    /// A number that is not fitted.
+    pub(super) const fn given(
+        name: &'static str,
+        unit: &'static str,
+        [least, greatest]: [f64; 2],
+        meaning: &'static str,
+    ) -> Self {
+        Self { name, unit, least, greatest, meaning, prior: Prior::Given }
+    }
+
+    /// Whether it is fitted.
+    pub fn is_fitted(&self) -> bool {
+        self.prior != Prior::Given
+    }
+
+    /// The admissible values in words.
+    pub fn range(&self) -> String {
+        let unit = if self.unit == "-" { String::new() } else { format!(" {}", self.unit) };
+        match (self.least.is_finite(), self.greatest.is_finite()) {
+            (true, true) => format!("{} to {}{unit}", self.least, self.greatest),
+            (true, false) => format!("{} or more{unit}", self.least),
+            (false, true) => format!("{} or less{unit}", self.greatest),
+            (false, false) if self.unit == "-" => "any number".to_owned(),
+            (false, false) => format!("any number of {}", self.unit),
+        }
+    }
+
+    /// A number in a study.
+    pub(super) fn read(&self, value: &toml::Value) -> Option<f64> {
+        let integer = || value.as_integer().map(|integer| integer as f64);
+        value.as_float().or_else(integer).or_else(|| value.as_str().and_then(|word| self.read_word(word)))
+    }
+
+    /// A number as typed; the name of an axis is one too.
+    pub(super) fn read_word(&self, word: &str) -> Option<f64> {
+        match (self.name, word.trim()) {
+            ("axis", "x" | "X") => Some(1.0),
+            ("axis", "y" | "Y") => Some(2.0),
+            (_, number) => number.parse().ok(),
+        }
+    }
+}
