@@ -11,6 +11,7 @@
 pub mod command;
 pub mod compare;
 pub mod covalidate;
+pub mod diagnose;
 pub mod export;
 pub mod identify;
 pub mod link;

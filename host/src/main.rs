@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::process::ExitCode;
 
-use belfry_host::command::{Console, compare, covalidate, demo, export, identify, init, simulate, update};
+use belfry_host::command::{Console, compare, covalidate, demo, diagnose, export, identify, init, simulate, update};
 use clap::{Parser, Subcommand};
 
 /// Finds how a tall structure moves, and why its model is wrong
@@ -39,6 +39,7 @@ enum Command {
     Compare(compare::Arguments),
     Update(update::Arguments),
     Covalidate(covalidate::Arguments),
+    Diagnose(diagnose::Arguments),
     Export(export::Arguments),
 }
 
@@ -53,6 +54,7 @@ fn main() -> ExitCode {
         Command::Compare(arguments) => compare::run(arguments, &console),
         Command::Update(arguments) => update::run(arguments, &console),
         Command::Covalidate(arguments) => covalidate::run(arguments, &console),
+        Command::Diagnose(arguments) => diagnose::run(arguments, &console),
         Command::Export(arguments) => export::run(arguments, &console),
     };
     match outcome {

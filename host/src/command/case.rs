@@ -6,6 +6,7 @@ use anyhow::{Context, bail};
 
 use super::Console;
 use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, compare, pair};
+use crate::diagnose::{Problem, Signals};
 use crate::measured::{MeasuredModes, read};
 use crate::model::{Assembly, Body, LoadedModel, load};
 use crate::study::{Sensor, Study};
@@ -87,6 +88,26 @@ impl Case {
     /// Model against measurement.
     pub(super) fn compare(&self) -> Comparison {
         compare(&self.view, &self.measured.modes, &self.sensors, self.tolerance.as_ref())
+    }
+
+    /// What `belfry diagnose` starts from.
+    pub(super) fn problem(&self) -> anyhow::Result<Problem> {
+        let section = self.study.model.as_ref().context("the study has no [model]")?;
+        // Sensors that have no place take no part where no shape was measured.
+        let sensors = if self.view.at_sensors.nrows() == 0 { &[][..] } else { &self.sensors };
+        let (bare, effects) = (self.model.bare(), &self.model.effects);
+        Ok(Problem::new(bare, effects, section, sensors, &self.measured.modes)?)
+    }
+
+    /// What identification has seen besides modes; nothing for modes of other tools.
+    pub(super) fn signals(&self) -> anyhow::Result<Signals> {
+        if self.measured.file.extension().is_none_or(|extension| extension != "json") {
+            return Ok(Signals::default());
+        }
+        let text = std::fs::read_to_string(&self.measured.file)
+            .with_context(|| format!("cannot read {}", self.measured.file.display()))?;
+        // Another tool's JSON has modes only.
+        Ok(serde_json::from_str(&text).unwrap_or_default())
     }
 
     /// Names of the effects that the study has in its model.

@@ -6,6 +6,7 @@ mod case;
 pub mod compare;
 pub mod covalidate;
 pub mod demo;
+pub mod diagnose;
 pub mod export;
 pub mod identify;
 pub mod init;

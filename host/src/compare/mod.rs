@@ -15,7 +15,9 @@ mod view;
 use crate::measured::{MeasuredMode, MeasuredShape};
 use crate::study::Sensor;
 
+pub(crate) use pairing::pair_above;
 pub use pairing::{Pair, pair};
+pub(crate) use residual::{Block, Residual, recorded};
 pub use residual::{ChiSquared, chi_squared};
 pub(crate) use result::frequency_z;
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};
@@ -62,7 +64,7 @@ fn frequency_deviation(mode: &MeasuredMode) -> f64 {
 }
 
 /// Standard deviations of a shape's components after it is brought to unit length, never below their floor.
-fn shape_deviations(shape: &MeasuredShape) -> Vec<f64> {
+pub(crate) fn shape_deviations(shape: &MeasuredShape) -> Vec<f64> {
     let length = shape.values.norm();
     match &shape.stds {
         Some(stds) => stds

@@ -36,6 +36,11 @@ const WHOLE: f64 = 1e9;
 /// Pairs measured with model modes so that the sum of `MAC exp(-(ln f ratio)²/(2 LIKENESS²))` is the largest; pairs that
 /// resemble each other too little are left out. In the order of the measured modes.
 pub fn pair(view: &ModelView, measured: &[MeasuredMode]) -> Vec<Pair> {
+    pair_above(view, measured, LEAST_LIKENESS)
+}
+
+/// As [`pair`], with another least likeness.
+pub(crate) fn pair_above(view: &ModelView, measured: &[MeasuredMode], least_likeness: f64) -> Vec<Pair> {
     let highest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
     // Beyond four deviations nothing pairs.
     let reach = (4.0 * LIKENESS).exp();
@@ -47,7 +52,7 @@ pub fn pair(view: &ModelView, measured: &[MeasuredMode]) -> Vec<Pair> {
         let ratio = (view.modes.frequency_hz[model] / mode.frequency_hz).ln() / LIKENESS;
         let shape = mode.shape.as_ref().map_or(UNKNOWN_SHAPE, |shape| mac(view.shape(model), shape));
         let likeness = shape * (-0.5 * ratio * ratio).exp();
-        if likeness < LEAST_LIKENESS { 0.0 } else { likeness }
+        if likeness < least_likeness { 0.0 } else { likeness }
     };
     // A column for every measured mode that stays without a partner: the assignment wants no fewer columns than rows.
     let columns = candidates + measured.len();

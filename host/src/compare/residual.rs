@@ -8,7 +8,7 @@ use super::pairing::{RANK_TOLERANCE, close_models};
 use super::tolerance::Tolerance;
 use super::{ModelView, Pair, frequency_deviation, shape_deviations};
 use crate::measured::{MeasuredMode, MeasuredShape};
-use crate::model::derivatives;
+use crate::model::{ModeDerivative, derivatives};
 
 /// A chi-squared test.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -33,86 +33,163 @@ pub fn chi_squared(
     pairs: &[Pair],
     tolerance: Option<&Tolerance>,
 ) -> Option<ChiSquared> {
-    let blocks: Vec<Block> =
-        pairs.iter().filter_map(|pair| Block::of(view, measured.get(pair.measured)?, pair, pairs)).collect();
-    let size = blocks.iter().map(Block::size).sum::<usize>();
+    let residual = Residual::of(view, measured, pairs, &|pair| close_models(view, pairs, pair.model));
+    let size = residual.size();
     if size == 0 {
         return None;
     }
-    let mut residual = DVector::zeros(size);
     let mut covariance = DMatrix::zeros(size, size);
-    let mut first = 0;
-    for block in &blocks {
-        residual.rows_mut(first, block.size()).copy_from(&block.residual);
+    for (first, block) in residual.blocks() {
         covariance.view_mut((first, first), (block.size(), block.size())).copy_from(&block.covariance);
-        first += block.size();
     }
     if let Some(tolerance) = tolerance {
-        let sensitivities = sensitivities(view, &blocks, tolerance, size);
+        let sensitivities = sensitivities(view, &residual, tolerance);
         covariance += &sensitivities * &tolerance.covariance * sensitivities.transpose();
     }
     let factor = Cholesky::new(covariance)?;
-    let chi_squared = factor.l_dirty().solve_lower_triangular(&residual)?.norm_squared();
-    let distribution = Distribution::new(size as f64).ok()?;
-    Some(ChiSquared { chi_squared, degrees_of_freedom: size, p_value: distribution.sf(chi_squared) })
+    let chi_squared = factor.l_dirty().solve_lower_triangular(&residual.vector())?.norm_squared();
+    Some(ChiSquared::of(chi_squared, size))
+}
+
+impl ChiSquared {
+    /// The test of a squared length.
+    pub(crate) fn of(chi_squared: f64, degrees_of_freedom: usize) -> Self {
+        let p_value = match Distribution::new(degrees_of_freedom as f64) {
+            Ok(distribution) => distribution.sf(chi_squared),
+            // No numbers compared, nothing said against the model.
+            Err(_) => 1.0,
+        };
+        Self { chi_squared, degrees_of_freedom, p_value }
+    }
 }
 
 /// G, residual x changes.
-fn sensitivities(view: &ModelView, blocks: &[Block], tolerance: &Tolerance, size: usize) -> DMatrix<f64> {
+fn sensitivities(view: &ModelView, residual: &Residual, tolerance: &Tolerance) -> DMatrix<f64> {
     let sensor_vectors = &view.sensor_rows * &view.basis.vectors;
-    let mut models: Vec<usize> = blocks.iter().flat_map(|block| block.models().iter().copied()).collect();
-    models.sort_unstable();
-    models.dedup();
-    let mut sensitivities = DMatrix::zeros(size, tolerance.changes.len());
+    let models = residual.models();
+    let mut sensitivities = DMatrix::zeros(residual.size(), tolerance.changes.len());
     for (mut column, change) in sensitivities.column_iter_mut().zip(&tolerance.changes) {
         let derivatives = derivatives(&view.basis, &sensor_vectors, &models, change);
+        column.copy_from(&residual.slope(&models, &recorded(view, &models, derivatives)));
+    }
+    sensitivities
+}
+
+/// Derivatives as the sensors record them.
+pub(crate) fn recorded(
+    view: &ModelView,
+    models: &[usize],
+    mut derivatives: Vec<ModeDerivative>,
+) -> Vec<ModeDerivative> {
+    for (derivative, &model) in derivatives.iter_mut().zip(models) {
+        view.record(model, &mut derivative.shape);
+    }
+    derivatives
+}
+
+/// The differences of paired modes, block by block.
+pub(crate) struct Residual {
+    blocks: Vec<Block>,
+}
+
+impl Residual {
+    /// `partners` says which of the model's modes span a measured shape: the paired one, and those close to it.
+    pub(crate) fn of(
+        view: &ModelView,
+        measured: &[MeasuredMode],
+        pairs: &[Pair],
+        partners: &dyn Fn(&Pair) -> Vec<usize>,
+    ) -> Self {
+        let block = |pair: &Pair| Block::of(view, measured.get(pair.measured)?, pair, partners(pair));
+        Self { blocks: pairs.iter().filter_map(block).collect() }
+    }
+
+    /// Each block with the place of its first number.
+    pub(crate) fn blocks(&self) -> impl Iterator<Item = (usize, &Block)> {
+        self.blocks.iter().scan(0, |first, block| {
+            let start = *first;
+            *first += block.size();
+            Some((start, block))
+        })
+    }
+
+    /// Numbers compared.
+    pub(crate) fn size(&self) -> usize {
+        self.blocks.iter().map(Block::size).sum()
+    }
+
+    /// All differences.
+    pub(crate) fn vector(&self) -> DVector<f64> {
+        let mut vector = DVector::zeros(self.size());
+        for (first, block) in self.blocks() {
+            vector.rows_mut(first, block.size()).copy_from(&block.residual);
+        }
+        vector
+    }
+
+    /// The model's modes that the differences depend on, ascending.
+    pub(crate) fn models(&self) -> Vec<usize> {
+        let mut models: Vec<usize> = self.blocks.iter().flat_map(|block| block.models().iter().copied()).collect();
+        models.sort_unstable();
+        models.dedup();
+        models
+    }
+
+    /// How the differences follow a change of the model's modes as they are recorded; `derivatives` belong to `models`.
+    pub(crate) fn slope(&self, models: &[usize], derivatives: &[ModeDerivative]) -> DVector<f64> {
         let derivative = |model: &usize| models.binary_search(model).ok().and_then(|index| derivatives.get(index));
-        let mut first = 0;
-        for block in blocks {
-            column[first] = derivative(&block.model).map_or(0.0, |derivative| derivative.ln_frequency);
+        let mut slope = DVector::zeros(self.size());
+        for (first, block) in self.blocks() {
+            slope[first] = derivative(&block.model).map_or(0.0, |derivative| derivative.ln_frequency);
             if let Some(shape) = &block.shape {
                 let changes: Vec<&DVector<f64>> =
                     shape.models.iter().filter_map(derivative).map(|derivative| &derivative.shape).collect();
                 let there = DMatrix::from_fn(shape.sensors.len(), changes.len(), |row, model| {
                     changes[model][shape.sensors[row]]
                 });
-                column.rows_mut(first + 1, block.size() - 1).copy_from(&shape.slope(&there));
+                slope.rows_mut(first + 1, block.size() - 1).copy_from(&shape.slope(&there));
             }
-            first += block.size();
         }
+        slope
     }
-    sensitivities
 }
 
 /// One pair's part of the residual.
-struct Block {
-    model: usize,
-    residual: DVector<f64>,
-    covariance: DMatrix<f64>,
-    shape: Option<ShapeBlock>,
+pub(crate) struct Block {
+    /// The measured mode.
+    pub(crate) measured: usize,
+    /// The model's mode.
+    pub(crate) model: usize,
+    /// The difference of ln f, then those of the shape.
+    pub(crate) residual: DVector<f64>,
+    /// Its covariance by the measurement's deviations.
+    pub(crate) covariance: DMatrix<f64>,
+    /// The shape, where it is compared.
+    pub(crate) shape: Option<ShapeBlock>,
 }
 
 /// A measured shape against the model's, or against the span of several close ones.
-struct ShapeBlock {
-    sensors: Vec<usize>,
+pub(crate) struct ShapeBlock {
+    /// Indices of its sensors.
+    pub(crate) sensors: Vec<usize>,
     /// The model's modes, one but for close modes.
-    models: Vec<usize>,
+    pub(crate) models: Vec<usize>,
     /// Their shapes at the sensors, sensors x models.
     shapes: DMatrix<f64>,
     /// The combination of them that is nearest to the measured shape.
-    combination: DVector<f64>,
+    pub(crate) combination: DVector<f64>,
     /// The measured shape, of unit length.
     measured: DVector<f64>,
     /// Orthonormal directions in which the difference counts, sensors x directions: the complement of the measured shape,
     /// or of the span of several shapes.
-    directions: DMatrix<f64>,
+    pub(crate) directions: DMatrix<f64>,
 }
 
 impl Block {
-    fn of(view: &ModelView, mode: &MeasuredMode, pair: &Pair, pairs: &[Pair]) -> Option<Self> {
+    fn of(view: &ModelView, mode: &MeasuredMode, pair: &Pair, partners: Vec<usize>) -> Option<Self> {
         let difference = (view.modes.frequency_hz.get(pair.model)? / mode.frequency_hz).ln();
         let shape = mode.shape.as_ref();
-        let shape = shape.and_then(|shape| Some((ShapeBlock::of(view, pair, pairs, shape)?, shape)));
+        let shape = shape.and_then(|shape| Some((ShapeBlock::of(view, partners, shape)?, shape)));
         let size = 1 + shape.as_ref().map_or(0, |(block, _)| block.directions.ncols());
         let mut residual = DVector::zeros(size);
         let mut covariance = DMatrix::zeros(size, size);
@@ -127,10 +204,11 @@ impl Block {
             let projected = block.directions.transpose() * DMatrix::from_diagonal(&variances) * &block.directions;
             covariance.view_mut((1, 1), (size - 1, size - 1)).copy_from(&projected);
         }
-        Some(Self { model: pair.model, residual, covariance, shape: shape.map(|(block, _)| block) })
+        let (measured, model) = (pair.measured, pair.model);
+        Some(Self { measured, model, residual, covariance, shape: shape.map(|(block, _)| block) })
     }
 
-    fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         self.residual.len()
     }
 
@@ -142,11 +220,10 @@ impl Block {
 
 impl ShapeBlock {
     /// `None` where the model's shapes leave nothing to compare: no sensor sees them, or too few to tell them apart.
-    fn of(view: &ModelView, pair: &Pair, pairs: &[Pair], shape: &MeasuredShape) -> Option<Self> {
+    fn of(view: &ModelView, models: Vec<usize>, shape: &MeasuredShape) -> Option<Self> {
         if shape.sensors.iter().any(|&sensor| sensor >= view.at_sensors.nrows()) {
             return None;
         }
-        let models = close_models(view, pairs, pair.model);
         let shapes = view.at_sensors.select_rows(&shape.sensors).select_columns(&models);
         let measured = shape.values.normalize();
         let decomposition = shapes.clone().svd(true, true);

@@ -11,7 +11,7 @@ pub struct Tolerance {
     /// What each relative change of one segment's stiffness or mass does to K and M.
     pub(super) changes: Vec<Change>,
     /// Covariance of these relative changes, changes x changes.
-    pub(super) covariance: DMatrix<f64>,
+    pub(crate) covariance: DMatrix<f64>,
 }
 
 /// Where the study gives no correlation length: this share of the structure's height.

@@ -132,14 +132,19 @@ impl ModalBasis {
         })
     }
 
+    /// The sign that makes a vector's largest component positive.
+    pub(super) fn sign(&self, mode: usize) -> f64 {
+        let vector = self.vectors.column(mode);
+        if vector[vector.icamax()] < 0.0 { -1.0 } else { 1.0 }
+    }
+
     /// The lowest modes that have mass, at most `most` of them.
     pub fn modes(&self, most: usize) -> Modes {
         let massive: Vec<f64> = self.inverse_lambda.iter().copied().take_while(|&mu| mu > 0.0).take(most).collect();
         let mut shapes = self.vectors.columns(0, massive.len()).into_owned();
-        for (mut shape, &mu) in shapes.column_iter_mut().zip(&massive) {
+        for (mode, (mut shape, &mu)) in shapes.column_iter_mut().zip(&massive).enumerate() {
             // xᵀ M x = mu here, so a mass-normalised shape is x / sqrt(mu).
-            let sign = if shape[shape.icamax()] < 0.0 { -1.0 } else { 1.0 };
-            shape *= sign / mu.sqrt();
+            shape *= self.sign(mode) / mu.sqrt();
         }
         Modes { frequency_hz: massive.iter().map(|mu| 1.0 / (TAU * mu.sqrt())).collect(), shapes }
     }

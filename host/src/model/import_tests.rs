@@ -218,8 +218,7 @@ fn modal_derivatives_are_what_two_solutions_differ_by() {
                 let sign = |shape: nalgebra::DVectorView<'_, f64>, like: nalgebra::DVectorView<'_, f64>| {
                     &rows * shape * shape.dot(&like).signum()
                 };
-                // The basis' vectors have a sign of their own.
-                let like = basis.vectors.column(mode);
+                let like = middle.shapes.column(mode);
                 let difference = (sign(above.shapes.column(mode), like) - sign(below.shapes.column(mode), like)) * half;
                 let size = (&rows * middle.shapes.column(mode)).amax();
                 assert!((&derivative.shape - &difference).amax() < 1e-4 * size, "{} {difference}", derivative.shape);

@@ -34,7 +34,7 @@ pub use layout::{LayoutError, LayoutNode};
 pub use load::{LoadedModel, ModelError, load};
 pub use matrices::{ImportedMatrices, MatrixError};
 pub use sensing::{Sensing, SensorChange, phases_rad};
-pub use sensitivity::{Change, ModeDerivative, derivatives};
+pub use sensitivity::{Change, ModeDerivative, derivatives, frequency_derivatives};
 pub use sensor::SensorError;
 
 /// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.

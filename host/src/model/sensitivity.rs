@@ -20,7 +20,7 @@ pub struct Change {
 pub struct ModeDerivative {
     /// Of the frequency's logarithm.
     pub ln_frequency: f64,
-    /// Of the mass-normalised shape at the sensors.
+    /// Of the mass-normalised shape at the sensors, of the sign that [`ModalBasis::modes`] gives it.
     pub shape: DVector<f64>,
 }
 
@@ -43,6 +43,19 @@ impl Change {
         let part = |whole: &DMatrix<f64>| whole.select_rows(&rows).select_columns(&rows);
         Self { stiffness: part(stiffness), mass: part(mass), rows }
     }
+}
+
+/// First derivatives of ln f of the modes `modes` (0-based, with mass) by a change: `phiᵀ (dK - lambda dM) phi / (2 lambda)`
+/// (Fox and Kapoor 1968, eq. 7).
+pub fn frequency_derivatives(basis: &ModalBasis, modes: &[usize], change: &Change) -> Vec<f64> {
+    let slope = |&mode: &usize| {
+        let mu = basis.inverse_lambda[mode];
+        let local =
+            DVector::from_iterator(change.rows.len(), change.rows.iter().map(|&row| basis.vectors[(row, mode)]));
+        // phi = x / sqrt(mu) and lambda = 1 / mu.
+        0.5 * (local.dot(&(&change.stiffness * &local)) - local.dot(&(&change.mass * &local)) / mu)
+    };
+    modes.iter().map(slope).collect()
 }
 
 /// Derivatives of the modes `modes` (0-based, with mass) by a change. `sensor_vectors` are the basis' vectors at the
@@ -71,7 +84,10 @@ pub fn derivatives(
         }
         // phi = x / sqrt(mu)
         share[mode] = -0.5 * local.dot(&inertial) / mu.sqrt();
-        ModeDerivative { ln_frequency: 0.5 * local.dot(&force) / lambda, shape: sensor_vectors * share }
+        ModeDerivative {
+            ln_frequency: 0.5 * local.dot(&force) / lambda,
+            shape: sensor_vectors * share * basis.sign(mode),
+        }
     };
     modes.iter().map(derivative).collect()
 }

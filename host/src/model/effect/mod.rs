@@ -135,10 +135,16 @@ pub trait EffectKind: fmt::Debug + Send + Sync {
     fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError>;
 }
 
-impl dyn EffectKind {
+impl dyn EffectKind + '_ {
     /// The name that a user types.
     pub fn name(&self) -> &'static str {
         self.about().name
+    }
+}
+
+impl PartialEq for dyn EffectKind + '_ {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name()
     }
 }
 

@@ -14,9 +14,11 @@ pub struct Parameter {
     /// The greatest admissible value; infinite where there is none.
     #[serde(serialize_with = "finite")]
     pub greatest: f64,
+    /// The value at which the effect is not there.
+    pub neutral: f64,
     /// What a value means.
     pub meaning: &'static str,
-    /// Its typical size.
+    /// Its typical distance from the neutral value.
     pub prior: Prior,
 }
 
@@ -44,7 +46,7 @@ impl Parameter {
     /// A number of zero or more whose typical size depends on the structure.
     pub(super) const fn positive(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
         let prior = Prior::FrequencyShift(TYPICAL_SHIFT);
-        Self { name, unit, least: 0.0, greatest: f64::INFINITY, meaning, prior }
+        Self { name, unit, least: 0.0, greatest: f64::INFINITY, neutral: 0.0, meaning, prior }
     }
 
     /// A number between bounds, of a typical size.
@@ -55,7 +57,17 @@ impl Parameter {
         typical: f64,
         meaning: &'static str,
     ) -> Self {
-        Self { name, unit, least, greatest, meaning, prior: Prior::Value(typical) }
+        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Value(typical) }
+    }
+
+    /// A factor, which is not there at 1.
+    pub(super) const fn factor(
+        name: &'static str,
+        [least, greatest]: [f64; 2],
+        typical: f64,
+        meaning: &'static str,
+    ) -> Self {
+        Self { neutral: 1.0, ..Self::ranged(name, "-", [least, greatest], typical, meaning) }
     }
 
     /// A number that is not fitted.
@@ -65,7 +77,7 @@ impl Parameter {
         [least, greatest]: [f64; 2],
         meaning: &'static str,
     ) -> Self {
-        Self { name, unit, least, greatest, meaning, prior: Prior::Given }
+        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Given }
     }
 
     /// Whether it is fitted.

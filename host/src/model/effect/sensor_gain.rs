@@ -17,7 +17,7 @@ const ABOUT: About = About {
     source: "M. Brownjohn et al. (2003), handling of sensor errors in ambient vibration surveys; any calibration",
 };
 
-const FACTOR: Parameter = Parameter::ranged("factor", "-", [0.0, 100.0], 0.3, "recorded over true motion");
+const FACTOR: Parameter = Parameter::factor("factor", [0.0, 100.0], 0.3, "recorded over true motion");
 
 /// See [`ABOUT`].
 #[derive(Debug)]

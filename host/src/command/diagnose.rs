@@ -1,0 +1,216 @@
+//! `belfry diagnose`: which physical effect the model lacks.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
+
+use super::Console;
+use super::case::{Case, write_json};
+use super::identify::align_right;
+use crate::diagnose::{Diagnosis, Estimate, Options, Verdict, diagnose};
+use crate::model::effect;
+
+const EXAMPLES: &str = "Examples:
+  belfry diagnose canton                       after `belfry identify canton`
+  belfry diagnose canton --without p-delta     as if an effect were not in the catalogue
+  belfry diagnose canton --json
+
+Every effect of the catalogue (belfry effects), at every height, channel or node, is scored by how much of the difference
+between model and measurement it explains beyond what measurement noise and the model's own tolerance (background_stiffness
+and background_mass in [model]) allow. The best are refitted. ln B is the logarithm of the evidence over the present model:
+3 is 20 to 1. p is the probability of as much misfit as is left, were the effect all that is missing.
+Writes diagnosis.json into `results`; changes nothing else.";
+
+/// Rank the physical effects that the model could lack
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    pub study: PathBuf,
+    /// Leave a kind of effect out; repeat for more
+    #[arg(long, value_name = "KIND", value_parser = kind)]
+    pub without: Vec<String>,
+}
+
+/// The name of a kind.
+fn kind(text: &str) -> Result<String, String> {
+    effect::find(text).map(|kind| kind.name().to_owned()).map_err(|error| error.to_string())
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the study, its model or its modes cannot be read, or do not go together.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let case = Case::load(&arguments.study, console)?;
+    let diagnosis = diagnose_case(&case, &arguments.without, console)?;
+    console.json(&diagnosis)
+}
+
+/// Diagnoses, tells and stores.
+pub(super) fn diagnose_case(case: &Case, without: &[String], console: &Console) -> anyhow::Result<Diagnosis> {
+    let options = Options { without: without.to_vec() };
+    let diagnosis = diagnose(&case.problem()?, &case.model.effects, &case.signals()?, &options)?;
+    tell(&diagnosis, case, console);
+    for warning in &diagnosis.warnings {
+        console.warn(warning);
+    }
+    write_json(&case.study, "diagnosis.json", &diagnosis)?;
+    Ok(diagnosis)
+}
+
+/// Candidates in the table.
+const SHOWN: usize = 8;
+
+fn tell(diagnosis: &Diagnosis, case: &Case, console: &Console) {
+    let effects = case.effect_names();
+    let with = if effects.is_empty() { String::new() } else { format!(", with {}", effects.join(", ")) };
+    console.say(format!("\n{}: which effect does the model{with} lack?", case.study.structure.name));
+    let test = diagnosis.present;
+    console.say(format!(
+        "The model as it is: chi-squared {:.0} over {} numbers, p = {}.",
+        test.chi_squared,
+        test.degrees_of_freedom,
+        p_text(test.p_value)
+    ));
+    if !diagnosis.candidates.is_empty() {
+        let mut table = Table::new();
+        table.load_style(UTF8_FULL_CONDENSED);
+        table.set_header(vec!["effect", "value", "ln B", "chi-squared left", "p"]);
+        for candidate in diagnosis.candidates.iter().take(SHOWN) {
+            table.add_row(vec![
+                candidate.name(),
+                values_text(&candidate.parameters),
+                candidate.log_bayes_factor.map_or_else(|| "-".to_owned(), |gain| format!("{gain:+.1}")),
+                format!("{:.0}", candidate.chi_squared),
+                p_text(candidate.p_value),
+            ]);
+        }
+        align_right(&mut table, 5);
+        console.say(table);
+    }
+    tell_verdict(diagnosis, case, console);
+}
+
+fn tell_verdict(diagnosis: &Diagnosis, case: &Case, console: &Console) {
+    let study = case.study.folder.display();
+    let best = diagnosis.best.first().cloned().unwrap_or_default();
+    match diagnosis.verdict {
+        Verdict::Adequate => {
+            console.say("Verdict: adequate. The model explains the measurement within its tolerance, and no effect gains 20 to 1.");
+        }
+        Verdict::Effect => {
+            console.say(format!("Verdict: {best}. It explains what the model does not."));
+            tell_near(diagnosis, console);
+            tell_explained(diagnosis, console);
+        }
+        Verdict::Ambiguous => {
+            let names = diagnosis.ambiguous.iter().flatten().cloned().collect::<Vec<_>>().join(", ");
+            console.say(format!("Verdict: ambiguous. The data cannot tell these apart: {names}."));
+            tell_explained(diagnosis, console);
+        }
+        Verdict::Unknown => {
+            console.say(
+                "Verdict: unknown. No single effect of the catalogue explains the measurement; what the best of them leaves:",
+            );
+            tell_unexplained(diagnosis, console);
+        }
+    }
+    if let Some(next) = &diagnosis.next_measurement {
+        console.say(format!("To settle it, measure: {next}."));
+    }
+    match diagnosis.verdict {
+        Verdict::Adequate => {}
+        Verdict::Effect | Verdict::Ambiguous => {
+            console.say(format!("Next: belfry add {study} {best}    puts it into the model and refits"));
+        }
+        Verdict::Unknown => {
+            console
+                .say(format!("Next: belfry diagnose {study} --auto    looks for several effects, one after the other"));
+        }
+    }
+}
+
+/// Where else the best effect could be.
+fn tell_near(diagnosis: &Diagnosis, console: &Console) {
+    if let Some(best) = diagnosis.candidates.first().filter(|best| !best.near.is_empty()) {
+        let places: Vec<&str> = best.near.iter().map(|near| near.r#where.as_str()).collect();
+        console.say(format!("  Other places do nearly as well: {}.", places.join(", ")));
+    }
+}
+
+/// Modes that are named as those that gain most.
+const NAMED_MODES: usize = 4;
+
+fn tell_explained(diagnosis: &Diagnosis, console: &Console) {
+    let mut modes: Vec<_> = diagnosis.explained.iter().collect();
+    let gain = |mode: &crate::diagnose::Explained| mode.chi_squared_before - mode.chi_squared_after;
+    modes.sort_by(|a, b| gain(b).total_cmp(&gain(a)));
+    for (index, mode) in modes.iter().take(NAMED_MODES).filter(|mode| gain(mode) > 1.0).enumerate() {
+        let at = mode.channel.as_ref().map_or_else(String::new, |channel| format!(", shape most at channel {channel}"));
+        console.say(format!(
+            "  {} mode {} at {:.4} Hz: frequency {:+.2} % -> {:+.2} %, chi-squared {:.0} -> {:.0}{at}",
+            if index == 0 { "Why:" } else { "    " },
+            mode.measured,
+            mode.measured_hz,
+            mode.before_percent,
+            mode.after_percent,
+            mode.chi_squared_before,
+            mode.chi_squared_after
+        ));
+    }
+}
+
+fn tell_unexplained(diagnosis: &Diagnosis, console: &Console) {
+    let left = &diagnosis.unexplained;
+    let mut modes: Vec<_> = left.by_mode.iter().collect();
+    modes.sort_by(|a, b| b.mean_square.total_cmp(&a.mean_square));
+    for mode in modes.iter().take(NAMED_MODES) {
+        console.say(format!(
+            "  mode {} at {:.4} Hz: {:.1} times what is allowed (frequency {:+.2} %)",
+            mode.measured, mode.measured_hz, mode.mean_square, mode.frequency_error_percent
+        ));
+    }
+    let mut sensors: Vec<_> = left.by_sensor.iter().collect();
+    sensors.sort_by(|a, b| b.mean_square.total_cmp(&a.mean_square));
+    for sensor in sensors.iter().take(NAMED_MODES) {
+        console.say(format!("  channel {}: {:.1} times what is allowed", sensor.channel, sensor.mean_square));
+    }
+}
+
+/// Values with their deviations.
+pub(super) fn values_text(parameters: &[Estimate]) -> String {
+    let several = parameters.iter().filter(|parameter| parameter.std.is_some()).count() > 1;
+    let words: Vec<String> = parameters
+        .iter()
+        .map(|parameter| {
+            let name = if several { format!("{} ", parameter.name) } else { String::new() };
+            let unit = if parameter.unit == "-" { String::new() } else { format!(" {}", parameter.unit) };
+            match parameter.std {
+                Some(std) => format!("{name}{} ± {}{unit}", short(parameter.value), short(std)),
+                None => format!("{} {}{unit}", parameter.name, short(parameter.value)),
+            }
+        })
+        .collect();
+    words.join("\n")
+}
+
+/// Three digits, with an exponent where the number is far from 1.
+fn short(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let exponent = value.abs().log10().floor();
+    if (-3.0..5.0).contains(&exponent) {
+        format!("{value:.*}", (2.0 - exponent).max(0.0) as usize)
+    } else {
+        format!("{value:.2e}")
+    }
+}
+
+/// A probability.
+pub(super) fn p_text(p_value: f64) -> String {
+    if p_value < 1e-4 { "< 0.0001".to_owned() } else { format!("{p_value:.4}") }
+}

@@ -1,0 +1,225 @@
+//! The most probable values of effects and background, how sure they are, and the evidence for the effects.
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::problem::Problem;
+use super::state::{Knob, State, with_values};
+use crate::compare::ChiSquared;
+use crate::model::effect::{Effect, Where};
+
+/// A model fitted to the measurement: effects and background at their most probable values.
+pub struct Fit {
+    pub(super) state: State,
+    pub(super) knobs: Vec<Knob>,
+    /// Derivatives of the differences by the knobs (in units of their scale) and the background's numbers.
+    pub(super) jacobian: DMatrix<f64>,
+    /// Covariance of knobs (in units of their scale) and background.
+    covariance: DMatrix<f64>,
+    log_evidence: f64,
+}
+
+/// An effect's value with its standard deviation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// The parameter.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation; null for a parameter that is given, not fitted.
+    pub std: Option<f64>,
+    /// The unit of both; `-` for none.
+    pub unit: String,
+}
+
+const MOST_ITERATIONS: usize = 25;
+/// A step that lowers the cost by less than this, or by less than this share of it, is the last; a cost of 1 is one standard
+/// deviation.
+const SETTLED: f64 = 0.02;
+const SETTLED_SHARE: f64 = 1e-4;
+const MOST_DAMPING: f64 = 1e8;
+
+impl Problem {
+    /// Fits effects, from the values they have, and the background from `numbers`; `knobs` say what is free.
+    ///
+    /// Levenberg-Marquardt within bounds on `|r|² + |b|²` (Nocedal and Wright 2006, section 10.3); a knob at a bound stays
+    /// there while the cost falls outwards.
+    pub(super) fn fit(
+        &self,
+        effects: Vec<Effect>,
+        knobs: &[Knob],
+        numbers: &DVector<f64>,
+        previous: Option<&State>,
+    ) -> Result<Fit, String> {
+        let mut state = self.state(effects, numbers.clone(), previous)?;
+        let mut jacobian = self.jacobian(&state, knobs)?;
+        let mut damping = 1e-3;
+        for _ in 0..MOST_ITERATIONS {
+            let Some(moved) = self.step(&state, knobs, &jacobian, &mut damping) else { break };
+            let gain = cost(&state) - cost(&moved);
+            state = moved;
+            jacobian = self.jacobian(&state, knobs)?;
+            if gain < SETTLED.max(SETTLED_SHARE * cost(&state)) {
+                break;
+            }
+        }
+        self.finish(state, knobs.to_vec(), jacobian)
+    }
+
+    /// One step that lowers the cost; `None` where there is none.
+    fn step(&self, state: &State, knobs: &[Knob], jacobian: &DMatrix<f64>, damping: &mut f64) -> Option<State> {
+        let (count, before) = (knobs.len(), cost(state));
+        let size = jacobian.ncols();
+        let mut gradient = jacobian.tr_mul(&state.differences());
+        let mut curvature = jacobian.tr_mul(jacobian);
+        for index in count..size {
+            gradient[index] += state.numbers[index - count];
+            curvature[(index, index)] += 1.0;
+        }
+        let frozen = |index: usize| {
+            let knob = knobs.get(index)?;
+            let value = state.value(knob);
+            let outwards = |bound: f64, sign: f64| {
+                let near = 1e-9 * knob.scale.max(bound.abs());
+                bound.is_finite() && (value - bound).abs() <= near && gradient[index] * sign < 0.0
+            };
+            (outwards(knob.bounds[0], -1.0) || outwards(knob.bounds[1], 1.0)).then_some(())
+        };
+        let free: Vec<usize> = (0..size).filter(|&index| frozen(index).is_none()).collect();
+        while *damping < MOST_DAMPING {
+            let mut system = curvature.select_rows(&free).select_columns(&free);
+            for index in 0..free.len() {
+                let diagonal = system[(index, index)];
+                system[(index, index)] += *damping * diagonal.max(1e-9);
+            }
+            let step = Cholesky::new(system).map(|factor| factor.solve(&-gradient.select_rows(&free)));
+            let moved = step.and_then(|step| {
+                let mut all = DVector::zeros(size);
+                for (&index, value) in free.iter().zip(step.iter()) {
+                    all[index] = *value;
+                }
+                let values: Vec<f64> =
+                    knobs.iter().enumerate().map(|(index, knob)| state.value(knob) + all[index] * knob.scale).collect();
+                let numbers = &state.numbers + all.rows(count, size - count);
+                self.state(with_values(&state.effects, knobs, &values), numbers, Some(state)).ok()
+            });
+            match moved {
+                Some(moved) if cost(&moved) < before => {
+                    *damping = (*damping * 0.1).max(1e-9);
+                    return Some(moved);
+                }
+                _ => *damping *= 10.0,
+            }
+        }
+        None
+    }
+
+    fn jacobian(&self, state: &State, knobs: &[Knob]) -> Result<DMatrix<f64>, String> {
+        let background = state.by_background(self);
+        let mut jacobian = background.insert_columns(0, knobs.len(), 0.0);
+        for (index, knob) in knobs.iter().enumerate() {
+            let column = state.by_knob(self, knob).ok_or("the model cannot follow an effect's value")?;
+            jacobian.set_column(index, &column);
+        }
+        Ok(jacobian)
+    }
+
+    fn finish(&self, state: State, knobs: Vec<Knob>, jacobian: DMatrix<f64>) -> Result<Fit, String> {
+        let (count, size) = (knobs.len(), jacobian.ncols());
+        let information = jacobian.tr_mul(&jacobian);
+        let with_prior = &information + DMatrix::identity(size, size);
+        let factor = Cholesky::new(with_prior).ok_or("the fit is not determined")?;
+        let log_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| 2.0 * value.ln()).sum();
+        let mut posterior = information;
+        for index in 0..size {
+            // Effects are estimated without their prior; a trace of it keeps what the data do not see from having no inverse.
+            posterior[(index, index)] += if index < count { 1e-12 } else { 1.0 };
+        }
+        let covariance = Cholesky::new(posterior).ok_or("the fit is not determined")?.inverse();
+        let units = knobs.iter().map(|knob| (state.value(knob) - knob.neutral) / knob.scale);
+        let prior: f64 = units.map(|units| units * units).sum();
+        // A prior on one side only is twice as high there.
+        let one_sided = knobs.iter().filter(|knob| knob.bounds.contains(&knob.neutral)).count();
+        let log_evidence = -0.5 * (cost(&state) + prior + log_determinant) + one_sided as f64 * std::f64::consts::LN_2;
+        Ok(Fit { state, knobs, jacobian, covariance, log_evidence })
+    }
+}
+
+/// Squared differences, and what the background's scatter costs.
+fn cost(state: &State) -> f64 {
+    state.modes.norm_squared() + state.phases.norm_squared() + state.numbers.norm_squared()
+}
+
+impl Fit {
+    /// Effects at their most probable values.
+    pub fn effects(&self) -> &[Effect] {
+        &self.state.effects
+    }
+
+    /// Natural logarithm of the evidence, up to what all fits of a problem have in common.
+    pub fn log_evidence(&self) -> f64 {
+        self.log_evidence
+    }
+
+    /// Whether what is left is what measurement and tolerance allow: squared differences of modes and the background's
+    /// scatter against the numbers compared less the values fitted.
+    pub fn goodness_of_fit(&self) -> ChiSquared {
+        let chi_squared = self.state.modes.norm_squared() + self.state.numbers.norm_squared();
+        ChiSquared::of(chi_squared, self.state.modes.len().saturating_sub(self.knobs.len()).max(1))
+    }
+
+    /// The values of an effect, with their standard deviations.
+    pub fn estimates(&self, effect: usize) -> Vec<Estimate> {
+        let Some(fitted) = self.state.effects.get(effect) else { return Vec::new() };
+        let std = |parameter: usize| {
+            let at = self.knobs.iter().position(|knob| (knob.effect, knob.parameter) == (effect, parameter))?;
+            Some(self.covariance[(at, at)].max(0.0).sqrt() * self.knobs[at].scale)
+        };
+        fitted
+            .parameters()
+            .enumerate()
+            .map(|(index, (parameter, value))| Estimate {
+                name: parameter.name.to_owned(),
+                value,
+                std: std(index),
+                unit: parameter.unit.to_owned(),
+            })
+            .collect()
+    }
+
+    /// Where an effect is.
+    pub fn place(&self, effect: usize) -> Option<&Where> {
+        self.state.effects.get(effect).and_then(Effect::place)
+    }
+
+    /// What of the differences neither the background nor the other effects explain: projects vectors of differences
+    /// (columns) off them, so that lengths are in standard deviations of all that is uncertain. `columns` are derivatives.
+    pub(super) fn marginal(&self, without: Option<usize>) -> Marginal {
+        let count = self.knobs.len();
+        let kept: Vec<usize> = (0..self.jacobian.ncols())
+            .filter(|&column| self.knobs.get(column).is_none_or(|knob| Some(knob.effect) != without))
+            .collect();
+        let jacobian = self.jacobian.select_columns(&kept);
+        let mut curvature = jacobian.tr_mul(&jacobian);
+        for (row, &column) in kept.iter().enumerate() {
+            curvature[(row, row)] += if column < count { 1e-12 } else { 1.0 };
+        }
+        Marginal { factor: Cholesky::new(curvature), jacobian }
+    }
+}
+
+/// Differences seen through what else is uncertain.
+pub(super) struct Marginal {
+    jacobian: DMatrix<f64>,
+    factor: Option<Cholesky<f64, nalgebra::Dyn>>,
+}
+
+impl Marginal {
+    /// `P g`, P = I - J (JᵀJ + D)⁻¹ Jᵀ with D the prior's precision: whitened by measurement, background and other effects.
+    pub(super) fn project(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        match &self.factor {
+            Some(factor) => columns - &self.jacobian * factor.solve(&self.jacobian.tr_mul(columns)),
+            None => columns.clone(),
+        }
+    }
+}

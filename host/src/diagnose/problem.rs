@@ -1,0 +1,226 @@
+//! What is diagnosed: a structure, the measured modes that its model can be held against, and how far it is trusted.
+
+use nalgebra::DVector;
+use thiserror::Error;
+
+use super::background::Background;
+use crate::compare::{ModelView, ViewError, pair, shape_deviations};
+use crate::measured::MeasuredMode;
+use crate::model::Structure;
+use crate::model::effect::{Effect, EffectError};
+use crate::study::{Model, Sensor};
+
+/// A structure without its effects, the modes that it is held against, and how far it is trusted.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    /// The structure as first given.
+    pub(super) bare: Structure,
+    /// The sensors that shapes stand at.
+    pub(super) sensors: Vec<Sensor>,
+    /// Measured modes that have a partner in the model.
+    pub(super) measured: Vec<MeasuredMode>,
+    /// For each of them, which of them are too close to tell their shapes apart, itself included.
+    pub(super) close: Vec<Vec<usize>>,
+    /// Imaginary parts of shapes, which only clocks explain.
+    pub(super) phases: Vec<MeasuredPhases>,
+    /// How far the model is trusted.
+    pub(super) background: Background,
+    /// Numbers of measured modes without a partner.
+    pub(super) unpaired: Vec<usize>,
+}
+
+/// The imaginary part of a measured shape, in shares of its length.
+#[derive(Debug, Clone)]
+pub(super) struct MeasuredPhases {
+    /// Index of the measured mode.
+    pub(super) mode: usize,
+    /// The imaginary parts, sensor by sensor of the shape.
+    pub(super) imaginary: DVector<f64>,
+    /// Their standard deviations.
+    pub(super) deviations: DVector<f64>,
+}
+
+/// Why there is no diagnosis.
+#[derive(Debug, Error)]
+pub enum DiagnoseError {
+    /// The model cannot be seen by the sensors, or has no modes.
+    #[error(transparent)]
+    View(#[from] ViewError),
+    /// An effect does not fit the structure.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+    /// Nothing to compare.
+    #[error(
+        "no measured mode resembles any of the model's: check units, heights and azimuths (belfry compare shows both)"
+    )]
+    NoPairs,
+    /// Too few modes for the effects.
+    #[error(
+        "{numbers} measured numbers cannot determine the {parameters} parameters of {effects}; remove effects, or measure more modes or shapes"
+    )]
+    TooFewModes {
+        /// Numbers compared.
+        numbers: usize,
+        /// Parameters of the effects.
+        parameters: usize,
+        /// The effects.
+        effects: String,
+    },
+    /// Effects that say the same of the structure.
+    #[error(
+        "{one} and {other} cannot both be fitted: from these data they are one and the same effect; remove one of them"
+    )]
+    SameEffect {
+        /// An effect.
+        one: String,
+        /// The other.
+        other: String,
+    },
+    /// The fit does not reach a structure that stands.
+    #[error("with {effects} the structure does not stand: {reason}")]
+    NoStructure {
+        /// The effects.
+        effects: String,
+        /// Why.
+        reason: String,
+    },
+}
+
+/// Measured modes whose frequencies differ by less than this share turn within their span at the slightest change.
+const CLOSE: f64 = 0.015;
+/// And model modes that differ by less than this: their shapes in the model are arbitrary within the span.
+const DEGENERATE: f64 = 0.005;
+/// Median of the absolute value of a standard normal number.
+const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
+
+impl Problem {
+    /// From a structure without effects, the effects that the study has, and what was measured.
+    ///
+    /// # Errors
+    /// When sensors have no place, the structure has no modes, or no measured mode has a partner in it.
+    pub fn new(
+        bare: Structure,
+        effects: &[Effect],
+        model: &Model,
+        sensors: &[Sensor],
+        measured: &[MeasuredMode],
+    ) -> Result<Self, DiagnoseError> {
+        let structure = bare.clone().and(effects)?;
+        let view = ModelView::of(&structure.assemble(), sensors)?;
+        let is_forced = |mode: &&MeasuredMode| {
+            structure.forced_hz.iter().all(|forced_hz| (mode.frequency_hz / forced_hz - 1.0).abs() > FORCED)
+        };
+        let measured: Vec<MeasuredMode> = measured.iter().filter(is_forced).cloned().collect();
+        let pairs = pair(&view, &measured);
+        if pairs.is_empty() {
+            return Err(DiagnoseError::NoPairs);
+        }
+        let unpaired = measured
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| pairs.iter().all(|pair| pair.measured != *index))
+            .map(|(_, mode)| mode.number)
+            .collect();
+        let in_use: Vec<MeasuredMode> = pairs.iter().map(|pair| measured[pair.measured].clone()).collect();
+        let is_close = |a: usize, b: usize| {
+            let ratio = |a: f64, b: f64| (a / b).ln().abs();
+            let model_hz = |index: usize| view.modes.frequency_hz[pairs[index].model];
+            ratio(in_use[a].frequency_hz, in_use[b].frequency_hz) < CLOSE
+                || ratio(model_hz(a), model_hz(b)) < DEGENERATE
+        };
+        let close = groups(in_use.len(), &is_close);
+        let phases = (0..in_use.len()).filter(|&mode| close[mode].len() == 1).filter_map(|mode| phases(mode, &in_use));
+        Ok(Self {
+            phases: phases.collect(),
+            close,
+            background: Background::of(&bare, model),
+            bare,
+            sensors: sensors.to_vec(),
+            measured: in_use,
+            unpaired,
+        })
+    }
+
+    /// Measured modes that take part.
+    pub fn measured(&self) -> &[MeasuredMode] {
+        &self.measured
+    }
+
+    /// The structure without effects.
+    pub fn bare(&self) -> &Structure {
+        &self.bare
+    }
+
+    /// The same without a mode (index into [`Problem::measured`]); `None` for the last one.
+    pub(super) fn without_mode(&self, mode: usize) -> Option<Self> {
+        let mut other = self.clone();
+        if self.measured.len() < 2 || mode >= self.measured.len() {
+            return None;
+        }
+        other.measured.remove(mode);
+        let renumber = |index: usize| if index > mode { index - 1 } else { index };
+        other.close.remove(mode);
+        for group in &mut other.close {
+            group.retain(|&member| member != mode);
+            group.iter_mut().for_each(|member| *member = renumber(*member));
+        }
+        other.phases.retain(|phases| phases.mode != mode);
+        other.phases.iter_mut().for_each(|phases| phases.mode = renumber(phases.mode));
+        Some(other)
+    }
+
+    /// The same without what certain sensors saw.
+    pub(super) fn without_sensors(&self, sensors: &[usize]) -> Self {
+        let mut other = self.clone();
+        let kept = |shape: &crate::measured::MeasuredShape| -> Vec<usize> {
+            (0..shape.sensors.len()).filter(|&row| !sensors.contains(&shape.sensors[row])).collect()
+        };
+        for phases in &mut other.phases {
+            if let Some(shape) = &self.measured[phases.mode].shape {
+                let rows = kept(shape);
+                phases.imaginary = phases.imaginary.select_rows(&rows);
+                phases.deviations = phases.deviations.select_rows(&rows);
+            }
+        }
+        for mode in &mut other.measured {
+            if let Some(shape) = &mut mode.shape {
+                let rows = kept(shape);
+                shape.sensors = rows.iter().map(|&row| shape.sensors[row]).collect();
+                shape.values = shape.values.select_rows(&rows);
+                shape.imaginary = shape.imaginary.as_ref().map(|imaginary| imaginary.select_rows(&rows));
+                shape.stds = shape.stds.as_ref().map(|stds| stds.select_rows(&rows));
+            }
+        }
+        other
+    }
+}
+
+/// A mode within this share of a frequency that drives the structure is none.
+const FORCED: f64 = 0.01;
+
+/// Which of `count` belong together: chains of what is near.
+fn groups(count: usize, near: &dyn Fn(usize, usize) -> bool) -> Vec<Vec<usize>> {
+    let mut label: Vec<usize> = (0..count).collect();
+    for a in 0..count {
+        for b in 0..a {
+            if near(a, b) && label[a] != label[b] {
+                let (from, to) = (label[a], label[b]);
+                label.iter_mut().filter(|label| **label == from).for_each(|label| *label = to);
+            }
+        }
+    }
+    (0..count).map(|a| (0..count).filter(|&b| label[a] == label[b]).collect()).collect()
+}
+
+/// The imaginary part of a shape. Damping that is not spread as mass and stiffness are makes shapes a little complex
+/// everywhere, so deviations are raised to what most sensors of the mode show; a clock that is off stands out at few.
+fn phases(mode: usize, measured: &[MeasuredMode]) -> Option<MeasuredPhases> {
+    let shape = measured[mode].shape.as_ref()?;
+    let length = shape.values.norm();
+    let imaginary = shape.imaginary.as_ref()? / length;
+    let deviations = DVector::from_vec(shape_deviations(shape));
+    let mut ratios: Vec<f64> = imaginary.iter().zip(deviations.iter()).map(|(im, std)| im.abs() / std).collect();
+    ratios.sort_by(f64::total_cmp);
+    let typical = ratios.get(ratios.len() / 2)? / MEDIAN_OF_ABSOLUTE;
+    Some(MeasuredPhases { mode, imaginary, deviations: deviations * typical.max(1.0) })
+}

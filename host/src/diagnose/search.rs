@@ -1,0 +1,509 @@
+//! Through the catalogue: every effect at every place, scored by what it explains, the best refitted.
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::fit::Fit;
+use super::problem::Problem;
+use super::state::{Knob, State};
+use crate::model::Body;
+use crate::model::effect::{Effect, EffectKind, Evidence, KINDS, Parameter, Place, Where};
+
+/// What a search leaves out.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Options {
+    /// Kinds that are not considered.
+    pub without: Vec<String>,
+}
+
+/// An effect at a place, by one of its parameter sets.
+#[derive(Debug, Clone)]
+pub(super) struct Candidate {
+    pub(super) kind: &'static dyn EffectKind,
+    pub(super) place: Option<Where>,
+    parameters: &'static [Parameter],
+    /// Values of parameters that are given, by their index.
+    given: Vec<(usize, f64)>,
+}
+
+/// A candidate and what it would explain, by one linear step from the present model.
+struct Scored {
+    candidate: Candidate,
+    /// Gain in the logarithm of the evidence.
+    gain: f64,
+    knobs: Vec<Knob>,
+    /// The values that the linear step gives.
+    values: Vec<f64>,
+}
+
+/// A kind's best place, refitted.
+pub(super) struct Found {
+    /// The effect's kind.
+    pub(super) kind: &'static dyn EffectKind,
+    /// The fit with it; it is the last effect there.
+    pub(super) fit: Fit,
+    /// The logarithm of the evidence over that of the present model, averaged over the places of the kind.
+    pub(super) log_bayes_factor: f64,
+    /// Other places that explain nearly as much: the logarithm of their evidence below that of the best.
+    pub(super) near: Vec<(Where, f64)>,
+}
+
+impl Found {
+    /// The effect found.
+    pub(super) fn effect(&self) -> &Effect {
+        &self.fit.state.effects[self.index()]
+    }
+
+    /// Its index among the effects of the fit.
+    pub(super) fn index(&self) -> usize {
+        self.fit.state.effects.len() - 1
+    }
+}
+
+/// Kinds that are refitted.
+const REFITTED: usize = 10;
+/// Places of a kind that are refitted.
+const PLACES: usize = 2;
+/// Moves from place to neighbouring place.
+const MOST_MOVES: usize = 6;
+/// Places that are named beside the best.
+const NEAR: f64 = 3.0;
+
+impl Problem {
+    /// The present model's best values, from those of the effects in it.
+    pub(super) fn present(&self, effects: &[Effect]) -> Result<Fit, String> {
+        let numbers = DVector::zeros(self.background.size());
+        let state = self.state(effects.to_vec(), numbers.clone(), None)?;
+        let knobs = self.all_knobs(&state);
+        self.fit(effects.to_vec(), &knobs, &numbers, Some(&state))
+    }
+
+    /// The knobs of all effects of a state.
+    pub(super) fn all_knobs(&self, state: &State) -> Vec<Knob> {
+        let of = |effect: usize| state.knobs(self, &state.effects, effect, &[]).unwrap_or_default();
+        (0..state.effects.len())
+            .filter(|&effect| shows_in_modes(state.effects[effect].of_kind()))
+            .flat_map(of)
+            .collect()
+    }
+
+    /// Every kind that explains anything, refitted at its best place; best first.
+    pub(super) fn search(&self, present: &Fit, options: &Options) -> Vec<Found> {
+        let scored = self.score(present, options);
+        let mut kinds: Vec<Vec<Scored>> = Vec::new();
+        for one in scored {
+            match kinds.iter_mut().find(|kind| kind[0].candidate.kind == one.candidate.kind) {
+                Some(kind) => kind.push(one),
+                None => kinds.push(vec![one]),
+            }
+        }
+        for kind in &mut kinds {
+            kind.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        }
+        kinds.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
+        kinds.truncate(REFITTED);
+        let mut found: Vec<Found> = kinds.par_iter().filter_map(|kind| self.refit(present, kind)).collect();
+        found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
+        found
+    }
+
+    /// Refits a kind at its best places, and from there at their neighbours while that gains.
+    fn refit(&self, present: &Fit, scored: &[Scored]) -> Option<Found> {
+        let mut fits: Vec<(usize, Fit)> = Vec::new();
+        let mut tried = vec![false; scored.len()];
+        let mut starts = Vec::new();
+        for (index, one) in scored.iter().enumerate() {
+            let apart = |&start: &usize| !one.candidate.is_near(&scored[start].candidate, self);
+            if starts.len() < PLACES && starts.iter().all(apart) {
+                starts.push(index);
+            }
+        }
+        for start in starts {
+            tried[start] = true;
+            if let Some(fit) = self.refit_one(present, &scored[start], None) {
+                fits.push((start, fit));
+            }
+        }
+        for _ in 0..MOST_MOVES {
+            let best = fits.iter().max_by(|a, b| a.1.log_evidence().total_cmp(&b.1.log_evidence()))?.0;
+            let neighbours: Vec<usize> = (0..scored.len())
+                .filter(|&other| !tried[other] && scored[other].candidate.is_beside(&scored[best].candidate, self))
+                .collect();
+            if neighbours.is_empty() {
+                break;
+            }
+            for other in neighbours {
+                tried[other] = true;
+                let from = fits.iter().find(|(index, _)| *index == best).map(|(_, fit)| fit);
+                if let Some(fit) = self.refit_one(present, &scored[other], from) {
+                    fits.push((other, fit));
+                }
+            }
+        }
+        fits.sort_by(|a, b| b.1.log_evidence().total_cmp(&a.1.log_evidence()));
+        let best = fits.first()?.1.log_evidence();
+        // Places that were not refitted count by their linear gain, never above the best.
+        let reference = present.log_evidence();
+        let gains: Vec<f64> = (0..scored.len())
+            .map(|index| {
+                let refitted = fits.iter().find(|(other, _)| *other == index).map(|(_, fit)| fit.log_evidence());
+                refitted.unwrap_or((scored[index].gain + reference).min(best - 1.0)) - reference
+            })
+            .collect();
+        let sum: f64 = gains.iter().map(|gain| (gain - (best - reference)).exp()).sum();
+        let log_bayes_factor = best - reference + (sum / scored.len() as f64).ln();
+        let near = fits[1..]
+            .iter()
+            .filter(|(_, fit)| best - fit.log_evidence() < NEAR)
+            .filter_map(|(index, fit)| Some((scored[*index].candidate.place.clone()?, best - fit.log_evidence())))
+            .collect();
+        let fit = fits.swap_remove(0).1;
+        Some(Found { kind: scored[0].candidate.kind, fit, log_bayes_factor, near })
+    }
+
+    /// Refits one candidate, from the values of the linear step and from those of a fit near by.
+    fn refit_one(&self, present: &Fit, scored: &Scored, near: Option<&Fit>) -> Option<Fit> {
+        let index = present.state.effects.len();
+        let mut knobs = present.knobs.clone();
+        knobs.extend(scored.knobs.iter().copied());
+        let mut starts = vec![scored.candidate.start(&scored.knobs, &scored.values, LONGEST_START)];
+        if let Some(near) = near {
+            let values: Vec<f64> = near.state.effects[index].parameters().map(|(_, value)| value).collect();
+            if values.len() == starts[0].len() {
+                starts.insert(0, scored.candidate.like(&values));
+            }
+        } else if !scored.knobs.is_empty() {
+            // Beyond the linear: nearer to where the present model is.
+            starts.push(scored.candidate.start(&scored.knobs, &scored.values, SHORTER_START));
+        }
+        let numbers = near.map_or(&present.state.numbers, |fit| &fit.state.numbers);
+        let fit = |values: &Vec<f64>| {
+            let effect = scored.candidate.effect(values)?;
+            let mut effects = match near {
+                Some(near) => near.state.effects[..index].to_vec(),
+                None => present.state.effects.clone(),
+            };
+            effects.push(effect);
+            self.fit(effects, &knobs, numbers, None).ok()
+        };
+        let mut best: Option<Fit> = None;
+        for start in &starts {
+            if let Some(fit) = fit(start) {
+                // The linear step promised as much.
+                let gain = fit.log_evidence() - present.log_evidence();
+                let settled = near.is_some() || gain > DISAPPOINTS * scored.gain;
+                if best.as_ref().is_none_or(|best| fit.log_evidence() > best.log_evidence()) {
+                    best = Some(fit);
+                }
+                if settled {
+                    break;
+                }
+            }
+        }
+        best
+    }
+
+    /// Scores every candidate by one linear step: `T = gᵀ P r` over `gᵀ P g` in several dimensions.
+    fn score(&self, present: &Fit, options: &Options) -> Vec<Scored> {
+        let marginal = present.marginal(None);
+        let differences = present.state.differences();
+        let kinds: Vec<&'static dyn EffectKind> = KINDS
+            .iter()
+            .copied()
+            .filter(|kind| shows_in_modes(*kind) && !options.without.iter().any(|name| name == kind.name()))
+            .collect();
+        let of_kind = |kind: &&'static dyn EffectKind| -> Vec<Scored> {
+            let mut guesses: Vec<f64> = Vec::new();
+            let mut scored = Vec::new();
+            for candidate in self.candidates(*kind, present) {
+                let one = match candidate.parameters.iter().any(Parameter::is_fitted) {
+                    true => self.score_one(present, &marginal, &differences, candidate, &mut guesses),
+                    false => self.score_discrete(present, candidate),
+                };
+                scored.extend(one);
+            }
+            scored
+        };
+        kinds.par_iter().flat_map(of_kind).collect()
+    }
+
+    fn score_one(
+        &self,
+        present: &Fit,
+        marginal: &super::fit::Marginal,
+        differences: &DVector<f64>,
+        candidate: Candidate,
+        guesses: &mut Vec<f64>,
+    ) -> Option<Scored> {
+        let neutral = candidate.neutral();
+        let effect = candidate.effect(&neutral)?;
+        let mut effects = present.state.effects.clone();
+        effects.push(effect);
+        let index = effects.len() - 1;
+        // At its neutral values the effect changes nothing, so the present state serves.
+        let knobs = present.state.knobs(self, &effects, index, guesses)?;
+        let structure_at = |knob: &Knob, value: f64| {
+            let effects = super::state::with_values(&effects, std::slice::from_ref(knob), &[value]);
+            self.structure_with(&effects, &present.state.numbers)
+        };
+        let columns: Option<Vec<DVector<f64>>> = knobs
+            .iter()
+            .map(|knob| {
+                let structure = structure_at(knob, knob.neutral + knob.step)?;
+                Some(present.state.towards(self, &structure, knob.step)? * knob.scale)
+            })
+            .collect();
+        *guesses = knobs.iter().map(|knob| knob.step).collect();
+        let columns = DMatrix::from_columns(&columns?);
+        let projected = marginal.project(&columns);
+        let information = columns.tr_mul(&projected);
+        // What the background or effects in the model explain as well is no effect of its own.
+        if (0..knobs.len()).any(|at| information[(at, at)] < SEPARATE * columns.column(at).norm_squared()) {
+            return None;
+        }
+        let gradient = columns.tr_mul(differences);
+        let admissible = |units: &DVector<f64>| {
+            knobs.iter().zip(units.iter()).all(|(knob, units)| {
+                let value = knob.neutral + units * knob.scale;
+                value >= knob.bounds[0] && units.is_finite()
+            })
+        };
+        let units = Cholesky::new(information.clone())?.solve(&-&gradient);
+        if !admissible(&units) {
+            return None;
+        }
+        let with_prior = &information + DMatrix::identity(knobs.len(), knobs.len());
+        let log_determinant: f64 =
+            Cholesky::new(with_prior)?.l_dirty().diagonal().iter().map(|value| 2.0 * value.ln()).sum();
+        let gain = 0.5 * (-gradient.dot(&units) - log_determinant - units.norm_squared());
+        let values = knobs
+            .iter()
+            .zip(units.iter())
+            .map(|(knob, units)| (knob.neutral + units * knob.scale).clamp(knob.bounds[0], knob.bounds[1]));
+        let mut all = neutral;
+        for (knob, value) in knobs.iter().zip(values) {
+            all[knob.parameter] = value;
+        }
+        Some(Scored { candidate, gain, knobs, values: all })
+    }
+
+    /// An effect that is there or not.
+    fn score_discrete(&self, present: &Fit, candidate: Candidate) -> Option<Scored> {
+        let mut effects = present.state.effects.clone();
+        effects.push(candidate.effect(&[])?);
+        let before = present.state.differences().norm_squared();
+        let state = self.state(effects, present.state.numbers.clone(), Some(&present.state)).ok()?;
+        let gain = 0.5 * (before - state.differences().norm_squared());
+        Some(Scored { candidate, gain, knobs: Vec::new(), values: Vec::new() })
+    }
+
+    /// An effect of a kind at every place.
+    fn candidates(&self, kind: &'static dyn EffectKind, present: &Fit) -> Vec<Candidate> {
+        let has = |place: Option<&Where>| {
+            present.state.effects.iter().any(|effect| effect.of_kind() == kind && effect.place() == place)
+        };
+        let sets: Vec<&'static [Parameter]> = kind.parameter_sets().to_vec();
+        let plain: Vec<&'static [Parameter]> =
+            sets.iter().copied().filter(|set| set.iter().all(Parameter::is_fitted)).collect();
+        let mut candidates = Vec::new();
+        for place in self.places(kind, present) {
+            if has(place.as_ref()) {
+                continue;
+            }
+            let mut sizes = Vec::new();
+            for &parameters in &plain {
+                let candidate = Candidate { kind, place: place.clone(), parameters, given: Vec::new() };
+                // A second set of as many parameters is for structures to which the first does not apply.
+                if !sizes.contains(&parameters.len()) && candidate.fits(self) {
+                    sizes.push(parameters.len());
+                    candidates.push(candidate);
+                }
+            }
+        }
+        // Effects with a length: three neighbouring segments.
+        if let (Some(parameters), Body::Beam(beam)) =
+            (sets.iter().copied().find(|set| set.iter().any(|p| p.name == "length")), &self.bare.body)
+        {
+            let at = parameters.iter().position(|parameter| parameter.name == "length");
+            for trio in beam.segments().windows(3) {
+                let middle = |segment: &crate::model::Segment| 0.5 * (segment.z_bottom_m + segment.z_top_m);
+                let z_m = rounded(middle(&trio[1]));
+                let length_m = rounded(2.02 * (middle(&trio[2]) - z_m).max(z_m - middle(&trio[0])));
+                let place = Some(Where::Height(z_m));
+                if !has(place.as_ref()) {
+                    let given = at.map(|at| (at, length_m)).into_iter().collect();
+                    candidates.push(Candidate { kind, place, parameters, given });
+                }
+            }
+        }
+        candidates
+    }
+
+    /// Where an effect of a kind can be.
+    fn places(&self, kind: &'static dyn EffectKind, present: &Fit) -> Vec<Option<Where>> {
+        let channels = || self.sensors.iter().map(|sensor| sensor.channel.clone());
+        let mut nodes: Vec<u16> = self.sensors.iter().map(|sensor| sensor.node).filter(|&node| node > 0).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        let nodes = nodes.into_iter().map(|node| Some(Where::Node(node)));
+        match kind.place() {
+            Place::Nowhere => vec![None],
+            Place::Height => self.heights_m().into_iter().map(|z_m| Some(Where::Height(z_m))).collect(),
+            Place::Channel => channels().map(|channel| Some(Where::Channels(vec![channel]))).collect(),
+            Place::TwoChannels => self.likely_swaps(present).into_iter().map(Some).collect(),
+            // With one node only, its clock and its azimuth are those of all.
+            Place::Node => nodes.collect(),
+            Place::NodeOrAll => std::iter::once(None).chain(nodes).collect(),
+            Place::Name => self.bare.customs.iter().map(|custom| Some(Where::Name(custom.name.clone()))).collect(),
+            Place::Frequency => Vec::new(),
+        }
+    }
+
+    /// Heights at which something can be: nodes and the middles between them, from above the base to the top.
+    pub(super) fn heights_m(&self) -> Vec<f64> {
+        let Some([z_base_m, _]) = self.bare.z_range_m() else { return Vec::new() };
+        let nodes = match &self.bare.body {
+            Body::Beam(beam) => beam.segments().iter().map(|segment| segment.z_top_m).collect(),
+            Body::Matrices(_) => self.bare.assemble().node_elevations_m(),
+        };
+        let mut heights = Vec::new();
+        let mut below = z_base_m;
+        for node in nodes {
+            heights.extend([rounded(0.5 * (below + node)), node]);
+            below = node;
+        }
+        heights
+    }
+
+    /// Pairs of channels that would fit better exchanged, the likeliest first.
+    fn likely_swaps(&self, present: &Fit) -> Vec<Where> {
+        let state = &present.state;
+        let mut gains: Vec<(f64, usize, usize)> = Vec::new();
+        let shapes: Vec<_> = state
+            .residual
+            .blocks()
+            .filter_map(|(_, block)| {
+                let shape = block.shape.as_ref().filter(|shape| shape.models.len() == 1)?;
+                let measured = self.measured[block.measured].shape.as_ref()?;
+                let model = state.view.at_sensors.column(block.model) * shape.combination[0];
+                Some((
+                    model,
+                    measured.sensors.clone(),
+                    measured.values.normalize(),
+                    crate::compare::shape_deviations(measured),
+                ))
+            })
+            .collect();
+        for a in 0..self.sensors.len() {
+            for b in 0..a {
+                let gain = shapes.iter().map(|(model, sensors, values, deviations)| {
+                    let at = |sensor: usize| sensors.iter().position(|other| *other == sensor);
+                    let (Some(at_a), Some(at_b)) = (at(a), at(b)) else { return 0.0 };
+                    let square = |from: usize, at: usize| ((model[from] - values[at]) / deviations[at]).powi(2);
+                    square(a, at_a) + square(b, at_b) - square(b, at_a) - square(a, at_b)
+                });
+                gains.push((gain.sum(), a, b));
+            }
+        }
+        gains.sort_by(|a, b| b.0.total_cmp(&a.0));
+        gains
+            .into_iter()
+            .take(SWAPS)
+            .filter(|(gain, ..)| *gain > 0.0)
+            .map(|(_, a, b)| {
+                let (low, high) = (a.min(b), a.max(b));
+                Where::Channels(vec![self.sensors[low].channel.clone(), self.sensors[high].channel.clone()])
+            })
+            .collect()
+    }
+}
+
+/// Starts go no further than this many prior scales.
+const LONGEST_START: f64 = 2.0;
+const SHORTER_START: f64 = 0.3;
+/// A fit that reaches less than this share of what the linear step promised is tried from another start.
+const DISAPPOINTS: f64 = 0.5;
+/// Swaps that are looked at.
+const SWAPS: usize = 5;
+/// An effect that keeps less than this share of itself beside the background and other effects is none of its own.
+const SEPARATE: f64 = 1e-6;
+
+/// Whether an effect is looked for in modes (and phases).
+pub(super) fn shows_in_modes(kind: &dyn EffectKind) -> bool {
+    matches!(kind.evidence(), Evidence::Modes | Evidence::Phases)
+}
+
+/// To a centimetre, as places are written.
+fn rounded(z_m: f64) -> f64 {
+    (100.0 * z_m).round() / 100.0
+}
+
+impl Candidate {
+    /// The effect with these values.
+    fn effect(&self, values: &[f64]) -> Option<Effect> {
+        let all: Vec<f64> = self
+            .parameters
+            .iter()
+            .enumerate()
+            .map(|(index, parameter)| {
+                let given = self.given.iter().find(|(at, _)| *at == index).map(|(_, value)| *value);
+                given.or(values.get(index).copied()).unwrap_or(parameter.neutral)
+            })
+            .collect();
+        Effect::with_parameters(self.kind, self.place.clone(), self.parameters, &all).ok()
+    }
+
+    /// Whether the structure has a place for it.
+    fn fits(&self, problem: &Problem) -> bool {
+        let effect = self.effect(&self.neutral());
+        effect.is_some_and(|effect| problem.bare.clone().and(&[effect]).is_ok())
+    }
+
+    /// Values at which the effect is not there.
+    fn neutral(&self) -> Vec<f64> {
+        let given = |index: usize| self.given.iter().find(|(at, _)| *at == index).map(|(_, value)| *value);
+        self.parameters.iter().enumerate().map(|(index, parameter)| given(index).unwrap_or(parameter.neutral)).collect()
+    }
+
+    /// The values of the linear step, shortened to `longest` prior scales.
+    fn start(&self, knobs: &[Knob], linear: &[f64], longest: f64) -> Vec<f64> {
+        let mut values = linear.to_vec();
+        for knob in knobs {
+            let units = ((linear[knob.parameter] - knob.neutral) / knob.scale).clamp(-longest, longest);
+            values[knob.parameter] = (knob.neutral + units * knob.scale).clamp(knob.bounds[0], knob.bounds[1]);
+        }
+        values
+    }
+
+    /// The values of a neighbour, but for those that are given.
+    fn like(&self, values: &[f64]) -> Vec<f64> {
+        let given = |index: usize| self.given.iter().find(|(at, _)| *at == index).map(|(_, value)| *value);
+        values.iter().enumerate().map(|(index, value)| given(index).unwrap_or(*value)).collect()
+    }
+
+    fn z_m(&self) -> Option<f64> {
+        match self.place {
+            Some(Where::Height(z_m)) => Some(z_m),
+            _ => None,
+        }
+    }
+
+    /// Places from one height to another, both in the grid.
+    fn places_between(&self, other: &Self, problem: &Problem) -> Option<usize> {
+        let heights = problem.heights_m();
+        let nearest = |z_m: f64| {
+            (0..heights.len()).min_by(|&a, &b| (heights[a] - z_m).abs().total_cmp(&(heights[b] - z_m).abs()))
+        };
+        Some(nearest(self.z_m()?)?.abs_diff(nearest(other.z_m()?)?))
+    }
+
+    /// Whether two candidates of a kind are at neighbouring places, or at one.
+    fn is_beside(&self, other: &Self, problem: &Problem) -> bool {
+        self.places_between(other, problem).is_some_and(|places| places <= 1)
+    }
+
+    /// Whether a fit at one would soon arrive at the other.
+    fn is_near(&self, other: &Self, problem: &Problem) -> bool {
+        self.parameters == other.parameters && self.places_between(other, problem).is_some_and(|places| places <= 4)
+    }
+}

@@ -1,0 +1,484 @@
+//! The verdict: what the search found, weighed, and said so that others can build on it.
+
+use serde::Serialize;
+
+use super::fit::{Estimate, Fit};
+use super::problem::{DiagnoseError, Problem};
+use super::search::{Found, Options};
+use super::settle::next_measurement;
+use super::signals::{Signal, Signals, shown};
+use crate::compare::ChiSquared;
+use crate::model::effect::Effect;
+
+/// What the data say of the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// It fits, and no effect gains.
+    Adequate,
+    /// One effect stands out.
+    Effect,
+    /// Several effects explain the data alike.
+    Ambiguous,
+    /// None of the known effects explains the data.
+    Unknown,
+}
+
+/// A diagnosis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Diagnosis {
+    /// What the data say of the model.
+    pub verdict: Verdict,
+    /// Kinds that explain something, each at its best place, best first.
+    pub candidates: Vec<CandidateReport>,
+    /// The name of the effect that explains the data best; empty where none does.
+    pub best: Vec<String>,
+    /// Sets of names that the data cannot tell apart.
+    pub ambiguous: Vec<Vec<String>>,
+    /// The measurement that would settle what is open.
+    pub next_measurement: Option<String>,
+    /// Of the model with the best effect, where one is named; else of the present model.
+    pub goodness_of_fit: GoodnessOfFit,
+    /// Of the present model, its tolerance used as well as may be.
+    pub present: GoodnessOfFit,
+    /// What the best fit leaves.
+    pub unexplained: Unexplained,
+    /// What makes the best effect the best; the present model's misfit where none is.
+    pub explained: Vec<Explained>,
+    /// Effects that the model has, refitted.
+    pub effects: Vec<CandidateReport>,
+    /// What the reader should know.
+    pub warnings: Vec<String>,
+}
+
+/// An effect with what it would explain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CandidateReport {
+    /// The kind.
+    pub effect: String,
+    /// The part after the @.
+    pub r#where: Option<String>,
+    /// Its values.
+    pub parameters: Vec<Estimate>,
+    /// Natural logarithm of the evidence over that of the present model; null for effects in the model.
+    pub log_bayes_factor: Option<f64>,
+    /// Squared deviations of what is left.
+    pub chi_squared: f64,
+    /// Probability of as much, were the effect all that is missing.
+    pub p_value: f64,
+    /// Whether its values are inside their bounds.
+    pub admissible: bool,
+    /// Other places that do nearly as well.
+    pub near: Vec<NearPlace>,
+}
+
+/// A place that does nearly as well.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NearPlace {
+    /// The part after the @.
+    pub r#where: String,
+    /// Natural logarithm of the best place's evidence over this one's.
+    pub log_evidence_below_best: f64,
+}
+
+/// A chi-squared test.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct GoodnessOfFit {
+    /// Squared deviations.
+    pub chi_squared: f64,
+    /// Numbers compared less values fitted.
+    pub degrees_of_freedom: usize,
+    /// Probability of so large a value, or a larger one, of a right model.
+    pub p_value: f64,
+}
+
+/// What a fit leaves, in mean squared deviations: 1 is what measurement and tolerance allow.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Unexplained {
+    /// By measured mode.
+    pub by_mode: Vec<ModeMisfit>,
+    /// By sensor.
+    pub by_sensor: Vec<SensorMisfit>,
+    /// By height, lowest first.
+    pub by_height: Vec<HeightMisfit>,
+}
+
+/// What is left of a mode.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ModeMisfit {
+    /// Number of the measured mode.
+    pub measured: usize,
+    /// Its frequency.
+    pub measured_hz: f64,
+    /// The fitted model's frequency against it.
+    pub frequency_error_percent: f64,
+    /// Mean squared deviation of its numbers.
+    pub mean_square: f64,
+}
+
+/// What is left at a sensor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SensorMisfit {
+    /// The channel.
+    pub channel: String,
+    /// Mean squared deviation over the modes.
+    pub mean_square: f64,
+}
+
+/// What is left at a height.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct HeightMisfit {
+    /// The height.
+    pub elevation_m: f64,
+    /// Mean of its sensors.
+    pub mean_square: f64,
+}
+
+/// What an effect explains of a mode.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Explained {
+    /// Number of the measured mode.
+    pub measured: usize,
+    /// Its frequency.
+    pub measured_hz: f64,
+    /// The present model's frequency error.
+    pub before_percent: f64,
+    /// With the best effect.
+    pub after_percent: f64,
+    /// Squared deviations of the mode's numbers before.
+    pub chi_squared_before: f64,
+    /// With the best effect.
+    pub chi_squared_after: f64,
+    /// The channel at which the shape gains most.
+    pub channel: Option<String>,
+}
+
+/// Evidence of 20 to 1 makes an effect stand out.
+pub(super) const STANDS_OUT: f64 = 2.995_732_273_553_991;
+/// A fit with a probability below this fails.
+pub(super) const FAILS: f64 = 0.01;
+/// Effects whose predictions have this squared cosine are twins.
+const TWINS: f64 = 0.99;
+
+/// Diagnoses the model with the effects that it has.
+///
+/// # Errors
+/// [`DiagnoseError`] where effects cannot be fitted to these data.
+pub fn diagnose(
+    problem: &Problem,
+    effects: &[Effect],
+    signals: &Signals,
+    options: &Options,
+) -> Result<Diagnosis, DiagnoseError> {
+    let present = problem.fit_present(effects)?;
+    let found = problem.search(&present, options);
+    Ok(weigh(problem, &present, &found, &shown(signals, effects, &options.without)))
+}
+
+impl Problem {
+    /// The model with its effects at their most probable values.
+    ///
+    /// # Errors
+    /// [`DiagnoseError`] where the data do not determine them.
+    pub(super) fn fit_present(&self, effects: &[Effect]) -> Result<Fit, DiagnoseError> {
+        let names = || effects.iter().map(Effect::to_string).collect::<Vec<_>>().join(" and ");
+        let present =
+            self.present(effects).map_err(|reason| DiagnoseError::NoStructure { effects: names(), reason })?;
+        let (numbers, parameters) = (present.state.modes.len(), present.knobs.len());
+        if parameters >= numbers {
+            return Err(DiagnoseError::TooFewModes { numbers, parameters, effects: names() });
+        }
+        self.check_apart(&present)?;
+        Ok(present)
+    }
+
+    /// Effects that explain the same cannot be fitted together.
+    fn check_apart(&self, present: &Fit) -> Result<(), DiagnoseError> {
+        let columns = present.jacobian.columns(0, present.knobs.len());
+        for one in 0..present.knobs.len() {
+            for other in 0..one {
+                let (a, b) = (columns.column(one), columns.column(other));
+                let cosine_squared = a.dot(&b).powi(2) / (a.norm_squared() * b.norm_squared());
+                if cosine_squared > 1.0 - IDENTICAL {
+                    let name = |knob: usize| present.state.effects[present.knobs[knob].effect].to_string();
+                    return Err(DiagnoseError::SameEffect { one: name(other), other: name(one) });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Directions that differ by less than this squared sine are one.
+const IDENTICAL: f64 = 1e-6;
+
+fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) -> Diagnosis {
+    let test = present.goodness_of_fit();
+    let best = found.first().filter(|found| found.log_bayes_factor > STANDS_OUT);
+    let fails = test.p_value < FAILS;
+    let modal = match best {
+        None if fails => Verdict::Unknown,
+        None => Verdict::Adequate,
+        Some(best) if best.fit.goodness_of_fit().p_value < FAILS => Verdict::Unknown,
+        Some(_) => Verdict::Effect,
+    };
+    let named = best.filter(|_| modal == Verdict::Effect);
+    let twins = named.map_or_else(Vec::new, |best| twins(problem, present, best, &found[1..]));
+    let strongest = signals.iter().max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
+    let strongest = strongest.filter(|signal| signal.log_bayes_factor > STANDS_OUT);
+    let above_modes = |signal: &&Signal| match modal {
+        Verdict::Adequate => true,
+        Verdict::Unknown => false,
+        Verdict::Effect | Verdict::Ambiguous => {
+            named.is_none_or(|named| signal.log_bayes_factor > named.log_bayes_factor)
+        }
+    };
+    let signal = strongest.filter(above_modes);
+    let mut warnings = Vec::new();
+    if !problem.unpaired.is_empty() {
+        let numbers = problem.unpaired.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+        warnings.push(format!("measured mode {numbers} has no partner in the model and takes no part"));
+    }
+    let (verdict, best_names, ambiguous, next) = match (signal, named) {
+        (Some(signal), _) => (Verdict::Effect, vec![signal.effect.to_string()], Vec::new(), None),
+        (None, Some(best)) if twins.is_empty() => (modal, vec![best.effect().to_string()], Vec::new(), None),
+        (None, Some(best)) => {
+            let names = std::iter::once(best).chain(twins.iter().copied()).map(|found| found.effect().to_string());
+            let next =
+                twins.first().map(|twin| next_measurement(problem, (best.kind, &best.fit), (twin.kind, &twin.fit)));
+            (Verdict::Ambiguous, vec![best.effect().to_string()], vec![names.collect()], next)
+        }
+        (None, None) => (modal, Vec::new(), Vec::new(), None),
+    };
+    if verdict == Verdict::Unknown && strongest.is_some() {
+        warnings
+            .push("what identification saw besides modes points to an effect as well; see the candidates".to_owned());
+    }
+    // What is left is shown of the best fit there is, also where that fails.
+    let shown_fit = match (modal, best) {
+        (Verdict::Effect | Verdict::Unknown, Some(best)) => &best.fit,
+        _ => present,
+    };
+    let mut candidates: Vec<CandidateReport> = found
+        .iter()
+        .map(|found| CandidateReport {
+            near: found
+                .near
+                .iter()
+                .map(|(place, below)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below })
+                .collect(),
+            ..report(&found.fit, found.index(), Some(found.log_bayes_factor))
+        })
+        .chain(signals.iter().map(signal_report))
+        .collect();
+    candidates.sort_by(|a, b| b.log_bayes_factor.unwrap_or(0.0).total_cmp(&a.log_bayes_factor.unwrap_or(0.0)));
+    if let Some(signal) = signal {
+        // What is named first stands first.
+        let name = signal.effect.to_string();
+        candidates.sort_by_key(|candidate| candidate.name() != name);
+    }
+    Diagnosis {
+        verdict,
+        candidates,
+        best: best_names,
+        ambiguous,
+        next_measurement: next,
+        goodness_of_fit: shown_fit.goodness_of_fit().into(),
+        present: test.into(),
+        unexplained: unexplained(problem, shown_fit),
+        explained: explained(problem, present, shown_fit),
+        effects: (0..present.state.effects.len()).map(|effect| report(present, effect, None)).collect(),
+        warnings,
+    }
+}
+
+impl From<ChiSquared> for GoodnessOfFit {
+    fn from(test: ChiSquared) -> Self {
+        let ChiSquared { chi_squared, degrees_of_freedom, p_value } = test;
+        Self { chi_squared, degrees_of_freedom, p_value }
+    }
+}
+
+impl CandidateReport {
+    /// `kind` or `kind@where`.
+    pub fn name(&self) -> String {
+        match &self.r#where {
+            Some(place) => format!("{}@{place}", self.effect),
+            None => self.effect.clone(),
+        }
+    }
+}
+
+fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateReport {
+    let test = fit.goodness_of_fit();
+    CandidateReport {
+        effect: fit.state.effects[effect].kind().to_owned(),
+        r#where: fit.place(effect).map(ToString::to_string),
+        parameters: fit.estimates(effect),
+        log_bayes_factor,
+        chi_squared: test.chi_squared,
+        p_value: test.p_value,
+        admissible: true,
+        near: Vec::new(),
+    }
+}
+
+fn signal_report(signal: &Signal) -> CandidateReport {
+    let estimate = |(parameter, value): (&'static crate::model::effect::Parameter, f64)| Estimate {
+        name: parameter.name.to_owned(),
+        value,
+        std: signal.std,
+        unit: parameter.unit.to_owned(),
+    };
+    CandidateReport {
+        effect: signal.effect.kind().to_owned(),
+        r#where: signal.effect.place().map(ToString::to_string),
+        parameters: signal.effect.parameters().map(estimate).collect(),
+        log_bayes_factor: Some(signal.log_bayes_factor),
+        chi_squared: signal.chi_squared,
+        p_value: ChiSquared::of(signal.chi_squared, 1).p_value,
+        admissible: true,
+        near: Vec::new(),
+    }
+}
+
+/// Effects that the data cannot tell from the best: within 20 to 1 of its evidence, or predicting the same and not
+/// refuted by the test of fit.
+fn twins<'a>(problem: &Problem, present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found> {
+    let marginal = present.marginal(None);
+    let single: Vec<bool> = rows_of_single_modes(present);
+    let direction = |fit: &Fit| {
+        let mut moved = fit.state.differences() - present.state.differences();
+        for (value, single) in moved.iter_mut().zip(&single) {
+            if !single {
+                *value = 0.0;
+            }
+        }
+        let columns = nalgebra::DMatrix::from_columns(&[moved]);
+        marginal.project(&columns).column(0).into_owned()
+    };
+    let along = direction(&best.fit);
+    let _ = problem;
+    others
+        .iter()
+        .filter(|other| {
+            let within = best.log_bayes_factor - other.log_bayes_factor < STANDS_OUT;
+            let there = direction(&other.fit);
+            let cosine_squared = along.dot(&there).powi(2) / (along.norm_squared() * there.norm_squared());
+            within || (cosine_squared > TWINS && other.fit.goodness_of_fit().p_value >= FAILS)
+        })
+        .collect()
+}
+
+/// Differences of shapes in a span of close modes stand along directions of their own in every state.
+fn rows_of_single_modes(fit: &Fit) -> Vec<bool> {
+    let mut rows = vec![true; fit.state.modes.len() + fit.state.phases.len()];
+    for (first, block) in fit.state.residual.blocks() {
+        if block.shape.as_ref().is_some_and(|shape| shape.models.len() > 1) {
+            rows[first + 1..first + block.size()].fill(false);
+        }
+    }
+    rows
+}
+
+fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
+    let state = &fit.state;
+    let mut sensors = vec![(0.0, 0usize); problem.sensors.len()];
+    let mut by_mode = Vec::new();
+    for (first, block) in state.residual.blocks() {
+        let mode = &problem.measured[block.measured];
+        let part = state.modes.rows(first, block.size());
+        by_mode.push(ModeMisfit {
+            measured: mode.number,
+            measured_hz: mode.frequency_hz,
+            frequency_error_percent: 100.0 * (state.frequency_of(block.measured) / mode.frequency_hz - 1.0),
+            mean_square: part.norm_squared() / block.size() as f64,
+        });
+        for (sensor, square) in sensor_squares(problem, block) {
+            sensors[sensor].0 += square;
+            sensors[sensor].1 += 1;
+        }
+    }
+    let by_sensor: Vec<(usize, f64)> = sensors
+        .iter()
+        .enumerate()
+        .filter(|(_, (_, count))| *count > 0)
+        .map(|(sensor, (sum, count))| (sensor, sum / *count as f64))
+        .collect();
+    let mut levels: Vec<(f64, f64)> = by_sensor
+        .iter()
+        .filter_map(|(sensor, mean_square)| Some((problem.sensors[*sensor].elevation_m?, *mean_square)))
+        .collect();
+    levels.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Unexplained {
+        by_mode,
+        by_sensor: by_sensor
+            .iter()
+            .map(|&(sensor, mean_square)| SensorMisfit {
+                channel: problem.sensors[sensor].channel.clone(),
+                mean_square,
+            })
+            .collect(),
+        by_height: levels
+            .chunk_by(|a, b| b.0 - a.0 < SAME_HEIGHT_M)
+            .map(|level| HeightMisfit {
+                elevation_m: level[0].0,
+                mean_square: level.iter().map(|(_, square)| square).sum::<f64>() / level.len() as f64,
+            })
+            .collect(),
+    }
+}
+
+/// Sensors within this distance (in m) stand at one height.
+const SAME_HEIGHT_M: f64 = 0.01;
+
+/// Squared deviations of a shape sensor by sensor.
+fn sensor_squares(problem: &Problem, block: &crate::compare::Block) -> Vec<(usize, f64)> {
+    let (Some(shape), Some(measured)) = (&block.shape, &problem.measured[block.measured].shape) else {
+        return Vec::new();
+    };
+    let left = &shape.directions * block.residual.rows(1, block.size() - 1);
+    let deviations = crate::compare::shape_deviations(measured);
+    shape
+        .sensors
+        .iter()
+        .zip(left.iter().zip(deviations))
+        .map(|(&sensor, (left, std))| (sensor, (left / std).powi(2)))
+        .collect()
+}
+
+fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
+    let block_of = |fit: &Fit, measured: usize| -> (f64, Vec<(usize, f64)>) {
+        let mut blocks = fit.state.residual.blocks();
+        blocks.find(|(_, block)| block.measured == measured).map_or((0.0, Vec::new()), |(first, block)| {
+            (fit.state.modes.rows(first, block.size()).norm_squared(), sensor_squares(problem, block))
+        })
+    };
+    problem
+        .measured
+        .iter()
+        .enumerate()
+        .map(|(index, mode)| {
+            let error = |fit: &Fit| 100.0 * (fit.state.frequency_of(index) / mode.frequency_hz - 1.0);
+            let ((chi_squared_before, before), (chi_squared_after, after)) =
+                (block_of(present, index), block_of(best, index));
+            let gains = before.iter().filter_map(|(sensor, square)| {
+                let left = after.iter().find(|(other, _)| other == sensor).map(|(_, left)| left)?;
+                Some((*sensor, square - left))
+            });
+            let channel = gains
+                .filter(|(_, gain)| *gain > 1.0)
+                .max_by(|a, b| a.1.total_cmp(&b.1))
+                .map(|(sensor, _)| problem.sensors[sensor].channel.clone());
+            Explained {
+                measured: mode.number,
+                measured_hz: mode.frequency_hz,
+                before_percent: error(present),
+                after_percent: error(best),
+                chi_squared_before,
+                chi_squared_after,
+                channel,
+            }
+        })
+        .collect()
+}
