@@ -1,5 +1,6 @@
 //! The blind bench of `belfry diagnose`: `cargo run --release -p belfry-tests --bin blind -- [--cases N] [--seed S]
-//! [--first CASE] [--keep DIR] [--structure NAME] [--only KIND|nothing|single|pairs|outside] [--hours H] [--belfry PROGRAM]`.
+//! [--first CASE] [--keep DIR] [--structure NAME] [--only KIND|nothing|single|pairs|outside] [--hours H]
+//! [--loads even|uneven] [--belfry PROGRAM]`.
 //!
 //! Each case is a structure of which the study's model lacks something, or nothing; a line says what was hidden and what belfry
 //! said, and the score of all of them follows.
@@ -30,7 +31,8 @@ fn main() -> ExitCode {
             eprintln!("error: {error}");
             eprintln!(
                 "usage: blind [--cases N] [--seed S] [--first CASE] [--keep DIR] [--structure tower|chimney|shear-building] \
-                 [--only KIND|nothing|single|pairs|outside] [--hours H] [--belfry PROGRAM]"
+                 [--only KIND|nothing|single|pairs|outside] [--hours H] [--loads even|uneven] \
+                 [--belfry PROGRAM]"
             );
             ExitCode::from(2)
         }
@@ -38,7 +40,7 @@ fn main() -> ExitCode {
 }
 
 fn arguments() -> Result<Arguments, String> {
-    let options = Options { seed: 1, structure: None, kinds: Kinds::Mix, hours: 12.0 };
+    let options = Options { seed: 1, structure: None, kinds: Kinds::Mix, hours: 12.0, uneven: false };
     let mut read = Arguments { cases: 60, first: 0, keep: None, belfry: None, options };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -58,6 +60,11 @@ fn arguments() -> Result<Arguments, String> {
                 let hours = value.parse().ok().filter(|hours| (0.1..=100.0).contains(hours));
                 read.options.hours = hours.ok_or_else(|| format!("{word} needs 0.1 to 100, not {value}"))?;
             }
+            "--loads" => match value.as_str() {
+                "even" => read.options.uneven = false,
+                "uneven" => read.options.uneven = true,
+                _ => return Err(format!("{word} needs even or uneven, not {value}")),
+            },
             _ => return Err(format!("{word} is no option")),
         }
     }

@@ -89,6 +89,8 @@ pub struct Options {
     pub kinds: Kinds,
     /// Length of the recordings.
     pub hours: f64,
+    /// Loads that drive modes together, as wind does, and not each by itself.
+    pub uneven: bool,
 }
 
 /// A structure with what is hidden in it.
@@ -108,6 +110,7 @@ pub struct Case {
     pub(super) sound: Body,
     pub(super) damping_ratios: Vec<f64>,
     pub(super) hours: f64,
+    pub(super) uneven: bool,
     /// What is left for the recording.
     pub(super) random: ChaCha8Rng,
 }
@@ -146,6 +149,7 @@ impl Case {
                     sound,
                     damping_ratios,
                     hours,
+                    uneven: options.uneven,
                     random,
                 });
             }
@@ -260,7 +264,7 @@ mod tests {
     use super::*;
 
     fn options(kinds: Kinds) -> Options {
-        Options { seed: 3, structure: None, kinds, hours: 12.0 }
+        Options { seed: 3, structure: None, kinds, hours: 12.0, uneven: false }
     }
 
     #[test]

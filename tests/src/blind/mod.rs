@@ -13,6 +13,7 @@ mod effect;
 mod element;
 mod honesty;
 mod magnitude;
+mod motion;
 mod outside;
 mod recording;
 mod report;

@@ -1,8 +1,8 @@
 //! Recordings: white-noise loads on all nodes, modal superposition by exact recursion, sensor noise. A case flows in, rows of
 //! 32-bit samples flow out, and their NPY file.
 //!
-//! Loads are held over a sample: with `s' = pole s + input p`, `s(k+1) = exp(pole dt) s(k) + (exp(pole dt) - 1)/pole input p(k)`
-//! without error, at any rate. A late clock shows the state inside the step before.
+//! A sample is the acceleration averaged over the step before it: the difference of two velocities, which the modes give exactly
+//! and which aliases little.
 
 use std::f64::consts::TAU;
 use std::fs::File;
@@ -13,15 +13,12 @@ use nalgebra::{Complex, DMatrix};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
 
-use super::banded::Modes;
-use super::body::{Body, DOFS};
 use super::cases::{Case, MODES};
 use super::damped::DampedMode;
+use super::motion::{Clock, Motion, modal_forces};
 
 /// Steps that are made at once.
 const BLOCK: usize = 256;
-/// Torsional moments relative to those that would drive torsion as hard as bending.
-const TORSION: f64 = 0.3;
 /// RMS of a steady tone relative to the strongest channel's.
 const TONE: f64 = 0.2;
 /// Half the swing of the day's temperature.
@@ -45,12 +42,12 @@ pub(super) fn record(case: &Case) -> Result<Recording, String> {
     let rate = case.structure.sampling_rate_hz;
     let rows = (case.hours * 3600.0 * rate).round() as usize;
     let channels = case.body.sensors.len();
-    let forces = modal_forces(&case.body, &modes, &mut random)?;
+    let forces = modal_forces(&case.body, &modes, case.uneven, &mut random);
     let mut samples = vec![0.0_f32; rows * channels];
 
     let slowest = damped.iter().map(|mode| -mode.pole.re).fold(f64::INFINITY, f64::min);
-    let late: Vec<i64> = case.body.sensors.iter().map(|s| (s.delay_s * rate).ceil() as i64).collect();
-    let margin = late.iter().map(|steps| steps.unsigned_abs() as usize).max().unwrap_or(0);
+    let clock = Clock::of(&case.body, rate);
+    let margin = clock.late.iter().map(|steps| steps.unsigned_abs() as usize).max().unwrap_or(0);
     let warm_up = (8.0 / slowest * rate) as usize + margin;
     let phase = random.random_range(0.0..TAU);
     let warmth = case.body.stiffness_per_kelvin;
@@ -59,19 +56,17 @@ pub(super) fn record(case: &Case) -> Result<Recording, String> {
     let hours_s = case.hours * 3600.0;
     let mean_k = (0..1000).map(|at| swing(hours_s * f64::from(at) / 1000.0)).sum::<f64>() / 1000.0;
 
-    let mut state = vec![Complex::from(0.0); damped.len()];
-    let mut step = Step::new(&damped, &case.body, rate, 1.0);
+    let mut motion = Motion::new(&damped, &forces, &clock, 1.0);
     let mut first = 0;
     while first < warm_up + rows + margin {
         if warmth != 0.0 {
             let t_s = (first as f64 - warm_up as f64).max(0.0) / rate;
-            step = Step::new(&damped, &case.body, rate, (1.0 + warmth * (swing(t_s) - mean_k)).sqrt());
+            motion.pace(&damped, &forces, &clock, (1.0 + warmth * (swing(t_s) - mean_k)).sqrt());
         }
-        let normals = DMatrix::from_fn(forces.ncols(), BLOCK, |_, _| StandardNormal.sample(&mut random));
-        let block = step.run(&mut state, &(&forces * normals));
+        let block = motion.run(BLOCK, &mut random);
         for (at, row) in block.column_iter().enumerate() {
             for (channel, value) in row.iter().enumerate() {
-                let to = (first + at) as i64 - warm_up as i64 + late[channel];
+                let to = (first + at) as i64 - warm_up as i64 + clock.late[channel];
                 if (0..rows as i64).contains(&to) {
                     samples[to as usize * channels + channel] = *value as f32;
                 }
@@ -116,34 +111,9 @@ fn levels(samples: &[f32], channels: usize) -> Vec<f64> {
     sums.into_iter().map(|sum| (sum / rows as f64).sqrt()).collect()
 }
 
-/// A factor of the covariance of the forces on undamped modes: independent noise on every node in X, Y and about Z, in
-/// proportion to its mass, stronger upwards and uneven.
-fn modal_forces(body: &Body, modes: &Modes, random: &mut impl Rng) -> Result<DMatrix<f64>, String> {
-    let (_, mass) = body.matrices();
-    // Accelerations of some 0.1 mm/s².
-    let level = 1e-4 * body.total_mass_kg().sqrt();
-    let top_m = body.nodes.last().map_or(1.0, |node| node.z_m) - body.base_m();
-    let [along_x, along_y] = [0; 2].map(|_| random.random_range(0.7..1.3));
-    let mut loaded = DMatrix::zeros(mass.order(), modes.shapes.ncols());
-    for (at, node) in body.nodes.iter().enumerate() {
-        let height = (node.z_m - body.base_m()) / top_m;
-        for (dof, share) in [(0, along_x), (1, along_y), (4, TORSION)] {
-            let uneven = (0.5 + height) * random.random_range(0.6..1.4);
-            let row = at * DOFS + dof;
-            let strength = level * share * (mass.diagonal(row).max(0.0) * uneven).sqrt();
-            loaded.row_mut(row).copy_from(&(modes.shapes.row(row) * strength));
-        }
-    }
-    let covariance = loaded.transpose() * &loaded;
-    let jitter = 1e-12 * covariance.trace();
-    let order = covariance.nrows();
-    let factor = (covariance + DMatrix::identity(order, order) * jitter).cholesky();
-    factor.map(|factor| factor.l()).ok_or_else(|| "loads do not reach the modes".to_owned())
-}
-
 /// Steady deflection of the sensors under a tone at one place, damping left out.
 fn deflection_at(tone_hz: f64, damped: &[DampedMode], forces: &DMatrix<f64>, random: &mut impl Rng) -> Vec<f64> {
-    let weights: Vec<f64> = (0..forces.ncols()).map(|_| StandardNormal.sample(random)).collect();
+    let weights: Vec<f64> = (0..forces.nrows()).map(|_| StandardNormal.sample(random)).collect();
     let channels = damped.first().map_or(0, |mode| mode.shape.len());
     let turn = Complex::new(0.0, TAU * tone_hz);
     let on = |mode: &DampedMode| mode.input.iter().zip(&weights).map(|(i, w)| i * *w).sum::<Complex<f64>>();
@@ -152,63 +122,6 @@ fn deflection_at(tone_hz: f64, damped: &[DampedMode], forces: &DMatrix<f64>, ran
         (shape / (turn - mode.pole) + shape.conj() / (turn - mode.pole.conj())).re
     };
     (0..channels).map(|channel| damped.iter().map(|mode| part(mode, channel)).sum()).collect()
-}
-
-/// What a step does, as matrices over damped modes, forces and channels.
-struct Step {
-    turn: Vec<Complex<f64>>,
-    /// From forces, real and imaginary: damped modes x forces.
-    gain: [DMatrix<f64>; 2],
-    /// To accelerations: channels x damped modes, for the states' real and imaginary parts.
-    output: [DMatrix<f64>; 2],
-    /// From the present forces: channels x forces.
-    direct: DMatrix<f64>,
-}
-
-impl Step {
-    /// `pace` scales the frequencies.
-    fn new(damped: &[DampedMode], body: &Body, rate: f64, pace: f64) -> Self {
-        let poles: Vec<Complex<f64>> = damped.iter().map(|mode| mode.pole * pace).collect();
-        let turn: Vec<_> = poles.iter().map(|pole| (pole / rate).exp()).collect();
-        let count = damped.first().map_or(0, |mode| mode.input.len());
-        let gain = |mode: usize, force: usize| (turn[mode] - 1.0) / poles[mode] * damped[mode].input[force];
-        // Seconds into the step at which a channel looks.
-        let into: Vec<f64> = (body.sensors.iter()).map(|s| (s.delay_s * rate).ceil() / rate - s.delay_s).collect();
-        // x'' = 2 Re(shape pole² s), and pole input p comes with it; inside the step both have turned on.
-        let seen = |channel: usize, mode: usize| {
-            damped[mode].shape[channel] * poles[mode] * (poles[mode] * into[channel]).exp() * 2.0
-        };
-        let (sensors, modes) = (body.sensors.len(), damped.len());
-        let output = |channel: usize, mode: usize| seen(channel, mode) * poles[mode];
-        let direct = |channel: usize, force: usize| {
-            (0..modes).map(|mode| (seen(channel, mode) * damped[mode].input[force]).re).sum()
-        };
-        Self {
-            gain: [
-                DMatrix::from_fn(modes, count, |i, j| gain(i, j).re),
-                DMatrix::from_fn(modes, count, |i, j| gain(i, j).im),
-            ],
-            output: [
-                DMatrix::from_fn(sensors, modes, |i, j| output(i, j).re),
-                DMatrix::from_fn(sensors, modes, |i, j| -output(i, j).im),
-            ],
-            direct: DMatrix::from_fn(sensors, count, direct),
-            turn,
-        }
-    }
-
-    /// A block of steps: forces x steps in, channels x steps out.
-    fn run(&self, state: &mut [Complex<f64>], forces: &DMatrix<f64>) -> DMatrix<f64> {
-        let mut driven = [&self.gain[0] * forces, &self.gain[1] * forces];
-        for at in 0..forces.ncols() {
-            for (mode, state) in state.iter_mut().enumerate() {
-                let now = *state;
-                *state = self.turn[mode] * now + Complex::new(driven[0][(mode, at)], driven[1][(mode, at)]);
-                (driven[0][(mode, at)], driven[1][(mode, at)]) = (now.re, now.im);
-            }
-        }
-        &self.output[0] * &driven[0] + &self.output[1] * &driven[1] + &self.direct * forces
-    }
 }
 
 impl Recording {
