@@ -15,7 +15,7 @@ const GRAVITY_M_S2: f64 = 9.81;
 /// Elements that a table's segment is cut into, for the truth.
 const CUTS: usize = 3;
 /// Share of a table's lumped mass that goes to the fine nodes beside it, where its own inertia allows.
-const SPREAD: f64 = 0.5;
+const SPREAD: f64 = 0.15;
 
 #[derive(Debug, Clone, Default)]
 pub(super) struct Node {
@@ -143,7 +143,8 @@ impl Body {
         body
     }
 
-    /// Spreads a table's mass over its node and the two beside it; sum, centre and moments of inertia stay.
+    /// Spreads a table's mass over its node and the two beside it; sum, centre and moments of inertia stay. The polar inertia stays
+    /// at the node: in torsion nothing could make up for its spreading.
     fn place_mass(&mut self, node: usize, row: &Segment, above: Option<&Segment>, cuts: usize, spread: f64) {
         let [rotary_x, rotary_y, polar] = row.inertia_kg_m2;
         let mut inertia = row.inertia_kg_m2;
@@ -157,10 +158,9 @@ impl Body {
             let down = share * above_m / (below_m + above_m);
             for (to, part) in [(node - 1, down), (node + 1, share - down)] {
                 self.nodes[to].mass_kg += part * row.mass_top_kg;
-                self.nodes[to].inertia_kg_m2[2] += part * polar;
             }
             left -= share * row.mass_top_kg;
-            inertia = [rotary_x - share * second, rotary_y - share * second, (1.0 - share) * polar];
+            inertia = [rotary_x - share * second, rotary_y - share * second, polar];
         }
         self.nodes[node].mass_kg += left;
         for (sum, part) in self.nodes[node].inertia_kg_m2.iter_mut().zip(inertia) {

@@ -66,7 +66,7 @@ fn nominal_truth_is_the_coarse_table_model() {
         let count = a.frequencies_hz.iter().filter(|f| in_band(f)).count();
         assert!(count >= 7, "{name} has {count} modes in its band");
         for (f, g) in a.frequencies_hz.iter().zip(&b.frequencies_hz).take(count) {
-            assert!((f / g - 1.0).abs() < 4e-3, "{name}: {f} Hz finely, {g} Hz coarsely");
+            assert!((f / g - 1.0).abs() < 5e-3, "{name}: {f} Hz finely, {g} Hz coarsely");
         }
         let [fine_mass, coarse_mass] =
             [&fine, &coarse].map(|b| (b.total_mass_kg(), b.nodes.iter().map(|n| n.mass_kg * n.z_m).sum::<f64>()));

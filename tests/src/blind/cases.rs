@@ -175,14 +175,17 @@ impl Case {
     pub fn truth(&self) -> String {
         let name = |effect: &Effect| {
             let values = effect.parameters().into_iter().map(|(name, value)| format!("{name}={value:.3e}"));
-            let values = values.collect::<Vec<_>>().join(",");
+            let values = match values.collect::<Vec<_>>().join(",") {
+                none if none.is_empty() => none,
+                values => format!("({values})"),
+            };
             let place = match effect.place() {
                 super::effect::Place::Whole => String::new(),
                 super::effect::Place::Height(z_m) => format!("@{z_m:.1}m"),
                 super::effect::Place::Label(label) => format!("@{label}"),
                 super::effect::Place::Frequency(hz) => format!("@{hz:.4}hz"),
             };
-            format!("{}{place}({values})", effect.kind())
+            format!("{}{place}{values}", effect.kind())
         };
         match (self.outside, self.effects.as_slice()) {
             (Some(outside), _) => format!("outside:{outside}"),

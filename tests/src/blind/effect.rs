@@ -2,7 +2,7 @@
 //!
 //! A structure flows in and has the effect when it comes out; written anew from the definitions, not from belfry's code.
 
-use super::body::{Attachment, Body, DOFS};
+use super::body::{Attachment, Body};
 use super::structures::Structure;
 use super::table::channel_name;
 
@@ -203,7 +203,6 @@ impl Effect {
             Self::AxisRotation(angle) => body.elements.iter_mut().for_each(|e| e.axis_deg += angle),
             Self::Outrigger { z_m, stiffness } => {
                 let node = body.nearest_node(z_m);
-                debug_assert!(DOFS == 5);
                 body.springs.extend([(node, 2, stiffness), (node, 3, stiffness)]);
             }
             Self::SensorGain { channel, factor } => body.sensors[channel].factor *= factor,

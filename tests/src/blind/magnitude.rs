@@ -214,7 +214,7 @@ fn turned_or_heard(
             return (apart > 0.05).then_some(Effect::Harmonic(frequency_hz));
         }
         "temperature-stiffness" => {
-            return Some(Effect::TemperatureStiffness(-log_uniform(random, [1e-3, 4e-3])));
+            return Some(Effect::TemperatureStiffness(-log_uniform(random, [4e-4, 1.5e-3])));
         }
         _ => return None,
     };
