@@ -1,5 +1,6 @@
 //! End-to-end tests of Belfry live in `tests/tests`, one file per story a user would tell; here is what they share.
 
+pub mod blind;
 mod canton;
 mod footbridge;
 

@@ -1,0 +1,76 @@
+//! Defects that no effect of the catalogue describes: a diagnosis should say that it knows none that fits.
+
+use rand::{Rng, RngExt};
+
+use super::body::{Attachment, Body};
+use super::magnitude::{Band, SHIFT, Wanted, sized};
+use super::structures::Structure;
+
+/// Their names.
+pub(super) const NAMES: [&str; 5] =
+    ["guy-cable", "one-axis-bending", "jumping-storeys", "secondary-structure", "soil-springs"];
+
+/// Puts a defect into a structure; `None` where this draw cannot be seen.
+pub(super) fn put(name: &str, sound: &Body, structure: &Structure, random: &mut impl Rng) -> Option<Body> {
+    let mut body = sound.clone();
+    let before = Band::of(sound, structure, None)?;
+    let stiff = structure.total_mass_kg() * (std::f64::consts::TAU * before.frequencies_hz[0]).powi(2);
+    let springs = |nodes: Vec<usize>, share: f64| {
+        move |body: &mut Body, size: f64| {
+            let both = nodes.iter().flat_map(|&node| [(node, 0, size), (node, 1, share * size)]);
+            body.springs.extend(both);
+        }
+    };
+    let supported = |nodes: Vec<usize>, share: f64, random: &mut _| {
+        let change = springs(nodes, share);
+        let wanted = Wanted { bounds: [1e-4 * stiff, 1e3 * stiff], change: &change, by_shape: false };
+        let size = sized(sound, structure, &wanted, random)?;
+        let mut body = sound.clone();
+        change(&mut body, size);
+        Some(body)
+    };
+    match name {
+        "guy-cable" => {
+            let z_m = structure.base_m() + structure.height_m() * random.random_range(0.4..0.6);
+            let share = random.random_range(0.2..1.0);
+            return supported(vec![sound.nearest_node(z_m)], share, random);
+        }
+        "soil-springs" => {
+            let below_m = structure.base_m() + 0.2 * structure.height_m();
+            let nodes = (1..sound.nodes.len()).filter(|&node| sound.nodes[node].z_m < below_m);
+            return supported(nodes.collect(), 1.0, random);
+        }
+        "one-axis-bending" => {
+            let left = 1.0 - random.random_range(0.15..0.3);
+            body.elements.iter_mut().for_each(|element| element.bending_n_m2[1] *= left);
+        }
+        "jumping-storeys" => {
+            let mut factors = vec![1.0; structure.segments.len()];
+            for factor in &mut factors {
+                if random.random_bool(0.5) {
+                    *factor = if random.random_bool(0.5) { 1.25 } else { 0.75 };
+                }
+            }
+            body.elements.iter_mut().for_each(|element| element.scale(factors[element.segment]));
+        }
+        "secondary-structure" => {
+            let attachment = |azimuth_deg, frequency_hz| Attachment {
+                z_m: structure.base_m() + 0.6 * structure.height_m(),
+                azimuth_deg,
+                mass_kg: 0.0,
+                frequency_hz,
+                damping_ratio: 0.005,
+            };
+            let mass_kg = structure.total_mass_kg() * random.random_range(0.08..0.15);
+            let frequency_hz = before.frequencies_hz[random.random_range(0..4)] * random.random_range(0.9..1.1);
+            let stiffer = random.random_range(1.0..1.2);
+            for (azimuth_deg, hz) in [(0.0, frequency_hz), (90.0, frequency_hz * stiffer)] {
+                body.attachments.push(Attachment { mass_kg, ..attachment(azimuth_deg, hz) });
+            }
+            return Some(body);
+        }
+        _ => return None,
+    }
+    let after = Band::of(&body, structure, Some(before.frequencies_hz.len()))?;
+    (SHIFT[0]..SHIFT[1]).contains(&before.shift(&after)).then_some(body)
+}

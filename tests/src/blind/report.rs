@@ -1,0 +1,124 @@
+//! The summary of many cases: rates, errors, times and the table of confusions, printed.
+
+use std::collections::BTreeMap;
+
+use super::honesty::Honesty;
+use super::score::{CaseRecord, named_set};
+use super::structures::NAMES;
+
+/// `n of m (p %)` of what can be judged.
+fn rate(judged: impl Iterator<Item = Option<bool>>) -> String {
+    let judged: Vec<bool> = judged.flatten().collect();
+    let yes = judged.iter().filter(|yes| **yes).count();
+    if judged.is_empty() {
+        return "no case".to_owned();
+    }
+    format!("{:.1} % ({yes} of {})", 100.0 * yes as f64 / judged.len() as f64, judged.len())
+}
+
+/// The value below which a share of the values lies.
+fn quantile(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let at = ((values.len() as f64 - 1.0) * share).round();
+    values.get(at.max(0.0) as usize).copied().unwrap_or(f64::NAN)
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Prints the score of all cases.
+pub fn print_summary(records: &[CaseRecord]) {
+    let all = || records.iter();
+    println!("\n{} cases", records.len());
+    for structure in NAMES {
+        let mut sum = Honesty::default();
+        let of_it: Vec<_> = all().filter(|record| record.structure == structure).collect();
+        of_it.iter().for_each(|record| sum.absorb(&record.honesty));
+        if !of_it.is_empty() {
+            let generation: Vec<f64> = of_it.iter().map(|record| record.generation_s).collect();
+            let identify: Vec<f64> = of_it.iter().map(|record| record.identify_s).collect();
+            println!(
+                "{structure:14} {:3} cases | made in {:.2} s, identified in {:.2} s | {}",
+                of_it.len(),
+                mean(&generation),
+                mean(&identify),
+                sum.line()
+            );
+        }
+    }
+    if all().all(|record| record.diagnosis.is_none()) {
+        return;
+    }
+    let row = |what: &str, figure: String| println!("{what:56} {figure}");
+    row("truth named first", rate(all().map(CaseRecord::first_right)));
+    let sizes: Vec<f64> = all()
+        .filter(|record| record.first_right().is_some())
+        .filter_map(|record| record.diagnosis.as_ref())
+        .map(|diagnosis| named_set(diagnosis).len() as f64)
+        .collect();
+    let size = format!(", mean set size {:.2}", mean(&sizes));
+    row("truth inside the named set", rate(all().map(CaseRecord::in_set)) + &size);
+    row("false alarms on sound structures", rate(all().map(CaseRecord::false_alarm)));
+    row("outside the catalogue: unknown", rate(all().map(CaseRecord::known_unknown)));
+    row("right effect removed: unknown", rate(all().map(CaseRecord::unknown_without)));
+    row("pairs, both recovered", rate(all().map(CaseRecord::both_found)));
+    let located: Vec<(f64, f64)> =
+        all().filter_map(|record| record.location_error_m().map(|error| (error, error / record.height_m))).collect();
+    let (mut metres, mut shares): (Vec<f64>, Vec<f64>) = located.into_iter().unzip();
+    row(
+        "location error, median and 90 %",
+        format!(
+            "{:.1} m and {:.1} m; {:.1} % and {:.1} % of the height ({} cases)",
+            quantile(&mut metres, 0.5),
+            quantile(&mut metres, 0.9),
+            100.0 * quantile(&mut shares, 0.5),
+            100.0 * quantile(&mut shares, 0.9),
+            metres.len()
+        ),
+    );
+    let z: Vec<f64> = all().flat_map(CaseRecord::parameter_z).collect();
+    row("parameters within 2 stated deviations", rate(z.iter().map(|z| Some(z.abs() <= 2.0))));
+    let added = || all().filter(|record| record.error_after.is_some());
+    let before: Vec<f64> = added().map(|record| record.error_before).collect();
+    let after: Vec<f64> = added().filter_map(|record| record.error_after).collect();
+    let floor: Vec<f64> = added().map(|record| record.floor).collect();
+    row(
+        "mean frequency error before, after adding, of scatter",
+        format!("{:.2} %, {:.2} %, {:.2} %", mean(&before), mean(&after), mean(&floor)),
+    );
+    row("it fell tenfold or to 1.3 times the scatter's", rate(all().map(CaseRecord::error_fell)));
+    let seconds: Vec<f64> = all().filter(|record| record.diagnosis.is_some()).map(|record| record.diagnose_s).collect();
+    let slowest = seconds.iter().copied().fold(0.0, f64::max);
+    row("a diagnosis takes, mean and most", format!("{:.2} s, {slowest:.2} s", mean(&seconds)));
+    let failures = all().map(|record| record.failures.len()).sum::<usize>();
+    row("commands that failed", failures.to_string());
+    print_confusions(records);
+}
+
+/// Truth by truth, what was said and how often.
+fn print_confusions(records: &[CaseRecord]) {
+    let mut table: BTreeMap<String, BTreeMap<String, usize>> = BTreeMap::new();
+    for (truth, named) in records.iter().filter_map(CaseRecord::confusion) {
+        *table.entry(truth).or_default().entry(named).or_default() += 1;
+    }
+    println!("\ntruth: named (times)");
+    for (truth, said) in table {
+        let mut said: Vec<_> = said.into_iter().collect();
+        said.sort_by_key(|(_, times)| std::cmp::Reverse(*times));
+        let said: Vec<String> = said.into_iter().map(|(named, times)| format!("{named} {times}")).collect();
+        println!("{truth:28} {}", said.join(", "));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_leave_out_what_cannot_be_judged() {
+        assert_eq!(rate([Some(true), None, Some(false), Some(true)].into_iter()), "66.7 % (2 of 3)");
+        assert_eq!(rate(std::iter::empty()), "no case");
+        assert_eq!(quantile(&mut [3.0, 1.0, 2.0], 0.5), 2.0);
+    }
+}
