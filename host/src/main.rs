@@ -3,7 +3,10 @@
 use std::io::Write;
 use std::process::ExitCode;
 
-use belfry_host::command::{Console, compare, covalidate, demo, diagnose, export, identify, init, simulate, update};
+use belfry_host::command::{
+    Console, add, compare, covalidate, demo, diagnose, effects, export, history, identify, init, remove, simulate,
+    update,
+};
 use clap::{Parser, Subcommand};
 
 /// Finds how a tall structure moves, and why its model is wrong
@@ -18,6 +21,7 @@ Examples:
   belfry init canton --template canton    a study of the Canton Tower
   belfry identify canton                  its modes
   belfry compare canton                   its model against the measured modes
+  belfry diagnose canton                  which physical effect the model lacks
   belfry help init                        what a command does, with examples
 
 Exit status: 0 done, 1 failed, 2 wrong usage."
@@ -40,6 +44,10 @@ enum Command {
     Update(update::Arguments),
     Covalidate(covalidate::Arguments),
     Diagnose(diagnose::Arguments),
+    Add(add::Arguments),
+    Remove(remove::Arguments),
+    History(history::Arguments),
+    Effects(effects::Arguments),
     Export(export::Arguments),
 }
 
@@ -55,6 +63,10 @@ fn main() -> ExitCode {
         Command::Update(arguments) => update::run(arguments, &console),
         Command::Covalidate(arguments) => covalidate::run(arguments, &console),
         Command::Diagnose(arguments) => diagnose::run(arguments, &console),
+        Command::Add(arguments) => add::run(arguments, &console),
+        Command::Remove(arguments) => remove::run(arguments, &console),
+        Command::History(arguments) => history::run(arguments, &console),
+        Command::Effects(arguments) => effects::run(arguments, &console),
         Command::Export(arguments) => export::run(arguments, &console),
     };
     match outcome {

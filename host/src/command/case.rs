@@ -6,9 +6,10 @@ use anyhow::{Context, bail};
 
 use super::Console;
 use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, compare, pair};
-use crate::diagnose::{Problem, Signals};
+use crate::diagnose::Signals;
+use crate::diagnose::steps::Setting;
 use crate::measured::{MeasuredModes, read};
-use crate::model::{Assembly, Body, LoadedModel, load};
+use crate::model::{Assembly, Body, LoadedModel, Structure, load};
 use crate::study::{Sensor, Study};
 
 /// A study's model against its measured modes.
@@ -17,6 +18,8 @@ pub(super) struct Case {
     pub(super) model: LoadedModel,
     pub(super) sensors: Vec<Sensor>,
     pub(super) measured: MeasuredModes,
+    /// The structure as first given.
+    bare: Structure,
     /// The model with the study's effects.
     pub(super) assembly: Assembly,
     pub(super) view: ModelView,
@@ -53,7 +56,8 @@ impl Case {
             console.warn(warning);
         }
         let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
-        Ok(Self { study, model, sensors, measured, assembly, view, tolerance })
+        let bare = model.bare();
+        Ok(Self { study, model, sensors, measured, bare, assembly, view, tolerance })
     }
 
     /// The model as first given, seen by the same sensors.
@@ -90,13 +94,15 @@ impl Case {
         compare(&self.view, &self.measured.modes, &self.sensors, self.tolerance.as_ref())
     }
 
-    /// What `belfry diagnose` starts from.
-    pub(super) fn problem(&self) -> anyhow::Result<Problem> {
-        let section = self.study.model.as_ref().context("the study has no [model]")?;
-        // Sensors that have no place take no part where no shape was measured.
-        let sensors = if self.view.at_sensors.nrows() == 0 { &[][..] } else { &self.sensors };
-        let (bare, effects) = (self.model.bare(), &self.model.effects);
-        Ok(Problem::new(bare, effects, section, sensors, &self.measured.modes)?)
+    /// What `belfry diagnose` and `belfry add` start from.
+    pub(super) fn setting(&self) -> anyhow::Result<Setting<'_>> {
+        let model = self.study.model.as_ref().context("the study has no [model]")?;
+        Ok(Setting { bare: &self.bare, model, sensors: self.seen_sensors(), measured: &self.measured.modes })
+    }
+
+    /// The sensors that take part: those without a place take none where no shape was measured.
+    pub(super) fn seen_sensors(&self) -> &[Sensor] {
+        if self.view.at_sensors.nrows() == 0 { &[] } else { &self.sensors }
     }
 
     /// What identification has seen besides modes; nothing for modes of other tools.

@@ -8,11 +8,15 @@ use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use super::Console;
 use super::case::{Case, write_json};
 use super::identify::align_right;
+use super::steps::{append_history, entries, starting_record};
+use crate::diagnose::steps::{Step, StepRecord};
 use crate::diagnose::{Diagnosis, Estimate, Options, Verdict, diagnose};
 use crate::model::effect;
+use crate::study::edit::set_effects;
 
 const EXAMPLES: &str = "Examples:
   belfry diagnose canton                       after `belfry identify canton`
+  belfry diagnose canton --auto                adds and drops effects until nothing is gained
   belfry diagnose canton --without p-delta     as if an effect were not in the catalogue
   belfry diagnose canton --json
 
@@ -20,7 +24,8 @@ Every effect of the catalogue (belfry effects), at every height, channel or node
 between model and measurement it explains beyond what measurement noise and the model's own tolerance (background_stiffness
 and background_mass in [model]) allow. The best are refitted. ln B is the logarithm of the evidence over the present model:
 3 is 20 to 1. p is the probability of as much misfit as is left, were the effect all that is missing.
-Writes diagnosis.json into `results`; changes nothing else.";
+Writes diagnosis.json into `results`. With --auto the best effect is added, those that it makes needless are dropped, and so
+on until nothing gains 20 to 1; study.toml and the history change as by `belfry add`, and what is printed is the final state.";
 
 /// Rank the physical effects that the model could lack
 #[derive(Debug, Args)]
@@ -32,6 +37,9 @@ pub struct Arguments {
     /// Leave a kind of effect out; repeat for more
     #[arg(long, value_name = "KIND", value_parser = kind)]
     pub without: Vec<String>,
+    /// Add and drop effects until nothing is gained
+    #[arg(long)]
+    pub auto: bool,
 }
 
 /// The name of a kind.
@@ -45,14 +53,46 @@ fn kind(text: &str) -> Result<String, String> {
 /// When the study, its model or its modes cannot be read, or do not go together.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let case = Case::load(&arguments.study, console)?;
+    let case = if arguments.auto { auto(case, &arguments.without, console)? } else { case };
     let diagnosis = diagnose_case(&case, &arguments.without, console)?;
+    if arguments.auto {
+        let study = case.study.folder.display();
+        console.say(format!("      belfry history {study}     how the error fell, step by step"));
+    }
     console.json(&diagnosis)
+}
+
+/// Adds and drops effects until nothing is gained; the study as it is then.
+pub(super) fn auto(case: Case, without: &[String], console: &Console) -> anyhow::Result<Case> {
+    let mut records: Vec<StepRecord> = starting_record(&case)?.into_iter().collect();
+    let options = Options { without: without.to_vec() };
+    let mut last = None;
+    let mut tell = |step: &Step| {
+        let record = &step.record;
+        console.say(format!(
+            "{}: chi-squared {:.0} over {} numbers, frequency error {:.2} %",
+            step.action, record.chi_squared, record.degrees_of_freedom, record.mean_abs_frequency_error_percent
+        ));
+        records.push(record.clone());
+        last = Some(entries(&step.effects));
+    };
+    case.setting()?.auto(&case.model.effects, &case.signals()?, &options, &mut tell)?;
+    if let Some(entries) = last {
+        set_effects(&case.study.folder, &entries)?;
+    } else {
+        console.say("No effect gains 20 to 1; the model stays as it is.");
+    }
+    append_history(&case.study, &records)?;
+    Case::load(&case.study.folder.clone(), console)
 }
 
 /// Diagnoses, tells and stores.
 pub(super) fn diagnose_case(case: &Case, without: &[String], console: &Console) -> anyhow::Result<Diagnosis> {
     let options = Options { without: without.to_vec() };
-    let diagnosis = diagnose(&case.problem()?, &case.model.effects, &case.signals()?, &options)?;
+    let diagnosis = {
+        let effects = &case.model.effects;
+        diagnose(&case.setting()?.problem(effects)?, effects, &case.signals()?, &options)?
+    };
     tell(&diagnosis, case, console);
     for warning in &diagnosis.warnings {
         console.warn(warning);

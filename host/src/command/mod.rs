@@ -2,17 +2,22 @@
 //!
 //! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
 
+pub mod add;
 mod case;
 pub mod compare;
 pub mod covalidate;
 pub mod demo;
 pub mod diagnose;
+pub mod effects;
 pub mod export;
+pub mod history;
 pub mod identify;
 pub mod init;
 pub mod paper;
+pub mod remove;
 mod route;
 pub mod simulate;
+mod steps;
 mod trends;
 pub mod update;
 

@@ -13,10 +13,16 @@ pub(super) struct Background {
     stiffness: DMatrix<f64>,
     /// Relative changes of mass, segments x numbers.
     mass: DMatrix<f64>,
+    /// Whether the last number says how far masses are spread between the nodes.
+    has_spread: bool,
 }
 
 /// Share of the scatter's variance that is left out.
 const LEFT_OUT: f64 = 1e-4;
+/// A table lumps masses at nodes where a structure has them spread; by how much is not known (one standard deviation of
+/// [`Structure::mass_spread`]). Without it a table's own coarseness would look like masses and losses at its longest
+/// segments.
+const SPREAD: f64 = 0.5;
 /// A segment keeps at least this share of its stiffness and mass.
 const LEAST_FACTOR: f64 = 0.1;
 
@@ -28,7 +34,8 @@ impl Background {
             Body::Matrices(_) => 0,
         };
         let Some(tolerance) = Tolerance::of(structure, model) else {
-            return Self { stiffness: DMatrix::zeros(segments, 0), mass: DMatrix::zeros(segments, 0) };
+            let none = DMatrix::zeros(segments, 0);
+            return Self { stiffness: none.clone(), mass: none, has_spread: false };
         };
         let eigen = tolerance.covariance.clone().symmetric_eigen();
         let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
@@ -53,16 +60,26 @@ impl Background {
             if wanted { directions.rows(first, segments).into_owned() } else { DMatrix::zeros(segments, kept.len()) }
         };
         let has_mass = model.background_mass.is_some_and(|deviation| deviation > 0.0);
-        Self { stiffness: part(has_stiffness, 0), mass: part(has_mass, if has_stiffness { segments } else { 0 }) }
+        Self {
+            stiffness: part(has_stiffness, 0),
+            mass: part(has_mass, if has_stiffness { segments } else { 0 }),
+            has_spread: true,
+        }
     }
 
     /// How many numbers there are.
     pub(super) fn size(&self) -> usize {
+        self.scatter() + usize::from(self.has_spread)
+    }
+
+    /// How many of them scatter segments.
+    fn scatter(&self) -> usize {
         self.stiffness.ncols()
     }
 
     /// Factors on each segment's stiffness and mass.
     fn factors(&self, numbers: &DVector<f64>) -> [DVector<f64>; 2] {
+        let numbers = numbers.rows(0, self.scatter());
         [&self.stiffness, &self.mass].map(|part| (part * numbers).map(|change| (1.0 + change).max(LEAST_FACTOR)))
     }
 
@@ -76,15 +93,19 @@ impl Background {
                 segment.scale_stiffness(stiffness[index]);
                 segment.scale_mass(mass[index]);
             }
+            if self.has_spread {
+                structure.mass_spread += SPREAD * numbers[self.scatter()];
+            }
         }
     }
 
-    /// From derivatives by each segment's relative stiffness and mass (anything x segments), at the scatter `numbers`, to
-    /// derivatives by the numbers.
+    /// From derivatives by each segment's relative stiffness and mass (anything x segments) and by the spread of masses, at
+    /// the scatter `numbers`, to derivatives by the numbers.
     pub(super) fn chain(
         &self,
         by_stiffness: &DMatrix<f64>,
         by_mass: &DMatrix<f64>,
+        by_spread: &DVector<f64>,
         numbers: &DVector<f64>,
     ) -> DMatrix<f64> {
         let [stiffness, mass] = self.factors(numbers);
@@ -95,6 +116,13 @@ impl Background {
             }
             part
         };
-        by_stiffness * over(&self.stiffness, &stiffness) + by_mass * over(&self.mass, &mass)
+        let scattered = by_stiffness * over(&self.stiffness, &stiffness) + by_mass * over(&self.mass, &mass);
+        if !self.has_spread {
+            return scattered;
+        }
+        let last = scattered.ncols();
+        let mut chained = scattered.insert_column(last, 0.0);
+        chained.set_column(last, &(by_spread * SPREAD));
+        chained
     }
 }

@@ -12,7 +12,7 @@ use crate::model::effect::{Effect, Where};
 pub struct Fit {
     pub(super) state: State,
     pub(super) knobs: Vec<Knob>,
-    /// Derivatives of the differences by the knobs (in units of their scale) and the background's numbers.
+    /// Derivatives of the differences by the knobs (in units of their scale) and the background's numbers, by weight.
     pub(super) jacobian: DMatrix<f64>,
     /// Covariance of knobs (in units of their scale) and background.
     covariance: DMatrix<f64>,
@@ -42,8 +42,8 @@ const MOST_DAMPING: f64 = 1e8;
 impl Problem {
     /// Fits effects, from the values they have, and the background from `numbers`; `knobs` say what is free.
     ///
-    /// Levenberg-Marquardt within bounds on `|r|² + |b|²` (Nocedal and Wright 2006, section 10.3); a knob at a bound stays
-    /// there while the cost falls outwards.
+    /// Levenberg-Marquardt within bounds (Nocedal and Wright 2006, section 10.3) on the misfit, its squares weighted anew in
+    /// every step, and `|b|²`; a knob at a bound stays there while the cost falls outwards.
     pub(super) fn fit(
         &self,
         effects: Vec<Effect>,
@@ -70,8 +70,10 @@ impl Problem {
     fn step(&self, state: &State, knobs: &[Knob], jacobian: &DMatrix<f64>, damping: &mut f64) -> Option<State> {
         let (count, before) = (knobs.len(), cost(state));
         let size = jacobian.ncols();
-        let mut gradient = jacobian.tr_mul(&state.differences());
-        let mut curvature = jacobian.tr_mul(jacobian);
+        let weights = state.weights();
+        let weighted = weighted(jacobian, &weights);
+        let mut gradient = weighted.tr_mul(&state.differences().component_mul(&weights));
+        let mut curvature = weighted.tr_mul(&weighted);
         for index in count..size {
             gradient[index] += state.numbers[index - count];
             curvature[(index, index)] += 1.0;
@@ -126,6 +128,7 @@ impl Problem {
 
     fn finish(&self, state: State, knobs: Vec<Knob>, jacobian: DMatrix<f64>) -> Result<Fit, String> {
         let (count, size) = (knobs.len(), jacobian.ncols());
+        let jacobian = weighted(&jacobian, &state.weights());
         let information = jacobian.tr_mul(&jacobian);
         let with_prior = &information + DMatrix::identity(size, size);
         let factor = Cholesky::new(with_prior).ok_or("the fit is not determined")?;
@@ -145,9 +148,18 @@ impl Problem {
     }
 }
 
-/// Squared differences, and what the background's scatter costs.
+/// What differences cost, and what the background's scatter does.
 fn cost(state: &State) -> f64 {
-    state.modes.norm_squared() + state.phases.norm_squared() + state.numbers.norm_squared()
+    state.misfit() + state.numbers.norm_squared()
+}
+
+/// Rows times weights.
+fn weighted(matrix: &DMatrix<f64>, weights: &DVector<f64>) -> DMatrix<f64> {
+    let mut matrix = matrix.clone();
+    for (mut row, weight) in matrix.row_iter_mut().zip(weights.iter()) {
+        row *= *weight;
+    }
+    matrix
 }
 
 impl Fit {
@@ -193,29 +205,34 @@ impl Fit {
     }
 
     /// What of the differences neither the background nor the other effects explain: projects vectors of differences
-    /// (columns) off them, so that lengths are in standard deviations of all that is uncertain. `columns` are derivatives.
-    pub(super) fn marginal(&self, without: Option<usize>) -> Marginal {
+    /// (columns) off them, so that lengths are in standard deviations of all that is uncertain. Differences are weighted as
+    /// in the fit.
+    pub(super) fn marginal(&self) -> Marginal {
         let count = self.knobs.len();
-        let kept: Vec<usize> = (0..self.jacobian.ncols())
-            .filter(|&column| self.knobs.get(column).is_none_or(|knob| Some(knob.effect) != without))
-            .collect();
-        let jacobian = self.jacobian.select_columns(&kept);
-        let mut curvature = jacobian.tr_mul(&jacobian);
-        for (row, &column) in kept.iter().enumerate() {
-            curvature[(row, row)] += if column < count { 1e-12 } else { 1.0 };
+        let mut curvature = self.jacobian.tr_mul(&self.jacobian);
+        for index in 0..curvature.nrows() {
+            curvature[(index, index)] += if index < count { 1e-12 } else { 1.0 };
         }
-        Marginal { factor: Cholesky::new(curvature), jacobian }
+        Marginal { factor: Cholesky::new(curvature), jacobian: self.jacobian.clone(), weights: self.state.weights() }
     }
 }
 
 /// Differences seen through what else is uncertain.
 pub(super) struct Marginal {
     jacobian: DMatrix<f64>,
+    /// Square roots of the weights of differences.
+    pub(super) weights: DVector<f64>,
     factor: Option<Cholesky<f64, nalgebra::Dyn>>,
 }
 
 impl Marginal {
-    /// `P g`, P = I - J (JᵀJ + D)⁻¹ Jᵀ with D the prior's precision: whitened by measurement, background and other effects.
+    /// Columns by weight.
+    pub(super) fn weigh(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        weighted(columns, &self.weights)
+    }
+
+    /// `P g`, P = I - J (JᵀJ + D)⁻¹ Jᵀ with D the prior's precision, of columns by weight: whitened by measurement,
+    /// background and other effects.
     pub(super) fn project(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         match &self.factor {
             Some(factor) => columns - &self.jacobian * factor.solve(&self.jacobian.tr_mul(columns)),

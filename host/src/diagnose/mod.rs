@@ -17,13 +17,13 @@
 
 mod background;
 mod fit;
-//pub mod held_out;
+pub mod held_out;
 mod problem;
 mod search;
 mod settle;
-pub mod signals;
+mod signals;
 mod state;
-//pub mod steps;
+pub mod steps;
 #[cfg(test)]
 mod tests;
 mod verdict;
@@ -31,5 +31,5 @@ mod verdict;
 pub use fit::{Estimate, Fit};
 pub use problem::{DiagnoseError, Problem};
 pub use search::Options;
-pub use signals::Signals;
+pub use signals::{Signals, shown_effects};
 pub use verdict::{CandidateReport, Diagnosis, Explained, GoodnessOfFit, Unexplained, Verdict, diagnose};

@@ -76,6 +76,14 @@ pub enum DiagnoseError {
         /// The other.
         other: String,
     },
+    /// The effect explains nothing with an admissible value.
+    #[error(
+        "{effect} explains nothing here with an admissible value: the data ask for the opposite sign, or do not see it; nothing was added"
+    )]
+    NothingGained {
+        /// The effect.
+        effect: String,
+    },
     /// The fit does not reach a structure that stands.
     #[error("with {effects} the structure does not stand: {reason}")]
     NoStructure {

@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::fit::Fit;
+use super::fit::{Fit, Marginal};
 use super::problem::Problem;
 use super::state::{Knob, State};
 use crate::model::Body;
@@ -107,6 +107,22 @@ impl Problem {
         found
     }
 
+    /// One kind, at its best place or at the one that is given.
+    pub(super) fn search_kind(
+        &self,
+        present: &Fit,
+        kind: &'static dyn EffectKind,
+        place: Option<&Where>,
+    ) -> Option<Found> {
+        let candidates = match place {
+            Some(place) => self.candidates_at(kind, vec![Some(place.clone())], present),
+            None => self.candidates(kind, present),
+        };
+        let mut scored = self.score_all(present, &present.marginal(), candidates);
+        scored.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        if scored.is_empty() { None } else { self.refit(present, &scored) }
+    }
+
     /// Refits a kind at its best places, and from there at their neighbours while that gains.
     fn refit(&self, present: &Fit, scored: &[Scored]) -> Option<Found> {
         let mut fits: Vec<(usize, Fit)> = Vec::new();
@@ -205,32 +221,33 @@ impl Problem {
 
     /// Scores every candidate by one linear step: `T = gᵀ P r` over `gᵀ P g` in several dimensions.
     fn score(&self, present: &Fit, options: &Options) -> Vec<Scored> {
-        let marginal = present.marginal(None);
-        let differences = present.state.differences();
+        let marginal = present.marginal();
         let kinds: Vec<&'static dyn EffectKind> = KINDS
             .iter()
             .copied()
             .filter(|kind| shows_in_modes(*kind) && !options.without.iter().any(|name| name == kind.name()))
             .collect();
         let of_kind = |kind: &&'static dyn EffectKind| -> Vec<Scored> {
-            let mut guesses: Vec<f64> = Vec::new();
-            let mut scored = Vec::new();
-            for candidate in self.candidates(*kind, present) {
-                let one = match candidate.parameters.iter().any(Parameter::is_fitted) {
-                    true => self.score_one(present, &marginal, &differences, candidate, &mut guesses),
-                    false => self.score_discrete(present, candidate),
-                };
-                scored.extend(one);
-            }
-            scored
+            self.score_all(present, &marginal, self.candidates(*kind, present))
         };
         kinds.par_iter().flat_map(of_kind).collect()
+    }
+
+    /// Scores candidates of one kind, neighbours after each other.
+    fn score_all(&self, present: &Fit, marginal: &Marginal, candidates: Vec<Candidate>) -> Vec<Scored> {
+        let differences = present.state.differences().component_mul(&marginal.weights);
+        let mut guesses: Vec<f64> = Vec::new();
+        let score = |candidate: Candidate| match candidate.parameters.iter().any(Parameter::is_fitted) {
+            true => self.score_one(present, marginal, &differences, candidate, &mut guesses),
+            false => self.score_discrete(present, candidate),
+        };
+        candidates.into_iter().filter_map(score).collect()
     }
 
     fn score_one(
         &self,
         present: &Fit,
-        marginal: &super::fit::Marginal,
+        marginal: &Marginal,
         differences: &DVector<f64>,
         candidate: Candidate,
         guesses: &mut Vec<f64>,
@@ -254,7 +271,7 @@ impl Problem {
             })
             .collect();
         *guesses = knobs.iter().map(|knob| knob.step).collect();
-        let columns = DMatrix::from_columns(&columns?);
+        let columns = marginal.weigh(&DMatrix::from_columns(&columns?));
         let projected = marginal.project(&columns);
         let information = columns.tr_mul(&projected);
         // What the background or effects in the model explain as well is no effect of its own.
@@ -291,14 +308,23 @@ impl Problem {
     fn score_discrete(&self, present: &Fit, candidate: Candidate) -> Option<Scored> {
         let mut effects = present.state.effects.clone();
         effects.push(candidate.effect(&[])?);
-        let before = present.state.differences().norm_squared();
+        let before = present.state.misfit();
         let state = self.state(effects, present.state.numbers.clone(), Some(&present.state)).ok()?;
-        let gain = 0.5 * (before - state.differences().norm_squared());
+        let gain = 0.5 * (before - state.misfit());
         Some(Scored { candidate, gain, knobs: Vec::new(), values: Vec::new() })
     }
 
     /// An effect of a kind at every place.
     fn candidates(&self, kind: &'static dyn EffectKind, present: &Fit) -> Vec<Candidate> {
+        self.candidates_at(kind, self.places(kind, present), present)
+    }
+
+    fn candidates_at(
+        &self,
+        kind: &'static dyn EffectKind,
+        places: Vec<Option<Where>>,
+        present: &Fit,
+    ) -> Vec<Candidate> {
         let has = |place: Option<&Where>| {
             present.state.effects.iter().any(|effect| effect.of_kind() == kind && effect.place() == place)
         };
@@ -306,7 +332,7 @@ impl Problem {
         let plain: Vec<&'static [Parameter]> =
             sets.iter().copied().filter(|set| set.iter().all(Parameter::is_fitted)).collect();
         let mut candidates = Vec::new();
-        for place in self.places(kind, present) {
+        for place in &places {
             if has(place.as_ref()) {
                 continue;
             }
@@ -330,7 +356,8 @@ impl Problem {
                 let z_m = rounded(middle(&trio[1]));
                 let length_m = rounded(2.02 * (middle(&trio[2]) - z_m).max(z_m - middle(&trio[0])));
                 let place = Some(Where::Height(z_m));
-                if !has(place.as_ref()) {
+                // At one place the user has the segments there in mind.
+                if places.len() > 1 && !has(place.as_ref()) {
                     let given = at.map(|at| (at, length_m)).into_iter().collect();
                     candidates.push(Candidate { kind, place, parameters, given });
                 }

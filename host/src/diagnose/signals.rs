@@ -73,6 +73,11 @@ pub(super) struct Signal {
 const KURTOSIS_OF_A_MODE: f64 = 3.0;
 const KURTOSIS_OF_A_TONE: f64 = 1.5;
 
+/// The effects that signals show, but those that the model has.
+pub fn shown_effects(signals: &Signals, present: &[Effect]) -> Vec<Effect> {
+    shown(signals, present, &[]).into_iter().map(|signal| signal.effect).collect()
+}
+
 /// All effects that signals show, but those that the model has.
 pub(super) fn shown(signals: &Signals, present: &[Effect], without: &[String]) -> Vec<Signal> {
     let mut shown = Vec::new();

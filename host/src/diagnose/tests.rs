@@ -77,10 +77,13 @@ fn derivatives_are_those_of_the_differences() {
     let effects = effects(&words);
     let numbers = DVector::from_fn(problem.background.size(), |_, _| 0.3 * normal(&mut random));
     let state = problem.state(effects.clone(), numbers.clone(), None).unwrap();
+    let modes = state.modes.len();
     let close = |exact: &DVector<f64>, slope: &DVector<f64>, name: &str| {
-        let error = (exact - slope).norm() / exact.norm();
-        // How phases of a late clock follow the structure is left out, and the weight of the background's mass.
-        assert!(error < 0.08, "{name}: off by {error:.3} of {:.3e}", exact.norm());
+        // How the phases of a late clock follow the structure is left out.
+        let rows = if name.starts_with("clock") { exact.len() } else { modes };
+        let error = (exact.rows(0, rows) - slope.rows(0, rows)).norm() / exact.rows(0, rows).norm();
+        // One-sided differences, and the weight that the background's mass has on what is below it.
+        assert!(error < 0.05, "{name}: off by {error:.3} of {:.3e}", exact.norm());
     };
     let by_background = state.by_background(&problem);
     for index in 0..numbers.len() {

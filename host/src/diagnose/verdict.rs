@@ -345,7 +345,7 @@ fn signal_report(signal: &Signal) -> CandidateReport {
 /// Effects that the data cannot tell from the best: within 20 to 1 of its evidence, or predicting the same and not
 /// refuted by the test of fit.
 fn twins<'a>(problem: &Problem, present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found> {
-    let marginal = present.marginal(None);
+    let marginal = present.marginal();
     let single: Vec<bool> = rows_of_single_modes(present);
     let direction = |fit: &Fit| {
         let mut moved = fit.state.differences() - present.state.differences();
@@ -354,7 +354,7 @@ fn twins<'a>(problem: &Problem, present: &Fit, best: &Found, others: &'a [Found]
                 *value = 0.0;
             }
         }
-        let columns = nalgebra::DMatrix::from_columns(&[moved]);
+        let columns = marginal.weigh(&nalgebra::DMatrix::from_columns(&[moved]));
         marginal.project(&columns).column(0).into_owned()
     };
     let along = direction(&best.fit);

@@ -2,6 +2,7 @@
 
 mod comparison;
 mod covalidation;
+mod history;
 mod shapes;
 mod singular;
 mod trends;
@@ -11,6 +12,7 @@ use thiserror::Error;
 
 pub use comparison::comparison;
 pub use covalidation::{Curves, Prediction, covalidation};
+pub use history::history;
 pub use shapes::{TrueShape, mode_shapes};
 pub use singular::singular_values;
 pub use trends::trends;

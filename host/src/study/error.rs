@@ -26,6 +26,14 @@ impl fmt::Display for Place {
 /// Why a study cannot be used.
 #[derive(Debug, Error)]
 pub enum StudyError {
+    /// The file cannot be written.
+    #[error("{file}: cannot be written ({source})", file = .file.display())]
+    Write {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// The file is absent or unreadable.
     #[error("cannot read {}; name a study's folder, or make a new study with `belfry init`", file.display())]
     Read {

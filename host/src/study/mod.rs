@@ -3,6 +3,7 @@
 //! Text flows in, validated types flow out; every error names the file, the line and what was expected.
 
 mod check;
+pub mod edit;
 mod error;
 mod parse;
 mod section;

@@ -1,0 +1,95 @@
+//! How well a model predicts what it was not fitted to: a sensor left out, a mode left out.
+//!
+//! Misfit falls with every effect that is added, right or wrong; the error on what was left out falls only with what is true
+//! of the structure.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::fit::Fit;
+use super::problem::Problem;
+use super::state::State;
+use crate::model::effect::{Effect, Place, Where};
+
+/// Errors on what was left out.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct HeldOut {
+    /// Root mean square over modes and sensors, each left out in turn, of predicted less measured motion, in percent of the
+    /// measured; `None` where no shape, or too few sensors, were measured.
+    pub sensor_error_percent: Option<f64>,
+    /// Mean absolute error of the frequency of each mode, left out in turn.
+    pub mode_error_percent: Option<f64>,
+}
+
+/// Leaves out each sensor and each mode in turn, refits the effects of `fit`, and predicts what was left out from the model
+/// with its effects and without the fitted scatter.
+pub fn held_out(problem: &Problem, fit: &Fit) -> HeldOut {
+    let sensors: Vec<usize> =
+        (0..problem.sensors.len()).filter(|&sensor| is_predictable(problem, fit, sensor)).collect();
+    let squares: Vec<(f64, f64)> =
+        sensors.par_iter().filter_map(|&sensor| sensor_squares(problem, fit, sensor)).collect();
+    let (error, measured) = squares.iter().fold((0.0, 0.0), |sum, square| (sum.0 + square.0, sum.1 + square.1));
+    let modes: Vec<f64> =
+        (0..problem.measured.len()).into_par_iter().filter_map(|mode| mode_error(problem, fit, mode)).collect();
+    HeldOut {
+        sensor_error_percent: (measured > 0.0).then(|| 100.0 * (error / measured).sqrt()),
+        mode_error_percent: (!modes.is_empty()).then(|| 100.0 * modes.iter().sum::<f64>() / modes.len() as f64),
+    }
+}
+
+/// A sensor that has an effect of its own cannot be predicted without it having been seen.
+fn is_predictable(problem: &Problem, fit: &Fit, sensor: usize) -> bool {
+    let sensor = &problem.sensors[sensor];
+    let alone = |node: u16| problem.sensors.iter().filter(|other| other.node == node).count() == 1;
+    fit.effects().iter().all(|effect| match effect.place() {
+        Some(Where::Channels(channels)) => !channels.contains(&sensor.channel),
+        Some(&Where::Node(node)) => node != sensor.node || !alone(node),
+        _ => effect.of_kind().place() != Place::Channel,
+    })
+}
+
+/// The model of a fit without its scatter.
+fn without_scatter(problem: &Problem, effects: &[Effect]) -> Option<State> {
+    problem.state(effects.to_vec(), DVector::zeros(problem.background.size()), None).ok()
+}
+
+fn refitted(problem: &Problem, fit: &Fit) -> Option<Vec<Effect>> {
+    if fit.knobs.is_empty() {
+        return Some(fit.effects().to_vec());
+    }
+    let fit = problem.fit(fit.effects().to_vec(), &fit.knobs, &fit.state.numbers, None).ok()?;
+    Some(fit.effects().to_vec())
+}
+
+/// Squared error and squared measured motion at a sensor over all modes: `y_d = chi_d (chi_sᵀ chi_s)⁻¹ chi_sᵀ y_s` (Lei, Wang,
+/// Shen 2012, eq. 16) with the paired modes' shapes, each measured shape a sample.
+fn sensor_squares(problem: &Problem, fit: &Fit, sensor: usize) -> Option<(f64, f64)> {
+    let effects = refitted(&problem.without_sensors(&[sensor]), fit)?;
+    let state = without_scatter(problem, &effects)?;
+    let models: Vec<usize> = state.pairs.iter().map(|pair| pair.model).collect();
+    let shapes = state.view.at_sensors.select_columns(&models);
+    let mut sum = (0.0, 0.0);
+    for (index, mode) in problem.measured.iter().enumerate() {
+        let Some(shape) = &mode.shape else { continue };
+        let Some(at) = shape.sensors.iter().position(|other| *other == sensor) else { continue };
+        let kept: Vec<usize> = (0..shape.sensors.len()).filter(|&row| row != at).collect();
+        let rows: Vec<usize> = kept.iter().map(|&row| shape.sensors[row]).collect();
+        // With fewer sensors than modes a mode's own shape has to do.
+        let columns: Vec<usize> = if rows.len() > models.len() { (0..models.len()).collect() } else { vec![index] };
+        let seen: DMatrix<f64> = shapes.select_rows(&rows).select_columns(&columns);
+        let measured = shape.values.normalize();
+        let Ok(share) = seen.svd(true, true).solve(&measured.select_rows(&kept), 1e-10) else { continue };
+        let predicted = (shapes.row(sensor).select_columns(&columns) * share)[0];
+        sum.0 += (predicted - measured[at]).powi(2);
+        sum.1 += measured[at].powi(2);
+    }
+    (sum.1 > 0.0).then_some(sum)
+}
+
+/// Relative error of the frequency of a mode that was left out.
+fn mode_error(problem: &Problem, fit: &Fit, mode: usize) -> Option<f64> {
+    let effects = refitted(&problem.without_mode(mode)?, fit)?;
+    let state = without_scatter(problem, &effects)?;
+    Some((state.frequency_of(mode) / problem.measured[mode].frequency_hz - 1.0).abs())
+}

@@ -1,0 +1,245 @@
+//! Step by step: adding and dropping effects, refitting all of them together, and what every step makes of the error.
+
+use serde::{Deserialize, Serialize};
+
+use super::fit::{Estimate, Fit};
+use super::held_out::held_out;
+use super::problem::{DiagnoseError, Problem};
+use super::search::{Found, Options};
+use super::signals::{Signals, shown};
+use super::verdict::STANDS_OUT;
+use crate::compare::{ModelView, compare};
+use crate::measured::MeasuredMode;
+use crate::model::Structure;
+use crate::model::effect::{Effect, EffectKind, Where};
+use crate::study::{Model, Sensor};
+
+/// What a diagnosis is made from, whatever effects the model has.
+#[derive(Debug, Clone, Copy)]
+pub struct Setting<'a> {
+    /// The structure as first given.
+    pub bare: &'a Structure,
+    /// How far it is trusted.
+    pub model: &'a Model,
+    /// The sensors that shapes stand at.
+    pub sensors: &'a [Sensor],
+    /// What was measured.
+    pub measured: &'a [MeasuredMode],
+}
+
+/// An effect with its fitted values.
+#[derive(Debug, Clone)]
+pub struct FittedEffect {
+    /// The effect.
+    pub effect: Effect,
+    /// Its values with their deviations.
+    pub parameters: Vec<Estimate>,
+}
+
+/// A step of the history.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StepRecord {
+    /// Counts from 0, the model as first seen.
+    pub step: usize,
+    /// `start`, `add NAME`, `drop NAME` or `replace NAME by NAME`.
+    pub action: String,
+    /// Names of the effects in the model.
+    pub effects: Vec<String>,
+    /// Squared deviations that model, effects and tolerance leave.
+    pub chi_squared: f64,
+    /// Numbers compared less values fitted.
+    pub degrees_of_freedom: usize,
+    /// Probability of as much of a right model.
+    pub p_value: f64,
+    /// Mean absolute frequency error of the model with its effects, without the fitted scatter.
+    pub mean_abs_frequency_error_percent: f64,
+    /// Mean MAC of the same.
+    pub mean_mac: Option<f64>,
+    /// The same with the fitted scatter of the background.
+    pub mean_abs_frequency_error_percent_with_background: f64,
+    /// Mean MAC with it.
+    pub mean_mac_with_background: Option<f64>,
+    /// Error at sensors left out in turn.
+    pub held_out_error_percent: Option<f64>,
+    /// Frequency error of modes left out in turn.
+    pub held_out_mode_error_percent: Option<f64>,
+    /// Modes compared.
+    pub modes: usize,
+}
+
+/// A model with its effects fitted, and what is to be said of the step that led to it.
+pub struct Step {
+    /// What was done.
+    pub action: String,
+    /// The effects of the model now.
+    pub effects: Vec<FittedEffect>,
+    /// Its errors.
+    pub record: StepRecord,
+}
+
+/// More effects than this no record of a dozen modes tells apart.
+const MOST_EFFECTS: usize = 5;
+
+impl Setting<'_> {
+    /// The problem of the model with these effects.
+    ///
+    /// # Errors
+    /// As [`Problem::new`].
+    pub fn problem(&self, effects: &[Effect]) -> Result<Problem, DiagnoseError> {
+        Problem::new(self.bare.clone(), effects, self.model, self.sensors, self.measured)
+    }
+
+    /// The model with effects refitted together.
+    ///
+    /// # Errors
+    /// [`DiagnoseError`] where the data do not determine the effects.
+    pub fn refit(&self, action: &str, effects: &[Effect]) -> Result<Step, DiagnoseError> {
+        let problem = self.problem(effects)?;
+        let fit = problem.fit_present(effects)?;
+        self.step(action, &problem, &fit)
+    }
+
+    /// Adds an effect at a place (the best one where none is given), refitted together with those in the model.
+    ///
+    /// # Errors
+    /// [`DiagnoseError`] where the effect has no place in the structure, or the data do not determine it.
+    pub fn add(
+        &self,
+        effects: &[Effect],
+        kind: &'static dyn EffectKind,
+        place: Option<&Where>,
+    ) -> Result<Step, DiagnoseError> {
+        let problem = self.problem(effects)?;
+        let present = problem.fit_present(effects)?;
+        let found = problem.find(&present, kind, place)?;
+        let added = found.effect().to_string();
+        let with: Vec<Effect> = found.fit.effects().to_vec();
+        // With the effect more modes may find a partner.
+        let problem = self.problem(&with)?;
+        let fit = problem.fit_present(&with)?;
+        self.step(&format!("add {added}"), &problem, &fit)
+    }
+
+    /// Adds and drops effects until nothing is gained: the best addition that gains 20 to 1, then drops what has become
+    /// needless, then tries to put another in the place of each. Every step is told to `tell`.
+    ///
+    /// # Errors
+    /// As [`Setting::refit`].
+    pub fn auto(
+        &self,
+        effects: &[Effect],
+        signals: &Signals,
+        options: &Options,
+        tell: &mut dyn FnMut(&Step),
+    ) -> Result<Vec<Effect>, DiagnoseError> {
+        let mut effects = effects.to_vec();
+        let mut visited: Vec<Vec<String>> = vec![names(&effects)];
+        while effects.len() < MOST_EFFECTS {
+            let problem = self.problem(&effects)?;
+            let present = problem.fit_present(&effects)?;
+            let found = problem.search(&present, options);
+            let Some(best) = found.first().filter(|found| found.log_bayes_factor > STANDS_OUT) else { break };
+            let mut action = format!("add {}", best.effect());
+            effects = best.fit.effects().to_vec();
+            (effects, action) = self.improved(effects, action, options)?;
+            let problem = self.problem(&effects)?;
+            let fit = problem.fit_present(&effects)?;
+            effects = fit.effects().to_vec();
+            tell(&self.step(&action, &problem, &fit)?);
+            if visited.contains(&names(&effects)) {
+                break;
+            }
+            visited.push(names(&effects));
+        }
+        for signal in shown(signals, &effects, &options.without) {
+            if signal.log_bayes_factor > STANDS_OUT {
+                let action = format!("add {}", signal.effect);
+                effects.push(signal.effect);
+                tell(&self.refit(&action, &effects)?);
+            }
+        }
+        Ok(effects)
+    }
+
+    /// Drops what is needless and exchanges what another effect explains better.
+    fn improved(
+        &self,
+        mut effects: Vec<Effect>,
+        mut action: String,
+        options: &Options,
+    ) -> Result<(Vec<Effect>, String), DiagnoseError> {
+        if effects.len() < 2 {
+            return Ok((effects, action));
+        }
+        let problem = self.problem(&effects)?;
+        // The effect added last is what the data ask for; those before it must stand beside it.
+        for index in (0..effects.len() - 1).rev() {
+            let with = problem.fit_present(&effects)?;
+            let mut fewer = effects.clone();
+            let dropped = fewer.remove(index);
+            let Ok(without) = problem.fit_present(&fewer) else { continue };
+            if with.log_evidence() - without.log_evidence() < STANDS_OUT {
+                effects = without.effects().to_vec();
+                action += &format!(", drop {dropped}");
+                continue;
+            }
+            let found = problem.search(&without, options);
+            let Some(other) = found.first().filter(|found| found.effect().to_string() != dropped.to_string()) else {
+                continue;
+            };
+            if other.fit.log_evidence() - with.log_evidence() > STANDS_OUT {
+                action += &format!(", replace {dropped} by {}", other.effect());
+                effects = other.fit.effects().to_vec();
+            }
+        }
+        Ok((effects, action))
+    }
+
+    fn step(&self, action: &str, problem: &Problem, fit: &Fit) -> Result<Step, DiagnoseError> {
+        let effects = fit.effects().to_vec();
+        let structure = self.bare.clone().and(&effects)?;
+        let view = ModelView::of(&structure.assemble(), self.sensors)?;
+        let comparison = compare(&view, problem.measured(), self.sensors, None);
+        let scattered = compare(&fit.state.view, problem.measured(), self.sensors, None);
+        let test = fit.goodness_of_fit();
+        let held_out = held_out(problem, fit);
+        let record = StepRecord {
+            step: 0,
+            action: action.to_owned(),
+            effects: names(&effects),
+            chi_squared: test.chi_squared,
+            degrees_of_freedom: test.degrees_of_freedom,
+            p_value: test.p_value,
+            mean_abs_frequency_error_percent: comparison.mean_abs_frequency_error_percent.unwrap_or(0.0),
+            mean_mac: comparison.mean_mac,
+            mean_abs_frequency_error_percent_with_background: scattered.mean_abs_frequency_error_percent.unwrap_or(0.0),
+            mean_mac_with_background: scattered.mean_mac,
+            held_out_error_percent: held_out.sensor_error_percent,
+            held_out_mode_error_percent: held_out.mode_error_percent,
+            modes: problem.measured().len(),
+        };
+        let fitted = |(index, effect): (usize, &Effect)| FittedEffect {
+            effect: effect.clone(),
+            parameters: fit.estimates(index),
+        };
+        Ok(Step { action: action.to_owned(), effects: effects.iter().enumerate().map(fitted).collect(), record })
+    }
+}
+
+impl Problem {
+    /// An effect fitted at its best place, or at the one that is given.
+    fn find(
+        &self,
+        present: &Fit,
+        kind: &'static dyn EffectKind,
+        place: Option<&Where>,
+    ) -> Result<Found, DiagnoseError> {
+        self.search_kind(present, kind, place).ok_or_else(|| DiagnoseError::NothingGained {
+            effect: place.map_or_else(|| kind.name().to_owned(), |place| format!("{}@{place}", kind.name())),
+        })
+    }
+}
+
+fn names(effects: &[Effect]) -> Vec<String> {
+    effects.iter().map(Effect::to_string).collect()
+}

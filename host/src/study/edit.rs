@@ -1,0 +1,157 @@
+//! Effects in `study.toml`: added, changed and removed; comments, order and everything else stay.
+
+use std::path::Path;
+
+use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, Value, value};
+
+use super::error::StudyError;
+use super::{STUDY_FILE, Study};
+
+/// An effect as it is to stand in `study.toml`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EffectEntry {
+    /// The kind.
+    pub kind: String,
+    /// The part after the @.
+    pub location: Option<String>,
+    /// Parameters: name, value, standard deviation.
+    pub parameters: Vec<(String, f64, Option<f64>)>,
+}
+
+/// Makes `entries` the effects of the study in `folder`; those that are there already keep their place and comments.
+///
+/// The file is written whole beside the old one and put in its place, so that it is never half there.
+///
+/// # Errors
+/// When the file cannot be read or written, or would no longer be a study.
+pub fn set_effects(folder: &Path, entries: &[EffectEntry]) -> Result<(), StudyError> {
+    let file = folder.join(STUDY_FILE);
+    let text = std::fs::read_to_string(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
+    let changed =
+        with_effects(&text, entries).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
+    Study::from_text(&changed, folder)?;
+    let beside = folder.join(format!("{STUDY_FILE}.new"));
+    let written = std::fs::write(&beside, changed).and_then(|()| std::fs::rename(&beside, &file));
+    written.map_err(|source| StudyError::Write { file, source })
+}
+
+fn with_effects(text: &str, entries: &[EffectEntry]) -> Result<String, String> {
+    let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| error.to_string())?;
+    let model = document.get_mut("model").and_then(Item::as_table_like_mut).ok_or("there is no [model]")?;
+    if entries.is_empty() {
+        model.remove("effect");
+        return Ok(document.to_string());
+    }
+    let old = match model.get("effect") {
+        Some(Item::ArrayOfTables(tables)) => tables.clone(),
+        _ => ArrayOfTables::new(),
+    };
+    let mut tables = ArrayOfTables::new();
+    let mut taken = vec![false; old.len()];
+    for entry in entries {
+        let same = |table: &Table| {
+            let text = |key: &str| table.get(key).and_then(Item::as_str);
+            text("kind") == Some(&entry.kind) && text("where") == entry.location.as_deref()
+        };
+        let known = old.iter().enumerate().position(|(index, table)| !taken[index] && same(table));
+        let mut table = match known.and_then(|index| Some((index, old.get(index)?))) {
+            Some((index, table)) => {
+                taken[index] = true;
+                table.clone()
+            }
+            None => Table::new(),
+        };
+        fill(&mut table, entry);
+        tables.push(table);
+    }
+    model.insert("effect", Item::ArrayOfTables(tables));
+    Ok(document.to_string())
+}
+
+/// Writes an effect into its table; values that are there keep their comments.
+fn fill(table: &mut Table, entry: &EffectEntry) {
+    let mut pairs = vec![("kind".to_owned(), Value::from(entry.kind.as_str()))];
+    pairs.extend(entry.location.as_ref().map(|location| ("where".to_owned(), Value::from(location.as_str()))));
+    let single = entry.parameters.len() == 1;
+    for (name, number, std) in &entry.parameters {
+        let name = if single { "value" } else { name };
+        pairs.push((name.to_owned(), float(*number)));
+        if let Some(std) = std {
+            pairs.push((if single { "std".to_owned() } else { format!("{name}_std") }, float(*std)));
+        }
+    }
+    let wanted: Vec<&str> = pairs.iter().map(|(key, _)| key.as_str()).collect();
+    let stale: Vec<String> =
+        table.iter().map(|(key, _)| key.to_owned()).filter(|key| !wanted.contains(&key.as_str())).collect();
+    for key in stale {
+        table.remove(&key);
+    }
+    for (key, mut number) in pairs {
+        if let Some(Item::Value(old)) = table.get(&key) {
+            *number.decor_mut() = old.decor().clone();
+        }
+        table.insert(&key, value(number));
+    }
+}
+
+/// A number with seven digits, with an exponent where it is far from 1: values are known to a few.
+fn float(number: f64) -> Value {
+    let rounded: f64 = format!("{number:.6e}").parse().unwrap_or(number);
+    let text = if rounded == 0.0 || (1e-3..1e7).contains(&rounded.abs()) {
+        format!("{rounded:?}")
+    } else {
+        format!("{rounded:e}")
+    };
+    text.parse().unwrap_or_else(|_| Value::from(number))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STUDY: &str = "# my tower\n[structure]\nname = \"t\" # short\n\n[[setup]]\nname = \"a\"\nfiles = [\"a.npy\"]\nsampling_rate_hz = 50\nunit = \"m/s2\"\n[[setup.sensor]]\nchannel = \"1\"\nnode = 1\n\n[model]\nbeam = \"beam.csv\" # mine\n\n# soil, see report 3\n[[model.effect]]\nkind = \"base-rotation\"\nvalue = 1e-15 # first guess\n";
+
+    fn entry(kind: &str, location: Option<&str>, parameters: &[(&str, f64, Option<f64>)]) -> EffectEntry {
+        let parameters = parameters.iter().map(|(name, value, std)| ((*name).to_owned(), *value, *std)).collect();
+        EffectEntry { kind: kind.to_owned(), location: location.map(str::to_owned), parameters }
+    }
+
+    #[test]
+    fn effects_are_added_changed_and_removed_and_comments_stay() {
+        let base = entry("base-rotation", None, &[("flexibility", 7.2104999e-15, Some(1.5e-16))]);
+        let mass = entry("added-mass", Some("443.6m"), &[("mass", 2e5, None)]);
+        let both = with_effects(STUDY, &[base.clone(), mass.clone()]).unwrap();
+        for kept in ["# my tower", "name = \"t\" # short", "# mine", "# soil, see report 3", "# first guess"] {
+            assert!(both.contains(kept), "{kept} is gone:\n{both}");
+        }
+        assert!(both.contains("value = 7.2105e-15 # first guess") && both.contains("std = 1.5e-16"), "{both}");
+        let study = Study::from_text(&both, Path::new("s")).unwrap();
+        let model = study.model.unwrap();
+        assert_eq!(model.effects.len(), 2);
+        assert_eq!(
+            (model.effects[1].kind.as_str(), model.effects[1].location.as_deref()),
+            ("added-mass", Some("443.6m"))
+        );
+        let effect = crate::model::effect::Effect::from_study(&model.effects[1]).unwrap();
+        assert_eq!(effect.parameters().next().unwrap().1, 2e5);
+
+        let one = with_effects(&both, &[mass]).unwrap();
+        assert!(!one.contains("base-rotation") && one.contains("added-mass"));
+        let none = with_effects(&one, &[]).unwrap();
+        assert!(!none.contains("model.effect") && none.contains("# mine"));
+    }
+
+    #[test]
+    fn two_values_and_none_are_read_back() {
+        let axes =
+            entry("base-rotation", None, &[("flexibility_x", 1e-15, Some(1e-17)), ("flexibility_y", 2e-15, None)]);
+        let swap = entry("sensor-swap", Some("ch01+ch02"), &[]);
+        let text = with_effects(STUDY, &[axes, swap]).unwrap();
+        let model = Study::from_text(&text, Path::new("s")).unwrap().model.unwrap();
+        let effects: Vec<_> =
+            model.effects.iter().map(|effect| crate::model::effect::Effect::from_study(effect).unwrap()).collect();
+        let values: Vec<_> = effects[0].parameters().map(|(parameter, value)| (parameter.name, value)).collect();
+        assert_eq!(values, [("flexibility_x", 1e-15), ("flexibility_y", 2e-15)]);
+        assert_eq!(effects[1].to_string(), "sensor-swap@ch01+ch02");
+    }
+}
