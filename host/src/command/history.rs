@@ -46,7 +46,13 @@ struct Report {
 /// When the study or its history cannot be read, or it has none.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
-    let steps = read_history(&study)?;
+    let steps = show_history(&study, console)?;
+    console.json(&Report { steps })
+}
+
+/// Tells the steps and draws them.
+pub(super) fn show_history(study: &Study, console: &Console) -> anyhow::Result<Vec<StepRecord>> {
+    let steps = read_history(study)?;
     if steps.is_empty() {
         bail!(
             "{}: the model has no history yet; `belfry diagnose {0}` names what it lacks, `belfry add {0} EFFECT` makes the first step",
@@ -54,13 +60,13 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         );
     }
     tell_history(&steps, console);
-    let path = write_result(&study, "history.svg", picture::history(&study.structure.name, &steps)?.as_bytes())?;
+    let path = write_result(study, "history.svg", picture::history(&study.structure.name, &steps)?.as_bytes())?;
     console.say(format!("Picture: {}", path.display()));
-    console.json(&Report { steps })
+    Ok(steps)
 }
 
 /// The steps as a table.
-pub(super) fn tell_history(steps: &[StepRecord], console: &Console) {
+fn tell_history(steps: &[StepRecord], console: &Console) {
     let mut table = Table::new();
     table.load_style(UTF8_FULL_CONDENSED);
     table.set_header(vec![

@@ -9,13 +9,14 @@ use serde::Serialize;
 use super::Console;
 use crate::model::effect::Effect;
 use crate::model::{BeamTable, Structure};
-use crate::simulate::{Options, PlannedRecording, Simulation, Truth, adopt, plan};
+use crate::simulate::{Options, PlannedRecording, Simulation, Truth, adopt, plan, scattered};
 use crate::study::{ModelSource, Study};
 
 const EXAMPLES: &str = "Examples:
   belfry simulate canton --effect base-rotation=7.21e-15 --hours 24 --seed 1
   belfry simulate canton --effect added-mass@443.6m=2e5 --effect mass-scale=0.02 --hours 1 --seed 7 --adopt
   belfry simulate canton --effect base-rotation=flexibility_x=1e-14,flexibility_y=5e-15 --hours 2 --seed 3
+  belfry simulate canton --effect sensor-polarity@ch07 --scatter 0.7 --hours 12 --seed 4 --adopt
   belfry simulate canton --beam tower_as_built.csv --hours 6 --seed 2 --output recordings --force
 
 The structure is clamped at its base unless an effect frees it. It is loaded by white noise at all nodes; the top of the
@@ -40,6 +41,10 @@ pub struct Arguments {
     /// Beam table of the simulated structure [default: the study's model]
     #[arg(long, value_name = "FILE")]
     beam: Option<PathBuf>,
+    /// Scatter the segments, smoothly over the height, this many times as far as background_stiffness and background_mass of
+    /// the study allow in one standard deviation
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = scatter)]
+    scatter: f64,
     /// Damping ratio of every mode
     #[arg(long, default_value_t = Options::default().damping_ratio)]
     damping_ratio: f64,
@@ -77,6 +82,13 @@ struct Recording {
     put_into_study: Option<String>,
 }
 
+fn scatter(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if (0.0..=5.0).contains(&share) => Ok(share),
+        _ => Err("expected a number from 0 to 5".to_owned()),
+    }
+}
+
 fn hours(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(hours) if hours > 0.0 && hours <= 10_000.0 => Ok(hours),
@@ -101,7 +113,17 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if study.model.as_ref().is_some_and(|model| !model.effects.is_empty()) {
         console.warn("the [[model.effect]] of study.toml are not in the simulated structure; name them with --effect");
     }
-    let assembly = Structure::with_effects(BeamTable::read(&beam_file)?, &arguments.effects)?.assemble();
+    let mut beam = BeamTable::read(&beam_file)?;
+    if arguments.scatter > 0.0 {
+        let model = study.model.as_ref().filter(|model| model.background_stiffness.or(model.background_mass).is_some());
+        let model = model.context("--scatter needs background_stiffness or background_mass in [model]")?;
+        beam = scattered(beam, model, arguments.scatter, arguments.seed);
+    }
+    let sensors = study.sensors();
+    for effect in &arguments.effects {
+        effect.check_sensors(&sensors)?;
+    }
+    let assembly = Structure::with_effects(beam, &arguments.effects)?.assemble();
     let planned = plan(&study, arguments.output.as_deref())?;
     let truth_file = arguments.output.as_ref().unwrap_or(&study.folder).join("truth.json");
     refuse_overwriting(arguments, &planned, &truth_file)?;

@@ -11,10 +11,12 @@ use serde::{Deserialize, Serialize};
 use super::Console;
 use super::case::{Case, write_json, write_result};
 use super::compare::mac_text;
+use super::diagnose::p_text;
 use super::identify::align_right;
-use crate::compare::{frequency_z, mac};
+use crate::compare::{ModelView, Pair, frequency_z, mac, pair};
+use crate::model::effect::Effect;
 use crate::model::{Assembly, Body};
-use crate::update::{Problem, Solution, Weights, matrix_market, npy, solve, updated};
+use crate::update::{Hints, Problem, Solution, Weights, hints, matrix_market, npy, solve, updated};
 
 const EXAMPLES: &str = "Examples:
   belfry update canton                              all modes that have a partner
@@ -84,6 +86,12 @@ pub struct UpdateReport {
     pub rotation: Vec<Vec<f64>>,
     /// Effects that were in the model.
     pub effects: Vec<String>,
+    /// What the measured shapes say of the span and the mass of the model.
+    pub hints: Hints,
+    /// Size of Psi (Frobenius norm) in shares of that of the modes' eigenvalues.
+    pub psi_size: f64,
+    /// What each effect in the model spares Psi.
+    pub psi_explained: Vec<PsiExplained>,
     /// What the reader should know.
     pub warnings: Vec<String>,
 }
@@ -97,6 +105,17 @@ pub struct OtherMode {
     pub before_hz: f64,
     /// Its frequency in the updated model.
     pub after_hz: f64,
+}
+
+/// What an effect spares Psi.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct PsiExplained {
+    /// The effect; `all` for all of them together.
+    pub effect: String,
+    /// Size of Psi without it, in shares of the modes' eigenvalues.
+    pub psi_size_without: f64,
+    /// Share of the square of that which the effect explains; negative where Psi grows with it.
+    pub explained: f64,
 }
 
 /// A figure before and after.
@@ -198,7 +217,10 @@ pub(super) fn update_case(case: &Case, weights: &Weights, console: &Console) -> 
             }
         })
         .collect();
-    let report = report(case, &solution, weights, pair_reports, &matrices);
+    let mut report = report(case, &solution, weights, pair_reports, &matrices);
+    report.hints = hints(&case.view, &case.measured.modes, &pairs);
+    report.psi_size = psi_size(&case.view, &pairs, &solution);
+    report.psi_explained = psi_explained(case, weights, report.psi_size);
     for warning in &report.warnings {
         console.warn(warning);
     }
@@ -278,8 +300,91 @@ fn report(
         mean_mac: macs.map(|(before, after)| BeforeAfter { before, after }),
         rotation: rows(&solution.rotation),
         effects: case.effect_names(),
+        hints: Hints { span: Vec::new(), span_p_value: None, orthogonality: None },
+        psi_size: 0.0,
+        psi_explained: Vec::new(),
         warnings,
         pairs,
+    }
+}
+
+/// The Frobenius norm of Psi over that of the used eigenvalues.
+fn psi_size(view: &ModelView, pairs: &[Pair], solution: &Solution) -> f64 {
+    let lambda = |pair: &Pair| (std::f64::consts::TAU * view.modes.frequency_hz[pair.model]).powi(4);
+    solution.psi.norm() / pairs.iter().map(lambda).sum::<f64>().sqrt()
+}
+
+/// How much smaller Psi is for each effect in the model: the update again without it. An effect that does not fit a structure
+/// without the others, or whose absence leaves no pairs, is left out.
+fn psi_explained(case: &Case, weights: &Weights, size: f64) -> Vec<PsiExplained> {
+    let effects = &case.model.effects;
+    let without = |left: &[Effect]| -> Option<f64> {
+        let structure = case.model.bare().and(left).ok()?;
+        let view = ModelView::of(&structure.assemble(), case.seen_sensors()).ok()?;
+        let pairs = pair(&view, &case.measured.modes);
+        let solution = solve(&Problem::of(&view, &case.measured.modes, &pairs, weights)).ok()?;
+        Some(psi_size(&view, &pairs, &solution))
+    };
+    let mut explained = Vec::new();
+    let mut note = |effect: String, psi_size_without: Option<f64>| {
+        if let Some(psi_size_without) = psi_size_without {
+            let explains = 1.0 - (size / psi_size_without).powi(2);
+            explained.push(PsiExplained { effect, psi_size_without, explained: explains });
+        }
+    };
+    for index in 0..effects.len() {
+        let left: Vec<Effect> =
+            effects.iter().enumerate().filter(|(at, _)| *at != index).map(|(_, effect)| effect.clone()).collect();
+        note(effects[index].to_string(), without(&left));
+    }
+    if effects.len() > 1 {
+        note("all".to_owned(), without(&[]));
+    }
+    explained
+}
+
+/// Below this probability shapes are said to differ.
+const SIGNIFICANT: f64 = 0.01;
+
+fn tell_hints(report: &UpdateReport, console: &Console) {
+    console.say("\nWhat Psi says (hints, no diagnosis: that is `belfry diagnose`)");
+    let hints = &report.hints;
+    let outside = hints.span.iter().max_by(|a, b| a.outside_percent.total_cmp(&b.outside_percent));
+    if let (Some(p_value), Some(worst)) = (hints.span_p_value, outside) {
+        let says = if p_value < SIGNIFICANT {
+            "no Psi reaches what is outside; physics or sensors that the model does not have"
+        } else {
+            "within their deviations"
+        };
+        console.say(format!(
+            "  Span: measured shapes lie up to {:.1} % of their length (mode {}) outside that of the model's, p = {}: {says}.",
+            worst.outside_percent,
+            worst.measured,
+            p_text(p_value)
+        ));
+    }
+    if let Some(test) = &hints.orthogonality {
+        let says = if test.p_value < SIGNIFICANT {
+            "the model's mass, or the sensors, are not what they are said to be"
+        } else {
+            "as the model's mass wants them"
+        };
+        console.say(format!(
+            "  Orthogonality by mass: worst between modes {} and {} (cosine {:.3}), p = {}: {says}.",
+            test.worst[0],
+            test.worst[1],
+            test.cosine,
+            p_text(test.p_value)
+        ));
+    }
+    console.say(format!("  Size of Psi: {:.2} % of the eigenvalues.", 100.0 * report.psi_size));
+    for explained in &report.psi_explained {
+        console.say(format!(
+            "  Without {} it is {:.2} %: the effect explains {:.0} % of Psi squared.",
+            if explained.effect == "all" { "any effect" } else { &explained.effect },
+            100.0 * explained.psi_size_without,
+            100.0 * explained.explained
+        ));
     }
 }
 
@@ -339,6 +444,7 @@ fn tell(report: &UpdateReport, case: &Case, console: &Console) {
             report.max_turn_of_other_shapes
         ));
     }
+    tell_hints(report, console);
     console.say("\nPsi in 1/s²:");
     for row in &report.psi {
         console.say(row.iter().map(|value| format!("{value:10.3e}")).collect::<Vec<_>>().join(" "));

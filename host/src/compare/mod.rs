@@ -17,7 +17,7 @@ use crate::study::Sensor;
 
 pub(crate) use pairing::pair_above;
 pub use pairing::{Pair, pair};
-pub(crate) use residual::{Block, Residual, recorded};
+pub(crate) use residual::{Block, Residual, complement, recorded};
 pub use residual::{ChiSquared, chi_squared};
 pub(crate) use result::frequency_z;
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};

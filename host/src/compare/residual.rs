@@ -258,7 +258,7 @@ impl ShapeBlock {
 }
 
 /// An orthonormal basis of what is orthogonal to independent columns.
-fn complement(columns: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+pub(crate) fn complement(columns: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let (size, count) = columns.shape();
     let directions = columns.clone().svd(true, false).u?;
     let outside = DMatrix::identity(size, size) - &directions * directions.transpose();

@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::problem::Problem;
-use super::state::{Knob, State, with_values};
+use super::state::{Knob, Loss, State, with_values};
 use crate::compare::ChiSquared;
 use crate::model::effect::{Effect, Where};
 
@@ -37,7 +37,11 @@ const MOST_ITERATIONS: usize = 25;
 /// deviation.
 const SETTLED: f64 = 0.02;
 const SETTLED_SHARE: f64 = 1e-4;
+/// The same of squares, from where the robust loss takes over.
+const NEAR_SHARE: f64 = 0.05;
 const MOST_DAMPING: f64 = 1e8;
+/// Phases scatter with longer tails than their median tells; squares of up to this mean are typical.
+const TYPICAL_PHASES: f64 = 2.0;
 
 impl Problem {
     /// Fits effects, from the values they have, and the background from `numbers`; `knobs` say what is free.
@@ -53,24 +57,38 @@ impl Problem {
     ) -> Result<Fit, String> {
         let mut state = self.state(effects, numbers.clone(), previous)?;
         let mut jacobian = self.jacobian(&state, knobs)?;
-        let mut damping = 1e-3;
-        for _ in 0..MOST_ITERATIONS {
-            let Some(moved) = self.step(&state, knobs, &jacobian, &mut damping) else { break };
-            let gain = cost(&state) - cost(&moved);
-            state = moved;
-            jacobian = self.jacobian(&state, knobs)?;
-            if gain < SETTLED.max(SETTLED_SHARE * cost(&state)) {
-                break;
+        // The robust loss lets go of what is far off, wherever it starts; squares bring it near first.
+        for loss in [Loss::Squares, Loss::Robust] {
+            let mut damping = 1e-3;
+            for _ in 0..MOST_ITERATIONS {
+                let Some(moved) = self.step(&state, knobs, &jacobian, loss, &mut damping) else { break };
+                let gain = cost(&state, loss) - cost(&moved, loss);
+                state = moved;
+                jacobian = self.jacobian(&state, knobs)?;
+                let settled = match loss {
+                    Loss::Squares => NEAR_SHARE * cost(&state, loss),
+                    Loss::Robust => SETTLED.max(SETTLED_SHARE * cost(&state, loss)),
+                };
+                if gain < settled {
+                    break;
+                }
             }
         }
         self.finish(state, knobs.to_vec(), jacobian)
     }
 
     /// One step that lowers the cost; `None` where there is none.
-    fn step(&self, state: &State, knobs: &[Knob], jacobian: &DMatrix<f64>, damping: &mut f64) -> Option<State> {
-        let (count, before) = (knobs.len(), cost(state));
+    fn step(
+        &self,
+        state: &State,
+        knobs: &[Knob],
+        jacobian: &DMatrix<f64>,
+        loss: Loss,
+        damping: &mut f64,
+    ) -> Option<State> {
+        let (count, before) = (knobs.len(), cost(state, loss));
         let size = jacobian.ncols();
-        let weights = state.weights();
+        let weights = state.weights(loss);
         let weighted = weighted(jacobian, &weights);
         let mut gradient = weighted.tr_mul(&state.differences().component_mul(&weights));
         let mut curvature = weighted.tr_mul(&weighted);
@@ -106,7 +124,7 @@ impl Problem {
                 self.state(with_values(&state.effects, knobs, &values), numbers, Some(state)).ok()
             });
             match moved {
-                Some(moved) if cost(&moved) < before => {
+                Some(moved) if cost(&moved, loss) < before => {
                     *damping = (*damping * 0.1).max(1e-9);
                     return Some(moved);
                 }
@@ -128,7 +146,7 @@ impl Problem {
 
     fn finish(&self, state: State, knobs: Vec<Knob>, jacobian: DMatrix<f64>) -> Result<Fit, String> {
         let (count, size) = (knobs.len(), jacobian.ncols());
-        let jacobian = weighted(&jacobian, &state.weights());
+        let jacobian = weighted(&jacobian, &state.weights(Loss::Robust));
         let information = jacobian.tr_mul(&jacobian);
         let with_prior = &information + DMatrix::identity(size, size);
         let factor = Cholesky::new(with_prior).ok_or("the fit is not determined")?;
@@ -143,14 +161,15 @@ impl Problem {
         let prior: f64 = units.map(|units| units * units).sum();
         // A prior on one side only is twice as high there.
         let one_sided = knobs.iter().filter(|knob| knob.bounds.contains(&knob.neutral)).count();
-        let log_evidence = -0.5 * (cost(&state) + prior + log_determinant) + one_sided as f64 * std::f64::consts::LN_2;
+        let log_evidence =
+            -0.5 * (cost(&state, Loss::Robust) + prior + log_determinant) + one_sided as f64 * std::f64::consts::LN_2;
         Ok(Fit { state, knobs, jacobian, covariance, log_evidence })
     }
 }
 
 /// What differences cost, and what the background's scatter does.
-fn cost(state: &State) -> f64 {
-    state.misfit() + state.numbers.norm_squared()
+fn cost(state: &State, loss: Loss) -> f64 {
+    state.misfit(loss) + state.numbers.norm_squared()
 }
 
 /// Rows times weights.
@@ -175,9 +194,24 @@ impl Fit {
 
     /// Whether what is left is what measurement and tolerance allow: squared differences of modes and the background's
     /// scatter against the numbers compared less the values fitted.
+    ///
+    /// Deviations of shapes have floors, so that hundreds of components would hide what a dozen frequencies or a scatter of
+    /// five deviations say; frequencies, the background's numbers and phases are therefore also tested by themselves. The
+    /// probability is the least of the four, times four.
     pub fn goodness_of_fit(&self) -> ChiSquared {
-        let chi_squared = self.state.modes.norm_squared() + self.state.numbers.norm_squared();
-        ChiSquared::of(chi_squared, self.state.modes.len().saturating_sub(self.knobs.len()).max(1))
+        let state = &self.state;
+        let chi_squared = state.modes.norm_squared() + state.numbers.norm_squared();
+        let all = ChiSquared::of(chi_squared, state.modes.len().saturating_sub(self.knobs.len()).max(1));
+        let frequencies: Vec<f64> = state.residual.blocks().map(|(first, _)| state.modes[first].powi(2)).collect();
+        // Frequencies and the scatter that brings them there belong together: a frequency is bought with scatter.
+        let paid = frequencies.iter().sum::<f64>() + state.numbers.norm_squared();
+        let scatter = ChiSquared::of(state.numbers.norm_squared(), state.numbers.len());
+        let frequencies = ChiSquared::of(paid, frequencies.len() + state.numbers.len());
+        let phases = ChiSquared::of(state.phases.norm_squared() / TYPICAL_PHASES, state.phases.len());
+        let parts = [all, frequencies, scatter, phases];
+        let least =
+            parts.iter().filter(|part| part.degrees_of_freedom > 0).map(|part| part.p_value).fold(1.0, f64::min);
+        ChiSquared { p_value: (least * parts.len() as f64).min(1.0), ..all }
     }
 
     /// The values of an effect, with their standard deviations.
@@ -213,7 +247,11 @@ impl Fit {
         for index in 0..curvature.nrows() {
             curvature[(index, index)] += if index < count { 1e-12 } else { 1.0 };
         }
-        Marginal { factor: Cholesky::new(curvature), jacobian: self.jacobian.clone(), weights: self.state.weights() }
+        Marginal {
+            factor: Cholesky::new(curvature),
+            jacobian: self.jacobian.clone(),
+            weights: self.state.weights(Loss::Robust),
+        }
     }
 }
 

@@ -62,25 +62,24 @@ fn refitted(problem: &Problem, fit: &Fit) -> Option<Vec<Effect>> {
     Some(fit.effects().to_vec())
 }
 
-/// Squared error and squared measured motion at a sensor over all modes: `y_d = chi_d (chi_sᵀ chi_s)⁻¹ chi_sᵀ y_s` (Lei, Wang,
-/// Shen 2012, eq. 16) with the paired modes' shapes, each measured shape a sample.
+/// Squared error and squared measured motion at a sensor over all modes: each measured shape at the other sensors says how
+/// much of the model's shape (of those of close modes together) there is, and that says the motion at the sensor: eq. 16 of
+/// Lei, Wang, Shen (2012), mode by mode, which few sensors determine better than all modes at once.
 fn sensor_squares(problem: &Problem, fit: &Fit, sensor: usize) -> Option<(f64, f64)> {
     let effects = refitted(&problem.without_sensors(&[sensor]), fit)?;
     let state = without_scatter(problem, &effects)?;
-    let models: Vec<usize> = state.pairs.iter().map(|pair| pair.model).collect();
-    let shapes = state.view.at_sensors.select_columns(&models);
     let mut sum = (0.0, 0.0);
     for (index, mode) in problem.measured.iter().enumerate() {
         let Some(shape) = &mode.shape else { continue };
         let Some(at) = shape.sensors.iter().position(|other| *other == sensor) else { continue };
         let kept: Vec<usize> = (0..shape.sensors.len()).filter(|&row| row != at).collect();
         let rows: Vec<usize> = kept.iter().map(|&row| shape.sensors[row]).collect();
-        // With fewer sensors than modes a mode's own shape has to do.
-        let columns: Vec<usize> = if rows.len() > models.len() { (0..models.len()).collect() } else { vec![index] };
-        let seen: DMatrix<f64> = shapes.select_rows(&rows).select_columns(&columns);
+        let models: Vec<usize> = problem.close[index].iter().map(|&close| state.pairs[close].model).collect();
+        let shapes = state.view.at_sensors.select_columns(&models);
+        let seen: DMatrix<f64> = shapes.select_rows(&rows);
         let measured = shape.values.normalize();
-        let Ok(share) = seen.svd(true, true).solve(&measured.select_rows(&kept), 1e-10) else { continue };
-        let predicted = (shapes.row(sensor).select_columns(&columns) * share)[0];
+        let Ok(share) = seen.svd(true, true).solve(&measured.select_rows(&kept), 1e-6) else { continue };
+        let predicted = (shapes.row(sensor) * share)[0];
         sum.0 += (predicted - measured[at]).powi(2);
         sum.1 += measured[at].powi(2);
     }

@@ -27,6 +27,8 @@ pub struct Problem {
     pub(super) background: Background,
     /// Numbers of measured modes without a partner.
     pub(super) unpaired: Vec<usize>,
+    /// Numbers of measured modes whose shapes are none of a structure.
+    pub(super) complex: Vec<usize>,
 }
 
 /// The imaginary part of a measured shape, in shares of its length.
@@ -119,6 +121,8 @@ impl Problem {
             structure.forced_hz.iter().all(|forced_hz| (mode.frequency_hz / forced_hz - 1.0).abs() > FORCED)
         };
         let measured: Vec<MeasuredMode> = measured.iter().filter(is_forced).cloned().collect();
+        let (measured, complex): (Vec<_>, Vec<_>) =
+            measured.into_iter().partition(|mode| has_real_shape(mode, sensors));
         let pairs = pair(&view, &measured);
         if pairs.is_empty() {
             return Err(DiagnoseError::NoPairs);
@@ -140,6 +144,7 @@ impl Problem {
         let phases = (0..in_use.len()).filter(|&mode| close[mode].len() == 1).filter_map(|mode| phases(mode, &in_use));
         Ok(Self {
             phases: phases.collect(),
+            complex: complex.iter().map(|mode| mode.number).collect(),
             close,
             background: Background::of(&bare, model),
             bare,
@@ -201,6 +206,27 @@ impl Problem {
         }
         other
     }
+}
+
+/// The imaginary part of a shape may have this share of the whole, the node where it is largest left out: one late clock is
+/// an effect; more is two modes, or noise, that passed for one.
+const COMPLEX: f64 = 0.2;
+
+fn has_real_shape(mode: &MeasuredMode, sensors: &[Sensor]) -> bool {
+    let Some((shape, imaginary)) = mode.shape.as_ref().and_then(|shape| Some((shape, shape.imaginary.as_ref()?)))
+    else {
+        return true;
+    };
+    let whole = shape.values.norm_squared() + imaginary.norm_squared();
+    let of_node = |node: Option<u16>| -> f64 {
+        let squares = shape.sensors.iter().zip(imaginary.iter());
+        let there = squares.filter(|(sensor, _)| {
+            node.is_none_or(|node| sensors.get(**sensor).is_some_and(|sensor| sensor.node == node))
+        });
+        there.map(|(_, imaginary)| imaginary * imaginary).sum()
+    };
+    let worst = sensors.iter().map(|sensor| of_node(Some(sensor.node))).fold(0.0, f64::max);
+    of_node(None) - worst < COMPLEX * whole
 }
 
 /// A mode within this share of a frequency that drives the structure is none.

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::fit::{Fit, Marginal};
 use super::problem::Problem;
-use super::state::{Knob, State};
+use super::state::{Knob, Loss, State};
 use crate::model::Body;
 use crate::model::effect::{Effect, EffectKind, Evidence, KINDS, Parameter, Place, Where};
 
@@ -308,9 +308,9 @@ impl Problem {
     fn score_discrete(&self, present: &Fit, candidate: Candidate) -> Option<Scored> {
         let mut effects = present.state.effects.clone();
         effects.push(candidate.effect(&[])?);
-        let before = present.state.misfit();
+        let before = present.state.misfit(Loss::Robust);
         let state = self.state(effects, present.state.numbers.clone(), Some(&present.state)).ok()?;
-        let gain = 0.5 * (before - state.misfit());
+        let gain = 0.5 * (before - state.misfit(Loss::Robust));
         Some(Scored { candidate, gain, knobs: Vec::new(), values: Vec::new() })
     }
 
@@ -353,8 +353,9 @@ impl Problem {
             let at = parameters.iter().position(|parameter| parameter.name == "length");
             for trio in beam.segments().windows(3) {
                 let middle = |segment: &crate::model::Segment| 0.5 * (segment.z_bottom_m + segment.z_top_m);
-                let z_m = rounded(middle(&trio[1]));
-                let length_m = rounded(2.02 * (middle(&trio[2]) - z_m).max(z_m - middle(&trio[0])));
+                let (low_m, high_m) = (middle(&trio[0]), middle(&trio[2]));
+                let z_m = rounded(0.5 * (low_m + high_m));
+                let length_m = rounded(1.01 * (high_m - low_m));
                 let place = Some(Where::Height(z_m));
                 // At one place the user has the segments there in mind.
                 if places.len() > 1 && !has(place.as_ref()) {

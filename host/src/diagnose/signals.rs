@@ -78,8 +78,15 @@ pub fn shown_effects(signals: &Signals, present: &[Effect]) -> Vec<Effect> {
     shown(signals, present, &[]).into_iter().map(|signal| signal.effect).collect()
 }
 
-/// All effects that signals show, but those that the model has.
+/// All effects that signals show, but those that the model has; kinds in `without` are not considered.
 pub(super) fn shown(signals: &Signals, present: &[Effect], without: &[String]) -> Vec<Signal> {
+    let mut shown = all_shown(signals, present);
+    shown.retain(|signal| !without.iter().any(|kind| kind == signal.effect.kind()));
+    shown
+}
+
+/// All effects that signals show, but those that the model has.
+pub(super) fn all_shown(signals: &Signals, present: &[Effect]) -> Vec<Signal> {
     let mut shown = Vec::new();
     let averages = signals.averages.max(4) as f64;
     for line in &signals.harmonics {
@@ -105,7 +112,7 @@ pub(super) fn shown(signals: &Signals, present: &[Effect], without: &[String]) -
     shown.extend(common_slope("amplitude-stiffness", &slopes(|mode| mode.percent_per_decade), 0.02));
     shown.retain(|signal| {
         let same = |effect: &Effect| effect.to_string() == signal.effect.to_string();
-        !present.iter().any(same) && !without.iter().any(|kind| kind == signal.effect.kind())
+        !present.iter().any(same)
     });
     shown
 }

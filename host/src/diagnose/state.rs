@@ -177,17 +177,43 @@ pub(super) struct Knob {
 const SHIFT_OF_STEP: f64 = 1e-3;
 const LEAST_SHIFT: f64 = 1e-5;
 const GREATEST_SHIFT: f64 = 1e-2;
+/// Where a tenth of a step moves more than this share of what the step moves, the step is too long.
+const SATURATED: f64 = 0.15;
 /// Steps of parameters of a known size, in shares of it.
 const SHARE_OF_STEP: f64 = 1e-3;
 
-/// Degrees of freedom of the scatter of a mode's deviations: that of its frequency, that of its shape.
-const FREEDOM: [f64; 2] = [4.0, 10.0];
+/// Share of modes whose deviations are wrong, and by what factor: those of a frequency, those of a shape.
+const WRONG: f64 = 0.1;
+const WRONG_BY: [f64; 2] = [5.0, 3.0];
+
+/// How differences count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Loss {
+    /// By their squares: far from the best values it leads there.
+    Squares,
+    /// As [`State::misfit`] says: near them it says what they are.
+    Robust,
+}
 
 /// Numbers of one mode whose deviations may be wrong together.
 struct Group {
     first: usize,
     count: usize,
-    freedom: f64,
+    /// By what factor their deviations are wrong, where they are.
+    wrong_by: f64,
+}
+
+impl Group {
+    /// Twice the negative logarithm of the likelihood of squared differences, zero at zero, and its derivative.
+    fn misfit(&self, square: f64) -> (f64, f64) {
+        let variance = self.wrong_by * self.wrong_by;
+        // Logarithms of the odds of being wrong, at zero and here.
+        let odds = (WRONG / (1.0 - WRONG)).ln() - self.count as f64 * self.wrong_by.ln();
+        let here = odds + 0.5 * square * (1.0 - 1.0 / variance);
+        let softplus = |x: f64| x.max(0.0) + (-x.abs()).exp().ln_1p();
+        let share = 1.0 / (1.0 + (-here).exp());
+        (square - 2.0 * (softplus(here) - softplus(odds)), 1.0 - share + share / variance)
+    }
 }
 
 impl State {
@@ -195,34 +221,39 @@ impl State {
     fn groups(&self) -> Vec<Group> {
         let mut groups = Vec::new();
         for (first, block) in self.residual.blocks() {
-            groups.push(Group { first, count: 1, freedom: FREEDOM[0] });
+            groups.push(Group { first, count: 1, wrong_by: WRONG_BY[0] });
             if block.size() > 1 {
-                groups.push(Group { first: first + 1, count: block.size() - 1, freedom: FREEDOM[1] });
+                groups.push(Group { first: first + 1, count: block.size() - 1, wrong_by: WRONG_BY[1] });
             }
         }
         groups
     }
 
-    /// Twice the negative logarithm of the likelihood, up to a constant: squared differences q of n numbers count as
-    /// `(nu + n) ln(1 + q/nu)`, which is Student's t for numbers whose deviations are wrong by one unknown factor. One mode
-    /// that identification got wrong then weighs against an effect, but does not call for one by itself (Lange, Little,
-    /// Taylor 1989, J. Am. Stat. Assoc. 84).
-    pub(super) fn misfit(&self) -> f64 {
+    /// Twice the negative logarithm of the likelihood, up to a constant. A few modes may have deviations that are wrong by a
+    /// factor: squared differences q of n numbers count as `-2 ln((1 - e) exp(-q/2) + e k^-n exp(-q/2k²))` (Tukey's
+    /// contaminated normal distribution, 1960). One mode that identification got wrong then weighs less, and one that the
+    /// model has wrong still weighs.
+    pub(super) fn misfit(&self, loss: Loss) -> f64 {
         let of = |group: Group| {
             let square = self.modes.rows(group.first, group.count).norm_squared();
-            (group.freedom + group.count as f64) * (square / group.freedom).ln_1p()
+            match loss {
+                Loss::Squares => square,
+                Loss::Robust => group.misfit(square).0,
+            }
         };
         self.groups().into_iter().map(of).sum::<f64>() + self.phases.norm_squared()
     }
 
     /// Square roots of the weights with which differences count at this state, so that weighted squares have the gradient
     /// of [`State::misfit`].
-    pub(super) fn weights(&self) -> DVector<f64> {
+    pub(super) fn weights(&self, loss: Loss) -> DVector<f64> {
         let mut weights = DVector::from_element(self.modes.len() + self.phases.len(), 1.0);
+        if loss == Loss::Squares {
+            return weights;
+        }
         for group in self.groups() {
             let square = self.modes.rows(group.first, group.count).norm_squared();
-            let weight = (group.freedom + group.count as f64) / (group.freedom + square);
-            weights.rows_mut(group.first, group.count).fill(weight.sqrt());
+            weights.rows_mut(group.first, group.count).fill(group.misfit(square).1.sqrt());
         }
         weights
     }
@@ -370,17 +401,24 @@ impl State {
     /// A step of a knob that moves some frequency by about [`SHIFT_OF_STEP`], and by how much it does.
     fn step_that_shifts(&self, problem: &Problem, effects: &[Effect], knob: &Knob, value: f64) -> Option<(f64, f64)> {
         let mut step = knob.step;
-        for _ in 0..60 {
-            let structure = problem
-                .structure_with(&with_values(effects, std::slice::from_ref(knob), &[value + step]), &self.numbers);
-            let shift = structure.map_or(f64::INFINITY, |structure| {
+        let shift_at = |step: f64| {
+            let effects = with_values(effects, std::slice::from_ref(knob), &[value + step]);
+            problem.structure_with(&effects, &self.numbers).map_or(f64::INFINITY, |structure| {
                 let shifts = self
                     .change(&structure.assemble(), 1.0)
                     .map_or_else(Vec::new, |change| frequency_derivatives(&self.view.basis, &self.models, &change));
                 shifts.iter().fold(0.0, |most: f64, shift| most.max(shift.abs()))
-            });
+            })
+        };
+        for _ in 0..60 {
+            let shift = shift_at(step);
             if (LEAST_SHIFT..=GREATEST_SHIFT).contains(&shift) {
-                return Some((step, shift));
+                // A spring that is as good as a hinge already moves nothing by another step either.
+                if shift_at(0.1 * step) < SATURATED * shift {
+                    return Some((step, shift));
+                }
+                step *= 1e-3;
+                continue;
             }
             let factor = SHIFT_OF_STEP / shift;
             step *= if factor.is_finite() { factor.clamp(1e-6, 1e4) } else { 1e4 };

@@ -6,7 +6,7 @@ use super::fit::{Estimate, Fit};
 use super::problem::{DiagnoseError, Problem};
 use super::search::{Found, Options};
 use super::settle::next_measurement;
-use super::signals::{Signal, Signals, shown};
+use super::signals::{Signal, Signals, all_shown, shown};
 use crate::compare::ChiSquared;
 use crate::model::effect::Effect;
 
@@ -172,7 +172,17 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let present = problem.fit_present(effects)?;
     let found = problem.search(&present, options);
-    Ok(weigh(problem, &present, &found, &shown(signals, effects, &options.without)))
+    let considered = shown(signals, effects, &options.without);
+    let mut diagnosis = weigh(problem, &present, &found, &considered);
+    let all = all_shown(signals, effects);
+    let stands_out = |signal: &&Signal| signal.log_bayes_factor > STANDS_OUT;
+    if diagnosis.verdict == Verdict::Adequate && all.iter().any(|signal| stands_out(&signal)) {
+        // Something shows that no effect considered explains.
+        diagnosis.verdict = Verdict::Unknown;
+        let names: Vec<String> = all.iter().filter(stands_out).map(|signal| signal.effect.to_string()).collect();
+        diagnosis.warnings.push(format!("{} shows outside the modes, and is left out here", names.join(", ")));
+    }
+    Ok(diagnosis)
 }
 
 impl Problem {
@@ -238,6 +248,12 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
     if !problem.unpaired.is_empty() {
         let numbers = problem.unpaired.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
         warnings.push(format!("measured mode {numbers} has no partner in the model and takes no part"));
+    }
+    if !problem.complex.is_empty() {
+        let numbers = problem.complex.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+        warnings.push(format!(
+            "the shape of measured mode {numbers} is complex, as of two modes in one, and takes no part"
+        ));
     }
     let (verdict, best_names, ambiguous, next) = match (signal, named) {
         (Some(signal), _) => (Verdict::Effect, vec![signal.effect.to_string()], Vec::new(), None),

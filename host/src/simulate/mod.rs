@@ -13,6 +13,7 @@ mod loading;
 pub mod modal;
 mod oscillator;
 mod plan;
+mod scatter;
 #[cfg(test)]
 mod tests;
 mod truth;
@@ -25,13 +26,14 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use thiserror::Error;
 
-use crate::model::effect::{Effect, EffectError};
+use crate::model::effect::{Effect, EffectError, Evidence};
 use crate::model::{Assembly, BeamTable, EigenError, SensorError, Structure};
 use crate::study::{Setup, Unit};
 pub(crate) use file::partial_name;
 use loading::Loading;
 use oscillator::{OscillatorBank, Quantity};
 pub use plan::{AdoptError, PlanError, PlannedRecording, adopt, plan};
+pub use scatter::scattered;
 pub use truth::{TrueChannel, TrueMode, Truth};
 
 /// Rows that are made at once: the matrix products are efficient and the block stays in the cache.
@@ -119,6 +121,14 @@ pub enum SimulationError {
     /// An effect does not fit this beam.
     #[error(transparent)]
     Effect(#[from] EffectError),
+    /// An effect that this simulation does not show.
+    #[error(
+        "{kind}: the simulation cannot show it yet; it hides effects of the structure's matrices and of its sensors' place, direction, sign and gain"
+    )]
+    NotShown {
+        /// The kind.
+        kind: &'static str,
+    },
     /// The recording cannot be written.
     #[error("{file}: cannot be written ({source})", file = .file.display())]
     Write {
@@ -177,6 +187,9 @@ impl Simulation {
         options: &Options,
     ) -> Result<Self, SimulationError> {
         check(options, setup)?;
+        if let Some(effect) = effects.iter().find(|effect| effect.of_kind().evidence() != Evidence::Modes) {
+            return Err(SimulationError::NotShown { kind: effect.kind() });
+        }
         let sampling_rate_hz = setup.sampling_rate_hz;
         let modes = assembly.modes()?;
         let highest_hz = HIGHEST_MODE_IN_NYQUIST * sampling_rate_hz / 2.0;

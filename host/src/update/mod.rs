@@ -6,11 +6,13 @@
 //! paper's objective separates. Lambda* are the measured eigenvalues exactly, and only the MAC terms are left, over the
 //! orthogonal group (`rotation` minimises them).
 
+mod hints;
 mod matrices;
 mod problem;
 mod rotation;
 #[cfg(test)]
 mod tests;
 
+pub use hints::{Hints, OrthogonalityTest, SpanTest, hints};
 pub use matrices::{Other, UpdatedMatrices, matrix_market, npy, updated};
 pub use problem::{Problem, Solution, UpdateError, Weights, solve};

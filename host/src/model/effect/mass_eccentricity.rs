@@ -17,14 +17,8 @@ const ABOUT: About = About {
     source: "A. K. Chopra (2012), Dynamics of Structures, section 9.6",
 };
 
-const X: Parameter = Parameter {
-    least: f64::NEG_INFINITY,
-    ..Parameter::positive("x", "m", "centre of mass from the beam axis along X")
-};
-const Y: Parameter = Parameter {
-    least: f64::NEG_INFINITY,
-    ..Parameter::positive("y", "m", "centre of mass from the beam axis along Y")
-};
+const X: Parameter = Parameter::ranged("x", "m", [-1e3, 1e3], 1.0, "centre of mass from the beam axis along X");
+const Y: Parameter = Parameter::ranged("y", "m", [-1e3, 1e3], 1.0, "centre of mass from the beam axis along Y");
 
 /// See [`ABOUT`].
 #[derive(Debug)]
