@@ -77,6 +77,13 @@ impl Problem {
         self.finish(state, knobs.to_vec(), jacobian)
     }
 
+    /// The model of a fit without its scatter, from where the effects of a search are linearised a second time.
+    pub(super) fn without_scatter(&self, fit: &Fit) -> Result<Fit, String> {
+        let state = self.state(fit.state.effects.clone(), fit.state.numbers.map(|_| 0.0), None)?;
+        let jacobian = self.jacobian(&state, &fit.knobs)?;
+        self.finish(state, fit.knobs.clone(), jacobian)
+    }
+
     /// One step that lowers the cost; `None` where there is none.
     fn step(
         &self,
@@ -153,8 +160,9 @@ impl Problem {
         let log_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| 2.0 * value.ln()).sum();
         let mut posterior = information;
         for index in 0..size {
-            // Effects are estimated without their prior; a trace of it keeps what the data do not see from having no inverse.
-            posterior[(index, index)] += if index < count { 1e-12 } else { 1.0 };
+            // Effects are estimated without their prior; a trace of it keeps what the data do not see, or cannot tell apart,
+            // from having no inverse.
+            posterior[(index, index)] += if index < count { 1e-12 + 1e-9 * posterior[(index, index)] } else { 1.0 };
         }
         let covariance = Cholesky::new(posterior).ok_or("the fit is not determined")?.inverse();
         let units = knobs.iter().map(|knob| (state.value(knob) - knob.neutral) / knob.scale);
@@ -264,6 +272,16 @@ pub(super) struct Marginal {
 }
 
 impl Marginal {
+    /// What of a state's differences is left where background and other effects do what they can, by weight: at a fit it is
+    /// the differences themselves.
+    pub(super) fn left(&self, state: &State) -> DVector<f64> {
+        let weighted = state.differences().component_mul(&self.weights);
+        if state.numbers.iter().all(|number| *number == 0.0) {
+            return self.project(&DMatrix::from_columns(&[weighted])).column(0).into_owned();
+        }
+        weighted
+    }
+
     /// Columns by weight.
     pub(super) fn weigh(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         weighted(columns, &self.weights)

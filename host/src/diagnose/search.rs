@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::fit::{Fit, Marginal};
 use super::problem::Problem;
 use super::state::{Knob, Loss, State};
+use super::verdict::FAILS;
 use crate::model::Body;
 use crate::model::effect::{Effect, EffectKind, Evidence, KINDS, Parameter, Place, Where};
 
@@ -66,6 +67,10 @@ const REFITTED: usize = 10;
 const PLACES: usize = 2;
 /// Moves from place to neighbouring place.
 const MOST_MOVES: usize = 6;
+/// Where something fits: a promise below the best's gain by more than this share of it is none.
+const CONTENDS: f64 = 0.3;
+/// Where nothing fits yet: a promise below this share of the best's gain is none.
+const HOPELESS: f64 = 0.1;
 /// Places that are named beside the best.
 const NEAR: f64 = 3.0;
 
@@ -89,7 +94,12 @@ impl Problem {
 
     /// Every kind that explains anything, refitted at its best place; best first.
     pub(super) fn search(&self, present: &Fit, options: &Options) -> Vec<Found> {
-        let scored = self.score(present, options);
+        let mut scored = self.score(present, options);
+        // Where the background was bent far to make up for an effect, the effect may seem to have the wrong sign: it is
+        // linearised from the model as given as well, and the better of the two counts.
+        if let Ok(given) = self.without_scatter(present) {
+            merge(&mut scored, self.score(&given, options));
+        }
         let mut kinds: Vec<Vec<Scored>> = Vec::new();
         for one in scored {
             match kinds.iter_mut().find(|kind| kind[0].candidate.kind == one.candidate.kind) {
@@ -102,7 +112,26 @@ impl Problem {
         }
         kinds.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
         kinds.truncate(REFITTED);
-        let mut found: Vec<Found> = kinds.par_iter().filter_map(|kind| self.refit(present, kind)).collect();
+        // A first look at each, at its best place; then all places of those that can still be the best.
+        let looks: Vec<Option<Fit>> = kinds.par_iter().map(|kind| self.refit_one(present, &kind[0], None)).collect();
+        let gain = |look: &Option<Fit>| {
+            look.as_ref().map_or(f64::NEG_INFINITY, |fit| fit.log_evidence() - present.log_evidence())
+        };
+        let best = looks.iter().map(gain).fold(0.0, f64::max);
+        let fits = looks.iter().flatten().any(|fit| fit.goodness_of_fit().p_value >= FAILS);
+        // Where something fits already, what promises far less than that explains need not be looked at twice.
+        let contends = |kind: &[Scored], look: &Option<Fit>| {
+            let promised = kind[0].gain.max(gain(look));
+            if fits { promised > best - NEAR.max(CONTENDS * best) } else { promised > HOPELESS * best }
+        };
+        let mut found: Vec<Found> = kinds
+            .par_iter()
+            .zip(looks)
+            .filter_map(|(kind, look)| {
+                let further = contends(kind, &look);
+                self.refit(present, kind, look, further)
+            })
+            .collect();
         found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
         found
     }
@@ -118,13 +147,18 @@ impl Problem {
             Some(place) => self.candidates_at(kind, vec![Some(place.clone())], present),
             None => self.candidates(kind, present),
         };
-        let mut scored = self.score_all(present, &present.marginal(), candidates);
+        let mut scored = self.score_all(present, &present.marginal(), candidates.clone());
+        if let Ok(given) = self.without_scatter(present) {
+            merge(&mut scored, self.score_all(&given, &given.marginal(), candidates));
+        }
         scored.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        if scored.is_empty() { None } else { self.refit(present, &scored) }
+        let look = self.refit_one(present, scored.first()?, None);
+        self.refit(present, &scored, look, true)
     }
 
-    /// Refits a kind at its best places, and from there at their neighbours while that gains.
-    fn refit(&self, present: &Fit, scored: &[Scored]) -> Option<Found> {
+    /// Refits a kind at its best places, of which `look` is the first, and (with `further`) from there at their neighbours
+    /// while that gains.
+    fn refit(&self, present: &Fit, scored: &[Scored], look: Option<Fit>, further: bool) -> Option<Found> {
         let mut fits: Vec<(usize, Fit)> = Vec::new();
         let mut tried = vec![false; scored.len()];
         let mut starts = Vec::new();
@@ -134,13 +168,17 @@ impl Problem {
                 starts.push(index);
             }
         }
-        for start in starts {
+        if let Some(first) = tried.first_mut() {
+            *first = true;
+            fits.extend(look.map(|fit| (0, fit)));
+        }
+        for start in starts.into_iter().filter(|start| *start > 0 && further) {
             tried[start] = true;
             if let Some(fit) = self.refit_one(present, &scored[start], None) {
                 fits.push((start, fit));
             }
         }
-        for _ in 0..MOST_MOVES {
+        for _ in 0..if further { MOST_MOVES } else { 0 } {
             let best = fits.iter().max_by(|a, b| a.1.log_evidence().total_cmp(&b.1.log_evidence()))?.0;
             let neighbours: Vec<usize> = (0..scored.len())
                 .filter(|&other| !tried[other] && scored[other].candidate.is_beside(&scored[best].candidate, self))
@@ -182,18 +220,22 @@ impl Problem {
         let index = present.state.effects.len();
         let mut knobs = present.knobs.clone();
         knobs.extend(scored.knobs.iter().copied());
-        let mut starts = vec![scored.candidate.start(&scored.knobs, &scored.values, LONGEST_START)];
+        let bent = near.map_or(&present.state.numbers, |fit| &fit.state.numbers);
+        let straight = bent.map(|_| 0.0);
+        let linear = scored.candidate.start(&scored.knobs, &scored.values, LONGEST_START);
+        let mut starts = vec![(linear.clone(), bent)];
         if let Some(near) = near {
             let values: Vec<f64> = near.state.effects[index].parameters().map(|(_, value)| value).collect();
-            if values.len() == starts[0].len() {
-                starts.insert(0, scored.candidate.like(&values));
+            if values.len() == linear.len() {
+                starts.insert(0, (scored.candidate.like(&values), bent));
             }
         } else if !scored.knobs.is_empty() {
-            // Beyond the linear: nearer to where the present model is.
-            starts.push(scored.candidate.start(&scored.knobs, &scored.values, SHORTER_START));
+            // The present background was bent to make up for what the effect does; and beyond the linear, nearer to where the
+            // present model is.
+            starts.push((linear, &straight));
+            starts.push((scored.candidate.start(&scored.knobs, &scored.values, SHORTER_START), &straight));
         }
-        let numbers = near.map_or(&present.state.numbers, |fit| &fit.state.numbers);
-        let fit = |values: &Vec<f64>| {
+        let fit = |(values, numbers): &(Vec<f64>, &DVector<f64>)| {
             let effect = scored.candidate.effect(values)?;
             let mut effects = match near {
                 Some(near) => near.state.effects[..index].to_vec(),
@@ -235,7 +277,7 @@ impl Problem {
 
     /// Scores candidates of one kind, neighbours after each other.
     fn score_all(&self, present: &Fit, marginal: &Marginal, candidates: Vec<Candidate>) -> Vec<Scored> {
-        let differences = present.state.differences().component_mul(&marginal.weights);
+        let differences = marginal.left(&present.state);
         let mut guesses: Vec<f64> = Vec::new();
         let score = |candidate: Candidate| match candidate.parameters.iter().any(Parameter::is_fitted) {
             true => self.score_one(present, marginal, &differences, candidate, &mut guesses),
@@ -451,6 +493,17 @@ const LONGEST_START: f64 = 2.0;
 const SHORTER_START: f64 = 0.3;
 /// A fit that reaches less than this share of what the linear step promised is tried from another start.
 const DISAPPOINTS: f64 = 0.5;
+/// Keeps the better score of each candidate.
+fn merge(scored: &mut Vec<Scored>, others: Vec<Scored>) {
+    for other in others {
+        match scored.iter_mut().find(|one| one.candidate.is_same(&other.candidate)) {
+            Some(one) if one.gain >= other.gain => {}
+            Some(one) => *one = other,
+            None => scored.push(other),
+        }
+    }
+}
+
 /// Swaps that are looked at.
 const SWAPS: usize = 5;
 /// An effect that keeps less than this share of itself beside the background and other effects is none of its own.
@@ -507,6 +560,13 @@ impl Candidate {
     fn like(&self, values: &[f64]) -> Vec<f64> {
         let given = |index: usize| self.given.iter().find(|(at, _)| *at == index).map(|(_, value)| *value);
         values.iter().enumerate().map(|(index, value)| given(index).unwrap_or(*value)).collect()
+    }
+
+    fn is_same(&self, other: &Self) -> bool {
+        self.kind == other.kind
+            && self.place == other.place
+            && self.parameters == other.parameters
+            && self.given == other.given
     }
 
     fn z_m(&self) -> Option<f64> {

@@ -174,11 +174,11 @@ pub(super) struct Knob {
 }
 
 /// A step moves frequencies by about this.
-const SHIFT_OF_STEP: f64 = 1e-3;
-const LEAST_SHIFT: f64 = 1e-5;
-const GREATEST_SHIFT: f64 = 1e-2;
+const SHIFT_OF_STEP: f64 = 1e-4;
+const LEAST_SHIFT: f64 = 1e-6;
+const GREATEST_SHIFT: f64 = 1e-3;
 /// Where a tenth of a step moves more than this share of what the step moves, the step is too long.
-const SATURATED: f64 = 0.15;
+const SATURATED: f64 = 0.11;
 /// Steps of parameters of a known size, in shares of it.
 const SHARE_OF_STEP: f64 = 1e-3;
 

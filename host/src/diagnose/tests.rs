@@ -10,7 +10,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::*;
 use crate::compare::ModelView;
 use crate::measured::{MeasuredMode, MeasuredShape};
-use crate::model::effect::Effect;
+use crate::model::effect::{Effect, Where};
 use crate::model::{BeamTable, Structure};
 use crate::study::{Model, Sensor, Study, template};
 
@@ -83,7 +83,11 @@ fn derivatives_are_those_of_the_differences() {
         let rows = if name.starts_with("clock") { exact.len() } else { modes };
         let error = (exact.rows(0, rows) - slope.rows(0, rows)).norm() / exact.rows(0, rows).norm();
         // One-sided differences, and the weight that the background's mass has on what is below it.
-        assert!(error < 0.05, "{name}: off by {error:.3} of {:.3e}", exact.norm());
+        assert!(
+            error < if name == "spread" { 0.15 } else { 0.05 },
+            "{name}: off by {error:.3} of {:.3e}",
+            exact.norm()
+        );
     };
     let by_background = state.by_background(&problem);
     for index in 0..numbers.len() {
@@ -94,7 +98,9 @@ fn derivatives_are_those_of_the_differences() {
         };
         let slope = (at(1e-3) - at(-1e-3)) / 2e-3;
         if slope.norm() > 1e-2 {
-            close(&slope, &by_background.column(index).into_owned(), &format!("background {index}"));
+            // Spreading masses changes an eccentric mass' coupling as well, which the derivative leaves out.
+            let spread = index + 1 == numbers.len();
+            close(&slope, &by_background.column(index).into_owned(), if spread { "spread" } else { "scatter" });
         }
     }
     for knob in problem.all_knobs(&state) {
@@ -106,4 +112,163 @@ fn derivatives_are_those_of_the_differences() {
         let slope = (at(1e-3) - at(-1e-3)) / 2e-3;
         close(&slope, &state.by_knob(&problem, &knob).unwrap(), words[knob.effect]);
     }
+}
+
+/// Diagnoses the tower with hidden effects and segments that scatter half as far as the study allows.
+fn diagnosed(words: &[&str], seed: u64, options: &Options) -> Diagnosis {
+    let (structure, model, sensors) = study();
+    let crate::model::Body::Beam(beam) = structure.body.clone() else { panic!("a beam was given") };
+    let scattered = Structure::new(crate::simulate::scattered(beam, &model, 0.5, seed));
+    let truth = scattered.and(&effects(words)).unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let modes = measured(&truth, &sensors, 13, &mut random);
+    let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
+    diagnose(&problem, &[], &Signals::default(), options).unwrap()
+}
+
+/// Every effect that shows in modes is named first, or among those that the data cannot tell from the first; where the
+/// value compares directly, it lies within four stated deviations.
+#[test]
+fn hidden_effects_are_named_with_their_place_and_value() {
+    let cases: [(&str, &[&str]); 15] = [
+        ("stiffness-scale=0.2", &["stiffness-scale", "mass-scale"]),
+        ("base-rotation=8e-15", &["base-rotation"]),
+        ("base-rotation=flexibility_x=1.5e-14,flexibility_y=3e-15", &["base-rotation"]),
+        ("base-translation=6e-10", &["base-translation"]),
+        ("shear-flexibility=0.3", &["shear-flexibility"]),
+        ("p-delta=1", &["p-delta"]),
+        ("added-mass@443.6m=4e6", &["added-mass"]),
+        ("stiffness-loss@285m=0.7", &["stiffness-loss"]),
+        ("connection-flexibility@443.6m=1e-12", &["connection-flexibility"]),
+        ("outrigger@272m=3e12", &["outrigger"]),
+        ("mass-eccentricity=x=2.5,y=-1", &["mass-eccentricity"]),
+        ("sensor-gain@ch13=1.3", &["sensor-gain@ch13"]),
+        ("sensor-polarity@ch08", &["sensor-polarity@ch08"]),
+        ("sensor-swap@ch05+ch14", &["sensor-swap@ch05+ch14"]),
+        ("sensor-rotation@node6=15", &["sensor-rotation@node6"]),
+    ];
+    for (seed, (word, names)) in (1..).zip(cases) {
+        let diagnosis = diagnosed(&[word], seed, &Options::default());
+        let best = diagnosis.best.first().unwrap_or_else(|| panic!("{word}: {:?}", diagnosis.verdict));
+        let named: Vec<&String> = diagnosis.ambiguous.iter().flatten().chain([best]).collect();
+        assert!(names.iter().any(|name| best.starts_with(name)), "{word}: {best}, among {named:?}");
+        let candidate = &diagnosis.candidates[0];
+        let truth: Effect = word.parse().unwrap();
+        for (parameter, value) in truth.parameters() {
+            let found = candidate.parameters.iter().find(|found| found.name == parameter.name);
+            // Of another twin, by other axes, or over another length: nothing to compare.
+            if let (Some(found), true) = (found, candidate.effect == truth.kind() && candidate.parameters.len() == 1) {
+                let std = found.std.unwrap();
+                assert!((found.value - value).abs() < 4.0 * std + 0.1 * value.abs(), "{word}: {found:?}");
+            }
+        }
+        if let (Some(Where::Height(z_m)), Some(found)) = (truth.place(), &candidate.r#where) {
+            let found: f64 = found.trim_end_matches('m').parse().unwrap();
+            assert!((found - z_m).abs() < 20.0, "{word}: {found} m");
+        }
+    }
+}
+
+#[test]
+fn sound_models_are_left_alone() {
+    for seed in 100..108 {
+        let diagnosis = diagnosed(&[], seed, &Options::default());
+        assert_eq!(diagnosis.verdict, Verdict::Adequate, "seed {seed}: {:?}", diagnosis.candidates.first());
+        assert!(diagnosis.best.is_empty() && diagnosis.ambiguous.is_empty());
+    }
+}
+
+/// Where the right effect is not considered, and its twins are not either, nothing passes for it.
+#[test]
+fn what_no_known_effect_explains_is_unknown() {
+    for (seed, (word, without)) in (200..).zip([
+        ("added-mass@443.6m=5e6", &["added-mass"][..]),
+        ("base-rotation=1.5e-14", &["base-rotation", "connection-flexibility", "stiffness-loss"]),
+        ("sensor-swap@ch05+ch14", &["sensor-swap"]),
+        ("mass-eccentricity=x=3,y=2", &["mass-eccentricity"]),
+        ("stiffness-scale=0.25", &["stiffness-scale", "mass-scale"]),
+    ]) {
+        let without = without.iter().map(|kind| (*kind).to_owned()).collect();
+        let diagnosis = diagnosed(&[word], seed, &Options { without });
+        assert_eq!(diagnosis.verdict, Verdict::Unknown, "{word}: {:?}", diagnosis.best);
+        assert!(diagnosis.goodness_of_fit.p_value < 0.01);
+        assert!(!diagnosis.unexplained.by_mode.is_empty() && !diagnosis.unexplained.by_sensor.is_empty());
+    }
+}
+
+/// Only the phases show a clock: positive delays are late samples, found with their sign.
+#[test]
+fn a_late_clock_is_found_by_its_phases() {
+    for delay in [0.04, -0.03] {
+        let diagnosis = diagnosed(&[&format!("clock-offset@node3={delay}")], 7, &Options::default());
+        assert_eq!(diagnosis.best, ["clock-offset@node3"]);
+        let found = &diagnosis.candidates[0].parameters[0];
+        assert!((found.value - delay).abs() < 4.0 * found.std.unwrap(), "{found:?}");
+    }
+}
+
+/// Twins by definition: K times 1.2 moves every frequency as M over 1.2 does.
+#[test]
+fn exact_twins_are_named_together_with_what_would_settle_it() {
+    let diagnosis = diagnosed(&["mass-scale=-0.15"], 31, &Options::default());
+    assert_eq!(diagnosis.verdict, Verdict::Ambiguous);
+    let names = &diagnosis.ambiguous[0];
+    assert!(names.contains(&"stiffness-scale".to_owned()) && names.contains(&"mass-scale".to_owned()), "{names:?}");
+    assert!(diagnosis.next_measurement.unwrap().contains("a known mass added"));
+}
+
+/// Two effects at once: adding step by step finds both, and a first pick that the second makes needless goes again.
+#[test]
+fn hidden_pairs_are_found_step_by_step_and_errors_on_what_was_left_out_fall() {
+    let (structure, model, sensors) = study();
+    let truth = structure.clone().and(&effects(&["base-rotation=9e-15", "sensor-gain@ch13=1.4"])).unwrap();
+    let modes = measured(&truth, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(9));
+    let setting = steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
+    let mut records = vec![setting.refit("start", &[]).unwrap().record];
+    let mut tell = |step: &steps::Step| records.push(step.record.clone());
+    let found = setting.auto(&[], &Signals::default(), &Options::default(), &mut tell).unwrap();
+    let mut names: Vec<String> = found.iter().map(ToString::to_string).collect();
+    names.sort();
+    assert_eq!(names, ["base-rotation", "sensor-gain@ch13"]);
+    let (first, last) = (&records[0], records.last().unwrap());
+    assert!(last.p_value > 0.01 && first.p_value < 1e-6);
+    assert!(last.mean_abs_frequency_error_percent < 0.1 * first.mean_abs_frequency_error_percent);
+    assert!(last.held_out_mode_error_percent.unwrap() < 0.1 * first.held_out_mode_error_percent.unwrap());
+    assert!(last.held_out_error_percent.unwrap() < 0.5 * first.held_out_error_percent.unwrap());
+}
+
+#[test]
+fn effects_that_are_one_and_the_same_are_refused_together() {
+    let (structure, model, sensors) = study();
+    let modes = measured(&structure, &sensors, 10, &mut ChaCha8Rng::seed_from_u64(3));
+    let both = effects(&["stiffness-scale=0.1", "mass-scale=0.1"]);
+    let setting = steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
+    let error = setting.refit("add", &both).err().map(|error| error.to_string()).unwrap();
+    assert!(error.contains("stiffness-scale and mass-scale cannot both be fitted"), "{error}");
+    let two: Vec<MeasuredMode> =
+        modes.iter().take(2).map(|mode| MeasuredMode { shape: None, ..mode.clone() }).collect();
+    let setting = steps::Setting { measured: &two, sensors: &[], ..setting };
+    let error = setting.refit("add", &effects(&["base-rotation=1e-15", "p-delta=0.5"]));
+    let error = error.err().map(|error| error.to_string()).unwrap();
+    assert!(error.contains("2 measured numbers cannot determine the 2 parameters"), "{error}");
+}
+
+#[test]
+fn forced_lines_and_trends_are_effects_of_their_own() {
+    let (structure, model, sensors) = study();
+    let modes = measured(&structure, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(5));
+    let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
+    let signals: Signals = serde_json::from_str(
+        r#"{"averages": 86, "harmonics": [{"frequency_hz": 0.83, "kurtosis": 1.55}],
+            "trends": {"modes": [{"number": 1, "percent_per_kelvin": {"value": -0.05, "std": 0.004}},
+                                 {"number": 2, "percent_per_kelvin": {"value": -0.055, "std": 0.005}}]}}"#,
+    )
+    .unwrap();
+    let diagnosis = diagnose(&problem, &[], &signals, &Options::default()).unwrap();
+    let names: Vec<String> = diagnosis.candidates.iter().take(2).map(CandidateReport::name).collect();
+    assert!(names.contains(&"harmonic@0.83hz".to_owned()) && names.contains(&"temperature-stiffness".to_owned()));
+    assert_eq!(diagnosis.verdict, Verdict::Effect);
+    let slope = diagnosis.candidates.iter().find(|candidate| candidate.effect == "temperature-stiffness").unwrap();
+    // Stiffness goes twice as far as frequency.
+    assert!((slope.parameters[0].value + 0.00104).abs() < 1e-4, "{:?}", slope.parameters);
 }
