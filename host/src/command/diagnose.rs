@@ -238,7 +238,7 @@ pub(super) fn values_text(parameters: &[Estimate]) -> String {
 }
 
 /// Three digits, with an exponent where the number is far from 1.
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }

@@ -26,7 +26,8 @@ const EXAMPLES: &str = "Examples:
   belfry identify canton --direct              straight from the recording; the two agree
   belfry identify canton --damaged-frames 2    on lines that damage 2 % of all frames
   belfry identify canton --json > modes.json
-  belfry identify canton --every 1h            what becomes of the modes over the hours
+  belfry identify canton --every 1h            what becomes of the modes over the hours (done of itself where a setup
+                                               has temperatures)
   belfry identify canton --frequency-within 0.05 --damping-within 5    the record that this would need
 
 `best` in the table is the least deviation that any method could reach on this record (Au 2014). Modes are picked
@@ -144,12 +145,19 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let wish = arguments.wish();
     report.record_needed = Some(record_needed(&report.identification, wish));
     write_results(&study, &report, &[])?;
-    if let Some(every) = arguments.every {
+    let is_asked = arguments.every.is_some();
+    if let Some(every) = arguments.every.or_else(|| every_of_temperature(&study, &report)) {
         let modes = &report.identification.modes;
         let trend = follow_study(&study, modes, &report.grid, every, arguments.route.route(), console);
         // What was identified stays, also where it cannot be followed.
-        report.trends = Some(trend.context("the modes are identified, but cannot be followed")?);
-        write_json(&study, MODES_FILE, &report)?;
+        match trend.context("the modes are identified, but cannot be followed") {
+            Ok(trend) => {
+                report.trends = Some(trend);
+                write_json(&study, MODES_FILE, &report)?;
+            }
+            Err(error) if is_asked => return Err(error),
+            Err(error) => console.warn(format_args!("{error:#}")),
+        }
     }
     console.json(&report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification)));
@@ -244,6 +252,16 @@ fn link_report(fleets: &[FleetReport]) -> Option<LinkReport> {
         parts_asked_again: nodes().map(|node| node.session.asked_again).sum(),
         bytes_per_second_and_channel: nodes().map(|node| node.to_host.bytes).sum::<u64>() as f64 / channel_seconds,
     })
+}
+
+/// Where a setup has temperatures, modes are followed without being asked: over this share of the record at a time.
+const SHARE_OF_RECORD: f64 = 1.0 / 16.0;
+
+fn every_of_temperature(study: &Study, report: &Report) -> Option<Duration> {
+    study.setups.iter().any(|setup| setup.temperature.is_some()).then_some(())?;
+    let record_s = report.identification.record_s / study.setups.len() as f64;
+    // To a minute, as a user would say it.
+    Duration::try_from_secs_f64(60.0 * (SHARE_OF_RECORD * record_s / 60.0).round().max(1.0)).ok()
 }
 
 /// Writes modes and pictures into the study; `truth` is one shape a mode, where it is known.

@@ -21,7 +21,7 @@ use crate::study::edit::{EffectEntry, set_effects};
 use crate::study::{STUDY_FILE, Study};
 
 /// One JSON object a step.
-const HISTORY_FILE: &str = "history.jsonl";
+pub(super) const HISTORY_FILE: &str = "history.jsonl";
 
 /// What `--json` prints of a change.
 #[derive(Debug, Serialize)]
@@ -68,16 +68,15 @@ pub(super) fn read_history(study: &Study) -> anyhow::Result<Vec<StepRecord>> {
 
 /// Appends steps, numbered on.
 pub(super) fn append_history(study: &Study, steps: &[StepRecord]) -> anyhow::Result<Vec<StepRecord>> {
-    let mut number = read_history(study)?.last().map_or(0, |last| last.step + 1);
+    let first = read_history(study)?.last().map_or(0, |last| last.step + 1);
     let folder = results_folder(study);
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let path = folder.join(HISTORY_FILE);
     let failed = || format!("cannot write {}", path.display());
     let mut file = OpenOptions::new().create(true).append(true).open(&path).with_context(failed)?;
     let mut numbered = Vec::new();
-    for step in steps {
+    for (number, step) in (first..).zip(steps) {
         let step = StepRecord { step: number, ..step.clone() };
-        number += 1;
         writeln!(file, "{}", serde_json::to_string(&step)?).with_context(failed)?;
         numbered.push(step);
     }

@@ -249,6 +249,12 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         let numbers = problem.unpaired.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
         warnings.push(format!("measured mode {numbers} has no partner in the model and takes no part"));
     }
+    if problem.measured.iter().all(|mode| mode.shape.is_none()) {
+        warnings.push(
+            "no shapes were measured: which mode is which is a guess, and effects that lower the same frequencies cannot be told apart; shapes at a few heights would decide more than any better frequency"
+                .to_owned(),
+        );
+    }
     if !problem.complex.is_empty() {
         let numbers = problem.complex.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
         warnings.push(format!(

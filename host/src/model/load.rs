@@ -45,7 +45,7 @@ pub enum ModelError {
         /// 1-based line.
         line: usize,
         /// Why.
-        source: CustomError,
+        source: Box<CustomError>,
     },
     /// An effect of the study.
     #[error("{} line {line}, [[model.effect]]: {source}", file.display())]
@@ -74,7 +74,7 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
         Custom::read(source, &study.folder).map_err(|error| ModelError::Custom {
             file: file.clone(),
             line: source.line,
-            source: error,
+            source: Box::new(error),
         })
     };
     let customs: Arc<[Custom]> = model.customs.iter().map(custom).collect::<Result<Vec<_>, _>>()?.into();

@@ -48,7 +48,7 @@ pub struct CaseRecord {
     pub(super) identify_s: f64,
     pub(super) diagnose_s: f64,
     /// Commands that failed, and how.
-    pub(super) failures: Vec<String>,
+    pub failures: Vec<String>,
 }
 
 /// Kinds that modes cannot tell apart have one name.
@@ -143,14 +143,14 @@ impl CaseRecord {
     }
 
     /// Whether the truth is among all that is named.
-    pub(super) fn in_set(&self) -> Option<bool> {
+    pub fn in_set(&self) -> Option<bool> {
         let (effect, diagnosis) = self.single()?;
         let mut named = diagnosis.best.iter().chain(&diagnosis.ambiguous);
         Some(names_effects(diagnosis) && named.any(|name| effect.is(name)))
     }
 
     /// Whether a sound structure is called defective.
-    pub(super) fn false_alarm(&self) -> Option<bool> {
+    pub fn false_alarm(&self) -> Option<bool> {
         let diagnosis = self.diagnosis.as_ref().filter(|_| self.category == Category::Nothing)?;
         Some(diagnosis.verdict != "adequate")
     }
@@ -167,7 +167,7 @@ impl CaseRecord {
     }
 
     /// Whether both of a pair were found, at their places.
-    pub(super) fn both_found(&self) -> Option<bool> {
+    pub fn both_found(&self) -> Option<bool> {
         let found = self.found.as_ref().filter(|_| self.category == Category::Pair)?;
         Some(self.effects.iter().all(|effect| found.iter().any(|name| effect.is_here(name, self.height_m))))
     }

@@ -18,11 +18,11 @@ use super::add::add;
 use super::case::{Case, results_folder};
 use super::compare::compare_case;
 use super::covalidate::{CovalidationReport, Request, covalidate_case};
-use super::diagnose::diagnose_case;
+use super::diagnose::{diagnose_case, short};
 use super::history::show_history;
 use super::identify::{Report, align_right, identify_study, summary, write_results};
 use super::paper;
-use super::steps::ChangeReport;
+use super::steps::{ChangeReport, HISTORY_FILE};
 use super::update::{UpdateReport, update_case};
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
@@ -261,7 +261,7 @@ fn reveal(outcome: &Outcome, effects: &[Effect], console: &Console) {
     for effect in effects {
         let values: Vec<String> = effect
             .parameters()
-            .map(|(parameter, value)| format!("{} = {value} {}", parameter.name, parameter.unit))
+            .map(|(parameter, value)| format!("{} = {} {}", parameter.name, short(value), parameter.unit))
             .collect();
         console.say(format!("The tower had {effect}   {}", values.join(", ")));
     }
@@ -317,6 +317,13 @@ fn write_study(folder: &Path) -> anyhow::Result<Study> {
         let path = folder.join(name);
         fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
     };
+    // A history is of the tower that was.
+    match fs::remove_file(folder.join("results").join(HISTORY_FILE)) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            return Err(error).with_context(|| format!("cannot remove the old history in {}", folder.display()));
+        }
+        _ => {}
+    }
     write("beam.csv", template::CANTON_BEAM)?;
     write(STUDY_FILE, &format!("{MARK}{study}"))?;
     Ok(Study::load(folder)?)

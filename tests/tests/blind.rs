@@ -1,0 +1,42 @@
+//! A short slice of the blind bench: structures of another simulator, of which the study's model lacks something or nothing.
+//! The whole of it: `cargo run --release -p belfry-tests --bin blind -- --cases 300 --seed 1`.
+
+use std::path::Path;
+
+use belfry_tests::belfry_command;
+use belfry_tests::blind::{Bench, Case, CaseRecord, Kinds, Options, line};
+
+/// Cases of the slice: the mix of the bench, over its three structures.
+const CASES: u64 = 21;
+
+#[test]
+fn what_another_simulator_hides_is_named_and_sound_structures_are_left_alone() {
+    let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/canton/beam.csv"));
+    if !data.exists() {
+        eprintln!("skipped: {} is not there", data.display());
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let program = belfry_command().get_program().into();
+    let mut bench =
+        Bench { program, folder: folder.path().to_owned(), keep: false, diagnoses: true, leaves_out: false };
+    let options = Options { seed: 41, structure: None, kinds: Kinds::Mix, hours: 12.0, uneven: false };
+    let records: Vec<CaseRecord> = (0..CASES)
+        .map(|index| {
+            let record = bench.run(&Case::draw(index, &options).unwrap()).unwrap();
+            println!("{}", line(&record));
+            record
+        })
+        .collect();
+    let rate = |judge: fn(&CaseRecord) -> Option<bool>| {
+        let judged: Vec<bool> = records.iter().filter_map(judge).collect();
+        (judged.iter().filter(|yes| **yes).count(), judged.len())
+    };
+    let (named, single) = rate(CaseRecord::in_set);
+    assert!(single >= 6 && named + 1 >= single, "{named} of {single} effects named");
+    let (alarms, sound) = rate(CaseRecord::false_alarm);
+    assert!(sound >= 6 && alarms == 0, "{alarms} false alarms on {sound} sound structures");
+    let (both, pairs) = rate(CaseRecord::both_found);
+    assert!(pairs >= 3 && both + 1 >= pairs, "{both} of {pairs} pairs found");
+    assert!(records.iter().all(|record| record.failures.is_empty()), "no command may fail");
+}
