@@ -6,8 +6,8 @@
 //! drops effects until nothing is gained; [`held_out`] says how well a model predicts what it was not fitted to.
 //!
 //! `background` turns the model's tolerance into few independent numbers, `state` evaluates a model with given effects and
-//! background and its derivatives, `fit` finds the most probable values, `search` goes through the catalogue, `verdict` weighs
-//! what it finds, `settle` says what to measure next. Effects that show elsewhere than in modes are in `signals`.
+//! background and its derivatives, `fit` finds the most probable values, `candidates` lists what could be missing, `search` goes through it, `verdict` weighs
+//! what it finds, `report` is what it says, `settle` says what to measure next. Effects that show elsewhere than in modes are in `signals`.
 //!
 //! The statistics: with r the whitened differences of model and measurement, the fit minimises `|r|² + |b|²` over the
 //! effects' values and the background b, whose prior is standard normal (joint maximum a posteriori, so that the tolerance
@@ -16,9 +16,11 @@
 //! section 28.1).
 
 mod background;
+mod candidates;
 mod fit;
 pub mod held_out;
 mod problem;
+mod report;
 mod search;
 mod settle;
 mod signals;
@@ -30,6 +32,10 @@ mod verdict;
 
 pub use fit::{Estimate, Fit};
 pub use problem::{DiagnoseError, Problem};
+pub use report::{
+    CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,
+    Unexplained, Verdict,
+};
 pub use search::Options;
 pub use signals::{Signals, shown_effects};
-pub use verdict::{CandidateReport, Diagnosis, Explained, GoodnessOfFit, Unexplained, Verdict, diagnose};
+pub use verdict::diagnose;

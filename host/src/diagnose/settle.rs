@@ -48,7 +48,7 @@ fn greatest_difference(problem: &Problem, one: &Fit, other: &Fit) -> Option<Stri
             100.0 * share
         ));
     }
-    if let Some((hz, other_hz)) = mode_difference(problem, one, other) {
+    if let Some((hz, other_hz)) = mode_difference(one, other) {
         words.push(format!(
             "a mode that is not measured yet stands near {hz:.3} Hz in one and near {other_hz:.3} Hz in the other"
         ));
@@ -86,7 +86,7 @@ fn motion(fit: &Fit, measured: usize, sensor: &Sensor) -> Option<f64> {
 }
 
 /// Frequencies of the mode above or between the measured ones that differs most.
-fn mode_difference(problem: &Problem, one: &Fit, other: &Fit) -> Option<(f64, f64)> {
+fn mode_difference(one: &Fit, other: &Fit) -> Option<(f64, f64)> {
     let unmeasured = |fit: &Fit| -> Vec<f64> {
         let view: &ModelView = &fit.state.view;
         let used: Vec<usize> = fit.state.pairs.iter().map(|pair| pair.model).collect();
@@ -96,7 +96,6 @@ fn mode_difference(problem: &Problem, one: &Fit, other: &Fit) -> Option<(f64, f6
             .map(|model| view.modes.frequency_hz[model])
             .collect()
     };
-    let _ = problem;
     let pairs = unmeasured(one).into_iter().zip(unmeasured(other));
     let apart = |&(a, b): &(f64, f64)| (a / b).ln().abs();
     pairs.filter(|pair| apart(pair) > VISIBLE_FREQUENCY).max_by(|a, b| apart(a).total_cmp(&apart(b)))

@@ -1,157 +1,15 @@
 //! The verdict: what the search found, weighed, and said so that others can build on it.
 
-use serde::Serialize;
-
 use super::fit::{Estimate, Fit};
 use super::problem::{DiagnoseError, Problem};
+use super::report::{
+    CandidateReport, Diagnosis, Explained, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit, Unexplained, Verdict,
+};
 use super::search::{Found, Options};
 use super::settle::next_measurement;
 use super::signals::{Signal, Signals, all_shown, shown};
 use crate::compare::ChiSquared;
 use crate::model::effect::Effect;
-
-/// What the data say of the model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Verdict {
-    /// It fits, and no effect gains.
-    Adequate,
-    /// One effect stands out.
-    Effect,
-    /// Several effects explain the data alike.
-    Ambiguous,
-    /// None of the known effects explains the data.
-    Unknown,
-}
-
-/// A diagnosis.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Diagnosis {
-    /// What the data say of the model.
-    pub verdict: Verdict,
-    /// Kinds that explain something, each at its best place, best first.
-    pub candidates: Vec<CandidateReport>,
-    /// The name of the effect that explains the data best; empty where none does.
-    pub best: Vec<String>,
-    /// Sets of names that the data cannot tell apart.
-    pub ambiguous: Vec<Vec<String>>,
-    /// The measurement that would settle what is open.
-    pub next_measurement: Option<String>,
-    /// Of the model with the best effect, where one is named; else of the present model.
-    pub goodness_of_fit: GoodnessOfFit,
-    /// Of the present model, its tolerance used as well as may be.
-    pub present: GoodnessOfFit,
-    /// What the best fit leaves.
-    pub unexplained: Unexplained,
-    /// What makes the best effect the best; the present model's misfit where none is.
-    pub explained: Vec<Explained>,
-    /// Effects that the model has, refitted.
-    pub effects: Vec<CandidateReport>,
-    /// What the reader should know.
-    pub warnings: Vec<String>,
-}
-
-/// An effect with what it would explain.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct CandidateReport {
-    /// The kind.
-    pub effect: String,
-    /// The part after the @.
-    pub r#where: Option<String>,
-    /// Its values.
-    pub parameters: Vec<Estimate>,
-    /// Natural logarithm of the evidence over that of the present model; null for effects in the model.
-    pub log_bayes_factor: Option<f64>,
-    /// Squared deviations of what is left.
-    pub chi_squared: f64,
-    /// Probability of as much, were the effect all that is missing.
-    pub p_value: f64,
-    /// Whether its values are inside their bounds.
-    pub admissible: bool,
-    /// Other places that do nearly as well.
-    pub near: Vec<NearPlace>,
-}
-
-/// A place that does nearly as well.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct NearPlace {
-    /// The part after the @.
-    pub r#where: String,
-    /// Natural logarithm of the best place's evidence over this one's.
-    pub log_evidence_below_best: f64,
-}
-
-/// A chi-squared test.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct GoodnessOfFit {
-    /// Squared deviations.
-    pub chi_squared: f64,
-    /// Numbers compared less values fitted.
-    pub degrees_of_freedom: usize,
-    /// Probability of so large a value, or a larger one, of a right model.
-    pub p_value: f64,
-}
-
-/// What a fit leaves, in mean squared deviations: 1 is what measurement and tolerance allow.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Unexplained {
-    /// By measured mode.
-    pub by_mode: Vec<ModeMisfit>,
-    /// By sensor.
-    pub by_sensor: Vec<SensorMisfit>,
-    /// By height, lowest first.
-    pub by_height: Vec<HeightMisfit>,
-}
-
-/// What is left of a mode.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ModeMisfit {
-    /// Number of the measured mode.
-    pub measured: usize,
-    /// Its frequency.
-    pub measured_hz: f64,
-    /// The fitted model's frequency against it.
-    pub frequency_error_percent: f64,
-    /// Mean squared deviation of its numbers.
-    pub mean_square: f64,
-}
-
-/// What is left at a sensor.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct SensorMisfit {
-    /// The channel.
-    pub channel: String,
-    /// Mean squared deviation over the modes.
-    pub mean_square: f64,
-}
-
-/// What is left at a height.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct HeightMisfit {
-    /// The height.
-    pub elevation_m: f64,
-    /// Mean of its sensors.
-    pub mean_square: f64,
-}
-
-/// What an effect explains of a mode.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Explained {
-    /// Number of the measured mode.
-    pub measured: usize,
-    /// Its frequency.
-    pub measured_hz: f64,
-    /// The present model's frequency error.
-    pub before_percent: f64,
-    /// With the best effect.
-    pub after_percent: f64,
-    /// Squared deviations of the mode's numbers before.
-    pub chi_squared_before: f64,
-    /// With the best effect.
-    pub chi_squared_after: f64,
-    /// The channel at which the shape gains most.
-    pub channel: Option<String>,
-}
 
 /// Evidence of 20 to 1 makes an effect stand out.
 pub(super) const STANDS_OUT: f64 = 2.995_732_273_553_991;
@@ -233,7 +91,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         Some(_) => Verdict::Effect,
     };
     let named = best.filter(|_| modal == Verdict::Effect);
-    let twins = named.map_or_else(Vec::new, |best| twins(problem, present, best, &found[1..]));
+    let twins = named.map_or_else(Vec::new, |best| twins(present, best, &found[1..]));
     let strongest = signals.iter().max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
     let strongest = strongest.filter(|signal| signal.log_bayes_factor > STANDS_OUT);
     let above_modes = |signal: &&Signal| match modal {
@@ -314,23 +172,6 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
     }
 }
 
-impl From<ChiSquared> for GoodnessOfFit {
-    fn from(test: ChiSquared) -> Self {
-        let ChiSquared { chi_squared, degrees_of_freedom, p_value } = test;
-        Self { chi_squared, degrees_of_freedom, p_value }
-    }
-}
-
-impl CandidateReport {
-    /// `kind` or `kind@where`.
-    pub fn name(&self) -> String {
-        match &self.r#where {
-            Some(place) => format!("{}@{place}", self.effect),
-            None => self.effect.clone(),
-        }
-    }
-}
-
 fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateReport {
     let test = fit.goodness_of_fit();
     CandidateReport {
@@ -366,7 +207,7 @@ fn signal_report(signal: &Signal) -> CandidateReport {
 
 /// Effects that the data cannot tell from the best: within 20 to 1 of its evidence, or predicting the same and not
 /// refuted by the test of fit.
-fn twins<'a>(problem: &Problem, present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found> {
+fn twins<'a>(present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found> {
     let marginal = present.marginal();
     let single: Vec<bool> = rows_of_single_modes(present);
     let direction = |fit: &Fit| {
@@ -380,7 +221,6 @@ fn twins<'a>(problem: &Problem, present: &Fit, best: &Found, others: &'a [Found]
         marginal.project(&columns).column(0).into_owned()
     };
     let along = direction(&best.fit);
-    let _ = problem;
     others
         .iter()
         .filter(|other| {

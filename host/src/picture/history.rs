@@ -86,7 +86,7 @@ fn draw(
         .disable_x_axis()
         .light_line_style(WHITE)
         .y_labels(6)
-        .y_label_formatter(&|value| format!("{value:.3}"))
+        .y_label_formatter(&|value| digits(*value))
         .label_style(("sans-serif", 11))
         .draw()?;
     for (index, line) in lines.iter().enumerate() {
@@ -98,6 +98,14 @@ fn draw(
             .collect();
         chart.draw_series(LineSeries::new(points.iter().copied(), line.color.stroke_width(2)))?;
         chart.draw_series(points.iter().map(|point| Circle::new(*point, 3, line.color.filled())))?;
+        let beside = |point: &(f64, f64)| {
+            let (x, y) = chart.backend_coord(point);
+            let (left, top) = area.get_base_pixel();
+            (x - left + 7, y - top - 14)
+        };
+        for point in &points {
+            area.draw(&Text::new(digits(point.1), beside(point), ("sans-serif", 11).into_font().color(&line.color)))?;
+        }
         let at = (76 + 300 * index as i32, 5);
         area.draw(&Rectangle::new([(at.0, at.1 + 3), (at.0 + 10, at.1 + 9)], line.color.filled()))?;
         area.draw(&Text::new(line.name, (at.0 + 16, at.1), ("sans-serif", 12)))?;
@@ -118,6 +126,11 @@ fn draw(
         }
     }
     Ok(())
+}
+
+/// Three digits.
+fn digits(value: f64) -> String {
+    format!("{value:.*}", (2.0 - value.abs().log10().floor()).clamp(0.0, 4.0) as usize)
 }
 
 /// `add NAME@PLACE` in lines that fit below a step.
