@@ -80,11 +80,7 @@ fn a_hidden_effect_is_found_and_added_and_the_error_falls_where_no_psi_update_he
     let truth = Path::new(&place).join("study.toml.truth");
     let (head, _) = text.split_once("[[model.effect]]").unwrap();
     fs::copy(&study, &truth).unwrap();
-    fs::write(
-        &study,
-        format!("{head}[[model.effect]]\nkind = \"connection-flexibility\"\nwhere = \"272m\"\nvalue = 2e-13\n"),
-    )
-    .unwrap();
+    fs::write(&study, format!("{head}[[model.effect]]\nkind = \"base-translation\"\nvalue = 1.2e-9\n")).unwrap();
     let floor = error(&json(&left_out), "with_effects");
     fs::rename(&truth, &study).unwrap();
     for ((given, with), floor) in error(&given, "model").iter().zip(&with).zip(&floor) {
