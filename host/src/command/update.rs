@@ -217,10 +217,7 @@ pub(super) fn update_case(case: &Case, weights: &Weights, console: &Console) -> 
             }
         })
         .collect();
-    let mut report = report(case, &solution, weights, pair_reports, &matrices);
-    report.hints = hints(&case.view, &case.measured.modes, &pairs);
-    report.psi_size = psi_size(&case.view, &pairs, &solution);
-    report.psi_explained = psi_explained(case, weights, report.psi_size);
+    let report = report(case, &pairs, &solution, weights, pair_reports, &matrices);
     for warning in &report.warnings {
         console.warn(warning);
     }
@@ -260,6 +257,7 @@ fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
 
 fn report(
     case: &Case,
+    paired: &[Pair],
     solution: &Solution,
     weights: &Weights,
     pairs: Vec<UpdatedPair>,
@@ -276,6 +274,7 @@ fn report(
     let frequency_part: f64 =
         pairs.iter().map(|pair| weights.frequency * (pair.after.frequency_error_percent / 100.0).powi(2)).sum();
     let macs = mean(&|pair| pair.before.mac).zip(mean(&|pair| pair.after.mac));
+    let size = psi_size(&case.view, paired, solution);
     let mut warnings = solution.warnings.clone();
     if matrices.max_relative_change_of_other_eigenvalues > UNCHANGED {
         warnings.push(format!(
@@ -300,9 +299,9 @@ fn report(
         mean_mac: macs.map(|(before, after)| BeforeAfter { before, after }),
         rotation: rows(&solution.rotation),
         effects: case.effect_names(),
-        hints: Hints { span: Vec::new(), span_p_value: None, orthogonality: None },
-        psi_size: 0.0,
-        psi_explained: Vec::new(),
+        hints: hints(&case.view, &case.measured.modes, paired),
+        psi_size: size,
+        psi_explained: psi_explained(case, weights, size),
         warnings,
         pairs,
     }

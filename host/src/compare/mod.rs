@@ -19,8 +19,8 @@ pub(crate) use pairing::pair_above;
 pub use pairing::{Pair, pair};
 pub(crate) use residual::{Block, Residual, complement, recorded};
 pub use residual::{ChiSquared, chi_squared};
-pub(crate) use result::frequency_z;
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};
+pub(crate) use result::{frequency_z, levels};
 pub use tolerance::Tolerance;
 pub use view::{ModelView, ViewError};
 

@@ -113,6 +113,11 @@ impl Residual {
         })
     }
 
+    /// The block of a measured mode, with the place of its first number.
+    pub(crate) fn block_of(&self, measured: usize) -> Option<(usize, &Block)> {
+        self.blocks().find(|(_, block)| block.measured == measured)
+    }
+
     /// Numbers compared.
     pub(crate) fn size(&self) -> usize {
         self.blocks.iter().map(Block::size).sum()

@@ -197,15 +197,22 @@ pub(crate) fn frequency_z(mode: &MeasuredMode, model_hz: f64) -> Option<f64> {
 const SAME_HEIGHT_M: f64 = 0.01;
 
 fn by_height(sensors: &[Sensor], misfits: &[Option<f64>]) -> Vec<HeightMisfit> {
-    let mut heights: Vec<(f64, f64)> =
-        sensors.iter().zip(misfits).filter_map(|(sensor, misfit)| Some((sensor.elevation_m?, (*misfit)?))).collect();
-    heights.sort_by(|a, b| a.0.total_cmp(&b.0));
-    heights
-        .chunk_by(|a, b| b.0 - a.0 < SAME_HEIGHT_M)
-        .map(|level| HeightMisfit {
-            elevation_m: level[0].0,
-            misfit: (level.iter().map(|(_, misfit)| misfit * misfit).sum::<f64>() / level.len() as f64).sqrt(),
+    let known = sensors.iter().zip(misfits).filter_map(|(sensor, misfit)| Some((sensor.elevation_m?, (*misfit)?)));
+    levels(known.collect())
+        .into_iter()
+        .map(|(elevation_m, misfits)| HeightMisfit {
+            elevation_m,
+            misfit: (misfits.iter().map(|misfit| misfit * misfit).sum::<f64>() / misfits.len() as f64).sqrt(),
         })
+        .collect()
+}
+
+/// Values of sensors (height in m, value) by height, lowest first.
+pub(crate) fn levels(mut values: Vec<(f64, f64)>) -> Vec<(f64, Vec<f64>)> {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    values
+        .chunk_by(|a, b| b.0 - a.0 < SAME_HEIGHT_M)
+        .map(|level| (level[0].0, level.iter().map(|(_, value)| *value).collect()))
         .collect()
 }
 

@@ -164,12 +164,14 @@ impl Candidate {
             .parameters
             .iter()
             .enumerate()
-            .map(|(index, parameter)| {
-                let given = self.given.iter().find(|(at, _)| *at == index).map(|(_, value)| *value);
-                given.or(values.get(index).copied()).unwrap_or(parameter.neutral)
-            })
+            .map(|(index, parameter)| self.given(index).or(values.get(index).copied()).unwrap_or(parameter.neutral))
             .collect();
         Effect::with_parameters(self.kind, self.place.clone(), self.parameters, &all).ok()
+    }
+
+    /// The value of a parameter that is given.
+    fn given(&self, parameter: usize) -> Option<f64> {
+        self.given.iter().find(|(at, _)| *at == parameter).map(|(_, value)| *value)
     }
 
     /// Whether the structure has a place for it.
@@ -180,8 +182,11 @@ impl Candidate {
 
     /// Values at which the effect is not there.
     pub(super) fn neutral(&self) -> Vec<f64> {
-        let given = |index: usize| self.given.iter().find(|(at, _)| *at == index).map(|(_, value)| *value);
-        self.parameters.iter().enumerate().map(|(index, parameter)| given(index).unwrap_or(parameter.neutral)).collect()
+        self.parameters
+            .iter()
+            .enumerate()
+            .map(|(index, parameter)| self.given(index).unwrap_or(parameter.neutral))
+            .collect()
     }
 
     /// The values of the linear step, shortened to `longest` prior scales.
@@ -196,8 +201,7 @@ impl Candidate {
 
     /// The values of a neighbour, but for those that are given.
     pub(super) fn like(&self, values: &[f64]) -> Vec<f64> {
-        let given = |index: usize| self.given.iter().find(|(at, _)| *at == index).map(|(_, value)| *value);
-        values.iter().enumerate().map(|(index, value)| given(index).unwrap_or(*value)).collect()
+        values.iter().enumerate().map(|(index, value)| self.given(index).unwrap_or(*value)).collect()
     }
 
     pub(super) fn is_same(&self, other: &Self) -> bool {

@@ -84,12 +84,7 @@ impl Problem {
 
     /// Every kind that explains anything, refitted at its best place; best first.
     pub(super) fn search(&self, present: &Fit, options: &Options) -> Vec<Found> {
-        let mut scored = self.score(present, options);
-        // Where the background was bent far to make up for an effect, the effect may seem to have the wrong sign: it is
-        // linearised from the model as given as well, and the better of the two counts.
-        if let Ok(given) = self.without_scatter(present) {
-            merge(&mut scored, self.score(&given, options));
-        }
+        let scored = self.scored_twice(present, |from| self.score(from, options));
         let mut kinds: Vec<Vec<Scored>> = Vec::new();
         for one in scored {
             match kinds.iter_mut().find(|kind| kind[0].candidate.kind == one.candidate.kind) {
@@ -126,6 +121,16 @@ impl Problem {
         found
     }
 
+    /// Scores from the fit, and from the model as given: where the background was bent far to make up for an effect, the
+    /// effect may seem to have the wrong sign. The better of the two counts.
+    fn scored_twice(&self, present: &Fit, score: impl Fn(&Fit) -> Vec<Scored>) -> Vec<Scored> {
+        let mut scored = score(present);
+        if let Ok(given) = self.without_scatter(present) {
+            merge(&mut scored, score(&given));
+        }
+        scored
+    }
+
     /// One kind, at its best place or at the one that is given.
     pub(super) fn search_kind(
         &self,
@@ -137,10 +142,8 @@ impl Problem {
             Some(place) => self.candidates_at(kind, vec![Some(place.clone())], present),
             None => self.candidates(kind, present),
         };
-        let mut scored = self.score_all(present, &present.marginal(), candidates.clone());
-        if let Ok(given) = self.without_scatter(present) {
-            merge(&mut scored, self.score_all(&given, &given.marginal(), candidates));
-        }
+        let score = |from: &Fit| self.score_all(from, &from.marginal(), candidates.clone());
+        let mut scored = self.scored_twice(present, score);
         scored.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let look = self.refit_one(present, scored.first()?, None);
         self.refit(present, &scored, look, true)

@@ -1,5 +1,7 @@
 //! What to measure next, where two effects explain the data alike.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::fit::Fit;
 use super::problem::Problem;
 use crate::compare::ModelView;
@@ -58,31 +60,33 @@ fn greatest_difference(problem: &Problem, one: &Fit, other: &Fit) -> Option<Stri
 
 /// Height, direction, measured mode and difference, in shares of the mode's largest component.
 fn shape_difference(problem: &Problem, one: &Fit, other: &Fit) -> Option<(f64, char, usize, f64)> {
-    let mut best: Option<(f64, char, usize, f64)> = None;
+    let mut places = Vec::new();
     for z_m in problem.heights_m() {
-        for (direction, azimuth_deg) in [('X', 0.0), ('Y', 90.0)] {
-            let sensor = probe(z_m, azimuth_deg);
-            for (index, mode) in problem.measured.iter().enumerate() {
-                let (Some(a), Some(b)) = (motion(one, index, &sensor), motion(other, index, &sensor)) else { continue };
-                let difference = (a - b).abs();
-                if difference > best.as_ref().map_or(VISIBLE_SHAPE, |best| best.3) {
-                    best = Some((z_m, direction, mode.number, difference));
-                }
+        places.extend([(z_m, 'X', probe(z_m, 0.0)), (z_m, 'Y', probe(z_m, 90.0))]);
+    }
+    let probes: Vec<Sensor> = places.iter().map(|(_, _, probe)| probe.clone()).collect();
+    let rows = |fit: &Fit| fit.state.assembly.sensor_rows(&probes).ok();
+    let (rows, other_rows) = (rows(one)?, rows(other)?);
+    let mut best: Option<(f64, char, usize, f64)> = None;
+    for (index, mode) in problem.measured.iter().enumerate() {
+        let (Some(a), Some(b)) = (motion(one, index, &rows), motion(other, index, &other_rows)) else { continue };
+        for ((z_m, direction, _), difference) in places.iter().zip((a - b).abs().iter()) {
+            if *difference > best.as_ref().map_or(VISIBLE_SHAPE, |best| best.3) {
+                best = Some((*z_m, *direction, mode.number, *difference));
             }
         }
     }
     best
 }
 
-/// Motion of a fitted model's mode at a sensor that is not there, the largest component at the sensors that are being one.
-fn motion(fit: &Fit, measured: usize, sensor: &Sensor) -> Option<f64> {
+/// Motion of a fitted model's mode at sensors that are not there (`rows`, sensors x DOFs), the largest component at the sensors
+/// that are being one.
+fn motion(fit: &Fit, measured: usize, rows: &DMatrix<f64>) -> Option<DVector<f64>> {
     let state = &fit.state;
-    let block = state.residual.blocks().map(|(_, block)| block).find(|block| block.measured == measured)?;
+    let (_, block) = state.residual.block_of(measured)?;
     let shape = block.shape.as_ref().filter(|shape| shape.models.len() == 1)?;
-    let rows = state.structure.assemble().sensor_rows(std::slice::from_ref(sensor)).ok()?;
-    let there = (rows * state.view.modes.shapes.column(block.model))[0];
     let largest = state.view.at_sensors.column(block.model).amax();
-    Some(there * shape.combination[0].signum() / largest)
+    Some(rows * state.view.modes.shapes.column(block.model) * (shape.combination[0].signum() / largest))
 }
 
 /// Frequencies of the mode above or between the measured ones that differs most.

@@ -17,7 +17,7 @@ pub(super) struct State {
     /// The structure with both.
     pub(super) structure: Structure,
     /// Its matrices.
-    assembly: Assembly,
+    pub(super) assembly: Assembly,
     /// Its modes.
     pub(super) view: ModelView,
     /// By how much sensors are late.
@@ -141,8 +141,7 @@ impl Problem {
     fn phase_differences(&self, state: &State, view: &ModelView) -> DVector<f64> {
         let mut differences = Vec::new();
         for phases in &self.phases {
-            let block = state.residual.blocks().map(|(_, block)| block).find(|block| block.measured == phases.mode);
-            let predicted = block.and_then(|block| {
+            let predicted = state.residual.block_of(phases.mode).and_then(|(_, block)| {
                 let shape = block.shape.as_ref()?;
                 let imaginary = view.imaginary(block.model)? * shape.combination[0];
                 Some(imaginary.select_rows(&shape.sensors))

@@ -8,7 +8,7 @@ use super::report::{
 use super::search::{Found, Options};
 use super::settle::next_measurement;
 use super::signals::{Signal, Signals, all_shown, shown};
-use crate::compare::ChiSquared;
+use crate::compare::{ChiSquared, levels};
 use crate::model::effect::Effect;
 
 /// Evidence of 20 to 1 makes an effect stand out.
@@ -267,11 +267,8 @@ fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
         .filter(|(_, (_, count))| *count > 0)
         .map(|(sensor, (sum, count))| (sensor, sum / *count as f64))
         .collect();
-    let mut levels: Vec<(f64, f64)> = by_sensor
-        .iter()
-        .filter_map(|(sensor, mean_square)| Some((problem.sensors[*sensor].elevation_m?, *mean_square)))
-        .collect();
-    levels.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let at_height = |&(sensor, mean_square): &(usize, f64)| Some((problem.sensors[sensor].elevation_m?, mean_square));
+    let levels = levels(by_sensor.iter().filter_map(at_height).collect());
     Unexplained {
         by_mode,
         by_sensor: by_sensor
@@ -282,17 +279,14 @@ fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
             })
             .collect(),
         by_height: levels
-            .chunk_by(|a, b| b.0 - a.0 < SAME_HEIGHT_M)
-            .map(|level| HeightMisfit {
-                elevation_m: level[0].0,
-                mean_square: level.iter().map(|(_, square)| square).sum::<f64>() / level.len() as f64,
+            .iter()
+            .map(|(elevation_m, squares)| HeightMisfit {
+                elevation_m: *elevation_m,
+                mean_square: squares.iter().sum::<f64>() / squares.len() as f64,
             })
             .collect(),
     }
 }
-
-/// Sensors within this distance (in m) stand at one height.
-const SAME_HEIGHT_M: f64 = 0.01;
 
 /// Squared deviations of a shape sensor by sensor.
 fn sensor_squares(problem: &Problem, block: &crate::compare::Block) -> Vec<(usize, f64)> {
@@ -311,8 +305,7 @@ fn sensor_squares(problem: &Problem, block: &crate::compare::Block) -> Vec<(usiz
 
 fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
     let block_of = |fit: &Fit, measured: usize| -> (f64, Vec<(usize, f64)>) {
-        let mut blocks = fit.state.residual.blocks();
-        blocks.find(|(_, block)| block.measured == measured).map_or((0.0, Vec::new()), |(first, block)| {
+        fit.state.residual.block_of(measured).map_or((0.0, Vec::new()), |(first, block)| {
             (fit.state.modes.rows(first, block.size()).norm_squared(), sensor_squares(problem, block))
         })
     };

@@ -14,6 +14,7 @@ use super::geometry::{Geometry, Line};
 use super::matrices::ImportedMatrices;
 use super::sensing::Sensing;
 use super::sensitivity::Change;
+use crate::study::STANDARD_GRAVITY_M_S2;
 
 /// What a model is made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -290,6 +291,15 @@ impl Structure {
     }
 
     fn assemble_beam(&self, beam: &BeamTable) -> Assembly {
+        let mut assembly = self.assemble_lumped(beam);
+        if self.mass_spread != 0.0 {
+            assembly.mass += assembly.spread(beam.segments()) * self.mass_spread;
+        }
+        assembly
+    }
+
+    /// The beam with all masses at its nodes.
+    fn assemble_lumped(&self, beam: &BeamTable) -> Assembly {
         let segments = beam.segments();
         let free = segments.len() * DOFS_A_NODE;
         let mut whole = DMatrix::zeros(free + DOFS_A_NODE, free + DOFS_A_NODE);
@@ -318,17 +328,13 @@ impl Structure {
             }
         }
         let geometry = Geometry::Line(Line::of_beam(segments, self.axis_turn_deg, base_motion));
-        let mut assembly = Assembly { stiffness, mass, geometry, sensing: Sensing::default() };
-        if self.mass_spread != 0.0 {
-            assembly.mass += assembly.spread(segments) * self.mass_spread;
-        }
-        assembly
+        Assembly { stiffness, mass, geometry, sensing: Sensing::default() }
     }
 
     /// What spreading all masses adds to M; zero for matrices.
     pub fn spread_change(&self) -> Change {
         let Body::Beam(beam) = &self.body else { return Change::local(0, DMatrix::zeros(0, 0), false) };
-        let spread = self.assemble_beam(beam).spread(beam.segments());
+        let spread = self.assemble_lumped(beam).spread(beam.segments());
         Change::of(&DMatrix::zeros(spread.nrows(), spread.ncols()), &(spread * self.mass_factor))
     }
 
@@ -401,8 +407,6 @@ pub struct SegmentChange {
     pub mass: Change,
 }
 
-/// Standard gravity in m/s².
-const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 /// K is linear in a segment's stiffness, but for a flexible base or a joint, where it is smooth.
 const STEP: f64 = 1e-3;
 

@@ -5,10 +5,7 @@ use std::path::Path;
 
 use super::error::RecordError;
 use super::uff::{ResponseName, find_response, same_responses};
-use crate::study::{Sensor, Setup, Unit};
-
-/// Standard gravity in m/s² (3rd General Conference on Weights and Measures, 1901).
-const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
+use crate::study::{STANDARD_GRAVITY_M_S2, Sensor, Setup, Unit};
 
 /// Names of columns that mean time, in lower case: seconds, or timestamps where the format has them.
 const TIME_NAMES: [&str; 6] = ["time", "t", "time_s", "t_s", "seconds", "timestamp"];

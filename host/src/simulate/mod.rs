@@ -28,7 +28,7 @@ use thiserror::Error;
 
 use crate::model::effect::{Effect, EffectError, Evidence};
 use crate::model::{Assembly, BeamTable, EigenError, SensorError, Structure};
-use crate::study::{Setup, Unit};
+use crate::study::{STANDARD_GRAVITY_M_S2, Setup, Unit};
 pub(crate) use file::partial_name;
 use loading::Loading;
 use oscillator::{OscillatorBank, Quantity};
@@ -41,8 +41,6 @@ const BLOCK_ROWS: usize = 256;
 
 /// Modes above this share of the Nyquist rate are left out: the record could not show them.
 const HIGHEST_MODE_IN_NYQUIST: f64 = 0.9;
-
-const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
 /// How to simulate.
 #[derive(Debug, Clone, PartialEq)]

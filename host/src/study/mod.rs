@@ -15,7 +15,7 @@ use std::path::Path;
 pub use error::{Place, StudyError};
 pub use types::{
     Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
-    ModelSource, Sensor, Setup, Structure, Study, Unit,
+    ModelSource, STANDARD_GRAVITY_M_S2, Sensor, Setup, Structure, Study, Unit,
 };
 
 /// The file of a study that a user writes.

@@ -54,6 +54,9 @@ pub struct Setup {
     pub sensors: Vec<Sensor>,
 }
 
+/// Standard gravity in m/s².
+pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
+
 /// What a recording's numbers are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unit {

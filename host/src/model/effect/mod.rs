@@ -291,18 +291,14 @@ impl Effect {
             let number = only.read(value).ok_or_else(|| bad(value.to_string()))?;
             return Self::with_parameters(kind, place, set, &[number]);
         }
-        let in_order = |set: &&'static [Parameter]| {
-            let value_of = |parameter: &Parameter| {
-                given.iter().find(|(name, _)| *name == parameter.name).and_then(|(_, value)| parameter.read(value))
-            };
-            let values: Option<Vec<f64>> = set.iter().map(value_of).collect();
-            values.filter(|values| values.len() == given.len()).map(|values| (*set, values))
-        };
         let words = || {
             let words: Vec<String> = given.iter().map(|(name, value)| format!("{name} = {value}")).collect();
             if words.is_empty() { "nothing".to_owned() } else { words.join(", ") }
         };
-        let (set, values) = kind.parameter_sets().iter().find_map(in_order).ok_or_else(|| bad(words()))?;
+        let value_of = |parameter: &Parameter| {
+            given.iter().find(|(name, _)| *name == parameter.name).and_then(|(_, value)| parameter.read(value))
+        };
+        let (set, values) = set_of(kind, given.len(), value_of).ok_or_else(|| bad(words()))?;
         Self::with_parameters(kind, place, set, &values)
     }
 
@@ -432,6 +428,16 @@ fn check_place(kind: &'static dyn EffectKind, place: Option<&Where>) -> Result<(
     };
     let found = place.map_or_else(|| "nothing".to_owned(), |place| format!("@{place}"));
     Err(EffectError::WrongPlace { kind: kind.name(), expected, found })
+}
+
+/// The parameter set of as many parameters as are given, all of which have a value.
+fn set_of(
+    kind: &'static dyn EffectKind,
+    given: usize,
+    value_of: impl Fn(&Parameter) -> Option<f64>,
+) -> Option<(&'static [Parameter], Vec<f64>)> {
+    let in_order = |set: &&'static [Parameter]| Some((*set, set.iter().map(&value_of).collect::<Option<Vec<f64>>>()?));
+    kind.parameter_sets().iter().filter(|set| set.len() == given).find_map(in_order)
 }
 
 /// What a value of this kind looks like, in words.

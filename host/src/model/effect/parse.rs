@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::{Effect, EffectError, Parameter, expected_value, find};
+use super::{Effect, EffectError, Parameter, expected_value, find, set_of};
 
 /// The part after the @: where an effect acts.
 #[derive(Debug, Clone, PartialEq)]
@@ -95,14 +95,10 @@ impl FromStr for Effect {
             let (parameter, number) = part.split_once('=').ok_or_else(bad)?;
             given.push((parameter.trim(), number.trim()));
         }
-        let in_order = |set: &&'static [Parameter]| {
-            let value_of = |parameter: &Parameter| {
-                given.iter().find(|(given, _)| *given == parameter.name).and_then(|(_, word)| parameter.read_word(word))
-            };
-            let values: Option<Vec<f64>> = set.iter().map(value_of).collect();
-            values.filter(|values| values.len() == given.len()).map(|values| (*set, values))
+        let value_of = |parameter: &Parameter| {
+            given.iter().find(|(given, _)| *given == parameter.name).and_then(|(_, word)| parameter.read_word(word))
         };
-        let (set, values) = kind.parameter_sets().iter().find_map(in_order).ok_or_else(bad)?;
+        let (set, values) = set_of(kind, given.len(), value_of).ok_or_else(bad)?;
         Self::with_parameters(kind, place, set, &values)
     }
 }
