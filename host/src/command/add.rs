@@ -61,8 +61,8 @@ pub(super) fn add(case: &Case, word: &str, console: &Console) -> anyhow::Result<
         Ok(case.model.effects.iter().cloned().chain([effect]).collect())
     };
     let step = match (value, kind.evidence()) {
-        (Some(_), _) => setting.refit(&action, &with(word.parse()?)?)?,
-        (None, Evidence::Modes | Evidence::Phases) => {
+        (Some(_), _) => setting.refit_beside(&action, &with(word.parse()?)?, &case.model.effects)?,
+        (None, Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks) => {
             if let Some(place) = &place {
                 check_place(case, kind, place)?;
             }
@@ -77,7 +77,9 @@ pub(super) fn add(case: &Case, word: &str, console: &Console) -> anyhow::Result<
 fn named(head: &str) -> anyhow::Result<(&'static dyn EffectKind, Option<Where>)> {
     if !head.contains('@') {
         let kind = effect::find(head.trim())?;
-        if matches!(kind.evidence(), Evidence::Modes | Evidence::Phases) && kind.place() != Place::Name {
+        if matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks)
+            && kind.place() != Place::Name
+        {
             return Ok((kind, None));
         }
     }
@@ -87,7 +89,8 @@ fn named(head: &str) -> anyhow::Result<(&'static dyn EffectKind, Option<Where>)>
 /// Whether the effect has a place there, at a value that does nothing.
 fn check_place(case: &Case, kind: &'static dyn EffectKind, place: &Where) -> anyhow::Result<()> {
     let parameters = kind.parameter_sets().first().copied().unwrap_or(&[]);
-    let neutral: Vec<f64> = parameters.iter().map(|parameter| parameter.neutral).collect();
+    let neutral: Vec<f64> =
+        parameters.iter().map(|parameter| parameter.neutral.clamp(parameter.least, parameter.greatest)).collect();
     let effect = Effect::with_parameters(kind, Some(place.clone()), parameters, &neutral)?;
     effect.check_sensors(&case.sensors)?;
     effect.apply(&mut case.model.structure()?)?;

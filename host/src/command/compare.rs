@@ -41,7 +41,10 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.json(&comparison)?;
     if comparison.mean_mac.is_some() {
         let study = case.study.folder.display();
-        console.say(format!("Next: belfry update {study}    the paper's direct update of the stiffness matrix"));
+        if case.study.model.is_some() {
+            console.say(format!("Next: belfry diagnose {study}    which physical effect the model lacks"));
+        }
+        console.say(format!("      belfry update {study}      the paper's direct update of the stiffness matrix"));
     }
     Ok(())
 }
@@ -207,7 +210,7 @@ fn tell_test(comparison: &Comparison, case: &Case, console: &Console) {
         "the measurement's deviations alone (no background_stiffness or background_mass in [model])"
     };
     let verdict = if p_value < SIGNIFICANT {
-        "the model does not explain the measurement: something is missing or wrong"
+        "the model as it is lies further off than these allow"
     } else {
         "nothing contradicts the model"
     };

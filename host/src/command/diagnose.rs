@@ -10,8 +10,8 @@ use super::case::{Case, write_json};
 use super::identify::align_right;
 use super::steps::{append_history, entries, starting_record};
 use crate::diagnose::steps::{Step, StepRecord};
-use crate::diagnose::{Diagnosis, Estimate, Options, Verdict, diagnose};
-use crate::model::effect;
+use crate::diagnose::{CandidateReport, Diagnosis, Estimate, FAILS, Options, Part, Verdict, diagnose};
+use crate::model::effect::{self, Evidence};
 use crate::study::edit::set_effects;
 
 const EXAMPLES: &str = "Examples:
@@ -54,8 +54,8 @@ fn kind(text: &str) -> Result<String, String> {
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let case = Case::load(&arguments.study, console)?;
     let case = if arguments.auto { auto(case, &arguments.without, console)? } else { case };
-    let diagnosis = diagnose_case(&case, &arguments.without, console)?;
-    if arguments.auto {
+    let diagnosis = diagnose_case(&case, &arguments.without, arguments.auto, console)?;
+    if arguments.auto && diagnosis.verdict != Verdict::Unknown {
         let study = case.study.folder.display();
         console.say(format!("      belfry history {study}     how the error fell, step by step"));
     }
@@ -74,26 +74,40 @@ pub(super) fn auto(case: Case, without: &[String], console: &Console) -> anyhow:
             step.action, record.chi_squared, record.degrees_of_freedom, record.mean_abs_frequency_error_percent
         ));
         records.push(record.clone());
-        last = Some(entries(&step.effects));
+        last = Some((entries(&step.effects), record.p_value));
     };
     case.setting()?.auto(&case.model.effects, &case.signals()?, &options, &mut tell)?;
-    if let Some(entries) = last {
-        set_effects(&case.study.folder, &entries)?;
-    } else {
+    let Some((entries, p_value)) = last else {
         console.say("No effect gains 20 to 1; the model stays as it is.");
+        append_history(&case, &records)?;
+        return Ok(case);
+    };
+    if p_value < FAILS {
+        // Effects that together explain too little are made up as likely as not.
+        console.warn(format!(
+            "these effects do not explain the measurement (p = {}); nothing was added. `belfry add` puts one in all the same",
+            p_text(p_value)
+        ));
+        return Ok(case);
     }
-    append_history(&case.study, &records)?;
+    set_effects(&case.study.folder, &entries)?;
+    append_history(&case, &records)?;
     Case::load(&case.study.folder.clone(), console)
 }
 
 /// Diagnoses, tells and stores.
-pub(super) fn diagnose_case(case: &Case, without: &[String], console: &Console) -> anyhow::Result<Diagnosis> {
+pub(super) fn diagnose_case(
+    case: &Case,
+    without: &[String],
+    auto: bool,
+    console: &Console,
+) -> anyhow::Result<Diagnosis> {
     let options = Options { without: without.to_vec() };
     let diagnosis = {
         let effects = &case.model.effects;
         diagnose(&case.setting()?.problem(effects)?, effects, &case.signals()?, &options)?
     };
-    tell(&diagnosis, case, console);
+    tell(&diagnosis, auto, case, console);
     for warning in &diagnosis.warnings {
         console.warn(warning);
     }
@@ -101,40 +115,74 @@ pub(super) fn diagnose_case(case: &Case, without: &[String], console: &Console) 
     Ok(diagnosis)
 }
 
-/// Candidates in the table.
+/// Candidates in the table, of which the first few are always shown.
 const SHOWN: usize = 8;
+const ALWAYS: usize = 3;
 
-fn tell(diagnosis: &Diagnosis, case: &Case, console: &Console) {
+/// Candidates that gain, and those that are named.
+fn shown(diagnosis: &Diagnosis) -> Vec<&CandidateReport> {
+    let is_named = |candidate: &CandidateReport| {
+        diagnosis.best.iter().chain(diagnosis.ambiguous.iter().flatten()).any(|name| *name == candidate.name())
+    };
+    let gains = |candidate: &CandidateReport| candidate.log_bayes_factor.is_some_and(|gain| gain > 0.0);
+    let candidates = diagnosis.candidates.iter().filter(|candidate| candidate.admissible).enumerate();
+    candidates
+        .filter(|(index, candidate)| *index < ALWAYS || is_named(candidate) || (*index < SHOWN && gains(candidate)))
+        .map(|(_, candidate)| candidate)
+        .collect()
+}
+
+/// Whether what an effect leaves is counted in modes.
+fn in_modes(candidate: &CandidateReport) -> bool {
+    effect::find(&candidate.effect)
+        .is_ok_and(|kind| matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks))
+}
+
+fn tell(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Console) {
     let effects = case.effect_names();
     let with = if effects.is_empty() { String::new() } else { format!(", with {}", effects.join(", ")) };
     console.say(format!("\n{}: which effect does the model{with} lack?", case.study.structure.name));
     let test = diagnosis.present;
     console.say(format!(
-        "The model as it is: chi-squared {:.0} over {} numbers, p = {}.",
+        "The model as it is: chi-squared {:.0} over {} numbers, p = {}{}.",
         test.chi_squared,
         test.degrees_of_freedom,
-        p_text(test.p_value)
+        p_text(test.p_value),
+        worst_text(test.worst)
     ));
     if !diagnosis.candidates.is_empty() {
         let mut table = Table::new();
         table.load_style(UTF8_FULL_CONDENSED);
         table.set_header(vec!["effect", "value", "ln B", "chi-squared left", "p"]);
-        for candidate in diagnosis.candidates.iter().take(SHOWN) {
+        for candidate in shown(diagnosis) {
+            let place_std = candidate.where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
             table.add_row(vec![
-                candidate.name(),
+                candidate.name() + &place_std,
                 values_text(&candidate.parameters),
                 candidate.log_bayes_factor.map_or_else(|| "-".to_owned(), |gain| format!("{gain:+.1}")),
-                format!("{:.0}", candidate.chi_squared),
+                if in_modes(candidate) { format!("{:.0}", candidate.chi_squared) } else { "-".to_owned() },
                 p_text(candidate.p_value),
             ]);
         }
         align_right(&mut table, 5);
         console.say(table);
+        for candidate in diagnosis.candidates.iter().filter(|candidate| !candidate.admissible) {
+            console.say(format!(
+                "{} would need a value that it cannot have ({}).",
+                candidate.name(),
+                values_text(&candidate.parameters)
+            ));
+        }
+        let admissible = diagnosis.candidates.iter().filter(|candidate| candidate.admissible).count();
+        let others = admissible - shown(diagnosis).len();
+        if others > 0 {
+            console.say(format!("{others} more gain less, or nothing; --json lists them."));
+        }
     }
-    tell_verdict(diagnosis, case, console);
+    tell_verdict(diagnosis, auto, case, console);
 }
 
-fn tell_verdict(diagnosis: &Diagnosis, case: &Case, console: &Console) {
+fn tell_verdict(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Console) {
     let study = case.study.folder.display();
     let best = diagnosis.best.first().cloned().unwrap_or_default();
     match diagnosis.verdict {
@@ -142,7 +190,10 @@ fn tell_verdict(diagnosis: &Diagnosis, case: &Case, console: &Console) {
             console.say("Verdict: adequate. The model explains the measurement within its tolerance, and no effect gains 20 to 1.");
         }
         Verdict::Effect => {
-            console.say(format!("Verdict: {best}. It explains what the model does not."));
+            match &diagnosis.reason {
+                Some(reason) => console.say(format!("Verdict: {best}. {reason}.")),
+                None => console.say(format!("Verdict: {best}. It explains what the model does not.")),
+            }
             tell_near(diagnosis, console);
             tell_explained(diagnosis, console);
         }
@@ -162,14 +213,38 @@ fn tell_verdict(diagnosis: &Diagnosis, case: &Case, console: &Console) {
         console.say(format!("To settle it, measure: {next}."));
     }
     match diagnosis.verdict {
-        Verdict::Adequate => {}
-        Verdict::Effect | Verdict::Ambiguous => {
+        Verdict::Adequate => {
+            console.say(format!("Next: belfry covalidate {study}    predicts sensors that it is not shown"));
+        }
+        Verdict::Effect => {
             console.say(format!("Next: belfry add {study} {best}    puts it into the model and refits"));
         }
-        Verdict::Unknown => {
-            console
-                .say(format!("Next: belfry diagnose {study} --auto    looks for several effects, one after the other"));
+        Verdict::Ambiguous => {
+            let adds = diagnosis.ambiguous.iter().flatten().map(|name| format!("belfry add {study} {name}"));
+            console.say(format!(
+                "Next: measure that; or decide by what you know of the structure: {}",
+                adds.collect::<Vec<_>>().join(", or ")
+            ));
         }
+        Verdict::Unknown => {
+            if auto {
+                console.say(format!("Next: belfry compare {study}    shows where it fails; a hypothesis of your own can be tried as [[model.custom]]"));
+            } else {
+                console.say(format!(
+                    "Next: belfry diagnose {study} --auto    looks for several effects, one after the other"
+                ));
+            }
+        }
+    }
+}
+
+/// What a probability is of, where it is not of all numbers.
+fn worst_text(worst: Part) -> &'static str {
+    match worst {
+        Part::All => "",
+        Part::Frequencies => " by its frequencies alone",
+        Part::Scatter => " by how far its segments had to be bent",
+        Part::Phases => " by the phases of its shapes alone",
     }
 }
 
@@ -191,16 +266,21 @@ fn tell_explained(diagnosis: &Diagnosis, console: &Console) {
     for (index, mode) in modes.iter().take(NAMED_MODES).filter(|mode| gain(mode) > 1.0).enumerate() {
         let at = mode.channel.as_ref().map_or_else(String::new, |channel| format!(", shape most at channel {channel}"));
         console.say(format!(
-            "  {} mode {} at {:.4} Hz: frequency {:+.2} % -> {:+.2} %, chi-squared {:.0} -> {:.0}{at}",
+            "  {} mode {} at {:.4} Hz: frequency {} -> {}, chi-squared {:.0} -> {:.0}{at}",
             if index == 0 { "Why:" } else { "    " },
             mode.measured,
             mode.measured_hz,
-            mode.before_percent,
-            mode.after_percent,
+            percent_text(mode.before_percent),
+            percent_text(mode.after_percent),
             mode.chi_squared_before,
             mode.chi_squared_after
         ));
     }
+}
+
+/// An error, where the model has such a mode.
+fn percent_text(error_percent: Option<f64>) -> String {
+    error_percent.map_or_else(|| "no such mode".to_owned(), |error| format!("{error:+.2} %"))
 }
 
 fn tell_unexplained(diagnosis: &Diagnosis, console: &Console) {

@@ -111,10 +111,14 @@ fn explain(kind: &'static dyn EffectKind, console: &Console) {
         for (row, parameter) in set.iter().enumerate() {
             let label = if row == 0 { label } else { "       and: " };
             let typical = match parameter.prior {
+                Prior::Value(typical) if parameter.neutral == 0.0 => {
+                    format!("; typically {typical}{}", unit(parameter))
+                }
                 Prior::Value(typical) => format!("; typically {typical}{} from {}", unit(parameter), parameter.neutral),
                 Prior::FrequencyShift(share) => {
                     format!("; typically what moves a frequency by {:.0} %", 100.0 * share)
                 }
+                Prior::Share(share) => format!("; known to some {:.0} % before it is fitted", 100.0 * share),
                 Prior::Given => String::new(),
             };
             console.say(format!("{label} {} ({}): {}{typical}", parameter.name, parameter.range(), parameter.meaning));

@@ -41,14 +41,21 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let names = case.effect_names();
     let index = match named[..] {
         [index] => index,
-        [] if names.is_empty() => bail!("the model has no effects to remove"),
+        [] if names.is_empty() => bail!("the model has no effects to remove, nor any {}", arguments.effect),
         [] => bail!("the model has no effect {}; it has {}", arguments.effect, names.join(", ")),
         _ => bail!("the model has several: name one of {}", names.join(", ")),
     };
-    let start = starting_record(&case)?;
+    // Effects that cannot be fitted together have no errors to start from; taking one out is what mends that.
+    let start = match starting_record(&case) {
+        Ok(start) => start,
+        Err(error) => {
+            console.warn(format!("the model as it is: {error:#}"));
+            None
+        }
+    };
     let left: Vec<Effect> =
         effects.iter().enumerate().filter(|(at, _)| *at != index).map(|(_, effect)| effect.clone()).collect();
-    let step = case.setting()?.refit(&format!("drop {}", effects[index]), &left)?;
+    let step = case.setting()?.refit_beside(&format!("drop {}", effects[index]), &left, effects)?;
     let report = adopt(&case, start, &step, console)?;
     console.json(&report)
 }

@@ -5,6 +5,7 @@ use std::fs::OpenOptions;
 use std::io::Write;
 
 use anyhow::Context;
+use belfry_shared::frame::crc32;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
 
@@ -13,9 +14,9 @@ use super::case::{Case, results_folder};
 use super::compare::{mac_text, or_dash};
 use super::diagnose::{p_text, values_text};
 use super::identify::align_right;
-use crate::compare::{Comparison, ModelView, compare};
-use crate::diagnose::Estimate;
+use crate::compare::{Comparison, ModelView, Tolerance, compare};
 use crate::diagnose::steps::{FittedEffect, Step, StepRecord};
+use crate::diagnose::{Estimate, STANDS_OUT};
 use crate::model::effect::Effect;
 use crate::study::edit::{EffectEntry, set_effects};
 use crate::study::{STUDY_FILE, Study};
@@ -67,7 +68,9 @@ pub(super) fn read_history(study: &Study) -> anyhow::Result<Vec<StepRecord>> {
 }
 
 /// Appends steps, numbered on.
-pub(super) fn append_history(study: &Study, steps: &[StepRecord]) -> anyhow::Result<Vec<StepRecord>> {
+pub(super) fn append_history(case: &Case, steps: &[StepRecord]) -> anyhow::Result<Vec<StepRecord>> {
+    let study = &case.study;
+    let data = data_mark(case)?;
     let first = read_history(study)?.last().map_or(0, |last| last.step + 1);
     let folder = results_folder(study);
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
@@ -76,21 +79,35 @@ pub(super) fn append_history(study: &Study, steps: &[StepRecord]) -> anyhow::Res
     let mut file = OpenOptions::new().create(true).append(true).open(&path).with_context(failed)?;
     let mut numbered = Vec::new();
     for (number, step) in (first..).zip(steps) {
-        let step = StepRecord { step: number, ..step.clone() };
+        let step = StepRecord { step: number, data: data.clone(), ..step.clone() };
         writeln!(file, "{}", serde_json::to_string(&step)?).with_context(failed)?;
         numbered.push(step);
     }
     Ok(numbered)
 }
 
-/// The record of the model as it is, where the history has none of it yet.
+/// Of the measured modes and the model as given.
+fn data_mark(case: &Case) -> anyhow::Result<String> {
+    let file = &case.measured.file;
+    let modes = std::fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let given = case.model.as_given();
+    let numbers: Vec<u8> =
+        given.stiffness.iter().chain(given.mass.iter()).flat_map(|number| number.to_le_bytes()).collect();
+    Ok(format!("{:08x}{:08x}", crc32(&modes), crc32(&numbers)))
+}
+
+/// The record of the model as it is, where the history has none of it yet; `None` as well where the effects in it cannot be
+/// fitted to these data, which only taking one out can mend.
 pub(super) fn starting_record(case: &Case) -> anyhow::Result<Option<StepRecord>> {
     let history = read_history(&case.study)?;
     let effects = case.effect_names();
-    if history.last().is_some_and(|last| last.effects == effects && last.modes > 0) {
-        return Ok(None);
-    }
-    let action = if history.is_empty() { "start" } else { "edited by hand" };
+    let data = data_mark(case)?;
+    let action = match history.last() {
+        None => "start",
+        Some(last) if last.data != data => "new measurement or model",
+        Some(last) if last.effects == effects && last.modes > 0 => return Ok(None),
+        Some(_) => "edited by hand",
+    };
     Ok(Some(case.setting()?.refit(action, &case.model.effects)?.record))
 }
 
@@ -109,7 +126,7 @@ pub(super) fn adopt(
     let after = case.compare_with(&effects)?;
     set_effects(&case.study.folder, &entries(&step.effects))?;
     let records: Vec<StepRecord> = start.into_iter().chain([step.record.clone()]).collect();
-    let record = append_history(&case.study, &records)?.pop().unwrap_or_else(|| step.record.clone());
+    let record = append_history(case, &records)?.pop().unwrap_or_else(|| step.record.clone());
     let report = ChangeReport {
         action: step.action.clone(),
         effects: step
@@ -174,9 +191,31 @@ fn tell(report: &ChangeReport, case: &Case, console: &Console) {
             change(before.and_then(|step| step.held_out_mode_error_percent), now.held_out_mode_error_percent, " %")
         ));
     }
+    if let Some(gain) = now.log_bayes_factor {
+        console.say(gain_text(gain, now, case));
+    }
     console.say(format!("Written into {}.", case.study.folder.join(STUDY_FILE).display()));
     console.say(format!("Next: belfry diagnose {study}    is anything else missing?"));
     console.say(format!("      belfry history {study}     how the error fell, step by step"));
+}
+
+/// Whether a step was worth it.
+fn gain_text(gain: f64, step: &StepRecord, case: &Case) -> String {
+    let study = case.study.folder.display();
+    let last = step.effects.last().cloned().unwrap_or_default();
+    if step.action.starts_with("drop") {
+        return match gain > -STANDS_OUT {
+            true => format!("The data did not ask for it (ln B = {gain:+.1} without it)."),
+            false => format!("The data ask for it: the evidence falls by ln B = {gain:+.1}."),
+        };
+    }
+    if gain > STANDS_OUT {
+        format!("It helps: the evidence rises by ln B = {gain:+.1}.")
+    } else if gain > 0.0 {
+        format!("It gains less than 20 to 1 (ln B = {gain:+.1}): the data do not ask for it.")
+    } else {
+        format!("It gains nothing (ln B = {gain:+.1}); `belfry remove {study} {last}` takes it out again.")
+    }
 }
 
 fn before_and_after(before: &Comparison, after: &Comparison) -> Table {
@@ -204,6 +243,7 @@ impl Case {
         let structure = self.model.bare().and(effects)?;
         let sensors = self.seen_sensors();
         let view = ModelView::of(&structure.assemble(), sensors)?;
-        Ok(compare(&view, &self.measured.modes, sensors, self.tolerance.as_ref()))
+        let tolerance = self.study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
+        Ok(compare(&view, &self.measured.modes, sensors, tolerance.as_ref()))
     }
 }

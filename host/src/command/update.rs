@@ -366,13 +366,14 @@ fn tell_hints(report: &UpdateReport, console: &Console) {
         let says = if test.p_value < SIGNIFICANT {
             "the model's mass, or the sensors, are not what they are said to be"
         } else {
-            "as the model's mass wants them"
+            "nothing contradicts the model's mass"
         };
         console.say(format!(
-            "  Orthogonality by mass: worst between modes {} and {} (cosine {:.3}), p = {}: {says}.",
+            "  Orthogonality by mass: worst between modes {} and {} (cosine {:.3} ± {:.3}), p = {}: {says}.",
             test.worst[0],
             test.worst[1],
             test.cosine,
+            test.cosine_std,
             p_text(test.p_value)
         ));
     }

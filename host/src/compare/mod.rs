@@ -17,7 +17,7 @@ use crate::study::Sensor;
 
 pub(crate) use pairing::pair_above;
 pub use pairing::{Pair, pair};
-pub(crate) use residual::{Block, Residual, complement, recorded};
+pub(crate) use residual::{Block, Residual, complement, exceeding};
 pub use residual::{ChiSquared, chi_squared};
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};
 pub(crate) use result::{frequency_z, levels};

@@ -8,7 +8,7 @@ use super::pairing::{RANK_TOLERANCE, close_models};
 use super::tolerance::Tolerance;
 use super::{ModelView, Pair, frequency_deviation, shape_deviations};
 use crate::measured::{MeasuredMode, MeasuredShape};
-use crate::model::{ModeDerivative, derivatives};
+use crate::model::ModeDerivative;
 
 /// A chi-squared test.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -54,37 +54,24 @@ pub fn chi_squared(
 impl ChiSquared {
     /// The test of a squared length.
     pub(crate) fn of(chi_squared: f64, degrees_of_freedom: usize) -> Self {
-        let p_value = match Distribution::new(degrees_of_freedom as f64) {
-            Ok(distribution) => distribution.sf(chi_squared),
-            // No numbers compared, nothing said against the model.
-            Err(_) => 1.0,
-        };
-        Self { chi_squared, degrees_of_freedom, p_value }
+        Self { chi_squared, degrees_of_freedom, p_value: exceeding(chi_squared, degrees_of_freedom as f64) }
     }
+}
+
+/// Probability that a chi-squared number exceeds a value; 1 where no numbers were compared, which say nothing.
+pub(crate) fn exceeding(chi_squared: f64, degrees_of_freedom: f64) -> f64 {
+    Distribution::new(degrees_of_freedom).map_or(1.0, |distribution| distribution.sf(chi_squared))
 }
 
 /// G, residual x changes.
 fn sensitivities(view: &ModelView, residual: &Residual, tolerance: &Tolerance) -> DMatrix<f64> {
-    let sensor_vectors = &view.sensor_rows * &view.basis.vectors;
+    let sensor_vectors = view.sensor_vectors();
     let models = residual.models();
     let mut sensitivities = DMatrix::zeros(residual.size(), tolerance.changes.len());
     for (mut column, change) in sensitivities.column_iter_mut().zip(&tolerance.changes) {
-        let derivatives = derivatives(&view.basis, &sensor_vectors, &models, change);
-        column.copy_from(&residual.slope(&models, &recorded(view, &models, derivatives)));
+        column.copy_from(&residual.slope(&models, &view.derivatives(&sensor_vectors, &models, change)));
     }
     sensitivities
-}
-
-/// Derivatives as the sensors record them.
-pub(crate) fn recorded(
-    view: &ModelView,
-    models: &[usize],
-    mut derivatives: Vec<ModeDerivative>,
-) -> Vec<ModeDerivative> {
-    for (derivative, &model) in derivatives.iter_mut().zip(models) {
-        view.record(model, &mut derivative.shape);
-    }
-    derivatives
 }
 
 /// The differences of paired modes, block by block.

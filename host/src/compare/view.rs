@@ -2,14 +2,19 @@
 
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-use crate::model::{Assembly, EigenError, ModalBasis, Modes, SensorError, phases_rad};
+use crate::model::{
+    Assembly, Change, DampedModes, EigenError, ModalBasis, ModeDerivative, Modes, SensorError, derivatives,
+    frequency_derivatives, phases_rad,
+};
 use crate::study::Sensor;
 
 /// A model's modes and what the sensors see of them.
 #[derive(Debug, Clone)]
 pub struct ModelView {
-    /// All eigenvectors.
+    /// All eigenvectors of the structure without its dashpots.
     pub basis: ModalBasis,
+    /// Where dashpots hang on it: its damped modes, which are those of `modes`.
+    pub damped: Option<DampedModes>,
     /// The modes that have mass, lowest first.
     pub modes: Modes,
     /// Their shapes as the sensors record them, sensors x modes, in the sensors' positive directions; where clocks are off,
@@ -38,13 +43,22 @@ impl ModelView {
     /// # Errors
     /// [`ViewError`] names the channel, or what is wrong with the matrices.
     pub fn of(assembly: &Assembly, sensors: &[Sensor]) -> Result<Self, ViewError> {
-        let sensor_rows = assembly.sensor_rows(sensors)?;
-        Ok(Self::of_basis(assembly.modal_basis()?, sensor_rows, assembly.sensing.delays_s(sensors)))
+        let (basis, sensor_rows) = (assembly.modal_basis()?, assembly.sensor_rows(sensors)?);
+        let damped = assembly.damping.as_ref().map(|damping| DampedModes::of(&basis, damping)).transpose()?;
+        Ok(Self::of_basis(basis, damped, sensor_rows, assembly.sensing.delays_s(sensors)))
     }
 
     /// From eigenvectors, motion at the sensors (sensors x DOFs) and by how much each is late.
-    pub(crate) fn of_basis(basis: ModalBasis, sensor_rows: DMatrix<f64>, delays_s: Option<RowDVector<f64>>) -> Self {
-        let modes = basis.modes(usize::MAX);
+    pub(crate) fn of_basis(
+        basis: ModalBasis,
+        damped: Option<DampedModes>,
+        sensor_rows: DMatrix<f64>,
+        delays_s: Option<RowDVector<f64>>,
+    ) -> Self {
+        let modes = match &damped {
+            Some(damped) => damped.modes(&basis, &sensor_rows),
+            None => basis.modes(usize::MAX),
+        };
         let mut at_sensors = &sensor_rows * &modes.shapes;
         let phases_rad = delays_s.map(|delays_s| {
             let mut phases = DMatrix::zeros(at_sensors.nrows(), at_sensors.ncols());
@@ -55,13 +69,43 @@ impl ModelView {
             at_sensors.zip_apply(&phases, |value, phase: f64| *value *= phase.cos());
             phases
         });
-        Self { basis, modes, at_sensors, phases_rad, sensor_rows }
+        Self { basis, damped, modes, at_sensors, phases_rad, sensor_rows }
     }
 
-    /// Turns a change of a mode's motion at the sensors into a change of what they record.
-    pub(crate) fn record(&self, mode: usize, change: &mut DVector<f64>) {
+    /// The damping ratio that dashpots give a mode.
+    pub(crate) fn damping_ratio(&self, mode: usize) -> f64 {
+        self.damped.as_ref().map_or(0.0, |damped| damped.damping_ratio(mode))
+    }
+
+    /// The basis' vectors at the sensors, sensors x DOFs.
+    pub(crate) fn sensor_vectors(&self) -> DMatrix<f64> {
+        &self.sensor_rows * &self.basis.vectors
+    }
+
+    /// Derivatives of `modes` (0-based), as the sensors record them, by a change.
+    pub(crate) fn derivatives(
+        &self,
+        sensor_vectors: &DMatrix<f64>,
+        modes: &[usize],
+        change: &Change,
+    ) -> Vec<ModeDerivative> {
+        let mut derivatives = match &self.damped {
+            Some(damped) => damped.derivatives(&self.basis, sensor_vectors, modes, change),
+            None => derivatives(&self.basis, sensor_vectors, modes, change),
+        };
         if let Some(phases) = &self.phases_rad {
-            change.zip_apply(&phases.column(mode), |value, phase: f64| *value *= phase.cos());
+            for (derivative, &mode) in derivatives.iter_mut().zip(modes) {
+                derivative.shape.zip_apply(&phases.column(mode), |value, phase: f64| *value *= phase.cos());
+            }
+        }
+        derivatives
+    }
+
+    /// Derivatives of ln f of `modes` (0-based) by a change.
+    pub(crate) fn frequency_derivatives(&self, modes: &[usize], change: &Change) -> Vec<f64> {
+        match &self.damped {
+            Some(damped) => damped.frequency_derivatives(&self.basis, modes, change),
+            None => frequency_derivatives(&self.basis, modes, change),
         }
     }
 

@@ -4,7 +4,7 @@ use super::fit::Fit;
 use super::problem::Problem;
 use super::state::Knob;
 use crate::model::Body;
-use crate::model::effect::{Effect, EffectKind, Parameter, Place, Where};
+use crate::model::effect::{Effect, EffectKind, Evidence, Parameter, Place, Where};
 
 /// An effect at a place, by one of its parameter sets.
 #[derive(Debug, Clone)]
@@ -20,6 +20,16 @@ impl Problem {
     /// An effect of a kind at every place.
     pub(super) fn candidates(&self, kind: &'static dyn EffectKind, present: &Fit) -> Vec<Candidate> {
         self.candidates_at(kind, self.places(kind, present), present)
+    }
+
+    /// How many effects of a kind there could be, those included that need not be looked at closely.
+    pub(super) fn hypotheses(&self, kind: &'static dyn EffectKind, present: &Fit) -> usize {
+        let count = match kind.place() {
+            Place::TwoChannels => self.sensors.len() * self.sensors.len().saturating_sub(1) / 2,
+            _ if kind.evidence() == Evidence::TwinPeaks => self.heights_m().len(),
+            _ => self.candidates(kind, present).len(),
+        };
+        count.max(1)
     }
 
     pub(super) fn candidates_at(
@@ -140,7 +150,7 @@ impl Problem {
         gains
             .into_iter()
             .take(SWAPS)
-            .filter(|(gain, ..)| *gain > 0.0)
+            .filter(|(gain, ..)| *gain > VISIBLE_SWAP)
             .map(|(_, a, b)| {
                 let (low, high) = (a.min(b), a.max(b));
                 Where::Channels(vec![self.sensors[low].channel.clone(), self.sensors[high].channel.clone()])
@@ -149,6 +159,8 @@ impl Problem {
     }
 }
 
+/// A swap that changes squared differences by less shows in nothing.
+const VISIBLE_SWAP: f64 = 1.0;
 /// Swaps that are looked at.
 const SWAPS: usize = 5;
 

@@ -5,14 +5,16 @@ use serde::{Deserialize, Serialize};
 
 use super::problem::Problem;
 use super::state::{Knob, Loss, State, with_values};
-use crate::compare::ChiSquared;
-use crate::model::effect::{Effect, Where};
+use crate::compare::exceeding;
+use crate::model::effect::{Effect, Prior, Where};
 
 /// A model fitted to the measurement: effects and background at their most probable values.
 pub struct Fit {
     pub(super) state: State,
     pub(super) knobs: Vec<Knob>,
-    /// Derivatives of the differences by the knobs (in units of their scale) and the background's numbers, by weight.
+    /// Derivatives of the differences by the knobs (in units of their scale) and the background's numbers.
+    pub(super) slopes: DMatrix<f64>,
+    /// The same by weight.
     pub(super) jacobian: DMatrix<f64>,
     /// Covariance of knobs (in units of their scale) and background.
     covariance: DMatrix<f64>,
@@ -33,6 +35,8 @@ pub struct Estimate {
 }
 
 const MOST_ITERATIONS: usize = 25;
+/// Values that chance makes as large with a higher probability are none.
+const INSIGNIFICANT: f64 = 0.05;
 /// A step that lowers the cost by less than this, or by less than this share of it, is the last; a cost of 1 is one standard
 /// deviation.
 const SETTLED: f64 = 0.02;
@@ -40,8 +44,6 @@ const SETTLED_SHARE: f64 = 1e-4;
 /// The same of squares, from where the robust loss takes over.
 const NEAR_SHARE: f64 = 0.05;
 const MOST_DAMPING: f64 = 1e8;
-/// Phases scatter with longer tails than their median tells; squares of up to this mean are typical.
-const TYPICAL_PHASES: f64 = 2.0;
 
 impl Problem {
     /// Fits effects, from the values they have, and the background from `numbers`; `knobs` say what is free.
@@ -151,9 +153,9 @@ impl Problem {
         Ok(jacobian)
     }
 
-    fn finish(&self, state: State, knobs: Vec<Knob>, jacobian: DMatrix<f64>) -> Result<Fit, String> {
-        let (count, size) = (knobs.len(), jacobian.ncols());
-        let jacobian = weighted(&jacobian, &state.weights(Loss::Robust));
+    fn finish(&self, state: State, knobs: Vec<Knob>, slopes: DMatrix<f64>) -> Result<Fit, String> {
+        let (count, size) = (knobs.len(), slopes.ncols());
+        let jacobian = weighted(&slopes, &state.weights(Loss::Robust));
         let information = jacobian.tr_mul(&jacobian);
         let with_prior = &information + DMatrix::identity(size, size);
         let factor = Cholesky::new(with_prior).ok_or("the fit is not determined")?;
@@ -171,7 +173,7 @@ impl Problem {
         let one_sided = knobs.iter().filter(|knob| knob.bounds.contains(&knob.neutral)).count();
         let log_evidence =
             -0.5 * (cost(&state, Loss::Robust) + prior + log_determinant) + one_sided as f64 * std::f64::consts::LN_2;
-        Ok(Fit { state, knobs, jacobian, covariance, log_evidence })
+        Ok(Fit { state, knobs, slopes, jacobian, covariance, log_evidence })
     }
 }
 
@@ -200,26 +202,28 @@ impl Fit {
         self.log_evidence
     }
 
-    /// Whether what is left is what measurement and tolerance allow: squared differences of modes and the background's
-    /// scatter against the numbers compared less the values fitted.
-    ///
-    /// Deviations of shapes have floors, so that hundreds of components would hide what a dozen frequencies or a scatter of
-    /// five deviations say; frequencies, the background's numbers and phases are therefore also tested by themselves. The
-    /// probability is the least of the four, times four.
-    pub fn goodness_of_fit(&self) -> ChiSquared {
-        let state = &self.state;
-        let chi_squared = state.modes.norm_squared() + state.numbers.norm_squared();
-        let all = ChiSquared::of(chi_squared, state.modes.len().saturating_sub(self.knobs.len()).max(1));
-        let frequencies: Vec<f64> = state.residual.blocks().map(|(first, _)| state.modes[first].powi(2)).collect();
-        // Frequencies and the scatter that brings them there belong together: a frequency is bought with scatter.
-        let paid = frequencies.iter().sum::<f64>() + state.numbers.norm_squared();
-        let scatter = ChiSquared::of(state.numbers.norm_squared(), state.numbers.len());
-        let frequencies = ChiSquared::of(paid, frequencies.len() + state.numbers.len());
-        let phases = ChiSquared::of(state.phases.norm_squared() / TYPICAL_PHASES, state.phases.len());
-        let parts = [all, frequencies, scatter, phases];
-        let least =
-            parts.iter().filter(|part| part.degrees_of_freedom > 0).map(|part| part.p_value).fold(1.0, f64::min);
-        ChiSquared { p_value: (least * parts.len() as f64).min(1.0), ..all }
+    /// Whether the values of an effect, together, differ from those at which it is not there by more than their deviations:
+    /// Wald's test at 5 %. True of effects that have no value to test.
+    pub(super) fn is_significant(&self, effect: usize) -> bool {
+        // A value that is known to a share of itself has none at which the effect is not there.
+        let is_tested = |index: &usize| {
+            let knob = &self.knobs[*index];
+            let parameter = self.state.effects[effect].parameters().nth(knob.parameter);
+            knob.effect == effect && parameter.is_some_and(|(parameter, _)| !matches!(parameter.prior, Prior::Share(_)))
+        };
+        let knobs: Vec<usize> = (0..self.knobs.len()).filter(is_tested).collect();
+        let has_share = self.knobs.iter().filter(|knob| knob.effect == effect).count() > knobs.len();
+        if knobs.is_empty() || has_share {
+            return true;
+        }
+        let knob = |index: &usize| &self.knobs[*index];
+        let units = DVector::from_iterator(
+            knobs.len(),
+            knobs.iter().map(knob).map(|knob| (self.state.value(knob) - knob.neutral) / knob.scale),
+        );
+        let covariance = self.covariance.select_rows(&knobs).select_columns(&knobs);
+        let square = Cholesky::new(covariance).map(|factor| units.dot(&factor.solve(&units)));
+        square.is_some_and(|square| exceeding(square, knobs.len() as f64) < INSIGNIFICANT)
     }
 
     /// The values of an effect, with their standard deviations.

@@ -25,20 +25,21 @@ pub struct HeldOut {
 /// Leaves out each sensor and each mode in turn, refits the effects of `fit`, and predicts what was left out from the model
 /// with its effects and without the fitted scatter.
 pub fn held_out(problem: &Problem, fit: &Fit) -> HeldOut {
-    let sensors: Vec<usize> =
-        (0..problem.sensors.len()).filter(|&sensor| is_predictable(problem, fit, sensor)).collect();
-    let squares: Vec<(f64, f64)> =
-        sensors.par_iter().filter_map(|&sensor| sensor_squares(problem, fit, sensor)).collect();
+    let of_sensor = |sensor: usize| match is_predictable(problem, fit, sensor) {
+        true => sensor_squares(problem, fit, sensor),
+        false => own_squares(problem, fit, sensor),
+    };
+    let squares: Vec<(f64, f64)> = (0..problem.sensors.len()).into_par_iter().filter_map(of_sensor).collect();
     let (error, measured) = squares.iter().fold((0.0, 0.0), |sum, square| (sum.0 + square.0, sum.1 + square.1));
     let modes: Vec<f64> =
-        (0..problem.measured.len()).into_par_iter().filter_map(|mode| mode_error(problem, fit, mode)).collect();
+        (0..problem.measured().len()).into_par_iter().filter_map(|mode| mode_error(problem, fit, mode)).collect();
     HeldOut {
         sensor_error_percent: (measured > 0.0).then(|| 100.0 * (error / measured).sqrt()),
         mode_error_percent: (!modes.is_empty()).then(|| 100.0 * modes.iter().sum::<f64>() / modes.len() as f64),
     }
 }
 
-/// A sensor that has an effect of its own cannot be predicted without it having been seen.
+/// A sensor that has an effect of its own cannot be predicted without it having been seen at all.
 fn is_predictable(problem: &Problem, fit: &Fit, sensor: usize) -> bool {
     let sensor = &problem.sensors[sensor];
     let alone = |node: u16| problem.sensors.iter().filter(|other| other.node == node).count() == 1;
@@ -68,27 +69,42 @@ fn refitted(problem: &Problem, fit: &Fit) -> Option<Vec<Effect>> {
 fn sensor_squares(problem: &Problem, fit: &Fit, sensor: usize) -> Option<(f64, f64)> {
     let effects = refitted(&problem.without_sensors(&[sensor]), fit)?;
     let state = without_scatter(problem, &effects)?;
-    let mut sum = (0.0, 0.0);
-    for (index, mode) in problem.measured.iter().enumerate() {
-        let Some(shape) = &mode.shape else { continue };
-        let Some(at) = shape.sensors.iter().position(|other| *other == sensor) else { continue };
-        let kept: Vec<usize> = (0..shape.sensors.len()).filter(|&row| row != at).collect();
-        let rows: Vec<usize> = kept.iter().map(|&row| shape.sensors[row]).collect();
-        let models: Vec<usize> = problem.close[index].iter().map(|&close| state.pairs[close].model).collect();
-        let shapes = state.view.at_sensors.select_columns(&models);
-        let seen: DMatrix<f64> = shapes.select_rows(&rows);
-        let measured = shape.values.normalize();
-        let Ok(share) = seen.svd(true, true).solve(&measured.select_rows(&kept), 1e-6) else { continue };
-        let predicted = (shapes.row(sensor) * share)[0];
-        sum.0 += (predicted - measured[at]).powi(2);
-        sum.1 += measured[at].powi(2);
-    }
-    (sum.1 > 0.0).then_some(sum)
+    total((0..problem.measured().len()).filter_map(|mode| squares(problem, &state, mode, sensor)))
+}
+
+/// The same of a sensor with an effect of its own, which the other modes determine: each mode is left out in turn.
+fn own_squares(problem: &Problem, fit: &Fit, sensor: usize) -> Option<(f64, f64)> {
+    let of_mode = |mode: usize| {
+        let effects = refitted(&problem.without_mode(mode)?, fit)?;
+        squares(problem, &without_scatter(problem, &effects)?, mode, sensor)
+    };
+    total((0..problem.measured().len()).filter_map(of_mode))
+}
+
+/// Squared error and squared measured motion of a mode at a sensor that is predicted from the others.
+fn squares(problem: &Problem, state: &State, mode: usize, sensor: usize) -> Option<(f64, f64)> {
+    let shape = problem.measured[mode].shape.as_ref()?;
+    let at = shape.sensors.iter().position(|other| *other == sensor)?;
+    let kept: Vec<usize> = (0..shape.sensors.len()).filter(|&row| row != at).collect();
+    let rows: Vec<usize> = kept.iter().map(|&row| shape.sensors[row]).collect();
+    let models: Vec<usize> =
+        problem.close[mode].iter().filter_map(|&close| Some(state.pairs.get(close)?.model)).collect();
+    let shapes = state.view.at_sensors.select_columns(&models);
+    let seen: DMatrix<f64> = shapes.select_rows(&rows);
+    let measured = shape.values.normalize();
+    let share = seen.svd(true, true).solve(&measured.select_rows(&kept), 1e-6).ok()?;
+    let predicted = (shapes.row(sensor) * share)[0];
+    Some(((predicted - measured[at]).powi(2), measured[at].powi(2)))
+}
+
+fn total(squares: impl Iterator<Item = (f64, f64)>) -> Option<(f64, f64)> {
+    let (error, measured) = squares.fold((0.0, 0.0), |sum, square| (sum.0 + square.0, sum.1 + square.1));
+    (measured > 0.0).then_some((error, measured))
 }
 
 /// Relative error of the frequency of a mode that was left out.
 fn mode_error(problem: &Problem, fit: &Fit, mode: usize) -> Option<f64> {
     let effects = refitted(&problem.without_mode(mode)?, fit)?;
     let state = without_scatter(problem, &effects)?;
-    Some((state.frequency_of(mode) / problem.measured[mode].frequency_hz - 1.0).abs())
+    Some((state.frequency_of(mode)? / problem.measured[mode].frequency_hz - 1.0).abs())
 }

@@ -17,10 +17,15 @@
 
 mod background;
 mod candidates;
+mod damper;
+mod far;
 mod fit;
+mod goodness;
 pub mod held_out;
+mod place;
 mod problem;
 mod report;
+mod score;
 mod search;
 mod settle;
 mod signals;
@@ -31,11 +36,12 @@ mod tests;
 mod verdict;
 
 pub use fit::{Estimate, Fit};
+pub use goodness::Part;
 pub use problem::{DiagnoseError, Problem};
 pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,
     Unexplained, Verdict,
 };
-pub use search::Options;
+pub use search::{NoneFound, Options};
 pub use signals::{Signals, shown_effects};
-pub use verdict::diagnose;
+pub use verdict::{FAILS, STANDS_OUT, diagnose};

@@ -1,10 +1,14 @@
 //! What is diagnosed: a structure, the measured modes that its model can be held against, and how far it is trusted.
 
-use nalgebra::DVector;
+use std::sync::{Arc, OnceLock};
+
+use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
 use super::background::Background;
-use crate::compare::{ModelView, ViewError, pair, shape_deviations};
+use super::search::NoneFound;
+use super::state::Reference;
+use crate::compare::{ModelView, ViewError, complement, pair, shape_deviations};
 use crate::measured::MeasuredMode;
 use crate::model::Structure;
 use crate::model::effect::{Effect, EffectError};
@@ -17,14 +21,24 @@ pub struct Problem {
     pub(super) bare: Structure,
     /// The sensors that shapes stand at.
     pub(super) sensors: Vec<Sensor>,
-    /// Measured modes that have a partner in the model.
+    /// Measured modes that have a partner in the model; then those that could be twins of them.
     pub(super) measured: Vec<MeasuredMode>,
+    /// How many of them have a partner.
+    pub(super) paired: usize,
+    /// Dampers of the structure in which they have.
+    dampers: usize,
     /// For each of them, which of them are too close to tell their shapes apart, itself included.
     pub(super) close: Vec<Vec<usize>>,
+    /// Their damping ratios, where they are known.
+    pub(super) damping: Vec<Option<f64>>,
+    /// The damping ratio of the middle one.
+    pub(super) ordinary_damping: f64,
     /// Imaginary parts of shapes, which only clocks explain.
     pub(super) phases: Vec<MeasuredPhases>,
     /// How far the model is trusted.
     pub(super) background: Background,
+    /// What effects are weighed by; made when first asked for.
+    pub(super) reference: Arc<OnceLock<Option<Reference>>>,
     /// Numbers of measured modes without a partner.
     pub(super) unpaired: Vec<usize>,
     /// Numbers of measured modes whose shapes are none of a structure.
@@ -79,12 +93,12 @@ pub enum DiagnoseError {
         other: String,
     },
     /// The effect explains nothing with an admissible value.
-    #[error(
-        "{effect} explains nothing here with an admissible value: the data ask for the opposite sign, or do not see it; nothing was added"
-    )]
+    #[error("{effect} explains nothing here: {reason}; nothing was added")]
     NothingGained {
         /// The effect.
         effect: String,
+        /// Why.
+        reason: NoneFound,
     },
     /// The fit does not reach a structure that stands.
     #[error("with {effects} the structure does not stand: {reason}")]
@@ -133,16 +147,30 @@ impl Problem {
             .filter(|(index, _)| pairs.iter().all(|pair| pair.measured != *index))
             .map(|(_, mode)| mode.number)
             .collect();
-        let in_use: Vec<MeasuredMode> = pairs.iter().map(|pair| measured[pair.measured].clone()).collect();
+        let mut in_use: Vec<MeasuredMode> = pairs.iter().map(|pair| measured[pair.measured].clone()).collect();
+        let paired = in_use.len();
+        if structure.z_range_m().is_some() {
+            let is_alone = |index: &usize| pairs.iter().all(|pair| pair.measured != *index);
+            let alone = (0..measured.len()).filter(is_alone).map(|index| &measured[index]);
+            let twins: Vec<MeasuredMode> = alone.filter(|mode| is_twin(mode, &in_use)).cloned().collect();
+            in_use.extend(twins);
+        }
         let is_close = |a: usize, b: usize| {
             let ratio = |a: f64, b: f64| (a / b).ln().abs();
-            let model_hz = |index: usize| view.modes.frequency_hz[pairs[index].model];
+            let model_hz = |index: usize| pairs.get(index).map(|pair| view.modes.frequency_hz[pair.model]);
             ratio(in_use[a].frequency_hz, in_use[b].frequency_hz) < CLOSE
-                || ratio(model_hz(a), model_hz(b)) < DEGENERATE
+                || matches!((model_hz(a), model_hz(b)), (Some(a), Some(b)) if ratio(a, b) < DEGENERATE)
         };
         let close = groups(in_use.len(), &is_close);
-        let phases = (0..in_use.len()).filter(|&mode| close[mode].len() == 1).filter_map(|mode| phases(mode, &in_use));
+        let phases = (0..paired).filter(|&mode| close[mode].len() == 1).filter_map(|mode| phases(mode, &in_use));
+        let damping: Vec<Option<f64>> =
+            in_use.iter().map(|mode| mode.damping_ratio.filter(|ratio| *ratio > 0.0 && *ratio < 1.0)).collect();
+        let mut known: Vec<f64> = damping.iter().copied().flatten().collect();
+        known.sort_by(f64::total_cmp);
         Ok(Self {
+            reference: Arc::default(),
+            ordinary_damping: known.get(known.len() / 2).copied().unwrap_or(1.0),
+            damping,
             phases: phases.collect(),
             complex: complex.iter().map(|mode| mode.number).collect(),
             close,
@@ -150,13 +178,20 @@ impl Problem {
             bare,
             sensors: sensors.to_vec(),
             measured: in_use,
+            paired,
+            dampers: structure.tuned_masses.len(),
             unpaired,
         })
     }
 
-    /// Measured modes that take part.
+    /// Measured modes that have a partner in the model.
     pub fn measured(&self) -> &[MeasuredMode] {
-        &self.measured
+        &self.measured[..self.paired]
+    }
+
+    /// Measured modes that a structure is held against: a damper more makes twins.
+    pub(super) fn seen_by(&self, structure: &Structure) -> &[MeasuredMode] {
+        if structure.tuned_masses.len() > self.dampers { &self.measured } else { self.measured() }
     }
 
     /// The structure without effects.
@@ -167,10 +202,12 @@ impl Problem {
     /// The same without a mode (index into [`Problem::measured`]); `None` for the last one.
     pub(super) fn without_mode(&self, mode: usize) -> Option<Self> {
         let mut other = self.clone();
-        if self.measured.len() < 2 || mode >= self.measured.len() {
+        if self.paired < 2 || mode >= self.paired {
             return None;
         }
         other.measured.remove(mode);
+        other.damping.remove(mode);
+        other.paired -= 1;
         let renumber = |index: usize| if index > mode { index - 1 } else { index };
         other.close.remove(mode);
         for group in &mut other.close {
@@ -229,6 +266,30 @@ fn has_real_shape(mode: &MeasuredMode, sensors: &[Sensor]) -> bool {
     of_node(None) - worst < COMPLEX * whole
 }
 
+/// A twin's frequency differs by less than this (ln f), and this share of its shape is that of modes that have a partner.
+const TWIN_WITHIN: f64 = 0.3;
+const LIKE_A_TWIN: f64 = 0.8;
+
+/// Whether a mode moves as others near it do, so that a damper could have made two of one.
+fn is_twin(mode: &MeasuredMode, paired: &[MeasuredMode]) -> bool {
+    let Some(shape) = &mode.shape else { return false };
+    let near = |other: &&MeasuredMode| (mode.frequency_hz / other.frequency_hz).ln().abs() < TWIN_WITHIN;
+    let shapes: Vec<DVector<f64>> = paired
+        .iter()
+        .filter(near)
+        .filter_map(|other| other.shape.as_ref())
+        .filter(|other| other.sensors == shape.sensors)
+        .map(|other| other.values.normalize())
+        .collect();
+    if shapes.is_empty() || shapes.len() >= shape.sensors.len() {
+        return false;
+    }
+    let across = complement(&DMatrix::from_columns(&shapes));
+    across.is_some_and(|across| {
+        across.tr_mul(&shape.values).norm_squared() < (1.0 - LIKE_A_TWIN) * shape.values.norm_squared()
+    })
+}
+
 /// A mode within this share of a frequency that drives the structure is none.
 const FORCED: f64 = 0.01;
 
@@ -246,6 +307,9 @@ fn groups(count: usize, near: &dyn Fn(usize, usize) -> bool) -> Vec<Vec<usize>> 
     (0..count).map(|a| (0..count).filter(|&b| label[a] == label[b]).collect()).collect()
 }
 
+/// Phases scatter with longer tails than their median tells: their squares have up to twice the mean.
+const LONG_TAILS: f64 = std::f64::consts::SQRT_2;
+
 /// The imaginary part of a shape. Damping that is not spread as mass and stiffness are makes shapes a little complex
 /// everywhere, so deviations are raised to what most sensors of the mode show; a clock that is off stands out at few.
 fn phases(mode: usize, measured: &[MeasuredMode]) -> Option<MeasuredPhases> {
@@ -256,5 +320,5 @@ fn phases(mode: usize, measured: &[MeasuredMode]) -> Option<MeasuredPhases> {
     let mut ratios: Vec<f64> = imaginary.iter().zip(deviations.iter()).map(|(im, std)| im.abs() / std).collect();
     ratios.sort_by(f64::total_cmp);
     let typical = ratios.get(ratios.len() / 2)? / MEDIAN_OF_ABSOLUTE;
-    Some(MeasuredPhases { mode, imaginary, deviations: deviations * typical.max(1.0) })
+    Some(MeasuredPhases { mode, imaginary, deviations: deviations * (typical.max(1.0) * LONG_TAILS) })
 }

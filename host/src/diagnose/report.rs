@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::fit::Estimate;
+use super::goodness::{Part, Tests};
 use crate::compare::ChiSquared;
 
 /// What the data say of the model.
@@ -42,6 +43,8 @@ pub struct Diagnosis {
     pub explained: Vec<Explained>,
     /// Effects that the model has, refitted.
     pub effects: Vec<CandidateReport>,
+    /// What shows the best effect, where that is not in the modes.
+    pub reason: Option<String>,
     /// What the reader should know.
     pub warnings: Vec<String>,
 }
@@ -63,6 +66,8 @@ pub struct CandidateReport {
     pub p_value: f64,
     /// Whether its values are inside their bounds.
     pub admissible: bool,
+    /// Standard deviation of its height in m, where that was fitted.
+    pub where_std_m: Option<f64>,
     /// Other places that do nearly as well.
     pub near: Vec<NearPlace>,
 }
@@ -76,15 +81,18 @@ pub struct NearPlace {
     pub log_evidence_below_best: f64,
 }
 
-/// A chi-squared test.
+/// Whether a fit is as good as measurement and tolerance allow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct GoodnessOfFit {
     /// Squared deviations.
     pub chi_squared: f64,
     /// Numbers compared less values fitted.
     pub degrees_of_freedom: usize,
-    /// Probability of so large a value, or a larger one, of a right model.
+    /// Probability of so large a misfit, or a larger one, of a right model: the least of several tests, corrected for how
+    /// many they are.
     pub p_value: f64,
+    /// What that test looks at.
+    pub worst: Part,
 }
 
 /// What a fit leaves, in mean squared deviations: 1 is what measurement and tolerance allow.
@@ -136,10 +144,10 @@ pub struct Explained {
     pub measured: usize,
     /// Its frequency.
     pub measured_hz: f64,
-    /// The present model's frequency error.
-    pub before_percent: f64,
+    /// The present model's frequency error; null where it has no such mode.
+    pub before_percent: Option<f64>,
     /// With the best effect.
-    pub after_percent: f64,
+    pub after_percent: Option<f64>,
     /// Squared deviations of the mode's numbers before.
     pub chi_squared_before: f64,
     /// With the best effect.
@@ -148,10 +156,10 @@ pub struct Explained {
     pub channel: Option<String>,
 }
 
-impl From<ChiSquared> for GoodnessOfFit {
-    fn from(test: ChiSquared) -> Self {
-        let ChiSquared { chi_squared, degrees_of_freedom, p_value } = test;
-        Self { chi_squared, degrees_of_freedom, p_value }
+impl From<Tests> for GoodnessOfFit {
+    fn from(tests: Tests) -> Self {
+        let Tests { all: ChiSquared { chi_squared, degrees_of_freedom, .. }, worst, p_value } = tests;
+        Self { chi_squared, degrees_of_freedom, p_value, worst }
     }
 }
 

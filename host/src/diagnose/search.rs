@@ -1,14 +1,14 @@
 //! Through the catalogue: every effect at every place, scored by what it explains, the best refitted.
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::DVector;
 use rayon::prelude::*;
 
-use super::candidates::Candidate;
-use super::fit::{Fit, Marginal};
+use super::fit::Fit;
 use super::problem::Problem;
-use super::state::{Knob, Loss, State};
-use super::verdict::FAILS;
-use crate::model::effect::{Effect, EffectKind, Evidence, KINDS, Parameter, Where};
+use super::score::Scored;
+use super::state::{Knob, State};
+use super::verdict::{FAILS, STANDS_OUT};
+use crate::model::effect::{Effect, EffectKind, Evidence, KINDS, Where};
 
 /// What a search leaves out.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -17,14 +17,10 @@ pub struct Options {
     pub without: Vec<String>,
 }
 
-/// A candidate and what it would explain, by one linear step from the present model.
-struct Scored {
-    candidate: Candidate,
-    /// Gain in the logarithm of the evidence.
-    gain: f64,
-    knobs: Vec<Knob>,
-    /// The values that the linear step gives.
-    values: Vec<f64>,
+impl Options {
+    pub(super) fn leaves_out(&self, kind: &dyn EffectKind) -> bool {
+        self.without.iter().any(|name| name == kind.name())
+    }
 }
 
 /// A kind's best place, refitted.
@@ -37,6 +33,10 @@ pub(super) struct Found {
     pub(super) log_bayes_factor: f64,
     /// Other places that explain nearly as much: the logarithm of their evidence below that of the best.
     pub(super) near: Vec<(Where, f64)>,
+    /// Standard deviation of its height in m, where it may be at any.
+    pub(super) place_std_m: Option<f64>,
+    /// Heights that were fitted, and the logarithm of their evidence.
+    pub(super) known: Vec<(f64, f64)>,
 }
 
 impl Found {
@@ -45,12 +45,61 @@ impl Found {
         &self.fit.state.effects[self.index()]
     }
 
+    /// Whether it explains enough to be named.
+    pub(super) fn stands_out(&self) -> bool {
+        self.log_bayes_factor > STANDS_OUT && self.fit.is_significant(self.index())
+    }
+
     /// Its index among the effects of the fit.
     pub(super) fn index(&self) -> usize {
         self.fit.state.effects.len() - 1
     }
 }
 
+/// Why a kind of effect is not found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum NoneFound {
+    /// The data ask for a value that it cannot have.
+    OutOfBounds {
+        /// Such a value, by one linear step.
+        value: f64,
+    },
+    /// The structure has no place for it.
+    NoPlace,
+    /// What it does, the effects in the model do as well.
+    LikeOthers,
+    /// It moves nothing that was measured.
+    Unseen,
+}
+
+impl std::fmt::Display for NoneFound {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::OutOfBounds { value } => write!(formatter, "the data ask for a value of about {value:.3e}, which it cannot have"),
+            Self::NoPlace => formatter.write_str("this structure has no place for it, or it is in the model already (`belfry effects` says what it needs)"),
+            Self::LikeOthers => formatter.write_str("the effects in the model do the same already, as far as these data show"),
+            Self::Unseen => formatter.write_str("nothing that was measured hints at it; a value to start from can be given, as in `=VALUE`"),
+        }
+    }
+}
+
+/// What a search has found.
+pub(super) struct Searched {
+    /// Kinds that explain anything, best first.
+    pub(super) found: Vec<Found>,
+    /// Kinds that would explain something with a value that is out of bounds: the best of each.
+    pub(super) rejected: Vec<Scored>,
+}
+
+/// Best first.
+fn sort(found: &mut [Found]) {
+    found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
+}
+
+/// Kinds whose places are settled.
+const SETTLED: usize = 2;
+/// A far start that gains no more than this found the same.
+const SAME: f64 = 1.0;
 /// Kinds that are refitted.
 const REFITTED: usize = 10;
 /// Places of a kind that are refitted.
@@ -62,7 +111,7 @@ const CONTENDS: f64 = 0.3;
 /// Where nothing fits yet: a promise below this share of the best's gain is none.
 const HOPELESS: f64 = 0.1;
 /// Places that are named beside the best.
-const NEAR: f64 = 3.0;
+pub(super) const NEAR: f64 = 3.0;
 
 impl Problem {
     /// The present model's best values, from those of the effects in it.
@@ -75,7 +124,8 @@ impl Problem {
 
     /// The knobs of all effects of a state.
     pub(super) fn all_knobs(&self, state: &State) -> Vec<Knob> {
-        let of = |effect: usize| state.knobs(self, &state.effects, effect, &[]).unwrap_or_default();
+        // A value that moves nothing measured stays as it is; the others are fitted.
+        let of = |effect: usize| state.knobs_seen(self, &state.effects, effect, &[]).into_iter().flatten();
         (0..state.effects.len())
             .filter(|&effect| shows_in_modes(state.effects[effect].of_kind()))
             .flat_map(of)
@@ -83,8 +133,19 @@ impl Problem {
     }
 
     /// Every kind that explains anything, refitted at its best place; best first.
-    pub(super) fn search(&self, present: &Fit, options: &Options) -> Vec<Found> {
+    pub(super) fn search(&self, present: &Fit, options: &Options) -> Searched {
         let scored = self.scored_twice(present, |from| self.score(from, options));
+        let (scored, mut rejected): (Vec<Scored>, Vec<Scored>) = scored.into_iter().partition(|one| one.admissible);
+        rejected.retain(|one| one.gain > STANDS_OUT);
+        rejected.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        let mut named: Vec<&'static str> = Vec::new();
+        rejected.retain(|one| {
+            let name = one.candidate.kind.name();
+            let is_new =
+                !named.contains(&name) && scored.iter().all(|other| other.candidate.kind != one.candidate.kind);
+            named.push(name);
+            is_new
+        });
         let mut kinds: Vec<Vec<Scored>> = Vec::new();
         for one in scored {
             match kinds.iter_mut().find(|kind| kind[0].candidate.kind == one.candidate.kind) {
@@ -114,44 +175,101 @@ impl Problem {
             .zip(looks)
             .filter_map(|(kind, look)| {
                 let further = contends(kind, &look);
-                self.refit(present, kind, look, further)
+                self.refit(present, kind, look, further, self.hypotheses(kind[0].candidate.kind, present))
             })
             .collect();
-        found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
-        found
+        let twins = KINDS.iter().copied().filter(|kind| kind.evidence() == Evidence::TwinPeaks);
+        let twins = twins.filter(|kind| !options.leaves_out(*kind));
+        found.extend(twins.filter_map(|kind| self.search_damper(present, kind, None)));
+        sort(&mut found);
+        self.settle_places(&mut found);
+        let fits = |found: &[Found]| found.iter().any(|found| found.fit.goodness_of_fit().p_value >= FAILS);
+        if !fits(&found) && present.goodness_of_fit().p_value < FAILS {
+            for far in self.search_far(present, options) {
+                match found.iter_mut().find(|near| near.kind == far.kind) {
+                    Some(near) if near.log_bayes_factor >= far.log_bayes_factor - SAME => {}
+                    Some(near) => *near = far,
+                    None => found.push(far),
+                }
+            }
+            sort(&mut found);
+            self.settle_places(&mut found);
+        }
+        Searched { found, rejected }
     }
 
-    /// Scores from the fit, and from the model as given: where the background was bent far to make up for an effect, the
-    /// effect may seem to have the wrong sign. The better of the two counts.
-    fn scored_twice(&self, present: &Fit, score: impl Fn(&Fit) -> Vec<Scored>) -> Vec<Scored> {
-        let mut scored = score(present);
-        if let Ok(given) = self.without_scatter(present) {
-            merge(&mut scored, score(&given));
-        }
-        scored
+    /// Settles where the best of those at a height are.
+    fn settle_places(&self, found: &mut Vec<Found>) {
+        let best = found.first().map_or(0.0, |best| best.log_bayes_factor);
+        let contends = |found: &&mut Found| {
+            found.place_std_m.is_none() && found.log_bayes_factor > best - NEAR.max(CONTENDS * best)
+        };
+        found.iter_mut().filter(contends).take(SETTLED).collect::<Vec<_>>().into_par_iter().for_each(|found| {
+            if found.kind.evidence() != Evidence::TwinPeaks {
+                self.settle_place(found);
+            }
+        });
+        sort(found);
     }
 
     /// One kind, at its best place or at the one that is given.
+    ///
+    /// # Errors
+    /// Why there is none.
     pub(super) fn search_kind(
         &self,
         present: &Fit,
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
-    ) -> Option<Found> {
+    ) -> Result<Found, NoneFound> {
+        if kind.evidence() == Evidence::TwinPeaks {
+            return self.search_damper(present, kind, place).ok_or(NoneFound::Unseen);
+        }
         let candidates = match place {
             Some(place) => self.candidates_at(kind, vec![Some(place.clone())], present),
             None => self.candidates(kind, present),
         };
+        let hypotheses = if place.is_some() { 1 } else { self.hypotheses(kind, present) };
         let score = |from: &Fit| self.score_all(from, &from.marginal(), candidates.clone());
-        let mut scored = self.scored_twice(present, score);
+        let scored = self.scored_twice(present, score);
+        let is_seen = !scored.is_empty();
+        let (mut scored, rejected): (Vec<Scored>, Vec<Scored>) = scored.into_iter().partition(|one| one.admissible);
         scored.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        let look = self.refit_one(present, scored.first()?, None);
-        self.refit(present, &scored, look, true)
+        let near = scored.first().and_then(|first| {
+            let look = self.refit_one(present, first, None);
+            self.refit(present, &scored, look, true, hypotheses)
+        });
+        let is_enough = |found: &Found| found.stands_out() && found.fit.goodness_of_fit().p_value >= FAILS;
+        let far = match &near {
+            Some(near) if is_enough(near) => None,
+            _ => self.far_of_kind(present, kind, candidates.clone()),
+        };
+        let best = [near, far].into_iter().flatten().max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
+        let Some(mut found) = best else {
+            let wanted = rejected.iter().max_by(|a, b| a.gain.total_cmp(&b.gain)).filter(|one| one.gain > 0.0);
+            return Err(match wanted.and_then(|one| Some((one, one.knobs.first()?))) {
+                Some((one, knob)) => NoneFound::OutOfBounds { value: one.values[knob.parameter] },
+                None if candidates.is_empty() => NoneFound::NoPlace,
+                None if !is_seen && !present.state.effects.is_empty() => NoneFound::LikeOthers,
+                None => NoneFound::Unseen,
+            });
+        };
+        if place.is_none() {
+            self.settle_place(&mut found);
+        }
+        Ok(found)
     }
 
     /// Refits a kind at its best places, of which `look` is the first, and (with `further`) from there at their neighbours
-    /// while that gains.
-    fn refit(&self, present: &Fit, scored: &[Scored], look: Option<Fit>, further: bool) -> Option<Found> {
+    /// while that gains; the evidence is averaged over all `hypotheses`, of which those that were not scored explain nothing.
+    fn refit(
+        &self,
+        present: &Fit,
+        scored: &[Scored],
+        look: Option<Fit>,
+        further: bool,
+        hypotheses: usize,
+    ) -> Option<Found> {
         let mut fits: Vec<(usize, Fit)> = Vec::new();
         let mut tried = vec![false; scored.len()];
         let mut starts = Vec::new();
@@ -198,14 +316,19 @@ impl Problem {
             })
             .collect();
         let sum: f64 = gains.iter().map(|gain| (gain - (best - reference)).exp()).sum();
-        let log_bayes_factor = best - reference + (sum / scored.len() as f64).ln();
+        let log_bayes_factor = best - reference + (sum / hypotheses.max(scored.len()) as f64).ln();
         let near = fits[1..]
             .iter()
             .filter(|(_, fit)| best - fit.log_evidence() < NEAR)
             .filter_map(|(index, fit)| Some((scored[*index].candidate.place.clone()?, best - fit.log_evidence())))
             .collect();
+        let known = fits
+            .iter()
+            .filter(|(index, _)| scored[*index].candidate.parameters == scored[fits[0].0].candidate.parameters)
+            .filter_map(|(index, fit)| Some((scored[*index].candidate.z_m()?, fit.log_evidence())))
+            .collect();
         let fit = fits.swap_remove(0).1;
-        Some(Found { kind: scored[0].candidate.kind, fit, log_bayes_factor, near })
+        Some(Found { kind: scored[0].candidate.kind, fit, log_bayes_factor, near, place_std_m: None, known })
     }
 
     /// Refits one candidate, from the values of the linear step and from those of a fit near by.
@@ -253,101 +376,6 @@ impl Problem {
         }
         best
     }
-
-    /// Scores every candidate by one linear step: `T = gᵀ P r` over `gᵀ P g` in several dimensions.
-    fn score(&self, present: &Fit, options: &Options) -> Vec<Scored> {
-        let marginal = present.marginal();
-        let kinds: Vec<&'static dyn EffectKind> = KINDS
-            .iter()
-            .copied()
-            .filter(|kind| shows_in_modes(*kind) && !options.without.iter().any(|name| name == kind.name()))
-            .collect();
-        let of_kind = |kind: &&'static dyn EffectKind| -> Vec<Scored> {
-            self.score_all(present, &marginal, self.candidates(*kind, present))
-        };
-        kinds.par_iter().flat_map(of_kind).collect()
-    }
-
-    /// Scores candidates of one kind, neighbours after each other.
-    fn score_all(&self, present: &Fit, marginal: &Marginal, candidates: Vec<Candidate>) -> Vec<Scored> {
-        let differences = marginal.left(&present.state);
-        let mut guesses: Vec<f64> = Vec::new();
-        let score = |candidate: Candidate| match candidate.parameters.iter().any(Parameter::is_fitted) {
-            true => self.score_one(present, marginal, &differences, candidate, &mut guesses),
-            false => self.score_discrete(present, candidate),
-        };
-        candidates.into_iter().filter_map(score).collect()
-    }
-
-    fn score_one(
-        &self,
-        present: &Fit,
-        marginal: &Marginal,
-        differences: &DVector<f64>,
-        candidate: Candidate,
-        guesses: &mut Vec<f64>,
-    ) -> Option<Scored> {
-        let neutral = candidate.neutral();
-        let effect = candidate.effect(&neutral)?;
-        let mut effects = present.state.effects.clone();
-        effects.push(effect);
-        let index = effects.len() - 1;
-        // At its neutral values the effect changes nothing, so the present state serves.
-        let knobs = present.state.knobs(self, &effects, index, guesses)?;
-        let structure_at = |knob: &Knob, value: f64| {
-            let effects = super::state::with_values(&effects, std::slice::from_ref(knob), &[value]);
-            self.structure_with(&effects, &present.state.numbers)
-        };
-        let columns: Option<Vec<DVector<f64>>> = knobs
-            .iter()
-            .map(|knob| {
-                let structure = structure_at(knob, knob.neutral + knob.step)?;
-                Some(present.state.towards(self, &structure, knob.step)? * knob.scale)
-            })
-            .collect();
-        *guesses = knobs.iter().map(|knob| knob.step).collect();
-        let columns = marginal.weigh(&DMatrix::from_columns(&columns?));
-        let projected = marginal.project(&columns);
-        let information = columns.tr_mul(&projected);
-        // What the background or effects in the model explain as well is no effect of its own.
-        if (0..knobs.len()).any(|at| information[(at, at)] < SEPARATE * columns.column(at).norm_squared()) {
-            return None;
-        }
-        let gradient = columns.tr_mul(differences);
-        let admissible = |units: &DVector<f64>| {
-            knobs.iter().zip(units.iter()).all(|(knob, units)| {
-                let value = knob.neutral + units * knob.scale;
-                value >= knob.bounds[0] && units.is_finite()
-            })
-        };
-        let units = Cholesky::new(information.clone())?.solve(&-&gradient);
-        if !admissible(&units) {
-            return None;
-        }
-        let with_prior = &information + DMatrix::identity(knobs.len(), knobs.len());
-        let log_determinant: f64 =
-            Cholesky::new(with_prior)?.l_dirty().diagonal().iter().map(|value| 2.0 * value.ln()).sum();
-        let gain = 0.5 * (-gradient.dot(&units) - log_determinant - units.norm_squared());
-        let values = knobs
-            .iter()
-            .zip(units.iter())
-            .map(|(knob, units)| (knob.neutral + units * knob.scale).clamp(knob.bounds[0], knob.bounds[1]));
-        let mut all = neutral;
-        for (knob, value) in knobs.iter().zip(values) {
-            all[knob.parameter] = value;
-        }
-        Some(Scored { candidate, gain, knobs, values: all })
-    }
-
-    /// An effect that is there or not.
-    fn score_discrete(&self, present: &Fit, candidate: Candidate) -> Option<Scored> {
-        let mut effects = present.state.effects.clone();
-        effects.push(candidate.effect(&[])?);
-        let before = present.state.misfit(Loss::Robust);
-        let state = self.state(effects, present.state.numbers.clone(), Some(&present.state)).ok()?;
-        let gain = 0.5 * (before - state.misfit(Loss::Robust));
-        Some(Scored { candidate, gain, knobs: Vec::new(), values: Vec::new() })
-    }
 }
 
 /// Starts go no further than this many prior scales.
@@ -355,21 +383,7 @@ const LONGEST_START: f64 = 2.0;
 const SHORTER_START: f64 = 0.3;
 /// A fit that reaches less than this share of what the linear step promised is tried from another start.
 const DISAPPOINTS: f64 = 0.5;
-/// Keeps the better score of each candidate.
-fn merge(scored: &mut Vec<Scored>, others: Vec<Scored>) {
-    for other in others {
-        match scored.iter_mut().find(|one| one.candidate.is_same(&other.candidate)) {
-            Some(one) if one.gain >= other.gain => {}
-            Some(one) => *one = other,
-            None => scored.push(other),
-        }
-    }
-}
-
-/// An effect that keeps less than this share of itself beside the background and other effects is none of its own.
-const SEPARATE: f64 = 1e-6;
-
-/// Whether an effect is looked for in modes (and phases).
+/// Whether an effect's values are fitted to modes (and phases).
 pub(super) fn shows_in_modes(kind: &dyn EffectKind) -> bool {
-    matches!(kind.evidence(), Evidence::Modes | Evidence::Phases)
+    matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks)
 }

@@ -67,6 +67,10 @@ pub(super) struct Signal {
     pub(super) log_bayes_factor: f64,
     /// Squared deviations of what the effect leaves.
     pub(super) chi_squared: f64,
+    /// Of how many numbers, less those fitted.
+    pub(super) degrees_of_freedom: usize,
+    /// What shows it.
+    pub(super) reason: String,
 }
 
 /// Kurtosis of a mode's band-passed response, which is Gaussian, and of a steady tone.
@@ -101,6 +105,11 @@ pub(super) fn all_shown(signals: &Signals, present: &[Effect]) -> Vec<Signal> {
                 std: None,
                 log_bayes_factor: 0.5 * (square(KURTOSIS_OF_A_MODE) - square(KURTOSIS_OF_A_TONE)),
                 chi_squared: square(KURTOSIS_OF_A_TONE),
+                degrees_of_freedom: 1,
+                reason: format!(
+                    "the line at {:.4} Hz has a kurtosis of {:.2} ± {std:.2}; a steady tone has {KURTOSIS_OF_A_TONE}, a mode {KURTOSIS_OF_A_MODE}",
+                    line.frequency_hz, line.kurtosis
+                ),
             });
         }
     }
@@ -108,8 +117,9 @@ pub(super) fn all_shown(signals: &Signals, present: &[Effect]) -> Vec<Signal> {
     let slopes = |of: fn(&ModeTrend) -> Option<Slope>| -> Vec<Slope> {
         modes.iter().filter_map(of).filter(|slope| slope.std.is_finite() && slope.std > 0.0).collect()
     };
-    shown.extend(common_slope("temperature-stiffness", &slopes(|mode| mode.percent_per_kelvin), 0.002));
-    shown.extend(common_slope("amplitude-stiffness", &slopes(|mode| mode.percent_per_decade), 0.02));
+    shown.extend(common_slope("temperature-stiffness", &slopes(|mode| mode.percent_per_kelvin), (0.002, "% a kelvin")));
+    let by_level = slopes(|mode| mode.percent_per_decade);
+    shown.extend(common_slope("amplitude-stiffness", &by_level, (0.02, "% a decade of response")));
     shown.retain(|signal| {
         let same = |effect: &Effect| effect.to_string() == signal.effect.to_string();
         !present.iter().any(same)
@@ -118,7 +128,7 @@ pub(super) fn all_shown(signals: &Signals, present: &[Effect]) -> Vec<Signal> {
 }
 
 /// The stiffness' slope that all modes share: frequencies go by half of it.
-fn common_slope(kind: &str, slopes: &[Slope], typical: f64) -> Option<Signal> {
+fn common_slope(kind: &str, slopes: &[Slope], (typical, unit): (f64, &str)) -> Option<Signal> {
     if slopes.is_empty() {
         return None;
     }
@@ -132,7 +142,13 @@ fn common_slope(kind: &str, slopes: &[Slope], typical: f64) -> Option<Signal> {
     let ratio = typical / std;
     let log_bayes_factor = 0.5 * ((value / std).powi(2) - (1.0 + ratio * ratio).ln() - (value / typical).powi(2));
     let effect = Effect::new(kind, None, &[value]).ok()?;
-    Some(Signal { effect, std: Some(std), log_bayes_factor, chi_squared: left / scatter })
+    let reason = format!(
+        "over the hours the frequencies of {} modes go together, by {mean:+.3} ± {:.3} {unit}",
+        slopes.len(),
+        50.0 * std
+    );
+    let degrees_of_freedom = slopes.len() - 1;
+    Some(Signal { effect, std: Some(std), log_bayes_factor, chi_squared: left, degrees_of_freedom, reason })
 }
 
 /// To 0.1 mHz, as places are written.

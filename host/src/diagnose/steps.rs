@@ -65,6 +65,12 @@ pub struct StepRecord {
     pub held_out_mode_error_percent: Option<f64>,
     /// Modes compared.
     pub modes: usize,
+    /// Natural logarithm of the evidence for the effects that came, or against those that went, over the step before.
+    #[serde(default)]
+    pub log_bayes_factor: Option<f64>,
+    /// Which measurement and model as given it is of: steps with the same word can be held beside each other.
+    #[serde(default)]
+    pub data: String,
 }
 
 /// A model with its effects fitted, and what is to be said of the step that led to it.
@@ -99,6 +105,20 @@ impl Setting<'_> {
         self.step(action, &problem, &fit)
     }
 
+    /// The same, held beside the model with the effects `before`.
+    ///
+    /// # Errors
+    /// As [`Setting::refit`].
+    pub fn refit_beside(&self, action: &str, effects: &[Effect], before: &[Effect]) -> Result<Step, DiagnoseError> {
+        let problem = self.problem(effects)?;
+        let fit = problem.fit_present(effects)?;
+        let mut step = self.step(action, &problem, &fit)?;
+        // Both on the modes of one of them: otherwise they explain different numbers.
+        let fit_before = problem.fit_present(before);
+        step.record.log_bayes_factor = fit_before.ok().map(|before| fit.log_evidence() - before.log_evidence());
+        Ok(step)
+    }
+
     /// Adds an effect at a place (the best one where none is given), refitted together with those in the model.
     ///
     /// # Errors
@@ -115,9 +135,9 @@ impl Setting<'_> {
         let added = found.effect().to_string();
         let with: Vec<Effect> = found.fit.effects().to_vec();
         // With the effect more modes may find a partner.
-        let problem = self.problem(&with)?;
-        let fit = problem.fit_present(&with)?;
-        self.step(&format!("add {added}"), &problem, &fit)
+        let mut step = self.refit(&format!("add {added}"), &with)?;
+        step.record.log_bayes_factor = Some(found.log_bayes_factor);
+        Ok(step)
     }
 
     /// Adds and drops effects until nothing is gained: the best addition that gains 20 to 1, then drops what has become
@@ -137,15 +157,15 @@ impl Setting<'_> {
         while effects.len() < MOST_EFFECTS {
             let problem = self.problem(&effects)?;
             let present = problem.fit_present(&effects)?;
-            let found = problem.search(&present, options);
-            let Some(best) = found.first().filter(|found| found.log_bayes_factor > STANDS_OUT) else { break };
+            let found = problem.search(&present, options).found;
+            let Some(best) = found.iter().find(|found| found.stands_out()) else { break };
+            let before = effects;
             let mut action = format!("add {}", best.effect());
             effects = best.fit.effects().to_vec();
             (effects, action) = self.improved(effects, action, options)?;
-            let problem = self.problem(&effects)?;
-            let fit = problem.fit_present(&effects)?;
-            effects = fit.effects().to_vec();
-            tell(&self.step(&action, &problem, &fit)?);
+            let step = self.refit_beside(&action, &effects, &before)?;
+            effects = step.effects.iter().map(|fitted| fitted.effect.clone()).collect();
+            tell(&step);
             if visited.contains(&names(&effects)) {
                 break;
             }
@@ -178,16 +198,19 @@ impl Setting<'_> {
             let mut fewer = effects.clone();
             let dropped = fewer.remove(index);
             let Ok(without) = problem.fit_present(&fewer) else { continue };
-            if with.log_evidence() - without.log_evidence() < STANDS_OUT {
+            let gain = with.log_evidence()
+                - without.log_evidence()
+                - (problem.hypotheses(dropped.of_kind(), &without) as f64).ln();
+            if gain < STANDS_OUT || !with.is_significant(index) {
                 effects = without.effects().to_vec();
                 action += &format!(", drop {dropped}");
                 continue;
             }
-            let found = problem.search(&without, options);
+            let found = problem.search(&without, options).found;
             let Some(other) = found.first().filter(|found| found.effect().to_string() != dropped.to_string()) else {
                 continue;
             };
-            if other.fit.log_evidence() - with.log_evidence() > STANDS_OUT {
+            if other.stands_out() && other.log_bayes_factor - gain > STANDS_OUT {
                 action += &format!(", replace {dropped} by {}", other.effect());
                 effects = other.fit.effects().to_vec();
             }
@@ -207,8 +230,8 @@ impl Setting<'_> {
             step: 0,
             action: action.to_owned(),
             effects: names(&effects),
-            chi_squared: test.chi_squared,
-            degrees_of_freedom: test.degrees_of_freedom,
+            chi_squared: test.all.chi_squared,
+            degrees_of_freedom: test.all.degrees_of_freedom,
             p_value: test.p_value,
             mean_abs_frequency_error_percent: comparison.mean_abs_frequency_error_percent.unwrap_or(0.0),
             mean_mac: comparison.mean_mac,
@@ -217,6 +240,8 @@ impl Setting<'_> {
             held_out_error_percent: held_out.sensor_error_percent,
             held_out_mode_error_percent: held_out.mode_error_percent,
             modes: problem.measured().len(),
+            log_bayes_factor: None,
+            data: String::new(),
         };
         let fitted = |(index, effect): (usize, &Effect)| FittedEffect {
             effect: effect.clone(),
@@ -234,8 +259,9 @@ impl Problem {
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
     ) -> Result<Found, DiagnoseError> {
-        self.search_kind(present, kind, place).ok_or_else(|| DiagnoseError::NothingGained {
+        self.search_kind(present, kind, place).map_err(|reason| DiagnoseError::NothingGained {
             effect: place.map_or_else(|| kind.name().to_owned(), |place| format!("{}@{place}", kind.name())),
+            reason,
         })
     }
 }

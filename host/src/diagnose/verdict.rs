@@ -1,20 +1,24 @@
 //! The verdict: what the search found, weighed, and said so that others can build on it.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::fit::{Estimate, Fit};
 use super::problem::{DiagnoseError, Problem};
 use super::report::{
     CandidateReport, Diagnosis, Explained, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit, Unexplained, Verdict,
 };
-use super::search::{Found, Options};
+use super::score::Scored;
+use super::search::{Found, Options, Searched};
 use super::settle::next_measurement;
 use super::signals::{Signal, Signals, all_shown, shown};
-use crate::compare::{ChiSquared, levels};
+use crate::compare::{exceeding, levels};
+use crate::measured::MeasuredMode;
 use crate::model::effect::Effect;
 
 /// Evidence of 20 to 1 makes an effect stand out.
-pub(super) const STANDS_OUT: f64 = 2.995_732_273_553_991;
+pub const STANDS_OUT: f64 = 2.995_732_273_553_991;
 /// A fit with a probability below this fails.
-pub(super) const FAILS: f64 = 0.01;
+pub const FAILS: f64 = 0.01;
 /// Effects whose predictions have this squared cosine are twins.
 const TWINS: f64 = 0.99;
 
@@ -29,9 +33,10 @@ pub fn diagnose(
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
     let present = problem.fit_present(effects)?;
-    let found = problem.search(&present, options);
+    let Searched { found, rejected } = problem.search(&present, options);
     let considered = shown(signals, effects, &options.without);
     let mut diagnosis = weigh(problem, &present, &found, &considered);
+    diagnosis.candidates.extend(rejected.iter().map(|one| rejected_report(&present, one)));
     let all = all_shown(signals, effects);
     let stands_out = |signal: &&Signal| signal.log_bayes_factor > STANDS_OUT;
     if diagnosis.verdict == Verdict::Adequate && all.iter().any(|signal| stands_out(&signal)) {
@@ -82,7 +87,7 @@ const IDENTICAL: f64 = 1e-6;
 
 fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) -> Diagnosis {
     let test = present.goodness_of_fit();
-    let best = found.first().filter(|found| found.log_bayes_factor > STANDS_OUT);
+    let best = found.iter().find(|found| found.stands_out());
     let fails = test.p_value < FAILS;
     let modal = match best {
         None if fails => Verdict::Unknown,
@@ -91,7 +96,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         Some(_) => Verdict::Effect,
     };
     let named = best.filter(|_| modal == Verdict::Effect);
-    let twins = named.map_or_else(Vec::new, |best| twins(present, best, &found[1..]));
+    let twins = named.map_or_else(Vec::new, |best| twins(present, best, found));
     let strongest = signals.iter().max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
     let strongest = strongest.filter(|signal| signal.log_bayes_factor > STANDS_OUT);
     let above_modes = |signal: &&Signal| match modal {
@@ -107,7 +112,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         let numbers = problem.unpaired.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
         warnings.push(format!("measured mode {numbers} has no partner in the model and takes no part"));
     }
-    if problem.measured.iter().all(|mode| mode.shape.is_none()) {
+    if problem.measured().iter().all(|mode| mode.shape.is_none()) {
         warnings.push(
             "no shapes were measured: which mode is which is a guess, and effects that lower the same frequencies cannot be told apart; shapes at a few heights would decide more than any better frequency"
                 .to_owned(),
@@ -136,9 +141,18 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
     }
     // What is left is shown of the best fit there is, also where that fails.
     let shown_fit = match (modal, best) {
+        // What a signal shows is not in the modes.
+        _ if signal.is_some() => present,
         (Verdict::Effect | Verdict::Unknown, Some(best)) => &best.fit,
         _ => present,
     };
+    if let (Some(signal), Some(named)) = (signal, named) {
+        warnings.push(format!(
+            "{} stands out as well, in the modes; add {} and diagnose again",
+            named.effect(),
+            signal.effect
+        ));
+    }
     let mut candidates: Vec<CandidateReport> = found
         .iter()
         .map(|found| CandidateReport {
@@ -147,6 +161,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
                 .iter()
                 .map(|(place, below)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below })
                 .collect(),
+            where_std_m: found.place_std_m,
             ..report(&found.fit, found.index(), Some(found.log_bayes_factor))
         })
         .chain(signals.iter().map(signal_report))
@@ -168,6 +183,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         unexplained: unexplained(problem, shown_fit),
         explained: explained(problem, present, shown_fit),
         effects: (0..present.state.effects.len()).map(|effect| report(present, effect, None)).collect(),
+        reason: signal.map(|signal| signal.reason.clone()),
         warnings,
     }
 }
@@ -179,9 +195,34 @@ fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateR
         r#where: fit.place(effect).map(ToString::to_string),
         parameters: fit.estimates(effect),
         log_bayes_factor,
-        chi_squared: test.chi_squared,
+        chi_squared: test.all.chi_squared,
         p_value: test.p_value,
         admissible: true,
+        where_std_m: None,
+        near: Vec::new(),
+    }
+}
+
+/// A kind that would explain something with a value that it cannot have; the value is that of one linear step.
+fn rejected_report(present: &Fit, scored: &Scored) -> CandidateReport {
+    let test = present.goodness_of_fit();
+    let values = scored.candidate.parameters.iter().zip(&scored.values);
+    CandidateReport {
+        effect: scored.candidate.kind.name().to_owned(),
+        r#where: scored.candidate.place.as_ref().map(ToString::to_string),
+        parameters: values
+            .map(|(parameter, value)| Estimate {
+                name: parameter.name.to_owned(),
+                value: *value,
+                std: None,
+                unit: parameter.unit.to_owned(),
+            })
+            .collect(),
+        log_bayes_factor: None,
+        chi_squared: test.all.chi_squared,
+        p_value: test.p_value,
+        admissible: false,
+        where_std_m: None,
         near: Vec::new(),
     }
 }
@@ -199,8 +240,9 @@ fn signal_report(signal: &Signal) -> CandidateReport {
         parameters: signal.effect.parameters().map(estimate).collect(),
         log_bayes_factor: Some(signal.log_bayes_factor),
         chi_squared: signal.chi_squared,
-        p_value: ChiSquared::of(signal.chi_squared, 1).p_value,
+        p_value: exceeding(signal.chi_squared, signal.degrees_of_freedom as f64),
         admissible: true,
+        where_std_m: None,
         near: Vec::new(),
     }
 }
@@ -211,18 +253,22 @@ fn twins<'a>(present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found>
     let marginal = present.marginal();
     let single: Vec<bool> = rows_of_single_modes(present);
     let direction = |fit: &Fit| {
-        let mut moved = fit.state.differences() - present.state.differences();
+        // Twins stand beside no mode of the present model.
+        let Some(mut moved) = fit.state.moved_from(&present.state) else {
+            return DVector::zeros(present.state.size());
+        };
         for (value, single) in moved.iter_mut().zip(&single) {
             if !single {
                 *value = 0.0;
             }
         }
-        let columns = marginal.weigh(&nalgebra::DMatrix::from_columns(&[moved]));
+        let columns = marginal.weigh(&DMatrix::from_columns(&[moved]));
         marginal.project(&columns).column(0).into_owned()
     };
     let along = direction(&best.fit);
     others
         .iter()
+        .filter(|other| other.kind != best.kind && other.fit.is_significant(other.index()))
         .filter(|other| {
             let within = best.log_bayes_factor - other.log_bayes_factor < STANDS_OUT;
             let there = direction(&other.fit);
@@ -234,7 +280,7 @@ fn twins<'a>(present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found>
 
 /// Differences of shapes in a span of close modes stand along directions of their own in every state.
 fn rows_of_single_modes(fit: &Fit) -> Vec<bool> {
-    let mut rows = vec![true; fit.state.modes.len() + fit.state.phases.len()];
+    let mut rows = vec![true; fit.state.size()];
     for (first, block) in fit.state.residual.blocks() {
         if block.shape.as_ref().is_some_and(|shape| shape.models.len() > 1) {
             rows[first + 1..first + block.size()].fill(false);
@@ -253,7 +299,7 @@ fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
         by_mode.push(ModeMisfit {
             measured: mode.number,
             measured_hz: mode.frequency_hz,
-            frequency_error_percent: 100.0 * (state.frequency_of(block.measured) / mode.frequency_hz - 1.0),
+            frequency_error_percent: error_percent(state.view.modes.frequency_hz[block.model], mode),
             mean_square: part.norm_squared() / block.size() as f64,
         });
         for (sensor, square) in sensor_squares(problem, block) {
@@ -288,6 +334,11 @@ fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
     }
 }
 
+/// A model's frequency against that of a measured mode.
+fn error_percent(frequency_hz: f64, mode: &MeasuredMode) -> f64 {
+    100.0 * (frequency_hz / mode.frequency_hz - 1.0)
+}
+
 /// Squared deviations of a shape sensor by sensor.
 fn sensor_squares(problem: &Problem, block: &crate::compare::Block) -> Vec<(usize, f64)> {
     let (Some(shape), Some(measured)) = (&block.shape, &problem.measured[block.measured].shape) else {
@@ -304,6 +355,9 @@ fn sensor_squares(problem: &Problem, block: &crate::compare::Block) -> Vec<(usiz
 }
 
 fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
+    // Errors without the scatter that a fit allows itself, as `belfry compare` shows them.
+    let plain = |fit: &Fit| problem.without_scatter(fit).ok();
+    let (plain_present, plain_best) = (plain(present), plain(best));
     let block_of = |fit: &Fit, measured: usize| -> (f64, Vec<(usize, f64)>) {
         fit.state.residual.block_of(measured).map_or((0.0, Vec::new()), |(first, block)| {
             (fit.state.modes.rows(first, block.size()).norm_squared(), sensor_squares(problem, block))
@@ -314,7 +368,7 @@ fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
         .iter()
         .enumerate()
         .map(|(index, mode)| {
-            let error = |fit: &Fit| 100.0 * (fit.state.frequency_of(index) / mode.frequency_hz - 1.0);
+            let error = |fit: &Option<Fit>| Some(error_percent(fit.as_ref()?.state.frequency_of(index)?, mode));
             let ((chi_squared_before, before), (chi_squared_after, after)) =
                 (block_of(present, index), block_of(best, index));
             let gains = before.iter().filter_map(|(sensor, square)| {
@@ -328,8 +382,8 @@ fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
             Explained {
                 measured: mode.number,
                 measured_hz: mode.frequency_hz,
-                before_percent: error(present),
-                after_percent: error(best),
+                before_percent: error(&plain_present),
+                after_percent: error(&plain_best),
                 chi_squared_before,
                 chi_squared_after,
                 channel,

@@ -132,6 +132,8 @@ pub struct Assembly {
     pub stiffness: DMatrix<f64>,
     /// M, DOFs x DOFs, symmetric (kg, kg m, kg m²).
     pub mass: DMatrix<f64>,
+    /// C of the dashpots, DOFs x DOFs, symmetric (N s/m); `None` where there are none.
+    pub damping: Option<DMatrix<f64>>,
     /// Where the DOFs stand.
     pub(super) geometry: Geometry,
     /// What the sensors really are.
@@ -218,6 +220,7 @@ impl Structure {
             Body::Matrices(ImportedMatrices { stiffness, mass, nodes }) => Assembly {
                 stiffness: stiffness.clone(),
                 mass: mass.clone(),
+                damping: None,
                 geometry: Geometry::of_nodes(nodes, stiffness),
                 sensing: Sensing::default(),
             },
@@ -278,14 +281,15 @@ impl Structure {
         if self.weight_share == 0.0 {
             return weights;
         }
-        let added = |from_m: f64, to_m: f64| -> f64 {
-            let inside = self.added_masses.iter().filter(|added| added.z_m > from_m && added.z_m <= to_m);
-            inside.map(|added| added.mass_kg).sum()
+        let added_above = |z_m: f64| -> f64 {
+            self.added_masses.iter().filter(|added| added.z_m > z_m).map(|added| added.mass_kg).sum()
         };
+        // Gravity pulls as hard whatever the stiffness is multiplied with.
+        let factor = self.weight_share * self.mass_factor * STANDARD_GRAVITY_M_S2 / self.stiffness_factor;
         let mut mass_kg = 0.0;
         for (weight, segment) in weights.iter_mut().zip(segments).rev() {
-            mass_kg += segment.mass_top_kg + added(segment.z_bottom_m, segment.z_top_m);
-            *weight = self.weight_share * self.mass_factor * STANDARD_GRAVITY_M_S2 * mass_kg;
+            mass_kg += segment.mass_top_kg;
+            *weight = factor * (mass_kg + added_above(0.5 * (segment.z_bottom_m + segment.z_top_m)));
         }
         weights
     }
@@ -328,14 +332,14 @@ impl Structure {
             }
         }
         let geometry = Geometry::Line(Line::of_beam(segments, self.axis_turn_deg, base_motion));
-        Assembly { stiffness, mass, geometry, sensing: Sensing::default() }
+        Assembly { stiffness, mass, damping: None, geometry, sensing: Sensing::default() }
     }
 
     /// What spreading all masses adds to M; zero for matrices.
     pub fn spread_change(&self) -> Change {
         let Body::Beam(beam) = &self.body else { return Change::local(0, DMatrix::zeros(0, 0), false) };
         let spread = self.assemble_lumped(beam).spread(beam.segments());
-        Change::of(&DMatrix::zeros(spread.nrows(), spread.ncols()), &(spread * self.mass_factor))
+        Change::of(&DMatrix::zeros(spread.nrows(), spread.ncols()), &(spread * self.mass_factor), None)
     }
 
     /// Motion of the base node that follows from the free DOFs, 5 x free; `whole` is K with the base's DOFs first.
@@ -494,19 +498,23 @@ impl Assembly {
         let largest = nodes.iter().map(gyration_square).fold(0.0, f64::max);
         let body: Vec<[usize; 3]> =
             nodes.iter().filter(|node| gyration_square(node) >= SLENDER * SLENDER * largest).copied().collect();
-        for [ux, uy, rz] in body {
-            for (dof, arm) in [(ux, -y), (uy, x)] {
-                let coupling = self.mass[(dof, dof)] * arm;
-                self.mass[(dof, rz)] += coupling;
-                self.mass[(rz, dof)] += coupling;
-                self.mass[(rz, rz)] += coupling * arm;
-            }
+        // Motion of the centres of mass: M becomes Sᵀ M S, with S adding the rotation's share to each node's ux and uy.
+        for &[ux, uy, rz] in &body {
+            let moved = self.mass.column(ux) * -y + self.mass.column(uy) * x;
+            let mut column = self.mass.column_mut(rz);
+            column += moved;
+        }
+        for &[ux, uy, rz] in &body {
+            let moved = self.mass.row(ux) * -y + self.mass.row(uy) * x;
+            let mut row = self.mass.row_mut(rz);
+            row += moved;
         }
     }
 
     /// Hangs a tuned mass onto the structure: one more DOF for each direction in which it moves.
     fn attach(&mut self, tuned: &TunedMass) {
-        let stiffness = tuned.mass_kg * (TAU * tuned.frequency_hz).powi(2);
+        let omega = TAU * tuned.frequency_hz;
+        let (stiffness, damping) = (tuned.mass_kg * omega * omega, 2.0 * tuned.mass_kg * tuned.damping_ratio * omega);
         for axis in (0..2).filter(|&axis| tuned.moves[axis]) {
             let dofs = self.dofs();
             let mut stretch = self.axis_motion(tuned.z_m).row(axis).into_owned().resize_horizontally(dofs + 1, 0.0);
@@ -515,6 +523,10 @@ impl Assembly {
             self.stiffness = matrix(&self.stiffness) + stretch.tr_mul(&stretch) * stiffness;
             self.mass = matrix(&self.mass);
             self.mass[(dofs, dofs)] = tuned.mass_kg;
+            if damping > 0.0 || self.damping.is_some() {
+                let before = self.damping.as_ref().map_or_else(|| DMatrix::zeros(dofs + 1, dofs + 1), matrix);
+                self.damping = Some(before + stretch.tr_mul(&stretch) * damping);
+            }
             if let Geometry::Line(line) = &mut self.geometry {
                 line.widen(dofs + 1);
             }
@@ -552,7 +564,7 @@ impl Assembly {
         }
     }
 
-    /// The structure's modes, lowest frequency first.
+    /// The structure's modes without its dashpots, lowest frequency first.
     ///
     /// # Errors
     /// [`EigenError`] where the matrices are not those of a supported structure.
@@ -560,7 +572,7 @@ impl Assembly {
         Ok(self.modal_basis()?.modes(usize::MAX))
     }
 
-    /// All eigenvectors, those without mass included.
+    /// All eigenvectors of K and M, those without mass included.
     ///
     /// # Errors
     /// As [`Assembly::modes`].

@@ -207,8 +207,11 @@ fn modal_derivatives_are_what_two_solutions_differ_by() {
         for (stiffness, mass) in [(step, 0.0), (0.0, step)] {
             let (above, below) = (with(1.0 + stiffness, 1.0 + mass), with(1.0 - stiffness, 1.0 - mass));
             let half = 1.0 / (2.0 * step);
-            let change =
-                Change::of(&((&above.stiffness - &below.stiffness) * half), &((&above.mass - &below.mass) * half));
+            let change = Change::of(
+                &((&above.stiffness - &below.stiffness) * half),
+                &((&above.mass - &below.mass) * half),
+                None,
+            );
             let found = derivatives(&basis, &(&rows * &basis.vectors), &[0, 1, 2, 5], &change);
             let (above, below, middle) = (above.modes().unwrap(), below.modes().unwrap(), basis.modes(usize::MAX));
             for (derivative, mode) in found.iter().zip([0, 1, 2, 5]) {

@@ -10,6 +10,7 @@
 
 mod assembly;
 mod beam;
+mod damped;
 pub mod effect;
 mod eigen;
 mod element;
@@ -29,6 +30,7 @@ pub use assembly::{
     AddedMass, Assembly, BaseFlexibility, Body, GroundSpring, Joint, MatrixChange, SegmentChange, Structure, TunedMass,
 };
 pub use beam::{BeamError, BeamTable, Segment};
+pub use damped::DampedModes;
 pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use layout::{LayoutError, LayoutNode};
 pub use load::{LoadedModel, ModelError, load};

@@ -1,6 +1,6 @@
 //! How frequencies and shapes follow a small change of K and M: exact first derivatives over all eigenvectors.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Complex, DMatrix, DVector};
 
 use super::eigen::ModalBasis;
 
@@ -13,6 +13,8 @@ pub struct Change {
     stiffness: DMatrix<f64>,
     /// Change of M there.
     mass: DMatrix<f64>,
+    /// Change of C there, where dashpots change.
+    damping: Option<DMatrix<f64>>,
 }
 
 /// Derivatives of one mode by one change.
@@ -22,6 +24,8 @@ pub struct ModeDerivative {
     pub ln_frequency: f64,
     /// Of the mass-normalised shape at the sensors, of the sign that [`ModalBasis::modes`] gives it.
     pub shape: DVector<f64>,
+    /// Of the damping ratio that dashpots give it.
+    pub damping_ratio: f64,
 }
 
 /// Two modes whose 1/lambda differ by less than this share count as one: their shapes turn without bound.
@@ -33,15 +37,35 @@ impl Change {
         let none = DMatrix::zeros(part.nrows(), part.ncols());
         let rows = (first_row..first_row + part.nrows()).collect();
         let (stiffness, mass) = if of_stiffness { (part, none) } else { (none, part) };
-        Self { rows, stiffness, mass }
+        Self { rows, stiffness, mass, damping: None }
     }
 
-    /// From the whole matrices of the change (all but a few rows of them zero), DOFs x DOFs.
-    pub fn of(stiffness: &DMatrix<f64>, mass: &DMatrix<f64>) -> Self {
-        let changes = |row: usize| stiffness.column(row).amax() > 0.0 || mass.column(row).amax() > 0.0;
+    /// From the whole matrices of the change (all but a few rows of them zero), DOFs x DOFs; of C where dashpots change.
+    pub fn of(stiffness: &DMatrix<f64>, mass: &DMatrix<f64>, damping: Option<&DMatrix<f64>>) -> Self {
+        let matrices = || [Some(stiffness), Some(mass), damping].into_iter().flatten();
+        let changes = |row: usize| matrices().any(|matrix| matrix.column(row).amax() > 0.0);
         let rows: Vec<usize> = (0..stiffness.nrows()).filter(|&row| changes(row)).collect();
         let part = |whole: &DMatrix<f64>| whole.select_rows(&rows).select_columns(&rows);
-        Self { stiffness: part(stiffness), mass: part(mass), rows }
+        Self { stiffness: part(stiffness), mass: part(mass), damping: damping.map(part), rows }
+    }
+
+    /// The rows that change, ascending.
+    pub(super) fn rows(&self) -> &[usize] {
+        &self.rows
+    }
+
+    /// `(s² dM + dK) x`, x at the rows that change.
+    pub(super) fn undamped(&self, s: Complex<f64>, x: &DVector<Complex<f64>>) -> DVector<Complex<f64>> {
+        let part = |matrix: &DMatrix<f64>| matrix.map(Complex::from) * x;
+        part(&self.stiffness) + part(&self.mass) * (s * s)
+    }
+
+    /// `dC x`, x at the rows that change.
+    pub(super) fn damped(&self, x: &DVector<Complex<f64>>) -> DVector<Complex<f64>> {
+        match &self.damping {
+            Some(damping) => damping.map(Complex::from) * x,
+            None => x.map(|_| Complex::from(0.0)),
+        }
     }
 }
 
@@ -87,6 +111,7 @@ pub fn derivatives(
         ModeDerivative {
             ln_frequency: 0.5 * local.dot(&force) / lambda,
             shape: sensor_vectors * share * basis.sign(mode),
+            damping_ratio: 0.0,
         }
     };
     modes.iter().map(derivative).collect()

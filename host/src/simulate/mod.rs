@@ -7,8 +7,10 @@
 //! noise: independent forces in X and Y and a small torsional moment at every node (see the `loading` module for their
 //! levels). A force is held over each sample, which leaves sinc²(f/fs) of its density: 0.4 % less at a thirtieth of the
 //! sampling rate, 60 % at the Nyquist rate. The response is stationary from the first row; white sensor noise is added.
+//! A `harmonic` is a sine beside the random force, growing in from the first row; late clocks delay channels.
 
 mod file;
+mod late;
 mod loading;
 pub mod modal;
 mod oscillator;
@@ -18,6 +20,7 @@ mod scatter;
 mod tests;
 mod truth;
 
+use std::f64::consts::TAU;
 use std::path::PathBuf;
 
 use nalgebra::{DMatrix, DVector};
@@ -26,10 +29,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use thiserror::Error;
 
-use crate::model::effect::{Effect, EffectError, Evidence};
+use crate::model::effect::{Effect, EffectError, EffectKind, Evidence, Where};
 use crate::model::{Assembly, BeamTable, EigenError, SensorError, Structure};
 use crate::study::{STANDARD_GRAVITY_M_S2, Setup, Unit};
 pub(crate) use file::partial_name;
+use late::LateChannels;
 use loading::Loading;
 use oscillator::{OscillatorBank, Quantity};
 pub use plan::{AdoptError, PlanError, PlannedRecording, adopt, plan};
@@ -121,7 +125,7 @@ pub enum SimulationError {
     Effect(#[from] EffectError),
     /// An effect that this simulation does not show.
     #[error(
-        "{kind}: the simulation cannot show it yet; it hides effects of the structure's matrices and of its sensors' place, direction, sign and gain"
+        "{kind}: the simulation cannot show it; it hides effects of the structure's matrices, of its sensors and their clocks, and steady forces"
     )]
     NotShown {
         /// The kind.
@@ -157,7 +161,24 @@ pub struct Simulation {
     block: Vec<f32>,
     /// Rows of `block` already handed out.
     used_rows: usize,
+    /// Steady forces.
+    tones: Vec<Tone>,
+    /// Where clocks are off.
+    late: Option<LateChannels>,
 }
+
+/// A steady force at one frequency: its amplitude on each mode, and its phase at the next sample.
+#[derive(Debug, Clone)]
+struct Tone {
+    modal_force: DVector<f64>,
+    phase_rad: f64,
+    step_rad: f64,
+}
+
+/// Amplitude of a steady force in standard deviations of the random one, in each sample.
+const TONE: f64 = 0.3;
+/// Delays beyond this are no matter of clocks, s.
+const LONGEST_DELAY_S: f64 = 60.0;
 
 impl Simulation {
     /// A simulation of a beam, clamped but for what the effects free, as `setup` would record it.
@@ -185,7 +206,7 @@ impl Simulation {
         options: &Options,
     ) -> Result<Self, SimulationError> {
         check(options, setup)?;
-        if let Some(effect) = effects.iter().find(|effect| effect.of_kind().evidence() != Evidence::Modes) {
+        if let Some(effect) = effects.iter().find(|effect| !can_show(effect.of_kind())) {
             return Err(SimulationError::NotShown { kind: effect.kind() });
         }
         let sampling_rate_hz = setup.sampling_rate_hz;
@@ -227,16 +248,39 @@ impl Simulation {
         // Independent streams, so that more channels do not change the load.
         let stream = |part: u64| {
             let mut random = ChaCha8Rng::seed_from_u64(options.seed);
-            random.set_stream(2 * u64::from(options.stream) + part);
+            // Two streams for each recording; what else is drawn stands far from them.
+            random.set_stream(2 * u64::from(options.stream) + (part % 2) + ((part / 2) << 40));
             random
         };
         let (mut load_random, noise_random) = (stream(0), stream(1));
         let start = DVector::from_fn(2 * kept, |_, _| StandardNormal.sample(&mut load_random));
         bank.start_from(&state_covariance, &start);
 
+        let tone = |forced_hz: f64| -> Result<Tone, SimulationError> {
+            let (option, range) = ("harmonic: frequency", "above 0, and below 0.9 of the Nyquist rate");
+            if !(forced_hz > 0.0 && forced_hz < highest_hz) {
+                return Err(SimulationError::Option { option, value: forced_hz, range });
+            }
+            // As a machine stands: at some nodes more than at others.
+            let mut random = stream(2);
+            let direction = DVector::from_fn(modal_loads.ncols(), |_, _| StandardNormal.sample(&mut random));
+            let step_rad = TAU * forced_hz / sampling_rate_hz;
+            Ok(Tone { modal_force: &modal_loads * direction * TONE, phase_rad: 0.0, step_rad })
+        };
+        let forced = effects.iter().filter_map(|effect| match effect.place() {
+            Some(Where::Frequency(hz)) => Some(*hz),
+            _ => None,
+        });
+        let tones: Vec<Tone> = forced.map(tone).collect::<Result<_, _>>()?;
+        let delays_s = assembly.sensing.delays_s(&setup.sensors);
+        if let Some(&value) = delays_s.iter().flatten().find(|delay| delay.abs() > LONGEST_DELAY_S) {
+            return Err(SimulationError::Option { option: "clock-offset: delay", value, range: "-60 to 60 s" });
+        }
+        let late = delays_s.map(|delays_s| LateChannels::new(&delays_s, sampling_rate_hz, BLOCK_ROWS));
+
         let truth = Truth::new(setup, effects, options, frequencies_hz, &motion, &sensor_shapes, &modal_covariance);
         let (channels, loads) = (setup.sensors.len(), modal_loads.ncols());
-        Ok(Self {
+        let mut simulation = Self {
             truth,
             sampling_rate_hz,
             bank,
@@ -251,7 +295,14 @@ impl Simulation {
             response: DMatrix::zeros(channels, BLOCK_ROWS),
             block: vec![0.0; channels * BLOCK_ROWS],
             used_rows: BLOCK_ROWS,
-        })
+            tones,
+            late,
+        };
+        for _ in 0..simulation.late.as_ref().map_or(0, |late| late.blocks_of_silence(BLOCK_ROWS)) {
+            simulation.make_block();
+        }
+        simulation.used_rows = BLOCK_ROWS;
+        Ok(simulation)
     }
 
     /// What an identification of this recording should find.
@@ -290,9 +341,16 @@ impl Simulation {
         self.normals.iter_mut().for_each(|value| *value = StandardNormal.sample(&mut self.load_random));
         self.modal.gemm(1.0, &self.modal_loads, &self.normals, 0.0);
         for mut step in self.modal.column_iter_mut() {
+            for tone in &mut self.tones {
+                step.axpy(tone.phase_rad.sin(), &tone.modal_force, 1.0);
+                tone.phase_rad = (tone.phase_rad + tone.step_rad) % TAU;
+            }
             self.bank.step(step.as_mut_slice());
         }
         self.response.gemm(1.0, &self.sensor_shapes, &self.modal, 0.0);
+        if let Some(late) = &mut self.late {
+            late.delay(&mut self.response);
+        }
         let noise_random = &mut self.noise_random;
         let noisy = self.response.iter().zip(self.noise_std.iter().cycle()).map(|(&value, &std)| {
             let normal: f64 = StandardNormal.sample(noise_random);
@@ -301,6 +359,11 @@ impl Simulation {
         self.block.iter_mut().zip(noisy).for_each(|(slot, value)| *slot = value);
         self.used_rows = 0;
     }
+}
+
+/// Whether a simulation can have an effect: those that change with time or damping are not in it.
+pub fn can_show(kind: &dyn EffectKind) -> bool {
+    matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::Kurtosis)
 }
 
 fn check(options: &Options, setup: &Setup) -> Result<(), SimulationError> {

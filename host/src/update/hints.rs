@@ -48,6 +48,8 @@ pub struct OrthogonalityTest {
     pub worst: [usize; 2],
     /// Their cosine.
     pub cosine: f64,
+    /// Its standard deviation.
+    pub cosine_std: f64,
 }
 
 /// The tests of the paired modes.
@@ -74,7 +76,10 @@ pub fn hints(view: &ModelView, measured: &[MeasuredMode], pairs: &[Pair]) -> Hin
                 degrees_of_freedom: part.len(),
             });
         }
-        if let Ok(inverse) = shapes.pseudo_inverse(1e-12) {
+        // With fewer sensors than modes any share would do.
+        if shape.sensors.len() >= models.len()
+            && let Ok(inverse) = shapes.pseudo_inverse(1e-12)
+        {
             let share = &inverse * &values;
             let length = share.norm();
             if length > 0.0 {
@@ -92,7 +97,7 @@ pub fn hints(view: &ModelView, measured: &[MeasuredMode], pairs: &[Pair]) -> Hin
 }
 
 fn orthogonality(inside: &[(usize, DVector<f64>, DMatrix<f64>)]) -> Option<OrthogonalityTest> {
-    let (mut chi_squared, mut pairs, mut worst) = (0.0, 0, None::<(f64, [usize; 2], f64)>);
+    let (mut chi_squared, mut pairs, mut worst) = (0.0, 0, None::<(f64, [usize; 2], f64, f64)>);
     for (index, (one, share, spread)) in inside.iter().enumerate() {
         for (other, other_share, other_spread) in &inside[..index] {
             // Mass-normalised shapes of the model are orthonormal by mass, and so are their combinations.
@@ -102,11 +107,11 @@ fn orthogonality(inside: &[(usize, DVector<f64>, DMatrix<f64>)]) -> Option<Ortho
             chi_squared += square;
             pairs += 1;
             if worst.is_none_or(|worst| square > worst.0) {
-                worst = Some((square, [*other, *one], cosine));
+                worst = Some((square, [*other, *one], cosine, variance.sqrt()));
             }
         }
     }
-    let (_, worst, cosine) = worst?;
+    let (_, worst, cosine, cosine_std) = worst?;
     let p_value = ChiSquared::of(chi_squared, pairs).p_value;
-    Some(OrthogonalityTest { chi_squared, degrees_of_freedom: pairs, p_value, worst, cosine })
+    Some(OrthogonalityTest { chi_squared, degrees_of_freedom: pairs, p_value, worst, cosine, cosine_std })
 }

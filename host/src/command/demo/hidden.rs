@@ -5,7 +5,8 @@ use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::model::effect::{Effect, Evidence};
+use crate::model::effect::Effect;
+use crate::simulate::can_show;
 
 /// Effects that the seed draws from, with the range of their value: each moves a frequency of the tower by some percent, or
 /// spoils a channel.
@@ -37,8 +38,11 @@ pub(super) fn drawn(seed: u64) -> anyhow::Result<Effect> {
 
 /// Whether the demo's simulated structure can have an effect.
 pub(super) fn check(effect: &Effect) -> anyhow::Result<()> {
-    match effect.of_kind().evidence() {
-        Evidence::Modes if effect.kind() != "custom" => Ok(()),
-        _ => bail!("the demo cannot hide {}: choose an effect of the structure or of its sensors", effect.kind()),
+    if !can_show(effect.of_kind()) || effect.kind() == "custom" {
+        bail!(
+            "the demo cannot hide {}: choose an effect of the structure, of its sensors or their clocks, or a harmonic",
+            effect.kind()
+        );
     }
+    Ok(())
 }

@@ -30,7 +30,7 @@ use crate::identify::{Mode, mac};
 use crate::link::fleet::FleetOptions;
 use crate::link::memory::Faults;
 use crate::measure::Route;
-use crate::model::effect::{Effect, EffectRecord};
+use crate::model::effect::{Effect, EffectRecord, Where, named};
 use crate::model::{BeamTable, Structure};
 use crate::picture::TrueShape;
 use crate::simulate::{Options, Simulation, TrueMode, Truth, scattered};
@@ -241,7 +241,7 @@ fn covalidate(case: &Case, route: Route, console: &Console) -> anyhow::Result<Co
 fn find_effect(outcome: &mut Outcome, study: &Study, route: Route, console: &Console) -> anyhow::Result<()> {
     let case = Case::load(&study.folder, console)?;
     console.say(heading("Which physical effect is missing? (belfry diagnose)"));
-    let diagnosis = diagnose_case(&case, &[], console)?;
+    let diagnosis = diagnose_case(&case, &[], false, console)?;
     if let Some(best) = diagnosis.best.first() {
         console.say(heading(&format!("Into the model with it (belfry add {best})")));
         outcome.added = Some(add(&case, best, console)?);
@@ -265,22 +265,36 @@ fn reveal(outcome: &Outcome, effects: &[Effect], console: &Console) {
             .collect();
         console.say(format!("The tower had {effect}   {}", values.join(", ")));
     }
-    let found = outcome.diagnosis.as_ref().and_then(|diagnosis| diagnosis.best.first());
-    let kind_of = |name: &str| name.split('@').next().map(str::to_owned);
-    let was_found =
-        found.is_some_and(|found| effects.iter().any(|effect| Some(effect.kind().to_owned()) == kind_of(found)));
-    let named = outcome.diagnosis.as_ref().is_some_and(|diagnosis| {
-        let names = diagnosis.ambiguous.iter().flatten();
-        names.filter_map(|name| kind_of(name)).any(|kind| effects.iter().any(|effect| effect.kind() == kind))
-    });
-    console.say(match (found, was_found, named) {
-        (Some(found), true, _) => format!("and the diagnosis said {found}."),
-        (Some(found), false, true) => {
-            format!("and the diagnosis named it among those that the data cannot tell from {found}.")
+    let named: Vec<&String> = outcome
+        .diagnosis
+        .iter()
+        .flat_map(|diagnosis| diagnosis.best.iter().chain(diagnosis.ambiguous.iter().flatten()))
+        .collect();
+    let is_hidden = |name: &&&String| effects.iter().any(|effect| is_same(effect, name));
+    console.say(match (named.first(), named.iter().find(is_hidden)) {
+        (Some(first), Some(found)) if first == found => format!("and the diagnosis said {found}."),
+        (Some(first), Some(found)) => {
+            format!("and the diagnosis named {found} among those that the data cannot tell from {first}.")
         }
-        (Some(found), false, false) => format!("and the diagnosis said {found}: wrong, on this record."),
-        (None, ..) => "and the diagnosis named no effect: on this record it lies within what is uncertain.".to_owned(),
+        (Some(first), None) => format!("and the diagnosis said {first}: wrong, on this record."),
+        (None, _) => "and the diagnosis named no effect: on this record it lies within what is uncertain.".to_owned(),
     });
+}
+
+/// A height is found when it is off by no more than this share of the tower's.
+const FOUND_WITHIN: f64 = 0.05;
+const TOWER_HEIGHT_M: f64 = 618.0;
+
+/// Whether a name is that of an effect: of its kind, at its channels or node, or about its height.
+fn is_same(effect: &Effect, name: &str) -> bool {
+    let Ok((kind, place)) = named(name) else { return false };
+    let is_there = match (effect.place(), &place) {
+        (Some(Where::Height(hidden_m)), Some(Where::Height(found_m))) => {
+            (hidden_m - found_m).abs() <= FOUND_WITHIN * TOWER_HEIGHT_M
+        }
+        (hidden, found) => hidden == found.as_ref(),
+    };
+    effect.of_kind() == kind && is_there
 }
 
 fn tell_next(study: &Study, console: &Console) {

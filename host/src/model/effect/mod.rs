@@ -120,6 +120,11 @@ pub trait EffectKind: fmt::Debug + Send + Sync {
         Place::Nowhere
     }
 
+    /// Whether one at a height may be at any, rather than in one segment or another.
+    fn may_be_anywhere(&self) -> bool {
+        true
+    }
+
     /// Where it can be seen.
     fn evidence(&self) -> Evidence {
         Evidence::Modes
@@ -320,6 +325,12 @@ impl Effect {
     /// Parameters with their values.
     pub fn parameters(&self) -> impl ExactSizeIterator<Item = (&'static Parameter, f64)> + '_ {
         self.parameters.iter().zip(self.values.iter().copied())
+    }
+
+    /// The same effect at another place of the same sort.
+    #[must_use]
+    pub fn moved_to(&self, place: Where) -> Self {
+        Self { place: Some(place), ..self.clone() }
     }
 
     /// The same effect with other values, brought inside their bounds.

@@ -30,6 +30,8 @@ pub enum Prior {
     Value(f64),
     /// The value that moves the frequency it moves most by this share: what is typical depends on the structure.
     FrequencyShift(f64),
+    /// This share of the value from which a fit starts, and about that value.
+    Share(f64),
     /// It is given, not fitted.
     Given,
 }

@@ -47,6 +47,10 @@ impl EffectKind for StiffnessLoss {
         Place::Height
     }
 
+    fn may_be_anywhere(&self) -> bool {
+        false
+    }
+
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[RELATIVE], &[RELATIVE, LENGTH]]
     }

@@ -1,7 +1,7 @@
 //! `tuned-mass-damper@z`: a mass on a spring and a dashpot.
 
 use super::target::height;
-use super::{About, EffectError, EffectKind, Evidence, Given, LookAlike, Parameter, Place};
+use super::{About, EffectError, EffectKind, Evidence, Given, LookAlike, Parameter, Place, Prior};
 use crate::model::{Structure, TunedMass};
 
 const ABOUT: About = About {
@@ -14,8 +14,11 @@ const ABOUT: About = About {
     source: "J. P. Den Hartog (1956), Mechanical Vibrations, section 3.3",
 };
 
-const MASS: Parameter = Parameter::positive("mass", "kg", "the moving mass");
-const FREQUENCY: Parameter = Parameter::ranged("frequency", "Hz", [1e-4, 1e4], 1.0, "its own frequency");
+const MASS: Parameter = Parameter { prior: Prior::Share(1.0), ..Parameter::positive("mass", "kg", "the moving mass") };
+const FREQUENCY: Parameter = Parameter {
+    prior: Prior::Share(0.1),
+    ..Parameter::ranged("frequency", "Hz", [1e-4, 1e4], 1.0, "its own frequency")
+};
 const DAMPING: Parameter = Parameter::ranged("damping_ratio", "-", [0.0, 0.5], 0.05, "its own damping ratio");
 const AXIS: Parameter =
     Parameter::given("axis", "x or y", [1.0, 2.0], "the direction in which it moves; both without it");

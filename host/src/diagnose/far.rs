@@ -1,0 +1,186 @@
+//! Effects so large that no derivative at the present model leads to them: a channel in the wrong unit, a mast without its
+//! antenna, sensors mounted across.
+//!
+//! Every kind is tried at values spread over its range, at places spread over the structure; the best of them are fitted.
+
+use nalgebra::DVector;
+use rayon::prelude::*;
+
+use super::candidates::Candidate;
+use super::fit::Fit;
+use super::problem::Problem;
+use super::score::shows_by_derivative;
+use super::search::{Found, Options};
+use super::state::{Loss, State};
+use crate::compare::pair_above;
+use crate::model::effect::{EffectKind, KINDS, Parameter, Place, Prior, Where};
+
+/// Values whose typical size depends on the structure are tried at these multiples of it.
+const MULTIPLES: [f64; 3] = [3.0, 12.0, 50.0];
+/// Values with bounds are tried at so many places between them, where those are far apart in units of what is typical.
+const BETWEEN_BOUNDS: usize = 12;
+const FAR_APART: f64 = 6.0;
+/// Heights that are tried.
+const HEIGHTS: usize = 10;
+/// Kinds that are fitted, from the best start of each.
+const FITTED: usize = 4;
+/// A channel whose factor is within this of 1 (ln) needs no far start.
+const NEAR_ONE: f64 = 0.5;
+const LEAST_LIKENESS: f64 = 1e-6;
+
+impl Problem {
+    /// Every kind, fitted from values far off those at which it does nothing.
+    pub(super) fn search_far(&self, present: &Fit, options: &Options) -> Vec<Found> {
+        let kinds = KINDS.iter().copied().filter(|kind| shows_by_derivative(*kind) && !options.leaves_out(*kind));
+        let Some(far) = Far::of(self, present) else { return Vec::new() };
+        let mut starts: Vec<Start> =
+            kinds.filter_map(|kind| far.best_start(kind, self.candidates(kind, present))).collect();
+        starts.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+        starts.truncate(FITTED);
+        starts.par_iter().filter_map(|start| far.fit(start, self.hypotheses(start.kind, present))).collect()
+    }
+
+    /// One kind, as one of `candidates`.
+    pub(super) fn far_of_kind(
+        &self,
+        present: &Fit,
+        kind: &'static dyn EffectKind,
+        candidates: Vec<Candidate>,
+    ) -> Option<Found> {
+        let (far, hypotheses) = (Far::of(self, present)?, candidates.len());
+        far.fit(&far.best_start(kind, candidates)?, hypotheses)
+    }
+}
+
+/// What far starts are made from.
+struct Far<'a> {
+    problem: &'a Problem,
+    present: &'a Fit,
+    /// The present model without scatter.
+    given: State,
+    /// What each channel seems to be multiplied with.
+    factors: Vec<Option<f64>>,
+}
+
+/// A model with an effect of some size, not fitted yet.
+struct Start {
+    kind: &'static dyn EffectKind,
+    misfit: f64,
+    state: State,
+}
+
+impl<'a> Far<'a> {
+    fn of(problem: &'a Problem, present: &'a Fit) -> Option<Self> {
+        let straight = DVector::zeros(problem.background.size());
+        let given = problem.state(present.state.effects.clone(), straight, None).ok()?;
+        let factors = problem.factors(&given);
+        Some(Self { problem, present, given, factors })
+    }
+
+    fn best_start(&self, kind: &'static dyn EffectKind, candidates: Vec<Candidate>) -> Option<Start> {
+        let starts = self.problem.far_starts(kind, candidates, &self.factors);
+        let states = starts.par_iter().filter_map(|(candidate, values)| {
+            let mut effects = self.present.state.effects.clone();
+            effects.push(candidate.effect(values)?);
+            let state = self.problem.state(effects, self.given.numbers.clone(), Some(&self.given)).ok()?;
+            Some(Start { kind, misfit: state.misfit(Loss::Robust), state })
+        });
+        states.min_by(|a, b| a.misfit.total_cmp(&b.misfit))
+    }
+
+    fn fit(&self, start: &Start, hypotheses: usize) -> Option<Found> {
+        let state = &start.state;
+        let mut knobs = self.present.knobs.clone();
+        knobs.extend(state.knobs(self.problem, &state.effects, state.effects.len() - 1, &[])?);
+        let fit = self.problem.fit(state.effects.clone(), &knobs, &state.numbers, Some(state)).ok()?;
+        let gain = fit.log_evidence() - self.present.log_evidence();
+        Some(Found {
+            kind: start.kind,
+            fit,
+            log_bayes_factor: gain - (hypotheses.max(1) as f64).ln(),
+            near: Vec::new(),
+            place_std_m: None,
+            known: Vec::new(),
+        })
+    }
+}
+
+impl Problem {
+    /// Places and values to start from.
+    fn far_starts(
+        &self,
+        kind: &'static dyn EffectKind,
+        mut candidates: Vec<Candidate>,
+        factors: &[Option<f64>],
+    ) -> Vec<(Candidate, Vec<f64>)> {
+        // Values of several parameters are found from those of one for all.
+        candidates.retain(|candidate| candidate.parameters.iter().filter(|p| p.is_fitted()).count() == 1);
+        if kind.place() == Place::Height {
+            let step = candidates.len().div_ceil(HEIGHTS).max(1);
+            candidates = candidates.into_iter().rev().step_by(step).collect();
+        }
+        let mut starts = Vec::new();
+        for candidate in candidates {
+            let neutral = candidate.neutral();
+            let Some(at) = candidate.parameters.iter().position(Parameter::is_fitted) else { continue };
+            let parameter = &candidate.parameters[at];
+            let values: Vec<f64> = match (parameter.prior, &candidate.place) {
+                _ if kind.place() == Place::Channel => {
+                    let channel = |channels: &Vec<String>| {
+                        self.sensors.iter().position(|sensor| channels.first() == Some(&sensor.channel))
+                    };
+                    let sensor = match &candidate.place {
+                        Some(Where::Channels(channels)) => channel(channels),
+                        _ => None,
+                    };
+                    let factor = sensor.and_then(|sensor| factors.get(sensor).copied().flatten());
+                    factor.filter(|factor| factor.ln().abs() > NEAR_ONE).into_iter().collect()
+                }
+                (Prior::FrequencyShift(_), _) => {
+                    let unit = candidate.effect(&neutral).and_then(|effect| self.typical(&effect, at));
+                    unit.map_or_else(Vec::new, |unit| {
+                        MULTIPLES.map(|multiple| parameter.neutral + multiple * unit).to_vec()
+                    })
+                }
+                (Prior::Value(typical), _) if parameter.greatest - parameter.least > FAR_APART * typical => {
+                    let width = parameter.greatest - parameter.least;
+                    let between = |index: usize| parameter.least + width * (index as f64 + 0.5) / BETWEEN_BOUNDS as f64;
+                    if width.is_finite() { (0..BETWEEN_BOUNDS).map(between).collect() } else { Vec::new() }
+                }
+                _ => Vec::new(),
+            };
+            for value in values {
+                let mut all = neutral.clone();
+                all[at] = value;
+                starts.push((candidate.clone(), all));
+            }
+        }
+        starts
+    }
+
+    /// Recorded over modelled motion of each channel: the median over the modes that the other channels find, in each of
+    /// which the others say how large it is.
+    fn factors(&self, given: &State) -> Vec<Option<f64>> {
+        let of = |sensor: usize| {
+            let measured = self.without_sensors(&[sensor]);
+            let pairs = pair_above(&given.view, measured.measured(), LEAST_LIKENESS);
+            let mut ratios: Vec<f64> = pairs
+                .iter()
+                .filter_map(|pair| {
+                    let others = measured.measured()[pair.measured].shape.as_ref()?;
+                    let shape = self.measured[pair.measured].shape.as_ref()?;
+                    let at = shape.sensors.iter().position(|other| *other == sensor)?;
+                    let model = given.view.at_sensors.column(pair.model);
+                    let there = model.select_rows(&others.sensors);
+                    let scale = there.dot(&others.values) / there.norm_squared();
+                    let predicted = scale * model[sensor];
+                    let typical = (others.values.norm_squared() / others.values.len() as f64).sqrt();
+                    (predicted.abs() > 0.3 * typical).then(|| shape.values[at] / predicted)
+                })
+                .collect();
+            ratios.sort_by(f64::total_cmp);
+            ratios.get(ratios.len() / 2).copied().filter(|ratio| *ratio > 0.0)
+        };
+        (0..self.sensors.len()).into_par_iter().map(of).collect()
+    }
+}

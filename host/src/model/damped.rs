@@ -1,0 +1,233 @@
+//! Modes of a structure on which dashpots hang: the quadratic eigenproblem `(s² M + s C + K) q = 0`.
+//!
+//! A [`ModalBasis`] and a damping matrix flow in; poles and complex shapes of the modes that the dashpots move flow out, and
+//! how they follow a change of the matrices. Only dashpots that the model knows are in C: a structure's own damping is small
+//! and changes neither frequencies nor shapes by what is of interest here.
+
+use std::f64::consts::TAU;
+
+use faer::MatRef;
+use faer::linalg::solvers::Eigen;
+use nalgebra::{Complex, DMatrix, DVector};
+
+use super::eigen::{EigenError, ModalBasis, Modes};
+use super::sensitivity::{Change, ModeDerivative, derivatives, frequency_derivatives};
+
+type Vector = DVector<Complex<f64>>;
+
+/// Modes of a structure with dashpots, those with mass, lowest frequency |s|/(2 pi) first.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DampedModes {
+    /// What each mode is.
+    modes: Vec<Mode>,
+    /// The undamped modes, from the lowest, that the dashpots mix.
+    mixed: usize,
+    /// Every pole of the mixed modes in 1/s, conjugates and those that do not turn included.
+    poles: Vec<Complex<f64>>,
+    /// Their vectors q in mass-normalised undamped modes, mixed x poles.
+    vectors: DMatrix<Complex<f64>>,
+    /// `qᵀ (2 s + C) q` of each, C in the same modes.
+    norms: Vec<Complex<f64>>,
+    /// C in undamped modes, mixed x mixed.
+    damping: DMatrix<f64>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Mode {
+    /// An undamped mode that no dashpot moves.
+    Undamped(usize),
+    /// Of a pole.
+    Damped(usize),
+}
+
+/// A dashpot mixes modes up to this times the highest frequency at which it takes a fair share of what it takes anywhere.
+/// It is far stiffer or softer than what it hangs on elsewhere.
+const REACH: f64 = 6.0;
+/// A fair share of the largest damping ratio.
+const FAIR: f64 = 0.1;
+/// Poles closer than this share are one: their vectors turn without bound.
+const DEGENERATE: f64 = 1e-9;
+
+impl DampedModes {
+    /// Of a structure with the undamped modes `basis` and the damping matrix `damping` (N s/m, DOFs x DOFs).
+    ///
+    /// The first-order form `[0 I; -Omega² -C]` in undamped modes (Géradin and Rixen 2015, "Mechanical Vibrations",
+    /// section 3.3), in units of the highest mixed frequency.
+    ///
+    /// # Errors
+    /// [`EigenError::NotConverged`].
+    pub fn of(basis: &ModalBasis, damping: &DMatrix<f64>) -> Result<Self, EigenError> {
+        let massive = basis.inverse_lambda.iter().take_while(|&&mu| mu > 0.0).count();
+        let omega = |mode: usize| basis.inverse_lambda[mode].sqrt().recip();
+        // phi = x / sqrt(mu); zeta = phiᵀ C phi / (2 omega)
+        let vectors = basis.vectors.columns(0, massive);
+        let along = damping * vectors;
+        let ratio = |mode: usize| 0.5 * vectors.column(mode).dot(&along.column(mode)) * omega(mode);
+        let largest = (0..massive).map(ratio).fold(0.0, f64::max);
+        let highest = (0..massive).rev().find(|&mode| ratio(mode) > FAIR * largest).map_or(0.0, omega);
+        let mixed = (0..massive).filter(|&mode| omega(mode) <= REACH * highest).count();
+        let unit = (0..mixed).map(omega).fold(1.0, f64::max);
+        let damping =
+            DMatrix::from_fn(mixed, mixed, |a, b| vectors.column(a).dot(&along.column(b)) * omega(a) * omega(b));
+        let mut state = DMatrix::zeros(2 * mixed, 2 * mixed);
+        for a in 0..mixed {
+            state[(a, mixed + a)] = 1.0;
+            state[(mixed + a, a)] = -(omega(a) / unit).powi(2);
+            for b in 0..mixed {
+                state[(mixed + a, mixed + b)] = -damping[(a, b)] / unit;
+            }
+        }
+        let view = MatRef::from_column_major_slice(state.as_slice(), 2 * mixed, 2 * mixed);
+        let eigen = Eigen::new_from_real(view).map_err(|_| EigenError::NotConverged { dofs: 2 * mixed })?;
+        let poles: Vec<Complex<f64>> = eigen.S().column_vector().iter().map(|value| *value * unit).collect();
+        let vectors = DMatrix::from_fn(mixed, 2 * mixed, |row, pole| eigen.U()[(row, pole)]);
+        let norms = poles.iter().zip(vectors.column_iter()).map(|(pole, q)| {
+            let damped = damping.map(Complex::from) * q;
+            q.dot(&q) * pole * 2.0 + q.dot(&damped)
+        });
+        let norms = norms.collect();
+        let turning = (0..2 * mixed).filter(|&pole| poles[pole].im > 0.0).map(Mode::Damped);
+        let mut modes: Vec<(f64, Mode)> = turning
+            .chain((mixed..massive).map(Mode::Undamped))
+            .map(|mode| match mode {
+                Mode::Damped(pole) => (poles[pole].norm(), mode),
+                Mode::Undamped(index) => (omega(index), mode),
+            })
+            .collect();
+        modes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ok(Self { modes: modes.into_iter().map(|(_, mode)| mode).collect(), mixed, poles, vectors, norms, damping })
+    }
+
+    /// Frequencies |s|/(2 pi), and shapes as far as they are in phase with what `rows` (motions x DOFs) see of them: turned to
+    /// the phase at which those are the largest.
+    pub fn modes(&self, basis: &ModalBasis, rows: &DMatrix<f64>) -> Modes {
+        let undamped = basis.modes(usize::MAX);
+        let mut shapes = DMatrix::zeros(undamped.shapes.nrows(), self.modes.len());
+        let mut frequency_hz = Vec::with_capacity(self.modes.len());
+        for (mut shape, mode) in shapes.column_iter_mut().zip(&self.modes) {
+            match *mode {
+                Mode::Undamped(index) => {
+                    frequency_hz.push(undamped.frequency_hz[index]);
+                    shape.copy_from(&undamped.shapes.column(index));
+                }
+                Mode::Damped(pole) => {
+                    frequency_hz.push(self.poles[pole].norm() / TAU);
+                    let whole = self.motion(basis, pole);
+                    let turn = self.turn(basis, pole, &(rows.map(Complex::from) * &whole));
+                    shape.copy_from(&whole.map(|value| (value * turn).re));
+                }
+            }
+        }
+        Modes { frequency_hz, shapes }
+    }
+
+    /// Damping ratio of a mode: of the dashpots alone.
+    pub fn damping_ratio(&self, mode: usize) -> f64 {
+        match self.modes.get(mode) {
+            Some(&Mode::Damped(pole)) => -self.poles[pole].re / self.poles[pole].norm(),
+            _ => 0.0,
+        }
+    }
+
+    /// A vector in DOFs.
+    fn motion(&self, basis: &ModalBasis, pole: usize) -> Vector {
+        let scaled = self.in_basis(basis, &self.vectors.column(pole).into_owned());
+        basis.vectors.columns(0, self.mixed).map(Complex::from) * scaled
+    }
+
+    /// From mass-normalised to K-orthonormal vectors of the basis.
+    fn in_basis(&self, basis: &ModalBasis, q: &Vector) -> Vector {
+        q.map_with_location(|mode, _, value| value / basis.inverse_lambda[mode].sqrt())
+    }
+
+    /// The factor that turns a vector, which rows see as `seen`, to the phase at which they are the largest, with a positive
+    /// largest component, and of the length 1 in mass.
+    fn turn(&self, basis: &ModalBasis, pole: usize, seen: &Vector) -> Complex<f64> {
+        let length = self.vectors.column(pole).norm();
+        let turn = Complex::from_polar(1.0 / length, -0.5 * seen.dot(seen).arg());
+        let whole = self.motion(basis, pole);
+        let largest = whole
+            .iter()
+            .map(|value| (value * turn).re)
+            .fold(0.0, |most: f64, value| if value.abs() > most.abs() { value } else { most });
+        if largest < 0.0 { -turn } else { turn }
+    }
+
+    /// As [`frequency_derivatives`]: `d ln|s| = Re(ds/s)`, `ds = -qᵀ dP q / (qᵀ (2 s M + C) q)` with
+    /// `dP = s² dM + s dC + dK` (Lancaster 1966, "Lambda-matrices and Vibrating Systems", section 9.8).
+    pub fn frequency_derivatives(&self, basis: &ModalBasis, modes: &[usize], change: &Change) -> Vec<f64> {
+        let of = |&mode: &usize| match self.modes[mode] {
+            Mode::Undamped(index) => frequency_derivatives(basis, &[index], change).first().copied().unwrap_or(0.0),
+            Mode::Damped(pole) => {
+                let local = self.motion(basis, pole).select_rows(change.rows());
+                let s = self.poles[pole];
+                let force = change.undamped(s, &local) + change.damped(&local) * s;
+                (-local.dot(&force) / self.norms[pole] / s).re
+            }
+        };
+        modes.iter().map(of).collect()
+    }
+
+    /// As [`derivatives`]; `sensor_vectors` are the basis' vectors at the sensors, which are also the rows to whose phase
+    /// [`DampedModes::modes`] turned the shapes.
+    ///
+    /// With the residues of the receptance, `P(s)⁻¹ = sum_m q_m q_mᵀ / ((s - s_m) n_m)`, a vector changes by
+    /// `-sum_(m≠k) q_m q_mᵀ dP q_k / ((s_k - s_m) n_m)`, up to its own multiple, and in undamped modes by what their receptance
+    /// makes of the force.
+    pub fn derivatives(
+        &self,
+        basis: &ModalBasis,
+        sensor_vectors: &DMatrix<f64>,
+        modes: &[usize],
+        change: &Change,
+    ) -> Vec<ModeDerivative> {
+        let at_change = basis.vectors.select_rows(change.rows()).map(Complex::from);
+        let at_sensors = sensor_vectors.map(Complex::from);
+        let of = |&mode: &usize| match self.modes[mode] {
+            Mode::Undamped(index) => derivatives(basis, sensor_vectors, &[index], change).pop(),
+            Mode::Damped(pole) => Some(self.derivative(basis, &at_sensors, &at_change, pole, change)),
+        };
+        modes.iter().filter_map(of).collect()
+    }
+
+    fn derivative(
+        &self,
+        basis: &ModalBasis,
+        at_sensors: &DMatrix<Complex<f64>>,
+        at_change: &DMatrix<Complex<f64>>,
+        pole: usize,
+        change: &Change,
+    ) -> ModeDerivative {
+        let (s, q) = (self.poles[pole], self.vectors.column(pole).into_owned());
+        let own = self.in_basis(basis, &q);
+        let local = at_change.columns(0, self.mixed) * &own;
+        let undamped = change.undamped(s, &local);
+        let damped = &undamped + change.damped(&local) * s;
+        // Dashpots mix no further modes, nor does their change.
+        let force = at_change.tr_mul(&undamped);
+        let mut moved: Vector =
+            force.map_with_location(|mode, _, force| -force / (s * s * basis.inverse_lambda[mode] + 1.0));
+        let on_mixed = self.in_basis(basis, &at_change.columns(0, self.mixed).tr_mul(&damped));
+        let mut mixed = Vector::zeros(self.mixed);
+        for (other, vector) in self.vectors.column_iter().enumerate() {
+            let distance = s - self.poles[other];
+            if distance.norm() > DEGENERATE * s.norm() {
+                mixed -= vector * (vector.dot(&on_mixed) / (distance * self.norms[other]));
+            }
+        }
+        moved.rows_mut(0, self.mixed).copy_from(&self.in_basis(basis, &mixed));
+        let seen = at_sensors.columns(0, self.mixed) * &own;
+        let turn = self.turn(basis, pole, &seen);
+        let change_seen = at_sensors * moved;
+        // The phase at which the sensors see the most turns with them.
+        let square = seen.dot(&seen);
+        let turns = if square.norm() > 0.0 { (seen.dot(&change_seen) / square).im } else { 0.0 };
+        let shape = (&change_seen - seen * Complex::new(0.0, turns)).map(|value| (value * turn).re);
+        // d ln s = d ln|s| + i d arg s, and the damping ratio is -cos(arg s).
+        let ln_pole = -q.dot(&on_mixed) / self.norms[pole] / s;
+        ModeDerivative { ln_frequency: ln_pole.re, shape, damping_ratio: s.arg().sin() * ln_pole.im }
+    }
+}
+
+#[cfg(test)]
+mod tests;
