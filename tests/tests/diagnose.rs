@@ -106,6 +106,54 @@ fn a_hidden_effect_is_found_and_added_and_the_error_falls_where_no_psi_update_he
     assert_eq!(json(&["history", &place])["steps"].as_array().unwrap().len(), 3);
 }
 
+/// Late clocks and machines are hidden by the simulation and found, each by what it shows in.
+#[test]
+fn a_late_clock_and_a_steady_force_are_found() {
+    for (effect, value) in [("clock-offset@node3=0.1", Some(0.1)), ("harmonic@0.83hz", None)] {
+        let folder = tempfile::tempdir().unwrap();
+        let place = hidden(folder.path(), effect);
+        let diagnosis = json(&["diagnose", &place]);
+        let name = effect.split('=').next().unwrap();
+        assert_eq!(diagnosis["best"][0], name, "{}", diagnosis["candidates"][0]);
+        if let Some(value) = value {
+            let found = &diagnosis["candidates"][0]["parameters"][0];
+            assert!((number(&found["value"]) - value).abs() < 4.0 * number(&found["std"]), "{found}");
+        } else {
+            assert!(diagnosis["reason"].as_str().unwrap().contains("kurtosis"), "{}", diagnosis["reason"]);
+        }
+        let change = json(&["add", &place, name]);
+        assert_eq!(change["effects"][0]["effect"], name.split('@').next().unwrap());
+    }
+}
+
+/// Errors of another measurement are no step before; effects that contradict each other can be taken out again.
+#[test]
+fn a_new_measurement_begins_anew_and_contradictions_can_be_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = hidden(folder.path(), "added-mass@300m=4e6");
+    let first = json(&["add", &place, "added-mass"]);
+    assert!(number(&first["step"]["log_bayes_factor"]) > 3.0, "{}", first["step"]);
+    let again = ["simulate", &place, "--effect", "sensor-gain@ch13=1.4", "--hours", "6", "--seed", "4", "--force"];
+    belfry_command().args(again).assert().success();
+    belfry_command().args(["identify", &place, "--direct"]).assert().success();
+    let second = json(&["add", &place, "sensor-gain@ch13"]);
+    assert_ne!(first["step"]["data"], second["step"]["data"]);
+    let before = number(&second["previous"]["chi_squared"]);
+    assert!(number(&second["step"]["chi_squared"]) < before, "{} {before}", second["step"]);
+    let history = json(&["history", &place]);
+    let actions: Vec<&str> =
+        history["steps"].as_array().unwrap().iter().map(|step| step["action"].as_str().unwrap()).collect();
+    assert!(actions.contains(&"new measurement or model"), "{actions:?}");
+
+    let study = Path::new(&place).join("study.toml");
+    let twins = "\n[[model.effect]]\nkind = \"stiffness-scale\"\nvalue = 0.1\n\n[[model.effect]]\nkind = \"mass-scale\"\nvalue = 0.1\n";
+    fs::write(&study, fs::read_to_string(&study).unwrap() + twins).unwrap();
+    let error = refusal(&["diagnose", &place]);
+    assert!(error.contains("stiffness-scale and mass-scale cannot both be fitted"), "{error}");
+    belfry_command().args(["remove", &place, "mass-scale"]).assert().success();
+    belfry_command().args(["diagnose", &place]).assert().success();
+}
+
 #[test]
 fn what_cannot_be_added_is_refused_and_nothing_changes() {
     let folder = tempfile::tempdir().unwrap();
@@ -177,6 +225,12 @@ fn measured_frequencies_alone_are_diagnosed_with_what_they_cannot_decide() {
     );
     // The best of them goes part of the way.
     assert!(number(&diagnosis["candidates"][0]["chi_squared"]) < 0.7 * number(&diagnosis["present"]["chi_squared"]));
+    // Effects that together explain too little are not written.
+    let before = fs::read_to_string(folder.path().join("study.toml")).unwrap();
+    let assert = belfry_command().args(["diagnose", place, "--auto"]).assert().success();
+    let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("nothing was added"), "{said}");
+    assert_eq!(fs::read_to_string(folder.path().join("study.toml")).unwrap(), before);
 }
 
 /// A hypothesis of the user's own competes with the catalogue.

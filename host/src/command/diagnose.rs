@@ -148,7 +148,7 @@ fn tell(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Console) {
         test.chi_squared,
         test.degrees_of_freedom,
         p_text(test.p_value),
-        worst_text(test.worst)
+        if test.p_value < FAILS { worst_text(test.worst) } else { "" }
     ));
     if !diagnosis.candidates.is_empty() {
         let mut table = Table::new();
@@ -191,7 +191,7 @@ fn tell_verdict(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Consol
         }
         Verdict::Effect => {
             match &diagnosis.reason {
-                Some(reason) => console.say(format!("Verdict: {best}. {reason}.")),
+                Some(reason) => console.say(format!("Verdict: {best}: {reason}.")),
                 None => console.say(format!("Verdict: {best}. It explains what the model does not.")),
             }
             tell_near(diagnosis, console);
@@ -264,14 +264,14 @@ fn tell_explained(diagnosis: &Diagnosis, console: &Console) {
     let gain = |mode: &crate::diagnose::Explained| mode.chi_squared_before - mode.chi_squared_after;
     modes.sort_by(|a, b| gain(b).total_cmp(&gain(a)));
     for (index, mode) in modes.iter().take(NAMED_MODES).filter(|mode| gain(mode) > 1.0).enumerate() {
+        let [before, after] = [mode.before_percent, mode.after_percent].map(percent_text);
+        let frequency = if before == after { String::new() } else { format!("frequency {before} -> {after}, ") };
         let at = mode.channel.as_ref().map_or_else(String::new, |channel| format!(", shape most at channel {channel}"));
         console.say(format!(
-            "  {} mode {} at {:.4} Hz: frequency {} -> {}, chi-squared {:.0} -> {:.0}{at}",
+            "  {} mode {} at {:.4} Hz: {frequency}chi-squared {:.0} -> {:.0}{at}",
             if index == 0 { "Why:" } else { "    " },
             mode.measured,
             mode.measured_hz,
-            percent_text(mode.before_percent),
-            percent_text(mode.after_percent),
             mode.chi_squared_before,
             mode.chi_squared_after
         ));

@@ -16,7 +16,7 @@ use crate::compare::pair_above;
 use crate::model::effect::{EffectKind, KINDS, Parameter, Place, Prior, Where};
 
 /// Values whose typical size depends on the structure are tried at these multiples of it.
-const MULTIPLES: [f64; 3] = [3.0, 12.0, 50.0];
+const MULTIPLES: [f64; 4] = [4.0, 20.0, 200.0, 5000.0];
 /// Values with bounds are tried at so many places between them, where those are far apart in units of what is typical.
 const BETWEEN_BOUNDS: usize = 12;
 const FAR_APART: f64 = 6.0;
@@ -34,10 +34,21 @@ impl Problem {
         let kinds = KINDS.iter().copied().filter(|kind| shows_by_derivative(*kind) && !options.leaves_out(*kind));
         let Some(far) = Far::of(self, present) else { return Vec::new() };
         let mut starts: Vec<Start> =
-            kinds.filter_map(|kind| far.best_start(kind, self.candidates(kind, present))).collect();
+            kinds.filter_map(|kind| far.best_start(kind, self.far_candidates(kind, present))).collect();
         starts.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
         starts.truncate(FITTED);
         starts.par_iter().filter_map(|start| far.fit(start, self.hypotheses(start.kind, present))).collect()
+    }
+
+    /// Every pair of channels, as exchanged ones may spoil what says which are likely.
+    fn far_candidates(&self, kind: &'static dyn EffectKind, present: &Fit) -> Vec<Candidate> {
+        if kind.place() != Place::TwoChannels {
+            return self.candidates(kind, present);
+        }
+        let name = |index: usize| self.sensors[index].channel.clone();
+        let pairs = (0..self.sensors.len()).flat_map(|high| (0..high).map(move |low| (low, high)));
+        let places = pairs.map(|(low, high)| Some(Where::Channels(vec![name(low), name(high)])));
+        self.candidates_at(kind, places.collect(), present)
     }
 
     /// One kind, as one of `candidates`.
@@ -113,6 +124,9 @@ impl Problem {
         mut candidates: Vec<Candidate>,
         factors: &[Option<f64>],
     ) -> Vec<(Candidate, Vec<f64>)> {
+        if kind.place() == Place::TwoChannels {
+            return candidates.into_iter().map(|candidate| (candidate, Vec::new())).collect();
+        }
         // Values of several parameters are found from those of one for all.
         candidates.retain(|candidate| candidate.parameters.iter().filter(|p| p.is_fitted()).count() == 1);
         if kind.place() == Place::Height {

@@ -1,5 +1,7 @@
 //! The most probable values of effects and background, how sure they are, and the evidence for the effects.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -168,13 +170,19 @@ impl Problem {
         }
         let covariance = Cholesky::new(posterior).ok_or("the fit is not determined")?.inverse();
         let units = knobs.iter().map(|knob| (state.value(knob) - knob.neutral) / knob.scale);
-        let prior: f64 = units.map(|units| units * units).sum();
+        let prior: f64 = units.map(prior_misfit).sum();
         // A prior on one side only is twice as high there.
         let one_sided = knobs.iter().filter(|knob| knob.bounds.contains(&knob.neutral)).count();
         let log_evidence =
             -0.5 * (cost(&state, Loss::Robust) + prior + log_determinant) + one_sided as f64 * std::f64::consts::LN_2;
         Ok(Fit { state, knobs, slopes, jacobian, covariance, log_evidence })
     }
+}
+
+/// Twice the negative logarithm of the prior of a value, in units of its scale, over that of a Gaussian at zero: Cauchy's, of
+/// which large effects are not ruled out (Jeffreys 1961, "Theory of Probability", section 5.2).
+pub(super) fn prior_misfit(units: f64) -> f64 {
+    2.0 * units.mul_add(units, 1.0).ln() + (0.5 * PI).ln()
 }
 
 /// What differences cost, and what the background's scatter does.

@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::candidates::Candidate;
-use super::fit::{Fit, Marginal};
+use super::fit::{Fit, Marginal, prior_misfit};
 use super::problem::Problem;
 use super::search::Options;
 use super::state::{Knob, Loss};
@@ -104,7 +104,8 @@ impl Problem {
         let with_prior = &information + DMatrix::identity(knobs.len(), knobs.len());
         let log_determinant: f64 =
             Cholesky::new(with_prior)?.l_dirty().diagonal().iter().map(|value| 2.0 * value.ln()).sum();
-        let gain = 0.5 * (-gradient.dot(&units) - log_determinant - units.norm_squared());
+        let prior: f64 = units.iter().map(|&units| prior_misfit(units)).sum();
+        let gain = 0.5 * (-gradient.dot(&units) - log_determinant - prior);
         let values = knobs
             .iter()
             .zip(units.iter())

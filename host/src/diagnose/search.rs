@@ -159,7 +159,13 @@ impl Problem {
         kinds.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
         kinds.truncate(REFITTED);
         // A first look at each, at its best place; then all places of those that can still be the best.
-        let looks: Vec<Option<Fit>> = kinds.par_iter().map(|kind| self.refit_one(present, &kind[0], None)).collect();
+        // What promises next to nothing beside the best gets one start.
+        let promised = kinds.first().map_or(0.0, |kind| kind[0].gain);
+        let look = |kind: &Vec<Scored>| {
+            let most = if kind[0].gain > HOPELESS * promised { usize::MAX } else { 1 };
+            self.refit_one(present, &kind[0], None, most)
+        };
+        let looks: Vec<Option<Fit>> = kinds.par_iter().map(look).collect();
         let gain = |look: &Option<Fit>| {
             look.as_ref().map_or(f64::NEG_INFINITY, |fit| fit.log_evidence() - present.log_evidence())
         };
@@ -199,7 +205,7 @@ impl Problem {
     }
 
     /// Settles where the best of those at a height are.
-    fn settle_places(&self, found: &mut Vec<Found>) {
+    fn settle_places(&self, found: &mut [Found]) {
         let best = found.first().map_or(0.0, |best| best.log_bayes_factor);
         let contends = |found: &&mut Found| {
             found.place_std_m.is_none() && found.log_bayes_factor > best - NEAR.max(CONTENDS * best)
@@ -236,7 +242,7 @@ impl Problem {
         let (mut scored, rejected): (Vec<Scored>, Vec<Scored>) = scored.into_iter().partition(|one| one.admissible);
         scored.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let near = scored.first().and_then(|first| {
-            let look = self.refit_one(present, first, None);
+            let look = self.refit_one(present, first, None, usize::MAX);
             self.refit(present, &scored, look, true, hypotheses)
         });
         let is_enough = |found: &Found| found.stands_out() && found.fit.goodness_of_fit().p_value >= FAILS;
@@ -285,7 +291,7 @@ impl Problem {
         }
         for start in starts.into_iter().filter(|start| *start > 0 && further) {
             tried[start] = true;
-            if let Some(fit) = self.refit_one(present, &scored[start], None) {
+            if let Some(fit) = self.refit_one(present, &scored[start], None, usize::MAX) {
                 fits.push((start, fit));
             }
         }
@@ -300,7 +306,7 @@ impl Problem {
             for other in neighbours {
                 tried[other] = true;
                 let from = fits.iter().find(|(index, _)| *index == best).map(|(_, fit)| fit);
-                if let Some(fit) = self.refit_one(present, &scored[other], from) {
+                if let Some(fit) = self.refit_one(present, &scored[other], from, usize::MAX) {
                     fits.push((other, fit));
                 }
             }
@@ -331,8 +337,8 @@ impl Problem {
         Some(Found { kind: scored[0].candidate.kind, fit, log_bayes_factor, near, place_std_m: None, known })
     }
 
-    /// Refits one candidate, from the values of the linear step and from those of a fit near by.
-    fn refit_one(&self, present: &Fit, scored: &Scored, near: Option<&Fit>) -> Option<Fit> {
+    /// Refits one candidate, from the values of the linear step and from those of a fit near by, from `most` starts.
+    fn refit_one(&self, present: &Fit, scored: &Scored, near: Option<&Fit>, most: usize) -> Option<Fit> {
         let index = present.state.effects.len();
         let mut knobs = present.knobs.clone();
         knobs.extend(scored.knobs.iter().copied());
@@ -361,7 +367,7 @@ impl Problem {
             self.fit(effects, &knobs, numbers, None).ok()
         };
         let mut best: Option<Fit> = None;
-        for start in &starts {
+        for start in starts.iter().take(most) {
             if let Some(fit) = fit(start) {
                 // The linear step promised as much.
                 let gain = fit.log_evidence() - present.log_evidence();

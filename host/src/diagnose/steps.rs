@@ -7,7 +7,7 @@ use super::held_out::held_out;
 use super::problem::{DiagnoseError, Problem};
 use super::search::{Found, Options};
 use super::signals::{Signals, shown};
-use super::verdict::STANDS_OUT;
+use super::verdict::{STANDS_OUT, best_of};
 use crate::compare::{ModelView, compare};
 use crate::measured::MeasuredMode;
 use crate::model::Structure;
@@ -158,7 +158,7 @@ impl Setting<'_> {
             let problem = self.problem(&effects)?;
             let present = problem.fit_present(&effects)?;
             let found = problem.search(&present, options).found;
-            let Some(best) = found.iter().find(|found| found.stands_out()) else { break };
+            let Some(best) = best_of(&found) else { break };
             let before = effects;
             let mut action = format!("add {}", best.effect());
             effects = best.fit.effects().to_vec();
@@ -207,7 +207,7 @@ impl Setting<'_> {
                 continue;
             }
             let found = problem.search(&without, options).found;
-            let Some(other) = found.first().filter(|found| found.effect().to_string() != dropped.to_string()) else {
+            let Some(other) = best_of(&found).filter(|found| found.effect().to_string() != dropped.to_string()) else {
                 continue;
             };
             if other.stands_out() && other.log_bayes_factor - gain > STANDS_OUT {

@@ -39,7 +39,7 @@ fn measured(structure: &Structure, sensors: &[Sensor], modes: usize, random: &mu
             number: mode + 1,
             frequency_hz: frequency_hz * (1.0 + 5e-4 * normal(random)),
             frequency_std_hz: Some(5e-4 * frequency_hz),
-            damping_ratio: None,
+            damping_ratio: Some(0.01 + view.damping_ratio(mode)),
             shape: Some(MeasuredShape {
                 sensors: (0..shape.len()).collect(),
                 imaginary: Some(imaginary.map(|value| value + 3e-3 * normal(random))),
@@ -114,12 +114,16 @@ fn derivatives_are_those_of_the_differences() {
     }
 }
 
+/// A tower whose segments scatter, in units of what the study allows.
+fn scattered(structure: &Structure, model: &Model, scatter: f64, seed: u64) -> Structure {
+    let crate::model::Body::Beam(beam) = structure.body.clone() else { panic!("a beam was given") };
+    Structure::new(crate::simulate::scattered(beam, model, scatter, seed))
+}
+
 /// Diagnoses the tower with hidden effects and segments that scatter half as far as the study allows.
 fn diagnosed(words: &[&str], seed: u64, options: &Options) -> Diagnosis {
     let (structure, model, sensors) = study();
-    let crate::model::Body::Beam(beam) = structure.body.clone() else { panic!("a beam was given") };
-    let scattered = Structure::new(crate::simulate::scattered(beam, &model, 0.5, seed));
-    let truth = scattered.and(&effects(words)).unwrap();
+    let truth = scattered(&structure, &model, 0.5, seed).and(&effects(words)).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let modes = measured(&truth, &sensors, 13, &mut random);
     let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
@@ -167,6 +171,99 @@ fn hidden_effects_are_named_with_their_place_and_value() {
             assert!((found - z_m).abs() < 20.0, "{word}: {found} m");
         }
     }
+}
+
+/// A place is found between the nodes, and its deviation is stated.
+#[test]
+fn an_effect_between_the_nodes_is_found_where_it_is() {
+    let diagnosis = diagnosed(&["added-mass@300m=4e6"], 41, &Options::default());
+    let found = &diagnosis.candidates[0];
+    assert_eq!((diagnosis.verdict, found.effect.as_str()), (Verdict::Effect, "added-mass"));
+    let z_m: f64 = found.r#where.as_ref().unwrap().trim_end_matches('m').parse().unwrap();
+    let std_m = found.where_std_m.unwrap();
+    assert!((z_m - 300.0).abs() < 4.0 * std_m + 1.0 && (0.1..10.0).contains(&std_m), "{z_m} ± {std_m} m");
+    let mass = &found.parameters[0];
+    assert!((mass.value - 4e6).abs() < 4.0 * mass.std.unwrap(), "{mass:?}");
+}
+
+/// A channel in g, sensors and axes turned by 60 degrees, a mast with a second mast on top: no small step leads there.
+#[test]
+fn effects_far_from_nothing_are_found() {
+    for (seed, (word, kinds)) in (50..).zip([
+        ("sensor-gain@ch12=9.81", &["sensor-gain"][..]),
+        ("sensor-gain@ch04=0.102", &["sensor-gain"]),
+        ("axis-rotation=60", &["axis-rotation", "sensor-rotation"]),
+        ("added-mass@618m=5e4", &["added-mass"]),
+        ("base-translation=2e-9", &["base-translation"]),
+    ]) {
+        let diagnosis = diagnosed(&[word], seed, &Options::default());
+        assert_ne!(diagnosis.verdict, Verdict::Unknown, "{word}: {:?}", diagnosis.candidates[0]);
+        let found = &diagnosis.candidates.iter().find(|found| diagnosis.best.contains(&found.name())).unwrap();
+        assert!(kinds.contains(&found.effect.as_str()), "{word}: {:?}", diagnosis.best);
+        let truth: Effect = word.parse().unwrap();
+        let (_, value) = truth.parameters().next().unwrap();
+        if found.effect == truth.kind() {
+            let estimate = &found.parameters[0];
+            assert!((estimate.value - value).abs() < 4.0 * estimate.std.unwrap(), "{word}: {estimate:?}");
+        }
+    }
+}
+
+/// A damper splits the first modes in two; the twins have no partner in the model, and say where it is tuned to.
+#[test]
+fn a_tuned_mass_damper_is_found_by_its_twins() {
+    let (structure, model, sensors) = study();
+    let word = "tuned-mass-damper@420m=mass=3e6,frequency=0.11,damping_ratio=0.05";
+    let truth = scattered(&structure, &model, 0.5, 61).and(&effects(&[word])).unwrap();
+    let mut modes = measured(&truth, &sensors, 17, &mut ChaCha8Rng::seed_from_u64(61));
+    // What moves the damper alone is damped as it is, and nobody sees it.
+    modes.retain(|mode| mode.damping_ratio.unwrap() < 0.055);
+    let problem = Problem::new(structure.clone(), &[], &model, &sensors, &modes).unwrap();
+    let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
+    let found = &diagnosis.candidates[0];
+    assert_eq!((diagnosis.verdict, found.effect.as_str()), (Verdict::Effect, "tuned-mass-damper"), "{found:?}");
+    let value = |name: &str| found.parameters.iter().find(|parameter| parameter.name == name).unwrap();
+    assert!((value("frequency").value / 0.11 - 1.0).abs() < 0.02, "{:?}", found.parameters);
+    assert!((value("damping_ratio").value - 0.05).abs() < 0.03, "{:?}", found.parameters);
+    // Mass and height go together: it is the mass at the mode that shows.
+    assert!((1.5e6..6e6).contains(&value("mass").value), "{:?}", found.parameters);
+    // In the model, all of the modes have a partner.
+    let added: Effect = format!("{}=mass=3e6,frequency=0.11,damping_ratio=0.05", found.name()).parse().unwrap();
+    let problem = Problem::new(structure, &[added], &model, &sensors, &modes).unwrap();
+    assert!(problem.unpaired.is_empty() && problem.measured().len() == modes.len());
+}
+
+/// The structure is stiffer than its model, where the only effect there can soften it.
+#[test]
+fn what_would_need_an_impossible_value_is_listed_as_such() {
+    let (mut soft, model, sensors) = study();
+    let modes = measured(&soft, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(71));
+    soft.base.translation_m_n = [8e-10; 2];
+    let problem = Problem::new(soft, &[], &model, &sensors, &modes).unwrap();
+    let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
+    let rejected = diagnosis.candidates.iter().find(|candidate| candidate.effect == "base-translation").unwrap();
+    assert!(!rejected.admissible && rejected.parameters[0].value < 0.0, "{rejected:?}");
+    assert!(diagnosis.best.iter().all(|best| best != "base-translation"));
+}
+
+/// Tests of fit on sound towers that scatter as far as they may fail as often as they say, or less; on towers that scatter
+/// three times as far they fail.
+#[test]
+fn tests_of_fit_hold_what_they_say() {
+    let (structure, model, sensors) = study();
+    let below = |scatter: f64, seeds: std::ops::Range<u64>, probability: f64| {
+        let fails = |seed: &u64| {
+            let truth = scattered(&structure, &model, scatter, *seed);
+            let modes = measured(&truth, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(*seed));
+            let problem = Problem::new(structure.clone(), &[], &model, &sensors, &modes).unwrap();
+            problem.present(&[]).unwrap().goodness_of_fit().p_value < probability
+        };
+        seeds.filter(fails).count()
+    };
+    let often = below(1.0, 300..320, 0.1);
+    assert!(often <= 5, "{often} of 20 below 0.1");
+    let caught = below(3.0, 330..340, 0.01);
+    assert!(caught >= 8, "{caught} of 10 caught");
 }
 
 #[test]

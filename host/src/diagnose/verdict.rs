@@ -87,7 +87,7 @@ const IDENTICAL: f64 = 1e-6;
 
 fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) -> Diagnosis {
     let test = present.goodness_of_fit();
-    let best = found.iter().find(|found| found.stands_out());
+    let best = best_of(found);
     let fails = test.p_value < FAILS;
     let modal = match best {
         None if fails => Verdict::Unknown,
@@ -247,6 +247,22 @@ fn signal_report(signal: &Signal) -> CandidateReport {
     }
 }
 
+/// The effect that stands out most of those that explain everything; where none does, the one that stands out most.
+///
+/// An effect that leaves a few modes far off, as if they had been identified wrongly, may gain more than one that explains them
+/// all.
+pub(super) fn best_of(found: &[Found]) -> Option<&Found> {
+    let standing: Vec<&Found> = found.iter().filter(|found| found.stands_out()).collect();
+    let first = *standing.first()?;
+    let explains = |found: &&&Found| {
+        found.log_bayes_factor > EXPLAINS * first.log_bayes_factor && found.fit.goodness_of_fit().p_value >= FAILS
+    };
+    Some(standing.iter().find(explains).copied().unwrap_or(first))
+}
+
+/// What explains everything may gain less than another effect, down to this share.
+const EXPLAINS: f64 = 0.5;
+
 /// Effects that the data cannot tell from the best: within 20 to 1 of its evidence, or predicting the same and not
 /// refuted by the test of fit.
 fn twins<'a>(present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found> {
@@ -273,7 +289,7 @@ fn twins<'a>(present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found>
             let within = best.log_bayes_factor - other.log_bayes_factor < STANDS_OUT;
             let there = direction(&other.fit);
             let cosine_squared = along.dot(&there).powi(2) / (along.norm_squared() * there.norm_squared());
-            within || (cosine_squared > TWINS && other.fit.goodness_of_fit().p_value >= FAILS)
+            (within || cosine_squared > TWINS) && other.fit.goodness_of_fit().p_value >= FAILS
         })
         .collect()
 }

@@ -1,4 +1,4 @@
-//! How the error fell: a panel each for frequencies, for what was left out, and for chi-squared, step by step.
+//! How the error fell: a panel each for frequencies, for sensors left out, for chi-squared and for shapes, step by step.
 
 use plotters::prelude::*;
 
@@ -6,7 +6,7 @@ use super::{MODE, PictureError};
 use crate::diagnose::steps::StepRecord;
 
 const WIDTH: u32 = 960;
-const PANEL: u32 = 190;
+const PANEL: u32 = 165;
 const TITLE: u32 = 34;
 const NAMES: u32 = 90;
 const BESIDE: RGBColor = RGBColor(31, 87, 147);
@@ -36,12 +36,10 @@ pub fn history(structure: &str, steps: &[StepRecord]) -> Result<String, PictureE
             line("of modes left out", BESIDE, &|step| step.held_out_mode_error_percent),
         ],
         vec![line("motion of sensors left out, error %", BESIDE, &|step| step.held_out_error_percent)],
-        vec![
-            line("chi-squared over what is expected", MODE, &|step| {
-                Some(step.chi_squared / step.degrees_of_freedom.max(1) as f64)
-            }),
-            line("1 - MAC, %", THIRD, &|step| step.mean_mac.map(|mac| 100.0 * (1.0 - mac))),
-        ],
+        vec![line("chi-squared over numbers compared", MODE, &|step| {
+            Some(step.chi_squared / step.degrees_of_freedom.max(1) as f64)
+        })],
+        vec![line("1 - MAC, %", THIRD, &|step| step.mean_mac.map(|mac| 100.0 * (1.0 - mac)))],
     ];
     let panels: Vec<&Vec<Line>> =
         panels.iter().filter(|lines| lines.iter().any(|line| line.values.iter().any(Option::is_some))).collect();
@@ -73,13 +71,16 @@ fn draw(
     let values = || lines.iter().flat_map(|line| line.values.iter().flatten()).copied().filter(|value| *value > 0.0);
     let (lowest, highest) = (values().fold(f64::INFINITY, f64::min), values().fold(1e-6, f64::max));
     let last = steps.len() as f64 - 0.5;
+    // Whole powers of ten, so that the scale has its numbers; values stay off the frame.
+    let floor = 10f64.powf((0.8 * lowest.min(highest)).log10().floor());
+    let ceiling = 10f64.powf((1.25 * highest).log10().ceil());
     let mut chart = ChartBuilder::on(area)
         .margin_left(8)
         .margin_right(12)
         .margin_top(22)
         .x_label_area_size(if is_last { NAMES } else { 0 })
         .y_label_area_size(64)
-        .build_cartesian_2d(-0.5..last, ((0.7 * lowest.min(highest))..(1.4 * highest)).log_scale())?;
+        .build_cartesian_2d(-0.5..last, (floor..ceiling).log_scale())?;
     chart
         .configure_mesh()
         .disable_x_mesh()
@@ -101,7 +102,10 @@ fn draw(
         let beside = |point: &(f64, f64)| {
             let (x, y) = chart.backend_coord(point);
             let (left, top) = area.get_base_pixel();
-            (x - left + 7, y - top - 14)
+            // The larger of two values is written above its point, the smaller below.
+            let mut others = lines.iter().filter_map(|line| *line.values.get(point.0 as usize)?);
+            let is_largest = others.all(|other| other <= point.1);
+            (x - left + 7, y - top + if is_largest { -14 } else { 4 })
         };
         for point in &points {
             area.draw(&Text::new(digits(point.1), beside(point), ("sans-serif", 11).into_font().color(&line.color)))?;
@@ -111,7 +115,6 @@ fn draw(
         area.draw(&Text::new(line.name, (at.0 + 16, at.1), ("sans-serif", 12)))?;
     }
     if is_last {
-        let floor = 0.7 * lowest.min(highest);
         for (index, step) in steps.iter().enumerate() {
             let (x, y) = chart.backend_coord(&(index as f64, floor));
             let (left, top) = area.get_base_pixel();

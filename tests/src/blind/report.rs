@@ -56,8 +56,9 @@ pub fn print_summary(records: &[CaseRecord]) {
         .filter(|record| record.first_right().is_some())
         .filter_map(|record| record.diagnosis.as_ref())
         .map(|diagnosis| named_set(diagnosis).len() as f64)
+        .filter(|size| *size > 0.0)
         .collect();
-    let size = format!(", mean set size {:.2}", mean(&sizes));
+    let size = format!(", mean size of sets {:.2}", mean(&sizes));
     row("truth inside the named set", rate(all().map(CaseRecord::in_set)) + &size);
     row("false alarms on sound structures", rate(all().map(CaseRecord::false_alarm)));
     row("outside the catalogue: unknown", rate(all().map(CaseRecord::known_unknown)));

@@ -137,7 +137,7 @@ impl CaseRecord {
     }
 
     /// Whether the truth is named first.
-    pub(super) fn first_right(&self) -> Option<bool> {
+    pub fn first_right(&self) -> Option<bool> {
         let (effect, diagnosis) = self.single()?;
         Some(names_effects(diagnosis) && diagnosis.best.first().is_some_and(|name| effect.is(name)))
     }
@@ -156,7 +156,7 @@ impl CaseRecord {
     }
 
     /// Whether what no effect describes is said to be unknown.
-    pub(super) fn known_unknown(&self) -> Option<bool> {
+    pub fn known_unknown(&self) -> Option<bool> {
         let diagnosis = self.diagnosis.as_ref().filter(|_| self.category == Category::Outside)?;
         Some(diagnosis.verdict == "unknown")
     }

@@ -220,7 +220,8 @@ fn hold_model(
     console.say(heading("The paper's direct update (belfry update)"));
     let update = update_case(&case, &Weights::default(), console)?;
     console.say(heading("Sensors that the model was not shown (belfry covalidate)"));
-    let covalidation = covalidate(&case, route, console)?;
+    let left_out = if beside_paper { LEFT_OUT.map(str::to_owned).to_vec() } else { worst_channel(&comparison) };
+    let covalidation = covalidate(&case, &left_out, route, console)?;
     if beside_paper {
         console.say(heading("Beside the paper: Lei, Wang, Shen (2012)"));
         console.say(paper::tables(&update, &covalidation)?);
@@ -231,9 +232,14 @@ fn hold_model(
     Ok(())
 }
 
-fn covalidate(case: &Case, route: Route, console: &Console) -> anyhow::Result<CovalidationReport> {
-    let channels = LEFT_OUT.map(str::to_owned);
-    let request = Request { channels: &channels, setup: None, start_s: 0.0, duration_s: None, route };
+/// The channel at which the model fails most.
+fn worst_channel(comparison: &Comparison) -> Vec<String> {
+    let worst = comparison.by_sensor.iter().max_by(|a, b| a.misfit.total_cmp(&b.misfit));
+    worst.map(|sensor| sensor.channel.clone()).into_iter().collect()
+}
+
+fn covalidate(case: &Case, channels: &[String], route: Route, console: &Console) -> anyhow::Result<CovalidationReport> {
+    let request = Request { channels, setup: None, start_s: 0.0, duration_s: None, route };
     covalidate_case(case, &request, console)
 }
 
@@ -247,7 +253,9 @@ fn find_effect(outcome: &mut Outcome, study: &Study, route: Route, console: &Con
         outcome.added = Some(add(&case, best, console)?);
         let case = Case::load(&study.folder, console)?;
         console.say(heading("The left-out sensors again, with the effect (belfry covalidate)"));
-        outcome.covalidation_with_effects = Some(covalidate(&case, route, console)?);
+        let before = outcome.covalidation.iter().flat_map(|report| &report.channels);
+        let left_out: Vec<String> = before.map(|channel| channel.channel.clone()).collect();
+        outcome.covalidation_with_effects = Some(covalidate(&case, &left_out, route, console)?);
         console.say(heading("How the error fell (belfry history)"));
         show_history(&case.study, console)?;
     }
