@@ -82,6 +82,12 @@ pub(super) fn auto(case: Case, without: &[String], console: &Console) -> anyhow:
         append_history(&case, &records)?;
         return Ok(case);
     };
+    if case.measured.modes.iter().all(|mode| mode.shape.is_none()) {
+        console.warn(
+            "frequencies alone do not say which mode is which, let alone several effects; nothing was added. `belfry add` puts one in all the same",
+        );
+        return Ok(case);
+    }
     if p_value < FAILS {
         // Effects that together explain too little are made up as likely as not.
         console.warn(format!(

@@ -4,6 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::fit::Fit;
+use super::verdict::FAILS;
 use crate::compare::{ChiSquared, exceeding};
 
 /// What a test looks at.
@@ -37,16 +38,43 @@ pub struct Tests {
 impl Fit {
     /// The tests of this fit.
     pub fn goodness_of_fit(&self) -> Tests {
+        self.tests(None)
+    }
+
+    /// Whether it fits where `present` does not: all modes, or all but one that stays far off, as identification may get one
+    /// wrong, where nine tenths of what the others left are gone.
+    pub(super) fn explains(&self, present: &Fit) -> bool {
+        self.goodness_of_fit().p_value >= FAILS || self.odd_one(present).is_some()
+    }
+
+    /// The one mode (index into the measured ones) but for which it fits.
+    pub(super) fn odd_one(&self, present: &Fit) -> Option<usize> {
+        let left = |fit: &Fit, mode: usize| -> f64 {
+            let blocks = fit.state.residual.blocks().filter(|(_, block)| block.measured != mode);
+            blocks.map(|(first, block)| fit.state.modes.rows(first, block.size()).norm_squared()).sum()
+        };
+        let modes = self.state.pairs.len();
+        let worst = (0..modes).min_by(|&a, &b| left(self, a).total_cmp(&left(self, b)))?;
+        let is_enough = modes >= LEAST_MODES && left(self, worst) < LEFT * left(present, worst);
+        let fits_but_for_it = || self.goodness_of_fit().p_value < FAILS && self.tests(Some(worst)).p_value >= FAILS;
+        (is_enough && fits_but_for_it()).then_some(worst)
+    }
+
+    /// The tests without a mode.
+    fn tests(&self, without: Option<usize>) -> Tests {
         let state = &self.state;
-        let all = ChiSquared::of(
-            state.modes.norm_squared() + state.numbers.norm_squared(),
-            state.modes.len().saturating_sub(self.knobs.len()).max(1),
-        );
-        let phases =
-            (!state.phases.is_empty()).then(|| ChiSquared::of(state.phases.norm_squared(), state.phases.len()));
+        let kept = || state.residual.blocks().filter(|(_, block)| Some(block.measured) != without);
+        let (square, count) = kept().fold((0.0, 0), |(square, count), (first, block)| {
+            (square + state.modes.rows(first, block.size()).norm_squared(), count + block.size())
+        });
+        let freedom = count.saturating_sub(self.knobs.len()).max(1);
+        let all = ChiSquared::of(square + state.numbers.norm_squared(), freedom);
+        let has_phases = !state.phases.is_empty();
+        let phases = has_phases.then(|| ChiSquared::of(state.phases.norm_squared(), state.phases.len()));
+        let rows: Vec<usize> = kept().map(|(first, _)| first).collect();
         let parts = [
             (Part::All, Some(all.p_value)),
-            (Part::Frequencies, self.frequencies().map(|test| test.p_value)),
+            (Part::Frequencies, self.frequencies(&rows).map(|test| test.p_value)),
             (Part::Scatter, self.scatter()),
             (Part::Phases, phases.map(|test| test.p_value)),
         ];
@@ -67,18 +95,17 @@ impl Fit {
 
     /// Frequencies against measurement and tolerance together: `yᵀ (I + G Gᵀ)⁻¹ y` with y the differences without the scatter
     /// and G their derivatives by it, after the effects' values have done for frequencies what they can.
-    fn frequencies(&self) -> Option<ChiSquared> {
+    fn frequencies(&self, rows: &[usize]) -> Option<ChiSquared> {
         let state = &self.state;
-        let rows: Vec<usize> = state.residual.blocks().map(|(first, _)| first).collect();
         let (by_knobs, by_background) = self.derivatives();
-        let by_background = by_background.select_rows(&rows);
-        let differences = state.modes.select_rows(&rows) - &by_background * &state.numbers;
+        let by_background = by_background.select_rows(rows);
+        let differences = state.modes.select_rows(rows) - &by_background * &state.numbers;
         let covariance = DMatrix::identity(rows.len(), rows.len()) + &by_background * by_background.transpose();
         let factor = Cholesky::new(covariance)?;
         let whiten = |columns: &DMatrix<f64>| factor.l_dirty().solve_lower_triangular(columns);
         let differences = whiten(&DMatrix::from_columns(&[differences]))?;
         // Knobs that frequencies do not see take no freedom.
-        let (left, seen) = without_span(&differences, &whiten(&by_knobs.select_rows(&rows))?);
+        let (left, seen) = without_span(&differences, &whiten(&by_knobs.select_rows(rows))?);
         let freedom = rows.len().checked_sub(seen).filter(|freedom| *freedom > 0)?;
         Some(ChiSquared::of(left.norm_squared(), freedom))
     }
@@ -104,6 +131,10 @@ impl Fit {
     }
 }
 
+/// One mode of fewer than this may not stay off.
+const LEAST_MODES: usize = 8;
+/// Share of the other modes' squared differences that may be left then.
+const LEFT: f64 = 0.1;
 /// Where data see less than this of a scatter's variance there is nothing to test.
 const LEAST_SCATTER: f64 = 0.5;
 /// Directions below this share of the longest are none.

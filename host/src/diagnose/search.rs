@@ -189,7 +189,7 @@ impl Problem {
         found.extend(twins.filter_map(|kind| self.search_damper(present, kind, None)));
         sort(&mut found);
         self.settle_places(&mut found);
-        let fits = |found: &[Found]| found.iter().any(|found| found.fit.goodness_of_fit().p_value >= FAILS);
+        let fits = |found: &[Found]| found.iter().any(|found| found.fit.explains(present));
         if !fits(&found) && present.goodness_of_fit().p_value < FAILS {
             for far in self.search_far(present, options) {
                 match found.iter_mut().find(|near| near.kind == far.kind) {

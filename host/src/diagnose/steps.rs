@@ -158,7 +158,7 @@ impl Setting<'_> {
             let problem = self.problem(&effects)?;
             let present = problem.fit_present(&effects)?;
             let found = problem.search(&present, options).found;
-            let Some(best) = best_of(&found) else { break };
+            let Some(best) = best_of(&found, &present) else { break };
             let before = effects;
             let mut action = format!("add {}", best.effect());
             effects = best.fit.effects().to_vec();
@@ -207,7 +207,9 @@ impl Setting<'_> {
                 continue;
             }
             let found = problem.search(&without, options).found;
-            let Some(other) = best_of(&found).filter(|found| found.effect().to_string() != dropped.to_string()) else {
+            let Some(other) =
+                best_of(&found, &without).filter(|found| found.effect().to_string() != dropped.to_string())
+            else {
                 continue;
             };
             if other.stands_out() && other.log_bayes_factor - gain > STANDS_OUT {

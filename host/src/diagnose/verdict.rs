@@ -87,12 +87,12 @@ const IDENTICAL: f64 = 1e-6;
 
 fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) -> Diagnosis {
     let test = present.goodness_of_fit();
-    let best = best_of(found);
+    let best = best_of(found, present);
     let fails = test.p_value < FAILS;
     let modal = match best {
         None if fails => Verdict::Unknown,
         None => Verdict::Adequate,
-        Some(best) if best.fit.goodness_of_fit().p_value < FAILS => Verdict::Unknown,
+        Some(best) if !best.fit.explains(present) => Verdict::Unknown,
         Some(_) => Verdict::Effect,
     };
     let named = best.filter(|_| modal == Verdict::Effect);
@@ -146,6 +146,13 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         (Verdict::Effect | Verdict::Unknown, Some(best)) => &best.fit,
         _ => present,
     };
+    if let Some(odd) = named.and_then(|named| named.fit.odd_one(present)) {
+        let mode = &problem.measured[odd];
+        warnings.push(format!(
+            "measured mode {} at {:.4} Hz stays far off, alone; is it one mode, and well identified?",
+            mode.number, mode.frequency_hz
+        ));
+    }
     if let (Some(signal), Some(named)) = (signal, named) {
         warnings.push(format!(
             "{} stands out as well, in the modes; add {} and diagnose again",
@@ -251,12 +258,11 @@ fn signal_report(signal: &Signal) -> CandidateReport {
 ///
 /// An effect that leaves a few modes far off, as if they had been identified wrongly, may gain more than one that explains them
 /// all.
-pub(super) fn best_of(found: &[Found]) -> Option<&Found> {
+pub(super) fn best_of<'a>(found: &'a [Found], present: &Fit) -> Option<&'a Found> {
     let standing: Vec<&Found> = found.iter().filter(|found| found.stands_out()).collect();
     let first = *standing.first()?;
-    let explains = |found: &&&Found| {
-        found.log_bayes_factor > EXPLAINS * first.log_bayes_factor && found.fit.goodness_of_fit().p_value >= FAILS
-    };
+    let explains =
+        |found: &&&Found| found.log_bayes_factor > EXPLAINS * first.log_bayes_factor && found.fit.explains(present);
     Some(standing.iter().find(explains).copied().unwrap_or(first))
 }
 
@@ -289,7 +295,7 @@ fn twins<'a>(present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found>
             let within = best.log_bayes_factor - other.log_bayes_factor < STANDS_OUT;
             let there = direction(&other.fit);
             let cosine_squared = along.dot(&there).powi(2) / (along.norm_squared() * there.norm_squared());
-            (within || cosine_squared > TWINS) && other.fit.goodness_of_fit().p_value >= FAILS
+            (within || cosine_squared > TWINS) && other.fit.explains(present)
         })
         .collect()
 }

@@ -9,7 +9,7 @@ use super::DOFS_A_NODE;
 use super::beam::{BeamTable, Segment};
 use super::effect::{Custom, Effect, EffectError};
 use super::eigen::{EigenError, ModalBasis, Modes};
-use super::element::{DOFS_A_SEGMENT, geometric_stiffness, hinged, scatter, stiffness};
+use super::element::{DOFS_A_SEGMENT, Kink, geometric_stiffness, hinged, scatter, stiffness};
 use super::geometry::{Geometry, Line};
 use super::matrices::ImportedMatrices;
 use super::sensing::Sensing;
@@ -259,20 +259,25 @@ impl Structure {
         assembly
     }
 
-    /// Stiffness of a segment in global axes with its joints and the weight `above_n` (in N) that it carries.
-    fn element(&self, segment: &Segment, above_n: f64) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
+    /// Stiffness of a segment in global axes with its joints and the weight `above_n` (in N) that it carries, and the joints'
+    /// kinks.
+    fn element(&self, segment: &Segment, above_n: f64) -> (SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>, Vec<Kink>) {
         let mut turned = segment.clone();
         turned.axis_deg += self.axis_turn_deg;
         let mut element = stiffness(&turned);
+        let mut kinks = Vec::new();
         // A joint between two segments belongs to the upper one.
         let inside = |z_m: f64| (segment.z_bottom_m..segment.z_top_m).contains(&z_m);
         for joint in self.joints.iter().filter(|joint| inside(joint.z_m)) {
-            element = hinged(&element, segment.z_top_m - joint.z_m, joint.flexibility_rad_n_m);
+            let lever_m = segment.z_top_m - joint.z_m;
+            let (softer, both) = hinged(&element, joint.z_m, lever_m, joint.flexibility_rad_n_m);
+            element = softer;
+            kinks.extend(both);
         }
         if above_n != 0.0 {
             element -= geometric_stiffness(segment.length_m(), above_n);
         }
-        element
+        (element, kinks)
     }
 
     /// The weight in N that softens each segment: that of everything above its middle.
@@ -308,8 +313,11 @@ impl Structure {
         let free = segments.len() * DOFS_A_NODE;
         let mut whole = DMatrix::zeros(free + DOFS_A_NODE, free + DOFS_A_NODE);
         let weights_n = self.weights_above_n(segments);
+        let mut kinks = Vec::new();
         for (index, (segment, &above_n)) in segments.iter().zip(&weights_n).enumerate() {
-            scatter(&mut whole, &self.element(segment, above_n), index);
+            let (element, of_segment) = self.element(segment, above_n);
+            scatter(&mut whole, &element, index);
+            kinks.push(of_segment);
         }
         let base_motion = self.base_motion(&whole);
         let base_free = whole.view((0, DOFS_A_NODE), (DOFS_A_NODE, free)).into_owned();
@@ -331,7 +339,7 @@ impl Structure {
                 mass[(row, row)] += value;
             }
         }
-        let geometry = Geometry::Line(Line::of_beam(segments, self.axis_turn_deg, base_motion));
+        let geometry = Geometry::Line(Line::of_beam(segments, self.axis_turn_deg, kinks, base_motion));
         Assembly { stiffness, mass, damping: None, geometry, sensing: Sensing::default() }
     }
 
@@ -369,7 +377,7 @@ impl Structure {
         let element = |index: usize, factor: f64| {
             let mut segment = segments[index].clone();
             segment.scale_stiffness(factor);
-            self.element(&segment, weights_n[index])
+            self.element(&segment, weights_n[index]).0
         };
         let slope = |index: usize| (element(index, 1.0 + STEP) - element(index, 1.0 - STEP)) / (2.0 * STEP);
         // The lowest segment acts through the base as well; condensed, its change is that of the corner of K.

@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, Matrix2, RowDVector, Vector2};
 
-use super::element::interpolation;
+use super::element::{Kink, interpolation, kinked};
 use super::layout::{LayoutNode, is_line};
 use super::{DOFS_A_NODE, Segment};
 
@@ -25,6 +25,8 @@ pub(super) struct Line {
     rows: Vec<[Option<usize>; DOFS_A_NODE]>,
     /// The beam between a node and the next: one less than nodes.
     spans: Vec<Segment>,
+    /// Joints in each span; empty where there are none anywhere.
+    kinks: Vec<Vec<Kink>>,
     /// Motion of the lowest node where it follows from the DOFs, 5 x DOFs.
     base_motion: Option<DMatrix<f64>>,
     /// Matrix rows of `uz` of each node; empty where the model has none.
@@ -57,7 +59,12 @@ impl Geometry {
 
 impl Line {
     /// A beam whose base node is left out of the matrices.
-    pub(super) fn of_beam(segments: &[Segment], axis_turn_deg: f64, base_motion: DMatrix<f64>) -> Self {
+    pub(super) fn of_beam(
+        segments: &[Segment],
+        axis_turn_deg: f64,
+        kinks: Vec<Vec<Kink>>,
+        base_motion: DMatrix<f64>,
+    ) -> Self {
         let node = |index: usize| std::array::from_fn(|dof| Some(index * DOFS_A_NODE + dof));
         let rows = std::iter::once([None; DOFS_A_NODE]).chain((0..segments.len()).map(node));
         let turned = |segment: &Segment| Segment { axis_deg: segment.axis_deg + axis_turn_deg, ..segment.clone() };
@@ -65,6 +72,7 @@ impl Line {
         Self {
             rows: rows.collect(),
             spans: spans.collect(),
+            kinks,
             base_motion: Some(base_motion),
             vertical_rows: Vec::new(),
             // Stiff along its axis, which is motion enough for a sensor that points up.
@@ -105,6 +113,7 @@ impl Line {
         Self {
             rows,
             spans,
+            kinks: Vec::new(),
             base_motion: None,
             vertical_rows: nodes.iter().map(|node| node.rows[UZ]).collect(),
             moves: [there(0), there(1), there(UZ)],
@@ -169,7 +178,10 @@ impl Line {
         let last = self.spans.len().saturating_sub(1);
         let index = self.spans.iter().position(|span| z_m <= span.z_top_m).unwrap_or(last);
         let Some(span) = self.spans.get(index) else { return motion };
-        let shape = interpolation(span, z_m);
+        let shape = match self.kinks.get(index) {
+            Some(kinks) if !kinks.is_empty() => kinked(span, kinks, z_m),
+            _ => interpolation(span, z_m),
+        };
         for (node, first_column) in [(index, 0), (index + 1, DOFS_A_NODE)] {
             let part = shape.columns(first_column, DOFS_A_NODE);
             for (dof, row) in self.rows[node].iter().enumerate() {
