@@ -275,7 +275,7 @@ fn a_custom_hypothesis_is_a_candidate_like_any_other() {
 #[test]
 fn the_catalogue_is_listed_and_explained() {
     let all = json(&["effects"]);
-    let kinds = all.as_array().unwrap();
+    let kinds = all["effects"].as_array().unwrap();
     assert!(kinds.len() >= 23);
     for kind in kinds {
         for key in ["name", "physics", "formula", "fingerprint", "source"] {

@@ -22,6 +22,12 @@ pub struct Arguments {
     pub kind: Option<String>,
 }
 
+/// What `--json` prints of all kinds.
+#[derive(Debug, Serialize)]
+struct Catalogue {
+    effects: Vec<Entry>,
+}
+
 /// What `--json` prints of a kind.
 #[derive(Debug, Serialize)]
 struct Entry {
@@ -59,7 +65,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     }
     console.say(table);
     console.say("Next: belfry effects KIND    one of them in full: formula, parameters, look-alikes");
-    console.json(&KINDS.iter().map(|kind| entry(*kind)).collect::<Vec<_>>()).context("the catalogue")
+    console.json(&Catalogue { effects: KINDS.iter().map(|kind| entry(*kind)).collect() }).context("the catalogue")
 }
 
 /// Columns where standard output is no terminal.

@@ -143,7 +143,7 @@ impl<'a> Hanging<'a> {
     /// From several places and numbers.
     fn best_of_starts(&self) -> Option<Fit> {
         let mut grid = Vec::new();
-        for (z_m, motion) in self.places.iter().rev().step_by(self.places.len().div_ceil(HEIGHTS)) {
+        for (z_m, motion) in self.places.iter().rev().step_by(self.places.len().div_ceil(HEIGHTS).max(1)) {
             for frequency in FREQUENCIES {
                 let mass_kg = |share: f64| share * self.clue.mass_ratio / motion;
                 let frequency_hz = frequency * self.clue.frequency_hz;

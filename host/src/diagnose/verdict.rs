@@ -110,7 +110,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
     let mut warnings = Vec::new();
     if !problem.unpaired.is_empty() {
         let numbers = problem.unpaired.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
-        warnings.push(format!("measured mode {numbers} has no partner in the model and takes no part"));
+        warnings.push(format!("measured mode {numbers} has no partner in the model and takes no part in the verdict"));
     }
     if problem.measured().iter().all(|mode| mode.shape.is_none()) {
         warnings.push(
