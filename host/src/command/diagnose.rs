@@ -91,8 +91,8 @@ pub(super) fn auto(case: Case, without: &[String], console: &Console) -> anyhow:
     if p_value < FAILS {
         // Effects that together explain too little are made up as likely as not.
         console.warn(format!(
-            "these effects do not explain the measurement (p = {}); nothing was added. `belfry add` puts one in all the same",
-            p_text(p_value)
+            "these effects do not explain the measurement ({}); nothing was added. `belfry add` puts one in all the same",
+            p_is(p_value)
         ));
         return Ok(case);
     }
@@ -150,10 +150,10 @@ fn tell(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Console) {
     console.say(format!("\n{}: which effect does the model{with} lack?", case.study.structure.name));
     let test = diagnosis.present;
     console.say(format!(
-        "The model as it is: chi-squared {:.0} over {} numbers, p = {}{}.",
+        "The model as it is: chi-squared {:.0} over {} numbers, {}{}.",
         test.chi_squared,
         test.degrees_of_freedom,
-        p_text(test.p_value),
+        p_is(test.p_value),
         if test.p_value < FAILS { worst_text(test.worst) } else { "" }
     ));
     if !diagnosis.candidates.is_empty() {
@@ -336,7 +336,12 @@ pub(super) fn short(value: f64) -> String {
     }
 }
 
-/// A probability.
+/// A probability in a sentence.
+pub(super) fn p_is(p_value: f64) -> String {
+    if p_value < 1e-4 { format!("p {}", p_text(p_value)) } else { format!("p = {}", p_text(p_value)) }
+}
+
+/// A probability in a table.
 pub(super) fn p_text(p_value: f64) -> String {
     if p_value < 1e-4 { "< 0.0001".to_owned() } else { format!("{p_value:.4}") }
 }

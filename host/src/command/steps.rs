@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::Console;
 use super::case::{Case, results_folder};
 use super::compare::{mac_text, or_dash};
-use super::diagnose::{p_text, values_text};
+use super::diagnose::{p_is, values_text};
 use super::identify::align_right;
 use crate::compare::{Comparison, ModelView, Tolerance, compare};
 use crate::diagnose::steps::{FittedEffect, Step, StepRecord};
@@ -178,11 +178,11 @@ fn tell(report: &ChangeReport, case: &Case, console: &Console) {
     };
     let (now, before) = (&report.step, report.previous.as_ref());
     console.say(format!(
-        "Mean frequency error {}, chi-squared {} over {} numbers (p = {}).",
+        "Mean frequency error {}, chi-squared {} over {} numbers ({}).",
         change(report.before.mean_abs_frequency_error_percent, report.after.mean_abs_frequency_error_percent, " %"),
         change(before.map(|step| step.chi_squared), Some(now.chi_squared), ""),
         now.degrees_of_freedom,
-        p_text(now.p_value)
+        p_is(now.p_value)
     ));
     if now.held_out_error_percent.is_some() || now.held_out_mode_error_percent.is_some() {
         console.say(format!(

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::Console;
 use super::case::{Case, write_json, write_result};
 use super::compare::mac_text;
-use super::diagnose::p_text;
+use super::diagnose::p_is;
 use super::identify::align_right;
 use crate::compare::{ModelView, Pair, frequency_z, mac, pair};
 use crate::model::effect::Effect;
@@ -356,10 +356,10 @@ fn tell_hints(report: &UpdateReport, console: &Console) {
             "within their deviations"
         };
         console.say(format!(
-            "  Span: measured shapes lie up to {:.1} % of their length (mode {}) outside that of the model's, p = {}: {says}.",
+            "  Span: measured shapes lie up to {:.1} % of their length (mode {}) outside that of the model's, {}: {says}.",
             worst.outside_percent,
             worst.measured,
-            p_text(p_value)
+            p_is(p_value)
         ));
     }
     if let Some(test) = &hints.orthogonality {
@@ -369,12 +369,12 @@ fn tell_hints(report: &UpdateReport, console: &Console) {
             "nothing contradicts the model's mass"
         };
         console.say(format!(
-            "  Orthogonality by mass: worst between modes {} and {} (cosine {:.3} ± {:.3}), p = {}: {says}.",
+            "  Orthogonality by mass: worst between modes {} and {} (cosine {:.3} ± {:.3}), {}: {says}.",
             test.worst[0],
             test.worst[1],
             test.cosine,
             test.cosine_std,
-            p_text(test.p_value)
+            p_is(test.p_value)
         ));
     }
     console.say(format!("  Size of Psi: {:.2} % of the eigenvalues.", 100.0 * report.psi_size));
