@@ -26,6 +26,9 @@ const HEIGHTS: usize = 10;
 const FITTED: usize = 4;
 /// A channel whose factor is within this of 1 (ln) needs no far start.
 const NEAR_ONE: f64 = 0.5;
+/// A channel says what it is multiplied with in modes in which it moves by this share of the others' mean.
+const MOVES: f64 = 0.3;
+/// Every measured mode is to find a partner.
 const LEAST_LIKENESS: f64 = 1e-6;
 
 impl Problem {
@@ -133,43 +136,42 @@ impl Problem {
             let step = candidates.len().div_ceil(HEIGHTS).max(1);
             candidates = candidates.into_iter().rev().step_by(step).collect();
         }
-        let mut starts = Vec::new();
-        for candidate in candidates {
+        let of_candidate = |candidate: Candidate| {
             let neutral = candidate.neutral();
-            let Some(at) = candidate.parameters.iter().position(Parameter::is_fitted) else { continue };
-            let parameter = &candidate.parameters[at];
-            let values: Vec<f64> = match (parameter.prior, &candidate.place) {
-                _ if kind.place() == Place::Channel => {
-                    let channel = |channels: &Vec<String>| {
-                        self.sensors.iter().position(|sensor| channels.first() == Some(&sensor.channel))
-                    };
-                    let sensor = match &candidate.place {
-                        Some(Where::Channels(channels)) => channel(channels),
-                        _ => None,
-                    };
-                    let factor = sensor.and_then(|sensor| factors.get(sensor).copied().flatten());
-                    factor.filter(|factor| factor.ln().abs() > NEAR_ONE).into_iter().collect()
-                }
-                (Prior::FrequencyShift(_), _) => {
-                    let unit = candidate.effect(&neutral).and_then(|effect| self.typical(&effect, at));
-                    unit.map_or_else(Vec::new, |unit| {
-                        MULTIPLES.map(|multiple| parameter.neutral + multiple * unit).to_vec()
-                    })
-                }
-                (Prior::Value(typical), _) if parameter.greatest - parameter.least > FAR_APART * typical => {
-                    let width = parameter.greatest - parameter.least;
-                    let between = |index: usize| parameter.least + width * (index as f64 + 0.5) / BETWEEN_BOUNDS as f64;
-                    if width.is_finite() { (0..BETWEEN_BOUNDS).map(between).collect() } else { Vec::new() }
-                }
-                _ => Vec::new(),
+            let at = candidate.parameters.iter().position(Parameter::is_fitted)?;
+            let with = |value: f64| {
+                let mut values = neutral.clone();
+                values[at] = value;
+                (candidate.clone(), values)
             };
-            for value in values {
-                let mut all = neutral.clone();
-                all[at] = value;
-                starts.push((candidate.clone(), all));
-            }
+            Some(self.far_values(&candidate, at, factors).into_iter().map(with).collect::<Vec<_>>())
+        };
+        candidates.into_iter().filter_map(of_candidate).flatten().collect()
+    }
+
+    /// Values of a candidate's one parameter that is fitted, its index `at`, far from where it does nothing.
+    fn far_values(&self, candidate: &Candidate, at: usize, factors: &[Option<f64>]) -> Vec<f64> {
+        if let (Place::Channel, Some(Where::Channels(channels))) = (candidate.kind.place(), &candidate.place) {
+            let sensor = self.sensors.iter().position(|sensor| channels.first() == Some(&sensor.channel));
+            let factor = sensor.and_then(|sensor| factors.get(sensor).copied().flatten());
+            return factor.filter(|factor| factor.ln().abs() > NEAR_ONE).into_iter().collect();
         }
-        starts
+        let parameter = &candidate.parameters[at];
+        match parameter.prior {
+            Prior::FrequencyShift(_) => {
+                let nothing = candidate.effect(&candidate.neutral());
+                let unit = nothing.and_then(|effect| self.typical(&effect, at));
+                let multiples = |unit: f64| MULTIPLES.map(|multiple| parameter.neutral + multiple * unit).to_vec();
+                unit.map_or_else(Vec::new, multiples)
+            }
+            Prior::Value(typical) => {
+                let width = parameter.greatest - parameter.least;
+                let between = |index: usize| parameter.least + width * (index as f64 + 0.5) / BETWEEN_BOUNDS as f64;
+                let is_wide = width.is_finite() && width > FAR_APART * typical;
+                if is_wide { (0..BETWEEN_BOUNDS).map(between).collect() } else { Vec::new() }
+            }
+            Prior::Share(_) | Prior::Given => Vec::new(),
+        }
     }
 
     /// Recorded over modelled motion of each channel: the median over the modes that the other channels find, in each of
@@ -189,7 +191,7 @@ impl Problem {
                     let scale = there.dot(&others.values) / there.norm_squared();
                     let predicted = scale * model[sensor];
                     let typical = (others.values.norm_squared() / others.values.len() as f64).sqrt();
-                    (predicted.abs() > 0.3 * typical).then(|| shape.values[at] / predicted)
+                    (predicted.abs() > MOVES * typical).then(|| shape.values[at] / predicted)
                 })
                 .collect();
             ratios.sort_by(f64::total_cmp);

@@ -91,6 +91,22 @@ pub(super) struct Searched {
     pub(super) rejected: Vec<Scored>,
 }
 
+/// Scores of each kind, best first; the kind with the best first.
+fn by_kind(scored: Vec<Scored>) -> Vec<Vec<Scored>> {
+    let mut kinds: Vec<Vec<Scored>> = Vec::new();
+    for one in scored {
+        match kinds.iter_mut().find(|kind| kind[0].candidate.kind == one.candidate.kind) {
+            Some(kind) => kind.push(one),
+            None => kinds.push(vec![one]),
+        }
+    }
+    for kind in &mut kinds {
+        kind.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    }
+    kinds.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
+    kinds
+}
+
 /// Best first.
 fn sort(found: &mut [Found]) {
     found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
@@ -135,30 +151,39 @@ impl Problem {
     /// Every kind that explains anything, refitted at its best place; best first.
     pub(super) fn search(&self, present: &Fit, options: &Options) -> Searched {
         let scored = self.scored_twice(present, |from| self.score(from, options));
-        let (scored, mut rejected): (Vec<Scored>, Vec<Scored>) = scored.into_iter().partition(|one| one.admissible);
-        rejected.retain(|one| one.gain > STANDS_OUT);
-        rejected.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        let mut named: Vec<&'static str> = Vec::new();
-        rejected.retain(|one| {
-            let name = one.candidate.kind.name();
-            let is_new =
-                !named.contains(&name) && scored.iter().all(|other| other.candidate.kind != one.candidate.kind);
-            named.push(name);
-            is_new
-        });
-        let mut kinds: Vec<Vec<Scored>> = Vec::new();
-        for one in scored {
-            match kinds.iter_mut().find(|kind| kind[0].candidate.kind == one.candidate.kind) {
-                Some(kind) => kind.push(one),
-                None => kinds.push(vec![one]),
+        let (scored, rejected): (Vec<Scored>, Vec<Scored>) = scored.into_iter().partition(|one| one.admissible);
+        let kinds = by_kind(scored);
+        let rejected = by_kind(rejected)
+            .into_iter()
+            .filter_map(|kind| kind.into_iter().next())
+            .filter(|one| one.gain > STANDS_OUT)
+            .filter(|one| kinds.iter().all(|kind| kind[0].candidate.kind != one.candidate.kind))
+            .collect();
+        let mut found = self.search_near(present, &kinds);
+        let twins = KINDS.iter().copied().filter(|kind| kind.evidence() == Evidence::TwinPeaks);
+        let twins = twins.filter(|kind| !options.leaves_out(*kind));
+        found.extend(twins.filter_map(|kind| self.search_damper(present, kind, None)));
+        sort(&mut found);
+        self.settle_places(&mut found);
+        let fits = found.iter().any(|found| found.fit.explains(present));
+        if !fits && present.goodness_of_fit().p_value < FAILS {
+            for far in self.search_far(present, options) {
+                match found.iter_mut().find(|near| near.kind == far.kind) {
+                    Some(near) if near.log_bayes_factor >= far.log_bayes_factor - SAME => {}
+                    Some(near) => *near = far,
+                    None => found.push(far),
+                }
             }
+            sort(&mut found);
+            self.settle_places(&mut found);
         }
-        for kind in &mut kinds {
-            kind.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        }
-        kinds.sort_by(|a, b| b[0].gain.total_cmp(&a[0].gain));
-        kinds.truncate(REFITTED);
-        // A first look at each, at its best place; then all places of those that can still be the best.
+        Searched { found, rejected }
+    }
+
+    /// Kinds refitted from where the linear step leads: a first look at each, at its best place; then all places of those that
+    /// can still be the best.
+    fn search_near(&self, present: &Fit, kinds: &[Vec<Scored>]) -> Vec<Found> {
+        let kinds = &kinds[..kinds.len().min(REFITTED)];
         // What promises next to nothing beside the best gets one start.
         let promised = kinds.first().map_or(0.0, |kind| kind[0].gain);
         let look = |kind: &Vec<Scored>| {
@@ -176,32 +201,11 @@ impl Problem {
             let promised = kind[0].gain.max(gain(look));
             if fits { promised > best - NEAR.max(CONTENDS * best) } else { promised > HOPELESS * best }
         };
-        let mut found: Vec<Found> = kinds
-            .par_iter()
-            .zip(looks)
-            .filter_map(|(kind, look)| {
-                let further = contends(kind, &look);
-                self.refit(present, kind, look, further, self.hypotheses(kind[0].candidate.kind, present))
-            })
-            .collect();
-        let twins = KINDS.iter().copied().filter(|kind| kind.evidence() == Evidence::TwinPeaks);
-        let twins = twins.filter(|kind| !options.leaves_out(*kind));
-        found.extend(twins.filter_map(|kind| self.search_damper(present, kind, None)));
-        sort(&mut found);
-        self.settle_places(&mut found);
-        let fits = |found: &[Found]| found.iter().any(|found| found.fit.explains(present));
-        if !fits(&found) && present.goodness_of_fit().p_value < FAILS {
-            for far in self.search_far(present, options) {
-                match found.iter_mut().find(|near| near.kind == far.kind) {
-                    Some(near) if near.log_bayes_factor >= far.log_bayes_factor - SAME => {}
-                    Some(near) => *near = far,
-                    None => found.push(far),
-                }
-            }
-            sort(&mut found);
-            self.settle_places(&mut found);
-        }
-        Searched { found, rejected }
+        let refit = |(kind, look): (&Vec<Scored>, Option<Fit>)| {
+            let further = contends(kind, &look);
+            self.refit(present, kind, look, further, self.hypotheses(kind[0].candidate.kind, present))
+        };
+        kinds.par_iter().zip(looks).filter_map(refit).collect()
     }
 
     /// Settles where the best of those at a height are.

@@ -13,7 +13,7 @@ use super::settle::next_measurement;
 use super::signals::{Signal, Signals, all_shown, shown};
 use crate::compare::{exceeding, levels};
 use crate::measured::MeasuredMode;
-use crate::model::effect::Effect;
+use crate::model::effect::{Effect, Where};
 
 /// Evidence of 20 to 1 makes an effect stand out.
 pub const STANDS_OUT: f64 = 2.995_732_273_553_991;
@@ -107,23 +107,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         }
     };
     let signal = strongest.filter(above_modes);
-    let mut warnings = Vec::new();
-    if !problem.unpaired.is_empty() {
-        let numbers = problem.unpaired.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
-        warnings.push(format!("measured mode {numbers} has no partner in the model and takes no part in the verdict"));
-    }
-    if problem.measured().iter().all(|mode| mode.shape.is_none()) {
-        warnings.push(
-            "no shapes were measured: which mode is which is a guess, and effects that lower the same frequencies cannot be told apart; shapes at a few heights would decide more than any better frequency"
-                .to_owned(),
-        );
-    }
-    if !problem.complex.is_empty() {
-        let numbers = problem.complex.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
-        warnings.push(format!(
-            "the shape of measured mode {numbers} is complex, as of two modes in one, and takes no part"
-        ));
-    }
+    let mut warnings = what_takes_no_part(problem);
     let (verdict, best_names, ambiguous, next) = match (signal, named) {
         (Some(signal), _) => (Verdict::Effect, vec![signal.effect.to_string()], Vec::new(), None),
         (None, Some(best)) if twins.is_empty() => (modal, vec![best.effect().to_string()], Vec::new(), None),
@@ -160,28 +144,9 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
             signal.effect
         ));
     }
-    let mut candidates: Vec<CandidateReport> = found
-        .iter()
-        .map(|found| CandidateReport {
-            near: found
-                .near
-                .iter()
-                .map(|(place, below)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below })
-                .collect(),
-            where_std_m: found.place_std_m,
-            ..report(&found.fit, found.index(), Some(found.log_bayes_factor))
-        })
-        .chain(signals.iter().map(signal_report))
-        .collect();
-    candidates.sort_by(|a, b| b.log_bayes_factor.unwrap_or(0.0).total_cmp(&a.log_bayes_factor.unwrap_or(0.0)));
-    if let Some(signal) = signal {
-        // What is named first stands first.
-        let name = signal.effect.to_string();
-        candidates.sort_by_key(|candidate| candidate.name() != name);
-    }
     Diagnosis {
         verdict,
-        candidates,
+        candidates: candidate_reports(found, signals, best_names.first()),
         best: best_names,
         ambiguous,
         next_measurement: next,
@@ -193,6 +158,44 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         reason: signal.map(|signal| signal.reason.clone()),
         warnings,
     }
+}
+
+/// Measured modes, or what of them, that a verdict does not rest on.
+fn what_takes_no_part(problem: &Problem) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if !problem.unpaired.is_empty() {
+        let numbers = problem.unpaired.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+        warnings.push(format!("measured mode {numbers} has no partner in the model and takes no part in the verdict"));
+    }
+    if problem.measured().iter().all(|mode| mode.shape.is_none()) {
+        warnings.push(
+            "no shapes were measured: which mode is which is a guess, and effects that lower the same frequencies cannot be told apart; shapes at a few heights would decide more than any better frequency"
+                .to_owned(),
+        );
+    }
+    if !problem.complex.is_empty() {
+        let numbers = problem.complex.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+        warnings.push(format!(
+            "the shape of measured mode {numbers} is complex, as of two modes in one, and takes no part"
+        ));
+    }
+    warnings
+}
+
+/// Candidates by their evidence, the one that is named first before all others.
+fn candidate_reports(found: &[Found], signals: &[Signal], first: Option<&String>) -> Vec<CandidateReport> {
+    let near =
+        |(place, below): &(Where, f64)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below };
+    let of_found = |found: &Found| CandidateReport {
+        near: found.near.iter().map(near).collect(),
+        where_std_m: found.place_std_m,
+        ..report(&found.fit, found.index(), Some(found.log_bayes_factor))
+    };
+    let mut candidates: Vec<CandidateReport> =
+        found.iter().map(of_found).chain(signals.iter().map(signal_report)).collect();
+    candidates.sort_by(|a, b| b.log_bayes_factor.unwrap_or(0.0).total_cmp(&a.log_bayes_factor.unwrap_or(0.0)));
+    candidates.sort_by_key(|candidate| first.is_some_and(|first| candidate.name() != *first));
+    candidates
 }
 
 fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateReport {
