@@ -213,22 +213,26 @@ impl Fit {
     /// Whether the values of an effect, together, differ from those at which it is not there by more than their deviations:
     /// Wald's test at 5 %. True of effects that have no value to test.
     pub(super) fn is_significant(&self, effect: usize) -> bool {
-        // A value that is known to a share of itself has none at which the effect is not there.
-        let is_tested = |index: &usize| {
-            let knob = &self.knobs[*index];
-            let parameter = self.state.effects[effect].parameters().nth(knob.parameter);
-            knob.effect == effect && parameter.is_some_and(|(parameter, _)| !matches!(parameter.prior, Prior::Share(_)))
+        let parameter = |index: usize| {
+            let knob = self.knobs.get(index).filter(|knob| knob.effect == effect)?;
+            self.state.effects[effect].parameters().nth(knob.parameter).map(|(parameter, _)| parameter)
         };
-        let knobs: Vec<usize> = (0..self.knobs.len()).filter(is_tested).collect();
-        let has_share = self.knobs.iter().filter(|knob| knob.effect == effect).count() > knobs.len();
-        if knobs.is_empty() || has_share {
+        let own: Vec<usize> = (0..self.knobs.len()).filter(|&index| parameter(index).is_some()).collect();
+        let is_share = |&index: &usize| parameter(index).is_some_and(|p| matches!(p.prior, Prior::Share(_)));
+        // Of a damper it is the mass without which there is none, whatever its damping.
+        let has_share = own.iter().any(is_share);
+        let vanishes = |index: &usize| parameter(*index).is_some_and(|p| p.neutral >= p.least);
+        let knobs: Vec<usize> =
+            own.into_iter().filter(vanishes).filter(|index| !has_share || is_share(index)).collect();
+        if knobs.is_empty() {
             return true;
         }
-        let knob = |index: &usize| &self.knobs[*index];
-        let units = DVector::from_iterator(
-            knobs.len(),
-            knobs.iter().map(knob).map(|knob| (self.state.value(knob) - knob.neutral) / knob.scale),
-        );
+        let units = |&index: &usize| {
+            let knob = &self.knobs[index];
+            let nothing = parameter(index).map_or(knob.neutral, |parameter| parameter.neutral);
+            (self.state.value(knob) - nothing) / knob.scale
+        };
+        let units = DVector::from_iterator(knobs.len(), knobs.iter().map(units));
         let covariance = self.covariance.select_rows(&knobs).select_columns(&knobs);
         let square = Cholesky::new(covariance).map(|factor| units.dot(&factor.solve(&units)));
         square.is_some_and(|square| exceeding(square, knobs.len() as f64) < INSIGNIFICANT)

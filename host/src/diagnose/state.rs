@@ -96,12 +96,13 @@ impl Problem {
         let partners = |pair: &Pair| {
             let mut models: Vec<usize> =
                 self.close[pair.measured].iter().filter_map(|&close| Some(pairs.get(close)?.model)).collect();
-            // Modes that dashpots damp overlap others, and are seen together with them: half-power bands meet.
+            // Modes that dashpots damp overlap each other, and are seen together: half-power bands meet.
             if let Some(ratio) = self.damping[pair.measured].filter(|_| !structure.tuned_masses.is_empty()) {
                 let hz = &view.modes.frequency_hz;
+                let is_damped = |model: usize| view.damping_ratio(model) > DAMPED * self.ordinary_damping;
                 let overlaps = |&model: &usize| {
                     let other = self.ordinary_damping + view.damping_ratio(model);
-                    (hz[model] / hz[pair.model]).ln().abs() < ratio + other
+                    (hz[model] / hz[pair.model]).ln().abs() < ratio + other && is_damped(pair.model) && is_damped(model)
                 };
                 models.extend((0..hz.len()).filter(overlaps));
             }
@@ -210,6 +211,8 @@ pub(super) struct Knob {
     pub(super) bounds: [f64; 2],
 }
 
+/// A mode whose damping a dashpot raises by this share is one that it moves.
+const DAMPED: f64 = 0.3;
 /// Damping of a structure's modes scatters by this factor (standard deviation of its logarithm).
 const SCATTER_OF_DAMPING: f64 = 0.5;
 
