@@ -128,7 +128,7 @@ pub(super) struct Request<'a> {
 }
 
 /// A prediction that multiplies noise by more says little.
-const MOST_NOISE_GAIN: f64 = 4.0;
+pub(super) const MOST_NOISE_GAIN: f64 = 4.0;
 
 /// Runs the command.
 ///
@@ -146,6 +146,13 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     };
     let report = covalidate_case(&case, &request, console)?;
     console.json(&report)
+}
+
+/// By how much the noise of the kept channels is raised in the first channel that a request leaves out; no recording is read.
+pub(super) fn noise_gain(case: &Case, request: &Request<'_>) -> anyhow::Result<f64> {
+    let split = Split::of(case, find_setup(case, request)?, request.channels)?;
+    let predictors = predictors(&Shapes::of(case)?.sources, &split, &mut Vec::new())?;
+    Ok(predictors.first().map_or(f64::INFINITY, |(_, predictor)| predictor.weights.row(0).norm()))
 }
 
 /// Predicts, tells and stores.

@@ -17,7 +17,7 @@ use super::Console;
 use super::add::add;
 use super::case::{Case, results_folder};
 use super::compare::compare_case;
-use super::covalidate::{CovalidationReport, Request, covalidate_case};
+use super::covalidate::{CovalidationReport, MOST_NOISE_GAIN, Request, covalidate_case, noise_gain};
 use super::diagnose::{diagnose_case, short};
 use super::history::show_history;
 use super::identify::{Report, align_right, identify_study, summary, write_results};
@@ -220,7 +220,8 @@ fn hold_model(
     console.say(heading("The paper's direct update (belfry update)"));
     let update = update_case(&case, &Weights::default(), console)?;
     console.say(heading("Sensors that the model was not shown (belfry covalidate)"));
-    let left_out = if beside_paper { LEFT_OUT.map(str::to_owned).to_vec() } else { worst_channel(&comparison) };
+    let left_out =
+        if beside_paper { LEFT_OUT.map(str::to_owned).to_vec() } else { worst_channel(&case, &comparison, route) };
     let covalidation = covalidate(&case, &left_out, route, console)?;
     if beside_paper {
         console.say(heading("Beside the paper: Lei, Wang, Shen (2012)"));
@@ -232,15 +233,24 @@ fn hold_model(
     Ok(())
 }
 
-/// The channel at which the model fails most.
-fn worst_channel(comparison: &Comparison) -> Vec<String> {
-    let worst = comparison.by_sensor.iter().max_by(|a, b| a.misfit.total_cmp(&b.misfit));
-    worst.map(|sensor| sensor.channel.clone()).into_iter().collect()
+/// The channel at which the model fails most, of those whose motion the others see.
+fn worst_channel(case: &Case, comparison: &Comparison, route: Route) -> Vec<String> {
+    let gain = |channel: &String| {
+        let request = leaving_out(std::slice::from_ref(channel), route);
+        noise_gain(case, &request).unwrap_or(f64::INFINITY)
+    };
+    let mut sensors: Vec<_> = comparison.by_sensor.iter().collect();
+    sensors.sort_by(|a, b| b.misfit.total_cmp(&a.misfit));
+    let seen = sensors.iter().find(|sensor| gain(&sensor.channel) < MOST_NOISE_GAIN);
+    seen.or(sensors.first()).map(|sensor| sensor.channel.clone()).into_iter().collect()
+}
+
+fn leaving_out(channels: &[String], route: Route) -> Request<'_> {
+    Request { channels, setup: None, start_s: 0.0, duration_s: None, route }
 }
 
 fn covalidate(case: &Case, channels: &[String], route: Route, console: &Console) -> anyhow::Result<CovalidationReport> {
-    let request = Request { channels, setup: None, start_s: 0.0, duration_s: None, route };
-    covalidate_case(case, &request, console)
+    covalidate_case(case, &leaving_out(channels, route), console)
 }
 
 /// What the model lacks: found, added, and the error falls.
