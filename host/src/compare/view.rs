@@ -44,7 +44,7 @@ impl ModelView {
     /// [`ViewError`] names the channel, or what is wrong with the matrices.
     pub fn of(assembly: &Assembly, sensors: &[Sensor]) -> Result<Self, ViewError> {
         let (basis, sensor_rows) = (assembly.modal_basis()?, assembly.sensor_rows(sensors)?);
-        let damped = assembly.damping.as_ref().map(|damping| DampedModes::of(&basis, damping)).transpose()?;
+        let damped = assembly.damped_modes(&basis)?;
         Ok(Self::of_basis(basis, damped, sensor_rows, assembly.sensing.delays_s(sensors)))
     }
 

@@ -135,9 +135,7 @@ impl<'a> Hanging<'a> {
     }
 
     fn fit(&self, state: &State) -> Option<Fit> {
-        let mut knobs = self.present.knobs.clone();
-        knobs.extend(state.knobs(self.problem, &state.effects, state.effects.len() - 1, &[])?);
-        self.problem.fit(state.effects.clone(), &knobs, &state.numbers, Some(state)).ok()
+        self.problem.fit_with_one_more(self.present, state)
     }
 
     /// From several places and numbers.

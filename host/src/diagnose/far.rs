@@ -3,7 +3,6 @@
 //!
 //! Every kind is tried at values spread over its range, at places spread over the structure; the best of them are fitted.
 
-use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::candidates::Candidate;
@@ -11,7 +10,7 @@ use super::fit::Fit;
 use super::problem::Problem;
 use super::score::shows_by_derivative;
 use super::search::{Found, Options};
-use super::state::{Loss, State};
+use super::state::{LEAST_LIKENESS, Loss, State};
 use crate::compare::pair_above;
 use crate::model::effect::{EffectKind, KINDS, Parameter, Place, Prior, Where};
 
@@ -28,8 +27,6 @@ const FITTED: usize = 4;
 const NEAR_ONE: f64 = 0.5;
 /// A channel says what it is multiplied with in modes in which it moves by this share of the others' mean.
 const MOVES: f64 = 0.3;
-/// Every measured mode is to find a partner.
-const LEAST_LIKENESS: f64 = 1e-6;
 
 impl Problem {
     /// Every kind, fitted from values far off those at which it does nothing.
@@ -85,8 +82,7 @@ struct Start {
 
 impl<'a> Far<'a> {
     fn of(problem: &'a Problem, present: &'a Fit) -> Option<Self> {
-        let straight = DVector::zeros(problem.background.size());
-        let given = problem.state(present.state.effects.clone(), straight, None).ok()?;
+        let given = problem.state_without_scatter(&present.state.effects).ok()?;
         let factors = problem.factors(&given);
         Some(Self { problem, present, given, factors })
     }
@@ -103,10 +99,7 @@ impl<'a> Far<'a> {
     }
 
     fn fit(&self, start: &Start, hypotheses: usize) -> Option<Found> {
-        let state = &start.state;
-        let mut knobs = self.present.knobs.clone();
-        knobs.extend(state.knobs(self.problem, &state.effects, state.effects.len() - 1, &[])?);
-        let fit = self.problem.fit(state.effects.clone(), &knobs, &state.numbers, Some(state)).ok()?;
+        let fit = self.problem.fit_with_one_more(self.present, &start.state)?;
         let gain = fit.log_evidence() - self.present.log_evidence();
         Some(Found {
             kind: start.kind,

@@ -81,9 +81,16 @@ impl Problem {
         self.finish(state, knobs.to_vec(), jacobian)
     }
 
+    /// Fits a state with one effect more than `present`, from the values and the scatter that it has.
+    pub(super) fn fit_with_one_more(&self, present: &Fit, state: &State) -> Option<Fit> {
+        let mut knobs = present.knobs.clone();
+        knobs.extend(state.knobs(self, &state.effects, state.effects.len() - 1, &[])?);
+        self.fit(state.effects.clone(), &knobs, &state.numbers, Some(state)).ok()
+    }
+
     /// The model of a fit without its scatter, from where the effects of a search are linearised a second time.
     pub(super) fn without_scatter(&self, fit: &Fit) -> Result<Fit, String> {
-        let state = self.state(fit.state.effects.clone(), fit.state.numbers.map(|_| 0.0), None)?;
+        let state = self.state_without_scatter(&fit.state.effects)?;
         let jacobian = self.jacobian(&state, &fit.knobs)?;
         self.finish(state, fit.knobs.clone(), jacobian)
     }

@@ -3,7 +3,7 @@
 //! Misfit falls with every effect that is added, right or wrong; the error on what was left out falls only with what is true
 //! of the structure.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -50,11 +50,6 @@ fn is_predictable(problem: &Problem, fit: &Fit, sensor: usize) -> bool {
     })
 }
 
-/// The model of a fit without its scatter.
-fn without_scatter(problem: &Problem, effects: &[Effect]) -> Option<State> {
-    problem.state(effects.to_vec(), DVector::zeros(problem.background.size()), None).ok()
-}
-
 fn refitted(problem: &Problem, fit: &Fit) -> Option<Vec<Effect>> {
     if fit.knobs.is_empty() {
         return Some(fit.effects().to_vec());
@@ -68,7 +63,7 @@ fn refitted(problem: &Problem, fit: &Fit) -> Option<Vec<Effect>> {
 /// Lei, Wang, Shen (2012), mode by mode, which few sensors determine better than all modes at once.
 fn sensor_squares(problem: &Problem, fit: &Fit, sensor: usize) -> Option<(f64, f64)> {
     let effects = refitted(&problem.without_sensors(&[sensor]), fit)?;
-    let state = without_scatter(problem, &effects)?;
+    let state = problem.state_without_scatter(&effects).ok()?;
     total((0..problem.measured().len()).filter_map(|mode| squares(problem, &state, mode, sensor)))
 }
 
@@ -76,7 +71,7 @@ fn sensor_squares(problem: &Problem, fit: &Fit, sensor: usize) -> Option<(f64, f
 fn own_squares(problem: &Problem, fit: &Fit, sensor: usize) -> Option<(f64, f64)> {
     let of_mode = |mode: usize| {
         let effects = refitted(&problem.without_mode(mode)?, fit)?;
-        squares(problem, &without_scatter(problem, &effects)?, mode, sensor)
+        squares(problem, &problem.state_without_scatter(&effects).ok()?, mode, sensor)
     };
     total((0..problem.measured().len()).filter_map(of_mode))
 }
@@ -105,6 +100,6 @@ fn total(squares: impl Iterator<Item = (f64, f64)>) -> Option<(f64, f64)> {
 /// Relative error of the frequency of a mode that was left out.
 fn mode_error(problem: &Problem, fit: &Fit, mode: usize) -> Option<f64> {
     let effects = refitted(&problem.without_mode(mode)?, fit)?;
-    let state = without_scatter(problem, &effects)?;
+    let state = problem.state_without_scatter(&effects).ok()?;
     Some((state.frequency_of(mode)? / problem.measured[mode].frequency_hz - 1.0).abs())
 }

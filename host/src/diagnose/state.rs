@@ -9,7 +9,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, RowDVector};
 use super::problem::Problem;
 use crate::compare::{ModelView, Pair, Residual, pair_above};
 use crate::model::effect::{Effect, Prior, Where};
-use crate::model::{Assembly, Change, DampedModes, ModeDerivative, Structure};
+use crate::model::{Assembly, Change, ModeDerivative, Structure};
 
 /// A model held against the measurement.
 pub(super) struct State {
@@ -49,7 +49,7 @@ pub(super) struct State {
 
 /// Likeness below this pairs nothing; every measured mode must find a partner, or values of effects could shake off what
 /// they do not explain.
-const LEAST_LIKENESS: f64 = 1e-6;
+pub(super) const LEAST_LIKENESS: f64 = 1e-6;
 /// Shapes of neighbouring modes mix by what neither the model nor the identification controls: directions that the tables
 /// give to a degree, supports that are not quite alike. A coupling of this share of the stiffness turns modes that differ by
 /// d in ln f by this over 2 d.
@@ -85,8 +85,7 @@ impl Problem {
             None => assembly.modal_basis().map_err(|error| error.to_string())?,
         };
         let delays_s = assembly.sensing.delays_s(&self.sensors);
-        let damped = assembly.damping.as_ref().map(|damping| DampedModes::of(&basis, damping)).transpose();
-        let damped = damped.map_err(|error| error.to_string())?;
+        let damped = assembly.damped_modes(&basis).map_err(|error| error.to_string())?;
         let view = ModelView::of_basis(basis, damped, rows, delays_s.clone());
         let measured = self.seen_by(&structure);
         let pairs = pair_above(&view, measured, LEAST_LIKENESS);
@@ -143,6 +142,11 @@ impl Problem {
         } else {
             Err("a difference is no finite number".to_owned())
         }
+    }
+
+    /// The model with effects as it is given, nothing scattered.
+    pub(super) fn state_without_scatter(&self, effects: &[Effect]) -> Result<State, String> {
+        self.state(effects.to_vec(), DVector::zeros(self.background.size()), None)
     }
 
     /// A block's covariance with the mixing of neighbouring modes.
@@ -592,7 +596,7 @@ impl Problem {
 
     fn reference(&self) -> Option<&Reference> {
         let make = || {
-            let state = self.state(Vec::new(), DVector::zeros(self.background.size()), None).ok()?;
+            let state = self.state_without_scatter(&[]).ok()?;
             Some(Reference { state, typical: Mutex::default() })
         };
         self.reference.get_or_init(make).as_ref()

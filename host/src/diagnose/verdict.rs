@@ -11,6 +11,7 @@ use super::score::Scored;
 use super::search::{Found, Options, Searched};
 use super::settle::next_measurement;
 use super::signals::{Signal, Signals, all_shown, shown};
+use super::state::State;
 use crate::compare::{exceeding, levels};
 use crate::measured::MeasuredMode;
 use crate::model::effect::{Effect, Where};
@@ -381,7 +382,7 @@ fn sensor_squares(problem: &Problem, block: &crate::compare::Block) -> Vec<(usiz
 
 fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
     // Errors without the scatter that a fit allows itself, as `belfry compare` shows them.
-    let plain = |fit: &Fit| problem.without_scatter(fit).ok();
+    let plain = |fit: &Fit| problem.state_without_scatter(&fit.state.effects).ok();
     let (plain_present, plain_best) = (plain(present), plain(best));
     let block_of = |fit: &Fit, measured: usize| -> (f64, Vec<(usize, f64)>) {
         fit.state.residual.block_of(measured).map_or((0.0, Vec::new()), |(first, block)| {
@@ -393,7 +394,7 @@ fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
         .iter()
         .enumerate()
         .map(|(index, mode)| {
-            let error = |fit: &Option<Fit>| Some(error_percent(fit.as_ref()?.state.frequency_of(index)?, mode));
+            let error = |plain: &Option<State>| Some(error_percent(plain.as_ref()?.frequency_of(index)?, mode));
             let ((chi_squared_before, before), (chi_squared_after, after)) =
                 (block_of(present, index), block_of(best, index));
             let gains = before.iter().filter_map(|(sensor, square)| {

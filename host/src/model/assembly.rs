@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector};
 
 use super::DOFS_A_NODE;
 use super::beam::{BeamTable, Segment};
+use super::damped::DampedModes;
 use super::effect::{Custom, Effect, EffectError};
 use super::eigen::{EigenError, ModalBasis, Modes};
 use super::element::{DOFS_A_SEGMENT, Kink, geometric_stiffness, hinged, scatter, stiffness};
@@ -586,6 +587,14 @@ impl Assembly {
     /// As [`Assembly::modes`].
     pub fn modal_basis(&self) -> Result<ModalBasis, EigenError> {
         ModalBasis::of(&self.stiffness, &self.mass)
+    }
+
+    /// Its damped modes, where dashpots hang on it; `basis` is that of K and M.
+    ///
+    /// # Errors
+    /// As [`Assembly::modes`].
+    pub fn damped_modes(&self, basis: &ModalBasis) -> Result<Option<DampedModes>, EigenError> {
+        self.damping.as_ref().map(|damping| DampedModes::of(basis, damping)).transpose()
     }
 
     /// Motion of the axis at a height, 5 x DOFs: rows `ux, uy, rx, ry, rz`. Between nodes the element's own shape
