@@ -1,13 +1,16 @@
 //! The search for a tuned mass damper, which no derivative at the present model leads to: it adds modes.
 //!
-//! Modes that move like others near them, or that are damped far more than the rest, say where it is tuned to and how heavy it
-//! is; from there its numbers are fitted like those of any effect.
+//! Modes that move like others near them, modes of one pair that are further apart than the model's, or modes that are damped
+//! far more than the rest, say where it is tuned to and how heavy it is; from there its numbers are fitted like those of any
+//! effect.
+
+use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
 use super::fit::Fit;
-use super::problem::Problem;
-use super::search::{Found, NEAR};
+use super::problem::{Problem, TWIN_WITHIN};
+use super::search::{AtHeight, Found, HeightSpread, NEAR};
 use super::state::{Loss, State};
 use crate::model::effect::{Effect, EffectKind, Where};
 
@@ -21,10 +24,22 @@ struct Clue {
     mass_ratio: f64,
 }
 
+impl Clue {
+    fn of_twins(mode: usize, mode_hz: f64, twin_hz: f64) -> Self {
+        // Tuned to the mode it splits by the root of the mass ratio (Den Hartog 1956, section 3.3).
+        let split = (mode_hz / twin_hz).ln();
+        Self { mode, frequency_hz: (mode_hz * twin_hz).sqrt(), mass_ratio: split * split }
+    }
+}
+
 /// A mode damped this many times as much as the middle one is worth a look.
 const DAMPED: f64 = 2.5;
 /// Dampers have about this share of a mode's mass.
 const MASS_RATIO: f64 = 0.01;
+/// Modes that lie this close together in the model (ln f) are a pair: round and square structures have them.
+const PAIR: f64 = 0.1;
+/// A pair that is further apart than the model's by this (ln f) may be a pair of twins, each seen in one direction.
+const SPLIT: f64 = 0.03;
 /// Clues closer than this (ln f) are of one damper.
 const SAME: f64 = 0.15;
 const MOST_CLUES: usize = 2;
@@ -38,8 +53,14 @@ const FITTED: usize = 2;
 const MOVES: f64 = 0.02;
 /// Heights from which fits may start.
 const HEIGHTS: usize = 8;
-/// Another place that promises this much more evidence is fitted.
-const WORTH_A_FIT: f64 = 1.0;
+/// A damper is tuned to within this of what it acts on (ln f).
+const TUNED: f64 = 0.2;
+/// The best damping of one with a third of the mode's mass: `sqrt(3 mu / 8 (1 + mu))` (Den Hartog 1956, section 3.3).
+const MOST_DAMPING: f64 = 0.31;
+/// The first step from height to height is this share of all.
+const STEPS: usize = 4;
+/// Evidence that differs by less than this is alike.
+const ALIKE: f64 = 0.1;
 
 impl Problem {
     /// The damper that explains most, at its best place or at `place`; `None` where nothing hints at one.
@@ -49,12 +70,13 @@ impl Problem {
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
     ) -> Option<Found> {
-        let found = self.clues().into_iter().filter_map(|clue| Hanging::of(self, present, kind, clue, place)?.found());
+        let found =
+            self.clues(present).into_iter().filter_map(|clue| Hanging::of(self, present, kind, clue, place)?.found());
         found.max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor))
     }
 
-    /// Twins first, then modes that are damped much.
-    fn clues(&self) -> Vec<Clue> {
+    /// Twins first, then modes of a pair that are apart, then modes that are damped much.
+    fn clues(&self, present: &Fit) -> Vec<Clue> {
         let mut clues: Vec<Clue> = Vec::new();
         let mut add = |clue: Clue| {
             if clues.iter().all(|other| (clue.frequency_hz / other.frequency_hz).ln().abs() > SAME) {
@@ -70,10 +92,19 @@ impl Problem {
             };
             let like = (0..self.paired).filter_map(likeness).max_by(|a, b| a.1.total_cmp(&b.1));
             if let Some((mode, _)) = like {
-                let other_hz = self.measured[mode].frequency_hz;
-                // Tuned to the mode it splits by the root of the mass ratio (Den Hartog 1956, section 3.3).
-                let split = (twin.frequency_hz / other_hz).ln();
-                add(Clue { mode, frequency_hz: (twin.frequency_hz * other_hz).sqrt(), mass_ratio: split * split });
+                add(Clue::of_twins(mode, self.measured[mode].frequency_hz, twin.frequency_hz));
+            }
+        }
+        // Identification may merge the two modes of a pair on either side of the split: none is left without a partner then.
+        for mode in 0..self.paired {
+            for other in 0..mode {
+                let [mode_hz, other_hz] = [mode, other].map(|mode| self.measured[mode].frequency_hz);
+                let [model_hz, other_model_hz] = [mode, other].map(|mode| present.state.frequency_of(mode));
+                let (Some(model_hz), Some(other_model_hz)) = (model_hz, other_model_hz) else { continue };
+                let (apart, in_model) = ((mode_hz / other_hz).ln().abs(), (model_hz / other_model_hz).ln().abs());
+                if in_model < PAIR && apart > in_model + SPLIT && apart < TWIN_WITHIN {
+                    add(Clue::of_twins(mode, mode_hz, other_hz));
+                }
             }
         }
         let ratio = |mode: usize| self.measured[mode].damping_ratio.unwrap_or(0.0);
@@ -171,49 +202,104 @@ impl<'a> Hanging<'a> {
         self.state(z_m, &values, fit)
     }
 
+    /// From height to height while the evidence rises, in steps that get shorter; the best fit, and all by index of the
+    /// place.
+    fn climb(&self, first: Fit) -> Option<(Fit, BTreeMap<usize, AtHeight>)> {
+        let first_m = damper_height_m(&first)?;
+        let mut at = self.places.iter().position(|place| place.0 == first_m)?;
+        let mut best = first;
+        let mut known = BTreeMap::from([(at, AtHeight::of(&best)?)]);
+        let mut step = self.places.len().div_ceil(STEPS);
+        loop {
+            let beside = [at.saturating_sub(step), (at + step).min(self.places.len() - 1)];
+            let next: Vec<usize> = beside.into_iter().filter(|index| !known.contains_key(index)).collect();
+            let fits: Vec<(usize, Fit)> = next
+                .par_iter()
+                .filter_map(|&index| Some((index, self.fit(&self.moved(&best, self.places[index])?)?)))
+                .collect();
+            known.extend(fits.iter().filter_map(|(index, fit)| Some((*index, AtHeight::of(fit)?))));
+            let higher = fits.into_iter().max_by(|a, b| a.1.log_evidence().total_cmp(&b.1.log_evidence()));
+            let reached = best.log_evidence();
+            match higher.filter(|(_, fit)| fit.log_evidence() > reached) {
+                Some(higher) => (at, best) = higher,
+                None => {
+                    let is_alike =
+                        |index: &usize| known.get(index).is_some_and(|known| reached - known.log_evidence < ALIKE);
+                    if step == 1 || beside.iter().all(is_alike) {
+                        return Some((best, known));
+                    }
+                    step = step.div_ceil(2);
+                }
+            }
+        }
+    }
+
+    /// Whether a fit's damper moves with what hinted at it: far from there, or held by a stiff dashpot, it is a mass and a
+    /// spring that explain something else.
+    fn is_tuned(&self, fit: &Fit) -> bool {
+        match damper_values(fit)[..] {
+            [_, frequency_hz, damping_ratio, ..] => {
+                (frequency_hz / self.clue.frequency_hz).ln().abs() < TUNED && damping_ratio < MOST_DAMPING
+            }
+            _ => false,
+        }
+    }
+
     fn found(&self) -> Option<Found> {
-        let mut best = self.best_of_starts()?;
-        let first = damper_height_m(&best)?;
-        let cost = |state: &State| 0.5 * (state.misfit(Loss::Robust) + state.numbers.norm_squared());
-        let reference = cost(&best.state);
-        // What evidence it has elsewhere, below that of the best: what the move costs stands for a fit.
-        let mut below: Vec<(f64, f64)> = self
-            .places
-            .par_iter()
-            .filter_map(|&place| match place.0 == first {
-                true => Some((place.0, 0.0)),
-                false => Some((place.0, cost(&self.moved(&best, place)?) - reference)),
-            })
-            .collect();
-        let promising = below.iter().min_by(|a, b| a.1.total_cmp(&b.1)).filter(|place| place.1 < -WORTH_A_FIT);
-        let place = promising.and_then(|promising| self.places.iter().find(|place| place.0 == promising.0));
-        if let Some(fit) = place.and_then(|&place| self.fit(&self.moved(&best, place)?))
-            && fit.log_evidence() > best.log_evidence()
-        {
-            let gain = fit.log_evidence() - best.log_evidence();
-            below.iter_mut().for_each(|place| place.1 += gain);
-            best = fit;
+        let (best, known) = self.climb(self.best_of_starts()?)?;
+        if !self.is_tuned(&best) {
+            return None;
         }
         let best_m = damper_height_m(&best)?;
-        let here = |z_m: f64| z_m == best_m;
-        for place in &mut below {
-            place.1 = if here(place.0) { 0.0 } else { place.1.max(0.0) };
-        }
-        let sum: f64 = below.iter().map(|(_, below)| (-below).exp()).sum();
+        let reached = best.log_evidence();
+        let below: Vec<(f64, f64)> = self
+            .places
+            .iter()
+            .enumerate()
+            .map(|(index, place)| (place.0, reached - between(&known, index, &|known| known.log_evidence)))
+            .collect();
+        let weights: Vec<f64> = below.iter().map(|(_, below)| (-below).exp()).collect();
+        let sum: f64 = weights.iter().sum();
+        // Within its step of the grid it may be anywhere.
+        let step_m = match (self.places.first(), self.places.last()) {
+            (Some(first), Some(last)) => (last.0 - first.0) / (self.places.len().max(2) - 1) as f64,
+            _ => 0.0,
+        };
+        let mean_square = |at: &dyn Fn(usize) -> f64| -> f64 {
+            weights.iter().enumerate().map(|(index, weight)| weight * at(index).powi(2)).sum::<f64>() / sum
+        };
+        let std_m = mean_square(&|index| self.places[index].0 - best_m).sqrt().hypot(step_m / 12.0_f64.sqrt());
+        let best_values = damper_values(&best);
+        let spread = |(parameter, here): (usize, &f64)| {
+            let there = |known: &AtHeight| known.values.get(parameter).copied().unwrap_or(*here);
+            mean_square(&|index| between(&known, index, &there) - here).sqrt()
+        };
+        let values = best_values.iter().enumerate().map(spread).collect();
         // The lowest and the highest place that do nearly as well say between which it hangs.
         let alike = |place: &&(f64, f64)| place.1 < NEAR;
         let ends = [below.iter().find(alike), below.iter().rev().find(alike)];
-        let near = ends.into_iter().flatten().filter(|place| !here(place.0));
+        let near = ends.into_iter().flatten().filter(|place| place.0 != best_m);
         let near = near.map(|&(z_m, below)| (Where::Height(z_m), below)).collect();
-        let gain = best.log_evidence() - self.present.log_evidence();
         Some(Found {
             kind: self.kind,
             fit: best,
-            log_bayes_factor: gain + (sum / self.heights as f64).ln(),
+            log_bayes_factor: reached - self.present.log_evidence() + (sum / self.heights as f64).ln(),
             near,
-            place_std_m: None,
+            height: (self.places.len() > 1).then_some(HeightSpread { std_m, values }),
             known: Vec::new(),
         })
+    }
+}
+
+/// A value at an index, on the straight line between the nearest that are known; beyond them, the nearest.
+fn between(known: &BTreeMap<usize, AtHeight>, index: usize, value: &dyn Fn(&AtHeight) -> f64) -> f64 {
+    let (low, high) = (known.range(..=index).next_back(), known.range(index..).next());
+    match (low, high) {
+        (Some((low, at_low)), Some((high, at_high))) if low < high => {
+            let share = (index - low) as f64 / (high - low) as f64;
+            value(at_low) + share * (value(at_high) - value(at_low))
+        }
+        _ => low.or(high).map_or(0.0, |(_, at)| value(at)),
     }
 }
 

@@ -106,7 +106,7 @@ impl<'a> Far<'a> {
             fit,
             log_bayes_factor: gain - (hypotheses.max(1) as f64).ln(),
             near: Vec::new(),
-            place_std_m: None,
+            height: None,
             known: Vec::new(),
         })
     }

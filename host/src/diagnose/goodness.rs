@@ -42,7 +42,7 @@ impl Fit {
     }
 
     /// Whether it fits where `present` does not: all modes, or all but one that stays far off, as identification may get one
-    /// wrong, where nine tenths of what the others left are gone.
+    /// wrong, where nine tenths of what the others left beyond scatter are gone.
     pub(super) fn explains(&self, present: &Fit) -> bool {
         self.goodness_of_fit().p_value >= FAILS || self.odd_one(present).is_some()
     }
@@ -53,9 +53,14 @@ impl Fit {
             let blocks = fit.state.residual.blocks().filter(|(_, block)| block.measured != mode);
             blocks.map(|(first, block)| fit.state.modes.rows(first, block.size()).norm_squared()).sum()
         };
+        let scatter = |fit: &Fit, mode: usize| -> f64 {
+            let blocks = fit.state.residual.blocks().filter(|(_, block)| block.measured != mode);
+            blocks.map(|(_, block)| block.size() as f64).sum()
+        };
+        let beyond = |fit: &Fit, mode: usize| (left(fit, mode) - scatter(fit, mode)).max(0.0);
         let modes = self.state.pairs.len();
         let worst = (0..modes).min_by(|&a, &b| left(self, a).total_cmp(&left(self, b)))?;
-        let is_enough = modes >= LEAST_MODES && left(self, worst) < LEFT * left(present, worst);
+        let is_enough = modes >= LEAST_MODES && beyond(self, worst) < LEFT * beyond(present, worst);
         let fits_but_for_it = || self.goodness_of_fit().p_value < FAILS && self.tests(Some(worst)).p_value >= FAILS;
         (is_enough && fits_but_for_it()).then_some(worst)
     }
@@ -133,7 +138,7 @@ impl Fit {
 
 /// One mode of fewer than this may not stay off.
 const LEAST_MODES: usize = 8;
-/// Share of the other modes' squared differences that may be left then.
+/// Share of the other modes' squared differences beyond scatter that may be left then.
 const LEFT: f64 = 0.1;
 /// Where data see less than this of a scatter's variance there is nothing to test.
 const LEAST_SCATTER: f64 = 0.5;

@@ -2,7 +2,7 @@
 
 use super::fit::Fit;
 use super::problem::Problem;
-use super::search::{Found, NEAR};
+use super::search::{AtHeight, Found, HeightSpread, NEAR};
 use crate::model::effect::Where;
 
 /// Steps to a neighbouring place of the grid.
@@ -29,7 +29,7 @@ impl Problem {
             let Some(fit) = self.fit_at(&around.best.1, z_m) else { break };
             around.insert(z_m, fit);
         }
-        found.place_std_m = around.std_m();
+        found.height = around.spread();
         let (z_m, best) = around.best;
         let gain = best.log_evidence() - before;
         if gain > 0.0 {
@@ -55,10 +55,10 @@ impl Problem {
         grid.retain(|z_m| (z_m - start_m).abs() > SAME_PLACE_M);
         let mut at = grid.partition_point(|&z_m| z_m < start_m);
         grid.insert(at, start_m);
-        let known_at = |z_m: f64| found.known.iter().find(|known| (known.0 - z_m).abs() < SAME_PLACE_M);
-        let mut known: Vec<Option<f64>> = grid.iter().map(|&z_m| known_at(z_m).map(|known| known.1)).collect();
+        let known_at = |z_m: f64| found.known.iter().find(|known| (known.z_m - z_m).abs() < SAME_PLACE_M);
+        let mut known: Vec<Option<AtHeight>> = grid.iter().map(|&z_m| known_at(z_m).cloned()).collect();
         let mut best = self.fit_at(&found.fit, start_m)?;
-        known[at] = Some(best.log_evidence());
+        known[at] = AtHeight::of(&best);
         for _ in 0..MOST_STEPS {
             let mut next: Option<(usize, Fit)> = None;
             for other in [at.wrapping_sub(1), at + 1].into_iter().filter(|&other| other < grid.len()) {
@@ -66,7 +66,7 @@ impl Problem {
                     continue;
                 }
                 let Some(fit) = self.fit_at(&best, grid[other]) else { continue };
-                known[other] = Some(fit.log_evidence());
+                known[other] = AtHeight::of(&fit);
                 if fit.log_evidence() > next.as_ref().map_or(best.log_evidence(), |next| next.1.log_evidence()) {
                     next = Some((other, fit));
                 }
@@ -76,7 +76,7 @@ impl Problem {
                 None => break,
             }
         }
-        let value = |index: usize| Some((*grid.get(index)?, (*known.get(index)?)?));
+        let value = |index: usize| known.get(index)?.clone();
         Some(Around { best: (grid[at], best), low: value(at.wrapping_sub(1)), high: value(at + 1) })
     }
 }
@@ -84,14 +84,20 @@ impl Problem {
 /// The best height so far, with one on each side that is no better.
 struct Around {
     best: (f64, Fit),
-    low: Option<(f64, f64)>,
-    high: Option<(f64, f64)>,
+    low: Option<AtHeight>,
+    high: Option<AtHeight>,
 }
 
 impl Around {
+    /// Heights and evidence on both sides.
+    fn ends(&self) -> Option<((f64, f64), (f64, f64))> {
+        let pair = |at: &AtHeight| (at.z_m, at.log_evidence);
+        Some((pair(self.low.as_ref()?), pair(self.high.as_ref()?)))
+    }
+
     /// The parabola through the three: its top, and its curvature there.
     fn parabola(&self) -> Option<(f64, f64)> {
-        let ((low_m, low), (high_m, high)) = (self.low?, self.high?);
+        let ((low_m, low), (high_m, high)) = self.ends()?;
         let (at_m, at) = (self.best.0, self.best.1.log_evidence());
         let (left, right) = ((at - low) / (at_m - low_m), (high - at) / (high_m - at_m));
         let curvature = 2.0 * (right - left) / (high_m - low_m);
@@ -101,7 +107,7 @@ impl Around {
 
     /// The height to look at next; `None` where nothing more is gained.
     fn next_m(&self) -> Option<f64> {
-        let ((low_m, low), (high_m, high)) = (self.low?, self.high?);
+        let ((low_m, low), (high_m, high)) = self.ends()?;
         let (at_m, at) = (self.best.0, self.best.1.log_evidence());
         if at - low.max(high) < ALIKE {
             return None;
@@ -119,10 +125,9 @@ impl Around {
     }
 
     fn insert(&mut self, z_m: f64, fit: Fit) {
-        let evidence = fit.log_evidence();
         let is_above = z_m > self.best.0;
-        if evidence > self.best.1.log_evidence() {
-            let known = Some((self.best.0, self.best.1.log_evidence()));
+        if fit.log_evidence() > self.best.1.log_evidence() {
+            let known = AtHeight::of(&self.best.1);
             if is_above {
                 self.low = known
             } else {
@@ -130,14 +135,20 @@ impl Around {
             }
             self.best = (z_m, fit);
         } else if is_above {
-            self.high = Some((z_m, evidence));
+            self.high = AtHeight::of(&fit);
         } else {
-            self.low = Some((z_m, evidence));
+            self.low = AtHeight::of(&fit);
         }
     }
 
     /// Of the height, by the curvature of the evidence; `None` at an end of the structure, or where it is flat.
-    fn std_m(&self) -> Option<f64> {
-        self.parabola().map(|(_, curvature)| (-curvature).recip().sqrt()).filter(|std| std.is_finite())
+    fn spread(&self) -> Option<HeightSpread> {
+        let std_m = self.parabola().map(|(_, curvature)| (-curvature).recip().sqrt()).filter(|std| std.is_finite())?;
+        let (low, high) = (self.low.as_ref()?, self.high.as_ref()?);
+        let across = |(low_value, high_value): (&f64, &f64)| (high_value - low_value).abs() / (high.z_m - low.z_m);
+        Some(HeightSpread {
+            std_m,
+            values: low.values.iter().zip(&high.values).map(across).map(|per_m| per_m * std_m).collect(),
+        })
     }
 }

@@ -131,10 +131,8 @@ impl Problem {
     ) -> Result<Self, DiagnoseError> {
         let structure = bare.clone().and(effects)?;
         let view = ModelView::of(&structure.assemble(), sensors)?;
-        let is_forced = |mode: &&MeasuredMode| {
-            structure.forced_hz.iter().all(|forced_hz| (mode.frequency_hz / forced_hz - 1.0).abs() > FORCED)
-        };
-        let measured: Vec<MeasuredMode> = measured.iter().filter(is_forced).cloned().collect();
+        let is_free = |mode: &&MeasuredMode| structure.forced_hz.iter().all(|forced_hz| !is_forced(mode, *forced_hz));
+        let measured: Vec<MeasuredMode> = measured.iter().filter(is_free).cloned().collect();
         let (measured, complex): (Vec<_>, Vec<_>) =
             measured.into_iter().partition(|mode| has_real_shape(mode, sensors));
         let pairs = pair(&view, &measured);
@@ -219,6 +217,12 @@ impl Problem {
         Some(other)
     }
 
+    /// The same without the modes that a forced line makes or moves; `None` where there are none, or no others.
+    pub(super) fn without_forced(&self, forced_hz: f64) -> Option<Self> {
+        let spoilt = (0..self.paired).rev().filter(|&mode| is_forced(&self.measured[mode], forced_hz));
+        spoilt.fold(None, |rest: Option<Self>, mode| rest.as_ref().unwrap_or(self).without_mode(mode))
+    }
+
     /// The same without what certain sensors saw.
     pub(super) fn without_sensors(&self, sensors: &[usize]) -> Self {
         let mut other = self.clone();
@@ -266,8 +270,9 @@ fn has_real_shape(mode: &MeasuredMode, sensors: &[Sensor]) -> bool {
     of_node(None) - worst < COMPLEX * whole
 }
 
-/// A twin's frequency differs by less than this (ln f), and this share of its shape is that of modes that have a partner.
-const TWIN_WITHIN: f64 = 0.3;
+/// A twin's frequency differs by less than this (ln f), as a damper of a fifth of the mode's mass makes it.
+pub(super) const TWIN_WITHIN: f64 = 0.45;
+/// This share of a twin's shape is that of modes that have a partner.
 const LIKE_A_TWIN: f64 = 0.8;
 
 /// Whether a mode moves as others near it do, so that a damper could have made two of one.
@@ -290,8 +295,12 @@ fn is_twin(mode: &MeasuredMode, paired: &[MeasuredMode]) -> bool {
     })
 }
 
-/// A mode within this share of a frequency that drives the structure is none.
-const FORCED: f64 = 0.01;
+/// A mode within this share of a frequency that drives the structure is none, or has the line in its peak, which moves it.
+const FORCED: f64 = 0.05;
+
+fn is_forced(mode: &MeasuredMode, forced_hz: f64) -> bool {
+    (mode.frequency_hz / forced_hz - 1.0).abs() < FORCED
+}
 
 /// Which of `count` belong together: chains of what is near.
 fn groups(count: usize, near: &dyn Fn(usize, usize) -> bool) -> Vec<Vec<usize>> {

@@ -33,10 +33,43 @@ pub(super) struct Found {
     pub(super) log_bayes_factor: f64,
     /// Other places that explain nearly as much: the logarithm of their evidence below that of the best.
     pub(super) near: Vec<(Where, f64)>,
-    /// Standard deviation of its height in m, where it may be at any.
-    pub(super) place_std_m: Option<f64>,
-    /// Heights that were fitted, and the logarithm of their evidence.
-    pub(super) known: Vec<(f64, f64)>,
+    /// How sure its height is, where it may be at any.
+    pub(super) height: Option<HeightSpread>,
+    /// Heights that were fitted.
+    pub(super) known: Vec<AtHeight>,
+}
+
+/// How sure a height is, and what that makes of the values.
+#[derive(Debug, Clone)]
+pub(super) struct HeightSpread {
+    /// Standard deviation of the height in m.
+    pub(super) std_m: f64,
+    /// Standard deviations of the parameters' values that come of it.
+    pub(super) values: Vec<f64>,
+}
+
+/// What a fit with the effect at a height came to.
+#[derive(Debug, Clone)]
+pub(super) struct AtHeight {
+    pub(super) z_m: f64,
+    pub(super) log_evidence: f64,
+    /// Of the effect's parameters.
+    pub(super) values: Vec<f64>,
+}
+
+impl AtHeight {
+    /// Of a fit's last effect, which is at a height.
+    pub(super) fn of(fit: &Fit) -> Option<Self> {
+        let effect = fit.state.effects.last()?;
+        match effect.place() {
+            Some(Where::Height(z_m)) => Some(Self {
+                z_m: *z_m,
+                log_evidence: fit.log_evidence(),
+                values: effect.parameters().map(|(_, value)| value).collect(),
+            }),
+            _ => None,
+        }
+    }
 }
 
 impl Found {
@@ -211,9 +244,8 @@ impl Problem {
     /// Settles where the best of those at a height are.
     fn settle_places(&self, found: &mut [Found]) {
         let best = found.first().map_or(0.0, |best| best.log_bayes_factor);
-        let contends = |found: &&mut Found| {
-            found.place_std_m.is_none() && found.log_bayes_factor > best - NEAR.max(CONTENDS * best)
-        };
+        let contends =
+            |found: &&mut Found| found.height.is_none() && found.log_bayes_factor > best - NEAR.max(CONTENDS * best);
         found.iter_mut().filter(contends).take(SETTLED).collect::<Vec<_>>().into_par_iter().for_each(|found| {
             if found.kind.evidence() != Evidence::TwinPeaks {
                 self.settle_place(found);
@@ -335,10 +367,10 @@ impl Problem {
         let known = fits
             .iter()
             .filter(|(index, _)| scored[*index].candidate.parameters == scored[fits[0].0].candidate.parameters)
-            .filter_map(|(index, fit)| Some((scored[*index].candidate.z_m()?, fit.log_evidence())))
+            .filter_map(|(_, fit)| AtHeight::of(fit))
             .collect();
         let fit = fits.swap_remove(0).1;
-        Some(Found { kind: scored[0].candidate.kind, fit, log_bayes_factor, near, place_std_m: None, known })
+        Some(Found { kind: scored[0].candidate.kind, fit, log_bayes_factor, near, height: None, known })
     }
 
     /// Refits one candidate, from the values of the linear step and from those of a fit near by, from `most` starts.

@@ -227,10 +227,49 @@ fn a_tuned_mass_damper_is_found_by_its_twins() {
     assert!((value("damping_ratio").value - 0.05).abs() < 0.03, "{:?}", found.parameters);
     // Mass and height go together: it is the mass at the mode that shows.
     assert!((1.5e6..6e6).contains(&value("mass").value), "{:?}", found.parameters);
+    // Elsewhere it would have another mass: both say how sure they are.
+    let z_m: f64 = found.r#where.as_ref().unwrap().trim_end_matches('m').parse().unwrap();
+    assert!((z_m - 420.0).abs() < 3.0 * found.where_std_m.unwrap(), "{z_m} ± {:?} m", found.where_std_m);
+    let mass = value("mass");
+    assert!((mass.value - 3e6).abs() < 3.0 * mass.std.unwrap(), "{mass:?}");
     // In the model, all of the modes have a partner.
     let added: Effect = format!("{}=mass=3e6,frequency=0.11,damping_ratio=0.05", found.name()).parse().unwrap();
     let problem = Problem::new(structure, &[added], &model, &sensors, &modes).unwrap();
     assert!(problem.unpaired.is_empty() && problem.measured().len() == modes.len());
+}
+
+/// The tower with one stiffness for both directions of bending.
+fn round_tower() -> Structure {
+    let mut lines = template::CANTON_BEAM.lines();
+    let round = |line: &str| {
+        let mut cells: Vec<&str> = line.split(',').collect();
+        cells[3] = cells[2];
+        cells.join(",")
+    };
+    let head = lines.next().unwrap().to_owned();
+    let table = std::iter::once(head).chain(lines.map(round)).collect::<Vec<_>>().join("\n");
+    Structure::new(BeamTable::from_reader(table.as_bytes(), Path::new("beam.csv")).unwrap())
+}
+
+/// On a round tower a damper splits both modes of a pair. Where identification merges the two on either side, each finds a
+/// partner in the model's pair, and only how far they are apart speaks of a damper.
+#[test]
+fn a_damper_is_found_by_a_pair_that_is_apart() {
+    let (_, model, sensors) = study();
+    let structure = round_tower();
+    let word = "tuned-mass-damper@420m=mass=3e6,frequency=0.12,damping_ratio=0.02";
+    let truth = scattered(&structure, &model, 0.3, 62).and(&effects(&[word])).unwrap();
+    let mut modes = measured(&truth, &sensors, 15, &mut ChaCha8Rng::seed_from_u64(62));
+    let [low, other_low, high, other_high] = [0, 1, 2, 3].map(|index| modes[index].frequency_hz);
+    assert!((other_low / low).ln() < 0.05 && (other_high / high).ln() < 0.05 && (high / other_low).ln() > 0.08);
+    modes.remove(2);
+    modes.remove(1);
+    let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
+    assert!(problem.unpaired.is_empty());
+    let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
+    let found = &diagnosis.candidates[0];
+    assert_eq!((diagnosis.verdict, found.effect.as_str()), (Verdict::Effect, "tuned-mass-damper"), "{found:?}");
+    assert!((found.parameters[1].value / 0.12 - 1.0).abs() < 0.03, "{:?}", found.parameters);
 }
 
 /// The structure is stiffer than its model, where the only effect there can soften it.
@@ -348,6 +387,25 @@ fn effects_that_are_one_and_the_same_are_refused_together() {
     let error = setting.refit("add", &effects(&["base-rotation=1e-15", "p-delta=0.5"]));
     let error = error.err().map(|error| error.to_string()).unwrap();
     assert!(error.contains("2 measured numbers cannot determine the 2 parameters"), "{error}");
+}
+
+/// A line in a mode's peak moves what is identified there; without that mode the model fits, so the line is all that is wrong.
+#[test]
+fn a_forced_line_explains_the_mode_in_whose_peak_it_is() {
+    let (structure, model, sensors) = study();
+    let mut modes = measured(&structure, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(6));
+    modes[4].frequency_hz *= 0.97;
+    let line_hz = 0.99 * modes[4].frequency_hz;
+    let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
+    let with_line = |frequency_hz: f64| {
+        let signals =
+            format!(r#"{{"averages": 86, "harmonics": [{{"frequency_hz": {frequency_hz}, "kurtosis": 1.5}}]}}"#);
+        diagnose(&problem, &[], &serde_json::from_str(&signals).unwrap(), &Options::default()).unwrap()
+    };
+    let near = with_line(line_hz);
+    assert_eq!(near.verdict, Verdict::Effect, "{:?}", near.candidates.first());
+    assert!(near.best[0].starts_with("harmonic@"), "{:?}", near.best);
+    assert_eq!(with_line(1.2 * line_hz).verdict, Verdict::Unknown, "a line elsewhere explains nothing here");
 }
 
 #[test]

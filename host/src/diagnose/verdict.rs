@@ -102,7 +102,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
     let strongest = strongest.filter(|signal| signal.log_bayes_factor > STANDS_OUT);
     let above_modes = |signal: &&Signal| match modal {
         Verdict::Adequate => true,
-        Verdict::Unknown => false,
+        Verdict::Unknown => spoils_all(problem, present, signal),
         Verdict::Effect | Verdict::Ambiguous => {
             named.is_none_or(|named| signal.log_bayes_factor > named.log_bayes_factor)
         }
@@ -161,6 +161,14 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
     }
 }
 
+/// Whether a forced line is what is wrong: without the modes whose peaks it is in, the model fits.
+fn spoils_all(problem: &Problem, present: &Fit, signal: &Signal) -> bool {
+    let Some(Where::Frequency(forced_hz)) = signal.effect.place() else { return false };
+    let rest = problem.without_forced(*forced_hz);
+    let fit = rest.and_then(|rest| rest.present(present.effects()).ok());
+    fit.is_some_and(|fit| fit.goodness_of_fit().p_value >= FAILS)
+}
+
 /// Measured modes, or what of them, that a verdict does not rest on.
 fn what_takes_no_part(problem: &Problem) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -187,10 +195,18 @@ fn what_takes_no_part(problem: &Problem) -> Vec<String> {
 fn candidate_reports(found: &[Found], signals: &[Signal], first: Option<&String>) -> Vec<CandidateReport> {
     let near =
         |(place, below): &(Where, f64)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below };
-    let of_found = |found: &Found| CandidateReport {
-        near: found.near.iter().map(near).collect(),
-        where_std_m: found.place_std_m,
-        ..report(&found.fit, found.index(), Some(found.log_bayes_factor))
+    let of_found = |found: &Found| {
+        let mut candidate = CandidateReport {
+            near: found.near.iter().map(near).collect(),
+            where_std_m: found.height.as_ref().map(|height| height.std_m),
+            ..report(&found.fit, found.index(), Some(found.log_bayes_factor))
+        };
+        // Elsewhere it would have other values.
+        let spread = found.height.as_ref().map_or(&[][..], |height| &height.values);
+        for (parameter, spread) in candidate.parameters.iter_mut().zip(spread) {
+            parameter.std = parameter.std.map(|std| std.hypot(*spread));
+        }
+        candidate
     };
     let mut candidates: Vec<CandidateReport> =
         found.iter().map(of_found).chain(signals.iter().map(signal_report)).collect();
