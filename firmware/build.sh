@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Builds the firmware library for the sensor-node board (Cortex-M4F).
+# Builds the program of the sensor-node board (Cortex-M4F).
 # Uses rustup's target where it is installed (rustup target add thumbv7em-none-eabihf); otherwise Debian's Rust for
 # embedded targets (packages rustc-web, cargo-web, rust-web-src), which builds `core` from its source.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 target=thumbv7em-none-eabihf
-arguments=(--package belfry-firmware --lib --profile firmware --target "$target" "$@")
+arguments=(--package belfry-firmware --bin belfry-node --profile firmware --target "$target" "$@")
 
 if [ -d "$(rustc --print sysroot)/lib/rustlib/$target" ]; then
     exec cargo build "${arguments[@]}"

@@ -12,9 +12,16 @@ use crate::decimator::Decimator;
 use crate::spectrum::LONGEST_SEGMENT;
 
 /// Decimated samples kept: the longest segment, and the time until it is fetched.
-const RING: usize = LONGEST_SEGMENT + 32;
+const RING: usize = LONGEST_SEGMENT + 16;
+
+/// Every channel's decimated samples.
+pub(crate) type Rings = [[f32; RING]; MAX_CHANNELS];
+/// No samples.
+pub(crate) const fn empty_rings() -> Rings {
+    [[0.0; RING]; MAX_CHANNELS]
+}
 /// Separate faults remembered a channel; more are joined to the last.
-const MAX_FAULTS: usize = 8;
+const MAX_FAULTS: usize = 6;
 
 /// Decimated samples that a fault has spoilt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,10 +31,9 @@ struct Fault {
     state: ChannelState,
 }
 
-/// One channel's filter, history and faults.
+/// One channel's filter and faults.
 #[derive(Debug, Clone)]
 struct Channel {
-    ring: [f32; RING],
     decimator: Decimator,
     bias: Option<f32>,
     last_value: f32,
@@ -37,14 +43,8 @@ struct Channel {
 }
 
 impl Channel {
-    const START: Self = Self {
-        ring: [0.0; RING],
-        decimator: Decimator::START,
-        bias: None,
-        last_value: 0.0,
-        unchanged_since: 0,
-        faults: Vec::new(),
-    };
+    const START: Self =
+        Self { decimator: Decimator::START, bias: None, last_value: 0.0, unchanged_since: 0, faults: Vec::new() };
 
     fn restart(&mut self) {
         self.decimator = Decimator::START;
@@ -73,7 +73,7 @@ impl Channel {
     }
 }
 
-/// The node's recent past.
+/// The node's recent past, but for the samples themselves: those lie in [`Rings`].
 #[derive(Debug, Clone)]
 pub(crate) struct Acquisition {
     channels: [Channel; MAX_CHANNELS],
@@ -114,11 +114,18 @@ impl Acquisition {
 
     /// Takes a row of readings in m/s², the first `channels` of them; one that is missing or no number counts as missing.
     /// Returns whether a decimated sample was made.
-    pub(crate) fn push(&mut self, stages: &Stages, readings: &[f32], channels: usize, full_scale: f32) -> bool {
+    pub(crate) fn push(
+        &mut self,
+        rings: &mut Rings,
+        stages: &Stages,
+        readings: &[f32],
+        channels: usize,
+        full_scale: f32,
+    ) -> bool {
         let row = self.rows;
         self.rows += 1;
         let mut made = false;
-        for (index, channel) in self.channels.iter_mut().enumerate().take(channels) {
+        for (index, (channel, ring)) in self.channels.iter_mut().zip(rings).enumerate().take(channels) {
             let reading = readings.get(index).copied().filter(|reading| reading.is_finite());
             let fault = match reading {
                 None => Some(ChannelState::Missing),
@@ -142,7 +149,7 @@ impl Acquisition {
             }
             let centred = channel.bias.map_or(0.0, |bias| value - bias);
             if let Some(sample) = channel.decimator.push(stages, centred) {
-                channel.ring[(self.samples % RING as u64) as usize] = sample;
+                ring[(self.samples % RING as u64) as usize] = sample;
                 made = true;
             }
         }
@@ -175,15 +182,15 @@ impl Acquisition {
     }
 
     /// Copies a channel's decimated samples from `start` on; false where some are gone or not yet there.
-    pub(crate) fn fetch(&self, channel: usize, start: u64, samples: &mut [f32]) -> bool {
-        let Some(channel) = self.channels.get(channel) else { return false };
+    pub(crate) fn fetch(&self, rings: &Rings, channel: usize, start: u64, samples: &mut [f32]) -> bool {
+        let Some(ring) = rings.get(channel) else { return false };
         if self.is_gone(start) || start + samples.len() as u64 > self.samples || samples.len() > RING {
             return false;
         }
         let offset = (start % RING as u64) as usize;
         let (older, newer) = samples.split_at_mut(samples.len().min(RING - offset));
-        older.copy_from_slice(&channel.ring[offset..offset + older.len()]);
-        newer.copy_from_slice(&channel.ring[..newer.len()]);
+        older.copy_from_slice(&ring[offset..offset + older.len()]);
+        newer.copy_from_slice(&ring[..newer.len()]);
         true
     }
 
@@ -200,25 +207,29 @@ mod tests {
     use super::*;
     use std::vec;
 
-    fn running(stages: &Stages, rows: u64, reading: impl Fn(u64) -> f32) -> std::boxed::Box<Acquisition> {
-        let mut acquisition = std::boxed::Box::new(Acquisition::START);
+    fn filled(stages: &Stages, rows: u64, reading: impl Fn(u64) -> f32) -> (Acquisition, std::boxed::Box<Rings>) {
+        let (mut acquisition, mut rings) = (Acquisition::START, std::boxed::Box::new(empty_rings()));
         for row in 0..rows {
-            acquisition.push(stages, &[reading(row)], 1, 19.6);
+            acquisition.push(&mut rings, stages, &[reading(row)], 1, 19.6);
         }
-        acquisition
+        (acquisition, rings)
+    }
+
+    fn running(stages: &Stages, rows: u64, reading: impl Fn(u64) -> f32) -> Acquisition {
+        filled(stages, rows, reading).0
     }
 
     #[test]
     fn the_ring_gives_back_the_newest_segment_and_refuses_what_is_gone() {
         let stages = Stages::of(1).unwrap();
-        let acquisition = running(&stages, 10_000, |row| 1.0 + row as f32 * 1e-3);
+        let (acquisition, rings) = filled(&stages, 10_000, |row| 1.0 + row as f32 * 1e-3);
         let mut segment = vec![0.0; 4096];
-        assert!(acquisition.fetch(0, 10_000 - 4096, &mut segment));
+        assert!(acquisition.fetch(&rings, 0, 10_000 - 4096, &mut segment));
         for (n, sample) in segment.iter().enumerate() {
             assert!((sample - (10_000 - 4096 + n) as f32 * 1e-3).abs() < 1e-5);
         }
-        assert!(!acquisition.fetch(0, 10_000 - 4096 - 33, &mut segment), "replaced by newer samples");
-        assert!(!acquisition.fetch(0, 10_000 - 4095, &mut segment), "not yet measured");
+        assert!(!acquisition.fetch(&rings, 0, 10_000 - 4096 - 17, &mut segment), "replaced by newer samples");
+        assert!(!acquisition.fetch(&rings, 0, 10_000 - 4095, &mut segment), "not yet measured");
     }
 
     #[test]

@@ -13,6 +13,7 @@
 extern crate std;
 
 mod acquisition;
+pub mod adxl355;
 mod decimator;
 mod level;
 mod node;
@@ -24,5 +25,5 @@ mod spectrum;
 mod tables;
 mod windows;
 
-pub use node::{Identity, Node};
+pub use node::{Identity, Memory, Node};
 pub use spectrum::SUPPORTED_SEGMENTS;

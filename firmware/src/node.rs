@@ -1,19 +1,22 @@
 //! The node: a state machine fed with samples, bytes and the time, and asked for bytes to send.
 
+use core::ops::DerefMut;
+
 use belfry_shared::frame;
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
 use belfry_shared::message::{
-    self, ClockReply, ClockRequest, Configuration, Heartbeat, Hello, HostMessage, NodeMessage, Refusal, SCHEMA_HASH,
-    WindowName,
+    self, BoardState, ClockReply, ClockRequest, Configuration, Fault, Fed, FeedPart, Heartbeat, Hello, HostMessage,
+    NodeMessage, Refusal, Replay, SCHEMA_HASH, WindowName,
 };
 use belfry_shared::time::{ClockModel, NodeTime};
 
-use crate::acquisition::Acquisition;
+use crate::acquisition::{Acquisition, Rings, empty_rings};
 use crate::level::LevelMeter;
 use crate::outbox::Outbox;
 use crate::plan::Plan;
 use crate::schedule::{SampleMoment, rows_to_ps};
-use crate::windows::{Arena, Files, WindowMaker};
+use crate::spectrum::LONGEST_SEGMENT;
+use crate::windows::{Arena, Files, WindowMaker, Workshop};
 
 /// Time between heartbeats in µs.
 const HEARTBEAT_US: i64 = 120_000_000;
@@ -31,6 +34,8 @@ pub struct Identity {
     pub channels: u8,
     /// Readings of this magnitude or more, in m/s², are clipped.
     pub full_scale_m_s2: f32,
+    /// The highest raw sampling rate in mHz.
+    pub highest_rate_mhz: u32,
 }
 
 /// What waits to be said beside the outbox.
@@ -40,6 +45,7 @@ struct Pending {
     refusal: Option<Refusal>,
     clock: Option<(ClockRequest, NodeTime)>,
     heartbeat: bool,
+    fed: bool,
 }
 
 /// The frame on its way out.
@@ -49,47 +55,109 @@ struct Transmitter {
     sent: usize,
 }
 
-/// A sensor node.
+/// What a node keeps its samples, its work and its outbox in: about 106 KB, all zeros at the start, so that a static of it
+/// takes no flash.
+pub struct Memory {
+    rings: Rings,
+    segment: [f32; LONGEST_SEGMENT],
+    arena: Arena,
+}
+
+impl Memory {
+    /// Empty memory.
+    pub const fn new() -> Self {
+        Self { rings: empty_rings(), segment: [0.0; LONGEST_SEGMENT], arena: Arena::START }
+    }
+}
+
+impl Default for Memory {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// A sensor node, with its [`Memory`] in a static or a box.
 ///
 /// Feed it with [`sample`](Self::sample) and [`receive`](Self::receive), give it time with [`poll`](Self::poll) whenever
-/// nothing else is to be done, and send what [`transmit`](Self::transmit) gives. It takes about 110 KB; keep it in a static.
-pub struct Node {
+/// nothing else is to be done, and send what [`transmit`](Self::transmit) gives.
+pub struct Node<M> {
     identity: Identity,
     plan: Option<Plan>,
     clock: Option<ClockModel>,
+    /// The row of a recording that it waits for, where it measures one.
+    replay: Option<u64>,
     /// When the last row was taken; `None` while the node waits for a row on the grid.
     last_row: Option<NodeTime>,
     acquisition: Acquisition,
     windows: WindowMaker,
     outbox: Outbox,
-    arena: Arena,
+    memory: M,
     level: LevelMeter,
     last_heartbeat: Option<NodeTime>,
     decoder: FrameDecoder,
     damaged_frames: u32,
+    lost_rows: u32,
+    fault: Option<Fault>,
+    board: BoardState,
     pending: Pending,
     transmitter: Transmitter,
 }
 
-impl Node {
+impl<M: DerefMut<Target = Memory>> Node<M> {
     /// A node that has just started; it greets the host and waits for a configuration and the time.
-    pub const fn new(identity: Identity) -> Self {
+    pub const fn new(identity: Identity, memory: M) -> Self {
         Self {
             identity,
             plan: None,
             clock: None,
+            replay: None,
             last_row: None,
             acquisition: Acquisition::START,
             windows: WindowMaker::START,
             outbox: Outbox::new(),
-            arena: Arena::START,
+            memory,
             level: LevelMeter::START,
             last_heartbeat: None,
             decoder: FrameDecoder::new(),
             damaged_frames: 0,
-            pending: Pending { hello: true, refusal: None, clock: None, heartbeat: false },
+            lost_rows: 0,
+            fault: None,
+            board: BoardState { stack_bytes: 0, stack_free_bytes: 0, longest_step_us: 0, temperature_centi_c: None },
+            pending: Pending { hello: true, refusal: None, clock: None, heartbeat: false, fed: false },
             transmitter: Transmitter { frame: [0; MAX_FRAME_BYTES], length: 0, sent: 0 },
         }
+    }
+
+    /// Who it is.
+    pub fn identity(&self) -> Identity {
+        self.identity
+    }
+
+    /// Remembers what ended the life before this one, for every greeting.
+    pub fn report_fault(&mut self, fault: Fault) {
+        self.fault = Some(fault);
+    }
+
+    /// How its board is, for the next heartbeat.
+    pub fn report_board(&mut self, board: BoardState) {
+        self.board = board;
+    }
+
+    /// The raw sampling rate in µHz at which [`sample`](Self::sample) is to be called; `None` where no sensor is wanted.
+    pub fn sampling_rate_uhz(&self) -> Option<u64> {
+        let plan = self.plan.as_ref().filter(|_| self.replay.is_none())?;
+        Some(plan.configuration.sampling_rate_uhz)
+    }
+
+    /// The time that counts: the recording's where it measures one.
+    fn time(&self, now: NodeTime) -> NodeTime {
+        self.replay.map_or(now, |next| self.row_time(next.saturating_sub(1)))
+    }
+
+    /// When a row of a recording was sampled.
+    fn row_time(&self, row: u64) -> NodeTime {
+        let rate = self.plan.as_ref().map_or(1, |plan| plan.configuration.sampling_rate_uhz);
+        NodeTime(rows_to_ps(row, rate) / 1_000_000)
     }
 
     /// Takes a byte from the host that arrived at `now`.
@@ -114,11 +182,47 @@ impl Node {
             Ok(HostMessage::SetClock(model)) => {
                 // A model may be overtaken on the line by a newer one; one from the future would keep all others out.
                 let is_newest = self.clock.is_none_or(|known| model.node >= known.node);
-                if is_newest && model.node <= now {
+                if is_newest && model.node <= now && self.replay.is_none() {
                     self.clock = Some(model);
                     self.windows.reschedule();
                 }
             }
+            Ok(HostMessage::Replay(replay)) => self.start_replay(replay),
+            Ok(HostMessage::Feed(part)) => self.feed(&part),
+            Ok(HostMessage::EndReplay) => self.end_replay(),
+        }
+    }
+
+    fn start_replay(&mut self, replay: Replay) {
+        if self.plan.is_some() {
+            self.replay = Some(0);
+            self.clock = Some(ClockModel { node: NodeTime(0), host: replay.start, drift_ppb: 0 });
+            self.last_heartbeat = None;
+            self.interrupt();
+        }
+        self.pending.hello = true;
+    }
+
+    fn end_replay(&mut self) {
+        if self.replay.take().is_some() {
+            self.clock = None;
+            self.last_heartbeat = None;
+            self.interrupt();
+        }
+        self.pending.hello = true;
+    }
+
+    /// Takes rows of a recording, where they go on from the last.
+    fn feed(&mut self, part: &FeedPart) {
+        let (Some(next), Some(plan)) = (self.replay, &self.plan) else { return };
+        self.pending.fed = true;
+        if part.first_row != next {
+            return;
+        }
+        for row in part.readings.chunks_exact(plan.channels()) {
+            let Some(next) = self.replay else { return };
+            self.take(self.row_time(next), row);
+            self.replay = Some(next.saturating_add(1));
         }
     }
 
@@ -128,11 +232,13 @@ impl Node {
             self.pending.hello = true;
             return;
         }
-        match Plan::new(configuration, self.identity.channels) {
+        match Plan::new(configuration, self.identity.channels, self.identity.highest_rate_mhz) {
             Ok(plan) => {
-                let (_, ring) = self.arena.split(plan.cells);
+                let (_, ring) = self.memory.arena.split(plan.cells);
                 self.outbox.shrink(ring.len());
                 self.plan = Some(plan);
+                // The rows of a recording were for the plan before this one.
+                self.end_replay();
                 self.interrupt();
                 self.pending.hello = true;
             }
@@ -150,8 +256,14 @@ impl Node {
     /// Takes a row of readings in m/s² that was sampled at `time`, a channel each; NaN where a reading is missing.
     ///
     /// Rows that stayed out are noticed by the time and count as missing. Before the node has a configuration and the
-    /// host's time, rows are dropped.
+    /// host's time, and while it measures a recording, rows are dropped.
     pub fn sample(&mut self, time: NodeTime, readings: &[f32]) {
+        if self.replay.is_none() {
+            self.take(time, readings);
+        }
+    }
+
+    fn take(&mut self, time: NodeTime, readings: &[f32]) {
         let (Some(plan), Some(clock)) = (&self.plan, &self.clock) else { return };
         let period_us = (rows_to_ps(1, plan.configuration.sampling_rate_uhz) / 1_000_000) as i64;
         let missing = match self.last_row {
@@ -170,6 +282,7 @@ impl Node {
                 (elapsed_us + period_us / 2) / period_us.max(1) - 1
             }
         };
+        self.lost_rows = self.lost_rows.saturating_add(u32::try_from(missing).unwrap_or(u32::MAX));
         if missing > MAX_MISSING_ROWS {
             self.interrupt();
             return;
@@ -184,9 +297,11 @@ impl Node {
     fn take_row(&mut self, time: NodeTime, readings: &[f32]) {
         let (Some(plan), Some(clock)) = (&self.plan, &self.clock) else { return };
         let channels = plan.channels();
-        let made = self.acquisition.push(&plan.stages, readings, channels, self.identity.full_scale_m_s2);
+        let full_scale = self.identity.full_scale_m_s2;
+        let made = self.acquisition.push(&mut self.memory.rings, &plan.stages, readings, channels, full_scale);
         for channel in 0..channels {
-            self.level.add(channel, self.acquisition.about_bias(channel));
+            let reading = readings.get(channel).copied().filter(|reading| reading.is_finite());
+            self.level.add(channel, reading, self.acquisition.about_bias(channel), full_scale);
         }
         if made {
             let index = self.acquisition.samples() - 1;
@@ -200,6 +315,7 @@ impl Node {
 
     /// Does one step of waiting work (one channel of one segment at most). Returns whether there was any; call again then.
     pub fn poll(&mut self, now: NodeTime) -> bool {
+        let now = self.time(now);
         match self.last_heartbeat {
             Some(last) if now.since(last) < HEARTBEAT_US => {}
             Some(_) => {
@@ -209,21 +325,24 @@ impl Node {
             None => self.last_heartbeat = Some(now),
         }
         let Some(plan) = &self.plan else { return false };
-        let (cells, ring) = self.arena.split(plan.cells);
+        let Memory { rings, segment, arena } = &mut *self.memory;
+        let (cells, ring) = arena.split(plan.cells);
         let name = WindowName { node: self.identity.node, boot: self.identity.boot, number: 0 };
         let mut files = Files { outbox: &mut self.outbox, ring, name };
-        self.windows.work(plan, &mut self.acquisition, cells, &mut files)
+        let workshop = Workshop { acquisition: &mut self.acquisition, rings, segment, cells };
+        self.windows.work(plan, workshop, &mut files)
     }
 
     /// Whether [`transmit`](Self::transmit) would give bytes.
     pub fn has_bytes(&self) -> bool {
-        let Pending { hello, refusal, clock, heartbeat } = &self.pending;
+        let Pending { hello, refusal, clock, heartbeat, fed } = &self.pending;
         self.transmitter.sent < self.transmitter.length
             || *hello
             || *heartbeat
             || refusal.is_some()
             || clock.is_some()
             || self.outbox.is_pending()
+            || (*fed && !self.windows.is_busy())
     }
 
     /// Fills `out` with bytes to send at `now` and returns how many; never more than to the end of one frame.
@@ -255,11 +374,14 @@ impl Node {
                 channels: self.identity.channels,
                 configuration_hash: self.plan.as_ref().map(|plan| plan.hash),
                 clock_set: self.clock.is_some(),
+                replaying: self.replay.is_some(),
+                fault: self.fault.clone(),
             })
         } else if let Some(refusal) = self.pending.refusal.take() {
             NodeMessage::Refused(refusal)
         } else if core::mem::take(&mut self.pending.heartbeat) {
             let next_window = self.windows.next_number();
+            let (level, sensors) = self.level.take(self.plan.as_ref().map_or(0, Plan::channels));
             NodeMessage::Heartbeat(Heartbeat {
                 node: self.identity.node,
                 boot: self.identity.boot,
@@ -267,12 +389,25 @@ impl Node {
                 oldest_window: self.outbox.oldest_window().unwrap_or(next_window),
                 lost_windows: self.outbox.lost_windows(),
                 damaged_frames: self.damaged_frames,
-                level: self.level.take(self.plan.as_ref().map_or(0, Plan::channels)),
+                level,
+                sensors,
+                lost_rows: self.lost_rows,
+                board: self.board,
             })
         } else {
-            let (_, ring) = self.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));
-            let part = self.outbox.next(ring);
-            return part.map_or(0, |part| frame::encode(part, frame).unwrap_or(0));
+            let (_, ring) = self.memory.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));
+            match (self.outbox.next(ring), self.replay) {
+                (Some(part), _) => return frame::encode(part, frame).unwrap_or(0),
+                // Only now, with everything computed and sent that came of them, are more rows welcome.
+                (None, Some(next_row)) if self.pending.fed && !self.windows.is_busy() => {
+                    self.pending.fed = false;
+                    NodeMessage::Fed(Fed { next_row })
+                }
+                _ => {
+                    self.pending.fed = self.pending.fed && self.replay.is_some();
+                    return 0;
+                }
+            }
         };
         message::encode(&message, frame).unwrap_or(0)
     }

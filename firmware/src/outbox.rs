@@ -6,7 +6,7 @@ use belfry_shared::message::Again;
 use heapless::Deque;
 
 /// Most parts the outbox holds.
-pub(crate) const MAX_PARTS: usize = 160;
+pub(crate) const MAX_PARTS: usize = 112;
 
 #[derive(Debug, Clone, Copy)]
 struct Entry {

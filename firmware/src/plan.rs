@@ -9,13 +9,11 @@ use crate::schedule::Schedule;
 use crate::spectrum::SUPPORTED_SEGMENTS;
 
 /// Words of memory that running averages and outbox share.
-pub(crate) const ARENA_WORDS: usize = 6400;
+pub(crate) const ARENA_WORDS: usize = 6272;
 /// Bytes of a data part beside its code, at most; also of a head.
 const PART_OVERHEAD_BYTES: usize = 32;
 /// Bytes of a peaks part, at most.
 const PEAKS_BYTES: usize = 96;
-/// Highest raw sampling rate: 100 kHz.
-const MAX_SAMPLING_RATE_UHZ: u64 = 100_000_000_000;
 
 /// A configuration that this node can run.
 #[derive(Debug, Clone)]
@@ -33,14 +31,14 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// Checks a configuration for a node with `available` channels.
-    pub(crate) fn new(configuration: Configuration, available: u8) -> Result<Self, RefusalReason> {
+    /// Checks a configuration for a node with `available` channels that can be sampled at `highest_mhz`.
+    pub(crate) fn new(configuration: Configuration, available: u8, highest_mhz: u32) -> Result<Self, RefusalReason> {
         let channels = configuration.channels;
         if channels == 0 || channels > available || usize::from(channels) > MAX_CHANNELS {
             return Err(RefusalReason::Channels { available });
         }
-        if !(1..=MAX_SAMPLING_RATE_UHZ).contains(&configuration.sampling_rate_uhz) {
-            return Err(RefusalReason::SamplingRate);
+        if !(1..=1000 * u64::from(highest_mhz)).contains(&configuration.sampling_rate_uhz) {
+            return Err(RefusalReason::SamplingRate { highest_mhz });
         }
         let stages = Stages::of(configuration.decimation).ok_or(RefusalReason::Decimation)?;
         if !SUPPORTED_SEGMENTS.contains(&configuration.segment) {
@@ -126,6 +124,8 @@ mod tests {
     use belfry_shared::message::Band;
     use heapless::Vec;
 
+    const HIGHEST_MHZ: u32 = 4_000_000;
+
     fn configuration() -> Configuration {
         Configuration {
             channels: 4,
@@ -140,12 +140,12 @@ mod tests {
     fn refusal(change: impl FnOnce(&mut Configuration)) -> Option<RefusalReason> {
         let mut configuration = configuration();
         change(&mut configuration);
-        Plan::new(configuration, 4).err()
+        Plan::new(configuration, 4, HIGHEST_MHZ).err()
     }
 
     #[test]
     fn the_reference_configuration_runs_with_room_for_three_windows() {
-        let plan = Plan::new(configuration(), 4).unwrap();
+        let plan = Plan::new(configuration(), 4, HIGHEST_MHZ).unwrap();
         assert_eq!(plan.cells, 0);
         assert!(3 * lines_size(&plan.configuration, 6).0 < 4 * ARENA_WORDS);
         assert_eq!(refusal(|c| c.summary = Summary::Psd { segments: 8 }), None);
@@ -156,7 +156,11 @@ mod tests {
         use RefusalReason as Reason;
         assert_eq!(refusal(|c| c.channels = 0), Some(Reason::Channels { available: 4 }));
         assert_eq!(refusal(|c| c.channels = 5), Some(Reason::Channels { available: 4 }));
-        assert_eq!(refusal(|c| c.sampling_rate_uhz = 0), Some(Reason::SamplingRate));
+        assert_eq!(refusal(|c| c.sampling_rate_uhz = 0), Some(Reason::SamplingRate { highest_mhz: HIGHEST_MHZ }));
+        assert_eq!(
+            refusal(|c| c.sampling_rate_uhz = 4_000_000_001),
+            Some(Reason::SamplingRate { highest_mhz: HIGHEST_MHZ })
+        );
         assert_eq!(refusal(|c| c.decimation = 13), Some(Reason::Decimation));
         assert_eq!(refusal(|c| c.segment = 300), Some(Reason::Segment));
         assert_eq!(refusal(|c| c.summary = Summary::Lines { bits: 2 }), Some(Reason::Summary));
@@ -175,6 +179,6 @@ mod tests {
             c.summary = Summary::Lines { bits: 16 };
             c.bands = Vec::from_slice(&[Band { first_line: 1, lines: 2047 }]).unwrap();
         });
-        assert!(matches!(too_much, Some(Reason::Memory { needed, available: 25_600 }) if needed > 32_000));
+        assert!(matches!(too_much, Some(Reason::Memory { needed, available: 25_088 }) if needed > 32_000));
     }
 }

@@ -10,7 +10,7 @@ use belfry_shared::time::ClockModel;
 use heapless::{Deque, Vec};
 use num_complex::Complex32;
 
-use crate::acquisition::Acquisition;
+use crate::acquisition::{Acquisition, Rings};
 use crate::outbox::Outbox;
 use crate::plan::{ARENA_WORDS, Plan, lines_a_part};
 use crate::psd::{DensityAverage, add_peaks};
@@ -56,7 +56,15 @@ pub(crate) struct WindowMaker {
     channel: usize,
     average: DensityAverage,
     next_number: u32,
-    buffer: [f32; LONGEST_SEGMENT],
+}
+
+/// What segments are made of and in.
+pub(crate) struct Workshop<'a> {
+    pub(crate) acquisition: &'a mut Acquisition,
+    pub(crate) rings: &'a Rings,
+    pub(crate) segment: &'a mut [f32; LONGEST_SEGMENT],
+    /// Of running averages.
+    pub(crate) cells: &'a mut [f32],
 }
 
 /// Where finished parts go.
@@ -87,7 +95,6 @@ impl WindowMaker {
         channel: 0,
         average: DensityAverage::START,
         next_number: 0,
-        buffer: [0.0; LONGEST_SEGMENT],
     };
 
     /// Drops what is being made; numbers go on.
@@ -104,6 +111,11 @@ impl WindowMaker {
     /// The number the next window will have.
     pub(crate) fn next_number(&self) -> u32 {
         self.next_number
+    }
+
+    /// Whether segments wait for their transform.
+    pub(crate) fn is_busy(&self) -> bool {
+        !self.waiting.is_empty()
     }
 
     /// To be called when the host has set the clock: the grid may have moved.
@@ -147,20 +159,15 @@ impl WindowMaker {
     }
 
     /// Does one step of waiting work: one channel of one segment. Returns whether there was any.
-    pub(crate) fn work(
-        &mut self,
-        plan: &Plan,
-        acquisition: &mut Acquisition,
-        cells: &mut [f32],
-        files: &mut Files<'_>,
-    ) -> bool {
+    pub(crate) fn work(&mut self, plan: &Plan, workshop: Workshop<'_>, files: &mut Files<'_>) -> bool {
+        let Workshop { acquisition, rings, segment, cells } = workshop;
         let Some(&span) = self.waiting.front() else { return false };
         files.name.number = self.next_number;
         let channel = self.channel;
         let mut state = acquisition.state(&plan.stages, channel, span.start, plan.segment());
         let mut parts = self.open.as_ref().map_or(0, |open| open.parts);
-        if let (ChannelState::Sound { .. }, Some(buffer)) = (state, self.buffer.get_mut(..plan.segment())) {
-            if acquisition.fetch(channel, span.start, buffer) {
+        if let (ChannelState::Sound { .. }, Some(buffer)) = (state, segment.get_mut(..plan.segment())) {
+            if acquisition.fetch(rings, channel, span.start, buffer) {
                 let lines = transform(buffer, decimated_rate_hz(&plan.configuration));
                 match plan.configuration.summary {
                     Summary::Lines { bits } => file_lines(plan, files, channel, lines, bits, &mut parts),

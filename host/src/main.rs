@@ -4,8 +4,8 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, compare, covalidate, demo, diagnose, effects, export, history, identify, init, remove, simulate,
-    update,
+    Console, add, compare, covalidate, demo, diagnose, effects, export, history, identify, init, ports, remove, replay,
+    simulate, update,
 };
 use clap::{Parser, Subcommand};
 
@@ -39,6 +39,8 @@ enum Command {
     Demo(demo::Arguments),
     Init(init::Arguments),
     Simulate(simulate::Arguments),
+    Ports(ports::Arguments),
+    Replay(replay::Arguments),
     Identify(identify::Arguments),
     Compare(compare::Arguments),
     Update(update::Arguments),
@@ -58,6 +60,8 @@ fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(arguments, &console),
         Command::Init(arguments) => init::run(arguments, &console),
         Command::Simulate(arguments) => simulate::run(arguments, &console),
+        Command::Ports(arguments) => ports::run(arguments, &console),
+        Command::Replay(arguments) => replay::run(arguments, &console),
         Command::Identify(arguments) => identify::run(arguments, &console),
         Command::Compare(arguments) => compare::run(arguments, &console),
         Command::Update(arguments) => update::run(arguments, &console),

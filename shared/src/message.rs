@@ -27,12 +27,17 @@
 //! node's clock, and a [`ClockModel`] tells the node the time (a later `Hello` confirms it). From then on it measures, window by window on the grid
 //! of host time ([`crate::time::WindowGrid`]), and host and node exchange windows, acknowledgements and clock readings.
 //!
+//! # Recordings
+//! A node can measure a recording instead of its sensor: after [`HostMessage::Replay`] its rows come as [`FeedPart`]s, and the
+//! node's clock is the recording's. It says with [`Fed`] how far it has come once everything that follows from the rows is
+//! computed and sent; the host keeps few parts on the way, so that the node is neither hurried nor idle.
+//!
 //! # Units
 //! A spectral line is in m/s²/√Hz: its squared magnitude is the one-sided power spectral density in (m/s²)²/Hz of the
 //! detrended, Hann-windowed segment, its phase refers to the segment's first sample. Lines count from 0 Hz in steps of the
 //! decimated sampling rate over the segment's length.
 
-use heapless::Vec;
+use heapless::{String, Vec};
 use postcard_schema::{Schema, key::Key};
 use serde::{Deserialize, Serialize};
 
@@ -47,6 +52,10 @@ pub const MAX_BANDS: usize = 8;
 pub const MAX_AGAIN: usize = 8;
 /// Most peaks a node reports a channel.
 pub const MAX_PEAKS: usize = 8;
+/// Most readings in a [`FeedPart`].
+pub const MAX_FEED: usize = 120;
+/// Longest [`Fault::place`] in bytes.
+pub const MAX_PLACE_BYTES: usize = 64;
 /// Most data bytes in a [`LinesPart`] or [`DensityPart`]; the rest of [`MAX_MESSAGE_BYTES`] is for the other fields.
 pub const MAX_DATA_BYTES: usize = 480;
 
@@ -76,9 +85,12 @@ pub enum NodeMessage<'a> {
     Density(DensityPart<'a>),
     /// A data part: peak frequencies.
     Peaks(PeaksPart),
+    /// How much of a recording it has taken.
+    Fed(Fed),
 }
 
 /// What the host says.
+#[expect(clippy::large_enum_variant, reason = "nodes have no heap to put the rows of a recording on")]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum HostMessage {
@@ -93,10 +105,16 @@ pub enum HostMessage {
     /// Tells the node the host's time. A model whose reference moment is older than the known one's, or still to come, is
     /// ignored: it was overtaken on the line, or is wrong.
     SetClock(ClockModel),
+    /// Tells the node to measure a recording. Needs a configuration; the next [`Hello`] says whether it does.
+    Replay(Replay),
+    /// Rows of the recording.
+    Feed(FeedPart),
+    /// Tells the node to measure with its sensor again; it forgets the time, which was the recording's.
+    EndReplay,
 }
 
 /// Who a node is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Hello {
     /// [`crate::frame::PROTOCOL_VERSION`] of the node.
@@ -113,6 +131,43 @@ pub struct Hello {
     pub configuration_hash: Option<u32>,
     /// Whether the host has told it the time.
     pub clock_set: bool,
+    /// Whether it measures a recording.
+    pub replaying: bool,
+    /// What ended its life before this one, where that was no ordinary end.
+    pub fault: Option<Fault>,
+}
+
+/// What ended a node's life.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Fault {
+    /// What it was.
+    pub kind: FaultKind,
+    /// Address of the instruction; 0 where it is not known.
+    pub address: u32,
+    /// File and line; empty where they are not known.
+    pub place: String<MAX_PLACE_BYTES>,
+}
+
+/// Kinds of [`Fault`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, thiserror::Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum FaultKind {
+    /// The program gave up.
+    #[error("the program stopped itself (a panic)")]
+    Panic,
+    /// The processor could not go on.
+    #[error("the processor stopped (a hard fault)")]
+    HardFault,
+    /// The stack ran over its end.
+    #[error("the stack ran over")]
+    StackOverflow,
+    /// The program did not come round in time.
+    #[error("the program hung, and the watchdog started it anew")]
+    Watchdog,
+    /// The external clock did not start; the node runs on its inexact internal one.
+    #[error("the external clock does not run, and the node's own is inexact")]
+    Clock,
 }
 
 /// What a node is to measure.
@@ -198,9 +253,12 @@ pub enum RefusalReason {
         /// Channels the node has.
         available: u8,
     },
-    /// The sampling rate is 0 or above 100 kHz.
-    #[error("the sampling rate is not possible")]
-    SamplingRate,
+    /// The sampling rate is 0, or higher than the sensor can.
+    #[error("the sampling rate is not possible: the node samples up to {} Hz", f64::from(*highest_mhz) * 1e-3)]
+    SamplingRate {
+        /// The highest rate that the node samples at, in mHz.
+        highest_mhz: u32,
+    },
     /// The decimation does not split into stages.
     #[error("the decimation has no split into at most three stages of 2 to 10")]
     Decimation,
@@ -353,6 +411,50 @@ pub struct Heartbeat {
     /// Each channel's level: the RMS of the raw reading about its bias in m/s² since the last heartbeat. Good to 6 % only
     /// (a fast square root); it tells a live sensor from a dead one, and is no measurement.
     pub level: Vec<f32, MAX_CHANNELS>,
+    /// What each channel's readings say of its sensor, since the last heartbeat.
+    pub sensors: Vec<SensorState, MAX_CHANNELS>,
+    /// Rows that stayed out since the start.
+    pub lost_rows: u32,
+    /// How its board is.
+    pub board: BoardState,
+}
+
+/// What readings say of a sensor; the first that is true.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, thiserror::Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum SensorState {
+    /// There was no reading.
+    #[error("absent: it gives no readings")]
+    Absent,
+    /// All readings were alike.
+    #[error("stuck: all readings are alike")]
+    Stuck,
+    /// Some readings were missing.
+    #[error("failing: readings are missing")]
+    Failing,
+    /// Some readings were at the end of the range.
+    #[error("clipped: readings at the end of its range")]
+    Clipped,
+    /// Readings jump about as no structure moves.
+    #[error("noisy: readings jump about as no structure moves")]
+    Noisy,
+    /// Nothing is wrong.
+    #[error("sound")]
+    Sound,
+}
+
+/// How a node's board is; zeros where it has none.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BoardState {
+    /// Bytes the stack has.
+    pub stack_bytes: u32,
+    /// Bytes of it that were never used since the start.
+    pub stack_free_bytes: u32,
+    /// Longest time between looks at the queue of samples since the last heartbeat, in µs.
+    pub longest_step_us: u32,
+    /// The sensor's temperature in units of 0.01 °C; `None` where there is no sensor.
+    pub temperature_centi_c: Option<i16>,
 }
 
 /// What the host has, and what it wants again.
@@ -379,6 +481,32 @@ pub struct Again {
     pub first_part: u16,
     /// Last part (65 535: all).
     pub last_part: u16,
+}
+
+/// Tells a node to measure a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Replay {
+    /// When row 0 was sampled, in the recording's time. Row n was n sampling periods of the configuration later.
+    pub start: HostTime,
+}
+
+/// Rows of a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FeedPart {
+    /// Number of the first row here. The node takes rows in order: a part that does not go on where it stands is left out.
+    pub first_row: u64,
+    /// Readings in m/s², row by row, one for each channel of the configuration; NaN where one is missing.
+    pub readings: Vec<f32, MAX_FEED>,
+}
+
+/// How much of a recording a node has taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Fed {
+    /// The row it waits for.
+    pub next_row: u64,
 }
 
 /// Asks for the node's time.

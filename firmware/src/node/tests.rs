@@ -11,7 +11,8 @@ use proptest::prelude::*;
 use std::boxed::Box;
 use std::{vec, vec::Vec};
 
-const IDENTITY: Identity = Identity { node: 3, boot: 77, channels: 4, full_scale_m_s2: 19.6 };
+const IDENTITY: Identity =
+    Identity { node: 3, boot: 77, channels: 4, full_scale_m_s2: 19.6, highest_rate_mhz: 4_000_000 };
 /// Raw sampling period in µs (50 Hz).
 const PERIOD_US: u64 = 20_000;
 
@@ -26,9 +27,13 @@ fn configuration(summary: Summary) -> Configuration {
     }
 }
 
+fn new_node() -> Box<Node<Box<Memory>>> {
+    Box::new(Node::new(IDENTITY, Box::new(Memory::new())))
+}
+
 /// A node and what it has said, as owned messages.
 struct Bench {
-    node: Box<Node>,
+    node: Box<Node<Box<Memory>>>,
     row: u64,
     frames: Vec<Vec<u8>>,
 }
@@ -36,7 +41,7 @@ struct Bench {
 impl Bench {
     /// A node with a configuration whose clock is the host's.
     fn new(summary: Summary) -> Self {
-        let mut bench = Self { node: Box::new(Node::new(IDENTITY)), row: 0, frames: Vec::new() };
+        let mut bench = Self { node: new_node(), row: 0, frames: Vec::new() };
         bench.say(&HostMessage::Configure(configuration(summary)));
         bench.say(&HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 }));
         bench
@@ -109,7 +114,7 @@ const SOUND: ChannelState = ChannelState::Sound { segments: 1 };
 
 #[test]
 fn it_greets_and_confirms_its_configuration_by_hash() {
-    let mut bench = Bench { node: Box::new(Node::new(IDENTITY)), row: 0, frames: Vec::new() };
+    let mut bench = Bench { node: new_node(), row: 0, frames: Vec::new() };
     bench.listen();
     let wanted = configuration(Summary::Lines { bits: 8 });
     bench.say(&HostMessage::Configure(wanted.clone()));
@@ -340,9 +345,60 @@ fn a_clock_setting_that_was_overtaken_or_lies_in_the_future_changes_nothing() {
     assert!([30_000, -70_000].contains(&bench.heads().last().unwrap().start_offset_us));
 }
 
+/// A recording fed as messages gives the windows that the same rows give from a sensor, and is taken in order.
+#[test]
+fn a_recording_gives_the_windows_of_the_same_rows_from_a_sensor() {
+    let readings = |row: u64| [tone(row), 9.81 + 0.5 * tone(row + 7)];
+    let mut sampled = Bench::new(Summary::Lines { bits: 16 });
+    sampled.run(256 * 5 * 3, readings);
+
+    let mut fed = Bench { node: new_node(), row: 0, frames: Vec::new() };
+    fed.say(&HostMessage::Replay(message::Replay { start: HostTime(0) }));
+    fed.listen();
+    let replaying = |bench: &Bench| {
+        let hello = bench.messages().into_iter().rev().find_map(|message| match message {
+            NodeMessage::Hello(hello) => Some(hello),
+            _ => None,
+        });
+        hello.unwrap().replaying
+    };
+    assert!(!replaying(&fed), "there is no configuration yet");
+    fed.say(&HostMessage::Configure(configuration(Summary::Lines { bits: 16 })));
+    fed.say(&HostMessage::Replay(message::Replay { start: HostTime(0) }));
+    fed.listen();
+    assert!(replaying(&fed) && fed.node.sampling_rate_uhz().is_none());
+    let part = |first_row: u64, rows: u64| {
+        let readings = (first_row..first_row + rows).flat_map(readings).collect();
+        HostMessage::Feed(message::FeedPart { first_row, readings })
+    };
+    let mut row = 0;
+    while row < 256 * 5 * 3 {
+        // The sensor is left alone meanwhile, and a part that came before is not taken twice.
+        fed.node.sample(NodeTime(1_000_000_000 + row), &[1.0, 2.0]);
+        fed.say(&part(row, 40));
+        fed.say(&part(row, 40));
+        fed.frames.retain(|frame| !matches!(message::decode(frame).unwrap(), NodeMessage::Fed(_)));
+        fed.listen();
+        row += 40;
+        assert_eq!(fed.messages().last(), Some(&NodeMessage::Fed(Fed { next_row: row })));
+    }
+    let data = |bench: &Bench| -> Vec<Vec<u8>> {
+        let is_data =
+            |frame: &&Vec<u8>| matches!(message::decode(frame).unwrap(), NodeMessage::Head(_) | NodeMessage::Lines(_));
+        bench.frames.iter().filter(is_data).cloned().collect()
+    };
+    assert_eq!(data(&fed).len(), 3 * 3);
+    assert_eq!(data(&fed), data(&sampled));
+
+    fed.say(&HostMessage::EndReplay);
+    fed.listen();
+    assert!(!replaying(&fed) && fed.node.sampling_rate_uhz() == Some(50_000_000));
+}
+
 #[test]
 fn the_node_fits_into_112_kilobytes() {
-    assert!(size_of::<Node>() <= 112 * 1024, "{}", size_of::<Node>());
+    let bytes = size_of::<Node<&mut Memory>>() + size_of::<Memory>();
+    assert!(bytes <= 112 * 1024, "{bytes}");
 }
 
 #[test]

@@ -11,7 +11,8 @@ use rayon::prelude::*;
 use super::fit::Fit;
 use super::problem::{Problem, TWIN_WITHIN};
 use super::search::{AtHeight, Found, HeightSpread, NEAR};
-use super::state::{Loss, State};
+use super::state::{Knob, Loss, State};
+use super::verdict::{FAILS, STANDS_OUT};
 use crate::model::effect::{Effect, EffectKind, Where};
 
 /// What the measured modes say of a damper.
@@ -55,8 +56,14 @@ const MOVES: f64 = 0.02;
 const HEIGHTS: usize = 8;
 /// A damper is tuned to within this of what it acts on (ln f).
 const TUNED: f64 = 0.2;
-/// The best damping of one with a third of the mode's mass: `sqrt(3 mu / 8 (1 + mu))` (Den Hartog 1956, section 3.3).
+/// No damper has a larger share of a mode's mass, nor more damping than is best with such a share:
+/// `sqrt(3 mu / 8 (1 + mu))` (Den Hartog 1956, section 3.3).
+const MOST_MASS_RATIO: f64 = 0.33;
 const MOST_DAMPING: f64 = 0.31;
+/// What is damped less is a part of the structure that swings by itself.
+const LEAST_DAMPING: f64 = 1e-4;
+/// Within this share of its range a value is at the range's end.
+const AT_A_BOUND: f64 = 1e-3;
 /// The first step from height to height is this share of all.
 const STEPS: usize = 4;
 /// Evidence that differs by less than this is alike.
@@ -106,6 +113,10 @@ impl Problem {
                     add(Clue::of_twins(mode, mode_hz, other_hz));
                 }
             }
+        }
+        // A damper moves modes as well as damping them: where all of them are where they should be, there is none.
+        if present.goodness_of_fit().p_value >= FAILS {
+            return clues;
         }
         let ratio = |mode: usize| self.measured[mode].damping_ratio.unwrap_or(0.0);
         let mut by_damping: Vec<usize> = (0..self.paired).collect();
@@ -165,8 +176,30 @@ impl<'a> Hanging<'a> {
         self.places.iter().find(|place| place.0 == z_m).map(|place| place.1)
     }
 
+    /// With the numbers that a damper may have that the clue speaks of; `None` where others would fit better.
     fn fit(&self, state: &State) -> Option<Fit> {
-        self.problem.fit_with_one_more(self.present, state)
+        let bounds = self.bounds(state);
+        let narrow = |knob: &mut Knob| {
+            if let Some(bounds) = bounds.get(knob.parameter) {
+                knob.bounds = *bounds;
+            }
+        };
+        let fit = self.problem.fit_with_one_more(self.present, state, &narrow)?;
+        let mut values = damper_values(&fit).into_iter().zip(bounds);
+        let is_within = |(value, [least, greatest]): (f64, [f64; 2])| {
+            let margin = AT_A_BOUND * (greatest - least);
+            value > least + margin && value < greatest - margin
+        };
+        values.all(is_within).then_some(fit)
+    }
+
+    /// Of mass, frequency and damping ratio: with other numbers it is a mass and a spring that explain something else.
+    fn bounds(&self, state: &State) -> [[f64; 2]; 3] {
+        let place = state.effects.last().and_then(Effect::place);
+        let motion = self.places.iter().find(|(z_m, _)| place == Some(&Where::Height(*z_m))).map(|place| place.1);
+        let most_kg = motion.map_or(f64::INFINITY, |motion| MOST_MASS_RATIO / motion);
+        let frequency = [-TUNED, TUNED].map(|by| self.clue.frequency_hz * by.exp());
+        [[0.0, most_kg], frequency, [LEAST_DAMPING, MOST_DAMPING]]
     }
 
     /// From several places and numbers.
@@ -234,22 +267,12 @@ impl<'a> Hanging<'a> {
         }
     }
 
-    /// Whether a fit's damper moves with what hinted at it: far from there, or held by a stiff dashpot, it is a mass and a
-    /// spring that explain something else.
-    fn is_tuned(&self, fit: &Fit) -> bool {
-        match damper_values(fit)[..] {
-            [_, frequency_hz, damping_ratio, ..] => {
-                (frequency_hz / self.clue.frequency_hz).ln().abs() < TUNED && damping_ratio < MOST_DAMPING
-            }
-            _ => false,
-        }
-    }
-
     fn found(&self) -> Option<Found> {
-        let (best, known) = self.climb(self.best_of_starts()?)?;
-        if !self.is_tuned(&best) {
+        let first = self.best_of_starts()?;
+        if first.log_evidence() - self.present.log_evidence() < STANDS_OUT {
             return None;
         }
+        let (best, known) = self.climb(first)?;
         let best_m = damper_height_m(&best)?;
         let reached = best.log_evidence();
         let below: Vec<(f64, f64)> = self

@@ -99,7 +99,7 @@ impl<'a> Far<'a> {
     }
 
     fn fit(&self, start: &Start, hypotheses: usize) -> Option<Found> {
-        let fit = self.problem.fit_with_one_more(self.present, &start.state)?;
+        let fit = self.problem.fit_with_one_more(self.present, &start.state, &|_| {})?;
         let gain = fit.log_evidence() - self.present.log_evidence();
         Some(Found {
             kind: start.kind,

@@ -81,10 +81,12 @@ impl Problem {
         self.finish(state, knobs.to_vec(), jacobian)
     }
 
-    /// Fits a state with one effect more than `present`, from the values and the scatter that it has.
-    pub(super) fn fit_with_one_more(&self, present: &Fit, state: &State) -> Option<Fit> {
-        let mut knobs = present.knobs.clone();
-        knobs.extend(state.knobs(self, &state.effects, state.effects.len() - 1, &[])?);
+    /// Fits a state with one effect more than `present`, from the values and the scatter that it has; `narrow` may narrow the
+    /// bounds of the effect's values.
+    pub(super) fn fit_with_one_more(&self, present: &Fit, state: &State, narrow: &dyn Fn(&mut Knob)) -> Option<Fit> {
+        let mut own = state.knobs(self, &state.effects, state.effects.len() - 1, &[])?;
+        own.iter_mut().for_each(narrow);
+        let knobs = [present.knobs.clone(), own].concat();
         self.fit(state.effects.clone(), &knobs, &state.numbers, Some(state)).ok()
     }
 

@@ -7,6 +7,8 @@ pub mod assembly;
 pub mod clock;
 pub mod fleet;
 pub mod memory;
+pub mod port;
+pub mod replay;
 pub mod session;
 
 use std::io;

@@ -142,48 +142,8 @@ pub fn measure_observed<'a>(
     progress: Progress<'_>,
     observer: Observer<'_>,
 ) -> Result<Measurement<'a>, MeasureError> {
-    let mut warnings: Vec<String> = Vec::new();
-    let mut timings = Timings::default();
-    let start = Instant::now();
-    let mut failure = None;
-    let mut opened: Vec<(&Setup, Recording, u64)> = Vec::new();
-    for setup in &study.setups {
-        let counted = Recording::open(setup, &study.folder).and_then(|r| r.total_rows().map(|rows| (r, rows)));
-        match counted {
-            Ok((recording, rows)) => opened.push((setup, recording, rows)),
-            Err(source) => leave_out(
-                &mut warnings,
-                &mut failure,
-                MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) },
-            ),
-        }
-    }
-    let mut analysis = study.analysis.clone();
-    let mut reasons = Vec::new();
-    if analysis.band_hz.is_none() && analysis.decimated_rate_hz.is_none() {
-        let setups: Vec<&Setup> = opened.iter().map(|(setup, _, _)| *setup).collect();
-        if let Some((band_hz, reason)) = scout::band(&study.folder, &setups, &extents(&opened), &analysis) {
-            analysis.band_hz = Some(band_hz);
-            reasons.push(reason);
-        }
-    }
-    timings.counting = start.elapsed();
-    let plan = loop {
-        let extents = extents(&opened);
-        if extents.is_empty() {
-            return Err(failure.unwrap_or(MeasureError::NoSetups));
-        }
-        match SpectralPlan::choose(&extents, &analysis) {
-            Ok(plan) => break plan,
-            Err(source @ PlanError::TooShort { setup, .. }) if opened.len() > 1 => {
-                let (setup, _, _) = opened.remove(setup);
-                leave_out(&mut warnings, &mut failure, MeasureError::TooShort { setup: setup.name.clone(), source });
-            }
-            Err(error) => return Err(error.into()),
-        }
-    };
-    warnings.extend(plan.few_averages.map(|few| few.to_string()));
-    reasons.push(plan.reason.clone());
+    let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepare(study)?;
+    let mut timings = Timings { counting, ..Timings::default() };
     let total_rows: u64 = opened.iter().map(|(_, _, rows)| rows).sum();
     let mut done_rows = 0;
     let (mut setups, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), 0.0);
@@ -208,6 +168,70 @@ pub fn measure_observed<'a>(
         return Err(failure.unwrap_or(MeasureError::NoSetups));
     }
     Ok(Measurement { plan, reasons, setups, fleets, warnings, duration_s, timings })
+}
+
+/// Recordings that can be measured, and how.
+#[derive(Debug)]
+pub struct Prepared<'a> {
+    /// Setups with their recordings and their numbers of rows.
+    pub setups: Vec<(&'a Setup, Recording, u64)>,
+    /// Decimation, segment and lines, for these setups in this order.
+    pub plan: SpectralPlan,
+    /// Why this band (where it was chosen), rate and segment, a line each.
+    pub reasons: Vec<String>,
+    /// What the reader should know: setups that were left out and why.
+    pub warnings: Vec<String>,
+    failure: Option<MeasureError>,
+    counting: Duration,
+}
+
+/// Opens a study's recordings and chooses how to analyse them.
+///
+/// # Errors
+/// When no setup can be measured.
+pub fn prepare(study: &Study) -> Result<Prepared<'_>, MeasureError> {
+    let mut warnings: Vec<String> = Vec::new();
+    let start = Instant::now();
+    let mut failure = None;
+    let mut opened: Vec<(&Setup, Recording, u64)> = Vec::new();
+    for setup in &study.setups {
+        let counted = Recording::open(setup, &study.folder).and_then(|r| r.total_rows().map(|rows| (r, rows)));
+        match counted {
+            Ok((recording, rows)) => opened.push((setup, recording, rows)),
+            Err(source) => leave_out(
+                &mut warnings,
+                &mut failure,
+                MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) },
+            ),
+        }
+    }
+    let mut analysis = study.analysis.clone();
+    let mut reasons = Vec::new();
+    if analysis.band_hz.is_none() && analysis.decimated_rate_hz.is_none() {
+        let setups: Vec<&Setup> = opened.iter().map(|(setup, _, _)| *setup).collect();
+        if let Some((band_hz, reason)) = scout::band(&study.folder, &setups, &extents(&opened), &analysis) {
+            analysis.band_hz = Some(band_hz);
+            reasons.push(reason);
+        }
+    }
+    let counting = start.elapsed();
+    let plan = loop {
+        let extents = extents(&opened);
+        if extents.is_empty() {
+            return Err(failure.unwrap_or(MeasureError::NoSetups));
+        }
+        match SpectralPlan::choose(&extents, &analysis) {
+            Ok(plan) => break plan,
+            Err(source @ PlanError::TooShort { setup, .. }) if opened.len() > 1 => {
+                let (setup, _, _) = opened.remove(setup);
+                leave_out(&mut warnings, &mut failure, MeasureError::TooShort { setup: setup.name.clone(), source });
+            }
+            Err(error) => return Err(error.into()),
+        }
+    };
+    warnings.extend(plan.few_averages.map(|few| few.to_string()));
+    reasons.push(plan.reason.clone());
+    Ok(Prepared { setups: opened, plan, reasons, warnings, failure, counting })
 }
 
 /// What the plan needs to know of the setups that were opened.

@@ -2,10 +2,10 @@
 
 use super::*;
 use proptest::prelude::*;
-use std::string::String;
+use std::string::String as StdString;
 use std::vec::Vec as StdVec;
 
-fn hex(message: &impl Serialize) -> String {
+fn hex(message: &impl Serialize) -> StdString {
     let mut buffer = [0; MAX_MESSAGE_BYTES];
     let bytes = postcard::to_slice(message, &mut buffer).unwrap();
     bytes.iter().map(|byte| std::format!("{byte:02x}")).collect::<StdVec<_>>().join(" ")
@@ -28,15 +28,18 @@ const NAME: WindowName = WindowName { node: 3, boot: 0xB007, number: 300 };
 #[test]
 fn golden_node_messages() {
     let hello = Hello {
-        protocol_version: 1,
+        protocol_version: 2,
         schema_hash: 0x0123_4567_89AB_CDEF,
         node: 3,
         boot: 0xB007,
         channels: 4,
         configuration_hash: Some(1),
         clock_set: true,
+        replaying: false,
+        fault: Some(Fault { kind: FaultKind::HardFault, address: 0x0800_0123, place: String::new() }),
     };
-    assert_eq!(hex(&NodeMessage::Hello(hello)), "00 01 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01");
+    let golden = "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 00 01 01 a3 82 80 40 00";
+    assert_eq!(hex(&NodeMessage::Hello(hello)), golden);
     let refusal = Refusal { configuration_hash: 1, reason: RefusalReason::Memory { needed: 300, available: 200 } };
     assert_eq!(hex(&NodeMessage::Refused(refusal)), "01 01 06 ac 02 c8 01");
     let reply = ClockReply { host_sent: HostTime(-1), node_received: NodeTime(2), node_sent: NodeTime(300) };
@@ -49,8 +52,17 @@ fn golden_node_messages() {
         lost_windows: 0,
         damaged_frames: 1,
         level: Vec::from_slice(&[0.5]).unwrap(),
+        sensors: Vec::from_slice(&[SensorState::Stuck]).unwrap(),
+        lost_rows: 2,
+        board: BoardState {
+            stack_bytes: 300,
+            stack_free_bytes: 200,
+            longest_step_us: 4,
+            temperature_centi_c: Some(-1),
+        },
     };
-    assert_eq!(hex(&NodeMessage::Heartbeat(heartbeat)), "03 03 87 e0 02 ad 02 ab 02 00 01 01 00 00 00 3f");
+    let golden = "03 03 87 e0 02 ad 02 ab 02 00 01 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 01 01";
+    assert_eq!(hex(&NodeMessage::Heartbeat(heartbeat)), golden);
     let head = WindowHead {
         name: NAME,
         configuration_hash: 1,
@@ -73,6 +85,7 @@ fn golden_node_messages() {
     let peaks = Vec::from_slice(&[Peak { frequency_hz: 0.5, density: 2.0 }]).unwrap();
     let peaks = PeaksPart { name: NAME, part: 1, channel: 2, peaks };
     assert_eq!(hex(&NodeMessage::Peaks(peaks)), "07 03 87 e0 02 ac 02 01 02 01 00 00 00 3f 00 00 00 40");
+    assert_eq!(hex(&NodeMessage::Fed(Fed { next_row: 300 })), "08 ac 02");
 }
 
 #[test]
@@ -85,12 +98,16 @@ fn golden_host_messages() {
     assert_eq!(hex(&HostMessage::Clock(ClockRequest { host_sent: HostTime(64) })), "03 80 01");
     let model = ClockModel { node: NodeTime(1), host: HostTime(2), drift_ppb: -3 };
     assert_eq!(hex(&HostMessage::SetClock(model)), "04 01 04 05");
+    assert_eq!(hex(&HostMessage::Replay(Replay { start: HostTime(-2) })), "05 03");
+    let part = FeedPart { first_row: 300, readings: Vec::from_slice(&[0.5]).unwrap() };
+    assert_eq!(hex(&HostMessage::Feed(part)), "06 ac 02 01 00 00 00 3f");
+    assert_eq!(hex(&HostMessage::EndReplay), "07");
 }
 
 #[test]
 fn the_schema_hash_is_pinned() {
     assert_eq!(
-        SCHEMA_HASH, 0x2519_a762_76d0_8529,
+        SCHEMA_HASH, 0x3218_0af4_9e7b_9b5d,
         "the messages changed: raise PROTOCOL_VERSION and pin the new hash {SCHEMA_HASH:#018x}"
     );
 }
@@ -112,6 +129,8 @@ fn a_full_data_part_fits_into_a_message() {
     for message in [NodeMessage::Lines(lines), NodeMessage::Density(density)] {
         assert!(encode(&message, &mut [0; MAX_FRAME_BYTES]).is_ok());
     }
+    let part = FeedPart { first_row: u64::MAX, readings: Vec::from_slice(&[1.0; MAX_FEED]).unwrap() };
+    assert!(encode(&HostMessage::Feed(part), &mut [0; MAX_FRAME_BYTES]).is_ok());
 }
 
 #[test]
@@ -144,10 +163,36 @@ fn channel_state() -> impl Strategy<Value = ChannelState> {
     ]
 }
 
+fn sensor_state() -> impl Strategy<Value = SensorState> {
+    use SensorState::{Absent, Clipped, Failing, Noisy, Sound, Stuck};
+    prop::sample::select(std::vec![Absent, Stuck, Failing, Clipped, Noisy, Sound])
+}
+
+fn board() -> impl Strategy<Value = BoardState> {
+    any::<(u32, u32, u32, Option<i16>)>().prop_map(
+        |(stack_bytes, stack_free_bytes, longest_step_us, temperature_centi_c)| BoardState {
+            stack_bytes,
+            stack_free_bytes,
+            longest_step_us,
+            temperature_centi_c,
+        },
+    )
+}
+
+fn fault() -> impl Strategy<Value = Fault> {
+    use FaultKind::{Clock, HardFault, Panic, StackOverflow, Watchdog};
+    let kind = prop::sample::select(std::vec![Panic, HardFault, StackOverflow, Watchdog, Clock]);
+    (kind, any::<u32>(), "[ -~]{0,64}").prop_map(|(kind, address, place)| Fault {
+        kind,
+        address,
+        place: String::try_from(place.as_str()).unwrap(),
+    })
+}
+
 fn refusal_reason() -> impl Strategy<Value = RefusalReason> {
     prop_oneof![
         any::<u8>().prop_map(|available| RefusalReason::Channels { available }),
-        Just(RefusalReason::SamplingRate),
+        any::<u32>().prop_map(|highest_mhz| RefusalReason::SamplingRate { highest_mhz }),
         Just(RefusalReason::Decimation),
         Just(RefusalReason::Segment),
         Just(RefusalReason::Bands),
@@ -159,8 +204,11 @@ fn refusal_reason() -> impl Strategy<Value = RefusalReason> {
 fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
     let code = &code[..code.len().min(MAX_DATA_BYTES)];
     prop_oneof![
-        any::<(u8, u64, u16, u32, u8, Option<u32>, bool)>().prop_map(
-            |(protocol_version, schema_hash, node, boot, channels, configuration_hash, clock_set)| {
+        (any::<(u8, u64, u16, u32, u8, Option<u32>, bool, bool)>(), prop::option::of(fault())).prop_map(
+            |(
+                (protocol_version, schema_hash, node, boot, channels, configuration_hash, clock_set, replaying),
+                fault,
+            )| {
                 NodeMessage::Hello(Hello {
                     protocol_version,
                     schema_hash,
@@ -169,6 +217,8 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                     channels,
                     configuration_hash,
                     clock_set,
+                    replaying,
+                    fault,
                 })
             }
         ),
@@ -179,8 +229,13 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
             node_received: NodeTime(received),
             node_sent: NodeTime(replied),
         })),
-        (any::<(u16, u32, u32, u32, u32, u32)>(), heapless(finite())).prop_map(
-            |((node, boot, next_window, oldest_window, lost_windows, damaged_frames), level)| {
+        (any::<(u16, u32, u32, u32, u32, u32, u32)>(), heapless(finite()), heapless(sensor_state()), board()).prop_map(
+            |(
+                (node, boot, next_window, oldest_window, lost_windows, damaged_frames, lost_rows),
+                level,
+                sensors,
+                board,
+            )| {
                 NodeMessage::Heartbeat(Heartbeat {
                     node,
                     boot,
@@ -189,6 +244,9 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                     lost_windows,
                     damaged_frames,
                     level,
+                    sensors,
+                    lost_rows,
+                    board,
                 })
             }
         ),
@@ -215,6 +273,7 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
             let peaks = peaks.iter().map(|&(frequency_hz, density)| Peak { frequency_hz, density }).collect();
             NodeMessage::Peaks(PeaksPart { name, part, channel, peaks })
         }),
+        any::<u64>().prop_map(|next_row| NodeMessage::Fed(Fed { next_row })),
     ]
 }
 
@@ -232,6 +291,10 @@ fn host_message() -> impl Strategy<Value = HostMessage> {
     });
     prop_oneof![
         Just(HostMessage::Greet),
+        any::<i64>().prop_map(|start| HostMessage::Replay(Replay { start: HostTime(start) })),
+        (any::<u64>(), heapless(finite()))
+            .prop_map(|(first_row, readings)| HostMessage::Feed(FeedPart { first_row, readings })),
+        Just(HostMessage::EndReplay),
         (any::<(u8, u64, u32, u16)>(), summary, heapless(band)).prop_map(
             |((channels, sampling_rate_uhz, decimation, segment), summary, bands)| {
                 HostMessage::Configure(Configuration {

@@ -1,6 +1,6 @@
 //! One simulated node: the firmware, its crystal, its line, and the host's session with it, in simulated time.
 
-use belfry_firmware::{Identity, Node};
+use belfry_firmware::{Identity, Memory, Node};
 use belfry_shared::message::Configuration;
 use belfry_shared::time::{HostTime, NodeTime};
 use rand::{RngExt, SeedableRng};
@@ -47,7 +47,7 @@ pub(super) struct NodeSettings {
 pub(super) struct SimulatedNode {
     number: u16,
     channels: Vec<usize>,
-    node: Box<Node>,
+    node: Node<Box<Memory>>,
     /// The node's clock: it started at `boot` and gains `drift`.
     boot: Nanoseconds,
     drift: f64,
@@ -74,6 +74,7 @@ impl SimulatedNode {
             channels: configuration.channels,
             // A recording does not say where its sensors clip.
             full_scale_m_s2: f32::INFINITY,
+            highest_rate_mhz: u32::MAX,
         };
         let line = Line::new(options.baud, options.faults, random.random());
         let sampling_rate_uhz = configuration.sampling_rate_uhz;
@@ -81,7 +82,7 @@ impl SimulatedNode {
         Self {
             number,
             channels,
-            node: boxed_node(identity),
+            node: Node::new(identity, Box::new(Memory::new())),
             boot: start - random.random_range(1_000_000_000..1_000_000_000_000),
             drift: random.random_range(-MAX_DRIFT..MAX_DRIFT),
             node_end: line.node_end(),
@@ -193,9 +194,4 @@ impl SimulatedNode {
 fn row_time(row: u64, lead_rows: u64, sampling_rate_uhz: u64) -> Nanoseconds {
     let rows = i128::from(row) - i128::from(lead_rows);
     (rows * 1_000_000_000_000_000 / i128::from(sampling_rate_uhz.max(1))) as Nanoseconds
-}
-
-/// A node on the heap; it is large, and a debug build would build it on the stack several times over.
-fn boxed_node(identity: Identity) -> Box<Node> {
-    Box::new(Node::new(identity))
 }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::link::NodeWindow;
 use crate::link::memory::{Faults, Line};
-use belfry_firmware::{Identity, Node};
+use belfry_firmware::{Identity, Memory, Node};
 use belfry_shared::message::{Band, Summary};
 use belfry_shared::time::NodeTime;
 use proptest::prelude::*;
@@ -21,14 +21,15 @@ fn configuration() -> Configuration {
     }
 }
 
-fn node(boot: u32) -> Box<Node> {
-    Box::new(Node::new(Identity { node: 3, boot, channels: 1, full_scale_m_s2: 19.6 }))
+fn node(boot: u32) -> Node<Box<Memory>> {
+    let identity = Identity { node: 3, boot, channels: 1, full_scale_m_s2: 19.6, highest_rate_mhz: 4_000_000 };
+    Node::new(identity, Box::new(Memory::new()))
 }
 
 /// A session and a node joined by a line, in steps of 20 ms (a row each).
 struct Bench {
     line: Line,
-    node: Box<Node>,
+    node: Node<Box<Memory>>,
     session: Session,
     step: i64,
     node_start: i64,
@@ -166,6 +167,8 @@ fn hello() -> Hello {
         channels: 1,
         configuration_hash: None,
         clock_set: false,
+        replaying: false,
+        fault: None,
     }
 }
 
@@ -232,6 +235,9 @@ fn heartbeat(boot: u32, oldest_window: u32, next_window: u32) -> NodeMessage<'st
         lost_windows: 0,
         damaged_frames: 0,
         level: Default::default(),
+        sensors: Default::default(),
+        lost_rows: 0,
+        board: Default::default(),
     })
 }
 

@@ -1,0 +1,75 @@
+//! Who the node is.
+
+use core::mem::MaybeUninit;
+use core::ptr::{addr_of, addr_of_mut};
+
+use belfry_firmware::Identity;
+use belfry_firmware::adxl355::{CHANNELS, FULL_SCALE_M_S2, HIGHEST_RATE_MHZ};
+use belfry_shared::frame::crc32;
+use belfry_shared::message::MAX_CHANNELS;
+
+/// The node's number, from BELFRY_NODE when it is built. It has a name so that it can be changed in a program that is built.
+#[unsafe(no_mangle)]
+#[used]
+static BELFRY_NODE: u16 = number(option_env!("BELFRY_NODE"));
+
+/// DBGMCU_IDCODE, which is 0 in the emulator.
+const DEVICE_ID: *const u32 = 0xE004_2000 as *const u32;
+/// The chip's own number.
+const CHIP: *const [u32; 3] = 0x1FFF_7A10 as *const [u32; 3];
+/// Words that nothing sets at a start.
+const WORDS: usize = 16;
+
+/// What stands here after power came differs from time to time, and the first word counts starts without one.
+#[unsafe(link_section = ".uninit.SEED")]
+static mut SEED: MaybeUninit<[u32; WORDS]> = MaybeUninit::uninit();
+
+const fn number(text: Option<&str>) -> u16 {
+    let Some(text) = text else { return 1 };
+    let (bytes, mut number, mut index) = (text.as_bytes(), 0_u32, 0);
+    while index < bytes.len() {
+        assert!(bytes[index].is_ascii_digit(), "BELFRY_NODE is a number from 1 to 65535");
+        number = 10 * number + (bytes[index] - b'0') as u32;
+        assert!(number <= u16::MAX as u32, "BELFRY_NODE is a number from 1 to 65535");
+        index += 1;
+    }
+    assert!(number > 0, "BELFRY_NODE is a number from 1 to 65535");
+    number as u16
+}
+
+/// Whether this is the emulator.
+pub(super) fn is_emulated() -> bool {
+    // SAFETY: the register is there on every chip of the family, and is only read.
+    unsafe { DEVICE_ID.read_volatile() == 0 }
+}
+
+/// The node's identity; its boot id is another one at every start.
+pub(super) fn identity() -> Identity {
+    // SAFETY: a constant, but one that may be changed in a program that is built, so the compiler must not know it.
+    let node = unsafe { addr_of!(BELFRY_NODE).read_volatile() };
+    let chip = if is_emulated() {
+        [0; 3]
+    } else {
+        // SAFETY: the chip's number is there on every chip of the family.
+        unsafe { CHIP.read_volatile() }
+    };
+    // SAFETY: only this function names SEED, and it is called once; any words are words, and reading them volatile keeps
+    // the compiler from knowing that nothing has set them.
+    let mut seed = unsafe { addr_of!(SEED).cast::<[u32; WORDS]>().read_volatile() };
+    seed[0] = seed[0].wrapping_add(1);
+    // SAFETY: as above.
+    unsafe { addr_of_mut!(SEED).cast::<[u32; WORDS]>().write_volatile(seed) };
+    let mut bytes = [0; 4 * (3 + WORDS)];
+    for (place, word) in bytes.chunks_exact_mut(4).zip(chip.iter().chain(&seed)) {
+        place.copy_from_slice(&word.to_le_bytes());
+    }
+    // In the emulator recordings may have more channels than the sensor.
+    let channels = if is_emulated() { MAX_CHANNELS } else { CHANNELS };
+    Identity {
+        node,
+        boot: crc32(&bytes),
+        channels: channels as u8,
+        full_scale_m_s2: FULL_SCALE_M_S2,
+        highest_rate_mhz: HIGHEST_RATE_MHZ,
+    }
+}

@@ -1,0 +1,148 @@
+//! The board: what it is made of, and the loop that gives the node rows, bytes and time.
+//!
+//! Interrupts only move data: the timer's reads the sensor into a queue of rows ([`sampler`]), the serial port's moves bytes
+//! between the line and its queues ([`port`]). All work is done in the loop below, a step at a time, so that nothing there
+//! delays a sample. Every wait has a deadline of its own, and the watchdog is over all of them.
+
+mod bus;
+mod identity;
+mod last_words;
+mod port;
+mod sampler;
+mod stack;
+mod ticks;
+
+use belfry_firmware::{Memory, Node};
+use belfry_shared::frame::MAX_FRAME_BYTES;
+use belfry_shared::message::{BoardState, Fault, FaultKind};
+use cortex_m_rt::{entry, exception};
+use defmt_rtt as _;
+use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::rcc::{Config, Rcc};
+use stm32f4xx_hal::watchdog::IndependentWatchdog;
+use stm32f4xx_hal::{pac, time::Hertz};
+
+use sampler::Sampler;
+
+/// What the core runs at.
+const CORE: Hertz = Hertz::MHz(168);
+/// The ST-LINK's clock, which the board is fed with.
+const EXTERNAL: Hertz = Hertz::MHz(8);
+/// Looks at the external clock's ready flag before it is given up: some 20 ms at 16 MHz.
+const EXTERNAL_LOOKS: u32 = 50_000;
+/// The program must come round this often, in ms.
+const WATCHDOG_MS: u32 = 2000;
+/// The loop comes round at least this often, in ticks of the core's clock.
+const WAKE_TICKS: u32 = 8_000_000;
+
+/// What the node is kept in; all zeros, so that it takes no flash.
+static mut MEMORY: Memory = Memory::new();
+
+#[entry]
+fn run() -> ! {
+    let ended = last_words::take();
+    let (Some(mut core), Some(device)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
+        // Both are taken once, here.
+        panic!("started twice");
+    };
+    let was_watchdog = device.RCC.csr().read().wdgrstf().bit_is_set();
+    device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
+    let mut watchdog = IndependentWatchdog::new(device.IWDG);
+    watchdog.start(WATCHDOG_MS.millis());
+
+    let is_emulated = identity::is_emulated();
+    let (mut rcc, has_external) = clocks(device.RCC, is_emulated);
+    ticks::start(device.TIM5, &mut rcc, is_emulated);
+    let (port_a, port_b) = (device.GPIOA.split(&mut rcc), device.GPIOB.split(&mut rcc));
+    let bus = bus::SensorBus::new(device.SPI2, port_b.pb12, (port_b.pb13, port_b.pb14, port_b.pb15), &mut rcc);
+    let mut sampler = Sampler::start(device.TIM2, port_b.pb10, bus, &mut rcc, is_emulated);
+    let mut port = port::Port::start(device.USART2, (port_a.pa2, port_a.pa3), &mut rcc);
+    core.SYST.set_reload(WAKE_TICKS);
+    core.SYST.clear_current();
+    core.SYST.enable_counter();
+    core.SYST.enable_interrupt();
+    // SAFETY: all that the interrupts use has been set up; sampling goes before everything else.
+    unsafe {
+        core.NVIC.set_priority(pac::Interrupt::TIM2, 0);
+        core.NVIC.set_priority(pac::Interrupt::USART2, 0x10);
+        cortex_m::peripheral::NVIC::unmask(pac::Interrupt::TIM2);
+        cortex_m::peripheral::NVIC::unmask(pac::Interrupt::USART2);
+    }
+
+    // SAFETY: this function runs once and never returns, and nothing else names MEMORY.
+    let memory: &'static mut Memory = unsafe { &mut *core::ptr::addr_of_mut!(MEMORY) };
+    let mut node = Node::new(identity::identity(), memory);
+    let watchdog_fault = was_watchdog.then(|| simple_fault(FaultKind::Watchdog));
+    let clock_fault = (!has_external).then(|| simple_fault(FaultKind::Clock));
+    if let Some(fault) = ended.or(watchdog_fault).or(clock_fault) {
+        defmt::warn!("the life before ended: {}", fault);
+        node.report_fault(fault);
+    }
+    defmt::info!("node {} runs, emulated: {}", node.identity().node, is_emulated);
+
+    let mut longest_us = 0;
+    let mut last_look = ticks::now();
+    let mut frame = [0; MAX_FRAME_BYTES];
+    loop {
+        watchdog.feed();
+        let now = ticks::now();
+        longest_us = now.since(last_look).max(longest_us);
+        last_look = now;
+        while let Some(row) = sampler.next_row() {
+            node.sample(row.time, &row.readings);
+        }
+        while let Some((time, byte)) = port.next_byte() {
+            node.receive(time, byte);
+        }
+        sampler.follow(node.sampling_rate_uhz());
+        let worked = node.poll(now);
+        if port.has_sent_all() && node.has_bytes() {
+            node.report_board(BoardState {
+                stack_bytes: stack::size(),
+                stack_free_bytes: stack::never_used(),
+                longest_step_us: u32::try_from(longest_us).unwrap_or(u32::MAX),
+                temperature_centi_c: sampler.temperature_centi_c(),
+            });
+            let count = node.transmit(ticks::now(), &mut frame);
+            port.send(frame.get(..count).unwrap_or(&[]));
+        }
+        if !worked {
+            // With interrupts held back, none can slip in between the look and the sleep; a waiting one ends it.
+            cortex_m::interrupt::free(|_| {
+                if sampler.is_empty() && port.is_quiet() && !(port.has_sent_all() && node.has_bytes()) {
+                    cortex_m::asm::wfi();
+                }
+            });
+            // Sleep is no step.
+            last_look = ticks::now();
+        }
+    }
+}
+
+/// Full speed from the board's 8 MHz where they come, else from the chip's own oscillator; whether they came.
+fn clocks(rcc: pac::RCC, is_emulated: bool) -> (Rcc, bool) {
+    if is_emulated {
+        // The emulator has no clocks that become ready.
+        return (rcc.freeze(Config::hsi()), true);
+    }
+    rcc.cr().modify(|_, w| w.hsebyp().set_bit().hseon().set_bit());
+    let has_external = (0..EXTERNAL_LOOKS).any(|_| rcc.cr().read().hserdy().bit_is_set());
+    let source = if has_external { Config::hse(EXTERNAL).bypass_hse_oscillator() } else { Config::hsi() };
+    (rcc.freeze(source.sysclk(CORE)), has_external)
+}
+
+fn simple_fault(kind: FaultKind) -> Fault {
+    Fault { kind, address: 0, place: heapless::String::new() }
+}
+
+/// Wakes the loop.
+#[exception]
+fn SysTick() {}
+
+/// No other interrupt is on.
+#[exception]
+unsafe fn DefaultHandler(number: i16) {
+    panic!("interrupt {number}");
+}
+
+defmt::timestamp!("{=u64:us}", ticks::now().0);

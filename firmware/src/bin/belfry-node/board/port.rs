@@ -1,0 +1,114 @@
+//! The serial port to the host: USART2, with a queue in either direction.
+
+use core::cell::RefCell;
+
+use belfry_shared::frame::{END_OF_FRAME, MAX_FRAME_BYTES};
+use belfry_shared::time::NodeTime;
+use critical_section::Mutex;
+use heapless::spsc::{Consumer, Producer, Queue};
+use stm32f4xx_hal::gpio::Pin;
+use stm32f4xx_hal::pac::{Interrupt, USART2, interrupt};
+use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::rcc::Rcc;
+use stm32f4xx_hal::serial::{Config, Rx, Serial, Tx};
+
+use super::ticks;
+
+/// Bits a second.
+const BAUD: u32 = 115_200;
+/// Bytes that may wait for the loop: a frame, and what comes while it is worked on.
+const RECEIVED: usize = MAX_FRAME_BYTES + 64;
+/// Bytes that may wait for the line: a frame.
+const TO_SEND: usize = MAX_FRAME_BYTES + 1;
+/// Ends of frames whose time is kept.
+const FRAMES: usize = 8;
+
+/// What the interrupt has.
+struct Shared {
+    tx: Tx<USART2>,
+    rx: Rx<USART2>,
+    received: Producer<'static, u8>,
+    frame_times: Producer<'static, NodeTime>,
+    to_send: Consumer<'static, u8>,
+}
+
+static SHARED: Mutex<RefCell<Option<Shared>>> = Mutex::new(RefCell::new(None));
+
+/// The loop's end of the port.
+pub(super) struct Port {
+    received: Consumer<'static, u8>,
+    frame_times: Consumer<'static, NodeTime>,
+    to_send: Producer<'static, u8>,
+}
+
+impl Port {
+    /// Opens the port: out on PA2, in on PA3, the ST-LINK's serial port.
+    pub(super) fn start(usart: USART2, pins: (Pin<'A', 2>, Pin<'A', 3>), rcc: &mut Rcc) -> Self {
+        let config = Config::default().baudrate(BAUD.bps());
+        // The only error is a baud rate that the clock cannot make.
+        let Ok(mut serial) = Serial::<USART2>::new(usart, pins, config, rcc) else { panic!("no such baud rate") };
+        serial.listen(stm32f4xx_hal::serial::Event::RxNotEmpty);
+        let (tx, rx) = serial.split();
+        let queues = (
+            cortex_m::singleton!(: Queue<u8, RECEIVED> = Queue::new()),
+            cortex_m::singleton!(: Queue<NodeTime, FRAMES> = Queue::new()),
+            cortex_m::singleton!(: Queue<u8, TO_SEND> = Queue::new()),
+        );
+        // This function runs once.
+        let (Some(received), Some(times), Some(to_send)) = queues else { panic!("started twice") };
+        let ((received_in, received), (times_in, frame_times), (to_send, to_send_out)) =
+            (received.split(), times.split(), to_send.split());
+        let shared = Shared { tx, rx, received: received_in, frame_times: times_in, to_send: to_send_out };
+        critical_section::with(|section| SHARED.borrow_ref_mut(section).replace(shared));
+        Self { received, frame_times, to_send }
+    }
+
+    /// The oldest byte that waits, and when its frame ended (now, where that is not known).
+    pub(super) fn next_byte(&mut self) -> Option<(NodeTime, u8)> {
+        let byte = self.received.dequeue()?;
+        let time = if byte == END_OF_FRAME { self.frame_times.dequeue() } else { None };
+        Some((time.unwrap_or_else(ticks::now), byte))
+    }
+
+    /// Whether no byte waits for the loop.
+    pub(super) fn is_quiet(&self) -> bool {
+        !self.received.ready()
+    }
+
+    /// Whether the line has taken everything.
+    pub(super) fn has_sent_all(&self) -> bool {
+        self.to_send.is_empty()
+    }
+
+    /// Sends bytes, a frame at most; to be called when the line has taken everything.
+    pub(super) fn send(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            // Cannot fail: a frame fits.
+            let _ = self.to_send.enqueue(byte);
+        }
+        // Also where the port has no interrupt for an empty transmitter, as in the emulator: the handler sends what it can.
+        cortex_m::peripheral::NVIC::pend(Interrupt::USART2);
+    }
+}
+
+#[interrupt]
+fn USART2() {
+    critical_section::with(|section| {
+        let mut shared = SHARED.borrow_ref_mut(section);
+        let Some(shared) = shared.as_mut() else { return };
+        if let Ok(byte) = shared.rx.read() {
+            // A byte that finds the queue full is lost, and its frame with it: the host says it again.
+            if shared.received.enqueue(byte).is_ok() && byte == END_OF_FRAME {
+                let _ = shared.frame_times.enqueue(ticks::now());
+            }
+        }
+        while let Some(&byte) = shared.to_send.peek() {
+            if shared.tx.write(byte).is_err() {
+                shared.tx.listen();
+                return;
+            }
+            shared.to_send.dequeue();
+        }
+        shared.tx.unlisten();
+    });
+}

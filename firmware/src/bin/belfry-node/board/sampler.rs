@@ -1,0 +1,217 @@
+//! Sampling: TIM2 gives the sensor its synchronisation pulse and the processor its interrupt, so that nothing in the program
+//! moves a sample in time.
+
+use core::cell::RefCell;
+
+use belfry_firmware::adxl355::{self, Adxl355, CHANNELS, Reading};
+use belfry_shared::time::NodeTime;
+use critical_section::Mutex;
+use embedded_hal::delay::DelayNs;
+use heapless::spsc::{Consumer, Producer, Queue};
+use stm32f4xx_hal::gpio::Pin;
+use stm32f4xx_hal::pac::{TIM2, interrupt};
+use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+
+use super::bus::SensorBus;
+use super::ticks;
+
+/// Rows that may wait for the loop: 28 ms at 1000 Hz.
+const ROWS: usize = 28;
+/// The time between looks for a sensor that is absent, in µs.
+const LOOK_AGAIN_US: i64 = 2_000_000;
+
+/// A row of readings and when it was sampled.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Row {
+    pub(super) time: NodeTime,
+    /// In m/s²; NaN where there was none.
+    pub(super) readings: [f32; CHANNELS],
+}
+
+/// What the interrupt has.
+struct Shared {
+    sensor: Option<Adxl355<SensorBus>>,
+    rows: Producer<'static, Row>,
+    period: Period,
+    temperature_centi_c: Option<i16>,
+}
+
+static SHARED: Mutex<RefCell<Option<Shared>>> = Mutex::new(RefCell::new(None));
+
+/// The sampling period in ticks of the timer, exact in the mean: a period is a tick longer whenever the fractions left over
+/// have come to one.
+#[derive(Debug, Clone, Copy, Default)]
+struct Period {
+    ticks: u32,
+    /// What is left over each time, of `whole`.
+    fraction: u64,
+    whole: u64,
+    gathered: u64,
+    half_us: i64,
+}
+
+impl Period {
+    fn of(rate_uhz: u64, timer_hz: u32) -> Self {
+        let (rate, ticks) = (rate_uhz.max(1), u64::from(timer_hz) * 1_000_000);
+        Self {
+            ticks: u32::try_from(ticks / rate).unwrap_or(u32::MAX).max(2),
+            fraction: ticks % rate,
+            whole: rate,
+            gathered: 0,
+            half_us: i64::try_from(500_000_000_000 / rate).unwrap_or(0),
+        }
+    }
+
+    /// Ticks of the next period.
+    fn next(&mut self) -> u32 {
+        self.gathered += self.fraction;
+        if self.gathered >= self.whole {
+            self.gathered -= self.whole;
+            self.ticks.saturating_add(1)
+        } else {
+            self.ticks
+        }
+    }
+}
+
+/// The loop's end of sampling.
+pub(super) struct Sampler {
+    timer: TIM2,
+    timer_hz: u32,
+    rows: Consumer<'static, Row>,
+    rate_uhz: Option<u64>,
+    bus: Option<SensorBus>,
+    looked: Option<NodeTime>,
+}
+
+struct Delay;
+
+impl DelayNs for Delay {
+    fn delay_ns(&mut self, ns: u32) {
+        cortex_m::asm::delay(ns / 6 + 1);
+    }
+}
+
+impl Sampler {
+    /// Sets up the timer, whose pulses leave at PB10 for the sensor's DRDY pin. Nothing is sampled yet.
+    pub(super) fn start(timer: TIM2, pulse: Pin<'B', 10>, bus: SensorBus, rcc: &mut Rcc, is_emulated: bool) -> Self {
+        let _ = pulse.into_alternate::<1>();
+        TIM2::enable(rcc);
+        TIM2::reset(rcc);
+        // Channel 3 rises in the middle of a period (PWM mode 2) and falls at its end, where the interrupt reads the sample.
+        timer.ccmr2_output().write(|w| w.oc3m().pwm_mode2().oc3pe().set_bit());
+        timer.ccer().write(|w| w.cc3e().set_bit());
+        let queue = cortex_m::singleton!(: Queue<Row, ROWS> = Queue::new());
+        // This function runs once.
+        let Some(queue) = queue else { panic!("started twice") };
+        let (producer, rows) = queue.split();
+        let shared = Shared { sensor: None, rows: producer, period: Period::default(), temperature_centi_c: None };
+        critical_section::with(|section| SHARED.borrow_ref_mut(section).replace(shared));
+        let timer_hz = ticks::timer_hz(rcc, is_emulated);
+        Self { timer, timer_hz, rows, rate_uhz: None, bus: Some(bus), looked: None }
+    }
+
+    /// Samples at a rate in µHz, or not at all; to be called with what the node wants every time the loop comes round.
+    pub(super) fn follow(&mut self, rate_uhz: Option<u64>) {
+        self.look_for_sensor(rate_uhz);
+        if rate_uhz == self.rate_uhz {
+            return;
+        }
+        self.rate_uhz = rate_uhz;
+        self.timer.cr1().write(|w| w.cen().clear_bit());
+        self.timer.dier().write(|w| w.uie().clear_bit());
+        let Some(rate) = rate_uhz else { return };
+        let mut period = Period::of(rate, self.timer_hz);
+        let ticks = period.next();
+        critical_section::with(|section| {
+            if let Some(shared) = SHARED.borrow_ref_mut(section).as_mut() {
+                shared.period = period;
+                if let Some(Err(error)) = shared.sensor.as_mut().map(|sensor| sensor.set_rate(milli(rate))) {
+                    defmt::warn!("the sensor takes no rate: {}", error);
+                }
+            }
+        });
+        // SAFETY: every value is possible.
+        unsafe {
+            self.timer.arr().write(|w| w.bits(ticks - 1));
+            self.timer.ccr3().write(|w| w.bits(ticks / 2));
+        }
+        self.timer.egr().write(|w| w.ug().set_bit());
+        self.timer.sr().write(|w| w.uif().clear_bit());
+        self.timer.dier().write(|w| w.uie().set_bit());
+        self.timer.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
+    }
+
+    /// Starts the sensor where it is not running: it may have been connected late, or have lost its supply.
+    fn look_for_sensor(&mut self, rate_uhz: Option<u64>) {
+        let now = ticks::now();
+        if self.looked.is_some_and(|looked| now.since(looked) < LOOK_AGAIN_US) {
+            return;
+        }
+        self.looked = Some(now);
+        let lost = critical_section::with(|section| {
+            let mut shared = SHARED.borrow_ref_mut(section);
+            // A temperature is there as long as the sensor answers.
+            shared.as_mut().filter(|shared| shared.temperature_centi_c.is_none())?.sensor.take()
+        });
+        if let Some(sensor) = lost {
+            self.bus = Some(sensor.release());
+        }
+        let Some(bus) = self.bus.take() else { return };
+        match Adxl355::start(bus, &mut Delay, rate_uhz.map_or(adxl355::HIGHEST_RATE_MHZ, milli)) {
+            Ok(mut sensor) => {
+                let temperature_centi_c = sensor.read().ok().map(|reading| reading.temperature_centi_c);
+                critical_section::with(|section| {
+                    if let Some(shared) = SHARED.borrow_ref_mut(section).as_mut() {
+                        shared.sensor = Some(sensor);
+                        shared.temperature_centi_c = temperature_centi_c;
+                    }
+                });
+                defmt::info!("the sensor answers");
+            }
+            Err((error, bus)) => {
+                defmt::debug!("no sensor: {}", error);
+                self.bus = Some(bus);
+            }
+        }
+    }
+
+    /// The oldest row that waits.
+    pub(super) fn next_row(&mut self) -> Option<Row> {
+        self.rows.dequeue()
+    }
+
+    /// Whether no row waits.
+    pub(super) fn is_empty(&self) -> bool {
+        !self.rows.ready()
+    }
+
+    /// The sensor's temperature in units of 0.01 °C; `None` where there is no sensor.
+    pub(super) fn temperature_centi_c(&self) -> Option<i16> {
+        critical_section::with(|section| SHARED.borrow_ref(section).as_ref()?.temperature_centi_c)
+    }
+}
+
+fn milli(rate_uhz: u64) -> u32 {
+    u32::try_from(rate_uhz / 1000).unwrap_or(u32::MAX)
+}
+
+#[interrupt]
+fn TIM2() {
+    critical_section::with(|section| {
+        // SAFETY: the timer's registers are written here and, with its interrupt off, in `follow`.
+        let timer = unsafe { &*TIM2::ptr() };
+        timer.sr().write(|w| w.uif().clear_bit());
+        let mut shared = SHARED.borrow_ref_mut(section);
+        let Some(shared) = shared.as_mut() else { return };
+        let time = ticks::now().offset(-shared.period.half_us);
+        let ticks = shared.period.next();
+        // SAFETY: every value is possible; it counts from the next period on.
+        timer.arr().write(|w| unsafe { w.bits(ticks - 1) });
+        let reading = shared.sensor.as_mut().and_then(|sensor| sensor.read().ok());
+        shared.temperature_centi_c = reading.map(|reading: Reading| reading.temperature_centi_c);
+        let readings = reading.map_or([f32::NAN; CHANNELS], |reading| reading.acceleration_m_s2);
+        // A row that finds the queue full is missed by its time, and counted by the node.
+        let _ = shared.rows.enqueue(Row { time, readings });
+    });
+}

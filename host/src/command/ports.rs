@@ -1,0 +1,132 @@
+//! `belfry ports`: which serial ports there are, and which nodes answer on them.
+
+use std::time::Duration;
+
+use clap::Args;
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
+use serde::Serialize;
+
+use super::Console;
+use crate::link::port::{Port, serial_ports};
+use crate::link::replay::{ReplayError, who_is_there};
+
+/// How long a port is asked.
+const PATIENCE: Duration = Duration::from_millis(1500);
+
+/// List serial ports, and the nodes that answer on them
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  belfry ports
+  belfry ports tcp:127.0.0.1:5555      an emulated node, asked besides
+
+Every port is asked who is there, which takes a second and a half where nobody answers. A port that
+another program has open is left alone.")]
+pub struct Arguments {
+    /// Further ports to ask: names of devices, `tcp:HOST:PORT` or `unix:PATH`
+    #[arg(value_name = "PORT")]
+    ports: Vec<String>,
+    /// Baud rate
+    #[arg(long, default_value_t = 115_200)]
+    baud: u32,
+}
+
+#[derive(Debug, Serialize)]
+struct PortReport {
+    port: String,
+    device: String,
+    node: Option<u16>,
+    channels: Option<u8>,
+    measuring: bool,
+    last_fault: Option<String>,
+    problem: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    ports: Vec<PortReport>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the system does not say which ports there are.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let mut ports = serial_ports()?;
+    ports.extend(arguments.ports.iter().map(|name| (name.clone(), String::new())));
+    // All at once: a port where nobody answers takes its time.
+    let reports: Vec<PortReport> = std::thread::scope(|scope| {
+        let asked: Vec<_> =
+            ports.iter().map(|(name, what)| scope.spawn(move || ask(name, what, arguments.baud))).collect();
+        asked.into_iter().map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+    });
+    if reports.is_empty() {
+        console.say("There is no serial port. Is the board's USB cable one that carries data?");
+    } else {
+        console.say(table(&reports));
+    }
+    if let Some(found) = reports.iter().find(|report| report.node.is_some()) {
+        console.say(format!("Next: belfry replay STUDY --port {}    a recording through that node", found.port));
+    }
+    console.json(&Report { ports: reports })
+}
+
+fn ask(name: &str, device: &str, baud: u32) -> PortReport {
+    let nobody = |problem: Option<String>| PortReport {
+        port: name.to_owned(),
+        device: device.to_owned(),
+        node: None,
+        channels: None,
+        measuring: false,
+        last_fault: None,
+        problem,
+    };
+    let mut port = match Port::open(name, baud) {
+        Ok(port) => port,
+        Err(error) => {
+            let cause = std::error::Error::source(&error).map(|source| format!(": {source}")).unwrap_or_default();
+            return nobody(Some(format!("{error}{cause}")));
+        }
+    };
+    match who_is_there(&mut port, PATIENCE) {
+        Ok(hello) => PortReport {
+            node: Some(hello.node),
+            channels: Some(hello.channels),
+            measuring: hello.configuration_hash.is_some() && hello.clock_set,
+            last_fault: hello.fault.map(|fault| {
+                if fault.place.is_empty() {
+                    fault.kind.to_string()
+                } else {
+                    format!("{} at {}", fault.kind, fault.place)
+                }
+            }),
+            ..nobody(None)
+        },
+        Err(ReplayError::Silent) => nobody(None),
+        Err(error) => nobody(Some(error.to_string())),
+    }
+}
+
+fn table(reports: &[PortReport]) -> Table {
+    let mut table = Table::new();
+    table.load_style(UTF8_FULL_CONDENSED);
+    table.set_header(["port", "device", "node", "channels", "state"]);
+    for report in reports {
+        let state = match (report.node, &report.problem, &report.last_fault) {
+            (_, Some(problem), _) => problem.clone(),
+            (Some(_), _, Some(fault)) => format!("started anew: {fault}"),
+            (Some(_), ..) if report.measuring => "measures".to_owned(),
+            (Some(_), ..) => "waits for a configuration".to_owned(),
+            (None, ..) => "nobody answers".to_owned(),
+        };
+        let number = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
+        table.add_row([
+            report.port.clone(),
+            report.device.clone(),
+            number(report.node.map(|node| node.to_string())),
+            number(report.channels.map(|channels| channels.to_string())),
+            state,
+        ]);
+    }
+    table
+}

@@ -1,0 +1,144 @@
+//! Real ports: serial ports, and TCP or Unix sockets that carry the same bytes (an emulated board, a serial server).
+//!
+//! A port is named as the system names it (`/dev/ttyACM0`, `COM3`), or `tcp:HOST:PORT`, or `unix:PATH`.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
+use thiserror::Error;
+
+use super::Transport;
+
+/// How long a look for bytes waits.
+const WAIT: Duration = Duration::from_millis(2);
+/// How long bytes may wait for the line before it counts as dead.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// A port that could not be opened.
+#[derive(Debug, Error)]
+#[error("the port {name} cannot be opened{hint}")]
+pub struct PortError {
+    name: String,
+    hint: &'static str,
+    source: io::Error,
+}
+
+#[derive(Debug)]
+enum Line {
+    Serial(Box<dyn serialport::SerialPort>),
+    Tcp(TcpStream),
+    #[cfg(unix)]
+    Unix(std::os::unix::net::UnixStream),
+}
+
+/// An open port.
+#[derive(Debug)]
+pub struct Port {
+    name: String,
+    line: Line,
+}
+
+impl Port {
+    /// Opens a port; `baud` is for serial ports.
+    ///
+    /// # Errors
+    /// [`PortError`] names the port, and what may help.
+    pub fn open(name: &str, baud: u32) -> Result<Self, PortError> {
+        let line = Self::line(name, baud).map_err(|source| PortError {
+            name: name.to_owned(),
+            hint: match source.kind() {
+                ErrorKind::PermissionDenied => " (is your user in the group that may use it, often `dialout`?)",
+                ErrorKind::NotFound => " (`belfry ports` lists those that are there)",
+                _ => "",
+            },
+            source,
+        })?;
+        Ok(Self { name: name.to_owned(), line })
+    }
+
+    fn line(name: &str, baud: u32) -> io::Result<Line> {
+        if let Some(address) = name.strip_prefix("tcp:") {
+            let stream = TcpStream::connect(address)?;
+            stream.set_nodelay(true)?;
+            stream.set_read_timeout(Some(WAIT))?;
+            stream.set_write_timeout(Some(PATIENCE))?;
+            return Ok(Line::Tcp(stream));
+        }
+        #[cfg(unix)]
+        if let Some(path) = name.strip_prefix("unix:") {
+            let stream = std::os::unix::net::UnixStream::connect(path)?;
+            stream.set_read_timeout(Some(WAIT))?;
+            stream.set_write_timeout(Some(PATIENCE))?;
+            return Ok(Line::Unix(stream));
+        }
+        let port = serialport::new(name, baud).timeout(WAIT).open()?;
+        // What was said to nobody is of no interest; a port that cannot forget it is no fault.
+        let _ = port.clear(serialport::ClearBuffer::Input);
+        Ok(Line::Serial(port))
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+impl Transport for Port {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        match &mut self.line {
+            Line::Serial(port) => {
+                // The wait for bytes to come is short; that for bytes to go must outlast a full buffer.
+                port.set_timeout(PATIENCE)?;
+                let written = port.write_all(bytes);
+                port.set_timeout(WAIT)?;
+                written
+            }
+            Line::Tcp(stream) => stream.write_all(bytes),
+            #[cfg(unix)]
+            Line::Unix(stream) => stream.write_all(bytes),
+        }
+    }
+
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let closed = || Err(io::Error::new(ErrorKind::UnexpectedEof, "the other end has closed it"));
+        let read = match &mut self.line {
+            Line::Serial(port) => port.read(buffer),
+            Line::Tcp(stream) => match stream.read(buffer) {
+                Ok(0) => closed(),
+                read => read,
+            },
+            #[cfg(unix)]
+            Line::Unix(stream) => match stream.read(buffer) {
+                Ok(0) => closed(),
+                read => read,
+            },
+        };
+        match read {
+            Err(error)
+                if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
+            {
+                Ok(0)
+            }
+            read => read,
+        }
+    }
+}
+
+/// Names of the serial ports that there are, and what hangs on them where it is known.
+///
+/// # Errors
+/// Where the system does not say.
+pub fn serial_ports() -> io::Result<Vec<(String, String)>> {
+    let describe = |port: serialport::SerialPortInfo| {
+        let what = match port.port_type {
+            serialport::SerialPortType::UsbPort(usb) => {
+                [usb.manufacturer, usb.product].into_iter().flatten().collect::<Vec<_>>().join(" ")
+            }
+            serialport::SerialPortType::BluetoothPort => "Bluetooth".to_owned(),
+            _ => String::new(),
+        };
+        (port.port_name, what)
+    };
+    Ok(serialport::available_ports()?.into_iter().map(describe).collect())
+}
