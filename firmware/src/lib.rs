@@ -26,4 +26,4 @@ mod tables;
 mod windows;
 
 pub use node::{Identity, Memory, Node};
-pub use spectrum::SUPPORTED_SEGMENTS;
+pub use spectrum::{SUPPORTED_SEGMENTS, welch_segment};

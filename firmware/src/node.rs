@@ -68,6 +68,13 @@ impl Memory {
     pub const fn new() -> Self {
         Self { rings: empty_rings(), segment: [0.0; LONGEST_SEGMENT], arena: Arena::START }
     }
+
+    /// Room for a segment and its sums, for counting instructions.
+    #[doc(hidden)]
+    pub fn workbench(&mut self) -> (&mut [f32], &mut [f32]) {
+        let (sums, _) = self.arena.split(LONGEST_SEGMENT / 2);
+        (&mut self.segment, sums)
+    }
 }
 
 impl Default for Memory {
@@ -199,6 +206,8 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             self.clock = Some(ClockModel { node: NodeTime(0), host: replay.start, drift_ppb: 0 });
             self.last_heartbeat = None;
             self.interrupt();
+            // Numbers of windows go on: the host must know from where.
+            self.pending.heartbeat = true;
         }
         self.pending.hello = true;
     }

@@ -108,8 +108,9 @@ pub fn replay(
     let hello = who_is_there(transport, RETRY * TRIES)?;
     let mut line = Conversation::new(transport);
     line.configure(configuration, &hello)?;
-    let hello = line.hello_after(&HostMessage::Replay(Replay { start }), |hello| hello.replaying)?;
+    let (hello, next_window) = line.start(start)?;
     let mut assembler = Assembler::new(hello.boot);
+    assembler.heartbeat(next_window, next_window);
     let began = Instant::now();
     let mut fed = Fed { row: 0, windows: Vec::new(), heartbeat: None };
     let mut rows = rows;
@@ -136,6 +137,9 @@ struct Fed {
     windows: Vec<NodeWindow>,
     heartbeat: Option<Heartbeat>,
 }
+
+/// Looks at a message and its encoding; whether it was the one that is waited for.
+type Look<'a> = dyn FnMut(&NodeMessage<'_>, &[u8]) -> Result<bool, ReplayError> + 'a;
 
 /// Messages over a transport.
 struct Conversation<'a> {
@@ -184,11 +188,7 @@ impl<'a> Conversation<'a> {
     }
 
     /// The same, with the messages' encodings; whether one was taken.
-    fn listen_encoded(
-        &mut self,
-        patience: Duration,
-        wanted: &mut dyn FnMut(&NodeMessage<'_>, &[u8]) -> Result<bool, ReplayError>,
-    ) -> Result<bool, ReplayError> {
+    fn listen_encoded(&mut self, patience: Duration, wanted: &mut Look<'_>) -> Result<bool, ReplayError> {
         let start = Instant::now();
         let mut buffer = [0; 4096];
         loop {
@@ -242,6 +242,21 @@ impl<'a> Conversation<'a> {
         let hash = Some(configuration.hash());
         self.hello_after(&HostMessage::Configure(configuration.clone()), |hello| hello.configuration_hash == hash)
             .map(drop)
+    }
+
+    /// Starts a recording; the greeting, and the number that the first window will have.
+    fn start(&mut self, start: HostTime) -> Result<(Hello, u32), ReplayError> {
+        for _ in 0..TRIES {
+            let hello = self.hello_after(&HostMessage::Replay(Replay { start }), |hello| hello.replaying)?;
+            let next_window = self.listen(RETRY, |message| match message {
+                NodeMessage::Heartbeat(heartbeat) => Some(heartbeat.next_window),
+                _ => None,
+            })?;
+            if let Some(next_window) = next_window {
+                return Ok((hello, next_window));
+            }
+        }
+        Err(ReplayError::Silent)
     }
 
     /// Feeds a part until the node has taken it, and takes its windows meanwhile.

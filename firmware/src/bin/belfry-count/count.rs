@@ -1,0 +1,138 @@
+//! The counts.
+
+use belfry_firmware::{Identity, Memory, Node, SUPPORTED_SEGMENTS, welch_segment};
+use belfry_shared::frame::MAX_FRAME_BYTES;
+use belfry_shared::message::{self, Band, Configuration, HostMessage, MAX_CHANNELS, Summary};
+use belfry_shared::time::{ClockModel, HostTime, NodeTime};
+use cortex_m_semihosting::{debug, hprintln};
+use panic_semihosting as _;
+use stm32f4xx_hal::pac::TIM5;
+
+/// What the board's core runs at.
+const CORE_HZ: u64 = 168_000_000;
+const LONGEST: usize = 4096;
+
+static mut MEMORY: Memory = Memory::new();
+
+fn now() -> u32 {
+    // SAFETY: the counter is only read.
+    unsafe { (*TIM5::ptr()).cnt().read().bits() }
+}
+
+/// Instructions that `work` takes, the look at the counter left out.
+fn count(work: impl FnOnce()) -> u32 {
+    let empty = {
+        let start = now();
+        now().wrapping_sub(start)
+    };
+    let start = now();
+    work();
+    now().wrapping_sub(start).saturating_sub(empty)
+}
+
+/// A deterministic signal: numbers from -0.5 to 0.5.
+fn noise(n: u32) -> f32 {
+    (n.wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32 - 0.5
+}
+
+#[cortex_m_rt::entry]
+fn run() -> ! {
+    // SAFETY: nothing else uses the timer.
+    unsafe {
+        (*TIM5::ptr()).arr().write(|w| w.bits(u32::MAX));
+        (*TIM5::ptr()).cr1().write(|w| w.cen().set_bit());
+    }
+    hprintln!("a segment: straight line out, window, FFT, power, sum; points and instructions");
+    for segment in SUPPORTED_SEGMENTS {
+        segments(usize::from(segment));
+    }
+    hprintln!(
+        "a second of the node in Hz of sampling and instructions: 4 channels, 4096 points at 5 Hz, 1188 lines of 6 bits"
+    );
+    // SAFETY: this function runs once, and nothing else names MEMORY.
+    let memory: &'static mut Memory = unsafe { &mut *core::ptr::addr_of_mut!(MEMORY) };
+    let identity = Identity { node: 1, boot: 1, channels: 4, full_scale_m_s2: 20.0, highest_rate_mhz: 4_000_000 };
+    let mut node = Node::new(identity, memory);
+    whole_node(&mut node, 50, 10);
+    whole_node(&mut node, 1000, 200);
+    debug::exit(debug::EXIT_SUCCESS);
+    #[expect(clippy::empty_loop, reason = "the emulator has stopped")]
+    loop {}
+}
+
+fn segments(length: usize) {
+    // SAFETY: this function is called before the node uses MEMORY, and its borrows end with it.
+    let (samples, sums) = unsafe { (*core::ptr::addr_of_mut!(MEMORY)).workbench() };
+    let (Some(samples), Some(sums)) = (samples.get_mut(..length), sums.get_mut(..length / 2)) else { return };
+    for (n, sample) in samples.iter_mut().enumerate() {
+        *sample = noise(n as u32);
+    }
+    let instructions = count(|| welch_segment(samples, 5.0, sums));
+    hprintln!("segment {} {}", length, instructions);
+}
+
+fn whole_node(node: &mut Node<&'static mut Memory>, rate_hz: u32, decimation: u32) {
+    let configuration = Configuration {
+        channels: MAX_CHANNELS as u8,
+        sampling_rate_uhz: u64::from(rate_hz) * 1_000_000,
+        decimation,
+        segment: LONGEST as u16,
+        summary: Summary::Lines { bits: 6 },
+        bands: [Band { first_line: 41, lines: 1188 }].into_iter().collect(),
+    };
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let mut say = |node: &mut Node<&'static mut Memory>, message: &HostMessage| {
+        let length = message::encode(message, &mut frame).unwrap_or(0);
+        for &byte in frame.iter().take(length) {
+            node.receive(NodeTime(0), byte);
+        }
+    };
+    say(node, &HostMessage::Configure(configuration));
+    say(node, &HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 }));
+    // Two windows, after the filters are full.
+    let rows = decimation * (LONGEST as u32 * 3 / 2 + 100);
+    let (mut sampling, mut working, mut sending) = (0_u64, 0_u64, 0_u64);
+    let (mut longest_row, mut longest_step, mut bytes) = (0, 0, 0);
+    let mut out = [0; MAX_FRAME_BYTES];
+    for row in 0..rows {
+        let time = NodeTime(u64::from(row) * 1_000_000 / u64::from(rate_hz));
+        let readings = [noise(row), noise(row + 7), 9.8 + noise(row + 11), noise(row + 13)];
+        let taken = count(|| node.sample(time, &readings));
+        sampling += u64::from(taken);
+        longest_row = longest_row.max(taken);
+        loop {
+            let mut worked = false;
+            let step = count(|| worked = node.poll(time));
+            working += u64::from(step);
+            longest_step = longest_step.max(step);
+            if !worked {
+                break;
+            }
+        }
+        while node.has_bytes() {
+            let mut sent = 0;
+            sending += u64::from(count(|| sent = node.transmit(time, &mut out)));
+            bytes += sent;
+            if sent == 0 {
+                break;
+            }
+        }
+    }
+    let total = sampling + working + sending;
+    let a_second = total * u64::from(rate_hz) / u64::from(rows);
+    // In units of 0.001 %.
+    let share = a_second * 100_000 / CORE_HZ;
+    hprintln!(
+        "second {} {} = {}.{:03} % of 168 MHz; a row {} (most {}), work {}, sending {} for {} bytes; longest step {}",
+        rate_hz,
+        a_second,
+        share / 1000,
+        share % 1000,
+        sampling / u64::from(rows),
+        longest_row,
+        working,
+        sending,
+        bytes,
+        longest_step
+    );
+}
