@@ -15,6 +15,7 @@ mod ticks;
 use belfry_firmware::{Memory, Node};
 use belfry_shared::frame::MAX_FRAME_BYTES;
 use belfry_shared::message::{BoardState, Fault, FaultKind};
+use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::{entry, exception};
 use defmt_rtt as _;
 use stm32f4xx_hal::prelude::*;
@@ -57,6 +58,7 @@ fn run() -> ! {
     let bus = bus::SensorBus::new(device.SPI2, port_b.pb12, (port_b.pb13, port_b.pb14, port_b.pb15), &mut rcc);
     let mut sampler = Sampler::start(device.TIM2, port_b.pb10, bus, &mut rcc, is_emulated);
     let mut port = port::Port::start(device.USART2, (port_a.pa2, port_a.pa3), &mut rcc);
+    core.SYST.set_clock_source(SystClkSource::Core);
     core.SYST.set_reload(WAKE_TICKS);
     core.SYST.clear_current();
     core.SYST.enable_counter();

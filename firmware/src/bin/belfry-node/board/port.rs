@@ -97,9 +97,14 @@ fn USART2() {
         let mut shared = SHARED.borrow_ref_mut(section);
         let Some(shared) = shared.as_mut() else { return };
         if let Ok(byte) = shared.rx.read() {
-            // A byte that finds the queue full is lost, and its frame with it: the host says it again.
-            if shared.received.enqueue(byte).is_ok() && byte == END_OF_FRAME {
-                let _ = shared.frame_times.enqueue(ticks::now());
+            // A byte that finds no room is lost, and its frame with it: the host says it again. The end of a frame needs room
+            // for its time as well, or times would belong to other frames than theirs.
+            let is_end = byte == END_OF_FRAME;
+            if shared.received.ready() && (!is_end || shared.frame_times.ready()) {
+                let _ = shared.received.enqueue(byte);
+                if is_end {
+                    let _ = shared.frame_times.enqueue(ticks::now());
+                }
             }
         }
         while let Some(&byte) = shared.to_send.peek() {
