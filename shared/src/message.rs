@@ -149,6 +149,13 @@ pub struct Fault {
     pub place: String<MAX_PLACE_BYTES>,
 }
 
+impl core::fmt::Display for Fault {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        self.kind.fmt(formatter)?;
+        if self.place.is_empty() { Ok(()) } else { write!(formatter, " at {}", self.place) }
+    }
+}
+
 /// Kinds of [`Fault`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

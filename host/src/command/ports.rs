@@ -93,13 +93,7 @@ fn ask(name: &str, device: &str, baud: u32) -> PortReport {
             node: Some(hello.node),
             channels: Some(hello.channels),
             measuring: hello.configuration_hash.is_some() && hello.clock_set,
-            last_fault: hello.fault.map(|fault| {
-                if fault.place.is_empty() {
-                    fault.kind.to_string()
-                } else {
-                    format!("{} at {}", fault.kind, fault.place)
-                }
-            }),
+            last_fault: hello.fault.map(|fault| fault.to_string()),
             ..nobody(None)
         },
         Err(ReplayError::Silent) => nobody(None),

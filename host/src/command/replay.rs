@@ -14,7 +14,7 @@ use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::Console;
-use crate::link::fleet::node_configuration;
+use crate::link::fleet::{channels_by_node, node_configuration};
 use crate::link::port::Port;
 use crate::link::replay::{InProcess, Replayed, replay};
 use crate::link::{ChannelData, NodeWindow, Transport};
@@ -101,12 +101,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let mut roles = VecDeque::new();
     let mut total_rows = 0;
     for ((setup, _, rows), &decimation) in prepared.setups.iter().zip(&prepared.plan.decimations) {
-        let mut channels_of: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
-        for (channel, sensor) in setup.sensors.iter().enumerate() {
-            channels_of.entry(sensor.node).or_default().push(channel);
-        }
         let wanted = |node: &u16| arguments.nodes.is_empty() || arguments.nodes.contains(node);
-        for (node, channels) in channels_of.into_iter().filter(|(node, _)| wanted(node)) {
+        for (node, channels) in channels_by_node(setup).into_iter().filter(|(node, _)| wanted(node)) {
             let grid = prepared.plan.grid;
             let summary = Summary::Lines { bits: arguments.bits };
             let configuration = node_configuration(setup.sampling_rate_hz, decimation, &grid, channels.len(), summary)

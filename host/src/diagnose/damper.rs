@@ -195,8 +195,10 @@ impl<'a> Hanging<'a> {
 
     /// Of mass, frequency and damping ratio: with other numbers it is a mass and a spring that explain something else.
     fn bounds(&self, state: &State) -> [[f64; 2]; 3] {
-        let place = state.effects.last().and_then(Effect::place);
-        let motion = self.places.iter().find(|(z_m, _)| place == Some(&Where::Height(*z_m))).map(|place| place.1);
+        let motion = match state.effects.last().and_then(Effect::place) {
+            Some(Where::Height(z_m)) => self.motion(*z_m),
+            _ => None,
+        };
         let most_kg = motion.map_or(f64::INFINITY, |motion| MOST_MASS_RATIO / motion);
         let frequency = [-TUNED, TUNED].map(|by| self.clue.frequency_hz * by.exp());
         [[0.0, most_kg], frequency, [LEAST_DAMPING, MOST_DAMPING]]

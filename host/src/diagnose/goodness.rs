@@ -49,15 +49,18 @@ impl Fit {
 
     /// The one mode (index into the measured ones) but for which it fits.
     pub(super) fn odd_one(&self, present: &Fit) -> Option<usize> {
-        let left = |fit: &Fit, mode: usize| -> f64 {
+        // Of the other modes: squared differences, and how many there are.
+        let others = |fit: &Fit, mode: usize| {
             let blocks = fit.state.residual.blocks().filter(|(_, block)| block.measured != mode);
-            blocks.map(|(first, block)| fit.state.modes.rows(first, block.size()).norm_squared()).sum()
+            blocks.fold((0.0, 0), |(square, count), (first, block)| {
+                (square + fit.state.modes.rows(first, block.size()).norm_squared(), count + block.size())
+            })
         };
-        let scatter = |fit: &Fit, mode: usize| -> f64 {
-            let blocks = fit.state.residual.blocks().filter(|(_, block)| block.measured != mode);
-            blocks.map(|(_, block)| block.size() as f64).sum()
+        let left = |fit: &Fit, mode: usize| others(fit, mode).0;
+        let beyond = |fit: &Fit, mode: usize| {
+            let (square, count) = others(fit, mode);
+            (square - count as f64).max(0.0)
         };
-        let beyond = |fit: &Fit, mode: usize| (left(fit, mode) - scatter(fit, mode)).max(0.0);
         let modes = self.state.pairs.len();
         let worst = (0..modes).min_by(|&a, &b| left(self, a).total_cmp(&left(self, b)))?;
         let is_enough = modes >= LEAST_MODES && beyond(self, worst) < LEFT * beyond(present, worst);

@@ -128,6 +128,15 @@ pub fn node_configuration(
     })
 }
 
+/// The channels (indices into the setup's) of each node number.
+pub fn channels_by_node(setup: &Setup) -> BTreeMap<u16, Vec<usize>> {
+    let mut channels_of: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
+    for (channel, sensor) in setup.sensors.iter().enumerate() {
+        channels_of.entry(sensor.node).or_default().push(channel);
+    }
+    channels_of
+}
+
 type Rows = Arc<[f64]>;
 
 /// A fleet at work: give it rows, take its windows.
@@ -154,10 +163,7 @@ impl Fleet {
         };
         let stages = Stages::of(decimation).ok_or_else(settings)?;
         let lead_rows = u64::from(stages.first_full_output()) * u64::from(decimation);
-        let mut channels_of: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
-        for (channel, sensor) in setup.sensors.iter().enumerate() {
-            channels_of.entry(sensor.node).or_default().push(channel);
-        }
+        let channels_of = channels_by_node(setup);
         let workers = thread::available_parallelism().map_or(1, usize::from).min(channels_of.len().max(1));
         let mut nodes: Vec<Vec<NodeSettings>> = (0..workers).map(|_| Vec::new()).collect();
         for (index, (&number, channels)) in channels_of.iter().enumerate() {

@@ -6,15 +6,15 @@
 use std::time::{Duration, Instant};
 
 use belfry_firmware::{Memory, Node};
-use belfry_shared::frame::{FrameDecoder, FrameError, MAX_FRAME_BYTES, PROTOCOL_VERSION};
+use belfry_shared::frame::{FrameDecoder, FrameError, MAX_FRAME_BYTES};
 use belfry_shared::message::{
     self, Acknowledgement, Configuration, FeedPart, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay,
-    SCHEMA_HASH,
 };
 use belfry_shared::time::{HostTime, NodeTime};
 use thiserror::Error;
 
 use super::assembly::{Assembler, Outcome};
+use super::session::check_build;
 use super::{NodeWindow, SessionError, Transport};
 
 /// What is not answered within this time is said again.
@@ -77,21 +77,11 @@ pub fn who_is_there(transport: &mut dyn Transport, patience: Duration) -> Result
             NodeMessage::Hello(hello) => Some(hello.clone()),
             _ => None,
         })? {
-            return check(hello);
+            check_build(hello.node, &hello)?;
+            return Ok(hello);
         }
     }
     Err(ReplayError::Silent)
-}
-
-fn check(hello: Hello) -> Result<Hello, ReplayError> {
-    let node = hello.node;
-    if hello.protocol_version != PROTOCOL_VERSION {
-        return Err(SessionError::Version { node, found: hello.protocol_version }.into());
-    }
-    if hello.schema_hash != SCHEMA_HASH {
-        return Err(SessionError::Schema { node, found: hello.schema_hash }.into());
-    }
-    Ok(hello)
 }
 
 /// Lets the node on a line measure `rows` (readings in m/s², one a channel), of which the first was at `start`.
@@ -278,10 +268,7 @@ impl<'a> Conversation<'a> {
                     Ok(progress.next_row >= next)
                 }
                 NodeMessage::Hello(hello) if hello.boot != assembler.boot() || !hello.replaying => {
-                    let reason = hello.fault.as_ref().map_or(String::new(), |fault| {
-                        let place = if fault.place.is_empty() { String::new() } else { format!(" at {}", fault.place) };
-                        format!(": {}{place}", fault.kind)
-                    });
+                    let reason = hello.fault.as_ref().map_or(String::new(), |fault| format!(": {fault}"));
                     Err(ReplayError::Restarted { row: fed.row, reason })
                 }
                 NodeMessage::Heartbeat(heartbeat) => {

@@ -122,6 +122,17 @@ enum Stage {
     Measuring,
 }
 
+/// Whether the node that says `hello` can be understood; `node` is named where it cannot.
+pub(super) fn check_build(node: u16, hello: &Hello) -> Result<(), SessionError> {
+    if hello.protocol_version != PROTOCOL_VERSION {
+        return Err(SessionError::Version { node, found: hello.protocol_version });
+    }
+    if hello.schema_hash != SCHEMA_HASH {
+        return Err(SessionError::Schema { node, found: hello.schema_hash });
+    }
+    Ok(())
+}
+
 /// The host's end of the conversation with one node.
 #[derive(Debug)]
 pub struct Session {
@@ -328,12 +339,7 @@ impl Session {
 
     fn greeted(&mut self, hello: &Hello) -> Result<(), SessionError> {
         let node = self.node;
-        if hello.protocol_version != PROTOCOL_VERSION {
-            return Err(SessionError::Version { node, found: hello.protocol_version });
-        }
-        if hello.schema_hash != SCHEMA_HASH {
-            return Err(SessionError::Schema { node, found: hello.schema_hash });
-        }
+        check_build(node, hello)?;
         if hello.node != node {
             return Err(SessionError::WrongNode { node, found: hello.node });
         }

@@ -1,5 +1,6 @@
 //! SPI2 with the sensor on it, as an `SpiDevice` none of whose waits lasts.
 
+use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, MODE_0, Operation, SpiDevice};
 use stm32f4xx_hal::gpio::{Output, Pin};
 use stm32f4xx_hal::pac::SPI2;
@@ -24,6 +25,15 @@ pub(super) enum BusError {
 impl Error for BusError {
     fn kind(&self) -> ErrorKind {
         ErrorKind::Other
+    }
+}
+
+/// Waits by counting ticks of the core, some 6 ns each.
+pub(super) struct Delay;
+
+impl DelayNs for Delay {
+    fn delay_ns(&mut self, ns: u32) {
+        cortex_m::asm::delay(ns / 6 + 1);
     }
 }
 
@@ -86,7 +96,7 @@ impl SensorBus {
                 Ok(())
             }),
             Operation::DelayNs(ns) => {
-                cortex_m::asm::delay(*ns / 6 + 1);
+                Delay.delay_ns(*ns);
                 Ok(())
             }
         }

@@ -6,13 +6,12 @@ use core::cell::RefCell;
 use belfry_firmware::adxl355::{self, Adxl355, CHANNELS, Reading};
 use belfry_shared::time::NodeTime;
 use critical_section::Mutex;
-use embedded_hal::delay::DelayNs;
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4xx_hal::gpio::Pin;
 use stm32f4xx_hal::pac::{TIM2, interrupt};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
-use super::bus::SensorBus;
+use super::bus::{Delay, SensorBus};
 use super::ticks;
 
 /// Rows that may wait for the loop: 28 ms at 1000 Hz.
@@ -82,14 +81,6 @@ pub(super) struct Sampler {
     rate_uhz: Option<u64>,
     bus: Option<SensorBus>,
     looked: Option<NodeTime>,
-}
-
-struct Delay;
-
-impl DelayNs for Delay {
-    fn delay_ns(&mut self, ns: u32) {
-        cortex_m::asm::delay(ns / 6 + 1);
-    }
 }
 
 impl Sampler {
