@@ -372,6 +372,8 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     /// Makes the most urgent frame there is; 0 bytes where there is none.
     fn next_frame(&mut self, now: NodeTime) -> usize {
         let frame = &mut self.transmitter.frame;
+        let next_window = self.windows.next_number();
+        let oldest_window = self.outbox.oldest_window().unwrap_or(next_window);
         let message = if let Some((request, node_received)) = self.pending.clock.take() {
             NodeMessage::Clock(ClockReply { host_sent: request.host_sent, node_received, node_sent: now })
         } else if core::mem::take(&mut self.pending.hello) {
@@ -383,19 +385,19 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 channels: self.identity.channels,
                 configuration_hash: self.plan.as_ref().map(|plan| plan.hash),
                 clock_set: self.clock.is_some(),
+                oldest_window,
                 replaying: self.replay.is_some(),
                 fault: self.fault.clone(),
             })
         } else if let Some(refusal) = self.pending.refusal.take() {
             NodeMessage::Refused(refusal)
         } else if core::mem::take(&mut self.pending.heartbeat) {
-            let next_window = self.windows.next_number();
             let (level, sensors) = self.level.take(self.plan.as_ref().map_or(0, Plan::channels));
             NodeMessage::Heartbeat(Heartbeat {
                 node: self.identity.node,
                 boot: self.identity.boot,
                 next_window,
-                oldest_window: self.outbox.oldest_window().unwrap_or(next_window),
+                oldest_window,
                 lost_windows: self.outbox.lost_windows(),
                 damaged_frames: self.damaged_frames,
                 level,

@@ -35,6 +35,7 @@ fn setup() -> Setup {
     Setup {
         name: "bench".to_owned(),
         files: Vec::new(),
+        live: false,
         variable: None,
         sampling_rate_hz: 50.0,
         unit: Unit::MetrePerSecondSquared,

@@ -4,8 +4,8 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, compare, covalidate, demo, diagnose, effects, export, history, identify, init, ports, remove, replay,
-    simulate, update,
+    Console, add, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, ports,
+    remove, replay, simulate, update,
 };
 use clap::{Parser, Subcommand};
 
@@ -40,6 +40,7 @@ enum Command {
     Init(init::Arguments),
     Simulate(simulate::Arguments),
     Ports(ports::Arguments),
+    Collect(collect::Arguments),
     Replay(replay::Arguments),
     Identify(identify::Arguments),
     Compare(compare::Arguments),
@@ -61,6 +62,7 @@ fn main() -> ExitCode {
         Command::Init(arguments) => init::run(arguments, &console),
         Command::Simulate(arguments) => simulate::run(arguments, &console),
         Command::Ports(arguments) => ports::run(arguments, &console),
+        Command::Collect(arguments) => collect::run(arguments, &console),
         Command::Replay(arguments) => replay::run(arguments, &console),
         Command::Identify(arguments) => identify::run(arguments, &console),
         Command::Compare(arguments) => compare::run(arguments, &console),

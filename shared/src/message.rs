@@ -131,6 +131,9 @@ pub struct Hello {
     pub configuration_hash: Option<u32>,
     /// Whether the host has told it the time.
     pub clock_set: bool,
+    /// The oldest window in its outbox, or the number that the next will have where the outbox is empty: lower ones are gone,
+    /// delivered or lost.
+    pub oldest_window: u32,
     /// Whether it measures a recording.
     pub replaying: bool,
     /// What ended its life before this one, where that was no ordinary end.

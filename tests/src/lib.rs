@@ -2,6 +2,7 @@
 
 pub mod blind;
 mod canton;
+pub mod clock;
 mod footbridge;
 
 pub use canton::{CantonRun, canton_data, run_canton};

@@ -25,6 +25,7 @@ fn setup(channels: usize, a_node: usize) -> Setup {
     Setup {
         name: "wire".to_owned(),
         files: Vec::new(),
+        live: false,
         variable: None,
         sampling_rate_hz: RATE_HZ,
         unit: Unit::MetrePerSecondSquared,

@@ -4,6 +4,7 @@
 
 pub mod add;
 mod case;
+pub mod collect;
 pub mod compare;
 pub mod covalidate;
 pub mod demo;
@@ -64,6 +65,11 @@ impl Console {
     pub fn warn(&self, warning: impl std::fmt::Display) {
         // Where standard error is closed there is nobody left to tell.
         let _ = writeln!(std::io::stderr(), "warning: {warning}");
+    }
+
+    /// Says on standard error what happens, with or without `--json`, where no table can be kept in place.
+    fn report(&self, line: impl std::fmt::Display) {
+        let _ = writeln!(std::io::stderr(), "{line}");
     }
 
     /// Prints the command's JSON object; silent without `--json`.

@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(table(&reports));
     }
     if let Some(found) = reports.iter().find(|report| report.node.is_some()) {
-        console.say(format!("Next: belfry replay STUDY --port {}    a recording through that node", found.port));
+        console.say(format!("Next: belfry collect STUDY --port {0}    measure with that node\n      belfry replay STUDY --port {0}     a recording through it", found.port));
     }
     console.json(&Report { ports: reports })
 }

@@ -18,7 +18,7 @@ use crate::link::fleet::{channels_by_node, node_configuration};
 use crate::link::port::Port;
 use crate::link::replay::{InProcess, Replayed, replay};
 use crate::link::{ChannelData, NodeWindow, Transport};
-use crate::measure::prepare;
+use crate::measure::{Material, Opened, prepare};
 use crate::record::{Block, Recording};
 use crate::spectra::direct::Welch;
 use crate::spectra::{LineGrid, SpectralPlan, WindowLines};
@@ -100,7 +100,14 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     }
     let mut roles = VecDeque::new();
     let mut total_rows = 0;
-    for ((setup, _, rows), &decimation) in prepared.setups.iter().zip(&prepared.plan.decimations) {
+    for (Opened { setup, material, rows }, &decimation) in prepared.setups.iter().zip(&prepared.plan.decimations) {
+        if let Material::Archive(_) = material {
+            console.warn(format_args!(
+                "setup \"{}\" is left out: it was collected live, and no recording is kept",
+                setup.name
+            ));
+            continue;
+        }
         let wanted = |node: &u16| arguments.nodes.is_empty() || arguments.nodes.contains(node);
         for (node, channels) in channels_by_node(setup).into_iter().filter(|(node, _)| wanted(node)) {
             let grid = prepared.plan.grid;

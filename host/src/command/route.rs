@@ -3,7 +3,7 @@
 use belfry_shared::message::Summary;
 use clap::Args;
 
-use crate::link::fleet::FleetOptions;
+use crate::link::fleet::{FleetOptions, Pace};
 use crate::link::memory::Faults;
 use crate::measure::Route;
 
@@ -44,6 +44,7 @@ impl RouteArguments {
             summary: Summary::Lines { bits: self.bits },
             baud: self.baud,
             faults: Faults::damaging(self.damaged_frames / 100.0),
+            pace: Pace::Recording,
             seed: self.seed,
         })
     }

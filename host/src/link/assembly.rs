@@ -9,6 +9,8 @@ use belfry_shared::quantise::{decode_density, decode_lines, encoded_bytes};
 use belfry_shared::time::HostTime;
 use num_complex::Complex32;
 
+use super::KeptWindows;
+
 /// Windows ahead of the oldest missing one that are kept; a number further ahead is taken for a fault.
 const MAX_AHEAD: u32 = 1 << 16;
 /// Parts a window may have; a head that says more is taken for a fault.
@@ -49,6 +51,31 @@ pub enum ChannelData {
     },
 }
 
+/// What a node's windows can have been measured with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Configurations {
+    /// What it is to measure with now.
+    pub current: Configuration,
+    /// What it measured with before: its outbox may still hold such windows.
+    pub earlier: Vec<Configuration>,
+}
+
+impl Configurations {
+    /// One, and none before.
+    pub fn only(current: Configuration) -> Self {
+        Self { current, earlier: Vec::new() }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &Configuration> {
+        std::iter::once(&self.current).chain(&self.earlier)
+    }
+
+    /// The one of a hash.
+    pub fn by_hash(&self, hash: u32) -> Option<&Configuration> {
+        self.iter().find(|configuration| configuration.hash() == hash)
+    }
+}
+
 #[derive(Debug, Default)]
 struct Partial {
     head: Option<WindowHead>,
@@ -81,6 +108,8 @@ pub enum Outcome {
     Whole(Box<NodeWindow>),
     /// It contradicts the configuration or other parts.
     Contradiction,
+    /// It was measured with a configuration that is not known here, for another study: its window is given up.
+    Foreign,
 }
 
 /// Assembles one boot's windows.
@@ -98,7 +127,17 @@ pub struct Assembler {
 impl Assembler {
     /// An assembler for a boot, before its first window.
     pub fn new(boot: u32) -> Self {
-        Self { boot, below: 0, known: 0, windows: BTreeMap::new(), lost: 0 }
+        Self::resuming(boot, &KeptWindows::default())
+    }
+
+    /// An assembler for a boot of which windows are kept from before.
+    pub fn resuming(boot: u32, kept: &KeptWindows) -> Self {
+        let wanted = kept.numbers.iter().filter(|&&number| number >= kept.first);
+        let windows: BTreeMap<u32, Progress> = wanted.map(|&number| (number, Progress::Done)).collect();
+        let known = windows.last_key_value().map_or(kept.first, |(&last, _)| last.saturating_add(1));
+        let mut assembler = Self { boot, below: kept.first, known, windows, lost: 0 };
+        assembler.advance();
+        assembler
     }
 
     /// The boot whose windows it takes.
@@ -122,7 +161,7 @@ impl Assembler {
     }
 
     /// Takes a part: the message and its encoding.
-    pub fn take(&mut self, configuration: &Configuration, message: &NodeMessage<'_>, encoded: &[u8]) -> Outcome {
+    pub fn take(&mut self, configurations: &Configurations, message: &NodeMessage<'_>, encoded: &[u8]) -> Outcome {
         let (name, part) = match message {
             NodeMessage::Head(head) if head.data_parts > MAX_DATA_PARTS => return Outcome::Contradiction,
             NodeMessage::Head(head) => (head.name, 0),
@@ -139,8 +178,20 @@ impl Assembler {
             || name.number - self.below >= MAX_AHEAD
             || is_head != (part == 0)
             || part > MAX_DATA_PARTS
-            || !fits(configuration, message)
         {
+            return Outcome::Contradiction;
+        }
+        if let NodeMessage::Head(head) = message
+            && configurations.by_hash(head.configuration_hash).is_none()
+        {
+            if matches!(self.windows.get(&name.number), Some(Progress::Done)) {
+                return Outcome::Duplicate;
+            }
+            self.known = self.known.max(name.number.saturating_add(1));
+            self.stored(name.number);
+            return Outcome::Foreign;
+        }
+        if !configurations.iter().any(|configuration| fits(configuration, message)) {
             return Outcome::Contradiction;
         }
         self.known = self.known.max(name.number.saturating_add(1));
@@ -155,7 +206,11 @@ impl Assembler {
         if !partial.is_whole() {
             return Outcome::Taken;
         }
-        match partial.head.as_ref().and_then(|head| build(configuration, head, &partial.parts)) {
+        let built = partial
+            .head
+            .as_ref()
+            .and_then(|head| build(configurations.by_hash(head.configuration_hash)?, head, &partial.parts));
+        match built {
             Some(window) => Outcome::Whole(Box::new(window)),
             None => {
                 self.give_up(name.number);

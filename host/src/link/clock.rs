@@ -69,6 +69,11 @@ impl ClockEstimator {
         span.unwrap_or(0)
     }
 
+    /// How much faster the host's clock runs than the node's, in parts per million; `None` before it is known.
+    pub fn drift_ppm(&self) -> Option<f64> {
+        (self.span_us() >= DRIFT_SPAN_US).then(|| self.model().map(|model| f64::from(model.drift_ppb) * 1e-3))?
+    }
+
     /// The shortest round trip, and the exchanges that took little longer.
     fn good(&self) -> Option<(i64, Vec<&Exchange>)> {
         let shortest = self.exchanges.iter().map(|exchange| exchange.round_trip_us).min()?;

@@ -5,6 +5,7 @@
 
 mod grid;
 mod node;
+mod pace;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -20,6 +21,7 @@ use super::session::{SessionError, SessionStatistics};
 use crate::spectra::{LineGrid, WindowLines};
 use crate::study::Setup;
 use grid::GridAssembler;
+pub(crate) use grid::place_lines;
 use node::{Feed, NodeSettings, SimulatedNode};
 
 /// Blocks of rows that may wait for a worker.
@@ -34,14 +36,35 @@ pub struct FleetOptions {
     pub baud: u32,
     /// What happens to frames.
     pub faults: Faults,
+    /// When the nodes sample.
+    pub pace: Pace,
     /// Draws clocks, boot ids and faults.
     pub seed: u64,
+}
+
+/// When simulated nodes sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Pace {
+    /// When the rows of the recording were sampled; the nodes' clocks are off by up to 20 ppm, as drawn.
+    Recording,
+    /// When their own crystals say, as on a board: every other node's is so many ppm fast, the others' as many slow. Rows are
+    /// interpolated to these moments.
+    Crystal {
+        /// How far the crystals are off, in parts per million.
+        ppm: f64,
+    },
 }
 
 impl Default for FleetOptions {
     /// Lines of 10 bits over a sound line of 115 200 baud.
     fn default() -> Self {
-        Self { summary: Summary::Lines { bits: 10 }, baud: 115_200, faults: Faults::default(), seed: 1 }
+        Self {
+            summary: Summary::Lines { bits: 10 },
+            baud: 115_200,
+            faults: Faults::default(),
+            pace: Pace::Recording,
+            seed: 1,
+        }
     }
 }
 

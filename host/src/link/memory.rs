@@ -32,6 +32,8 @@ pub struct Faults {
     pub reorder: f64,
     /// It, and all behind it, arrive up to two seconds late.
     pub stall: f64,
+    /// Every frame arrives up to this much late, in µs; no probability.
+    pub jitter_us: u32,
 }
 
 impl Faults {
@@ -39,7 +41,15 @@ impl Faults {
     /// duplicated, reordered or late.
     pub fn damaging(share: f64) -> Self {
         let third = share / 3.0;
-        Self { drop: third, flip: third, lose_byte: third, duplicate: third, reorder: third, stall: third }
+        Self {
+            drop: third,
+            flip: third,
+            lose_byte: third,
+            duplicate: third,
+            reorder: third,
+            stall: third,
+            jitter_us: 0,
+        }
     }
 }
 
@@ -99,7 +109,7 @@ impl Pipe {
     /// Puts a frame on its way, with whatever befalls it.
     fn carry(&mut self, mut frame: Vec<(Nanoseconds, u8)>) {
         self.statistics.frames += 1;
-        let Faults { drop, flip, lose_byte, duplicate, reorder, stall } = self.faults;
+        let Faults { drop, flip, lose_byte, duplicate, reorder, stall, jitter_us } = self.faults;
         let mut lot: f64 = self.random.random();
         let mut befalls = |probability: f64| {
             let hit = (0.0..probability).contains(&lot);
@@ -128,8 +138,9 @@ impl Pipe {
         if stall && let Some((arrival, _)) = frame.first() {
             self.last_arrival = self.last_arrival.max(arrival + self.random.random_range(0..2_000_000_000));
         }
+        let late_by = if jitter_us > 0 { self.random.random_range(0..=i64::from(jitter_us) * 1000) } else { 0 };
         for &(arrival, byte) in &frame {
-            self.arrive(arrival, byte);
+            self.arrive(arrival + late_by, byte);
         }
         let late = if duplicate { Some(frame.iter().map(|&(_, byte)| byte).collect()) } else { None };
         for bytes in [late, self.held_back.take()].into_iter().flatten() {

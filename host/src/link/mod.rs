@@ -5,6 +5,7 @@
 
 pub mod assembly;
 pub mod clock;
+pub mod collect;
 pub mod fleet;
 pub mod memory;
 pub mod port;
@@ -13,7 +14,7 @@ pub mod session;
 
 use std::io;
 
-pub use assembly::{ChannelData, NodeWindow};
+pub use assembly::{ChannelData, Configurations, NodeWindow};
 pub use session::{Session, SessionError, SessionStatistics};
 
 /// A byte stream to a node that never blocks.
@@ -28,6 +29,21 @@ pub trait Transport {
 pub trait WindowSink {
     /// Keeps a window.
     fn store(&mut self, window: NodeWindow) -> io::Result<()>;
+
+    /// What is kept already of a node's life when it greets; `oldest_window` is the oldest that it still has.
+    fn kept(&mut self, node: u16, boot: u32, oldest_window: u32) -> io::Result<KeptWindows> {
+        let _ = (node, boot);
+        Ok(KeptWindows { first: oldest_window, numbers: Vec::new() })
+    }
+}
+
+/// The windows of one life of a node that are kept from before.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct KeptWindows {
+    /// The first window that is wanted: the oldest there was when this life was met first.
+    pub first: u32,
+    /// Numbers of the windows that are kept, in any order.
+    pub numbers: Vec<u32>,
 }
 
 impl WindowSink for Vec<NodeWindow> {

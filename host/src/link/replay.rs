@@ -13,7 +13,7 @@ use belfry_shared::message::{
 use belfry_shared::time::{HostTime, NodeTime};
 use thiserror::Error;
 
-use super::assembly::{Assembler, Outcome};
+use super::assembly::{Assembler, Configurations, Outcome};
 use super::session::check_build;
 use super::{NodeWindow, SessionError, Transport};
 
@@ -104,6 +104,7 @@ pub fn replay(
     let began = Instant::now();
     let mut fed = Fed { row: 0, windows: Vec::new(), heartbeat: None };
     let mut rows = rows;
+    let configurations = Configurations::only(configuration.clone());
     let rows_a_part = (MAX_FEED / usize::from(configuration.channels.max(1))).max(1);
     loop {
         let readings: Vec<Vec<f32>> = rows.by_ref().take(rows_a_part).collect();
@@ -112,7 +113,7 @@ pub fn replay(
         }
         let next = fed.row + readings.len() as u64;
         let part = FeedPart { first_row: fed.row, readings: readings.into_iter().flatten().collect() };
-        line.feed(configuration, &part, next, &mut assembler, &mut fed)?;
+        line.feed(&configurations, &part, next, &mut assembler, &mut fed)?;
         on_rows(fed.row);
     }
     let took = began.elapsed();
@@ -252,7 +253,7 @@ impl<'a> Conversation<'a> {
     /// Feeds a part until the node has taken it, and takes its windows meanwhile.
     fn feed(
         &mut self,
-        configuration: &Configuration,
+        configurations: &Configurations,
         part: &FeedPart,
         next: u64,
         assembler: &mut Assembler,
@@ -278,7 +279,7 @@ impl<'a> Conversation<'a> {
                 }
                 NodeMessage::Hello(_) | NodeMessage::Refused(_) | NodeMessage::Clock(_) => Ok(false),
                 part => {
-                    if let Outcome::Whole(window) = assembler.take(configuration, part, encoded) {
+                    if let Outcome::Whole(window) = assembler.take(configurations, part, encoded) {
                         assembler.stored(window.name.number);
                         fed.windows.push(*window);
                     }

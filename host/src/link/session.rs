@@ -8,12 +8,12 @@ use std::io;
 
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, PROTOCOL_VERSION};
 use belfry_shared::message::{
-    self, Acknowledgement, ClockRequest, Configuration, Hello, HostMessage, NodeMessage, RefusalReason, SCHEMA_HASH,
+    self, Acknowledgement, ClockRequest, Heartbeat, Hello, HostMessage, NodeMessage, RefusalReason, SCHEMA_HASH,
 };
 use belfry_shared::time::HostTime;
 use thiserror::Error;
 
-use super::assembly::{Assembler, Outcome};
+use super::assembly::{Assembler, Configurations, Outcome};
 use super::clock::ClockEstimator;
 use super::{Transport, WindowSink};
 
@@ -111,6 +111,8 @@ pub struct SessionStatistics {
     pub windows: u64,
     /// Windows that the node dropped before they were delivered, or that could not be read.
     pub lost_windows: u64,
+    /// Windows that the node still had of another study, given up.
+    pub foreign_windows: u64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,7 +139,7 @@ pub(super) fn check_build(node: u16, hello: &Hello) -> Result<(), SessionError> 
 #[derive(Debug)]
 pub struct Session {
     node: u16,
-    configuration: Configuration,
+    configurations: Configurations,
     byte_us: f64,
     stage: Stage,
     decoder: FrameDecoder,
@@ -150,6 +152,8 @@ pub struct Session {
     next_exchange: HostTime,
     last_received: HostTime,
     acknowledge: bool,
+    hello: Option<Hello>,
+    heartbeat: Option<Heartbeat>,
     /// The node's earlier lives, oldest first.
     earlier: Vec<Assembler>,
     forgotten_losses: u64,
@@ -157,11 +161,11 @@ pub struct Session {
 }
 
 impl Session {
-    /// A session for a node that shall run `configuration`, over a line of `baud`.
-    pub fn new(node: u16, configuration: Configuration, baud: u32) -> Self {
+    /// A session for a node that shall run the current one of `configurations`, over a line of `baud`.
+    pub fn new(node: u16, configurations: Configurations, baud: u32) -> Self {
         Self {
             node,
-            configuration,
+            configurations,
             byte_us: 10e6 / f64::from(baud.max(1)),
             stage: Stage::Greeting,
             decoder: FrameDecoder::new(),
@@ -174,6 +178,8 @@ impl Session {
             next_exchange: HostTime(i64::MIN),
             last_received: HostTime(i64::MIN),
             acknowledge: false,
+            hello: None,
+            heartbeat: None,
             earlier: Vec::new(),
             forgotten_losses: 0,
             statistics: SessionStatistics::default(),
@@ -193,6 +199,35 @@ impl Session {
     /// Whether every window known to exist is stored or given up, and the node knows.
     pub fn is_complete(&self) -> bool {
         !self.acknowledge && self.assembler.as_ref().is_none_or(Assembler::is_complete)
+    }
+
+    /// Begins anew with the greeting and the time; for a host whose own clock was set. What is known of windows stays.
+    pub fn restart(&mut self) {
+        self.stage = Stage::Greeting;
+        self.clock.clear();
+        self.next_try = HostTime(i64::MIN);
+        self.next_exchange = HostTime(i64::MIN);
+        self.last_received = HostTime(i64::MIN);
+    }
+
+    /// The node's last greeting.
+    pub fn hello(&self) -> Option<&Hello> {
+        self.hello.as_ref()
+    }
+
+    /// The node's last sign of life.
+    pub fn heartbeat(&self) -> Option<&Heartbeat> {
+        self.heartbeat.as_ref()
+    }
+
+    /// What is known of the node's clock.
+    pub fn clock(&self) -> &ClockEstimator {
+        &self.clock
+    }
+
+    /// When something came last; long ago where nothing has.
+    pub fn last_received(&self) -> HostTime {
+        self.last_received
     }
 
     /// What it has seen.
@@ -288,8 +323,8 @@ impl Session {
         sink: &mut dyn WindowSink,
     ) -> Result<(), SessionError> {
         match message {
-            NodeMessage::Hello(hello) => self.greeted(hello)?,
-            NodeMessage::Refused(refusal) if refusal.configuration_hash == self.configuration.hash() => {
+            NodeMessage::Hello(hello) => self.greeted(hello, sink)?,
+            NodeMessage::Refused(refusal) if refusal.configuration_hash == self.configurations.current.hash() => {
                 return Err(SessionError::Refused { node: self.node, reason: refusal.reason });
             }
             NodeMessage::Refused(_) => {}
@@ -304,6 +339,7 @@ impl Session {
                 }
             }
             NodeMessage::Heartbeat(heartbeat) => {
+                self.heartbeat = Some(heartbeat.clone());
                 if let Some(assembler) = self.assembler.as_mut().filter(|a| a.boot() == heartbeat.boot) {
                     assembler.heartbeat(heartbeat.oldest_window, heartbeat.next_window);
                     // Also repeats an acknowledgement that was lost.
@@ -314,8 +350,12 @@ impl Session {
             }
             part => {
                 let Some(assembler) = &mut self.assembler else { return Ok(()) };
-                match assembler.take(&self.configuration, part, encoded) {
+                match assembler.take(&self.configurations, part, encoded) {
                     Outcome::Taken => {}
+                    Outcome::Foreign => {
+                        self.statistics.foreign_windows += 1;
+                        self.acknowledge = true;
+                    }
                     Outcome::Duplicate => {
                         self.statistics.duplicate_parts += 1;
                         self.acknowledge = true;
@@ -337,7 +377,7 @@ impl Session {
         Ok(())
     }
 
-    fn greeted(&mut self, hello: &Hello) -> Result<(), SessionError> {
+    fn greeted(&mut self, hello: &Hello, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
         let node = self.node;
         check_build(node, hello)?;
         if hello.node != node {
@@ -347,15 +387,23 @@ impl Session {
             // A new life of the node: what the old one still had is lost with it. What is known of the old one stays, for a
             // frame of it may come late, and its windows must not be taken for new ones.
             let known = self.earlier.iter().position(|assembler| assembler.boot() == hello.boot);
-            let next = known.map_or_else(|| Assembler::new(hello.boot), |index| self.earlier.remove(index));
+            let next = match known {
+                Some(index) => self.earlier.remove(index),
+                None => {
+                    let kept = sink.kept(node, hello.boot, hello.oldest_window);
+                    Assembler::resuming(hello.boot, &kept.map_err(|source| SessionError::Store { node, source })?)
+                }
+            };
             self.earlier.extend(self.assembler.replace(next));
             if self.earlier.len() > LIVES_KEPT {
                 let oldest = self.earlier.remove(0);
                 self.forgotten_losses += oldest.lost() + oldest.missing();
             }
             self.clock.clear();
+            self.heartbeat = None;
         }
-        let configured = hello.configuration_hash == Some(self.configuration.hash());
+        self.hello = Some(hello.clone());
+        let configured = hello.configuration_hash == Some(self.configurations.current.hash());
         let stage = match (configured, hello.clock_set) {
             (false, _) => Stage::Configuring,
             (true, _) if self.clock.len() < FIRST_EXCHANGES => Stage::Timing,
@@ -380,7 +428,7 @@ impl Session {
                 self.next_try = HostTime(now.0 + RETRY_US);
             }
             Stage::Configuring if retry => {
-                self.say(&HostMessage::Configure(self.configuration.clone()));
+                self.say(&HostMessage::Configure(self.configurations.current.clone()));
                 self.next_try = HostTime(now.0 + RETRY_US);
             }
             Stage::Timing if self.clock.len() >= FIRST_EXCHANGES => {

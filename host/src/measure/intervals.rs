@@ -3,8 +3,7 @@
 use std::sync::mpsc::channel;
 
 use super::stream::{self, Task};
-use super::{MeasureError, Progress, Route, Timings, left_out_sentence};
-use crate::record::Recording;
+use super::{Material, MeasureError, Opened, Progress, Route, Timings, as_collected, left_out_sentence};
 use crate::spectra::{
     CrossSpectrum, CrossSpectrumAccumulator, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines,
 };
@@ -18,7 +17,9 @@ const LEAST_SHARE: f64 = 0.5;
 /// One interval of a setup's recording.
 #[derive(Debug)]
 pub struct Interval {
-    /// Start and end after the recording's first row, in s.
+    /// When the setup's time begins, in s of Unix time where it was collected live; 0 for a recording.
+    pub origin_s: f64,
+    /// Start after the recording's first row, or after the first window, in s.
     pub start_s: f64,
     /// End, in s.
     pub end_s: f64,
@@ -42,15 +43,11 @@ pub fn measure_intervals(
     progress: Progress<'_>,
     mut on_interval: impl FnMut(Interval) + Send,
 ) -> Result<(), MeasureError> {
-    let failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
-    let recording = Recording::open(setup, &study.folder).map_err(failed)?;
-    let rows = recording.total_rows().map_err(failed)?;
+    let opened = Opened::open(setup, &study.folder)?;
     let interval_rows = (every_s * setup.sampling_rate_hz).round() as u64;
-    let extent = SetupExtent {
-        sampling_rate_hz: setup.sampling_rate_hz,
-        rows: interval_rows.min(rows),
-        channels: setup.sensors.len(),
-    };
+    let extent = SetupExtent { rows: interval_rows.min(opened.rows), ..opened.extent() };
+    let analysis = &opened.settled().map_or_else(|| analysis.clone(), |grid| as_collected(analysis, &grid));
+    let Opened { material, rows, .. } = opened;
     let too_short = |averages: usize, segment_s: f64| MeasureError::IntervalTooShort {
         every_s,
         averages,
@@ -68,7 +65,10 @@ pub fn measure_intervals(
     }
     let decimation = plan.decimations.first().copied().unwrap_or(1);
     let hop_s = 0.5 / plan.grid.spacing_hz();
-    let lead_s = SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz;
+    let (origin_s, lead_s) = match &material {
+        Material::Recording(_) => (0.0, SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz),
+        Material::Archive(collected) => (collected.setup.start_s, 0.0),
+    };
     let fitting = (every_s / hop_s).floor().max(1.0);
     // A window belongs to the interval that holds its middle.
     let interval_of = |window: u64| ((lead_s + (window + 1) as f64 * hop_s) / every_s).floor() as u64;
@@ -86,7 +86,7 @@ pub fn measure_intervals(
         };
         let warnings = warnings.into_iter().map(|warning| left_out_sentence(setup, warning)).collect();
         let (start_s, end_s) = (number as f64 * every_s, (number + 1) as f64 * every_s);
-        on_interval(Interval { start_s, end_s, spectrum, warnings });
+        on_interval(Interval { origin_s, start_s, end_s, spectrum, warnings });
     };
     let mut timings = Timings::default();
     let (grid, channels) = (plan.grid, setup.sensors.len());
@@ -106,7 +106,7 @@ pub fn measure_intervals(
             }
         }
     };
-    let task = Task { setup, recording, plan: &plan, decimation, route };
+    let task = Task { setup, material, plan: &plan, decimation, route };
     let mut on_rows = |done: u64| progress(done, rows);
     stream::stream(task, &mut on_rows, &mut |_, _, _| {}, take, &mut timings)?;
     close(open.take());

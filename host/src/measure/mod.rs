@@ -1,4 +1,5 @@
-//! Measuring: from a study's recordings to each setup's cross-spectral matrices, through simulated nodes or directly.
+//! Measuring: from a study's recordings to each setup's cross-spectral matrices, through simulated nodes or directly, or from
+//! what real nodes have sent into the archive.
 //!
 //! A study flows in; averaged cross spectra flow out, with what was left out, what the link did and where the time went. A
 //! setup that cannot be measured is left out with a warning as long as another can.
@@ -7,17 +8,20 @@ mod intervals;
 mod scout;
 mod stream;
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
+use crate::archive::{Archive, ArchiveError, Collected};
 use crate::identify::MeasuredSetup;
 use crate::link::fleet::{FleetError, FleetOptions, FleetReport};
 use crate::record::{RecordError, Recording};
 use crate::spectra::{
-    CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectraWarning, SpectralPlan, WindowLines,
+    CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectraWarning, SpectralPlan,
+    WindowLines, plan,
 };
-use crate::study::{Setup, Study};
+use crate::study::{Analysis, Setup, Study};
 use stream::{Streamed, Task};
 
 pub use intervals::{Interval, measure_intervals};
@@ -44,6 +48,32 @@ pub enum MeasureError {
         setup: String,
         /// Why.
         source: Box<RecordError>,
+    },
+    /// A setup's archive cannot be read.
+    #[error("setup \"{setup}\": {source}")]
+    Archive {
+        /// The setup.
+        setup: String,
+        /// Why.
+        source: Box<ArchiveError>,
+    },
+    /// Nothing has been collected of a live setup.
+    #[error(
+        "setup \"{setup}\" is collected live, and no window has come yet: run `belfry collect` and wait for the first, which takes a segment's length"
+    )]
+    NothingCollected {
+        /// The setup.
+        setup: String,
+    },
+    /// Live setups were collected with different lines.
+    #[error(
+        "setup \"{setup}\" was collected with other lines than setup \"{first}\": they cannot be analysed together; collect it again with the same [analysis]"
+    )]
+    OtherLines {
+        /// The setup.
+        setup: String,
+        /// The one whose lines count.
+        first: String,
     },
     /// A setup's recording is too short for the others' analysis.
     #[error("setup \"{setup}\": {source}")]
@@ -144,14 +174,14 @@ pub fn measure_observed<'a>(
 ) -> Result<Measurement<'a>, MeasureError> {
     let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepare(study)?;
     let mut timings = Timings { counting, ..Timings::default() };
-    let total_rows: u64 = opened.iter().map(|(_, _, rows)| rows).sum();
+    let total_rows: u64 = opened.iter().map(|opened| opened.rows).sum();
     let mut done_rows = 0;
     let (mut setups, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), 0.0);
-    for (((setup, recording, rows), &decimation), &windows) in
+    for ((Opened { setup, material, rows }, &decimation), &windows) in
         opened.into_iter().zip(&plan.decimations).zip(&plan.windows)
     {
         let mut on_rows = |rows: u64| progress(done_rows + rows, total_rows);
-        let task = Task { setup, recording, plan: &plan, decimation, route };
+        let task = Task { setup, material, plan: &plan, decimation, route };
         let outcome = measure_setup(task, windows, &mut on_rows, observer, &mut timings);
         done_rows += rows;
         match outcome {
@@ -170,11 +200,67 @@ pub fn measure_observed<'a>(
     Ok(Measurement { plan, reasons, setups, fleets, warnings, duration_s, timings })
 }
 
-/// Recordings that can be measured, and how.
+/// Where a setup's windows come from.
+#[derive(Debug)]
+pub enum Material {
+    /// A recording, whose windows are still to be made.
+    Recording(Box<Recording>),
+    /// The archive, which holds those that nodes have sent.
+    Archive(Box<Collected>),
+}
+
+/// A setup that can be measured.
+#[derive(Debug)]
+pub struct Opened<'a> {
+    /// The setup.
+    pub setup: &'a Setup,
+    /// Where its windows come from.
+    pub material: Material,
+    /// Rows of the recording; of an archive those that its windows stand for.
+    pub rows: u64,
+}
+
+impl<'a> Opened<'a> {
+    /// Opens a setup's recording, or its part of the archive.
+    fn open(setup: &'a Setup, folder: &Path) -> Result<Self, MeasureError> {
+        let name = || setup.name.clone();
+        if setup.live {
+            let failed = |source| MeasureError::Archive { setup: name(), source: Box::new(source) };
+            let nothing = || MeasureError::NothingCollected { setup: name() };
+            let archive = Archive::open(folder).map_err(failed)?.ok_or_else(nothing)?;
+            let collected = archive.collected(setup).map_err(failed)?.ok_or_else(nothing)?;
+            let rows =
+                plan::rows_for(collected.setup.windows, collected.setup.decimation, collected.setup.grid.segment);
+            return Ok(Self { setup, material: Material::Archive(Box::new(collected)), rows });
+        }
+        let failed = |source| MeasureError::Record { setup: name(), source: Box::new(source) };
+        let recording = Recording::open(setup, folder).map_err(failed)?;
+        let rows = recording.total_rows().map_err(failed)?;
+        Ok(Self { setup, material: Material::Recording(Box::new(recording)), rows })
+    }
+
+    /// The lines that its windows have already.
+    fn settled(&self) -> Option<LineGrid> {
+        match &self.material {
+            Material::Archive(collected) => Some(collected.setup.grid),
+            Material::Recording(_) => None,
+        }
+    }
+
+    fn extent(&self) -> SetupExtent {
+        SetupExtent {
+            sampling_rate_hz: self.setup.sampling_rate_hz,
+            rows: self.rows,
+            channels: self.setup.sensors.len(),
+        }
+    }
+}
+
+/// Setups that can be measured, and how.
 #[derive(Debug)]
 pub struct Prepared<'a> {
-    /// Setups with their recordings and their numbers of rows.
-    pub setups: Vec<(&'a Setup, Recording, u64)>,
+    /// The setups.
+    pub setups: Vec<Opened<'a>>,
     /// Decimation, segment and lines, for these setups in this order.
     pub plan: SpectralPlan,
     /// Why this band (where it was chosen), rate and segment, a line each.
@@ -193,22 +279,29 @@ pub fn prepare(study: &Study) -> Result<Prepared<'_>, MeasureError> {
     let mut warnings: Vec<String> = Vec::new();
     let start = Instant::now();
     let mut failure = None;
-    let mut opened: Vec<(&Setup, Recording, u64)> = Vec::new();
+    let mut opened: Vec<Opened<'_>> = Vec::new();
+    let mut settled: Option<(LineGrid, &str)> = None;
     for setup in &study.setups {
-        let counted = Recording::open(setup, &study.folder).and_then(|r| r.total_rows().map(|rows| (r, rows)));
-        match counted {
-            Ok((recording, rows)) => opened.push((setup, recording, rows)),
-            Err(source) => leave_out(
-                &mut warnings,
-                &mut failure,
-                MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) },
-            ),
+        match Opened::open(setup, &study.folder) {
+            Ok(next) => match (next.settled(), settled) {
+                (Some(grid), Some((first_grid, first))) if grid != first_grid => {
+                    let (setup, first) = (setup.name.clone(), first.to_owned());
+                    leave_out(&mut warnings, &mut failure, MeasureError::OtherLines { setup, first });
+                }
+                (grid, _) => {
+                    settled = settled.or(grid.map(|grid| (grid, setup.name.as_str())));
+                    opened.push(next);
+                }
+            },
+            Err(error) => leave_out(&mut warnings, &mut failure, error),
         }
     }
     let mut analysis = study.analysis.clone();
     let mut reasons = Vec::new();
-    if analysis.band_hz.is_none() && analysis.decimated_rate_hz.is_none() {
-        let setups: Vec<&Setup> = opened.iter().map(|(setup, _, _)| *setup).collect();
+    if let Some((grid, _)) = settled {
+        analysis = as_collected(&analysis, &grid);
+    } else if analysis.band_hz.is_none() && analysis.decimated_rate_hz.is_none() {
+        let setups: Vec<&Setup> = opened.iter().map(|opened| opened.setup).collect();
         if let Some((band_hz, reason)) = scout::band(&study.folder, &setups, &extents(&opened), &analysis) {
             analysis.band_hz = Some(band_hz);
             reasons.push(reason);
@@ -223,25 +316,58 @@ pub fn prepare(study: &Study) -> Result<Prepared<'_>, MeasureError> {
         match SpectralPlan::choose(&extents, &analysis) {
             Ok(plan) => break plan,
             Err(source @ PlanError::TooShort { setup, .. }) if opened.len() > 1 => {
-                let (setup, _, _) = opened.remove(setup);
+                let Opened { setup, .. } = opened.remove(setup);
                 leave_out(&mut warnings, &mut failure, MeasureError::TooShort { setup: setup.name.clone(), source });
             }
             Err(error) => return Err(error.into()),
         }
     };
     warnings.extend(plan.few_averages.map(|few| few.to_string()));
-    reasons.push(plan.reason.clone());
+    warnings.extend(opened.iter().filter_map(other_windows));
+    reasons.push(match settled {
+        Some((grid, setup)) => collected_reason(&grid, setup, plan.windows.iter().sum()),
+        None => plan.reason.clone(),
+    });
     Ok(Prepared { setups: opened, plan, reasons, warnings, failure, counting })
 }
 
+/// The analysis whose lines are those that were collected.
+fn as_collected(analysis: &Analysis, grid: &LineGrid) -> Analysis {
+    Analysis {
+        band_hz: Some([grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1))]),
+        decimated_rate_hz: Some(grid.sampling_rate_hz),
+        segment: Some(grid.segment),
+        ..analysis.clone()
+    }
+}
+
+fn collected_reason(grid: &LineGrid, setup: &str, averages: usize) -> String {
+    format!(
+        "As the nodes of setup \"{setup}\" were asked to measure: {} Hz, segments of {} points, {:.1} s; {} lines from {:.4} to {:.4} Hz; {averages} averages.",
+        grid.sampling_rate_hz,
+        grid.segment,
+        1.0 / grid.spacing_hz(),
+        grid.lines,
+        grid.frequency_hz(0),
+        grid.frequency_hz(grid.lines.saturating_sub(1)),
+    )
+}
+
+/// What the reader should know of windows that cannot be averaged with the newest.
+fn other_windows(opened: &Opened<'_>) -> Option<String> {
+    let Material::Archive(collected) = &opened.material else { return None };
+    let other = collected.setup.other_windows;
+    (other > 0).then(|| {
+        format!(
+            "setup \"{}\": {other} windows of nodes were measured with other lines before, or averaged on the node, and are left out",
+            opened.setup.name
+        )
+    })
+}
+
 /// What the plan needs to know of the setups that were opened.
-fn extents(opened: &[(&Setup, Recording, u64)]) -> Vec<SetupExtent> {
-    let extent = |(setup, _, rows): &(&Setup, Recording, u64)| SetupExtent {
-        sampling_rate_hz: setup.sampling_rate_hz,
-        rows: *rows,
-        channels: setup.sensors.len(),
-    };
-    opened.iter().map(extent).collect()
+fn extents(opened: &[Opened<'_>]) -> Vec<SetupExtent> {
+    opened.iter().map(Opened::extent).collect()
 }
 
 /// Keeps the first failure, for the case that nothing remains, and says every one.
@@ -278,7 +404,8 @@ fn measure_setup<'a>(
         return Err(spectra(error));
     }
     let several = |warning: String| format!("setup \"{}\": {warning}", setup.name);
-    let mut warnings: Vec<String> = report.warnings.iter().map(|warning| several(warning.to_string())).collect();
+    let of_recording = report.iter().flat_map(|report| &report.warnings);
+    let mut warnings: Vec<String> = of_recording.map(|warning| several(warning.to_string())).collect();
     let (spectrum, left_out) = accumulator.finish().map_err(spectra)?;
     warnings.extend(left_out.iter().map(|warning| several(left_out_sentence(setup, *warning))));
     if let Some(fleet) = &fleet {

@@ -4,7 +4,8 @@ use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
-use super::{MeasureError, Observer, Route, Timings};
+use super::{Material, MeasureError, Observer, Route, Timings};
+use crate::archive::Collected;
 use crate::link::fleet::{Fleet, FleetError, FleetReport};
 use crate::record::{Block, RecordError, RecordReport, Recording};
 use crate::spectra::direct::Welch;
@@ -19,7 +20,7 @@ const WINDOWS_WAITING: usize = 4;
 /// One setup to measure.
 pub(super) struct Task<'a, 'p> {
     pub(super) setup: &'a Setup,
-    pub(super) recording: Recording,
+    pub(super) material: Material,
     pub(super) plan: &'p SpectralPlan,
     pub(super) decimation: u32,
     pub(super) route: Route,
@@ -27,7 +28,8 @@ pub(super) struct Task<'a, 'p> {
 
 /// What is left when the last window has passed.
 pub(super) struct Streamed {
-    pub(super) report: RecordReport,
+    /// What the recording held, where there is one.
+    pub(super) report: Option<RecordReport>,
     pub(super) fleet: Option<FleetReport>,
 }
 
@@ -42,7 +44,11 @@ pub(super) fn stream(
     sink: impl FnMut(WindowLines) + Send,
     timings: &mut Timings,
 ) -> Result<Streamed, MeasureError> {
-    let Task { setup, recording, plan, decimation, route } = task;
+    let Task { setup, material, plan, decimation, route } = task;
+    let recording = match material {
+        Material::Recording(recording) => *recording,
+        Material::Archive(collected) => return stream_archive(setup, &collected, on_rows, observer, sink, timings),
+    };
     let grid = plan.grid;
     let fleet_failed = |source| MeasureError::Fleet { setup: setup.name.clone(), source };
     let mut source = Source::new(setup, plan, decimation, route).map_err(fleet_failed)?;
@@ -81,8 +87,39 @@ pub(super) fn stream(
         timings.averaging += joined(taker);
         let fleet = fleet.map_err(fleet_failed)?;
         let record_failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
-        Ok(Streamed { report: read.map_err(record_failed)?, fleet })
+        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet })
     })
+}
+
+/// The same for windows that nodes have sent.
+fn stream_archive(
+    setup: &Setup,
+    collected: &Collected,
+    on_rows: &mut dyn FnMut(u64),
+    observer: Observer<'_>,
+    sink: impl FnMut(WindowLines) + Send,
+    timings: &mut Timings,
+) -> Result<Streamed, MeasureError> {
+    let grid = collected.setup.grid;
+    let rows_a_window = (grid.segment as u64 / 2) * u64::from(collected.setup.decimation);
+    let read = thread::scope(|scope| {
+        let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
+        let taker = scope.spawn(move || take_in(&windows, sink));
+        let start = Instant::now();
+        let mut count = 0;
+        let read = collected.each_window(setup, &mut |window| {
+            count += 1;
+            on_rows(count * rows_a_window);
+            observer(setup, &grid, &window);
+            let _ = window_sender.send(window);
+        });
+        timings.reading += start.elapsed();
+        drop(window_sender);
+        timings.averaging += joined(taker);
+        read
+    });
+    read.map_err(|source| MeasureError::Archive { setup: setup.name.clone(), source: Box::new(source) })?;
+    Ok(Streamed { report: None, fleet: None })
 }
 
 /// A thread's result; its panic goes on here.

@@ -119,7 +119,10 @@ pub fn adopt(folder: &Path, planned: &[PlannedRecording]) -> Result<(), AdoptErr
             Some(item) => *item = Item::Value(files),
             None => drop(table.insert("files", Item::Value(files))),
         }
-        table.remove("live");
+        // Only what is collected goes without a unit.
+        if table.remove("live").is_some() && !table.contains_key("unit") {
+            table.insert("unit", Item::Value("m/s2".into()));
+        }
     }
     let partial = partial_name(&file);
     fs::write(&partial, document.to_string()).and_then(|()| fs::rename(&partial, &file)).map_err(io)

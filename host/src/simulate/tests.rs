@@ -28,6 +28,7 @@ fn setup(sensors: Vec<Sensor>, sampling_rate_hz: f64) -> Setup {
     Setup {
         name: "january".into(),
         files: vec!["accdata_*.txt".into()],
+        live: false,
         variable: None,
         sampling_rate_hz,
         unit: Unit::MetrePerSecondSquared,

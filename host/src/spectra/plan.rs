@@ -323,6 +323,14 @@ fn decimations(setups: &[SetupExtent], analysis: &Analysis) -> Result<Vec<Rate>,
     Ok(rates)
 }
 
+/// The rows that give `windows` windows, at least one; the inverse of [`window_count`].
+pub(crate) fn rows_for(windows: usize, decimation: u32, segment: usize) -> u64 {
+    let Some(stages) = Stages::of(decimation) else { return 0 };
+    let samples = (segment + windows.saturating_sub(1) * (segment / 2)) as u64;
+    let last_full = samples.saturating_sub(1) + u64::from(stages.first_full_output());
+    last_full * u64::from(decimation) + u64::from(stages.reach_rows()) + 1
+}
+
 fn too_short(setups: &[SetupExtent], candidates: &[Candidate]) -> PlanError {
     let shortest = |candidate: &&Candidate| (candidate.segment as f64 / candidate.rate_hz * 1e6) as u64;
     let (segment, decimated_rate_hz, decimations) = candidates
@@ -384,6 +392,15 @@ mod tests {
         assert!((few.missing_min - 70.0 * 51.2 / 60.0).abs() < 0.01);
         assert!(few.to_string().contains("record 60 min more"), "{few}");
         assert!(plan.reason.contains("5 Hz (50 / 10), as [analysis] says. Segments: 512 points"), "{}", plan.reason);
+    }
+
+    #[test]
+    fn rows_for_windows_are_as_many_as_give_them_and_not_one_more() {
+        for (decimation, segment, windows) in [(1, 256, 1), (10, 4096, 7), (8, 512, 86), (100, 1024, 300)] {
+            let rows = rows_for(windows, decimation, segment);
+            assert_eq!(window_count(rows, decimation, segment), windows);
+            assert_eq!(window_count(rows - 1, decimation, segment), windows - 1);
+        }
     }
 
     #[test]

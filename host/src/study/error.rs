@@ -115,17 +115,6 @@ pub enum StudyError {
         /// What is wrong with it.
         source: glob::PatternError,
     },
-    /// `live = true`.
-    #[error(
-        "{place}: collecting live comes with `belfry collect`, which is not yet available; {}",
-        if *has_files { "remove `live`, the setup has `files` already" } else { "give the recording's `files` instead" }
-    )]
-    Live {
-        /// The key.
-        place: Place,
-        /// Whether the setup names files as well.
-        has_files: bool,
-    },
     /// A name that has to be unique stands twice.
     #[error("{place}: {name:?} stands already in line {first_line}; {advice}")]
     Duplicate {

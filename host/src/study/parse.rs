@@ -110,21 +110,30 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
     section.allow_only(SETUP_KEYS)?;
     const NAME: &str = "a name for the setup, in quotes, such as \"january\"";
     const FILES: &str = "a list of file names or patterns, such as [\"day1_*.csv\"]";
+    const NO_FILES: &str = "left out where `live` is true: windows come from the nodes, not from files";
     const VARIABLE: &str = "the name of a variable in the MATLAB file, in quotes";
     const RATE: &str = "the recording's rows per second, a number above 0";
     const TEMPERATURE: &str = "the name of a CSV table with time_s and temperature_degc, in quotes";
     const UNIT: &str = "one of \"m/s2\", \"g\", \"V\" and \"m/s\"";
 
     let name = section.required("name", NAME)?.text(NAME)?;
-    if let Some(live) = section.get("live")
-        && live.boolean()?
-    {
-        return Err(StudyError::Live { place: live.place(), has_files: section.get("files").is_some() });
+    let live = section.get("live").map_or(Ok(false), |entry| entry.boolean())?;
+    for (key, expected) in [("files", NO_FILES), ("variable", NO_FILES)] {
+        if let Some(entry) = section.get(key).filter(|_| live) {
+            return Err(entry.out_of_range(expected));
+        }
     }
-    let files = file_patterns(&section.required("files", FILES)?, FILES)?;
+    let files = if live { Vec::new() } else { file_patterns(&section.required("files", FILES)?, FILES)? };
     let variable = section.get("variable").map(|entry| entry.text(VARIABLE)).transpose()?;
     let sampling_rate_hz = section.required("sampling_rate_hz", RATE)?.positive(RATE)?;
-    let unit = unit(&section.required("unit", UNIT)?, UNIT)?;
+    let unit = match section.get("unit") {
+        // Nodes send accelerations.
+        None if live => Unit::MetrePerSecondSquared,
+        Some(entry) if live && unit(&entry, UNIT)? != Unit::MetrePerSecondSquared => {
+            return Err(entry.out_of_range("\"m/s2\", in which nodes measure, or left out, where `live` is true"));
+        }
+        _ => unit(&section.required("unit", UNIT)?, UNIT)?,
+    };
     let temperature = section.get("temperature").map(|entry| entry.text(TEMPERATURE)).transpose()?.map(PathBuf::from);
 
     let sensor_sections = section.tables("sensor")?;
@@ -133,7 +142,7 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
         return Err(section.missing("sensor", expected));
     }
     let sensors = sensor_sections.iter().map(|section| sensor(section, true)).collect::<Result<Vec<_>, _>>()?;
-    let setup = Setup { name, files, variable, sampling_rate_hz, unit, temperature, sensors };
+    let setup = Setup { name, files, live, variable, sampling_rate_hz, unit, temperature, sensors };
     check::sensors(&setup, &sensor_sections)?;
     Ok(setup)
 }

@@ -204,10 +204,17 @@ fn a_study_measures_something() {
 }
 
 #[test]
-fn live_setups_wait_for_collect() {
-    assert_fault("unit", "live = true\nunit", 7, &["`setup.live`", "belfry collect", "not yet", "remove `live`"]);
-    assert_fault("files = [\"a_*.csv\"]", "live = true", 5, &["belfry collect", "give the recording's `files`"]);
-    assert!(load(&SOUND.replace("unit", "live = false\nunit")).is_ok());
+fn live_setups_have_no_files_and_measure_accelerations() {
+    let live = SOUND.replace("files = [\"a_*.csv\"]", "live = true");
+    let setup = load(&live).unwrap().setups.remove(0);
+    assert!(setup.live && setup.files.is_empty() && setup.unit == Unit::MetrePerSecondSquared);
+    let without_unit = live.replace("unit = \"m/s2\"\n", "");
+    assert!(!without_unit.contains("unit") && load(&without_unit).unwrap().setups[0].live);
+    assert!(!load(&SOUND.replace("unit", "live = false\nunit")).unwrap().setups[0].live);
+    assert_fault("unit", "live = true\nunit", 5, &["`setup.files`", "from the nodes"]);
+    assert_fault("files = [\"a_*.csv\"]", "live = true\nvariable = \"a\"", 6, &["`setup.variable`", "from the nodes"]);
+    let volts = live.replace("unit = \"m/s2\"", "unit = \"g\"");
+    assert_told(&volts, 7, &["`setup.unit`", "in which nodes measure"]);
 }
 
 /// Two setups; `second` is the second setup's sensors.

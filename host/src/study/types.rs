@@ -40,8 +40,11 @@ pub struct MeasuredSource {
 pub struct Setup {
     /// The setup's name, unique in the study.
     pub name: String,
-    /// File patterns relative to the study's folder, in the order in which they follow each other in time.
+    /// File patterns relative to the study's folder, in the order in which they follow each other in time; none where
+    /// `live`.
     pub files: Vec<String>,
+    /// Measured by nodes whose windows are collected into the study's archive, instead of files.
+    pub live: bool,
     /// The variable to read from MATLAB files that hold more than one matrix.
     pub variable: Option<String>,
     /// Rows per second.

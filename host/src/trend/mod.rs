@@ -149,7 +149,9 @@ pub fn follow(
                     end_s,
                     averages: spectrum.averages(),
                     groups: spectrum.group_count(),
-                    temperature_degc: temperatures.as_ref().and_then(|table| table.mean_degc(start_s, end_s)),
+                    temperature_degc: temperatures
+                        .as_ref()
+                        .and_then(|table| table.mean_degc(interval.origin_s + start_s, interval.origin_s + end_s)),
                     modes: tracked(MeasuredSetup { setup, spectrum }, modes),
                 }),
                 Err(error) => warnings.push(format!("{place}: left out: {error}")),
@@ -175,7 +177,7 @@ pub fn follow(
         && intervals.iter().all(|interval| interval.temperature_degc.is_none())
     {
         warnings
-            .push("no temperature lies within the recording's time: is time_s counted from its first row?".to_owned());
+            .push("no temperature lies within the recording's time: is time_s counted from its first row (in Unix time for a live setup)?".to_owned());
     }
     let modes = modes.iter().map(|mode| mode_trend(mode, &intervals)).collect();
     Ok(Trend { every_s, modes, intervals, warnings })

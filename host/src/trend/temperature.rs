@@ -1,4 +1,5 @@
-//! Temperature beside a recording: a CSV table `time_s,temperature_degc`, time counted from the recording's first row.
+//! Temperature beside a recording: a CSV table `time_s,temperature_degc`, time counted from the recording's first row; of a live
+//! setup in Unix time.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -18,7 +19,7 @@ pub enum TemperatureError {
     },
     /// The table is not what it should be.
     #[error(
-        "{}:{line}: {reason}; a table of temperatures has the columns time_s (from the recording's first row, rising) and temperature_degc", file.display()
+        "{}:{line}: {reason}; a table of temperatures has the columns time_s (from the recording's first row, or Unix time for a live setup; rising) and temperature_degc", file.display()
     )]
     Table {
         /// The file.

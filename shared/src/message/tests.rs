@@ -35,10 +35,11 @@ fn golden_node_messages() {
         channels: 4,
         configuration_hash: Some(1),
         clock_set: true,
+        oldest_window: 299,
         replaying: false,
         fault: Some(Fault { kind: FaultKind::HardFault, address: 0x0800_0123, place: String::new() }),
     };
-    let golden = "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 00 01 01 a3 82 80 40 00";
+    let golden = "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 ab 02 00 01 01 a3 82 80 40 00";
     assert_eq!(hex(&NodeMessage::Hello(hello)), golden);
     let refusal = Refusal { configuration_hash: 1, reason: RefusalReason::Memory { needed: 300, available: 200 } };
     assert_eq!(hex(&NodeMessage::Refused(refusal)), "01 01 06 ac 02 c8 01");
@@ -204,9 +205,19 @@ fn refusal_reason() -> impl Strategy<Value = RefusalReason> {
 fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
     let code = &code[..code.len().min(MAX_DATA_BYTES)];
     prop_oneof![
-        (any::<(u8, u64, u16, u32, u8, Option<u32>, bool, bool)>(), prop::option::of(fault())).prop_map(
+        (any::<(u8, u64, u16, u32, u8, Option<u32>, bool, u32, bool)>(), prop::option::of(fault())).prop_map(
             |(
-                (protocol_version, schema_hash, node, boot, channels, configuration_hash, clock_set, replaying),
+                (
+                    protocol_version,
+                    schema_hash,
+                    node,
+                    boot,
+                    channels,
+                    configuration_hash,
+                    clock_set,
+                    oldest_window,
+                    replaying,
+                ),
                 fault,
             )| {
                 NodeMessage::Hello(Hello {
@@ -217,6 +228,7 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                     channels,
                     configuration_hash,
                     clock_set,
+                    oldest_window,
                     replaying,
                     fault,
                 })

@@ -141,9 +141,11 @@ pub(super) fn collect(
         },
         &mut |_, grid, window| {
             let overlap = overlap.get_or_insert_with(|| {
-                // The grid's epoch is the first sample that the decimating filter sees whole.
+                // The grid's epoch is the first sample that the decimating filter sees whole; what was collected live counts
+                // from its first window.
                 let decimation = (setup.sampling_rate_hz / grid.sampling_rate_hz).round() as u32;
-                let epoch_s = SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz;
+                let lead_rows = if setup.live { 0 } else { SpectralPlan::lead_rows(decimation) };
+                let epoch_s = lead_rows as f64 / setup.sampling_rate_hz;
                 OverlapAdd::new(*grid, epoch_s, channels)
             });
             let samples = overlap.hop();

@@ -30,16 +30,25 @@ fn name(number: u32) -> WindowName {
     WindowName { node: 1, boot: BOOT, number }
 }
 
+/// A window's head, as of a node that runs [`lines_configuration`].
 fn head(number: u32, data_parts: u16, channels: [ChannelState; 3]) -> NodeMessage<'static> {
-    let channels: belfry_shared::message::WindowHead = WindowHead {
+    head_of(&lines_configuration(), number, data_parts, channels)
+}
+
+fn head_of(
+    configuration: &Configuration,
+    number: u32,
+    data_parts: u16,
+    channels: [ChannelState; 3],
+) -> NodeMessage<'static> {
+    NodeMessage::Head(WindowHead {
         name: name(number),
-        configuration_hash: 9,
+        configuration_hash: configuration.hash(),
         grid_index: u64::from(number) + 100,
         start_offset_us: -7,
         data_parts,
         channels: channels.into_iter().collect(),
-    };
-    NodeMessage::Head(channels)
+    })
 }
 
 /// All parts of a window of lines whose values tell window, channel and line; channel 1 is unsound.
@@ -71,7 +80,7 @@ fn lines_window(number: u32) -> Vec<Vec<u8>> {
 
 fn take(assembler: &mut Assembler, configuration: &Configuration, encoded: &[u8]) -> Outcome {
     let message = belfry_shared::message::decode::<NodeMessage<'_>>(encoded).unwrap();
-    assembler.take(configuration, &message, encoded)
+    assembler.take(&Configurations::only(configuration.clone()), &message, encoded)
 }
 
 fn lines_configuration() -> Configuration {
@@ -151,7 +160,7 @@ fn densities_and_peaks_make_a_window_too() {
     let peaks = PeaksPart { name: name(0), part: 3, channel: 0, peaks: [peak].into_iter().collect() };
     parts.push(encode(&NodeMessage::Peaks(peaks)));
     let states = [ChannelState::Sound { segments: 4 }, ChannelState::Missing, ChannelState::Constant];
-    parts.push(encode(&head(0, 3, states)));
+    parts.push(encode(&head_of(&configuration, 0, 3, states)));
     let mut assembler = Assembler::new(BOOT);
     let outcomes: Vec<Outcome> = parts.iter().map(|part| take(&mut assembler, &configuration, part)).collect();
     let Outcome::Whole(window) = &outcomes[3] else { panic!("{outcomes:?}") };
@@ -182,6 +191,38 @@ fn what_contradicts_itself_is_refused_and_given_up_not_stored() {
     let too_few = encode(&head(0, 1, [sound, ChannelState::Missing, ChannelState::Missing]));
     assert_eq!(take(&mut assembler, &configuration, &too_few), Outcome::Contradiction);
     assert_eq!((assembler.below(), assembler.lost()), (1, 1));
+}
+
+#[test]
+fn a_window_of_an_earlier_configuration_comes_and_one_of_another_study_is_given_up_and_told() {
+    let sound = ChannelState::Sound { segments: 1 };
+    let configurations =
+        Configurations { current: configuration(Summary::Lines { bits: 8 }), earlier: vec![lines_configuration()] };
+    let mut assembler = Assembler::new(BOOT);
+    let mut take = |encoded: &[u8]| {
+        let message = belfry_shared::message::decode::<NodeMessage<'_>>(encoded).unwrap();
+        assembler.take(&configurations, &message, encoded)
+    };
+    let outcomes: Vec<Outcome> = lines_window(0).iter().map(|part| take(part)).collect();
+    let Some(Outcome::Whole(window)) = outcomes.last() else { panic!("{outcomes:?}") };
+    check_lines_window(window);
+    let foreign = encode(&head_of(&configuration(Summary::Lines { bits: 4 }), 1, 6, [sound; 3]));
+    assert_eq!(take(&foreign), Outcome::Foreign);
+    assert_eq!(take(&foreign), Outcome::Duplicate);
+    assembler.stored(0);
+    assert_eq!((assembler.below(), assembler.lost()), (2, 0));
+}
+
+#[test]
+fn what_is_kept_from_before_is_not_asked_again_and_what_is_missing_among_it_is() {
+    let kept = KeptWindows { first: 10, numbers: vec![14, 10, 11, 3] };
+    let mut assembler = Assembler::resuming(BOOT, &kept);
+    assert_eq!((assembler.below(), assembler.lost(), assembler.missing()), (12, 0, 2));
+    assert_eq!(asked(&mut assembler, 1000, false), [(12, 13, 0, u16::MAX)]);
+    assert_eq!(take(&mut assembler, &lines_configuration(), &lines_window(14)[0]), Outcome::Duplicate);
+    // The node says that window 12 is gone.
+    assembler.heartbeat(13, 15);
+    assert_eq!((assembler.below(), assembler.lost()), (13, 1));
 }
 
 #[test]

@@ -39,12 +39,7 @@ impl GridAssembler {
         if !pending.nodes.insert(window.name.node) {
             return;
         }
-        for (data, &channel) in window.channels.into_iter().zip(channels) {
-            if let (ChannelData::Lines(mut lines), Some(place)) = (data, pending.window.channels.get_mut(channel)) {
-                remove_offset(&self.grid, window.start_offset_us, &mut lines);
-                *place = Some(lines);
-            }
-        }
+        place_lines(&self.grid, window, channels, &mut pending.window);
         while let Some(first) = self.pending.first_entry()
             && first.get().nodes.len() == self.channels_of.len()
         {
@@ -56,6 +51,16 @@ impl GridAssembler {
     pub(super) fn flush(&mut self, on_window: &mut dyn FnMut(WindowLines)) {
         for (_, pending) in std::mem::take(&mut self.pending) {
             on_window(pending.window);
+        }
+    }
+}
+
+/// Puts a node's lines where its `channels` stand in a window of the whole setup, as if its segment had started on the grid.
+pub(crate) fn place_lines(grid: &LineGrid, window: NodeWindow, channels: &[usize], whole: &mut WindowLines) {
+    for (data, &channel) in window.channels.into_iter().zip(channels) {
+        if let (ChannelData::Lines(mut lines), Some(place)) = (data, whole.channels.get_mut(channel)) {
+            remove_offset(grid, window.start_offset_us, &mut lines);
+            *place = Some(lines);
         }
     }
 }

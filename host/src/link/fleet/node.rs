@@ -1,14 +1,15 @@
 //! One simulated node: the firmware, its crystal, its line, and the host's session with it, in simulated time.
 
 use belfry_firmware::{Identity, Memory, Node};
-use belfry_shared::message::Configuration;
+use belfry_shared::message::{Configuration, MAX_CHANNELS};
 use belfry_shared::time::{HostTime, NodeTime};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{FleetError, FleetOptions, NodeReport};
+use super::pace::Resampler;
+use super::{FleetError, FleetOptions, NodeReport, Pace};
 use crate::link::memory::{HostEnd, Line, Nanoseconds, NodeEnd};
-use crate::link::{NodeWindow, Session, Transport};
+use crate::link::{Configurations, NodeWindow, Session, Transport};
 
 /// Simulated time before the recording in which node and host get to know each other.
 const PREPARATION_NS: Nanoseconds = 120_000_000_000;
@@ -51,6 +52,8 @@ pub(super) struct SimulatedNode {
     /// The node's clock: it started at `boot` and gains `drift`.
     boot: Nanoseconds,
     drift: f64,
+    /// Rows at the moments of the node's own crystal, where it samples by that.
+    resampler: Option<Resampler>,
     line: Line,
     node_end: NodeEnd,
     host_end: HostEnd,
@@ -78,17 +81,29 @@ impl SimulatedNode {
         };
         let line = Line::new(options.baud, options.faults, random.random());
         let sampling_rate_uhz = configuration.sampling_rate_uhz;
-        let start = row_time(0, lead_rows, sampling_rate_uhz) - PREPARATION_NS;
+        let first_row = row_time(0, lead_rows, sampling_rate_uhz);
+        let start = first_row - PREPARATION_NS;
+        let boot = start - random.random_range(1_000_000_000..1_000_000_000_000);
+        let drawn = random.random_range(-MAX_DRIFT..MAX_DRIFT);
+        let (drift, resampler) = match options.pace {
+            Pace::Recording => (drawn, None),
+            Pace::Crystal { ppm } => {
+                let drift = 1e-6 * if number % 2 == 0 { ppm } else { -ppm };
+                let period_ns = 1e15 / sampling_rate_uhz.max(1) as f64;
+                (drift, Some(Resampler::new(first_row, period_ns, period_ns / (1.0 + drift))))
+            }
+        };
         Self {
             number,
             channels,
             node: Node::new(identity, Box::new(Memory::new())),
-            boot: start - random.random_range(1_000_000_000..1_000_000_000_000),
-            drift: random.random_range(-MAX_DRIFT..MAX_DRIFT),
+            boot,
+            drift,
+            resampler,
             node_end: line.node_end(),
             host_end: line.host_end(),
             line,
-            session: Session::new(number, configuration, options.baud),
+            session: Session::new(number, Configurations::only(configuration), options.baud),
             windows: Vec::new(),
             now: start,
             row: 0,
@@ -108,14 +123,25 @@ impl SimulatedNode {
         let time = row_time(self.row, self.lead_rows, self.sampling_rate_uhz);
         self.row += 1;
         self.run_until(time)?;
-        let mut readings = [f32::NAN; belfry_shared::message::MAX_CHANNELS];
+        let mut readings = [f64::NAN; MAX_CHANNELS];
         for (reading, &channel) in readings.iter_mut().zip(&self.channels) {
-            *reading = row.get(channel).map_or(f32::NAN, |&value| value as f32);
+            *reading = row.get(channel).copied().unwrap_or(f64::NAN);
+        }
+        match self.resampler.take() {
+            None => self.sample(time, &readings),
+            Some(mut resampler) => {
+                resampler.push(readings, |moment, readings| self.sample(moment, readings));
+                self.resampler = Some(resampler);
+            }
         }
         let now = self.node_time(time);
-        self.node.sample(now, &readings[..self.channels.len()]);
         while self.node.poll(now) {}
         Ok(())
+    }
+
+    fn sample(&mut self, time: Nanoseconds, readings: &[f64; MAX_CHANNELS]) {
+        let readings = readings.map(|reading| reading as f32);
+        self.node.sample(self.node_time(time), &readings[..self.channels.len()]);
     }
 
     /// Lets everything be delivered after the last row.

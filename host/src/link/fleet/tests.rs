@@ -26,6 +26,7 @@ fn setup(channels: usize, a_node: usize) -> Setup {
     Setup {
         name: "test".to_owned(),
         files: Vec::new(),
+        live: false,
         variable: None,
         sampling_rate_hz: RATE_HZ,
         unit: Unit::MetrePerSecondSquared,
@@ -202,8 +203,9 @@ fn a_line_that_passes_nothing_is_an_error_not_an_endless_wait() {
     let setup = setup(1, 1);
     let options = FleetOptions { faults: Faults { drop: 1.0, ..Faults::default() }, ..bits(8) };
     let mut fleet = Fleet::start(&setup, DECIMATION, &grid(), &options).unwrap();
-    let _ = fleet.push(&rows(100, 1), &mut |_| {});
-    let error = fleet.finish(&mut |_| {}).unwrap_err();
+    // It may be known while rows are still pushed.
+    let pushed = fleet.push(&rows(100, 1), &mut |_| {});
+    let error = pushed.and_then(|()| fleet.finish(&mut |_| {})).unwrap_err();
     assert!(matches!(error, FleetError::NotReady { node: 1 }), "{error}");
 }
 

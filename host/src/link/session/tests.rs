@@ -4,7 +4,7 @@ use super::*;
 use crate::link::NodeWindow;
 use crate::link::memory::{Faults, Line};
 use belfry_firmware::{Identity, Memory, Node};
-use belfry_shared::message::{Band, Summary};
+use belfry_shared::message::{Band, Configuration, Summary};
 use belfry_shared::time::NodeTime;
 use proptest::prelude::*;
 
@@ -38,7 +38,13 @@ struct Bench {
 impl Bench {
     fn new(faults: Faults) -> Self {
         let line = Line::new(BAUD, faults, 11);
-        Self { line, node: node(77), session: Session::new(3, configuration(), BAUD), step: 0, node_start: -900 }
+        Self {
+            line,
+            node: node(77),
+            session: Session::new(3, Configurations::only(configuration()), BAUD),
+            step: 0,
+            node_start: -900,
+        }
     }
 
     /// One step; the node's clock gains 15 ppm and started at `node_start`.
@@ -142,14 +148,18 @@ fn a_window_that_cannot_be_stored_ends_the_session_and_is_not_acknowledged() {
     // Windows 0 and 1 are stored; 2 is not, and stays in the node.
     assert_eq!(bench.session.assembler.as_ref().unwrap().below(), 2);
     let mut windows: Vec<NodeWindow> = Vec::new();
-    bench.session = Session::new(3, configuration(), BAUD);
+    bench.session = Session::new(3, Configurations::only(configuration()), BAUD);
     bench.run(50 * 100, &mut windows).unwrap();
     assert!(windows.iter().any(|window| window.name.number == 2), "a new session gets it");
 }
 
 /// What a session says to the given bytes.
 fn heard(bytes: &[u8]) -> Result<(), SessionError> {
-    Session::new(3, configuration(), BAUD).receive(HostTime(0), bytes, &mut Vec::<NodeWindow>::new())
+    Session::new(3, Configurations::only(configuration()), BAUD).receive(
+        HostTime(0),
+        bytes,
+        &mut Vec::<NodeWindow>::new(),
+    )
 }
 
 fn frame(message: &NodeMessage<'_>) -> Vec<u8> {
@@ -167,6 +177,7 @@ fn hello() -> Hello {
         channels: 1,
         configuration_hash: None,
         clock_set: false,
+        oldest_window: 0,
         replaying: false,
         fault: None,
     }
@@ -206,7 +217,7 @@ fn another_protocol_version_is_named_even_if_its_messages_are_foreign() {
 proptest! {
     #[test]
     fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..2000), chunks in 1_usize..50) {
-        let mut session = Session::new(3, configuration(), BAUD);
+        let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
         let mut windows: Vec<NodeWindow> = Vec::new();
         for (index, chunk) in bytes.chunks(chunks).enumerate() {
             let now = HostTime(index as i64 * 100_000);
@@ -220,9 +231,9 @@ proptest! {
 
 /// A session that a node of the given boot has greeted, configured and with its clock set.
 fn measuring(boot: u32) -> Session {
-    let mut session = Session::new(3, configuration(), BAUD);
+    let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
     let ready = Hello { boot, configuration_hash: Some(configuration().hash()), clock_set: true, ..hello() };
-    session.greeted(&ready).unwrap();
+    session.greeted(&ready, &mut Vec::<NodeWindow>::new()).unwrap();
     session.stage = Stage::Measuring;
     session
 }

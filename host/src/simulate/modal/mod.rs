@@ -73,6 +73,7 @@ pub fn setup(name: &str, points: &[String], references: &[bool]) -> Setup {
     Setup {
         name: name.into(),
         files: Vec::new(),
+        live: false,
         variable: None,
         sampling_rate_hz: 1.0,
         unit: Unit::MetrePerSecondSquared,

@@ -1,0 +1,207 @@
+//! Reading: what a setup's nodes have sent, and its windows in the order of the grid.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+use belfry_shared::message::{Configuration, Summary, WindowName};
+use belfry_shared::time::WindowGrid;
+use rusqlite::params;
+
+use super::{Archive, ArchiveError, codec};
+use crate::link::NodeWindow;
+use crate::link::fleet::{channels_by_node, place_lines};
+use crate::spectra::{LineGrid, WindowLines};
+use crate::study::Setup;
+
+/// Newest windows that may still lack a node whose turn to send has not come.
+const UNSETTLED: usize = 2;
+
+/// What the archive holds of a setup.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CollectedSetup {
+    /// The lines that its windows carry.
+    pub grid: LineGrid,
+    /// Raw samples a decimated one.
+    pub decimation: u32,
+    /// Starts at which at least one node has a window.
+    pub windows: usize,
+    /// First start, in hops since the Unix epoch; windows are counted from there.
+    pub first_grid_index: u64,
+    /// The same in s of Unix time.
+    pub start_s: f64,
+    /// Node windows that were measured with other lines, or averaged on the node, and are left out.
+    pub other_windows: usize,
+    /// Hashes of the configurations that make these lines.
+    hashes: BTreeSet<u32>,
+}
+
+/// A setup's windows, and the archive that they are in.
+#[derive(Debug)]
+pub struct Collected {
+    /// What there is of them.
+    pub setup: CollectedSetup,
+    archive: Archive,
+}
+
+/// What decides which windows can be averaged together: rate, decimation, segment and lines.
+fn settings(configuration: &Configuration) -> Option<(LineGrid, u32)> {
+    let [band] = configuration.bands.as_slice() else { return None };
+    matches!(configuration.summary, Summary::Lines { .. }).then(|| {
+        let grid = LineGrid {
+            sampling_rate_hz: configuration.sampling_rate_uhz as f64 * 1e-6 / f64::from(configuration.decimation),
+            segment: usize::from(configuration.segment),
+            first_line: usize::from(band.first_line),
+            lines: usize::from(band.lines),
+        };
+        (grid, configuration.decimation)
+    })
+}
+
+impl Archive {
+    /// What there is of a setup: windows with the settings that were asked of its nodes last, as far as there are any.
+    /// `None` where there are no windows.
+    ///
+    /// # Errors
+    /// Where the archive cannot be read, or the study's nodes have other channels than were collected.
+    pub fn collected(self, setup: &Setup) -> Result<Option<Collected>, ArchiveError> {
+        let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
+        let counted = || -> rusqlite::Result<Vec<(u16, u32, usize)>> {
+            let query =
+                "SELECT node, configuration, count(*) FROM window WHERE setup = ?1 GROUP BY node, configuration";
+            let mut statement = self.connection.prepare(query)?;
+            statement.query_map([&setup.name], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?.collect()
+        };
+        let counted = counted().map_err(|source| self.failed(source))?;
+        let configurations = self.configurations(&setup.name)?;
+        let channels_of = channels_by_node(setup);
+        for &(node, hash, windows) in &counted {
+            *counts.entry(hash).or_default() += windows;
+            let collected = configurations.iter().find(|configuration| configuration.hash() == hash);
+            let now = channels_of.get(&node).map(Vec::len);
+            if let (Some(collected), Some(now)) = (collected, now)
+                && usize::from(collected.channels) != now
+            {
+                let collected = usize::from(collected.channels);
+                return Err(ArchiveError::Channels { setup: setup.name.clone(), node, collected, now });
+            }
+        }
+        let with_windows = |configuration: &&Configuration| counts.contains_key(&configuration.hash());
+        let newest = configurations.iter().filter(with_windows).find_map(|c| settings(c).map(|s| (s, c.clone())));
+        let Some((wanted, configuration)) = newest else { return Ok(None) };
+        let hashes: BTreeSet<u32> =
+            configurations.iter().filter(|c| settings(c) == Some(wanted)).map(Configuration::hash).collect();
+        let other_windows = counts.iter().filter(|(hash, _)| !hashes.contains(hash)).map(|(_, windows)| windows).sum();
+        let (windows, first) = self
+            .connection
+            .query_row(
+                "SELECT count(DISTINCT grid_index), min(grid_index) FROM window
+                 WHERE setup = ?1 AND configuration IN (SELECT value FROM json_each(?2))",
+                params![setup.name, json(&hashes)],
+                |row| Ok((row.get::<_, usize>(0)?, row.get::<_, Option<u64>>(1)?)),
+            )
+            .map_err(|source| self.failed(source))?;
+        let Some(first_grid_index) = first else { return Ok(None) };
+        let clock =
+            WindowGrid { sampling_rate_uhz: configuration.sampling_rate_uhz, hop_samples: configuration.hop_samples() };
+        let (grid, decimation) = wanted;
+        let start_s = clock.start(first_grid_index).0 as f64 * 1e-6;
+        let collected = CollectedSetup { grid, decimation, windows, first_grid_index, start_s, other_windows, hashes };
+        Ok(Some(Collected { setup: collected, archive: self }))
+    }
+}
+
+fn json(hashes: &BTreeSet<u32>) -> String {
+    format!("{hashes:?}").replace('{', "[").replace('}', "]")
+}
+
+impl Collected {
+    /// Hands out the windows of the whole setup in the order of the grid, counted from the first; `None` where a node has
+    /// none. The newest are left out while nodes are still to send theirs.
+    ///
+    /// # Errors
+    /// Where the archive cannot be read or is damaged; windows before that have been handed out.
+    pub fn each_window(&self, setup: &Setup, on_window: &mut dyn FnMut(WindowLines)) -> Result<(), ArchiveError> {
+        let channels_of = channels_by_node(setup);
+        let failed = |source| self.archive.failed(source);
+        let mut statement = self
+            .archive
+            .connection
+            .prepare(
+                "SELECT id, node, boot, number, configuration, grid_index, start_offset_us FROM window
+                 WHERE setup = ?1 AND configuration IN (SELECT value FROM json_each(?2)) ORDER BY grid_index, node, id",
+            )
+            .map_err(failed)?;
+        let mut rows = statement.query(params![setup.name, json(&self.setup.hashes)]).map_err(failed)?;
+        // Starts whose nodes may not have sent all yet, oldest first.
+        let mut waiting: VecDeque<(WindowLines, BTreeSet<u16>)> = VecDeque::new();
+        while let Some(row) = rows.next().map_err(failed)? {
+            let (id, window) = read_window(row).map_err(failed)?;
+            let Some(channels) = channels_of.get(&window.name.node) else { continue };
+            let grid_index = window.grid_index.saturating_sub(self.setup.first_grid_index);
+            if waiting.back().is_none_or(|(last, _)| last.grid_index != grid_index) {
+                if waiting.len() > UNSETTLED
+                    && let Some((settled, _)) = waiting.pop_front()
+                {
+                    on_window(settled);
+                }
+                let channels = vec![None; setup.sensors.len()];
+                waiting.push_back((WindowLines { grid_index, channels }, BTreeSet::new()));
+            }
+            let Some((whole, nodes)) = waiting.back_mut() else { continue };
+            // A node that started anew may have measured the same interval twice; the first stays.
+            if nodes.insert(window.name.node) {
+                let window = NodeWindow { channels: self.channels(id, &window)?, ..window };
+                place_lines(&self.setup.grid, window, channels, whole);
+            }
+        }
+        let is_whole = |(_, nodes): &(WindowLines, BTreeSet<u16>)| nodes.len() == channels_of.len();
+        let unsettled = waiting.iter().rev().take_while(|start| !is_whole(start)).count().min(UNSETTLED);
+        waiting.truncate(waiting.len() - unsettled);
+        waiting.into_iter().for_each(|(whole, _)| on_window(whole));
+        Ok(())
+    }
+
+    fn channels(&self, id: i64, window: &NodeWindow) -> Result<Vec<crate::link::ChannelData>, ArchiveError> {
+        let rows = || -> rusqlite::Result<Vec<codec::ChannelRow>> {
+            let query =
+                "SELECT state, segments, lines, densities, peaks FROM channel WHERE window = ?1 ORDER BY channel";
+            let mut statement = self.archive.connection.prepare_cached(query)?;
+            let row = |row: &rusqlite::Row<'_>| {
+                Ok(codec::ChannelRow {
+                    state: row.get(0)?,
+                    segments: row.get(1)?,
+                    lines: row.get(2)?,
+                    densities: row.get(3)?,
+                    peaks: row.get(4)?,
+                })
+            };
+            statement.query_map([id], row)?.collect()
+        };
+        let rows = rows().map_err(|source| self.archive.failed(source))?;
+        let of = |what: String| {
+            let WindowName { node, boot, number } = window.name;
+            self.archive.damaged(format!("window {number} of node {node} (boot {boot}): {what}"))
+        };
+        let channels = rows.iter().map(codec::data).collect::<Result<Vec<_>, _>>().map_err(of)?;
+        let odd = channels.iter().find_map(|data| match data {
+            crate::link::ChannelData::Lines(lines) if lines.len() != self.setup.grid.lines => Some(lines.len()),
+            _ => None,
+        });
+        match odd {
+            Some(lines) => Err(of(format!("{lines} lines where there should be {}", self.setup.grid.lines))),
+            None => Ok(channels),
+        }
+    }
+}
+
+/// A window without its channels, and its row.
+fn read_window(row: &rusqlite::Row<'_>) -> rusqlite::Result<(i64, NodeWindow)> {
+    let name = WindowName { node: row.get(1)?, boot: row.get(2)?, number: row.get(3)? };
+    let window = NodeWindow {
+        name,
+        configuration_hash: row.get(4)?,
+        grid_index: row.get(5)?,
+        start_offset_us: row.get(6)?,
+        channels: Vec::new(),
+    };
+    Ok((row.get(0)?, window))
+}

@@ -1,0 +1,257 @@
+//! What is stored comes back, once, to the setup it belongs to; what is no archive is left alone.
+
+use belfry_shared::message::{Band, ChannelState, Peak, Summary, WindowName};
+use num_complex::Complex32;
+
+use super::*;
+use crate::spectra::WindowLines;
+use crate::study::{Setup, Study};
+
+const LINES: u16 = 5;
+
+/// Two nodes: node 1 with two channels, node 2 with one that stands between them.
+fn setup() -> Setup {
+    let text = r#"[structure]
+name = "Mast"
+[[setup]]
+name = "now"
+live = true
+sampling_rate_hz = 50
+[[setup.sensor]]
+channel = "low"
+node = 1
+[[setup.sensor]]
+channel = "middle"
+node = 2
+[[setup.sensor]]
+channel = "top"
+node = 1
+[analysis]
+band_hz = [0.5, 10.0]
+"#;
+    Study::from_text(text, Path::new("somewhere")).unwrap().setups.remove(0)
+}
+
+fn configuration(channels: u8, segment: u16) -> Configuration {
+    let band = Band { first_line: 3, lines: LINES };
+    Configuration {
+        channels,
+        sampling_rate_uhz: 50_000_000,
+        decimation: 2,
+        segment,
+        summary: Summary::Lines { bits: 10 },
+        bands: [band].into_iter().collect(),
+    }
+}
+
+/// A line that tells its window, channel and place.
+fn line(grid_index: u64, channel: usize, place: u16) -> Complex32 {
+    Complex32::new(grid_index as f32 + 0.25, channel as f32 - 0.125 * f32::from(place))
+}
+
+fn window(configuration: &Configuration, node: u16, number: u32, grid_index: u64) -> NodeWindow {
+    let of = |channel| ChannelData::Lines((0..LINES).map(|place| line(grid_index, channel, place)).collect());
+    NodeWindow {
+        name: WindowName { node, boot: 7, number },
+        configuration_hash: configuration.hash(),
+        grid_index,
+        start_offset_us: 0,
+        channels: (0..usize::from(configuration.channels)).map(of).collect(),
+    }
+}
+
+struct Bench {
+    folder: tempfile::TempDir,
+    archive: Archive,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let archive = Archive::create(folder.path()).unwrap();
+        Self { folder, archive }
+    }
+
+    fn ask(&mut self, configuration: &Configuration, second: i64) {
+        self.archive.ask("now", configuration, HostTime(second * 1_000_000)).unwrap();
+    }
+
+    fn store(&mut self, configuration: &Configuration, window: &NodeWindow) {
+        self.archive.store("now", configuration, window, HostTime(0)).unwrap();
+    }
+
+    /// The windows as another program reads them, while this one still has the archive open.
+    fn read(&self) -> Result<Option<(CollectedSetup, Vec<WindowLines>)>, ArchiveError> {
+        let setup = setup();
+        let Some(collected) = Archive::open(self.folder.path())?.unwrap().collected(&setup)? else { return Ok(None) };
+        let mut windows = Vec::new();
+        collected.each_window(&setup, &mut |window| windows.push(window))?;
+        Ok(Some((collected.setup, windows)))
+    }
+}
+
+#[test]
+fn windows_come_back_in_the_order_of_the_grid_each_channel_in_its_place() {
+    let mut bench = Bench::new();
+    let (two, one) = (configuration(2, 256), configuration(1, 256));
+    bench.ask(&two, 1);
+    bench.ask(&one, 1);
+    assert_eq!(bench.read().unwrap(), None);
+    // Out of order, node 2 lacks grid index 1001, and node 1 says one window twice.
+    for (number, grid_index) in [(2, 1002), (0, 1000), (1, 1001), (1, 1001), (3, 1003), (4, 1004)] {
+        bench.store(&two, &window(&two, 1, number, grid_index));
+    }
+    for (number, grid_index) in [(1, 1002), (0, 1000), (2, 1003)] {
+        bench.store(&one, &window(&one, 2, number, grid_index));
+    }
+    // Another setup's windows, and a node that no sensor names.
+    bench.archive.store("before", &two, &window(&two, 5, 0, 1000), HostTime(0)).unwrap();
+    bench.store(&two, &window(&two, 9, 0, 1000));
+    let (collected, windows) = bench.read().unwrap().unwrap();
+    assert_eq!((collected.windows, collected.first_grid_index, collected.other_windows), (5, 1000, 0));
+    // A hop is 128 samples at 25 Hz.
+    assert!((collected.start_s - 1000.0 * 5.12).abs() < 1e-6);
+    assert_eq!((collected.grid.sampling_rate_hz, collected.grid.segment, collected.decimation), (25.0, 256, 2));
+    // The last start waits for node 2, which may be about to send.
+    let starts: Vec<u64> = windows.iter().map(|window| window.grid_index).collect();
+    assert_eq!(starts, [0, 1, 2, 3]);
+    for whole in &windows {
+        let grid_index = whole.grid_index + 1000;
+        let expected = |channel: usize| Some((0..LINES).map(|place| line(grid_index, channel, place)).collect());
+        // Channels of node 1 are sensors 0 and 2, that of node 2 is sensor 1.
+        let middle = if whole.grid_index == 1 { None } else { expected(0) };
+        assert_eq!(whole.channels, [expected(0), middle, expected(1)]);
+    }
+}
+
+#[test]
+fn what_is_not_lines_comes_back_too_and_a_gap_is_told_with_its_reason() {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    let psd = ChannelData::Psd {
+        segments: 3,
+        densities: vec![1.0, 2.5e-12],
+        peaks: vec![Peak { frequency_hz: 0.5, density: 3.0 }],
+    };
+    let states = [ChannelState::Missing, ChannelState::Clipped, ChannelState::Constant, ChannelState::Overrun];
+    let mut channels = vec![psd];
+    channels.extend(states.map(ChannelData::Unsound));
+    let stored = NodeWindow { channels: channels.clone(), ..window(&two, 1, 0, 0) };
+    bench.store(&two, &stored);
+    let query = "SELECT state, segments, lines, densities, peaks FROM channel ORDER BY channel";
+    let mut statement = bench.archive.connection.prepare(query).unwrap();
+    let rows = statement.query_map([], |row| {
+        Ok(codec::ChannelRow {
+            state: row.get(0)?,
+            segments: row.get(1)?,
+            lines: row.get(2)?,
+            densities: row.get(3)?,
+            peaks: row.get(4)?,
+        })
+    });
+    let read: Vec<ChannelData> = rows.unwrap().map(|row| codec::data(&row.unwrap()).unwrap()).collect();
+    assert_eq!(read, channels);
+}
+
+#[test]
+fn the_newest_settings_count_and_what_was_measured_with_others_is_told() {
+    let mut bench = Bench::new();
+    let (old, new) = (configuration(2, 256), configuration(2, 512));
+    bench.ask(&old, 1);
+    bench.ask(&new, 2);
+    bench.store(&old, &window(&old, 1, 0, 10));
+    let (collected, _) = bench.read().unwrap().unwrap();
+    assert_eq!((collected.grid.segment, collected.other_windows), (256, 0), "as long as nothing newer has come");
+    for (number, grid_index) in [(1, 20), (2, 21), (3, 22)] {
+        bench.store(&new, &window(&new, 1, number, grid_index));
+    }
+    let (collected, windows) = bench.read().unwrap().unwrap();
+    assert_eq!((collected.grid.segment, collected.windows, collected.other_windows), (512, 3, 1));
+    assert_eq!(windows.len(), 1, "node 2 may be about to send the other two");
+    // Asked again, the old ones are the newest.
+    bench.ask(&old, 3);
+    assert_eq!(bench.read().unwrap().unwrap().0.grid.segment, 256);
+}
+
+#[test]
+fn channels_that_the_study_has_moved_since_are_refused() {
+    let mut bench = Bench::new();
+    let three = configuration(3, 256);
+    bench.ask(&three, 1);
+    bench.store(&three, &window(&three, 1, 0, 0));
+    let error = bench.read().unwrap_err().to_string();
+    assert!(error.contains("node 1") && error.contains("3 channels") && error.contains("gives it 2"), "{error}");
+}
+
+#[test]
+fn a_life_that_is_met_again_says_what_is_kept_and_where_it_began() {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    let met = |bench: &mut Bench, setup, boot, oldest, second: i64| {
+        bench.archive.kept(setup, 1, boot, oldest, HostTime(second * 1_000_000)).unwrap()
+    };
+    assert_eq!(met(&mut bench, "now", 7, 40, 1), KeptWindows { first: 40, numbers: vec![] });
+    for number in [40, 42] {
+        bench.store(&two, &window(&two, 1, number, u64::from(number)));
+    }
+    assert_eq!(met(&mut bench, "now", 7, 43, 2), KeptWindows { first: 40, numbers: vec![40, 42] });
+    assert_eq!(met(&mut bench, "now", 8, 0, 3), KeptWindows { first: 0, numbers: vec![] });
+}
+
+#[test]
+fn a_window_goes_to_the_setup_that_its_node_served_when_it_began() {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    bench.ask(&two, 1);
+    // The node is met for setup "before" at 100 s, and carried to "now" at 200 s. A hop is 5.12 s.
+    bench.archive.kept("before", 1, 7, 0, HostTime(100_000_000)).unwrap();
+    bench.archive.kept("now", 1, 7, 3, HostTime(200_000_000)).unwrap();
+    for (number, grid_index) in [(3, 30), (4, 40)] {
+        bench.store(&two, &window(&two, 1, number, grid_index));
+    }
+    let setups: Vec<(u32, String)> = {
+        let mut statement =
+            bench.archive.connection.prepare("SELECT number, setup FROM window ORDER BY number").unwrap();
+        statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap().map(Result::unwrap).collect()
+    };
+    assert_eq!(setups, [(3, "before".to_owned()), (4, "now".to_owned())]);
+}
+
+#[test]
+fn what_is_no_archive_is_told_and_left_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(Archive::open(folder.path()).unwrap().is_none());
+    let file = folder.path().join(ARCHIVE_FILE);
+    std::fs::write(&file, "temperatures of last week, in a table that is long enough to be taken for a page").unwrap();
+    let told = |result: Result<(), ArchiveError>| result.unwrap_err().to_string();
+    assert!(told(Archive::create(folder.path()).map(drop)).contains("no archive of belfry"));
+    assert!(told(Archive::open(folder.path()).map(drop)).contains("no archive of belfry"));
+    assert!(std::fs::read_to_string(&file).unwrap().starts_with("temperatures"));
+    // A database of another program.
+    std::fs::remove_file(&file).unwrap();
+    Connection::open(&file).unwrap().execute_batch("CREATE TABLE bills (sum REAL)").unwrap();
+    let bytes = std::fs::read(&file).unwrap();
+    assert!(told(Archive::create(folder.path()).map(drop)).contains("no archive of belfry"));
+    assert_eq!(std::fs::read(&file).unwrap(), bytes);
+    // An archive of the future.
+    std::fs::remove_file(&file).unwrap();
+    drop(Archive::create(folder.path()).unwrap());
+    Connection::open(&file).unwrap().pragma_update(None, "user_version", 9).unwrap();
+    assert!(told(Archive::create(folder.path()).map(drop)).contains("version 9"));
+}
+
+#[test]
+fn a_damaged_archive_names_the_window() {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    bench.ask(&two, 1);
+    for number in 0..3 {
+        bench.store(&two, &window(&two, 1, number, u64::from(number)));
+    }
+    for (damage, word) in [("x'0102'", "2 bytes"), ("zeroblob(8)", "1 lines"), ("NULL", "without data")] {
+        let change = format!("UPDATE channel SET lines = {damage} WHERE channel = 1 AND window = 1");
+        bench.archive.connection.execute(&change, []).unwrap();
+        let error = bench.read().unwrap_err().to_string();
+        assert!(error.contains("window 0 of node 1") && error.contains(word), "{error}");
+    }
+}

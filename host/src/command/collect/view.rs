@@ -1,0 +1,168 @@
+//! The live view: a table of ports and nodes that stays in place on a terminal, lines of what happens elsewhere.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::command::Console;
+use crate::command::identify::align_right;
+use crate::link::collect::{PortState, PortStatus};
+use crate::spectra::{LineGrid, SpectralPlan};
+use crate::study::Setup;
+
+/// Shows what the ports have come to.
+pub(super) struct View {
+    bar: ProgressBar,
+    sampling_rate_hz: f64,
+    segment_s: f64,
+    /// The node's filter sees this much after a segment's end.
+    lead_s: f64,
+    start_s: f64,
+    /// What has been told of each port, where there is no terminal.
+    told: RefCell<BTreeMap<String, String>>,
+    console: Console,
+}
+
+impl View {
+    pub(super) fn new(setup: &Setup, grid: &LineGrid, decimation: u32, console: &Console) -> Self {
+        let bar = console.progress(0, "");
+        bar.set_style(ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner()));
+        Self {
+            bar,
+            sampling_rate_hz: setup.sampling_rate_hz,
+            segment_s: 1.0 / grid.spacing_hz(),
+            lead_s: SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz,
+            start_s: unix_s(),
+            told: RefCell::default(),
+            console: *console,
+        }
+    }
+
+    /// Shows the ports as they are now.
+    pub(super) fn show(&self, statuses: &[PortStatus]) {
+        if self.bar.is_hidden() {
+            self.tell_changes(statuses);
+        } else {
+            self.bar.set_message(format!("{}\n{}", self.table(statuses), self.next_window()));
+        }
+    }
+
+    /// Takes the table off the screen.
+    pub(super) fn end(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    /// A line for every port whose state has changed.
+    fn tell_changes(&self, statuses: &[PortStatus]) {
+        let mut told = self.told.borrow_mut();
+        for status in statuses {
+            let state = state_in_words(status);
+            if told.get(&status.port) != Some(&state) {
+                self.console.report(format_args!("{}: {state}", named(status)));
+                told.insert(status.port.clone(), state);
+            }
+        }
+    }
+
+    /// When the next window can be complete.
+    fn next_window(&self) -> String {
+        let hop_s = 0.5 * self.segment_s;
+        let now_s = unix_s();
+        let first_start_s = ((self.start_s + self.lead_s) / hop_s).ceil() * hop_s;
+        let done_after = |start_s: f64| start_s + self.segment_s + self.lead_s;
+        let next_start_s = ((now_s - self.segment_s - self.lead_s) / hop_s).ceil() * hop_s;
+        let seconds = done_after(next_start_s.max(first_start_s)) - now_s;
+        if seconds > 90.0 {
+            format!("Next window in {:.0} min. Ctrl-C stops.", seconds / 60.0)
+        } else {
+            format!("Next window in {seconds:.0} s. Ctrl-C stops.")
+        }
+    }
+
+    /// The ports as a table.
+    pub(super) fn table(&self, statuses: &[PortStatus]) -> Table {
+        let mut table = Table::new();
+        table.load_style(UTF8_FULL_CONDENSED);
+        table.set_header([
+            "node",
+            "rate Hz",
+            "windows",
+            "gaps",
+            "lost",
+            "clock ppm",
+            "level mm/s²",
+            "peaks Hz",
+            "port",
+            "state",
+        ]);
+        let mut sorted: Vec<&PortStatus> = statuses.iter().collect();
+        sorted.sort_by_key(|status| (status.node.is_none(), status.node, status.port.as_str()));
+        for status in sorted {
+            let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+            // By the host's clock: the node's crystal makes it what it is.
+            let rate = status.drift_ppm.map(|drift| format!("{:.4}", self.sampling_rate_hz / (1.0 + drift * 1e-6)));
+            let level = status.heartbeat.as_ref().map(|heartbeat| {
+                heartbeat.level.iter().map(|level| format!("{:.2}", 1e3 * level)).collect::<Vec<_>>().join(" ")
+            });
+            let peaks: Vec<String> = status.peaks_hz.iter().map(|peak| format!("{peak:.3}")).collect();
+            table.add_row([
+                or_dash(status.node.map(|node| node.to_string())),
+                or_dash(rate),
+                status.statistics.windows.to_string(),
+                status.gaps.to_string(),
+                status.statistics.lost_windows.to_string(),
+                or_dash(status.drift_ppm.map(|drift| format!("{drift:+.2}"))),
+                or_dash(level),
+                or_dash((!peaks.is_empty()).then(|| peaks.join(" "))),
+                status.port.clone(),
+                state_in_words(status),
+            ]);
+        }
+        align_right(&mut table, 6);
+        table
+    }
+}
+
+fn named(status: &PortStatus) -> String {
+    match status.node {
+        Some(node) => format!("node {node} on {}", status.port),
+        None => status.port.clone(),
+    }
+}
+
+/// What a port has come to, and what is wrong with its node's sensors.
+pub(super) fn state_in_words(status: &PortStatus) -> String {
+    let mut words = match &status.state {
+        PortState::Asking => "asks who is there".to_owned(),
+        PortState::Silent => "nobody answers".to_owned(),
+        PortState::Gone(reason) => format!("gone, tried again ({reason})"),
+        PortState::Preparing => "is told what to measure, and the time".to_owned(),
+        PortState::Measuring => "measures".to_owned(),
+        PortState::Foreign => "belongs to no sensor of this setup; left alone".to_owned(),
+        PortState::Refused(reason) => reason.clone(),
+    };
+    if let Some(fault) = status.hello.as_ref().and_then(|hello| hello.fault.as_ref()) {
+        words += &format!("; started anew: {fault}");
+    }
+    if let Some(heartbeat) = &status.heartbeat {
+        for (channel, sensor) in heartbeat.sensors.iter().enumerate() {
+            if *sensor != belfry_shared::message::SensorState::Sound {
+                words += &format!("; channel {} {sensor}", channel + 1);
+            }
+        }
+        if heartbeat.lost_rows > 0 {
+            words += &format!("; {} rows lost", heartbeat.lost_rows);
+        }
+    }
+    if status.statistics.foreign_windows > 0 {
+        words += &format!("; {} windows of another study dropped", status.statistics.foreign_windows);
+    }
+    words
+}
+
+fn unix_s() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
+}

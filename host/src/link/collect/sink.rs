@@ -1,0 +1,34 @@
+//! The way of one port's windows into the archive that all ports share.
+
+use std::io;
+use std::sync::Mutex;
+
+use belfry_shared::time::HostTime;
+
+use super::lock;
+use crate::archive::Archive;
+use crate::link::{Configurations, KeptWindows, NodeWindow, WindowSink};
+
+/// Puts windows of one node into the archive.
+pub(super) struct ArchiveSink<'a> {
+    pub(super) archive: &'a Mutex<Archive>,
+    pub(super) setup: &'a str,
+    pub(super) configurations: &'a Configurations,
+    pub(super) now: HostTime,
+    /// Sees every window that is kept.
+    pub(super) on_window: &'a mut dyn FnMut(&NodeWindow),
+}
+
+impl WindowSink for ArchiveSink<'_> {
+    fn store(&mut self, window: NodeWindow) -> io::Result<()> {
+        let configuration = self.configurations.by_hash(window.configuration_hash);
+        let configuration = configuration.ok_or_else(|| io::Error::other("a window of an unknown configuration"))?;
+        lock(self.archive).store(self.setup, configuration, &window, self.now).map_err(io::Error::other)?;
+        (self.on_window)(&window);
+        Ok(())
+    }
+
+    fn kept(&mut self, node: u16, boot: u32, oldest_window: u32) -> io::Result<KeptWindows> {
+        lock(self.archive).kept(self.setup, node, boot, oldest_window, self.now).map_err(io::Error::other)
+    }
+}

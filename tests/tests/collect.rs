@@ -1,0 +1,296 @@
+//! A user collects live: nodes in real time behind sockets, the command killed and started again, the modes of what has come.
+
+use std::fs;
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use assert_cmd::prelude::*;
+use belfry_firmware::{Identity, Memory, Node};
+use belfry_shared::time::NodeTime;
+use belfry_tests::belfry_command;
+use rand::{RngExt, SeedableRng};
+use serde_json::Value;
+
+/// Rows a second: fast, so that a window takes a quarter of a second.
+const RATE_HZ: f64 = 1000.0;
+/// The structure's modes: frequency in Hz, damping ratio, shape at the four sensors.
+const MODES: [(f64, f64, [f64; 4]); 2] = [(40.0, 0.01, [0.2, 0.5, 0.8, 1.0]), (90.0, 0.01, [0.7, 0.9, -0.2, -0.8])];
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The structure's motion from the moment when the nodes were switched on: modes driven by noise, in m/s².
+fn motion(seconds: f64) -> Vec<[f32; 4]> {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+    let mut noise = move || 2.0 * random.random::<f64>() - 1.0;
+    // Two-pole resonators; their impulse response is that of the mode.
+    let poles = MODES.map(|(frequency_hz, damping, _)| {
+        let omega = std::f64::consts::TAU * frequency_hz / RATE_HZ;
+        let radius = (-damping * omega).exp();
+        (2.0 * radius * (omega * (1.0 - damping * damping).sqrt()).cos(), -radius * radius)
+    });
+    let mut states = [(0.0, 0.0); 2];
+    (0..(seconds * RATE_HZ) as usize)
+        .map(|_| {
+            let mut row = [0.0_f64; 4];
+            for ((state, (a, b)), (_, _, shape)) in states.iter_mut().zip(poles).zip(MODES) {
+                *state = (a * state.0 + b * state.1 + 0.01 * noise(), state.0);
+                row.iter_mut().zip(shape).for_each(|(value, factor)| *value += factor * state.0);
+            }
+            row.map(|value| (value + 1e-3 * noise()) as f32)
+        })
+        .collect()
+}
+
+/// The node's firmware in real time behind a socket; it goes on when the host has gone.
+struct LiveNode {
+    stop: Arc<AtomicBool>,
+    thread: Option<thread::JoinHandle<()>>,
+}
+
+impl LiveNode {
+    /// A node whose crystal gains `ppm`, with the motion's columns from `first` on.
+    fn start(number: u16, ppm: f64, socket: &Path, motion: Arc<Vec<[f32; 4]>>, first: usize, on: Instant) -> Self {
+        let listener = UnixListener::bind(socket).unwrap();
+        listener.set_nonblocking(true).unwrap();
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = thread::spawn(move || {
+            let identity = Identity {
+                node: number,
+                boot: u32::from(number) + 1000,
+                channels: 2,
+                full_scale_m_s2: 20.0,
+                highest_rate_mhz: 4_000_000,
+            };
+            let mut node = Node::new(identity, Box::new(Memory::new()));
+            let mut stream: Option<UnixStream> = None;
+            let mut rows = 0;
+            let mut buffer = [0; 512];
+            while !stopped.load(Ordering::Relaxed) {
+                if let Ok((next, _)) = listener.accept() {
+                    next.set_nonblocking(true).unwrap();
+                    stream = Some(next);
+                }
+                let now_s = on.elapsed().as_secs_f64();
+                let node_time = |seconds: f64| NodeTime((seconds * (1.0 + ppm * 1e-6) * 1e6) as u64);
+                // Sampled when the structure was there, by a timer that nothing delays.
+                while (rows as f64) < now_s * RATE_HZ {
+                    let row = &motion[rows % motion.len()];
+                    node.sample(node_time(rows as f64 / RATE_HZ), &row[first..first + 2]);
+                    while node.poll(node_time(rows as f64 / RATE_HZ)) {}
+                    rows += 1;
+                }
+                if let Some(line) = &mut stream {
+                    let gone = match line.read(&mut buffer) {
+                        Ok(0) => true,
+                        Ok(count) => {
+                            let now = node_time(on.elapsed().as_secs_f64());
+                            buffer[..count].iter().for_each(|&byte| node.receive(now, byte));
+                            false
+                        }
+                        Err(error) => error.kind() != ErrorKind::WouldBlock,
+                    };
+                    let mut failed = gone;
+                    while !failed && node.has_bytes() {
+                        let count = node.transmit(node_time(on.elapsed().as_secs_f64()), &mut buffer);
+                        failed = count == 0 || line.write_all(&buffer[..count]).is_err();
+                        if count == 0 {
+                            failed = false;
+                            break;
+                        }
+                    }
+                    if failed {
+                        stream = None;
+                    }
+                }
+                thread::sleep(Duration::from_micros(300));
+            }
+        });
+        Self { stop, thread: Some(thread) }
+    }
+}
+
+impl Drop for LiveNode {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// A study of four sensors on two nodes, and the nodes.
+struct Bench {
+    folder: tempfile::TempDir,
+    _nodes: Vec<LiveNode>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut text = "[structure]\nname = \"Mast\"\n[[setup]]\nname = \"now\"\nlive = true\n".to_owned();
+        text += &format!("sampling_rate_hz = {RATE_HZ}\n");
+        for (channel, node) in [("a", 3), ("b", 3), ("c", 8), ("d", 8)] {
+            text += &format!("[[setup.sensor]]\nchannel = \"{channel}\"\nnode = {node}\n");
+        }
+        text += "[analysis]\nband_hz = [15.0, 150.0]\nsegment = 256\n";
+        fs::write(folder.path().join("study.toml"), text).unwrap();
+        let motion = Arc::new(motion(200.0));
+        let on = Instant::now();
+        let start = |number, ppm, first| {
+            let socket = folder.path().join(format!("node{number}"));
+            LiveNode::start(number, ppm, &socket, Arc::clone(&motion), first, on)
+        };
+        let nodes = vec![start(3, 40.0, 0), start(8, -35.0, 2)];
+        Self { folder, _nodes: nodes }
+    }
+
+    fn study(&self) -> &str {
+        self.folder.path().to_str().unwrap()
+    }
+
+    fn port(&self, node: u16) -> String {
+        format!("unix:{}", self.folder.path().join(format!("node{node}")).display())
+    }
+
+    fn collect(&self, more: &[&str]) -> Command {
+        let mut command = belfry_command();
+        command.args(["collect", self.study(), "--port", &self.port(8), "--port", &self.port(3)]).args(more);
+        command
+    }
+
+    fn archive(&self) -> rusqlite::Connection {
+        rusqlite::Connection::open(self.folder.path().join("archive.sqlite")).unwrap()
+    }
+
+    /// Numbers of a node's windows.
+    fn numbers(&self, node: u16) -> Vec<u32> {
+        let archive = self.archive();
+        let mut statement = archive.prepare("SELECT number FROM window WHERE node = ?1 ORDER BY number").unwrap();
+        statement.query_map([node], |row| row.get(0)).unwrap().map(Result::unwrap).collect()
+    }
+
+    /// Waits until the archive has `count` windows of each node.
+    fn wait_for(&self, count: usize) {
+        let start = Instant::now();
+        let file: PathBuf = self.folder.path().join("archive.sqlite");
+        while !file.exists() || [3, 8].iter().any(|&node| self.numbers(node).len() < count) {
+            assert!(start.elapsed() < PATIENCE, "{count} windows of each node do not come");
+            thread::sleep(Duration::from_millis(100));
+        }
+    }
+}
+
+fn kill(mut child: Child) {
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+fn interrupt(child: &Child) {
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+}
+
+#[test]
+fn windows_come_once_whatever_happens_to_the_host_and_modes_come_of_them_while_they_grow() {
+    let bench = Bench::new();
+    // Killed in the middle of it.
+    let killed = bench.collect(&[]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    bench.wait_for(8);
+    kill(killed);
+    thread::sleep(Duration::from_secs(2));
+    // Started again, and asked for modes meanwhile.
+    let again = bench.collect(&["--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    bench.wait_for(70);
+    let modes = belfry_command().args(["identify", bench.study(), "--json"]).assert().success();
+    let modes: Value = serde_json::from_slice(&modes.get_output().stdout).unwrap();
+    let after = bench.numbers(3).len();
+    bench.wait_for(after + 4);
+    interrupt(&again);
+    let output = again.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("node 3 on unix:") && said.contains("measures"), "{said}");
+    // Every window, each once, across all of it.
+    for node in [3, 8] {
+        let numbers = bench.numbers(node);
+        let expected: Vec<u32> = (0..numbers.len() as u32).collect();
+        assert_eq!(numbers, expected, "node {node}");
+    }
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["setup"], "now");
+    let mut nodes: Vec<u64> = Vec::new();
+    for port in report["ports"].as_array().unwrap() {
+        nodes.push(port["node"].as_u64().unwrap());
+        for nothing in ["lost_windows", "foreign_windows", "windows_with_gaps", "damaged_frames"] {
+            assert_eq!(port[nothing], 0, "{nothing} in {port}");
+        }
+        // The host's clock is slower than a node's whose crystal gains.
+        let ppm = if port["node"] == 3 { -40.0 } else { 35.0 };
+        let drift = port["clock_drift_ppm"].as_f64().unwrap();
+        assert!((drift - ppm).abs() < 15.0, "{drift} ppm found where there are {ppm}");
+        let peak = port["peaks_hz"][0].as_f64().unwrap();
+        assert!(MODES.iter().any(|mode| (mode.0 - peak).abs() < 3.0), "a peak at {peak} Hz");
+    }
+    nodes.sort_unstable();
+    assert_eq!(nodes, [3, 8]);
+    // The modes of what had come by then, whose shapes span both nodes: their clocks differ by 75 ppm.
+    let found = modes["modes"].as_array().unwrap();
+    assert_eq!(found.len(), MODES.len(), "{found:?}");
+    for (mode, (frequency_hz, _, shape)) in found.iter().zip(MODES) {
+        let frequency = mode["frequency_hz"].as_f64().unwrap();
+        assert!((frequency / frequency_hz - 1.0).abs() < 0.01, "{frequency} Hz");
+        let components = mode["shape"].as_array().unwrap();
+        let (mut product, mut squares, mut truth) = ((0.0, 0.0), 0.0, 0.0);
+        for (component, factor) in components.iter().zip(shape) {
+            let (re, im) = (component["re"].as_f64().unwrap(), component["im"].as_f64().unwrap());
+            product = (product.0 + factor * re, product.1 + factor * im);
+            squares += re * re + im * im;
+            truth += factor * factor;
+        }
+        let mac = (product.0 * product.0 + product.1 * product.1) / (squares * truth);
+        assert!(mac > 0.98, "MAC {mac} at {frequency} Hz");
+    }
+}
+
+#[test]
+fn ports_and_studies_that_do_not_serve_are_told_in_words() {
+    let bench = Bench::new();
+    let fails = |command: &mut Command, parts: &[&str]| {
+        let output = command.assert().failure().get_output().clone();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        for part in parts {
+            assert!(said.contains(part), "no {part:?} in: {said}");
+        }
+    };
+    let identify = || {
+        let mut command = belfry_command();
+        command.args(["identify", bench.study()]);
+        command
+    };
+    fails(&mut identify(), &["setup \"now\"", "no window has come yet", "belfry collect"]);
+    // Only nodes of another study answer.
+    let study = bench.folder.path().join("study.toml");
+    let text = fs::read_to_string(&study).unwrap();
+    fs::write(&study, text.replace("node = 3", "node = 4").replace("node = 8", "node = 5")).unwrap();
+    fails(&mut bench.collect(&[]), &["belongs to no sensor of this setup", "no port has a node that can be used"]);
+    // More channels than the node has.
+    fs::write(&study, text.replace("node = 8", "node = 3")).unwrap();
+    let mut one_port = belfry_command();
+    one_port.args(["collect", bench.study(), "--port", &bench.port(3)]);
+    fails(&mut one_port, &["node 3 cannot measure", "the node has 2 channels"]);
+    // No band, and no live setup.
+    fs::write(&study, text.replace("band_hz = [15.0, 150.0]\n", "")).unwrap();
+    fails(&mut bench.collect(&[]), &["band_hz", "before there are data"]);
+    fs::write(&study, text.replace("live = true", "files = [\"a.csv\"]\nunit = \"g\"")).unwrap();
+    fails(&mut bench.collect(&[]), &["no live setup", "live = true"]);
+    fs::write(&study, &text).unwrap();
+    fails(&mut bench.collect(&["--setup", "then"]), &["\"then\" is no live setup", "\"now\""]);
+    // The nodes still measure for who asks rightly.
+    bench.collect(&["--for", "4s", "--json"]).assert().success();
+    assert!(!bench.numbers(3).is_empty());
+}
