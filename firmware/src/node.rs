@@ -14,7 +14,7 @@ use crate::acquisition::{Acquisition, Rings, empty_rings};
 use crate::level::LevelMeter;
 use crate::outbox::Outbox;
 use crate::plan::Plan;
-use crate::schedule::{SampleMoment, rows_to_ps};
+use crate::schedule::{SampleMoment, rows_to_us};
 use crate::spectrum::LONGEST_SEGMENT;
 use crate::windows::{Arena, Files, WindowMaker, Workshop};
 
@@ -164,7 +164,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     /// When a row of a recording was sampled.
     fn row_time(&self, row: u64) -> NodeTime {
         let rate = self.plan.as_ref().map_or(1, |plan| plan.configuration.sampling_rate_uhz);
-        NodeTime(rows_to_ps(row, rate) / 1_000_000)
+        NodeTime(rows_to_us(row, rate))
     }
 
     /// Takes a byte from the host that arrived at `now`.
@@ -274,7 +274,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
 
     fn take(&mut self, time: NodeTime, readings: &[f32]) {
         let (Some(plan), Some(clock)) = (&self.plan, &self.clock) else { return };
-        let period_us = (rows_to_ps(1, plan.configuration.sampling_rate_uhz) / 1_000_000) as i64;
+        let period_us = rows_to_us(1, plan.configuration.sampling_rate_uhz) as i64;
         let missing = match self.last_row {
             None => {
                 // Start on the row nearest to a multiple of the decimated period: windows then need no remainder.
@@ -316,7 +316,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             let index = self.acquisition.samples() - 1;
             let rows_ago =
                 (self.acquisition.rows() - 1).saturating_sub(index * u64::from(plan.configuration.decimation));
-            let ago_us = rows_to_ps(rows_ago, plan.configuration.sampling_rate_uhz) / 1_000_000;
+            let ago_us = rows_to_us(rows_ago, plan.configuration.sampling_rate_uhz);
             let moment = SampleMoment { index, time: time.offset(-(ago_us as i64)) };
             self.windows.on_sample(plan, clock, moment);
         }
