@@ -1,34 +1,19 @@
-//! Generates the node's constant tables: the Hann window and the decimating filters' taps.
+//! Generates the node's constant tables: the decimating filters' taps.
 
-use std::f64::consts::PI;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use belfry_shared::decimation::{MAX_STAGE_RATIO, TAPS_PER_RATIO, fill_taps, tap_count};
 
-const LONGEST_SEGMENT: usize = 4096;
-
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     let mut source = String::new();
-    hann(&mut source);
     for ratio in 2..=MAX_STAGE_RATIO {
         stage(&mut source, ratio);
     }
     dispatch(&mut source);
     let folder = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     std::fs::write(folder.join("tables.rs"), source).expect("OUT_DIR can be written");
-}
-
-/// Half of the periodic Hann window of the longest segment; the other half is its mirror image, shorter segments stride.
-fn hann(source: &mut String) {
-    let half = LONGEST_SEGMENT / 2;
-    writeln!(source, "pub(crate) static HALF_HANN: [f32; {}] = [", half + 1).unwrap();
-    for n in 0..=half {
-        let weight = 0.5 - 0.5 * (2.0 * PI * n as f64 / LONGEST_SEGMENT as f64).cos();
-        writeln!(source, "{:?},", weight as f32).unwrap();
-    }
-    writeln!(source, "];").unwrap();
 }
 
 /// A stage's taps, one row an input phase, in the order in which they meet the stage's accumulators.

@@ -3,12 +3,13 @@
 //! A stage of ratio `r` has `26 r + 1` taps, yet only 27 accumulators of state, one for each output that is being summed;
 //! the work is the same 26 multiply-adds an input sample as in direct form. The filter is `belfry_shared::decimation`'s.
 
+use belfry_kernels::{ACCUMULATORS, accumulate, accumulate_and_shift};
 use belfry_shared::decimation::{MAX_STAGES, Stages, TAPS_PER_RATIO};
 
 use crate::tables::stage_taps;
 
 /// Outputs that one input sample contributes to, at most.
-const ACCUMULATORS: usize = TAPS_PER_RATIO + 1;
+const _: () = assert!(ACCUMULATORS == TAPS_PER_RATIO + 1);
 /// Outputs to drop at the start: they are centred on samples before the first.
 const WARM_UP: u8 = (TAPS_PER_RATIO / 2) as u8;
 
@@ -26,17 +27,13 @@ impl Stage {
 
     fn push(&mut self, taps: &[[f32; ACCUMULATORS]], sample: f32) -> Option<f32> {
         let row = taps.get(usize::from(self.phase))?;
-        for (accumulator, tap) in self.accumulators.iter_mut().zip(row) {
-            *accumulator += sample * tap;
-        }
         let first_phase = self.phase == 0;
         self.phase = if usize::from(self.phase) + 1 == taps.len() { 0 } else { self.phase + 1 };
         if !first_phase {
+            accumulate(&mut self.accumulators, row, sample);
             return None;
         }
-        let [output, ..] = self.accumulators;
-        self.accumulators.copy_within(1.., 0);
-        self.accumulators[ACCUMULATORS - 1] = 0.0;
+        let output = accumulate_and_shift(&mut self.accumulators, row, sample);
         if self.warm_up > 0 {
             self.warm_up -= 1;
             return None;

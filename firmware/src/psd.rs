@@ -1,5 +1,6 @@
 //! Running average of power spectral densities, and the peaks in it.
 
+use belfry_kernels::add_power;
 use belfry_shared::message::{Configuration, MAX_CHANNELS, MAX_PEAKS, Peak};
 use heapless::Vec;
 use num_complex::Complex32;
@@ -36,13 +37,16 @@ impl DensityAverage {
         let Some(segments) = self.segments.get_mut(channel) else { return };
         let fresh = *segments == 0;
         *segments = segments.saturating_add(1);
-        let sent = configuration.bands.iter().flat_map(|band| {
+        let mut cells = channel_cells(configuration, cells, channel);
+        if fresh {
+            cells.fill(0.0);
+        }
+        for band in &configuration.bands {
             let first = usize::from(band.first_line);
-            lines.iter().skip(first).take(usize::from(band.lines))
-        });
-        for (cell, line) in channel_cells(configuration, cells, channel).iter_mut().zip(sent) {
-            let density = line.norm_sqr();
-            *cell = if fresh { density } else { *cell + density };
+            let band_cells = cells.split_off_mut(..usize::from(band.lines).min(cells.len()));
+            if let (Some(sums), Some(lines)) = (band_cells, lines.get(first..first + usize::from(band.lines))) {
+                add_power(sums, lines);
+            }
         }
     }
 

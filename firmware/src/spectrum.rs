@@ -2,17 +2,16 @@
 //!
 //! Agrees with the same steps in f64 to within f32 rounding: 2e-6 of the largest line (checked in the tests).
 
+use belfry_kernels::{SHORTEST_SEGMENT, add_power, apply_hann, real_fft, straight_line};
 use belfry_shared::message::Configuration;
 use num_complex::Complex32;
 
-use crate::tables::HALF_HANN;
+pub(crate) use belfry_kernels::LONGEST_SEGMENT;
 
 /// The segments a node can transform.
 pub const SUPPORTED_SEGMENTS: [u16; 5] = [256, 512, 1024, 2048, 4096];
-/// Pairs of samples summed in one piece.
-const SUM_BLOCK: usize = 64;
-/// The longest of them.
-pub(crate) const LONGEST_SEGMENT: usize = 4096;
+const _: () =
+    assert!(SUPPORTED_SEGMENTS[0] as usize == SHORTEST_SEGMENT && SUPPORTED_SEGMENTS[4] as usize == LONGEST_SEGMENT);
 
 /// Replaces the samples in `buffer` (a supported length, m/s²) by their lines and returns them.
 ///
@@ -21,84 +20,17 @@ pub(crate) const LONGEST_SEGMENT: usize = 4096;
 /// imaginary part) and is never sent. For other lengths there are no lines.
 pub(crate) fn transform(buffer: &mut [f32], sampling_rate_hz: f32) -> &mut [Complex32] {
     let line = straight_line(buffer);
-    let length = buffer.len();
-    // The sum over a periodic Hann window's squares is 3 N / 8 (Harris 1978, table 1).
-    let scale = libm::sqrtf(2.0 / (sampling_rate_hz * 0.375 * length as f32));
+    // The sum over a periodic Hann window's squares is 3 N / 8 (Harris 1978, table 1); `real_fft` gives twice the lines.
+    let scale = 0.5 * libm::sqrtf(2.0 / (sampling_rate_hz * 0.375 * buffer.len() as f32));
     apply_hann(buffer, line, scale);
-    match length {
-        256 => buffer.try_into().map_or(&mut [], |b| microfft::real::rfft_256(b)),
-        512 => buffer.try_into().map_or(&mut [], |b| microfft::real::rfft_512(b)),
-        1024 => buffer.try_into().map_or(&mut [], |b| microfft::real::rfft_1024(b)),
-        2048 => buffer.try_into().map_or(&mut [], |b| microfft::real::rfft_2048(b)),
-        4096 => buffer.try_into().map_or(&mut [], |b| microfft::real::rfft_4096(b)),
-        _ => &mut [],
-    }
+    real_fft(buffer)
 }
 
 /// One segment's power, added to `sums` (a line each): what a node does with every segment of an averaged density. For counting
 /// instructions, as others count theirs.
 #[doc(hidden)]
 pub fn welch_segment(samples: &mut [f32], sampling_rate_hz: f32, sums: &mut [f32]) {
-    for (sum, line) in sums.iter_mut().zip(transform(samples, sampling_rate_hz)) {
-        *sum += line.norm_sqr();
-    }
-}
-
-/// A straight line through samples: its value in the middle, and its slope a sample.
-#[derive(Debug, Clone, Copy)]
-struct Line {
-    middle: f32,
-    slope: f32,
-}
-
-/// The least-squares straight line.
-///
-/// Samples are taken in pairs that lie alike on both sides of the middle: a large mean then leaves the moment at once, and costs
-/// it no digits.
-fn straight_line(samples: &[f32]) -> Line {
-    let (early, late) = samples.split_at(samples.len() / 2);
-    let count = samples.len() as f32;
-    let (mut sum, mut moment) = (0.0, 0.0);
-    let mut from_middle = 0.5 * (count - 1.0);
-    // Summed in blocks: one long f32 sum would lose the digits in which a drift hides.
-    for (early, late) in early.chunks_exact(SUM_BLOCK).zip(late.rchunks_exact(SUM_BLOCK)) {
-        let (mut block_sum, mut block_moment) = (0.0, 0.0);
-        for ([a, b, c, d], [w, x, y, z]) in early.as_chunks().0.iter().zip(late.as_chunks().0.iter().rev()) {
-            block_sum += ((a + z) + (b + y)) + ((c + x) + (d + w));
-            block_moment += (z - a) * from_middle
-                + (y - b) * (from_middle - 1.0)
-                + (x - c) * (from_middle - 2.0)
-                + (w - d) * (from_middle - 3.0);
-            from_middle -= 4.0;
-        }
-        sum += block_sum;
-        moment += block_moment;
-    }
-    // Sum of (n - centre)^2 over n = 0..count.
-    Line { middle: sum / count, slope: moment / (count * (count * count - 1.0) / 12.0) }
-}
-
-/// Takes the straight line out, and multiplies by the periodic Hann window and `scale`.
-///
-/// A weight serves two samples, as many before the middle as after it; only the first (weight 0) and the middle one stand alone.
-fn apply_hann(samples: &mut [f32], line: Line, scale: f32) {
-    let half = samples.len() / 2;
-    let stride = LONGEST_SEGMENT / samples.len().max(1);
-    // The middle sample lies half a sample after the middle of the line.
-    let middle = line.middle + 0.5 * line.slope;
-    let (rising, falling) = samples.split_at_mut(half);
-    let [first, rising @ ..] = rising else { return };
-    let [peak, falling @ ..] = falling else { return };
-    *first = 0.0;
-    *peak = (*peak - middle) * scale;
-    let mut from_middle = half as f32;
-    let weights = HALF_HANN.get(stride..).unwrap_or(&[]).iter().step_by(stride.max(1));
-    for ((early, late), weight) in rising.iter_mut().zip(falling.iter_mut().rev()).zip(weights) {
-        from_middle -= 1.0;
-        let (rise, weight) = (from_middle * line.slope, weight * scale);
-        *early = (*early - (middle - rise)) * weight;
-        *late = (*late - (middle + rise)) * weight;
-    }
+    add_power(sums, transform(samples, sampling_rate_hz));
 }
 
 /// The decimated sampling rate in Hz.

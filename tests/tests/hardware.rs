@@ -8,9 +8,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use belfry_firmware::{SUPPORTED_SEGMENTS, welch_segment};
 use belfry_host::link::Transport;
 use belfry_host::link::port::Port;
 use belfry_host::link::replay::who_is_there;
+use belfry_shared::frame::crc32;
 use belfry_shared::message::{FaultKind, Hello};
 use belfry_tests::belfry_command;
 use serde_json::Value;
@@ -194,17 +196,37 @@ fn flash_and_ram(program: &Path) -> (u64, u64) {
     (flash, ram)
 }
 
-/// What `firmware/count.sh` prints, as the record names it.
-fn counts() -> Vec<(String, u64)> {
+/// What `firmware/count.sh` prints: of which kind a number is, of what size, and the number.
+fn counts() -> Vec<(String, u32, u64)> {
     let counted = Command::new(repository().join("firmware/count.sh")).stderr(Stdio::inherit()).output().unwrap();
     assert!(counted.status.success(), "instructions cannot be counted");
     let text = String::from_utf8(counted.stdout).unwrap();
     let of_line = |line: &str| {
         let mut words = line.split(' ');
-        let (kind, size, count) = (words.next()?, words.next()?, words.next()?.parse().ok()?);
-        ["segment", "second"].contains(&kind).then(|| (format!("instructions.{kind}.{size}"), count))
+        let (kind, size, number) = (words.next()?, words.next()?.parse().ok()?, words.next()?.parse().ok()?);
+        ["segment", "checksum", "second"].contains(&kind).then(|| (kind.to_owned(), size, number))
     };
     text.lines().filter_map(of_line).collect()
+}
+
+#[test]
+#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+fn spectra_of_every_length_have_the_same_bits_on_the_board() {
+    let on_board: Vec<(u32, u64)> =
+        counts().into_iter().filter(|(kind, ..)| kind == "checksum").map(|(_, size, sum)| (size, sum)).collect();
+    let here: Vec<(u32, u64)> = SUPPORTED_SEGMENTS
+        .iter()
+        .map(|&length| {
+            // The signal that belfry-count makes.
+            let noise = |n: u32| (n.wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32 - 0.5;
+            let mut samples: Vec<f32> = (0..u32::from(length)).map(noise).collect();
+            let mut sums = vec![0.0; usize::from(length) / 2];
+            welch_segment(&mut samples, 5.0, &mut sums);
+            let bytes: Vec<u8> = sums.iter().flat_map(|sum: &f32| sum.to_le_bytes()).collect();
+            (u32::from(length), u64::from(crc32(&bytes)))
+        })
+        .collect();
+    assert_eq!(on_board, here);
 }
 
 #[test]
@@ -220,7 +242,8 @@ fn the_program_is_no_larger_and_no_slower_than_recorded() {
     let (flash, ram) = flash_and_ram(&program());
     assert!(flash <= 96 * 1024 && ram <= 112 * 1024, "{flash} bytes of flash, {ram} of RAM");
     let mut measured = vec![("bytes.flash".to_owned(), flash), ("bytes.ram".to_owned(), ram)];
-    measured.extend(counts());
+    let counted = counts().into_iter().filter(|(kind, ..)| kind != "checksum");
+    measured.extend(counted.map(|(kind, size, count)| (format!("instructions.{kind}.{size}"), count)));
     assert_eq!(measured.len(), 9, "{measured:?}");
     let grown: Vec<String> = measured
         .iter()

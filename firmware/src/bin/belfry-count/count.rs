@@ -1,7 +1,7 @@
 //! The counts.
 
 use belfry_firmware::{Identity, Memory, Node, SUPPORTED_SEGMENTS, welch_segment};
-use belfry_shared::frame::MAX_FRAME_BYTES;
+use belfry_shared::frame::{MAX_FRAME_BYTES, crc32};
 use belfry_shared::message::{self, Band, Configuration, HostMessage, MAX_CHANNELS, Summary};
 use belfry_shared::time::{ClockModel, HostTime, NodeTime};
 use cortex_m_semihosting::{debug, hprintln};
@@ -67,8 +67,11 @@ fn segments(length: usize) {
     for (n, sample) in samples.iter_mut().enumerate() {
         *sample = noise(n as u32);
     }
+    sums.fill(0.0);
     let instructions = count(|| welch_segment(samples, 5.0, sums));
     hprintln!("segment {} {}", length, instructions);
+    // The host's sums are to have the same bits.
+    hprintln!("checksum {} {}", length, crc32(bytemuck::cast_slice(sums)));
 }
 
 fn whole_node(node: &mut Node<&'static mut Memory>, rate_hz: u32, decimation: u32) {
