@@ -129,7 +129,13 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             damaged_frames: 0,
             lost_rows: 0,
             fault: None,
-            board: BoardState { stack_bytes: 0, stack_free_bytes: 0, longest_step_us: 0, temperature_centi_c: None },
+            board: BoardState {
+                stack_bytes: 0,
+                stack_free_bytes: 0,
+                longest_step_us: 0,
+                latest_sample_ns: 0,
+                temperature_centi_c: None,
+            },
             pending: Pending { hello: true, refusal: None, clock: None, heartbeat: false, fed: false },
             transmitter: Transmitter { frame: [0; MAX_FRAME_BYTES], length: 0, sent: 0 },
         }

@@ -461,8 +461,12 @@ pub struct BoardState {
     pub stack_bytes: u32,
     /// Bytes of it that were never used since the start.
     pub stack_free_bytes: u32,
-    /// Longest time between looks at the queue of samples since the last heartbeat, in µs.
+    /// Longest time between looks at the queue of samples since the start, in µs: what the program was busy with then (a
+    /// spectrum, mostly) kept no sample waiting for its interrupt, but the queue must outlast it.
     pub longest_step_us: u32,
+    /// Latest that the interrupt of a sample has come since the start, in ns after the timer had called it. The sensor
+    /// samples by the timer's pulse, which nothing delays; the interrupt has to fetch the sample before the next pulse.
+    pub latest_sample_ns: u32,
     /// The sensor's temperature in units of 0.01 °C; `None` where there is no sensor.
     pub temperature_centi_c: Option<i16>,
 }

@@ -81,6 +81,8 @@ struct Played {
     repeated: u64,
     stack_free_bytes: Option<u32>,
     longest_step_us: Option<u32>,
+    latest_sample_ns: Option<u32>,
+    lost_rows: Option<u32>,
 }
 
 #[derive(Debug, Serialize)]
@@ -212,6 +214,8 @@ fn play(port: &mut Port, role: &Role<'_>, progress: &ProgressBar) -> anyhow::Res
         repeated: on_board.repeated,
         stack_free_bytes: board.map(|board| board.stack_free_bytes),
         longest_step_us: board.map(|board| board.longest_step_us),
+        latest_sample_ns: board.map(|board| board.latest_sample_ns),
+        lost_rows: on_board.heartbeat.as_ref().map(|heartbeat| heartbeat.lost_rows),
     })
 }
 
@@ -321,6 +325,14 @@ fn tell(nodes: &[Played], console: &Console) {
     for node in nodes {
         if let Some(free) = node.stack_free_bytes.filter(|&free| free > 0) {
             console.say(format!("Node {}: {free} bytes of its stack were never used.", node.node));
+        }
+        // Zero where it has not sampled since its start.
+        if let Some(latest_ns) = node.latest_sample_ns.filter(|&latest_ns| latest_ns > 0) {
+            let (latest_us, lost) = (f64::from(latest_ns) * 1e-3, node.lost_rows.unwrap_or(0));
+            console.say(format!(
+                "Node {}: with its sensor, since its start, samples were fetched {latest_us:.1} µs late at most; rows lost: {lost}.",
+                node.node
+            ));
         }
     }
 }

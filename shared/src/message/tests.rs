@@ -59,10 +59,11 @@ fn golden_node_messages() {
             stack_bytes: 300,
             stack_free_bytes: 200,
             longest_step_us: 4,
+            latest_sample_ns: 400,
             temperature_centi_c: Some(-1),
         },
     };
-    let golden = "03 03 87 e0 02 ad 02 ab 02 00 01 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 01 01";
+    let golden = "03 03 87 e0 02 ad 02 ab 02 00 01 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 90 03 01 01";
     assert_eq!(hex(&NodeMessage::Heartbeat(heartbeat)), golden);
     let head = WindowHead {
         name: NAME,
@@ -108,7 +109,7 @@ fn golden_host_messages() {
 #[test]
 fn the_schema_hash_is_pinned() {
     assert_eq!(
-        SCHEMA_HASH, 0x3218_0af4_9e7b_9b5d,
+        SCHEMA_HASH, 0x778b_4f43_adb7_ae46,
         "the messages changed: raise PROTOCOL_VERSION and pin the new hash {SCHEMA_HASH:#018x}"
     );
 }
@@ -170,11 +171,12 @@ fn sensor_state() -> impl Strategy<Value = SensorState> {
 }
 
 fn board() -> impl Strategy<Value = BoardState> {
-    any::<(u32, u32, u32, Option<i16>)>().prop_map(
-        |(stack_bytes, stack_free_bytes, longest_step_us, temperature_centi_c)| BoardState {
+    any::<(u32, u32, u32, u32, Option<i16>)>().prop_map(
+        |(stack_bytes, stack_free_bytes, longest_step_us, latest_sample_ns, temperature_centi_c)| BoardState {
             stack_bytes,
             stack_free_bytes,
             longest_step_us,
+            latest_sample_ns,
             temperature_centi_c,
         },
     )

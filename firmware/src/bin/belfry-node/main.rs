@@ -7,6 +7,9 @@
 
 #[cfg(target_os = "none")]
 mod board;
+/// What the sensor is on.
+#[cfg(target_os = "none")]
+use board::bus::SensorBus as Bus;
 
 #[cfg(not(target_os = "none"))]
 fn main() -> std::process::ExitCode {

@@ -15,7 +15,7 @@ const MOST_LOOKS: u32 = 1000;
 
 /// Why nothing came over the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, defmt::Format)]
-pub(super) enum BusError {
+pub(crate) enum BusError {
     /// A byte did not get through in time.
     Late,
     /// The peripheral saw a fault.
@@ -38,14 +38,14 @@ impl DelayNs for Delay {
 }
 
 /// The bus.
-pub(super) struct SensorBus {
+pub(crate) struct SensorBus {
     spi: Spi<SPI2>,
     select: Pin<'B', 12, Output>,
 }
 
 impl SensorBus {
     /// On SPI2: select on PB12, clock on PB13, data in on PB14 and out on PB15.
-    pub(super) fn new(
+    pub(crate) fn new(
         spi: SPI2,
         select: Pin<'B', 12>,
         (clock, input, output): (Pin<'B', 13>, Pin<'B', 14>, Pin<'B', 15>),

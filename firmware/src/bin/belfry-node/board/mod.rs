@@ -2,9 +2,10 @@
 //!
 //! Interrupts only move data: the timer's reads the sensor into a queue of rows ([`sampler`]), the serial port's moves bytes
 //! between the line and its queues ([`port`]). All work is done in the loop below, a step at a time, so that nothing there
-//! delays a sample. Every wait has a deadline of its own, and the watchdog is over all of them.
+//! delays a sample. The timer's interrupt goes before all others, and the few critical sections are some instructions long.
+//! Every wait has a deadline of its own, and the watchdog is over all of them.
 
-mod bus;
+pub(crate) mod bus;
 mod identity;
 mod last_words;
 mod port;
@@ -15,6 +16,7 @@ mod ticks;
 use belfry_firmware::{Memory, Node};
 use belfry_shared::frame::MAX_FRAME_BYTES;
 use belfry_shared::message::{BoardState, Fault, FaultKind};
+use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::{entry, exception};
 use defmt_rtt as _;
@@ -55,7 +57,7 @@ fn run() -> ! {
     let (mut rcc, has_external) = clocks(device.RCC, is_emulated);
     ticks::start(device.TIM5, &mut rcc, is_emulated);
     let (port_a, port_b) = (device.GPIOA.split(&mut rcc), device.GPIOB.split(&mut rcc));
-    let bus = bus::SensorBus::new(device.SPI2, port_b.pb12, (port_b.pb13, port_b.pb14, port_b.pb15), &mut rcc);
+    let bus = crate::Bus::new(device.SPI2, port_b.pb12, (port_b.pb13, port_b.pb14, port_b.pb15), &mut rcc);
     let mut sampler = Sampler::start(device.TIM2, port_b.pb10, bus, &mut rcc, is_emulated);
     let mut port = port::Port::start(device.USART2, (port_a.pa2, port_a.pa3), &mut rcc);
     core.SYST.set_clock_source(SystClkSource::Core);
@@ -67,6 +69,7 @@ fn run() -> ! {
     unsafe {
         core.NVIC.set_priority(pac::Interrupt::TIM2, 0);
         core.NVIC.set_priority(pac::Interrupt::USART2, 0x10);
+        core.SCB.set_priority(SystemHandler::SysTick, 0x20);
         cortex_m::peripheral::NVIC::unmask(pac::Interrupt::TIM2);
         cortex_m::peripheral::NVIC::unmask(pac::Interrupt::USART2);
     }
@@ -103,15 +106,18 @@ fn run() -> ! {
                 stack_bytes: stack::size(),
                 stack_free_bytes: stack::never_used(),
                 longest_step_us: u32::try_from(longest_us).unwrap_or(u32::MAX),
+                latest_sample_ns: sampler.latest_ns(),
                 temperature_centi_c: sampler.temperature_centi_c(),
             });
             let count = node.transmit(ticks::now(), &mut frame);
             port.send(frame.get(..count).unwrap_or(&[]));
         }
         if !worked {
+            // Interrupts make no bytes, so that this need not hold them back.
+            let has_bytes = node.has_bytes();
             // With interrupts held back, none can slip in between the look and the sleep; a waiting one ends it.
             cortex_m::interrupt::free(|_| {
-                if sampler.is_empty() && port.is_quiet() && !(port.has_sent_all() && node.has_bytes()) {
+                if sampler.is_empty() && port.is_quiet() && !(has_bytes && port.has_sent_all()) {
                     cortex_m::asm::wfi();
                 }
             });

@@ -1,10 +1,9 @@
 //! The serial port to the host: USART2, with a queue in either direction.
 
-use core::cell::RefCell;
+use core::ptr::addr_of_mut;
 
 use belfry_shared::frame::{END_OF_FRAME, MAX_FRAME_BYTES};
 use belfry_shared::time::NodeTime;
-use critical_section::Mutex;
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4xx_hal::gpio::Pin;
 use stm32f4xx_hal::pac::{Interrupt, USART2, interrupt};
@@ -32,7 +31,8 @@ struct Shared {
     to_send: Consumer<'static, u8>,
 }
 
-static SHARED: Mutex<RefCell<Option<Shared>>> = Mutex::new(RefCell::new(None));
+/// The handler's alone once its interrupt is let in: no critical section, which would hold up sampling for as long as it sends.
+static mut SHARED: Option<Shared> = None;
 
 /// The loop's end of the port.
 pub(super) struct Port {
@@ -59,7 +59,8 @@ impl Port {
         let ((received_in, received), (times_in, frame_times), (to_send, to_send_out)) =
             (received.split(), times.split(), to_send.split());
         let shared = Shared { tx, rx, received: received_in, frame_times: times_in, to_send: to_send_out };
-        critical_section::with(|section| SHARED.borrow_ref_mut(section).replace(shared));
+        // SAFETY: this function runs once, before the interrupt is let in, and only the handler names SHARED besides.
+        unsafe { addr_of_mut!(SHARED).write(Some(shared)) };
         Self { received, frame_times, to_send }
     }
 
@@ -93,27 +94,25 @@ impl Port {
 
 #[interrupt]
 fn USART2() {
-    critical_section::with(|section| {
-        let mut shared = SHARED.borrow_ref_mut(section);
-        let Some(shared) = shared.as_mut() else { return };
-        if let Ok(byte) = shared.rx.read() {
-            // A byte that finds no room is lost, and its frame with it: the host says it again. The end of a frame needs room
-            // for its time as well, or times would belong to other frames than theirs.
-            let is_end = byte == END_OF_FRAME;
-            if shared.received.ready() && (!is_end || shared.frame_times.ready()) {
-                let _ = shared.received.enqueue(byte);
-                if is_end {
-                    let _ = shared.frame_times.enqueue(ticks::now());
-                }
+    // SAFETY: set before the interrupt was let in and named by nothing else since; a handler does not interrupt itself.
+    let Some(shared) = (unsafe { &mut *addr_of_mut!(SHARED) }) else { return };
+    if let Ok(byte) = shared.rx.read() {
+        // A byte that finds no room is lost, and its frame with it: the host says it again. The end of a frame needs room
+        // for its time as well, or times would belong to other frames than theirs.
+        let is_end = byte == END_OF_FRAME;
+        if shared.received.ready() && (!is_end || shared.frame_times.ready()) {
+            let _ = shared.received.enqueue(byte);
+            if is_end {
+                let _ = shared.frame_times.enqueue(ticks::now());
             }
         }
-        while let Some(&byte) = shared.to_send.peek() {
-            if shared.tx.write(byte).is_err() {
-                shared.tx.listen();
-                return;
-            }
-            shared.to_send.dequeue();
+    }
+    while let Some(&byte) = shared.to_send.peek() {
+        if shared.tx.write(byte).is_err() {
+            shared.tx.listen();
+            return;
         }
-        shared.tx.unlisten();
-    });
+        shared.to_send.dequeue();
+    }
+    shared.tx.unlisten();
 }

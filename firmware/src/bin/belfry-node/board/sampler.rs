@@ -1,5 +1,8 @@
 //! Sampling: TIM2 gives the sensor its synchronisation pulse and the processor its interrupt, so that nothing in the program
 //! moves a sample in time.
+//!
+//! The interrupt goes before all others and only fetches the sample. How late it came at most is told with every heartbeat:
+//! later than half a period and the sensor would have made its next sample already.
 
 use core::cell::RefCell;
 
@@ -11,8 +14,9 @@ use stm32f4xx_hal::gpio::Pin;
 use stm32f4xx_hal::pac::{TIM2, interrupt};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
-use super::bus::{Delay, SensorBus};
+use super::bus::Delay;
 use super::ticks;
+use crate::Bus;
 
 /// Rows that may wait for the loop: 28 ms at 1000 Hz.
 const ROWS: usize = 28;
@@ -29,9 +33,11 @@ pub(super) struct Row {
 
 /// What the interrupt has.
 struct Shared {
-    sensor: Option<Adxl355<SensorBus>>,
+    sensor: Option<Adxl355<Bus>>,
     rows: Producer<'static, Row>,
     period: Period,
+    lateness: Lateness,
+    is_emulated: bool,
     temperature_centi_c: Option<i16>,
 }
 
@@ -73,19 +79,45 @@ impl Period {
     }
 }
 
+/// How late interrupts come, by the timer's own count, which starts at 0 with every period.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lateness {
+    latest_ticks: u32,
+    /// In the emulator: the count when the next interrupt is due, and how late the last one was.
+    due: u32,
+    last_ticks: i32,
+}
+
+impl Lateness {
+    fn note(&mut self, count: u32) {
+        self.latest_ticks = self.latest_ticks.max(count);
+    }
+
+    /// The same in the emulator, where counts run on, and a period that begins late ends late. By as much as neighbours were
+    /// late alike, its alarm was late; an interrupt that was held up comes later than the one after it.
+    fn note_emulated(&mut self, count: u32, reload: u32) {
+        let late = count.wrapping_sub(self.due) as i32;
+        let alike = late.min(self.last_ticks);
+        self.latest_ticks = self.latest_ticks.max(self.last_ticks.abs_diff(alike));
+        self.last_ticks = late.wrapping_sub(alike);
+        self.due = self.due.wrapping_add_signed(alike).wrapping_add(reload);
+    }
+}
+
 /// The loop's end of sampling.
 pub(super) struct Sampler {
     timer: TIM2,
     timer_hz: u32,
+    is_emulated: bool,
     rows: Consumer<'static, Row>,
     rate_uhz: Option<u64>,
-    bus: Option<SensorBus>,
+    bus: Option<Bus>,
     looked: Option<NodeTime>,
 }
 
 impl Sampler {
     /// Sets up the timer, whose pulses leave at PB10 for the sensor's DRDY pin. Nothing is sampled yet.
-    pub(super) fn start(timer: TIM2, pulse: Pin<'B', 10>, bus: SensorBus, rcc: &mut Rcc, is_emulated: bool) -> Self {
+    pub(super) fn start(timer: TIM2, pulse: Pin<'B', 10>, bus: Bus, rcc: &mut Rcc, is_emulated: bool) -> Self {
         let _ = pulse.into_alternate::<1>();
         TIM2::enable(rcc);
         TIM2::reset(rcc);
@@ -96,10 +128,17 @@ impl Sampler {
         // This function runs once.
         let Some(queue) = queue else { panic!("started twice") };
         let (producer, rows) = queue.split();
-        let shared = Shared { sensor: None, rows: producer, period: Period::default(), temperature_centi_c: None };
+        let shared = Shared {
+            sensor: None,
+            rows: producer,
+            period: Period::default(),
+            lateness: Lateness::default(),
+            is_emulated,
+            temperature_centi_c: None,
+        };
         critical_section::with(|section| SHARED.borrow_ref_mut(section).replace(shared));
         let timer_hz = ticks::timer_hz(rcc, is_emulated);
-        Self { timer, timer_hz, rows, rate_uhz: None, bus: Some(bus), looked: None }
+        Self { timer, timer_hz, is_emulated, rows, rate_uhz: None, bus: Some(bus), looked: None }
     }
 
     /// Samples at a rate in µHz, or not at all; to be called with what the node wants every time the loop comes round.
@@ -113,21 +152,33 @@ impl Sampler {
         self.timer.dier().write(|w| w.uie().clear_bit());
         let Some(rate) = rate_uhz else { return };
         let mut period = Period::of(rate, self.timer_hz);
-        let ticks = period.next();
+        let reload = period.next() - 1;
+        let untold = critical_section::with(|section| {
+            let mut shared = SHARED.borrow_ref_mut(section);
+            let shared = shared.as_mut()?;
+            shared.period = period;
+            let error = shared.sensor.as_mut()?.set_rate(milli(rate)).err()?;
+            Some((error, shared.sensor.take()?))
+        });
+        if let Some((error, sensor)) = untold {
+            // It may have been left standing by; the next look starts it anew.
+            defmt::warn!("the sensor takes no rate: {}", error);
+            self.bus = Some(sensor.release());
+        }
+        // SAFETY: every value is possible.
+        self.timer.ccr3().write(|w| unsafe { w.bits(reload / 2) });
+        let start = self.timer.cnt().read().bits();
+        // SAFETY: as above.
+        self.timer.arr().write(|w| unsafe { w.bits(reload) });
+        // In the emulator writing ARR has set the alarm; starting the count anew would add its clock to every period.
+        if !self.is_emulated {
+            self.timer.egr().write(|w| w.ug().set_bit());
+        }
         critical_section::with(|section| {
             if let Some(shared) = SHARED.borrow_ref_mut(section).as_mut() {
-                shared.period = period;
-                if let Some(Err(error)) = shared.sensor.as_mut().map(|sensor| sensor.set_rate(milli(rate))) {
-                    defmt::warn!("the sensor takes no rate: {}", error);
-                }
+                (shared.lateness.due, shared.lateness.last_ticks) = (start.wrapping_add(reload), 0);
             }
         });
-        // SAFETY: every value is possible.
-        unsafe {
-            self.timer.arr().write(|w| w.bits(ticks - 1));
-            self.timer.ccr3().write(|w| w.bits(ticks / 2));
-        }
-        self.timer.egr().write(|w| w.ug().set_bit());
         self.timer.sr().write(|w| w.uif().clear_bit());
         self.timer.dier().write(|w| w.uie().set_bit());
         self.timer.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
@@ -181,6 +232,14 @@ impl Sampler {
     pub(super) fn temperature_centi_c(&self) -> Option<i16> {
         critical_section::with(|section| SHARED.borrow_ref(section).as_ref()?.temperature_centi_c)
     }
+
+    /// Latest that an interrupt has come since the start, in ns.
+    pub(super) fn latest_ns(&self) -> u32 {
+        let latest =
+            critical_section::with(|section| SHARED.borrow_ref(section).as_ref().map(|shared| shared.lateness));
+        let ticks = latest.map_or(0, |lateness| lateness.latest_ticks);
+        u32::try_from(u64::from(ticks) * 1_000_000_000 / u64::from(self.timer_hz.max(1))).unwrap_or(u32::MAX)
+    }
 }
 
 fn milli(rate_uhz: u64) -> u32 {
@@ -189,16 +248,26 @@ fn milli(rate_uhz: u64) -> u32 {
 
 #[interrupt]
 fn TIM2() {
+    // SAFETY: the timer's registers are written here and, with its interrupt off, in `follow`.
+    let timer = unsafe { &*TIM2::ptr() };
+    // First of all, for what comes before counts as late.
+    let count = timer.cnt().read().bits();
     critical_section::with(|section| {
-        // SAFETY: the timer's registers are written here and, with its interrupt off, in `follow`.
-        let timer = unsafe { &*TIM2::ptr() };
         timer.sr().write(|w| w.uif().clear_bit());
         let mut shared = SHARED.borrow_ref_mut(section);
         let Some(shared) = shared.as_mut() else { return };
         let time = ticks::now().offset(-shared.period.half_us);
-        let ticks = shared.period.next();
-        // SAFETY: every value is possible; it counts from the next period on.
-        timer.arr().write(|w| unsafe { w.bits(ticks - 1) });
+        let reload = shared.period.next() - 1;
+        // Only where it changes: the emulator begins a period with every write.
+        if timer.arr().read().bits() != reload {
+            // SAFETY: every value is possible; it counts from the next period on.
+            timer.arr().write(|w| unsafe { w.bits(reload) });
+        }
+        if shared.is_emulated {
+            shared.lateness.note_emulated(count, reload);
+        } else {
+            shared.lateness.note(count);
+        }
         let reading = shared.sensor.as_mut().and_then(|sensor| sensor.read().ok());
         shared.temperature_centi_c = reading.map(|reading: Reading| reading.temperature_centi_c);
         let readings = reading.map_or([f32::NAN; CHANNELS], |reading| reading.acceleration_m_s2);

@@ -1,0 +1,172 @@
+//! Emulated boards: QEMU with a program, its serial port, and a debugger's end.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use belfry_host::link::port::Port;
+use belfry_host::link::replay::who_is_there;
+use belfry_shared::message::Hello;
+use belfry_tests::belfry_command;
+use serde_json::Value;
+
+pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
+/// Of the ports; sockets have none.
+pub(crate) const BAUD: u32 = 115_200;
+
+/// The stack pointer and the program counter, as debuggers number them.
+pub(crate) const STACK_POINTER: u8 = 13;
+pub(crate) const PROGRAM_COUNTER: u8 = 15;
+
+pub(crate) fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+/// A program for the board, where `firmware/build.sh` says that it is.
+pub(crate) fn program(name: &str) -> PathBuf {
+    let build = repository().join("firmware/build.sh");
+    let built = Command::new(build).arg(name).stderr(Stdio::inherit()).output().unwrap();
+    assert!(built.status.success(), "{name} cannot be built");
+    repository().join(String::from_utf8(built.stdout).unwrap().trim())
+}
+
+/// The address of a symbol of a program.
+pub(crate) fn symbol(program: &Path, name: &str) -> u32 {
+    use object::{Object, ObjectSymbol};
+    let bytes = std::fs::read(program).unwrap();
+    let file = object::File::parse(&*bytes).unwrap();
+    let symbol = file.symbols().find(|symbol| symbol.name() == Ok(name));
+    let symbol = symbol.unwrap_or_else(|| panic!("{} has no {name}", program.display()));
+    u32::try_from(symbol.address()).unwrap()
+}
+
+/// An emulated board; it stops with the test.
+pub(crate) struct Board {
+    emulator: Child,
+    folder: tempfile::TempDir,
+}
+
+impl Board {
+    /// The node.
+    pub(crate) fn start() -> Self {
+        Self::run(&program("belfry-node"), &[])
+    }
+
+    /// A program, with arguments for the emulator besides.
+    pub(crate) fn run(program: &Path, arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = |name: &str| format!("unix:{},server=on,wait=off", folder.path().join(name).display());
+        let emulator = Command::new("qemu-system-arm")
+            .args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"])
+            .args(["-serial", &socket("line"), "-gdb", &socket("debugger")])
+            .args(arguments)
+            .arg("-kernel")
+            .arg(program)
+            .stdout(Stdio::null())
+            .spawn()
+            .expect("qemu-system-arm runs (Debian's package of that name)");
+        let board = Self { emulator, folder };
+        let start = Instant::now();
+        // Not by connecting: a debugger that connects halts the processor.
+        while !["line", "debugger"].iter().all(|name| board.folder.path().join(name).exists()) {
+            assert!(start.elapsed() < PATIENCE, "the emulator did not start");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        board
+    }
+
+    /// The line's name for `belfry`.
+    pub(crate) fn line(&self) -> String {
+        format!("unix:{}", self.folder.path().join("line").display())
+    }
+
+    pub(crate) fn port(&self) -> Port {
+        Port::open(&self.line(), BAUD).unwrap()
+    }
+
+    pub(crate) fn hello(&self) -> Hello {
+        who_is_there(&mut self.port(), PATIENCE).unwrap()
+    }
+
+    /// Gives registers of the processor other values and lets it go on.
+    pub(crate) fn go_on_with(&self, registers: &[(u8, u32)]) {
+        let mut debugger = Debugger::attach(&self.folder.path().join("debugger"));
+        for &(number, value) in registers {
+            let bytes: String = value.to_le_bytes().iter().map(|byte| format!("{byte:02x}")).collect();
+            assert_eq!(debugger.ask(&format!("P{number:x}={bytes}")), "OK");
+        }
+        // Its answer comes once the processor goes on.
+        assert_eq!(debugger.ask("D"), "OK");
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.emulator.kill();
+        let _ = self.emulator.wait();
+    }
+}
+
+/// The debugger's end of the emulator's remote protocol; the processor stands while it is there.
+struct Debugger {
+    stream: UnixStream,
+    answers: BufReader<UnixStream>,
+}
+
+impl Debugger {
+    fn attach(socket: &Path) -> Self {
+        let stream = UnixStream::connect(socket).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let answers = BufReader::new(stream.try_clone().unwrap());
+        let mut debugger = Self { stream, answers };
+        debugger.ask("?");
+        // The emulator takes registers by their numbers only from a debugger that has asked which there are.
+        debugger.ask("qXfer:features:read:target.xml:0,ffb");
+        debugger
+    }
+
+    /// The answer to a command.
+    fn ask(&mut self, command: &str) -> String {
+        let sum = command.bytes().fold(0_u8, u8::wrapping_add);
+        // The plus takes note of the answer before.
+        self.stream.write_all(format!("+${command}#{sum:02x}").as_bytes()).unwrap();
+        loop {
+            let answer = self.packet();
+            // That the processor stands is told unasked as well.
+            if command == "?" || !answer.starts_with('T') {
+                return answer;
+            }
+        }
+    }
+
+    /// The next packet: `$`, what it says, `#`, two digits of its sum.
+    fn packet(&mut self) -> String {
+        let mut packet = Vec::new();
+        self.answers.read_until(b'$', &mut packet).unwrap();
+        packet.clear();
+        self.answers.read_until(b'#', &mut packet).unwrap();
+        self.answers.read_exact(&mut [0; 2]).expect("the emulator answers its debugger");
+        packet.pop();
+        String::from_utf8_lossy(&packet).into_owned()
+    }
+}
+
+/// `belfry ... --json`, its exit status and its object.
+pub(crate) fn belfry(arguments: &[&str]) -> (bool, Value, String) {
+    let output = belfry_command().args(arguments).arg("--json").output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    (output.status.success(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null), said)
+}
+
+/// Every window of every node is that of the same firmware on this computer, to the bit.
+pub(crate) fn assert_same_bits(report: &Value, nodes: usize) {
+    let played = report["nodes"].as_array().unwrap();
+    assert_eq!(played.len(), nodes, "{report}");
+    for node in played {
+        assert!(node["windows"].as_u64().unwrap() > 0 && node["windows"] == node["identical"], "{node}");
+        // 10 bits: half a step of 1/511 of a block's full scale, which is up to 19 % above its largest component.
+        assert!(node["largest_difference"].as_f64().unwrap() < 2e-3, "{node}");
+    }
+}

@@ -1,0 +1,90 @@
+//! The program's size and instructions against the record.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use belfry_firmware::{SUPPORTED_SEGMENTS, welch_segment};
+use belfry_shared::frame::crc32;
+
+use crate::emulator::{program, repository};
+
+/// Bytes of a program's segments: those that lie in flash (with the first values of data), and those that data take in RAM.
+fn flash_and_ram(program: &Path) -> (u64, u64) {
+    use object::{Object, ObjectSection, SectionKind};
+    let bytes = std::fs::read(program).unwrap();
+    let file = object::File::parse(&*bytes).unwrap();
+    let (mut flash, mut ram) = (0, 0);
+    for section in file.sections().filter(|section| section.address() > 0) {
+        match section.kind() {
+            SectionKind::Data => (flash, ram) = (flash + section.size(), ram + section.size()),
+            SectionKind::UninitializedData => ram += section.size(),
+            _ => flash += section.size(),
+        }
+    }
+    (flash, ram)
+}
+
+/// What `firmware/count.sh` prints: of which kind a number is, of what size, and the number.
+fn counts() -> Vec<(String, u32, u64)> {
+    let counted = Command::new(repository().join("firmware/count.sh")).stderr(Stdio::inherit()).output().unwrap();
+    assert!(counted.status.success(), "instructions cannot be counted");
+    let text = String::from_utf8(counted.stdout).unwrap();
+    let of_line = |line: &str| {
+        let mut words = line.split(' ');
+        let (kind, size, number) = (words.next()?, words.next()?.parse().ok()?, words.next()?.parse().ok()?);
+        ["segment", "checksum", "second"].contains(&kind).then(|| (kind.to_owned(), size, number))
+    };
+    text.lines().filter_map(of_line).collect()
+}
+
+#[test]
+#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+fn spectra_of_every_length_have_the_same_bits_on_the_board() {
+    let on_board: Vec<(u32, u64)> =
+        counts().into_iter().filter(|(kind, ..)| kind == "checksum").map(|(_, size, sum)| (size, sum)).collect();
+    let here: Vec<(u32, u64)> = SUPPORTED_SEGMENTS
+        .iter()
+        .map(|&length| {
+            // The signal that belfry-count makes.
+            let noise = |n: u32| (n.wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32 - 0.5;
+            let mut samples: Vec<f32> = (0..u32::from(length)).map(noise).collect();
+            let mut sums = vec![0.0; usize::from(length) / 2];
+            welch_segment(&mut samples, 5.0, &mut sums);
+            let bytes: Vec<u8> = sums.iter().flat_map(|sum: &f32| sum.to_le_bytes()).collect();
+            (u32::from(length), u64::from(crc32(&bytes)))
+        })
+        .collect();
+    assert_eq!(on_board, here);
+}
+
+#[test]
+#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+fn the_program_is_no_larger_and_no_slower_than_recorded() {
+    let record: toml::Table =
+        std::fs::read_to_string(repository().join("firmware/figures.toml")).unwrap().parse().unwrap();
+    let recorded = |name: &str| {
+        let mut words = name.split('.');
+        let first = record.get(words.next().unwrap());
+        words.fold(first, |table, word| table?.get(word)).and_then(toml::Value::as_integer).unwrap_or(0) as u64
+    };
+    let (flash, ram) = flash_and_ram(&program("belfry-node"));
+    assert!(flash <= 96 * 1024 && ram <= 112 * 1024, "{flash} bytes of flash, {ram} of RAM");
+    let mut measured = vec![("bytes.flash".to_owned(), flash), ("bytes.ram".to_owned(), ram)];
+    let counted = counts().into_iter().filter(|(kind, ..)| kind != "checksum");
+    measured.extend(counted.map(|(kind, size, count)| (format!("instructions.{kind}.{size}"), count)));
+    assert_eq!(measured.len(), 9, "{measured:?}");
+    let grown: Vec<String> = measured
+        .iter()
+        .filter(|(name, now)| 100 * now > 105 * recorded(name))
+        .map(|(name, now)| format!("{name}: {now}, recorded {}", recorded(name)))
+        .collect();
+    assert!(grown.is_empty(), "more than 5 % over firmware/figures.toml: {}", grown.join("; "));
+    // The whole node on a core of 168 MHz: 0.5 % at 50 Hz, 10 % at 1000 Hz.
+    let of = |name: &str| measured.iter().find(|(known, _)| known == name).unwrap().1 as f64 / 168e6;
+    assert!(of("instructions.second.50") < 0.005 && of("instructions.second.1000") < 0.1, "{measured:?}");
+    // CMSIS-DSP's window, FFT, power and sum.
+    for (length, cmsis) in [(256, 14_449), (1024, 57_595), (2048, 134_087)] {
+        let name = format!("instructions.segment.{length}");
+        assert!(measured.iter().any(|(known, count)| *known == name && *count <= cmsis), "{name}: {measured:?}");
+    }
+}
