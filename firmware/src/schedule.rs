@@ -10,8 +10,6 @@ pub(crate) struct WindowSpan {
     pub(crate) grid_index: u64,
     /// Index of its first decimated sample.
     pub(crate) start: u64,
-    /// Time of that sample minus grid time, in µs.
-    pub(crate) start_offset_us: i32,
 }
 
 /// A decimated sample and when it was, on the node's clock.
@@ -67,12 +65,27 @@ impl Schedule {
         let ahead_ps = ahead_host_ps - ahead_host_ps * i128::from(clock.drift_ppb) / 1_000_000_000;
         let period = i128::from(self.period_ps.max(1));
         let samples = (ahead_ps + period / 2).div_euclid(period);
-        let remainder_us = (samples * period - ahead_ps) / 1_000_000;
-        WindowSpan {
-            grid_index,
-            start: moment.index.saturating_add_signed(samples as i64),
-            start_offset_us: remainder_us as i32,
-        }
+        WindowSpan { grid_index, start: moment.index.saturating_add_signed(samples as i64) }
+    }
+
+    /// When the middle of a window was, minus when it should have been by the grid, in µs; seen from a recent sample.
+    ///
+    /// The middle counts, since a Hann segment's phases are those of its middle: samples of a crystal that is 50 ppm off gather
+    /// 20 ms over half a segment of 819 s.
+    pub(crate) fn middle_offset_us(
+        &self,
+        clock: &ClockModel,
+        moment: SampleMoment,
+        span: &WindowSpan,
+        segment: usize,
+    ) -> i32 {
+        let samples = i128::from(moment.index) - i128::from(span.start) - (segment / 2) as i128;
+        let node_ps = samples * i128::from(self.period_ps);
+        let host_ps = node_ps + node_ps * i128::from(clock.drift_ppb) / 1_000_000_000;
+        let middle_us = i128::from(clock.host_time(moment.time).0) - host_ps / 1_000_000;
+        // Windows overlap by half: a middle is where the next window starts.
+        let due_us = i128::from(self.grid.start(span.grid_index + 1).0);
+        i32::try_from(middle_us - due_us).unwrap_or(i32::MAX)
     }
 }
 
@@ -115,7 +128,8 @@ mod tests {
         let moment = SampleMoment { index: 100, time: NodeTime(7_030_000) };
         let first = schedule.first(&clock, moment, 90);
         // 25.6 s is 18.57 s (92.85 samples) later: sample 193 at 25.63 s.
-        assert_eq!(first, WindowSpan { grid_index: 1, start: 193, start_offset_us: 30_000 });
+        assert_eq!(first, WindowSpan { grid_index: 1, start: 193 });
+        assert_eq!(schedule.middle_offset_us(&clock, moment, &first, 256), 30_000);
         assert_eq!(schedule.window(&clock, moment, 2).start, 321);
     }
 
@@ -129,8 +143,10 @@ mod tests {
             let moment = SampleMoment { index, time: NodeTime(index * 200_000) };
             let spans = [195_u64, 196].map(|grid_index| schedule.window(&clock, moment, grid_index));
             assert_eq!(spans.map(|span| span.start as i64 - (span.grid_index * 128) as i64), [0, -1]);
-            // 4992 s x 20 ppm = 99.84 ms late; a sample earlier, 5017.6 s x 20 ppm - 200 ms = 99.65 ms early.
-            assert!((spans[0].start_offset_us - 99_840).abs() < 5 && (spans[1].start_offset_us + 99_648).abs() < 10);
+            // Starts: 4992 s x 20 ppm = 99.84 ms late; a sample earlier, 5017.6 s x 20 ppm - 200 ms = 99.65 ms early. Middles:
+            // another 25.6 s x 20 ppm later.
+            let late_us = spans.map(|span| schedule.middle_offset_us(&clock, moment, &span, 256));
+            assert!((late_us[0] - 100_352).abs() < 5 && (late_us[1] + 99_136).abs() < 10, "{late_us:?}");
         }
     }
 

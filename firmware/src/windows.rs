@@ -34,10 +34,18 @@ impl Arena {
     }
 }
 
-/// A window that is being made.
+/// A segment whose samples are all there.
+#[derive(Debug, Clone, Copy)]
+struct CompleteSegment {
+    span: WindowSpan,
+    middle_offset_us: i32,
+    drift_ppb: i32,
+}
+
+/// A window that is being made, of its first segment.
 #[derive(Debug, Clone)]
 struct OpenWindow {
-    span: WindowSpan,
+    first: CompleteSegment,
     segments: u16,
     parts: u16,
     states: Vec<ChannelState, MAX_CHANNELS>,
@@ -51,7 +59,7 @@ pub(crate) struct WindowMaker {
     /// Windows whose segment is not complete yet.
     started: Deque<WindowSpan, MAX_WAITING>,
     /// Windows whose segment is complete and waits for its transform.
-    waiting: Deque<WindowSpan, MAX_WAITING>,
+    waiting: Deque<CompleteSegment, MAX_WAITING>,
     open: Option<OpenWindow>,
     channel: usize,
     average: DensityAverage,
@@ -128,10 +136,12 @@ impl WindowMaker {
         if let Some(started) = self.started.front()
             && moment.index + 1 >= started.start + plan.segment() as u64
             && !self.waiting.is_full()
-            && let Some(complete) = self.started.pop_front()
+            && let Some(span) = self.started.pop_front()
         {
+            // Only now, with what the host has measured of the clock meanwhile.
+            let middle_offset_us = plan.schedule.middle_offset_us(clock, moment, &span, plan.segment());
             // Cannot fail: there is room. A segment that waits for room may be gone when its turn comes, and then says so.
-            let _ = self.waiting.push_back(complete);
+            let _ = self.waiting.push_back(CompleteSegment { span, middle_offset_us, drift_ppb: clock.drift_ppb });
         }
         let upcoming = self.upcoming.unwrap_or_else(|| {
             let earliest = u64::from(plan.stages.first_full_output()).max(moment.index);
@@ -161,7 +171,8 @@ impl WindowMaker {
     /// Does one step of waiting work: one channel of one segment. Returns whether there was any.
     pub(crate) fn work(&mut self, plan: &Plan, workshop: Workshop<'_>, files: &mut Files<'_>) -> bool {
         let Workshop { acquisition, rings, segment, cells } = workshop;
-        let Some(&span) = self.waiting.front() else { return false };
+        let Some(&complete) = self.waiting.front() else { return false };
+        let span = complete.span;
         files.name.number = self.next_number;
         let channel = self.channel;
         let mut state = acquisition.state(&plan.stages, channel, span.start, plan.segment());
@@ -177,7 +188,8 @@ impl WindowMaker {
                 state = ChannelState::Overrun;
             }
         }
-        let open = self.open.get_or_insert_with(|| OpenWindow { span, segments: 0, parts: 0, states: Vec::new() });
+        let open =
+            self.open.get_or_insert_with(|| OpenWindow { first: complete, segments: 0, parts: 0, states: Vec::new() });
         open.parts = parts;
         match open.states.get_mut(channel) {
             Some(known) if !matches!(state, ChannelState::Sound { .. }) => {
@@ -219,8 +231,9 @@ impl WindowMaker {
         let head = WindowHead {
             name: files.name,
             configuration_hash: plan.hash,
-            grid_index: open.span.grid_index,
-            start_offset_us: open.span.start_offset_us,
+            grid_index: open.first.span.grid_index,
+            middle_offset_us: open.first.middle_offset_us,
+            drift_ppb: open.first.drift_ppb,
             data_parts: open.parts,
             channels: open.states,
         };

@@ -313,8 +313,12 @@ pub struct WindowHead {
     pub configuration_hash: u32,
     /// Start on the grid of host time, in hops since the epoch.
     pub grid_index: u64,
-    /// Segment start minus grid time in µs: what the node could not align. The host removes it as phase.
-    pub start_offset_us: i32,
+    /// When the segment's middle was, minus when it should have been by the grid, in µs: what the node could not align, and what
+    /// its crystal gathered over half a segment. The host removes it as phase. Of densities: the first segment's.
+    pub middle_offset_us: i32,
+    /// How much faster the host's clock runs than the node's, in parts per thousand million: samples were that much further
+    /// apart, and the lines' frequencies that much lower. The host moves the lines.
+    pub drift_ppb: i32,
     /// Data parts that belong to the window.
     pub data_parts: u16,
     /// Each channel's fate.

@@ -66,7 +66,7 @@ impl fmt::Display for ClockReport {
         for (node, mean_us, rms_us) in &self.nodes {
             writeln!(
                 formatter,
-                "node {node}: segments start {mean_us:+.1} µs from the grid in the mean, {rms_us:.1} µs RMS"
+                "node {node}: segments' middles are {mean_us:+.1} µs off the grid in the mean, {rms_us:.1} µs RMS"
             )?;
         }
         write!(

@@ -205,7 +205,8 @@ fn windows_come_once_whatever_happens_to_the_host_and_modes_come_of_them_while_t
     thread::sleep(Duration::from_secs(2));
     // Started again, and asked for modes meanwhile.
     let again = bench.collect(&["--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    bench.wait_for(70);
+    // The drift is known from 20 s on.
+    bench.wait_for(120);
     let modes = belfry_command().args(["identify", bench.study(), "--json"]).assert().success();
     let modes: Value = serde_json::from_slice(&modes.get_output().stdout).unwrap();
     let after = bench.numbers(3).len();
@@ -232,7 +233,8 @@ fn windows_come_once_whatever_happens_to_the_host_and_modes_come_of_them_while_t
         // The host's clock is slower than a node's whose crystal gains.
         let ppm = if port["node"] == 3 { -40.0 } else { 35.0 };
         let drift = port["clock_drift_ppm"].as_f64().unwrap();
-        assert!((drift - ppm).abs() < 15.0, "{drift} ppm found where there are {ppm}");
+        // The quickest of four exchanges, over 20 s: half a millisecond of scheduling is 25 ppm.
+        assert!((drift - ppm).abs() < 35.0, "{drift} ppm found where there are {ppm}");
         let peak = port["peaks_hz"][0].as_f64().unwrap();
         assert!(MODES.iter().any(|mode| (mode.0 - peak).abs() < 3.0), "a peak at {peak} Hz");
     }

@@ -5,6 +5,7 @@ use belfry_host::link::memory::Faults;
 use belfry_host::spectra::{LineGrid, WindowLines};
 use belfry_host::study::{Direction, Sensor, Setup, Unit};
 use belfry_shared::message::Summary;
+use belfry_tests::clock::{self, ClockStudy};
 
 const RATE_HZ: f64 = 50.0;
 /// Raw data of a 24 bit channel at 50 Hz.
@@ -103,5 +104,18 @@ fn with_two_percent_of_frames_damaged_every_window_of_eight_nodes_arrives_exactl
     assert!(damaged > 10, "{damaged} frames damaged");
     for node in &report.nodes {
         assert_eq!((node.session.windows as usize, node.session.lost_windows), (expected, 0), "node {}", node.node);
+    }
+}
+
+#[test]
+fn crystals_that_drift_apart_and_lines_that_jitter_leave_shapes_as_they_are() {
+    // A slice of the day that `--bin clock` takes.
+    let study = ClockStudy { hours: 4.0, crystal_ppm: 50.0, jitter_ms: 5.0, seed: 3 };
+    let report = clock::run(&study).unwrap();
+    assert!(report.windows > 80, "{report}");
+    // Without the remainder at the segments' middles it is 1e-3, without the lines' move 1e-5.
+    assert!(report.worst_mac_loss() < 1e-5, "{report}");
+    for (node, mean_us, _) in &report.nodes {
+        assert!(mean_us.abs() < 1500.0, "node {node}: {report}");
     }
 }

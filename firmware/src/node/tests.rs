@@ -152,7 +152,7 @@ fn its_lines_are_those_of_the_same_segment_computed_in_f64() {
     bench.run(256 * 5 * 3, |row| [tone(row), 9.81 + 0.5 * tone(row + 7)]);
     let heads = bench.heads();
     // Samples are on the grid (row 0 is at 0), the filter reaches 13 samples back: window 1 (12.8 s) is the first.
-    let seen: Vec<_> = heads.iter().map(|head| (head.name.number, head.grid_index, head.start_offset_us)).collect();
+    let seen: Vec<_> = heads.iter().map(|head| (head.name.number, head.grid_index, head.middle_offset_us)).collect();
     assert_eq!(seen, [(0, 1, 0), (1, 2, 0), (2, 3, 0)]);
     assert!(heads.iter().all(|head| head.channels == [SOUND, SOUND]));
 
@@ -265,7 +265,7 @@ fn rows_that_stay_out_count_as_missing_and_a_long_interruption_starts_over_on_th
     let heads = bench.heads();
     // From row 8563 (sample 1712.6) and 13 samples of the filter on: window 14 (sample 1792) is the first.
     assert_eq!(
-        heads.iter().map(|h| (h.name.number, h.grid_index, h.start_offset_us)).collect::<Vec<_>>(),
+        heads.iter().map(|h| (h.name.number, h.grid_index, h.middle_offset_us)).collect::<Vec<_>>(),
         [(3, 14, 0), (4, 15, 0), (5, 16, 0), (6, 17, 0)]
     );
     assert!(heads.iter().all(|head| head.channels[0] == SOUND));
@@ -338,11 +338,11 @@ fn a_clock_setting_that_was_overtaken_or_lies_in_the_future_changes_nothing() {
     bench.say(&set(now - 1_000_000, now as i64 + 40_000));
     bench.say(&set(now + 1_000_000, now as i64 + 70_000));
     bench.run(256 * 5 * 2, |row| [tone(row); 2]);
-    assert!(bench.heads().iter().all(|head| head.start_offset_us == 0), "{:?}", bench.heads());
+    assert!(bench.heads().iter().all(|head| head.middle_offset_us == 0), "{:?}", bench.heads());
     bench.say(&set(bench.now().0, bench.now().0 as i64 + 30_000));
     bench.run(256 * 5 * 2, |row| [tone(row); 2]);
     // 30 ms later on the host: windows start 30 ms off, or a sample (100 ms) earlier.
-    assert!([30_000, -70_000].contains(&bench.heads().last().unwrap().start_offset_us));
+    assert!([30_000, -70_000].contains(&bench.heads().last().unwrap().middle_offset_us));
 }
 
 /// A recording fed as messages gives the windows that the same rows give from a sensor, and is taken in order.

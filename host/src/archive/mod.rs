@@ -274,8 +274,9 @@ impl Archive {
         let new = transaction
             .prepare_cached(
                 "INSERT OR IGNORE INTO window
-                 (node, boot, number, setup, configuration, grid_index, start_us, start_offset_us, received_us)
-                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+                 (node, boot, number, setup, configuration, grid_index, start_us, middle_offset_us, drift_ppb,
+                  received_us)
+                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
             )?
             .execute(params![
                 name.node,
@@ -285,7 +286,8 @@ impl Archive {
                 window.configuration_hash,
                 grid_index,
                 start.0,
-                window.start_offset_us,
+                window.middle_offset_us,
+                window.drift_ppb,
                 now.0,
             ])?;
         if new > 0 {

@@ -126,7 +126,8 @@ impl Collected {
             .archive
             .connection
             .prepare(
-                "SELECT id, node, boot, number, configuration, grid_index, start_offset_us FROM window
+                "SELECT id, node, boot, number, configuration, grid_index, middle_offset_us, drift_ppb
+                 FROM window
                  WHERE setup = ?1 AND configuration IN (SELECT value FROM json_each(?2)) ORDER BY grid_index, node, id",
             )
             .map_err(failed)?;
@@ -200,7 +201,8 @@ fn read_window(row: &rusqlite::Row<'_>) -> rusqlite::Result<(i64, NodeWindow)> {
         name,
         configuration_hash: row.get(4)?,
         grid_index: row.get(5)?,
-        start_offset_us: row.get(6)?,
+        middle_offset_us: row.get(6)?,
+        drift_ppb: row.get(7)?,
         channels: Vec::new(),
     };
     Ok((row.get(0)?, window))

@@ -29,7 +29,8 @@ CREATE TABLE window (
     configuration INTEGER NOT NULL,     -- configuration.hash
     grid_index INTEGER NOT NULL,        -- start in hops (half segments) since the Unix epoch
     start_us INTEGER NOT NULL,          -- the same in µs of Unix time
-    start_offset_us INTEGER NOT NULL,   -- start of the segment minus start on the grid; remove it as phase
+    middle_offset_us INTEGER NOT NULL,  -- when the segment's middle was, minus when it should have been; remove it as phase
+    drift_ppb INTEGER NOT NULL,         -- how much faster the host's clock ran than the node's: lines are that much lower
     received_us INTEGER NOT NULL,
     UNIQUE (node, boot, number)
 ) STRICT;

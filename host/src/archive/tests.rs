@@ -55,7 +55,8 @@ fn window(configuration: &Configuration, node: u16, number: u32, grid_index: u64
         name: WindowName { node, boot: 7, number },
         configuration_hash: configuration.hash(),
         grid_index,
-        start_offset_us: 0,
+        middle_offset_us: 0,
+        drift_ppb: 0,
         channels: (0..usize::from(configuration.channels)).map(of).collect(),
     }
 }

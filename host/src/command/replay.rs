@@ -194,8 +194,8 @@ fn play(port: &mut Port, role: &Role<'_>, progress: &ProgressBar) -> anyhow::Res
     let here = through(&mut InProcess::new(identity), role, &mut |_| {})?;
     let same = |pair: &(&NodeWindow, &NodeWindow)| {
         let (board, here) = pair;
-        (board.grid_index, board.start_offset_us, &board.channels)
-            == (here.grid_index, here.start_offset_us, &here.channels)
+        (board.grid_index, board.middle_offset_us, &board.channels)
+            == (here.grid_index, here.middle_offset_us, &here.channels)
     };
     let identical = on_board.windows.iter().zip(&here.windows).filter(same).count();
     let identical = if on_board.windows.len() == here.windows.len() { identical } else { 0 };

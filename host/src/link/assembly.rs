@@ -27,8 +27,10 @@ pub struct NodeWindow {
     pub configuration_hash: u32,
     /// Start in hops since the epoch.
     pub grid_index: u64,
-    /// Segment start minus grid time in µs.
-    pub start_offset_us: i32,
+    /// When the segment's middle was, minus when it should have been by the grid, in µs.
+    pub middle_offset_us: i32,
+    /// How much faster the host's clock runs than the node's, in parts per thousand million.
+    pub drift_ppb: i32,
     /// Each channel's data.
     pub channels: Vec<ChannelData>,
 }
@@ -425,7 +427,8 @@ fn build(configuration: &Configuration, head: &WindowHead, parts: &BTreeMap<u16,
         name: head.name,
         configuration_hash: head.configuration_hash,
         grid_index: head.grid_index,
-        start_offset_us: head.start_offset_us,
+        middle_offset_us: head.middle_offset_us,
+        drift_ppb: head.drift_ppb,
         channels,
     })
 }

@@ -1,8 +1,11 @@
 //! The node's clock, measured from the host by two-way exchanges.
 //!
 //! Each exchange gives four times: request sent and reply received on the host's clock, request received and reply sent on
-//! the node's. The midpoints are the same moment if both ways took equally long (Mills 1991, NTP); of exchanges that did
-//! not (a frame was queued behind another) the round trip is longer, and they are left out.
+//! the node's. A message cannot arrive before it is sent: a request bounds what the clocks differ by from below, its reply from
+//! above, and over many exchanges the bounds leave a strip in which the straight line of offset and drift must lie. Its middle
+//! is right where the quickest requests took as long as the quickest replies (Mills 1991, NTP); slow ones, queued behind other
+//! frames, bound nothing. Taking both ways apart (Moon, Skelly, Towsley 1999) does not wait for an exchange that is quick
+//! there and back.
 
 use std::collections::VecDeque;
 
@@ -10,24 +13,76 @@ use belfry_shared::message::ClockReply;
 use belfry_shared::time::{ClockModel, HostTime, NodeTime};
 
 /// Exchanges kept.
-const KEPT: usize = 32;
-/// Exchanges whose round trip is at most this much longer than the shortest are used; USB serial ports alone vary by 1 ms.
-const ROUND_TRIP_TOLERANCE_US: i64 = 2_000;
-/// Error of an exchange without any excess, in µs; half the excess of its round trip over the shortest adds to it.
-const LEAST_ERROR_US: f64 = 30.0;
+const KEPT: usize = 64;
+/// Exchanges whose round trip is longer than the shortest by no more than this say over which time the clock is known.
+const ROUND_TRIP_TOLERANCE_US: i64 = 10_000;
 /// A line faster than its baud rate says (USB) makes round trips that seem negative, but not by more than this.
 const LEAST_ROUND_TRIP_US: i64 = -1_000_000;
+/// An exchange whose round trip is longer than the shortest by more than this bounds little.
+const SLOW_US: i64 = 500;
 /// Span of exchanges from which drift is estimated.
 const DRIFT_SPAN_US: i64 = 20_000_000;
 /// Crystals do not drift more; a larger estimate is a fault of the measurement.
 const MAX_DRIFT_PPB: f64 = 500_000.0;
+/// How far the slope of the widest strip is narrowed down: 2^-40 of twice the largest drift is 1e-15.
+const HALVINGS: usize = 40;
+/// Strips whose widths differ by less, in µs, are equally wide.
+const EQUALLY_WIDE_US: f64 = 0.5;
 
 #[derive(Debug, Clone, Copy)]
 struct Exchange {
-    node: NodeTime,
-    /// Host time minus node time in µs.
-    offset_us: i64,
+    /// When the request arrived at the node, and host time minus node time by it, in µs: at most what they differ by.
+    received: NodeTime,
+    least_us: i64,
+    /// When the reply left it, and host time minus node time by it, in µs: at least what they differ by.
+    sent: NodeTime,
+    most_us: i64,
     round_trip_us: i64,
+}
+
+/// Host time minus node time as a straight line over the node's time: its bounds, relative to the last exchange.
+struct Strip {
+    /// µs after the last exchange, and µs above its lower bound.
+    least: Vec<(f64, f64)>,
+    most: Vec<(f64, f64)>,
+}
+
+impl Strip {
+    /// The highest lower and the lowest upper bound at the last exchange of lines of this slope.
+    fn bounds(&self, slope: f64) -> (f64, f64) {
+        let at = |&(elapsed, bound): &(f64, f64)| bound - slope * elapsed;
+        (
+            self.least.iter().map(at).fold(f64::NEG_INFINITY, f64::max),
+            self.most.iter().map(at).fold(f64::INFINITY, f64::min),
+        )
+    }
+
+    /// Concave in the slope.
+    fn width(&self, slope: f64) -> f64 {
+        let (least, most) = self.bounds(slope);
+        most - least
+    }
+
+    /// The slope at which the strip is widest; the middle one where several are.
+    fn slope(&self) -> f64 {
+        let limit = MAX_DRIFT_PPB * 1e-9;
+        let (mut low, mut high) = (-limit, limit);
+        for _ in 0..2 * HALVINGS {
+            let third = (high - low) / 3.0;
+            if self.width(low + third) < self.width(high - third) { low += third } else { high -= third }
+        }
+        let widest = 0.5 * (low + high);
+        let enough = self.width(widest) - EQUALLY_WIDE_US;
+        let edge = |mut outside: f64| {
+            let mut inside = widest;
+            for _ in 0..HALVINGS {
+                let middle = 0.5 * (inside + outside);
+                if self.width(middle) >= enough { inside = middle } else { outside = middle }
+            }
+            inside
+        };
+        0.5 * (edge(-limit) + edge(limit))
+    }
 }
 
 /// Estimates offset and drift of a node's clock.
@@ -62,10 +117,18 @@ impl ClockEstimator {
         self.exchanges.clear();
     }
 
+    /// Whether the last exchange was slow, and another would say more.
+    pub fn is_last_slow(&self) -> bool {
+        let shortest = self.exchanges.iter().map(|exchange| exchange.round_trip_us).min();
+        let excess =
+            self.exchanges.back().zip(shortest).map(|(last, shortest)| last.round_trip_us.saturating_sub(shortest));
+        excess.is_some_and(|excess| excess > SLOW_US)
+    }
+
     /// Time over which exchanges with short round trips have been made, in µs: what the drift is known from. A burst of
     /// replies that a stalled line held back adds nothing.
     pub fn span_us(&self) -> i64 {
-        let span = self.good().and_then(|(_, good)| Some(good.last()?.node.since(good.first()?.node)));
+        let span = self.good().and_then(|(_, good)| Some(good.last()?.sent.since(good.first()?.sent)));
         span.unwrap_or(0)
     }
 
@@ -82,34 +145,23 @@ impl ClockEstimator {
         Some((shortest, self.exchanges.iter().filter(is_short).collect()))
     }
 
-    /// The best model so far: a weighted least-squares line through the exchanges with short round trips, a constant offset while they
-    /// span less than 20 s. `None` before the first exchange.
+    /// The best model so far: the middle of the strip that the exchanges leave, level while they span less than 20 s. `None` before
+    /// the first exchange.
     pub fn model(&self) -> Option<ClockModel> {
-        let (shortest, good) = self.good()?;
-        let (first, last) = (good.first()?, good.last()?);
-        let weight = |exchange: &Exchange| {
-            let excess_us = (exchange.round_trip_us - shortest) as f64 / 2.0;
-            1.0 / (LEAST_ERROR_US * LEAST_ERROR_US + excess_us * excess_us)
+        let (first, last) = (self.exchanges.front()?, self.exchanges.back()?);
+        let point =
+            |node: NodeTime, bound: i64| (node.since(last.sent) as f64, bound.saturating_sub(last.least_us) as f64);
+        let strip = Strip {
+            least: self.exchanges.iter().map(|exchange| point(exchange.received, exchange.least_us)).collect(),
+            most: self.exchanges.iter().map(|exchange| point(exchange.sent, exchange.most_us)).collect(),
         };
-        let total: f64 = good.iter().map(|e| weight(e)).sum();
-        let elapsed = |exchange: &Exchange| exchange.node.since(last.node) as f64;
-        let lead = |exchange: &Exchange| exchange.offset_us.saturating_sub(last.offset_us) as f64;
-        let mean_elapsed = good.iter().map(|e| weight(e) * elapsed(e)).sum::<f64>() / total;
-        let mean_lead = good.iter().map(|e| weight(e) * lead(e)).sum::<f64>() / total;
-        let slope = if last.node.since(first.node) < DRIFT_SPAN_US {
-            0.0
-        } else {
-            let covariance: f64 =
-                good.iter().map(|e| weight(e) * (elapsed(e) - mean_elapsed) * (lead(e) - mean_lead)).sum();
-            let variance: f64 = good.iter().map(|e| weight(e) * (elapsed(e) - mean_elapsed).powi(2)).sum();
-            (covariance / variance).clamp(-MAX_DRIFT_PPB * 1e-9, MAX_DRIFT_PPB * 1e-9)
-        };
-        // The line's value at the last exchange.
-        let offset = last.offset_us.saturating_add((mean_lead - slope * mean_elapsed).round() as i64);
-        let node_us = i64::try_from(last.node.0).ok()?;
+        let slope = if last.sent.since(first.sent) < DRIFT_SPAN_US { 0.0 } else { strip.slope() };
+        let (least, most) = strip.bounds(slope);
+        let offset_us = last.least_us.saturating_add((0.5 * (least + most)).round() as i64);
+        let node_us = i64::try_from(last.sent.0).ok()?;
         Some(ClockModel {
-            node: last.node,
-            host: HostTime(node_us.saturating_add(offset)),
+            node: last.sent,
+            host: HostTime(node_us.saturating_add(offset_us)),
             drift_ppb: (slope * 1e9).round() as i32,
         })
     }
@@ -125,9 +177,9 @@ fn exchange(reply: &ClockReply, received: HostTime, request_us: i64, reply_us: i
     if held_us < 0 || round_trip_us < LEAST_ROUND_TRIP_US {
         return None;
     }
-    let node = reply.node_received.offset(held_us / 2);
-    let offset_us = sent.checked_add(away_us / 2)?.checked_sub(i64::try_from(node.0).ok()?)?;
-    Some(Exchange { node, offset_us, round_trip_us })
+    let least_us = sent.checked_sub(i64::try_from(reply.node_received.0).ok()?)?;
+    let most_us = received.0.checked_sub(reply_us)?.checked_sub(i64::try_from(reply.node_sent.0).ok()?)?;
+    Some(Exchange { received: reply.node_received, least_us, sent: reply.node_sent, most_us, round_trip_us })
 }
 
 #[cfg(test)]
@@ -171,6 +223,32 @@ mod tests {
         let (reply, received) = exchange(80_000_000, 0);
         estimator.add(&reply, received, 1_000, 2_000);
         assert!((estimator.span_us() - 80_000_000).abs() < 5_000);
+    }
+
+    #[test]
+    fn jitter_either_way_is_seen_through_where_no_exchange_is_quick_both_ways() {
+        let mut estimator = ClockEstimator::default();
+        let mut state = 1_u64;
+        let mut jitter_us = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 33) % 5_000) as i64
+        };
+        for minute in 0..32 {
+            let at_us = minute * 60_000_000;
+            let received = at_us + 1_000 + jitter_us();
+            let reply = ClockReply {
+                host_sent: HostTime(at_us),
+                node_received: node_time(received),
+                node_sent: node_time(received + 300),
+            };
+            estimator.add(&reply, HostTime(received + 300 + 2_000 + jitter_us()), 1_000, 2_000);
+        }
+        let model = estimator.model().unwrap();
+        let now = 32 * 60_000_000;
+        // The quickest of 32 draws of up to 5 ms is 0.15 ms late, and the slope turns that some way further.
+        let error_us = model.host_time(node_time(now)).0 - now;
+        assert!(error_us.abs() < 400, "{error_us} µs");
+        assert!((model.drift_ppb - 20_000).abs() < 400, "{model:?}");
     }
 
     #[test]

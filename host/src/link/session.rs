@@ -22,10 +22,14 @@ const RETRY_US: i64 = 500_000;
 /// Clock exchanges before the clock is set first, and the time between them.
 const FIRST_EXCHANGES: usize = 6;
 const FIRST_EXCHANGE_PERIOD_US: i64 = 100_000;
-/// Time between clock exchanges while measuring: short until the drift is known, then long, for they are bytes on the wire.
-const EARLY_EXCHANGE_PERIOD_US: i64 = 20_000_000;
-const EARLY_SPAN_US: i64 = 100_000_000;
+/// Time between clock exchanges while measuring: this share of the time over which the clock is known, so that it is soon known
+/// well, up to the longest, for they are bytes on the wire.
+const EXCHANGE_SHARE: i64 = 4;
+const LEAST_EXCHANGE_PERIOD_US: i64 = 20_000_000;
 const EXCHANGE_PERIOD_US: i64 = 300_000_000;
+/// How often, and how soon, an exchange that was slow is made again.
+const REPEATS: u32 = 3;
+const REPEAT_PERIOD_US: i64 = 1_000_000;
 /// The line counts as silent when nothing came for this long.
 const SILENCE_US: i64 = 300_000;
 /// A part asked again is asked once more after this time.
@@ -148,6 +152,8 @@ pub struct Session {
     assembler: Option<Assembler>,
     clock: ClockEstimator,
     request_bytes: usize,
+    /// How often the last exchange has been made again.
+    repeats: u32,
     next_try: HostTime,
     next_exchange: HostTime,
     last_received: HostTime,
@@ -174,6 +180,7 @@ impl Session {
             assembler: None,
             clock: ClockEstimator::default(),
             request_bytes: 0,
+            repeats: 0,
             next_try: HostTime(i64::MIN),
             next_exchange: HostTime(i64::MIN),
             last_received: HostTime(i64::MIN),
@@ -336,6 +343,12 @@ impl Session {
                     && let Some(model) = self.clock.model()
                 {
                     self.say(&HostMessage::SetClock(model));
+                    if self.clock.is_last_slow() && self.repeats < REPEATS {
+                        self.repeats += 1;
+                        self.next_exchange = HostTime(now.0.saturating_add(REPEAT_PERIOD_US));
+                    } else {
+                        self.repeats = 0;
+                    }
                 }
             }
             NodeMessage::Heartbeat(heartbeat) => {
@@ -450,8 +463,8 @@ impl Session {
 
     fn poll_measuring(&mut self, now: HostTime) {
         if now >= self.next_exchange {
-            let early = self.clock.span_us() < EARLY_SPAN_US;
-            self.ask_time(now, if early { EARLY_EXCHANGE_PERIOD_US } else { EXCHANGE_PERIOD_US });
+            let period_us = self.clock.span_us() / EXCHANGE_SHARE;
+            self.ask_time(now, period_us.clamp(LEAST_EXCHANGE_PERIOD_US, EXCHANGE_PERIOD_US));
         }
         let busy = now.0.saturating_sub(self.last_received.0) < SILENCE_US;
         let Some(assembler) = &mut self.assembler else { return };

@@ -69,7 +69,8 @@ fn golden_node_messages() {
         name: NAME,
         configuration_hash: 1,
         grid_index: 5,
-        start_offset_us: -2,
+        middle_offset_us: -2,
+        drift_ppb: 1,
         data_parts: 7,
         channels: Vec::from_slice(&[
             ChannelState::Sound { segments: 1 },
@@ -79,7 +80,7 @@ fn golden_node_messages() {
         ])
         .unwrap(),
     };
-    assert_eq!(hex(&NodeMessage::Head(head)), "04 03 87 e0 02 ac 02 01 05 03 07 04 00 01 01 02 04");
+    assert_eq!(hex(&NodeMessage::Head(head)), "04 03 87 e0 02 ac 02 01 05 03 02 07 04 00 01 01 02 04");
     let lines = LinesPart { name: NAME, part: 1, channel: 2, first_line: 41, lines: 2, bits: 4, code: &[192, 0x97, 1] };
     assert_eq!(hex(&NodeMessage::Lines(lines)), "05 03 87 e0 02 ac 02 01 02 29 02 04 03 c0 97 01");
     let density = DensityPart { name: NAME, part: 1, channel: 2, first_line: 41, base: -31, code: &[248, 0] };
@@ -109,7 +110,7 @@ fn golden_host_messages() {
 #[test]
 fn the_schema_hash_is_pinned() {
     assert_eq!(
-        SCHEMA_HASH, 0x778b_4f43_adb7_ae46,
+        SCHEMA_HASH, 0xfbfe_02ad_8f8a_0f99,
         "the messages changed: raise PROTOCOL_VERSION and pin the new hash {SCHEMA_HASH:#018x}"
     );
 }
@@ -264,13 +265,14 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                 })
             }
         ),
-        (name(), any::<(u32, u64, i32, u16)>(), heapless(channel_state())).prop_map(
-            |(name, (configuration_hash, grid_index, start_offset_us, data_parts), channels)| {
+        (name(), any::<(u32, u64, i32, i32, u16)>(), heapless(channel_state())).prop_map(
+            |(name, (configuration_hash, grid_index, middle_offset_us, drift_ppb, data_parts), channels)| {
                 NodeMessage::Head(WindowHead {
                     name,
                     configuration_hash,
                     grid_index,
-                    start_offset_us,
+                    middle_offset_us,
+                    drift_ppb,
                     data_parts,
                     channels,
                 })

@@ -193,7 +193,7 @@ fn assert_on_time(task: Task, measured: &Measured) {
         assert_eq!(pair[1].name.number, pair[0].name.number + 1);
         assert_eq!(pair[1].grid_index, pair[0].grid_index + 1);
         // Starts are a hop of samples apart. The emulator's alarms come some µs late at times; a row would be a whole period.
-        let start = |window: &NodeWindow| grid.start(window.grid_index).0 + i64::from(window.start_offset_us);
+        let start = |window: &NodeWindow| grid.start(window.grid_index).0 + i64::from(window.middle_offset_us);
         let hop_us = (grid.start(1).0 - grid.start(0).0) as f64;
         let apart_us = (start(&pair[1]) - start(&pair[0])) as f64;
         assert!((apart_us - hop_us).abs() < 0.5e6 / f64::from(task.rate_hz), "{apart_us} µs apart, {hop_us} wanted");

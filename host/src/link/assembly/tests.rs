@@ -45,7 +45,8 @@ fn head_of(
         name: name(number),
         configuration_hash: configuration.hash(),
         grid_index: u64::from(number) + 100,
-        start_offset_us: -7,
+        middle_offset_us: -7,
+        drift_ppb: 3,
         data_parts,
         channels: channels.into_iter().collect(),
     })
@@ -89,7 +90,7 @@ fn lines_configuration() -> Configuration {
 
 fn check_lines_window(window: &NodeWindow) {
     let number = window.name.number;
-    assert_eq!((window.grid_index, window.start_offset_us), (u64::from(number) + 100, -7));
+    assert_eq!((window.grid_index, window.middle_offset_us, window.drift_ppb), (u64::from(number) + 100, -7, 3));
     assert_eq!(window.channels[1], ChannelData::Unsound(ChannelState::Clipped));
     for channel in [0, 2] {
         let ChannelData::Lines(lines) = &window.channels[channel] else { panic!("channel {channel} has no lines") };

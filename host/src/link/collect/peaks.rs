@@ -110,7 +110,8 @@ mod tests {
             name: WindowName { node: 1, boot: 1, number: 0 },
             configuration_hash: 0,
             grid_index: 0,
-            start_offset_us: 0,
+            middle_offset_us: 0,
+            drift_ppb: 0,
             channels: vec![ChannelData::Lines(lines), ChannelData::Unsound(ChannelState::Missing)],
         };
         meter.add(&window);

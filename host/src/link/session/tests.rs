@@ -93,7 +93,7 @@ fn a_node_is_brought_to_measuring_and_its_clock_found() {
     assert!((13..=15).contains(&windows.len()), "{}", windows.len());
     assert!(windows.iter().zip(&windows[1..]).all(|(a, b)| b.grid_index == a.grid_index + 1));
     // Windows start within half a decimated sample (50 ms) of the grid, and the first ones on it.
-    assert!(windows.iter().all(|window| window.start_offset_us.abs() <= 50_000), "{windows:?}");
+    assert!(windows.iter().all(|window| window.middle_offset_us.abs() <= 50_000), "{windows:?}");
 }
 
 #[test]
@@ -259,7 +259,8 @@ fn unsound(boot: u32, number: u32) -> NodeMessage<'static> {
         name: belfry_shared::message::WindowName { node: 3, boot, number },
         configuration_hash: configuration().hash(),
         grid_index: u64::from(number),
-        start_offset_us: 0,
+        middle_offset_us: 0,
+        drift_ppb: 0,
         data_parts: 0,
         channels: [belfry_shared::message::ChannelState::Missing].into_iter().collect(),
     })
