@@ -159,7 +159,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.say(format!("{stored} windows of nodes have come; the archive now has {windows} starts of this setup."));
     let usable = |status: &&PortStatus| !matches!(status.state, PortState::Refused(_) | PortState::Foreign);
     if statuses.iter().filter(usable).count() == 0 {
-        let reasons: Vec<String> = statuses.iter().map(|status| view::state_in_words(status)).collect();
+        let reasons: Vec<String> = statuses.iter().map(view::state_in_words).collect();
         bail!("no port has a node that can be used: {}", reasons.join("; "));
     }
     if windows > 0 {

@@ -308,11 +308,11 @@ impl<'a> Worker<'a> {
                 configurations,
                 now,
                 on_window: &mut |window| {
-                    let unsound = window.channels.iter().enumerate().filter_map(|(channel, data)| match data {
+                    let mut unsound = window.channels.iter().enumerate().filter_map(|(channel, data)| match data {
                         super::ChannelData::Unsound(reason) => Some((channel, *reason)),
                         _ => None,
                     });
-                    if let Some(gap) = unsound.last() {
+                    if let Some(gap) = unsound.next_back() {
                         *gaps += 1;
                         *last_gap = Some(gap);
                     }

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use belfry_host::link::assembly::{Assembler, Outcome};
 use belfry_host::link::port::Port;
-use belfry_host::link::{ChannelData, NodeWindow, Transport};
+use belfry_host::link::{ChannelData, Configurations, NodeWindow, Transport};
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
     self, Acknowledgement, Band, ChannelState, ClockRequest, Configuration, Heartbeat, Hello, HostMessage, NodeMessage,
@@ -127,6 +127,7 @@ fn measure(program_name: &str, task: Task) -> Measured {
 
     let impossible = Configuration { segment: 300, ..configuration.clone() };
     let (mut answers, mut refusals, mut garbage) = (0, 0, 0);
+    let configurations = Configurations::only(configuration.clone());
     let mut assembler = Assembler::new(boot);
     let mut windows = Vec::new();
     let windows = line.wait_for(start, |line, message, encoded| match message {
@@ -145,7 +146,7 @@ fn measure(program_name: &str, task: Task) -> Measured {
             None
         }
         NodeMessage::Head(_) | NodeMessage::Lines(_) => {
-            match assembler.take(&configuration, message, encoded) {
+            match assembler.take(&configurations, message, encoded) {
                 Outcome::Taken => return None,
                 Outcome::Whole(window) => {
                     assembler.stored(window.name.number);
