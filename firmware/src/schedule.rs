@@ -85,7 +85,7 @@ impl Schedule {
         let middle_us = i128::from(clock.host_time(moment.time).0) - host_ps / 1_000_000;
         // Windows overlap by half: a middle is where the next window starts.
         let due_us = i128::from(self.grid.start(span.grid_index + 1).0);
-        i32::try_from(middle_us - due_us).unwrap_or(i32::MAX)
+        (middle_us - due_us).clamp(i128::from(i32::MIN), i128::from(i32::MAX)) as i32
     }
 }
 

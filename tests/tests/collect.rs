@@ -171,7 +171,10 @@ impl Bench {
     /// Numbers of a node's windows.
     fn numbers(&self, node: u16) -> Vec<u32> {
         let archive = self.archive();
-        let mut statement = archive.prepare("SELECT number FROM window WHERE node = ?1 ORDER BY number").unwrap();
+        // Before its tables are there, the archive has none.
+        let Ok(mut statement) = archive.prepare("SELECT number FROM window WHERE node = ?1 ORDER BY number") else {
+            return Vec::new();
+        };
         statement.query_map([node], |row| row.get(0)).unwrap().map(Result::unwrap).collect()
     }
 

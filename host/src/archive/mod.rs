@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use belfry_shared::message::Configuration;
 use belfry_shared::time::{HostTime, WindowGrid};
-use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 use thiserror::Error;
 
 use crate::link::{ChannelData, KeptWindows, NodeWindow};
@@ -62,20 +62,6 @@ pub enum ArchiveError {
         file: PathBuf,
         /// What is wrong.
         what: String,
-    },
-    /// The study has given a node other channels since.
-    #[error(
-        "setup \"{setup}\": node {node} was collected with {collected} channels, study.toml now gives it {now}: the archive cannot say which is which"
-    )]
-    Channels {
-        /// The setup.
-        setup: String,
-        /// The node.
-        node: u16,
-        /// Channels then.
-        collected: usize,
-        /// Channels now.
-        now: usize,
     },
 }
 
@@ -170,38 +156,48 @@ impl Archive {
         &self.file
     }
 
-    /// Notes what a setup's nodes are asked to measure with; the last that was asked counts.
+    /// Notes what a node is asked to measure, with its channels' names; the last that was asked counts.
     ///
     /// # Errors
     /// Where the database cannot be written.
-    pub fn ask(&mut self, setup: &str, configuration: &Configuration, now: HostTime) -> Result<(), ArchiveError> {
-        let settings = serde_json::to_string(configuration).map_err(|error| self.damaged(error.to_string()))?;
+    pub fn ask(
+        &mut self,
+        setup: &str,
+        node: u16,
+        configuration: &Configuration,
+        channels: &[&str],
+        now: HostTime,
+    ) -> Result<(), ArchiveError> {
+        let json = |error: serde_json::Error| self.damaged(error.to_string());
+        let settings = serde_json::to_string(configuration).map_err(json)?;
+        let channels = serde_json::to_string(channels).map_err(json)?;
         let asked = self.connection.execute(
-            "INSERT INTO configuration (setup, hash, since_us, settings) VALUES (?1, ?2, ?3, ?4)
-             ON CONFLICT (setup, hash) DO UPDATE SET since_us = excluded.since_us",
-            params![setup, configuration.hash(), now.0, settings],
+            "INSERT INTO asked (setup, node, since_us, configuration, settings, channels)
+             SELECT ?1, ?2, ?3, ?4, ?5, ?6 WHERE (?4, ?6) IS NOT
+                 (SELECT configuration, channels FROM asked WHERE setup = ?1 AND node = ?2 ORDER BY id DESC LIMIT 1)",
+            params![setup, node, now.0, configuration.hash(), settings, channels],
         );
         asked.map(drop).map_err(|source| self.failed(source))
     }
 
-    /// What a setup's nodes have been asked to measure with, the last first.
+    /// What a setup's nodes have been asked to measure with, the last first; of all setups where none is named.
     ///
     /// # Errors
     /// Where the database cannot be read.
-    pub fn configurations(&self, setup: &str) -> Result<Vec<Configuration>, ArchiveError> {
-        let query = "SELECT settings FROM configuration WHERE setup = ?1 ORDER BY since_us DESC, rowid DESC";
+    pub fn configurations(&self, setup: Option<&str>) -> Result<Vec<Configuration>, ArchiveError> {
+        let query = "SELECT settings FROM asked WHERE ?1 IS NULL OR setup = ?1 GROUP BY settings ORDER BY max(id) DESC";
         let settings: Vec<String> = self
             .connection
             .prepare(query)
             .and_then(|mut statement| statement.query_map([setup], |row| row.get(0))?.collect())
             .map_err(|source| self.failed(source))?;
         let read = |text: &String| {
-            serde_json::from_str(text).map_err(|error| self.damaged(format!("settings of setup \"{setup}\": {error}")))
+            serde_json::from_str(text).map_err(|error| self.damaged(format!("settings {text}: {error}")))
         };
         settings.iter().map(read).collect()
     }
 
-    /// What is kept of a life of a node that greets; notes the life where it is new.
+    /// What is kept of a life of a node that greets to serve a setup; notes when it served another before.
     ///
     /// # Errors
     /// Where the database cannot be written.
@@ -215,13 +211,14 @@ impl Archive {
     ) -> Result<KeptWindows, ArchiveError> {
         let known = || -> rusqlite::Result<KeptWindows> {
             self.connection.execute(
-                "INSERT OR IGNORE INTO life (setup, node, boot, first_window, since_us) VALUES (?1, ?2, ?3, ?4, ?5)",
+                "INSERT INTO service (setup, node, boot, first_window, since_us) SELECT ?1, ?2, ?3, ?4, ?5 WHERE ?1 IS NOT
+                     (SELECT setup FROM service WHERE node = ?2 AND boot = ?3 ORDER BY id DESC LIMIT 1)",
                 params![setup, node, boot, oldest_window, now.0],
             )?;
-            // What was before this life served the setup at hand went to another.
+            // All of its windows since it was met are wanted, whichever setup they belong to.
             let first = self.connection.query_row(
-                "SELECT min(first_window) FROM life WHERE setup = ?1 AND node = ?2 AND boot = ?3",
-                params![setup, node, boot],
+                "SELECT min(first_window) FROM service WHERE node = ?1 AND boot = ?2",
+                params![node, boot],
                 |row| row.get(0),
             )?;
             let mut statement =
@@ -236,7 +233,7 @@ impl Archive {
     /// Keeps a window; it is on the disk when this returns. A window that is kept already is left as it is.
     ///
     /// It goes to the setup that its node served when it began: a node that was carried to the next setup may still have
-    /// windows of the one before.
+    /// windows of the one before. One during which the node was carried belongs to none.
     ///
     /// # Errors
     /// Where the database cannot be written; nothing of the window is kept then.
@@ -247,11 +244,12 @@ impl Archive {
         window: &NodeWindow,
         now: HostTime,
     ) -> Result<(), ArchiveError> {
-        let start =
-            WindowGrid { sampling_rate_uhz: configuration.sampling_rate_uhz, hop_samples: configuration.hop_samples() }
-                .start(window.grid_index);
+        let grid =
+            WindowGrid { sampling_rate_uhz: configuration.sampling_rate_uhz, hop_samples: configuration.hop_samples() };
+        // Windows overlap by half.
+        let span = [window.grid_index, window.grid_index.saturating_add(2)].map(|index| grid.start(index));
         let file = self.file.clone();
-        let stored = self.store_in_one(setup, window, start, now);
+        let stored = self.store_in_one(setup, window, span, now);
         stored.map_err(|source| ArchiveError::Database { file, source })
     }
 
@@ -259,17 +257,21 @@ impl Archive {
         &mut self,
         setup: &str,
         window: &NodeWindow,
-        start: HostTime,
+        [start, end]: [HostTime; 2],
         now: HostTime,
     ) -> rusqlite::Result<()> {
         let name = window.name;
-        let transaction = self.connection.transaction()?;
-        let served: Option<String> = transaction
-            .prepare_cached(
-                "SELECT setup FROM life WHERE node = ?1 AND boot = ?2 AND since_us <= ?3 ORDER BY since_us DESC LIMIT 1",
-            )?
-            .query_row(params![name.node, name.boot, start.0], |row| row.get(0))
-            .optional()?;
+        // At once, for a reading transaction that turns to writing is refused where another program writes.
+        let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let at = |moment: HostTime| -> rusqlite::Result<Option<String>> {
+            let query = "SELECT setup FROM service WHERE node = ?1 AND boot = ?2 AND since_us <= ?3
+                         ORDER BY since_us DESC, id DESC LIMIT 1";
+            let mut statement = transaction.prepare_cached(query)?;
+            statement.query_row(params![name.node, name.boot, moment.0], |row| row.get(0)).optional()
+        };
+        let (began, ended) = (at(start)?, at(end)?);
+        let moved = began.is_some() && began != ended;
+        let served = if moved { "" } else { began.as_deref().unwrap_or(setup) };
         let grid_index = i64::try_from(window.grid_index).unwrap_or(i64::MAX);
         let new = transaction
             .prepare_cached(
@@ -282,7 +284,7 @@ impl Archive {
                 name.node,
                 name.boot,
                 name.number,
-                served.as_deref().unwrap_or(setup),
+                served,
                 window.configuration_hash,
                 grid_index,
                 start.0,

@@ -61,29 +61,17 @@ impl Archive {
     /// `None` where there are no windows.
     ///
     /// # Errors
-    /// Where the archive cannot be read, or the study's nodes have other channels than were collected.
+    /// Where the archive cannot be read.
     pub fn collected(self, setup: &Setup) -> Result<Option<Collected>, ArchiveError> {
-        let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
-        let counted = || -> rusqlite::Result<Vec<(u16, u32, usize)>> {
-            let query =
-                "SELECT node, configuration, count(*) FROM window WHERE setup = ?1 GROUP BY node, configuration";
+        // What is counted now is what is read later, whatever comes in between.
+        self.connection.execute_batch("BEGIN").map_err(|source| self.failed(source))?;
+        let counted = || -> rusqlite::Result<BTreeMap<u32, usize>> {
+            let query = "SELECT configuration, count(*) FROM window WHERE setup = ?1 GROUP BY configuration";
             let mut statement = self.connection.prepare(query)?;
-            statement.query_map([&setup.name], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?.collect()
+            statement.query_map([&setup.name], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
-        let counted = counted().map_err(|source| self.failed(source))?;
-        let configurations = self.configurations(&setup.name)?;
-        let channels_of = channels_by_node(setup);
-        for &(node, hash, windows) in &counted {
-            *counts.entry(hash).or_default() += windows;
-            let collected = configurations.iter().find(|configuration| configuration.hash() == hash);
-            let now = channels_of.get(&node).map(Vec::len);
-            if let (Some(collected), Some(now)) = (collected, now)
-                && usize::from(collected.channels) != now
-            {
-                let collected = usize::from(collected.channels);
-                return Err(ArchiveError::Channels { setup: setup.name.clone(), node, collected, now });
-            }
-        }
+        let counts = counted().map_err(|source| self.failed(source))?;
+        let configurations = self.configurations(Some(&setup.name))?;
         let with_windows = |configuration: &&Configuration| counts.contains_key(&configuration.hash());
         let newest = configurations.iter().filter(with_windows).find_map(|c| settings(c).map(|s| (s, c.clone())));
         let Some((wanted, configuration)) = newest else { return Ok(None) };
@@ -120,14 +108,15 @@ impl Collected {
     /// # Errors
     /// Where the archive cannot be read or is damaged; windows before that have been handed out.
     pub fn each_window(&self, setup: &Setup, on_window: &mut dyn FnMut(WindowLines)) -> Result<(), ArchiveError> {
-        let channels_of = channels_by_node(setup);
+        let nodes_expected = channels_by_node(setup).len();
+        let places = self.places(setup)?;
         let failed = |source| self.archive.failed(source);
         let mut statement = self
             .archive
             .connection
             .prepare(
-                "SELECT id, node, boot, number, configuration, grid_index, middle_offset_us, drift_ppb
-                 FROM window
+                "SELECT id, node, boot, number, configuration, grid_index, middle_offset_us, drift_ppb,
+                     start_us FROM window
                  WHERE setup = ?1 AND configuration IN (SELECT value FROM json_each(?2)) ORDER BY grid_index, node, id",
             )
             .map_err(failed)?;
@@ -136,7 +125,8 @@ impl Collected {
         let mut waiting: VecDeque<(WindowLines, BTreeSet<u16>)> = VecDeque::new();
         while let Some(row) = rows.next().map_err(failed)? {
             let (id, window) = read_window(row).map_err(failed)?;
-            let Some(channels) = channels_of.get(&window.name.node) else { continue };
+            let start_us: i64 = row.get(8).map_err(failed)?;
+            let Some(channels) = places.of(&window, start_us) else { continue };
             let grid_index = window.grid_index.saturating_sub(self.setup.first_grid_index);
             if waiting.back().is_none_or(|(last, _)| last.grid_index != grid_index) {
                 if waiting.len() > UNSETTLED
@@ -154,11 +144,33 @@ impl Collected {
                 place_lines(&self.setup.grid, window, channels, whole);
             }
         }
-        let is_whole = |(_, nodes): &(WindowLines, BTreeSet<u16>)| nodes.len() == channels_of.len();
+        let is_whole = |(_, nodes): &(WindowLines, BTreeSet<u16>)| nodes.len() >= nodes_expected;
         let unsettled = waiting.iter().rev().take_while(|start| !is_whole(start)).count().min(UNSETTLED);
         waiting.truncate(waiting.len() - unsettled);
         waiting.into_iter().for_each(|(whole, _)| on_window(whole));
         Ok(())
+    }
+
+    /// Where the setup's channels stand, by what each node was asked.
+    fn places(&self, setup: &Setup) -> Result<Places, ArchiveError> {
+        let rows = || -> rusqlite::Result<Vec<(u16, u32, i64, String)>> {
+            let query = "SELECT node, configuration, since_us, channels FROM asked WHERE setup = ?1 ORDER BY id";
+            let mut statement = self.archive.connection.prepare(query)?;
+            let row = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?));
+            statement.query_map([&setup.name], row)?.collect()
+        };
+        let mut places = Places::default();
+        for (node, hash, since_us, names) in rows().map_err(|source| self.archive.failed(source))? {
+            let names: Vec<String> = serde_json::from_str(&names)
+                .map_err(|error| self.archive.damaged(format!("channels of node {node}: {error}")))?;
+            let place = |name: &String| setup.sensors.iter().position(|sensor| sensor.channel == *name);
+            // A channel that the study has dropped since stands nowhere.
+            let channels: Vec<usize> = names.iter().map(|name| place(name).unwrap_or(usize::MAX)).collect();
+            if channels.iter().any(|&channel| channel < usize::MAX) {
+                places.0.entry((node, hash)).or_default().push((since_us, channels));
+            }
+        }
+        Ok(places)
     }
 
     fn channels(&self, id: i64, window: &NodeWindow) -> Result<Vec<crate::link::ChannelData>, ArchiveError> {
@@ -191,6 +203,18 @@ impl Collected {
             Some(lines) => Err(of(format!("{lines} lines where there should be {}", self.setup.grid.lines))),
             None => Ok(channels),
         }
+    }
+}
+
+/// Where a node's channels stand in the setup, by node and configuration, and from when on.
+#[derive(Debug, Default)]
+struct Places(BTreeMap<(u16, u32), Vec<(i64, Vec<usize>)>>);
+
+impl Places {
+    fn of(&self, window: &NodeWindow, start_us: i64) -> Option<&[usize]> {
+        let asked = self.0.get(&(window.name.node, window.configuration_hash))?;
+        let last = asked.iter().rev().find(|(since_us, _)| *since_us <= start_us).or(asked.first());
+        last.map(|(_, channels)| channels.as_slice())
     }
 }
 

@@ -1,23 +1,26 @@
 -- A study's archive, archive.sqlite: the windows that its nodes have sent. Written by `belfry collect`, open to everybody.
 
--- What nodes measured with, in the order in which it was asked of them.
-CREATE TABLE configuration (
+-- What nodes were asked to measure, in the order in which it was asked; a row for every change.
+CREATE TABLE asked (
+    id INTEGER PRIMARY KEY,
     setup TEXT NOT NULL,
-    hash INTEGER NOT NULL,              -- by which windows name it
-    since_us INTEGER NOT NULL,          -- asked first, in µs of Unix time
+    node INTEGER NOT NULL,
+    since_us INTEGER NOT NULL,          -- µs of Unix time
+    configuration INTEGER NOT NULL,     -- hash by which windows name the settings
     settings TEXT NOT NULL,             -- JSON: channels, sampling_rate_uhz, decimation, segment, summary, bands
-    PRIMARY KEY (setup, hash)
+    channels TEXT NOT NULL              -- JSON: names of the node's channels in study.toml, in its order
 ) STRICT;
 
--- Lives of nodes, from one start to the next.
-CREATE TABLE life (
+-- Which setup a node served from when on. A node's life lasts from one start to the next.
+CREATE TABLE service (
+    id INTEGER PRIMARY KEY,
     setup TEXT NOT NULL,
     node INTEGER NOT NULL,
     boot INTEGER NOT NULL,              -- drawn by the node at every start
-    first_window INTEGER NOT NULL,      -- the oldest window that the node still had when it was met first
-    since_us INTEGER NOT NULL,          -- met first, in µs of Unix time
-    PRIMARY KEY (setup, node, boot)
+    first_window INTEGER NOT NULL,      -- the oldest window that the node still had
+    since_us INTEGER NOT NULL           -- µs of Unix time
 ) STRICT;
+CREATE INDEX service_by_life ON service (node, boot, since_us);
 
 -- A node's windows, each once: (node, boot, number) is its name.
 CREATE TABLE window (
@@ -25,8 +28,8 @@ CREATE TABLE window (
     node INTEGER NOT NULL,
     boot INTEGER NOT NULL,
     number INTEGER NOT NULL,            -- counts the windows of a life, so that a gap shows
-    setup TEXT NOT NULL,
-    configuration INTEGER NOT NULL,     -- configuration.hash
+    setup TEXT NOT NULL,                -- that the node served when it began; empty where it served another before the end
+    configuration INTEGER NOT NULL,     -- asked.configuration
     grid_index INTEGER NOT NULL,        -- start in hops (half segments) since the Unix epoch
     start_us INTEGER NOT NULL,          -- the same in µs of Unix time
     middle_offset_us INTEGER NOT NULL,  -- when the segment's middle was, minus when it should have been; remove it as phase
@@ -36,7 +39,7 @@ CREATE TABLE window (
 ) STRICT;
 CREATE INDEX window_by_start ON window (setup, grid_index, node);
 
--- A window's channels, in the order of the node's sensors in study.toml.
+-- A window's channels; their names stand in the last asked.channels of that node and configuration before it began.
 CREATE TABLE channel (
     window INTEGER NOT NULL REFERENCES window (id),
     channel INTEGER NOT NULL,           -- from 0

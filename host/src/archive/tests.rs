@@ -73,8 +73,13 @@ impl Bench {
         Self { folder, archive }
     }
 
+    /// Asks the node that has as many channels.
     fn ask(&mut self, configuration: &Configuration, second: i64) {
-        self.archive.ask("now", configuration, HostTime(second * 1_000_000)).unwrap();
+        let (node, channels): (_, &[&str]) = match configuration.channels {
+            1 => (2, &["middle"]),
+            _ => (1, &["low", "top"]),
+        };
+        self.archive.ask("now", node, configuration, channels, HostTime(second * 1_000_000)).unwrap();
     }
 
     fn store(&mut self, configuration: &Configuration, window: &NodeWindow) {
@@ -175,13 +180,43 @@ fn the_newest_settings_count_and_what_was_measured_with_others_is_told() {
 }
 
 #[test]
-fn channels_that_the_study_has_moved_since_are_refused() {
+fn channels_go_by_the_names_that_they_had_when_they_were_measured() {
     let mut bench = Bench::new();
-    let three = configuration(3, 256);
-    bench.ask(&three, 1);
-    bench.store(&three, &window(&three, 1, 0, 0));
-    let error = bench.read().unwrap_err().to_string();
-    assert!(error.contains("node 1") && error.contains("3 channels") && error.contains("gives it 2"), "{error}");
+    let two = configuration(2, 256);
+    // A hop is 5.12 s. From 100 s on the node's cables are swapped, and the study with them; then one sensor is another.
+    bench.archive.ask("now", 1, &two, &["low", "top"], HostTime(0)).unwrap();
+    bench.archive.ask("now", 1, &two, &["top", "low"], HostTime(100_000_000)).unwrap();
+    bench.archive.ask("now", 1, &two, &["top", "gone"], HostTime(150_000_000)).unwrap();
+    for (number, grid_index) in [(0, 1), (1, 20), (2, 30), (3, 31), (4, 32)] {
+        bench.store(&two, &window(&two, 1, number, grid_index));
+    }
+    let (_, windows) = bench.read().unwrap().unwrap();
+    let expected = |grid_index, channel| Some((0..LINES).map(|place| line(grid_index, channel, place)).collect());
+    let seen: Vec<_> = windows.iter().map(|window| window.channels.clone()).collect();
+    assert_eq!(seen[0], [expected(1, 0), None, expected(1, 1)]);
+    assert_eq!(seen[1], [expected(20, 1), None, expected(20, 0)]);
+    assert_eq!(seen[2], [None, None, expected(30, 0)]);
+}
+
+#[test]
+fn two_programs_store_at_once() {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    bench.ask(&two, 1);
+    let folder = bench.folder.path().to_owned();
+    let other = std::thread::spawn(move || {
+        let mut archive = Archive::create(&folder).unwrap();
+        for number in 0..40 {
+            let two = configuration(2, 256);
+            archive.store("now", &two, &window(&two, 9, number, u64::from(number)), HostTime(0)).unwrap();
+        }
+    });
+    for number in 0..40 {
+        bench.store(&two, &window(&two, 1, number, u64::from(number)));
+    }
+    other.join().unwrap();
+    let count: i64 = bench.archive.connection.query_row("SELECT count(*) FROM window", [], |row| row.get(0)).unwrap();
+    assert_eq!(count, 80);
 }
 
 #[test]
@@ -200,14 +235,15 @@ fn a_life_that_is_met_again_says_what_is_kept_and_where_it_began() {
 }
 
 #[test]
-fn a_window_goes_to_the_setup_that_its_node_served_when_it_began() {
+fn a_window_goes_to_the_setup_that_its_node_served_and_to_none_while_it_was_carried() {
     let mut bench = Bench::new();
     let two = configuration(2, 256);
     bench.ask(&two, 1);
-    // The node is met for setup "before" at 100 s, and carried to "now" at 200 s. A hop is 5.12 s.
-    bench.archive.kept("before", 1, 7, 0, HostTime(100_000_000)).unwrap();
-    bench.archive.kept("now", 1, 7, 3, HostTime(200_000_000)).unwrap();
-    for (number, grid_index) in [(3, 30), (4, 40)] {
+    // The node serves "before" from 100 s on, "now" from 200 s on, and "before" again from 300 s on. A hop is 5.12 s.
+    for (setup, second) in [("before", 100), ("before", 150), ("now", 200), ("before", 300)] {
+        bench.archive.kept(setup, 1, 7, 3, HostTime(second * 1_000_000)).unwrap();
+    }
+    for (number, grid_index) in [(3, 30), (4, 38), (5, 45), (6, 70)] {
         bench.store(&two, &window(&two, 1, number, grid_index));
     }
     let setups: Vec<(u32, String)> = {
@@ -215,7 +251,8 @@ fn a_window_goes_to_the_setup_that_its_node_served_when_it_began() {
             bench.archive.connection.prepare("SELECT number, setup FROM window ORDER BY number").unwrap();
         statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap().map(Result::unwrap).collect()
     };
-    assert_eq!(setups, [(3, "before".to_owned()), (4, "now".to_owned())]);
+    let expected = [(3, "before"), (4, ""), (5, "now"), (6, "before")];
+    assert_eq!(setups, expected.map(|(number, setup)| (number, setup.to_owned())));
 }
 
 #[test]

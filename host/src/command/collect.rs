@@ -65,6 +65,9 @@ pub struct Arguments {
     /// Hours that will be measured, for the choice of the segment
     #[arg(long, value_name = "HOURS", default_value_t = 24.0, value_parser = hours)]
     hours: f64,
+    /// Drop windows that nodes still hold for another study, instead of leaving such nodes alone
+    #[arg(long)]
+    drop_foreign: bool,
     /// Bits a component of the spectral lines [default: 10, or what was collected with before]
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(3..=16))]
     bits: Option<u8>,
@@ -135,7 +138,13 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         archive.file().display()
     ));
     let stop = stop_on_signal()?;
-    let collection = Collection { setup: setup.name.clone(), ports, baud: arguments.baud, nodes };
+    let collection = Collection {
+        setup: setup.name.clone(),
+        ports,
+        baud: arguments.baud,
+        nodes,
+        drop_foreign: arguments.drop_foreign,
+    };
     let start = Instant::now();
     let statuses = collect(&collection, archive, &stop, &mut |statuses| {
         view.show(statuses);
@@ -210,12 +219,12 @@ fn settings(study: &Study, setup: &Setup, archive: &Archive, arguments: &Argumen
     };
     let rows = (arguments.hours * 3600.0 * setup.sampling_rate_hz) as u64;
     let extent = SetupExtent { sampling_rate_hz: setup.sampling_rate_hz, rows, channels: setup.sensors.len() };
-    let before = archive.configurations(&setup.name)?;
+    let before = archive.configurations(Some(&setup.name))?;
     // Another setup of the study, that was collected before, fixes the lines as well: they are analysed together.
     let others = study.setups.iter().filter(|other| other.live && other.name != setup.name);
     let mut candidates = before.clone();
     for other in others {
-        candidates.extend(archive.configurations(&other.name)?.into_iter().take(1));
+        candidates.extend(archive.configurations(Some(&other.name))?.into_iter().take(1));
     }
     for known in &candidates {
         let Summary::Lines { bits } = known.summary else { continue };
@@ -270,7 +279,8 @@ fn configurations(
     settings: &Settings,
     archive: &mut Archive,
 ) -> anyhow::Result<BTreeMap<u16, Configurations>> {
-    let earlier = archive.configurations(&setup.name)?;
+    // Of other setups too: a node that was carried over may still have windows of the one before.
+    let earlier = archive.configurations(None)?;
     let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let now = HostTime(i64::try_from(since_epoch.as_micros()).unwrap_or(i64::MAX));
     let mut nodes = BTreeMap::new();
@@ -279,7 +289,8 @@ fn configurations(
         let current: Configuration =
             node_configuration(setup.sampling_rate_hz, settings.decimation, &settings.grid, channels.len(), summary)
                 .with_context(|| format!("node {node} cannot be told these settings"))?;
-        archive.ask(&setup.name, &current, now)?;
+        let names: Vec<&str> = channels.iter().map(|&channel| setup.sensors[channel].channel.as_str()).collect();
+        archive.ask(&setup.name, node, &current, &names, now)?;
         nodes.insert(node, Configurations { current, earlier: earlier.clone() });
     }
     Ok(nodes)

@@ -210,10 +210,11 @@ impl LinesTable {
     }
 }
 
-/// Start of a window in s since the recording's first row. The grid's epoch is the first sample that the decimating filter
-/// sees whole.
+/// Start of a window in s since the recording's first row (its grid's epoch is the first sample that the decimating filter sees
+/// whole), or since the first window that was collected live.
 fn window_start_s(setup: &Setup, grid: &LineGrid, grid_index: u64) -> f64 {
     let decimation = (setup.sampling_rate_hz / grid.sampling_rate_hz).round() as u32;
-    let epoch_s = SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz;
+    let lead_rows = if setup.live { 0 } else { SpectralPlan::lead_rows(decimation) };
+    let epoch_s = lead_rows as f64 / setup.sampling_rate_hz;
     epoch_s + grid_index as f64 * (grid.segment / 2) as f64 / grid.sampling_rate_hz
 }

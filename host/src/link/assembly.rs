@@ -270,9 +270,10 @@ impl Assembler {
 
     /// What to ask again at `now`, of windows not asked since `before`; at most [`MAX_AGAIN`] ranges.
     ///
+    /// An ask counts towards giving up only if the node was `heard` since the last one: a line that is away costs no window.
     /// `settled` is the number below which parts are overdue: all windows known when the line has fallen silent, all but the
     /// newest while it is busy.
-    pub fn overdue(&mut self, now: HostTime, before: HostTime, busy: bool) -> Vec<Again> {
+    pub fn overdue(&mut self, now: HostTime, before: HostTime, heard: HostTime, busy: bool) -> Vec<Again> {
         let settled = if busy { self.known.saturating_sub(1) } else { self.known };
         let mut ranges: Vec<Again> = Vec::new();
         let mut hopeless = Vec::new();
@@ -289,7 +290,9 @@ impl Assembler {
                 hopeless.push(number);
                 continue;
             }
-            partial.asks += 1;
+            if partial.last_asked.is_none_or(|asked| heard > asked) {
+                partial.asks += 1;
+            }
             partial.last_asked = Some(now);
             for (first_part, last_part) in missing_parts(partial) {
                 ranges.push(Again { first_window: number, last_window: number, first_part, last_part });

@@ -16,8 +16,11 @@ use belfry_shared::time::{ClockModel, HostTime, NodeTime};
 const KEPT: usize = 64;
 /// Exchanges whose round trip is longer than the shortest by no more than this say over which time the clock is known.
 const ROUND_TRIP_TOLERANCE_US: i64 = 10_000;
-/// A line faster than its baud rate says (USB) makes round trips that seem negative, but not by more than this.
-const LEAST_ROUND_TRIP_US: i64 = -1_000_000;
+/// A reply cannot come before its request was sent, but for what reading clocks takes. (The time of frames on the line aside: one
+/// that is faster than its baud rate says, as USB is, makes round trips that seem negative.)
+const LEAST_WHOLE_ROUND_TRIP_US: i64 = -1_000;
+/// Exchanges are forgotten after this: crystals bend with the temperature, by some 0.2 ms from a line in an hour.
+const KEPT_US: i64 = 3_600_000_000;
 /// An exchange whose round trip is longer than the shortest by more than this bounds little.
 const SLOW_US: i64 = 500;
 /// Span of exchanges from which drift is estimated.
@@ -99,7 +102,11 @@ impl ClockEstimator {
         if self.exchanges.len() == KEPT {
             self.exchanges.pop_front();
         }
+        let newest = exchange.sent;
         self.exchanges.push_back(exchange);
+        while self.exchanges.front().is_some_and(|oldest| newest.since(oldest.sent) > KEPT_US) {
+            self.exchanges.pop_front();
+        }
     }
 
     /// Exchanges there are.
@@ -174,7 +181,8 @@ fn exchange(reply: &ClockReply, received: HostTime, request_us: i64, reply_us: i
     let away_us = received.0.checked_sub(reply_us)?.checked_sub(sent)?;
     let held_us = reply.node_sent.since(reply.node_received);
     let round_trip_us = away_us.checked_sub(held_us)?;
-    if held_us < 0 || round_trip_us < LEAST_ROUND_TRIP_US {
+    let whole_us = round_trip_us.saturating_add(request_us).saturating_add(reply_us);
+    if held_us < 0 || whole_us < LEAST_WHOLE_ROUND_TRIP_US {
         return None;
     }
     let least_us = sent.checked_sub(i64::try_from(reply.node_received.0).ok()?)?;

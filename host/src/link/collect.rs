@@ -31,6 +31,8 @@ use sink::ArchiveSink;
 const ASK: Duration = Duration::from_secs(2);
 /// Time between tries to open a port that is gone.
 const REOPEN: Duration = Duration::from_secs(2);
+/// Time between tries of a port whose node is of no use: it may be given another number, or other cables.
+const ASK_AGAIN: Duration = Duration::from_secs(15);
 /// Time between looks at what the ports have come to.
 const LOOK: Duration = Duration::from_millis(200);
 /// A node counts as silent when nothing came for this long: two heartbeats.
@@ -55,6 +57,8 @@ pub struct Collection {
     pub baud: u32,
     /// Its nodes, and what each has to measure.
     pub nodes: BTreeMap<u16, Configurations>,
+    /// Whether windows that nodes hold for another study are dropped.
+    pub drop_foreign: bool,
 }
 
 /// What a port has come to.
@@ -73,7 +77,7 @@ pub enum PortState {
     Measuring,
     /// Its node does not belong to the setup, and is left alone.
     Foreign,
-    /// Its node cannot be used; it is not tried again.
+    /// Its node cannot be used as it is; it is tried again now and then.
     Refused(String),
 }
 
@@ -144,7 +148,9 @@ pub fn collect(
         let workers: Vec<_> =
             statuses.iter().map(|status| scope.spawn(move || Worker::new(shared, status).run())).collect();
         while !workers.iter().all(thread::ScopedJoinHandle::is_finished) {
-            if on_look(&snapshot()).is_break() {
+            let statuses = snapshot();
+            let is_useless = |status: &PortStatus| matches!(status.state, PortState::Foreign | PortState::Refused(_));
+            if on_look(&statuses).is_break() || statuses.iter().all(is_useless) {
                 stop.store(true, Ordering::Relaxed);
             }
             thread::sleep(LOOK);
@@ -177,16 +183,16 @@ struct Worker<'a> {
     generation: u64,
 }
 
-/// Whether a port is worth another try.
+/// How soon a port is worth another try.
 enum Next {
-    Again,
-    Over,
+    Soon,
+    Later,
 }
 
 impl<'a> Worker<'a> {
     fn new(shared: &'a Shared<'a>, status: &'a Mutex<PortStatus>) -> Self {
         let port = lock(status).port.clone();
-        Self { shared, status, port, nodes: BTreeMap::new(), generation: shared.clock.generation() }
+        Self { shared, status, port, nodes: BTreeMap::new(), generation: shared.clock.look().1 }
     }
 
     fn is_stopped(&self) -> bool {
@@ -211,8 +217,9 @@ impl<'a> Worker<'a> {
                 Ok(mut port) => {
                     let next = self.use_port(&mut port);
                     lock(&self.shared.claims).retain(|_, claimed| *claimed != self.port);
-                    if matches!(next, Next::Over) {
-                        return;
+                    if matches!(next, Next::Later) {
+                        self.wait(ASK_AGAIN);
+                        continue;
                     }
                 }
                 Err(error) => self.set(PortState::Gone(with_cause(&error))),
@@ -238,23 +245,23 @@ impl<'a> Worker<'a> {
                 }
                 Err(ReplayError::Session(SessionError::Transport { source, .. })) => {
                     self.set(PortState::Gone(source.to_string()));
-                    return Next::Again;
+                    return Next::Soon;
                 }
                 Err(error) => {
                     self.set(PortState::Refused(with_cause(&error)));
-                    return Next::Over;
+                    return Next::Later;
                 }
             };
             let Some(configurations) = self.shared.collection.nodes.get(&node) else {
                 self.set(PortState::Foreign);
-                return Next::Over;
+                return Next::Later;
             };
             let claimed = lock(&self.shared.claims).entry(node).or_insert_with(|| self.port.clone()).clone();
             if claimed != self.port {
                 self.set(PortState::Refused(format!(
                     "node {node} answers on {claimed} already: two nodes have its number"
                 )));
-                return Next::Over;
+                return Next::Later;
             }
             self.set(PortState::Preparing);
             match self.serve(node, configurations, port) {
@@ -265,21 +272,21 @@ impl<'a> Worker<'a> {
                 }
                 Err(SessionError::Transport { source, .. }) => {
                     self.set(PortState::Gone(source.to_string()));
-                    return Next::Again;
+                    return Next::Soon;
                 }
                 Err(error @ SessionError::Store { .. }) => {
                     self.set(PortState::Refused(with_cause(&error)));
                     *lock(&self.shared.failure) = Some(CollectError::Store(error));
                     self.shared.stop.store(true, Ordering::Relaxed);
-                    return Next::Over;
+                    return Next::Later;
                 }
                 Err(error) => {
                     self.set(PortState::Refused(with_cause(&error)));
-                    return Next::Over;
+                    return Next::Later;
                 }
             }
         }
-        Next::Over
+        Next::Later
     }
 
     /// Serves a node until the stop, or until its line fails.
@@ -287,21 +294,21 @@ impl<'a> Worker<'a> {
         let shared = self.shared;
         let baud = shared.collection.baud;
         let state = self.nodes.entry(node).or_insert_with(|| NodeState {
-            session: Session::new(node, configurations.clone(), baud),
+            session: Session::new(node, configurations.clone(), baud).dropping_foreign(shared.collection.drop_foreign),
             peaks: PeakMeter::new(&configurations.current),
             gaps: 0,
             last_gap: None,
         });
         let NodeState { session, peaks, gaps, last_gap } = state;
+        session.reconnect();
         let mut looked = Instant::now();
         loop {
-            let generation = shared.clock.generation();
+            let (now, generation) = shared.clock.look();
             if generation != self.generation {
                 // The computer's clock was set: what is known of the node's is worth nothing.
                 self.generation = generation;
                 session.restart();
             }
-            let now = shared.clock.now();
             let mut sink = ArchiveSink {
                 archive: &shared.archive,
                 setup: &shared.collection.setup,
@@ -319,7 +326,7 @@ impl<'a> Worker<'a> {
                     peaks.add(window);
                 },
             };
-            session.service(now, port, &mut sink)?;
+            session.service(&|| shared.clock.look().0, port, &mut sink)?;
             let stopped = shared.stop.load(Ordering::Relaxed);
             if looked.elapsed() >= LOOK || stopped {
                 looked = Instant::now();

@@ -1,7 +1,7 @@
 //! A fleet of simulated nodes: the real firmware library, fed from a recording, talking over simulated serial lines.
 //!
-//! Rows of one setup flow in, windows of all its channels flow out, on the grid of host time. Every node has its own crystal
-//! (off by up to 20 ppm), its own boot time and its own line; host and node run the code they run on a real port.
+//! Rows of one setup flow in, windows of all its channels flow out, on the grid of host time. Every node has its own
+//! boot time, its own line and, where it paces the rows, its own crystal; host and node run the code they run on a real port.
 
 mod grid;
 mod node;
@@ -45,7 +45,8 @@ pub struct FleetOptions {
 /// When simulated nodes sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pace {
-    /// When the rows of the recording were sampled; the nodes' clocks are off by up to 20 ppm, as drawn.
+    /// When the rows of the recording were sampled, by clocks that started at other times but run like the recording's: a crystal
+    /// that is off samples at other moments, of which a recording has no rows.
     Recording,
     /// When their own crystals say, as on a board: every other node's is so many ppm fast, the others' as many slow. Rows are
     /// interpolated to these moments.

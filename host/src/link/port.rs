@@ -3,7 +3,7 @@
 //! A port is named as the system names it (`/dev/ttyACM0`, `COM3`), or `tcp:HOST:PORT`, or `unix:PATH`.
 
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::TcpStream;
+use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use thiserror::Error;
@@ -12,6 +12,8 @@ use super::Transport;
 
 /// How long a look for bytes waits.
 const WAIT: Duration = Duration::from_millis(2);
+/// How long a connection may take.
+const CONNECT: Duration = Duration::from_secs(3);
 /// How long bytes may wait for the line before it counts as dead.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -59,7 +61,7 @@ impl Port {
 
     fn line(name: &str, baud: u32) -> io::Result<Line> {
         if let Some(address) = name.strip_prefix("tcp:") {
-            let stream = TcpStream::connect(address)?;
+            let stream = connect(address)?;
             stream.set_nodelay(true)?;
             stream.set_read_timeout(Some(WAIT))?;
             stream.set_write_timeout(Some(PATIENCE))?;
@@ -123,6 +125,18 @@ impl Transport for Port {
             read => read,
         }
     }
+}
+
+/// Connects to the first of a name's addresses that answers; a host that is switched off must not hold anybody up for minutes.
+fn connect(address: &str) -> io::Result<TcpStream> {
+    let mut failure = io::Error::new(ErrorKind::NotFound, "the name has no address");
+    for address in address.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, CONNECT) {
+            Ok(stream) => return Ok(stream),
+            Err(error) => failure = error,
+        }
+    }
+    Err(failure)
 }
 
 /// Names of the serial ports that there are, and what hangs on them where it is known.

@@ -289,7 +289,11 @@ impl<'a> Conversation<'a> {
             // Everything that came of the rows has been sent before the node says that it has taken them: what is missing now
             // was lost on the way.
             let now = HostTime(0);
-            let again = if taken && !assembler.is_complete() { assembler.overdue(now, now, false) } else { Vec::new() };
+            let again = if taken && !assembler.is_complete() {
+                assembler.overdue(now, now, HostTime(1), false)
+            } else {
+                Vec::new()
+            };
             if fed.windows.len() > stored || !again.is_empty() {
                 self.repeated += again.len() as u64;
                 let again_is_empty = again.is_empty();

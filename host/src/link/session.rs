@@ -27,6 +27,8 @@ const FIRST_EXCHANGE_PERIOD_US: i64 = 100_000;
 const EXCHANGE_SHARE: i64 = 4;
 const LEAST_EXCHANGE_PERIOD_US: i64 = 20_000_000;
 const EXCHANGE_PERIOD_US: i64 = 300_000_000;
+/// Time over which the clock is measured before an earlier host's estimate is replaced.
+const SETTLED_SPAN_US: i64 = 900_000_000;
 /// How often, and how soon, an exchange that was slow is made again.
 const REPEATS: u32 = 3;
 const REPEAT_PERIOD_US: i64 = 1_000_000;
@@ -75,6 +77,14 @@ pub enum SessionError {
         node: u16,
         /// Why.
         reason: RefusalReason,
+    },
+    /// The node holds windows that were asked for elsewhere.
+    #[error(
+        "node {node} still holds windows that another study asked for: collect them there, or have them dropped with --drop-foreign"
+    )]
+    ForeignWindows {
+        /// The node the session is for.
+        node: u16,
     },
     /// The transport failed.
     #[error("the line to node {node} failed")]
@@ -158,6 +168,11 @@ pub struct Session {
     next_exchange: HostTime,
     last_received: HostTime,
     acknowledge: bool,
+    drops_foreign: bool,
+    /// Whether an earlier host's time is on the node: a better one takes a while.
+    knows_time: bool,
+    /// Whether the host's own clock was set, and the node's time is wrong with it.
+    must_set_time: bool,
     hello: Option<Hello>,
     heartbeat: Option<Heartbeat>,
     /// The node's earlier lives, oldest first.
@@ -185,12 +200,20 @@ impl Session {
             next_exchange: HostTime(i64::MIN),
             last_received: HostTime(i64::MIN),
             acknowledge: false,
+            drops_foreign: false,
+            knows_time: false,
+            must_set_time: false,
             hello: None,
             heartbeat: None,
             earlier: Vec::new(),
             forgotten_losses: 0,
             statistics: SessionStatistics::default(),
         }
+    }
+
+    /// Gives windows up that another study asked for, instead of ending with an error.
+    pub fn dropping_foreign(self, drops_foreign: bool) -> Self {
+        Self { drops_foreign, ..self }
     }
 
     /// The node it is for.
@@ -208,13 +231,20 @@ impl Session {
         !self.acknowledge && self.assembler.as_ref().is_none_or(Assembler::is_complete)
     }
 
+    /// Begins anew with the greeting, on a line that was away: the node may have started anew meanwhile.
+    pub fn reconnect(&mut self) {
+        self.stage = Stage::Greeting;
+        self.next_try = HostTime(i64::MIN);
+        self.last_received = HostTime(i64::MIN);
+    }
+
     /// Begins anew with the greeting and the time; for a host whose own clock was set. What is known of windows stays.
     pub fn restart(&mut self) {
-        self.stage = Stage::Greeting;
+        self.reconnect();
         self.clock.clear();
-        self.next_try = HostTime(i64::MIN);
+        self.knows_time = false;
+        self.must_set_time = true;
         self.next_exchange = HostTime(i64::MIN);
-        self.last_received = HostTime(i64::MIN);
     }
 
     /// The node's last greeting.
@@ -245,10 +275,11 @@ impl Session {
         SessionStatistics { lost_windows, ..self.statistics }
     }
 
-    /// Reads everything that has arrived, says what is due, and sends it.
+    /// Reads everything that has arrived, says what is due, and sends it. `clock` is read when bytes have come: what arrives
+    /// while others are stored must not seem to have come before.
     pub fn service(
         &mut self,
-        now: HostTime,
+        clock: &dyn Fn() -> HostTime,
         transport: &mut dyn Transport,
         sink: &mut dyn WindowSink,
     ) -> Result<(), SessionError> {
@@ -260,9 +291,9 @@ impl Session {
             if count == 0 {
                 break;
             }
-            self.receive(now, &buffer[..count], sink)?;
+            self.receive(clock(), &buffer[..count], sink)?;
         }
-        self.poll(now);
+        self.poll(clock());
         if !self.outgoing.is_empty() {
             let bytes: Vec<u8> = self.outgoing.drain(..).collect();
             self.statistics.bytes_sent += bytes.len() as u64;
@@ -339,10 +370,12 @@ impl Session {
                 let on_line = |bytes: usize| (bytes as f64 * self.byte_us).round() as i64;
                 let (request_us, reply_us) = (on_line(self.request_bytes), on_line(self.frame_bytes));
                 self.clock.add(reply, now, request_us, reply_us);
-                if self.stage == Stage::Measuring
-                    && let Some(model) = self.clock.model()
-                {
-                    self.say(&HostMessage::SetClock(model));
+                if self.stage == Stage::Measuring {
+                    // A first estimate must not take the place of one that an earlier host made over hours.
+                    let is_better = !self.knows_time || self.clock.span_us() >= SETTLED_SPAN_US;
+                    if let Some(model) = self.clock.model().filter(|_| is_better) {
+                        self.say(&HostMessage::SetClock(model));
+                    }
                     if self.clock.is_last_slow() && self.repeats < REPEATS {
                         self.repeats += 1;
                         self.next_exchange = HostTime(now.0.saturating_add(REPEAT_PERIOD_US));
@@ -365,10 +398,11 @@ impl Session {
                 let Some(assembler) = &mut self.assembler else { return Ok(()) };
                 match assembler.take(&self.configurations, part, encoded) {
                     Outcome::Taken => {}
-                    Outcome::Foreign => {
+                    Outcome::Foreign if self.drops_foreign => {
                         self.statistics.foreign_windows += 1;
                         self.acknowledge = true;
                     }
+                    Outcome::Foreign => return Err(SessionError::ForeignWindows { node: self.node }),
                     Outcome::Duplicate => {
                         self.statistics.duplicate_parts += 1;
                         self.acknowledge = true;
@@ -413,11 +447,19 @@ impl Session {
                 self.forgotten_losses += oldest.lost() + oldest.missing();
             }
             self.clock.clear();
+            self.knows_time = hello.clock_set;
             self.heartbeat = None;
         }
         self.hello = Some(hello.clone());
+        if hello.replaying {
+            // Its host has gone away in the middle of a recording; until that has ended it takes no sample and no time.
+            self.say(&HostMessage::EndReplay);
+            self.stage = Stage::Greeting;
+            return Ok(());
+        }
         let configured = hello.configuration_hash == Some(self.configurations.current.hash());
-        let stage = match (configured, hello.clock_set) {
+        let clock_set = hello.clock_set && !self.must_set_time;
+        let stage = match (configured, clock_set) {
             (false, _) => Stage::Configuring,
             (true, _) if self.clock.len() < FIRST_EXCHANGES => Stage::Timing,
             (true, false) => Stage::SettingClock,
@@ -445,13 +487,14 @@ impl Session {
                 self.next_try = HostTime(now.0 + RETRY_US);
             }
             Stage::Timing if self.clock.len() >= FIRST_EXCHANGES => {
-                self.stage = Stage::SettingClock;
+                self.stage = if self.knows_time { Stage::Measuring } else { Stage::SettingClock };
                 self.next_try = now;
             }
             Stage::Timing if now >= self.next_exchange => self.ask_time(now, FIRST_EXCHANGE_PERIOD_US),
             Stage::SettingClock if retry => {
                 if let Some(model) = self.clock.model() {
                     self.say(&HostMessage::SetClock(model));
+                    self.must_set_time = false;
                 }
                 self.say(&HostMessage::Greet);
                 self.next_try = HostTime(now.0 + RETRY_US);
@@ -472,7 +515,7 @@ impl Session {
             Vec::new()
         } else {
             self.next_try = HostTime(now.0 + SILENCE_US);
-            assembler.overdue(now, HostTime(now.0 - ASK_PERIOD_US), busy)
+            assembler.overdue(now, HostTime(now.0 - ASK_PERIOD_US), self.last_received, busy)
         };
         if again.is_empty() && !self.acknowledge {
             return;

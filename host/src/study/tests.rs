@@ -321,6 +321,11 @@ fn the_blank_template_explains_every_key_with_a_value_that_loads() {
     let without = |text: &str, key: &str| -> String {
         text.lines().filter(|line| !line.starts_with(key)).map(|line| format!("{line}\n")).collect()
     };
+    // And files or live nodes.
+    let live = without(&without(&without(with_setups, "matrices = "), "files = "), "variable = ");
+    let live = without(&live, "sensitivity_v_per_m_s2 = ").replace("unit = \"V\"", "unit = \"m/s2\"");
+    assert!(load(&live).unwrap().setups[0].live);
+    let with_setups = &without(with_setups, "live = ");
     let study = load(&without(with_setups, "matrices = ")).unwrap();
     assert_eq!(study.setups[0].sensors[1].dof, Some(123));
     assert_eq!(study.analysis.segment, Some(4096));

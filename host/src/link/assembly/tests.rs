@@ -141,7 +141,7 @@ proptest! {
             let encoded = encode(&head(number, part, [sound; 3]));
             let _ = take(&mut assembler, &configuration, &encoded);
             assembler.heartbeat(first_line.into(), number);
-            let _ = assembler.overdue(HostTime(i64::from(number)), HostTime(0), part % 2 == 0);
+            let _ = assembler.overdue(HostTime(i64::from(number)), HostTime(0), HostTime(i64::from(part)), part % 2 == 0);
         }
     }
 }
@@ -245,7 +245,7 @@ fn a_late_frame_is_a_duplicate_not_four_billion_lost_ones() {
 }
 
 fn asked(assembler: &mut Assembler, now: i64, busy: bool) -> Vec<(u32, u32, u16, u16)> {
-    let again = assembler.overdue(HostTime(now), HostTime(now - 100), busy);
+    let again = assembler.overdue(HostTime(now), HostTime(now - 100), HostTime(now), busy);
     again.iter().map(|range| (range.first_window, range.last_window, range.first_part, range.last_part)).collect()
 }
 
@@ -286,6 +286,17 @@ fn what_the_node_no_longer_has_and_what_never_comes_is_given_up_and_counted() {
         let _ = asked(&mut assembler, i64::from(round) * 1000, false);
     }
     assert_eq!((assembler.below(), assembler.lost(), assembler.is_complete()), (5, 5, true));
+}
+
+#[test]
+fn a_line_on_which_nothing_is_heard_gives_no_window_up() {
+    let mut assembler = Assembler::new(BOOT);
+    assembler.heartbeat(0, 1);
+    for round in 0..i64::from(10 * MAX_ASKS) {
+        let again = assembler.overdue(HostTime(round * 1000), HostTime(round * 1000 - 100), HostTime(-1), false);
+        assert_eq!(again.len(), 1);
+    }
+    assert_eq!((assembler.below(), assembler.lost()), (0, 0));
 }
 
 #[test]

@@ -42,18 +42,13 @@ impl HostClock {
         Self(Mutex::new(Base::read(0)))
     }
 
-    /// Now.
-    pub(super) fn now(&self) -> HostTime {
-        let microseconds = lock(&self.0).now().as_micros();
-        HostTime(i64::try_from(microseconds).unwrap_or(i64::MAX))
-    }
-
-    /// Counts how often the computer's clock has jumped; looks whether it has again.
-    pub(super) fn generation(&self) -> u64 {
+    /// Now, and how often the computer's clock has jumped.
+    pub(super) fn look(&self) -> (HostTime, u64) {
         let mut base = lock(&self.0);
         if base.now().abs_diff(unix_time()) > JUMP {
             *base = Base::read(base.generation + 1);
         }
-        base.generation
+        let microseconds = i64::try_from(base.now().as_micros()).unwrap_or(i64::MAX);
+        (HostTime(microseconds), base.generation)
     }
 }

@@ -14,6 +14,9 @@ struct Pending {
     window: WindowLines,
 }
 
+/// Crystals drift by less.
+const MOST_DRIFT: f64 = 500e-6;
+
 /// Gathers what the nodes of a setup say about the same interval.
 #[derive(Debug)]
 pub(super) struct GridAssembler {
@@ -57,7 +60,14 @@ impl GridAssembler {
 
 /// Puts a node's lines where its `channels` stand in a window of the whole setup, as if an exact crystal had sampled it on the
 /// grid.
+///
+/// A remainder beyond what a start on the nearest sample and a crystal can leave means that clocks were set meanwhile; such a
+/// window has no place.
 pub(crate) fn place_lines(grid: &LineGrid, window: NodeWindow, channels: &[usize], whole: &mut WindowLines) {
+    let most_us = 1e6 / grid.sampling_rate_hz * (1.5 + 0.5 * grid.segment as f64 * MOST_DRIFT);
+    if f64::from(window.middle_offset_us).abs() > most_us {
+        return;
+    }
     for (data, &channel) in window.channels.into_iter().zip(channels) {
         if let (ChannelData::Lines(mut lines), Some(place)) = (data, whole.channels.get_mut(channel)) {
             move_lines(grid, window.drift_ppb, &mut lines);

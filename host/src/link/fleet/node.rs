@@ -19,8 +19,6 @@ const AFTERMATH_NS: Nanoseconds = 250_000_000_000;
 const PATIENCE_NS: Nanoseconds = 3_600_000_000_000;
 /// The node gets time to work at least this often.
 const TICK_NS: Nanoseconds = 1_000_000_000;
-/// Crystal tolerance.
-const MAX_DRIFT: f64 = 20e-6;
 
 /// What comes from a worker.
 pub(super) enum Feed {
@@ -84,9 +82,8 @@ impl SimulatedNode {
         let first_row = row_time(0, lead_rows, sampling_rate_uhz);
         let start = first_row - PREPARATION_NS;
         let boot = start - random.random_range(1_000_000_000..1_000_000_000_000);
-        let drawn = random.random_range(-MAX_DRIFT..MAX_DRIFT);
         let (drift, resampler) = match options.pace {
-            Pace::Recording => (drawn, None),
+            Pace::Recording => (0.0, None),
             Pace::Crystal { ppm } => {
                 let drift = 1e-6 * if number % 2 == 0 { ppm } else { -ppm };
                 let period_ns = 1e15 / sampling_rate_uhz.max(1) as f64;
@@ -211,7 +208,8 @@ impl SimulatedNode {
             self.node_end.write(&frame[..count]).map_err(failed)?;
         }
         // Rounded up: a byte that has arrived has arrived.
-        self.session.service(HostTime(now.div_euclid(1000) + 1), &mut self.host_end, &mut self.windows)?;
+        let host_time = HostTime(now.div_euclid(1000) + 1);
+        self.session.service(&|| host_time, &mut self.host_end, &mut self.windows)?;
         Ok(())
     }
 }

@@ -69,7 +69,7 @@ impl Bench {
                 let count = self.node.transmit(node_time, &mut frame);
                 node_end.write(&frame[..count]).unwrap();
             }
-            self.session.service(HostTime(now_us), &mut self.line.host_end(), sink)?;
+            self.session.service(&|| HostTime(now_us), &mut self.line.host_end(), sink)?;
         }
         Ok(())
     }
@@ -336,4 +336,53 @@ fn a_session_finds_its_place_with_a_node_that_has_measured_for_weeks() {
     tell(&mut session, &heartbeat(1, 70_000, 70_003), &mut windows).unwrap();
     tell(&mut session, &unsound(1, 70_000), &mut windows).unwrap();
     assert_eq!(windows.len(), 1);
+}
+
+/// The messages that a session says, read from its outgoing bytes.
+fn said(session: &mut Session) -> Vec<HostMessage> {
+    let mut decoder = FrameDecoder::new();
+    let bytes: Vec<u8> = session.outgoing.drain(..).collect();
+    let frames = bytes.iter().filter_map(|&byte| decoder.push(byte).map(|frame| frame.unwrap().to_vec()));
+    frames.map(|frame| message::decode(&frame).unwrap()).collect()
+}
+
+#[test]
+fn a_node_that_was_left_in_a_recording_is_told_to_measure_again() {
+    let mut session = measuring(1);
+    let left = Hello { replaying: true, ..hello() };
+    tell(&mut session, &NodeMessage::Hello(left), &mut Vec::<NodeWindow>::new()).unwrap();
+    assert!(!session.is_measuring());
+    assert!(said(&mut session).contains(&HostMessage::EndReplay));
+}
+
+#[test]
+fn windows_of_another_study_end_the_session_unless_they_may_be_dropped() {
+    let NodeMessage::Head(head) = unsound(1, 0) else { panic!("a window without data is a head") };
+    let foreign = NodeMessage::Head(message_of_another_study(head));
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    let mut session = measuring(1);
+    let error = tell(&mut session, &foreign, &mut windows).unwrap_err();
+    assert!(matches!(error, SessionError::ForeignWindows { node: 3 }), "{error}");
+    assert!(!said(&mut session).iter().any(|message| matches!(message, HostMessage::Acknowledge(_))));
+    let mut session = measuring(1).dropping_foreign(true);
+    tell(&mut session, &foreign, &mut windows).unwrap();
+    assert_eq!((session.statistics().foreign_windows, session.statistics().lost_windows, windows.len()), (1, 0, 0));
+}
+
+fn message_of_another_study(head: belfry_shared::message::WindowHead) -> belfry_shared::message::WindowHead {
+    belfry_shared::message::WindowHead { configuration_hash: head.configuration_hash ^ 1, ..head }
+}
+
+#[test]
+fn an_earlier_hosts_time_stays_until_a_better_one_is_known() {
+    let mut bench = Bench::new(Faults::default());
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    bench.run(50 * 60, &mut windows).unwrap();
+    bench.session = Session::new(3, Configurations::only(configuration()), BAUD);
+    bench.run(50 * 60, &mut windows).unwrap();
+    assert!(bench.session.is_measuring() && bench.session.knows_time);
+    // The host's own clock was set: now at once.
+    bench.session.restart();
+    bench.run(50 * 60, &mut windows).unwrap();
+    assert!(bench.session.is_measuring() && !bench.session.knows_time && !bench.session.must_set_time);
 }
