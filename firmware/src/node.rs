@@ -18,8 +18,9 @@ use crate::schedule::{SampleMoment, rows_to_us};
 use crate::spectrum::LONGEST_SEGMENT;
 use crate::windows::{Arena, Files, WindowMaker, Workshop};
 
-/// Time between heartbeats in µs.
+/// Time between heartbeats in µs; the first comes earlier, so that a sensor that is absent is soon told.
 const HEARTBEAT_US: i64 = 120_000_000;
+const FIRST_HEARTBEAT_US: i64 = 10_000_000;
 /// Rows that may be missing in one piece before the node starts over at the next window.
 const MAX_MISSING_ROWS: i64 = 1000;
 
@@ -100,7 +101,8 @@ pub struct Node<M> {
     outbox: Outbox,
     memory: M,
     level: LevelMeter,
-    last_heartbeat: Option<NodeTime>,
+    /// When the next heartbeat is due; `None` before the node has looked at the time.
+    next_heartbeat: Option<NodeTime>,
     decoder: FrameDecoder,
     damaged_frames: u32,
     lost_rows: u32,
@@ -124,7 +126,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             outbox: Outbox::new(),
             memory,
             level: LevelMeter::START,
-            last_heartbeat: None,
+            next_heartbeat: None,
             decoder: FrameDecoder::new(),
             damaged_frames: 0,
             lost_rows: 0,
@@ -210,7 +212,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         if self.plan.is_some() {
             self.replay = Some(0);
             self.clock = Some(ClockModel { node: NodeTime(0), host: replay.start, drift_ppb: 0 });
-            self.last_heartbeat = None;
+            self.next_heartbeat = None;
             self.interrupt();
             // Numbers of windows go on: the host must know from where.
             self.pending.heartbeat = true;
@@ -221,7 +223,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     fn end_replay(&mut self) {
         if self.replay.take().is_some() {
             self.clock = None;
-            self.last_heartbeat = None;
+            self.next_heartbeat = None;
             self.interrupt();
         }
         self.pending.hello = true;
@@ -254,6 +256,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 self.plan = Some(plan);
                 // The rows of a recording were for the plan before this one.
                 self.end_replay();
+                self.next_heartbeat = None;
                 self.interrupt();
                 self.pending.hello = true;
             }
@@ -331,13 +334,13 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     /// Does one step of waiting work (one channel of one segment at most). Returns whether there was any; call again then.
     pub fn poll(&mut self, now: NodeTime) -> bool {
         let now = self.time(now);
-        match self.last_heartbeat {
-            Some(last) if now.since(last) < HEARTBEAT_US => {}
+        match self.next_heartbeat {
+            Some(due) if now.since(due) < 0 => {}
             Some(_) => {
                 self.pending.heartbeat = true;
-                self.last_heartbeat = Some(now);
+                self.next_heartbeat = Some(now.offset(HEARTBEAT_US));
             }
-            None => self.last_heartbeat = Some(now),
+            None => self.next_heartbeat = Some(now.offset(FIRST_HEARTBEAT_US)),
         }
         let Some(plan) = &self.plan else { return false };
         let Memory { rings, segment, arena } = &mut *self.memory;

@@ -282,7 +282,7 @@ fn ports_and_studies_that_do_not_serve_are_told_in_words() {
     let study = bench.folder.path().join("study.toml");
     let text = fs::read_to_string(&study).unwrap();
     fs::write(&study, text.replace("node = 3", "node = 4").replace("node = 8", "node = 5")).unwrap();
-    fails(&mut bench.collect(&[]), &["belongs to no sensor of this setup", "no port has a node that can be used"]);
+    fails(&mut bench.collect(&[]), &["no sensor of this setup has `node = 3`", "no port has a node that can be used"]);
     // More channels than the node has.
     fs::write(&study, text.replace("node = 8", "node = 3")).unwrap();
     let mut one_port = belfry_command();

@@ -40,7 +40,7 @@ pub enum ArchiveError {
         source: rusqlite::Error,
     },
     /// It is a database of something else.
-    #[error("{file} is a database, but no archive of belfry: move it away", file = .file.display())]
+    #[error("{file} is no archive of belfry: move it away", file = .file.display())]
     NotAnArchive {
         /// The file.
         file: PathBuf,
@@ -225,7 +225,15 @@ impl Archive {
                 self.connection.prepare_cached("SELECT number FROM window WHERE node = ?1 AND boot = ?2")?;
             let numbers =
                 statement.query_map(params![node, boot], |row| row.get(0))?.collect::<rusqlite::Result<_>>()?;
-            Ok(KeptWindows { first, numbers })
+            let last = self
+                .connection
+                .query_row(
+                    "SELECT number, grid_index FROM window WHERE node = ?1 AND boot = ?2 ORDER BY number DESC LIMIT 1",
+                    params![node, boot],
+                    |row| Ok((row.get(0)?, row.get(1)?)),
+                )
+                .optional()?;
+            Ok(KeptWindows { first, numbers, last })
         };
         known().map_err(|source| self.failed(source))
     }

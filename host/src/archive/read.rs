@@ -206,9 +206,12 @@ impl Collected {
     }
 }
 
-/// Where a node's channels stand in the setup, by node and configuration, and from when on.
+/// From when on, in µs of Unix time, a node's channels stand where in the setup.
+type Standing = (i64, Vec<usize>);
+
+/// Where nodes' channels stand, by node and configuration.
 #[derive(Debug, Default)]
-struct Places(BTreeMap<(u16, u32), Vec<(i64, Vec<usize>)>>);
+struct Places(BTreeMap<(u16, u32), Vec<Standing>>);
 
 impl Places {
     fn of(&self, window: &NodeWindow, start_us: i64) -> Option<&[usize]> {

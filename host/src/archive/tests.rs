@@ -226,12 +226,15 @@ fn a_life_that_is_met_again_says_what_is_kept_and_where_it_began() {
     let met = |bench: &mut Bench, setup, boot, oldest, second: i64| {
         bench.archive.kept(setup, 1, boot, oldest, HostTime(second * 1_000_000)).unwrap()
     };
-    assert_eq!(met(&mut bench, "now", 7, 40, 1), KeptWindows { first: 40, numbers: vec![] });
+    assert_eq!(met(&mut bench, "now", 7, 40, 1), KeptWindows { first: 40, ..KeptWindows::default() });
     for number in [40, 42] {
         bench.store(&two, &window(&two, 1, number, u64::from(number)));
     }
-    assert_eq!(met(&mut bench, "now", 7, 43, 2), KeptWindows { first: 40, numbers: vec![40, 42] });
-    assert_eq!(met(&mut bench, "now", 8, 0, 3), KeptWindows { first: 0, numbers: vec![] });
+    assert_eq!(
+        met(&mut bench, "now", 7, 43, 2),
+        KeptWindows { first: 40, numbers: vec![40, 42], last: Some((42, 42)) }
+    );
+    assert_eq!(met(&mut bench, "now", 8, 0, 3), KeptWindows::default());
 }
 
 #[test]

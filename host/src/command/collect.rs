@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
-use belfry_shared::message::{Configuration, Summary};
+use belfry_shared::message::{Configuration, SensorState, Summary};
 use belfry_shared::time::HostTime;
 use clap::Args;
 use serde::Serialize;
@@ -59,8 +59,8 @@ pub struct Arguments {
     /// The live setup to collect, where the study has several
     #[arg(long, value_name = "NAME")]
     setup: Option<String>,
-    /// Stop after this time, such as 12h or 30min
-    #[arg(long = "for", value_name = "DURATION", value_parser = humantime::parse_duration)]
+    /// Stop after this time, such as 12h, 30min or 40s
+    #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
     duration: Option<Duration>,
     /// Hours that will be measured, for the choice of the segment
     #[arg(long, value_name = "HOURS", default_value_t = 24.0, value_parser = hours)]
@@ -71,6 +71,10 @@ pub struct Arguments {
     /// Bits a component of the spectral lines [default: 10, or what was collected with before]
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(3..=16))]
     bits: Option<u8>,
+}
+
+fn duration(text: &str) -> Result<Duration, String> {
+    humantime::parse_duration(text).map_err(|error| format!("{error}; expected a time such as 12h, 30min or 40s"))
 }
 
 fn hours(text: &str) -> Result<f64, String> {
@@ -105,6 +109,8 @@ struct PortReport {
     bytes_received: u64,
     clock_drift_ppm: Option<f64>,
     level_m_s2: Vec<f32>,
+    /// What is wrong with each channel's sensor; nothing where it is sound.
+    sensors: Vec<Option<String>>,
     peaks_hz: Vec<f64>,
     last_fault: Option<String>,
 }
@@ -163,15 +169,21 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         windows_in_archive: windows,
         ports: statuses.iter().map(port_report).collect(),
     })?;
-    console.say(view.table(&statuses));
+    console.say(view.text(&statuses));
     let stored: u64 = statuses.iter().map(|status| status.statistics.windows).sum();
-    console.say(format!("{stored} windows of nodes have come; the archive now has {windows} starts of this setup."));
+    let gaps: u64 = statuses.iter().map(|status| status.gaps).sum();
+    console.say(format!(
+        "{stored} windows of nodes have come, {gaps} of them with gaps; the archive now has {windows} windows of this setup."
+    ));
     let usable = |status: &&PortStatus| !matches!(status.state, PortState::Refused(_) | PortState::Foreign);
     if statuses.iter().filter(usable).count() == 0 {
         let reasons: Vec<String> = statuses.iter().map(view::state_in_words).collect();
         bail!("no port has a node that can be used: {}", reasons.join("; "));
     }
-    if windows > 0 {
+    if statuses.iter().all(|status| status.node.is_none()) {
+        bail!("no node has answered on {}", collection.ports.join(", "));
+    }
+    if windows > 0 && (stored == 0 || gaps < stored) {
         console.say(format!("Next: belfry identify {}", study.folder.display()));
     }
     Ok(())
@@ -253,7 +265,7 @@ fn settings(study: &Study, setup: &Setup, archive: &Archive, arguments: &Argumen
     let mut reason = in_words(&grid, bits);
     if !before.is_empty() {
         reason += &format!(
-            "\n[analysis] (band {} to {} Hz) asks for other lines than were collected before: what came before stays in the archive, but cannot be averaged with what comes now.",
+            "\nThe setup or its [analysis] (band {} to {} Hz, segment, rate) asks for other lines than were collected before: what came before stays in the archive, but cannot be averaged with what comes now.",
             band_hz[0], band_hz[1]
         );
     }
@@ -263,10 +275,11 @@ fn settings(study: &Study, setup: &Setup, archive: &Archive, arguments: &Argumen
 fn in_words(grid: &LineGrid, bits: u8) -> String {
     let segment_s = 1.0 / grid.spacing_hz();
     format!(
-        "segments of {} points at {} Hz, {segment_s:.0} s, and a window every {:.0} s; {} lines from {:.4} to {:.4} Hz in {bits} bits.",
+        "Segments of {} points at {:.4} Hz, {} s, and a window every {} s; {} lines from {:.4} to {:.4} Hz in {bits} bits.",
         grid.segment,
         grid.sampling_rate_hz,
-        0.5 * segment_s,
+        view::seconds(segment_s),
+        view::seconds(0.5 * segment_s),
         grid.lines,
         grid.frequency_hz(0),
         grid.frequency_hz(grid.lines.saturating_sub(1)),
@@ -319,6 +332,9 @@ fn port_report(status: &PortStatus) -> PortReport {
         bytes_received: status.statistics.bytes_received,
         clock_drift_ppm: status.drift_ppm,
         level_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.level.to_vec()),
+        sensors: heartbeat.map_or_else(Vec::new, |heartbeat| {
+            heartbeat.sensors.iter().map(|&state| (state != SensorState::Sound).then(|| state.to_string())).collect()
+        }),
         peaks_hz: status.peaks_hz.clone(),
         last_fault: status.hello.as_ref().and_then(|hello| hello.fault.as_ref()).map(ToString::to_string),
     }

@@ -122,6 +122,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             roles.push_back(Role { setup, folder: &study.folder, node, channels, configuration, grid, decimation });
         }
     }
+    if roles.is_empty() && arguments.nodes.is_empty() {
+        bail!("no setup of the study has a recording");
+    }
     if roles.is_empty() {
         bail!("the study has none of the nodes {}", list(&arguments.nodes));
     }

@@ -110,6 +110,8 @@ pub enum Outcome {
     Whole(Box<NodeWindow>),
     /// It contradicts the configuration or other parts.
     Contradiction,
+    /// It has the name of a window that is kept, but is a later one: the node has started anew under its old name.
+    Repeated,
     /// It was measured with a configuration that is not known here, for another study: its window is given up.
     Foreign,
 }
@@ -123,6 +125,8 @@ pub struct Assembler {
     /// One above the highest number known to exist.
     known: u32,
     windows: BTreeMap<u32, Progress>,
+    /// Of windows kept from before: the last one's number and start.
+    last_kept: Option<(u32, u64)>,
     lost: u64,
 }
 
@@ -137,7 +141,7 @@ impl Assembler {
         let wanted = kept.numbers.iter().filter(|&&number| number >= kept.first);
         let windows: BTreeMap<u32, Progress> = wanted.map(|&number| (number, Progress::Done)).collect();
         let known = windows.last_key_value().map_or(kept.first, |(&last, _)| last.saturating_add(1));
-        let mut assembler = Self { boot, below: kept.first, known, windows, lost: 0 };
+        let mut assembler = Self { boot, below: kept.first, known, windows, last_kept: kept.last, lost: 0 };
         assembler.advance();
         assembler
     }
@@ -172,6 +176,12 @@ impl Assembler {
             NodeMessage::Peaks(peaks) => (peaks.name, peaks.part),
             _ => return Outcome::Contradiction,
         };
+        if let (NodeMessage::Head(head), Some((last, start))) = (message, self.last_kept)
+            && name.number <= last
+            && head.grid_index > start
+        {
+            return Outcome::Repeated;
+        }
         if name.number < self.below {
             return Outcome::Duplicate;
         }

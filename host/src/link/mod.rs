@@ -33,7 +33,7 @@ pub trait WindowSink {
     /// What is kept already of a node's life when it greets; `oldest_window` is the oldest that it still has.
     fn kept(&mut self, node: u16, boot: u32, oldest_window: u32) -> io::Result<KeptWindows> {
         let _ = (node, boot);
-        Ok(KeptWindows { first: oldest_window, numbers: Vec::new() })
+        Ok(KeptWindows { first: oldest_window, numbers: Vec::new(), last: None })
     }
 }
 
@@ -44,6 +44,8 @@ pub struct KeptWindows {
     pub first: u32,
     /// Numbers of the windows that are kept, in any order.
     pub numbers: Vec<u32>,
+    /// Number and start (in hops since the epoch) of the last of them: a lower number with a later start is another life's.
+    pub last: Option<(u32, u64)>,
 }
 
 impl WindowSink for Vec<NodeWindow> {

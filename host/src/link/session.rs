@@ -86,6 +86,14 @@ pub enum SessionError {
         /// The node the session is for.
         node: u16,
     },
+    /// The node counts its windows anew under the name of an earlier life.
+    #[error(
+        "node {node} has started anew without drawing a new boot id: its windows cannot be told from those of before; switch it off and on again"
+    )]
+    RepeatedLife {
+        /// The node the session is for.
+        node: u16,
+    },
     /// The transport failed.
     #[error("the line to node {node} failed")]
     Transport {
@@ -407,6 +415,7 @@ impl Session {
                         self.statistics.duplicate_parts += 1;
                         self.acknowledge = true;
                     }
+                    Outcome::Repeated => return Err(SessionError::RepeatedLife { node: self.node }),
                     Outcome::Contradiction => self.statistics.contradictions += 1,
                     Outcome::Whole(window) => {
                         let number = window.name.number;

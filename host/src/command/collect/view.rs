@@ -1,17 +1,22 @@
 //! The live view: a table of ports and nodes that stays in place on a terminal, lines of what happens elsewhere.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use belfry_shared::message::{ChannelState, SensorState};
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::command::Console;
 use crate::command::identify::align_right;
 use crate::link::collect::{PortState, PortStatus};
+use crate::link::fleet::channels_by_node;
 use crate::spectra::{LineGrid, SpectralPlan};
 use crate::study::Setup;
+
+/// Time between drawings.
+const REDRAW: Duration = Duration::from_secs(1);
 
 /// Shows what the ports have come to.
 pub(super) struct View {
@@ -23,12 +28,17 @@ pub(super) struct View {
     start_s: f64,
     /// What has been told of each port, where there is no terminal.
     told: RefCell<BTreeMap<String, String>>,
+    /// When the table was drawn last.
+    shown: Cell<Option<Instant>>,
+    /// The setup's nodes.
+    nodes: Vec<u16>,
     console: Console,
 }
 
 impl View {
     pub(super) fn new(setup: &Setup, grid: &LineGrid, decimation: u32, console: &Console) -> Self {
         let bar = console.progress(0, "");
+        bar.disable_steady_tick();
         bar.set_style(ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner()));
         Self {
             bar,
@@ -37,6 +47,8 @@ impl View {
             lead_s: SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz,
             start_s: unix_s(),
             told: RefCell::default(),
+            shown: Cell::default(),
+            nodes: channels_by_node(setup).into_keys().collect(),
             console: *console,
         }
     }
@@ -45,8 +57,10 @@ impl View {
     pub(super) fn show(&self, statuses: &[PortStatus]) {
         if self.bar.is_hidden() {
             self.tell_changes(statuses);
-        } else {
-            self.bar.set_message(format!("{}\n{}", self.table(statuses), self.next_window()));
+        } else if self.shown.get().is_none_or(|shown| shown.elapsed() >= REDRAW) {
+            self.shown.set(Some(Instant::now()));
+            self.bar.set_message(format!("{}\n{}", self.text(statuses), self.next_window()));
+            self.bar.tick();
         }
     }
 
@@ -75,32 +89,31 @@ impl View {
         let done_after = |start_s: f64| start_s + self.segment_s + self.lead_s;
         let next_start_s = ((now_s - self.segment_s - self.lead_s) / hop_s).ceil() * hop_s;
         let seconds = done_after(next_start_s.max(first_start_s)) - now_s;
-        if seconds > 90.0 {
-            format!("Next window in {:.0} min. Ctrl-C stops.", seconds / 60.0)
-        } else {
-            format!("Next window in {seconds:.0} s. Ctrl-C stops.")
+        let wait =
+            if seconds > 90.0 { format!("{:.0} min", seconds / 60.0) } else { format!("{} s", self::seconds(seconds)) };
+        format!("Next window in {wait}. Ctrl-C stops.")
+    }
+
+    /// The ports as a table, what is to be said of each below it, and which nodes are missing.
+    pub(super) fn text(&self, statuses: &[PortStatus]) -> String {
+        let mut text = self.table(statuses).to_string();
+        for status in sorted(statuses) {
+            text += &format!("\n{}: {}", named(status), state_in_words(status));
         }
+        let is_there = |node: &&u16| statuses.iter().any(|status| status.node == Some(**node));
+        let missing: Vec<String> = self.nodes.iter().filter(|node| !is_there(node)).map(u16::to_string).collect();
+        if !missing.is_empty() {
+            text += &format!("\nOn no port: node {}.", missing.join(", "));
+        }
+        text
     }
 
     /// The ports as a table.
-    pub(super) fn table(&self, statuses: &[PortStatus]) -> Table {
+    fn table(&self, statuses: &[PortStatus]) -> Table {
         let mut table = Table::new();
         table.load_style(UTF8_FULL_CONDENSED);
-        table.set_header([
-            "node",
-            "rate Hz",
-            "windows",
-            "gaps",
-            "lost",
-            "clock ppm",
-            "level mm/s²",
-            "peaks Hz",
-            "port",
-            "state",
-        ]);
-        let mut sorted: Vec<&PortStatus> = statuses.iter().collect();
-        sorted.sort_by_key(|status| (status.node.is_none(), status.node, status.port.as_str()));
-        for status in sorted {
+        table.set_header(["node", "rate Hz", "windows", "gaps", "lost", "clock ppm", "level mm/s²", "peaks Hz"]);
+        for status in sorted(statuses) {
             let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
             // By the host's clock: the node's crystal makes it what it is.
             let rate = status.drift_ppm.map(|drift| format!("{:.4}", self.sampling_rate_hz / (1.0 + drift * 1e-6)));
@@ -117,13 +130,23 @@ impl View {
                 or_dash(status.drift_ppm.map(|drift| format!("{drift:+.2}"))),
                 or_dash(level),
                 or_dash((!peaks.is_empty()).then(|| peaks.join(" "))),
-                status.port.clone(),
-                state_in_words(status),
             ]);
         }
         align_right(&mut table, 6);
         table
     }
+}
+
+/// Nodes by their numbers, then ports where nobody answers.
+fn sorted(statuses: &[PortStatus]) -> Vec<&PortStatus> {
+    let mut sorted: Vec<&PortStatus> = statuses.iter().collect();
+    sorted.sort_by_key(|status| (status.node.is_none(), status.node, status.port.as_str()));
+    sorted
+}
+
+/// Seconds in as many digits as say something.
+pub(super) fn seconds(seconds: f64) -> String {
+    if seconds < 10.0 { format!("{seconds:.2}") } else { format!("{seconds:.0}") }
 }
 
 fn named(status: &PortStatus) -> String {
@@ -141,15 +164,23 @@ pub(super) fn state_in_words(status: &PortStatus) -> String {
         PortState::Gone(reason) => format!("gone, tried again ({reason})"),
         PortState::Preparing => "is told what to measure, and the time".to_owned(),
         PortState::Measuring => "measures".to_owned(),
-        PortState::Foreign => "belongs to no sensor of this setup; left alone".to_owned(),
+        PortState::Foreign => format!(
+            "node {} answers on {}, but no sensor of this setup has `node = {0}`: left alone (a board's number is BELFRY_NODE when it is built)",
+            status.node.unwrap_or_default(),
+            status.port
+        ),
         PortState::Refused(reason) => reason.clone(),
     };
     if let Some(fault) = status.hello.as_ref().and_then(|hello| hello.fault.as_ref()) {
         words += &format!("; started anew: {fault}");
     }
+    if let Some((channel, reason)) = status.last_gap {
+        words +=
+            &format!("; {} windows with gaps, the last: channel {} {}", status.gaps, channel + 1, in_words(reason));
+    }
     if let Some(heartbeat) = &status.heartbeat {
         for (channel, sensor) in heartbeat.sensors.iter().enumerate() {
-            if *sensor != belfry_shared::message::SensorState::Sound {
+            if *sensor != SensorState::Sound {
                 words += &format!("; channel {} {sensor}", channel + 1);
             }
         }
@@ -161,6 +192,16 @@ pub(super) fn state_in_words(status: &PortStatus) -> String {
         words += &format!("; {} windows of another study dropped", status.statistics.foreign_windows);
     }
     words
+}
+
+fn in_words(reason: ChannelState) -> &'static str {
+    match reason {
+        ChannelState::Sound { .. } => "sound",
+        ChannelState::Missing => "gave no readings",
+        ChannelState::Clipped => "was at the end of its range",
+        ChannelState::Constant => "always read the same",
+        ChannelState::Overrun => "was not transformed in time",
+    }
 }
 
 fn unix_s() -> f64 {
