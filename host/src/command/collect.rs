@@ -275,9 +275,10 @@ fn settings(study: &Study, setup: &Setup, archive: &Archive, arguments: &Argumen
 fn in_words(grid: &LineGrid, bits: u8) -> String {
     let segment_s = 1.0 / grid.spacing_hz();
     format!(
-        "Segments of {} points at {:.4} Hz, {} s, and a window every {} s; {} lines from {:.4} to {:.4} Hz in {bits} bits.",
+        "Segments of {} points at {} Hz, {} s, and a window every {} s; {} lines from {:.4} to {:.4} Hz in {bits} bits.",
         grid.segment,
-        grid.sampling_rate_hz,
+        // To a ten-thousandth, without zeros.
+        (grid.sampling_rate_hz * 1e4).round() / 1e4,
         view::seconds(segment_s),
         view::seconds(0.5 * segment_s),
         grid.lines,

@@ -28,7 +28,7 @@ const EXCHANGE_SHARE: i64 = 4;
 const LEAST_EXCHANGE_PERIOD_US: i64 = 20_000_000;
 const EXCHANGE_PERIOD_US: i64 = 300_000_000;
 /// Time over which the clock is measured before an earlier host's estimate is replaced.
-const SETTLED_SPAN_US: i64 = 900_000_000;
+const SETTLED_SPAN_US: i64 = 300_000_000;
 /// How often, and how soon, an exchange that was slow is made again.
 const REPEATS: u32 = 3;
 const REPEAT_PERIOD_US: i64 = 1_000_000;
@@ -403,6 +403,12 @@ impl Session {
                 }
             }
             part => {
+                if let NodeMessage::Head(head) = part
+                    && head.drift_ppb == 0
+                {
+                    // The earlier host was not there for long enough to know the drift.
+                    self.knows_time = false;
+                }
                 let Some(assembler) = &mut self.assembler else { return Ok(()) };
                 match assembler.take(&self.configurations, part, encoded) {
                     Outcome::Taken => {}

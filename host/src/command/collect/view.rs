@@ -2,6 +2,7 @@
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
+use std::io::IsTerminal;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use belfry_shared::message::{ChannelState, SensorState};
@@ -37,9 +38,10 @@ pub(super) struct View {
 
 impl View {
     pub(super) fn new(setup: &Setup, grid: &LineGrid, decimation: u32, console: &Console) -> Self {
-        let bar = console.progress(0, "");
-        bar.disable_steady_tick();
-        bar.set_style(ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner()));
+        // Drawn when there is something new, and not at all where standard error is no terminal.
+        let style = ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
+        let bar = if std::io::stderr().is_terminal() { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
+        bar.set_style(style);
         Self {
             bar,
             sampling_rate_hz: setup.sampling_rate_hz,
