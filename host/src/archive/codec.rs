@@ -15,6 +15,22 @@ pub(super) struct ChannelRow {
     pub(super) peaks: Option<String>,
 }
 
+impl ChannelRow {
+    /// The columns that [`ChannelRow::read`] takes, in their order.
+    pub(super) const COLUMNS: &str = "state, segments, lines, densities, peaks";
+
+    /// Reads a row of a query for [`ChannelRow::COLUMNS`].
+    pub(super) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Self> {
+        Ok(Self {
+            state: row.get(0)?,
+            segments: row.get(1)?,
+            lines: row.get(2)?,
+            densities: row.get(3)?,
+            peaks: row.get(4)?,
+        })
+    }
+}
+
 const SOUND: &str = "sound";
 const UNSOUND: [(&str, ChannelState); 4] = [
     ("missing", ChannelState::Missing),

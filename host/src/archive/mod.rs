@@ -106,8 +106,7 @@ impl Archive {
         Ok(Self { file, connection })
     }
 
-    /// Sets up a fresh archive; a write-ahead log lets others read while this one writes, and a commit is on the disk when it
-    /// returns.
+    /// Sets up a fresh archive.
     fn prepare(&self) -> rusqlite::Result<()> {
         let tables: i64 = self.connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0))?;
         if tables == 0 {
@@ -131,7 +130,8 @@ impl Archive {
             VERSION => {}
             found => return Err(ArchiveError::Version { file: self.file.clone(), found }),
         }
-        // Only now is it known to be an archive, and may be written to.
+        // Only now is it known to be an archive, and may be written to. A write-ahead log lets others read meanwhile; a commit is
+        // on the disk when it returns.
         if !self.connection.is_readonly("main").map_err(|source| self.failed(source))? {
             let log = self.connection.pragma_update(None, "journal_mode", "wal");
             log.and_then(|()| self.connection.pragma_update(None, "synchronous", "full"))

@@ -2,13 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use belfry_shared::message::{Configuration, Summary, WindowName};
+use belfry_shared::message::{Configuration, WindowName};
 use belfry_shared::time::WindowGrid;
 use rusqlite::params;
 
-use super::{Archive, ArchiveError, codec};
-use crate::link::NodeWindow;
-use crate::link::fleet::{channels_by_node, place_lines};
+use super::codec::{self, ChannelRow};
+use super::{Archive, ArchiveError};
+use crate::link::fleet::{channels_by_node, node_lines, place_lines};
+use crate::link::{ChannelData, NodeWindow};
 use crate::spectra::{LineGrid, WindowLines};
 use crate::study::Setup;
 
@@ -42,20 +43,6 @@ pub struct Collected {
     archive: Archive,
 }
 
-/// What decides which windows can be averaged together: rate, decimation, segment and lines.
-fn settings(configuration: &Configuration) -> Option<(LineGrid, u32)> {
-    let [band] = configuration.bands.as_slice() else { return None };
-    matches!(configuration.summary, Summary::Lines { .. }).then(|| {
-        let grid = LineGrid {
-            sampling_rate_hz: configuration.sampling_rate_uhz as f64 * 1e-6 / f64::from(configuration.decimation),
-            segment: usize::from(configuration.segment),
-            first_line: usize::from(band.first_line),
-            lines: usize::from(band.lines),
-        };
-        (grid, configuration.decimation)
-    })
-}
-
 impl Archive {
     /// What there is of a setup: windows with the settings that were asked of its nodes last, as far as there are any.
     /// `None` where there are no windows.
@@ -73,10 +60,10 @@ impl Archive {
         let counts = counted().map_err(|source| self.failed(source))?;
         let configurations = self.configurations(Some(&setup.name))?;
         let with_windows = |configuration: &&Configuration| counts.contains_key(&configuration.hash());
-        let newest = configurations.iter().filter(with_windows).find_map(|c| settings(c).map(|s| (s, c.clone())));
+        let newest = configurations.iter().filter(with_windows).find_map(|c| node_lines(c).map(|s| (s, c.clone())));
         let Some((wanted, configuration)) = newest else { return Ok(None) };
         let hashes: BTreeSet<u32> =
-            configurations.iter().filter(|c| settings(c) == Some(wanted)).map(Configuration::hash).collect();
+            configurations.iter().filter(|c| node_lines(c) == Some(wanted)).map(Configuration::hash).collect();
         let other_windows = counts.iter().filter(|(hash, _)| !hashes.contains(hash)).map(|(_, windows)| windows).sum();
         let (windows, first) = self
             .connection
@@ -173,21 +160,11 @@ impl Collected {
         Ok(places)
     }
 
-    fn channels(&self, id: i64, window: &NodeWindow) -> Result<Vec<crate::link::ChannelData>, ArchiveError> {
-        let rows = || -> rusqlite::Result<Vec<codec::ChannelRow>> {
-            let query =
-                "SELECT state, segments, lines, densities, peaks FROM channel WHERE window = ?1 ORDER BY channel";
-            let mut statement = self.archive.connection.prepare_cached(query)?;
-            let row = |row: &rusqlite::Row<'_>| {
-                Ok(codec::ChannelRow {
-                    state: row.get(0)?,
-                    segments: row.get(1)?,
-                    lines: row.get(2)?,
-                    densities: row.get(3)?,
-                    peaks: row.get(4)?,
-                })
-            };
-            statement.query_map([id], row)?.collect()
+    fn channels(&self, id: i64, window: &NodeWindow) -> Result<Vec<ChannelData>, ArchiveError> {
+        let rows = || -> rusqlite::Result<Vec<ChannelRow>> {
+            let query = format!("SELECT {} FROM channel WHERE window = ?1 ORDER BY channel", ChannelRow::COLUMNS);
+            let mut statement = self.archive.connection.prepare_cached(&query)?;
+            statement.query_map([id], ChannelRow::read)?.collect()
         };
         let rows = rows().map_err(|source| self.archive.failed(source))?;
         let of = |what: String| {
@@ -196,7 +173,7 @@ impl Collected {
         };
         let channels = rows.iter().map(codec::data).collect::<Result<Vec<_>, _>>().map_err(of)?;
         let odd = channels.iter().find_map(|data| match data {
-            crate::link::ChannelData::Lines(lines) if lines.len() != self.setup.grid.lines => Some(lines.len()),
+            ChannelData::Lines(lines) if lines.len() != self.setup.grid.lines => Some(lines.len()),
             _ => None,
         });
         match odd {

@@ -144,17 +144,9 @@ fn what_is_not_lines_comes_back_too_and_a_gap_is_told_with_its_reason() {
     channels.extend(states.map(ChannelData::Unsound));
     let stored = NodeWindow { channels: channels.clone(), ..window(&two, 1, 0, 0) };
     bench.store(&two, &stored);
-    let query = "SELECT state, segments, lines, densities, peaks FROM channel ORDER BY channel";
-    let mut statement = bench.archive.connection.prepare(query).unwrap();
-    let rows = statement.query_map([], |row| {
-        Ok(codec::ChannelRow {
-            state: row.get(0)?,
-            segments: row.get(1)?,
-            lines: row.get(2)?,
-            densities: row.get(3)?,
-            peaks: row.get(4)?,
-        })
-    });
+    let query = format!("SELECT {} FROM channel ORDER BY channel", codec::ChannelRow::COLUMNS);
+    let mut statement = bench.archive.connection.prepare(&query).unwrap();
+    let rows = statement.query_map([], codec::ChannelRow::read);
     let read: Vec<ChannelData> = rows.unwrap().map(|row| codec::data(&row.unwrap()).unwrap()).collect();
     assert_eq!(read, channels);
 }

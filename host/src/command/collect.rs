@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use belfry_shared::message::{Configuration, SensorState, Summary};
@@ -18,8 +18,8 @@ use serde::Serialize;
 use super::Console;
 use crate::archive::{Archive, Collected};
 use crate::link::Configurations;
-use crate::link::collect::{Collection, PortState, PortStatus, collect};
-use crate::link::fleet::{channels_by_node, node_configuration};
+use crate::link::collect::{Collection, PortStatus, collect, unix_time};
+use crate::link::fleet::{channels_by_node, node_configuration, node_lines};
 use crate::link::port::serial_ports;
 use crate::spectra::{LineGrid, SetupExtent, SpectralPlan};
 use crate::study::{Analysis, Setup, Study};
@@ -175,8 +175,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.say(format!(
         "{stored} windows of nodes have come, {gaps} of them with gaps; the archive now has {windows} windows of this setup."
     ));
-    let usable = |status: &&PortStatus| !matches!(status.state, PortState::Refused(_) | PortState::Foreign);
-    if statuses.iter().filter(usable).count() == 0 {
+    if statuses.iter().all(|status| status.state.is_useless()) {
         let reasons: Vec<String> = statuses.iter().map(view::state_in_words).collect();
         bail!("no port has a node that can be used: {}", reasons.join("; "));
     }
@@ -239,15 +238,12 @@ fn settings(study: &Study, setup: &Setup, archive: &Archive, arguments: &Argumen
         candidates.extend(archive.configurations(Some(&other.name))?.into_iter().take(1));
     }
     for known in &candidates {
-        let Summary::Lines { bits } = known.summary else { continue };
-        let rate_hz = known.sampling_rate_uhz as f64 * 1e-6 / f64::from(known.decimation.max(1));
-        let asks_for_it = study.analysis.segment.is_none_or(|segment| segment == usize::from(known.segment))
+        let (Summary::Lines { bits }, Some((lines, _))) = (known.summary, node_lines(known)) else { continue };
+        let rate_hz = lines.sampling_rate_hz;
+        let asks_for_it = study.analysis.segment.is_none_or(|segment| segment == lines.segment)
             && study.analysis.decimated_rate_hz.is_none_or(|wanted| (wanted / rate_hz - 1.0).abs() < 1e-6);
-        let analysis = Analysis {
-            decimated_rate_hz: Some(rate_hz),
-            segment: Some(usize::from(known.segment)),
-            ..study.analysis.clone()
-        };
+        let analysis =
+            Analysis { decimated_rate_hz: Some(rate_hz), segment: Some(lines.segment), ..study.analysis.clone() };
         let long = SetupExtent { rows: u64::MAX >> 16, ..extent };
         let Ok(plan) = SpectralPlan::choose(&[long], &analysis) else { continue };
         let (grid, decimation) = (plan.grid, plan.decimations.first().copied().unwrap_or(1));
@@ -295,8 +291,7 @@ fn configurations(
 ) -> anyhow::Result<BTreeMap<u16, Configurations>> {
     // Of other setups too: a node that was carried over may still have windows of the one before.
     let earlier = archive.configurations(None)?;
-    let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    let now = HostTime(i64::try_from(since_epoch.as_micros()).unwrap_or(i64::MAX));
+    let now = HostTime(i64::try_from(unix_time().as_micros()).unwrap_or(i64::MAX));
     let mut nodes = BTreeMap::new();
     for (node, channels) in channels_by_node(setup) {
         let summary = Summary::Lines { bits: settings.bits };

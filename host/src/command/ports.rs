@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::Console;
 use crate::link::port::{Port, serial_ports};
 use crate::link::replay::{ReplayError, who_is_there};
+use crate::link::with_cause;
 
 /// How long a port is asked.
 const PATIENCE: Duration = Duration::from_millis(1500);
@@ -83,10 +84,7 @@ fn ask(name: &str, device: &str, baud: u32) -> PortReport {
     };
     let mut port = match Port::open(name, baud) {
         Ok(port) => port,
-        Err(error) => {
-            let cause = std::error::Error::source(&error).map(|source| format!(": {source}")).unwrap_or_default();
-            return nobody(Some(format!("{error}{cause}")));
-        }
+        Err(error) => return nobody(Some(with_cause(&error))),
     };
     match who_is_there(&mut port, PATIENCE) {
         Ok(hello) => PortReport {

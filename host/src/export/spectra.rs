@@ -8,8 +8,8 @@ use std::path::Path;
 use super::parquet::{Cell, Kind, ParquetTable, Text};
 use super::table::{csv_text, known};
 use super::{ExportError, write_whole};
-use crate::measure::Measurement;
-use crate::spectra::{LineGrid, SpectralPlan, WindowLines};
+use crate::measure::{Measurement, epoch_s};
+use crate::spectra::{LineGrid, WindowLines};
 use crate::study::{Setup, Unit};
 
 /// The motions that a study's setups measured, in the order of a table's columns.
@@ -210,11 +210,7 @@ impl LinesTable {
     }
 }
 
-/// Start of a window in s since the recording's first row (its grid's epoch is the first sample that the decimating filter sees
-/// whole), or since the first window that was collected live.
+/// Start of a window in s since the recording's first row, or since the first window that was collected live.
 fn window_start_s(setup: &Setup, grid: &LineGrid, grid_index: u64) -> f64 {
-    let decimation = (setup.sampling_rate_hz / grid.sampling_rate_hz).round() as u32;
-    let lead_rows = if setup.live { 0 } else { SpectralPlan::lead_rows(decimation) };
-    let epoch_s = lead_rows as f64 / setup.sampling_rate_hz;
-    epoch_s + grid_index as f64 * (grid.segment / 2) as f64 / grid.sampling_rate_hz
+    epoch_s(setup, grid) + grid_index as f64 * (grid.segment / 2) as f64 / grid.sampling_rate_hz
 }

@@ -14,16 +14,18 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use belfry_shared::message::{Heartbeat, Hello};
+use belfry_shared::message::{ChannelState, Heartbeat, Hello};
 use belfry_shared::time::HostTime;
 use thiserror::Error;
 
-use super::assembly::Configurations;
+use super::assembly::{ChannelData, Configurations};
 use super::port::Port;
 use super::replay::{ReplayError, who_is_there};
 use super::session::{Session, SessionError, SessionStatistics};
+use super::with_cause;
 use crate::archive::Archive;
 use clock::HostClock;
+pub use clock::unix_time;
 use peaks::PeakMeter;
 use sink::ArchiveSink;
 
@@ -81,6 +83,13 @@ pub enum PortState {
     Refused(String),
 }
 
+impl PortState {
+    /// Whether its node is of no use as it is.
+    pub fn is_useless(&self) -> bool {
+        matches!(self, Self::Foreign | Self::Refused(_))
+    }
+}
+
 /// A port, and the node on it.
 #[derive(Debug, Clone, Default)]
 pub struct PortStatus {
@@ -101,7 +110,7 @@ pub struct PortStatus {
     /// Windows since collecting began in which a channel was not sound, and what was wrong last.
     pub gaps: u64,
     /// The last gap: channel (from 0) and reason.
-    pub last_gap: Option<(usize, belfry_shared::message::ChannelState)>,
+    pub last_gap: Option<(usize, ChannelState)>,
     /// Highest peaks of the mean density of all channels, in Hz, highest first.
     pub peaks_hz: Vec<f64>,
 }
@@ -149,8 +158,7 @@ pub fn collect(
             statuses.iter().map(|status| scope.spawn(move || Worker::new(shared, status).run())).collect();
         while !workers.iter().all(thread::ScopedJoinHandle::is_finished) {
             let statuses = snapshot();
-            let is_useless = |status: &PortStatus| matches!(status.state, PortState::Foreign | PortState::Refused(_));
-            if on_look(&statuses).is_break() || statuses.iter().all(is_useless) {
+            if on_look(&statuses).is_break() || statuses.iter().all(|status| status.state.is_useless()) {
                 stop.store(true, Ordering::Relaxed);
             }
             thread::sleep(LOOK);
@@ -170,7 +178,7 @@ struct NodeState {
     session: Session,
     peaks: PeakMeter,
     gaps: u64,
-    last_gap: Option<(usize, belfry_shared::message::ChannelState)>,
+    last_gap: Option<(usize, ChannelState)>,
 }
 
 /// One port's thread.
@@ -181,12 +189,6 @@ struct Worker<'a> {
     nodes: BTreeMap<u16, NodeState>,
     /// The clock's generation that the sessions have been told the time of.
     generation: u64,
-}
-
-/// How soon a port is worth another try.
-enum Next {
-    Soon,
-    Later,
 }
 
 impl<'a> Worker<'a> {
@@ -213,23 +215,23 @@ impl<'a> Worker<'a> {
 
     fn run(&mut self) {
         while !self.is_stopped() {
-            match Port::open(&self.port, self.shared.collection.baud) {
+            let pause = match Port::open(&self.port, self.shared.collection.baud) {
                 Ok(mut port) => {
-                    let next = self.use_port(&mut port);
+                    let pause = self.use_port(&mut port);
                     lock(&self.shared.claims).retain(|_, claimed| *claimed != self.port);
-                    if matches!(next, Next::Later) {
-                        self.wait(ASK_AGAIN);
-                        continue;
-                    }
+                    pause
                 }
-                Err(error) => self.set(PortState::Gone(with_cause(&error))),
-            }
-            self.wait(REOPEN);
+                Err(error) => {
+                    self.set(PortState::Gone(with_cause(&error)));
+                    REOPEN
+                }
+            };
+            self.wait(pause);
         }
     }
 
-    /// Asks who is there, and serves the node; returns when the port has failed, or is of no use.
-    fn use_port(&mut self, port: &mut Port) -> Next {
+    /// Asks who is there, and serves the node; when the port has failed, or is of no use, the pause before another try.
+    fn use_port(&mut self, port: &mut Port) -> Duration {
         while !self.is_stopped() {
             let node = match who_is_there(port, ASK) {
                 Ok(hello) => {
@@ -245,23 +247,23 @@ impl<'a> Worker<'a> {
                 }
                 Err(ReplayError::Session(SessionError::Transport { source, .. })) => {
                     self.set(PortState::Gone(source.to_string()));
-                    return Next::Soon;
+                    return REOPEN;
                 }
                 Err(error) => {
                     self.set(PortState::Refused(with_cause(&error)));
-                    return Next::Later;
+                    return ASK_AGAIN;
                 }
             };
             let Some(configurations) = self.shared.collection.nodes.get(&node) else {
                 self.set(PortState::Foreign);
-                return Next::Later;
+                return ASK_AGAIN;
             };
             let claimed = lock(&self.shared.claims).entry(node).or_insert_with(|| self.port.clone()).clone();
             if claimed != self.port {
                 self.set(PortState::Refused(format!(
                     "node {node} answers on {claimed} already: two nodes have its number"
                 )));
-                return Next::Later;
+                return ASK_AGAIN;
             }
             self.set(PortState::Preparing);
             match self.serve(node, configurations, port) {
@@ -272,21 +274,21 @@ impl<'a> Worker<'a> {
                 }
                 Err(SessionError::Transport { source, .. }) => {
                     self.set(PortState::Gone(source.to_string()));
-                    return Next::Soon;
+                    return REOPEN;
                 }
                 Err(error @ SessionError::Store { .. }) => {
                     self.set(PortState::Refused(with_cause(&error)));
                     *lock(&self.shared.failure) = Some(CollectError::Store(error));
                     self.shared.stop.store(true, Ordering::Relaxed);
-                    return Next::Later;
+                    return ASK_AGAIN;
                 }
                 Err(error) => {
                     self.set(PortState::Refused(with_cause(&error)));
-                    return Next::Later;
+                    return ASK_AGAIN;
                 }
             }
         }
-        Next::Later
+        ASK_AGAIN
     }
 
     /// Serves a node until the stop, or until its line fails.
@@ -316,7 +318,7 @@ impl<'a> Worker<'a> {
                 now,
                 on_window: &mut |window| {
                     let mut unsound = window.channels.iter().enumerate().filter_map(|(channel, data)| match data {
-                        super::ChannelData::Unsound(reason) => Some((channel, *reason)),
+                        ChannelData::Unsound(reason) => Some((channel, *reason)),
                         _ => None,
                     });
                     if let Some(gap) = unsound.next_back() {
@@ -354,18 +356,4 @@ impl<'a> Worker<'a> {
 fn is_silent(session: &Session, now: HostTime) -> bool {
     let last = session.last_received();
     last.0 > i64::MIN && now.0.saturating_sub(last.0) > SILENT_US
-}
-
-/// An error with what is behind it, in one sentence.
-fn with_cause(error: &dyn std::error::Error) -> String {
-    let mut text = error.to_string();
-    let mut source = error.source();
-    while let Some(cause) = source {
-        let told = cause.to_string();
-        if !text.contains(&told) {
-            text += &format!(": {told}");
-        }
-        source = cause.source();
-    }
-    text
 }

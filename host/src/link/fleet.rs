@@ -152,6 +152,21 @@ pub fn node_configuration(
     })
 }
 
+/// The lines and the decimation of a configuration that sends one run of lines: what decides which windows can be averaged
+/// together. The inverse of [`node_configuration`].
+pub fn node_lines(configuration: &Configuration) -> Option<(LineGrid, u32)> {
+    let [band] = configuration.bands.as_slice() else { return None };
+    matches!(configuration.summary, Summary::Lines { .. }).then(|| {
+        let grid = LineGrid {
+            sampling_rate_hz: configuration.sampling_rate_uhz as f64 * 1e-6 / f64::from(configuration.decimation),
+            segment: usize::from(configuration.segment),
+            first_line: usize::from(band.first_line),
+            lines: usize::from(band.lines),
+        };
+        (grid, configuration.decimation)
+    })
+}
+
 /// The channels (indices into the setup's) of each node number.
 pub fn channels_by_node(setup: &Setup) -> BTreeMap<u16, Vec<usize>> {
     let mut channels_of: BTreeMap<u16, Vec<usize>> = BTreeMap::new();

@@ -54,3 +54,17 @@ impl WindowSink for Vec<NodeWindow> {
         Ok(())
     }
 }
+
+/// An error with what is behind it, in one sentence.
+pub(crate) fn with_cause(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        let told = cause.to_string();
+        if !text.contains(&told) {
+            text += &format!(": {told}");
+        }
+        source = cause.source();
+    }
+    text
+}

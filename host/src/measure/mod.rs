@@ -365,6 +365,16 @@ fn other_windows(opened: &Opened<'_>) -> Option<String> {
     })
 }
 
+/// When the grid of a setup's windows begins: after its recording's first row, for its epoch is the first sample that the
+/// decimating filter sees whole; with its first window where it was collected live. In s.
+pub fn epoch_s(setup: &Setup, grid: &LineGrid) -> f64 {
+    if setup.live {
+        return 0.0;
+    }
+    let decimation = (setup.sampling_rate_hz / grid.sampling_rate_hz).round() as u32;
+    SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz
+}
+
 /// What the plan needs to know of the setups that were opened.
 fn extents(opened: &[Opened<'_>]) -> Vec<SetupExtent> {
     opened.iter().map(Opened::extent).collect()

@@ -3,7 +3,7 @@
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use belfry_shared::message::{ChannelState, SensorState};
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::command::Console;
 use crate::command::identify::align_right;
-use crate::link::collect::{PortState, PortStatus};
+use crate::link::collect::{PortState, PortStatus, unix_time};
 use crate::link::fleet::channels_by_node;
 use crate::spectra::{LineGrid, SpectralPlan};
 use crate::study::Setup;
@@ -47,7 +47,7 @@ impl View {
             sampling_rate_hz: setup.sampling_rate_hz,
             segment_s: 1.0 / grid.spacing_hz(),
             lead_s: SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz,
-            start_s: unix_s(),
+            start_s: unix_time().as_secs_f64(),
             told: RefCell::default(),
             shown: Cell::default(),
             nodes: channels_by_node(setup).into_keys().collect(),
@@ -86,7 +86,7 @@ impl View {
     /// When the next window can be complete.
     fn next_window(&self) -> String {
         let hop_s = 0.5 * self.segment_s;
-        let now_s = unix_s();
+        let now_s = unix_time().as_secs_f64();
         let first_start_s = ((self.start_s + self.lead_s) / hop_s).ceil() * hop_s;
         let done_after = |start_s: f64| start_s + self.segment_s + self.lead_s;
         let next_start_s = ((now_s - self.segment_s - self.lead_s) / hop_s).ceil() * hop_s;
@@ -204,8 +204,4 @@ fn in_words(reason: ChannelState) -> &'static str {
         ChannelState::Constant => "always read the same",
         ChannelState::Overrun => "was not transformed in time",
     }
-}
-
-fn unix_s() -> f64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
 }

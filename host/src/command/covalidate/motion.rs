@@ -9,9 +9,8 @@ use super::super::case::Case;
 use super::Request;
 use super::shapes::Source;
 use crate::covalidate::{Hop, Motion, OverlapAdd, Predictor, Witness};
-use crate::measure::measure_observed;
+use crate::measure::{epoch_s, measure_observed};
 use crate::picture::{Curves, Prediction};
-use crate::spectra::SpectralPlan;
 use crate::study::{Sensor, Setup};
 
 /// Channels that predict and channels that are predicted, as places in the setup and as rows of the shapes.
@@ -140,14 +139,7 @@ pub(super) fn collect(
             bar.set_position(done);
         },
         &mut |_, grid, window| {
-            let overlap = overlap.get_or_insert_with(|| {
-                // The grid's epoch is the first sample that the decimating filter sees whole; what was collected live counts
-                // from its first window.
-                let decimation = (setup.sampling_rate_hz / grid.sampling_rate_hz).round() as u32;
-                let lead_rows = if setup.live { 0 } else { SpectralPlan::lead_rows(decimation) };
-                let epoch_s = lead_rows as f64 / setup.sampling_rate_hz;
-                OverlapAdd::new(*grid, epoch_s, channels)
-            });
+            let overlap = overlap.get_or_insert_with(|| OverlapAdd::new(*grid, epoch_s(setup, grid), channels));
             let samples = overlap.hop();
             let Some(hop) = overlap.push(window) else { return };
             let length_s = samples as f64 / grid.sampling_rate_hz;

@@ -32,8 +32,8 @@ impl Base {
     }
 }
 
-/// A computer whose clock stands before 1970 counts from there.
-fn unix_time() -> Duration {
+/// Unix time by the computer's clock; one that stands before 1970 counts from there.
+pub fn unix_time() -> Duration {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
 }
 
