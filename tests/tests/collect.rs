@@ -1,17 +1,26 @@
-//! A user collects live: nodes in real time behind sockets, the command killed and started again, the modes of what has come.
+//! A user collects live: nodes in real time behind sockets, the command killed and started again, the modes of what has come,
+//! cables pulled, nodes that start anew, a disk that is full.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{ErrorKind, Read, Write};
+use std::ops::ControlFlow;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use assert_cmd::prelude::*;
 use belfry_firmware::{Identity, Memory, Node};
+use belfry_host::archive::Archive;
+use belfry_host::link::Configurations;
+use belfry_host::link::collect::{Collection, PortState, PortStatus, collect};
+use belfry_host::link::fleet::node_configuration;
+use belfry_host::spectra::LineGrid;
+use belfry_shared::message::Summary;
 use belfry_shared::time::NodeTime;
 use belfry_tests::belfry_command;
 use rand::{RngExt, SeedableRng};
@@ -49,29 +58,52 @@ fn motion(seconds: f64) -> Vec<[f32; 4]> {
 /// The node's firmware in real time behind a socket; it goes on when the host has gone.
 struct LiveNode {
     stop: Arc<AtomicBool>,
+    orders: mpsc::Sender<Order>,
     thread: Option<thread::JoinHandle<()>>,
+}
+
+/// What happens to a node.
+enum Order {
+    /// Its cable is pulled, and plugged in there.
+    Plug(UnixListener),
+    /// It starts anew; what it had is gone.
+    Restart,
+}
+
+fn listener(socket: &Path) -> UnixListener {
+    let listener = UnixListener::bind(socket).unwrap();
+    listener.set_nonblocking(true).unwrap();
+    listener
+}
+
+fn fresh_node(number: u16, boot: u32) -> Node<Box<Memory>> {
+    let full_scale_m_s2 = 20.0;
+    let identity = Identity { node: number, boot, channels: 2, full_scale_m_s2, highest_rate_mhz: 4_000_000 };
+    Node::new(identity, Box::new(Memory::new()))
 }
 
 impl LiveNode {
     /// A node whose crystal gains `ppm`, with the motion's columns from `first` on.
     fn start(number: u16, ppm: f64, socket: &Path, motion: Arc<Vec<[f32; 4]>>, first: usize, on: Instant) -> Self {
-        let listener = UnixListener::bind(socket).unwrap();
-        listener.set_nonblocking(true).unwrap();
+        let mut listener = listener(socket);
+        let (orders, ordered) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = thread::spawn(move || {
-            let identity = Identity {
-                node: number,
-                boot: u32::from(number) + 1000,
-                channels: 2,
-                full_scale_m_s2: 20.0,
-                highest_rate_mhz: 4_000_000,
-            };
-            let mut node = Node::new(identity, Box::new(Memory::new()));
+            let mut boot = u32::from(number) + 1000;
+            let mut node = fresh_node(number, boot);
             let mut stream: Option<UnixStream> = None;
             let mut rows = 0;
             let mut buffer = [0; 512];
             while !stopped.load(Ordering::Relaxed) {
+                match ordered.try_recv() {
+                    Ok(Order::Plug(other)) => (listener, stream) = (other, None),
+                    Ok(Order::Restart) => {
+                        boot += 1;
+                        node = fresh_node(number, boot);
+                    }
+                    Err(_) => {}
+                }
                 if let Ok((next, _)) = listener.accept() {
                     next.set_nonblocking(true).unwrap();
                     stream = Some(next);
@@ -111,7 +143,17 @@ impl LiveNode {
                 thread::sleep(Duration::from_micros(300));
             }
         });
-        Self { stop, thread: Some(thread) }
+        Self { stop, orders, thread: Some(thread) }
+    }
+
+    /// Pulls the cable, and plugs it in at another socket; the socket where it was is gone, as a USB port would be.
+    fn replug(&self, from: &Path, to: &Path) {
+        fs::remove_file(from).unwrap();
+        self.orders.send(Order::Plug(listener(to))).unwrap();
+    }
+
+    fn restart(&self) {
+        self.orders.send(Order::Restart).unwrap();
     }
 }
 
@@ -127,7 +169,7 @@ impl Drop for LiveNode {
 /// A study of four sensors on two nodes, and the nodes.
 struct Bench {
     folder: tempfile::TempDir,
-    _nodes: Vec<LiveNode>,
+    nodes: BTreeMap<u16, LiveNode>,
 }
 
 impl Bench {
@@ -146,8 +188,12 @@ impl Bench {
             let socket = folder.path().join(format!("node{number}"));
             LiveNode::start(number, ppm, &socket, Arc::clone(&motion), first, on)
         };
-        let nodes = vec![start(3, 20.0, 0), start(8, -20.0, 2)];
-        Self { folder, _nodes: nodes }
+        let nodes = BTreeMap::from([(3, start(3, 20.0, 0)), (8, start(8, -20.0, 2))]);
+        Self { folder, nodes }
+    }
+
+    fn socket(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
     }
 
     fn study(&self) -> &str {
@@ -168,14 +214,28 @@ impl Bench {
         rusqlite::Connection::open(self.folder.path().join("archive.sqlite")).unwrap()
     }
 
-    /// Numbers of a node's windows.
-    fn numbers(&self, node: u16) -> Vec<u32> {
+    /// Numbers of a node's windows, life by life.
+    fn lives(&self, node: u16) -> BTreeMap<u32, Vec<u32>> {
         let archive = self.archive();
+        let mut lives: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         // Before its tables are there, the archive has none.
-        let Ok(mut statement) = archive.prepare("SELECT number FROM window WHERE node = ?1 ORDER BY number") else {
-            return Vec::new();
+        let Ok(mut statement) =
+            archive.prepare("SELECT boot, number FROM window WHERE node = ?1 ORDER BY boot, number")
+        else {
+            return lives;
         };
-        statement.query_map([node], |row| row.get(0)).unwrap().map(Result::unwrap).collect()
+        let rows = statement.query_map([node], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+        for (boot, number) in rows.map(Result::unwrap) {
+            lives.entry(boot).or_default().push(number);
+        }
+        lives
+    }
+
+    /// Numbers of the windows of a node that has had one life.
+    fn numbers(&self, node: u16) -> Vec<u32> {
+        let lives = self.lives(node);
+        assert!(lives.len() <= 1, "lives of node {node}: {:?}", lives.keys());
+        lives.into_values().next().unwrap_or_default()
     }
 
     /// Waits until the archive has `count` windows of each node.
@@ -299,4 +359,102 @@ fn ports_and_studies_that_do_not_serve_are_told_in_words() {
     // The nodes still measure for who asks rightly.
     bench.collect(&["--for", "4s", "--json"]).assert().success();
     assert!(!bench.numbers(3).is_empty());
+}
+
+/// Waits until what the ports have come to is as it should be.
+fn wait_until(seen: &Mutex<Vec<PortStatus>>, what: &str, is_so: impl Fn(&[PortStatus]) -> bool) {
+    let start = Instant::now();
+    while !is_so(&seen.lock().unwrap()) {
+        assert!(start.elapsed() < PATIENCE, "{what}: {:?}", seen.lock().unwrap());
+        thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn a_node_goes_on_at_another_port_and_after_a_restart() {
+    let bench = Bench::new();
+    let (here, there) = (bench.socket("node3"), bench.socket("elsewhere"));
+    let port = |socket: &Path| format!("unix:{}", socket.display());
+    let grid = LineGrid { sampling_rate_hz: RATE_HZ, segment: 256, first_line: 4, lines: 32 };
+    let configuration = node_configuration(RATE_HZ, 1, &grid, 2, Summary::Lines { bits: 10 }).unwrap();
+    let collection = Collection {
+        setup: "now".to_owned(),
+        baud: 115_200,
+        nodes: BTreeMap::from([(3, Configurations::only(configuration))]),
+        drop_foreign: false,
+    };
+    let archive = Archive::create(bench.folder.path()).unwrap();
+    let stop = AtomicBool::new(false);
+    let seen: Mutex<Vec<PortStatus>> = Mutex::default();
+    let ports = || [&here, &there].into_iter().filter(|socket| socket.exists()).map(|socket| port(socket)).collect();
+    let windows = |statuses: &[PortStatus]| -> u64 { statuses.iter().map(|status| status.statistics.windows).sum() };
+    let measures = |statuses: &[PortStatus], at: &Path| {
+        statuses
+            .iter()
+            .any(|status| status.port == port(at) && status.state == PortState::Measuring && status.node == Some(3))
+    };
+    let statuses = thread::scope(|scope| {
+        let collected = scope.spawn(|| {
+            collect(&collection, archive, &stop, &ports, &mut |statuses| {
+                *seen.lock().unwrap() = statuses.to_vec();
+                ControlFlow::Continue(())
+            })
+        });
+        wait_until(&seen, "no window comes", |statuses| measures(statuses, &here) && windows(statuses) >= 4);
+        bench.nodes[&3].replug(&here, &there);
+        wait_until(&seen, "the other port is not found", |statuses| measures(statuses, &there));
+        let before = windows(&seen.lock().unwrap());
+        wait_until(&seen, "no window comes there", |statuses| windows(statuses) >= before + 4);
+        bench.nodes[&3].restart();
+        let boot = 3 + 1000 + 1;
+        let has_restarted = |statuses: &[PortStatus]| {
+            statuses.iter().any(|status| status.hello.as_ref().is_some_and(|hello| hello.boot == boot))
+        };
+        wait_until(&seen, "the restart is not seen", has_restarted);
+        let start = Instant::now();
+        while bench.lives(3).get(&boot).is_none_or(|numbers| numbers.len() < 4) {
+            assert!(start.elapsed() < PATIENCE, "no window of the node's new life comes");
+            thread::sleep(Duration::from_millis(50));
+        }
+        stop.store(true, Ordering::Relaxed);
+        collected.join().unwrap().unwrap()
+    });
+    // Each window once, of both lives; what was under way when the node started anew is gone with it.
+    let lives = bench.lives(3);
+    assert_eq!(lives.keys().copied().collect::<Vec<u32>>(), [1003, 1004]);
+    for (boot, numbers) in &lives {
+        assert_eq!(*numbers, (0..numbers.len() as u32).collect::<Vec<u32>>(), "life {boot}");
+    }
+    // Its count has moved with it: the port where it was has none.
+    let stored: usize = lives.values().map(Vec::len).sum();
+    assert_eq!(windows(&statuses), stored as u64);
+    let old = statuses.iter().find(|status| status.port == port(&here)).unwrap();
+    assert!(matches!(old.state, PortState::Gone(_)) && old.node.is_none(), "{old:?}");
+}
+
+#[test]
+fn a_full_disk_ends_collecting_and_costs_no_window() {
+    let bench = Bench::new();
+    bench.collect(&["--for", "3s"]).assert().success();
+    let before = bench.numbers(3).len();
+    assert!(before > 0);
+    // No file may grow beyond a size that the archive is soon to reach; the shell counts in halves of KB.
+    let halves = fs::metadata(bench.socket("archive.sqlite")).unwrap().len() / 512 + 100;
+    let command = bench.collect(&["--for", "60s"]);
+    let arguments: Vec<&str> = command.get_args().map(|argument| argument.to_str().unwrap()).collect();
+    let mut limited = Command::new("sh");
+    limited.args(["-c", &format!("trap '' XFSZ; ulimit -f {halves}; exec \"$@\""), "sh"]);
+    limited.arg(command.get_program()).args(arguments);
+    let output = limited.assert().failure().get_output().clone();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    for part in ["archive.sqlite", "cannot be used"] {
+        assert!(said.contains(part), "no {part:?} in: {said}");
+    }
+    // The nodes still have what could not be kept.
+    bench.collect(&["--for", "4s"]).assert().success();
+    for node in [3, 8] {
+        let numbers = bench.numbers(node);
+        assert!(numbers.len() > before + 4, "{} windows of node {node}, {before} before", numbers.len());
+        assert_eq!(numbers, (0..numbers.len() as u32).collect::<Vec<u32>>(), "node {node}");
+    }
 }

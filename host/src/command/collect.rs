@@ -25,11 +25,13 @@ use crate::spectra::{LineGrid, SetupExtent, SpectralPlan};
 use crate::study::{Analysis, Setup, Study};
 use view::View;
 
+/// Hours that are measured where nothing is said.
+const HOURS: f64 = 24.0;
 /// Bits a component where nothing is said: frequencies within 0.0002 %.
 const BITS: u8 = 10;
 
 const EXAMPLES: &str = "Examples:
-  belfry collect tower                                 every node that answers on a serial port, until Ctrl-C
+  belfry collect tower                                 every node on a serial port, also one that comes later
   belfry collect tower --port /dev/ttyACM0 --port /dev/ttyACM1
   belfry collect tower --port tcp:10.0.0.7:4001        a node behind a serial server
   belfry collect tower --for 12h                       then stop
@@ -62,9 +64,9 @@ pub struct Arguments {
     /// Stop after this time, such as 12h, 30min or 40s
     #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
     duration: Option<Duration>,
-    /// Hours that will be measured, for the choice of the segment
-    #[arg(long, value_name = "HOURS", default_value_t = 24.0, value_parser = hours)]
-    hours: f64,
+    /// Hours that will be measured, for the choice of the segment when collecting begins [default: 24]
+    #[arg(long, value_name = "HOURS", value_parser = hours)]
+    hours: Option<f64>,
     /// Drop windows that nodes still hold for another study, instead of leaving such nodes alone
     #[arg(long)]
     drop_foreign: bool,
@@ -102,6 +104,7 @@ struct PortReport {
     state: String,
     windows: u64,
     windows_with_gaps: u64,
+    /// Windows of the node's life since the archive first met it that no longer exist anywhere, also before this run.
     lost_windows: u64,
     foreign_windows: u64,
     lost_rows: u32,
@@ -133,6 +136,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
     let setup = live_setup(&study, arguments.setup.as_deref())?;
     let ports = ports(&arguments.ports)?;
+    // A node may be plugged in later, and a cable that is pulled may come back under another name.
+    let list_ports = || if arguments.ports.is_empty() { all_ports().unwrap_or_default() } else { ports.clone() };
     let mut archive = Archive::create(&study.folder)?;
     let settings = settings(&study, setup, &archive, arguments)?;
     let nodes = configurations(setup, &settings, &mut archive)?;
@@ -144,15 +149,10 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         archive.file().display()
     ));
     let stop = stop_on_signal()?;
-    let collection = Collection {
-        setup: setup.name.clone(),
-        ports,
-        baud: arguments.baud,
-        nodes,
-        drop_foreign: arguments.drop_foreign,
-    };
+    let collection =
+        Collection { setup: setup.name.clone(), baud: arguments.baud, nodes, drop_foreign: arguments.drop_foreign };
     let start = Instant::now();
-    let statuses = collect(&collection, archive, &stop, &mut |statuses| {
+    let statuses = collect(&collection, archive, &stop, &list_ports, &mut |statuses| {
         view.show(statuses);
         let is_over = arguments.duration.is_some_and(|duration| start.elapsed() >= duration);
         if is_over { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -167,20 +167,20 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         archive: file,
         collected_s: start.elapsed().as_secs_f64(),
         windows_in_archive: windows,
-        ports: statuses.iter().map(port_report).collect(),
+        ports: statuses.iter().map(|status| port_report(status, &view)).collect(),
     })?;
     console.say(view.text(&statuses));
     let stored: u64 = statuses.iter().map(|status| status.statistics.windows).sum();
-    let gaps: u64 = statuses.iter().map(|status| status.gaps).sum();
+    let gaps: u64 = statuses.iter().map(|status| status.gaps.windows).sum();
     console.say(format!(
         "{stored} windows of nodes have come, {gaps} of them with gaps; the archive now has {windows} windows of this setup."
     ));
     if statuses.iter().all(|status| status.state.is_useless()) {
-        let reasons: Vec<String> = statuses.iter().map(view::state_in_words).collect();
+        let reasons: Vec<String> = statuses.iter().map(|status| view.state_in_words(status)).collect();
         bail!("no port has a node that can be used: {}", reasons.join("; "));
     }
     if statuses.iter().all(|status| status.node.is_none()) {
-        bail!("no node has answered on {}", collection.ports.join(", "));
+        bail!("no node has answered on {}", ports.join(", "));
     }
     if windows > 0 && (stored == 0 || gaps < stored) {
         console.say(format!("Next: belfry identify {}", study.folder.display()));
@@ -213,11 +213,15 @@ fn ports(named: &[String]) -> anyhow::Result<Vec<String>> {
         ports.dedup();
         return Ok(ports);
     }
-    let ports: Vec<String> = serial_ports()?.into_iter().map(|(name, _)| name).collect();
+    let ports = all_ports()?;
     if ports.is_empty() {
         bail!("there is no serial port; is the board's USB cable one that carries data? `--port` names others");
     }
     Ok(ports)
+}
+
+fn all_ports() -> std::io::Result<Vec<String>> {
+    Ok(serial_ports()?.into_iter().map(|(name, _)| name).collect())
 }
 
 /// What the setup's nodes are to measure: as before where [analysis] still asks for that, else what suits it.
@@ -228,7 +232,7 @@ fn settings(study: &Study, setup: &Setup, archive: &Archive, arguments: &Argumen
             study.folder.join("study.toml").display()
         );
     };
-    let rows = (arguments.hours * 3600.0 * setup.sampling_rate_hz) as u64;
+    let rows = (arguments.hours.unwrap_or(HOURS) * 3600.0 * setup.sampling_rate_hz) as u64;
     let extent = SetupExtent { sampling_rate_hz: setup.sampling_rate_hz, rows, channels: setup.sensors.len() };
     let before = archive.configurations(Some(&setup.name))?;
     // Another setup of the study, that was collected before, fixes the lines as well: they are analysed together.
@@ -251,7 +255,10 @@ fn settings(study: &Study, setup: &Setup, archive: &Archive, arguments: &Argumen
         let channels = usize::from(known.channels);
         let same = node_configuration(setup.sampling_rate_hz, decimation, &grid, channels, known.summary);
         if asks_for_it && same.as_ref() == Some(known) {
-            let reason = format!("As collected before: {}", in_words(&grid, bits));
+            let mut reason = format!("As collected before: {}", in_words(&grid, bits));
+            if arguments.hours.is_some() && study.analysis.segment.is_none() {
+                reason += " (--hours counts for a first choice; another segment = ... in [analysis] begins anew.)";
+            }
             return Ok(Settings { grid, decimation, bits, reason });
         }
     }
@@ -313,14 +320,14 @@ fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-fn port_report(status: &PortStatus) -> PortReport {
+fn port_report(status: &PortStatus, view: &View) -> PortReport {
     let heartbeat = status.heartbeat.as_ref();
     PortReport {
         port: status.port.clone(),
         node: status.node,
-        state: view::state_in_words(status),
+        state: view.state_in_words(status),
         windows: status.statistics.windows,
-        windows_with_gaps: status.gaps,
+        windows_with_gaps: status.gaps.windows,
         lost_windows: status.statistics.lost_windows,
         foreign_windows: status.statistics.foreign_windows,
         lost_rows: heartbeat.map_or(0, |heartbeat| heartbeat.lost_rows),

@@ -59,8 +59,8 @@ impl Template {
                  `belfry identify {argument}`"
             ),
             Self::Blank => format!(
-                "describe your sensors in {study_file}, put the recording next to it, then run \
-                 `belfry identify {argument}`"
+                "describe your sensors in {study_file} and put the recording next to it (or write `live = true` there \
+                 and let `belfry collect {argument}` fetch it from nodes), then run `belfry identify {argument}`"
             ),
         }
     }

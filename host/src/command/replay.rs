@@ -147,7 +147,11 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     tell(&nodes, console);
     let differ = nodes.iter().filter(|node| node.identical < node.windows).count();
     let empty = nodes.iter().filter(|node| node.windows == 0).count();
+    let windows: usize = nodes.iter().map(|node| node.windows).sum();
     console.json(&Report { nodes })?;
+    if differ == 0 && empty == 0 {
+        console.say(format!("All {windows} windows have the same bits as on this computer."));
+    }
     if differ > 0 {
         bail!(
             "{differ} nodes gave windows that the same firmware on this computer does not give: the board computes otherwise"

@@ -1,21 +1,20 @@
 //! Collecting: a thread a port, from the first greeting to windows in the archive, until it is told to stop.
 //!
-//! A node is known by its greeting, not by its port: cables may be swapped, ports may vanish and come back. Nothing is
-//! acknowledged before the archive has it on disk, so a stop at any moment loses nothing.
+//! A node is known by its greeting, not by its port: cables may be swapped, ports may vanish, and come back under another
+//! name. Nothing is acknowledged before the archive has it on disk, so a stop at any moment loses nothing.
 
 mod clock;
 mod peaks;
 mod sink;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use belfry_shared::message::{ChannelState, Heartbeat, Hello};
-use belfry_shared::time::HostTime;
 use thiserror::Error;
 
 use super::assembly::{ChannelData, Configurations};
@@ -35,10 +34,12 @@ const ASK: Duration = Duration::from_secs(2);
 const REOPEN: Duration = Duration::from_secs(2);
 /// Time between tries of a port whose node is of no use: it may be given another number, or other cables.
 const ASK_AGAIN: Duration = Duration::from_secs(15);
+/// Time between looks at which ports there are.
+const LIST: Duration = Duration::from_secs(2);
 /// Time between looks at what the ports have come to.
 const LOOK: Duration = Duration::from_millis(200);
 /// A node counts as silent when nothing came for this long: two heartbeats.
-const SILENT_US: i64 = 250_000_000;
+const SILENT: Duration = Duration::from_secs(250);
 
 /// Why collecting ended early.
 #[derive(Debug, Error)]
@@ -53,8 +54,6 @@ pub enum CollectError {
 pub struct Collection {
     /// The setup.
     pub setup: String,
-    /// Ports where its nodes may be.
-    pub ports: Vec<String>,
     /// Baud rate of serial ports.
     pub baud: u32,
     /// Its nodes, and what each has to measure.
@@ -90,6 +89,15 @@ impl PortState {
     }
 }
 
+/// Windows since collecting began in which a channel was not sound.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Gaps {
+    /// How many.
+    pub windows: u64,
+    /// What was wrong last: channel (from 0) and reason.
+    pub last: Option<(usize, ChannelState)>,
+}
+
 /// A port, and the node on it.
 #[derive(Debug, Clone, Default)]
 pub struct PortStatus {
@@ -97,7 +105,7 @@ pub struct PortStatus {
     pub port: String,
     /// What it has come to.
     pub state: PortState,
-    /// The node that answers.
+    /// The node that answers, or did until its port failed.
     pub node: Option<u16>,
     /// Its last greeting.
     pub hello: Option<Hello>,
@@ -107,10 +115,8 @@ pub struct PortStatus {
     pub statistics: SessionStatistics,
     /// How much faster the host's clock runs than the node's, in parts per million, where it is known.
     pub drift_ppm: Option<f64>,
-    /// Windows since collecting began in which a channel was not sound, and what was wrong last.
-    pub gaps: u64,
-    /// The last gap: channel (from 0) and reason.
-    pub last_gap: Option<(usize, ChannelState)>,
+    /// Its windows with gaps.
+    pub gaps: Gaps,
     /// Highest peaks of the mean density of all channels, in Hz, highest first.
     pub peaks_hz: Vec<f64>,
 }
@@ -121,9 +127,25 @@ struct Shared<'a> {
     archive: Mutex<Archive>,
     clock: HostClock,
     stop: &'a AtomicBool,
-    /// Which port serves a node.
-    claims: Mutex<BTreeMap<u16, String>>,
+    nodes: Mutex<BTreeMap<u16, Place>>,
     failure: Mutex<Option<CollectError>>,
+}
+
+/// Where a node is that has answered.
+enum Place {
+    /// It is served on this port.
+    Served(String),
+    /// Its port is away, or silent; what is known of it goes on where it answers next.
+    Away(Box<NodeState>),
+}
+
+/// What is known of a node.
+struct NodeState {
+    session: Session,
+    /// The clock's generation that the session goes by.
+    generation: u64,
+    peaks: PeakMeter,
+    gaps: Gaps,
 }
 
 /// A thread that panicked has told its fault already; what it shared is whole, for it is only changed in one go.
@@ -131,7 +153,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Collects until `stop` is set, `on_look` (which sees all ports five times a second) breaks, or no port can be used.
+/// Collects until `stop` is set, `on_look` (which sees all ports five times a second) breaks, or no port can be used. `ports` lists
+/// the ports where nodes may be; it is asked again and again, for a node may be plugged in later.
 ///
 /// # Errors
 /// When a window cannot be kept; what was not kept stays in the nodes.
@@ -139,6 +162,7 @@ pub fn collect(
     collection: &Collection,
     archive: Archive,
     stop: &AtomicBool,
+    ports: &dyn Fn() -> Vec<String>,
     on_look: &mut dyn FnMut(&[PortStatus]) -> ControlFlow<()>,
 ) -> Result<Vec<PortStatus>, CollectError> {
     let shared = Shared {
@@ -146,20 +170,32 @@ pub fn collect(
         archive: Mutex::new(archive),
         clock: HostClock::new(),
         stop,
-        claims: Mutex::default(),
+        nodes: Mutex::default(),
         failure: Mutex::default(),
     };
-    let fresh = |port: &String| Mutex::new(PortStatus { port: port.clone(), ..PortStatus::default() });
-    let statuses: Vec<Mutex<PortStatus>> = collection.ports.iter().map(fresh).collect();
-    let snapshot = || -> Vec<PortStatus> { statuses.iter().map(|status| lock(status).clone()).collect() };
+    let mut statuses: BTreeMap<String, Arc<Mutex<PortStatus>>> = BTreeMap::new();
     thread::scope(|scope| {
         let shared = &shared;
-        let workers: Vec<_> =
-            statuses.iter().map(|status| scope.spawn(move || Worker::new(shared, status).run())).collect();
-        while !workers.iter().all(thread::ScopedJoinHandle::is_finished) {
-            let statuses = snapshot();
+        let mut workers = Vec::new();
+        let mut listed: Option<Instant> = None;
+        loop {
+            if listed.is_none_or(|listed| listed.elapsed() >= LIST) {
+                listed = Some(Instant::now());
+                for port in ports() {
+                    statuses.entry(port.clone()).or_insert_with(|| {
+                        let status = Arc::new(Mutex::new(PortStatus { port: port.clone(), ..PortStatus::default() }));
+                        let mut worker = Worker { shared, status: Arc::clone(&status), port };
+                        workers.push(scope.spawn(move || worker.run()));
+                        status
+                    });
+                }
+            }
+            let statuses = snapshot(&statuses);
             if on_look(&statuses).is_break() || statuses.iter().all(|status| status.state.is_useless()) {
                 stop.store(true, Ordering::Relaxed);
+            }
+            if workers.iter().all(thread::ScopedJoinHandle::is_finished) {
+                break;
             }
             thread::sleep(LOOK);
         }
@@ -169,40 +205,43 @@ pub fn collect(
     });
     match lock(&shared.failure).take() {
         Some(failure) => Err(failure),
-        None => Ok(snapshot()),
+        None => Ok(snapshot(&statuses)),
     }
 }
 
-/// What remains of a node while its port is away.
-struct NodeState {
-    session: Session,
-    peaks: PeakMeter,
-    gaps: u64,
-    last_gap: Option<(usize, ChannelState)>,
+/// What all ports have come to. A port forgets a node that is served on another one now, so that the node counts once.
+fn snapshot(statuses: &BTreeMap<String, Arc<Mutex<PortStatus>>>) -> Vec<PortStatus> {
+    let serves = |status: &PortStatus| matches!(status.state, PortState::Preparing | PortState::Measuring);
+    let served_node = |status: &Arc<Mutex<PortStatus>>| {
+        let status = lock(status);
+        status.node.filter(|_| serves(&status))
+    };
+    let served: BTreeSet<u16> = statuses.values().filter_map(served_node).collect();
+    let look = |(port, status): (&String, &Arc<Mutex<PortStatus>>)| {
+        let mut status = lock(status);
+        if !serves(&status) && status.node.is_some_and(|node| served.contains(&node)) {
+            let state = std::mem::take(&mut status.state);
+            *status = PortStatus { port: port.clone(), state, ..PortStatus::default() };
+        }
+        status.clone()
+    };
+    statuses.iter().map(look).collect()
 }
 
 /// One port's thread.
 struct Worker<'a> {
     shared: &'a Shared<'a>,
-    status: &'a Mutex<PortStatus>,
+    status: Arc<Mutex<PortStatus>>,
     port: String,
-    nodes: BTreeMap<u16, NodeState>,
-    /// The clock's generation that the sessions have been told the time of.
-    generation: u64,
 }
 
-impl<'a> Worker<'a> {
-    fn new(shared: &'a Shared<'a>, status: &'a Mutex<PortStatus>) -> Self {
-        let port = lock(status).port.clone();
-        Self { shared, status, port, nodes: BTreeMap::new(), generation: shared.clock.look().1 }
-    }
-
+impl Worker<'_> {
     fn is_stopped(&self) -> bool {
         self.shared.stop.load(Ordering::Relaxed)
     }
 
     fn set(&self, state: PortState) {
-        lock(self.status).state = state;
+        lock(&self.status).state = state;
     }
 
     /// Waits, but not for long after a stop.
@@ -216,11 +255,7 @@ impl<'a> Worker<'a> {
     fn run(&mut self) {
         while !self.is_stopped() {
             let pause = match Port::open(&self.port, self.shared.collection.baud) {
-                Ok(mut port) => {
-                    let pause = self.use_port(&mut port);
-                    lock(&self.shared.claims).retain(|_, claimed| *claimed != self.port);
-                    pause
-                }
+                Ok(mut port) => self.use_port(&mut port),
                 Err(error) => {
                     self.set(PortState::Gone(with_cause(&error)));
                     REOPEN
@@ -235,7 +270,7 @@ impl<'a> Worker<'a> {
         while !self.is_stopped() {
             let node = match who_is_there(port, ASK) {
                 Ok(hello) => {
-                    let mut status = lock(self.status);
+                    let mut status = lock(&self.status);
                     status.node = Some(hello.node);
                     let node = hello.node;
                     status.hello = Some(hello);
@@ -258,20 +293,21 @@ impl<'a> Worker<'a> {
                 self.set(PortState::Foreign);
                 return ASK_AGAIN;
             };
-            let claimed = lock(&self.shared.claims).entry(node).or_insert_with(|| self.port.clone()).clone();
-            if claimed != self.port {
-                self.set(PortState::Refused(format!(
-                    "node {node} answers on {claimed} already: two nodes have its number"
-                )));
-                return ASK_AGAIN;
-            }
-            self.set(PortState::Preparing);
-            match self.serve(node, configurations, port) {
-                Ok(()) => {}
-                // Another node is on the cable now.
-                Err(SessionError::WrongNode { .. }) => {
-                    lock(&self.shared.claims).remove(&node);
+            let mut state = match self.take(node, configurations) {
+                Ok(state) => state,
+                Err(other) => {
+                    self.set(PortState::Refused(format!(
+                        "node {node} answers on {other} already: two nodes have its number"
+                    )));
+                    return ASK_AGAIN;
                 }
+            };
+            self.set(PortState::Preparing);
+            let served = self.serve(&mut state, configurations, port);
+            lock(&self.shared.nodes).insert(node, Place::Away(state));
+            match served {
+                // It has been silent for long, or another node is on the cable now.
+                Ok(()) | Err(SessionError::WrongNode { .. }) => {}
                 Err(SessionError::Transport { source, .. }) => {
                     self.set(PortState::Gone(source.to_string()));
                     return REOPEN;
@@ -291,24 +327,42 @@ impl<'a> Worker<'a> {
         ASK_AGAIN
     }
 
-    /// Serves a node until the stop, or until its line fails.
-    fn serve(&mut self, node: u16, configurations: &Configurations, port: &mut Port) -> Result<(), SessionError> {
+    /// Takes charge of a node; the port that has it already, where one does.
+    fn take(&self, node: u16, configurations: &Configurations) -> Result<Box<NodeState>, String> {
+        let Collection { baud, drop_foreign, .. } = *self.shared.collection;
+        let mut nodes = lock(&self.shared.nodes);
+        match nodes.insert(node, Place::Served(self.port.clone())) {
+            None => Ok(Box::new(NodeState {
+                session: Session::new(node, configurations.clone(), baud).dropping_foreign(drop_foreign),
+                generation: self.shared.clock.look().1,
+                peaks: PeakMeter::new(&configurations.current),
+                gaps: Gaps::default(),
+            })),
+            Some(Place::Away(state)) => Ok(state),
+            Some(Place::Served(other)) => {
+                nodes.insert(node, Place::Served(other.clone()));
+                Err(other)
+            }
+        }
+    }
+
+    /// Serves a node until the stop, until it has been silent for long, or until its line fails.
+    fn serve(
+        &self,
+        state: &mut NodeState,
+        configurations: &Configurations,
+        port: &mut Port,
+    ) -> Result<(), SessionError> {
         let shared = self.shared;
-        let baud = shared.collection.baud;
-        let state = self.nodes.entry(node).or_insert_with(|| NodeState {
-            session: Session::new(node, configurations.clone(), baud).dropping_foreign(shared.collection.drop_foreign),
-            peaks: PeakMeter::new(&configurations.current),
-            gaps: 0,
-            last_gap: None,
-        });
-        let NodeState { session, peaks, gaps, last_gap } = state;
+        let NodeState { session, generation, peaks, gaps } = state;
         session.reconnect();
         let mut looked = Instant::now();
+        let mut heard = (session.statistics().bytes_received, Instant::now());
         loop {
-            let (now, generation) = shared.clock.look();
-            if generation != self.generation {
+            let (now, current) = shared.clock.look();
+            if current != *generation {
                 // The computer's clock was set: what is known of the node's is worth nothing.
-                self.generation = generation;
+                *generation = current;
                 session.restart();
             }
             let mut sink = ArchiveSink {
@@ -322,38 +376,32 @@ impl<'a> Worker<'a> {
                         _ => None,
                     });
                     if let Some(gap) = unsound.next_back() {
-                        *gaps += 1;
-                        *last_gap = Some(gap);
+                        *gaps = Gaps { windows: gaps.windows + 1, last: Some(gap) };
                     }
                     peaks.add(window);
                 },
             };
             session.service(&|| shared.clock.look().0, port, &mut sink)?;
-            let stopped = shared.stop.load(Ordering::Relaxed);
-            if looked.elapsed() >= LOOK || stopped {
+            let received = session.statistics().bytes_received;
+            if received > heard.0 {
+                heard = (received, Instant::now());
+            }
+            let ends = self.is_stopped() || heard.1.elapsed() > SILENT;
+            if looked.elapsed() >= LOOK || ends {
                 looked = Instant::now();
-                let mut status = lock(self.status);
-                status.state = match (session.is_measuring(), is_silent(session, now)) {
-                    (_, true) => PortState::Silent,
-                    (true, false) => PortState::Measuring,
-                    (false, false) => PortState::Preparing,
-                };
-                status.node = Some(node);
+                let mut status = lock(&self.status);
+                status.state = if session.is_measuring() { PortState::Measuring } else { PortState::Preparing };
+                status.node = Some(session.node());
                 status.hello = session.hello().cloned().or(status.hello.take());
                 status.heartbeat = session.heartbeat().cloned();
                 status.statistics = session.statistics();
                 status.drift_ppm = session.clock().drift_ppm();
-                (status.gaps, status.last_gap) = (*gaps, *last_gap);
+                status.gaps = *gaps;
                 status.peaks_hz = peaks.peaks_hz().to_vec();
             }
-            if stopped {
+            if ends {
                 return Ok(());
             }
         }
     }
-}
-
-fn is_silent(session: &Session, now: HostTime) -> bool {
-    let last = session.last_received();
-    last.0 > i64::MIN && now.0.saturating_sub(last.0) > SILENT_US
 }

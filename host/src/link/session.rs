@@ -270,11 +270,6 @@ impl Session {
         &self.clock
     }
 
-    /// When something came last; long ago where nothing has.
-    pub fn last_received(&self) -> HostTime {
-        self.last_received
-    }
-
     /// What it has seen.
     pub fn statistics(&self) -> SessionStatistics {
         let earlier: u64 = self.earlier.iter().map(|assembler| assembler.lost() + assembler.missing()).sum();

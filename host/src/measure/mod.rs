@@ -114,6 +114,18 @@ pub enum MeasureError {
         /// Why.
         source: SpectraError,
     },
+    /// No window of a setup can be used.
+    #[error(
+        "setup \"{setup}\": none of {windows} windows is sound on all live channels at once. Sound are: {channels}"
+    )]
+    NoSound {
+        /// The setup.
+        setup: String,
+        /// In how many windows each channel is sound.
+        channels: String,
+        /// All windows.
+        windows: usize,
+    },
 }
 
 /// Where the time went. Reading, spectra and averaging run side by side, so their times do not add up.
@@ -416,7 +428,14 @@ fn measure_setup<'a>(
     let several = |warning: String| format!("setup \"{}\": {warning}", setup.name);
     let of_recording = report.iter().flat_map(|report| &report.warnings);
     let mut warnings: Vec<String> = of_recording.map(|warning| several(warning.to_string())).collect();
-    let (spectrum, left_out) = accumulator.finish().map_err(spectra)?;
+    let (spectrum, left_out) = accumulator.finish().map_err(|error| match error {
+        SpectraError::NoSoundWindows { sound, windows } => {
+            let each = setup.sensors.iter().zip(&sound);
+            let each = each.map(|(sensor, sound)| format!("\"{}\" in {sound}", sensor.channel));
+            MeasureError::NoSound { setup: setup.name.clone(), channels: each.collect::<Vec<_>>().join(", "), windows }
+        }
+        error => spectra(error),
+    })?;
     warnings.extend(left_out.iter().map(|warning| several(left_out_sentence(setup, *warning))));
     if let Some(fleet) = &fleet {
         let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();

@@ -33,7 +33,12 @@ pub enum SpectraError {
     NoWindows,
     /// No window is sound on the channels that are sound at all.
     #[error("no window is sound on all live channels at once: every one has gaps, clipped or constant samples")]
-    NoSoundWindows,
+    NoSoundWindows {
+        /// Windows in which each channel is sound.
+        sound: Vec<usize>,
+        /// All windows.
+        windows: usize,
+    },
     /// A window does not fit the others.
     #[error("a window has {found} channels or lines where {expected} were expected")]
     Shape {
@@ -287,7 +292,7 @@ impl CrossSpectrumAccumulator {
             groups.extend(merged);
         }
         let Some(total) = total.filter(|total| total.sums.windows > 0 && !kept.is_empty()) else {
-            return Err(SpectraError::NoSoundWindows);
+            return Err(SpectraError::NoSoundWindows { sound: self.sound, windows });
         };
         let used = total.sums.windows;
         if used < windows {
@@ -618,7 +623,7 @@ mod tests {
         for number in 0..10 {
             silent.add(window(number, 2, 2, |channel| channel == number % 2)).unwrap();
         }
-        assert_eq!(silent.finish().unwrap_err(), SpectraError::NoSoundWindows);
+        assert_eq!(silent.finish().unwrap_err(), SpectraError::NoSoundWindows { sound: vec![5, 5], windows: 10 });
     }
 
     #[test]

@@ -31,8 +31,8 @@ pub(super) struct View {
     told: RefCell<BTreeMap<String, String>>,
     /// When the table was drawn last.
     shown: Cell<Option<Instant>>,
-    /// The setup's nodes.
-    nodes: Vec<u16>,
+    /// The setup's nodes, and their channels' names.
+    nodes: BTreeMap<u16, Vec<String>>,
     console: Console,
 }
 
@@ -50,7 +50,10 @@ impl View {
             start_s: unix_time().as_secs_f64(),
             told: RefCell::default(),
             shown: Cell::default(),
-            nodes: channels_by_node(setup).into_keys().collect(),
+            nodes: channels_by_node(setup)
+                .into_iter()
+                .map(|(node, channels)| (node, channels.iter().map(|&c| setup.sensors[c].channel.clone()).collect()))
+                .collect(),
             console: *console,
         }
     }
@@ -75,7 +78,7 @@ impl View {
     fn tell_changes(&self, statuses: &[PortStatus]) {
         let mut told = self.told.borrow_mut();
         for status in statuses {
-            let state = state_in_words(status);
+            let state = self.state_in_words(status);
             if told.get(&status.port) != Some(&state) {
                 self.console.report(format_args!("{}: {state}", named(status)));
                 told.insert(status.port.clone(), state);
@@ -100,10 +103,10 @@ impl View {
     pub(super) fn text(&self, statuses: &[PortStatus]) -> String {
         let mut text = self.table(statuses).to_string();
         for status in sorted(statuses) {
-            text += &format!("\n{}: {}", named(status), state_in_words(status));
+            text += &format!("\n{}: {}", named(status), self.state_in_words(status));
         }
         let is_there = |node: &&u16| statuses.iter().any(|status| status.node == Some(**node));
-        let missing: Vec<String> = self.nodes.iter().filter(|node| !is_there(node)).map(u16::to_string).collect();
+        let missing: Vec<String> = self.nodes.keys().filter(|node| !is_there(node)).map(u16::to_string).collect();
         if !missing.is_empty() {
             text += &format!("\nOn no port: node {}.", missing.join(", "));
         }
@@ -127,7 +130,7 @@ impl View {
                 or_dash(status.node.map(|node| node.to_string())),
                 or_dash(rate),
                 status.statistics.windows.to_string(),
-                status.gaps.to_string(),
+                status.gaps.windows.to_string(),
                 status.statistics.lost_windows.to_string(),
                 or_dash(status.drift_ppm.map(|drift| format!("{drift:+.2}"))),
                 or_dash(level),
@@ -136,6 +139,56 @@ impl View {
         }
         align_right(&mut table, 6);
         table
+    }
+
+    /// What a port has come to, and what is wrong with its node's sensors.
+    pub(super) fn state_in_words(&self, status: &PortStatus) -> String {
+        let mut words = match &status.state {
+            PortState::Asking => "asks who is there".to_owned(),
+            PortState::Silent => "nobody answers".to_owned(),
+            PortState::Gone(reason) => format!("gone, tried again ({reason})"),
+            PortState::Preparing => "is told what to measure, and the time".to_owned(),
+            PortState::Measuring => "measures".to_owned(),
+            PortState::Foreign => format!(
+                "node {} answers on {}, but no sensor of this setup has `node = {0}`: left alone (a board's number is BELFRY_NODE when it is built)",
+                status.node.unwrap_or_default(),
+                status.port
+            ),
+            PortState::Refused(reason) => reason.clone(),
+        };
+        if let Some(fault) = status.hello.as_ref().and_then(|hello| hello.fault.as_ref()) {
+            words += &format!("; started anew: {fault}");
+        }
+        if let Some((channel, reason)) = status.gaps.last {
+            words += &format!(
+                "; {} windows with gaps, the last: {} {}",
+                status.gaps.windows,
+                self.channel(status, channel),
+                in_words(reason)
+            );
+        }
+        if let Some(heartbeat) = &status.heartbeat {
+            for (channel, sensor) in heartbeat.sensors.iter().enumerate() {
+                if *sensor != SensorState::Sound {
+                    words += &format!("; {} {sensor}", self.channel(status, channel));
+                }
+            }
+            if heartbeat.lost_rows > 0 {
+                words += &format!("; {} rows lost", heartbeat.lost_rows);
+            }
+        }
+        if status.statistics.foreign_windows > 0 {
+            words += &format!("; {} windows of another study dropped", status.statistics.foreign_windows);
+        }
+        words
+    }
+
+    /// A channel of a port's node by the name that it has in the study.
+    fn channel(&self, status: &PortStatus, channel: usize) -> String {
+        match status.node.and_then(|node| self.nodes.get(&node)?.get(channel)) {
+            Some(name) => format!("channel \"{name}\""),
+            None => format!("channel {}", channel + 1),
+        }
     }
 }
 
@@ -156,44 +209,6 @@ fn named(status: &PortStatus) -> String {
         Some(node) => format!("node {node} on {}", status.port),
         None => status.port.clone(),
     }
-}
-
-/// What a port has come to, and what is wrong with its node's sensors.
-pub(super) fn state_in_words(status: &PortStatus) -> String {
-    let mut words = match &status.state {
-        PortState::Asking => "asks who is there".to_owned(),
-        PortState::Silent => "nobody answers".to_owned(),
-        PortState::Gone(reason) => format!("gone, tried again ({reason})"),
-        PortState::Preparing => "is told what to measure, and the time".to_owned(),
-        PortState::Measuring => "measures".to_owned(),
-        PortState::Foreign => format!(
-            "node {} answers on {}, but no sensor of this setup has `node = {0}`: left alone (a board's number is BELFRY_NODE when it is built)",
-            status.node.unwrap_or_default(),
-            status.port
-        ),
-        PortState::Refused(reason) => reason.clone(),
-    };
-    if let Some(fault) = status.hello.as_ref().and_then(|hello| hello.fault.as_ref()) {
-        words += &format!("; started anew: {fault}");
-    }
-    if let Some((channel, reason)) = status.last_gap {
-        words +=
-            &format!("; {} windows with gaps, the last: channel {} {}", status.gaps, channel + 1, in_words(reason));
-    }
-    if let Some(heartbeat) = &status.heartbeat {
-        for (channel, sensor) in heartbeat.sensors.iter().enumerate() {
-            if *sensor != SensorState::Sound {
-                words += &format!("; channel {} {sensor}", channel + 1);
-            }
-        }
-        if heartbeat.lost_rows > 0 {
-            words += &format!("; {} rows lost", heartbeat.lost_rows);
-        }
-    }
-    if status.statistics.foreign_windows > 0 {
-        words += &format!("; {} windows of another study dropped", status.statistics.foreign_windows);
-    }
-    words
 }
 
 fn in_words(reason: ChannelState) -> &'static str {

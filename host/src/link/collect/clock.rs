@@ -18,17 +18,20 @@ pub(super) struct HostClock(Mutex<Base>);
 #[derive(Clone, Copy)]
 struct Base {
     unix: Duration,
-    read: Instant,
+    steady: Instant,
     generation: u64,
 }
 
 impl Base {
-    fn read(generation: u64) -> Self {
-        Self { unix: unix_time(), read: Instant::now(), generation }
-    }
-
-    fn now(&self) -> Duration {
-        self.unix + self.read.elapsed()
+    /// Unix time at a moment of the steady clock, when the computer's clock shows `unix`. What the computer's clock is slowed
+    /// or hurried by does not count, before it comes to a jump.
+    fn look(&mut self, unix: Duration, steady: Instant) -> Duration {
+        let carried_on = self.unix + steady.duration_since(self.steady);
+        if carried_on.abs_diff(unix) <= JUMP {
+            return carried_on;
+        }
+        *self = Self { unix, steady, generation: self.generation + 1 };
+        unix
     }
 }
 
@@ -39,16 +42,37 @@ pub fn unix_time() -> Duration {
 
 impl HostClock {
     pub(super) fn new() -> Self {
-        Self(Mutex::new(Base::read(0)))
+        Self(Mutex::new(Base { unix: unix_time(), steady: Instant::now(), generation: 0 }))
     }
 
     /// Now, and how often the computer's clock has jumped.
     pub(super) fn look(&self) -> (HostTime, u64) {
         let mut base = lock(&self.0);
-        if base.now().abs_diff(unix_time()) > JUMP {
-            *base = Base::read(base.generation + 1);
-        }
-        let microseconds = i64::try_from(base.now().as_micros()).unwrap_or(i64::MAX);
-        (HostTime(microseconds), base.generation)
+        let now = base.look(unix_time(), Instant::now());
+        (HostTime(i64::try_from(now.as_micros()).unwrap_or(i64::MAX)), base.generation)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: Duration = Duration::from_secs(1);
+
+    #[test]
+    fn what_creeps_is_left_alone_and_a_jump_begins_anew_either_way() {
+        let steady = Instant::now();
+        let mut base = Base { unix: 1000 * SECOND, steady, generation: 0 };
+        // 400 ms ahead after an hour: nodes measure drifts against a clock that runs evenly.
+        let hour = 3600 * SECOND;
+        assert_eq!(base.look(4600 * SECOND + SECOND * 2 / 5, steady + hour), 4600 * SECOND);
+        assert_eq!(base.generation, 0);
+        // Set ahead by a day, as after a start without network.
+        assert_eq!(base.look(91_000 * SECOND, steady + hour + SECOND), 91_000 * SECOND);
+        assert_eq!(base.generation, 1);
+        assert_eq!(base.look(91_001 * SECOND, steady + hour + 2 * SECOND), 91_001 * SECOND);
+        // Set back.
+        assert_eq!(base.look(90_999 * SECOND, steady + hour + 3 * SECOND), 90_999 * SECOND);
+        assert_eq!(base.generation, 2);
     }
 }
