@@ -25,6 +25,8 @@ pub struct ClockStudy {
     pub hours: f64,
     /// How far crystals are off; every other node's fast, the others' slow.
     pub crystal_ppm: f64,
+    /// How much further as they warm and cool in the course of a day, each node's at hours of its own.
+    pub swing_ppm: f64,
     /// How late frames may arrive, either way.
     pub jitter_ms: f64,
     /// Draws loads, noise, boots and jitter.
@@ -145,10 +147,11 @@ pub fn run(study: &ClockStudy) -> Result<ClockReport, String> {
     let extent = SetupExtent { sampling_rate_hz: setup.sampling_rate_hz, rows, channels: setup.sensors.len() };
     let plan = SpectralPlan::choose(&[extent], &study_of_tower.analysis).map_err(|error| told(&error))?;
     let (grid, decimation) = (plan.grid, *plan.decimations.first().ok_or("no plan")?);
-    let perfect = FleetOptions { pace: Pace::Crystal { ppm: 0.0 }, seed: study.seed, ..FleetOptions::default() };
+    let perfect =
+        FleetOptions { pace: Pace::Crystal { ppm: 0.0, swing_ppm: 0.0 }, seed: study.seed, ..FleetOptions::default() };
     let jitter_us = (study.jitter_ms * 1000.0) as u32;
     let real = FleetOptions {
-        pace: Pace::Crystal { ppm: study.crystal_ppm },
+        pace: Pace::Crystal { ppm: study.crystal_ppm, swing_ppm: study.swing_ppm },
         faults: Faults { jitter_us, ..Faults::default() },
         ..perfect
     };

@@ -53,6 +53,8 @@ pub enum Pace {
     Crystal {
         /// How far the crystals are off, in parts per million.
         ppm: f64,
+        /// How much further as they warm and cool in the course of a day, each node's at hours of its own.
+        swing_ppm: f64,
     },
 }
 

@@ -4,10 +4,10 @@ use std::process::ExitCode;
 
 use belfry_tests::clock::{ClockStudy, run};
 
-const USAGE: &str = "usage: clock [--hours H] [--ppm P] [--jitter-ms J] [--seed S]";
+const USAGE: &str = "usage: clock [--hours H] [--ppm P] [--swing-ppm P] [--jitter-ms J] [--seed S]";
 
 fn main() -> ExitCode {
-    let mut study = ClockStudy { hours: 24.0, crystal_ppm: 50.0, jitter_ms: 5.0, seed: 1 };
+    let mut study = ClockStudy { hours: 24.0, crystal_ppm: 50.0, swing_ppm: 0.0, jitter_ms: 5.0, seed: 1 };
     let mut arguments = std::env::args().skip(1);
     while let Some(name) = arguments.next() {
         let Some(value) = arguments.next().and_then(|value| value.parse::<f64>().ok()).filter(|value| *value >= 0.0)
@@ -18,6 +18,7 @@ fn main() -> ExitCode {
         match name.as_str() {
             "--hours" => study.hours = value,
             "--ppm" => study.crystal_ppm = value,
+            "--swing-ppm" => study.swing_ppm = value,
             "--jitter-ms" => study.jitter_ms = value,
             "--seed" => study.seed = value as u64,
             _ => {

@@ -6,7 +6,7 @@ use belfry_shared::time::{HostTime, NodeTime};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::pace::Resampler;
+use super::pace::{Crystal, Resampler};
 use super::{FleetError, FleetOptions, NodeReport, Pace};
 use crate::link::memory::{HostEnd, Line, Nanoseconds, NodeEnd};
 use crate::link::{Configurations, NodeWindow, Session, Transport};
@@ -17,6 +17,8 @@ const PREPARATION_NS: Nanoseconds = 120_000_000_000;
 const AFTERMATH_NS: Nanoseconds = 250_000_000_000;
 /// Longest wait for delivery after that.
 const PATIENCE_NS: Nanoseconds = 3_600_000_000_000;
+/// From warmth to warmth.
+const DAY_NS: f64 = 86_400e9;
 /// The node gets time to work at least this often.
 const TICK_NS: Nanoseconds = 1_000_000_000;
 
@@ -47,9 +49,8 @@ pub(super) struct SimulatedNode {
     number: u16,
     channels: Vec<usize>,
     node: Node<Box<Memory>>,
-    /// The node's clock: it started at `boot` and gains `drift`.
-    boot: Nanoseconds,
-    drift: f64,
+    /// The node's clock.
+    crystal: Crystal,
     /// Rows at the moments of the node's own crystal, where it samples by that.
     resampler: Option<Resampler>,
     line: Line,
@@ -82,20 +83,25 @@ impl SimulatedNode {
         let first_row = row_time(0, lead_rows, sampling_rate_uhz);
         let start = first_row - PREPARATION_NS;
         let boot = start - random.random_range(1_000_000_000..1_000_000_000_000);
-        let (drift, resampler) = match options.pace {
-            Pace::Recording => (0.0, None),
-            Pace::Crystal { ppm } => {
-                let drift = 1e-6 * if number % 2 == 0 { ppm } else { -ppm };
+        let (crystal, resampler) = match options.pace {
+            Pace::Recording => (Crystal::exact(boot), None),
+            Pace::Crystal { ppm, swing_ppm } => {
+                let crystal = Crystal {
+                    boot_ns: boot,
+                    drift: 1e-6 * if number % 2 == 0 { ppm } else { -ppm },
+                    swing: 1e-6 * swing_ppm,
+                    swing_period_ns: DAY_NS,
+                    phase: f64::from(number),
+                };
                 let period_ns = 1e15 / sampling_rate_uhz.max(1) as f64;
-                (drift, Some(Resampler::new(first_row, period_ns, period_ns / (1.0 + drift))))
+                (crystal, Some(Resampler::new(first_row, period_ns, crystal)))
             }
         };
         Self {
             number,
             channels,
             node: Node::new(identity, Box::new(Memory::new())),
-            boot,
-            drift,
+            crystal,
             resampler,
             node_end: line.node_end(),
             host_end: line.host_end(),
@@ -159,8 +165,7 @@ impl SimulatedNode {
     }
 
     fn node_time(&self, now: Nanoseconds) -> NodeTime {
-        let elapsed_us = (now - self.boot) as f64 * 1e-3 * (1.0 + self.drift);
-        NodeTime(elapsed_us.round() as u64)
+        NodeTime((1e-3 * self.crystal.count_ns(now)).round() as u64)
     }
 
     /// Lets everything happen that happens up to `time`.
