@@ -19,8 +19,9 @@ const ROUND_TRIP_TOLERANCE_US: i64 = 10_000;
 /// A reply cannot come before its request was sent, but for what reading clocks takes. (The time of frames on the line aside: one
 /// that is faster than its baud rate says, as USB is, makes round trips that seem negative.)
 const LEAST_WHOLE_ROUND_TRIP_US: i64 = -1_000;
-/// Exchanges are forgotten after this: crystals bend with the temperature, by some 0.2 ms from a line in an hour.
-const KEPT_US: i64 = 3_600_000_000;
+/// Exchanges are forgotten after this: crystals bend with the temperature. One that swings by 20 ppm in the course of a day bends by
+/// 0.2 ms from a line in this time, by 1.6 ms in an hour; in less, jitter counts more.
+const KEPT_US: i64 = 1_200_000_000;
 /// An exchange whose round trip is longer than the shortest by more than this bounds little.
 const SLOW_US: i64 = 500;
 /// Span of exchanges from which drift is estimated.

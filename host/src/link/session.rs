@@ -26,11 +26,12 @@ const FIRST_EXCHANGE_PERIOD_US: i64 = 100_000;
 /// well, up to the longest, for they are bytes on the wire.
 const EXCHANGE_SHARE: i64 = 4;
 const LEAST_EXCHANGE_PERIOD_US: i64 = 20_000_000;
-const EXCHANGE_PERIOD_US: i64 = 300_000_000;
+const EXCHANGE_PERIOD_US: i64 = 200_000_000;
 /// Time over which the clock is measured before an earlier host's estimate is replaced.
 const SETTLED_SPAN_US: i64 = 300_000_000;
-/// How often, and how soon, an exchange that was slow is made again.
-const REPEATS: u32 = 3;
+/// How often, and how soon, an exchange that was slow is made again: on a line that jitters the quickest of many says most, and
+/// only there they cost bytes.
+const REPEATS: u32 = 9;
 const REPEAT_PERIOD_US: i64 = 1_000_000;
 /// The line counts as silent when nothing came for this long.
 const SILENCE_US: i64 = 300_000;
