@@ -384,7 +384,13 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         let next_window = self.windows.next_number();
         let oldest_window = self.outbox.oldest_window().unwrap_or(next_window);
         let message = if let Some((request, node_received)) = self.pending.clock.take() {
-            NodeMessage::Clock(ClockReply { host_sent: request.host_sent, node_received, node_sent: now })
+            let believed = self.clock.filter(|_| self.replay.is_none()).map(|clock| clock.host_time(node_received));
+            NodeMessage::Clock(ClockReply {
+                host_sent: request.host_sent,
+                node_received,
+                node_sent: now,
+                believed_delay_us: believed.map(|believed| believed.0.saturating_sub(request.host_sent.0)),
+            })
         } else if core::mem::take(&mut self.pending.hello) {
             NodeMessage::Hello(Hello {
                 protocol_version: PROTOCOL_VERSION,

@@ -9,7 +9,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use thiserror::Error;
 
 /// The version of framing and messages.
-pub const PROTOCOL_VERSION: u8 = 2;
+pub const PROTOCOL_VERSION: u8 = 3;
 /// Longest message in a frame, in bytes.
 pub const MAX_MESSAGE_BYTES: usize = 512;
 /// Version byte and CRC.
@@ -148,12 +148,12 @@ mod tests {
 
     #[test]
     fn golden_frame() {
-        // Version 2, message 11 00 22, CRC-32 of 02 11 00 22 little endian; COBS codes 03 and 06 in place of the zeros.
-        let checksum = crc32(&[2, 0x11, 0, 0x22]).to_le_bytes();
-        let mut expected = std::vec![3, 2, 0x11, 6, 0x22];
+        // Version 3, message 11 00 22, CRC-32 of 03 11 00 22 little endian; COBS codes 03 and 06 in place of the zeros.
+        let checksum = crc32(&[3, 0x11, 0, 0x22]).to_le_bytes();
+        let mut expected = std::vec![3, 3, 0x11, 6, 0x22];
         expected.extend_from_slice(&checksum);
         expected.push(0);
-        assert_eq!(checksum, [0x34, 0x9F, 0xC9, 0x43]);
+        assert_eq!(checksum, [0x51, 0xF8, 0x75, 0xFB]);
         assert_eq!(framed(&[0x11, 0, 0x22]), expected);
     }
 

@@ -545,6 +545,9 @@ pub struct ClockReply {
     pub node_received: NodeTime,
     /// When the node began to send this.
     pub node_sent: NodeTime,
+    /// How long after `host_sent` the request arrived by the host's time as the node has been told it, in µs: what is far from a
+    /// line's delay was told by a host whose clock was wrong. `None` where the node has not been told.
+    pub believed_delay_us: Option<i64>,
 }
 
 /// Writes the frame of a message and returns its length.

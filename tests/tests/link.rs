@@ -72,14 +72,17 @@ fn reference_grid() -> LineGrid {
 fn lines_of_the_reference_band_take_less_than_five_bytes_a_second_and_densities_less_than_half_a_byte() {
     // Six hours of a node with four channels: 51 windows of lines, six of densities.
     let hours = 6;
-    for (summary, most) in [(Summary::Lines { bits: 6 }, 5.0), (Summary::Psd { segments: 8 }, 0.5)] {
-        let options = FleetOptions { summary, ..FleetOptions::default() };
+    // On a line that jitters as well, where clocks take more exchanges.
+    let summaries = [(Summary::Lines { bits: 6 }, 5.0), (Summary::Psd { segments: 8 }, 0.5)];
+    for ((summary, most), jitter_us) in summaries.into_iter().flat_map(|summary| [(summary, 0), (summary, 5_000)]) {
+        let faults = Faults { jitter_us, ..Faults::default() };
+        let options = FleetOptions { summary, faults, ..FleetOptions::default() };
         let (_, report) = run(4, 4, hours * 3600, 10, &reference_grid(), &options);
         let windows = report.nodes[0].session.windows;
         assert!(windows >= 5 && report.nodes[0].session.lost_windows == 0);
         let bytes = report.wire_bytes_per_second_and_channel();
         println!(
-            "{summary:?}: {bytes:.2} bytes a second and channel, {:.0} times less than raw",
+            "{summary:?}, {jitter_us} µs of jitter: {bytes:.2} bytes a second and channel, {:.0} times less than raw",
             RAW_BYTES_PER_SECOND / bytes
         );
         // The first window starts after the filter has settled and nothing is sent of the last, incomplete one.
@@ -115,7 +118,8 @@ fn crystals_that_drift_apart_and_lines_that_jitter_leave_shapes_as_they_are() {
     assert!(report.windows > 80, "{report}");
     // Without the remainder at the segments' middles it is 1e-3, and phases are off by 5 degrees and more.
     assert!(report.modes.len() > 10 && report.worst_mac_loss() < 1e-5, "{report}");
-    assert!(report.worst_phase_deg() < 1.0, "{report}");
+    // Four hours have few averages: phases of the weakest components are their own.
+    assert!(report.worst_phase_deg() < 0.7 && report.nodes_apart_deg() < 0.1, "{report}");
     for (node, mean_us, rms_us) in &report.nodes {
         assert!(mean_us.abs() < 250.0 && *rms_us < 500.0, "node {node}: {report}");
     }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use belfry_shared::message::{Fault, FaultKind};
 use clap::Args;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
@@ -91,11 +92,21 @@ fn ask(name: &str, device: &str, baud: u32) -> PortReport {
             node: Some(hello.node),
             channels: Some(hello.channels),
             measuring: hello.configuration_hash.is_some() && hello.clock_set,
-            last_fault: hello.fault.map(|fault| fault.to_string()),
+            last_fault: hello.fault.as_ref().map(fault_in_words),
             ..nobody(None)
         },
         Err(ReplayError::Silent) => nobody(None),
-        Err(error) => nobody(Some(error.to_string())),
+        Err(error) => nobody(Some(with_cause(&error))),
+    }
+}
+
+/// What a node has recorded of its last end, or of its board.
+pub(super) fn fault_in_words(fault: &Fault) -> String {
+    match fault.kind {
+        FaultKind::Clock => fault.to_string(),
+        FaultKind::Panic | FaultKind::HardFault | FaultKind::StackOverflow | FaultKind::Watchdog => {
+            format!("started anew: {fault}")
+        }
     }
 }
 
@@ -106,7 +117,7 @@ fn table(reports: &[PortReport]) -> Table {
     for report in reports {
         let state = match (report.node, &report.problem, &report.last_fault) {
             (_, Some(problem), _) => problem.clone(),
-            (Some(_), _, Some(fault)) => format!("started anew: {fault}"),
+            (Some(_), _, Some(fault)) => fault.clone(),
             (Some(_), ..) if report.measuring => "measures".to_owned(),
             (Some(_), ..) => "waits for a configuration".to_owned(),
             (None, ..) => "nobody answers".to_owned(),

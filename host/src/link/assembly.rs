@@ -112,7 +112,8 @@ pub enum Outcome {
     Contradiction,
     /// It has the name of a window that is kept, but is a later one: the node has started anew under its old name.
     Repeated,
-    /// It was measured with a configuration that is not known here, for another study: its window is given up.
+    /// It was measured with a configuration that is not known here, for another study: a window that is only done when
+    /// [`Assembler::stored`] says so.
     Foreign,
 }
 
@@ -176,6 +177,9 @@ impl Assembler {
             NodeMessage::Peaks(peaks) => (peaks.name, peaks.part),
             _ => return Outcome::Contradiction,
         };
+        if name.boot != self.boot {
+            return Outcome::Contradiction;
+        }
         if let (NodeMessage::Head(head), Some((last, start))) = (message, self.last_kept)
             && name.number <= last
             && head.grid_index > start
@@ -186,11 +190,7 @@ impl Assembler {
             return Outcome::Duplicate;
         }
         let is_head = matches!(message, NodeMessage::Head(_));
-        if name.boot != self.boot
-            || name.number - self.below >= MAX_AHEAD
-            || is_head != (part == 0)
-            || part > MAX_DATA_PARTS
-        {
+        if name.number - self.below >= MAX_AHEAD || is_head != (part == 0) || part > MAX_DATA_PARTS {
             return Outcome::Contradiction;
         }
         if let NodeMessage::Head(head) = message
@@ -200,7 +200,6 @@ impl Assembler {
                 return Outcome::Duplicate;
             }
             self.known = self.known.max(name.number.saturating_add(1));
-            self.stored(name.number);
             return Outcome::Foreign;
         }
         if !configurations.iter().any(|configuration| fits(configuration, message)) {

@@ -203,8 +203,12 @@ mod tests {
     fn exchange(at_us: i64, queued_us: i64) -> (ClockReply, HostTime) {
         let received = at_us + 1_000;
         let sent = received + 300;
-        let reply =
-            ClockReply { host_sent: HostTime(at_us), node_received: node_time(received), node_sent: node_time(sent) };
+        let reply = ClockReply {
+            host_sent: HostTime(at_us),
+            node_received: node_time(received),
+            node_sent: node_time(sent),
+            believed_delay_us: None,
+        };
         (reply, HostTime(sent + queued_us + 2_000))
     }
 
@@ -249,6 +253,7 @@ mod tests {
                 host_sent: HostTime(at_us),
                 node_received: node_time(received),
                 node_sent: node_time(received + 300),
+                believed_delay_us: None,
             };
             estimator.add(&reply, HostTime(received + 300 + 2_000 + jitter_us()), 1_000, 2_000);
         }

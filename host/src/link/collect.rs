@@ -7,7 +7,7 @@ mod clock;
 mod peaks;
 mod sink;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -32,6 +32,8 @@ use sink::ArchiveSink;
 const ASK: Duration = Duration::from_secs(2);
 /// Time between tries to open a port that is gone.
 const REOPEN: Duration = Duration::from_secs(2);
+/// How long a port where nobody answers is left alone: it may be another program's.
+const SILENT_PAUSE: Duration = Duration::from_secs(5);
 /// Time between tries of a port whose node is of no use: it may be given another number, or other cables.
 const ASK_AGAIN: Duration = Duration::from_secs(15);
 /// Time between looks at which ports there are.
@@ -60,6 +62,8 @@ pub struct Collection {
     pub nodes: BTreeMap<u16, Configurations>,
     /// Whether windows that nodes hold for another study are dropped.
     pub drop_foreign: bool,
+    /// What tells Unix time: [`unix_time`].
+    pub unix_time: fn() -> Duration,
 }
 
 /// What a port has come to.
@@ -121,6 +125,14 @@ pub struct PortStatus {
     pub peaks_hz: Vec<f64>,
 }
 
+impl PortStatus {
+    /// Leaves the port and its state.
+    fn forget_node(&mut self) {
+        let (port, state) = (std::mem::take(&mut self.port), std::mem::take(&mut self.state));
+        *self = Self { port, state, ..Self::default() };
+    }
+}
+
 /// What all threads share.
 struct Shared<'a> {
     collection: &'a Collection,
@@ -128,6 +140,8 @@ struct Shared<'a> {
     clock: HostClock,
     stop: &'a AtomicBool,
     nodes: Mutex<BTreeMap<u16, Place>>,
+    /// Whether any node has come to measure.
+    has_measured: AtomicBool,
     failure: Mutex<Option<CollectError>>,
 }
 
@@ -153,7 +167,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Collects until `stop` is set, `on_look` (which sees all ports five times a second) breaks, or no port can be used. `ports` lists
+/// Collects until `stop` is set, `on_look` (which sees all ports five times a second) breaks, or no port could be used so far. `ports` lists
 /// the ports where nodes may be; it is asked again and again, for a node may be plugged in later.
 ///
 /// # Errors
@@ -168,9 +182,10 @@ pub fn collect(
     let shared = Shared {
         collection,
         archive: Mutex::new(archive),
-        clock: HostClock::new(),
+        clock: HostClock::new(collection.unix_time),
         stop,
         nodes: Mutex::default(),
+        has_measured: AtomicBool::new(false),
         failure: Mutex::default(),
     };
     let mut statuses: BTreeMap<String, Arc<Mutex<PortStatus>>> = BTreeMap::new();
@@ -191,7 +206,10 @@ pub fn collect(
                 }
             }
             let statuses = snapshot(&statuses);
-            if on_look(&statuses).is_break() || statuses.iter().all(|status| status.state.is_useless()) {
+            // Once a node has measured, another that is put in its place is no reason to give up.
+            let is_hopeless =
+                !shared.has_measured.load(Ordering::Relaxed) && statuses.iter().all(|status| status.state.is_useless());
+            if on_look(&statuses).is_break() || is_hopeless {
                 stop.store(true, Ordering::Relaxed);
             }
             if workers.iter().all(thread::ScopedJoinHandle::is_finished) {
@@ -212,16 +230,16 @@ pub fn collect(
 /// What all ports have come to. A port forgets a node that is served on another one now, so that the node counts once.
 fn snapshot(statuses: &BTreeMap<String, Arc<Mutex<PortStatus>>>) -> Vec<PortStatus> {
     let serves = |status: &PortStatus| matches!(status.state, PortState::Preparing | PortState::Measuring);
-    let served_node = |status: &Arc<Mutex<PortStatus>>| {
+    let served_node = |(port, status): (&String, &Arc<Mutex<PortStatus>>)| {
         let status = lock(status);
-        status.node.filter(|_| serves(&status))
+        status.node.filter(|_| serves(&status)).map(|node| (node, port.clone()))
     };
-    let served: BTreeSet<u16> = statuses.values().filter_map(served_node).collect();
+    let served: BTreeMap<u16, String> = statuses.iter().filter_map(served_node).collect();
     let look = |(port, status): (&String, &Arc<Mutex<PortStatus>>)| {
         let mut status = lock(status);
-        if !serves(&status) && status.node.is_some_and(|node| served.contains(&node)) {
-            let state = std::mem::take(&mut status.state);
-            *status = PortStatus { port: port.clone(), state, ..PortStatus::default() };
+        let elsewhere = status.node.and_then(|node| served.get(&node)).is_some_and(|other| other != port);
+        if elsewhere && !serves(&status) {
+            status.forget_node();
         }
         status.clone()
     };
@@ -271,16 +289,19 @@ impl Worker<'_> {
             let node = match who_is_there(port, ASK) {
                 Ok(hello) => {
                     let mut status = lock(&self.status);
-                    status.node = Some(hello.node);
                     let node = hello.node;
+                    if status.node != Some(node) {
+                        status.forget_node();
+                    }
+                    status.node = Some(node);
                     status.hello = Some(hello);
                     node
                 }
                 Err(ReplayError::Silent) => {
                     self.set(PortState::Silent);
-                    continue;
+                    return SILENT_PAUSE;
                 }
-                Err(ReplayError::Session(SessionError::Transport { source, .. })) => {
+                Err(ReplayError::Line { source }) => {
                     self.set(PortState::Gone(source.to_string()));
                     return REOPEN;
                 }
@@ -357,7 +378,7 @@ impl Worker<'_> {
         let NodeState { session, generation, peaks, gaps } = state;
         session.reconnect();
         let mut looked = Instant::now();
-        let mut heard = (session.statistics().bytes_received, Instant::now());
+        let mut heard = (session.statistics().frames, Instant::now());
         loop {
             let (now, current) = shared.clock.look();
             if current != *generation {
@@ -382,15 +403,16 @@ impl Worker<'_> {
                 },
             };
             session.service(&|| shared.clock.look().0, port, &mut sink)?;
-            let received = session.statistics().bytes_received;
-            if received > heard.0 {
-                heard = (received, Instant::now());
+            let frames = session.statistics().frames;
+            if frames > heard.0 {
+                heard = (frames, Instant::now());
             }
             let ends = self.is_stopped() || heard.1.elapsed() > SILENT;
             if looked.elapsed() >= LOOK || ends {
                 looked = Instant::now();
                 let mut status = lock(&self.status);
                 status.state = if session.is_measuring() { PortState::Measuring } else { PortState::Preparing };
+                shared.has_measured.fetch_or(session.is_measuring(), Ordering::Relaxed);
                 status.node = Some(session.node());
                 status.hello = session.hello().cloned().or(status.hello.take());
                 status.heartbeat = session.heartbeat().cloned();

@@ -6,7 +6,7 @@
 use std::time::{Duration, Instant};
 
 use belfry_firmware::{Memory, Node};
-use belfry_shared::frame::{FrameDecoder, FrameError, MAX_FRAME_BYTES};
+use belfry_shared::frame::{FrameDecoder, FrameError, MAX_FRAME_BYTES, PROTOCOL_VERSION};
 use belfry_shared::message::{
     self, Acknowledgement, Configuration, FeedPart, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay,
 };
@@ -28,6 +28,20 @@ pub enum ReplayError {
     /// The node's version, build or memory does not fit, or its line failed.
     #[error(transparent)]
     Session(#[from] SessionError),
+    /// The node that answers speaks another version of the protocol.
+    #[error(
+        "the node speaks protocol version {found}, this host speaks version {PROTOCOL_VERSION}: flash it with the firmware of this release"
+    )]
+    Version {
+        /// The version it speaks.
+        found: u8,
+    },
+    /// The line failed before it was known who is there.
+    #[error("the line failed")]
+    Line {
+        /// The cause.
+        source: std::io::Error,
+    },
     /// Nothing answers.
     #[error("nothing answers on the line: is the node powered, and does no other program use the port?")]
     Silent,
@@ -67,7 +81,7 @@ pub struct Replayed {
 /// Asks who is on a line.
 ///
 /// # Errors
-/// [`ReplayError::Silent`], or the version where it is another one.
+/// [`ReplayError::Silent`], the version or build where it is another one, or what is wrong with the line.
 pub fn who_is_there(transport: &mut dyn Transport, patience: Duration) -> Result<Hello, ReplayError> {
     let mut line = Conversation::new(transport);
     let start = Instant::now();
@@ -98,7 +112,7 @@ pub fn replay(
     let hello = who_is_there(transport, RETRY * TRIES)?;
     let mut line = Conversation::new(transport);
     line.configure(configuration, &hello)?;
-    let (hello, next_window) = line.start(start)?;
+    let (hello, next_window) = line.start(hello.node, start)?;
     let mut assembler = Assembler::new(hello.boot);
     assembler.heartbeat(next_window, next_window);
     let began = Instant::now();
@@ -139,7 +153,8 @@ struct Conversation<'a> {
     /// Frames whose messages wait to be looked at.
     frames: std::collections::VecDeque<Vec<u8>>,
     repeated: u64,
-    node: u16,
+    /// The node, once it is known.
+    node: Option<u16>,
 }
 
 impl<'a> Conversation<'a> {
@@ -149,12 +164,15 @@ impl<'a> Conversation<'a> {
             decoder: FrameDecoder::new(),
             frames: std::collections::VecDeque::new(),
             repeated: 0,
-            node: 0,
+            node: None,
         }
     }
 
     fn failed(&self, source: std::io::Error) -> ReplayError {
-        SessionError::Transport { node: self.node, source }.into()
+        match self.node {
+            Some(node) => SessionError::Transport { node, source }.into(),
+            None => ReplayError::Line { source },
+        }
     }
 
     fn say(&mut self, message: &HostMessage) -> Result<(), ReplayError> {
@@ -202,7 +220,7 @@ impl<'a> Conversation<'a> {
                     None => {}
                     Some(Ok(frame)) => self.frames.push_back(frame.to_vec()),
                     Some(Err(FrameError::Version { found })) => {
-                        return Err(SessionError::Version { node: self.node, found }.into());
+                        return Err(ReplayError::Version { found });
                     }
                     Some(Err(_)) => self.repeated += 1,
                 }
@@ -210,8 +228,13 @@ impl<'a> Conversation<'a> {
         }
     }
 
-    /// Says something until a greeting shows that it was done.
-    fn hello_after(&mut self, message: &HostMessage, done: impl Fn(&Hello) -> bool) -> Result<Hello, ReplayError> {
+    /// Says something until a greeting of the node shows that it was done.
+    fn hello_after(
+        &mut self,
+        node: u16,
+        message: &HostMessage,
+        done: impl Fn(&Hello) -> bool,
+    ) -> Result<Hello, ReplayError> {
         for _ in 0..TRIES {
             self.say(message)?;
             let hello = self.listen(RETRY, |message| match message {
@@ -221,7 +244,7 @@ impl<'a> Conversation<'a> {
             })?;
             match hello {
                 Some(Ok(hello)) => return Ok(hello),
-                Some(Err(reason)) => return Err(SessionError::Refused { node: self.node, reason }.into()),
+                Some(Err(reason)) => return Err(SessionError::Refused { node, reason }.into()),
                 None => self.repeated += 1,
             }
         }
@@ -229,16 +252,16 @@ impl<'a> Conversation<'a> {
     }
 
     fn configure(&mut self, configuration: &Configuration, hello: &Hello) -> Result<(), ReplayError> {
-        self.node = hello.node;
+        self.node = Some(hello.node);
         let hash = Some(configuration.hash());
-        self.hello_after(&HostMessage::Configure(configuration.clone()), |hello| hello.configuration_hash == hash)
-            .map(drop)
+        let configure = HostMessage::Configure(configuration.clone());
+        self.hello_after(hello.node, &configure, |hello| hello.configuration_hash == hash).map(drop)
     }
 
     /// Starts a recording; the greeting, and the number that the first window will have.
-    fn start(&mut self, start: HostTime) -> Result<(Hello, u32), ReplayError> {
+    fn start(&mut self, node: u16, start: HostTime) -> Result<(Hello, u32), ReplayError> {
         for _ in 0..TRIES {
-            let hello = self.hello_after(&HostMessage::Replay(Replay { start }), |hello| hello.replaying)?;
+            let hello = self.hello_after(node, &HostMessage::Replay(Replay { start }), |hello| hello.replaying)?;
             let next_window = self.listen(RETRY, |message| match message {
                 NodeMessage::Heartbeat(heartbeat) => Some(heartbeat.next_window),
                 _ => None,

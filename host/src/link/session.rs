@@ -8,7 +8,8 @@ use std::io;
 
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, PROTOCOL_VERSION};
 use belfry_shared::message::{
-    self, Acknowledgement, ClockRequest, Heartbeat, Hello, HostMessage, NodeMessage, RefusalReason, SCHEMA_HASH,
+    self, Acknowledgement, Again, ClockRequest, Heartbeat, Hello, HostMessage, NodeMessage, RefusalReason, SCHEMA_HASH,
+    Summary,
 };
 use belfry_shared::time::HostTime;
 use thiserror::Error;
@@ -29,10 +30,14 @@ const LEAST_EXCHANGE_PERIOD_US: i64 = 20_000_000;
 const EXCHANGE_PERIOD_US: i64 = 200_000_000;
 /// Time over which the clock is measured before an earlier host's estimate is replaced.
 const SETTLED_SPAN_US: i64 = 300_000_000;
+/// A node whose time is this far off has it from a host whose clock was wrong; no line that works holds a request up for so long.
+const WRONG_TIME_US: u64 = 1_000_000;
 /// How often, and how soon, an exchange that was slow is made again: on a line that jitters the quickest of many says most, and
 /// only there they cost bytes.
-const REPEATS: u32 = 9;
+const REPEATS: u32 = 5;
 const REPEAT_PERIOD_US: i64 = 1_000_000;
+/// How often a node that measures for another study is asked for its oldest window before it counts as having none.
+const INSPECTIONS: u32 = 3;
 /// The line counts as silent when nothing came for this long.
 const SILENCE_US: i64 = 300_000;
 /// A part asked again is asked once more after this time.
@@ -141,6 +146,10 @@ pub struct SessionStatistics {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Stage {
     Greeting,
+    /// It measures for another study: its oldest window is asked for, before it is told anything.
+    Inspecting {
+        asked: u32,
+    },
     Configuring,
     Timing,
     SettingClock,
@@ -178,6 +187,8 @@ pub struct Session {
     last_received: HostTime,
     acknowledge: bool,
     drops_foreign: bool,
+    /// The life of the node that has been asked for windows of another study, and had none.
+    inspected: Option<u32>,
     /// Whether an earlier host's time is on the node: a better one takes a while.
     knows_time: bool,
     /// Whether the host's own clock was set, and the node's time is wrong with it.
@@ -210,6 +221,7 @@ impl Session {
             last_received: HostTime(i64::MIN),
             acknowledge: false,
             drops_foreign: false,
+            inspected: None,
             knows_time: false,
             must_set_time: false,
             hello: None,
@@ -309,7 +321,7 @@ impl Session {
     /// When [`service`](Self::service) has something to do even if no byte arrives.
     pub fn next_due(&self) -> HostTime {
         let due = match self.stage {
-            Stage::Greeting | Stage::Configuring | Stage::SettingClock => self.next_try,
+            Stage::Greeting | Stage::Inspecting { .. } | Stage::Configuring | Stage::SettingClock => self.next_try,
             Stage::Timing => self.next_exchange,
             Stage::Measuring if !self.is_complete() => {
                 HostTime(self.next_exchange.0.min(self.next_try.0.max(self.last_received.0.saturating_add(SILENCE_US))))
@@ -374,13 +386,16 @@ impl Session {
                 let on_line = |bytes: usize| (bytes as f64 * self.byte_us).round() as i64;
                 let (request_us, reply_us) = (on_line(self.request_bytes), on_line(self.frame_bytes));
                 self.clock.add(reply, now, request_us, reply_us);
+                if reply.believed_delay_us.is_some_and(|delay_us| delay_us.unsigned_abs() > WRONG_TIME_US) {
+                    self.knows_time = false;
+                }
                 if self.stage == Stage::Measuring {
                     // A first estimate must not take the place of one that an earlier host made over hours.
                     let is_better = !self.knows_time || self.clock.span_us() >= SETTLED_SPAN_US;
                     if let Some(model) = self.clock.model().filter(|_| is_better) {
                         self.say(&HostMessage::SetClock(model));
                     }
-                    if self.clock.is_last_slow() && self.repeats < REPEATS {
+                    if self.needs_phase() && self.clock.is_last_slow() && self.repeats < REPEATS {
                         self.repeats += 1;
                         self.next_exchange = HostTime(now.0.saturating_add(REPEAT_PERIOD_US));
                     } else {
@@ -409,6 +424,9 @@ impl Session {
                 match assembler.take(&self.configurations, part, encoded) {
                     Outcome::Taken => {}
                     Outcome::Foreign if self.drops_foreign => {
+                        if let NodeMessage::Head(head) = part {
+                            assembler.stored(head.name.number);
+                        }
                         self.statistics.foreign_windows += 1;
                         self.acknowledge = true;
                     }
@@ -469,6 +487,15 @@ impl Session {
             return Ok(());
         }
         let configured = hello.configuration_hash == Some(self.configurations.current.hash());
+        // With another configuration it would soon drop what it still has for the other study.
+        let serves_another = hello.configuration_hash.is_some_and(|hash| self.configurations.by_hash(hash).is_none());
+        if serves_another && !self.drops_foreign && self.inspected != Some(hello.boot) {
+            if !matches!(self.stage, Stage::Inspecting { .. }) {
+                self.stage = Stage::Inspecting { asked: 0 };
+                self.next_try = HostTime(i64::MIN);
+            }
+            return Ok(());
+        }
         let clock_set = hello.clock_set && !self.must_set_time;
         let stage = match (configured, clock_set) {
             (false, _) => Stage::Configuring,
@@ -493,6 +520,7 @@ impl Session {
                 self.say(&HostMessage::Greet);
                 self.next_try = HostTime(now.0 + RETRY_US);
             }
+            Stage::Inspecting { asked } if retry => self.inspect(now, asked),
             Stage::Configuring if retry => {
                 self.say(&HostMessage::Configure(self.configurations.current.clone()));
                 self.next_try = HostTime(now.0 + RETRY_US);
@@ -515,10 +543,31 @@ impl Session {
         }
     }
 
+    /// Averaged densities have no phase for which exact clocks would be worth their bytes.
+    fn needs_phase(&self) -> bool {
+        matches!(self.configurations.current.summary, Summary::Lines { .. })
+    }
+
+    fn inspect(&mut self, now: HostTime, asked: u32) {
+        let Some((boot, oldest)) = self.hello.as_ref().map(|hello| (hello.boot, hello.oldest_window)) else { return };
+        if asked == INSPECTIONS {
+            self.inspected = Some(boot);
+            self.stage = Stage::Configuring;
+            self.next_try = now;
+            return;
+        }
+        let head = Again { first_window: oldest, last_window: oldest, first_part: 0, last_part: 0 };
+        let again = std::iter::once(head).collect();
+        self.say(&HostMessage::Acknowledge(Acknowledgement { boot, below: oldest, again }));
+        self.stage = Stage::Inspecting { asked: asked + 1 };
+        self.next_try = HostTime(now.0 + RETRY_US);
+    }
+
     fn poll_measuring(&mut self, now: HostTime) {
         if now >= self.next_exchange {
             let period_us = self.clock.span_us() / EXCHANGE_SHARE;
-            self.ask_time(now, period_us.clamp(LEAST_EXCHANGE_PERIOD_US, EXCHANGE_PERIOD_US));
+            let longest_us = if self.needs_phase() { EXCHANGE_PERIOD_US } else { 2 * EXCHANGE_PERIOD_US };
+            self.ask_time(now, period_us.clamp(LEAST_EXCHANGE_PERIOD_US, longest_us));
         }
         let busy = now.0.saturating_sub(self.last_received.0) < SILENCE_US;
         let Some(assembler) = &mut self.assembler else { return };

@@ -43,8 +43,13 @@ fn golden_node_messages() {
     assert_eq!(hex(&NodeMessage::Hello(hello)), golden);
     let refusal = Refusal { configuration_hash: 1, reason: RefusalReason::Memory { needed: 300, available: 200 } };
     assert_eq!(hex(&NodeMessage::Refused(refusal)), "01 01 06 ac 02 c8 01");
-    let reply = ClockReply { host_sent: HostTime(-1), node_received: NodeTime(2), node_sent: NodeTime(300) };
-    assert_eq!(hex(&NodeMessage::Clock(reply)), "02 01 02 ac 02");
+    let reply = ClockReply {
+        host_sent: HostTime(-1),
+        node_received: NodeTime(2),
+        node_sent: NodeTime(300),
+        believed_delay_us: Some(5),
+    };
+    assert_eq!(hex(&NodeMessage::Clock(reply)), "02 01 02 ac 02 01 0a");
     let heartbeat = Heartbeat {
         node: 3,
         boot: 0xB007,
@@ -110,7 +115,7 @@ fn golden_host_messages() {
 #[test]
 fn the_schema_hash_is_pinned() {
     assert_eq!(
-        SCHEMA_HASH, 0xfbfe_02ad_8f8a_0f99,
+        SCHEMA_HASH, 0x7918_4d0c_e4a9_b176,
         "the messages changed: raise PROTOCOL_VERSION and pin the new hash {SCHEMA_HASH:#018x}"
     );
 }
@@ -239,11 +244,14 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
         ),
         (any::<u32>(), refusal_reason())
             .prop_map(|(configuration_hash, reason)| NodeMessage::Refused(Refusal { configuration_hash, reason })),
-        any::<(i64, u64, u64)>().prop_map(|(sent, received, replied)| NodeMessage::Clock(ClockReply {
-            host_sent: HostTime(sent),
-            node_received: NodeTime(received),
-            node_sent: NodeTime(replied),
-        })),
+        any::<(i64, u64, u64, Option<i64>)>().prop_map(|(sent, received, replied, believed_delay_us)| {
+            NodeMessage::Clock(ClockReply {
+                host_sent: HostTime(sent),
+                node_received: NodeTime(received),
+                node_sent: NodeTime(replied),
+                believed_delay_us,
+            })
+        }),
         (any::<(u16, u32, u32, u32, u32, u32, u32)>(), heapless(finite()), heapless(sensor_state()), board()).prop_map(
             |(
                 (node, boot, next_window, oldest_window, lost_windows, damaged_frames, lost_rows),

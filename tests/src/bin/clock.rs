@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use belfry_tests::clock::{ClockStudy, run};
+use belfry_tests::clock::{ClockStudy, MAC_LOSS, PHASE_DEG, run};
 
 const USAGE: &str = "usage: clock [--hours H] [--ppm P] [--swing-ppm P] [--jitter-ms J] [--seed S]";
 
@@ -30,7 +30,8 @@ fn main() -> ExitCode {
     match run(&study) {
         Ok(report) => {
             println!("{report}");
-            ExitCode::SUCCESS
+            let reached = report.worst_mac_loss() <= MAC_LOSS && report.worst_phase_deg() <= PHASE_DEG;
+            if reached { ExitCode::SUCCESS } else { ExitCode::FAILURE }
         }
         Err(error) => {
             eprintln!("error: {error}");

@@ -11,6 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::command::Console;
 use crate::command::identify::align_right;
+use crate::command::ports::fault_in_words;
 use crate::link::collect::{PortState, PortStatus, unix_time};
 use crate::link::fleet::channels_by_node;
 use crate::spectra::{LineGrid, SpectralPlan};
@@ -157,7 +158,7 @@ impl View {
             PortState::Refused(reason) => reason.clone(),
         };
         if let Some(fault) = status.hello.as_ref().and_then(|hello| hello.fault.as_ref()) {
-            words += &format!("; started anew: {fault}");
+            words += &format!("; {}", fault_in_words(fault));
         }
         if let Some((channel, reason)) = status.gaps.last {
             words += &format!(

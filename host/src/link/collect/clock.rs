@@ -13,7 +13,10 @@ const JUMP: Duration = Duration::from_millis(500);
 
 /// Unix time, carried on by the steady clock: where the computer's clock is set while nodes measure, their windows must not
 /// be torn apart. A jump begins a new generation.
-pub(super) struct HostClock(Mutex<Base>);
+pub(super) struct HostClock {
+    unix_time: fn() -> Duration,
+    base: Mutex<Base>,
+}
 
 #[derive(Clone, Copy)]
 struct Base {
@@ -41,14 +44,15 @@ pub fn unix_time() -> Duration {
 }
 
 impl HostClock {
-    pub(super) fn new() -> Self {
-        Self(Mutex::new(Base { unix: unix_time(), steady: Instant::now(), generation: 0 }))
+    pub(super) fn new(unix_time: fn() -> Duration) -> Self {
+        let base = Base { unix: unix_time(), steady: Instant::now(), generation: 0 };
+        Self { unix_time, base: Mutex::new(base) }
     }
 
     /// Now, and how often the computer's clock has jumped.
     pub(super) fn look(&self) -> (HostTime, u64) {
-        let mut base = lock(&self.0);
-        let now = base.look(unix_time(), Instant::now());
+        let mut base = lock(&self.base);
+        let now = base.look((self.unix_time)(), Instant::now());
         (HostTime(i64::try_from(now.as_micros()).unwrap_or(i64::MAX)), base.generation)
     }
 }

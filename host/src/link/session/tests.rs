@@ -5,7 +5,7 @@ use crate::link::NodeWindow;
 use crate::link::memory::{Faults, Line};
 use belfry_firmware::{Identity, Memory, Node};
 use belfry_shared::message::{Band, Configuration, Summary};
-use belfry_shared::time::NodeTime;
+use belfry_shared::time::{NodeTime, WindowGrid};
 use proptest::prelude::*;
 
 const BAUD: u32 = 115_200;
@@ -33,6 +33,8 @@ struct Bench {
     session: Session,
     step: i64,
     node_start: i64,
+    /// How far the host's clock is set ahead.
+    host_ahead_us: i64,
 }
 
 impl Bench {
@@ -44,6 +46,7 @@ impl Bench {
             session: Session::new(3, Configurations::only(configuration()), BAUD),
             step: 0,
             node_start: -900,
+            host_ahead_us: 0,
         }
     }
 
@@ -69,7 +72,8 @@ impl Bench {
                 let count = self.node.transmit(node_time, &mut frame);
                 node_end.write(&frame[..count]).unwrap();
             }
-            self.session.service(&|| HostTime(now_us), &mut self.line.host_end(), sink)?;
+            let host_time = HostTime(now_us + self.host_ahead_us);
+            self.session.service(&|| host_time, &mut self.line.host_end(), sink)?;
         }
         Ok(())
     }
@@ -292,6 +296,7 @@ fn a_clock_reply_with_any_times_is_survived() {
             host_sent: HostTime(host_sent),
             node_received: NodeTime(node_received),
             node_sent: NodeTime(node_sent),
+            believed_delay_us: Some(host_sent),
         };
         for _ in 0..2 {
             tell(&mut session, &NodeMessage::Clock(reply), &mut Vec::<NodeWindow>::new()).unwrap();
@@ -363,10 +368,53 @@ fn windows_of_another_study_end_the_session_unless_they_may_be_dropped() {
     let mut session = measuring(1);
     let error = tell(&mut session, &foreign, &mut windows).unwrap_err();
     assert!(matches!(error, SessionError::ForeignWindows { node: 3 }), "{error}");
-    assert!(!said(&mut session).iter().any(|message| matches!(message, HostMessage::Acknowledge(_))));
+    let acknowledges = |session: &mut Session| {
+        said(session).iter().any(|message| matches!(message, HostMessage::Acknowledge(said) if said.below > 0))
+    };
+    assert!(!acknowledges(&mut session));
+    // Tried again later, nor does it acknowledge it then.
+    session.reconnect();
+    tell(&mut session, &NodeMessage::Hello(hello()), &mut windows).unwrap();
+    for _ in 0..3 {
+        tell(&mut session, &heartbeat(1, 0, 1), &mut windows).unwrap();
+        session.poll(HostTime(1_000_000_000));
+        assert!(!acknowledges(&mut session));
+    }
     let mut session = measuring(1).dropping_foreign(true);
     tell(&mut session, &foreign, &mut windows).unwrap();
     assert_eq!((session.statistics().foreign_windows, session.statistics().lost_windows, windows.len()), (1, 0, 0));
+}
+
+#[test]
+fn a_node_that_measures_for_another_study_is_asked_for_windows_before_it_is_told_anything() {
+    let NodeMessage::Head(head) = unsound(1, 7) else { panic!("a window without data is a head") };
+    let foreign = NodeMessage::Head(message_of_another_study(head));
+    let greeting = || {
+        let configuration_hash = Some(configuration().hash() ^ 1);
+        NodeMessage::Hello(Hello { configuration_hash, oldest_window: 7, ..hello() })
+    };
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
+    tell(&mut session, &greeting(), &mut windows).unwrap();
+    let is_for_the_oldest = |message: &HostMessage| {
+        let HostMessage::Acknowledge(asked) = message else { return false };
+        asked.below == 7 && asked.again.iter().any(|again| again.first_window == 7 && again.first_part == 0)
+    };
+    session.poll(HostTime(0));
+    let first = said(&mut session);
+    assert!(first.len() == 1 && is_for_the_oldest(&first[0]), "{first:?}");
+    let error = tell(&mut session, &foreign, &mut windows).unwrap_err();
+    assert!(matches!(error, SessionError::ForeignWindows { node: 3 }), "{error}");
+    // One that has none is taken over.
+    let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
+    tell(&mut session, &greeting(), &mut windows).unwrap();
+    let mut messages = Vec::new();
+    for tick in 0..10 {
+        session.poll(HostTime(tick * RETRY_US));
+        messages.extend(said(&mut session));
+    }
+    assert_eq!(messages.iter().filter(|message| is_for_the_oldest(message)).count(), INSPECTIONS as usize);
+    assert!(messages.iter().any(|message| matches!(message, HostMessage::Configure(_))), "{messages:?}");
 }
 
 fn message_of_another_study(head: belfry_shared::message::WindowHead) -> belfry_shared::message::WindowHead {
@@ -382,6 +430,16 @@ fn an_earlier_hosts_time_stays_until_a_better_one_is_known() {
     // Four seconds, in which no window comes.
     bench.run(50 * 4, &mut windows).unwrap();
     assert!(bench.session.is_measuring() && bench.session.knows_time);
+    // One that was told by a host whose clock was wrong does not.
+    bench.host_ahead_us = 3_600_000_000;
+    bench.session = Session::new(3, Configurations::only(configuration()), BAUD);
+    bench.run(50 * 4, &mut windows).unwrap();
+    assert!(bench.session.is_measuring() && !bench.session.knows_time);
+    let before = windows.len();
+    bench.run(50 * 120, &mut windows).unwrap();
+    let grid = WindowGrid { sampling_rate_uhz: 50_000_000, hop_samples: configuration().hop_samples() };
+    let ahead = windows[before..].iter().filter(|window| grid.start(window.grid_index).0 > bench.host_ahead_us).count();
+    assert!(ahead > 2 && windows.len() - before <= ahead + 3, "{ahead} of {}", windows.len() - before);
     // The host's own clock was set: now at once.
     bench.session.restart();
     bench.run(50 * 60, &mut windows).unwrap();
