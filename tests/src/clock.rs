@@ -216,16 +216,13 @@ pub fn run(study: &ClockStudy) -> Result<ClockReport, String> {
         compare(&mut exact_windows, &mut timed_windows);
     }
     let mut identified = Vec::new();
-    let mut choice = study_of_tower.analysis.modes.clone();
     for (side, windows) in [(exact, &mut exact_windows), (timed, &mut timed_windows)] {
         let (rest, mut spectrum) = side.finish()?;
         average(&mut spectrum, &rest)?;
         windows.extend(rest);
         let (spectrum, _) = spectrum.finish().map_err(|error| told(&error))?;
-        let found = identify(&[MeasuredSetup { setup, spectrum }], &choice).map_err(|error| told(&error))?;
-        // Both sides take the same modes: in a short record a weak one may be picked on one side alone, by chance.
-        choice.only_hz = Some(found.modes.iter().map(|mode| mode.frequency_hz).collect());
-        identified.push(found);
+        let modes = &study_of_tower.analysis.modes;
+        identified.push(identify(&[MeasuredSetup { setup, spectrum }], modes).map_err(|error| told(&error))?);
     }
     compare(&mut exact_windows, &mut timed_windows);
     let [exact, timed] = identified.as_slice() else { return Err("two identifications".into()) };
@@ -241,7 +238,7 @@ pub fn run(study: &ClockStudy) -> Result<ClockReport, String> {
 fn modes(exact: &Identification, timed: &Identification) -> Result<Vec<(f64, f64, f64)>, String> {
     if exact.modes.len() != timed.modes.len() {
         return Err(format!(
-            "{} modes of perfectly timed nodes, {} of the others",
+            "{} modes of perfectly timed nodes, {} of the others: in a short record a weak one may be picked on one side alone",
             exact.modes.len(),
             timed.modes.len()
         ));
