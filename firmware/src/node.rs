@@ -401,6 +401,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 configuration_hash: self.plan.as_ref().map(|plan| plan.hash),
                 clock_set: self.clock.is_some(),
                 oldest_window,
+                next_window,
                 replaying: self.replay.is_some(),
                 fault: self.fault.clone(),
             })

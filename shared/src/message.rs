@@ -134,6 +134,8 @@ pub struct Hello {
     /// The oldest window in its outbox, or the number that the next will have where the outbox is empty: lower ones are gone,
     /// delivered or lost.
     pub oldest_window: u32,
+    /// The number the next window will have.
+    pub next_window: u32,
     /// Whether it measures a recording.
     pub replaying: bool,
     /// What ended its life before this one, where that was no ordinary end.

@@ -369,6 +369,49 @@ fn ports_and_studies_that_do_not_serve_are_told_in_words() {
     assert!(!bench.numbers(3).is_empty());
 }
 
+#[test]
+fn a_host_that_stays_away_for_long_gets_what_the_node_still_has_and_is_told_what_is_lost() {
+    let bench = Bench::new();
+    bench.collect(&["--for", "3s"]).assert().success();
+    let before = bench.numbers(3);
+    // A node keeps 112 parts at most: some fifty windows here, seven seconds.
+    thread::sleep(Duration::from_secs(14));
+    let output = bench.collect(&["--for", "5s", "--json"]).assert().success().get_output().clone();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let numbers = bench.numbers(3);
+    let (last_before, first_after) = (before.len() as u32 - 1, numbers[before.len()]);
+    assert!(is_without_gaps(&before) && first_after > last_before + 10, "{numbers:?}");
+    // What was still there has come, as has what was measured meanwhile.
+    let after: Vec<u32> = numbers[before.len()..].to_vec();
+    assert!(after.len() > 30 && after.iter().copied().eq(first_after..first_after + after.len() as u32), "{numbers:?}");
+    let lost =
+        report["ports"].as_array().unwrap().iter().find(|port| port["node"] == 3).unwrap()["lost_windows"].clone();
+    assert_eq!(lost, first_after - last_before - 1);
+    // Another study, of the very same settings: nothing of what the node measured before is taken for its own.
+    bench.collect(&["--for", "3s"]).assert().success();
+    thread::sleep(Duration::from_secs(2));
+    let other = tempfile::tempdir().unwrap();
+    fs::copy(bench.socket("study.toml"), other.path().join("study.toml")).unwrap();
+    let collect_there = |more: &[&str]| {
+        let mut command = belfry_command();
+        command.arg("collect").arg(other.path()).args(["--port", &bench.port(3), "--for", "4s", "--json"]).args(more);
+        command.assert()
+    };
+    let refused = collect_there(&[]).failure().get_output().clone();
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(
+        said.contains("still holds windows that another study asked for") && said.contains("--drop-foreign"),
+        "{said}"
+    );
+    let dropped = collect_there(&["--drop-foreign"]).success().get_output().clone();
+    let dropped: Value = serde_json::from_slice(&dropped.stdout).unwrap();
+    let foreign = dropped["ports"][0]["foreign_windows"].as_u64().unwrap() as u32;
+    assert!(foreign > 5, "{dropped}");
+    let there = rusqlite::Connection::open(other.path().join("archive.sqlite")).unwrap();
+    let first: u32 = there.query_row("SELECT min(number) FROM window", [], |row| row.get(0)).unwrap();
+    assert_eq!(first, bench.numbers(3).last().unwrap() + 1 + foreign, "{dropped}");
+}
+
 /// Waits until what the ports have come to is as it should be.
 fn wait_until(seen: &Mutex<Vec<PortStatus>>, what: &str, is_so: impl Fn(&[PortStatus]) -> bool) {
     let start = Instant::now();

@@ -197,30 +197,40 @@ impl Archive {
         settings.iter().map(read).collect()
     }
 
-    /// What is kept of a life of a node that greets to serve a setup; notes when it served another before.
+    /// Notes that a life of a node serves a setup from now on, where it has not before; where it is met for the first time, its windows
+    /// are wanted from `first_window` on.
     ///
     /// # Errors
     /// Where the database cannot be written.
-    pub fn kept(
+    pub fn meet(
         &mut self,
         setup: &str,
         node: u16,
         boot: u32,
-        oldest_window: u32,
+        first_window: u32,
         now: HostTime,
-    ) -> Result<KeptWindows, ArchiveError> {
-        let known = || -> rusqlite::Result<KeptWindows> {
-            self.connection.execute(
-                "INSERT INTO service (setup, node, boot, first_window, since_us) SELECT ?1, ?2, ?3, ?4, ?5 WHERE ?1 IS NOT
-                     (SELECT setup FROM service WHERE node = ?2 AND boot = ?3 ORDER BY id DESC LIMIT 1)",
-                params![setup, node, boot, oldest_window, now.0],
-            )?;
+    ) -> Result<(), ArchiveError> {
+        let met = self.connection.execute(
+            "INSERT INTO service (setup, node, boot, first_window, since_us) SELECT ?1, ?2, ?3, ?4, ?5 WHERE ?1 IS NOT
+                 (SELECT setup FROM service WHERE node = ?2 AND boot = ?3 ORDER BY id DESC LIMIT 1)",
+            params![setup, node, boot, first_window, now.0],
+        );
+        met.map(drop).map_err(|source| self.failed(source))
+    }
+
+    /// What is kept of a life of a node; `None` where it has never been met.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub fn kept(&self, node: u16, boot: u32) -> Result<Option<KeptWindows>, ArchiveError> {
+        let known = || -> rusqlite::Result<Option<KeptWindows>> {
             // All of its windows since it was met are wanted, whichever setup they belong to.
-            let first = self.connection.query_row(
+            let first: Option<u32> = self.connection.query_row(
                 "SELECT min(first_window) FROM service WHERE node = ?1 AND boot = ?2",
                 params![node, boot],
                 |row| row.get(0),
             )?;
+            let Some(first) = first else { return Ok(None) };
             let mut statement =
                 self.connection.prepare_cached("SELECT number FROM window WHERE node = ?1 AND boot = ?2")?;
             let numbers =
@@ -233,7 +243,7 @@ impl Archive {
                     |row| Ok((row.get(0)?, row.get(1)?)),
                 )
                 .optional()?;
-            Ok(KeptWindows { first, numbers, last })
+            Ok(Some(KeptWindows { first, numbers, last }))
         };
         known().map_err(|source| self.failed(source))
     }

@@ -17,7 +17,7 @@ CREATE TABLE service (
     setup TEXT NOT NULL,
     node INTEGER NOT NULL,
     boot INTEGER NOT NULL,              -- drawn by the node at every start
-    first_window INTEGER NOT NULL,      -- the oldest window that the node still had
+    first_window INTEGER NOT NULL,      -- the next window that the node would make
     since_us INTEGER NOT NULL           -- µs of Unix time
 ) STRICT;
 CREATE INDEX service_by_life ON service (node, boot, since_us);

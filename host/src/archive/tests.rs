@@ -215,18 +215,21 @@ fn two_programs_store_at_once() {
 fn a_life_that_is_met_again_says_what_is_kept_and_where_it_began() {
     let mut bench = Bench::new();
     let two = configuration(2, 256);
-    let met = |bench: &mut Bench, setup, boot, oldest, second: i64| {
-        bench.archive.kept(setup, 1, boot, oldest, HostTime(second * 1_000_000)).unwrap()
+    let met = |bench: &mut Bench, setup, boot, next, second: i64| {
+        let before = bench.archive.kept(1, boot).unwrap();
+        bench.archive.meet(setup, 1, boot, next, HostTime(second * 1_000_000)).unwrap();
+        before
     };
-    assert_eq!(met(&mut bench, "now", 7, 40, 1), KeptWindows { first: 40, ..KeptWindows::default() });
+    assert_eq!(met(&mut bench, "now", 7, 40, 1), None);
+    assert_eq!(bench.archive.kept(1, 7).unwrap(), Some(KeptWindows { first: 40, ..KeptWindows::default() }));
     for number in [40, 42] {
         bench.store(&two, &window(&two, 1, number, u64::from(number)));
     }
     assert_eq!(
         met(&mut bench, "now", 7, 43, 2),
-        KeptWindows { first: 40, numbers: vec![40, 42], last: Some((42, 42)) }
+        Some(KeptWindows { first: 40, numbers: vec![40, 42], last: Some((42, 42)) })
     );
-    assert_eq!(met(&mut bench, "now", 8, 0, 3), KeptWindows::default());
+    assert_eq!(met(&mut bench, "now", 8, 0, 3), None);
 }
 
 #[test]
@@ -236,7 +239,7 @@ fn a_window_goes_to_the_setup_that_its_node_served_and_to_none_while_it_was_carr
     bench.ask(&two, 1);
     // The node serves "before" from 100 s on, "now" from 200 s on, and "before" again from 300 s on. A hop is 5.12 s.
     for (setup, second) in [("before", 100), ("before", 150), ("now", 200), ("before", 300)] {
-        bench.archive.kept(setup, 1, 7, 3, HostTime(second * 1_000_000)).unwrap();
+        bench.archive.meet(setup, 1, 7, 3, HostTime(second * 1_000_000)).unwrap();
     }
     for (number, grid_index) in [(3, 30), (4, 38), (5, 45), (6, 70)] {
         bench.store(&two, &window(&two, 1, number, grid_index));

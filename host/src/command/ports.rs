@@ -20,14 +20,17 @@ const PATIENCE: Duration = Duration::from_millis(1500);
 #[command(after_help = "\
 Examples:
   belfry ports
-  belfry ports tcp:127.0.0.1:5555      an emulated node, asked besides
+  belfry ports --port tcp:127.0.0.1:5555      an emulated node, asked besides
 
 Every port is asked who is there, which takes a second and a half where nobody answers. A port that
 another program has open is left alone.")]
 pub struct Arguments {
-    /// Further ports to ask: names of devices, `tcp:HOST:PORT` or `unix:PATH`
-    #[arg(value_name = "PORT")]
+    /// A further port to ask: the name of a device, `tcp:HOST:PORT` or `unix:PATH`; several times for several
+    #[arg(long = "port", value_name = "PORT")]
     ports: Vec<String>,
+    /// The same
+    #[arg(value_name = "PORT")]
+    more_ports: Vec<String>,
     /// Baud rate
     #[arg(long, default_value_t = 115_200)]
     baud: u32,
@@ -41,6 +44,8 @@ struct PortReport {
     channels: Option<u8>,
     measuring: bool,
     last_fault: Option<String>,
+    #[serde(skip)]
+    fault: Option<Fault>,
     problem: Option<String>,
 }
 
@@ -55,7 +60,7 @@ struct Report {
 /// When the system does not say which ports there are.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let mut ports = serial_ports()?;
-    ports.extend(arguments.ports.iter().map(|name| (name.clone(), String::new())));
+    ports.extend(arguments.ports.iter().chain(&arguments.more_ports).map(|name| (name.clone(), String::new())));
     // All at once: a port where nobody answers takes its time.
     let reports: Vec<PortReport> = std::thread::scope(|scope| {
         let asked: Vec<_> =
@@ -81,6 +86,7 @@ fn ask(name: &str, device: &str, baud: u32) -> PortReport {
         channels: None,
         measuring: false,
         last_fault: None,
+        fault: None,
         problem,
     };
     let mut port = match Port::open(name, baud) {
@@ -92,7 +98,8 @@ fn ask(name: &str, device: &str, baud: u32) -> PortReport {
             node: Some(hello.node),
             channels: Some(hello.channels),
             measuring: hello.configuration_hash.is_some() && hello.clock_set,
-            last_fault: hello.fault.as_ref().map(fault_in_words),
+            last_fault: hello.fault.as_ref().map(ToString::to_string),
+            fault: hello.fault,
             ..nobody(None)
         },
         Err(ReplayError::Silent) => nobody(None),
@@ -115,9 +122,9 @@ fn table(reports: &[PortReport]) -> Table {
     table.load_style(UTF8_FULL_CONDENSED);
     table.set_header(["port", "device", "node", "channels", "state"]);
     for report in reports {
-        let state = match (report.node, &report.problem, &report.last_fault) {
+        let state = match (report.node, &report.problem, &report.fault) {
             (_, Some(problem), _) => problem.clone(),
-            (Some(_), _, Some(fault)) => fault.clone(),
+            (Some(_), _, Some(fault)) => fault_in_words(fault),
             (Some(_), ..) if report.measuring => "measures".to_owned(),
             (Some(_), ..) => "waits for a configuration".to_owned(),
             (None, ..) => "nobody answers".to_owned(),

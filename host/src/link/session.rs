@@ -16,7 +16,7 @@ use thiserror::Error;
 
 use super::assembly::{Assembler, Configurations, Outcome};
 use super::clock::ClockEstimator;
-use super::{Transport, WindowSink};
+use super::{KeptWindows, Transport, WindowSink};
 
 /// Time between tries of a greeting, configuration or clock setting, in µs.
 const RETRY_US: i64 = 500_000;
@@ -465,10 +465,7 @@ impl Session {
             let known = self.earlier.iter().position(|assembler| assembler.boot() == hello.boot);
             let next = match known {
                 Some(index) => self.earlier.remove(index),
-                None => {
-                    let kept = sink.kept(node, hello.boot, hello.oldest_window);
-                    Assembler::resuming(hello.boot, &kept.map_err(|source| SessionError::Store { node, source })?)
-                }
+                None => self.met(hello, sink)?,
             };
             self.earlier.extend(self.assembler.replace(next));
             if self.earlier.len() > LIVES_KEPT {
@@ -478,6 +475,10 @@ impl Session {
             self.clock.clear();
             self.knows_time = hello.clock_set;
             self.heartbeat = None;
+        }
+        if let Some(assembler) = &mut self.assembler {
+            assembler.heartbeat(hello.oldest_window, hello.next_window);
+            self.acknowledge |= hello.oldest_window < assembler.below();
         }
         self.hello = Some(hello.clone());
         if hello.replaying {
@@ -489,7 +490,8 @@ impl Session {
         let configured = hello.configuration_hash == Some(self.configurations.current.hash());
         // With another configuration it would soon drop what it still has for the other study.
         let serves_another = hello.configuration_hash.is_some_and(|hash| self.configurations.by_hash(hash).is_none());
-        if serves_another && !self.drops_foreign && self.inspected != Some(hello.boot) {
+        let holds_windows = hello.oldest_window < hello.next_window;
+        if serves_another && holds_windows && !self.drops_foreign && self.inspected != Some(hello.boot) {
             if !matches!(self.stage, Stage::Inspecting { .. }) {
                 self.stage = Stage::Inspecting { asked: 0 };
                 self.next_try = HostTime(i64::MIN);
@@ -511,6 +513,23 @@ impl Session {
             }
         }
         Ok(())
+    }
+
+    /// What there is to assemble of a life that this session has not seen before.
+    fn met(&mut self, hello: &Hello, sink: &mut dyn WindowSink) -> Result<Assembler, SessionError> {
+        let node = self.node;
+        let fail = |source| SessionError::Store { node, source };
+        let kept = sink.kept(node, hello.boot, hello.oldest_window).map_err(fail)?;
+        let held = hello.next_window.saturating_sub(hello.oldest_window);
+        if kept.is_none() && held > 0 {
+            if !self.drops_foreign {
+                return Err(SessionError::ForeignWindows { node });
+            }
+            self.statistics.foreign_windows += u64::from(held);
+        }
+        sink.meet(node, hello.boot, hello.next_window).map_err(fail)?;
+        let kept = kept.unwrap_or(KeptWindows { first: hello.next_window, ..KeptWindows::default() });
+        Ok(Assembler::resuming(hello.boot, &kept))
     }
 
     fn poll(&mut self, now: HostTime) {

@@ -36,10 +36,11 @@ fn golden_node_messages() {
         configuration_hash: Some(1),
         clock_set: true,
         oldest_window: 299,
+        next_window: 301,
         replaying: false,
         fault: Some(Fault { kind: FaultKind::HardFault, address: 0x0800_0123, place: String::new() }),
     };
-    let golden = "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 ab 02 00 01 01 a3 82 80 40 00";
+    let golden = "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 ab 02 ad 02 00 01 01 a3 82 80 40 00";
     assert_eq!(hex(&NodeMessage::Hello(hello)), golden);
     let refusal = Refusal { configuration_hash: 1, reason: RefusalReason::Memory { needed: 300, available: 200 } };
     assert_eq!(hex(&NodeMessage::Refused(refusal)), "01 01 06 ac 02 c8 01");
@@ -115,7 +116,7 @@ fn golden_host_messages() {
 #[test]
 fn the_schema_hash_is_pinned() {
     assert_eq!(
-        SCHEMA_HASH, 0x7918_4d0c_e4a9_b176,
+        SCHEMA_HASH, 0xb1bb_f041_1f52_9da7,
         "the messages changed: raise PROTOCOL_VERSION and pin the new hash {SCHEMA_HASH:#018x}"
     );
 }
@@ -237,6 +238,7 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                     configuration_hash,
                     clock_set,
                     oldest_window,
+                    next_window: oldest_window.wrapping_add(u32::from(node)),
                     replaying,
                     fault,
                 })

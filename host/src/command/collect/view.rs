@@ -80,9 +80,11 @@ impl View {
         let mut told = self.told.borrow_mut();
         for status in statuses {
             let state = self.state_in_words(status);
-            if told.get(&status.port) != Some(&state) {
+            // Counts go up all the time, and stand in the table at the end.
+            let kind: String = state.chars().filter(|letter| !letter.is_ascii_digit()).collect();
+            if told.get(&status.port) != Some(&kind) {
                 self.console.report(format_args!("{}: {state}", named(status)));
-                told.insert(status.port.clone(), state);
+                told.insert(status.port.clone(), kind);
             }
         }
     }
@@ -124,7 +126,12 @@ impl View {
             // By the host's clock: the node's crystal makes it what it is.
             let rate = status.drift_ppm.map(|drift| format!("{:.4}", self.sampling_rate_hz / (1.0 + drift * 1e-6)));
             let level = status.heartbeat.as_ref().map(|heartbeat| {
-                heartbeat.level.iter().map(|level| format!("{:.2}", 1e3 * level)).collect::<Vec<_>>().join(" ")
+                let channels = heartbeat.level.iter().zip(&heartbeat.sensors);
+                let level = |(level, sensor): (&f32, &SensorState)| match sensor {
+                    SensorState::Absent => "-".to_owned(),
+                    _ => format!("{:.2}", 1e3 * level),
+                };
+                channels.map(level).collect::<Vec<_>>().join(" ")
             });
             let peaks: Vec<String> = status.peaks_hz.iter().map(|peak| format!("{peak:.3}")).collect();
             table.add_row([
@@ -162,7 +169,7 @@ impl View {
         }
         if let Some((channel, reason)) = status.gaps.last {
             words += &format!(
-                "; {} windows with gaps, the last: {} {}",
+                "; windows with gaps: {}, the last: {} {}",
                 status.gaps.windows,
                 self.channel(status, channel),
                 in_words(reason)

@@ -28,7 +28,11 @@ impl WindowSink for ArchiveSink<'_> {
         Ok(())
     }
 
-    fn kept(&mut self, node: u16, boot: u32, oldest_window: u32) -> io::Result<KeptWindows> {
-        lock(self.archive).kept(self.setup, node, boot, oldest_window, self.now).map_err(io::Error::other)
+    fn kept(&mut self, node: u16, boot: u32, _: u32) -> io::Result<Option<KeptWindows>> {
+        lock(self.archive).kept(node, boot).map_err(io::Error::other)
+    }
+
+    fn meet(&mut self, node: u16, boot: u32, first_window: u32) -> io::Result<()> {
+        lock(self.archive).meet(self.setup, node, boot, first_window, self.now).map_err(io::Error::other)
     }
 }

@@ -182,6 +182,7 @@ fn hello() -> Hello {
         configuration_hash: None,
         clock_set: false,
         oldest_window: 0,
+        next_window: 0,
         replaying: false,
         fault: None,
     }
@@ -391,7 +392,7 @@ fn a_node_that_measures_for_another_study_is_asked_for_windows_before_it_is_told
     let foreign = NodeMessage::Head(message_of_another_study(head));
     let greeting = || {
         let configuration_hash = Some(configuration().hash() ^ 1);
-        NodeMessage::Hello(Hello { configuration_hash, oldest_window: 7, ..hello() })
+        NodeMessage::Hello(Hello { configuration_hash, oldest_window: 7, next_window: 8, ..hello() })
     };
     let mut windows: Vec<NodeWindow> = Vec::new();
     let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
