@@ -167,7 +167,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Collects until `stop` is set, `on_look` (which sees all ports five times a second) breaks, or no port could be used so far. `ports` lists
+/// Collects until `stop` is set, `on_look` (which sees all ports five times a second) breaks, or no port could be used so far.
+/// `ports` lists
 /// the ports where nodes may be; it is asked again and again, for a node may be plugged in later.
 ///
 /// # Errors
