@@ -149,9 +149,6 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let empty = nodes.iter().filter(|node| node.windows == 0).count();
     let windows: usize = nodes.iter().map(|node| node.windows).sum();
     console.json(&Report { nodes })?;
-    if differ == 0 && empty == 0 {
-        console.say(format!("All {windows} windows have the same bits as on this computer."));
-    }
     if differ > 0 {
         bail!(
             "{differ} nodes gave windows that the same firmware on this computer does not give: the board computes otherwise"
@@ -160,6 +157,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if empty > 0 {
         bail!("{empty} nodes gave no window: the recording is shorter than one segment");
     }
+    console.say(format!("All {windows} windows have the same bits as on this computer."));
     Ok(())
 }
 

@@ -77,8 +77,8 @@ impl Line {
         self.port.write(&frame[..length]).unwrap();
     }
 
-    /// Looks at messages until one is what is waited for. `asked` is said, and said again: the emulated line is not held to its rate, and
-    /// what comes faster than a node that is busy takes it is lost.
+    /// Looks at messages until one is what is waited for. `asked` is said, and said again: a frame to the emulated board is lost now
+    /// and then. Why has not been found; its line is held to no rate, and the node may not keep up.
     fn wait_for<T>(
         &mut self,
         start: Instant,
@@ -193,7 +193,7 @@ fn assert_on_time(task: Task, measured: &Measured) {
     assert!(board.latest_sample_ns <= LATEST_NS, "{} ns late", board.latest_sample_ns);
     // The last of each may still be on the way.
     assert!(*answers > windows.len() && *refusals + 1 >= windows.len(), "{answers} answers, {refusals} refusals");
-    // The last may still be on the way, and a frame may be cut where the emulated line is too fast.
+    // The last may still be on the way, and a frame may be cut on the emulated line (see `wait_for`).
     let damaged = heartbeat.damaged_frames;
     assert!(damaged.abs_diff(*garbage) <= 2, "{damaged} damaged frames told, {garbage} sent");
     let grid = WindowGrid {
