@@ -8,8 +8,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use belfry_host::compare::{ModelView, Pair, Tolerance, compare};
-use belfry_host::measured::{MeasuredMode, MeasuredShape};
 use belfry_host::model::{BeamTable, Structure};
+use belfry_host::modes::{MeasuredMode, MeasuredShape};
 use belfry_host::study::{Model, ModelSource, Study, template};
 use belfry_host::update::{Problem, Weights, solve, updated};
 use criterion::{Criterion, criterion_group, criterion_main};

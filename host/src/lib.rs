@@ -2,7 +2,7 @@
 //!
 //! Data goes one way, one folder a step: [`study`] says what stands where, [`record`] reads what was measured,
 //! [`link`] talks to the sensor nodes, [`archive`] keeps what they send, [`spectra`] averages it, [`measure`]
-//! runs a study through all of these, [`identify`] makes modes of it, [`trend`] follows them over the hours. [`measured`] reads modes, its own or another tool's,
+//! runs a study through all of these, [`identify`] makes modes of it, [`trend`] follows them over the hours. [`modes`] reads modes, its own or another tool's,
 //! [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree, [`covalidate`]
 //! predicts sensors that it was not shown. [`simulate`] goes the other way and makes recordings of a structure whose truth
 //! is known, [`export`] writes modes and spectra for other tools. [`command`] holds one
@@ -17,8 +17,8 @@ pub mod export;
 pub mod identify;
 pub mod link;
 pub mod measure;
-pub mod measured;
 pub mod model;
+pub mod modes;
 pub mod picture;
 pub mod record;
 pub mod simulate;

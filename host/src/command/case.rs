@@ -8,8 +8,8 @@ use super::Console;
 use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, compare, pair};
 use crate::diagnose::Signals;
 use crate::diagnose::steps::Setting;
-use crate::measured::{MeasuredModes, read};
 use crate::model::{Assembly, Body, LoadedModel, Structure, load};
+use crate::modes::{MeasuredModes, read};
 use crate::study::{Sensor, Study};
 
 /// A study's model against its measured modes.

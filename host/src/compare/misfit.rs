@@ -1,7 +1,7 @@
 //! Where shapes differ, sensor by sensor.
 
 use super::{ModelView, Pair, scale};
-use crate::measured::MeasuredMode;
+use crate::modes::MeasuredMode;
 
 /// Root mean square over pairs, sensor by sensor, of `(a phi - phihat)` in shares of the RMS component of phihat; `None`
 /// at sensors where no paired shape is known.

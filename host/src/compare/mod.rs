@@ -12,7 +12,7 @@ mod tests;
 mod tolerance;
 mod view;
 
-use crate::measured::{MeasuredMode, MeasuredShape};
+use crate::modes::{MeasuredMode, MeasuredShape};
 use crate::study::Sensor;
 
 pub(crate) use pairing::pair_above;

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use pathfinding::prelude::{Matrix, kuhn_munkres};
 
 use super::{ModelView, mac};
-use crate::measured::{MeasuredMode, MeasuredShape};
+use crate::modes::{MeasuredMode, MeasuredShape};
 
 /// A measured mode and the model mode that belongs to it; both 0-based.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,8 +7,8 @@ use statrs::distribution::{ChiSquared as Distribution, ContinuousCDF};
 use super::pairing::{RANK_TOLERANCE, close_models};
 use super::tolerance::Tolerance;
 use super::{ModelView, Pair, frequency_deviation, shape_deviations};
-use crate::measured::{MeasuredMode, MeasuredShape};
 use crate::model::ModeDerivative;
+use crate::modes::{MeasuredMode, MeasuredShape};
 
 /// A chi-squared test.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

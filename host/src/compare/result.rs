@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::misfit::{comac, misfit_by_sensor};
 use super::residual::ChiSquared;
 use super::{FREQUENCY_ASSUMED, ModelView, Pair, SHAPE_ASSUMED, frequency_deviation, mac};
-use crate::measured::MeasuredMode;
+use crate::modes::MeasuredMode;
 use crate::study::Sensor;
 
 /// Pairs, and where they disagree.

@@ -9,9 +9,9 @@ use super::background::Background;
 use super::search::NoneFound;
 use super::state::Reference;
 use crate::compare::{ModelView, ViewError, complement, pair, shape_deviations};
-use crate::measured::MeasuredMode;
 use crate::model::Structure;
 use crate::model::effect::{Effect, EffectError};
+use crate::modes::MeasuredMode;
 use crate::study::{Model, Sensor};
 
 /// A structure without its effects, the modes that it is held against, and how far it is trusted.
@@ -226,7 +226,7 @@ impl Problem {
     /// The same without what certain sensors saw.
     pub(super) fn without_sensors(&self, sensors: &[usize]) -> Self {
         let mut other = self.clone();
-        let kept = |shape: &crate::measured::MeasuredShape| -> Vec<usize> {
+        let kept = |shape: &crate::modes::MeasuredShape| -> Vec<usize> {
             (0..shape.sensors.len()).filter(|&row| !sensors.contains(&shape.sensors[row])).collect()
         };
         for phases in &mut other.phases {

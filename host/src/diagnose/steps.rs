@@ -9,9 +9,9 @@ use super::search::{Found, Options};
 use super::signals::{Signals, shown};
 use super::verdict::{STANDS_OUT, best_of};
 use crate::compare::{ModelView, compare};
-use crate::measured::MeasuredMode;
 use crate::model::Structure;
 use crate::model::effect::{Effect, EffectKind, Where};
+use crate::modes::MeasuredMode;
 use crate::study::{Model, Sensor};
 
 /// What a diagnosis is made from, whatever effects the model has.

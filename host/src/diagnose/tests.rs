@@ -9,9 +9,9 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
 use crate::compare::ModelView;
-use crate::measured::{MeasuredMode, MeasuredShape};
 use crate::model::effect::{Effect, Where};
 use crate::model::{BeamTable, Structure};
+use crate::modes::{MeasuredMode, MeasuredShape};
 use crate::study::{Model, Sensor, Study, template};
 
 fn study() -> (Structure, Model, Vec<Sensor>) {

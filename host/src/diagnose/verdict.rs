@@ -13,8 +13,8 @@ use super::settle::next_measurement;
 use super::signals::{Signal, Signals, all_shown, shown};
 use super::state::State;
 use crate::compare::{exceeding, levels};
-use crate::measured::MeasuredMode;
 use crate::model::effect::{Effect, Where};
+use crate::modes::MeasuredMode;
 
 /// Evidence of 20 to 1 makes an effect stand out.
 pub const STANDS_OUT: f64 = 2.995_732_273_553_991;

@@ -1,7 +1,7 @@
 //! Export: what Belfry found, as files that other tools read.
 //!
 //! Modes ([`modes`]) flow out as universal file datasets 55 ([`universal`]) and as a CSV table ([`table`]), both of which
-//! [`crate::measured`] reads back; averaged spectra and the lines of every window ([`spectra`]) as Parquet, written while
+//! [`crate::modes`] reads back; averaged spectra and the lines of every window ([`spectra`]) as Parquet, written while
 //! they are measured. A file appears whole or not at all.
 
 pub mod modes;

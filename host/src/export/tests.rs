@@ -10,7 +10,7 @@ use super::modes::Modes;
 use super::spectra::{LinesTable, write_psd_csv, write_psd_parquet};
 use super::*;
 use crate::measure::{Route, measure_observed};
-use crate::measured::{MeasuredModes, read};
+use crate::modes::{MeasuredModes, read};
 use crate::study::Study;
 
 /// A study of four channels at 20 Hz whose sensors have the given keys.

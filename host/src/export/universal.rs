@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use num_complex::Complex64;
 
 use super::modes::{Mode, Modes};
-use crate::measured::node_and_direction;
+use crate::modes::node_and_direction;
 use crate::study::{Direction, Sensor};
 
 /// The global Cartesian coordinate system.

@@ -4,8 +4,8 @@ use plotters::prelude::*;
 
 use super::PictureError;
 use crate::compare::{Comparison, HeightMisfit, PairReport};
-use crate::measured::{MeasuredMode, MeasuredShape};
 use crate::model::{Assembly, Modes};
+use crate::modes::{MeasuredMode, MeasuredShape};
 use crate::study::{Direction, Sensor};
 
 const COLUMNS: usize = 7;

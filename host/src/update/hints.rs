@@ -9,7 +9,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::compare::{ChiSquared, ModelView, Pair, complement, shape_deviations};
-use crate::measured::MeasuredMode;
+use crate::modes::MeasuredMode;
 
 /// What Psi says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use super::rotation::{ShapeTerm, minimise};
 use crate::compare::{ModelView, Pair};
-use crate::measured::MeasuredMode;
+use crate::modes::MeasuredMode;
 
 /// Weights of the objective `sum w_f ((f* - f)/f)² + sum w_s (1 - MAC)²` (eq. 14).
 #[derive(Debug, Clone, PartialEq)]

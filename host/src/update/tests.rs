@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::*;
 use crate::compare::{ModelView, Pair};
-use crate::measured::{MeasuredMode, MeasuredShape};
 use crate::model::{BeamTable, Body, Structure};
+use crate::modes::{MeasuredMode, MeasuredShape};
 use crate::study::{Sensor, Study, template};
 
 /// Towers from this seed on differ twice as much from their model, and are measured five times worse.
