@@ -7,6 +7,7 @@ mod bad_input;
 mod blind;
 mod collect;
 mod diagnose;
+mod documents;
 mod hardware;
 mod identify;
 mod init;
