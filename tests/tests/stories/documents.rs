@@ -114,6 +114,8 @@ fn shell(line: &str, folder: &Path) -> std::process::Output {
     Command::new("sh")
         .args(["-e", "-c", line])
         .env("PATH", format!("{}:{path}", programs.display()))
+        // Excerpts are of tables as wide as they are.
+        .env_remove("COLUMNS")
         .current_dir(folder)
         .stdin(Stdio::null())
         .output()
@@ -188,6 +190,32 @@ fn the_table_of_commands_is_that_of_the_help() {
 fn the_readme_is_short() {
     let lines = Document::read(&repository(), "README.md").line_count;
     assert!(lines <= 150, "{lines} lines");
+}
+
+/// docs/figures.md repeats the record that the tests of the board hold the program against.
+#[test]
+fn the_figures_of_the_node_are_those_on_record() {
+    let read = |name: &str| fs::read_to_string(repository().join(name)).unwrap();
+    let page = read("docs/figures.md");
+    let record: toml::Value = toml::from_str(&read("firmware/figures.toml")).unwrap();
+    let number = |value: &toml::Value| value.as_integer().unwrap() as f64;
+    let kilobytes = |what: &str| format!("{:.1} KB", number(&record["bytes"][what]) / 1024.0);
+    let core_percent = |rate_hz: &str| number(&record["instructions"]["second"][rate_hz]) / 168e6 * 100.0;
+    let segment = |points: &str| {
+        let count = number(&record["instructions"]["segment"][points]);
+        format!("{} {:03}", (count / 1000.0).floor(), count % 1000.0)
+    };
+    let segments = ["256", "1024", "2048"].map(segment).join(", ");
+    let stated = [
+        kilobytes("flash"),
+        kilobytes("ram"),
+        segments,
+        format!("{:.3} %", core_percent("50")),
+        format!("{:.2} %", core_percent("1000")),
+    ];
+    for figure in stated {
+        assert!(page.contains(&format!("| {figure}")), "docs/figures.md does not say {figure}");
+    }
 }
 
 #[test]
