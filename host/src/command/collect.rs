@@ -45,7 +45,7 @@ Windows go into the study's archive.sqlite. A node forgets a window only when it
 long as it has room, so collecting can be stopped and started again at any time. While it runs, `belfry identify`,
 `belfry compare` and the rest work on what has come so far.";
 
-/// Collect windows from nodes into the study's archive, until stopped
+/// Collect measurements from nodes until stopped
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

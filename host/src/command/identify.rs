@@ -39,7 +39,7 @@ folder `results`.";
 /// What is identified, in the study's results.
 const MODES_FILE: &str = "modes.json";
 
-/// Find the modes: frequency, damping and shape, each with its standard deviation
+/// Find the modes: frequency, damping and shape, with standard deviations
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

@@ -24,7 +24,7 @@ use crate::spectra::direct::Welch;
 use crate::spectra::{LineGrid, SpectralPlan, WindowLines};
 use crate::study::{Setup, Study};
 
-/// Feed a recording to nodes on serial ports, and check what they make of it
+/// Play a recording through real nodes and check their results
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

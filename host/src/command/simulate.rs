@@ -22,7 +22,7 @@ const EXAMPLES: &str = "Examples:
 The structure is clamped at its base unless an effect frees it. It is loaded by white noise at all nodes; the top of the
 Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json says what identification should find.";
 
-/// Make recordings of a structure with effects that the study's model does not know
+/// Simulate recordings of a structure with effects that the model lacks
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

@@ -34,7 +34,7 @@ const UNCHANGED: f64 = 1e-9;
 /// How many of the modes that the update does not use are shown.
 const OTHERS_SHOWN: usize = 4;
 
-/// Update the stiffness matrix directly (Psi), as the paper does
+/// Update the model's stiffness matrix directly (Psi)
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

@@ -197,7 +197,7 @@ fn the_readme_is_short() {
 fn the_figures_of_the_node_are_those_on_record() {
     let read = |name: &str| fs::read_to_string(repository().join(name)).unwrap();
     let page = read("docs/figures.md");
-    let record: toml::Value = toml::from_str(&read("firmware/figures.toml")).unwrap();
+    let record: toml::Table = read("firmware/figures.toml").parse().unwrap();
     let number = |value: &toml::Value| value.as_integer().unwrap() as f64;
     let kilobytes = |what: &str| format!("{:.1} KB", number(&record["bytes"][what]) / 1024.0);
     let core_percent = |rate_hz: &str| number(&record["instructions"]["second"][rate_hz]) / 168e6 * 100.0;

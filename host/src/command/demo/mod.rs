@@ -62,7 +62,7 @@ const DAMAGED_SHARE: f64 = 0.02;
 const NEAR: f64 = 0.05;
 const ALIKE: f64 = 0.5;
 
-/// Show the whole story on a simulated tower: nodes, serial link, modes, a model, and what it lacks
+/// Run the whole story on a simulated tower that hides an effect
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
