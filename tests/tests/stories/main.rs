@@ -13,3 +13,4 @@ mod identify;
 mod init;
 mod link;
 mod model;
+mod published;
