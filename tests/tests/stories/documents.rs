@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 
+use belfry_host::study::{STUDY_FILE, Study};
 use belfry_tests::belfry_command;
 use commands::{CommandHelp, check_line, without_comment};
 use markdown::{Block, Document, Note};
@@ -19,13 +20,16 @@ use markdown::{Block, Document, Note};
 /// Why a block is not run; a document gives one of these reasons and no other.
 const REASONS: [&str; 7] = [
     "compiles",
-    "takes minutes",
+    TAKES_MINUTES,
     "takes hours",
     "needs a board",
     "needs an emulator",
     "needs other people's data",
     "needs your own data",
 ];
+
+/// The reason of blocks that the long tests run all the same.
+const TAKES_MINUTES: &str = "takes minutes";
 
 /// Documents whose blocks run at the same time; most commands use two cores themselves.
 const AT_ONCE: usize = 2;
@@ -76,10 +80,11 @@ fn every_command_runs_and_every_excerpt_is_what_it_prints() {
 fn run(document: &Document) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
     let mut printed: Vec<(String, String)> = Vec::new();
+    let mut skipped: Vec<String> = Vec::new();
     let mut faults = Vec::new();
     for block in &document.blocks {
         match &block.note {
-            None if block.language == "sh" => {
+            _ if is_run(block) => {
                 for (line, command) in block.commands() {
                     let command = without_comment(&command);
                     let output = shell(command, folder.path());
@@ -91,7 +96,19 @@ fn run(document: &Document) -> Vec<String> {
                     printed.push((command.to_owned(), String::from_utf8_lossy(&output.stdout).into_owned()));
                 }
             }
-            Some(Note::File(path)) => write(&folder.path().join(path), block),
+            Some(Note::NotRun(_)) => {
+                skipped.extend(block.commands().iter().map(|(_, command)| without_comment(command).to_owned()));
+            }
+            Some(Note::OutputOf(command)) if skipped.contains(command) => {}
+            Some(Note::File(path)) => {
+                let file = folder.path().join(path);
+                write(&file, block);
+                if path.ends_with(STUDY_FILE)
+                    && let Err(error) = Study::load(file.parent().unwrap())
+                {
+                    faults.push(format!("{}:{}: {error}", document.name, block.first_line));
+                }
+            }
             Some(Note::OutputOf(command)) => match printed.iter().rev().find(|(earlier, _)| earlier == command) {
                 None => faults.push(format!("{}:{}: no earlier line is `{command}`", document.name, block.first_line)),
                 Some((_, output)) => {
@@ -104,6 +121,17 @@ fn run(document: &Document) -> Vec<String> {
         }
     }
     faults
+}
+
+/// Whether a block is run: blocks of `sh` without a reason against it; with the long tests also what takes belfry minutes.
+fn is_run(block: &Block) -> bool {
+    let is_belfry = || block.commands().iter().all(|(_, command)| command.starts_with("belfry "));
+    block.language == "sh"
+        && match &block.note {
+            None => true,
+            Some(Note::NotRun(reason)) => cfg!(long_tests) && reason == TAKES_MINUTES && is_belfry(),
+            Some(Note::File(_) | Note::OutputOf(_)) => false,
+        }
 }
 
 /// Runs a line as a reader types it, in `folder`, with this workspace's belfry on the path.
@@ -136,6 +164,11 @@ fn what_is_not_run_has_a_known_reason_and_options_that_exist() {
             let at = format!("{}:{}", document.name, block.first_line);
             if !["sh", "text", "toml", "csv"].contains(&block.language.as_str()) {
                 faults.push(format!("{at}: a block of sh, text, toml or csv is expected, not of {:?}", block.language));
+            }
+            if block.language == "toml"
+                && let Err(error) = block.lines.join("\n").parse::<toml::Table>()
+            {
+                faults.push(format!("{at}: {error}"));
             }
             let hides_command =
                 |line: &String| ["belfry ", "cargo ", "$ ", "./"].iter().any(|word| line.starts_with(word));
