@@ -62,11 +62,11 @@ fn assert_no_faults(faults: &[String]) {
 fn every_command_runs_and_every_excerpt_is_what_it_prints() {
     let waiting = Mutex::new(documents());
     let faults = Mutex::new(Vec::new());
+    let next = || waiting.lock().unwrap().pop();
     std::thread::scope(|scope| {
         for _ in 0..AT_ONCE {
             scope.spawn(|| {
-                loop {
-                    let Some(document) = waiting.lock().unwrap().pop() else { break };
+                while let Some(document) = next() {
                     let found = run(&document);
                     faults.lock().unwrap().extend(found);
                 }
@@ -260,7 +260,7 @@ fn links_lead_somewhere() {
             if target.contains("://") {
                 continue;
             }
-            let (path, heading) = target.split_once('#').unwrap_or((&target, ""));
+            let (path, heading) = target.split_once('#').unwrap_or((target.as_str(), ""));
             let file = if path.is_empty() { document.path.clone() } else { folder.join(path) };
             if !file.exists() {
                 faults.push(format!("{}:{line}: {target} does not exist", document.name));
