@@ -1,7 +1,8 @@
 //! Belfry's host: from recordings and sensor nodes to modes, and from modes to what a model lacks.
 //!
 //! Data goes one way, one folder a step: [`study`] says what stands where, [`record`] reads what was measured,
-//! [`link`] talks to the sensor nodes, [`archive`] keeps what they send, [`spectra`] averages it, [`measure`]
+//! [`window`] is what a node sends of it, [`link`] talks to the nodes, [`archive`] keeps their windows,
+//! [`collect`] does both live, [`fleet`] simulates nodes, [`spectra`] averages, [`measure`]
 //! runs a study through all of these, [`identify`] makes modes of it, [`trend`] follows them over the hours. [`modes`] reads modes, its own or another tool's,
 //! [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree, [`covalidate`]
 //! predicts sensors that it was not shown. [`simulate`] goes the other way and makes recordings of a structure whose truth
@@ -9,11 +10,13 @@
 //! file a subcommand of the `belfry` program; nothing else prints.
 
 pub mod archive;
+pub mod collect;
 pub mod command;
 pub mod compare;
 pub mod covalidate;
 pub mod diagnose;
 pub mod export;
+pub mod fleet;
 pub mod identify;
 pub mod link;
 pub mod measure;
@@ -26,3 +29,4 @@ pub mod spectra;
 pub mod study;
 pub mod trend;
 pub mod update;
+pub mod window;

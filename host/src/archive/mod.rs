@@ -15,7 +15,7 @@ use belfry_shared::time::{HostTime, WindowGrid};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 use thiserror::Error;
 
-use crate::link::{ChannelData, KeptWindows, NodeWindow};
+use crate::window::{ChannelData, KeptWindows, NodeWindow};
 
 pub use read::{Collected, CollectedSetup};
 

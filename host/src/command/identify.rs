@@ -14,7 +14,7 @@ use super::route::RouteArguments;
 use super::trends::{self, follow_study};
 use crate::identify::accuracy::{RecordNeeded, Wish, record_needed};
 use crate::identify::{Identification, Mode, identify};
-use crate::link::fleet::FleetReport;
+use crate::fleet::FleetReport;
 use crate::measure::{Measurement, Route, measure};
 use crate::picture::{self, TrueShape};
 use crate::spectra::LineGrid;

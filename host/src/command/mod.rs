@@ -83,6 +83,17 @@ impl Console {
         Ok(())
     }
 
+    /// Prints one of many JSON objects, on a line of its own; silent without `--json`.
+    ///
+    /// # Errors
+    /// When standard output cannot be written, a reader that went away aside.
+    pub fn json_line(&self, object: &impl Serialize) -> anyhow::Result<()> {
+        if self.json {
+            print(serde_json::to_string(object)?).context("cannot write to standard output")?;
+        }
+        Ok(())
+    }
+
     /// A progress bar on standard error over `length` steps; hidden where standard error is not a terminal.
     pub fn progress(&self, length: u64, label: &str) -> ProgressBar {
         if !std::io::stderr().is_terminal() {

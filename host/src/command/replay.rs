@@ -14,15 +14,16 @@ use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::Console;
-use crate::link::fleet::{channels_by_node, node_configuration};
+use crate::fleet::InProcess;
 use crate::link::port::Port;
-use crate::link::replay::{InProcess, Replayed, replay};
-use crate::link::{ChannelData, NodeWindow, Transport};
+use crate::link::Transport;
+use crate::link::replay::{Replayed, replay};
 use crate::measure::{Material, Opened, prepare};
 use crate::record::{Block, Recording};
 use crate::spectra::direct::Welch;
 use crate::spectra::{LineGrid, SpectralPlan, WindowLines};
 use crate::study::{Setup, Study};
+use crate::window::{ChannelData, NodeWindow, channels_by_node, node_configuration};
 
 /// Feed a recording to nodes on serial ports, and check what they make of it
 #[derive(Debug, Args)]

@@ -27,7 +27,7 @@ use super::update::{UpdateReport, update_case};
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
 use crate::identify::{Mode, mac};
-use crate::link::fleet::FleetOptions;
+use crate::fleet::FleetOptions;
 use crate::link::memory::Faults;
 use crate::measure::Route;
 use crate::model::effect::{Effect, EffectRecord, Where, named};

@@ -1,10 +1,13 @@
 //! Conversations with a real node over a simulated line, and with impostors.
 
+use std::io;
+
 use super::*;
-use crate::link::NodeWindow;
 use crate::link::memory::{Faults, Line};
+use crate::window::{KeptWindows, NodeWindow};
 use belfry_firmware::{Identity, Memory, Node};
-use belfry_shared::message::{Band, Configuration, Summary};
+use belfry_shared::frame::{MAX_FRAME_BYTES, PROTOCOL_VERSION};
+use belfry_shared::message::{self, Band, Configuration, SCHEMA_HASH};
 use belfry_shared::time::{NodeTime, WindowGrid};
 use proptest::prelude::*;
 
