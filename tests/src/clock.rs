@@ -3,8 +3,8 @@
 use std::fmt;
 use std::path::Path;
 
-use belfry_host::identify::{Identification, MeasuredSetup, identify};
 use belfry_host::fleet::{Fleet, FleetOptions, Pace};
+use belfry_host::identify::{Identification, MeasuredSetup, identify};
 use belfry_host::link::memory::Faults;
 use belfry_host::model::BeamTable;
 use belfry_host::simulate::{Options, Simulation};

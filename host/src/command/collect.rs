@@ -5,14 +5,14 @@ mod view;
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::Args;
 
 use super::Console;
+use super::interrupt::stop_on_signal;
 use crate::archive::Archive;
 use crate::collect::{
     Clock, CollectOptions, Collection, Collector, Report, SystemClock, SystemPorts, all_ports, collect,
@@ -157,12 +157,4 @@ fn ports(arguments: &Arguments) -> anyhow::Result<SystemPorts> {
         bail!("there is no serial port; is the board's USB cable one that carries data? `--port` names others");
     }
     Ok(SystemPorts { named, baud: arguments.baud })
-}
-
-/// A flag that Ctrl-C and the system's request to end set.
-fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be waited for")?;
-    Ok(stop)
 }

@@ -14,6 +14,7 @@ pub mod export;
 pub mod history;
 pub mod identify;
 pub mod init;
+mod interrupt;
 pub mod paper;
 pub mod ports;
 pub mod remove;

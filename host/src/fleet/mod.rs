@@ -7,7 +7,6 @@ mod in_process;
 mod node;
 mod pace;
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread;

@@ -28,7 +28,7 @@ pub(super) struct Delivery {
     /// Whether windows that another study asked for are given up.
     pub(super) drops_foreign: bool,
     /// The node's present life; `None` before it has greeted.
-    present: Option<Assembler>,
+    pub(super) present: Option<Assembler>,
     /// Its earlier lives, oldest first.
     earlier: Vec<Assembler>,
     forgotten_losses: u64,
@@ -185,10 +185,6 @@ impl Delivery {
         }
         self.acknowledge = false;
         self.counts.asked_again += again.len() as u64;
-        Some(Acknowledgement {
-            boot: assembler.boot(),
-            below: assembler.below(),
-            again: again.into_iter().collect(),
-        })
+        Some(Acknowledgement { boot: assembler.boot(), below: assembler.below(), again: again.into_iter().collect() })
     }
 }

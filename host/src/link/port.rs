@@ -187,7 +187,8 @@ mod tests {
         // A node that has a byte of noise in its decoder already.
         let mut decoder = FrameDecoder::new();
         assert!(decoder.push(0xA5).is_none());
-        let frames: Vec<_> = said.iter().filter_map(|&byte| decoder.push(byte).map(|f| f.map(<[u8]>::to_vec))).collect();
+        let frames: Vec<_> =
+            said.iter().filter_map(|&byte| decoder.push(byte).map(|f| f.map(<[u8]>::to_vec))).collect();
         let [Err(_), Ok(greeting)] = frames.as_slice() else { panic!("{frames:?}") };
         assert_eq!(message::decode::<HostMessage>(greeting), Ok(HostMessage::Greet));
     }

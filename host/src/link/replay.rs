@@ -7,9 +7,7 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
 
-use belfry_shared::message::{
-    Configuration, FeedPart, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay,
-};
+use belfry_shared::message::{Configuration, FeedPart, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay};
 use belfry_shared::time::HostTime;
 use thiserror::Error;
 

@@ -38,12 +38,7 @@ pub(super) struct Wire {
 
 impl Wire {
     pub(super) fn new() -> Self {
-        Self {
-            decoder: FrameDecoder::new(),
-            frame_bytes: 0,
-            outgoing: VecDeque::new(),
-            counts: WireCounts::default(),
-        }
+        Self { decoder: FrameDecoder::new(), frame_bytes: 0, outgoing: VecDeque::new(), counts: WireCounts::default() }
     }
 
     pub(super) fn counts(&self) -> WireCounts {

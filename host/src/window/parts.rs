@@ -44,7 +44,11 @@ fn position(configuration: &Configuration, first_line: u16, count: usize) -> Opt
 }
 
 /// Decodes a whole window; `None` where its parts contradict each other or the configuration.
-pub(super) fn build(configuration: &Configuration, head: &WindowHead, parts: &BTreeMap<u16, Vec<u8>>) -> Option<NodeWindow> {
+pub(super) fn build(
+    configuration: &Configuration,
+    head: &WindowHead,
+    parts: &BTreeMap<u16, Vec<u8>>,
+) -> Option<NodeWindow> {
     let total = configuration.lines();
     let mut channels: Vec<ChannelData> = head
         .channels

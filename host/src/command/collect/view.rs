@@ -9,10 +9,10 @@ use belfry_shared::message::SensorState;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::command::Console;
-use crate::command::identify::align_right;
 use super::events::time;
 use crate::collect::{Clock, Collection, Event, Happening, PortStatus, SystemClock, Words, seconds_in_words};
+use crate::command::Console;
+use crate::command::identify::align_right;
 use crate::spectra::SpectralPlan;
 use crate::study::Setup;
 
@@ -115,8 +115,11 @@ impl View {
         let done_after = |start_s: f64| start_s + self.segment_s + self.lead_s;
         let next_start_s = ((now_s - self.segment_s - self.lead_s) / hop_s).ceil() * hop_s;
         let seconds = done_after(next_start_s.max(first_start_s)) - now_s;
-        let wait =
-            if seconds > 90.0 { format!("{:.0} min", seconds / 60.0) } else { format!("{} s", seconds_in_words(seconds)) };
+        let wait = if seconds > 90.0 {
+            format!("{:.0} min", seconds / 60.0)
+        } else {
+            format!("{} s", seconds_in_words(seconds))
+        };
         format!("Next window in {wait}. Ctrl-C stops.")
     }
 
@@ -127,7 +130,8 @@ impl View {
             text += &format!("\n{}: {}", named(status), self.words.state(status));
         }
         let is_there = |node: &u16| statuses.iter().any(|status| status.node == Some(*node));
-        let missing: Vec<String> = self.words.nodes().filter(|node| !is_there(node)).map(|node| node.to_string()).collect();
+        let missing: Vec<String> =
+            self.words.nodes().filter(|node| !is_there(node)).map(|node| node.to_string()).collect();
         if !missing.is_empty() {
             text += &format!("\nOn no port: node {}.", missing.join(", "));
         }

@@ -6,7 +6,7 @@ use belfry_shared::time::HostTime;
 use super::{FIRST_EXCHANGES, Session, Stage};
 
 /// Time between tries of a greeting, configuration or clock setting, in µs.
-const RETRY_US: i64 = 500_000;
+pub(super) const RETRY_US: i64 = 500_000;
 /// Time between clock exchanges before the clock is set first.
 const FIRST_EXCHANGE_PERIOD_US: i64 = 100_000;
 /// Time between clock exchanges while measuring: this share of the time over which the clock is known, so that it is soon known
@@ -15,7 +15,7 @@ const EXCHANGE_SHARE: i64 = 4;
 const LEAST_EXCHANGE_PERIOD_US: i64 = 20_000_000;
 const EXCHANGE_PERIOD_US: i64 = 200_000_000;
 /// How often a node that measures for another study is asked for its oldest window before it counts as having none.
-const INSPECTIONS: u32 = 3;
+pub(super) const INSPECTIONS: u32 = 3;
 /// The line counts as silent when nothing came for this long.
 const SILENCE_US: i64 = 300_000;
 /// A part asked again is asked once more after this time.
