@@ -10,6 +10,7 @@ use belfry_host::model::BeamTable;
 use belfry_host::simulate::{Options, Simulation};
 use belfry_host::spectra::{CrossSpectrumAccumulator, LineGrid, SetupExtent, SpectralPlan, WindowLines};
 use belfry_host::study::{Setup, Study, template};
+use belfry_host::window::channels_by_node;
 
 /// The frequency at which phases are stated.
 const PHASE_AT_HZ: f64 = 1.25;

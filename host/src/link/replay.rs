@@ -32,12 +32,12 @@ pub enum ReplayError {
     /// The node's version, build or memory does not fit, or its line failed.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// The node does not do what it is told.
+    /// The node answers, but does not follow.
     #[error("node {node} answers, but does not {what}: switch it off and on again")]
     Unwilling {
         /// The node.
         node: u16,
-        /// What it was told.
+        /// What it was asked to do.
         what: &'static str,
     },
     /// The node has stopped answering in the middle.

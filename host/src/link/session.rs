@@ -55,7 +55,7 @@ pub struct SessionStatistics {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Stage {
     Greeting,
-    /// It measures for another study: its oldest window is asked for, before it is told anything.
+    /// It measures for another study: the session asks for its oldest window before it gives it a configuration.
     Inspecting {
         asked: u32,
     },
