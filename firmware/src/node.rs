@@ -3,7 +3,7 @@
 use core::ops::DerefMut;
 
 use belfry_shared::frame;
-use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
+use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
 use belfry_shared::message::{
     self, BoardState, ClockReply, ClockRequest, Configuration, Fault, Fed, FeedPart, Heartbeat, Hello, HostMessage,
     NodeMessage, Refusal, Replay, SCHEMA_HASH, WindowName,
@@ -42,6 +42,8 @@ pub struct Identity {
 /// What waits to be said beside the outbox.
 #[derive(Debug, Clone, Default)]
 struct Pending {
+    /// An empty frame: a conversation begins, and what the host has heard before may be the beginning of a frame.
+    end_mark: bool,
     hello: bool,
     refusal: Option<Refusal>,
     clock: Option<(ClockRequest, NodeTime)>,
@@ -137,8 +139,9 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 longest_step_us: 0,
                 latest_sample_ns: 0,
                 temperature_centi_c: None,
+                dropped_frames: 0,
             },
-            pending: Pending { hello: true, refusal: None, clock: None, heartbeat: false, fed: false },
+            pending: Pending { end_mark: true, hello: true, refusal: None, clock: None, heartbeat: false, fed: false },
             transmitter: Transmitter { frame: [0; MAX_FRAME_BYTES], length: 0, sent: 0 },
         }
     }
@@ -183,7 +186,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         };
         match message {
             Err(_) => self.damaged_frames = self.damaged_frames.saturating_add(1),
-            Ok(HostMessage::Greet) => self.pending.hello = true,
+            Ok(HostMessage::Greet) => (self.pending.end_mark, self.pending.hello) = (true, true),
             Ok(HostMessage::Configure(configuration)) => self.configure(configuration),
             Ok(HostMessage::Acknowledge(acknowledgement)) => {
                 if acknowledgement.boot == self.identity.boot {
@@ -353,8 +356,9 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
 
     /// Whether [`transmit`](Self::transmit) would give bytes.
     pub fn has_bytes(&self) -> bool {
-        let Pending { hello, refusal, clock, heartbeat, fed } = &self.pending;
+        let Pending { end_mark, hello, refusal, clock, heartbeat, fed } = &self.pending;
         self.transmitter.sent < self.transmitter.length
+            || *end_mark
             || *hello
             || *heartbeat
             || refusal.is_some()
@@ -381,6 +385,10 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     /// Makes the most urgent frame there is; 0 bytes where there is none.
     fn next_frame(&mut self, now: NodeTime) -> usize {
         let frame = &mut self.transmitter.frame;
+        if core::mem::take(&mut self.pending.end_mark) {
+            frame[0] = END_OF_FRAME;
+            return 1;
+        }
         let next_window = self.windows.next_number();
         let oldest_window = self.outbox.oldest_window().unwrap_or(next_window);
         let message = if let Some((request, node_received)) = self.pending.clock.take() {

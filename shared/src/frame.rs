@@ -4,12 +4,15 @@
 //! body, so that a zero always ends a frame and a receiver that joins late, or lost bytes, is back in step at the next
 //! zero. The CRC is CRC-32/ISO-HDLC (Ethernet's) over version and message, little endian. The version stands outside
 //! the message, so that a peer of another version is recognised whatever its messages look like.
+//!
+//! Both ends send an empty frame, a zero alone, when a conversation begins: a frame that an earlier one left unfinished, or noise
+//! on the line, ends there instead of spoiling the first message.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 use thiserror::Error;
 
 /// The version of framing and messages.
-pub const PROTOCOL_VERSION: u8 = 3;
+pub const PROTOCOL_VERSION: u8 = 4;
 /// Longest message in a frame, in bytes.
 pub const MAX_MESSAGE_BYTES: usize = 512;
 /// Version byte and CRC.
@@ -148,12 +151,12 @@ mod tests {
 
     #[test]
     fn golden_frame() {
-        // Version 3, message 11 00 22, CRC-32 of 03 11 00 22 little endian; COBS codes 03 and 06 in place of the zeros.
-        let checksum = crc32(&[3, 0x11, 0, 0x22]).to_le_bytes();
-        let mut expected = std::vec![3, 3, 0x11, 6, 0x22];
+        // Version 4, message 11 00 22, CRC-32 of 04 11 00 22 little endian; COBS codes 03 and 06 in place of the zeros.
+        let checksum = crc32(&[4, 0x11, 0, 0x22]).to_le_bytes();
+        let mut expected = std::vec![3, 4, 0x11, 6, 0x22];
         expected.extend_from_slice(&checksum);
         expected.push(0);
-        assert_eq!(checksum, [0x51, 0xF8, 0x75, 0xFB]);
+        assert_eq!(checksum, [0xE8, 0xC0, 0xA2, 0x66]);
         assert_eq!(framed(&[0x11, 0, 0x22]), expected);
     }
 

@@ -108,6 +108,8 @@ struct PortReport {
     lost_windows: u64,
     foreign_windows: u64,
     lost_rows: u32,
+    /// Messages to the node that came faster than it could take them.
+    dropped_frames: u32,
     damaged_frames: u64,
     bytes_received: u64,
     clock_drift_ppm: Option<f64>,
@@ -336,6 +338,7 @@ fn port_report(status: &PortStatus, view: &View) -> PortReport {
         lost_windows: status.statistics.lost_windows,
         foreign_windows: status.statistics.foreign_windows,
         lost_rows: heartbeat.map_or(0, |heartbeat| heartbeat.lost_rows),
+        dropped_frames: heartbeat.map_or(0, |heartbeat| heartbeat.board.dropped_frames),
         damaged_frames: status.statistics.damaged_frames,
         bytes_received: status.statistics.bytes_received,
         clock_drift_ppm: status.drift_ppm,

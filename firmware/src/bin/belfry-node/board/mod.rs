@@ -108,6 +108,7 @@ fn run() -> ! {
                 longest_step_us: u32::try_from(longest_us).unwrap_or(u32::MAX),
                 latest_sample_ns: sampler.latest_ns(),
                 temperature_centi_c: sampler.temperature_centi_c(),
+                dropped_frames: port.dropped_frames(),
             });
             let count = node.transmit(ticks::now(), &mut frame);
             port.send(frame.get(..count).unwrap_or(&[]));
