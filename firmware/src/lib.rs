@@ -4,9 +4,9 @@
 //! memory, never allocates, never waits, and no input makes it panic. It does not know what feeds it: an accelerometer and a
 //! serial port with its [`Inbox`], a recording, or a test.
 //!
-//! Samples pass the decimating filter (`decimator`) into a ring of recent history (`acquisition`); whenever the
-//! schedule says that a segment is complete, `spectrum` transforms it, and its lines or averaged densities wait in the
-//! `outbox` until the host has acknowledged them.
+//! Samples pass the decimating filter (`decimator`) into a ring of recent history (`acquisition`). Whenever the schedule says
+//! that a segment is complete, `spectrum` transforms it, and its lines or averaged densities wait in the `outbox` until the host
+//! acknowledges them.
 #![no_std]
 
 #[cfg(test)]

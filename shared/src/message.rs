@@ -1,40 +1,45 @@
-//! The messages between a sensor node and its host, and the rules they follow.
+//! The messages between a sensor node and its host, and the rules for both: the specification of the protocol.
 //!
 //! # On the line
 //! A message is one postcard value ([`NodeMessage`] or [`HostMessage`]) in one frame ([`crate::frame`]). Integers are
-//! postcard varints, floats IEEE 754 little endian, byte strings carry their length in front. One serial line joins one
-//! node with the host.
+//! postcard varints, floats IEEE 754 little endian, byte strings start with their length. One serial line connects one node
+//! with the host.
 //!
 //! # Windows and their names
 //! A *window* is one measurement interval of one node. It is named by node id, boot id (drawn anew at every start of the
-//! node) and a number that counts windows from 0 ([`WindowName`]). Every interval of the grid gets a number, also one
-//! without sound data: its head then says why ([`ChannelState`]), so that "no data" and "lost" differ.
+//! node) and a number that counts windows from 0 ([`WindowName`]). Every interval of the grid gets a number, even one without
+//! sound data: its head then says why ([`ChannelState`]). So the host can tell "no data" from "lost".
 //!
-//! A window travels as *parts*. Part 0 is its [`WindowHead`]: when it was, how its channels fared, how many parts follow.
-//! Parts 1 to `data_parts` carry the data, each readable by itself: [`LinesPart`] under [`Summary::Lines`], [`DensityPart`]
+//! A window travels as *parts*. Part 0 is its [`WindowHead`]: when it was measured, the state of its channels, how many parts
+//! follow. Parts 1 to `data_parts` carry the data, each readable by itself: [`LinesPart`] under [`Summary::Lines`], [`DensityPart`]
 //! and [`PeaksPart`] under [`Summary::Psd`]. Parts may arrive in any order and more than once.
 //!
 //! # Delivery
-//! A node sends every part once and keeps it until acknowledged. Recovery is the host's work: its [`Acknowledgement`]
-//! says below which number everything is stored on its side, and which parts it wants again. [`Heartbeat`]s tell the host
-//! how many windows there are, so that it can miss the last one. When the outbox is full, the node drops its oldest window and
-//! says so (`oldest_window`, `lost_windows`): loss is bounded and stated, never silent.
+//! A node sends every part once and keeps it until the host acknowledges it. Recovery is up to the host: its
+//! [`Acknowledgement`] says below which number it has stored everything, and which parts it wants again. [`Heartbeat`]s say how
+//! many windows there are, so that the host notices when even the last one is missing. When the outbox is full, the node drops
+//! its oldest window and says so (`oldest_window`, `lost_windows`): no loss is silent.
+//!
+//! The node has room for the messages that arrive while it computes. One that finds none is dropped and counted
+//! ([`BoardState::dropped_frames`]); the host repeats whatever is not answered.
 //!
 //! # A conversation
-//! The host says [`HostMessage::Greet`]; the node answers with [`Hello`] (also unasked, when it starts). The host compares
-//! protocol version and schema hash and refuses a node that differs. It sends a [`Configuration`]; the node answers with
+//! Each end opens with an empty frame, which ends whatever an earlier conversation left unfinished on the line. The host says
+//! [`HostMessage::Greet`]; the node answers with [`Hello`], which it also says when it starts. The host compares protocol version
+//! and schema hash and refuses a node that differs. It sends a [`Configuration`]; the node answers with
 //! a `Hello` that carries the configuration's hash, or a [`Refusal`]. Then [`ClockRequest`]s and [`ClockReply`]s measure the
-//! node's clock, and a [`ClockModel`] tells the node the time (a later `Hello` confirms it). From then on it measures, window by window on the grid
-//! of host time ([`crate::time::WindowGrid`]), and host and node exchange windows, acknowledgements and clock readings.
+//! node's clock, and a [`ClockModel`] tells the node the time (a later `Hello` confirms it). From then on it measures, window by
+//! window on the grid of host time ([`crate::time::WindowGrid`]), and host and node exchange windows, acknowledgements and clock
+//! readings.
 //!
 //! # Recordings
-//! A node can measure a recording instead of its sensor: after [`HostMessage::Replay`] its rows come as [`FeedPart`]s, and the
-//! node's clock is the recording's. It says with [`Fed`] how far it has come once everything that follows from the rows is
-//! computed and sent; the host keeps few parts on the way, so that the node is neither hurried nor idle.
+//! A node can measure a recording instead of its sensor: after [`HostMessage::Replay`] the recording's rows arrive as
+//! [`FeedPart`]s, and its time replaces the node's. Once the node has computed and sent everything that follows from the rows, it
+//! says with [`Fed`] how far it has come. The host sends few parts ahead, so that the node is neither swamped nor idle.
 //!
 //! # Units
 //! A spectral line is in m/s²/√Hz: its squared magnitude is the one-sided power spectral density in (m/s²)²/Hz of the
-//! detrended, Hann-windowed segment, its phase refers to the segment's first sample. Lines count from 0 Hz in steps of the
+//! detrended, Hann-windowed segment; its phase refers to the segment's first sample. Lines count from 0 Hz in steps of the
 //! decimated sampling rate over the segment's length.
 
 mod acknowledgement;
@@ -63,7 +68,7 @@ pub use window::{
 use crate::frame::{self, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
 use crate::time::ClockModel;
 
-/// A hash over the names, types and order of everything in the messages: equal on both sides, or they must not talk.
+/// A hash over the names, types and order of everything in the messages. Host and node talk only if theirs are equal.
 pub const SCHEMA_HASH: u64 =
     u64::from_le_bytes(Key::for_path::<(NodeMessage<'static>, HostMessage)>("belfry").to_bytes());
 
@@ -71,7 +76,7 @@ pub const SCHEMA_HASH: u64 =
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NodeMessage<'a> {
-    /// Who the node is; after a start, a greeting or an accepted configuration.
+    /// Who the node is; said after a start, a greeting or an accepted configuration.
     Hello(Hello),
     /// The answer to a configuration the node cannot run.
     Refused(Refusal),
@@ -89,7 +94,7 @@ pub enum NodeMessage<'a> {
     Density(DensityPart<'a>),
     /// A data part: peak frequencies.
     Peaks(PeaksPart),
-    /// How much of a recording it has taken.
+    /// How much of a recording the node has taken.
     Fed(Fed),
 }
 
@@ -102,18 +107,18 @@ pub enum HostMessage {
     Greet,
     /// Tells the node what to measure.
     Configure(Configuration),
-    /// What is stored, and what is wanted again.
+    /// What the host has stored, and what it wants again.
     Acknowledge(Acknowledgement),
     /// Asks for the node's time.
     Clock(ClockRequest),
-    /// Tells the node the host's time. A model whose reference moment is older than the known one's, or still to come, is
-    /// ignored: it was overtaken on the line, or is wrong.
+    /// Tells the node the host's time. The node ignores a model whose reference moment is older than that of the model it has (a
+    /// newer one overtook it on the line) or lies in the future (it is wrong).
     SetClock(ClockModel),
-    /// Tells the node to measure a recording. Needs a configuration; the next [`Hello`] says whether it does.
+    /// Tells the node to measure a recording. A node without a configuration cannot; the next [`Hello`] says whether it does.
     Replay(Replay),
     /// Rows of the recording.
     Feed(FeedPart),
-    /// Tells the node to measure with its sensor again; it forgets the time, which was the recording's.
+    /// Tells the node to measure with its sensor again. It forgets the time, which was the recording's.
     EndReplay,
 }
 

@@ -4,16 +4,16 @@ use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// Most ranges that one acknowledgement asks again.
+/// Most ranges of parts that one acknowledgement asks for again.
 pub const MAX_AGAIN: usize = 8;
 
 /// What the host has, and what it wants again.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Acknowledgement {
-    /// The boot this is about; a node of another boot ignores it.
+    /// Boot id of the node it is for; a node that has restarted ignores it.
     pub boot: u32,
-    /// All windows with a lower number are stored (or given up): the node forgets them.
+    /// The host has stored (or given up) all windows with lower numbers; the node forgets them.
     pub below: u32,
     /// Parts wanted again.
     pub again: Vec<Again, MAX_AGAIN>,

@@ -13,7 +13,7 @@ pub struct ClockRequest {
     pub host_sent: HostTime,
 }
 
-/// The node's answer; with the time of its arrival the host has the four times of a two-way exchange.
+/// The node's answer. With the time of its arrival the host has all four times of a two-way exchange.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ClockReply {
@@ -23,7 +23,7 @@ pub struct ClockReply {
     pub node_received: NodeTime,
     /// When the node began to send this.
     pub node_sent: NodeTime,
-    /// How long after `host_sent` the request arrived by the host's time as the node has been told it, in µs: what is far from a
-    /// line's delay was told by a host whose clock was wrong. `None` where the node has not been told.
+    /// How long after `host_sent` the request arrived, in µs, by the host's time as the node knows it. If that is far from a
+    /// line's delay, a host whose clock was wrong has set the node's. `None` before any host has.
     pub believed_delay_us: Option<i64>,
 }

@@ -1,4 +1,4 @@
-//! What a node is to measure and send, and why it may refuse.
+//! What a node is to measure and send, and why it may refuse to.
 
 use heapless::Vec;
 use postcard_schema::Schema;
@@ -19,13 +19,13 @@ pub struct Configuration {
     pub channels: u8,
     /// Raw sampling rate in µHz.
     pub sampling_rate_uhz: u64,
-    /// Raw samples a decimated sample; see [`crate::decimation::Stages`] for what is possible.
+    /// Raw samples per decimated sample; [`crate::decimation::Stages`] says which ratios are possible.
     pub decimation: u32,
-    /// Decimated samples a segment: 256, 512, 1024, 2048 or 4096.
+    /// Decimated samples per segment: 256, 512, 1024, 2048 or 4096.
     pub segment: u16,
     /// What to send.
     pub summary: Summary,
-    /// Which lines to send, ascending and without overlap.
+    /// Which lines to send, in ascending order and without overlap.
     pub bands: Vec<Band, MAX_BANDS>,
 }
 
@@ -33,11 +33,11 @@ impl Configuration {
     /// The hash by which node and host name a configuration: CRC-32 of its encoding.
     pub fn hash(&self) -> u32 {
         let mut buffer = [0; MAX_MESSAGE_BYTES];
-        // A configuration takes 70 bytes at most, so this does not fail; 0 would only make the host send it again.
+        // A configuration takes 70 bytes at most, so this cannot fail; a hash of 0 would only make the host send it again.
         postcard::to_slice(self, &mut buffer).map_or(0, |bytes| frame::crc32(bytes))
     }
 
-    /// Lines a channel sends, all bands together.
+    /// Lines per channel in all bands together.
     pub fn lines(&self) -> usize {
         self.bands.iter().map(|band| usize::from(band.lines)).sum()
     }
@@ -54,12 +54,12 @@ impl Configuration {
 pub enum Summary {
     /// The complex lines of every segment, for modes: a window is one segment.
     Lines {
-        /// Bits a component, [`crate::quantise::MIN_BITS`] to [`crate::quantise::MAX_BITS`].
+        /// Bits per component, [`crate::quantise::MIN_BITS`] to [`crate::quantise::MAX_BITS`].
         bits: u8,
     },
-    /// Power spectral densities averaged over segments, and their peaks, for slow radios: a window is `segments` segments.
+    /// Power spectral densities averaged over segments, and their peaks, for slow radios: a window covers `segments` segments.
     Psd {
-        /// Segments averaged, at least 1.
+        /// Number of segments averaged, at least 1.
         segments: u16,
     },
 }
@@ -78,7 +78,7 @@ pub struct Band {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Refusal {
-    /// [`Configuration::hash`] of what was refused.
+    /// [`Configuration::hash`] of the refused configuration.
     pub configuration_hash: u32,
     /// Why.
     pub reason: RefusalReason,
@@ -91,10 +91,10 @@ pub enum RefusalReason {
     /// More channels than the node has, or none.
     #[error("the node has {available} channels")]
     Channels {
-        /// Channels the node has.
+        /// Number of channels the node has.
         available: u8,
     },
-    /// The sampling rate is 0, or higher than the sensor can.
+    /// The sampling rate is 0, or higher than the sensor's highest.
     #[error("the sampling rate is not possible: the node samples up to {} Hz", f64::from(*highest_mhz) * 1e-3)]
     SamplingRate {
         /// The highest rate that the node samples at, in mHz.

@@ -1,4 +1,4 @@
-//! Who a node is, and what ended its life before this one.
+//! Who a node is, and why it restarted.
 
 use heapless::String;
 use postcard_schema::Schema;
@@ -19,32 +19,32 @@ pub struct Hello {
     pub node: u16,
     /// Drawn anew at every start.
     pub boot: u32,
-    /// Channels the node's sensor has.
+    /// Number of channels of the node's sensor.
     pub channels: u8,
-    /// [`Configuration::hash`] of what it runs; `None` before the first configuration.
+    /// [`crate::message::Configuration::hash`] of what it runs; `None` before the first configuration.
     pub configuration_hash: Option<u32>,
-    /// Whether the host has told it the time.
+    /// Whether a host has set its clock.
     pub clock_set: bool,
-    /// The oldest window in its outbox, or the number that the next will have where the outbox is empty: lower ones are gone,
-    /// delivered or lost.
+    /// The oldest window in its outbox (`next_window` if the outbox is empty). Windows with lower numbers are gone, delivered or
+    /// lost.
     pub oldest_window: u32,
     /// The number the next window will have.
     pub next_window: u32,
     /// Whether it measures a recording.
     pub replaying: bool,
-    /// What ended its life before this one, where that was no ordinary end.
+    /// Why it restarted, unless it was only switched on.
     pub fault: Option<Fault>,
 }
 
-/// What ended a node's life.
+/// Why a node restarted.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fault {
-    /// What it was.
+    /// What went wrong.
     pub kind: FaultKind,
-    /// Address of the instruction; 0 where it is not known.
+    /// Address of the instruction; 0 if unknown.
     pub address: u32,
-    /// File and line; empty where they are not known.
+    /// File and line of the source; empty if unknown.
     pub place: String<MAX_PLACE_BYTES>,
 }
 
@@ -59,16 +59,16 @@ impl core::fmt::Display for Fault {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FaultKind {
-    /// The program gave up.
+    /// The program panicked.
     #[error("the program stopped itself (a panic)")]
     Panic,
-    /// The processor could not go on.
+    /// The processor met an instruction or an address it cannot handle.
     #[error("the processor stopped (a hard fault)")]
     HardFault,
     /// The stack ran over its end.
     #[error("the stack ran over")]
     StackOverflow,
-    /// The program did not come round in time.
+    /// The program hung, and the watchdog reset it.
     #[error("the program hung, and the watchdog started it anew")]
     Watchdog,
     /// The external clock did not start; the node runs on its inexact internal one.

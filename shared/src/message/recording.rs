@@ -13,7 +13,7 @@ pub const MAX_FEED: usize = 120;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Replay {
-    /// When row 0 was sampled, in the recording's time. Row n was n sampling periods of the configuration later.
+    /// When row 0 was sampled, in the recording's time. Row n follows n sampling periods of the configuration later.
     pub start: HostTime,
 }
 
@@ -21,9 +21,10 @@ pub struct Replay {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FeedPart {
-    /// Number of the first row here. The node takes rows in order: a part that does not go on where it stands is left out.
+    /// Number of the first row in this part. The node takes rows in order and ignores a part that does not start with the row it
+    /// expects.
     pub first_row: u64,
-    /// Readings in m/s², row by row, one for each channel of the configuration; NaN where one is missing.
+    /// Readings in m/s², row by row, one per channel of the configuration; NaN for a missing one.
     pub readings: Vec<f32, MAX_FEED>,
 }
 
@@ -31,6 +32,6 @@ pub struct FeedPart {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fed {
-    /// The row it waits for.
+    /// The row it expects next.
     pub next_row: u64,
 }

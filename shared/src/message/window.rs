@@ -6,10 +6,11 @@ use serde::{Deserialize, Serialize};
 
 use super::configuration::MAX_CHANNELS;
 
-/// Most peaks a node reports a channel.
+/// Most peaks per channel that a node reports.
 pub const MAX_PEAKS: usize = 8;
 
-/// Most data bytes in a [`LinesPart`] or [`DensityPart`]; the rest of [`MAX_MESSAGE_BYTES`] is for the other fields.
+/// Most data bytes in a [`LinesPart`] or [`DensityPart`]; the other fields take the rest of
+/// [`crate::frame::MAX_MESSAGE_BYTES`].
 pub const MAX_DATA_BYTES: usize = 480;
 
 /// A window's name.
@@ -30,38 +31,38 @@ pub struct WindowName {
 pub struct WindowHead {
     /// Which window.
     pub name: WindowName,
-    /// [`Configuration::hash`] of what it was measured with.
+    /// [`crate::message::Configuration::hash`] of the configuration it was measured with.
     pub configuration_hash: u32,
     /// Start on the grid of host time, in hops since the epoch.
     pub grid_index: u64,
-    /// When the segment's middle was, minus when it should have been by the grid, in µs: what the node could not align, and what
-    /// its crystal gathered over half a segment. The host removes it as phase. Of densities: the first segment's.
+    /// When the segment's middle was, minus when it should have been by the grid, in µs: what the node could not align, and the
+    /// drift of its crystal over half a segment. The host removes it as a phase. For densities: that of the first segment.
     pub middle_offset_us: i32,
-    /// How much faster the host's clock runs than the node's, in parts per thousand million: samples were that much further
-    /// apart, and the lines' frequencies that much lower. The host moves the lines.
+    /// How much faster the host's clock runs than the node's, in parts per billion (10⁹): samples were that much further apart,
+    /// and the lines' frequencies that much lower. The host shifts the lines accordingly.
     pub drift_ppb: i32,
-    /// Data parts that belong to the window.
+    /// Number of data parts of the window.
     pub data_parts: u16,
-    /// Each channel's fate.
+    /// State of each channel.
     pub channels: Vec<ChannelState, MAX_CHANNELS>,
 }
 
-/// How a channel fared in a window.
+/// State of a channel in a window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ChannelState {
     /// The data are sound; data parts follow.
     Sound {
-        /// Segments they come from: 1 for lines, the number averaged for densities.
+        /// Number of segments they come from: 1 for lines, the number averaged for densities.
         segments: u16,
     },
-    /// Samples were missing, or were no numbers.
+    /// Samples were missing, or not numbers.
     Missing,
     /// Samples were at the end of the sensor's range.
     Clipped,
-    /// All samples were alike: the sensor is dead or not connected.
+    /// All samples were equal: the sensor is dead or not connected.
     Constant,
-    /// The node did not come round to transforming the segment before new samples replaced it.
+    /// New samples replaced the segment before the node had time to transform it.
     Overrun,
 }
 
@@ -79,13 +80,13 @@ pub struct LinesPart<'a> {
     pub first_line: u16,
     /// Number of lines.
     pub lines: u16,
-    /// Bits a component.
+    /// Bits per component.
     pub bits: u8,
     /// [`crate::quantise::encode_lines`]'s code.
     pub code: &'a [u8],
 }
 
-/// Averaged power spectral densities of one channel, coded as in [`crate::quantise`], one byte a line.
+/// Averaged power spectral densities of one channel, coded as in [`crate::quantise`], one byte per line.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DensityPart<'a> {

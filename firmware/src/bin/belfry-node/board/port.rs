@@ -27,7 +27,7 @@ struct Shared {
     to_send: Consumer<'static, u8>,
 }
 
-/// The handler's alone once its interrupt is let in: no critical section, which would hold up sampling for as long as it sends.
+/// Only the handler uses it once its interrupt is on. A critical section would hold up sampling for as long as it sends.
 static mut SHARED: Option<Shared> = None;
 
 /// The loop's end of the port.
@@ -50,7 +50,7 @@ impl Port {
         let (Some(inbox), Some(to_send)) = queues else { panic!("started twice") };
         let ((received_in, received), (to_send, to_send_out)) = (inbox.split(), to_send.split());
         let shared = Shared { tx, rx, received: received_in, to_send: to_send_out };
-        // SAFETY: this function runs once, before the interrupt is let in, and only the handler names SHARED besides.
+        // SAFETY: this function runs once, before the interrupt is on, and only the handler names SHARED besides.
         unsafe { addr_of_mut!(SHARED).write(Some(shared)) };
         Self { received, to_send }
     }
@@ -76,20 +76,20 @@ impl Port {
         self.to_send.is_empty()
     }
 
-    /// Sends bytes, a frame at most; to be called when the line has taken everything.
+    /// Sends bytes, a frame at most. Call it when the line has taken everything.
     pub(super) fn send(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             // Cannot fail: a frame fits.
             let _ = self.to_send.enqueue(byte);
         }
-        // Also where the port has no interrupt for an empty transmitter, as in the emulator: the handler sends what it can.
+        // The handler sends what it can. The emulated port has no interrupt for an empty transmitter that would call it.
         cortex_m::peripheral::NVIC::pend(Interrupt::USART2);
     }
 }
 
 #[interrupt]
 fn USART2() {
-    // SAFETY: set before the interrupt was let in and named by nothing else since; a handler does not interrupt itself.
+    // SAFETY: set before the interrupt was on, and named by nothing else since; a handler does not interrupt itself.
     let Some(shared) = (unsafe { &mut *addr_of_mut!(SHARED) }) else { return };
     match shared.rx.read() {
         Ok(byte) => shared.received.push(ticks::now(), byte),
