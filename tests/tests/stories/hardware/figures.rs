@@ -78,7 +78,7 @@ fn the_program_is_no_larger_and_no_slower_than_recorded() {
     assert!(flash <= 96 * 1024 && ram <= 112 * 1024, "{flash} bytes of flash, {ram} of RAM");
     let mut measured = vec![("bytes.flash".to_owned(), flash), ("bytes.ram".to_owned(), ram)];
     let counted = counts().iter().filter(|(kind, ..)| kind != "checksum");
-    measured.extend(counted.map(|(kind, size, count)| (format!("instructions.{kind}.{size}"), count)));
+    measured.extend(counted.map(|(kind, size, count)| (format!("instructions.{kind}.{size}"), *count)));
     assert_eq!(measured.len(), 9, "{measured:?}");
     let grown: Vec<String> = measured
         .iter()

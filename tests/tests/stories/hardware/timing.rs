@@ -18,8 +18,8 @@ use belfry_host::link::port::Port;
 use belfry_host::link::{ChannelData, Configurations, NodeWindow, Session, Transport};
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
-    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Heartbeat, HostMessage, NodeMessage, Refusal,
-    RefusalReason, Replay, SensorState, Summary,
+    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Heartbeat, HostMessage, LinesPart, NodeMessage,
+    Refusal, RefusalReason, Replay, SensorState, Summary,
 };
 use belfry_shared::time::{HostTime, NodeTime, WindowGrid};
 
@@ -31,6 +31,8 @@ const ASK_AGAIN: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_secs(300);
 /// The emulated line takes no time.
 const BAUD: u32 = u32::MAX;
+/// Pairs of frames in a burst.
+const BURST: usize = 5;
 /// Stands as the host's time in the questions that keep the line busy.
 const IDLE_QUESTION: HostTime = HostTime(-1);
 /// The channels of the sensor.
@@ -108,6 +110,7 @@ struct BusyLine {
     asked: Option<Instant>,
     answers: usize,
     refusals: usize,
+    garbage: usize,
     heartbeat: Option<Heartbeat>,
 }
 
@@ -124,6 +127,7 @@ impl BusyLine {
             asked: None,
             answers: 0,
             refusals: 0,
+            garbage: 0,
             heartbeat: None,
         }
     }
@@ -141,6 +145,15 @@ impl BusyLine {
             self.say(&HostMessage::Clock(ClockRequest { host_sent: IDLE_QUESTION }))?;
         }
         Ok(())
+    }
+
+    /// Sends more frames at once than a host answers to two windows, every other of them garbage.
+    fn burst(&mut self) {
+        for _ in 0..BURST {
+            self.port.write(&[7, 1, 2, END_OF_FRAME]).unwrap();
+            self.say(&HostMessage::Greet).unwrap();
+        }
+        self.garbage += BURST;
     }
 
     /// The next byte of the line; `None` where none has come.
@@ -171,6 +184,8 @@ impl BusyLine {
                 assert_eq!(*reason, RefusalReason::Segment);
                 self.refusals += 1;
             }
+            // The spectrum of the next channel is being computed; and of a window without lines.
+            NodeMessage::Lines(LinesPart { part: 1, .. }) | NodeMessage::Head(_) => self.burst(),
             NodeMessage::Heartbeat(heartbeat) => self.heartbeat = Some(heartbeat.clone()),
             _ => {}
         }
@@ -210,8 +225,8 @@ impl Transport for BusyLine {
     }
 }
 
-/// Lets a program measure with its sensor over a line that is never quiet; with every window come garbage, a greeting and a
-/// configuration that it has to refuse.
+/// Lets a program measure with its sensor over a line that is never quiet; with every window come bursts of garbage and greetings,
+/// and a configuration that it has to refuse.
 fn measure(program_name: &'static str, task: Task) -> Measured {
     let (_board, port, hello) = Board::run(&program(program_name), &["-icount", "shift=3,sleep=off"]);
     let start = Instant::now();
@@ -222,15 +237,10 @@ fn measure(program_name: &'static str, task: Task) -> Measured {
     let mut line = BusyLine::new(port);
     let clock = Rc::clone(&line.clock);
     let mut windows: Vec<NodeWindow> = Vec::new();
-    let (mut garbage, mut configured) = (0, None);
+    let mut configured: Option<(Instant, usize)> = None;
     while windows.len() < task.windows || line.refusals < windows.len() {
         assert_patience();
         session.service(&|| clock.now(), &mut line, &mut windows).unwrap();
-        while garbage < windows.len() {
-            line.write(&[7, 1, 2, END_OF_FRAME]).unwrap();
-            line.say(&HostMessage::Greet).unwrap();
-            garbage += 1;
-        }
         // A node that is told two such configurations at once refuses them together.
         let is_due = configured.is_none_or(|(at, refusals)| line.refusals > refusals || at.elapsed() > ASK_AGAIN);
         if is_due && line.refusals < windows.len() {
@@ -251,7 +261,7 @@ fn measure(program_name: &'static str, task: Task) -> Measured {
     }
     assert_eq!(session.hello().map(|hello| hello.boot), Some(hello.boot), "it has not started anew");
     let heartbeat = line.heartbeat.unwrap();
-    Measured { windows, heartbeat, answers: line.answers, refusals: line.refusals, garbage }
+    Measured { windows, heartbeat, answers: line.answers, refusals: line.refusals, garbage: line.garbage }
 }
 
 /// Every sample's interrupt came on time, no row stayed out, and windows follow each other on the grid.
