@@ -1,6 +1,5 @@
 //! The `belfry` command: parses arguments, runs one subcommand, and turns an error into sentences.
 
-use std::io::Write;
 use std::process::ExitCode;
 
 use belfry_host::command::{
@@ -15,6 +14,7 @@ use clap::{Parser, Subcommand};
     name = "belfry",
     version,
     arg_required_else_help = true,
+    max_term_width = 100,
     after_help = "\
 Examples:
   belfry demo                             the chain at work on a simulated tower
@@ -78,24 +78,8 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            explain(&error);
+            console.fail(&error);
             ExitCode::FAILURE
-        }
-    }
-}
-
-/// The error and its causes on standard error, a sentence each. Not by `Debug`, which adds stack traces where
-/// `RUST_BACKTRACE` is set.
-fn explain(error: &anyhow::Error) {
-    let mut stderr = std::io::stderr().lock();
-    // Where standard error is closed there is nobody left to tell; the exit status still says it.
-    let _ = writeln!(stderr, "error: {error}");
-    let mut told = error.to_string();
-    for cause in error.chain().skip(1).map(ToString::to_string) {
-        // Many errors quote their cause.
-        if !told.contains(&cause) {
-            let _ = writeln!(stderr, "  caused by: {cause}");
-            told = cause;
         }
     }
 }
