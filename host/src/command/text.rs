@@ -52,7 +52,12 @@ impl Columns {
         let narrowest: Vec<u16> = (0..self.names.len()).map(|column| self.narrowest(column)).collect();
         let mut shown = vec![true; self.names.len()];
         let needed = |shown: &[bool]| -> u16 {
-            1 + narrowest.iter().zip(shown).filter(|(_, shown)| **shown).map(|(text, _)| text + AROUND_CELL).sum::<u16>()
+            1 + narrowest
+                .iter()
+                .zip(shown)
+                .filter(|(_, shown)| **shown)
+                .map(|(text, _)| text + AROUND_CELL)
+                .sum::<u16>()
         };
         for &column in &self.expendable {
             if needed(&shown) > width {
@@ -73,9 +78,8 @@ impl Columns {
 
     /// The narrowest that a column can be: as its longest line below the header, or the longest word in it.
     fn narrowest(&self, column: usize) -> u16 {
-        let longest = |text: &str, split: fn(char) -> bool| {
-            text.split(split).map(|part| part.chars().count()).max().unwrap_or(0)
-        };
+        let longest =
+            |text: &str, split: fn(char) -> bool| text.split(split).map(|part| part.chars().count()).max().unwrap_or(0);
         let header = longest(&self.names[column], char::is_whitespace);
         let rows = self.table.row_iter().filter_map(|row| row.cell_iter().nth(column));
         let rows = rows.map(|cell| longest(&cell.content(), |c| c == '\n')).max().unwrap_or(0);
@@ -200,7 +204,8 @@ mod tests {
 
     #[test]
     fn a_table_fits_80_columns_and_no_number_is_broken() {
-        let header = ["mode", "frequency Hz", "± Hz", "best ±", "damping %", "± %", "best ±", "collinearity", "moves most at"];
+        let header =
+            ["mode", "frequency Hz", "± Hz", "best ±", "damping %", "± %", "best ±", "collinearity", "moves most at"];
         let mut table = Columns::new(header).expendable(&[6, 3, 7, 8]);
         let cells = ["1", "0.108402", "0.000043", "0.000054", "0.73", "0.05", "0.05", "0.9998", "a long point"];
         table.row(cells);
@@ -223,7 +228,10 @@ mod tests {
     #[test]
     fn next_lines_can_be_typed() {
         let folder = in_shell(Path::new("my tower/it's"));
-        let lines = next_lines(&[(format!("compare {folder}"), "the model against these modes"), ("effects".to_owned(), "all")]);
+        let lines = next_lines(&[
+            (format!("compare {folder}"), "the model against these modes"),
+            ("effects".to_owned(), "all"),
+        ]);
         for (line, words) in lines.lines().zip([&["belfry", "compare", "my tower/it's"][..], &["belfry", "effects"]]) {
             let typed = line.strip_prefix("Next:").unwrap_or(line);
             // shlex knows comments, as a shell does.

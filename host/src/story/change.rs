@@ -265,4 +265,3 @@ fn entries(effects: &[FittedEffect]) -> Vec<EffectEntry> {
     };
     effects.iter().map(entry).collect()
 }
-

@@ -190,4 +190,3 @@ fn predictors(
     }
     Ok(predictors)
 }
-

@@ -9,8 +9,8 @@ use crate::covalidate::PredictError;
 use crate::diagnose::DiagnoseError;
 use crate::identify::IdentifyError;
 use crate::measure::MeasureError;
-use crate::model::{EigenError, ModelError};
 use crate::model::effect::EffectError;
+use crate::model::{EigenError, ModelError};
 use crate::modes::MeasuredError;
 use crate::picture::PictureError;
 use crate::results::ResultsError;
@@ -162,9 +162,7 @@ pub enum StoryError {
 #[derive(Debug, Error)]
 pub enum CovalidateError {
     /// There is no motion to predict.
-    #[error(
-        "the study has [measured] modes and no recording: co-validation predicts motion, so it needs a [[setup]]"
-    )]
+    #[error("the study has [measured] modes and no recording: co-validation predicts motion, so it needs a [[setup]]")]
     NoRecording,
     /// There is no setup of that name.
     #[error("there is no setup \"{name}\"; the study has {known}")]
@@ -201,7 +199,9 @@ pub enum CovalidateError {
         setup: String,
     },
     /// No channel can be predicted from the others.
-    #[error("setup \"{setup}\": {channels} channels are too few to predict one from the others through {modes} modes; use fewer modes (--modes)")]
+    #[error(
+        "setup \"{setup}\": {channels} channels are too few to predict one from the others through {modes} modes; use fewer modes (--modes)"
+    )]
     TooFewChannels {
         /// The setup.
         setup: String,

@@ -38,7 +38,7 @@ impl Split {
 }
 
 impl Split {
-    fn retain_kept(&mut self, stays: impl Fn(usize) -> bool) {
+    pub(super) fn retain_kept(&mut self, stays: impl Fn(usize) -> bool) {
         let (kept, rows) = self
             .kept
             .iter()

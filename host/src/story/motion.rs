@@ -64,22 +64,17 @@ pub(super) fn collect(
         warnings: Vec::new(),
     };
     let mut overlap: Option<OverlapAdd> = None;
-    let measurement = measure_observed(
-        &study,
-        route,
-        &mut rows_of("windows", on_progress),
-        &mut |_, grid, window| {
-            let overlap = overlap.get_or_insert_with(|| OverlapAdd::new(*grid, epoch_s(setup, grid), channels));
-            let samples = overlap.hop();
-            let Some(hop) = overlap.push(window) else { return };
-            let length_s = samples as f64 / grid.sampling_rate_hz;
-            if hop.start_s >= stretch.start_s && hop.start_s + length_s <= end_s {
-                collected.rate_hz = grid.sampling_rate_hz;
-                collected.witness.add(&hop);
-                collected.keep(&hop, samples);
-            }
-        },
-    )?;
+    let measurement = measure_observed(&study, route, &mut rows_of("windows", on_progress), &mut |_, grid, window| {
+        let overlap = overlap.get_or_insert_with(|| OverlapAdd::new(*grid, epoch_s(setup, grid), channels));
+        let samples = overlap.hop();
+        let Some(hop) = overlap.push(window) else { return };
+        let length_s = samples as f64 / grid.sampling_rate_hz;
+        if hop.start_s >= stretch.start_s && hop.start_s + length_s <= end_s {
+            collected.rate_hz = grid.sampling_rate_hz;
+            collected.witness.add(&hop);
+            collected.keep(&hop, samples);
+        }
+    })?;
     let grid = measurement.plan.grid;
     collected.band_hz = [grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1))];
     collected.warnings.extend(measurement.warnings);

@@ -260,4 +260,3 @@ fn psi_explained(case: &Case, weights: &Weights, size: f64) -> Vec<PsiExplained>
     }
     explained
 }
-

@@ -30,7 +30,11 @@ impl Study {
     pub fn load(folder: &Path) -> Result<Self, StudyError> {
         let folder = match folder.parent() {
             Some(parent) if folder.ends_with(STUDY_FILE) && !folder.is_dir() => {
-                if parent == Path::new("") { Path::new(".") } else { parent }
+                if parent == Path::new("") {
+                    Path::new(".")
+                } else {
+                    parent
+                }
             }
             _ => folder,
         };

@@ -10,8 +10,8 @@ use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::command::Console;
-use crate::command::text::align_right;
 use crate::command::ports::fault_in_words;
+use crate::command::text::align_right;
 use crate::link::collect::{PortState, PortStatus, unix_time};
 use crate::link::fleet::channels_by_node;
 use crate::spectra::{LineGrid, SpectralPlan};
