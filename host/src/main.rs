@@ -83,3 +83,33 @@ fn main() -> ExitCode {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    /// Help is wrapped by the terminal's width. A paragraph that is broken by hand as well would be wrapped twice, and so would an
+    /// example that is wider than a terminal.
+    #[test]
+    fn help_wraps_once() {
+        let line = CommandLine::command();
+        for command in std::iter::once(&line).chain(line.get_subcommands()) {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let name = command.get_name();
+            let is_text = |line: &str| !line.is_empty() && !line.starts_with(' ') && !line.ends_with(':');
+            let lines: Vec<&str> = help.lines().collect();
+            for pair in lines.windows(2) {
+                assert!(!(is_text(pair[0]) && is_text(pair[1])), "{name}: broken by hand: {pair:?}");
+            }
+            for example in lines.iter().filter(|line| line.starts_with(' ')) {
+                assert!(example.chars().count() <= 85, "{name}: an example is too wide: {example}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_option_is_declared_twice() {
+        CommandLine::command().debug_assert();
+    }
+}

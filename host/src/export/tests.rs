@@ -1,7 +1,7 @@
 //! What is exported is read back: modes to the precision their files have, tables row by row.
 
-use std::fs::File;
 use std::fs;
+use std::fs::File;
 use std::path::Path;
 
 use ::parquet::file::reader::{FileReader, SerializedFileReader};
