@@ -15,3 +15,4 @@ mod link;
 mod model;
 mod next;
 mod outcome;
+mod published;
