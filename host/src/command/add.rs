@@ -8,13 +8,14 @@ use clap::Args;
 use super::Console;
 use super::case::Case;
 use super::steps::{ChangeReport, adopt, starting_record};
-use crate::model::effect::{self, Effect, EffectKind, Evidence, Place, Where};
+use crate::model::effect::{self, Effect, EffectKind, Evidence, PlaceKind, Where};
+use crate::study::Sensor;
 
 const EXAMPLES: &str = "Examples:
   belfry add canton base-rotation              the value is fitted
   belfry add canton added-mass@443.6m          at this height
   belfry add canton added-mass                 where it explains most
-  belfry add canton sensor-polarity@ch07
+  belfry add canton sensor-polarity@07
   belfry add canton harmonic@0.83hz            the line there is no mode
   belfry add canton stiffness-loss@150m=relative=0.3,length=20    from these values
 
@@ -47,16 +48,16 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 /// Adds an effect as typed.
 pub(super) fn add(case: &Case, word: &str, console: &Console) -> anyhow::Result<ChangeReport> {
     let (head, value) = word.split_once('=').map_or((word, None), |(head, value)| (head, Some(value)));
-    let (kind, place) = named(head)?;
+    let (kind, place) = named(head, &case.sensors)?;
     let is_there = |known: &Effect| known.of_kind() == kind && known.place() == place.as_ref();
-    if (place.is_some() || kind.place() == Place::Nowhere) && case.model.effects.iter().any(is_there) {
+    if (place.is_some() || kind.place() == PlaceKind::Nowhere) && case.model.effects.iter().any(is_there) {
         bail!("{head} is in the model already; `belfry remove {} {head}` takes it out", case.study.folder.display());
     }
     let setting = case.setting()?;
     let start = starting_record(case)?;
     let action = format!("add {head}");
     let with = |effect: Effect| -> anyhow::Result<Vec<Effect>> {
-        effect.check_sensors(&case.sensors)?;
+        let effect = effect.in_study(&case.sensors)?;
         case.model.structure()?.and(std::slice::from_ref(&effect))?;
         Ok(case.model.effects.iter().cloned().chain([effect]).collect())
     };
@@ -73,17 +74,17 @@ pub(super) fn add(case: &Case, word: &str, console: &Console) -> anyhow::Result<
     adopt(case, start, &step, console)
 }
 
-/// `KIND[@WHERE]`, where a located kind may leave its place open.
-fn named(head: &str) -> anyhow::Result<(&'static dyn EffectKind, Option<Where>)> {
+/// `KIND[@WHERE]` with the study's names, where a located kind may leave its place open.
+fn named(head: &str, sensors: &[Sensor]) -> anyhow::Result<(&'static dyn EffectKind, Option<Where>)> {
     if !head.contains('@') {
         let kind = effect::find(head.trim())?;
         if matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks)
-            && kind.place() != Place::Name
+            && kind.place() != PlaceKind::Name
         {
             return Ok((kind, None));
         }
     }
-    Ok(effect::named(head)?)
+    Ok(effect::named_in_study(head, sensors)?)
 }
 
 /// Whether the effect has a place there, at a value that does nothing.
@@ -92,8 +93,7 @@ fn check_place(case: &Case, kind: &'static dyn EffectKind, place: &Where) -> any
     let neutral: Vec<f64> =
         parameters.iter().map(|parameter| parameter.neutral.clamp(parameter.least, parameter.greatest)).collect();
     let effect = Effect::with_parameters(kind, Some(place.clone()), parameters, &neutral)?;
-    effect.check_sensors(&case.sensors)?;
-    effect.apply(&mut case.model.structure()?)?;
+    effect.contribution(&case.model.structure()?)?;
     Ok(())
 }
 

@@ -8,7 +8,7 @@ use clap::Args;
 use super::Console;
 use super::case::Case;
 use super::steps::{adopt, starting_record};
-use crate::model::effect::Effect;
+use crate::model::effect::{Effect, named_in_study};
 
 const EXAMPLES: &str = "Examples:
   belfry remove canton base-rotation
@@ -35,12 +35,16 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let case = Case::load(&arguments.study, console)?;
     let effects = &case.model.effects;
-    let named: Vec<usize> = (0..effects.len())
-        .filter(|&index| effects[index].to_string() == arguments.effect || effects[index].kind() == arguments.effect)
-        .collect();
+    let is_named = |effect: &Effect| match named_in_study(&arguments.effect, &case.sensors) {
+        Ok((kind, Some(place))) => effect.of_kind() == kind && effect.place() == Some(&place),
+        _ => effect.kind() == arguments.effect,
+    };
+    let named: Vec<usize> = (0..effects.len()).filter(|&index| is_named(&effects[index])).collect();
     let names = case.effect_names();
     let index = match named[..] {
         [index] => index,
+        // One like the other: either will do.
+        [.., last] if named.iter().all(|&index| effects[index].to_string() == effects[last].to_string()) => last,
         [] if names.is_empty() => bail!("the model has no effects to remove, nor any {}", arguments.effect),
         [] => bail!("the model has no effect {}; it has {}", arguments.effect, names.join(", ")),
         _ => bail!("the model has several: name one of {}", names.join(", ")),

@@ -15,8 +15,8 @@ use super::diagnose::p_is;
 use super::identify::align_right;
 use crate::compare::{ModelView, Pair, frequency_z, mac, pair};
 use crate::model::effect::Effect;
-use crate::model::{Assembly, Body};
-use crate::update::{Hints, Problem, Solution, Weights, hints, matrix_market, npy, solve, updated};
+use crate::model::{Assembly, Body, matrix_market, npy};
+use crate::update::{Hints, Problem, Solution, Weights, hints, solve, updated};
 
 const EXAMPLES: &str = "Examples:
   belfry update canton                              all modes that have a partner

@@ -194,7 +194,7 @@ impl Tower {
         let study = Study::from_text(template::CANTON_STUDY, &arguments.folder)?;
         let model = study.model.as_ref().context("the demo's study has no model")?;
         let beam = scattered(read(template::CANTON_BEAM, "beam.csv")?, model, SCATTER, arguments.seed);
-        effect.check_sensors(&study.sensors())?;
+        let effect = effect.in_study(&study.sensors())?;
         Structure::with_effects(beam.clone(), std::slice::from_ref(&effect))?;
         Ok(Self { beam, effects: vec![effect] })
     }

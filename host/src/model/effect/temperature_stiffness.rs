@@ -1,7 +1,8 @@
 //! `temperature-stiffness`: the structure is softer when it is warm.
 
-use super::{About, EffectError, EffectKind, Evidence, Given, LookAlike, Parameter};
-use crate::model::Structure;
+use super::kind::{About, Evidence, LookAlike};
+use super::parameter::Parameter;
+use super::trend::Trend;
 
 const ABOUT: About = About {
     name: "temperature-stiffness",
@@ -14,6 +15,7 @@ const ABOUT: About = About {
         LookAlike { kind: "stiffness-scale", separated_by: "days at another temperature" },
     ],
     source: "B. Peeters, G. De Roeck (2001), One-year monitoring of the Z24-Bridge, Earthq. Eng. Struct. Dyn. 30",
+    examples: &["temperature-stiffness=-0.002"],
 };
 
 const SLOPE: Parameter = Parameter::ranged(
@@ -25,24 +27,5 @@ const SLOPE: Parameter = Parameter::ranged(
 );
 
 /// See [`ABOUT`].
-#[derive(Debug)]
-pub(super) struct TemperatureStiffness;
-
-impl EffectKind for TemperatureStiffness {
-    fn about(&self) -> &'static About {
-        &ABOUT
-    }
-
-    fn evidence(&self) -> Evidence {
-        Evidence::TemperatureTrend
-    }
-
-    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        &[&[SLOPE]]
-    }
-
-    fn apply(&self, _given: &Given<'_>, _structure: &mut Structure) -> Result<(), EffectError> {
-        // The model is that of the record's mean; the effect says how the structure moves about it.
-        Ok(())
-    }
-}
+pub(super) const KIND: Trend =
+    Trend { about: &ABOUT, evidence: Evidence::TemperatureTrend, parameter_sets: &[&[SLOPE]] };
