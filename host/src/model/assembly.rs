@@ -65,7 +65,9 @@ impl Assembly {
     /// One more degree of freedom, without mass and stiffness, that does not belong to the line; its row.
     pub(super) fn add_dof(&mut self) -> usize {
         let dof = self.dofs();
-        let widen = |whole: &mut DMatrix<f64>| *whole = std::mem::take(whole).resize(dof + 1, dof + 1, 0.0);
+        let widen = |whole: &mut DMatrix<f64>| {
+            *whole = std::mem::replace(whole, DMatrix::zeros(0, 0)).resize(dof + 1, dof + 1, 0.0)
+        };
         widen(&mut self.stiffness);
         widen(&mut self.mass);
         self.damping.iter_mut().for_each(widen);

@@ -15,7 +15,7 @@ const ABOUT: About = About {
     physics: "Something heavy stands at a height that the model does not know: plant, a water tank, antennas. It moves \
          sideways with the structure and has no rotational inertia of its own.",
     formula: "M += m (n_x^T n_x + n_y^T n_y), n the motion of the axis at z",
-    fingerprint: "frequencies too low in proportion to m phi(z)^2, torsion untouched",
+    fingerprint: "frequencies too low in proportion to m phi(z)^2, torsion unchanged",
     look_alikes: &[
         LookAlike {
             kind: "stiffness-loss",

@@ -9,7 +9,7 @@ const ABOUT: About = About {
     physics: "Cracks open, joints slip and soil yields as motion grows, so frequencies fall in strong wind. A linear model \
          has one frequency for all levels.",
     formula: "K becomes (1 + relative_per_level log10(response / mean response)) K",
-    fingerprint: "frequencies go with the level of response over the hours",
+    fingerprint: "frequencies follow the level of response over the hours",
     look_alikes: &[LookAlike {
         kind: "temperature-stiffness",
         separated_by: "hours of like temperature in different wind",

@@ -14,8 +14,8 @@ use crate::model::structure::{Body, Structure};
 
 const ABOUT: About = About {
     name: "axis-rotation",
-    physics: "The directions of largest and least stiffness are not where the drawings put them, as where walls were \
-         moved. Shapes turn in plan and frequencies stay.",
+    physics: "The directions of largest and least stiffness are not where the drawings put them, for instance because \
+         walls were moved. Mode shapes turn in plan; frequencies stay.",
     formula: "K becomes T^T K T, T turning X and Y at every node",
     fingerprint: "shapes turn by the same angle in all bending modes, frequencies stay",
     look_alikes: &[

@@ -1,4 +1,4 @@
-//! `base-rotation`: the foundation turns under moment, as on soil.
+//! `base-rotation`: the foundation rotates under moment, as on soil.
 
 use super::base::BaseSprings;
 use super::kind::{About, LookAlike};
@@ -7,8 +7,8 @@ use crate::model::base::BaseFlexibility;
 
 const ABOUT: About = About {
     name: "base-rotation",
-    physics: "The foundation turns under the overturning moment, as soil and piles give way, where the model is clamped. \
-         Without axes both turn alike.",
+    physics: "The foundation rotates under the overturning moment because soil and piles give way; the model is \
+         clamped. One value applies to both axes.",
     formula: "a rotational spring under the base: x_b = -(I + C K_bb)^-1 C K_bf x_f with C the flexibility; springs in \
          series add",
     fingerprint: "the lowest modes are too low and move at the base; high modes hardly change",

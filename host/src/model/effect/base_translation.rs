@@ -7,8 +7,8 @@ use crate::model::base::BaseFlexibility;
 
 const ABOUT: About = About {
     name: "base-translation",
-    physics: "The foundation slides under the base shear, as soil and piles give way, where the model is clamped. Without \
-         axes both directions slide alike.",
+    physics: "The foundation slides under the base shear because soil and piles give way; the model is clamped. One \
+         value applies to both directions.",
     formula: "a translational spring under the base, eliminated as for base-rotation; springs in series add",
     fingerprint: "the higher the shear at the base, the lower the mode: second and third bending modes most; shapes do not \
          vanish at the base",

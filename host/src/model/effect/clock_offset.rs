@@ -13,7 +13,7 @@ use crate::study::Sensor;
 
 const ABOUT: About = About {
     name: "clock-offset",
-    physics: "The clock of a node is off, so its samples are taken for others. Its channels lag in every mode, by a phase \
+    physics: "The clock of a node is off, so its samples carry the wrong time. Its channels lag in every mode, by a phase \
          that grows with frequency.",
     formula: "the rows of the node's channels times exp(-i 2 pi f delay)",
     fingerprint: "phase of one node against the others linear in frequency, through zero",

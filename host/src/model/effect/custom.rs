@@ -20,7 +20,7 @@ const ABOUT: About = About {
     physics: "A hypothesis of your own, given in study.toml as [[model.custom]] with a name: changes of K and M as matrices, \
               or relative changes of segments as a table. The value says how much of it there is.",
     formula: "K += value dK, M += value dM; or each segment's bending, shear, torsion and mass times (1 + value change)",
-    fingerprint: "what you say",
+    fingerprint: "what your hypothesis predicts",
     look_alikes: &[],
     source: "yours",
     examples: &["custom@cables=0.5"],

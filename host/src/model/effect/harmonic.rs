@@ -11,8 +11,8 @@ use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "harmonic",
-    physics: "A fan, a pump or shed vortices force the structure at one frequency. The line looks like a mode, but it is \
-         what drives the structure and not how the structure swings.",
+    physics: "A fan, a pump or shed vortices force the structure at one frequency. The line looks like a mode, but it \
+         belongs to the machine and not to the structure.",
     formula: "none of M, C and K: the line at f is left out of the modes",
     fingerprint: "kurtosis of the band-passed response 1.5 (a mode's is 3), no finite damping, several singular values rise \
          together",

@@ -6,8 +6,8 @@ use crate::model::contribution::Factors;
 
 const ABOUT: About = About {
     name: "mass-scale",
-    physics: "All of the structure is heavier or lighter than modelled by one factor, as where finishes and live load were \
-         guessed. Every frequency moves alike and no shape changes.",
+    physics: "All of the structure is heavier or lighter than modelled by one factor, for instance because finishes and live \
+         load were estimated. Every frequency moves alike and no shape changes.",
     formula: "M becomes (1 + relative) M",
     fingerprint: "all frequencies off by the same percentage, shapes right",
     look_alikes: &[

@@ -12,9 +12,9 @@ use crate::model::structure::Structure;
 const ABOUT: About = About {
     name: "rotary-inertia",
     physics: "Wide floors and ring beams resist turning about a horizontal axis. Models with lumped translational masses \
-         leave that out.",
+         ignore this.",
     formula: "rotary inertias about X and Y times (1 + relative); where the table has none, mass times radius squared",
-    fingerprint: "frequencies too low, the more the higher the mode; torsion untouched",
+    fingerprint: "frequencies too low, the more the higher the mode; torsion unchanged",
     look_alikes: &[LookAlike {
         kind: "shear-flexibility",
         separated_by: "shapes of the highest modes; rotational sensors. On a uniform beam with frequencies alone they are \

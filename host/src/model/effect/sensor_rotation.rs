@@ -13,8 +13,8 @@ use crate::study::{Direction, Sensor};
 
 const ABOUT: About = About {
     name: "sensor-rotation",
-    physics: "The azimuths of a node's sensors, or of all, were noted against the wrong north or the box was mounted \
-         turned. What each records is a mix of two directions.",
+    physics: "The azimuths of a node's sensors, or of all, were measured from the wrong north, or the box was mounted \
+         turned. Each sensor records a mix of two directions.",
     formula: "azimuth becomes azimuth + angle",
     fingerprint: "shapes turned at one node (or at all) by one angle in all modes; frequencies right",
     look_alikes: &[

@@ -6,8 +6,8 @@ use crate::model::contribution::Factors;
 
 const ABOUT: About = About {
     name: "stiffness-scale",
-    physics: "All of the structure is stiffer or softer than modelled by one factor, as where the modulus of elasticity of \
-         the concrete was taken from a standard. Every frequency moves alike and no shape changes.",
+    physics: "All of the structure is stiffer or softer than modelled by one factor, for instance because the modulus of \
+         elasticity of the concrete was taken from a standard. Every frequency moves alike and no shape changes.",
     formula: "K becomes (1 + relative) K",
     fingerprint: "all frequencies off by the same percentage, shapes right",
     look_alikes: &[

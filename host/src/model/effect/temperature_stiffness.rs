@@ -7,9 +7,9 @@ use super::trend::Trend;
 const ABOUT: About = About {
     name: "temperature-stiffness",
     physics: "Concrete, asphalt and soil lose stiffness as they warm, so frequencies follow the weather. A model without \
-         it is right on one day only.",
+         this is right on one day only.",
     formula: "K becomes (1 + relative_per_kelvin (T - T_mean)) K",
-    fingerprint: "frequencies go with temperature over the day, all alike",
+    fingerprint: "frequencies follow temperature over the day, all alike",
     look_alikes: &[
         LookAlike { kind: "amplitude-stiffness", separated_by: "hours of like wind at different temperatures" },
         LookAlike { kind: "stiffness-scale", separated_by: "days at another temperature" },

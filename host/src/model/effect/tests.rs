@@ -122,8 +122,7 @@ fn a_local_loss_takes_its_share_of_the_strain_energy() {
         assert!((change - expected).abs() < 1e-3 * expected.abs() + 1e-9, "mode {mode}: {change} {expected}");
     }
     // On a node, both segments that meet there.
-    let mut two_softer = Structure::new(beam());
-    "stiffness-loss@40m=0.5".parse::<Effect>().unwrap().apply(&mut two_softer).unwrap();
+    let two_softer = Structure::with_effects(beam(), &["stiffness-loss@40m=0.5".parse().unwrap()]).unwrap();
     let halved = segments(&two_softer).iter().filter(|segment| segment.torsion_n_m2 == 1e10).count();
     assert_eq!(halved, 2);
 }
@@ -260,7 +259,7 @@ fn an_eccentric_mass_couples_and_keeps_the_mass() {
     assert!(frequencies(&["mass-eccentricity=x=0.8,y=-0.3"])[0] < frequencies(&[])[0]);
 }
 
-fn sensor(channel: &str, node: u16, azimuth_deg: f64) -> Sensor {
+pub(super) fn sensor(channel: &str, node: u16, azimuth_deg: f64) -> Sensor {
     Sensor {
         channel: channel.to_owned(),
         point: channel.to_owned(),

@@ -30,7 +30,7 @@ const FREQUENCY: Parameter = Parameter {
     prior: Prior::Share(0.1),
     ..Parameter::ranged("frequency", "Hz", [1e-4, 1e4], 1.0, "its own frequency")
 };
-// Without a dashpot at all, nothing would say what one does.
+// Above zero: without any damping C is empty, and the fit cannot see which way to go.
 const DAMPING: Parameter = Parameter::ranged("damping_ratio", "-", [1e-4, 0.5], 0.05, "its own damping ratio");
 const AXIS: Parameter =
     Parameter::given("axis", "x or y", [1.0, 2.0], "the direction in which it moves; both without it");

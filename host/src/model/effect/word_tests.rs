@@ -1,9 +1,10 @@
 //! Effects in words: what is typed, what is refused, and that what Belfry writes can be typed back.
 
+use super::tests::sensor;
 use super::*;
 use crate::model::Structure;
 use crate::model::tests::Uniform;
-use crate::study::{Direction, Sensor};
+use crate::study::Sensor;
 
 fn refusal(word: &str) -> String {
     word.parse::<Effect>().unwrap_err().to_string()
@@ -60,20 +61,6 @@ fn wrong_words_are_refused_with_what_was_expected() {
     let above: Effect = "added-mass@100.5m=5".parse().unwrap();
     let error = Structure::with_effects(Uniform::default().table(), &[above]).unwrap_err().to_string();
     assert_eq!(error, "added-mass@100.5m: the beam stands from 0 m to 100 m");
-}
-
-fn sensor(channel: &str, node: u16, azimuth_deg: f64) -> Sensor {
-    Sensor {
-        channel: channel.to_owned(),
-        point: channel.to_owned(),
-        node,
-        elevation_m: Some(90.0),
-        direction: Some(Direction::AzimuthDeg(azimuth_deg)),
-        offset_m: [0.0; 2],
-        reference: false,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
-    }
 }
 
 /// What study.toml says can be typed, what Belfry writes can be typed back, and both mean the same.
