@@ -3,8 +3,8 @@
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
+use belfry_numerics::forward_transform;
 use num_complex::Complex64;
-use realfft::RealFftPlanner;
 
 use super::*;
 use crate::model::tests::canton;
@@ -83,7 +83,7 @@ fn rms(samples: &[f64]) -> f64 {
 
 /// Welch's one-sided density with a Hann window at half overlap, and the line spacing.
 fn welch(samples: &[f64], sampling_rate_hz: f64, segment: usize) -> (Vec<f64>, f64) {
-    let transform = RealFftPlanner::<f64>::new().plan_fft_forward(segment);
+    let transform = forward_transform(segment);
     let window: Vec<f64> = (0..segment).map(|n| 0.5 - 0.5 * (TAU * n as f64 / segment as f64).cos()).collect();
     let power: f64 = window.iter().map(|w| w * w).sum();
     let mut density = vec![0.0; segment / 2 + 1];
@@ -107,9 +107,8 @@ fn decay(samples: &[f64], sampling_rate_hz: f64, band: [f64; 2], lags_s: [f64; 2
     let size = (2 * samples.len()).next_power_of_two();
     let mut padded = samples.to_vec();
     padded.resize(size, 0.0);
-    let mut lines = realfft::num_complex::Complex::<f64>::default();
-    let mut planner = RealFftPlanner::<f64>::new();
-    let transform = planner.plan_fft_forward(size);
+    let mut lines = Complex64::default();
+    let transform = forward_transform(size);
     let mut spectrum = transform.make_output_vec();
     transform.process(&mut padded, &mut spectrum).unwrap();
     let spacing = sampling_rate_hz / size as f64;
