@@ -12,7 +12,7 @@ const EXAMPLES: &str = "Examples:
   belfry add canton base-rotation              the value is fitted
   belfry add canton added-mass@443.6m          at this height
   belfry add canton added-mass                 where it explains most
-  belfry add canton sensor-polarity@ch07
+  belfry add canton sensor-polarity@07
   belfry add canton harmonic@0.83hz            the line there is no mode
   belfry add canton stiffness-loss@150m=relative=0.3,length=20
 

@@ -19,7 +19,7 @@ const EXAMPLES: &str = "Examples:
   belfry simulate canton --effect base-rotation=7.21e-15 --hours 24 --seed 1
   belfry simulate canton --effect added-mass@443.6m=2e5 --effect mass-scale=0.02
   belfry simulate canton --effect base-rotation=flexibility_x=1e-14,flexibility_y=5e-15
-  belfry simulate canton --effect sensor-polarity@ch07 --scatter 0.7 --adopt
+  belfry simulate canton --effect sensor-polarity@07 --scatter 0.7 --adopt
   belfry simulate canton --beam tower_as_built.csv --output recordings --force
 
 The structure is clamped at its base unless an effect frees it. White noise loads it at all nodes; the top of the Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json holds what identification should find. Interrupted, the command leaves no unfinished recording behind.";
@@ -122,10 +122,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         beam = scattered(beam, model, arguments.scatter, arguments.seed);
     }
     let sensors = study.sensors();
-    for effect in &arguments.effects {
-        effect.check_sensors(&sensors)?;
-    }
-    let assembly = Structure::with_effects(beam, &arguments.effects)?.assemble();
+    let effects = arguments.effects.iter().map(|effect| effect.in_study(&sensors)).collect::<Result<Vec<_>, _>>()?;
+    let assembly = Structure::with_effects(beam, &effects)?.assemble();
     let planned = plan(&study, arguments.output.as_deref())?;
     let truth_file = arguments.output.as_ref().unwrap_or(&study.folder).join("truth.json");
     refuse_overwriting(arguments, &planned, &truth_file)?;
@@ -140,7 +138,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             stream,
             ..Options::default()
         };
-        simulations.push(Simulation::new(&assembly, &arguments.effects, setup, &options)?);
+        simulations.push(Simulation::new(&assembly, &effects, setup, &options)?);
     }
     let truth = Truth::joined(simulations.iter().map(Simulation::truth)).context("the study has no setups")?;
 

@@ -8,9 +8,10 @@ use super::error::StoryError;
 use crate::compare::Comparison;
 use crate::diagnose::steps::{FittedEffect, Step, StepRecord};
 use crate::diagnose::{Estimate, FAILS, Options, shown_effects};
-use crate::model::effect::{self, Effect, EffectError, EffectKind, Evidence, Place, Where};
+use crate::model::effect::{self, Effect, EffectError, EffectKind, Evidence, PlaceKind, Where};
 use crate::modes::MeasuredError;
 use crate::results::Results;
+use crate::study::Sensor;
 use crate::study::edit::{EffectEntry, set_effects};
 
 /// What `belfry add --json` and `belfry remove --json` print.
@@ -65,16 +66,16 @@ pub enum AutoEnd {
 /// When the effect cannot be added; nothing is changed then.
 pub fn add(case: &Case, word: &str) -> Result<ChangeReport, StoryError> {
     let (head, value) = word.split_once('=').map_or((word, None), |(head, value)| (head, Some(value)));
-    let (kind, place) = named(head)?;
+    let (kind, place) = named(head, &case.sensors)?;
     let is_there = |known: &Effect| known.of_kind() == kind && known.place() == place.as_ref();
-    if (place.is_some() || kind.place() == Place::Nowhere) && case.model.effects.iter().any(is_there) {
+    if (place.is_some() || kind.place() == PlaceKind::Nowhere) && case.model.effects.iter().any(is_there) {
         return Err(StoryError::EffectIsThere { effect: head.to_owned(), study: case.study.folder.clone() });
     }
     let setting = case.setting()?;
     let start = starting_record(case)?;
     let action = format!("add {head}");
     let with = |effect: Effect| -> Result<Vec<Effect>, StoryError> {
-        effect.check_sensors(&case.sensors)?;
+        let effect = effect.in_study(&case.sensors)?;
         case.model.structure()?.and(std::slice::from_ref(&effect))?;
         Ok(case.model.effects.iter().cloned().chain([effect]).collect())
     };
@@ -97,10 +98,15 @@ pub fn add(case: &Case, word: &str) -> Result<ChangeReport, StoryError> {
 /// When the model has no such effect, or the others cannot be refitted; nothing is changed then.
 pub fn remove(case: &Case, name: &str) -> Result<ChangeReport, StoryError> {
     let effects = &case.model.effects;
-    let is_it = |effect: &Effect| effect.to_string() == name || effect.kind() == name;
+    let is_it = |effect: &Effect| match effect::named_in_study(name, &case.sensors) {
+        Ok((kind, Some(place))) => effect.of_kind() == kind && effect.place() == Some(&place),
+        _ => effect.kind() == name,
+    };
     let candidates: Vec<usize> = (0..effects.len()).filter(|&index| is_it(&effects[index])).collect();
     let index = match candidates[..] {
         [index] => index,
+        // One like the other: either will do.
+        [.., last] if candidates.iter().all(|&index| effects[index].to_string() == effects[last].to_string()) => last,
         [] if effects.is_empty() => return Err(StoryError::NothingToRemove { effect: name.to_owned() }),
         [] => return Err(StoryError::NoSuchEffect { effect: name.to_owned(), known: case.effect_names().join(", ") }),
         _ => return Err(StoryError::SeveralEffects { known: case.effect_names().join(", ") }),
@@ -153,17 +159,17 @@ pub fn add_until_nothing_gains(
     Ok(AutoEnd::Adopted)
 }
 
-/// `KIND[@WHERE]`, where a located kind may leave its place open.
-fn named(head: &str) -> Result<(&'static dyn EffectKind, Option<Where>), EffectError> {
+/// `KIND[@WHERE]` with the study's names, where a located kind may leave its place open.
+fn named(head: &str, sensors: &[Sensor]) -> Result<(&'static dyn EffectKind, Option<Where>), EffectError> {
     if !head.contains('@') {
         let kind = effect::find(head.trim())?;
         if matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks)
-            && kind.place() != Place::Name
+            && kind.place() != PlaceKind::Name
         {
             return Ok((kind, None));
         }
     }
-    Ok(effect::named(head)?)
+    Ok(effect::named_in_study(head, sensors)?)
 }
 
 /// Whether the effect has a place there, at a value that does nothing.
@@ -172,8 +178,7 @@ fn check_place(case: &Case, kind: &'static dyn EffectKind, place: &Where) -> Res
     let neutral: Vec<f64> =
         parameters.iter().map(|parameter| parameter.neutral.clamp(parameter.least, parameter.greatest)).collect();
     let effect = Effect::with_parameters(kind, Some(place.clone()), parameters, &neutral)?;
-    effect.check_sensors(&case.sensors)?;
-    effect.apply(&mut case.model.structure()?)?;
+    effect.contribution(&case.model.structure()?)?;
     Ok(())
 }
 

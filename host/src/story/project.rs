@@ -17,14 +17,14 @@ use crate::diagnose::Diagnosis;
 use crate::diagnose::steps::{Step, StepRecord};
 use crate::identify::accuracy::{Wish, record_needed};
 use crate::measure::Route;
-use crate::model::{Assembly, Body};
+use crate::model::{Assembly, Body, matrix_market, npy};
 use crate::picture;
 use crate::results::{
     COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, MODES_FILE, Results, ResultsError, UPDATE_FILE,
 };
 use crate::study::Study;
 use crate::trend::follow;
-use crate::update::{Weights, matrix_market, npy};
+use crate::update::Weights;
 
 /// A study's folder. Every step writes what it finds into the folder `results`, whole or not at all, and makes sure that it can
 /// before it computes anything.

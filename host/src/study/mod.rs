@@ -12,7 +12,7 @@ mod types;
 
 use std::path::Path;
 
-pub use error::{Place, StudyError};
+pub use error::{FilePosition, StudyError};
 pub use types::{
     Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
     ModelSource, STANDARD_GRAVITY_M_S2, Sensor, Setup, Structure, Study, Unit,

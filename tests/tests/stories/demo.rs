@@ -117,8 +117,8 @@ fn what_the_demo_says_at_its_end_is_true_of_twenty_effects_and_seeds() {
         ("harmonic@0.6Hz", "1"),
         ("stiffness-loss@100m=0.05", "2"),
         ("base-translation=1.2e-9", "3"),
-        ("sensor-gain@ch13=1.3", "4"),
-        ("clock-offset@node3=0.05", "5"),
+        ("sensor-gain@13=1.3", "4"),
+        ("clock-offset@3=0.05", "5"),
         ("p-delta=1", "6"),
         ("stiffness-scale=0.2", "7"),
     ];

@@ -142,8 +142,8 @@ fn a_forced_line_is_right_within_a_percent_and_swapped_channels_in_either_order(
     for (hidden, found, is_right) in [
         ("harmonic@0.6hz", "harmonic@0.6004hz", true),
         ("harmonic@0.6hz", "harmonic@0.7hz", false),
-        ("sensor-swap@ch11+ch12", "sensor-swap@ch12+ch11", true),
-        ("sensor-swap@ch11+ch12", "sensor-swap@ch11+ch13", false),
+        ("sensor-swap@11+12", "sensor-swap@12+11", true),
+        ("sensor-swap@11+12", "sensor-swap@11+13", false),
     ] {
         let effect: Effect = hidden.parse().unwrap();
         let likeness = Hidden { effect: &effect, beam: &beam }.likeness(found);

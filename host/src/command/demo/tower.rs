@@ -46,7 +46,7 @@ impl Tower {
         let model = study.model.as_ref().context("the demo's study has no model")?;
         let beam = BeamTable::from_reader(template::CANTON_BEAM.as_bytes(), Path::new("beam.csv"))?;
         let beam = scattered(beam, model, SCATTER, seed);
-        effect.check_sensors(&study.sensors())?;
+        let effect = effect.in_study(&study.sensors())?;
         Structure::with_effects(beam.clone(), std::slice::from_ref(&effect))?;
         Ok(Self { beam, effects: vec![effect] })
     }
