@@ -3,8 +3,8 @@
 //! Start with [`story`]: a [`story::Project`] opens a study and takes its steps, as the commands of `belfry` do.
 //!
 //! Below it, data goes one way, one folder a step. [`study`] says what stands where and [`record`] reads what was measured.
-//! [`link`] talks to the sensor nodes and [`archive`] keeps what they send. [`spectra`] averages it; [`measure`] runs a study
-//! through all of these. [`identify`] makes modes of it, and [`trend`] follows them over the hours. [`modes`] reads modes, its own
+//! [`window`] is what a node sends of it, [`link`] talks to the nodes, [`archive`] keeps their windows, [`collect`] does both live,
+//! and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of these. [`identify`] makes modes of it, and [`trend`] follows them over the hours. [`modes`] reads modes, its own
 //! or another tool's. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
 //! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks. [`results`] is the
 //! folder that all of this is written to, [`picture`] draws it, [`export`] writes it for other tools. [`simulate`] goes the other
@@ -12,12 +12,14 @@
 //! file for each subcommand of the `belfry` program; nothing else prints.
 
 pub mod archive;
+pub mod collect;
 pub mod command;
 pub mod compare;
 pub mod covalidate;
 pub mod diagnose;
 pub mod export;
 pub mod files;
+pub mod fleet;
 pub mod identify;
 pub mod link;
 pub mod measure;
@@ -32,3 +34,4 @@ pub mod story;
 pub mod study;
 pub mod trend;
 pub mod update;
+pub mod window;

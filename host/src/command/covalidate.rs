@@ -65,7 +65,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// # Errors
 /// When the study has no recording or no model, a channel is unknown, or the kept sensors cannot tell the modes apart.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
-    leave_nothing_unfinished();
+    leave_nothing_unfinished()?;
     let mut project = Project::open(&arguments.study)?;
     let request = CovalidationRequest {
         channels: arguments.channels.clone(),

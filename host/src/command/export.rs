@@ -156,7 +156,7 @@ pub struct WrittenFile {
 /// # Errors
 /// When the study has no modes yet, its recordings cannot be read, or a file cannot be written.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
-    leave_nothing_unfinished();
+    leave_nothing_unfinished()?;
     // What clap's attributes cannot say; it exits as for any wrong usage.
     let formats =
         formats(arguments).unwrap_or_else(|usage| clap::Error::raw(ErrorKind::ArgumentConflict, usage).exit());

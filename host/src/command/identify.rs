@@ -79,7 +79,7 @@ impl Arguments {
 /// # Errors
 /// When the study or all of its recordings cannot be read, hold too little for modes, or hold none.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
-    leave_nothing_unfinished();
+    leave_nothing_unfinished()?;
     let mut project = Project::open(&arguments.study)?;
     let wish = arguments.wish();
     let request = IdentifyRequest { route: arguments.route.route(), every: arguments.every, wish: Some(wish) };

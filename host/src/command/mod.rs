@@ -41,6 +41,8 @@ pub use route::RouteArguments;
 
 /// Whether the one JSON object was printed.
 static OBJECT_PRINTED: AtomicBool = AtomicBool::new(false);
+/// Whether JSON objects were printed, each on a line of its own.
+static LINES_PRINTED: AtomicBool = AtomicBool::new(false);
 /// Warnings that were printed: what was said once is not said again.
 static WARNED: LazyLock<Mutex<HashSet<String>>> = LazyLock::new(Mutex::default);
 
@@ -142,8 +144,22 @@ impl Console {
         }
         // Some commands fail after they have said what they found.
         if self.json && !OBJECT_PRINTED.load(Ordering::Relaxed) {
-            let _ = self.json(&Failure { error: FailureReport { message, causes } });
+            let failure = Failure { error: FailureReport { message, causes } };
+            let is_line = LINES_PRINTED.load(Ordering::Relaxed);
+            let _ = if is_line { self.json_line(&failure) } else { self.json(&failure) };
         }
+    }
+
+    /// Prints one of many JSON objects, on a line of its own; silent without `--json`.
+    ///
+    /// # Errors
+    /// When standard output cannot be written, a reader that went away aside.
+    pub fn json_line(&self, object: &impl Serialize) -> anyhow::Result<()> {
+        if self.json {
+            LINES_PRINTED.store(true, Ordering::Relaxed);
+            print(serde_json::to_string(object)?).context("cannot write to standard output")?;
+        }
+        Ok(())
     }
 
     /// A progress bar on standard error over `length` steps; hidden where standard error is not a terminal.

@@ -102,7 +102,7 @@ fn hours(text: &str) -> Result<f64, String> {
 /// # Errors
 /// What cannot be read, does not fit the structure, or would be overwritten.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
-    leave_nothing_unfinished();
+    leave_nothing_unfinished()?;
     let study = Study::load(&arguments.study)?;
     let beam_file = match (&arguments.beam, study.model.as_ref().map(|model| &model.source)) {
         (Some(beam), _) => beam.clone(),

@@ -51,7 +51,7 @@ fn weight(text: &str) -> Result<f64, String> {
 /// # Errors
 /// When the study cannot be read, no mode has a partner, or a result cannot be written.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
-    leave_nothing_unfinished();
+    leave_nothing_unfinished()?;
     let mut project = Project::open(&arguments.study)?;
     let weights = Weights { frequency: arguments.frequency_weight, shape: arguments.shape_weights.clone() };
     let report = update_project(&mut project, &arguments.modes, &weights, console)?;

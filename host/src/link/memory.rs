@@ -12,7 +12,7 @@ use belfry_shared::frame::END_OF_FRAME;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::Transport;
+use super::transport::Transport;
 
 /// Simulated time in ns on the host's clock.
 pub type Nanoseconds = i64;

@@ -7,9 +7,9 @@ use serde::Serialize;
 
 use super::error::StoryError;
 use super::progress::{OnProgress, rows_of};
+use crate::fleet::FleetReport;
 use crate::identify::accuracy::RecordNeeded;
 use crate::identify::{Identification, identify as identify_setups};
-use crate::link::fleet::FleetReport;
 use crate::measure::{Measurement, Route, measure};
 use crate::spectra::LineGrid;
 use crate::study::Study;

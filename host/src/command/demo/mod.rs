@@ -26,7 +26,7 @@ use super::text::{in_shell, next_lines};
 use super::update::update_project;
 use crate::compare::Comparison;
 use crate::diagnose::{Diagnosis, Verdict};
-use crate::link::fleet::FleetOptions;
+use crate::fleet::FleetOptions;
 use crate::link::memory::Faults;
 use crate::measure::Route;
 use crate::model::effect::{Effect, EffectRecord};
@@ -113,7 +113,7 @@ struct Outcome {
 /// # Errors
 /// When the folder holds another study, or cannot be written.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
-    leave_nothing_unfinished();
+    leave_nothing_unfinished()?;
     let tower = match arguments.paper {
         true => Tower::of_paper()?,
         false => Tower::with_hidden(arguments.effect.as_ref(), arguments.seed)?,

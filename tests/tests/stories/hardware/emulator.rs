@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use belfry_host::link::port::Port;
-use belfry_host::link::replay::who_is_there;
+use belfry_host::link::who_is_there;
 use belfry_shared::message::Hello;
 use belfry_tests::belfry_command;
 use serde_json::Value;

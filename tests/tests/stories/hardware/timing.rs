@@ -10,9 +10,9 @@
 
 use std::time::{Duration, Instant};
 
-use belfry_host::link::assembly::{Assembler, Outcome};
+use belfry_host::link::Transport;
 use belfry_host::link::port::Port;
-use belfry_host::link::{ChannelData, Configurations, NodeWindow, Transport};
+use belfry_host::window::{Assembler, ChannelData, Configurations, NodeWindow, Outcome};
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
     self, Acknowledgement, Band, ChannelState, ClockRequest, Configuration, Heartbeat, Hello, HostMessage, NodeMessage,

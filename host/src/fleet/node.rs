@@ -9,7 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use super::pace::{Crystal, Resampler};
 use super::{FleetError, FleetOptions, NodeReport, Pace};
 use crate::link::memory::{HostEnd, Line, Nanoseconds, NodeEnd};
-use crate::link::{Configurations, NodeWindow, Session, Transport};
+use crate::link::{Session, SessionError, Transport};
+use crate::window::{Configurations, NodeWindow};
 
 /// Simulated time before the recording in which node and host get to know each other.
 const PREPARATION_NS: Nanoseconds = 120_000_000_000;
@@ -196,7 +197,7 @@ impl SimulatedNode {
         self.line.advance(now);
         let node_time = self.node_time(now);
         let mut buffer = [0; 512];
-        let failed = |source| super::SessionError::Transport { node: self.number, source };
+        let failed = |source| SessionError::Transport { node: self.number, source };
         loop {
             let count = self.node_end.read(&mut buffer).map_err(failed)?;
             if count == 0 {

@@ -3,25 +3,24 @@
 //! Rows of one setup flow in, windows of all its channels flow out, on the grid of host time. Every node has its own
 //! boot time, its own line and, where it paces the rows, its own crystal; host and node run the code they run on a real port.
 
-mod grid;
+mod in_process;
 mod node;
 mod pace;
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread;
 
 use belfry_shared::decimation::Stages;
-use belfry_shared::message::{Band, Configuration, Summary};
+use belfry_shared::message::Summary;
 use thiserror::Error;
 
-use super::memory::{Faults, LineStatistics};
-use super::session::{SessionError, SessionStatistics};
+use crate::link::memory::{Faults, LineStatistics};
+use crate::link::{SessionError, SessionStatistics};
 use crate::spectra::{LineGrid, WindowLines};
 use crate::study::Setup;
-use grid::GridAssembler;
-pub(crate) use grid::place_lines;
+use crate::window::{GridAssembler, channels_by_node, node_configuration};
+pub use in_process::InProcess;
 use node::{Feed, NodeSettings, SimulatedNode};
 
 /// Blocks of rows that may wait for a worker.
@@ -133,49 +132,6 @@ impl FleetReport {
         let channels: usize = self.nodes.iter().map(|node| node.channels).sum();
         bytes as f64 / self.duration_s / channels as f64
     }
-}
-
-/// The configuration of a node with `channels` channels for a setup's spectral settings.
-pub fn node_configuration(
-    sampling_rate_hz: f64,
-    decimation: u32,
-    grid: &LineGrid,
-    channels: usize,
-    summary: Summary,
-) -> Option<Configuration> {
-    let band = Band { first_line: u16::try_from(grid.first_line).ok()?, lines: u16::try_from(grid.lines).ok()? };
-    Some(Configuration {
-        channels: u8::try_from(channels).ok()?,
-        sampling_rate_uhz: (sampling_rate_hz * 1e6).round() as u64,
-        decimation,
-        segment: u16::try_from(grid.segment).ok()?,
-        summary,
-        bands: [band].into_iter().collect(),
-    })
-}
-
-/// The lines and the decimation of a configuration that sends one run of lines: what decides which windows can be averaged
-/// together. The inverse of [`node_configuration`].
-pub fn node_lines(configuration: &Configuration) -> Option<(LineGrid, u32)> {
-    let [band] = configuration.bands.as_slice() else { return None };
-    matches!(configuration.summary, Summary::Lines { .. }).then(|| {
-        let grid = LineGrid {
-            sampling_rate_hz: configuration.sampling_rate_uhz as f64 * 1e-6 / f64::from(configuration.decimation),
-            segment: usize::from(configuration.segment),
-            first_line: usize::from(band.first_line),
-            lines: usize::from(band.lines),
-        };
-        (grid, configuration.decimation)
-    })
-}
-
-/// The channels (indices into the setup's) of each node number.
-pub fn channels_by_node(setup: &Setup) -> BTreeMap<u16, Vec<usize>> {
-    let mut channels_of: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
-    for (channel, sensor) in setup.sensors.iter().enumerate() {
-        channels_of.entry(sensor.node).or_default().push(channel);
-    }
-    channels_of
 }
 
 type Rows = Arc<[f64]>;

@@ -5,31 +5,63 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use belfry_shared::time::HostTime;
 
-use super::lock;
+use super::lock::lock;
 
 /// A difference between the computer's clock and what has passed since it was read that means that it was set, or that the
 /// computer slept.
 const JUMP: Duration = Duration::from_millis(500);
 
+/// What tells the time.
+pub trait Clock: Sync {
+    /// Time since a moment of its own, by a clock that nobody sets.
+    fn steady(&self) -> Duration;
+    /// Unix time by the computer's clock, which may be set.
+    fn unix(&self) -> Duration;
+}
+
+/// The computer's clocks.
+#[derive(Debug, Clone, Copy)]
+pub struct SystemClock {
+    start: Instant,
+}
+
+impl SystemClock {
+    /// The clocks, with steady time from now on.
+    #[expect(clippy::new_without_default, reason = "it begins to count now")]
+    pub fn new() -> Self {
+        Self { start: Instant::now() }
+    }
+}
+
+impl Clock for SystemClock {
+    fn steady(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    /// A clock that stands before 1970 counts from there.
+    fn unix(&self) -> Duration {
+        SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
+    }
+}
+
 /// Unix time, carried on by the steady clock: where the computer's clock is set while nodes measure, their windows must not
 /// be torn apart. A jump begins a new generation.
 pub(super) struct HostClock {
-    unix_time: fn() -> Duration,
     base: Mutex<Base>,
 }
 
 #[derive(Clone, Copy)]
 struct Base {
     unix: Duration,
-    steady: Instant,
+    steady: Duration,
     generation: u64,
 }
 
 impl Base {
-    /// Unix time at a moment of the steady clock, when the computer's clock shows `unix`. What the computer's clock is slowed
-    /// or hurried by does not count, before it comes to a jump.
-    fn look(&mut self, unix: Duration, steady: Instant) -> Duration {
-        let carried_on = self.unix + steady.duration_since(self.steady);
+    /// Unix time at a moment of the steady clock, when the computer's clock shows `unix`. The computer may slow its clock down
+    /// or hurry it; this counts only once it adds up to a jump.
+    fn look(&mut self, unix: Duration, steady: Duration) -> Duration {
+        let carried_on = self.unix + steady.saturating_sub(self.steady);
         if carried_on.abs_diff(unix) <= JUMP {
             return carried_on;
         }
@@ -38,21 +70,15 @@ impl Base {
     }
 }
 
-/// Unix time by the computer's clock; one that stands before 1970 counts from there.
-pub fn unix_time() -> Duration {
-    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
-}
-
 impl HostClock {
-    pub(super) fn new(unix_time: fn() -> Duration) -> Self {
-        let base = Base { unix: unix_time(), steady: Instant::now(), generation: 0 };
-        Self { unix_time, base: Mutex::new(base) }
+    pub(super) fn new(clock: &dyn Clock) -> Self {
+        Self { base: Mutex::new(Base { unix: clock.unix(), steady: clock.steady(), generation: 0 }) }
     }
 
     /// Now, and how often the computer's clock has jumped.
-    pub(super) fn look(&self) -> (HostTime, u64) {
+    pub(super) fn look(&self, clock: &dyn Clock) -> (HostTime, u64) {
         let mut base = lock(&self.base);
-        let now = base.look((self.unix_time)(), Instant::now());
+        let now = base.look(clock.unix(), clock.steady());
         (HostTime(i64::try_from(now.as_micros()).unwrap_or(i64::MAX)), base.generation)
     }
 }
@@ -65,7 +91,7 @@ mod tests {
 
     #[test]
     fn what_creeps_is_left_alone_and_a_jump_begins_anew_either_way() {
-        let steady = Instant::now();
+        let steady = 77 * SECOND;
         let mut base = Base { unix: 1000 * SECOND, steady, generation: 0 };
         // 400 ms ahead after an hour: nodes measure drifts against a clock that runs evenly.
         let hour = 3600 * SECOND;

@@ -3,11 +3,11 @@
 use std::io;
 use std::sync::Mutex;
 
-use belfry_shared::time::HostTime;
+use belfry_shared::time::{HostTime, WindowGrid};
 
-use super::lock;
+use super::lock::lock;
 use crate::archive::Archive;
-use crate::link::{Configurations, KeptWindows, NodeWindow, WindowSink};
+use crate::window::{Configurations, KeptWindows, NodeWindow, WindowSink};
 
 /// Puts windows of one node into the archive.
 pub(super) struct ArchiveSink<'a> {
@@ -15,8 +15,8 @@ pub(super) struct ArchiveSink<'a> {
     pub(super) setup: &'a str,
     pub(super) configurations: &'a Configurations,
     pub(super) now: HostTime,
-    /// Sees every window that is kept.
-    pub(super) on_window: &'a mut dyn FnMut(&NodeWindow),
+    /// Sees every window that is kept, and when it began.
+    pub(super) on_window: &'a mut dyn FnMut(&NodeWindow, HostTime),
 }
 
 impl WindowSink for ArchiveSink<'_> {
@@ -24,7 +24,8 @@ impl WindowSink for ArchiveSink<'_> {
         let configuration = self.configurations.by_hash(window.configuration_hash);
         let configuration = configuration.ok_or_else(|| io::Error::other("a window of an unknown configuration"))?;
         lock(self.archive).store(self.setup, configuration, &window, self.now).map_err(io::Error::other)?;
-        (self.on_window)(&window);
+        let (sampling_rate_uhz, hop_samples) = (configuration.sampling_rate_uhz, configuration.hop_samples());
+        (self.on_window)(&window, WindowGrid { sampling_rate_uhz, hop_samples }.start(window.grid_index));
         Ok(())
     }
 

@@ -2,14 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use belfry_shared::message::{
-    Again, ChannelState, Configuration, MAX_AGAIN, NodeMessage, Peak, Summary, WindowHead, WindowName,
-};
-use belfry_shared::quantise::{decode_density, decode_lines, encoded_bytes};
+use belfry_shared::message::{Again, MAX_AGAIN, NodeMessage, WindowHead};
 use belfry_shared::time::HostTime;
-use num_complex::Complex32;
 
-use super::KeptWindows;
+use super::configuration::Configurations;
+use super::node_window::NodeWindow;
+use super::parts::{build, fits};
+use super::sink::KeptWindows;
 
 /// Windows ahead of the oldest missing one that are kept; a number further ahead is taken for a fault.
 const MAX_AHEAD: u32 = 1 << 16;
@@ -17,66 +16,6 @@ const MAX_AHEAD: u32 = 1 << 16;
 const MAX_DATA_PARTS: u16 = 4096;
 /// How often a part is asked again before its window is given up.
 const MAX_ASKS: u32 = 30;
-
-/// A whole window as a node sent it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NodeWindow {
-    /// Its name.
-    pub name: WindowName,
-    /// Hash of the configuration it was measured with.
-    pub configuration_hash: u32,
-    /// Start in hops since the epoch.
-    pub grid_index: u64,
-    /// When the segment's middle was, minus when it should have been by the grid, in µs.
-    pub middle_offset_us: i32,
-    /// How much faster the host's clock runs than the node's, in parts per thousand million.
-    pub drift_ppb: i32,
-    /// Each channel's data.
-    pub channels: Vec<ChannelData>,
-}
-
-/// One channel's data in a window.
-#[derive(Debug, Clone, PartialEq)]
-pub enum ChannelData {
-    /// No sound data, and why.
-    Unsound(ChannelState),
-    /// Complex lines of all bands, one after the other, in m/s²/√Hz.
-    Lines(Vec<Complex32>),
-    /// Averaged densities of all bands in (m/s²)²/Hz, and the highest peaks.
-    Psd {
-        /// Segments averaged.
-        segments: u16,
-        /// The densities.
-        densities: Vec<f32>,
-        /// The peaks, highest first.
-        peaks: Vec<Peak>,
-    },
-}
-
-/// What a node's windows can have been measured with.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Configurations {
-    /// What it is to measure with now.
-    pub current: Configuration,
-    /// What it measured with before: its outbox may still hold such windows.
-    pub earlier: Vec<Configuration>,
-}
-
-impl Configurations {
-    /// One, and none before.
-    pub fn only(current: Configuration) -> Self {
-        Self { current, earlier: Vec::new() }
-    }
-
-    fn iter(&self) -> impl Iterator<Item = &Configuration> {
-        std::iter::once(&self.current).chain(&self.earlier)
-    }
-
-    /// The one of a hash.
-    pub fn by_hash(&self, hash: u32) -> Option<&Configuration> {
-        self.iter().find(|configuration| configuration.hash() == hash)
-    }
-}
 
 #[derive(Debug, Default)]
 struct Partial {
@@ -316,41 +255,6 @@ impl Assembler {
     }
 }
 
-/// Whether a part can belong to a window of the configuration.
-fn fits(configuration: &Configuration, message: &NodeMessage<'_>) -> bool {
-    let in_band = |first_line: u16, count: usize| position(configuration, first_line, count).is_some();
-    let is_channel = |channel: u8| channel < configuration.channels;
-    match (message, configuration.summary) {
-        (NodeMessage::Head(head), _) => head.channels.len() == usize::from(configuration.channels),
-        (NodeMessage::Lines(part), Summary::Lines { bits }) => {
-            let lines = usize::from(part.lines);
-            part.bits == bits
-                && lines > 0
-                && is_channel(part.channel)
-                && in_band(part.first_line, lines)
-                && part.code.len() == encoded_bytes(lines, bits)
-        }
-        (NodeMessage::Density(part), Summary::Psd { .. }) => {
-            !part.code.is_empty() && is_channel(part.channel) && in_band(part.first_line, part.code.len())
-        }
-        (NodeMessage::Peaks(part), Summary::Psd { .. }) => is_channel(part.channel),
-        _ => false,
-    }
-}
-
-/// Position of a run of lines among all bands' lines; `None` where no band holds it.
-fn position(configuration: &Configuration, first_line: u16, count: usize) -> Option<usize> {
-    let mut before = 0;
-    for band in &configuration.bands {
-        let offset = first_line.wrapping_sub(band.first_line);
-        if first_line >= band.first_line && usize::from(offset) + count <= usize::from(band.lines) {
-            return Some(before + usize::from(offset));
-        }
-        before += usize::from(band.lines);
-    }
-    None
-}
-
 /// Runs of part numbers that a window still lacks.
 fn missing_parts(partial: &Partial) -> Vec<(u16, u16)> {
     if partial.head.is_none() && partial.parts.is_empty() {
@@ -386,63 +290,6 @@ fn join_whole_windows(ranges: &mut Vec<Again>) {
         }
         joined
     });
-}
-
-/// Decodes a whole window; `None` where its parts contradict each other or the configuration.
-fn build(configuration: &Configuration, head: &WindowHead, parts: &BTreeMap<u16, Vec<u8>>) -> Option<NodeWindow> {
-    let total = configuration.lines();
-    let mut channels: Vec<ChannelData> = head
-        .channels
-        .iter()
-        .map(|&state| match (state, configuration.summary) {
-            (ChannelState::Sound { .. }, Summary::Lines { .. }) => {
-                ChannelData::Lines(vec![Complex32::default(); total])
-            }
-            (ChannelState::Sound { segments }, Summary::Psd { .. }) => {
-                ChannelData::Psd { segments, densities: vec![0.0; total], peaks: Vec::new() }
-            }
-            (state, _) => ChannelData::Unsound(state),
-        })
-        .collect();
-    let mut filled = vec![0; channels.len()];
-    for encoded in parts.values() {
-        match belfry_shared::message::decode::<NodeMessage<'_>>(encoded).ok()? {
-            NodeMessage::Lines(part) => {
-                let count = usize::from(part.lines);
-                let start = position(configuration, part.first_line, count)?;
-                let ChannelData::Lines(lines) = channels.get_mut(usize::from(part.channel))? else { return None };
-                decode_lines(part.code, part.bits, lines.get_mut(start..start + count)?).ok()?;
-                filled[usize::from(part.channel)] += count;
-            }
-            NodeMessage::Density(part) => {
-                let start = position(configuration, part.first_line, part.code.len())?;
-                let ChannelData::Psd { densities, .. } = channels.get_mut(usize::from(part.channel))? else {
-                    return None;
-                };
-                for (density, &code) in densities.get_mut(start..start + part.code.len())?.iter_mut().zip(part.code) {
-                    *density = decode_density(part.base, code);
-                }
-                filled[usize::from(part.channel)] += part.code.len();
-            }
-            NodeMessage::Peaks(part) => {
-                let ChannelData::Psd { peaks, .. } = channels.get_mut(usize::from(part.channel))? else { return None };
-                *peaks = part.peaks.to_vec();
-            }
-            _ => return None,
-        }
-    }
-    let all_filled = channels
-        .iter()
-        .zip(&filled)
-        .all(|(channel, &filled)| filled == if matches!(channel, ChannelData::Unsound(_)) { 0 } else { total });
-    all_filled.then_some(NodeWindow {
-        name: head.name,
-        configuration_hash: head.configuration_hash,
-        grid_index: head.grid_index,
-        middle_offset_us: head.middle_offset_us,
-        drift_ppb: head.drift_ppb,
-        channels,
-    })
 }
 
 #[cfg(test)]

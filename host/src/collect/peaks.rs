@@ -2,7 +2,7 @@
 
 use belfry_shared::message::Configuration;
 
-use crate::link::{ChannelData, NodeWindow};
+use crate::window::{ChannelData, NodeWindow};
 
 /// How much of the mean a new window is at least.
 const LEAST_SHARE: f64 = 0.05;

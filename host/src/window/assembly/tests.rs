@@ -1,8 +1,12 @@
 //! Parts in any order, and parts that contradict each other.
 
 use super::*;
-use belfry_shared::message::{Band, DensityPart, LinesPart, PeaksPart};
+use crate::window::node_window::ChannelData;
+use belfry_shared::message::{
+    Band, ChannelState, Configuration, DensityPart, LinesPart, Peak, PeaksPart, Summary, WindowName,
+};
 use belfry_shared::quantise::{encode_densities, encode_lines, encoded_bytes};
+use num_complex::Complex32;
 use proptest::prelude::*;
 
 const BOOT: u32 = 5;
