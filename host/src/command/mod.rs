@@ -80,7 +80,7 @@ impl Console {
     /// A reader that has seen enough (`belfry ... | head`) is no fault: the command goes on and writes its files.
     pub fn say(&self, line: impl std::fmt::Display) {
         if !self.json
-            && let Err(error) = print(line)
+            && let Err(error) = print(text::wrapped(&line.to_string()))
         {
             self.warn(format_args!("cannot write to standard output: {error}"));
         }

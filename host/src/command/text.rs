@@ -31,8 +31,7 @@ impl Columns {
         let mut table = Table::new();
         table.load_style(UTF8_FULL_CONDENSED);
         table.set_header(&names);
-        let width = table.width().or_else(width_by_environment);
-        Self { table, expendable: Vec::new(), names, width }
+        Self { table, expendable: Vec::new(), names, width: width() }
     }
 
     /// Names the columns that a narrow terminal can do without, the least important first.
@@ -85,6 +84,45 @@ impl Columns {
         let rows = rows.map(|cell| longest(&cell.content(), |c| c == '\n')).max().unwrap_or(0);
         u16::try_from(header.max(rows)).unwrap_or(u16::MAX / 64)
     }
+}
+
+/// Columns of text that fit beside each other where standard output goes.
+fn width() -> Option<u16> {
+    Table::new().width().or_else(width_by_environment)
+}
+
+/// Text with its paragraphs wrapped between words where they are wider than the terminal. Tables stay, and so do lines that begin
+/// with a command to be typed.
+pub(super) fn wrapped(text: &str) -> String {
+    match width() {
+        Some(width) => text.lines().map(|line| wrapped_line(line, usize::from(width))).collect::<Vec<_>>().join("\n"),
+        None => text.to_owned(),
+    }
+}
+
+fn wrapped_line(line: &str, width: usize) -> String {
+    let text = line.trim_start();
+    let stays = text.starts_with(['│', '┌', '└', '╞', '├']) || text.starts_with("Next:") || text.starts_with("belfry ");
+    if stays || line.chars().count() <= width {
+        return line.to_owned();
+    }
+    let indent = line.chars().count() - text.chars().count();
+    let mut wrapped = " ".repeat(indent);
+    let mut used = indent;
+    for word in text.split(' ') {
+        let length = word.chars().count();
+        if used > indent && used + 1 + length > width {
+            wrapped.push('\n');
+            wrapped += &" ".repeat(indent);
+            used = indent;
+        } else if used > indent {
+            wrapped.push(' ');
+            used += 1;
+        }
+        wrapped += word;
+        used += length;
+    }
+    wrapped
 }
 
 /// Columns that the environment asks for, as other programs do where standard output is no terminal.
@@ -223,6 +261,17 @@ mod tests {
             }
             assert_eq!(left_out.is_empty(), !text.contains("Not shown"), "{text}");
         }
+    }
+
+    #[test]
+    fn paragraphs_wrap_between_words_and_keep_their_indent() {
+        let line = "  by mode: frequency worst in mode 7 at 0.4755 Hz (+12.34 %), and more of it";
+        let wrapped = wrapped_line(line, 40);
+        assert!(widest(&wrapped) <= 40 && wrapped.lines().count() == 2, "{wrapped}");
+        assert!(wrapped.lines().all(|part| part.starts_with("  ")), "{wrapped}");
+        assert_eq!(wrapped.split_whitespace().collect::<Vec<_>>(), line.split_whitespace().collect::<Vec<_>>());
+        let command = "Next: belfry covalidate a-study-of-a-long-name    # what it is for";
+        assert_eq!(wrapped_line(command, 40), command);
     }
 
     #[test]

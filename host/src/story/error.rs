@@ -100,7 +100,7 @@ pub enum StoryError {
         pairs: usize,
     },
     /// The updated stiffness matrix is of no use.
-    #[error("the updated model")]
+    #[error("the updated model cannot be solved for its modes; use other modes (--modes)")]
     UpdatedModel(#[source] EigenError),
     /// The model has the effect.
     #[error("{effect} is in the model already; `belfry remove {} {effect}` takes it out", study.display())]

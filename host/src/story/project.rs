@@ -198,8 +198,8 @@ impl Project {
     /// # Errors
     /// As [`Project::case`], when no mode has a partner, or when a result cannot be written.
     pub fn update(&mut self, modes: &[usize], weights: &Weights) -> Result<UpdateReport, StoryError> {
-        self.results.make_ready()?;
         let case = self.case_of(modes)?;
+        self.results.make_ready()?;
         let updated = update(&case, weights)?;
         let stiffness = &updated.matrices.stiffness;
         self.results.write("stiffness_updated.mtx", matrix_market(stiffness).as_bytes())?;
@@ -221,8 +221,8 @@ impl Project {
         request: &CovalidationRequest,
         on_progress: OnProgress<'_>,
     ) -> Result<CovalidationReport, StoryError> {
-        self.results.make_ready()?;
         let case = self.case_of(&request.modes)?;
+        self.results.make_ready()?;
         let covalidation = covalidate(&case, request, on_progress)?;
         self.results.write(CURVES_FILE, curves_csv(&covalidation.curves).as_bytes())?;
         let picture = picture::covalidation(&case.study.structure.name, &covalidation.curves)?;
