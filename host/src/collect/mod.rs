@@ -32,6 +32,6 @@ pub use report::{PortReport, Report};
 pub use server::PortServer;
 pub use settings::{CollectOptions, CollectionError};
 pub use status::{Gaps, PortState, PortStatus};
-pub use threads::collect;
+pub use threads::{OnLook, collect};
 pub use words::Words;
 pub(crate) use words::{fault_in_words, gap_in_words, seconds_in_words};

@@ -31,7 +31,7 @@ enum Stage {
     /// Nothing, until then.
     Closed { until: Duration },
     /// It is open, and asked who is there, until then.
-    Greeting { line: Box<dyn Transport>, greeting: Greeting, until: Duration },
+    Greeting { line: Box<dyn Transport>, greeting: Box<Greeting>, until: Duration },
     /// Its node is served.
     Serving { line: Box<dyn Transport>, node: Box<Served> },
 }
@@ -105,7 +105,7 @@ impl PortServer {
         &self,
         collector: &Collector<'_>,
         mut line: Box<dyn Transport>,
-        mut greeting: Greeting,
+        mut greeting: Box<Greeting>,
         until: Duration,
     ) -> Stage {
         let now = collector.steady();
@@ -241,5 +241,5 @@ impl PortServer {
 }
 
 fn greet(line: Box<dyn Transport>, now: Duration) -> Stage {
-    Stage::Greeting { line, greeting: Greeting::new(), until: now + ASK }
+    Stage::Greeting { line, greeting: Box::new(Greeting::new()), until: now + ASK }
 }

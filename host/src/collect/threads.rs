@@ -13,13 +13,11 @@ use super::status::PortStatus;
 /// Time between looks at what the ports have come to.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// Collects until `on_look` breaks or the collector ends by itself. `on_look` sees all ports, and what has happened since its last
-/// look, five times a second and once at the end.
-pub fn collect(
-    collector: &Collector<'_>,
-    ports: &(dyn Ports + Sync),
-    on_look: &mut dyn FnMut(&[PortStatus], &[Event]) -> ControlFlow<()>,
-) {
+/// Sees what all ports have come to, and what has happened since its last look; whether to go on.
+pub type OnLook<'a> = &'a mut dyn FnMut(&[PortStatus], &[Event]) -> ControlFlow<()>;
+
+/// Collects until `on_look` breaks or the collector ends by itself. It looks five times a second, and once at the end.
+pub fn collect(collector: &Collector<'_>, ports: &(dyn Ports + Sync), on_look: OnLook<'_>) {
     thread::scope(|scope| {
         let mut workers = Vec::new();
         while !collector.is_over() {
