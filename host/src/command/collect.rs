@@ -13,6 +13,7 @@ use clap::Args;
 
 use super::Console;
 use super::interrupt::stop_on_signal;
+use super::text::{in_shell, next_lines};
 use crate::archive::Archive;
 use crate::collect::{
     Clock, CollectOptions, Collection, Collector, Report, SystemClock, SystemPorts, all_ports, collect,
@@ -22,22 +23,18 @@ use events::EventLine;
 use view::View;
 
 const EXAMPLES: &str = "Examples:
-  belfry collect tower                                 every node on a serial port, also one that comes later
+  belfry collect tower                                 every node on a serial port
   belfry collect tower --port /dev/ttyACM0 --port /dev/ttyACM1
   belfry collect tower --port tcp:10.0.0.7:4001        a node behind a serial server
   belfry collect tower --for 12h                       then stop
-  belfry collect tower --setup upper                   where the study has several live setups
+  belfry collect tower --setup upper                   one of several live setups
 
-In study.toml the setup has `live = true` instead of `files`. Its sensors say which node samples them; a node's channels
-are its sensors in their order there. [analysis] needs band_hz: nodes must know it before there are data. The segment is
-the finest that leaves enough averages after --hours, unless [analysis] gives one.
+In study.toml the setup has `live = true` instead of `files`. Its sensors say which node samples them; a node's channels are its sensors in their order there. [analysis] needs band_hz: nodes must know it before there are data. The segment is the finest that leaves enough averages after --hours, unless [analysis] gives one.
 
-Windows go into the study's archive.sqlite. A node forgets a window only when it is on this disk, and keeps the others as
-long as it has room, so collecting can be stopped and started again at any time. While it runs, `belfry identify`,
-`belfry compare` and the rest work on what has come so far.
+Windows go into the study's archive.sqlite. A node forgets a window only when it is on this disk, and keeps the others as long as it has room, so collecting can be stopped and started again at any time. While it runs, `belfry identify`, `belfry compare` and the rest work on what has come so far.
 
 With --json every event is one line, a JSON object with `event`, `time`, `port` and `node`:
-  port    the port has come to another `state`, with its `reason` where something is wrong
+  port    the port has come to another `state`, with its `reason` on errors
   window  a window is on the disk: `boot`, `number`, and its `start`
   gap     a `channel` of that window has no sound data, and the `reason`
   lost    so many `windows` no longer exist anywhere
@@ -143,7 +140,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     ));
     report.verdict()?;
     if windows > 0 && (stored == 0 || gaps < stored) {
-        console.say(format!("Next: belfry identify {}", study.folder.display()));
+        let study = in_shell(&study.folder);
+        console.say(next_lines(&[(format!("identify {study}"), "the modes, of what has come so far")]));
     }
     Ok(())
 }

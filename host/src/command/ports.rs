@@ -22,8 +22,7 @@ Examples:
   belfry ports
   belfry ports --port tcp:127.0.0.1:5555      an emulated node as well
 
-Belfry asks every port who is there and waits a second and a half for an answer. It cannot ask a port that another
-program has open.")]
+Belfry asks every port who is there and waits a second and a half for an answer. It cannot ask a port that another program has open.")]
 pub struct Arguments {
     /// A further port to ask: the name of a device, `tcp:HOST:PORT` or `unix:PATH`; several times for several
     #[arg(long = "port", value_name = "PORT")]
@@ -73,7 +72,11 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(table(&reports));
     }
     if let Some(found) = reports.iter().find(|report| report.node.is_some()) {
-        console.say(format!("Next: belfry collect STUDY --port {0}    measure with that node\n      belfry replay STUDY --port {0}     a recording through it", found.port));
+        // The study is the reader's to name, so these are no lines to be run as they stand.
+        console.say(format!(
+            "Then: belfry collect STUDY --port {0}    # measure with that node\n      belfry replay STUDY --port {0}     # a recording through it",
+            found.port
+        ));
     }
     console.json(&Report { ports: reports })
 }

@@ -35,13 +35,10 @@ use progress::FeedingProgress;
 #[command(after_help = "\
 Examples:
   belfry replay canton --port /dev/ttyACM0
-  belfry replay canton --port /dev/ttyACM0 --nodes 1,2      only these nodes of the study, for a quicker check
-  belfry replay canton --port tcp:127.0.0.1:5555            an emulated node
+  belfry replay canton --port /dev/ttyACM0 --nodes 1,2    a quicker check: these nodes only
+  belfry replay canton --port tcp:127.0.0.1:5555          an emulated node
 
-Each node of the study is played by the node on a port, one after the other where there are fewer
-ports than nodes; its own number does not matter. Samples go as fast as the node takes them. Belfry
-compares what comes back with the same firmware run on this computer, which must give the same bits,
-and with spectra made straight from the recording in double precision.
+Each node of the study is played by the node on a port, one after the other where there are fewer ports than nodes; its own number does not matter. Samples go as fast as the node takes them. Belfry compares what comes back with the same firmware run on this computer, which must give the same bits, and with spectra made straight from the recording in double precision.
 
 Ctrl-C ends it early: what came back until then is checked and reported, and the status is 1.")]
 pub struct Arguments {
@@ -112,9 +109,7 @@ struct Report {
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
     let prepared = prepare(&study)?;
-    for warning in &prepared.warnings {
-        console.warn(warning);
-    }
+    console.warn_all(&prepared.warnings);
     let mut roles = VecDeque::new();
     let mut total_rows = 0;
     for (&Opened { setup, ref material, rows }, &decimation) in prepared.setups.iter().zip(&prepared.plan.decimations) {

@@ -12,7 +12,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::events::time;
 use crate::collect::{Clock, Collection, Event, Happening, PortStatus, SystemClock, Words, seconds_in_words};
 use crate::command::Console;
-use crate::command::identify::align_right;
+use crate::command::text::align_right;
 use crate::spectra::SpectralPlan;
 use crate::study::Setup;
 

@@ -1,96 +1,29 @@
-//! The recorded motion: which channels predict which, what their windows add up to, the curves of a picture.
+//! The recorded motion: what the windows of a setup add up to, and the curves of a picture.
 
 use std::fmt::Write as _;
 
-use anyhow::{Context, bail};
-
-use super::super::Console;
-use super::super::case::Case;
-use super::Request;
+use super::case::Case;
+use super::error::{CovalidateError, StoryError};
+use super::left_out::Split;
+use super::progress::{OnProgress, rows_of};
 use super::shapes::Source;
 use crate::covalidate::{Hop, Motion, OverlapAdd, Predictor, Witness};
-use crate::measure::{epoch_s, measure_observed};
+use crate::measure::{Route, epoch_s, measure_observed};
 use crate::picture::{Curves, Prediction};
-use crate::study::{Sensor, Setup};
+use crate::study::Setup;
 
-/// Channels that predict and channels that are predicted, as places in the setup and as rows of the shapes.
-pub(super) struct Split {
-    pub(super) kept: Vec<usize>,
-    pub(super) left_out: Vec<usize>,
-    pub(super) kept_rows: Vec<usize>,
-    pub(super) left_out_rows: Vec<usize>,
+/// The part of a recording that is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// Where it starts, in s.
+    pub start_s: f64,
+    /// How long it is; `None` for all that follows.
+    pub duration_s: Option<f64>,
 }
 
-impl Split {
-    pub(super) fn of(case: &Case, setup: &Setup, channels: &[String]) -> anyhow::Result<Self> {
-        let rows: Vec<usize> = setup
-            .sensors
-            .iter()
-            .map(|sensor| {
-                let row = case.sensors.iter().position(|known| same_place(known, sensor, setup));
-                row.with_context(|| format!("channel {}: it has no place among the study's sensors", sensor.channel))
-            })
-            .collect::<Result<_, _>>()?;
-        let is_left_out =
-            |sensor: &Sensor| channels.iter().any(|name| *name == sensor.channel || *name == sensor.point);
-        let (left_out, kept): (Vec<usize>, Vec<usize>) =
-            (0..setup.sensors.len()).partition(|&channel| is_left_out(&setup.sensors[channel]));
-        if kept.is_empty() {
-            bail!("--channels names every channel of setup \"{}\"; leave some to predict from", setup.name);
-        }
-        let row_of = |channels: &[usize]| channels.iter().map(|&channel| rows[channel]).collect();
-        Ok(Self { kept_rows: row_of(&kept), left_out_rows: row_of(&left_out), kept, left_out })
-    }
-}
-
-impl Split {
-    fn retain_kept(&mut self, stays: impl Fn(usize) -> bool) {
-        let (kept, rows) = self
-            .kept
-            .iter()
-            .zip(&self.kept_rows)
-            .filter(|&(&channel, _)| stays(channel))
-            .map(|(&a, &b)| (a, b))
-            .unzip();
-        (self.kept, self.kept_rows) = (kept, rows);
-    }
-}
-
-fn same_place(known: &Sensor, sensor: &Sensor, setup: &Setup) -> bool {
-    let own = known.channel == sensor.channel || known.channel == format!("{}/{}", setup.name, sensor.channel);
-    known.point == sensor.point && (own || (known.reference && sensor.reference))
-}
-
-pub(super) fn find_setup<'a>(case: &'a Case, request: &Request<'_>) -> anyhow::Result<&'a Setup> {
-    let setups = &case.study.setups;
-    if setups.is_empty() {
-        bail!(
-            "the study has [measured] modes and no recording: co-validation predicts motion, so it needs a [[setup]]"
-        );
-    }
-    let has = |setup: &Setup, name: &String| {
-        setup.sensors.iter().any(|sensor| sensor.channel == *name || sensor.point == *name)
-    };
-    if let Some(name) = request.setup
-        && setups.iter().all(|setup| setup.name != name)
-    {
-        let names: Vec<&str> = setups.iter().map(|setup| setup.name.as_str()).collect();
-        bail!("--setup: there is no setup \"{name}\"; the study has {}", names.join(", "));
-    }
-    let candidates: Vec<&Setup> =
-        setups.iter().filter(|setup| request.setup.is_none_or(|name| setup.name == name)).collect();
-    if let Some(setup) = candidates.iter().find(|setup| request.channels.iter().all(|name| has(setup, name))) {
-        return Ok(setup);
-    }
-    let unknown = request.channels.iter().find(|name| candidates.iter().all(|setup| !has(setup, name)));
-    match unknown {
-        Some(name) => {
-            let known: Vec<&str> =
-                candidates.iter().flat_map(|setup| &setup.sensors).map(|sensor| sensor.channel.as_str()).collect();
-            bail!("--channels: there is no channel {name}; the study has {}", known.join(", "))
-        }
-        None => bail!("--channels: no single setup has all of {}", request.channels.join(", ")),
-    }
+impl Stretch {
+    /// All of a recording.
+    pub const ALL: Self = Self { start_s: 0.0, duration_s: None };
 }
 
 /// What the recording gave.
@@ -113,14 +46,15 @@ const CURVES_S: f64 = 2000.0;
 pub(super) fn collect(
     case: &Case,
     setup: &Setup,
-    request: &Request<'_>,
-    console: &Console,
-) -> anyhow::Result<Collected> {
+    stretch: Stretch,
+    route: Route,
+    on_progress: OnProgress<'_>,
+) -> Result<Collected, StoryError> {
     // The other setups' recordings are not needed.
     let mut study = case.study.clone();
     study.setups.retain(|other| other.name == setup.name);
     let channels = setup.sensors.len();
-    let end_s = request.duration_s.map_or(f64::INFINITY, |duration_s| request.start_s + duration_s);
+    let end_s = stretch.duration_s.map_or(f64::INFINITY, |duration_s| stretch.start_s + duration_s);
     let mut collected = Collected {
         witness: Witness::new(channels),
         samples: Vec::new(),
@@ -130,28 +64,17 @@ pub(super) fn collect(
         warnings: Vec::new(),
     };
     let mut overlap: Option<OverlapAdd> = None;
-    let bar = console.progress(0, "windows");
-    let measurement = measure_observed(
-        &study,
-        request.route,
-        &mut |done, total| {
-            bar.set_length(total);
-            bar.set_position(done);
-        },
-        &mut |_, grid, window| {
-            let overlap = overlap.get_or_insert_with(|| OverlapAdd::new(*grid, epoch_s(setup, grid), channels));
-            let samples = overlap.hop();
-            let Some(hop) = overlap.push(window) else { return };
-            let length_s = samples as f64 / grid.sampling_rate_hz;
-            if hop.start_s >= request.start_s && hop.start_s + length_s <= end_s {
-                collected.rate_hz = grid.sampling_rate_hz;
-                collected.witness.add(&hop);
-                collected.keep(&hop, samples);
-            }
-        },
-    );
-    bar.finish_and_clear();
-    let measurement = measurement?;
+    let measurement = measure_observed(&study, route, &mut rows_of("windows", on_progress), &mut |_, grid, window| {
+        let overlap = overlap.get_or_insert_with(|| OverlapAdd::new(*grid, epoch_s(setup, grid), channels));
+        let samples = overlap.hop();
+        let Some(hop) = overlap.push(window) else { return };
+        let length_s = samples as f64 / grid.sampling_rate_hz;
+        if hop.start_s >= stretch.start_s && hop.start_s + length_s <= end_s {
+            collected.rate_hz = grid.sampling_rate_hz;
+            collected.witness.add(&hop);
+            collected.keep(&hop, samples);
+        }
+    })?;
     let grid = measurement.plan.grid;
     collected.band_hz = [grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1))];
     collected.warnings.extend(measurement.warnings);
@@ -181,12 +104,10 @@ impl Collected {
 
     /// The motion while all channels of the split are sound. A kept channel that mostly is not, or does not move, is taken
     /// out of the split first, with a warning.
-    pub(super) fn motion(&mut self, setup: &Setup, split: &mut Split, start_s: f64) -> anyhow::Result<Motion> {
+    pub(super) fn motion(&mut self, setup: &Setup, split: &mut Split, start_s: f64) -> Result<Motion, CovalidateError> {
         let name = |channel: usize| setup.sensors[channel].channel.as_str();
         if self.witness.hops() == 0 {
-            bail!(
-                "from {start_s} s on the time asked for holds no half segment of the analysis; choose an earlier --start-s, or a longer --duration-s"
-            );
+            return Err(CovalidateError::TooShort { start_s });
         }
         let silent: Vec<&str> = split
             .left_out
@@ -195,11 +116,8 @@ impl Collected {
             .map(|&channel| name(channel))
             .collect();
         if !silent.is_empty() {
-            bail!(
-                "--channels: {} has no sound data, or does not move, in setup \"{}\" from {start_s} s on; choose other channels",
-                silent.join(", "),
-                setup.name
-            );
+            let (channels, setup) = (silent.join(", "), setup.name.clone());
+            return Err(CovalidateError::Silent { channels, setup, start_s });
         }
         let predicted = self.witness.sound_hops(&split.left_out);
         let mut with = split.left_out.clone();
@@ -223,10 +141,7 @@ impl Collected {
         with.extend(&split.kept);
         let motion = self.witness.motion(&with);
         if motion.samples() == 0 {
-            bail!(
-                "from {start_s} s on, at no time are all channels of setup \"{}\" sound: nothing to compare",
-                setup.name
-            );
+            return Err(CovalidateError::NeverSound { start_s, setup: setup.name.clone() });
         }
         let lost = self.witness.hops() - self.witness.sound_hops(&with);
         if lost > 0 {

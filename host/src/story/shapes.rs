@@ -1,12 +1,13 @@
 //! Whose mode shapes predict: the model's as first given, after the last update, with the study's effects, the measured ones.
 
-use anyhow::{Context, bail};
 use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
 
-use super::super::case::{Case, results_folder};
-use super::super::update::UpdateReport;
-use super::BySource;
+use super::case::Case;
+use super::error::{CovalidateError, StoryError};
+use super::updated::UpdateReport;
 use crate::compare::{ModelView, Pair, pair};
+use crate::results::{Results, UPDATE_FILE};
 
 /// Whose shapes predict.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,6 +16,19 @@ pub(super) enum Source {
     Updated,
     WithEffects,
     MeasuredShapes,
+}
+
+/// A figure for each of those whose shapes predict; null where there is no such model.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct BySource {
+    /// The model as first given.
+    pub model: Option<f64>,
+    /// After Psi.
+    pub updated: Option<f64>,
+    /// With the study's effects.
+    pub with_effects: Option<f64>,
+    /// With the measured mode shapes: about what noise and other modes leave.
+    pub measured_shapes: Option<f64>,
 }
 
 impl Source {
@@ -50,7 +64,7 @@ pub(super) struct Shapes {
 impl Shapes {
     /// The shapes that a case has. E_d of two sources is only to be set side by side where both have the same modes, so a
     /// mode without a partner in one of them is left out of all.
-    pub(super) fn of(case: &Case) -> anyhow::Result<Self> {
+    pub(super) fn of(case: &Case) -> Result<Self, StoryError> {
         let given = case.view_as_given()?;
         let modes = &case.measured.modes;
         let with_effects = (!case.model.effects.is_empty()).then(|| case.pairs());
@@ -59,7 +73,7 @@ impl Shapes {
         };
         let (pairs, alone): (Vec<Pair>, Vec<Pair>) = pair(&given, modes).into_iter().partition(in_both);
         if pairs.is_empty() {
-            bail!("no measured mode has a partner in the model; look at `belfry compare`");
+            return Err(CovalidateError::NoPairs.into());
         }
         let numbers: Vec<usize> = pairs.iter().map(|pair| modes[pair.measured].number).collect();
         let mut warnings = Vec::new();
@@ -79,7 +93,7 @@ impl Shapes {
             }
         }
         let mut sources = vec![(Source::Model, columns(&given, &pairs))];
-        let update = read_update(case)?;
+        let update: Option<UpdateReport> = Results::of(&case.study).read_json(UPDATE_FILE, "update")?;
         if let Some(update) = &update {
             match updated_shapes(case, &given, &numbers, update) {
                 Ok(shapes) => sources.push((Source::Updated, shapes)),
@@ -112,15 +126,6 @@ fn list(numbers: &[usize]) -> String {
 fn columns(view: &ModelView, pairs: &[Pair]) -> DMatrix<f64> {
     let models: Vec<usize> = pairs.iter().map(|pair| pair.model).collect();
     view.at_sensors.select_columns(&models)
-}
-
-/// The last update, if there was one.
-fn read_update(case: &Case) -> anyhow::Result<Option<UpdateReport>> {
-    let path = results_folder(&case.study).join("update.json");
-    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(None) };
-    let update = serde_json::from_str(&text)
-        .with_context(|| format!("{}: not what `belfry update` writes; run it again", path.display()))?;
-    Ok(Some(update))
 }
 
 /// Phi1 V of the last update, beside those of `numbers` that it did not use; or why there is none.
