@@ -82,6 +82,24 @@ pub enum DiagnoseError {
         /// The effects.
         effects: String,
     },
+    /// The same effect twice.
+    #[error(
+        "{effect} is in the model already, and a second one there is the same effect; give it another place, or take the first one out with `belfry remove`"
+    )]
+    Twice {
+        /// The effect.
+        effect: String,
+    },
+    /// Values of one effect that say the same of the structure.
+    #[error(
+        "{effect}: from these data its values cannot be told apart; give it with fewer values, see `belfry effects {kind}`"
+    )]
+    SameValues {
+        /// The effect.
+        effect: String,
+        /// Its kind.
+        kind: &'static str,
+    },
     /// Effects that say the same of the structure.
     #[error(
         "{one} and {other} cannot both be fitted: from these data they are one and the same effect; remove one of them"
@@ -131,7 +149,7 @@ impl Problem {
     ) -> Result<Self, DiagnoseError> {
         let structure = bare.clone().and(effects)?;
         let view = ModelView::of(&structure.assemble(), sensors)?;
-        let is_free = |mode: &&MeasuredMode| structure.forced_hz.iter().all(|forced_hz| !is_forced(mode, *forced_hz));
+        let is_free = |mode: &&MeasuredMode| structure.forced_hz().all(|forced_hz| !is_forced(mode, forced_hz));
         let measured: Vec<MeasuredMode> = measured.iter().filter(is_free).cloned().collect();
         let (measured, complex): (Vec<_>, Vec<_>) =
             measured.into_iter().partition(|mode| has_real_shape(mode, sensors));
@@ -177,7 +195,7 @@ impl Problem {
             sensors: sensors.to_vec(),
             measured: in_use,
             paired,
-            dampers: structure.tuned_masses.len(),
+            dampers: structure.dampers(),
             unpaired,
         })
     }
@@ -189,7 +207,7 @@ impl Problem {
 
     /// Measured modes that a structure is held against: a damper more makes twins.
     pub(super) fn seen_by(&self, structure: &Structure) -> &[MeasuredMode] {
-        if structure.tuned_masses.len() > self.dampers { &self.measured } else { self.measured() }
+        if structure.dampers() > self.dampers { &self.measured } else { self.measured() }
     }
 
     /// The structure without effects.
