@@ -9,24 +9,17 @@ mod markdown;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Output, Stdio};
 use std::sync::Mutex;
 
 use belfry_host::study::{STUDY_FILE, Study};
-use belfry_tests::belfry_command;
+use belfry_tests::{belfry_command, shell};
 use commands::{CommandHelp, check_line, without_comment};
 use markdown::{Block, Document, Note};
 
 /// Why a block is not run; a document gives one of these reasons and no other.
-const REASONS: [&str; 7] = [
-    "compiles",
-    TAKES_MINUTES,
-    "takes hours",
-    "needs a board",
-    "needs an emulator",
-    "needs other people's data",
-    "needs your own data",
-];
+const REASONS: [&str; 6] =
+    ["compiles", TAKES_MINUTES, "takes hours", "needs a board", "needs an emulator", "needs other people's data"];
 
 /// The reason of blocks that the long tests run all the same.
 const TAKES_MINUTES: &str = "takes minutes";
@@ -87,7 +80,7 @@ fn run(document: &Document) -> Vec<String> {
             _ if is_run(block) => {
                 for (line, command) in block.commands() {
                     let command = without_comment(&command);
-                    let output = shell(command, folder.path());
+                    let output = run_line(command, folder.path());
                     if !output.status.success() {
                         let said = String::from_utf8_lossy(&output.stderr).into_owned();
                         faults.push(format!("{}:{line}: {command}: {}\n{said}", document.name, output.status));
@@ -134,20 +127,9 @@ fn is_run(block: &Block) -> bool {
         }
 }
 
-/// Runs a line as a reader types it, in `folder`, with this workspace's belfry on the path.
-fn shell(line: &str, folder: &Path) -> std::process::Output {
-    let belfry = belfry_command();
-    let programs = Path::new(belfry.get_program()).parent().unwrap();
-    let path = std::env::var("PATH").unwrap_or_default();
-    Command::new("sh")
-        .args(["-e", "-c", line])
-        .env("PATH", format!("{}:{path}", programs.display()))
-        // Excerpts are of tables as wide as they are.
-        .env_remove("COLUMNS")
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
+/// Runs a line in `folder`; tables are as wide as they are.
+fn run_line(line: &str, folder: &Path) -> Output {
+    shell(line).env_remove("COLUMNS").current_dir(folder).stdin(Stdio::null()).output().unwrap()
 }
 
 fn write(file: &Path, block: &Block) {
