@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         ]);
     }
     console.say(table);
-    console.say("Next: belfry effects KIND    one of them in full: formula, parameters, look-alikes");
+    console.say("Next: belfry effects base-rotation    # one of them in full: formula, parameters, look-alikes");
     console.json(&Catalogue { effects: KINDS.iter().map(|kind| entry(*kind)).collect() }).context("the catalogue")
 }
 

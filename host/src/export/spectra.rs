@@ -7,7 +7,7 @@ use std::path::Path;
 
 use super::parquet::{Cell, Kind, ParquetTable, Text};
 use super::table::{csv_text, known};
-use super::{ExportError, write_whole};
+use super::{ExportError, write_file};
 use crate::measure::{Measurement, epoch_s};
 use crate::spectra::{LineGrid, WindowLines};
 use crate::study::{Setup, Unit};
@@ -125,7 +125,7 @@ pub fn write_psd_csv(path: &Path, measurement: &Measurement<'_>) -> Result<u64, 
         cells.extend(motions.iter().map(|motion| known(own(motion))));
         rows.push(cells);
     }
-    write_whole(path, &csv_text(&rows))?;
+    write_file(path, &csv_text(&rows))?;
     Ok(rows.len() as u64 - 1)
 }
 

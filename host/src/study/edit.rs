@@ -6,6 +6,7 @@ use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, Value, value};
 
 use super::error::StudyError;
 use super::{STUDY_FILE, Study};
+use crate::files::write_whole;
 
 /// An effect as it is to stand in `study.toml`.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,7 +21,7 @@ pub struct EffectEntry {
 
 /// Makes `entries` the effects of the study in `folder`; those that are there already keep their place and comments.
 ///
-/// The file is written whole beside the old one and put in its place, so that it is never half there.
+/// The file is replaced whole, so that it is never half there.
 ///
 /// # Errors
 /// When the file cannot be read or written, or would no longer be a study.
@@ -30,9 +31,7 @@ pub fn set_effects(folder: &Path, entries: &[EffectEntry]) -> Result<(), StudyEr
     let changed =
         with_effects(&text, entries).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
     Study::from_text(&changed, folder)?;
-    let beside = folder.join(format!("{STUDY_FILE}.new"));
-    let written = std::fs::write(&beside, changed).and_then(|()| std::fs::rename(&beside, &file));
-    written.map_err(|source| StudyError::Write { file, source })
+    write_whole(&file, changed.as_bytes()).map_err(|source| StudyError::Write { file, source })
 }
 
 fn with_effects(text: &str, entries: &[EffectEntry]) -> Result<String, String> {
