@@ -9,23 +9,20 @@ mod markdown;
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Output, Stdio};
 use std::sync::Mutex;
 
-use belfry_tests::belfry_command;
+use belfry_host::study::{STUDY_FILE, Study};
+use belfry_tests::{belfry_command, shell};
 use commands::{CommandHelp, check_line, without_comment};
 use markdown::{Block, Document, Note};
 
 /// Why a block is not run; a document gives one of these reasons and no other.
-const REASONS: [&str; 7] = [
-    "compiles",
-    "takes minutes",
-    "takes hours",
-    "needs a board",
-    "needs an emulator",
-    "needs other people's data",
-    "needs your own data",
-];
+const REASONS: [&str; 6] =
+    ["compiles", TAKES_MINUTES, "takes hours", "needs a board", "needs an emulator", "needs other people's data"];
+
+/// The reason of blocks that the long tests run all the same.
+const TAKES_MINUTES: &str = "takes minutes";
 
 /// Documents whose blocks run at the same time; most commands use two cores themselves.
 const AT_ONCE: usize = 2;
@@ -58,11 +55,11 @@ fn assert_no_faults(faults: &[String]) {
 fn every_command_runs_and_every_excerpt_is_what_it_prints() {
     let waiting = Mutex::new(documents());
     let faults = Mutex::new(Vec::new());
+    let next = || waiting.lock().unwrap().pop();
     std::thread::scope(|scope| {
         for _ in 0..AT_ONCE {
             scope.spawn(|| {
-                loop {
-                    let Some(document) = waiting.lock().unwrap().pop() else { break };
+                while let Some(document) = next() {
                     let found = run(&document);
                     faults.lock().unwrap().extend(found);
                 }
@@ -76,13 +73,14 @@ fn every_command_runs_and_every_excerpt_is_what_it_prints() {
 fn run(document: &Document) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
     let mut printed: Vec<(String, String)> = Vec::new();
+    let mut skipped: Vec<String> = Vec::new();
     let mut faults = Vec::new();
     for block in &document.blocks {
         match &block.note {
-            None if block.language == "sh" => {
+            _ if is_run(block) => {
                 for (line, command) in block.commands() {
                     let command = without_comment(&command);
-                    let output = shell(command, folder.path());
+                    let output = run_line(command, folder.path());
                     if !output.status.success() {
                         let said = String::from_utf8_lossy(&output.stderr).into_owned();
                         faults.push(format!("{}:{line}: {command}: {}\n{said}", document.name, output.status));
@@ -91,7 +89,19 @@ fn run(document: &Document) -> Vec<String> {
                     printed.push((command.to_owned(), String::from_utf8_lossy(&output.stdout).into_owned()));
                 }
             }
-            Some(Note::File(path)) => write(&folder.path().join(path), block),
+            Some(Note::NotRun(_)) => {
+                skipped.extend(block.commands().iter().map(|(_, command)| without_comment(command).to_owned()));
+            }
+            Some(Note::OutputOf(command)) if skipped.contains(command) => {}
+            Some(Note::File(path)) => {
+                let file = folder.path().join(path);
+                write(&file, block);
+                if path.ends_with(STUDY_FILE)
+                    && let Err(error) = Study::load(file.parent().unwrap())
+                {
+                    faults.push(format!("{}:{}: {error}", document.name, block.first_line));
+                }
+            }
             Some(Note::OutputOf(command)) => match printed.iter().rev().find(|(earlier, _)| earlier == command) {
                 None => faults.push(format!("{}:{}: no earlier line is `{command}`", document.name, block.first_line)),
                 Some((_, output)) => {
@@ -106,18 +116,20 @@ fn run(document: &Document) -> Vec<String> {
     faults
 }
 
-/// Runs a line as a reader types it, in `folder`, with this workspace's belfry on the path.
-fn shell(line: &str, folder: &Path) -> std::process::Output {
-    let belfry = belfry_command();
-    let programs = Path::new(belfry.get_program()).parent().unwrap();
-    let path = std::env::var("PATH").unwrap_or_default();
-    Command::new("sh")
-        .args(["-e", "-c", line])
-        .env("PATH", format!("{}:{path}", programs.display()))
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap()
+/// Whether a block is run: blocks of `sh` without a reason against it; with the long tests also what takes belfry minutes.
+fn is_run(block: &Block) -> bool {
+    let is_belfry = || block.commands().iter().all(|(_, command)| command.starts_with("belfry "));
+    block.language == "sh"
+        && match &block.note {
+            None => true,
+            Some(Note::NotRun(reason)) => cfg!(long_tests) && reason == TAKES_MINUTES && is_belfry(),
+            Some(Note::File(_) | Note::OutputOf(_)) => false,
+        }
+}
+
+/// Runs a line in `folder`; tables are as wide as they are.
+fn run_line(line: &str, folder: &Path) -> Output {
+    shell(line).env_remove("COLUMNS").current_dir(folder).stdin(Stdio::null()).output().unwrap()
 }
 
 fn write(file: &Path, block: &Block) {
@@ -134,6 +146,11 @@ fn what_is_not_run_has_a_known_reason_and_options_that_exist() {
             let at = format!("{}:{}", document.name, block.first_line);
             if !["sh", "text", "toml", "csv"].contains(&block.language.as_str()) {
                 faults.push(format!("{at}: a block of sh, text, toml or csv is expected, not of {:?}", block.language));
+            }
+            if block.language == "toml"
+                && let Err(error) = block.lines.join("\n").parse::<toml::Table>()
+            {
+                faults.push(format!("{at}: {error}"));
             }
             let hides_command =
                 |line: &String| ["belfry ", "cargo ", "$ ", "./"].iter().any(|word| line.starts_with(word));
@@ -190,6 +207,32 @@ fn the_readme_is_short() {
     assert!(lines <= 150, "{lines} lines");
 }
 
+/// docs/figures.md repeats the record that the tests of the board hold the program against.
+#[test]
+fn the_figures_of_the_node_are_those_on_record() {
+    let read = |name: &str| fs::read_to_string(repository().join(name)).unwrap();
+    let page = read("docs/figures.md");
+    let record: toml::Table = read("firmware/figures.toml").parse().unwrap();
+    let number = |value: &toml::Value| value.as_integer().unwrap() as f64;
+    let kilobytes = |what: &str| format!("{:.1} KB", number(&record["bytes"][what]) / 1024.0);
+    let core_percent = |rate_hz: &str| number(&record["instructions"]["second"][rate_hz]) / 168e6 * 100.0;
+    let segment = |points: &str| {
+        let count = number(&record["instructions"]["segment"][points]);
+        format!("{} {:03}", (count / 1000.0).floor(), count % 1000.0)
+    };
+    let segments = ["256", "1024", "2048"].map(segment).join(", ");
+    let stated = [
+        kilobytes("flash"),
+        kilobytes("ram"),
+        segments,
+        format!("{:.3} %", core_percent("50")),
+        format!("{:.2} %", core_percent("1000")),
+    ];
+    for figure in stated {
+        assert!(page.contains(&format!("| {figure}")), "docs/figures.md does not say {figure}");
+    }
+}
+
 #[test]
 fn links_lead_somewhere() {
     let mut faults = Vec::new();
@@ -199,7 +242,7 @@ fn links_lead_somewhere() {
             if target.contains("://") {
                 continue;
             }
-            let (path, heading) = target.split_once('#').unwrap_or((&target, ""));
+            let (path, heading) = target.split_once('#').unwrap_or((target.as_str(), ""));
             let file = if path.is_empty() { document.path.clone() } else { folder.join(path) };
             if !file.exists() {
                 faults.push(format!("{}:{line}: {target} does not exist", document.name));

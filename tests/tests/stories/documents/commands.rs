@@ -65,6 +65,7 @@ impl CommandHelp {
                 let story = format!("tests/tests/stories/{story}");
                 self.exists(&format!("{story}.rs")).or_else(|_| self.exists(&story))
             }
+            ["cargo", "test", "-p", "belfry-host", module] => self.exists(&format!("host/src/{module}")),
             ["cargo", "bench", "-p", "belfry-benches", "--bench", name] => {
                 self.exists(&format!("tests/benches/benches/{name}.rs"))
             }

@@ -126,7 +126,7 @@ impl Document {
 
 /// Names by which links reach a document's headings: lower case, words joined by hyphens, other signs left out.
 pub(crate) fn headings(text: &str) -> HashSet<String> {
-    let name = |heading: &str| {
+    let name = |heading: &str| -> String {
         let kept = |sign: &char| sign.is_alphanumeric() || [' ', '-', '_'].contains(sign);
         heading.trim().to_lowercase().chars().filter(kept).map(|sign| if sign == ' ' { '-' } else { sign }).collect()
     };
