@@ -131,6 +131,27 @@ fn it_greets_and_confirms_its_configuration_by_hash() {
 }
 
 #[test]
+fn an_empty_frame_opens_every_conversation() {
+    let mut bench = Bench { node: new_node(), row: 0, frames: Vec::new() };
+    for _ in 0..2 {
+        // What the host has heard before is half a frame.
+        let mut decoder = FrameDecoder::new();
+        let mut heard = Vec::new();
+        let mut byte = [0];
+        for noise in [7, 1, 2] {
+            assert!(decoder.push(noise).is_none());
+        }
+        while bench.node.transmit(bench.now(), &mut byte) > 0 {
+            heard.extend(decoder.push(byte[0]).map(|frame| frame.map(<[u8]>::to_vec)));
+        }
+        assert!(heard[0].is_err() && heard.len() == 2);
+        let hello: NodeMessage<'_> = message::decode(heard[1].as_ref().unwrap()).unwrap();
+        assert!(matches!(hello, NodeMessage::Hello(_)), "{hello:?}");
+        bench.say(&HostMessage::Greet);
+    }
+}
+
+#[test]
 fn it_refuses_what_it_cannot_run_and_goes_on_with_what_it_had() {
     let mut bench = Bench::new(Summary::Lines { bits: 8 });
     bench.listen();

@@ -92,6 +92,7 @@ struct Played {
     longest_step_us: Option<u32>,
     latest_sample_ns: Option<u32>,
     lost_rows: Option<u32>,
+    dropped_frames: Option<u32>,
 }
 
 #[derive(Debug, Serialize)]
@@ -272,6 +273,7 @@ fn play(port: &mut Port, role: &Role<'_>, progress: &FeedingProgress, stop: &Ato
         longest_step_us: board.map(|board| board.longest_step_us),
         latest_sample_ns: board.map(|board| board.latest_sample_ns),
         lost_rows: on_board.heartbeat.as_ref().map(|heartbeat| heartbeat.lost_rows),
+        dropped_frames: board.map(|board| board.dropped_frames),
     })
 }
 
