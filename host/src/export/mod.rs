@@ -33,7 +33,7 @@ pub enum ExportError {
         study: PathBuf,
     },
     /// None were found.
-    #[error("{}: no modes were found, so there are none to export; widen band_hz or measure longer", file.display())]
+    #[error("{}: no modes were found, so there is nothing to export; widen band_hz or measure longer", file.display())]
     Empty {
         /// The file.
         file: PathBuf,
@@ -98,7 +98,7 @@ impl ExportError {
 ///
 /// # Errors
 /// [`ExportError::Write`] names the file.
-pub fn write_whole(path: &Path, text: &str) -> Result<(), ExportError> {
+pub fn write_whole(path: &Path, text: impl AsRef<[u8]>) -> Result<(), ExportError> {
     let fail = ExportError::write(path);
     make_folder(path)?;
     let partial = partial_name(path);
