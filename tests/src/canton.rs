@@ -20,12 +20,6 @@ pub struct CantonRun {
     pub tables: String,
 }
 
-/// The published data, where they are.
-pub fn canton_data() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/canton");
-    folder.canonicalize().ok().filter(|folder| folder.join("system_matrices.mat").is_file())
-}
-
 /// Makes the study in `folder`, simulates `hours` of the stand-in tower at 50 Hz, identifies through nodes and link, updates,
 /// co-validates; `belfry` gives the program to run.
 ///

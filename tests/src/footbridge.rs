@@ -9,12 +9,6 @@ use std::path::{Path, PathBuf};
 
 use belfry_host::record::mat::read_matrix;
 
-/// The footbridge's data, where they are.
-pub fn footbridge_data() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/pedestrian-bridge");
-    folder.canonicalize().ok().filter(|folder| folder.join("SteelPedestrianBridgeExp.mat").is_file())
-}
-
 /// The matrices whose sum is the bridge's stiffness, as its authors vary them.
 pub const FOOTBRIDGE_STIFFNESS: [&str; 17] = [
     "K_Truss", "K_Frame", "K_Conc1", "K_Conc2", "K_Conc3", "K_Conc4", "K_Conc5", "K_Conc6", "K_Conc7", "K_Conc8",

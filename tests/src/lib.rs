@@ -1,17 +1,31 @@
-//! End-to-end tests of Belfry live in `tests/tests`, one file per story a user would tell; here is what they share.
+//! End-to-end tests of Belfry live in `tests/tests/stories`, a module a story that a user would tell; here is what they share with
+//! the studies of accuracy, which `cargo run --release -p belfry-tests -- help` lists.
 
 pub mod blind;
 mod canton;
 pub mod clock;
 mod footbridge;
 
-pub use canton::{CantonRun, canton_data, run_canton};
-pub use footbridge::{FOOTBRIDGE_STIFFNESS, footbridge_data, write_footbridge_study};
+pub use canton::{CantonRun, run_canton};
+pub use footbridge::{FOOTBRIDGE_STIFFNESS, write_footbridge_study};
 
 use std::env;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
+
+/// A folder of other people's data, beside the repository in `../shared`; they are read there and never copied.
+///
+/// # Panics
+/// When it is not there; a test that needs it is ignored then, see `build.rs`.
+pub fn published(name: &str) -> PathBuf {
+    find_published(name).unwrap_or_else(|| panic!("../shared/{name} is not there"))
+}
+
+/// As [`published`], `None` where it is not there.
+pub fn find_published(name: &str) -> Option<PathBuf> {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared").join(name).canonicalize().ok()
+}
 
 /// The `belfry` program of this workspace as a command to run, built beforehand in the profile the tests have.
 ///
@@ -25,11 +39,12 @@ pub fn belfry_command() -> Command {
     Command::new(&*PROGRAM)
 }
 
-/// Builds the program into the folder that this test runs from and returns its path.
+/// Builds the program into the folder that this program runs from and returns its path.
 fn build() -> PathBuf {
-    // <target folder>/<profile>/deps/<test>
-    let test = env::current_exe().expect("a test knows its own path");
-    let profile_folder = test.parent().and_then(Path::parent).expect("a test stands in <target>/<profile>/deps");
+    // <target folder>/<profile>/deps/<test>, or <target folder>/<profile>/studies
+    let program = env::current_exe().expect("a program knows its own path");
+    let folder = program.parent().expect("a program stands in a folder");
+    let profile_folder = if folder.ends_with("deps") { folder.parent().unwrap_or(folder) } else { folder };
     let target_folder = profile_folder.parent().expect("a profile's folder stands in the target folder");
     let profile = match profile_folder.file_name().and_then(|name| name.to_str()) {
         Some("debug") | None => "dev",

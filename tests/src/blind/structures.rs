@@ -1,6 +1,6 @@
 //! The three structures of the bench, as their studies describe them: a broadcasting tower, a concrete chimney, a building.
 //!
-//! The tower's table and sensors are read from `../shared/canton`; the other two are written here from continuous profiles.
+//! The tower's table is the template's, its sensors those of the benchmark; the other two are written here from continuous profiles.
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -25,7 +25,7 @@ impl Structure {
     /// One of the three.
     ///
     /// # Errors
-    /// For an unknown name, or where the tower's files are absent.
+    /// For an unknown name, or where the tower's files cannot be read.
     pub fn named(name: &str) -> Result<Self, String> {
         match name {
             "tower" => tower(),
@@ -59,12 +59,11 @@ impl Structure {
 }
 
 fn tower() -> Result<Structure, String> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/canton");
-    let read = |error| format!("the tower needs the reference data in ../shared/canton: {error}");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     Ok(Structure {
         name: "tower",
-        segments: read_segments(&folder.join("beam.csv")).map_err(read)?,
-        channels: read_channels(&folder.join("channels.csv")).map_err(read)?,
+        segments: read_segments(&folder.join("../host/templates/canton/beam.csv"))?,
+        channels: read_channels(&folder.join("data/canton_channels.csv"))?,
         band_hz: [0.05, 1.5],
         sampling_rate_hz: 5.0,
     })

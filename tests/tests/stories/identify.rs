@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::prelude::*;
-use belfry_tests::belfry_command;
+use belfry_tests::{belfry_command, published};
 use serde_json::Value;
 
 /// The JSON that a command prints; it must succeed.
@@ -93,25 +93,21 @@ fn the_demo_does_not_write_over_a_users_study() {
     assert_eq!(fs::read_to_string(folder.path().join("study.toml")).unwrap(), before);
 }
 
-/// The study of the Heritage Court Tower in a folder of its own, where its data are there.
-fn heritage_court(folder: &Path) -> Option<PathBuf> {
+/// The study of the Heritage Court Tower in a folder of its own.
+fn heritage_court(folder: &Path) -> PathBuf {
     let repository = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
-    let data = repository.join("../shared/heritage-court");
-    if !data.join("dherita1.asc").exists() {
-        eprintln!("skipped: the Heritage Court recordings are not at {}", data.display());
-        return None;
-    }
+    let data = published("heritage-court");
     let text = fs::read_to_string(repository.join("studies/heritage-court/study.toml")).unwrap();
-    let data = data.canonicalize().unwrap();
     let text = text.replace("../../../shared/heritage-court", data.to_str().unwrap());
     fs::write(folder.join("study.toml"), text).unwrap();
-    Some(folder.to_owned())
+    folder.to_owned()
 }
 
 #[test]
+#[cfg_attr(not(heritage_court_data), ignore = "needs ../shared/heritage-court")]
 fn a_real_building_in_four_setups_gives_its_published_modes_through_nodes_and_a_bad_link() {
     let folder = tempfile::tempdir().unwrap();
-    let Some(study) = heritage_court(folder.path()) else { return };
+    let study = heritage_court(folder.path());
     let study = study.to_str().unwrap();
     let report = json(&["identify", study, "--damaged-frames", "2"]);
     let found: Vec<f64> = modes(&report).iter().map(|mode| number(&mode["frequency_hz"])).collect();
@@ -137,9 +133,10 @@ fn a_real_building_in_four_setups_gives_its_published_modes_through_nodes_and_a_
 }
 
 #[test]
+#[cfg_attr(not(heritage_court_data), ignore = "needs ../shared/heritage-court")]
 fn the_references_of_a_merged_shape_move_alike_in_all_setups() {
     let folder = tempfile::tempdir().unwrap();
-    let Some(study) = heritage_court(folder.path()) else { return };
+    let study = heritage_court(folder.path());
     // Each setup alone has two references; their ratio in the merged shape must be theirs.
     let merged = json(&["identify", study.to_str().unwrap(), "--direct"]);
     let text = fs::read_to_string(study.join("study.toml")).unwrap();

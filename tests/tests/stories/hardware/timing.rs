@@ -20,7 +20,7 @@ use belfry_shared::message::{
 };
 use belfry_shared::time::{ClockModel, HostTime, NodeTime, WindowGrid};
 
-use crate::emulator::{Board, program};
+use super::emulator::{Board, program};
 
 /// What is not answered within this time is said again.
 const ASK_AGAIN: Duration = Duration::from_secs(2);
@@ -241,7 +241,7 @@ fn assert_one_wave(task: Task, windows: &[NodeWindow]) {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn no_sample_is_late_or_lost_while_long_spectra_are_computed_and_sent() {
     let task = Task { rate_hz: 4000, decimation: 4, segment: 4096, windows: 8 };
     let measured = measure("belfry-imitated", task);
@@ -252,7 +252,7 @@ fn no_sample_is_late_or_lost_while_long_spectra_are_computed_and_sent() {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn no_sample_is_late_or_lost_while_short_spectra_are_computed_and_sent() {
     let task = Task { rate_hz: 4000, decimation: 4, segment: 256, windows: 60 };
     let measured = measure("belfry-imitated", task);
@@ -262,7 +262,7 @@ fn no_sample_is_late_or_lost_while_short_spectra_are_computed_and_sent() {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn the_pace_of_rows_is_kept_without_a_sensor() {
     let task = Task { rate_hz: 4000, decimation: 4, segment: 256, windows: 60 };
     let measured = measure("belfry-node", task);

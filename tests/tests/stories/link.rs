@@ -112,7 +112,7 @@ fn with_two_percent_of_frames_damaged_every_window_of_eight_nodes_arrives_exactl
 
 #[test]
 fn crystals_that_drift_apart_and_lines_that_jitter_leave_shapes_as_they_are() {
-    // A slice of the day that `--bin clock` takes, with crystals in sun and shade.
+    // A slice of the day that ``studies clock` takes, with crystals in sun and shade.
     let study = ClockStudy { hours: 4.0, crystal_ppm: 50.0, swing_ppm: 10.0, jitter_ms: 5.0, seed: 1 };
     let report = clock::run(&study).unwrap();
     assert!(report.windows > 80, "{report}");

@@ -2,10 +2,13 @@
 
 use belfry_host::link::Transport;
 
-use crate::emulator::{Board, assert_same_bits, belfry, repository};
+use super::emulator::{Board, assert_same_bits, belfry, repository};
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(
+    not(all(emulator, heritage_court_data)),
+    ignore = "needs ../shared/heritage-court, qemu-system-arm and a compiler for the board"
+)]
 fn a_real_recording_gives_the_same_bits_on_the_board() {
     let board = Board::start();
     let study = repository().join("studies/heritage-court");
@@ -15,7 +18,7 @@ fn a_real_recording_gives_the_same_bits_on_the_board() {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn an_hour_of_the_tower_gives_the_same_bits_on_two_boards_at_once() {
     let boards = [Board::start(), Board::start()];
     let folder = tempfile::tempdir().unwrap();
@@ -34,7 +37,7 @@ fn an_hour_of_the_tower_gives_the_same_bits_on_two_boards_at_once() {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn garbage_and_a_vanished_host_leave_the_node_listening() {
     let board = Board::start();
     let before = board.hello();

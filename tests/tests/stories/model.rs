@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use assert_cmd::prelude::*;
-use belfry_tests::{belfry_command, canton_data, footbridge_data, run_canton, write_footbridge_study};
+use belfry_tests::{belfry_command, published, run_canton, write_footbridge_study};
 use predicates::prelude::*;
 use serde_json::Value;
 
@@ -161,11 +161,9 @@ fn the_missing_effect_in_the_model_lowers_what_no_update_lowers() {
 }
 
 #[test]
+#[cfg_attr(not(footbridge_data), ignore = "needs ../shared/pedestrian-bridge")]
 fn the_footbridge_with_half_of_its_degrees_of_freedom_massless() {
-    let Some(data) = footbridge_data() else {
-        eprintln!("skipped: ../shared/pedestrian-bridge is not there");
-        return;
-    };
+    let data = published("pedestrian-bridge");
     let folder = tempfile::tempdir().unwrap();
     write_footbridge_study(&data, folder.path()).unwrap();
     let study = folder.path().to_str().unwrap();
@@ -183,13 +181,11 @@ fn the_footbridge_with_half_of_its_degrees_of_freedom_massless() {
     assert!(message.contains("no recording"), "{message}");
 }
 
-/// The published matrices, an hour of the stand-in tower (`cargo run -p belfry-tests --bin canton` takes a day).
+/// The published matrices, an hour of the stand-in tower (`cargo run -p belfry-tests -- canton` takes a day).
 #[test]
+#[cfg_attr(not(canton_data), ignore = "needs ../shared/canton")]
 fn the_published_tower_beside_the_papers_tables() {
-    let Some(data) = canton_data() else {
-        eprintln!("skipped: ../shared/canton is not there");
-        return;
-    };
+    let data = published("canton");
     let folder = tempfile::tempdir().unwrap();
     let run = run_canton(belfry_command, &data, &folder.path().join("canton"), 1.0).unwrap();
     assert!((run.update.mean_abs_frequency_error_percent.before - 11.1).abs() < 0.3, "as in the paper's Table 1");

@@ -1,17 +1,31 @@
-//! How accurate and how honest identification is, over many seeds:
-//! `cargo run --release -p belfry-tests --bin identification -- [--seeds N] [--first SEED] [--case NAME]...`.
+//! How accurate and how honest identification is, over many seeds.
 //!
 //! Every seed is a new recording of a structure whose modes are known. A line a seed, and one for all of a case: modes
 //! missed and invented, errors of frequency, damping and shape, and the root mean square of (estimate - truth) over the
 //! stated standard deviation, which is 1 where the deviations are honest.
 
-use std::process::ExitCode;
 use std::time::Instant;
 
 use belfry_host::simulate::modal::score::{Score, identified, score};
 use belfry_host::simulate::modal::{ModalError, Recording, Truth};
 use belfry_host::spectra::{CrossSpectrum, SpectralPlan};
 use belfry_host::study::Analysis;
+use clap::Args;
+
+/// Recordings of structures whose modes are known: modes missed and invented, errors, and how honest deviations are
+#[derive(Debug, Args)]
+#[command(after_help = cases_in_words())]
+pub(super) struct Arguments {
+    /// How many seeds
+    #[arg(long, default_value_t = 3)]
+    seeds: u64,
+    /// The first seed
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    first: u64,
+    /// A case; several times for several [default: all]
+    #[arg(long = "case", value_name = "NAME", value_parser = CASES.map(|(name, _)| name))]
+    cases: Vec<String>,
+}
 
 /// A case: its name and what it is.
 const CASES: [(&str, &str); 5] = [
@@ -28,45 +42,15 @@ const CASES: [(&str, &str); 5] = [
     ("tower-hour", "the same, 1 h"),
 ];
 
-fn main() -> ExitCode {
-    match arguments().and_then(|(cases, first, seeds)| run(&cases, first, seeds).map_err(|error| error.to_string())) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            eprintln!("usage: identification [--seeds N] [--first SEED] [--case NAME]...; cases:");
-            for (name, what) in CASES {
-                eprintln!("  {name:12} {what}");
-            }
-            ExitCode::from(2)
-        }
-    }
+fn cases_in_words() -> String {
+    let lines: Vec<String> = CASES.iter().map(|(name, what)| format!("  {name:12} {what}")).collect();
+    format!("Cases:\n{}", lines.join("\n"))
 }
 
-/// Cases, first seed, number of seeds.
-fn arguments() -> Result<(Vec<&'static str>, u64, u64), String> {
-    let (mut cases, mut first, mut seeds) = (Vec::new(), 1, 3);
-    let mut words = std::env::args().skip(1);
-    while let Some(word) = words.next() {
-        let value = words.next().ok_or_else(|| format!("{word} needs a value"))?;
-        let number = || value.parse::<u64>().map_err(|_| format!("{word} needs a number, not {value}"));
-        match word.as_str() {
-            "--seeds" => seeds = number()?,
-            "--first" => first = number()?,
-            "--case" => {
-                let known = CASES.iter().find(|(name, _)| *name == value);
-                cases.push(known.ok_or_else(|| format!("there is no case {value}"))?.0);
-            }
-            _ => return Err(format!("{word} is no option")),
-        }
-    }
-    if cases.is_empty() {
-        cases = CASES.iter().map(|(name, _)| *name).collect();
-    }
-    Ok((cases, first, seeds))
-}
-
-fn run(cases: &[&str], first: u64, seeds: u64) -> Result<(), Box<dyn std::error::Error>> {
-    for case in cases {
+pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
+    let &Arguments { seeds, first, .. } = arguments;
+    let is_wanted = |case: &str| arguments.cases.is_empty() || arguments.cases.iter().any(|wanted| wanted == case);
+    for (case, _) in CASES.into_iter().filter(|(case, _)| is_wanted(case)) {
         let mut all = Score::default();
         for seed in first..first + seeds {
             let (truth, spectrum) = record(case, seed)?;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use belfry_shared::message::{Fault, FaultKind};
 
-use crate::emulator::{Board, PROGRAM_COUNTER, STACK_POINTER, belfry, program, repository, symbol};
+use super::emulator::{Board, PROGRAM_COUNTER, STACK_POINTER, belfry, program, repository, symbol};
 
 /// Ends the program by giving registers other values; the fault that it tells afterwards, and what `belfry ports` says of it.
 fn fault_after(program: &Path, registers: &[(u8, u32)]) -> (Fault, String) {
@@ -26,7 +26,7 @@ fn fault_after(program: &Path, registers: &[(u8, u32)]) -> (Fault, String) {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn a_hard_fault_is_recorded_and_told_after_the_restart() {
     let (fault, words) = fault_after(&program("belfry-node"), &[(PROGRAM_COUNTER, 0xF000_0000)]);
     assert_eq!((fault.kind, fault.address), (FaultKind::HardFault, 0xF000_0000));
@@ -35,7 +35,7 @@ fn a_hard_fault_is_recorded_and_told_after_the_restart() {
 
 /// The handler of interrupts that nothing should call panics; the processor is sent there.
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn a_panic_is_recorded_with_its_place_and_told_after_the_restart() {
     let program = program("belfry-node");
     let source = std::fs::read_to_string(repository().join("firmware/src/bin/belfry-node/board/mod.rs")).unwrap();
@@ -49,7 +49,7 @@ fn a_panic_is_recorded_with_its_place_and_told_after_the_restart() {
 
 /// The program starts over with a stack that has next to nothing left, so that the functions it calls run over its end.
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn a_stack_that_runs_over_is_recorded_and_told_after_the_restart() {
     let program = program("belfry-node");
     let (start, stack_end) = (symbol(&program, "main") & !1, symbol(&program, "_stack_end"));
@@ -61,7 +61,7 @@ fn a_stack_that_runs_over_is_recorded_and_told_after_the_restart() {
 
 /// An interrupt can be what the stack has no room for: the processor itself runs over its end then.
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn a_stack_without_room_for_an_interrupt_is_recorded_too() {
     let program = program("belfry-node");
     let (fault, _) = fault_after(&program, &[(STACK_POINTER, symbol(&program, "_stack_end"))]);

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use belfry_firmware::{SUPPORTED_SEGMENTS, welch_segment};
 use belfry_shared::frame::crc32;
 
-use crate::emulator::{program, repository};
+use super::emulator::{program, repository};
 
 /// Bytes of a program's segments: those that lie in flash (with the first values of data), and those that data take in RAM.
 fn flash_and_ram(program: &Path) -> (u64, u64) {
@@ -38,7 +38,7 @@ fn counts() -> Vec<(String, u32, u64)> {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn spectra_of_every_length_have_the_same_bits_on_the_board() {
     let on_board: Vec<(u32, u64)> =
         counts().into_iter().filter(|(kind, ..)| kind == "checksum").map(|(_, size, sum)| (size, sum)).collect();
@@ -58,7 +58,7 @@ fn spectra_of_every_length_have_the_same_bits_on_the_board() {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn the_program_is_no_larger_and_no_slower_than_recorded() {
     let record: toml::Table =
         std::fs::read_to_string(repository().join("firmware/figures.toml")).unwrap().parse().unwrap();

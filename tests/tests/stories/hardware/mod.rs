@@ -1,6 +1,6 @@
 //! The node's program on an emulated board: the same ELF that is flashed, in QEMU, at the other end of a socket.
 //!
-//! These tests need the program built for the board and `qemu-system-arm`; `./test` provides both and runs them.
+//! These tests build that program and need `qemu-system-arm`; `./test` installs what is missing.
 
 mod emulator;
 mod faults;

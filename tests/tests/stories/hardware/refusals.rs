@@ -10,7 +10,7 @@ use belfry_host::link::{ChannelData, SessionError, Transport};
 use belfry_shared::message::{Band, Configuration, RefusalReason, Summary};
 use belfry_shared::time::HostTime;
 
-use crate::emulator::{Board, assert_same_bits, belfry};
+use super::emulator::{Board, assert_same_bits, belfry};
 
 const CHANNELS: usize = 4;
 
@@ -106,7 +106,7 @@ fn windows(transport: &mut dyn Transport) -> Vec<Vec<ChannelData>> {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn every_impossible_configuration_is_refused_in_words_and_the_node_goes_on() {
     let board = Board::start();
     let before = board.hello();
@@ -156,7 +156,7 @@ fn study(folder: &Path, sampling_rate_hz: u32) -> String {
 }
 
 #[test]
-#[ignore = "needs the node's program and qemu-system-arm; ./test runs it"]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn a_study_that_a_board_cannot_sample_is_refused_and_the_next_one_is_measured() {
     let board = Board::start();
     let folder = tempfile::tempdir().unwrap();

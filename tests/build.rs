@@ -1,0 +1,40 @@
+//! Which tests can run here: those that lack their data or the emulator are ignored with a reason, never passed.
+
+use std::env;
+use std::path::Path;
+
+/// A cfg and the file, beside the repository, that its tests read. These data are other people's and are not copied.
+const PUBLISHED: [(&str, &str); 3] = [
+    ("canton_data", "canton/system_matrices.mat"),
+    ("heritage_court_data", "heritage-court/dherita1.asc"),
+    ("footbridge_data", "pedestrian-bridge/SteelPedestrianBridgeExp.mat"),
+];
+
+fn main() {
+    println!("cargo::rerun-if-changed=build.rs");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    for (name, file) in PUBLISHED {
+        allow(name, folder.join(file).is_file());
+        // A file that is absent would run this again, and compile the tests again, at every call.
+        if folder.join(file).is_file() {
+            println!("cargo::rerun-if-changed={}", folder.join(file).display());
+        }
+    }
+    // `./test` says whether the emulator is there; otherwise it is looked for once.
+    println!("cargo::rerun-if-env-changed=BELFRY_EMULATOR");
+    let is_on_path = || {
+        let path = env::var_os("PATH").unwrap_or_default();
+        env::split_paths(&path).any(|folder| folder.join("qemu-system-arm").is_file())
+    };
+    allow("emulator", env::var_os("BELFRY_EMULATOR").map_or_else(is_on_path, |word| word == "yes"));
+    // `./test --all` sets it.
+    println!("cargo::rerun-if-env-changed=BELFRY_LONG_TESTS");
+    allow("long_tests", env::var_os("BELFRY_LONG_TESTS").is_some());
+}
+
+fn allow(name: &str, is_there: bool) {
+    println!("cargo::rustc-check-cfg=cfg({name})");
+    if is_there {
+        println!("cargo::rustc-cfg={name}");
+    }
+}

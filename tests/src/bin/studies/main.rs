@@ -1,0 +1,47 @@
+//! Studies of accuracy, each a subcommand: longer than a test, on data that do not share the program's assumptions.
+//!
+//! `cargo run --release -p belfry-tests -- help` lists them.
+
+mod blind;
+mod canton;
+mod clock;
+mod footbridge;
+mod identification;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Studies of how accurate and how honest Belfry is
+#[derive(Debug, Parser)]
+#[command(name = "studies", max_term_width = 100)]
+struct CommandLine {
+    #[command(subcommand)]
+    study: StudyCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum StudyCommand {
+    Blind(blind::Arguments),
+    Canton(canton::Arguments),
+    Clock(clock::Arguments),
+    Footbridge(footbridge::Arguments),
+    Identification(identification::Arguments),
+}
+
+fn main() -> ExitCode {
+    let outcome = match CommandLine::parse().study {
+        StudyCommand::Blind(arguments) => blind::run(&arguments),
+        StudyCommand::Canton(arguments) => canton::run(&arguments),
+        StudyCommand::Clock(arguments) => clock::run(&arguments),
+        StudyCommand::Footbridge(arguments) => footbridge::run(&arguments),
+        StudyCommand::Identification(arguments) => identification::run(&arguments),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! End-to-end tests, one module a story that a user would tell, in one program.
+//!
+//! A test whose data or emulator is absent is ignored with the reason (`build.rs` finds out); `./test` counts those at its end.
+
+mod analysis;
+mod bad_input;
+mod blind;
+mod collect;
+mod diagnose;
+mod hardware;
+mod identify;
+mod init;
+mod link;
+mod model;
