@@ -25,7 +25,6 @@ pub use residual::{ChiSquared, chi_squared};
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};
 pub(crate) use result::{frequency_z, levels};
 pub use shape::mac;
-pub(crate) use shape::scale;
 pub use tolerance::Tolerance;
 pub use view::{ModelView, ViewError};
 

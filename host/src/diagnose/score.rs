@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::candidates::{Candidate, Options};
 use super::fit::{Fit, Marginal, prior_misfit};
-use super::knob::Knob;
+use super::knob::{Knob, with_values};
 use super::misfit::Loss;
 use super::problem::Problem;
 use crate::model::effect::{EffectKind, Evidence, KINDS, Parameter};
@@ -73,7 +73,7 @@ impl Problem {
         // At its neutral values the effect changes nothing, so the present state serves.
         let knobs = present.state.knobs(self, &effects, index, guesses)?;
         let structure_at = |knob: &Knob, value: f64| {
-            let effects = super::state::with_values(&effects, std::slice::from_ref(knob), &[value]);
+            let effects = with_values(&effects, std::slice::from_ref(knob), &[value]);
             self.structure_with(&effects, &present.state.numbers)
         };
         let columns: Option<Vec<DVector<f64>>> = knobs

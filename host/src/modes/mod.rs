@@ -14,7 +14,7 @@ mod tests;
 mod uff;
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::study::Sensor;
 pub use error::MeasuredError;

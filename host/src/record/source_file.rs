@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::array::ArrayReader;
 use super::clock::Clock;
-use super::columns::{Columns, Selection};
+use super::columns::Columns;
 use super::error::RecordError;
 use super::parquet::ParquetReader;
 use super::row_reader::RowReader;
