@@ -1,7 +1,7 @@
 //! The paper's study: the published matrices of the Canton Tower against the stand-in tower, through all commands.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use belfry_host::command::covalidate::CovalidationReport;

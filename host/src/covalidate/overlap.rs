@@ -1,8 +1,7 @@
 //! Windows back to samples: inverse transforms, overlapped and added.
 
+use belfry_numerics::{InverseTransform, inverse_transform};
 use num_complex::Complex64;
-use realfft::{ComplexToReal, RealFftPlanner};
-use std::sync::Arc;
 
 use crate::spectra::{LineGrid, WindowLines};
 
@@ -11,7 +10,7 @@ use crate::spectra::{LineGrid, WindowLines};
 pub struct OverlapAdd {
     grid: LineGrid,
     epoch_s: f64,
-    inverse: Arc<dyn ComplexToReal<f64>>,
+    inverse: InverseTransform,
     /// What the last window leaves for the next half segment, one vector a channel; `None` where it was not sound.
     tail: Vec<Option<Vec<f64>>>,
     last_index: Option<u64>,
@@ -33,7 +32,7 @@ pub struct Hop<'a> {
 impl OverlapAdd {
     /// For the windows of one setup with `channels` channels; `epoch_s` is where in the recording the grid's epoch lies.
     pub fn new(grid: LineGrid, epoch_s: f64, channels: usize) -> Self {
-        let inverse = RealFftPlanner::<f64>::new().plan_fft_inverse(grid.segment);
+        let inverse = inverse_transform(grid.segment);
         let (spectrum, samples) = (inverse.make_input_vec(), inverse.make_output_vec());
         Self {
             grid,

@@ -6,8 +6,7 @@
 
 use std::f64::consts::TAU;
 
-use faer::MatRef;
-use faer::linalg::solvers::Eigen;
+use belfry_numerics::general_eigen;
 use nalgebra::{Complex, DMatrix, DVector};
 
 use super::eigen::{EigenError, ModalBasis, Modes};
@@ -77,10 +76,9 @@ impl DampedModes {
                 state[(mixed + a, mixed + b)] = -damping[(a, b)] / unit;
             }
         }
-        let view = MatRef::from_column_major_slice(state.as_slice(), 2 * mixed, 2 * mixed);
-        let eigen = Eigen::new_from_real(view).map_err(|_| EigenError::NotConverged { dofs: 2 * mixed })?;
-        let poles: Vec<Complex<f64>> = eigen.S().column_vector().iter().map(|value| *value * unit).collect();
-        let vectors = DMatrix::from_fn(mixed, 2 * mixed, |row, pole| eigen.U()[(row, pole)]);
+        let (values, vectors) = general_eigen(&state).ok_or(EigenError::NotConverged { dofs: 2 * mixed })?;
+        let poles: Vec<Complex<f64>> = values.iter().map(|value| *value * unit).collect();
+        let vectors = vectors.rows(0, mixed).into_owned();
         let norms = poles.iter().zip(vectors.column_iter()).map(|(pole, q)| {
             let damped = damping.map(Complex::from) * q;
             q.dot(&q) * pole * 2.0 + q.dot(&damped)

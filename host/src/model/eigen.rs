@@ -2,9 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use faer::linalg::solvers::{Llt, SelfAdjointEigen};
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Mat, MatRef, Par, Side};
+use belfry_numerics::CholeskyFactor;
 use nalgebra::DMatrix;
 use thiserror::Error;
 
@@ -108,12 +106,13 @@ impl ModalBasis {
                 return Err(EigenError::NotFinite { matrix: name, row: row + 1, column: column + 1 });
             }
         }
-        let Some(factor) = sound_factor(stiffness) else {
-            let factor = sound_factor(mass).ok_or(EigenError::NotDefinite)?;
-            let lambda = least(&reduced(&factor, stiffness)?.0);
+        let not_converged = || EigenError::NotConverged { dofs: stiffness.nrows() };
+        let Some(factor) = CholeskyFactor::of(stiffness, NEGLIGIBLE) else {
+            let factor = CholeskyFactor::of(mass, NEGLIGIBLE).ok_or(EigenError::NotDefinite)?;
+            let lambda = least(&factor.generalised_eigen(stiffness).ok_or_else(not_converged)?.0);
             return Err(EigenError::Unsupported { lambda });
         };
-        let (ascending, reduced_vectors) = reduced(&factor, mass)?;
+        let (ascending, vectors) = factor.generalised_eigen(mass).ok_or_else(not_converged)?;
         let greatest = ascending.iter().fold(0.0, |most: f64, mu| most.max(mu.abs()));
         if greatest == 0.0 {
             return Err(EigenError::Massless);
@@ -122,8 +121,6 @@ impl ModalBasis {
         if inverse_lambda < -1e-9 * greatest {
             return Err(EigenError::NegativeMass { inverse_lambda });
         }
-        let mut vectors = reduced_vectors;
-        solve_upper_triangular_in_place(factor.L().transpose(), vectors.as_mut(), Par::Seq);
         let dofs = ascending.len();
         let inverse_lambda = ascending.iter().rev().map(|&mu| if mu > NEGLIGIBLE * greatest { mu } else { 0.0 });
         Ok(Self {
@@ -152,30 +149,4 @@ impl ModalBasis {
 
 fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
-}
-
-/// A matrix as the eigen-solver's library sees it; both store column after column.
-fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
-    MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
-}
-
-/// A Cholesky factor, unless a pivot shows that the matrix is singular up to rounding (entries are of
-/// different units and rightly differ by many powers of ten, so each pivot is held against its own diagonal entry).
-fn sound_factor(matrix: &DMatrix<f64>) -> Option<Llt<f64>> {
-    let factor = Llt::new(view(matrix), Side::Lower).ok()?;
-    let lower = factor.L();
-    let sound = (0..matrix.nrows()).all(|i| lower[(i, i)] * lower[(i, i)] > NEGLIGIBLE * matrix[(i, i)]);
-    sound.then_some(factor)
-}
-
-/// Eigenvalues, ascending, and vectors y of `L⁻¹ other L⁻ᵀ y = value y`.
-fn reduced(factor: &Llt<f64>, other: &DMatrix<f64>) -> Result<(Vec<f64>, Mat<f64>), EigenError> {
-    let mut half = view(other).to_owned();
-    solve_lower_triangular_in_place(factor.L(), half.as_mut(), Par::Seq);
-    let mut whole = half.transpose().to_owned();
-    solve_lower_triangular_in_place(factor.L(), whole.as_mut(), Par::Seq);
-    let symmetric = (&whole + whole.transpose()) * faer::Scale(0.5);
-    let eigen = SelfAdjointEigen::new(symmetric.as_ref(), Side::Lower)
-        .map_err(|_| EigenError::NotConverged { dofs: other.nrows() })?;
-    Ok((eigen.S().column_vector().iter().copied().collect(), eigen.U().to_owned()))
 }

@@ -3,8 +3,8 @@
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
+use belfry_numerics::forward_transform;
 use num_complex::Complex64;
-use realfft::RealFftPlanner;
 
 use super::*;
 use crate::model::tests::canton;
@@ -83,7 +83,7 @@ fn rms(samples: &[f64]) -> f64 {
 
 /// Welch's one-sided density with a Hann window at half overlap, and the line spacing.
 fn welch(samples: &[f64], sampling_rate_hz: f64, segment: usize) -> (Vec<f64>, f64) {
-    let transform = RealFftPlanner::<f64>::new().plan_fft_forward(segment);
+    let transform = forward_transform(segment);
     let window: Vec<f64> = (0..segment).map(|n| 0.5 - 0.5 * (TAU * n as f64 / segment as f64).cos()).collect();
     let power: f64 = window.iter().map(|w| w * w).sum();
     let mut density = vec![0.0; segment / 2 + 1];
@@ -107,9 +107,8 @@ fn decay(samples: &[f64], sampling_rate_hz: f64, band: [f64; 2], lags_s: [f64; 2
     let size = (2 * samples.len()).next_power_of_two();
     let mut padded = samples.to_vec();
     padded.resize(size, 0.0);
-    let mut lines = realfft::num_complex::Complex::<f64>::default();
-    let mut planner = RealFftPlanner::<f64>::new();
-    let transform = planner.plan_fft_forward(size);
+    let mut lines = Complex64::default();
+    let transform = forward_transform(size);
     let mut spectrum = transform.make_output_vec();
     transform.process(&mut padded, &mut spectrum).unwrap();
     let spacing = sampling_rate_hz / size as f64;
@@ -383,20 +382,19 @@ fn recordings_go_where_the_study_reads_them_or_are_adopted() {
 }
 
 /// The benchmark's twenty channels, 18 degrees and 108 degrees from X.
-fn canton_setup() -> Option<(BeamTable, Setup)> {
-    let (beam, channels) = (canton("beam_field.csv")?, canton("channels.csv")?);
-    let mut rows = csv::Reader::from_path(channels).unwrap();
+fn canton_setup() -> (BeamTable, Setup) {
+    let mut rows = csv::Reader::from_path(canton("channels.csv")).unwrap();
     let sensors = rows.records().map(|row| {
         let row = row.unwrap();
         let number = |column: usize| row[column].parse::<f64>().unwrap();
         sensor(&row[0], number(2), number(4), [number(5), number(6)])
     });
-    Some((BeamTable::read(&beam).unwrap(), setup(sensors.collect(), 50.0)))
+    (BeamTable::read(&canton("beam_field.csv")).unwrap(), setup(sensors.collect(), 50.0))
 }
 
 #[test]
 fn the_top_of_the_canton_tower_moves_as_documented() {
-    let Some((beam, setup)) = canton_setup() else { return };
+    let (beam, setup) = canton_setup();
     let effects: Vec<Effect> = vec!["base-rotation=7.21e-15".parse().unwrap()];
     let mut simulation = Simulation::of_beam(beam, &effects, &setup, &Options::default()).unwrap();
     assert_eq!(setup.sensors.last().unwrap().elevation_m, Some(446.8));
@@ -407,25 +405,4 @@ fn the_top_of_the_canton_tower_moves_as_documented() {
         // Ten minutes of a broad-band response: its variance is known to a few per cent.
         assert!((rms(&samples[channel]) / stated[channel] - 1.0).abs() < 0.06);
     }
-}
-
-/// Run with `--release -- --ignored --nocapture`: an hour of the benchmark, its time, level and lowest modes.
-#[test]
-#[ignore = "a measurement, for release builds"]
-fn an_hour_of_twenty_channels_takes_a_second_and_a_half_at_most() {
-    let Some((beam, setup)) = canton_setup() else { return };
-    let effects: Vec<Effect> = vec!["base-rotation=7.21e-15".parse().unwrap()];
-    let started = std::time::Instant::now();
-    let mut simulation = Simulation::of_beam(beam, &effects, &setup, &Options::default()).unwrap();
-    let ready = started.elapsed();
-    let folder = tempfile::tempdir().unwrap();
-    simulation.write(&folder.path().join("hour.npy"), 180_000, |_| ()).unwrap();
-    println!("ready after {ready:?}, written after {:?}", started.elapsed());
-    println!("RMS {:?}", simulation.channel_rms());
-    for mode in simulation.truth().modes.iter().filter(|mode| mode.frequency_hz < 2.0) {
-        let strongest = mode.rms.iter().copied().fold(0.0, f64::max);
-        println!("{:.5} Hz, strongest channel {strongest:.2e} m/s²", mode.frequency_hz);
-    }
-    println!("{} modes", simulation.truth().modes.len());
-    assert!(started.elapsed().as_secs_f64() < 1.5);
 }

@@ -6,9 +6,9 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
+use belfry_numerics::{ForwardTransform, forward_transform};
 use belfry_shared::decimation::{MAX_STAGES, Stages, TAPS_PER_RATIO, fill_taps, tap_count};
 use num_complex::{Complex32, Complex64};
-use realfft::{RealFftPlanner, RealToComplex};
 
 use super::grid::{LineGrid, WindowLines};
 
@@ -93,7 +93,7 @@ pub struct Welch {
     filled: usize,
     windows: u64,
     hann: Vec<f64>,
-    fft: Arc<dyn RealToComplex<f64>>,
+    fft: ForwardTransform,
     buffer: Vec<f64>,
     spectrum: Vec<Complex64>,
     scratch: Vec<Complex64>,
@@ -103,7 +103,7 @@ impl Welch {
     /// For `channels` channels; `decimation` must be one that [`Stages::of`] splits (plans have no others), or `None` comes back.
     pub fn new(grid: LineGrid, decimation: u32, channels: usize) -> Option<Self> {
         let stages = Stages::of(decimation)?;
-        let fft = RealFftPlanner::new().plan_fft_forward(grid.segment);
+        let fft = forward_transform(grid.segment);
         debug_assert!(stages.ratios().len() <= MAX_STAGES);
         Some(Self {
             grid,

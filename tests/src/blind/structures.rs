@@ -59,11 +59,11 @@ impl Structure {
 }
 
 fn tower() -> Result<Structure, String> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../host/templates/canton"));
     Ok(Structure {
         name: "tower",
-        segments: read_segments(&folder.join("../host/templates/canton/beam.csv"))?,
-        channels: read_channels(&folder.join("data/canton_channels.csv"))?,
+        segments: read_segments(&folder.join("beam.csv"))?,
+        channels: read_channels(&folder.join("channels.csv"))?,
         band_hz: [0.05, 1.5],
         sampling_rate_hz: 5.0,
     })

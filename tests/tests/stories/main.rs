@@ -12,3 +12,4 @@ mod identify;
 mod init;
 mod link;
 mod model;
+mod published;

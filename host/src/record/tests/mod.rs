@@ -9,7 +9,7 @@ mod report;
 mod universal;
 mod white_space;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::{Block, RecordError, RecordReport, Recording};
 use crate::study::{Sensor, Setup, Unit};
@@ -78,14 +78,4 @@ fn expect_error(setup: &Setup, files: &[(&str, &[u8])], parts: &[&str]) {
     for part in parts {
         assert!(text.contains(part), "`{part}` is not in: {text}");
     }
-}
-
-/// A file among the data that others published; `None` (with a word on standard error) where it is absent.
-fn shared(path: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(path);
-    if path.is_file() {
-        return Some(path);
-    }
-    eprintln!("skipped: {} is not here", path.display());
-    None
 }

@@ -104,15 +104,3 @@ fn a_folder_with_the_signs_of_patterns_in_its_name_is_no_pattern() {
     let (rows, _) = read(&setup(&["1"], &["*.txt"]), &folder).unwrap();
     assert_eq!(rows, [[7.0]]);
 }
-
-#[test]
-fn the_heritage_court_recording_reads_as_published() {
-    let Some(path) = shared("heritage-court/dherita1.asc") else { return };
-    let mut court = setup(&["1", "2", "3", "4", "5", "6"], &["dherita1.asc"]);
-    court.sampling_rate_hz = 40.0;
-    let (rows, report) = read(&court, path.parent().unwrap()).unwrap();
-    assert_eq!(rows.len(), 13_108);
-    assert_eq!(rows[0][..2], [-8.1722275e-2, 1.9509477e-1]);
-    assert_eq!(report.warnings, []);
-    assert!(report.channels.iter().all(|channel| channel.missing == 0 && channel.rms > 0.0));
-}

@@ -1,6 +1,6 @@
 //! Where the time goes from a recording to modes: twenty minutes of 20 channels at 50 Hz through 8 nodes.
 //!
-//! `cargo bench --bench chain`; times are for the twenty minutes, so 1200 s over the time is the factor to real time.
+//! `cargo bench -p belfry-benches --bench chain`; times are for the twenty minutes, so 1200 s over the time is the factor to real time.
 
 use std::hint::black_box;
 

@@ -1,7 +1,7 @@
 //! The model's side: eigenproblems, comparison and the direct update, on the Canton Tower's table and on a structure of the
 //! footbridge's size.
 //!
-//! `cargo bench --bench model`
+//! `cargo bench -p belfry-benches --bench model`
 
 use std::hint::black_box;
 use std::path::Path;

@@ -1,0 +1,10 @@
+//! The host's inner numerics: Fourier transforms and dense eigenproblems as plain functions on `f64` and `Complex<f64>`.
+//!
+//! Generic libraries are compiled where their types become known. Here is that place, once, at full optimisation; the host and
+//! its tests, which change every day, only call.
+
+mod eigen;
+mod fourier;
+
+pub use eigen::{CholeskyFactor, general_eigen, symmetric_eigen};
+pub use fourier::{ForwardTransform, InverseTransform, forward_transform, inverse_transform};
