@@ -4,7 +4,6 @@
 //! (arithmetic, FFT, code) is independent of the firmware, so that one checks the other. Memory does not grow with the record.
 
 use std::f64::consts::TAU;
-use std::sync::Arc;
 
 use belfry_numerics::{ForwardTransform, forward_transform};
 use belfry_shared::decimation::{MAX_STAGES, Stages, TAPS_PER_RATIO, fill_taps, tap_count};
