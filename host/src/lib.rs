@@ -1,19 +1,25 @@
 //! Belfry's host: from recordings and sensor nodes to modes, and from modes to what a model lacks.
 //!
-//! Data goes one way, one folder a step: [`study`] says what stands where, [`record`] reads what was measured,
-//! [`link`] talks to the sensor nodes, [`archive`] keeps what they send, [`spectra`] averages it, [`measure`]
-//! runs a study through all of these, [`identify`] makes modes of it, [`trend`] follows them over the hours. [`modes`] reads modes, its own or another tool's,
-//! [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree, [`covalidate`]
-//! predicts sensors that it was not shown. [`simulate`] goes the other way and makes recordings of a structure whose truth
-//! is known, [`export`] writes modes and spectra for other tools. [`command`] holds one
-//! file a subcommand of the `belfry` program; nothing else prints.
+//! Start with [`story`]: a [`story::Project`] opens a study and takes its steps, as the commands of `belfry` do.
+//!
+//! Below it, data goes one way, one folder a step. [`study`] says what stands where and [`record`] reads what was measured.
+//! [`window`] is what a node sends of it, [`link`] talks to the nodes, [`archive`] keeps their windows, [`collect`] does both live,
+//! and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of these. [`identify`] makes modes of it, and [`trend`] follows them over the hours. [`modes`] reads modes, its own
+//! or another tool's. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
+//! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks. [`results`] is the
+//! folder that all of this is written to, [`picture`] draws it, [`export`] writes it for other tools. [`simulate`] goes the other
+//! way and makes recordings of a structure whose truth is known. [`files`] writes files whole or not at all. [`command`] holds a
+//! file for each subcommand of the `belfry` program; nothing else prints.
 
 pub mod archive;
+pub mod collect;
 pub mod command;
 pub mod compare;
 pub mod covalidate;
 pub mod diagnose;
 pub mod export;
+pub mod files;
+pub mod fleet;
 pub mod identify;
 pub mod link;
 pub mod measure;
@@ -21,8 +27,11 @@ pub mod model;
 pub mod modes;
 pub mod picture;
 pub mod record;
+pub mod results;
 pub mod simulate;
 pub mod spectra;
+pub mod story;
 pub mod study;
 pub mod trend;
 pub mod update;
+pub mod window;

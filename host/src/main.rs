@@ -1,6 +1,5 @@
 //! The `belfry` command: parses arguments, runs one subcommand, and turns an error into sentences.
 
-use std::io::Write;
 use std::process::ExitCode;
 
 use belfry_host::command::{
@@ -15,6 +14,7 @@ use clap::{Parser, Subcommand};
     name = "belfry",
     version,
     arg_required_else_help = true,
+    max_term_width = 100,
     after_help = "\
 Examples:
   belfry demo                             the chain at work on a simulated tower
@@ -78,24 +78,38 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            explain(&error);
+            console.fail(&error);
             ExitCode::FAILURE
         }
     }
 }
 
-/// The error and its causes on standard error, a sentence each. Not by `Debug`, which adds stack traces where
-/// `RUST_BACKTRACE` is set.
-fn explain(error: &anyhow::Error) {
-    let mut stderr = std::io::stderr().lock();
-    // Where standard error is closed there is nobody left to tell; the exit status still says it.
-    let _ = writeln!(stderr, "error: {error}");
-    let mut told = error.to_string();
-    for cause in error.chain().skip(1).map(ToString::to_string) {
-        // Many errors quote their cause.
-        if !told.contains(&cause) {
-            let _ = writeln!(stderr, "  caused by: {cause}");
-            told = cause;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    /// Help is wrapped by the terminal's width. A paragraph that is broken by hand as well would be wrapped twice, and so would an
+    /// example that is wider than a terminal.
+    #[test]
+    fn help_wraps_once() {
+        let line = CommandLine::command();
+        for command in std::iter::once(&line).chain(line.get_subcommands()) {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let name = command.get_name();
+            let is_text = |line: &str| !line.is_empty() && !line.starts_with(' ') && !line.ends_with(':');
+            let lines: Vec<&str> = help.lines().collect();
+            for pair in lines.windows(2) {
+                assert!(!(is_text(pair[0]) && is_text(pair[1])), "{name}: broken by hand: {pair:?}");
+            }
+            for example in lines.iter().filter(|line| line.starts_with(' ')) {
+                assert!(example.chars().count() <= 85, "{name}: an example is too wide: {example}");
+            }
         }
+    }
+
+    #[test]
+    fn no_option_is_declared_twice() {
+        CommandLine::command().debug_assert();
     }
 }

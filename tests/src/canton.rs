@@ -4,9 +4,8 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use belfry_host::command::covalidate::CovalidationReport;
 use belfry_host::command::paper;
-use belfry_host::command::update::UpdateReport;
+use belfry_host::story::{CovalidationReport, UpdateReport};
 use belfry_host::study::template;
 
 /// What became of the study.

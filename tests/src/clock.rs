@@ -3,13 +3,14 @@
 use std::fmt;
 use std::path::Path;
 
+use belfry_host::fleet::{Fleet, FleetOptions, Pace};
 use belfry_host::identify::{Identification, MeasuredSetup, identify};
-use belfry_host::link::fleet::{Fleet, FleetOptions, Pace, channels_by_node};
 use belfry_host::link::memory::Faults;
 use belfry_host::model::BeamTable;
 use belfry_host::simulate::{Options, Simulation};
 use belfry_host::spectra::{CrossSpectrumAccumulator, LineGrid, SetupExtent, SpectralPlan, WindowLines};
 use belfry_host::study::{Setup, Study, template};
+use belfry_host::window::channels_by_node;
 
 /// The frequency at which phases are stated.
 const PHASE_AT_HZ: f64 = 1.25;

@@ -3,7 +3,7 @@
 use belfry_shared::message::{ChannelState, Peak};
 use num_complex::Complex32;
 
-use crate::link::ChannelData;
+use crate::window::ChannelData;
 
 /// What stands in a row of the table `channel`.
 #[derive(Debug, Default)]

@@ -15,7 +15,7 @@ use belfry_shared::time::{HostTime, WindowGrid};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, TransactionBehavior, params};
 use thiserror::Error;
 
-use crate::link::{ChannelData, KeptWindows, NodeWindow};
+use crate::window::{ChannelData, KeptWindows, NodeWindow};
 
 pub use read::{Collected, CollectedSetup};
 
@@ -130,7 +130,7 @@ impl Archive {
             VERSION => {}
             found => return Err(ArchiveError::Version { file: self.file.clone(), found }),
         }
-        // Only now is it known to be an archive, and may be written to. A write-ahead log lets others read meanwhile; a commit is
+        // Only now is it known to be an archive, so that writing to it does no harm. A write-ahead log lets others read meanwhile; a commit is
         // on the disk when it returns.
         if !self.connection.is_readonly("main").map_err(|source| self.failed(source))? {
             let log = self.connection.pragma_update(None, "journal_mode", "wal");
@@ -250,8 +250,8 @@ impl Archive {
 
     /// Keeps a window; it is on the disk when this returns. A window that is kept already is left as it is.
     ///
-    /// It goes to the setup that its node served when it began: a node that was carried to the next setup may still have
-    /// windows of the one before. One during which the node was carried belongs to none.
+    /// It goes to the setup that its node served when it began: a node that has moved to the next setup may still have
+    /// windows of the one before. A window during which the node moved belongs to none.
     ///
     /// # Errors
     /// Where the database cannot be written; nothing of the window is kept then.

@@ -8,10 +8,9 @@ use rusqlite::params;
 
 use super::codec::{self, ChannelRow};
 use super::{Archive, ArchiveError};
-use crate::link::fleet::{channels_by_node, node_lines, place_lines};
-use crate::link::{ChannelData, NodeWindow};
 use crate::spectra::{LineGrid, WindowLines};
 use crate::study::Setup;
+use crate::window::{ChannelData, NodeWindow, channels_by_node, node_lines, place_lines};
 
 /// Newest windows that may still lack a node whose turn to send has not come.
 const UNSETTLED: usize = 2;
@@ -96,7 +95,7 @@ impl Collected {
     /// Where the archive cannot be read or is damaged; windows before that have been handed out.
     pub fn each_window(&self, setup: &Setup, on_window: &mut dyn FnMut(WindowLines)) -> Result<(), ArchiveError> {
         let nodes_expected = channels_by_node(setup).len();
-        let places = self.places(setup)?;
+        let columns = self.columns(setup)?;
         let failed = |source| self.archive.failed(source);
         let mut statement = self
             .archive
@@ -113,7 +112,7 @@ impl Collected {
         while let Some(row) = rows.next().map_err(failed)? {
             let (id, window) = read_window(row).map_err(failed)?;
             let start_us: i64 = row.get(8).map_err(failed)?;
-            let Some(channels) = places.of(&window, start_us) else { continue };
+            let Some(channels) = columns.of(&window, start_us) else { continue };
             let grid_index = window.grid_index.saturating_sub(self.setup.first_grid_index);
             if waiting.back().is_none_or(|(last, _)| last.grid_index != grid_index) {
                 if waiting.len() > UNSETTLED
@@ -138,26 +137,26 @@ impl Collected {
         Ok(())
     }
 
-    /// Where the setup's channels stand, by what each node was asked.
-    fn places(&self, setup: &Setup) -> Result<Places, ArchiveError> {
+    /// Which of the setup's channels a node's are, by what each node was asked.
+    fn columns(&self, setup: &Setup) -> Result<ChannelColumns, ArchiveError> {
         let rows = || -> rusqlite::Result<Vec<(u16, u32, i64, String)>> {
             let query = "SELECT node, configuration, since_us, channels FROM asked WHERE setup = ?1 ORDER BY id";
             let mut statement = self.archive.connection.prepare(query)?;
             let row = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?));
             statement.query_map([&setup.name], row)?.collect()
         };
-        let mut places = Places::default();
+        let mut columns = ChannelColumns::default();
         for (node, hash, since_us, names) in rows().map_err(|source| self.archive.failed(source))? {
             let names: Vec<String> = serde_json::from_str(&names)
                 .map_err(|error| self.archive.damaged(format!("channels of node {node}: {error}")))?;
-            let place = |name: &String| setup.sensors.iter().position(|sensor| sensor.channel == *name);
-            // A channel that the study has dropped since stands nowhere.
-            let channels: Vec<usize> = names.iter().map(|name| place(name).unwrap_or(usize::MAX)).collect();
+            let column = |name: &String| setup.sensors.iter().position(|sensor| sensor.channel == *name);
+            // A channel that the study no longer has is none of them.
+            let channels: Vec<usize> = names.iter().map(|name| column(name).unwrap_or(usize::MAX)).collect();
             if channels.iter().any(|&channel| channel < usize::MAX) {
-                places.0.entry((node, hash)).or_default().push((since_us, channels));
+                columns.0.entry((node, hash)).or_default().push((since_us, channels));
             }
         }
-        Ok(places)
+        Ok(columns)
     }
 
     fn channels(&self, id: i64, window: &NodeWindow) -> Result<Vec<ChannelData>, ArchiveError> {
@@ -183,14 +182,14 @@ impl Collected {
     }
 }
 
-/// From when on, in µs of Unix time, a node's channels stand where in the setup.
-type Standing = (i64, Vec<usize>);
+/// From when on, in µs of Unix time, a node's channels are which of the setup.
+type Since = (i64, Vec<usize>);
 
-/// Where nodes' channels stand, by node and configuration.
+/// Which of the setup's channels a node's are, by node and configuration.
 #[derive(Debug, Default)]
-struct Places(BTreeMap<(u16, u32), Vec<Standing>>);
+struct ChannelColumns(BTreeMap<(u16, u32), Vec<Since>>);
 
-impl Places {
+impl ChannelColumns {
     fn of(&self, window: &NodeWindow, start_us: i64) -> Option<&[usize]> {
         let asked = self.0.get(&(window.name.node, window.configuration_hash))?;
         let last = asked.iter().rev().find(|(since_us, _)| *since_us <= start_us).or(asked.first());

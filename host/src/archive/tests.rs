@@ -1,4 +1,4 @@
-//! What is stored comes back, once, to the setup it belongs to; what is no archive is left alone.
+//! What is stored comes back, once, to the setup it belongs to; a file that is no archive stays as it is.
 
 use belfry_shared::message::{Band, ChannelState, Peak, Summary, WindowName};
 use num_complex::Complex32;
@@ -233,7 +233,7 @@ fn a_life_that_is_met_again_says_what_is_kept_and_where_it_began() {
 }
 
 #[test]
-fn a_window_goes_to_the_setup_that_its_node_served_and_to_none_while_it_was_carried() {
+fn a_window_goes_to_the_setup_that_its_node_served_and_to_none_while_it_moved() {
     let mut bench = Bench::new();
     let two = configuration(2, 256);
     bench.ask(&two, 1);
@@ -254,7 +254,7 @@ fn a_window_goes_to_the_setup_that_its_node_served_and_to_none_while_it_was_carr
 }
 
 #[test]
-fn what_is_no_archive_is_told_and_left_as_it_is() {
+fn a_file_that_is_no_archive_is_named_and_stays_as_it_is() {
     let folder = tempfile::tempdir().unwrap();
     assert!(Archive::open(folder.path()).unwrap().is_none());
     let file = folder.path().join(ARCHIVE_FILE);

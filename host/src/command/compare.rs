@@ -3,24 +3,21 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 
 use super::Console;
-use super::case::{Case, write_json, write_result};
-use super::identify::align_right;
+use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is};
 use crate::compare::{Comparison, Side};
 use crate::model::Body;
-use crate::picture;
+use crate::story::{Case, Project};
 
 const EXAMPLES: &str = "Examples:
   belfry compare canton                        after `belfry identify canton`
   belfry compare bridge                        a study with [measured] modes of another tool
   belfry compare canton --json
 
-Modes are paired by shape and frequency together. z is the frequency's error in standard deviations of the measurement
-(at least 0.02 %). Misfit is the shapes' difference in shares of their RMS component; COMAC is 1 where a sensor fits in
-all modes. chi-squared weighs every difference against the measurement's deviations and, with background_stiffness and
-background_mass in [model], against the model's own tolerance. Writes comparison.json and comparison.svg into `results`.";
+Modes are paired by shape and frequency together. z is the frequency's error in standard deviations of the measurement (at least 0.02 %). Misfit is the difference of the shapes in shares of their RMS component. COMAC is 1 where a sensor fits in all modes. chi-squared weighs every difference by the measurement's deviations and, with background_stiffness and background_mass in [model], by the model's own tolerance.
+
+Writes comparison.json and comparison.svg into `results`.";
 
 /// Hold the model against the measurement: where it fails, by mode, sensor and height
 #[derive(Debug, Args)]
@@ -36,50 +33,30 @@ pub struct Arguments {
 /// # Errors
 /// When the study, its model or its modes cannot be read, or do not go together.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
-    let case = Case::load(&arguments.study, console)?;
-    let comparison = compare_case(&case, console)?;
+    let mut project = Project::open(&arguments.study)?;
+    let comparison = compare_project(&mut project, console)?;
     console.json(&comparison)?;
     if comparison.mean_mac.is_some() {
-        let study = case.study.folder.display();
-        if case.study.model.is_some() {
-            console.say(format!("Next: belfry diagnose {study}    which physical effect the model lacks"));
-        }
-        console.say(format!("      belfry update {study}      the paper's direct update of the stiffness matrix"));
+        let study = in_shell(&project.study().folder);
+        console.say(next_lines(&[
+            (format!("diagnose {study}"), "which physical effect the model lacks"),
+            (format!("update {study}"), "the paper's direct update of the stiffness matrix"),
+        ]));
     }
     Ok(())
 }
 
-/// Compares, tells and stores.
-pub(super) fn compare_case(case: &Case, console: &Console) -> anyhow::Result<Comparison> {
-    let comparison = case.compare();
-    tell(&comparison, case, console);
-    for warning in &comparison.warnings {
-        console.warn(warning);
+/// Compares and tells.
+pub(super) fn compare_project(project: &mut Project, console: &Console) -> anyhow::Result<Comparison> {
+    let compared = project.compare()?;
+    let case = project.case()?;
+    console.warn_all(&case.warnings);
+    tell(&compared.comparison, case, console);
+    console.warn_all(&compared.comparison.warnings);
+    if let Some(picture) = compared.picture {
+        console.say(format!("Picture: {}", picture.display()));
     }
-    write_json(&case.study, "comparison.json", &comparison)?;
-    if let Some(picture) = picture::comparison(
-        &case.study.structure.name,
-        &case.assembly,
-        &case.view.modes,
-        &case.sensors,
-        &case.measured.modes,
-        &comparison,
-    )? {
-        let path = write_result(&case.study, "comparison.svg", picture.as_bytes())?;
-        console.say(format!("Picture: {}", path.display()));
-    }
-    Ok(comparison)
-}
-
-/// A number, or a dash where there is none.
-pub(super) fn or_dash(value: Option<f64>, digits: usize) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
-}
-
-/// A MAC, never rounded up to a perfect one.
-pub(super) fn mac_text(mac: Option<f64>, digits: usize) -> String {
-    let unit = 10f64.powi(digits as i32);
-    or_dash(mac.map(|mac| (mac * unit).floor() / unit), digits)
+    Ok(compared.comparison)
 }
 
 fn tell(comparison: &Comparison, case: &Case, console: &Console) {
@@ -93,11 +70,9 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
         .map_or(String::new(), |top_m| format!(", from {} m to {top_m} m", assembly.z_base_m()));
     console.say(format!("The model has {} degrees of freedom{extent}.", assembly.dofs()));
     let close = comparison.pairs.iter().any(|pair| pair.subspace_mac.is_some());
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED);
     let mut header = vec!["mode", "measured Hz", "model", "model Hz", "error %", "z", "MAC"];
     header.extend(close.then_some("MAC of close modes together"));
-    table.set_header(header);
+    let mut table = Columns::new(header).expendable(&[5, 2]);
     for pair in &comparison.pairs {
         let mut row = vec![
             pair.measured.to_string(),
@@ -109,9 +84,8 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
             mac_text(pair.mac, 4),
         ];
         row.extend(close.then(|| mac_text(pair.subspace_mac, 4)));
-        table.add_row(row);
+        table.row(row);
     }
-    align_right(&mut table, if close { 8 } else { 7 });
     console.say(table);
     match (comparison.mean_abs_frequency_error_percent, comparison.mean_mac) {
         (Some(error), Some(mac)) => console.say(format!("Mean frequency error {error:.2} %, mean MAC {mac:.4}.")),
@@ -210,16 +184,12 @@ fn tell_test(comparison: &Comparison, case: &Case, console: &Console) {
         "the measurement's deviations alone (no background_stiffness or background_mass in [model])"
     };
     let verdict = if p_value < SIGNIFICANT {
-        "the model as it is lies further off than these allow"
+        "the model as it is lies further off than they allow"
     } else {
         "nothing contradicts the model"
     };
     console.say(format!(
-        "\nchi-squared {chi_squared:.1} on {degrees} degrees of freedom, p = {},\nagainst {allowance}:\n{verdict}.",
-        match p_value {
-            p if p < 1e-99 => "0".to_owned(),
-            p if p < 1e-3 => format!("{p:.0e}"),
-            p => format!("{p:.3}"),
-        }
+        "\nchi-squared {chi_squared:.1} on {degrees} degrees of freedom, {}, against {allowance}: {verdict}.",
+        p_is(p_value)
     ));
 }

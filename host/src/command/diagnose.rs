@@ -3,29 +3,26 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 
 use super::Console;
-use super::case::{Case, write_json};
-use super::identify::align_right;
-use super::steps::{append_history, entries, starting_record};
-use crate::diagnose::steps::{Step, StepRecord};
-use crate::diagnose::{CandidateReport, Diagnosis, Estimate, FAILS, Options, Part, Verdict, diagnose};
+use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_text};
+use crate::diagnose::steps::Step;
+use crate::diagnose::{CandidateReport, Diagnosis, FAILS, Part, STANDS_OUT, Verdict};
 use crate::model::effect::{self, Evidence};
-use crate::study::edit::set_effects;
+use crate::story::{AutoEnd, Project};
+use crate::study::Study;
 
 const EXAMPLES: &str = "Examples:
   belfry diagnose canton                       after `belfry identify canton`
-  belfry diagnose canton --auto                adds and drops effects until nothing is gained
-  belfry diagnose canton --without p-delta     as if an effect were not in the catalogue
+  belfry diagnose canton --auto                add and drop effects until nothing is gained
+  belfry diagnose canton --without p-delta     as if there were no such effect
   belfry diagnose canton --json
 
-Every effect of the catalogue (belfry effects), at every height, channel or node, is scored by how much of the difference
-between model and measurement it explains beyond what measurement noise and the model's own tolerance (background_stiffness
-and background_mass in [model]) allow. The best are refitted. ln B is the logarithm of the evidence over the present model:
-3 is 20 to 1. p is the probability of as much misfit as is left, were the effect all that is missing.
-Writes diagnosis.json into `results`. With --auto the best effect is added, those that it makes needless are dropped, and so
-on until nothing gains 20 to 1; study.toml and the history change as by `belfry add`, and what is printed is the final state.";
+Every effect of the catalogue (belfry effects), at every height, channel or node, is scored by how much of the difference between model and measurement it explains beyond what measurement noise and the model's own tolerance (background_stiffness and background_mass in [model]) allow. The best are refitted. ln B is the logarithm of the evidence over the present model: 3 is 20 to 1. p is the probability of as much misfit as is left, were the effect all that is missing.
+
+With --auto the best effect is added, those that it makes needless are dropped, and so on until nothing gains 20 to 1. study.toml and the history change as with `belfry add`, and what is printed is the final state.
+
+Writes diagnosis.json into `results`.";
 
 /// Rank the physical effects that the model could lack
 #[derive(Debug, Args)]
@@ -52,72 +49,48 @@ fn kind(text: &str) -> Result<String, String> {
 /// # Errors
 /// When the study, its model or its modes cannot be read, or do not go together.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
-    let case = Case::load(&arguments.study, console)?;
-    let case = if arguments.auto { auto(case, &arguments.without, console)? } else { case };
-    let diagnosis = diagnose_case(&case, &arguments.without, arguments.auto, console)?;
-    if arguments.auto && diagnosis.verdict != Verdict::Unknown {
-        let study = case.study.folder.display();
-        console.say(format!("      belfry history {study}     how the error fell, step by step"));
+    let mut project = Project::open(&arguments.study)?;
+    console.warn_all(&project.case()?.warnings);
+    if arguments.auto {
+        auto(&mut project, &arguments.without, console)?;
     }
+    let diagnosis = diagnose_project(&mut project, &arguments.without, console)?;
+    tell_next(&diagnosis, arguments.auto, project.study(), console);
     console.json(&diagnosis)
 }
 
-/// Adds and drops effects until nothing is gained; the study as it is then.
-pub(super) fn auto(case: Case, without: &[String], console: &Console) -> anyhow::Result<Case> {
-    let mut records: Vec<StepRecord> = starting_record(&case)?.into_iter().collect();
-    let options = Options { without: without.to_vec() };
-    let mut last = None;
-    let mut tell = |step: &Step| {
+/// Adds and drops effects until nothing is gained.
+fn auto(project: &mut Project, without: &[String], console: &Console) -> anyhow::Result<()> {
+    let end = project.add_until_nothing_gains(without, &mut |step: &Step| {
         let record = &step.record;
         console.say(format!(
             "{}: chi-squared {:.0} over {} numbers, frequency error {:.2} %",
             step.action, record.chi_squared, record.degrees_of_freedom, record.mean_abs_frequency_error_percent
         ));
-        records.push(record.clone());
-        last = Some((entries(&step.effects), record.p_value));
-    };
-    case.setting()?.auto(&case.model.effects, &case.signals()?, &options, &mut tell)?;
-    let Some((entries, p_value)) = last else {
-        console.say("No effect gains 20 to 1; the model stays as it is.");
-        append_history(&case, &records)?;
-        return Ok(case);
-    };
-    if case.measured.modes.iter().all(|mode| mode.shape.is_none()) {
-        console.warn(
-            "frequencies alone do not say which mode is which, let alone several effects; nothing was added. `belfry add` puts one in all the same",
-        );
-        return Ok(case);
-    }
-    if p_value < FAILS {
-        // Effects that together explain too little are made up as likely as not.
-        console.warn(format!(
+    })?;
+    match end {
+        AutoEnd::NothingGained => console.say("No effect gains 20 to 1; the model stays as it is."),
+        AutoEnd::FrequenciesAlone => console.warn(
+            "frequencies alone do not say which mode is which, let alone tell several effects apart; nothing was added. `belfry add` puts one in all the same",
+        ),
+        AutoEnd::Unexplained { p_value } => console.warn(format!(
             "these effects do not explain the measurement ({}); nothing was added. `belfry add` puts one in all the same",
             p_is(p_value)
-        ));
-        return Ok(case);
+        )),
+        AutoEnd::Adopted => console.warn_all(&project.case()?.warnings),
     }
-    set_effects(&case.study.folder, &entries)?;
-    append_history(&case, &records)?;
-    Case::load(&case.study.folder.clone(), console)
+    Ok(())
 }
 
-/// Diagnoses, tells and stores.
-pub(super) fn diagnose_case(
-    case: &Case,
+/// Diagnoses and tells.
+pub(super) fn diagnose_project(
+    project: &mut Project,
     without: &[String],
-    auto: bool,
     console: &Console,
 ) -> anyhow::Result<Diagnosis> {
-    let options = Options { without: without.to_vec() };
-    let diagnosis = {
-        let effects = &case.model.effects;
-        diagnose(&case.setting()?.problem(effects)?, effects, &case.signals()?, &options)?
-    };
-    tell(&diagnosis, auto, case, console);
-    for warning in &diagnosis.warnings {
-        console.warn(warning);
-    }
-    write_json(&case.study, "diagnosis.json", &diagnosis)?;
+    let diagnosis = project.diagnose(without)?;
+    tell(&diagnosis, &project.case()?.effect_names(), project.study(), console);
+    console.warn_all(&diagnosis.warnings);
     Ok(diagnosis)
 }
 
@@ -144,10 +117,9 @@ fn in_modes(candidate: &CandidateReport) -> bool {
         .is_ok_and(|kind| matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks))
 }
 
-fn tell(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Console) {
-    let effects = case.effect_names();
+fn tell(diagnosis: &Diagnosis, effects: &[String], study: &Study, console: &Console) {
     let with = if effects.is_empty() { String::new() } else { format!(", with {}", effects.join(", ")) };
-    console.say(format!("\n{}: which effect does the model{with} lack?", case.study.structure.name));
+    console.say(format!("\n{}: which effect does the model{with} lack?", study.structure.name));
     let test = diagnosis.present;
     console.say(format!(
         "The model as it is: chi-squared {:.0} over {} numbers, {}{}.",
@@ -157,12 +129,10 @@ fn tell(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Console) {
         if test.p_value < FAILS { worst_text(test.worst) } else { "" }
     ));
     if !diagnosis.candidates.is_empty() {
-        let mut table = Table::new();
-        table.load_style(UTF8_FULL_CONDENSED);
-        table.set_header(vec!["effect", "value", "ln B", "chi-squared left", "p"]);
+        let mut table = Columns::new(["effect", "value", "ln B", "chi-squared left", "p"]);
         for candidate in shown(diagnosis) {
             let place_std = candidate.where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
-            table.add_row(vec![
+            table.row([
                 candidate.name() + &place_std,
                 values_text(&candidate.parameters),
                 candidate.log_bayes_factor.map_or_else(|| "-".to_owned(), |gain| format!("{gain:+.1}")),
@@ -170,7 +140,6 @@ fn tell(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Console) {
                 p_text(candidate.p_value),
             ]);
         }
-        align_right(&mut table, 5);
         console.say(table);
         for candidate in diagnosis.candidates.iter().filter(|candidate| !candidate.admissible) {
             console.say(format!(
@@ -185,11 +154,10 @@ fn tell(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Console) {
             console.say(format!("{others} more gain less, or nothing; --json lists them."));
         }
     }
-    tell_verdict(diagnosis, auto, case, console);
+    tell_verdict(diagnosis, console);
 }
 
-fn tell_verdict(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Console) {
-    let study = case.study.folder.display();
+fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
     let best = diagnosis.best.first().cloned().unwrap_or_default();
     match diagnosis.verdict {
         Verdict::Adequate => {
@@ -210,7 +178,7 @@ fn tell_verdict(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Consol
         }
         Verdict::Unknown => {
             console.say(
-                "Verdict: unknown. No single effect of the catalogue explains the measurement; what the best of them leaves:",
+                "Verdict: unknown. No single effect of the catalogue explains the measurement. What the best of them leaves:",
             );
             tell_unexplained(diagnosis, console);
         }
@@ -218,29 +186,61 @@ fn tell_verdict(diagnosis: &Diagnosis, auto: bool, case: &Case, console: &Consol
     if let Some(next) = &diagnosis.next_measurement {
         console.say(format!("To settle it, measure: {next}."));
     }
-    match diagnosis.verdict {
-        Verdict::Adequate => {
-            console.say(format!("Next: belfry covalidate {study}    predicts sensors that it is not shown"));
+}
+
+/// What one can do about a verdict.
+fn tell_next(diagnosis: &Diagnosis, auto: bool, study: &Study, console: &Console) {
+    let folder = in_shell(&study.folder);
+    let best = diagnosis.best.first();
+    let mut next: Vec<(String, &str)> = Vec::new();
+    match (diagnosis.verdict, best) {
+        (Verdict::Adequate, _) if study.setups.is_empty() => {
+            next.push((format!("compare {folder}"), "the model against the measured modes"));
         }
-        Verdict::Effect => {
-            console.say(format!("Next: belfry add {study} {best}    puts it into the model and refits"));
+        (Verdict::Adequate, _) => next.push((format!("covalidate {folder}"), "predicts sensors that it is not shown")),
+        (Verdict::Effect, Some(best)) => {
+            next.push((format!("add {folder} {best}"), "puts it into the model and refits"));
         }
-        Verdict::Ambiguous => {
-            let adds = diagnosis.ambiguous.iter().flatten().map(|name| format!("belfry add {study} {name}"));
-            console.say(format!(
-                "Next: measure that; or decide by what you know of the structure: {}",
-                adds.collect::<Vec<_>>().join(", or ")
-            ));
+        (Verdict::Ambiguous, _) => {
+            console.say("Measure that; or decide by what you know of the structure, and add one of them.");
+            let names = diagnosis.ambiguous.iter().flatten();
+            next.extend(names.map(|name| (format!("add {folder} {name}"), "where you know of it")));
         }
-        Verdict::Unknown => {
+        _ => {
+            console.say(unknown_advice(diagnosis, auto));
+            let first = diagnosis.candidates.iter().find(|candidate| stands_out(candidate));
+            if let Some(first) = first {
+                next.push((format!("add {folder} {}", first.name()), "the one that explains most, and what it leaves"));
+            }
             if auto {
-                console.say(format!("Next: belfry compare {study}    shows where it fails; a hypothesis of your own can be tried as [[model.custom]]"));
+                next.push((format!("compare {folder}"), "where the model fails, by mode, sensor and height"));
             } else {
-                console.say(format!(
-                    "Next: belfry diagnose {study} --auto    looks for several effects, one after the other"
-                ));
+                next.insert(0, (format!("diagnose {folder} --auto"), "looks for several effects together"));
             }
         }
+    }
+    if auto && study.model.as_ref().is_some_and(|model| !model.effects.is_empty()) {
+        next.push((format!("history {folder}"), "how the error fell, step by step"));
+    }
+    console.say(next_lines(&next));
+}
+
+/// Whether an effect gains 20 to 1 with a value that it can have.
+fn stands_out(candidate: &CandidateReport) -> bool {
+    candidate.admissible && candidate.log_bayes_factor.is_some_and(|gain| gain > STANDS_OUT)
+}
+
+/// What to make of a ranking without a verdict.
+fn unknown_advice(diagnosis: &Diagnosis, auto: bool) -> String {
+    let standing: Vec<String> =
+        diagnosis.candidates.iter().filter(|candidate| stands_out(candidate)).map(CandidateReport::name).collect();
+    match (standing.len(), auto) {
+        (0, _) => "No effect gains 20 to 1 either. Look at where the model fails; a hypothesis of your own can be tried as [[model.custom]] in study.toml.".to_owned(),
+        (_, true) => "The ranked effects explain part of it, and together not enough. If you know one of them to be there, add it by hand; a hypothesis of your own can be tried as [[model.custom]] in study.toml.".to_owned(),
+        (_, false) => format!(
+            "Each of the ranked effects explains part of it, so several may be missing together. The order is by what each explains alone, and effects that move the same modes stand close together in it. Use --auto where you do not know which to take: it looks for effects that explain the measurement together, and writes nothing unless they do. Add one by hand where you know it to be there (a tower on soil has base-rotation, a new antenna is an added-mass), also if it is not the first of {}; then diagnose again.",
+            standing.len()
+        ),
     }
 }
 
@@ -304,44 +304,4 @@ fn tell_unexplained(diagnosis: &Diagnosis, console: &Console) {
     for sensor in sensors.iter().take(NAMED_MODES) {
         console.say(format!("  channel {}: {:.1} times what is allowed", sensor.channel, sensor.mean_square));
     }
-}
-
-/// Values with their deviations.
-pub(super) fn values_text(parameters: &[Estimate]) -> String {
-    let several = parameters.iter().filter(|parameter| parameter.std.is_some()).count() > 1;
-    let words: Vec<String> = parameters
-        .iter()
-        .map(|parameter| {
-            let name = if several { format!("{} ", parameter.name) } else { String::new() };
-            let unit = if parameter.unit == "-" { String::new() } else { format!(" {}", parameter.unit) };
-            match parameter.std {
-                Some(std) => format!("{name}{} ± {}{unit}", short(parameter.value), short(std)),
-                None => format!("{} {}{unit}", parameter.name, short(parameter.value)),
-            }
-        })
-        .collect();
-    words.join("\n")
-}
-
-/// Three digits, with an exponent where the number is far from 1.
-pub(super) fn short(value: f64) -> String {
-    if value == 0.0 {
-        return "0".to_owned();
-    }
-    let exponent = value.abs().log10().floor();
-    if (-3.0..5.0).contains(&exponent) {
-        format!("{value:.*}", (2.0 - exponent).max(0.0) as usize)
-    } else {
-        format!("{value:.2e}")
-    }
-}
-
-/// A probability in a sentence.
-pub(super) fn p_is(p_value: f64) -> String {
-    if p_value < 1e-4 { format!("p {}", p_text(p_value)) } else { format!("p = {}", p_text(p_value)) }
-}
-
-/// A probability in a table.
-pub(super) fn p_text(p_value: f64) -> String {
-    if p_value < 1e-4 { "< 0.0001".to_owned() } else { format!("{p_value:.4}") }
 }

@@ -6,7 +6,7 @@ use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
 
 use super::Console;
-use crate::model::effect::{self, About, EffectKind, KINDS, Parameter, Place, Prior};
+use crate::model::effect::{self, About, EffectKind, KINDS, Parameter, Prior};
 
 const EXAMPLES: &str = "Examples:
   belfry effects                   all of them, a line each
@@ -58,13 +58,13 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         let about = kind.about();
         let first = about.physics.split_once(". ").map_or(about.physics, |(first, _)| first);
         table.add_row(vec![
-            format!("{}{}", about.name, at(kind.place())),
+            format!("{}{}", about.name, kind.place().outline()),
             first.to_owned(),
             about.fingerprint.to_owned(),
         ]);
     }
     console.say(table);
-    console.say("Next: belfry effects KIND    one of them in full: formula, parameters, look-alikes");
+    console.say("Next: belfry effects base-rotation    # one of them in full: formula, parameters, look-alikes");
     console.json(&Catalogue { effects: KINDS.iter().map(|kind| entry(*kind)).collect() }).context("the catalogue")
 }
 
@@ -72,43 +72,16 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 const WIDTH: u16 = 110;
 
 fn entry(kind: &'static dyn EffectKind) -> Entry {
-    Entry { about: kind.about(), place: place(kind.place()), parameter_sets: kind.parameter_sets() }
-}
-
-/// What follows the name.
-fn at(place: Place) -> &'static str {
-    match place {
-        Place::Nowhere => "",
-        Place::Height => "@z",
-        Place::Channel => "@ch",
-        Place::TwoChannels => "@ch+ch",
-        Place::Node => "@node",
-        Place::NodeOrAll => "[@node]",
-        Place::Frequency => "@f",
-        Place::Name => "@name",
-    }
-}
-
-fn place(place: Place) -> &'static str {
-    match place {
-        Place::Nowhere => "none",
-        Place::Height => "a height, such as @225.2m",
-        Place::Channel => "a channel, such as @ch07",
-        Place::TwoChannels => "two channels, such as @ch04+ch05",
-        Place::Node => "a sensor node, such as @node3",
-        Place::NodeOrAll => "a sensor node, such as @node3, or none for all sensors",
-        Place::Frequency => "a frequency, such as @0.83hz",
-        Place::Name => "the name of a [[model.custom]] of the study",
-    }
+    Entry { about: kind.about(), place: kind.place().in_words(), parameter_sets: kind.parameter_sets() }
 }
 
 fn explain(kind: &'static dyn EffectKind, console: &Console) {
     let about = kind.about();
-    console.say(format!("{}{}", about.name, at(kind.place())));
+    console.say(format!("{}{}", about.name, kind.place().outline()));
     console.say(format!("\n{}\n", about.physics));
     console.say(format!("Enters as:   {}", about.formula));
     console.say(format!("Fingerprint: {}", about.fingerprint));
-    console.say(format!("Place:       {}", place(kind.place())));
+    console.say(format!("Place:       {}", kind.place().in_words()));
     for (index, set) in kind.parameter_sets().iter().enumerate() {
         let label = if index == 0 { "Parameters: " } else { "        or: " };
         if set.is_empty() {
@@ -129,6 +102,10 @@ fn explain(kind: &'static dyn EffectKind, console: &Console) {
             };
             console.say(format!("{label} {} ({}): {}{typical}", parameter.name, parameter.range(), parameter.meaning));
         }
+    }
+    for (index, example) in about.examples.iter().enumerate() {
+        let label = if index == 0 { "Typed as:   " } else { "        or: " };
+        console.say(format!("{label} {example}"));
     }
     for alike in about.look_alikes {
         console.say(format!("Looks like {}; what separates them: {}.", alike.kind, alike.separated_by));

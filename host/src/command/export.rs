@@ -2,29 +2,30 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use clap::error::ErrorKind;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::Console;
-use super::case::results_folder;
+use super::interrupt::leave_nothing_unfinished;
 use super::route::RouteArguments;
 use crate::export::modes::Modes;
 use crate::export::spectra::{LinesTable, write_psd_csv, write_psd_parquet};
-use crate::export::{table, universal, write_whole};
+use crate::export::{table, universal, write_file};
+use crate::files::ready_folder;
 use crate::measure::{Measurement, Observer, Route, measure_observed};
+use crate::results::Results;
 use crate::study::Study;
 
 const EXAMPLES: &str = "Examples:
-  belfry export canton                                  its modes as UFF 55, CSV and JSON
+  belfry export canton                           its modes as UFF 55, CSV and JSON
   belfry export canton --format uff55 --output canton.uff
-  belfry export canton --of psd --direct                averaged power spectral densities as Parquet
+  belfry export canton --of psd --direct         averaged spectra as Parquet
   belfry export canton --of psd --format csv
-  belfry export canton --of lines                       every window's complex lines, as the nodes sent them
+  belfry export canton --of lines                every window's complex lines
 
-Modes are those that `belfry identify` found; spectra are measured anew. Files go into the study's folder
-`results/export`: modes.uff, modes.csv, modes.json, psd.parquet, lines.parquet. Columns are named with their units.";
+Modes are those that `belfry identify` found; spectra are measured anew. Files go into the study's folder `results/export`: modes.uff, modes.csv, modes.json, psd.parquet, lines.parquet. Columns are named with their units.";
 
 /// Write modes as UFF 55, CSV and JSON, or spectra and spectral lines as Parquet
 #[derive(Debug, Args)]
@@ -155,19 +156,25 @@ pub struct WrittenFile {
 /// # Errors
 /// When the study has no modes yet, its recordings cannot be read, or a file cannot be written.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    leave_nothing_unfinished()?;
     // What clap's attributes cannot say; it exits as for any wrong usage.
     let formats =
         formats(arguments).unwrap_or_else(|usage| clap::Error::raw(ErrorKind::ArgumentConflict, usage).exit());
     let study = Study::load(&arguments.study)?;
+    let results = Results::of(&study);
     let content = arguments.content;
     let targets: Vec<(Format, PathBuf)> = formats
         .into_iter()
         .map(|format| {
             let file = format!("{}.{}", content.name(), format.ending());
-            (format, arguments.output.clone().unwrap_or_else(|| results_folder(&study).join("export").join(file)))
+            (format, arguments.output.clone().unwrap_or_else(|| results.path("export").join(file)))
         })
         .collect();
     let route = arguments.route.route();
+    for (_, path) in &targets {
+        // Before hours of recording are read.
+        ready_for(path)?;
+    }
     let written = match content {
         Content::Modes => export_modes(&study, &targets, console)?,
         Content::Psd => {
@@ -198,6 +205,12 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(format!("{}: {rows} {what}", file.display()));
     }
     console.json(&Report { files })
+}
+
+/// Makes sure that a file can be written there.
+fn ready_for(path: &Path) -> anyhow::Result<()> {
+    let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+    ready_folder(folder).with_context(|| format!("cannot write into {}", folder.display()))
 }
 
 /// The formats asked for; the sentence that says what is wrong with the usage.
@@ -240,9 +253,9 @@ fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console)
                 for warning in warnings {
                     console.warn(format!("{}: {warning}", path.display()));
                 }
-                write_whole(path, &text)?;
+                write_file(path, &text)?;
             }
-            Format::Json | Format::Parquet => write_whole(path, &modes.json)?,
+            Format::Json | Format::Parquet => write_file(path, &modes.json)?,
         }
     }
     Ok(vec![modes.modes.len() as u64; targets.len()])
@@ -263,8 +276,6 @@ fn measured<'a>(
     let measurement = measure_observed(study, route, &mut progress, observer);
     bar.finish_and_clear();
     let measurement = measurement?;
-    for warning in &measurement.warnings {
-        console.warn(warning);
-    }
+    console.warn_all(&measurement.warnings);
     Ok(measurement)
 }

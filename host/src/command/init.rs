@@ -11,6 +11,7 @@ use clap::ValueEnum;
 use serde::Serialize;
 
 use super::Console;
+use super::text::{in_shell, next_lines};
 use crate::study::{STUDY_FILE, template};
 
 /// Make a new study: a folder with a study.toml to edit
@@ -47,21 +48,25 @@ impl Template {
         }
     }
 
-    fn next(self, folder: &Path) -> String {
-        let place = folder.display().to_string();
-        // As one would type it in a shell.
-        let argument = if place.contains(char::is_whitespace) { format!("\"{place}\"") } else { place.clone() };
-        let study_file = folder.join(STUDY_FILE);
-        let study_file = study_file.display();
+    /// What is to be done before modes can be identified, in a sentence.
+    fn to_do(self, folder: &Path) -> String {
         match self {
-            Self::Canton => format!(
-                "put recordings accdata_*.txt into {place}, or make one with `belfry simulate {argument} --adopt`, then run \
-                 `belfry identify {argument}`"
-            ),
+            Self::Canton => format!("Put recordings accdata_*.txt into {}, or simulate one.", folder.display()),
             Self::Blank => format!(
-                "describe your sensors in {study_file} and put the recording next to it (or write `live = true` there \
-                 and let `belfry collect {argument}` fetch it from nodes), then run `belfry identify {argument}`"
+                "Describe your sensors in {} and put the recording next to it; or write `live = true` there, and `belfry collect` fetches it from nodes.",
+                folder.join(STUDY_FILE).display()
             ),
+        }
+    }
+
+    /// The commands that come next.
+    fn next(self, folder: &Path) -> Vec<(String, &'static str)> {
+        let study = in_shell(folder);
+        let simulate = (format!("simulate {study} --adopt"), "an hour of recording, made up");
+        let identify = (format!("identify {study}"), "the modes of the recording");
+        match self {
+            Self::Canton => vec![simulate, identify],
+            Self::Blank => vec![identify],
         }
     }
 }
@@ -94,13 +99,17 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
 
+    let to_do = arguments.template.to_do(folder);
     let next = arguments.template.next(folder);
-    console.say(format_args!("new study in {}", folder.display()));
+    console.say(format_args!("New study in {}", folder.display()));
     for (name, _) in files {
         console.say(format_args!("  {name}"));
     }
-    console.say(format_args!("next: {next}"));
+    console.say(&to_do);
+    console.say(next_lines(&next));
     let names = files.iter().map(|(name, _)| *name).collect();
+    let commands: Vec<String> = next.iter().map(|(command, _)| format!("`belfry {command}`")).collect();
+    let next = format!("{to_do} Then run {}", commands.join(", then "));
     console.json(&Report { study: folder.display().to_string(), files: names, next })
 }
 

@@ -3,7 +3,6 @@
 //! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
 
 pub mod add;
-mod case;
 pub mod collect;
 pub mod compare;
 pub mod covalidate;
@@ -14,6 +13,7 @@ pub mod export;
 pub mod history;
 pub mod identify;
 pub mod init;
+mod interrupt;
 pub mod paper;
 pub mod ports;
 pub mod remove;
@@ -21,17 +21,42 @@ pub mod replay;
 mod route;
 pub mod simulate;
 mod steps;
+mod text;
 mod trends;
 pub mod update;
 
+use std::collections::HashSet;
 use std::io::{ErrorKind, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{LazyLock, Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
+use crate::story::{OnProgress, Progress};
+
 pub use route::RouteArguments;
+
+/// Whether the one JSON object was printed.
+static OBJECT_PRINTED: AtomicBool = AtomicBool::new(false);
+/// Whether JSON objects were printed, each on a line of its own.
+static LINES_PRINTED: AtomicBool = AtomicBool::new(false);
+/// Warnings that were printed: what was said once is not said again.
+static WARNED: LazyLock<Mutex<HashSet<String>>> = LazyLock::new(Mutex::default);
+
+/// What `--json` prints of a failure.
+#[derive(Debug, Serialize)]
+struct Failure {
+    error: FailureReport,
+}
+
+#[derive(Debug, Serialize)]
+struct FailureReport {
+    message: String,
+    causes: Vec<String>,
+}
 
 /// Where a command's words go: tables and sentences to standard output for people, or one JSON object with `--json`.
 #[derive(Debug, Clone, Copy)]
@@ -55,16 +80,32 @@ impl Console {
     /// A reader that has seen enough (`belfry ... | head`) is no fault: the command goes on and writes its files.
     pub fn say(&self, line: impl std::fmt::Display) {
         if !self.json
-            && let Err(error) = print(line)
+            && let Err(error) = print(text::wrapped(&line.to_string()))
         {
             self.warn(format_args!("cannot write to standard output: {error}"));
         }
     }
 
-    /// Prints a warning on standard error, with or without `--json`.
+    /// Prints a warning on standard error, with or without `--json`; once, however often it comes.
     pub fn warn(&self, warning: impl std::fmt::Display) {
-        // Where standard error is closed there is nobody left to tell.
-        let _ = writeln!(std::io::stderr(), "warning: {warning}");
+        let warning = warning.to_string();
+        if WARNED.lock().unwrap_or_else(PoisonError::into_inner).insert(warning.clone()) {
+            // Where standard error is closed there is nobody left to tell.
+            let _ = writeln!(std::io::stderr(), "warning: {warning}");
+        }
+    }
+
+    /// Prints warnings; equal ones as one with their count.
+    pub fn warn_all(&self, warnings: &[String]) {
+        for (index, warning) in warnings.iter().enumerate() {
+            if warnings[..index].contains(warning) {
+                continue;
+            }
+            match warnings[index..].iter().filter(|other| *other == warning).count() {
+                1 => self.warn(warning),
+                count => self.warn(format_args!("{warning} ({count} times)")),
+            }
+        }
     }
 
     /// Says on standard error what happens, with or without `--json`, where no table can be kept in place.
@@ -78,7 +119,45 @@ impl Console {
     /// When standard output cannot be written, a reader that went away aside.
     pub fn json(&self, object: &impl Serialize) -> anyhow::Result<()> {
         if self.json {
+            OBJECT_PRINTED.store(true, Ordering::Relaxed);
             print(serde_json::to_string_pretty(object)?).context("cannot write to standard output")?;
+        }
+        Ok(())
+    }
+
+    /// Says why a command failed: the error and its causes on standard error, a sentence each, and with `--json` as an object on
+    /// standard output. Not by `Debug`, which adds stack traces where `RUST_BACKTRACE` is set.
+    pub fn fail(&self, error: &anyhow::Error) {
+        let message = error.to_string();
+        let mut causes: Vec<String> = Vec::new();
+        for cause in error.chain().skip(1).map(ToString::to_string) {
+            // Many errors quote their cause.
+            if !causes.last().unwrap_or(&message).contains(&cause) {
+                causes.push(cause);
+            }
+        }
+        let mut stderr = std::io::stderr().lock();
+        // Where standard error is closed there is nobody left to tell; the exit status still says it.
+        let _ = writeln!(stderr, "error: {message}");
+        for cause in &causes {
+            let _ = writeln!(stderr, "  caused by: {cause}");
+        }
+        // Some commands fail after they have said what they found.
+        if self.json && !OBJECT_PRINTED.load(Ordering::Relaxed) {
+            let failure = Failure { error: FailureReport { message, causes } };
+            let is_line = LINES_PRINTED.load(Ordering::Relaxed);
+            let _ = if is_line { self.json_line(&failure) } else { self.json(&failure) };
+        }
+    }
+
+    /// Prints one of many JSON objects, on a line of its own; silent without `--json`.
+    ///
+    /// # Errors
+    /// When standard output cannot be written, a reader that went away aside.
+    pub fn json_line(&self, object: &impl Serialize) -> anyhow::Result<()> {
+        if self.json {
+            LINES_PRINTED.store(true, Ordering::Relaxed);
+            print(serde_json::to_string(object)?).context("cannot write to standard output")?;
         }
         Ok(())
     }
@@ -93,6 +172,28 @@ impl Console {
         let bar = ProgressBar::new(length).with_style(style).with_message(label.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
         bar
+    }
+
+    /// Runs what takes its time with a progress bar for each of its stages.
+    fn with_progress<T>(&self, work: impl FnOnce(OnProgress<'_>) -> T) -> T {
+        let mut bar: Option<(&'static str, ProgressBar)> = None;
+        let mut show = |Progress { stage, done, total }: Progress| {
+            if bar.as_ref().is_none_or(|(shown, _)| *shown != stage) {
+                if let Some((_, finished)) = bar.take() {
+                    finished.finish_and_clear();
+                }
+                bar = Some((stage, self.progress(total, stage)));
+            }
+            if let Some((_, bar)) = &bar {
+                bar.set_length(total);
+                bar.set_position(done);
+            }
+        };
+        let outcome = work(&mut show);
+        if let Some((_, bar)) = bar {
+            bar.finish_and_clear();
+        }
+        outcome
     }
 }
 

@@ -1,12 +1,9 @@
 //! The paper's tables beside ours: Lei, Wang, Shen (2012), Tables 1 and 2, on the real tower.
 
-use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde::Deserialize;
 
-use super::compare::mac_text;
-use super::covalidate::CovalidationReport;
-use super::identify::align_right;
-use super::update::UpdateReport;
+use super::text::{Columns, mac_text};
+use crate::story::{CovalidationReport, UpdateReport};
 use crate::study::template;
 
 #[derive(Debug, Deserialize)]
@@ -46,9 +43,7 @@ pub fn tables(update: &UpdateReport, covalidation: &CovalidationReport) -> anyho
     let paper: Vec<PaperMode> = rows(template::PAPER_TABLE_1)?;
     let number = |value: f64, digits: usize| format!("{value:.digits$}");
     let optional = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| number(value, 2));
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED);
-    table.set_header([
+    let mut table = Columns::new([
         "mode",
         "measured",
         "model",
@@ -60,7 +55,8 @@ pub fn tables(update: &UpdateReport, covalidation: &CovalidationReport) -> anyho
         "updated",
         "MAC",
         "updated",
-    ]);
+    ])
+    .expendable(&[4, 5, 9, 10]);
     for mode in &paper {
         let ours = update.pairs.iter().find(|pair| (pair.measured_hz / mode.measured_hz - 1.0).abs() < NEAR);
         let mut row = vec![
@@ -81,9 +77,8 @@ pub fn tables(update: &UpdateReport, covalidation: &CovalidationReport) -> anyho
             ]),
             None => row.extend(std::iter::repeat_n("-".to_owned(), 5)),
         }
-        table.add_row(row);
+        table.row(row);
     }
-    align_right(&mut table, 11);
     let error =
         |hz: fn(&PaperMode) -> f64| mean(paper.iter().map(|mode| 100.0 * (hz(mode) / mode.measured_hz - 1.0).abs()));
     let errors = update.mean_abs_frequency_error_percent;
@@ -100,13 +95,11 @@ pub fn tables(update: &UpdateReport, covalidation: &CovalidationReport) -> anyho
         text += &format!(", ours {:.2} -> {:.2}", mac.before, mac.after);
     }
     text += " (the paper's without torsion).\n\nTable 2 of the paper beside ours: error at sensors left out, in %\n";
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED);
-    table.set_header(["sensor", "paper: model", "updated", "ours: model", "updated", "measured shapes"]);
+    let mut table = Columns::new(["sensor", "paper: model", "updated", "ours: model", "updated", "measured shapes"]);
     for sensor in rows::<PaperSensor>(template::PAPER_TABLE_2)? {
         let ours = covalidation.channels.iter().find(|channel| channel.channel == sensor.channel);
         let errors = ours.map(|channel| channel.error_percent).unwrap_or_default();
-        table.add_row([
+        table.row([
             sensor.channel,
             number(sensor.error_model_percent, 1),
             number(sensor.error_updated_percent, 1),
@@ -115,10 +108,8 @@ pub fn tables(update: &UpdateReport, covalidation: &CovalidationReport) -> anyho
             optional(errors.measured_shapes),
         ]);
     }
-    align_right(&mut table, 6);
     Ok(text
         + &format!(
-            "{table}\nThe paper's errors fall with its update. By its own eq. 16 they cannot: the updated shapes span what the model's
-shapes span, and the prediction depends on nothing else."
+            "{table}\nThe paper's errors fall with its update. By its own eq. 16 they cannot: the updated shapes span what the model's shapes span, and the prediction depends on nothing else."
         ))
 }

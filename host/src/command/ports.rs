@@ -2,15 +2,15 @@
 
 use std::time::Duration;
 
-use belfry_shared::message::{Fault, FaultKind};
+use belfry_shared::message::Fault;
 use clap::Args;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
 
 use super::Console;
+use crate::collect::fault_in_words;
 use crate::link::port::{Port, serial_ports};
-use crate::link::replay::{ReplayError, who_is_there};
-use crate::link::with_cause;
+use crate::link::{GreetingError, who_is_there, with_cause};
 
 /// How long a port is asked.
 const PATIENCE: Duration = Duration::from_millis(1500);
@@ -20,15 +20,14 @@ const PATIENCE: Duration = Duration::from_millis(1500);
 #[command(after_help = "\
 Examples:
   belfry ports
-  belfry ports --port tcp:127.0.0.1:5555      an emulated node, asked besides
+  belfry ports --port tcp:127.0.0.1:5555      an emulated node as well
 
-Every port is asked who is there, which takes a second and a half where nobody answers. A port that
-another program has open is left alone.")]
+Belfry asks every port who is there and waits a second and a half for an answer. It cannot ask a port that another program has open.")]
 pub struct Arguments {
     /// A further port to ask: the name of a device, `tcp:HOST:PORT` or `unix:PATH`; several times for several
     #[arg(long = "port", value_name = "PORT")]
     ports: Vec<String>,
-    /// The same
+    /// The same, without `--port`
     #[arg(value_name = "PORT")]
     more_ports: Vec<String>,
     /// Baud rate
@@ -73,7 +72,11 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(table(&reports));
     }
     if let Some(found) = reports.iter().find(|report| report.node.is_some()) {
-        console.say(format!("Next: belfry collect STUDY --port {0}    measure with that node\n      belfry replay STUDY --port {0}     a recording through it", found.port));
+        // The study is the reader's to name, so these are no lines to be run as they stand.
+        console.say(format!(
+            "Then: belfry collect STUDY --port {0}    # measure with that node\n      belfry replay STUDY --port {0}     # a recording through it",
+            found.port
+        ));
     }
     console.json(&Report { ports: reports })
 }
@@ -102,18 +105,8 @@ fn ask(name: &str, device: &str, baud: u32) -> PortReport {
             fault: hello.fault,
             ..nobody(None)
         },
-        Err(ReplayError::Silent) => nobody(None),
+        Err(GreetingError::Silent) => nobody(None),
         Err(error) => nobody(Some(with_cause(&error))),
-    }
-}
-
-/// What a node has recorded of its last end, or of its board.
-pub(super) fn fault_in_words(fault: &Fault) -> String {
-    match fault.kind {
-        FaultKind::Clock => fault.to_string(),
-        FaultKind::Panic | FaultKind::HardFault | FaultKind::StackOverflow | FaultKind::Watchdog => {
-            format!("started anew: {fault}")
-        }
     }
 }
 

@@ -1,8 +1,12 @@
 //! `belfry replay`: a recording through nodes on real ports, and what comes back against the host's own computation.
 
+mod progress;
+
+use std::cell::Cell;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
 use belfry_firmware::Identity;
@@ -10,32 +14,33 @@ use belfry_shared::message::{Configuration, MAX_CHANNELS, Summary};
 use belfry_shared::time::HostTime;
 use clap::Args;
 use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
-use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::Console;
-use crate::link::fleet::{channels_by_node, node_configuration};
+use super::interrupt::stop_on_signal;
+use crate::fleet::InProcess;
+use crate::link::Transport;
 use crate::link::port::Port;
-use crate::link::replay::{InProcess, Replayed, replay};
-use crate::link::{ChannelData, NodeWindow, Transport};
+use crate::link::replay::{Replayed, replay};
 use crate::measure::{Material, Opened, prepare};
 use crate::record::{Block, Recording};
 use crate::spectra::direct::Welch;
 use crate::spectra::{LineGrid, SpectralPlan, WindowLines};
 use crate::study::{Setup, Study};
+use crate::window::{ChannelData, NodeWindow, channels_by_node, node_configuration};
+use progress::FeedingProgress;
 
 /// Feed a recording to nodes on serial ports, and check what they make of it
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   belfry replay canton --port /dev/ttyACM0
-  belfry replay canton --port /dev/ttyACM0 --nodes 1,2
-  belfry replay canton --port tcp:127.0.0.1:5555      an emulated node
+  belfry replay canton --port /dev/ttyACM0 --nodes 1,2    a quicker check: these nodes only
+  belfry replay canton --port tcp:127.0.0.1:5555          an emulated node
 
-Each node of the study is played by the node on a port, one after the other where there are fewer
-ports than nodes; its own number does not matter. Rows go as fast as the node takes them. What comes
-back is held against the same firmware run on this computer, which must give the same bits, and against
-spectra made straight from the recording in double precision.")]
+Each node of the study is played by the node on a port, one after the other where there are fewer ports than nodes; its own number does not matter. Samples go as fast as the node takes them. Belfry compares what comes back with the same firmware run on this computer, which must give the same bits, and with spectra made straight from the recording in double precision.
+
+Ctrl-C ends it early: what came back until then is checked and reported, and the status is 1.")]
 pub struct Arguments {
     /// The study's folder
     study: PathBuf,
@@ -45,7 +50,7 @@ pub struct Arguments {
     /// Baud rate of the ports
     #[arg(long, default_value_t = 115_200)]
     baud: u32,
-    /// Nodes of the study that are played; all of them without it
+    /// Nodes of the study that are played [default: all]
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
     nodes: Vec<u16>,
     /// Bits a component of the spectral lines
@@ -62,6 +67,8 @@ struct Role<'a> {
     configuration: Configuration,
     grid: LineGrid,
     decimation: u32,
+    /// Rows of its recording.
+    rows: u64,
 }
 
 #[derive(Debug, Serialize)]
@@ -70,6 +77,8 @@ struct Played {
     node: u16,
     port: String,
     rows: u64,
+    /// Rows that the recording has.
+    recording_rows: u64,
     seconds: f64,
     /// Seconds of the recording a second.
     times_real_time: f64,
@@ -87,25 +96,26 @@ struct Played {
 
 #[derive(Debug, Serialize)]
 struct Report {
+    /// Whether every recording was played to its end.
+    complete: bool,
     nodes: Vec<Played>,
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// When the study, a recording or a port fails, or a node's windows are not those of the firmware on this computer.
+/// When the study, a recording or a port fails, it was interrupted, or a node's windows are not those of the firmware on this
+/// computer.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
     let prepared = prepare(&study)?;
-    for warning in &prepared.warnings {
-        console.warn(warning);
-    }
+    console.warn_all(&prepared.warnings);
     let mut roles = VecDeque::new();
     let mut total_rows = 0;
-    for (Opened { setup, material, rows }, &decimation) in prepared.setups.iter().zip(&prepared.plan.decimations) {
+    for (&Opened { setup, ref material, rows }, &decimation) in prepared.setups.iter().zip(&prepared.plan.decimations) {
         if let Material::Archive(_) = material {
             console.warn(format_args!(
-                "setup \"{}\" is left out: it was collected live, and no recording is kept",
+                "setup \"{}\" is left out: it was collected live, so there is no recording of it",
                 setup.name
             ));
             continue;
@@ -116,10 +126,22 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             let summary = Summary::Lines { bits: arguments.bits };
             let configuration = node_configuration(setup.sampling_rate_hz, decimation, &grid, channels.len(), summary)
                 .with_context(|| {
-                    format!("node {node} of setup \"{}\" has settings no node can be given", setup.name)
+                    format!(
+                        "the settings of node {node} in setup \"{}\" do not fit into a node's configuration",
+                        setup.name
+                    )
                 })?;
             total_rows += rows;
-            roles.push_back(Role { setup, folder: &study.folder, node, channels, configuration, grid, decimation });
+            roles.push_back(Role {
+                setup,
+                folder: &study.folder,
+                node,
+                channels,
+                configuration,
+                grid,
+                decimation,
+                rows,
+            });
         }
     }
     if roles.is_empty() && arguments.nodes.is_empty() {
@@ -132,33 +154,51 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     for name in &arguments.ports {
         ports.push(Port::open(name, arguments.baud)?);
     }
-    let progress = console.progress(total_rows, "feeding rows");
+    let stop = stop_on_signal()?;
+    let roles_count = roles.len();
+    let progress = FeedingProgress::new(total_rows, console);
     let queue = Mutex::new(roles);
     let played: Vec<anyhow::Result<Played>> = std::thread::scope(|scope| {
-        let workers: Vec<_> = ports.iter_mut().map(|port| scope.spawn(|| work(port, &queue, &progress))).collect();
+        let workers: Vec<_> =
+            ports.iter_mut().map(|port| scope.spawn(|| work(port, &queue, &progress, &stop))).collect();
         let joined = |worker: std::thread::ScopedJoinHandle<'_, _>| -> Vec<_> {
             worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         };
         workers.into_iter().flat_map(joined).collect()
     });
-    progress.finish_and_clear();
+    progress.end();
     let mut nodes = played.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
     nodes.sort_by(|a, b| (&a.setup, a.node).cmp(&(&b.setup, b.node)));
     tell(&nodes, console);
+    let complete = nodes.len() == roles_count && nodes.iter().all(|node| node.rows >= node.recording_rows);
+    let report = Report { complete, nodes };
+    console.json(&report)?;
+    let sentence = verdict(&report, roles_count)?;
+    console.say(sentence);
+    Ok(())
+}
+
+/// What the comparison says, in a sentence.
+fn verdict(report: &Report, roles: usize) -> anyhow::Result<String> {
+    let Report { complete, nodes } = report;
     let differ = nodes.iter().filter(|node| node.identical < node.windows).count();
     let empty = nodes.iter().filter(|node| node.windows == 0).count();
     let windows: usize = nodes.iter().map(|node| node.windows).sum();
-    console.json(&Report { nodes })?;
     if differ > 0 {
         bail!(
             "{differ} nodes gave windows that the same firmware on this computer does not give: the board computes otherwise"
         );
     }
+    if !complete {
+        let ended = nodes.iter().filter(|node| node.rows >= node.recording_rows).count();
+        bail!(
+            "interrupted after {ended} of {roles} nodes: all {windows} windows that came until then have the same bits as on this computer"
+        );
+    }
     if empty > 0 {
         bail!("{empty} nodes gave no window: the recording is shorter than one segment");
     }
-    console.say(format!("All {windows} windows have the same bits as on this computer."));
-    Ok(())
+    Ok(format!("All {windows} windows have the same bits as on this computer."))
 }
 
 fn list(nodes: &[u16]) -> String {
@@ -166,29 +206,36 @@ fn list(nodes: &[u16]) -> String {
 }
 
 /// Plays roles on a port until there are none left.
-fn work(port: &mut Port, queue: &Mutex<VecDeque<Role<'_>>>, progress: &ProgressBar) -> Vec<anyhow::Result<Played>> {
+fn work(
+    port: &mut Port,
+    queue: &Mutex<VecDeque<Role<'_>>>,
+    progress: &FeedingProgress,
+    stop: &AtomicBool,
+) -> Vec<anyhow::Result<Played>> {
     let mut played = Vec::new();
-    loop {
+    while !stop.load(Ordering::Relaxed) {
         let next = queue.lock().map_or(None, |mut queue| queue.pop_front());
         let Some(role) = next else { return played };
-        let result = play(port, &role, progress)
+        let result = play(port, &role, progress, stop)
             .with_context(|| format!("setup \"{}\", node {}, played on {}", role.setup.name, role.node, port.name()));
         let failed = result.is_err();
         played.push(result);
         if failed {
-            return played;
+            break;
         }
     }
+    played
 }
 
-fn play(port: &mut Port, role: &Role<'_>, progress: &ProgressBar) -> anyhow::Result<Played> {
+fn play(port: &mut Port, role: &Role<'_>, progress: &FeedingProgress, stop: &AtomicBool) -> anyhow::Result<Played> {
     let name = port.name().to_owned();
     let mut fed = 0;
     let mut on_rows = |rows: u64| {
-        progress.inc(rows.saturating_sub(fed));
+        progress.add(rows.saturating_sub(fed));
         fed = rows.max(fed);
     };
-    let on_board = through(port, role, &mut on_rows)?;
+    let wanted = || !stop.load(Ordering::Relaxed);
+    let on_board = through(port, role, &wanted, &mut on_rows)?;
     let identity = Identity {
         node: on_board.hello.node,
         boot: on_board.hello.boot,
@@ -196,7 +243,10 @@ fn play(port: &mut Port, role: &Role<'_>, progress: &ProgressBar) -> anyhow::Res
         full_scale_m_s2: f32::INFINITY,
         highest_rate_mhz: u32::MAX,
     };
-    let here = through(&mut InProcess::new(identity), role, &mut |_| {})?;
+    // As many rows as the board has taken, where it was stopped before the end.
+    let left = Cell::new(on_board.rows);
+    let is_left = || left.replace(left.get().saturating_sub(1)) > 0;
+    let here = through(&mut InProcess::new(identity), role, &is_left, &mut |_| {})?;
     let same = |pair: &(&NodeWindow, &NodeWindow)| {
         let (board, here) = pair;
         (board.grid_index, board.middle_offset_us, &board.channels)
@@ -211,6 +261,7 @@ fn play(port: &mut Port, role: &Role<'_>, progress: &ProgressBar) -> anyhow::Res
         node: role.node,
         port: name,
         rows: on_board.rows,
+        recording_rows: role.rows,
         seconds,
         times_real_time: on_board.rows as f64 / role.setup.sampling_rate_hz / seconds.max(1e-9),
         windows: on_board.windows.len(),
@@ -224,9 +275,16 @@ fn play(port: &mut Port, role: &Role<'_>, progress: &ProgressBar) -> anyhow::Res
     })
 }
 
-fn through(transport: &mut dyn Transport, role: &Role<'_>, on_rows: &mut dyn FnMut(u64)) -> anyhow::Result<Replayed> {
+/// Plays a role, row by row as long as `wanted` says so.
+fn through(
+    transport: &mut dyn Transport,
+    role: &Role<'_>,
+    wanted: &dyn Fn() -> bool,
+    on_rows: &mut dyn FnMut(u64),
+) -> anyhow::Result<Replayed> {
     let mut failure = None;
-    let rows = Rows::open(role)?.map_while(|row| row.map_err(|error| failure = Some(error)).ok());
+    let rows =
+        Rows::open(role)?.take_while(|_| wanted()).map_while(|row| row.map_err(|error| failure = Some(error)).ok());
     let replayed = replay(transport, &role.configuration, start(role), rows, on_rows)?;
     match failure {
         Some(error) => Err(error.into()),
@@ -335,7 +393,7 @@ fn tell(nodes: &[Played], console: &Console) {
         if let Some(latest_ns) = node.latest_sample_ns.filter(|&latest_ns| latest_ns > 0) {
             let (latest_us, lost) = (f64::from(latest_ns) * 1e-3, node.lost_rows.unwrap_or(0));
             console.say(format!(
-                "Node {}: with its sensor, since its start, samples were fetched {latest_us:.1} µs late at most; rows lost: {lost}.",
+                "Node {}: with its sensor, since its start, samples were fetched {latest_us:.1} µs late at most; samples lost: {lost}.",
                 node.node
             ));
         }

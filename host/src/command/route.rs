@@ -3,7 +3,7 @@
 use belfry_shared::message::Summary;
 use clap::Args;
 
-use crate::link::fleet::{FleetOptions, Pace};
+use crate::fleet::{FleetOptions, Pace};
 use crate::link::memory::Faults;
 use crate::measure::Route;
 

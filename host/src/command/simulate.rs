@@ -7,6 +7,9 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Console;
+use super::interrupt::leave_nothing_unfinished;
+use super::text::{in_shell, next_lines};
+use crate::files::write_whole;
 use crate::model::effect::Effect;
 use crate::model::{BeamTable, Structure};
 use crate::simulate::{Options, PlannedRecording, Simulation, Truth, adopt, plan, scattered};
@@ -14,13 +17,12 @@ use crate::study::{ModelSource, Study};
 
 const EXAMPLES: &str = "Examples:
   belfry simulate canton --effect base-rotation=7.21e-15 --hours 24 --seed 1
-  belfry simulate canton --effect added-mass@443.6m=2e5 --effect mass-scale=0.02 --hours 1 --seed 7 --adopt
-  belfry simulate canton --effect base-rotation=flexibility_x=1e-14,flexibility_y=5e-15 --hours 2 --seed 3
-  belfry simulate canton --effect sensor-polarity@ch07 --scatter 0.7 --hours 12 --seed 4 --adopt
-  belfry simulate canton --beam tower_as_built.csv --hours 6 --seed 2 --output recordings --force
+  belfry simulate canton --effect added-mass@443.6m=2e5 --effect mass-scale=0.02
+  belfry simulate canton --effect base-rotation=flexibility_x=1e-14,flexibility_y=5e-15
+  belfry simulate canton --effect sensor-polarity@07 --scatter 0.7 --adopt
+  belfry simulate canton --beam tower_as_built.csv --output recordings --force
 
-The structure is clamped at its base unless an effect frees it. It is loaded by white noise at all nodes; the top of the
-Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json says what identification should find.";
+The structure is clamped at its base unless an effect frees it. White noise loads it at all nodes; the top of the Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json holds what identification should find. Interrupted, the command leaves no unfinished recording behind.";
 
 /// Make recordings of a structure with effects that the study's model does not know
 #[derive(Debug, Args)]
@@ -41,8 +43,7 @@ pub struct Arguments {
     /// Beam table of the simulated structure [default: the study's model]
     #[arg(long, value_name = "FILE")]
     beam: Option<PathBuf>,
-    /// Scatter the segments, smoothly over the height, this many times as far as background_stiffness and background_mass of
-    /// the study allow in one standard deviation
+    /// Scatter the segments smoothly over the height, by this many standard deviations of background_stiffness and background_mass
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = scatter)]
     scatter: f64,
     /// Damping ratio of every mode
@@ -101,6 +102,7 @@ fn hours(text: &str) -> Result<f64, String> {
 /// # Errors
 /// What cannot be read, does not fit the structure, or would be overwritten.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    leave_nothing_unfinished()?;
     let study = Study::load(&arguments.study)?;
     let beam_file = match (&arguments.beam, study.model.as_ref().map(|model| &model.source)) {
         (Some(beam), _) => beam.clone(),
@@ -120,10 +122,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         beam = scattered(beam, model, arguments.scatter, arguments.seed);
     }
     let sensors = study.sensors();
-    for effect in &arguments.effects {
-        effect.check_sensors(&sensors)?;
-    }
-    let assembly = Structure::with_effects(beam, &arguments.effects)?.assemble();
+    let effects = arguments.effects.iter().map(|effect| effect.in_study(&sensors)).collect::<Result<Vec<_>, _>>()?;
+    let assembly = Structure::with_effects(beam, &effects)?.assemble();
     let planned = plan(&study, arguments.output.as_deref())?;
     let truth_file = arguments.output.as_ref().unwrap_or(&study.folder).join("truth.json");
     refuse_overwriting(arguments, &planned, &truth_file)?;
@@ -138,7 +138,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             stream,
             ..Options::default()
         };
-        simulations.push(Simulation::new(&assembly, &arguments.effects, setup, &options)?);
+        simulations.push(Simulation::new(&assembly, &effects, setup, &options)?);
     }
     let truth = Truth::joined(simulations.iter().map(Simulation::truth)).context("the study has no setups")?;
 
@@ -158,7 +158,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             put_into_study: recording.adopt_as.clone().filter(|_| !arguments.adopt),
         });
     }
-    std::fs::write(&truth_file, serde_json::to_string_pretty(&truth)? + "\n")
+    write_whole(&truth_file, (serde_json::to_string_pretty(&truth)? + "\n").as_bytes())
         .with_context(|| format!("{}: cannot be written", truth_file.display()))?;
     if arguments.adopt {
         adopt(&study.folder, &planned)?;
@@ -166,6 +166,10 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 
     let outcome = Outcome { recordings, truth, truth_file };
     tell(&outcome, console);
+    if outcome.recordings.iter().all(|recording| recording.put_into_study.is_none()) {
+        let study = in_shell(&study.folder);
+        console.say(next_lines(&[(format!("identify {study}"), "the modes of the recording")]));
+    }
     console.json(&outcome)
 }
 

@@ -20,7 +20,7 @@ pub(super) struct Background {
 /// Share of the scatter's variance that is neglected.
 const LEFT_OUT: f64 = 1e-4;
 /// A table lumps masses at nodes where a structure has them spread; by how much is not known (one standard deviation of
-/// [`Structure::mass_spread`]). Without it a table's own coarseness would look like masses and losses at its longest
+/// [`Structure::spread_masses`]). Without it a table's own coarseness would look like masses and losses at its longest
 /// segments.
 const SPREAD: f64 = 0.5;
 /// However the background scatters, a segment keeps at least this share of its stiffness and mass.
@@ -94,7 +94,7 @@ impl Background {
                 segment.scale_mass(mass[index]);
             }
             if self.has_spread {
-                structure.mass_spread += SPREAD * numbers[self.scatter()];
+                structure.spread_masses(SPREAD * numbers[self.scatter()]);
             }
         }
     }

@@ -4,7 +4,7 @@ use super::fit::Fit;
 use super::knob::Knob;
 use super::problem::Problem;
 use crate::model::Body;
-use crate::model::effect::{Effect, EffectKind, Evidence, Parameter, Place, Where};
+use crate::model::effect::{Effect, EffectKind, Evidence, Parameter, PlaceKind, Where};
 
 /// What a search leaves out.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -38,7 +38,7 @@ impl Problem {
     /// How many effects of a kind there could be, those included that need not be looked at closely.
     pub(super) fn hypotheses(&self, kind: &'static dyn EffectKind, present: &Fit) -> usize {
         let count = match kind.place() {
-            Place::TwoChannels => self.sensors.len() * self.sensors.len().saturating_sub(1) / 2,
+            PlaceKind::TwoChannels => self.sensors.len() * self.sensors.len().saturating_sub(1) / 2,
             _ if kind.evidence() == Evidence::TwinPeaks => self.heights_m().len(),
             _ => self.candidates(kind, present).len(),
         };
@@ -101,15 +101,15 @@ impl Problem {
         nodes.dedup();
         let nodes = nodes.into_iter().map(|node| Some(Where::Node(node)));
         match kind.place() {
-            Place::Nowhere => vec![None],
-            Place::Height => self.heights_m().into_iter().map(|z_m| Some(Where::Height(z_m))).collect(),
-            Place::Channel => channels().map(|channel| Some(Where::Channels(vec![channel]))).collect(),
-            Place::TwoChannels => self.likely_swaps(present).into_iter().map(Some).collect(),
+            PlaceKind::Nowhere => vec![None],
+            PlaceKind::Height => self.heights_m().into_iter().map(|z_m| Some(Where::Height(z_m))).collect(),
+            PlaceKind::Channel => channels().map(|channel| Some(Where::Channels(vec![channel]))).collect(),
+            PlaceKind::TwoChannels => self.likely_swaps(present).into_iter().map(Some).collect(),
             // With one node only, its clock and its azimuth are those of all.
-            Place::Node => nodes.collect(),
-            Place::NodeOrAll => std::iter::once(None).chain(nodes).collect(),
-            Place::Name => self.bare.customs.iter().map(|custom| Some(Where::Name(custom.name.clone()))).collect(),
-            Place::Frequency => Vec::new(),
+            PlaceKind::Node => nodes.collect(),
+            PlaceKind::NodeOrAll => std::iter::once(None).chain(nodes).collect(),
+            PlaceKind::Name => self.bare.customs.iter().map(|custom| Some(Where::Name(custom.name.clone()))).collect(),
+            PlaceKind::Frequency => Vec::new(),
         }
     }
 

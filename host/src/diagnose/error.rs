@@ -33,6 +33,24 @@ pub enum DiagnoseError {
         /// The effects.
         effects: String,
     },
+    /// The same effect twice.
+    #[error(
+        "{effect} is in the model already, and a second one there is the same effect; give it another place, or take the first one out with `belfry remove`"
+    )]
+    Twice {
+        /// The effect.
+        effect: String,
+    },
+    /// Values of one effect that change the structure in the same way.
+    #[error(
+        "{effect}: from these data its values cannot be told apart; give it with fewer values, see `belfry effects {kind}`"
+    )]
+    SameValues {
+        /// The effect.
+        effect: String,
+        /// Its kind.
+        kind: &'static str,
+    },
     /// Effects that change the structure in the same way.
     #[error(
         "{one} and {other} cannot both be fitted: from these data they are one and the same effect; remove one of them"

@@ -62,7 +62,7 @@ impl Problem {
             let mut models: Vec<usize> =
                 self.close[pair.measured].iter().filter_map(|&close| Some(pairs.get(close)?.model)).collect();
             // Modes that dashpots damp overlap each other, and are seen together: half-power bands meet.
-            if let Some(ratio) = self.damping[pair.measured].filter(|_| !structure.tuned_masses.is_empty()) {
+            if let Some(ratio) = self.damping[pair.measured].filter(|_| structure.dampers() > 0) {
                 let hz = &view.modes.frequency_hz;
                 let is_damped = |model: usize| view.damping_ratio(model) > DAMPED * self.ordinary_damping;
                 let overlaps = |&model: &usize| {

@@ -14,7 +14,7 @@ use super::problem::Problem;
 use super::score::shows_by_derivative;
 use super::state::State;
 use crate::compare::pair_above;
-use crate::model::effect::{EffectKind, KINDS, Parameter, Place, Prior, Where};
+use crate::model::effect::{EffectKind, KINDS, Parameter, PlaceKind, Prior, Where};
 
 /// Values whose typical size depends on the structure are tried at these multiples of it.
 const MULTIPLES: [f64; 4] = [4.0, 20.0, 200.0, 5000.0];
@@ -44,7 +44,7 @@ impl Problem {
 
     /// Every pair of channels, as exchanged ones may spoil what says which are likely.
     fn far_candidates(&self, kind: &'static dyn EffectKind, present: &Fit) -> Vec<Candidate> {
-        if kind.place() != Place::TwoChannels {
+        if kind.place() != PlaceKind::TwoChannels {
             return self.candidates(kind, present);
         }
         let name = |index: usize| self.sensors[index].channel.clone();
@@ -122,12 +122,12 @@ impl Problem {
         mut candidates: Vec<Candidate>,
         factors: &[Option<f64>],
     ) -> Vec<(Candidate, Vec<f64>)> {
-        if kind.place() == Place::TwoChannels {
+        if kind.place() == PlaceKind::TwoChannels {
             return candidates.into_iter().map(|candidate| (candidate, Vec::new())).collect();
         }
         // Values of several parameters are found from those of one for all.
         candidates.retain(|candidate| candidate.parameters.iter().filter(|p| p.is_fitted()).count() == 1);
-        if kind.place() == Place::Height {
+        if kind.place() == PlaceKind::Height {
             let step = candidates.len().div_ceil(HEIGHTS).max(1);
             candidates = candidates.into_iter().rev().step_by(step).collect();
         }
@@ -146,7 +146,7 @@ impl Problem {
 
     /// Values of a candidate's one parameter that is fitted, its index `at`, far from where it does nothing.
     fn far_values(&self, candidate: &Candidate, at: usize, factors: &[Option<f64>]) -> Vec<f64> {
-        if let (Place::Channel, Some(Where::Channels(channels))) = (candidate.kind.place(), &candidate.place) {
+        if let (PlaceKind::Channel, Some(Where::Channels(channels))) = (candidate.kind.place(), &candidate.place) {
             let sensor = self.sensors.iter().position(|sensor| channels.first() == Some(&sensor.channel));
             let factor = sensor.and_then(|sensor| factors.get(sensor).copied().flatten());
             return factor.filter(|factor| factor.ln().abs() > NEAR_ONE).into_iter().collect();

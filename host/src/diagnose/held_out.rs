@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::fit::Fit;
 use super::problem::Problem;
 use super::state::State;
-use crate::model::effect::{Effect, Place, Where};
+use crate::model::effect::{Effect, PlaceKind, Where};
 
 /// Errors on what was left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -46,7 +46,7 @@ fn is_predictable(problem: &Problem, fit: &Fit, sensor: usize) -> bool {
     fit.effects().iter().all(|effect| match effect.place() {
         Some(Where::Channels(channels)) => !channels.contains(&sensor.channel),
         Some(&Where::Node(node)) => node != sensor.node || !alone(node),
-        _ => effect.of_kind().place() != Place::Channel,
+        _ => effect.of_kind().place() != PlaceKind::Channel,
     })
 }
 

@@ -93,7 +93,7 @@ impl Problem {
     ) -> Result<Self, DiagnoseError> {
         let structure = bare.clone().and(effects)?;
         let view = ModelView::of(&structure.assemble(), sensors)?;
-        let is_free = |mode: &&MeasuredMode| structure.forced_hz.iter().all(|forced_hz| !is_forced(mode, *forced_hz));
+        let is_free = |mode: &&MeasuredMode| structure.forced_hz().all(|forced_hz| !is_forced(mode, forced_hz));
         let measured: Vec<MeasuredMode> = measured.iter().filter(is_free).cloned().collect();
         let (measured, complex): (Vec<_>, Vec<_>) =
             measured.into_iter().partition(|mode| has_real_shape(mode, sensors));
@@ -139,7 +139,7 @@ impl Problem {
             sensors: sensors.to_vec(),
             measured: in_use,
             paired,
-            dampers: structure.tuned_masses.len(),
+            dampers: structure.dampers(),
             unpaired,
         })
     }
@@ -151,7 +151,7 @@ impl Problem {
 
     /// Measured modes that a structure is compared with: one more damper makes twins.
     pub(super) fn seen_by(&self, structure: &Structure) -> &[MeasuredMode] {
-        if structure.tuned_masses.len() > self.dampers { &self.measured } else { self.measured() }
+        if structure.dampers() > self.dampers { &self.measured } else { self.measured() }
     }
 
     /// The structure without effects.

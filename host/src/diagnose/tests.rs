@@ -275,9 +275,9 @@ fn a_damper_is_found_by_a_pair_that_is_apart() {
 /// The structure is stiffer than its model, where the only effect there can soften it.
 #[test]
 fn what_would_need_an_impossible_value_is_listed_as_such() {
-    let (mut soft, model, sensors) = study();
-    let modes = measured(&soft, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(71));
-    soft.base.translation_m_n = [8e-10; 2];
+    let (structure, model, sensors) = study();
+    let modes = measured(&structure, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(71));
+    let soft = structure.and(&effects(&["base-translation=8e-10"])).unwrap();
     let problem = Problem::new(soft, &[], &model, &sensors, &modes).unwrap();
     let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
     let rejected = diagnosis.candidates.iter().find(|candidate| candidate.effect == "base-translation").unwrap();

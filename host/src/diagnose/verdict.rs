@@ -77,8 +77,14 @@ impl Problem {
                 let (a, b) = (columns.column(one), columns.column(other));
                 let cosine_squared = a.dot(&b).powi(2) / (a.norm_squared() * b.norm_squared());
                 if cosine_squared > 1.0 - IDENTICAL {
-                    let name = |knob: usize| present.state.effects[present.knobs[knob].effect].to_string();
-                    return Err(DiagnoseError::SameEffect { one: name(other), other: name(one) });
+                    let effect = |knob: usize| &present.state.effects[present.knobs[knob].effect];
+                    let (first, second) = (effect(other), effect(one));
+                    let (name, kind) = (first.to_string(), first.kind());
+                    return Err(match present.knobs[one].effect == present.knobs[other].effect {
+                        true => DiagnoseError::SameValues { effect: name, kind },
+                        false if second.to_string() == name => DiagnoseError::Twice { effect: name },
+                        false => DiagnoseError::SameEffect { one: name, other: second.to_string() },
+                    });
                 }
             }
         }

@@ -13,13 +13,12 @@ pub mod universal;
 #[cfg(test)]
 mod tests;
 
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use crate::simulate::partial_name;
+use crate::files::write_whole;
 
 /// Why something could not be exported.
 #[derive(Debug, Error)]
@@ -94,21 +93,10 @@ impl ExportError {
     }
 }
 
-/// Writes a file under another name until it is complete, and replaces what was there.
+/// Writes a file whole, in place of what was there.
 ///
 /// # Errors
 /// [`ExportError::Write`] names the file.
-pub fn write_whole(path: &Path, text: impl AsRef<[u8]>) -> Result<(), ExportError> {
-    let fail = ExportError::write(path);
-    make_folder(path)?;
-    let partial = partial_name(path);
-    fs::write(&partial, text).and_then(|()| fs::rename(&partial, path)).map_err(|source| {
-        // Nothing to save, and the first error is the one to tell.
-        let _ = fs::remove_file(&partial);
-        fail(source)
-    })
-}
-
-fn make_folder(path: &Path) -> Result<(), ExportError> {
-    path.parent().map_or(Ok(()), fs::create_dir_all).map_err(ExportError::write(path))
+pub fn write_file(path: &Path, text: &str) -> Result<(), ExportError> {
+    write_whole(path, text.as_bytes()).map_err(ExportError::write(path))
 }

@@ -1,7 +1,6 @@
 //! A Parquet file written row by row: a few columns of text, whole numbers and numbers that may be missing.
 
-use std::fs::{self, File};
-use std::io::{self, BufWriter};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -13,8 +12,8 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
-use super::{ExportError, make_folder};
-use crate::simulate::partial_name;
+use super::ExportError;
+use crate::files::WholeFile;
 
 /// Rows kept until they are written together: a few megabytes.
 const ROWS_IN_GROUP: usize = 1 << 16;
@@ -53,11 +52,10 @@ enum Column {
     Number(Vec<f64>, Vec<i16>),
 }
 
-/// Writes a file under another name until it is finished; one that is dropped before leaves nothing behind.
+/// A file that appears when it is finished; dropped before that, it leaves nothing behind.
 pub(super) struct ParquetTable {
     path: PathBuf,
-    partial: PathBuf,
-    writer: SerializedFileWriter<BufWriter<File>>,
+    writer: SerializedFileWriter<WholeFile>,
     columns: Vec<Column>,
     waiting: usize,
     rows: u64,
@@ -66,15 +64,13 @@ pub(super) struct ParquetTable {
 impl ParquetTable {
     /// A file of the given columns.
     pub(super) fn create(path: &Path, columns: &[(&str, Kind)]) -> Result<Self, ExportError> {
-        make_folder(path)?;
-        let partial = partial_name(path);
-        let file = File::create(&partial).map_err(ExportError::write(path))?;
+        let file = WholeFile::create(path).map_err(ExportError::write(path))?;
         let schema = schema(columns).map_err(|error| failed(path, error))?;
         let properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
             .set_created_by(concat!("belfry version ", env!("CARGO_PKG_VERSION")).to_owned())
             .build();
-        let writer = SerializedFileWriter::new(BufWriter::new(file), Arc::new(schema), Arc::new(properties))
+        let writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))
             .map_err(|error| failed(path, error))?;
         let columns = columns
             .iter()
@@ -84,7 +80,7 @@ impl ParquetTable {
                 Kind::Number => Column::Number(Vec::new(), Vec::new()),
             })
             .collect();
-        Ok(Self { path: path.to_owned(), partial, writer, columns, waiting: 0, rows: 0 })
+        Ok(Self { path: path.to_owned(), writer, columns, waiting: 0, rows: 0 })
     }
 
     /// Appends a row, whose cells are of the columns' kinds, in their order.
@@ -111,9 +107,8 @@ impl ParquetTable {
         if self.waiting > 0 {
             self.write_group()?;
         }
-        self.writer.finish().map_err(|error| failed(&self.path, error))?;
-        let written = self.writer.inner().get_ref().sync_all().and_then(|()| fs::rename(&self.partial, &self.path));
-        written.map_err(ExportError::write(&self.path))?;
+        let file = self.writer.into_inner().map_err(|error| failed(&self.path, error))?;
+        file.finish().map_err(ExportError::write(&self.path))?;
         Ok(self.rows)
     }
 
@@ -124,14 +119,7 @@ impl ParquetTable {
     }
 }
 
-impl Drop for ParquetTable {
-    fn drop(&mut self) {
-        // Gone already where the file was finished.
-        let _ = fs::remove_file(&self.partial);
-    }
-}
-
-fn write_group(writer: &mut SerializedFileWriter<BufWriter<File>>, columns: &mut [Column]) -> Result<(), ParquetError> {
+fn write_group(writer: &mut SerializedFileWriter<WholeFile>, columns: &mut [Column]) -> Result<(), ParquetError> {
     let mut group = writer.next_row_group()?;
     for column in columns {
         let Some(mut chunk) = group.next_column()? else { break };

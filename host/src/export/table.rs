@@ -5,8 +5,9 @@ use std::path::Path;
 
 use num_complex::Complex64;
 
+use super::ExportError;
 use super::modes::{Component, Modes};
-use super::{ExportError, write_whole};
+use crate::files::WholeFile;
 
 const COLUMNS: [&str; 6] =
     ["mode", "frequency_hz", "frequency_std_hz", "damping_ratio", "damping_ratio_std", "phase_collinearity"];
@@ -46,10 +47,11 @@ pub fn write_csv(path: &Path, modes: &Modes) -> Result<(), ExportError> {
 /// Writes rows of cells as CSV, quoted where they must be; a # too, as readers may take it for a comment.
 pub(super) fn write_rows(path: &Path, rows: &[Vec<String>]) -> Result<(), ExportError> {
     let fail = |error: csv::Error| ExportError::write(path)(error.into());
-    let mut csv = csv::WriterBuilder::new().comment(Some(b'#')).from_writer(Vec::new());
+    let file = WholeFile::create(path).map_err(ExportError::write(path))?;
+    let mut csv = csv::WriterBuilder::new().comment(Some(b'#')).from_writer(file);
     rows.iter().try_for_each(|row| csv.write_record(row)).map_err(fail)?;
-    let text = csv.into_inner().map_err(|error| ExportError::write(path)(error.into_error()))?;
-    write_whole(path, &text)
+    let file = csv.into_inner().map_err(|error| ExportError::write(path)(error.into_error()))?;
+    file.finish().map_err(ExportError::write(path))
 }
 
 pub(super) fn known(value: Option<f64>) -> String {

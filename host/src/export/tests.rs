@@ -1,5 +1,6 @@
 //! What is exported is read back: modes to the precision their files have, tables row by row.
 
+use std::fs;
 use std::fs::File;
 use std::path::Path;
 
@@ -112,7 +113,7 @@ fn the_universal_file_is_read_back_to_its_six_digits() {
         let (text, warnings) = universal::text(&modes, "Mast");
         assert!(warnings.is_empty(), "{warnings:?}");
         let path = folder.path().join("modes.uff");
-        write_whole(&path, &text).unwrap();
+        write_file(&path, &text).unwrap();
         let back = read(&path, &modes.sensors).unwrap();
         assert_equal_modes(&read(&modes.file, &modes.sensors).unwrap(), &back, 1e-5, false);
         // Named, both directions of a node stand in one line.
@@ -164,7 +165,7 @@ fn what_cannot_be_exported_is_named() {
     assert!(twice.contains("`top_std`"), "{twice}");
     // A file where a folder should be.
     let blocked = folder.path().join("results/modes.json/x.csv");
-    let error = write_whole(&blocked, "").unwrap_err().to_string();
+    let error = write_file(&blocked, "").unwrap_err().to_string();
     assert!(error.contains("x.csv: cannot be written"), "{error}");
 }
 

@@ -6,9 +6,10 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
+use belfry_shared::frame::END_OF_FRAME;
 use thiserror::Error;
 
-use super::Transport;
+use super::transport::Transport;
 
 /// How long a look for bytes waits.
 const WAIT: Duration = Duration::from_millis(2);
@@ -42,12 +43,18 @@ pub struct Port {
 }
 
 impl Port {
-    /// Opens a port; `baud` is for serial ports.
+    /// Opens a port; `baud` is for serial ports. The first that goes out is an empty frame: what strayed onto the line before ends
+    /// there, and does not spoil the first message.
     ///
     /// # Errors
     /// [`PortError`] names the port, and what may help.
     pub fn open(name: &str, baud: u32) -> Result<Self, PortError> {
-        let line = Self::line(name, baud).map_err(|source| PortError {
+        let open = || {
+            let mut port = Self { name: name.to_owned(), line: Self::line(name, baud)? };
+            port.write(&[END_OF_FRAME])?;
+            Ok(port)
+        };
+        open().map_err(|source: io::Error| PortError {
             name: name.to_owned(),
             hint: match source.kind() {
                 ErrorKind::PermissionDenied => " (is your user in the group that may use it, often `dialout`?)",
@@ -55,8 +62,7 @@ impl Port {
                 _ => "",
             },
             source,
-        })?;
-        Ok(Self { name: name.to_owned(), line })
+        })
     }
 
     fn line(name: &str, baud: u32) -> io::Result<Line> {
@@ -75,7 +81,7 @@ impl Port {
             return Ok(Line::Unix(stream));
         }
         let port = serialport::new(name, baud).timeout(WAIT).open()?;
-        // What was said to nobody is of no interest; a port that cannot forget it is no fault.
+        // What came before anybody listened is of no interest; that a port cannot drop it is no fault.
         let _ = port.clear(serialport::ClearBuffer::Input);
         Ok(Line::Serial(port))
     }
@@ -155,4 +161,35 @@ pub fn serial_ports() -> io::Result<Vec<(String, String)>> {
         (port.port_name, what)
     };
     Ok(serialport::available_ports()?.into_iter().map(describe).collect())
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::net::UnixListener;
+
+    use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
+    use belfry_shared::message::{self, HostMessage};
+
+    use super::*;
+
+    #[test]
+    fn what_strayed_onto_the_line_before_a_port_was_opened_does_not_spoil_the_first_message() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("line");
+        let listener = UnixListener::bind(&socket).unwrap();
+        let mut port = Port::open(&format!("unix:{}", socket.display()), 115_200).unwrap();
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let length = message::encode(&HostMessage::Greet, &mut frame).unwrap();
+        port.write(&frame[..length]).unwrap();
+        drop(port);
+        let mut said = Vec::new();
+        listener.accept().unwrap().0.read_to_end(&mut said).unwrap();
+        // A node that has a byte of noise in its decoder already.
+        let mut decoder = FrameDecoder::new();
+        assert!(decoder.push(0xA5).is_none());
+        let frames: Vec<_> =
+            said.iter().filter_map(|&byte| decoder.push(byte).map(|f| f.map(<[u8]>::to_vec))).collect();
+        let [Err(_), Ok(greeting)] = frames.as_slice() else { panic!("{frames:?}") };
+        assert_eq!(message::decode::<HostMessage>(greeting), Ok(HostMessage::Greet));
+    }
 }

@@ -3,19 +3,20 @@
 //! Rows flow in, windows flow out. The node's clock is the recording's, so that it may run faster than time; it says how far
 //! it has come ([`belfry_shared::message::Fed`]), and no more rows are sent ahead than it can hold.
 
+use std::collections::VecDeque;
+use std::io;
 use std::time::{Duration, Instant};
 
-use belfry_firmware::{Memory, Node};
-use belfry_shared::frame::{FrameDecoder, FrameError, MAX_FRAME_BYTES, PROTOCOL_VERSION};
-use belfry_shared::message::{
-    self, Acknowledgement, Configuration, FeedPart, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay,
-};
-use belfry_shared::time::{HostTime, NodeTime};
+use belfry_shared::message::{Configuration, FeedPart, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay};
+use belfry_shared::time::HostTime;
 use thiserror::Error;
 
-use super::assembly::{Assembler, Configurations, Outcome};
-use super::session::check_build;
-use super::{NodeWindow, SessionError, Transport};
+use super::delivery::Delivery;
+use super::error::SessionError;
+use super::greeting::{GreetingError, who_is_there};
+use super::transport::Transport;
+use super::wire::{Frame, Wire};
+use crate::window::{Configurations, NodeWindow};
 
 /// What is not answered within this time is said again.
 const RETRY: Duration = Duration::from_millis(500);
@@ -25,28 +26,22 @@ const TRIES: u32 = 20;
 /// Why a replay ended early.
 #[derive(Debug, Error)]
 pub enum ReplayError {
+    /// Nobody answers who could play the recording.
+    #[error(transparent)]
+    Greeting(GreetingError),
     /// The node's version, build or memory does not fit, or its line failed.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// The node that answers speaks another version of the protocol.
-    #[error(
-        "the node speaks protocol version {found}, this host speaks version {PROTOCOL_VERSION}: flash it with the firmware of this release"
-    )]
-    Version {
-        /// The version it speaks.
-        found: u8,
+    /// The node answers, but does not follow.
+    #[error("node {node} answers, but does not {what}: switch it off and on again")]
+    Unwilling {
+        /// The node.
+        node: u16,
+        /// What it was asked to do.
+        what: &'static str,
     },
-    /// The line failed before it was known who is there.
-    #[error("the line failed")]
-    Line {
-        /// The cause.
-        source: std::io::Error,
-    },
-    /// Nothing answers.
-    #[error("nothing answers on the line: is the node powered, and does no other program use the port?")]
-    Silent,
-    /// The node has stopped to answer in the middle.
-    #[error("the node stopped to answer after row {row} of the recording")]
+    /// The node has stopped answering in the middle.
+    #[error("the node stopped answering after row {row} of the recording")]
     Stopped {
         /// Rows that it has taken.
         row: u64,
@@ -59,6 +54,15 @@ pub enum ReplayError {
         /// What it says of the end before.
         reason: String,
     },
+}
+
+impl From<GreetingError> for ReplayError {
+    fn from(error: GreetingError) -> Self {
+        match error {
+            GreetingError::Session(error) => Self::Session(error),
+            error => Self::Greeting(error),
+        }
+    }
 }
 
 /// What came back.
@@ -78,152 +82,97 @@ pub struct Replayed {
     pub repeated: u64,
 }
 
-/// Asks who is on a line.
+/// Lets the node on a line measure `rows` (readings in m/s², one a channel), of which the first was at `start`. It ends where
+/// `rows` do.
 ///
 /// # Errors
-/// [`ReplayError::Silent`], the version or build where it is another one, or what is wrong with the line.
-pub fn who_is_there(transport: &mut dyn Transport, patience: Duration) -> Result<Hello, ReplayError> {
-    let mut line = Conversation::new(transport);
-    let start = Instant::now();
-    while start.elapsed() < patience {
-        line.say(&HostMessage::Greet)?;
-        if let Some(hello) = line.listen(RETRY, |message| match message {
-            NodeMessage::Hello(hello) => Some(hello.clone()),
-            _ => None,
-        })? {
-            check_build(hello.node, &hello)?;
-            return Ok(hello);
-        }
-    }
-    Err(ReplayError::Silent)
-}
-
-/// Lets the node on a line measure `rows` (readings in m/s², one a channel), of which the first was at `start`.
-///
-/// # Errors
-/// [`ReplayError`]; the node is told to measure with its sensor again wherever it still listens.
+/// [`ReplayError`].
 pub fn replay(
     transport: &mut dyn Transport,
     configuration: &Configuration,
     start: HostTime,
-    rows: impl Iterator<Item = Vec<f32>>,
+    mut rows: impl Iterator<Item = Vec<f32>>,
     on_rows: &mut dyn FnMut(u64),
 ) -> Result<Replayed, ReplayError> {
-    let hello = who_is_there(transport, RETRY * TRIES)?;
-    let mut line = Conversation::new(transport);
-    line.configure(configuration, &hello)?;
-    let (hello, next_window) = line.start(hello.node, start)?;
-    let mut assembler = Assembler::new(hello.boot);
-    assembler.heartbeat(next_window, next_window);
+    let node = who_is_there(transport, RETRY * TRIES)?.node;
+    let mut player = Player::new(transport, node, configuration);
+    player.configure(configuration)?;
+    let hello = player.start(start)?;
     let began = Instant::now();
-    let mut fed = Fed { row: 0, windows: Vec::new(), heartbeat: None };
-    let mut rows = rows;
-    let configurations = Configurations::only(configuration.clone());
     let rows_a_part = (MAX_FEED / usize::from(configuration.channels.max(1))).max(1);
     loop {
         let readings: Vec<Vec<f32>> = rows.by_ref().take(rows_a_part).collect();
         if readings.is_empty() {
             break;
         }
-        let next = fed.row + readings.len() as u64;
-        let part = FeedPart { first_row: fed.row, readings: readings.into_iter().flatten().collect() };
-        line.feed(&configurations, &part, next, &mut assembler, &mut fed)?;
-        on_rows(fed.row);
+        let next_row = player.row + readings.len() as u64;
+        let part = FeedPart { first_row: player.row, readings: readings.into_iter().flatten().collect() };
+        player.feed(part, next_row)?;
+        on_rows(player.row);
     }
     let took = began.elapsed();
-    line.say(&HostMessage::EndReplay)?;
-    let repeated = line.repeated;
-    Ok(Replayed { hello, windows: fed.windows, rows: fed.row, took, heartbeat: fed.heartbeat, repeated })
+    player.say(&HostMessage::EndReplay)?;
+    let repeated = player.repeated();
+    Ok(Replayed { hello, windows: player.windows, rows: player.row, took, heartbeat: player.heartbeat, repeated })
 }
 
-/// What feeding has come to.
-struct Fed {
+/// A node that measures a recording.
+struct Player<'a> {
+    transport: &'a mut dyn Transport,
+    wire: Wire,
+    /// Frames whose messages wait to be looked at.
+    frames: VecDeque<Frame>,
+    node: u16,
+    delivery: Delivery,
+    /// Rows that the node has taken.
     row: u64,
     windows: Vec<NodeWindow>,
     heartbeat: Option<Heartbeat>,
+    /// How often something was said again.
+    retries: u64,
 }
 
-/// Looks at a message and its encoding; whether it was the one that is waited for.
-type Look<'a> = dyn FnMut(&NodeMessage<'_>, &[u8]) -> Result<bool, ReplayError> + 'a;
-
-/// Messages over a transport.
-struct Conversation<'a> {
-    transport: &'a mut dyn Transport,
-    decoder: FrameDecoder,
-    /// Frames whose messages wait to be looked at.
-    frames: std::collections::VecDeque<Vec<u8>>,
-    repeated: u64,
-    /// The node, once it is known.
-    node: Option<u16>,
-}
-
-impl<'a> Conversation<'a> {
-    fn new(transport: &'a mut dyn Transport) -> Self {
+impl<'a> Player<'a> {
+    fn new(transport: &'a mut dyn Transport, node: u16, configuration: &Configuration) -> Self {
         Self {
             transport,
-            decoder: FrameDecoder::new(),
-            frames: std::collections::VecDeque::new(),
-            repeated: 0,
-            node: None,
+            wire: Wire::new(),
+            frames: VecDeque::new(),
+            node,
+            delivery: Delivery::new(node, Configurations::only(configuration.clone())),
+            row: 0,
+            windows: Vec::new(),
+            heartbeat: None,
+            retries: 0,
         }
     }
 
-    fn failed(&self, source: std::io::Error) -> ReplayError {
-        match self.node {
-            Some(node) => SessionError::Transport { node, source }.into(),
-            None => ReplayError::Line { source },
-        }
+    fn repeated(&self) -> u64 {
+        self.retries + self.wire.counts().damaged_frames + self.delivery.counts().asked_again
     }
 
-    fn say(&mut self, message: &HostMessage) -> Result<(), ReplayError> {
-        let mut frame = [0; MAX_FRAME_BYTES];
-        // Messages of the host fit by their types.
-        let length = message::encode(message, &mut frame).unwrap_or(0);
-        self.transport.write(&frame[..length]).map_err(|source| self.failed(source))
+    fn failed(&self, source: io::Error) -> SessionError {
+        SessionError::Transport { node: self.node, source }
     }
 
-    /// Looks at messages until `wanted` takes one, or the time is up.
-    fn listen<T>(
-        &mut self,
-        patience: Duration,
-        mut wanted: impl FnMut(&NodeMessage<'_>) -> Option<T>,
-    ) -> Result<Option<T>, ReplayError> {
-        let mut answer = None;
-        self.listen_encoded(patience, &mut |message, _| {
-            answer = wanted(message);
-            Ok(answer.is_some())
-        })?;
-        Ok(answer)
+    fn say(&mut self, message: &HostMessage) -> Result<(), SessionError> {
+        self.wire.say(message);
+        self.wire.send(self.transport).map_err(|source| self.failed(source))
     }
 
-    /// The same, with the messages' encodings; whether one was taken.
-    fn listen_encoded(&mut self, patience: Duration, wanted: &mut Look<'_>) -> Result<bool, ReplayError> {
-        let start = Instant::now();
+    /// The next frame, where one comes before `deadline`.
+    fn next_frame(&mut self, deadline: Instant) -> Result<Option<Frame>, SessionError> {
         let mut buffer = [0; 4096];
         loop {
-            while let Some(frame) = self.frames.pop_front() {
-                match message::decode::<NodeMessage<'_>>(&frame) {
-                    Ok(message) => {
-                        if wanted(&message, &frame)? {
-                            return Ok(true);
-                        }
-                    }
-                    Err(_) => self.repeated += 1,
-                }
+            if let Some(frame) = self.frames.pop_front() {
+                return Ok(Some(frame));
             }
-            if start.elapsed() > patience {
-                return Ok(false);
+            if Instant::now() > deadline {
+                return Ok(None);
             }
             let count = self.transport.read(&mut buffer).map_err(|source| self.failed(source))?;
-            for &byte in &buffer[..count] {
-                match self.decoder.push(byte) {
-                    None => {}
-                    Some(Ok(frame)) => self.frames.push_back(frame.to_vec()),
-                    Some(Err(FrameError::Version { found })) => {
-                        return Err(ReplayError::Version { found });
-                    }
-                    Some(Err(_)) => self.repeated += 1,
-                }
+            for frame in self.wire.receive(&buffer[..count]) {
+                self.frames.push_back(frame.map_err(|found| SessionError::Version { node: self.node, found })?);
             }
         }
     }
@@ -231,142 +180,103 @@ impl<'a> Conversation<'a> {
     /// Says something until a greeting of the node shows that it was done.
     fn hello_after(
         &mut self,
-        node: u16,
         message: &HostMessage,
-        done: impl Fn(&Hello) -> bool,
+        what: &'static str,
+        is_done: impl Fn(&Hello) -> bool,
     ) -> Result<Hello, ReplayError> {
         for _ in 0..TRIES {
             self.say(message)?;
-            let hello = self.listen(RETRY, |message| match message {
-                NodeMessage::Hello(hello) if done(hello) => Some(Ok(hello.clone())),
-                NodeMessage::Refused(refusal) => Some(Err(refusal.reason)),
-                _ => None,
-            })?;
-            match hello {
-                Some(Ok(hello)) => return Ok(hello),
-                Some(Err(reason)) => return Err(SessionError::Refused { node, reason }.into()),
-                None => self.repeated += 1,
+            let deadline = Instant::now() + RETRY;
+            while let Some(frame) = self.next_frame(deadline)? {
+                match self.wire.message(&frame) {
+                    Some(NodeMessage::Hello(hello)) if is_done(&hello) => return Ok(hello),
+                    Some(NodeMessage::Refused(refusal)) => {
+                        return Err(SessionError::Refused { node: self.node, reason: refusal.reason }.into());
+                    }
+                    _ => {}
+                }
             }
+            self.retries += 1;
         }
-        Err(ReplayError::Silent)
+        Err(ReplayError::Unwilling { node: self.node, what })
     }
 
-    fn configure(&mut self, configuration: &Configuration, hello: &Hello) -> Result<(), ReplayError> {
-        self.node = Some(hello.node);
+    fn configure(&mut self, configuration: &Configuration) -> Result<(), ReplayError> {
         let hash = Some(configuration.hash());
         let configure = HostMessage::Configure(configuration.clone());
-        self.hello_after(hello.node, &configure, |hello| hello.configuration_hash == hash).map(drop)
+        self.hello_after(&configure, "take its configuration", |hello| hello.configuration_hash == hash).map(drop)
     }
 
-    /// Starts a recording; the greeting, and the number that the first window will have.
-    fn start(&mut self, node: u16, start: HostTime) -> Result<(Hello, u32), ReplayError> {
+    /// Starts a recording; the heartbeat behind the greeting says which number its first window will have.
+    fn start(&mut self, start: HostTime) -> Result<Hello, ReplayError> {
+        let what = "start the recording";
         for _ in 0..TRIES {
-            let hello = self.hello_after(node, &HostMessage::Replay(Replay { start }), |hello| hello.replaying)?;
-            let next_window = self.listen(RETRY, |message| match message {
-                NodeMessage::Heartbeat(heartbeat) => Some(heartbeat.next_window),
-                _ => None,
-            })?;
-            if let Some(next_window) = next_window {
-                return Ok((hello, next_window));
+            let hello = self.hello_after(&HostMessage::Replay(Replay { start }), what, |hello| hello.replaying)?;
+            let deadline = Instant::now() + RETRY;
+            while let Some(frame) = self.next_frame(deadline)? {
+                if let Some(NodeMessage::Heartbeat(heartbeat)) = self.wire.message(&frame) {
+                    self.delivery.begin(hello.boot, heartbeat.next_window);
+                    return Ok(hello);
+                }
             }
         }
-        Err(ReplayError::Silent)
+        Err(ReplayError::Unwilling { node: self.node, what })
     }
 
     /// Feeds a part until the node has taken it, and takes its windows meanwhile.
-    fn feed(
-        &mut self,
-        configurations: &Configurations,
-        part: &FeedPart,
-        next: u64,
-        assembler: &mut Assembler,
-        fed: &mut Fed,
-    ) -> Result<(), ReplayError> {
-        let message = HostMessage::Feed(part.clone());
+    fn feed(&mut self, part: FeedPart, next_row: u64) -> Result<(), ReplayError> {
+        let message = HostMessage::Feed(part);
         for _ in 0..TRIES {
             self.say(&message)?;
-            let stored = fed.windows.len();
-            let taken = self.listen_encoded(RETRY, &mut |message, encoded| match message {
-                NodeMessage::Fed(progress) => {
-                    fed.row = progress.next_row;
-                    Ok(progress.next_row >= next)
-                }
-                NodeMessage::Hello(hello) if hello.boot != assembler.boot() || !hello.replaying => {
-                    let reason = hello.fault.as_ref().map_or(String::new(), |fault| format!(": {fault}"));
-                    Err(ReplayError::Restarted { row: fed.row, reason })
-                }
-                NodeMessage::Heartbeat(heartbeat) => {
-                    fed.heartbeat = Some(heartbeat.clone());
-                    assembler.heartbeat(heartbeat.oldest_window, heartbeat.next_window);
-                    Ok(false)
-                }
-                NodeMessage::Hello(_) | NodeMessage::Refused(_) | NodeMessage::Clock(_) => Ok(false),
-                part => {
-                    if let Outcome::Whole(window) = assembler.take(configurations, part, encoded) {
-                        assembler.stored(window.name.number);
-                        fed.windows.push(*window);
-                    }
-                    Ok(false)
-                }
-            })?;
+            let is_taken = self.listen_until(next_row)?;
             // Everything that came of the rows has been sent before the node says that it has taken them: what is missing now
             // was lost on the way.
             let now = HostTime(0);
-            let again = if taken && !assembler.is_complete() {
-                assembler.overdue(now, now, HostTime(1), false)
+            let again = if is_taken && !self.delivery.has_all() {
+                self.delivery.overdue(now, now, HostTime(1), false)
             } else {
                 Vec::new()
             };
-            if fed.windows.len() > stored || !again.is_empty() {
-                self.repeated += again.len() as u64;
-                let again_is_empty = again.is_empty();
-                let (boot, below) = (assembler.boot(), assembler.below());
-                self.say(&HostMessage::Acknowledge(Acknowledgement {
-                    boot,
-                    below,
-                    again: again.into_iter().collect(),
-                }))?;
-                if !again_is_empty {
-                    continue;
-                }
+            let asks_again = !again.is_empty();
+            if let Some(acknowledgement) = self.delivery.acknowledgement(again) {
+                self.say(&HostMessage::Acknowledge(acknowledgement))?;
             }
-            if taken {
+            if asks_again {
+                // The rows are said again with it: the answer shows that what was asked for has been sent.
+                continue;
+            }
+            if is_taken {
                 return Ok(());
             }
-            self.repeated += 1;
+            self.retries += 1;
         }
-        Err(ReplayError::Stopped { row: fed.row })
+        Err(ReplayError::Stopped { row: self.row })
     }
-}
 
-/// The node's own code, in process, at the other end of a line that carries everything at once.
-pub struct InProcess {
-    node: Node<Box<Memory>>,
-}
-
-impl std::fmt::Debug for InProcess {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.write_str("InProcess")
-    }
-}
-
-impl InProcess {
-    /// A node as it starts.
-    pub fn new(identity: belfry_firmware::Identity) -> Self {
-        Self { node: Node::new(identity, Box::new(Memory::new())) }
-    }
-}
-
-impl Transport for InProcess {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<()> {
-        for &byte in bytes {
-            self.node.receive(NodeTime(0), byte);
+    /// Takes what comes until the node has taken all rows before `next_row`; whether it has in time.
+    fn listen_until(&mut self, next_row: u64) -> Result<bool, ReplayError> {
+        let deadline = Instant::now() + RETRY;
+        while let Some(frame) = self.next_frame(deadline)? {
+            let Some(message) = self.wire.message(&frame) else { continue };
+            match &message {
+                NodeMessage::Fed(progress) => {
+                    self.row = progress.next_row;
+                    if self.row >= next_row {
+                        return Ok(true);
+                    }
+                }
+                NodeMessage::Hello(hello) if Some(hello.boot) != self.delivery.boot() || !hello.replaying => {
+                    let reason = hello.fault.as_ref().map_or(String::new(), |fault| format!(": {fault}"));
+                    return Err(ReplayError::Restarted { row: self.row, reason });
+                }
+                NodeMessage::Heartbeat(heartbeat) => {
+                    self.delivery.holds(heartbeat.boot, heartbeat.oldest_window, heartbeat.next_window);
+                    self.heartbeat = Some(heartbeat.clone());
+                }
+                NodeMessage::Hello(_) | NodeMessage::Refused(_) | NodeMessage::Clock(_) => {}
+                part => self.delivery.take(part, &frame.encoded, &mut self.windows)?,
+            }
         }
-        Ok(())
-    }
-
-    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
-        while self.node.poll(NodeTime(0)) {}
-        Ok(self.node.transmit(NodeTime(0), buffer))
+        Ok(false)
     }
 }

@@ -14,8 +14,8 @@ use std::time::{Duration, Instant};
 use thiserror::Error;
 
 use crate::archive::{Archive, ArchiveError, Collected};
+use crate::fleet::{FleetError, FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
-use crate::link::fleet::{FleetError, FleetOptions, FleetReport};
 use crate::record::{RecordError, Recording};
 use crate::spectra::{
     CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectraWarning, SpectralPlan,

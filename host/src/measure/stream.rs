@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::{Material, MeasureError, Observer, Route, Timings};
 use crate::archive::Collected;
-use crate::link::fleet::{Fleet, FleetError, FleetReport};
+use crate::fleet::{Fleet, FleetError, FleetReport};
 use crate::record::{Block, RecordError, RecordReport, Recording};
 use crate::spectra::direct::Welch;
 use crate::spectra::{SpectralPlan, WindowLines};

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use super::DOFS_A_NODE;
+
 /// One beam segment with the masses lumped at its top node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
@@ -31,6 +33,12 @@ impl Segment {
     /// Length in m.
     pub fn length_m(&self) -> f64 {
         self.z_top_m - self.z_bottom_m
+    }
+
+    /// The diagonal of M at the top node: mass along X and Y, inertia about X, Y and Z.
+    pub(super) fn lumped_mass(&self) -> [f64; DOFS_A_NODE] {
+        let [inertia_x, inertia_y, inertia_z] = self.inertia_kg_m2;
+        [self.mass_top_kg, self.mass_top_kg, inertia_x, inertia_y, inertia_z]
     }
 
     /// Multiplies bending, shear and torsion alike.

@@ -4,9 +4,10 @@
 //! (1993), "An improved two-node Timoshenko beam finite element", Computers & Structures 47. With an
 //! infinite shear stiffness they are the cubic Hermite functions.
 
-use nalgebra::{DMatrix, Matrix2, Matrix4, RowVector4, SMatrix, SVector};
+use nalgebra::{DMatrix, Matrix2, Matrix4, RowVector4, SMatrix};
 
-use super::{DOFS_A_NODE, Segment};
+use super::DOFS_A_NODE;
+use super::beam::Segment;
 
 /// Degrees of freedom of a segment: bottom node, then top node.
 pub(super) const DOFS_A_SEGMENT: usize = 2 * DOFS_A_NODE;
@@ -38,45 +39,6 @@ pub(super) fn stiffness(segment: &Segment) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_
     }
     let turn = turn(segment.axis_deg);
     turn.transpose() * local * turn
-}
-
-/// A joint's kink in one plane: an element's end motions are those of the element without it, and what the kink adds.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Kink {
-    /// Where the joint is, in m.
-    pub(super) z_m: f64,
-    /// The displacement that a unit kink gives what is above it by each m, and the rotation: DOFs of a node, and the
-    /// rotation's sign.
-    dofs: [usize; 2],
-    sign: f64,
-    /// The motion of the top node by a unit kink.
-    motion: SVector<f64, DOFS_A_SEGMENT>,
-    /// The angle from the end motions.
-    angle: SMatrix<f64, 1, DOFS_A_SEGMENT>,
-}
-
-/// An element's stiffness with a rotational joint at `z_m`, `lever_m` below its top node, alike in all directions, eliminated
-/// without approximation: a kink of the unit angle with both ends held needs the end forces v = K u, u the motion that the kink
-/// gives the top node. With end motions d the angle is `c vᵀ d / (1 + c uᵀ K u)` for a flexibility c, and
-/// `K - c v vᵀ / (1 + c uᵀ K u)` is what is left.
-pub(super) fn hinged(
-    element: &SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>,
-    z_m: f64,
-    lever_m: f64,
-    flexibility_rad_n_m: f64,
-) -> (SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>, [Kink; 2]) {
-    let mut hinged = *element;
-    // Slopes along X and Y are ry and -rx.
-    let kinks = [([0, 3], 1.0), ([1, 2], -1.0)].map(|(dofs, sign)| {
-        let mut motion = SVector::<f64, DOFS_A_SEGMENT>::zeros();
-        motion[DOFS_A_NODE + dofs[0]] = lever_m;
-        motion[DOFS_A_NODE + dofs[1]] = sign;
-        let forces = hinged * motion;
-        let angle = forces.transpose() * (flexibility_rad_n_m / (1.0 + flexibility_rad_n_m * motion.dot(&forces)));
-        hinged -= forces * angle;
-        Kink { z_m, dofs, sign, motion, angle }
-    });
-    (hinged, kinks)
 }
 
 /// Geometric stiffness of a segment under a compression in N, to be taken off its stiffness: N/(30 L) [36, 3L, -36, 3L; 3L,
@@ -122,25 +84,6 @@ pub(super) fn interpolation(segment: &Segment, z_m: f64) -> SMatrix<f64, DOFS_A_
     local[(4, 9)] = xi;
     let turn = turn(segment.axis_deg);
     turn.fixed_view::<DOFS_A_NODE, DOFS_A_NODE>(0, 0).transpose() * local * turn
-}
-
-/// As [`interpolation`], of a segment with joints, in the order in which they were put in.
-pub(super) fn kinked(segment: &Segment, kinks: &[Kink], z_m: f64) -> SMatrix<f64, DOFS_A_NODE, DOFS_A_SEGMENT> {
-    // End motions of the element without joints, from those with them.
-    let mut ends = SMatrix::<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>::identity();
-    let mut above = SMatrix::<f64, DOFS_A_NODE, DOFS_A_SEGMENT>::zeros();
-    for kink in kinks.iter().rev() {
-        let angle = kink.angle * ends;
-        ends -= kink.motion * angle;
-        if z_m > kink.z_m {
-            let [deflection, rotation] = kink.dofs;
-            for column in 0..DOFS_A_SEGMENT {
-                above[(deflection, column)] += (z_m - kink.z_m) * angle[column];
-                above[(rotation, column)] += kink.sign * angle[column];
-            }
-        }
-    }
-    interpolation(segment, z_m) * ends + above
 }
 
 /// phi = 12 EI / (kGA L²), zero where the segment is rigid in shear.

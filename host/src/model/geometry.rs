@@ -3,9 +3,11 @@
 
 use nalgebra::{DMatrix, Matrix2, RowDVector, Vector2};
 
-use super::element::{Kink, interpolation, kinked};
+use super::DOFS_A_NODE;
+use super::beam::Segment;
+use super::element::interpolation;
+use super::joint::{Kink, kinked};
 use super::layout::{LayoutNode, is_line};
-use super::{DOFS_A_NODE, Segment};
 
 /// Where the DOFs stand.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,19 +61,12 @@ impl Geometry {
 
 impl Line {
     /// A beam whose base node is left out of the matrices.
-    pub(super) fn of_beam(
-        segments: &[Segment],
-        axis_turn_deg: f64,
-        kinks: Vec<Vec<Kink>>,
-        base_motion: DMatrix<f64>,
-    ) -> Self {
+    pub(super) fn of_beam(segments: Vec<Segment>, kinks: Vec<Vec<Kink>>, base_motion: DMatrix<f64>) -> Self {
         let node = |index: usize| std::array::from_fn(|dof| Some(index * DOFS_A_NODE + dof));
         let rows = std::iter::once([None; DOFS_A_NODE]).chain((0..segments.len()).map(node));
-        let turned = |segment: &Segment| Segment { axis_deg: segment.axis_deg + axis_turn_deg, ..segment.clone() };
-        let spans = segments.iter().map(turned);
         Self {
             rows: rows.collect(),
-            spans: spans.collect(),
+            spans: segments,
             kinks,
             base_motion: Some(base_motion),
             vertical_rows: Vec::new(),
@@ -124,6 +119,12 @@ impl Line {
     /// Matrix rows of `ux, uy, rx, ry, rz` of each node, the lowest first.
     pub(super) fn node_rows(&self) -> &[[Option<usize>; DOFS_A_NODE]] {
         &self.rows
+    }
+
+    /// The beam between each node and the next; of imported matrices without mass, and with a stiffness that only says how
+    /// displacements run between the nodes.
+    pub(super) fn spans(&self) -> &[Segment] {
+        &self.spans
     }
 
     /// More DOFs that do not belong to the line.

@@ -8,7 +8,6 @@ use nalgebra::DMatrix;
 use super::tests::{Uniform, near};
 use super::*;
 use crate::study::{Direction, LayoutFile, MatrixSource, MatrixTerm, Sensor};
-use crate::update::{matrix_market, npy};
 
 fn term(name: &str, factor: f64) -> MatrixTerm {
     MatrixTerm { name: name.to_owned(), factor }

@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
-use super::assembly::{Assembly, Body, Structure};
+use super::assembly::Assembly;
 use super::beam::{BeamError, BeamTable};
-use super::effect::{Custom, CustomError, Effect, EffectError};
+use super::custom::{Custom, CustomError};
+use super::effect::{Effect, EffectError};
 use super::matrices::{ImportedMatrices, MatrixError};
+use super::structure::{Body, Structure};
 use crate::study::{CustomSource, ModelSource, STUDY_FILE, Study};
 
 /// A study's model, read.
@@ -79,13 +81,12 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
     };
     let customs: Arc<[Custom]> = model.customs.iter().map(custom).collect::<Result<Vec<_>, _>>()?.into();
     let sensors = study.sensors();
-    let mut structure = Structure { customs: customs.clone(), ..Structure::new(body.clone()) };
+    let mut structure = Structure::new(body.clone()).with_customs(customs.clone());
     let mut effects = Vec::new();
     for written in &model.effects {
         let failed = |source| ModelError::Effect { file: file.clone(), line: written.line, source };
-        let effect = Effect::from_study(written).map_err(failed)?;
-        effect.check_sensors(&sensors).map_err(failed)?;
-        effect.apply(&mut structure).map_err(failed)?;
+        let effect = Effect::from_study(written).and_then(|effect| effect.in_study(&sensors)).map_err(failed)?;
+        structure = structure.and(std::slice::from_ref(&effect)).map_err(failed)?;
         effects.push(effect);
     }
     Ok(LoadedModel { body, effects, customs })
@@ -99,7 +100,7 @@ impl LoadedModel {
 
     /// The structure without effects; effects may name the user's own hypotheses.
     pub fn bare(&self) -> Structure {
-        Structure { customs: self.customs.clone(), ..Structure::new(self.body.clone()) }
+        Structure::new(self.body.clone()).with_customs(self.customs.clone())
     }
 
     /// The structure with the study's effects.

@@ -1,10 +1,12 @@
-//! Models that are given as matrices: files of M and K flow in, checked matrices with their layout flow out.
+//! Models that are given as matrices: files of M and K flow in, checked matrices with their layout flow out. Matrices are
+//! written to such files here as well.
 
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
 use nalgebra_sparse::io::load_coo_from_matrix_market_str;
-use npyz::NpyFile;
+use npyz::{NpyFile, WriterBuilder};
 use thiserror::Error;
 
 use super::layout::{LayoutError, LayoutNode, is_line, read_dofs, read_nodes};
@@ -295,4 +297,36 @@ fn check(
 /// Mirror images may differ by rounding.
 fn symmetric(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     (matrix + matrix.transpose()) * 0.5
+}
+
+/// A symmetric matrix as a Matrix Market file (array, real, symmetric: the lower triangle, column after column), every
+/// digit kept (Boisvert, Pozo, Remington 1996, NISTIR 5935).
+pub fn matrix_market(matrix: &DMatrix<f64>) -> String {
+    let size = matrix.nrows();
+    let mut text = format!("%%MatrixMarket matrix array real symmetric\n{size} {size}\n");
+    for column in 0..size {
+        for row in column..size {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{:e}", matrix[(row, column)]);
+        }
+    }
+    text
+}
+
+/// A matrix as a NumPy file.
+///
+/// # Errors
+/// When the writer of the format fails.
+pub fn npy(matrix: &DMatrix<f64>) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let shape = [matrix.nrows() as u64, matrix.ncols() as u64];
+    let mut writer = npyz::WriteOptions::new()
+        .default_dtype()
+        .shape(&shape)
+        .order(npyz::Order::Fortran)
+        .writer(&mut bytes)
+        .begin_nd()?;
+    writer.extend(matrix.iter())?;
+    writer.finish()?;
+    Ok(bytes)
 }

@@ -1,15 +1,19 @@
 //! Finite element models: beam tables and the generalised eigenproblem.
 //!
-//! A [`BeamTable`] or [`ImportedMatrices`] flow in, [`effect`]s change the [`Structure`] made of it,
-//! [`Structure::assemble`] turns it into the mass and stiffness matrices of an [`Assembly`]; [`Assembly::modes`] and [`Assembly::sensor_rows`] say what flows
-//! out: frequencies, mode shapes, and what a sensor sees of them.
+//! A [`BeamTable`] or [`ImportedMatrices`] flow in and become a [`Structure`]: a body and a list of [`Contribution`]s, one for
+//! each [`effect`]. [`Structure::assemble`] turns it into the mass and stiffness matrices of an [`Assembly`];
+//! [`Assembly::modes`] and [`Assembly::sensor_rows`] say what flows out: frequencies, mode shapes, and what a sensor sees of
+//! them.
 //!
 //! Every node of a beam has five degrees of freedom in this order: `ux`, `uy`, `rx`, `ry`, `rz` (global axes, Z up, rotations
 //! right-handed, so that a beam rigid in shear has `ry = dux/dz` and `rx = -duy/dz`). There is no axial one. The base
 //! node is left out of the matrices.
 
 mod assembly;
+mod base;
 mod beam;
+mod contribution;
+mod custom;
 mod damped;
 pub mod effect;
 mod eigen;
@@ -17,27 +21,33 @@ mod element;
 mod geometry;
 #[cfg(test)]
 mod import_tests;
+mod joint;
 mod layout;
 mod load;
+mod mass_spread;
 mod matrices;
 mod sensing;
 mod sensitivity;
 mod sensor;
+mod structure;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use assembly::{
-    AddedMass, Assembly, BaseFlexibility, Body, GroundSpring, Joint, MatrixChange, SegmentChange, Structure, TunedMass,
-};
+pub use assembly::Assembly;
+pub use base::BaseFlexibility;
 pub use beam::{BeamError, BeamTable, Segment};
+pub use contribution::{Contribution, Factors, MassAbove, PointMass};
+pub use custom::{Custom, CustomError};
 pub use damped::DampedModes;
 pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
+pub use joint::Element;
 pub use layout::{LayoutError, LayoutNode};
 pub use load::{LoadedModel, ModelError, load};
-pub use matrices::{ImportedMatrices, MatrixError};
+pub use matrices::{ImportedMatrices, MatrixError, matrix_market, npy};
 pub use sensing::{Sensing, SensorChange, phases_rad};
 pub use sensitivity::{Change, ModeDerivative, derivatives, frequency_derivatives};
 pub use sensor::SensorError;
+pub use structure::{Body, SegmentChange, Structure};
 
 /// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.
 pub const DOFS_A_NODE: usize = 5;

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, RowDVector};
 use thiserror::Error;
 
-use super::Assembly;
+use super::assembly::Assembly;
 use super::geometry::Geometry;
 use super::layout::LayoutNode;
 use crate::study::{Direction, Sensor};

@@ -32,7 +32,6 @@ use thiserror::Error;
 use crate::model::effect::{Effect, EffectError, EffectKind, Evidence, Where};
 use crate::model::{Assembly, BeamTable, EigenError, SensorError, Structure};
 use crate::study::{STANDARD_GRAVITY_M_S2, Setup, Unit};
-pub(crate) use file::partial_name;
 use late::LateChannels;
 use loading::Loading;
 use oscillator::{OscillatorBank, Quantity};

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 use toml_edit::{Array, DocumentMut, Item, Value};
 
-use super::file::partial_name;
+use crate::files::write_whole;
 use crate::study::{Setup, Study};
 
 /// Where the recording of one setup goes.
@@ -124,8 +124,7 @@ pub fn adopt(folder: &Path, planned: &[PlannedRecording]) -> Result<(), AdoptErr
             table.insert("unit", Item::Value("m/s2".into()));
         }
     }
-    let partial = partial_name(&file);
-    fs::write(&partial, document.to_string()).and_then(|()| fs::rename(&partial, &file)).map_err(io)
+    write_whole(&file, document.to_string().as_bytes()).map_err(io)
 }
 
 fn plain_npy(setup: &Setup) -> Option<&str> {

@@ -25,7 +25,7 @@ pub(super) fn sensors(setup: &Setup, sections: &[Section<'_>]) -> Result<(), Stu
         *taken += 1;
         if *taken > CHANNELS_PER_NODE {
             return Err(StudyError::NodeFull {
-                place: section.place_of("node"),
+                position: section.position_of("node"),
                 setup: setup.name.clone(),
                 channel: sensor.channel.clone(),
                 node: sensor.node,
@@ -45,9 +45,9 @@ fn unique<'n>(
     key: &str,
     advice: &'static str,
 ) -> Result<(), StudyError> {
-    let place = section.place_of(key);
-    match lines.insert(name, place.line) {
-        Some(first_line) => Err(StudyError::Duplicate { place, name: name.to_owned(), first_line, advice }),
+    let position = section.position_of(key);
+    match lines.insert(name, position.line) {
+        Some(first_line) => Err(StudyError::Duplicate { position, name: name.to_owned(), first_line, advice }),
         None => Ok(()),
     }
 }
@@ -75,11 +75,11 @@ pub(super) fn custom_names(customs: &[CustomSource], sections: &[Section<'_>]) -
 }
 
 fn sensitivity(setup: &Setup, sensor: &Sensor, section: &Section<'_>) -> Result<(), StudyError> {
-    let place = section.place_of("sensitivity_v_per_m_s2");
+    let position = section.position_of("sensitivity_v_per_m_s2");
     let (setup_name, channel) = (setup.name.clone(), sensor.channel.clone());
     match (setup.unit == Unit::Volt, sensor.sensitivity_v_per_m_s2) {
-        (true, None) => Err(StudyError::NoSensitivity { place, setup: setup_name, channel }),
-        (false, Some(_)) => Err(StudyError::NeedlessSensitivity { place, setup: setup_name, channel }),
+        (true, None) => Err(StudyError::NoSensitivity { position, setup: setup_name, channel }),
+        (false, Some(_)) => Err(StudyError::NeedlessSensitivity { position, setup: setup_name, channel }),
         _ => Ok(()),
     }
 }
@@ -112,7 +112,7 @@ fn common_references(setups: &[Setup], sections: &[Section<'_>]) -> Result<(), S
         };
         if shared.is_empty() {
             return Err(StudyError::NoCommonReference {
-                place: section.place(),
+                position: section.position(),
                 references: setups.iter().map(references_in_words).collect::<Vec<_>>().join("; "),
             });
         }
@@ -133,13 +133,13 @@ fn references_stay_in_place(setups: &[Setup], sections: &[Section<'_>]) -> Resul
     for (setup, section) in setups.iter().zip(sections) {
         let sensor_sections = section.tables("sensor")?;
         for (sensor, section) in setup.sensors.iter().zip(&sensor_sections).filter(|(sensor, _)| sensor.reference) {
-            let place = section.place();
-            let (before, first_line) = *first.entry(&sensor.point).or_insert((sensor, place.line));
+            let position = section.position();
+            let (before, first_line) = *first.entry(&sensor.point).or_insert((sensor, position.line));
             let same = before.elevation_m == sensor.elevation_m
                 && before.direction == sensor.direction
                 && before.offset_m == sensor.offset_m;
             if !same {
-                return Err(StudyError::ReferenceMoved { place, point: sensor.point.clone(), first_line });
+                return Err(StudyError::ReferenceMoved { position, point: sensor.point.clone(), first_line });
             }
         }
     }
@@ -151,14 +151,14 @@ pub(super) fn analysis(analysis: &Analysis, section: &Section<'_>, setups: &[Set
     if let Some([low_hz, high_hz]) = analysis.band_hz
         && low_hz >= high_hz
     {
-        return Err(StudyError::BandReversed { place: section.place_of("band_hz"), low_hz, high_hz });
+        return Err(StudyError::BandReversed { position: section.position_of("band_hz"), low_hz, high_hz });
     }
     for setup in setups {
         let ratio = match analysis.decimated_rate_hz {
             Some(decimated_rate_hz) => {
                 Some(decimation_ratio(setup.sampling_rate_hz, decimated_rate_hz).ok_or_else(|| {
                     StudyError::DecimatedRate {
-                        place: section.place_of("decimated_rate_hz"),
+                        position: section.position_of("decimated_rate_hz"),
                         setup: setup.name.clone(),
                         decimated_rate_hz,
                         sampling_rate_hz: setup.sampling_rate_hz,
@@ -175,8 +175,8 @@ pub(super) fn analysis(analysis: &Analysis, section: &Section<'_>, setups: &[Set
             };
             // 0.4 is no binary fraction: a band that ends exactly at the limit must not fail by a rounding.
             if high_hz > limit_hz * (1.0 + 1e-9) {
-                let (place, setup) = (section.place_of("band_hz"), setup.name.clone());
-                return Err(StudyError::BandTooHigh { place, setup, high_hz, limit_hz, reason, decimated });
+                let (position, setup) = (section.position_of("band_hz"), setup.name.clone());
+                return Err(StudyError::BandTooHigh { position, setup, high_hz, limit_hz, reason, decimated });
             }
         }
     }

@@ -6,6 +6,7 @@ use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, Value, value};
 
 use super::error::StudyError;
 use super::{STUDY_FILE, Study};
+use crate::files::write_whole;
 
 /// An effect as it is to stand in `study.toml`.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,7 +21,7 @@ pub struct EffectEntry {
 
 /// Makes `entries` the effects of the study in `folder`; those that are there already keep their place and comments.
 ///
-/// The file is written whole beside the old one and put in its place, so that it is never half there.
+/// The file is replaced whole, so that it is never half there.
 ///
 /// # Errors
 /// When the file cannot be read or written, or would no longer be a study.
@@ -30,9 +31,7 @@ pub fn set_effects(folder: &Path, entries: &[EffectEntry]) -> Result<(), StudyEr
     let changed =
         with_effects(&text, entries).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
     Study::from_text(&changed, folder)?;
-    let beside = folder.join(format!("{STUDY_FILE}.new"));
-    let written = std::fs::write(&beside, changed).and_then(|()| std::fs::rename(&beside, &file));
-    written.map_err(|source| StudyError::Write { file, source })
+    write_whole(&file, changed.as_bytes()).map_err(|source| StudyError::Write { file, source })
 }
 
 fn with_effects(text: &str, entries: &[EffectEntry]) -> Result<String, String> {
@@ -132,8 +131,7 @@ mod tests {
             (model.effects[1].kind.as_str(), model.effects[1].location.as_deref()),
             ("added-mass", Some("443.6m"))
         );
-        let effect = crate::model::effect::Effect::from_study(&model.effects[1]).unwrap();
-        assert_eq!(effect.parameters().next().unwrap().1, 2e5);
+        assert_eq!(model.effects[1].parameters["value"].as_float(), Some(2e5));
 
         let one = with_effects(&both, &[mass]).unwrap();
         assert!(!one.contains("base-rotation") && one.contains("added-mass"));
@@ -148,10 +146,13 @@ mod tests {
         let swap = entry("sensor-swap", Some("ch01+ch02"), &[]);
         let text = with_effects(STUDY, &[axes, swap]).unwrap();
         let model = Study::from_text(&text, Path::new("s")).unwrap().model.unwrap();
-        let effects: Vec<_> =
-            model.effects.iter().map(|effect| crate::model::effect::Effect::from_study(effect).unwrap()).collect();
-        let values: Vec<_> = effects[0].parameters().map(|(parameter, value)| (parameter.name, value)).collect();
-        assert_eq!(values, [("flexibility_x", 1e-15), ("flexibility_y", 2e-15)]);
-        assert_eq!(effects[1].to_string(), "sensor-swap@ch01+ch02");
+        let values: Vec<_> = model.effects[0]
+            .parameters
+            .iter()
+            .map(|(name, value)| (name.as_str(), value.as_float().unwrap()))
+            .collect();
+        assert_eq!(values, [("flexibility_x", 1e-15), ("flexibility_x_std", 1e-17), ("flexibility_y", 2e-15)]);
+        assert_eq!(model.effects[1].location.as_deref(), Some("ch01+ch02"));
+        assert!(model.effects[1].parameters.is_empty());
     }
 }

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 /// A key in a study's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
+pub struct FilePosition {
     /// The study's file.
     pub file: PathBuf,
     /// 1-based line.
@@ -16,7 +16,7 @@ pub struct Place {
     pub key: String,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for FilePosition {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(formatter, "{} line {}", self.file.display(), self.line)?;
         if self.key.is_empty() { Ok(()) } else { write!(formatter, ", `{}`", self.key) }
@@ -53,20 +53,20 @@ pub enum StudyError {
         message: String,
     },
     /// A key that Belfry does not know.
-    #[error("{place}: unknown key{}; known here: {}", did_you_mean(*near), known.join(", "))]
+    #[error("{position}: unknown key{}; known here: {}", did_you_mean(*near), known.join(", "))]
     UnknownKey {
         /// The key.
-        place: Place,
+        position: FilePosition,
         /// The known key that it most resembles, if any does.
         near: Option<&'static str>,
         /// All keys known there.
         known: &'static [&'static str],
     },
     /// A key that has to be there is not.
-    #[error("{} line {}: {} needs `{name}`: {expected}", place.file.display(), place.line, table_name(table))]
+    #[error("{} line {}: {} needs `{name}`: {expected}", position.file.display(), position.line, table_name(table))]
     Missing {
         /// The table that lacks it.
-        place: Place,
+        position: FilePosition,
         /// The key that is missing.
         name: String,
         /// What should stand there.
@@ -75,20 +75,20 @@ pub enum StudyError {
         table: String,
     },
     /// Another type than expected.
-    #[error("{place}: expected {expected}, found {found}", found = with_article(found))]
+    #[error("{position}: expected {expected}, found {found}", found = with_article(found))]
     WrongType {
         /// The key.
-        place: Place,
+        position: FilePosition,
         /// The TOML type that stands there.
         found: &'static str,
         /// What should stand there.
         expected: &'static str,
     },
     /// The right type, but a value that cannot be meant.
-    #[error("{place}: expected {expected}, found {found}")]
+    #[error("{position}: expected {expected}, found {found}")]
     OutOfRange {
         /// The key.
-        place: Place,
+        position: FilePosition,
         /// The value as written.
         found: String,
         /// What should stand there.
@@ -96,30 +96,30 @@ pub enum StudyError {
     },
     /// A unit that Belfry cannot convert.
     #[error(
-        "{place}: unknown unit {found}; use \"m/s2\", \"g\", \"V\" (with a sensitivity for every sensor) or \
+        "{position}: unknown unit {found}; use \"m/s2\", \"g\", \"V\" (with a sensitivity for every sensor) or \
          \"m/s\""
     )]
     UnknownUnit {
         /// The key.
-        place: Place,
+        position: FilePosition,
         /// The unit as written.
         found: String,
     },
     /// A file pattern that cannot match anything.
-    #[error("{place}: {pattern:?} is no file pattern; use * for any characters and [abc] for one of several")]
+    #[error("{position}: {pattern:?} is no file pattern; use * for any characters and [abc] for one of several")]
     Pattern {
         /// The list of patterns.
-        place: Place,
+        position: FilePosition,
         /// The pattern.
         pattern: String,
         /// What is wrong with it.
         source: glob::PatternError,
     },
     /// A name that has to be unique stands twice.
-    #[error("{place}: {name:?} stands already in line {first_line}; {advice}")]
+    #[error("{position}: {name:?} stands already in line {first_line}; {advice}")]
     Duplicate {
         /// The second.
-        place: Place,
+        position: FilePosition,
         /// The name.
         name: String,
         /// Line of the first.
@@ -129,12 +129,12 @@ pub enum StudyError {
     },
     /// A node samples at most four channels.
     #[error(
-        "{place}: channel {channel:?} is the fifth of node {node} in setup {setup:?}; a node has at most \
+        "{position}: channel {channel:?} is the fifth of node {node} in setup {setup:?}; a node has at most \
          {limit} channels, so give it to another node"
     )]
     NodeFull {
         /// The sensor's node.
-        place: Place,
+        position: FilePosition,
         /// The setup.
         setup: String,
         /// The sensor that has no room.
@@ -146,12 +146,12 @@ pub enum StudyError {
     },
     /// Volts say nothing without a sensitivity.
     #[error(
-        "{place}: channel {channel:?} needs `sensitivity_v_per_m_s2` (volts per m/s²), as setup {setup:?} \
+        "{position}: channel {channel:?} needs `sensitivity_v_per_m_s2` (volts per m/s²), as setup {setup:?} \
          is recorded in V"
     )]
     NoSensitivity {
         /// The sensor.
-        place: Place,
+        position: FilePosition,
         /// The setup.
         setup: String,
         /// The sensor's channel.
@@ -159,22 +159,22 @@ pub enum StudyError {
     },
     /// A sensitivity where the recording is in a unit already.
     #[error(
-        "{place}: channel {channel:?} has a sensitivity, but setup {setup:?} is not recorded in volts; \
+        "{position}: channel {channel:?} has a sensitivity, but setup {setup:?} is not recorded in volts; \
          remove it, or set `unit = \"V\"`"
     )]
     NeedlessSensitivity {
         /// The sensitivity.
-        place: Place,
+        position: FilePosition,
         /// The setup.
         setup: String,
         /// The sensor's channel.
         channel: String,
     },
     /// The band's ends are the wrong way round.
-    #[error("{place}: the band starts at {low_hz} Hz and ends at {high_hz} Hz; write the lower frequency first")]
+    #[error("{position}: the band starts at {low_hz} Hz and ends at {high_hz} Hz; write the lower frequency first")]
     BandReversed {
         /// The band.
-        place: Place,
+        position: FilePosition,
         /// What stands first.
         low_hz: f64,
         /// What stands second.
@@ -182,13 +182,13 @@ pub enum StudyError {
     },
     /// The band reaches beyond what the sampling rate can show.
     #[error(
-        "{place}: the band ends at {high_hz} Hz, but setup {setup:?} shows nothing above {limit_hz} Hz \
+        "{position}: the band ends at {high_hz} Hz, but setup {setup:?} shows nothing above {limit_hz} Hz \
          ({reason}); end the band there or below{}",
         if *decimated { ", or raise `decimated_rate_hz`" } else { "" }
     )]
     BandTooHigh {
         /// The band.
-        place: Place,
+        position: FilePosition,
         /// The setup with the lowest limit.
         setup: String,
         /// Where the band ends.
@@ -202,13 +202,13 @@ pub enum StudyError {
     },
     /// The recording cannot be brought to the decimated rate.
     #[error(
-        "{place}: {decimated_rate_hz} Hz cannot be reached from the {sampling_rate_hz} Hz of setup \
+        "{position}: {decimated_rate_hz} Hz cannot be reached from the {sampling_rate_hz} Hz of setup \
          {setup:?}; divide the sampling rate by a whole number made of up to three factors from 2 to 10, or \
          leave the key out"
     )]
     DecimatedRate {
         /// The decimated rate.
-        place: Place,
+        position: FilePosition,
         /// The setup.
         setup: String,
         /// What is asked for.
@@ -218,24 +218,24 @@ pub enum StudyError {
     },
     /// Several setups that nothing ties together.
     #[error(
-        "{place}: no point is a reference in every setup ({references}), so their shapes cannot be put \
+        "{position}: no point is a reference in every setup ({references}), so their shapes cannot be put \
          together; give the sensors that stayed in place the same `point` and `reference = true` in every \
          setup"
     )]
     NoCommonReference {
         /// The first setup that has none of the reference points before it.
-        place: Place,
+        position: FilePosition,
         /// The reference points of each setup.
         references: String,
     },
     /// A reference point that is not where it was.
     #[error(
-        "{place}: reference point {point:?} stands elsewhere, or looks elsewhere, than in line \
+        "{position}: reference point {point:?} stands elsewhere, or looks elsewhere, than in line \
          {first_line}; a reference stays in place, so correct one of the two or give it another `point`"
     )]
     ReferenceMoved {
         /// The later sensor.
-        place: Place,
+        position: FilePosition,
         /// The point.
         point: String,
         /// Line of the earlier sensor.
@@ -253,36 +253,36 @@ pub enum StudyError {
     },
     /// Both a recording and modes from elsewhere.
     #[error(
-        "{place}: a study has either [measured] (modes from elsewhere) or [[setup]] (line {setup_line}: a recording), this one has both; remove one"
+        "{position}: a study has either [measured] (modes from elsewhere) or [[setup]] (line {setup_line}: a recording), this one has both; remove one"
     )]
     MeasuredTwice {
         /// `[measured]`.
-        place: Place,
+        position: FilePosition,
         /// Line of the first setup.
         setup_line: usize,
     },
     /// A sensor that belongs to no setup.
     #[error(
-        "{place}: a sensor of a recording stands under its setup as [[setup.sensor]]; [[sensor]] goes with [measured]"
+        "{position}: a sensor of a recording stands under its setup as [[setup.sensor]]; [[sensor]] goes with [measured]"
     )]
     SensorOutsideSetup {
         /// The sensor.
-        place: Place,
+        position: FilePosition,
     },
     /// Two layouts.
-    #[error("{place}: matrices have either `nodes` or `dofs`; remove one")]
+    #[error("{position}: matrices have either `nodes` or `dofs`; remove one")]
     LayoutTwice {
         /// The second.
-        place: Place,
+        position: FilePosition,
     },
     /// A model of nothing, or of two things.
     #[error(
-        "{place}: a model has either `beam` or `matrices`, this one has {}",
+        "{position}: a model has either `beam` or `matrices`, this one has {}",
         if *both { "both; remove one" } else { "neither; write for instance beam = \"beam.csv\"" }
     )]
     ModelSource {
         /// The model.
-        place: Place,
+        position: FilePosition,
         /// Whether both are there.
         both: bool,
     },

@@ -12,7 +12,7 @@ mod types;
 
 use std::path::Path;
 
-pub use error::{Place, StudyError};
+pub use error::{FilePosition, StudyError};
 pub use types::{
     Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
     ModelSource, STANDARD_GRAVITY_M_S2, Sensor, Setup, Structure, Study, Unit,
@@ -22,12 +22,22 @@ pub use types::{
 pub const STUDY_FILE: &str = "study.toml";
 
 impl Study {
-    /// Reads and checks `study.toml` in `folder`.
+    /// Reads and checks `study.toml` in `folder`; the path of the file itself will do as well.
     ///
     /// # Errors
     /// When the file cannot be read, is no TOML, or says something that cannot be meant; the first fault in reading
     /// order of the checks is reported.
     pub fn load(folder: &Path) -> Result<Self, StudyError> {
+        let folder = match folder.parent() {
+            Some(parent) if folder.ends_with(STUDY_FILE) && !folder.is_dir() => {
+                if parent == Path::new("") {
+                    Path::new(".")
+                } else {
+                    parent
+                }
+            }
+            _ => folder,
+        };
         let file = folder.join(STUDY_FILE);
         let bytes = std::fs::read(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
         let text = String::from_utf8(bytes).map_err(|error| {

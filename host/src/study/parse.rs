@@ -82,7 +82,7 @@ fn measured(document: &Section<'_>, setups: &[Section<'_>]) -> Result<Option<Mea
     let sections = document.tables("sensor")?;
     let Some(entry) = document.get("measured") else {
         return match (sections.first(), setups.is_empty()) {
-            (Some(section), false) => Err(StudyError::SensorOutsideSetup { place: section.place() }),
+            (Some(section), false) => Err(StudyError::SensorOutsideSetup { position: section.position() }),
             (Some(_), true) => {
                 Err(document.missing("measured", "[measured] with modes = \"modes.csv\", the modes of these sensors"))
             }
@@ -90,7 +90,7 @@ fn measured(document: &Section<'_>, setups: &[Section<'_>]) -> Result<Option<Mea
         };
     };
     if let Some(setup) = setups.first() {
-        return Err(StudyError::MeasuredTwice { place: entry.place(), setup_line: setup.place().line });
+        return Err(StudyError::MeasuredTwice { position: entry.position(), setup_line: setup.position().line });
     }
     let section = entry.section("a section, written [measured]")?;
     section.allow_only(MEASURED_KEYS)?;
@@ -158,7 +158,7 @@ fn file_patterns(entry: &Entry<'_>, expected: &'static str) -> Result<Vec<String
             let pattern = entry.text(expected)?;
             match glob::Pattern::new(&pattern) {
                 Ok(_) => Ok(pattern),
-                Err(source) => Err(StudyError::Pattern { place: entry.place(), pattern, source }),
+                Err(source) => Err(StudyError::Pattern { position: entry.position(), pattern, source }),
             }
         })
         .collect()
@@ -170,7 +170,7 @@ fn unit(entry: &Entry<'_>, expected: &'static str) -> Result<Unit, StudyError> {
         "g" => Ok(Unit::StandardGravity),
         "V" => Ok(Unit::Volt),
         "m/s" => Ok(Unit::MetrePerSecond),
-        _ => Err(StudyError::UnknownUnit { place: entry.place(), found: entry.written() }),
+        _ => Err(StudyError::UnknownUnit { position: entry.position(), found: entry.written() }),
     }
 }
 
@@ -297,7 +297,7 @@ fn model(section: &Section<'_>) -> Result<Model, StudyError> {
     let source = match (section.get("beam"), section.get("matrices")) {
         (Some(beam), None) => ModelSource::Beam(PathBuf::from(beam.text(BEAM)?)),
         (None, Some(matrices)) => ModelSource::Matrices(matrix_source(&matrices.section(MATRICES)?)?),
-        (beam, _) => return Err(StudyError::ModelSource { place: section.place(), both: beam.is_some() }),
+        (beam, _) => return Err(StudyError::ModelSource { position: section.position(), both: beam.is_some() }),
     };
     Ok(Model {
         source,
@@ -321,7 +321,7 @@ fn matrix_source(section: &Section<'_>) -> Result<MatrixSource, StudyError> {
     let path =
         |key, expected| section.get(key).map(|entry: Entry<'_>| entry.text(expected).map(PathBuf::from)).transpose();
     let layout = match (path("nodes", LAYOUT)?, path("dofs", LAYOUT)?) {
-        (Some(_), Some(_)) => return Err(StudyError::LayoutTwice { place: section.place_of("dofs") }),
+        (Some(_), Some(_)) => return Err(StudyError::LayoutTwice { position: section.position_of("dofs") }),
         (Some(nodes), None) => Some(LayoutFile::Nodes(nodes)),
         (None, dofs) => dofs.map(LayoutFile::Dofs),
     };
@@ -391,7 +391,7 @@ fn custom(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     };
     let number = |key| section.get(key).map(|entry: Entry<'_>| entry.number(NUMBER)).transpose();
     let source = CustomSource {
-        line: section.place().line,
+        line: section.position().line,
         name: text,
         file: path("file", FILE)?,
         stiffness: terms("stiffness")?,
@@ -409,9 +409,9 @@ fn custom(section: &Section<'_>) -> Result<CustomSource, StudyError> {
 
 fn effect(section: &Section<'_>) -> Result<Effect, StudyError> {
     const KIND: &str = "an effect of the catalogue, in quotes, such as \"base-rotation\"";
-    const WHERE: &str = "the place of the effect, in quotes, such as \"225.2m\", \"ch07\" or \"node3\"";
+    const WHERE: &str = "the place of the effect, in quotes, such as \"225.2m\", \"07\" or \"node3\"";
     Ok(Effect {
-        line: section.place().line,
+        line: section.position().line,
         kind: section.required("kind", KIND)?.text(KIND)?,
         location: section.get("where").map(|entry| entry.text(WHERE)).transpose()?,
         parameters: section.rest(&["kind", "where"])?,

@@ -1,4 +1,4 @@
-//! A TOML table with its place in the text: hands out typed values, and errors that name file, line and key.
+//! A TOML table with its position in the text: hands out typed values, and errors that name file, line and key.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::error::{Place, StudyError};
+use super::error::{FilePosition, StudyError};
 
-/// The text all places refer to.
+/// The text that all positions refer to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Source<'a> {
     pub(super) file: &'a Path,
@@ -21,8 +21,8 @@ pub(super) fn line_of(text: &[u8], offset: usize) -> usize {
 }
 
 impl Source<'_> {
-    fn place(&self, span: Range<usize>, key: String) -> Place {
-        Place { file: self.file.to_owned(), line: line_of(self.text.as_bytes(), span.start), key }
+    fn position(&self, span: Range<usize>, key: String) -> FilePosition {
+        FilePosition { file: self.file.to_owned(), line: line_of(self.text.as_bytes(), span.start), key }
     }
 }
 
@@ -51,8 +51,8 @@ impl<'a> Section<'a> {
     }
 
     /// Where the table starts.
-    pub(super) fn place(&self) -> Place {
-        self.source.place(self.span.clone(), self.key.clone())
+    pub(super) fn position(&self) -> FilePosition {
+        self.source.position(self.span.clone(), self.key.clone())
     }
 
     /// The study's file.
@@ -61,8 +61,8 @@ impl<'a> Section<'a> {
     }
 
     /// Where `name` stands, or the table where it has no such key.
-    pub(super) fn place_of(&self, name: &str) -> Place {
-        self.get(name).map_or_else(|| self.place(), |entry| entry.place())
+    pub(super) fn position_of(&self, name: &str) -> FilePosition {
+        self.get(name).map_or_else(|| self.position(), |entry| entry.position())
     }
 
     fn dotted(&self, name: &str) -> String {
@@ -82,7 +82,7 @@ impl<'a> Section<'a> {
 
     /// The error that `name` is not there, or holds nothing.
     pub(super) fn missing(&self, name: &str, expected: &'static str) -> StudyError {
-        StudyError::Missing { place: self.place(), name: name.to_owned(), expected, table: self.key.clone() }
+        StudyError::Missing { position: self.position(), name: name.to_owned(), expected, table: self.key.clone() }
     }
 
     /// Refuses keys that are not `known`: a misspelt key would silently be its default otherwise.
@@ -96,7 +96,7 @@ impl<'a> Section<'a> {
         let found = name.get_ref().to_string();
         Err(StudyError::UnknownKey {
             near: nearest(&found, known),
-            place: self.source.place(name.span(), self.dotted(&found)),
+            position: self.source.position(name.span(), self.dotted(&found)),
             known,
         })
     }
@@ -120,7 +120,7 @@ impl<'a> Section<'a> {
                 let name = name.get_ref().to_string();
                 plain.map(|plain| (name.clone(), plain)).map_err(|error| StudyError::Syntax {
                     file: self.file(),
-                    line: self.source.place(value.span(), String::new()).line,
+                    line: self.source.position(value.span(), String::new()).line,
                     message: format!("`{}` cannot be read: {}", self.dotted(&name), error.message()),
                 })
             })
@@ -137,8 +137,8 @@ fn nearest(found: &str, known: &[&'static str]) -> Option<&'static str> {
 
 impl<'a> Entry<'a> {
     /// Where the value stands.
-    pub(super) fn place(&self) -> Place {
-        self.source.place(self.value.span(), self.key.clone())
+    pub(super) fn position(&self) -> FilePosition {
+        self.source.position(self.value.span(), self.key.clone())
     }
 
     /// The first line of the value as the user wrote it.
@@ -150,12 +150,12 @@ impl<'a> Entry<'a> {
     /// The error that something else than `expected` stands here.
     pub(super) fn wrong_type(&self, expected: &'static str) -> StudyError {
         let found = self.value.get_ref().type_str();
-        StudyError::WrongType { place: self.place(), found, expected }
+        StudyError::WrongType { position: self.position(), found, expected }
     }
 
     /// The error that the value has the right type but cannot be meant.
     pub(super) fn out_of_range(&self, expected: &'static str) -> StudyError {
-        StudyError::OutOfRange { place: self.place(), found: self.written(), expected }
+        StudyError::OutOfRange { position: self.position(), found: self.written(), expected }
     }
 
     /// Whether the value is text.

@@ -217,7 +217,7 @@ pub struct Effect {
     pub line: usize,
     /// The effect's name in the catalogue, such as `base-rotation`.
     pub kind: String,
-    /// The part after the @ (`"225.2m"`, `"ch07"`), for effects that have a place.
+    /// The part after the @ (`"225.2m"`, `"07"`), for effects that have a place.
     pub location: Option<String>,
     /// Everything else as written: `value`, or parameters by their names.
     pub parameters: toml::Table,

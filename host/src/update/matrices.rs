@@ -96,37 +96,3 @@ fn greatest_turn(mass: &DMatrix<f64>, before: &Modes, unused: &[usize], after: &
     };
     (0..unused.len().min(left.len())).map(turn).fold(0.0, f64::max)
 }
-
-/// A symmetric matrix as a Matrix Market file (array, real, symmetric: the lower triangle, column after column), every
-/// digit kept (Boisvert, Pozo, Remington 1996, NISTIR 5935).
-pub fn matrix_market(matrix: &DMatrix<f64>) -> String {
-    use std::fmt::Write;
-    let size = matrix.nrows();
-    let mut text = format!("%%MatrixMarket matrix array real symmetric\n{size} {size}\n");
-    for column in 0..size {
-        for row in column..size {
-            // Writing to a string cannot fail.
-            let _ = writeln!(text, "{:e}", matrix[(row, column)]);
-        }
-    }
-    text
-}
-
-/// A matrix as a NumPy file.
-///
-/// # Errors
-/// When the writer of the format fails.
-pub fn npy(matrix: &DMatrix<f64>) -> std::io::Result<Vec<u8>> {
-    use npyz::WriterBuilder;
-    let mut bytes = Vec::new();
-    let shape = [matrix.nrows() as u64, matrix.ncols() as u64];
-    let mut writer = npyz::WriteOptions::new()
-        .default_dtype()
-        .shape(&shape)
-        .order(npyz::Order::Fortran)
-        .writer(&mut bytes)
-        .begin_nd()?;
-    writer.extend(matrix.iter())?;
-    writer.finish()?;
-    Ok(bytes)
-}

@@ -14,5 +14,5 @@ mod rotation;
 mod tests;
 
 pub use hints::{Hints, OrthogonalityTest, SpanTest, hints};
-pub use matrices::{Other, UpdatedMatrices, matrix_market, npy, updated};
+pub use matrices::{Other, UpdatedMatrices, updated};
 pub use problem::{Problem, Solution, UpdateError, Weights, solve};

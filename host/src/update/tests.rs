@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::*;
 use crate::compare::{ModelView, Pair};
-use crate::model::{BeamTable, Body, Structure};
+use crate::model::effect::Effect;
+use crate::model::{BeamTable, Body, Structure, matrix_market, npy};
 use crate::modes::{MeasuredMode, MeasuredShape};
 use crate::study::{Sensor, Study, template};
 
@@ -43,7 +44,8 @@ fn towers(seed: u64, sensors: usize) -> Towers {
             segment.axis_deg += 20.0 * scatter;
         }
     }
-    other.base.rotation_rad_n_m = [random.random_range(0.0..2e-14), random.random_range(0.0..2e-14)];
+    let soft = [random.random_range(0.0..2e-14), random.random_range(0.0..2e-14)];
+    let other = other.and(&[Effect::new("base-rotation", None, &soft).unwrap()]).unwrap();
     Towers { model: Structure::new(table), other, sensors: study.sensors().into_iter().take(sensors).collect() }
 }
 

@@ -4,8 +4,8 @@
 
 use std::hint::black_box;
 
+use belfry_host::fleet::{Fleet, FleetOptions};
 use belfry_host::identify::MeasuredSetup;
-use belfry_host::link::fleet::{Fleet, FleetOptions};
 use belfry_host::link::memory::Faults;
 use belfry_host::spectra::direct::Welch;
 use belfry_host::spectra::{CrossSpectrumAccumulator, LineGrid, WindowLines};

@@ -179,7 +179,7 @@ fn what_the_analysis_was_chosen_by_and_what_more_record_would_bring_is_said() {
         .args(["--direct", "--damping-within", "2"])
         .assert()
         .success()
-        .stdout(contains("For every damping within 2 % record").and(contains("Rate: ")));
+        .stdout(contains("To know every damping within 2 %, record").and(contains("Rate: ")));
     belfry_command().arg("identify").arg(folder.path()).args(["--damping-within", "0"]).assert().code(2);
 }
 

@@ -110,10 +110,12 @@ fn assert_both_modes(report: &Option<Value>) {
     assert!((found[0] - 1.1).abs() < 0.01 && (found[1] - 2.7).abs() < 0.02, "{found:?}");
 }
 
-/// Fails with status 1, prints no JSON, and says all of `parts`.
+/// Fails with status 1, prints the error as JSON, and says all of `parts`.
 fn assert_fails(outcome: &(i32, String, Option<Value>), parts: &[&str]) {
     let (status, error, report) = outcome;
-    assert_eq!((*status, report.is_none()), (1, true), "{error}");
+    assert_eq!(*status, 1, "{error}");
+    let message = report.as_ref().and_then(|report| report["error"]["message"].as_str()).unwrap_or_default();
+    assert!(!message.is_empty() && error.contains(message), "{report:?}");
     for part in parts {
         assert!(error.contains(part), "\"{part}\" is not in: {error}");
     }

@@ -51,7 +51,7 @@ fn the_demo_finds_every_mode_of_the_tower_and_no_other_and_its_deviations_are_ho
     let folder = parent.path().join("demo");
     let place = folder.to_str().unwrap();
     for seed in ["1", "2", "3"] {
-        let outcome = json(&["demo", place, "--paper", "--seed", seed]);
+        let outcome = json(&["demo", place, "--paper", "--hours", "1", "--seed", seed]);
         assert_eq!(outcome["missed_hz"], Value::Array(vec![]), "seed {seed}");
         assert_eq!(outcome["spurious_hz"], Value::Array(vec![]), "seed {seed}");
         let pairs = outcome["pairs"].as_array().unwrap();

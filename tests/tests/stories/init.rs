@@ -22,7 +22,7 @@ fn both_templates_make_a_study_that_loads() {
     for (template, setup, sensors, has_model) in [("canton", "january", 20, true), ("blank", "first", 2, false)] {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("new").join("study");
-        let next = predicate::str::contains("next: ").and(predicate::str::contains("belfry identify"));
+        let next = predicate::str::contains("Next: belfry ").and(predicate::str::contains("belfry identify"));
         init(&folder, &["--template", template]).assert().success().stdout(next).stderr("");
         let study = Study::load(&folder).unwrap();
         assert_eq!(study.setups[0].name, setup);
@@ -46,7 +46,15 @@ fn a_study_that_is_there_is_named_and_left_as_it_is() {
             let named = predicate::str::starts_with(format!("error: {} exists already", file.display()))
                 .and(predicate::str::contains("name another folder"))
                 .and(predicate::str::contains("backtrace").not());
-            init(folder.path(), arguments).assert().code(1).stdout("").stderr(named);
+            let assert = init(folder.path(), arguments).assert().code(1).stderr(named);
+            let said = &assert.get_output().stdout;
+            if arguments.contains(&"--json") {
+                let object: serde_json::Value = serde_json::from_slice(said).expect("one JSON object");
+                assert!(object["error"]["message"].as_str().unwrap().contains("exists already"), "{object}");
+                assert_eq!(object["error"]["causes"], serde_json::json!([]));
+            } else {
+                assert!(said.is_empty());
+            }
         }
         assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing was written next to it");

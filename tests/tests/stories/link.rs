@@ -1,6 +1,6 @@
 //! What crosses the wire: how many bytes, and that every window arrives exactly once although frames are damaged.
 
-use belfry_host::link::fleet::{Fleet, FleetOptions, FleetReport};
+use belfry_host::fleet::{Fleet, FleetOptions, FleetReport};
 use belfry_host::link::memory::Faults;
 use belfry_host::spectra::{LineGrid, WindowLines};
 use belfry_host::study::{Direction, Sensor, Setup, Unit};

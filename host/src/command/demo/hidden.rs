@@ -11,14 +11,14 @@ use crate::simulate::can_show;
 /// Effects that the seed draws from, with the range of their value: each moves a frequency of the tower by some percent, or
 /// spoils a channel.
 const DRAWN: [(&str, f64, f64); 9] = [
-    ("sensor-swap@ch11+ch12", 0.0, 0.0),
+    ("sensor-swap@11+12", 0.0, 0.0),
     ("added-mass@443.6m", 2e6, 6e6),
     ("added-mass@225.2m", 8e6, 2e7),
     ("shear-flexibility", 0.1, 0.4),
     ("connection-flexibility@443.6m", 2e-13, 2e-12),
     ("stiffness-loss@275.3m", 0.4, 0.7),
     ("axis-rotation", 6.0, 14.0),
-    ("sensor-gain@ch13", 1.2, 1.6),
+    ("sensor-gain@13", 1.2, 1.6),
     ("base-rotation", 5e-15, 1.5e-14),
 ];
 

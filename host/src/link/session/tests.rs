@@ -1,10 +1,14 @@
 //! Conversations with a real node over a simulated line, and with impostors.
 
+use std::io;
+
+use super::stages::{INSPECTIONS, RETRY_US};
 use super::*;
-use crate::link::NodeWindow;
 use crate::link::memory::{Faults, Line};
+use crate::window::NodeWindow;
 use belfry_firmware::{Identity, Memory, Node};
-use belfry_shared::message::{Band, Configuration, Summary};
+use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
+use belfry_shared::message::{self, Band, Configuration, RefusalReason, SCHEMA_HASH};
 use belfry_shared::time::{NodeTime, WindowGrid};
 use proptest::prelude::*;
 
@@ -124,6 +128,20 @@ fn a_node_that_restarts_is_set_up_again_and_goes_on_under_its_new_name() {
     assert!(windows.iter().zip(&windows[1..]).all(|(a, b)| b.grid_index > a.grid_index));
 }
 
+/// A line that keeps what is said.
+struct Said(Vec<u8>);
+
+impl Transport for Said {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.0.extend(bytes);
+        Ok(())
+    }
+
+    fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
+        Ok(0)
+    }
+}
+
 /// Refuses to store from a certain window on.
 struct FullDisk {
     room: usize,
@@ -150,7 +168,7 @@ fn a_window_that_cannot_be_stored_ends_the_session_and_is_not_acknowledged() {
         "{error}"
     );
     // Windows 0 and 1 are stored; 2 is not, and stays in the node.
-    assert_eq!(bench.session.assembler.as_ref().unwrap().below(), 2);
+    assert_eq!(bench.session.delivery.present.as_ref().unwrap().below(), 2);
     let mut windows: Vec<NodeWindow> = Vec::new();
     bench.session = Session::new(3, Configurations::only(configuration()), BAUD);
     bench.run(50 * 100, &mut windows).unwrap();
@@ -347,7 +365,9 @@ fn a_session_finds_its_place_with_a_node_that_has_measured_for_weeks() {
 /// The messages that a session says, read from its outgoing bytes.
 fn said(session: &mut Session) -> Vec<HostMessage> {
     let mut decoder = FrameDecoder::new();
-    let bytes: Vec<u8> = session.outgoing.drain(..).collect();
+    let mut said = Said(Vec::new());
+    session.wire.send(&mut said).unwrap();
+    let bytes = said.0;
     let frames = bytes.iter().filter_map(|&byte| decoder.push(byte).map(|frame| frame.unwrap().to_vec()));
     frames.map(|frame| message::decode(&frame).unwrap()).collect()
 }

@@ -3,8 +3,9 @@
 use nalgebra::DVector;
 
 use super::*;
+use crate::model::effect::tuned_mass_damper::TunedMass;
 use crate::model::tests::Uniform;
-use crate::model::{Assembly, Structure, TunedMass};
+use crate::model::{Assembly, Structure};
 
 const DAMPER: TunedMass =
     TunedMass { z_m: 90.0, mass_kg: 1e3, frequency_hz: 0.5, damping_ratio: 0.06, moves: [true, true] };
@@ -12,7 +13,7 @@ const DAMPER: TunedMass =
 fn hung(damper: TunedMass) -> Assembly {
     let beam = Uniform { axis_deg: 20.0, segments: 10, rotary_inertia: 1e-3, ..Uniform::default() };
     let mut structure = Structure::new(beam.table());
-    structure.tuned_masses.push(damper);
+    structure.push(std::sync::Arc::new(damper));
     structure.assemble()
 }
 

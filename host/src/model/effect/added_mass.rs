@@ -1,15 +1,21 @@
 //! `added-mass@z`: a mass that the model does not know, such as plant or cladding.
 
-use super::target::height;
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter, Place};
-use crate::model::{AddedMass, Structure};
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::PlaceKind;
+use crate::model::assembly::Assembly;
+use crate::model::contribution::{Contribution, PointMass};
+use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "added-mass",
     physics: "Something heavy stands at a height that the model does not know: plant, a water tank, antennas. It moves \
          sideways with the structure and has no rotational inertia of its own.",
     formula: "M += m (n_x^T n_x + n_y^T n_y), n the motion of the axis at z",
-    fingerprint: "frequencies too low in proportion to m phi(z)^2, torsion untouched",
+    fingerprint: "frequencies too low in proportion to m phi(z)^2, torsion unchanged",
     look_alikes: &[
         LookAlike {
             kind: "stiffness-loss",
@@ -23,30 +29,43 @@ const ABOUT: About = About {
         },
     ],
     source: "Lord Rayleigh (1894), The Theory of Sound, section 90",
+    examples: &["added-mass@443.6m=2e5"],
 };
 
 const MASS: Parameter = Parameter::positive("mass", "kg", "a mass on the beam axis");
 
-/// A point mass; between nodes it enters M through the element's shape functions.
+/// See [`ABOUT`].
 #[derive(Debug)]
-pub(super) struct AddedMassAt;
+pub(super) struct AddedMass;
 
-impl EffectKind for AddedMassAt {
+impl EffectKind for AddedMass {
     fn about(&self) -> &'static About {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::Height
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Height
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[MASS]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        let z_m = height(ABOUT.name, given, structure)?;
-        structure.added_masses.push(AddedMass { z_m, mass_kg: given.or_zero(MASS.name) });
-        Ok(())
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        let z_m = given.height_m(self, structure)?;
+        Ok(Arc::new(PointMass { z_m, mass_kg: given.or_zero(MASS.name) }))
+    }
+}
+
+/// Between nodes it enters M through the element's shape functions.
+impl Contribution for PointMass {
+    fn attach(&self, assembly: &mut Assembly) {
+        let motion = assembly.axis_motion(self.z_m);
+        let horizontal = motion.rows(0, 2);
+        assembly.mass += horizontal.tr_mul(&horizontal) * self.mass_kg;
+    }
+
+    fn attached_mass(&self) -> Option<PointMass> {
+        Some(*self)
     }
 }

@@ -1,20 +1,22 @@
 //! `amplitude-stiffness`: the structure is softer when it moves more.
 
-use super::{About, EffectError, EffectKind, Evidence, Given, LookAlike, Parameter};
-use crate::model::Structure;
+use super::kind::{About, Evidence, LookAlike};
+use super::parameter::Parameter;
+use super::trend::Trend;
 
 const ABOUT: About = About {
     name: "amplitude-stiffness",
     physics: "Cracks open, joints slip and soil yields as motion grows, so frequencies fall in strong wind. A linear model \
          has one frequency for all levels.",
     formula: "K becomes (1 + relative_per_level log10(response / mean response)) K",
-    fingerprint: "frequencies go with the level of response over the hours",
+    fingerprint: "frequencies follow the level of response over the hours",
     look_alikes: &[LookAlike {
         kind: "temperature-stiffness",
         separated_by: "hours of like temperature in different wind",
     }],
     source: "Y. Tamura, S.-y. Suganuma (1996), Evaluation of amplitude-dependent damping and natural frequency of \
          buildings, J. Wind Eng. Ind. Aerodyn. 59",
+    examples: &["amplitude-stiffness=-0.02"],
 };
 
 const SLOPE: Parameter = Parameter::ranged(
@@ -26,24 +28,4 @@ const SLOPE: Parameter = Parameter::ranged(
 );
 
 /// See [`ABOUT`].
-#[derive(Debug)]
-pub(super) struct AmplitudeStiffness;
-
-impl EffectKind for AmplitudeStiffness {
-    fn about(&self) -> &'static About {
-        &ABOUT
-    }
-
-    fn evidence(&self) -> Evidence {
-        Evidence::LevelTrend
-    }
-
-    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        &[&[SLOPE]]
-    }
-
-    fn apply(&self, _given: &Given<'_>, _structure: &mut Structure) -> Result<(), EffectError> {
-        // The model is that of the record's mean; the effect says how the structure moves about it.
-        Ok(())
-    }
-}
+pub(super) const KIND: Trend = Trend { about: &ABOUT, evidence: Evidence::LevelTrend, parameter_sets: &[&[SLOPE]] };

@@ -1,13 +1,14 @@
-//! `base-rotation`: the foundation turns under moment, as on soil.
+//! `base-rotation`: the foundation rotates under moment, as on soil.
 
-use super::target::base;
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter};
-use crate::model::Structure;
+use super::base::BaseSprings;
+use super::kind::{About, LookAlike};
+use super::parameter::Parameter;
+use crate::model::base::BaseFlexibility;
 
 const ABOUT: About = About {
     name: "base-rotation",
-    physics: "The foundation turns under the overturning moment, as soil and piles give way, where the model is clamped. \
-         Without axes both turn alike.",
+    physics: "The foundation rotates under the overturning moment because soil and piles give way; the model is \
+         clamped. One value applies to both axes.",
     formula: "a rotational spring under the base: x_b = -(I + C K_bb)^-1 C K_bf x_f with C the flexibility; springs in \
          series add",
     fingerprint: "the lowest modes are too low and move at the base; high modes hardly change",
@@ -26,36 +27,22 @@ const ABOUT: About = About {
     ],
     source: "G. Gazetas (1991), Formulas and charts for impedances of surface and embedded foundations, J. Geotech. Eng. \
          117",
+    examples: &["base-rotation=7.2e-15", "base-rotation=flexibility_x=7e-15,flexibility_y=9e-15"],
 };
 
 const fn flexibility(name: &'static str, meaning: &'static str) -> Parameter {
     Parameter::positive(name, "rad/(N m)", meaning)
 }
 
-const BOTH: &[Parameter] = &[flexibility("flexibility", "rotation of the base under a unit moment about X or Y")];
-const EACH: &[Parameter] = &[
-    flexibility("flexibility_x", "the same about X (motion along Y)"),
-    flexibility("flexibility_y", "the same about Y (motion along X)"),
-];
-
 /// See [`ABOUT`].
-#[derive(Debug)]
-pub(super) struct BaseRotation;
-
-impl EffectKind for BaseRotation {
-    fn about(&self) -> &'static About {
-        &ABOUT
-    }
-
-    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        &[BOTH, EACH]
-    }
-
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        let flexibilities = given.by_axis("flexibility", ["flexibility_x", "flexibility_y"]);
-        for (total, value) in base(ABOUT.name, structure)?.rotation_rad_n_m.iter_mut().zip(flexibilities) {
-            *total += value;
-        }
-        Ok(())
-    }
-}
+pub(super) const KIND: BaseSprings = BaseSprings {
+    about: &ABOUT,
+    parameter_sets: &[
+        &[flexibility("flexibility", "rotation of the base under a unit moment about X or Y")],
+        &[
+            flexibility("flexibility_x", "the same about X (motion along Y)"),
+            flexibility("flexibility_y", "the same about Y (motion along X)"),
+        ],
+    ],
+    base: |rotation_rad_n_m| BaseFlexibility { rotation_rad_n_m, translation_m_n: [0.0; 2] },
+};

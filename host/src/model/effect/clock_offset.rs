@@ -1,12 +1,19 @@
 //! `clock-offset@node`: a node's samples come late.
 
-use super::target::node;
-use super::{About, EffectError, EffectKind, Evidence, Given, LookAlike, Parameter, Place};
-use crate::model::{SensorChange, Structure};
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Evidence, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::{PlaceKind, Where};
+use crate::model::contribution::{Contribution, OnSensors};
+use crate::model::sensing::SensorChange;
+use crate::model::structure::Structure;
+use crate::study::Sensor;
 
 const ABOUT: About = About {
     name: "clock-offset",
-    physics: "The clock of a node is off, so its samples are taken for others. Its channels lag in every mode, by a phase \
+    physics: "The clock of a node is off, so its samples carry the wrong time. Its channels lag in every mode, by a phase \
          that grows with frequency.",
     formula: "the rows of the node's channels times exp(-i 2 pi f delay)",
     fingerprint: "phase of one node against the others linear in frequency, through zero",
@@ -15,6 +22,7 @@ const ABOUT: About = About {
         LookAlike { kind: "sensor-polarity", separated_by: "the lowest modes, where a delay is a small phase" },
     ],
     source: "J. S. Bendat, A. G. Piersol (2010), Random Data, section 5.2.7",
+    examples: &["clock-offset@node3=0.05"],
 };
 
 const DELAY: Parameter = Parameter::ranged("delay", "s", [-1e4, 1e4], 0.02, "positive: the node's samples come late");
@@ -28,8 +36,8 @@ impl EffectKind for ClockOffset {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::Node
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Node
     }
 
     fn evidence(&self) -> Evidence {
@@ -40,9 +48,21 @@ impl EffectKind for ClockOffset {
         &[&[DELAY]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        let node = node(ABOUT.name, given)?;
-        structure.sensing.changes.push(SensorChange::Delay { node, delay_s: given.or_zero(DELAY.name) });
-        Ok(())
+    fn contribution(&self, given: &Given<'_>, _structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        let Some(&Where::Node(node)) = given.place() else { return Err(given.wrong_place(self)) };
+        Ok(OnSensors::only(LateNode { node, delay_s: given.or_zero(DELAY.name) }))
+    }
+}
+
+/// A node whose samples come late.
+#[derive(Debug)]
+struct LateNode {
+    node: u16,
+    delay_s: f64,
+}
+
+impl SensorChange for LateNode {
+    fn delay_s(&self, sensor: &Sensor) -> f64 {
+        if sensor.node == self.node { self.delay_s } else { 0.0 }
     }
 }

@@ -1,8 +1,14 @@
 //! `connection-flexibility@z`: the structure kinks at a joint.
 
-use super::target::{height, segments};
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter, Place};
-use crate::model::{Joint, Structure};
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::PlaceKind;
+use crate::model::contribution::Contribution;
+use crate::model::joint::Element;
+use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "connection-flexibility",
@@ -19,6 +25,7 @@ const ABOUT: About = About {
         LookAlike { kind: "base-rotation", separated_by: "for a joint near the base: a sensor between the two" },
     ],
     source: "M. A. Monforton, T. S. Wu (1963), Matrix analysis of semi-rigidly connected frames, J. Struct. Div. ASCE 89",
+    examples: &["connection-flexibility@443.6m=1e-12"],
 };
 
 const FLEXIBILITY: Parameter = Parameter::positive("flexibility", "rad/(N m)", "kink of the joint under a unit moment");
@@ -32,19 +39,31 @@ impl EffectKind for ConnectionFlexibility {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::Height
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Height
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[FLEXIBILITY]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        let z_m = height(ABOUT.name, given, structure)?;
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        let z_m = given.height_m(self, structure)?;
         // Only a beam can be cut.
-        segments(ABOUT.name, structure)?;
-        structure.joints.push(Joint { z_m, flexibility_rad_n_m: given.or_zero(FLEXIBILITY.name) });
-        Ok(())
+        given.check_beam(self, structure)?;
+        Ok(Arc::new(Joint { z_m, flexibility_rad_n_m: given.or_zero(FLEXIBILITY.name) }))
+    }
+}
+
+/// A rotational joint: the beam kinks there under moment, alike in all directions.
+#[derive(Debug)]
+struct Joint {
+    z_m: f64,
+    flexibility_rad_n_m: f64,
+}
+
+impl Contribution for Joint {
+    fn soften(&self, element: &mut Element) {
+        element.hinge(self.z_m, self.flexibility_rad_n_m);
     }
 }

@@ -1,26 +1,29 @@
 //! `custom@name`: a hypothesis of the user's own, as matrices or as factors on segments, so that it can be tested without
 //! writing Rust.
 
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
-use thiserror::Error;
 
-use super::target::{segments, wrong_place};
-use super::{About, EffectError, EffectKind, Given, Parameter, Place, Where};
-use crate::model::matrices::read_sum;
-use crate::model::{MatrixChange, MatrixError, Segment, Structure};
-use crate::study::{CustomSource, MatrixTerm};
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given};
+use super::parameter::Parameter;
+use super::place::{PlaceKind, Where};
+use crate::model::assembly::Assembly;
+use crate::model::beam::Segment;
+use crate::model::contribution::Contribution;
+use crate::model::custom::Custom;
+use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "custom",
     physics: "A hypothesis of your own, given in study.toml as [[model.custom]] with a name: changes of K and M as matrices, \
               or relative changes of segments as a table. The value says how much of it there is.",
     formula: "K += value dK, M += value dM; or each segment's bending, shear, torsion and mass times (1 + value change)",
-    fingerprint: "what you say",
+    fingerprint: "what your hypothesis predicts",
     look_alikes: &[],
     source: "yours",
+    examples: &["custom@cables=0.5"],
 };
 
 const VALUE: Parameter =
@@ -30,78 +33,21 @@ const VALUE: Parameter =
 #[derive(Debug)]
 pub(super) struct CustomChange;
 
-/// A `[[model.custom]]` that was read.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Custom {
-    /// Its name.
-    pub name: String,
-    /// What a value of 1 adds to K.
-    stiffness: Option<Arc<DMatrix<f64>>>,
-    /// What a value of 1 adds to M.
-    mass: Option<Arc<DMatrix<f64>>>,
-    /// What a value of 1 changes about segments.
-    segments: Vec<SegmentFactor>,
-    /// The admissible values.
-    pub range: [f64; 2],
-    /// The typical value.
-    pub typical: f64,
-}
-
-/// Relative changes between two heights.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct SegmentFactor {
-    z_bottom_m: f64,
-    z_top_m: f64,
-    /// Of bending along local axes 1 and 2, of shear, torsion and mass.
-    bending: [f64; 2],
-    shear: f64,
-    torsion: f64,
-    mass: f64,
-}
-
-/// Why a `[[model.custom]]` cannot be read.
-#[derive(Debug, Error)]
-pub enum CustomError {
-    /// A matrix.
-    #[error(transparent)]
-    Matrix(#[from] MatrixError),
-    /// The table of segments.
-    #[error("{}, line {line}: {reason}; expected the columns z_bottom_m,z_top_m and any of bending_1,bending_2,shear,torsion,mass (relative changes)", file.display())]
-    Table {
-        /// The file.
-        file: PathBuf,
-        /// 1-based line.
-        line: u64,
-        /// Why.
-        reason: String,
-    },
-    /// The file cannot be opened.
-    #[error("{}: cannot be read ({source}); [[model.custom]] in study.toml names it", file.display())]
-    Unreadable {
-        /// The file.
-        file: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-}
-
 impl EffectKind for CustomChange {
     fn about(&self) -> &'static About {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::Name
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Name
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[VALUE]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        let Some(Where::Name(name)) = given.place else {
-            return Err(wrong_place(ABOUT.name, given, "needs the name of a [[model.custom]], such as @cables"));
-        };
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        let Some(Where::Name(name)) = given.place() else { return Err(given.wrong_place(self)) };
         let Some(custom) = structure.customs.iter().find(|custom| custom.name == *name).cloned() else {
             let known: Vec<&str> = structure.customs.iter().map(|custom| custom.name.as_str()).collect();
             let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
@@ -113,104 +59,40 @@ impl EffectKind for CustomChange {
             let range = Parameter::ranged(VALUE.name, "-", custom.range, custom.typical, "").range();
             return Err(EffectError::OutOfRange { kind: ABOUT.name, parameter: VALUE.name, value, range });
         }
-        if !custom.segments.is_empty() {
-            for segment in segments(ABOUT.name, structure)? {
-                custom.change(segment, value);
+        if custom.changes_segments() {
+            given.check_beam(self, structure)?;
+        }
+        let expected = structure.dofs();
+        for matrix in custom.stiffness.iter().chain(&custom.mass) {
+            if matrix.nrows() != expected {
+                return Err(EffectError::CustomSize { name: name.clone(), found: matrix.nrows(), expected });
             }
         }
-        if custom.stiffness.is_some() || custom.mass.is_some() {
-            let expected = structure.dofs();
-            for matrix in custom.stiffness.iter().chain(&custom.mass) {
-                if matrix.nrows() != expected {
-                    return Err(EffectError::CustomSize { name: name.clone(), found: matrix.nrows(), expected });
-                }
-            }
-            structure.custom.push(MatrixChange { stiffness: custom.stiffness, mass: custom.mass, amount: value });
-        }
-        Ok(())
+        Ok(Arc::new(Amount { custom, value }))
     }
 }
 
-impl Custom {
-    /// Reads what a study names; paths start at `folder`.
-    ///
-    /// # Errors
-    /// [`CustomError`] names the file and the line.
-    pub fn read(source: &CustomSource, folder: &Path) -> Result<Self, CustomError> {
-        let file = source.file.as_ref().map(|file| folder.join(file));
-        let matrix = |terms: &[MatrixTerm], quantity| -> Result<Option<Arc<DMatrix<f64>>>, CustomError> {
-            let read = || read_sum(terms, quantity, file.as_deref(), folder, None);
-            Ok(if terms.is_empty() { None } else { Some(Arc::new(read()?)) })
-        };
-        Ok(Self {
-            name: source.name.clone(),
-            stiffness: matrix(&source.stiffness, "custom stiffness")?,
-            mass: matrix(&source.mass, "custom mass")?,
-            segments: match &source.segments {
-                Some(path) => read_segments(&folder.join(path))?,
-                None => Vec::new(),
-            },
-            range: [source.least.unwrap_or(f64::NEG_INFINITY), source.greatest.unwrap_or(f64::INFINITY)],
-            typical: source.typical.unwrap_or(1.0),
-        })
-    }
-
-    /// Changes a segment in the share of it that lies in each row of the table.
-    fn change(&self, segment: &mut Segment, value: f64) {
-        for row in &self.segments {
-            let overlap_m = segment.z_top_m.min(row.z_top_m) - segment.z_bottom_m.max(row.z_bottom_m);
-            let amount = value * (overlap_m / segment.length_m()).max(0.0);
-            let factor = |change: f64| (1.0 + amount * change).max(LEAST_FACTOR);
-            for (bending, change) in segment.bending_n_m2.iter_mut().zip(row.bending) {
-                *bending *= factor(change);
-            }
-            segment.shear_n = segment.shear_n.map(|shear| shear.map(|shear| shear * factor(row.shear)));
-            segment.torsion_n_m2 *= factor(row.torsion);
-            segment.scale_mass(factor(row.mass));
-        }
-    }
+/// So much of a hypothesis.
+#[derive(Debug)]
+struct Amount {
+    custom: Custom,
+    value: f64,
 }
 
-/// No hypothesis takes stiffness or mass away altogether.
-const LEAST_FACTOR: f64 = 1e-3;
-
-fn read_segments(path: &Path) -> Result<Vec<SegmentFactor>, CustomError> {
-    let file = std::fs::File::open(path).map_err(|source| CustomError::Unreadable { file: path.to_owned(), source })?;
-    let failed = |line: u64, reason: String| CustomError::Table { file: path.to_owned(), line, reason };
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file);
-    let header = reader.headers().map_err(|error| failed(1, error.to_string()))?.clone();
-    let known = ["z_bottom_m", "z_top_m", "bending_1", "bending_2", "shear", "torsion", "mass"];
-    if let Some(unknown) = header.iter().find(|column| !known.contains(column)) {
-        return Err(failed(1, format!("the column `{unknown}` is none of them")));
-    }
-    let position = |column: &str| header.iter().position(|name| name == column);
-    if let Some(missing) = ["z_bottom_m", "z_top_m"].into_iter().find(|column| position(column).is_none()) {
-        return Err(failed(1, format!("the column `{missing}` is missing")));
-    }
-    let mut rows = Vec::new();
-    for record in reader.records() {
-        let record =
-            record.map_err(|error| failed(error.position().map_or(1, csv::Position::line), error.to_string()))?;
-        let line = record.position().map_or(1, csv::Position::line);
-        let number = |column: &str| -> Result<f64, CustomError> {
-            let cell = position(column).and_then(|at| record.get(at)).unwrap_or("0");
-            let number = if cell.is_empty() { Some(0.0) } else { cell.parse().ok() };
-            number
-                .filter(|number: &f64| number.is_finite())
-                .ok_or_else(|| failed(line, format!("column `{column}`: `{cell}` is no number")))
-        };
-        let row = SegmentFactor {
-            z_bottom_m: number("z_bottom_m")?,
-            z_top_m: number("z_top_m")?,
-            bending: [number("bending_1")?, number("bending_2")?],
-            shear: number("shear")?,
-            torsion: number("torsion")?,
-            mass: number("mass")?,
-        };
-        if row.z_top_m <= row.z_bottom_m {
-            return Err(failed(line, "z_top_m must lie above z_bottom_m".to_owned()));
+impl Contribution for Amount {
+    fn change_segments(&self, segments: &mut [Segment]) {
+        for segment in segments {
+            self.custom.change(segment, self.value);
         }
-        rows.push(row);
     }
-    if rows.is_empty() { Err(failed(1, "there is no row".to_owned())) } else { Ok(rows) }
+
+    fn add_matrices(&self, assembly: &mut Assembly) {
+        let add = |matrix: &mut DMatrix<f64>, change: &Option<Arc<DMatrix<f64>>>| {
+            if let Some(change) = change {
+                *matrix += change.as_ref() * self.value;
+            }
+        };
+        add(&mut assembly.stiffness, &self.custom.stiffness);
+        add(&mut assembly.mass, &self.custom.mass);
+    }
 }

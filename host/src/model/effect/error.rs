@@ -2,14 +2,20 @@
 
 use thiserror::Error;
 
+use super::place::PlaceKind;
+
 /// Why an effect was refused.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum EffectError {
     /// The word has no value.
-    #[error("`{word}`: no value; write KIND=VALUE or KIND@WHERE=VALUE, for instance added-mass@443.6m=200000")]
+    #[error("`{word}`: no value; expected {expected}, for instance {examples}")]
     NoValue {
         /// What was typed.
         word: String,
+        /// What a value looks like.
+        expected: String,
+        /// How the kind is typed.
+        examples: String,
     },
     /// No such kind.
     #[error("no effect is called `{kind}`{}; there are {known}", nearest.map_or_else(String::new, |nearest| format!(" (did you mean {nearest}?)")))]
@@ -21,21 +27,21 @@ pub enum EffectError {
         /// The kinds there are.
         known: String,
     },
-    /// A place that is none.
-    #[error(
-        "`{place}` is no place; write a height such as 443.6m, a channel such as ch07 (or ch04+ch05), a node such as node3, a frequency such as 0.83hz, or the name of a [[model.custom]]"
-    )]
-    BadPlace {
-        /// What was typed.
-        place: String,
-    },
     /// The kind acts elsewhere.
-    #[error("{kind} {expected}, not {found}")]
+    #[error("{kind} needs {expected}, but got {found}")]
     WrongPlace {
         /// The kind.
         kind: &'static str,
         /// What it needs.
         expected: &'static str,
+        /// What it got.
+        found: String,
+    },
+    /// The kind acts on the whole structure.
+    #[error("{kind} acts on the whole structure and takes no @WHERE; leave out {found}")]
+    NoPlace {
+        /// The kind.
+        kind: &'static str,
         /// What it got.
         found: String,
     },
@@ -116,7 +122,7 @@ pub enum EffectError {
         expected: usize,
     },
     /// The names of parameters given are not those of the kind.
-    #[error("{kind}: `{value}` is not a value for it; expected {expected}")]
+    #[error("{kind}: `{value}` is not a value for it; expected {expected}, for instance {examples}")]
     BadValue {
         /// The kind.
         kind: &'static str,
@@ -124,6 +130,8 @@ pub enum EffectError {
         value: String,
         /// What would have been right.
         expected: String,
+        /// How the kind is typed.
+        examples: String,
     },
     /// A value outside its bounds.
     #[error("{kind}: {parameter} = {value} is out of range; it must be {range}")]
@@ -137,4 +145,15 @@ pub enum EffectError {
         /// The range in words, with the unit.
         range: String,
     },
+}
+
+impl EffectError {
+    /// The error that an effect of a kind does not act at `found`, the part after the @.
+    pub(super) fn wrong_place(kind: &'static str, place: PlaceKind, found: Option<&str>) -> Self {
+        let found = found.map_or_else(|| "nothing".to_owned(), |found| format!("@{found}"));
+        match place {
+            PlaceKind::Nowhere => Self::NoPlace { kind, found },
+            _ => Self::WrongPlace { kind, expected: place.in_words(), found },
+        }
+    }
 }

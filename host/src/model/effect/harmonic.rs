@@ -1,19 +1,25 @@
 //! `harmonic@f`: a machine or a vortex street drives the structure at one frequency.
 
-use super::target::wrong_place;
-use super::{About, EffectError, EffectKind, Evidence, Given, LookAlike, Parameter, Place, Where};
-use crate::model::Structure;
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Evidence, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::{PlaceKind, Where};
+use crate::model::contribution::Contribution;
+use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "harmonic",
-    physics: "A fan, a pump or shed vortices force the structure at one frequency. The line looks like a mode, but it is \
-         what drives the structure and not how the structure swings.",
+    physics: "A fan, a pump or shed vortices force the structure at one frequency. The line looks like a mode, but it \
+         belongs to the machine and not to the structure.",
     formula: "none of M, C and K: the line at f is left out of the modes",
     fingerprint: "kurtosis of the band-passed response 1.5 (a mode's is 3), no finite damping, several singular values rise \
          together",
     look_alikes: &[LookAlike { kind: "tuned-mass-damper", separated_by: "its damping: a damper's twin peak is wide" }],
     source: "R. Brincker, P. Andersen, N. Moller (2000), An indicator for separation of structural and harmonic modes, \
          IMAC 18",
+    examples: &["harmonic@0.83hz", "harmonic@0.83hz=0.83"],
 };
 
 const FREQUENCY: Parameter = Parameter::given("frequency", "Hz", [0.0, f64::INFINITY], "the frequency of the line");
@@ -27,8 +33,8 @@ impl EffectKind for Harmonic {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::Frequency
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Frequency
     }
 
     fn evidence(&self) -> Evidence {
@@ -39,11 +45,20 @@ impl EffectKind for Harmonic {
         &[&[], &[FREQUENCY]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        match given.place {
-            Some(&Where::Frequency(frequency_hz)) => structure.forced_hz.push(frequency_hz),
-            _ => return Err(wrong_place(ABOUT.name, given, "needs a frequency such as @0.83hz")),
-        }
-        Ok(())
+    fn contribution(&self, given: &Given<'_>, _structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        let Some(&Where::Frequency(frequency_hz)) = given.place() else { return Err(given.wrong_place(self)) };
+        Ok(Arc::new(ForcedLine { frequency_hz }))
+    }
+}
+
+/// A line of the spectrum that is no mode.
+#[derive(Debug)]
+struct ForcedLine {
+    frequency_hz: f64,
+}
+
+impl Contribution for ForcedLine {
+    fn forced_hz(&self) -> Option<f64> {
+        Some(self.frequency_hz)
     }
 }

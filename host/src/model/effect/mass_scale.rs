@@ -1,12 +1,13 @@
 //! `mass-scale`: all of M times (1 + value), as a wrong density or dead load would do.
 
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter};
-use crate::model::Structure;
+use super::kind::{About, LookAlike};
+use super::scale::Scale;
+use crate::model::contribution::Factors;
 
 const ABOUT: About = About {
     name: "mass-scale",
-    physics: "All of the structure is heavier or lighter than modelled by one factor, as where finishes and live load were \
-         guessed. Every frequency moves alike and no shape changes.",
+    physics: "All of the structure is heavier or lighter than modelled by one factor, for instance because finishes and live \
+         load were estimated. Every frequency moves alike and no shape changes.",
     formula: "M becomes (1 + relative) M",
     fingerprint: "all frequencies off by the same percentage, shapes right",
     look_alikes: &[
@@ -21,26 +22,12 @@ const ABOUT: About = About {
         },
     ],
     source: "M. I. Friswell, J. E. Mottershead (1995), Finite Element Model Updating in Structural Dynamics, section 2.5",
+    examples: &["mass-scale=0.05"],
 };
 
-const RELATIVE: Parameter =
-    Parameter::ranged("relative", "-", [-0.9, 9.0], 0.1, "all mass is that of the model times (1 + relative)");
-
 /// See [`ABOUT`].
-#[derive(Debug)]
-pub(super) struct MassScale;
-
-impl EffectKind for MassScale {
-    fn about(&self) -> &'static About {
-        &ABOUT
-    }
-
-    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        &[&[RELATIVE]]
-    }
-
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        structure.mass_factor *= 1.0 + given.or_zero(RELATIVE.name);
-        Ok(())
-    }
-}
+pub(super) const KIND: Scale = Scale {
+    about: &ABOUT,
+    parameter_sets: &[&[Scale::relative("all mass is that of the model times (1 + relative)")]],
+    factors: |mass| Factors { mass, stiffness: 1.0 },
+};

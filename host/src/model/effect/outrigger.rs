@@ -1,8 +1,14 @@
 //! `outrigger@z`: arms to outer columns, or cables, hold the structure upright at a height.
 
-use super::target::height;
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter, Place};
-use crate::model::{GroundSpring, Structure};
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::PlaceKind;
+use crate::model::assembly::Assembly;
+use crate::model::contribution::Contribution;
+use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "outrigger",
@@ -18,6 +24,7 @@ const ABOUT: About = About {
         },
     ],
     source: "B. S. Smith, A. Coull (1991), Tall Building Structures, chapter 14",
+    examples: &["outrigger@300m=1e12"],
 };
 
 const STIFFNESS: Parameter = Parameter::positive("stiffness", "N m/rad", "moment to the ground for a unit rotation");
@@ -31,17 +38,31 @@ impl EffectKind for Outrigger {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::Height
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Height
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[STIFFNESS]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        let z_m = height(ABOUT.name, given, structure)?;
-        structure.ground_springs.push(GroundSpring { z_m, stiffness_n_m: given.or_zero(STIFFNESS.name) });
-        Ok(())
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        let z_m = given.height_m(self, structure)?;
+        Ok(Arc::new(GroundSpring { z_m, stiffness_n_m: given.or_zero(STIFFNESS.name) }))
+    }
+}
+
+/// A rotational spring to the ground, alike about X and Y.
+#[derive(Debug)]
+struct GroundSpring {
+    z_m: f64,
+    stiffness_n_m: f64,
+}
+
+impl Contribution for GroundSpring {
+    fn attach(&self, assembly: &mut Assembly) {
+        let motion = assembly.axis_motion(self.z_m);
+        let rotation = motion.rows(2, 2);
+        assembly.stiffness += rotation.tr_mul(&rotation) * self.stiffness_n_m;
     }
 }

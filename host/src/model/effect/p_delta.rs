@@ -1,8 +1,13 @@
 //! `p-delta`: the weight above bends the structure further.
 
-use super::target::segments;
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter};
-use crate::model::Structure;
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use crate::model::contribution::{Contribution, MassAbove};
+use crate::model::structure::Structure;
+use crate::study::STANDARD_GRAVITY_M_S2;
 
 const ABOUT: About = About {
     name: "p-delta",
@@ -15,6 +20,7 @@ const ABOUT: About = About {
         LookAlike { kind: "stiffness-scale", separated_by: "higher modes, which weight hardly moves" },
     ],
     source: "J. S. Przemieniecki (1968), Theory of Matrix Structural Analysis, eq. 15.19",
+    examples: &["p-delta=1"],
 };
 
 const FACTOR: Parameter =
@@ -33,10 +39,22 @@ impl EffectKind for PDelta {
         &[&[FACTOR]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
         // Only a beam has segments to carry the weight.
-        segments(ABOUT.name, structure)?;
-        structure.weight_share += given.or_zero(FACTOR.name);
-        Ok(())
+        given.check_beam(self, structure)?;
+        Ok(Arc::new(Weight { share: given.or_zero(FACTOR.name) }))
+    }
+}
+
+/// Weight of what is above.
+#[derive(Debug)]
+struct Weight {
+    share: f64,
+}
+
+impl Contribution for Weight {
+    fn compression_n(&self, above: &MassAbove) -> f64 {
+        // Gravity pulls as hard whatever the stiffness is multiplied with afterwards.
+        self.share * above.factors.mass * STANDARD_GRAVITY_M_S2 / above.factors.stiffness * above.mass_kg
     }
 }

@@ -1,68 +1,19 @@
-//! The words in which effects are typed: `KIND[@WHERE]=VALUE`.
+//! Effects in words: `KIND[@WHERE]=VALUE` as typed, and `[[model.effect]]` of a study.
 
-use std::fmt;
 use std::str::FromStr;
 
-use super::{Effect, EffectError, Parameter, expected_value, find, set_of};
+use super::catalogue::find;
+use super::error::EffectError;
+use super::given::{Effect, bad_value, check_place, examples, expected_value};
+use super::kind::EffectKind;
+use super::parameter::Parameter;
+use super::place::Where;
+use super::target::in_study;
+use crate::study::Sensor;
 
-/// The part after the @: where an effect acts.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Where {
-    /// `443.6m`: a height in m.
-    Height(f64),
-    /// `ch07`, or several: `ch04+ch05`.
-    Channels(Vec<String>),
-    /// `node3`: a sensor node.
-    Node(u16),
-    /// `0.83hz`: a frequency in Hz.
-    Frequency(f64),
-    /// `cables`: the name of a `[[model.custom]]`.
-    Name(String),
-}
-
-impl FromStr for Where {
-    type Err = EffectError;
-
-    fn from_str(text: &str) -> Result<Self, EffectError> {
-        let number =
-            |suffix| text.strip_suffix(suffix).and_then(|n: &str| n.parse::<f64>().ok()).filter(|n| n.is_finite());
-        let channels =
-            || text.split('+').map(|part| part.strip_prefix("ch").filter(|name| !name.is_empty()).map(str::to_owned));
-        let place = if let Some(node) = text.strip_prefix("node").and_then(|n| n.parse().ok()) {
-            Some(Self::Node(node))
-        } else if let Some(frequency) = number("hz").or(number("Hz")).filter(|&hz| hz > 0.0) {
-            Some(Self::Frequency(frequency))
-        } else if let Some(height) = number("m") {
-            Some(Self::Height(height))
-        } else {
-            let channels = channels().collect::<Option<_>>().map(Self::Channels);
-            let is_word = |c: char| c.is_alphanumeric() || c == '-' || c == '_';
-            channels.or_else(|| {
-                let starts = text.starts_with(char::is_alphabetic);
-                (starts && text.chars().all(is_word)).then(|| Self::Name(text.to_owned()))
-            })
-        };
-        place.ok_or_else(|| EffectError::BadPlace { place: text.to_owned() })
-    }
-}
-
-impl fmt::Display for Where {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Height(z_m) => write!(f, "{z_m}m"),
-            Self::Channels(channels) => {
-                let words: Vec<_> = channels.iter().map(|channel| format!("ch{channel}")).collect();
-                f.write_str(&words.join("+"))
-            }
-            Self::Node(node) => write!(f, "node{node}"),
-            Self::Frequency(frequency_hz) => write!(f, "{frequency_hz}hz"),
-            Self::Name(name) => f.write_str(name),
-        }
-    }
-}
-
-/// `KIND[@WHERE]=VALUE`, where VALUE is a number, or `name=number,name=number` for a kind with several parameters:
-/// `base-rotation=flexibility_x=1e-14,flexibility_y=2e-14`.
+/// `KIND[@WHERE]=VALUE`, where VALUE is a number. A kind of several parameters takes `name=number,name=number` in any order,
+/// or the numbers alone in the order of the catalogue: `base-rotation=flexibility_x=1e-14,flexibility_y=2e-14` or
+/// `base-rotation=1e-14,2e-14`.
 impl FromStr for Effect {
     type Err = EffectError;
 
@@ -71,27 +22,30 @@ impl FromStr for Effect {
             Some((head, value)) => (head, Some(value.trim()).filter(|value| !value.is_empty())),
             None => (word, None),
         };
-        let (name, place) = match head.split_once('@') {
-            Some((name, place)) => (name.trim(), Some(place.trim().parse::<Where>())),
-            None => (head.trim(), None),
-        };
-        // The kind first: a wrong name is the likeliest slip, and its error lists the names there are.
-        let kind = find(name)?;
-        let place = place.transpose()?;
+        let (kind, place) = typed(head)?;
         let Some(value) = value else {
             // Kinds that are there or not have no value.
             let none = kind.parameter_sets().iter().find(|set| set.is_empty() && !word.contains('='));
-            let set = none.ok_or_else(|| EffectError::NoValue { word: word.to_owned() })?;
+            let set = none.ok_or_else(|| EffectError::NoValue {
+                word: word.to_owned(),
+                expected: expected_value(kind),
+                examples: examples(kind),
+            })?;
             return Self::with_parameters(kind, place, set, &[]);
         };
-        let bad =
-            || EffectError::BadValue { kind: kind.name(), value: value.to_owned(), expected: expected_value(kind) };
-        if let Ok(number) = value.parse::<f64>() {
-            let set = kind.parameter_sets().iter().find(|set| set.len() == 1).ok_or_else(bad)?;
-            return Self::with_parameters(kind, place, set, &[number]);
+        let bad = || bad_value(kind, value.to_owned());
+        let parts: Vec<&str> = value.split(',').map(str::trim).collect();
+        if !value.contains('=') {
+            let read = |set: &&'static [Parameter]| {
+                let values = set.iter().zip(&parts).map(|(parameter, word)| parameter.read_word(word));
+                Some((*set, values.collect::<Option<Vec<f64>>>()?))
+            };
+            let sets = kind.parameter_sets().iter().filter(|set| set.len() == parts.len());
+            let (set, values) = sets.into_iter().find_map(read).ok_or_else(bad)?;
+            return Self::with_parameters(kind, place, set, &values);
         }
         let mut given = Vec::new();
-        for part in value.split(',') {
+        for part in parts {
             let (parameter, number) = part.split_once('=').ok_or_else(bad)?;
             given.push((parameter.trim(), number.trim()));
         }
@@ -101,4 +55,82 @@ impl FromStr for Effect {
         let (set, values) = set_of(kind, given.len(), value_of).ok_or_else(bad)?;
         Self::with_parameters(kind, place, set, &values)
     }
+}
+
+impl Effect {
+    /// An effect as it stands in a study: `value` for a kind with one parameter, else the parameters by name. Standard
+    /// deviations that stand beside them (`std`, `..._std`) are skipped.
+    ///
+    /// # Errors
+    /// As [`Effect::new`], and where a parameter is missing, unknown or not a number.
+    pub fn from_study(written: &crate::study::Effect) -> Result<Self, EffectError> {
+        let kind = find(&written.kind)?;
+        let place = written.location.as_deref().map(|text| read_place(kind, text)).transpose()?;
+        let given: Vec<(&str, &toml::Value)> = written
+            .parameters
+            .iter()
+            .map(|(name, value)| (name.as_str(), value))
+            .filter(|(name, _)| *name != "std" && !name.ends_with("_std"))
+            .collect();
+        if let [("value", value)] = given[..] {
+            let single =
+                kind.parameter_sets().iter().find_map(|set| if let [only] = set { Some((set, only)) } else { None });
+            let (set, only) = single.ok_or_else(|| bad_value(kind, value.to_string()))?;
+            let number = only.read(value).ok_or_else(|| bad_value(kind, value.to_string()))?;
+            return Self::with_parameters(kind, place, set, &[number]);
+        }
+        let words = || {
+            let words: Vec<String> = given.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+            if words.is_empty() { "nothing".to_owned() } else { words.join(", ") }
+        };
+        let value_of = |parameter: &Parameter| {
+            given.iter().find(|(name, _)| *name == parameter.name).and_then(|(_, value)| parameter.read(value))
+        };
+        let (set, values) = set_of(kind, given.len(), value_of).ok_or_else(|| bad_value(kind, words()))?;
+        Self::with_parameters(kind, place, set, &values)
+    }
+}
+
+/// `KIND` or `KIND@WHERE` as typed, without values: the kind, and where.
+///
+/// # Errors
+/// [`EffectError`]: an unknown kind, or a place that does not suit it.
+pub fn named(word: &str) -> Result<(&'static dyn EffectKind, Option<Where>), EffectError> {
+    let (kind, place) = typed(word)?;
+    check_place(kind, place.as_ref())?;
+    Ok((kind, place))
+}
+
+/// As [`named`], with channels named as the study's sensors name them.
+///
+/// # Errors
+/// As [`named`], and where the place is not among the sensors.
+pub fn named_in_study(word: &str, sensors: &[Sensor]) -> Result<(&'static dyn EffectKind, Option<Where>), EffectError> {
+    let (kind, place) = named(word)?;
+    Ok((kind, place.map(|place| in_study(&place, kind.name(), sensors)).transpose()?))
+}
+
+/// The kind first: a wrong name is the likeliest slip, and its error lists the names there are.
+fn typed(head: &str) -> Result<(&'static dyn EffectKind, Option<Where>), EffectError> {
+    let (name, place) = match head.split_once('@') {
+        Some((name, place)) => (name, Some(place)),
+        None => (head, None),
+    };
+    let kind = find(name.trim())?;
+    Ok((kind, place.map(|place| read_place(kind, place)).transpose()?))
+}
+
+fn read_place(kind: &'static dyn EffectKind, text: &str) -> Result<Where, EffectError> {
+    let wrong = || EffectError::wrong_place(kind.name(), kind.place(), Some(text.trim()));
+    kind.place().read(text).ok_or_else(wrong)
+}
+
+/// The parameter set of as many parameters as are given, all of which have a value.
+fn set_of(
+    kind: &'static dyn EffectKind,
+    given: usize,
+    value_of: impl Fn(&Parameter) -> Option<f64>,
+) -> Option<(&'static [Parameter], Vec<f64>)> {
+    let in_order = |set: &&'static [Parameter]| Some((*set, set.iter().map(&value_of).collect::<Option<Vec<f64>>>()?));
+    kind.parameter_sets().iter().filter(|set| set.len() == given).find_map(in_order)
 }

@@ -1,8 +1,17 @@
 //! `sensor-gain@ch`: a channel records too much or too little.
 
-use super::target::channels;
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter, Place};
-use crate::model::{SensorChange, Structure};
+use std::sync::Arc;
+
+use nalgebra::DMatrix;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::PlaceKind;
+use crate::model::contribution::{Contribution, OnSensors};
+use crate::model::sensing::{SensorChange, row_of};
+use crate::model::structure::Structure;
+use crate::study::Sensor;
 
 const ABOUT: About = About {
     name: "sensor-gain",
@@ -15,6 +24,7 @@ const ABOUT: About = About {
         LookAlike { kind: "sensor-rotation", separated_by: "whether other channels of the node are off as well" },
     ],
     source: "M. Brownjohn et al. (2003), handling of sensor errors in ambient vibration surveys; any calibration",
+    examples: &["sensor-gain@07=1.5"],
 };
 
 const FACTOR: Parameter = Parameter::factor("factor", [0.0, 100.0], 0.3, "recorded over true motion");
@@ -28,19 +38,32 @@ impl EffectKind for SensorGain {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::Channel
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Channel
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[FACTOR]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
+    fn contribution(&self, given: &Given<'_>, _structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
         let factor = given.value(FACTOR.name).unwrap_or(1.0);
-        for channel in channels(ABOUT.name, given)? {
-            structure.sensing.changes.push(SensorChange::Gain { channel: channel.clone(), factor });
+        Ok(OnSensors::only(Gain { channels: given.channels(self)?.to_vec(), factor }))
+    }
+}
+
+/// Channels that record `factor` times the true motion.
+#[derive(Debug)]
+pub(super) struct Gain {
+    pub(super) channels: Vec<String>,
+    pub(super) factor: f64,
+}
+
+impl SensorChange for Gain {
+    fn record(&self, rows: &mut DMatrix<f64>, sensors: &[Sensor]) {
+        for index in self.channels.iter().filter_map(|channel| row_of(channel, sensors)) {
+            let mut row = rows.row_mut(index);
+            row *= self.factor;
         }
-        Ok(())
     }
 }

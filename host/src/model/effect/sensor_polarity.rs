@@ -1,8 +1,14 @@
 //! `sensor-polarity@ch`: a channel is wired or mounted the wrong way round.
 
-use super::target::channels;
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter, Place};
-use crate::model::{SensorChange, Structure};
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::PlaceKind;
+use super::sensor_gain::Gain;
+use crate::model::contribution::{Contribution, OnSensors};
+use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "sensor-polarity",
@@ -15,6 +21,7 @@ const ABOUT: About = About {
         LookAlike { kind: "sensor-rotation", separated_by: "half a turn of a node of one sensor is the same" },
     ],
     source: "C. R. Farrar, K. Worden (2013), Structural Health Monitoring, section 4.11",
+    examples: &["sensor-polarity@07"],
 };
 
 /// See [`ABOUT`].
@@ -26,18 +33,15 @@ impl EffectKind for SensorPolarity {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::Channel
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Channel
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        for channel in channels(ABOUT.name, given)? {
-            structure.sensing.changes.push(SensorChange::Gain { channel: channel.clone(), factor: -1.0 });
-        }
-        Ok(())
+    fn contribution(&self, given: &Given<'_>, _structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        Ok(OnSensors::only(Gain { channels: given.channels(self)?.to_vec(), factor: -1.0 }))
     }
 }

@@ -1,13 +1,20 @@
 //! `sensor-rotation@node`, or of all: horizontal sensors point elsewhere than the study says.
 
-use super::target::node;
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter, Place};
-use crate::model::{SensorChange, Structure};
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::{PlaceKind, Where};
+use crate::model::contribution::{Contribution, OnSensors};
+use crate::model::sensing::SensorChange;
+use crate::model::structure::Structure;
+use crate::study::{Direction, Sensor};
 
 const ABOUT: About = About {
     name: "sensor-rotation",
-    physics: "The azimuths of a node's sensors, or of all, were noted against the wrong north or the box was mounted \
-         turned. What each records is a mix of two directions.",
+    physics: "The azimuths of a node's sensors, or of all, were measured from the wrong north, or the box was mounted \
+         turned. Each sensor records a mix of two directions.",
     formula: "azimuth becomes azimuth + angle",
     fingerprint: "shapes turned at one node (or at all) by one angle in all modes; frequencies right",
     look_alikes: &[
@@ -18,6 +25,7 @@ const ABOUT: About = About {
         LookAlike { kind: "sensor-gain", separated_by: "whether other channels of the node are off as well" },
     ],
     source: "Any survey of sensor azimuths",
+    examples: &["sensor-rotation@node3=15"],
 };
 
 const ANGLE: Parameter = Parameter::ranged("angle", "deg", [-180.0, 180.0], 10.0, "true azimuth less the stated one");
@@ -31,20 +39,38 @@ impl EffectKind for SensorRotation {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::NodeOrAll
+    fn place(&self) -> PlaceKind {
+        PlaceKind::NodeOrAll
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[ANGLE]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        let node = match given.place {
-            Some(_) => Some(node(ABOUT.name, given)?),
+    fn contribution(&self, given: &Given<'_>, _structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        let node = match given.place() {
+            Some(&Where::Node(node)) => Some(node),
+            Some(_) => return Err(given.wrong_place(self)),
             None => None,
         };
-        structure.sensing.changes.push(SensorChange::Turn { node, angle_deg: given.or_zero(ANGLE.name) });
-        Ok(())
+        Ok(OnSensors::only(Turn { node, angle_deg: given.or_zero(ANGLE.name) }))
+    }
+}
+
+/// Horizontal sensors of a node, or of all, that point elsewhere.
+#[derive(Debug)]
+struct Turn {
+    node: Option<u16>,
+    /// True azimuth less stated azimuth.
+    angle_deg: f64,
+}
+
+impl SensorChange for Turn {
+    fn turn(&self, sensor: &mut Sensor) {
+        if let Some(Direction::AzimuthDeg(azimuth_deg)) = &mut sensor.direction
+            && self.node.is_none_or(|node| node == sensor.node)
+        {
+            *azimuth_deg += self.angle_deg;
+        }
     }
 }

@@ -1,8 +1,17 @@
 //! `sensor-swap@a+b`: two channels are each other's.
 
-use super::target::channels;
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter, Place};
-use crate::model::{SensorChange, Structure};
+use std::sync::Arc;
+
+use nalgebra::DMatrix;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::PlaceKind;
+use crate::model::contribution::{Contribution, OnSensors};
+use crate::model::sensing::{SensorChange, row_of};
+use crate::model::structure::Structure;
+use crate::study::Sensor;
 
 const ABOUT: About = About {
     name: "sensor-swap",
@@ -15,6 +24,7 @@ const ABOUT: About = About {
         separated_by: "whether turning the node explains both channels",
     }],
     source: "C. R. Farrar, K. Worden (2013), Structural Health Monitoring, section 4.11",
+    examples: &["sensor-swap@04+05"],
 };
 
 /// See [`ABOUT`].
@@ -26,18 +36,32 @@ impl EffectKind for SensorSwap {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::TwoChannels
+    fn place(&self) -> PlaceKind {
+        PlaceKind::TwoChannels
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
         &[&[]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        if let [one, other] = channels(ABOUT.name, given)? {
-            structure.sensing.changes.push(SensorChange::Swap { channels: [one.clone(), other.clone()] });
+    fn contribution(&self, given: &Given<'_>, _structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        match given.channels(self)? {
+            [one, other] => Ok(OnSensors::only(Swap { channels: [one.clone(), other.clone()] })),
+            _ => Err(given.wrong_place(self)),
         }
-        Ok(())
+    }
+}
+
+/// Two channels that are each other's.
+#[derive(Debug)]
+struct Swap {
+    channels: [String; 2],
+}
+
+impl SensorChange for Swap {
+    fn record(&self, rows: &mut DMatrix<f64>, sensors: &[Sensor]) {
+        if let [Some(one), Some(other)] = self.channels.each_ref().map(|channel| row_of(channel, sensors)) {
+            rows.swap_rows(one, other);
+        }
     }
 }

@@ -1,8 +1,13 @@
 //! `shear-flexibility`: the beam gives way in shear more than modelled.
 
-use super::target::segments;
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter};
-use crate::model::Structure;
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use crate::model::beam::Segment;
+use crate::model::contribution::Contribution;
+use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "shear-flexibility",
@@ -19,6 +24,7 @@ const ABOUT: About = About {
         LookAlike { kind: "base-translation", separated_by: "sensors in the lower third" },
     ],
     source: "S. P. Timoshenko (1921), Phil. Mag. 41, 744; J. S. Przemieniecki (1968), eq. 5.116",
+    examples: &["shear-flexibility=0.3", "shear-flexibility=flexibility=1e-11"],
 };
 
 const RELATIVE: Parameter = Parameter::ranged(
@@ -47,25 +53,35 @@ impl EffectKind for ShearFlexibility {
         &[&[RELATIVE], &[FLEXIBILITY]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        let (factor, added_per_n) = (1.0 + given.or_zero(RELATIVE.name), given.or_zero(FLEXIBILITY.name));
-        let segments = segments(ABOUT.name, structure)?;
-        if added_per_n == 0.0
-            && segments.iter().all(|segment| segment.shear_n == [None; 2])
-            && given.value(RELATIVE.name).is_some()
-        {
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        given.check_beam(self, structure)?;
+        let is_rigid = |segment: &Segment| segment.shear_n == [None; 2];
+        if given.value(RELATIVE.name).is_some() && structure.segments().is_some_and(|all| all.iter().all(is_rigid)) {
             return Err(EffectError::NothingToScale {
                 kind: ABOUT.name,
                 missing: "the table is rigid in shear, so there is nothing to scale",
                 instead: "flexibility = ... in 1/N",
             });
         }
+        let (factor, added_per_n) = (1.0 + given.or_zero(RELATIVE.name), given.or_zero(FLEXIBILITY.name));
+        Ok(Arc::new(SofterInShear { factor, added_per_n }))
+    }
+}
+
+/// Shear flexibility times a factor, and more besides.
+#[derive(Debug)]
+struct SofterInShear {
+    factor: f64,
+    added_per_n: f64,
+}
+
+impl Contribution for SofterInShear {
+    fn change_segments(&self, segments: &mut [Segment]) {
         for segment in segments {
             segment.shear_n = segment.shear_n.map(|shear_n| {
-                let flexibility = shear_n.map_or(0.0, |shear_n| factor / shear_n) + added_per_n;
+                let flexibility = shear_n.map_or(0.0, |shear_n| self.factor / shear_n) + self.added_per_n;
                 (flexibility > 0.0).then(|| 1.0 / flexibility)
             });
         }
-        Ok(())
     }
 }

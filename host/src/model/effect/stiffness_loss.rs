@@ -1,8 +1,14 @@
 //! `stiffness-loss@z`: damage or a weaker section around a height.
 
-use super::target::{height, segments};
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter, Place};
-use crate::model::Structure;
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given, LookAlike};
+use super::parameter::Parameter;
+use super::place::PlaceKind;
+use crate::model::beam::Segment;
+use crate::model::contribution::Contribution;
+use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "stiffness-loss",
@@ -23,6 +29,7 @@ const ABOUT: About = About {
     ],
     source: "A. K. Pandey, M. Biswas, M. M. Samman (1991), Damage detection from changes in curvature mode shapes, J. \
          Sound Vib. 145",
+    examples: &["stiffness-loss@150m=0.3", "stiffness-loss@150m=relative=0.3,length=20"],
 };
 
 /// A full loss would cut the structure in two, so the range ends short of it.
@@ -43,8 +50,8 @@ impl EffectKind for StiffnessLoss {
         &ABOUT
     }
 
-    fn place(&self) -> Place {
-        Place::Height
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Height
     }
 
     fn may_be_anywhere(&self) -> bool {
@@ -55,18 +62,31 @@ impl EffectKind for StiffnessLoss {
         &[&[RELATIVE], &[RELATIVE, LENGTH]]
     }
 
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        let z_m = height(ABOUT.name, given, structure)?;
-        let left = 1.0 - given.or_zero(RELATIVE.name);
-        for segment in segments(ABOUT.name, structure)? {
-            let reaches = match given.value(LENGTH.name) {
-                Some(length_m) => (0.5 * (segment.z_bottom_m + segment.z_top_m) - z_m).abs() <= 0.5 * length_m,
-                None => (segment.z_bottom_m..=segment.z_top_m).contains(&z_m),
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        let z_m = given.height_m(self, structure)?;
+        given.check_beam(self, structure)?;
+        Ok(Arc::new(Loss { z_m, left: 1.0 - given.or_zero(RELATIVE.name), length_m: given.value(LENGTH.name) }))
+    }
+}
+
+/// Segments around a height that keep a share of their stiffness.
+#[derive(Debug)]
+struct Loss {
+    z_m: f64,
+    left: f64,
+    length_m: Option<f64>,
+}
+
+impl Contribution for Loss {
+    fn change_segments(&self, segments: &mut [Segment]) {
+        for segment in segments {
+            let reaches = match self.length_m {
+                Some(length_m) => (0.5 * (segment.z_bottom_m + segment.z_top_m) - self.z_m).abs() <= 0.5 * length_m,
+                None => (segment.z_bottom_m..=segment.z_top_m).contains(&self.z_m),
             };
             if reaches {
-                segment.scale_stiffness(left);
+                segment.scale_stiffness(self.left);
             }
         }
-        Ok(())
     }
 }

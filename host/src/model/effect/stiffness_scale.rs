@@ -1,12 +1,13 @@
 //! `stiffness-scale`: all of K times (1 + value), as a wrong modulus of elasticity would do.
 
-use super::{About, EffectError, EffectKind, Given, LookAlike, Parameter};
-use crate::model::Structure;
+use super::kind::{About, LookAlike};
+use super::scale::Scale;
+use crate::model::contribution::Factors;
 
 const ABOUT: About = About {
     name: "stiffness-scale",
-    physics: "All of the structure is stiffer or softer than modelled by one factor, as where the modulus of elasticity of \
-         the concrete was taken from a standard. Every frequency moves alike and no shape changes.",
+    physics: "All of the structure is stiffer or softer than modelled by one factor, for instance because the modulus of \
+         elasticity of the concrete was taken from a standard. Every frequency moves alike and no shape changes.",
     formula: "K becomes (1 + relative) K",
     fingerprint: "all frequencies off by the same percentage, shapes right",
     look_alikes: &[
@@ -25,26 +26,12 @@ const ABOUT: About = About {
         },
     ],
     source: "M. I. Friswell, J. E. Mottershead (1995), Finite Element Model Updating in Structural Dynamics, section 2.5",
+    examples: &["stiffness-scale=0.1"],
 };
 
-const RELATIVE: Parameter =
-    Parameter::ranged("relative", "-", [-0.9, 9.0], 0.1, "all stiffness is that of the model times (1 + relative)");
-
 /// See [`ABOUT`].
-#[derive(Debug)]
-pub(super) struct StiffnessScale;
-
-impl EffectKind for StiffnessScale {
-    fn about(&self) -> &'static About {
-        &ABOUT
-    }
-
-    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        &[&[RELATIVE]]
-    }
-
-    fn apply(&self, given: &Given<'_>, structure: &mut Structure) -> Result<(), EffectError> {
-        structure.stiffness_factor *= 1.0 + given.or_zero(RELATIVE.name);
-        Ok(())
-    }
-}
+pub(super) const KIND: Scale = Scale {
+    about: &ABOUT,
+    parameter_sets: &[&[Scale::relative("all stiffness is that of the model times (1 + relative)")]],
+    factors: |stiffness| Factors { stiffness, mass: 1.0 },
+};

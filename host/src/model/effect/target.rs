@@ -1,85 +1,49 @@
-//! The parts of a structure that effects act on, or why a structure has none.
+//! Places of effects as a study knows them: channels and nodes as typed flow in, those of the sensors flow out.
 
-use super::{EffectError, Given, Where};
-use crate::model::{BaseFlexibility, Body, Segment, Structure};
+use super::error::EffectError;
+use super::place::Where;
 use crate::study::Sensor;
 
-/// The base of a beam.
-pub(super) fn base<'a>(
-    kind: &'static str,
-    structure: &'a mut Structure,
-) -> Result<&'a mut BaseFlexibility, EffectError> {
-    match structure.body {
-        Body::Beam(_) => Ok(&mut structure.base),
-        Body::Matrices(_) => Err(EffectError::NeedsBeam { kind }),
-    }
-}
-
-/// The segments of a beam.
-pub(super) fn segments<'a>(kind: &'static str, structure: &'a mut Structure) -> Result<&'a mut [Segment], EffectError> {
-    match &mut structure.body {
-        Body::Beam(beam) => Ok(beam.segments_mut()),
-        Body::Matrices(_) => Err(EffectError::NeedsBeam { kind }),
-    }
-}
-
-/// Whether heights mean something.
-pub(super) fn check_line(kind: &'static str, structure: &Structure) -> Result<[f64; 2], EffectError> {
-    structure.z_range_m().ok_or(EffectError::NoHeights { kind })
-}
-
-/// The height of a located effect, on the beam.
-pub(super) fn height(kind: &'static str, given: &Given<'_>, structure: &Structure) -> Result<f64, EffectError> {
-    let Some(&Where::Height(z_m)) = given.place else {
-        return Err(wrong_place(kind, given, "needs a height such as @225.2m"));
-    };
-    let [z_base_m, z_top_m] = check_line(kind, structure)?;
-    if !(z_base_m..=z_top_m).contains(&z_m) {
-        return Err(EffectError::OutsideBeam { kind, z_m, z_base_m, z_top_m });
-    }
-    Ok(z_m)
-}
-
-/// The channels of an effect on sensors.
-pub(super) fn channels<'a>(kind: &'static str, given: &Given<'a>) -> Result<&'a [String], EffectError> {
-    match given.place {
-        Some(Where::Channels(channels)) => Ok(channels),
-        _ => Err(wrong_place(kind, given, "needs a channel such as @ch07")),
-    }
-}
-
-/// The sensor node of an effect on sensors.
-pub(super) fn node(kind: &'static str, given: &Given<'_>) -> Result<u16, EffectError> {
-    match given.place {
-        Some(&Where::Node(node)) => Ok(node),
-        _ => Err(wrong_place(kind, given, "needs a sensor node such as @node3")),
-    }
-}
-
-pub(super) fn wrong_place(kind: &'static str, given: &Given<'_>, expected: &'static str) -> EffectError {
-    let found = given.place.map_or_else(|| "nothing".to_owned(), |place| format!("@{place}"));
-    EffectError::WrongPlace { kind, expected, found }
-}
-
-/// Whether the channels or the node of a place are among the sensors.
-pub(super) fn check_sensors(kind: &'static str, place: Option<&Where>, sensors: &[Sensor]) -> Result<(), EffectError> {
+/// The same place with channels named as the study's sensors name them.
+///
+/// # Errors
+/// [`EffectError::NoChannel`] and [`EffectError::NoNode`] where no sensor is there, for an effect of `kind`.
+pub(super) fn in_study(place: &Where, kind: &'static str, sensors: &[Sensor]) -> Result<Where, EffectError> {
     match place {
-        Some(Where::Channels(channels)) => {
-            let unknown = channels.iter().find(|channel| sensors.iter().all(|sensor| sensor.channel != **channel));
-            unknown.map_or(Ok(()), |channel| {
-                let known = sensors.iter().map(|sensor| sensor.channel.as_str()).collect::<Vec<_>>().join(", ");
-                Err(EffectError::NoChannel { kind, channel: channel.clone(), known: or_none(known) })
-            })
+        Where::Channels(names) => {
+            let known = |name: &str| channel_in_study(name, sensors);
+            if let Some(channels) = names.iter().map(|name| known(name)).collect::<Option<Vec<_>>>()
+                && channels.len() <= 2
+            {
+                return Ok(Where::Channels(channels));
+            }
+            // A + may belong to a name.
+            let whole = place.to_string();
+            let halves = whole.match_indices('+').map(|(at, _)| (&whole[..at], &whole[at + 1..]));
+            if names.len() > 1
+                && let Some((one, other)) = halves.filter_map(|(one, other)| Some((known(one)?, known(other)?))).next()
+            {
+                return Ok(Where::Channels(vec![one, other]));
+            }
+            let unknown = names.iter().find(|name| known(name).is_none()).unwrap_or(&whole);
+            let all = sensors.iter().map(|sensor| sensor.channel.as_str()).collect::<Vec<_>>().join(", ");
+            Err(EffectError::NoChannel { kind, channel: unknown.clone(), known: or_none(all) })
         }
-        Some(&Where::Node(node)) if sensors.iter().all(|sensor| sensor.node != node) => {
+        &Where::Node(node) if sensors.iter().all(|sensor| sensor.node != node) => {
             let mut nodes: Vec<u16> = sensors.iter().map(|sensor| sensor.node).collect();
             nodes.sort_unstable();
             nodes.dedup();
             let known = nodes.iter().map(u16::to_string).collect::<Vec<_>>().join(", ");
             Err(EffectError::NoNode { kind, node, known: or_none(known) })
         }
-        _ => Ok(()),
+        _ => Ok(place.clone()),
     }
+}
+
+/// The study's own name of a channel: as it is, or with or without the `ch` that stands in front of it.
+fn channel_in_study(name: &str, sensors: &[Sensor]) -> Option<String> {
+    let known = |name: &str| sensors.iter().any(|sensor| sensor.channel == name).then(|| name.to_owned());
+    known(name).or_else(|| known(&format!("ch{name}"))).or_else(|| known(name.strip_prefix("ch")?))
 }
 
 fn or_none(known: String) -> String {

@@ -5,8 +5,10 @@ use std::fmt::Write;
 use std::path::Path;
 
 use belfry_firmware::Identity;
-use belfry_host::link::replay::{InProcess, ReplayError, replay};
-use belfry_host::link::{ChannelData, SessionError, Transport};
+use belfry_host::fleet::InProcess;
+use belfry_host::link::replay::{ReplayError, replay};
+use belfry_host::link::{SessionError, Transport};
+use belfry_host::window::ChannelData;
 use belfry_shared::message::{Band, Configuration, RefusalReason, Summary};
 use belfry_shared::time::HostTime;
 

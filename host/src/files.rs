@@ -1,0 +1,213 @@
+//! Files that appear whole or not at all.
+//!
+//! Bytes flow in; a file flows out under its name once all of them are on disk. Until then they lie beside it under another
+//! name. That file is removed when writing fails, and by [`remove_unfinished`] when the program is interrupted.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use tempfile::{Builder, NamedTempFile};
+
+/// Bytes gathered before they are written: recordings come in small pieces.
+const BUFFER: usize = 1 << 20;
+/// How the name of an unfinished file ends.
+const UNFINISHED_SUFFIX: &str = ".partial";
+
+/// Unfinished files of this program.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// A file that is being written. [`WholeFile::finish`] puts it in its place; dropped before that, it leaves nothing behind.
+#[derive(Debug)]
+pub struct WholeFile {
+    // Dropped before its listing, so that an interruption in between still finds it.
+    file: BufWriter<NamedTempFile>,
+    listing: Listing,
+    target: PathBuf,
+}
+
+impl WholeFile {
+    /// Begins a file that will replace what is at `path`. Folders on the way are made. Where `path` is a symbolic link, what
+    /// it points to is replaced and the link stays.
+    ///
+    /// # Errors
+    /// When the folder cannot be made or written to.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let folder = folder_of(&target);
+        fs::create_dir_all(folder)?;
+        let file = unfinished_file(folder)?;
+        let listing = Listing::of(file.path());
+        Ok(Self { file: BufWriter::with_capacity(BUFFER, file), listing, target })
+    }
+
+    /// Puts the file in its place, once it is on disk.
+    ///
+    /// # Errors
+    /// When the disk is full, or what is there cannot be replaced.
+    pub fn finish(self) -> io::Result<()> {
+        let Self { file, listing, target } = self;
+        let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+        file.as_file().sync_all()?;
+        file.persist(&target)?;
+        drop(listing);
+        sync_folder(folder_of(&target))
+    }
+}
+
+impl Write for WholeFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// Writes a file whole, in place of what was there.
+///
+/// # Errors
+/// As [`WholeFile::create`] and [`WholeFile::finish`].
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut file = WholeFile::create(path)?;
+    file.write_all(bytes)?;
+    file.finish()
+}
+
+/// Makes a folder where there is none, and makes sure that files can be written in it.
+///
+/// # Errors
+/// When it cannot be made, or nothing can be written there.
+pub fn ready_folder(folder: &Path) -> io::Result<()> {
+    fs::create_dir_all(folder)?;
+    unfinished_file(folder)?.close()
+}
+
+/// Removes the files that are being written; for a program that is interrupted and about to end.
+pub fn remove_unfinished() {
+    for path in std::mem::take(&mut *unfinished()) {
+        // The program ends in any case, and there is nobody to tell.
+        let _ = fs::remove_file(path);
+    }
+}
+
+/// Notes an unfinished file for as long as it lives.
+#[derive(Debug)]
+struct Listing(PathBuf);
+
+impl Listing {
+    fn of(path: &Path) -> Self {
+        unfinished().insert(path.to_owned());
+        Self(path.to_owned())
+    }
+}
+
+impl Drop for Listing {
+    fn drop(&mut self) {
+        unfinished().remove(&self.0);
+    }
+}
+
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    // A set of paths is sound after a panic as well.
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// An empty file of a name of its own, with the permissions of any new file.
+fn unfinished_file(folder: &Path) -> io::Result<NamedTempFile> {
+    let mut builder = Builder::new();
+    builder.prefix(".belfry-").suffix(UNFINISHED_SUFFIX);
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder)
+}
+
+/// The folder that a file stands in.
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        _ => Path::new("."),
+    }
+}
+
+/// Puts a folder's new names on disk, where the system can.
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(not(unix)) {
+        return Ok(());
+    }
+    match File::open(folder)?.sync_all() {
+        // Some network file systems cannot.
+        Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
+        synced => synced,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> =
+            fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_replaces_what_was_there_only_when_it_is_finished() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new").join("modes.json");
+        write_whole(&path, b"old").unwrap();
+        let mut file = WholeFile::create(&path).unwrap();
+        file.write_all(b"new").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        file.finish().unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        let abandoned = WholeFile::create(&path).unwrap();
+        assert_eq!(names(path.parent().unwrap()).len(), 2);
+        drop(abandoned);
+        assert_eq!(names(path.parent().unwrap()), ["modes.json"]);
+    }
+
+    #[test]
+    fn an_interrupted_program_leaves_no_unfinished_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = WholeFile::create(&folder.path().join("recording.npy")).unwrap();
+        let unfinished_path = file.file.get_ref().path().to_owned();
+        assert!(unfinished().contains(&unfinished_path) && unfinished_path.exists());
+        // Not all of them: other tests of this program write files at the same time.
+        fs::remove_file(&unfinished_path).unwrap();
+        drop(file);
+        assert!(!unfinished().contains(&unfinished_path));
+        assert!(names(folder.path()).is_empty());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_a_link_and_permissions_are_those_of_a_new_file() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (real, link) = (folder.path().join("real.toml"), folder.path().join("study.toml"));
+        fs::write(&real, "old").unwrap();
+        std::os::unix::fs::symlink("real.toml", &link).unwrap();
+        write_whole(&link, b"new").unwrap();
+        assert!(link.symlink_metadata().unwrap().is_symlink());
+        assert_eq!(fs::read(&real).unwrap(), b"new");
+        let plain = folder.path().join("plain");
+        fs::write(&plain, "").unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&real), mode(&plain));
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_is_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("results"), "a file").unwrap();
+        assert!(ready_folder(&folder.path().join("results")).is_err());
+        ready_folder(&folder.path().join("others")).unwrap();
+        assert!(names(&folder.path().join("others")).is_empty());
+    }
+}

@@ -1,0 +1,190 @@
+//! Delivery of one node's windows: parts flow in, whole windows flow into the sink, and what to acknowledge and to ask again
+//! flows out. A node that starts anew begins another life, whose windows are counted from zero.
+
+use belfry_shared::message::{Acknowledgement, Again, Hello, NodeMessage};
+use belfry_shared::time::HostTime;
+
+use super::error::SessionError;
+use crate::window::{Assembler, Configurations, KeptWindows, Outcome, WindowSink};
+
+/// Earlier lives of a node that are remembered.
+const LIVES_KEPT: usize = 8;
+
+/// What has become of parts and windows.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct DeliveryCounts {
+    pub(super) duplicate_parts: u64,
+    pub(super) contradictions: u64,
+    pub(super) asked_again: u64,
+    pub(super) windows: u64,
+    pub(super) foreign_windows: u64,
+}
+
+/// The windows of one node.
+#[derive(Debug)]
+pub(super) struct Delivery {
+    node: u16,
+    configurations: Configurations,
+    /// Whether windows that another study asked for are given up.
+    pub(super) drops_foreign: bool,
+    /// The node's present life; `None` before it has greeted.
+    pub(super) present: Option<Assembler>,
+    /// Its earlier lives, oldest first.
+    earlier: Vec<Assembler>,
+    forgotten_losses: u64,
+    /// Whether the node has something to forget.
+    acknowledge: bool,
+    counts: DeliveryCounts,
+}
+
+impl Delivery {
+    pub(super) fn new(node: u16, configurations: Configurations) -> Self {
+        Self {
+            node,
+            configurations,
+            drops_foreign: false,
+            present: None,
+            earlier: Vec::new(),
+            forgotten_losses: 0,
+            acknowledge: false,
+            counts: DeliveryCounts::default(),
+        }
+    }
+
+    pub(super) fn configurations(&self) -> &Configurations {
+        &self.configurations
+    }
+
+    pub(super) fn counts(&self) -> DeliveryCounts {
+        self.counts
+    }
+
+    /// The boot id of the node's present life.
+    pub(super) fn boot(&self) -> Option<u32> {
+        self.present.as_ref().map(Assembler::boot)
+    }
+
+    /// Whether all windows known to exist are stored or given up.
+    pub(super) fn has_all(&self) -> bool {
+        self.present.as_ref().is_none_or(Assembler::is_complete)
+    }
+
+    /// Whether the node is to be told what is stored.
+    pub(super) fn must_acknowledge(&self) -> bool {
+        self.acknowledge
+    }
+
+    /// Windows that no longer exist anywhere, of all lives.
+    pub(super) fn lost(&self) -> u64 {
+        let earlier: u64 = self.earlier.iter().map(|assembler| assembler.lost() + assembler.missing()).sum();
+        self.forgotten_losses + earlier + self.present.as_ref().map_or(0, Assembler::lost)
+    }
+
+    /// Begins a life of which windows from `first_window` on are wanted.
+    pub(super) fn begin(&mut self, boot: u32, first_window: u32) {
+        let kept = KeptWindows { first: first_window, ..KeptWindows::default() };
+        self.present = Some(Assembler::resuming(boot, &kept));
+    }
+
+    /// Takes note of a greeting; whether the node has another life than before.
+    pub(super) fn greeted(&mut self, hello: &Hello, sink: &mut dyn WindowSink) -> Result<bool, SessionError> {
+        let is_new_life = self.boot() != Some(hello.boot);
+        if is_new_life {
+            // What the old life still had is lost with it. What is known of it stays, for a frame of it may come late, and
+            // its windows must not be taken for new ones.
+            let known = self.earlier.iter().position(|assembler| assembler.boot() == hello.boot);
+            let next = match known {
+                Some(index) => self.earlier.remove(index),
+                None => self.met(hello, sink)?,
+            };
+            self.earlier.extend(self.present.replace(next));
+            if self.earlier.len() > LIVES_KEPT {
+                let oldest = self.earlier.remove(0);
+                self.forgotten_losses += oldest.lost() + oldest.missing();
+            }
+        }
+        self.holds(hello.boot, hello.oldest_window, hello.next_window);
+        Ok(is_new_life)
+    }
+
+    /// What there is to assemble of a life that is seen for the first time.
+    fn met(&mut self, hello: &Hello, sink: &mut dyn WindowSink) -> Result<Assembler, SessionError> {
+        let node = self.node;
+        let fail = |source| SessionError::Store { node, source };
+        let kept = sink.kept(node, hello.boot, hello.oldest_window).map_err(fail)?;
+        let held = hello.next_window.saturating_sub(hello.oldest_window);
+        if kept.is_none() && held > 0 {
+            if !self.drops_foreign {
+                return Err(SessionError::ForeignWindows { node });
+            }
+            self.counts.foreign_windows += u64::from(held);
+        }
+        sink.meet(node, hello.boot, hello.next_window).map_err(fail)?;
+        let kept = kept.unwrap_or(KeptWindows { first: hello.next_window, ..KeptWindows::default() });
+        Ok(Assembler::resuming(hello.boot, &kept))
+    }
+
+    /// Takes note of which windows the node holds; `false` where it does so in another life.
+    pub(super) fn holds(&mut self, boot: u32, oldest_window: u32, next_window: u32) -> bool {
+        let Some(assembler) = self.present.as_mut().filter(|assembler| assembler.boot() == boot) else { return false };
+        assembler.heartbeat(oldest_window, next_window);
+        // Also repeats an acknowledgement that was lost.
+        self.acknowledge |= oldest_window < assembler.below();
+        true
+    }
+
+    /// Takes a part of a window; a window that is whole with it goes into the sink.
+    pub(super) fn take(
+        &mut self,
+        part: &NodeMessage<'_>,
+        encoded: &[u8],
+        sink: &mut dyn WindowSink,
+    ) -> Result<(), SessionError> {
+        let node = self.node;
+        let Some(assembler) = &mut self.present else { return Ok(()) };
+        match assembler.take(&self.configurations, part, encoded) {
+            Outcome::Taken => {}
+            Outcome::Foreign if self.drops_foreign => {
+                if let NodeMessage::Head(head) = part {
+                    assembler.stored(head.name.number);
+                }
+                self.counts.foreign_windows += 1;
+                self.acknowledge = true;
+            }
+            Outcome::Foreign => return Err(SessionError::ForeignWindows { node }),
+            Outcome::Duplicate => {
+                self.counts.duplicate_parts += 1;
+                self.acknowledge = true;
+            }
+            Outcome::Repeated => return Err(SessionError::RepeatedLife { node }),
+            Outcome::Contradiction => self.counts.contradictions += 1,
+            Outcome::Whole(window) => {
+                let number = window.name.number;
+                if let Err(source) = sink.store(*window) {
+                    assembler.unstored(number);
+                    return Err(SessionError::Store { node, source });
+                }
+                assembler.stored(number);
+                self.counts.windows += 1;
+                self.acknowledge = true;
+            }
+        }
+        Ok(())
+    }
+
+    /// What to ask again, as [`Assembler::overdue`] says.
+    pub(super) fn overdue(&mut self, now: HostTime, before: HostTime, heard: HostTime, busy: bool) -> Vec<Again> {
+        self.present.as_mut().map_or_else(Vec::new, |assembler| assembler.overdue(now, before, heard, busy))
+    }
+
+    /// What to tell the node of its windows, with what to ask again; `None` where there is nothing to tell.
+    pub(super) fn acknowledgement(&mut self, again: Vec<Again>) -> Option<Acknowledgement> {
+        let assembler = self.present.as_ref()?;
+        if again.is_empty() && !self.acknowledge {
+            return None;
+        }
+        self.acknowledge = false;
+        self.counts.asked_again += again.len() as u64;
+        Some(Acknowledgement { boot: assembler.boot(), below: assembler.below(), again: again.into_iter().collect() })
+    }
+}

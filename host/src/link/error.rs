@@ -1,0 +1,80 @@
+//! Why a conversation with a node cannot go on.
+
+use std::io;
+
+use belfry_shared::frame::PROTOCOL_VERSION;
+use belfry_shared::message::{RefusalReason, SCHEMA_HASH};
+use thiserror::Error;
+
+/// Why a conversation cannot go on.
+#[derive(Debug, Error)]
+pub enum SessionError {
+    /// The node speaks another version of the protocol.
+    #[error(
+        "node {node} speaks protocol version {found}, this host speaks version {PROTOCOL_VERSION}: flash the node with the firmware of this release"
+    )]
+    Version {
+        /// The node the session is for.
+        node: u16,
+        /// The version it speaks.
+        found: u8,
+    },
+    /// The node's messages are laid out differently although the version is the same.
+    #[error(
+        "node {node} runs firmware of another build (messages {found:#018x}, here {SCHEMA_HASH:#018x}): flash it with the firmware of this release"
+    )]
+    Schema {
+        /// The node the session is for.
+        node: u16,
+        /// Its schema hash.
+        found: u64,
+    },
+    /// Another node is on the line.
+    #[error("node {found} answers where node {node} was expected: check the cables or the node numbers in study.toml")]
+    WrongNode {
+        /// The node the session is for.
+        node: u16,
+        /// The node that answered.
+        found: u16,
+    },
+    /// The node cannot run the configuration.
+    #[error("node {node} cannot measure what the study asks: {reason}")]
+    Refused {
+        /// The node the session is for.
+        node: u16,
+        /// Why.
+        reason: RefusalReason,
+    },
+    /// The node holds windows that were asked for elsewhere.
+    #[error(
+        "node {node} still holds windows that another study asked for: collect them there, or have them dropped with --drop-foreign"
+    )]
+    ForeignWindows {
+        /// The node the session is for.
+        node: u16,
+    },
+    /// The node counts its windows anew under the name of an earlier life.
+    #[error(
+        "node {node} has started anew without drawing a new boot id: its windows cannot be told from those of before; switch it off and on again"
+    )]
+    RepeatedLife {
+        /// The node the session is for.
+        node: u16,
+    },
+    /// The transport failed.
+    #[error("the line to node {node} failed")]
+    Transport {
+        /// The node the session is for.
+        node: u16,
+        /// The cause.
+        source: io::Error,
+    },
+    /// A window could not be stored.
+    #[error("a window of node {node} could not be stored")]
+    Store {
+        /// The node the session is for.
+        node: u16,
+        /// The cause.
+        source: io::Error,
+    },
+}

@@ -1,0 +1,113 @@
+//! The greeting: who is on a line, and whether its firmware is of this release.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use belfry_shared::frame::PROTOCOL_VERSION;
+use belfry_shared::message::{Hello, HostMessage, NodeMessage, SCHEMA_HASH};
+use thiserror::Error;
+
+use super::error::SessionError;
+use super::transport::Transport;
+use super::wire::Wire;
+
+/// Time between greetings that nobody answers.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// Why it is not known who is on a line.
+#[derive(Debug, Error)]
+pub enum GreetingError {
+    /// The node's version or build does not fit.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// The node that answers speaks another version of the protocol.
+    #[error(
+        "the node speaks protocol version {found}, this host speaks version {PROTOCOL_VERSION}: flash it with the firmware of this release"
+    )]
+    Version {
+        /// The version it speaks.
+        found: u8,
+    },
+    /// The line failed.
+    #[error("the line failed")]
+    Line {
+        /// The cause.
+        source: io::Error,
+    },
+    /// Nothing answers.
+    #[error("nothing answers on the line: is the node powered, and does no other program use the port?")]
+    Silent,
+}
+
+/// Whether the node that says `hello` can be understood; `node` is named where it cannot.
+pub(super) fn check_build(node: u16, hello: &Hello) -> Result<(), SessionError> {
+    if hello.protocol_version != PROTOCOL_VERSION {
+        return Err(SessionError::Version { node, found: hello.protocol_version });
+    }
+    if hello.schema_hash != SCHEMA_HASH {
+        return Err(SessionError::Schema { node, found: hello.schema_hash });
+    }
+    Ok(())
+}
+
+/// Asks who is on a line, again and again, until a node answers.
+#[derive(Debug)]
+pub struct Greeting {
+    wire: Wire,
+    last_asked: Option<Duration>,
+}
+
+impl Default for Greeting {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Greeting {
+    /// A greeting that has not been said yet.
+    pub fn new() -> Self {
+        Self { wire: Wire::new(), last_asked: None }
+    }
+
+    /// Says what is due at `now` (since any moment) and looks at what has come; what the node says of itself, once it answers.
+    ///
+    /// # Errors
+    /// [`GreetingError`], but for silence, which is the caller's to judge.
+    pub fn service(&mut self, now: Duration, transport: &mut dyn Transport) -> Result<Option<Hello>, GreetingError> {
+        let failed = |source| GreetingError::Line { source };
+        if self.last_asked.is_none_or(|asked| now.saturating_sub(asked) >= RETRY) {
+            self.last_asked = Some(now);
+            self.wire.say(&HostMessage::Greet);
+        }
+        self.wire.send(transport).map_err(failed)?;
+        let mut buffer = [0; 512];
+        loop {
+            let count = transport.read(&mut buffer).map_err(failed)?;
+            if count == 0 {
+                return Ok(None);
+            }
+            for frame in self.wire.receive(&buffer[..count]) {
+                let frame = frame.map_err(|found| GreetingError::Version { found })?;
+                if let Some(NodeMessage::Hello(hello)) = self.wire.message(&frame) {
+                    check_build(hello.node, &hello)?;
+                    return Ok(Some(hello));
+                }
+            }
+        }
+    }
+}
+
+/// Asks who is on a line, for as long as `patience` lasts.
+///
+/// # Errors
+/// [`GreetingError::Silent`], the version or build where it is another one, or what is wrong with the line.
+pub fn who_is_there(transport: &mut dyn Transport, patience: Duration) -> Result<Hello, GreetingError> {
+    let start = Instant::now();
+    let mut greeting = Greeting::new();
+    while start.elapsed() < patience {
+        if let Some(hello) = greeting.service(start.elapsed(), transport)? {
+            return Ok(hello);
+        }
+    }
+    Err(GreetingError::Silent)
+}

@@ -1,0 +1,95 @@
+//! Messages over a byte stream: bytes that have come become frames, messages become bytes that wait to be sent.
+
+use std::collections::VecDeque;
+use std::io;
+
+use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES};
+use belfry_shared::message::{self, HostMessage, NodeMessage};
+
+use super::transport::Transport;
+
+/// A frame that has come undamaged.
+#[derive(Debug)]
+pub(super) struct Frame {
+    /// Its message, encoded.
+    pub(super) encoded: Vec<u8>,
+    /// Bytes that it had on the line.
+    pub(super) bytes: usize,
+}
+
+/// What has passed.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct WireCounts {
+    pub(super) bytes_received: u64,
+    pub(super) bytes_sent: u64,
+    pub(super) frames: u64,
+    pub(super) damaged_frames: u64,
+}
+
+/// The host's end of a byte stream.
+#[derive(Debug)]
+pub(super) struct Wire {
+    decoder: FrameDecoder,
+    /// Bytes since the last frame ended.
+    frame_bytes: usize,
+    outgoing: VecDeque<u8>,
+    counts: WireCounts,
+}
+
+impl Wire {
+    pub(super) fn new() -> Self {
+        Self { decoder: FrameDecoder::new(), frame_bytes: 0, outgoing: VecDeque::new(), counts: WireCounts::default() }
+    }
+
+    pub(super) fn counts(&self) -> WireCounts {
+        self.counts
+    }
+
+    /// Queues a message; how many bytes it has on the line.
+    pub(super) fn say(&mut self, message: &HostMessage) -> usize {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        // The host's messages fit into a frame by their types.
+        let length = message::encode(message, &mut frame).unwrap_or(0);
+        self.outgoing.extend(&frame[..length]);
+        length
+    }
+
+    /// Sends what is queued.
+    pub(super) fn send(&mut self, transport: &mut dyn Transport) -> io::Result<()> {
+        if self.outgoing.is_empty() {
+            return Ok(());
+        }
+        let bytes: Vec<u8> = self.outgoing.drain(..).collect();
+        self.counts.bytes_sent += bytes.len() as u64;
+        transport.write(&bytes)
+    }
+
+    /// The frames that end within `bytes`; a frame of another version of the protocol gives that version.
+    pub(super) fn receive(&mut self, bytes: &[u8]) -> Vec<Result<Frame, u8>> {
+        self.counts.bytes_received += bytes.len() as u64;
+        let mut frames = Vec::new();
+        for &byte in bytes {
+            self.frame_bytes += 1;
+            match self.decoder.push(byte) {
+                Some(Ok(encoded)) => frames.push(Ok(Frame { encoded: encoded.to_vec(), bytes: self.frame_bytes })),
+                Some(Err(FrameError::Version { found })) => frames.push(Err(found)),
+                Some(Err(_)) => self.counts.damaged_frames += 1,
+                None => {}
+            }
+            if byte == END_OF_FRAME {
+                self.frame_bytes = 0;
+            }
+        }
+        frames
+    }
+
+    /// The message of a frame; `None` where it cannot be read, which counts as damage.
+    pub(super) fn message<'f>(&mut self, frame: &'f Frame) -> Option<NodeMessage<'f>> {
+        let message = message::decode(&frame.encoded).ok();
+        match message {
+            Some(_) => self.counts.frames += 1,
+            None => self.counts.damaged_frames += 1,
+        }
+        message
+    }
+}

@@ -1,0 +1,144 @@
+//! What a structure is made of besides its body: a list of contributions, each of which changes the stiffness K, the mass M,
+//! the damping C, or what sensors see.
+//!
+//! [`Structure::assemble`](super::Structure::assemble) goes through the phases below one after the other, and in each phase
+//! through all contributions in the order of the list. A new effect is a type with the phases in which it acts; all others
+//! keep their default, which does nothing. Order matters to the last bit of K and M, and in a few places to the physics: a
+//! mass that is attached adds to the weight that the beam below carries, and a factor on all of K acts on springs that were
+//! attached before, not on the spring of a damper.
+//!
+//! | phase | what there is | method |
+//! |---|---|---|
+//! | 1 | the segments of a beam | [`change_segments`](Contribution::change_segments) |
+//! | 2 | the element of each segment | [`soften`](Contribution::soften), then the sum of [`compression_n`](Contribution::compression_n) |
+//! | 3 | the base node of a beam, which is eliminated | sum of [`base_flexibility`](Contribution::base_flexibility) |
+//! | 4 | K and M of the body | [`rearrange`](Contribution::rearrange) |
+//! | 5 | the same, and motion of the axis at any height | [`attach`](Contribution::attach) |
+//! | 6 | the same with all that is attached | [`add_matrices`](Contribution::add_matrices) |
+//! | 7 | the same | product of [`factors`](Contribution::factors) |
+//! | 8 | final K and M | [`hang`](Contribution::hang) |
+//! | 9 | what sensors see | [`sensor_change`](Contribution::sensor_change) |
+//!
+//! Phases 1 to 3 are those of a beam table; imported matrices start with phase 4.
+
+use std::fmt;
+use std::sync::Arc;
+
+use super::assembly::Assembly;
+use super::base::BaseFlexibility;
+use super::beam::Segment;
+use super::joint::Element;
+use super::sensing::SensorChange;
+
+/// One thing that makes a structure differ from its body; see the [module](self) for the order of the phases.
+pub trait Contribution: fmt::Debug + Send + Sync {
+    /// Changes segments of a beam; their ends stay where they are.
+    fn change_segments(&self, _segments: &mut [Segment]) {}
+
+    /// Softens or stiffens the element of a segment.
+    fn soften(&self, _element: &mut Element) {}
+
+    /// The compression in N that it puts on a segment.
+    fn compression_n(&self, _above: &MassAbove) -> f64 {
+        0.0
+    }
+
+    /// How far it lets the base of a beam give way.
+    fn base_flexibility(&self) -> BaseFlexibility {
+        BaseFlexibility::default()
+    }
+
+    /// Changes K and M of the body itself, such as where masses are.
+    fn rearrange(&self, _assembly: &mut Assembly) {}
+
+    /// Attaches masses or springs to the structure at a height.
+    fn attach(&self, _assembly: &mut Assembly) {}
+
+    /// The mass that it attaches, which weighs on what is below.
+    fn attached_mass(&self) -> Option<PointMass> {
+        None
+    }
+
+    /// Adds to K and M as a whole.
+    fn add_matrices(&self, _assembly: &mut Assembly) {}
+
+    /// Factors on the whole of K and M.
+    fn factors(&self) -> Factors {
+        Factors::default()
+    }
+
+    /// Hangs something with DOFs of its own onto the structure.
+    fn hang(&self, _assembly: &mut Assembly) {}
+
+    /// Whether it hangs a damper there, which splits modes into twins.
+    fn is_damper(&self) -> bool {
+        false
+    }
+
+    /// What it changes about the sensors.
+    fn sensor_change(&self) -> Option<Arc<dyn SensorChange>> {
+        None
+    }
+
+    /// A frequency in Hz at which it drives the structure: a line there is no mode.
+    fn forced_hz(&self) -> Option<f64> {
+        None
+    }
+}
+
+/// What is above the middle of a segment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MassAbove {
+    /// Masses of the table and attached ones, in kg, without [`MassAbove::factors`].
+    pub mass_kg: f64,
+    /// What K and M will be multiplied with.
+    pub factors: Factors,
+}
+
+/// A mass without rotational inertia, fixed to the beam axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointMass {
+    /// Its height in m, between base and top.
+    pub z_m: f64,
+    /// Its mass in kg.
+    pub mass_kg: f64,
+}
+
+/// Factors on the whole of K and M.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Factors {
+    /// On K, springs of the base and attached ones included.
+    pub stiffness: f64,
+    /// On M, attached masses included.
+    pub mass: f64,
+}
+
+impl Default for Factors {
+    /// What leaves K and M as they are.
+    fn default() -> Self {
+        Self { stiffness: 1.0, mass: 1.0 }
+    }
+}
+
+/// Nothing: for effects that show in how the modes move about the record's mean, and not in the mean.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OnlyOverTime;
+
+impl Contribution for OnlyOverTime {}
+
+/// The contribution of an effect that changes nothing but the sensors.
+#[derive(Debug, Clone)]
+pub(super) struct OnSensors(Arc<dyn SensorChange>);
+
+impl OnSensors {
+    /// Of what changes about them.
+    pub(super) fn only(change: impl SensorChange + 'static) -> Arc<dyn Contribution> {
+        Arc::new(Self(Arc::new(change)))
+    }
+}
+
+impl Contribution for OnSensors {
+    fn sensor_change(&self) -> Option<Arc<dyn SensorChange>> {
+        Some(self.0.clone())
+    }
+}

@@ -1,0 +1,42 @@
+//! What effects that put the base of a beam on springs have in common: one flexibility for both axes, or one each.
+
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given};
+use super::parameter::Parameter;
+use crate::model::base::BaseFlexibility;
+use crate::model::contribution::Contribution;
+use crate::model::structure::Structure;
+
+/// A kind of effect on the base. Its parameters are `flexibility`, or `flexibility_x` and `flexibility_y`.
+#[derive(Debug)]
+pub(super) struct BaseSprings {
+    pub(super) about: &'static About,
+    pub(super) parameter_sets: &'static [&'static [Parameter]],
+    /// The base with these flexibilities of X and Y.
+    pub(super) base: fn([f64; 2]) -> BaseFlexibility,
+}
+
+impl EffectKind for BaseSprings {
+    fn about(&self) -> &'static About {
+        self.about
+    }
+
+    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
+        self.parameter_sets
+    }
+
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        given.check_beam(self, structure)?;
+        let both = given.value("flexibility");
+        let each = ["flexibility_x", "flexibility_y"].map(|name| given.value(name).or(both).unwrap_or(0.0));
+        Ok(Arc::new((self.base)(each)))
+    }
+}
+
+impl Contribution for BaseFlexibility {
+    fn base_flexibility(&self) -> BaseFlexibility {
+        *self
+    }
+}

@@ -1,0 +1,249 @@
+//! From a structure (a body and what contributes to it) to its mass and stiffness matrices.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::DOFS_A_NODE;
+use super::assembly::Assembly;
+use super::base::BaseFlexibility;
+use super::beam::{BeamTable, Segment};
+use super::contribution::{Contribution, Factors, MassAbove};
+use super::custom::Custom;
+use super::element::{DOFS_A_SEGMENT, scatter};
+use super::joint::Element;
+use super::mass_spread::{MassSpread, spread};
+use super::matrices::ImportedMatrices;
+use super::sensing::Sensing;
+use super::sensitivity::Change;
+
+/// What a model is made of.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Body {
+    /// A table of beam segments.
+    Beam(BeamTable),
+    /// Matrices from elsewhere.
+    Matrices(ImportedMatrices),
+}
+
+/// A body and everything that contributes to it before it is assembled.
+#[derive(Debug, Clone)]
+pub struct Structure {
+    /// What it is made of, as first given; a beam is clamped at the base.
+    pub body: Body,
+    /// The user's own hypotheses, which effects may name.
+    pub customs: Arc<[Custom]>,
+    contributions: Vec<Arc<dyn Contribution>>,
+}
+
+impl From<BeamTable> for Body {
+    fn from(beam: BeamTable) -> Self {
+        Self::Beam(beam)
+    }
+}
+
+impl Structure {
+    /// The body as it is given; a beam is clamped at the base.
+    pub fn new(body: impl Into<Body>) -> Self {
+        Self { body: body.into(), customs: Arc::new([]), contributions: Vec::new() }
+    }
+
+    /// The same with hypotheses of the user's own that effects may name.
+    #[must_use]
+    pub fn with_customs(self, customs: Arc<[Custom]>) -> Self {
+        Self { customs, ..self }
+    }
+
+    /// Adds a contribution to the end of the list.
+    pub fn push(&mut self, contribution: Arc<dyn Contribution>) {
+        self.contributions.push(contribution);
+    }
+
+    /// Spreads this share of each node's mass evenly to the middles of the segments next to it, its centre staying; a table
+    /// lumps all of it at the nodes. Leaves imported matrices as they are.
+    pub fn spread_masses(&mut self, share: f64) {
+        self.push(Arc::new(MassSpread(share)));
+    }
+
+    /// How many contributions are dampers.
+    pub fn dampers(&self) -> usize {
+        self.contributions.iter().filter(|contribution| contribution.is_damper()).count()
+    }
+
+    /// Frequencies in Hz at which something drives the structure: lines there are no modes.
+    pub fn forced_hz(&self) -> impl Iterator<Item = f64> + '_ {
+        self.contributions.iter().filter_map(|contribution| contribution.forced_hz())
+    }
+
+    /// Number of degrees of freedom of the body.
+    pub fn dofs(&self) -> usize {
+        match &self.body {
+            Body::Beam(beam) => beam.segments().len() * DOFS_A_NODE,
+            Body::Matrices(matrices) => matrices.stiffness.nrows(),
+        }
+    }
+
+    /// Heights of base and top in m; `None` where the body is no line.
+    pub fn z_range_m(&self) -> Option<[f64; 2]> {
+        match &self.body {
+            Body::Beam(beam) => Some([beam.z_base_m(), beam.z_top_m()]),
+            Body::Matrices(matrices) => {
+                matrices.is_line().then_some(())?;
+                let (first, last) = (matrices.nodes.first()?, matrices.nodes.last()?);
+                Some([first.position_m[2], last.position_m[2]])
+            }
+        }
+    }
+
+    /// The segments of a beam with all changes, base first; `None` for matrices.
+    pub fn segments(&self) -> Option<Vec<Segment>> {
+        let Body::Beam(beam) = &self.body else { return None };
+        let mut segments = beam.segments().to_vec();
+        for contribution in &self.contributions {
+            contribution.change_segments(&mut segments);
+        }
+        Some(segments)
+    }
+
+    /// K and M, in the phases of [`Contribution`]. A beam has five DOFs a node, base first and left out.
+    pub fn assemble(&self) -> Assembly {
+        let mut assembly = match (&self.body, self.segments()) {
+            (Body::Matrices(matrices), _) => Assembly::of_matrices(matrices),
+            (Body::Beam(_), segments) => self.beam(segments.unwrap_or_default()),
+        };
+        for contribution in &self.contributions {
+            contribution.rearrange(&mut assembly);
+        }
+        for contribution in &self.contributions {
+            contribution.attach(&mut assembly);
+        }
+        for contribution in &self.contributions {
+            contribution.add_matrices(&mut assembly);
+        }
+        let factors = self.factors();
+        assembly.stiffness *= factors.stiffness;
+        assembly.mass *= factors.mass;
+        for contribution in &self.contributions {
+            contribution.hang(&mut assembly);
+        }
+        assembly.sensing = Sensing::of(self.contributions.iter().filter_map(|one| one.sensor_change()));
+        assembly
+    }
+
+    /// A beam with all masses at its nodes.
+    fn beam(&self, segments: Vec<Segment>) -> Assembly {
+        let nodes = segments.len() + 1;
+        let mut whole = DMatrix::zeros(nodes * DOFS_A_NODE, nodes * DOFS_A_NODE);
+        let mut kinks = Vec::new();
+        for (index, (segment, compression_n)) in segments.iter().zip(self.compressions_n(&segments)).enumerate() {
+            let element = self.element(segment.clone(), compression_n);
+            scatter(&mut whole, &element.stiffness, index);
+            kinks.push(element.kinks);
+        }
+        let (stiffness, base_motion) = self.base().condense(&whole);
+        Assembly::of_beam(segments, stiffness, kinks, base_motion)
+    }
+
+    fn element(&self, segment: Segment, compression_n: f64) -> Element {
+        let mut element = Element::of(segment);
+        for contribution in &self.contributions {
+            contribution.soften(&mut element);
+        }
+        element.compress(compression_n);
+        element
+    }
+
+    /// The compression of each segment in N: that of what stands above its middle.
+    fn compressions_n(&self, segments: &[Segment]) -> Vec<f64> {
+        let factors = self.factors();
+        let attached_above_kg = |z_m: f64| -> f64 {
+            let attached = self.contributions.iter().filter_map(|contribution| contribution.attached_mass());
+            attached.filter(|mass| mass.z_m > z_m).map(|mass| mass.mass_kg).sum()
+        };
+        let mut compressions = vec![0.0; segments.len()];
+        let mut table_kg = 0.0;
+        for (compression_n, segment) in compressions.iter_mut().zip(segments).rev() {
+            table_kg += segment.mass_top_kg;
+            let middle_m = 0.5 * (segment.z_bottom_m + segment.z_top_m);
+            let above = MassAbove { mass_kg: table_kg + attached_above_kg(middle_m), factors };
+            *compression_n = self.contributions.iter().map(|contribution| contribution.compression_n(&above)).sum();
+        }
+        compressions
+    }
+
+    fn base(&self) -> BaseFlexibility {
+        let mut base = BaseFlexibility::default();
+        for contribution in &self.contributions {
+            base.add(&contribution.base_flexibility());
+        }
+        base
+    }
+
+    fn factors(&self) -> Factors {
+        let product = |product: Factors, factors: Factors| Factors {
+            stiffness: product.stiffness * factors.stiffness,
+            mass: product.mass * factors.mass,
+        };
+        self.contributions.iter().map(|contribution| contribution.factors()).fold(Factors::default(), product)
+    }
+
+    /// What spreading all masses adds to M; zero for matrices.
+    pub fn spread_change(&self) -> Change {
+        let Some(segments) = self.segments() else { return Change::local(0, DMatrix::zeros(0, 0), false) };
+        let spread = spread(&self.beam(segments));
+        Change::of(&DMatrix::zeros(spread.nrows(), spread.ncols()), &(spread * self.factors().mass), None)
+    }
+
+    /// What a relative change of each segment's stiffness (bending, shear and torsion together) does to K, and one of its
+    /// mass to M, segment by segment; empty for matrices.
+    ///
+    /// Exact but for the weight of a segment's mass on those below, a change of a change.
+    pub fn segment_changes(&self) -> Vec<SegmentChange> {
+        let Some(segments) = self.segments() else { return Vec::new() };
+        let (base, factors) = (self.base(), self.factors());
+        let compressions_n = self.compressions_n(&segments);
+        let element = |index: usize, factor: f64| {
+            let mut segment = segments[index].clone();
+            segment.scale_stiffness(factor);
+            self.element(segment, compressions_n[index]).stiffness
+        };
+        let slope = |index: usize| (element(index, 1.0 + STEP) - element(index, 1.0 - STEP)) / (2.0 * STEP);
+        // The lowest segment acts through the base as well; condensed, its change is that of the corner of K.
+        let corner = |factor: f64| {
+            let mut whole = DMatrix::zeros(2 * DOFS_A_NODE, 2 * DOFS_A_NODE);
+            scatter(&mut whole, &element(0, factor), 0);
+            let motion = base.motion(&whole);
+            let base_free = whole.view((0, DOFS_A_NODE), (DOFS_A_NODE, DOFS_A_NODE)).into_owned();
+            whole.view((DOFS_A_NODE, DOFS_A_NODE), (DOFS_A_NODE, DOFS_A_NODE)).into_owned() + base_free.tr_mul(&motion)
+        };
+        let mut changes = Vec::new();
+        for (index, segment) in segments.iter().enumerate() {
+            let (first_row, stiffness) = match index {
+                0 => (0, (corner(1.0 + STEP) - corner(1.0 - STEP)) / (2.0 * STEP)),
+                _ => {
+                    let slope = slope(index);
+                    let part = DMatrix::from_column_slice(DOFS_A_SEGMENT, DOFS_A_SEGMENT, slope.as_slice());
+                    ((index - 1) * DOFS_A_NODE, part)
+                }
+            };
+            let mass = DMatrix::from_diagonal(&DVector::from_column_slice(&segment.lumped_mass()));
+            changes.push(SegmentChange {
+                stiffness: Change::local(first_row, stiffness * factors.stiffness, true),
+                mass: Change::local(index * DOFS_A_NODE, mass * factors.mass, false),
+            });
+        }
+        changes
+    }
+}
+
+/// What a relative change of one segment does to K and M.
+#[derive(Debug, Clone)]
+pub struct SegmentChange {
+    /// Its stiffness.
+    pub stiffness: Change,
+    /// Its mass.
+    pub mass: Change,
+}
+
+/// K is linear in a segment's stiffness, but for a flexible base or a joint, where it is smooth.
+const STEP: f64 = 1e-3;

@@ -1,0 +1,48 @@
+//! The history of a study's model: a JSON object a line, oldest first.
+
+use super::{HISTORY_FILE, Results, ResultsError};
+use crate::diagnose::steps::StepRecord;
+
+impl Results {
+    /// The steps so far; none where nothing was done yet.
+    ///
+    /// # Errors
+    /// When the file cannot be read; names the line.
+    pub fn history(&self) -> Result<Vec<StepRecord>, ResultsError> {
+        let Some(text) = self.read(HISTORY_FILE)? else { return Ok(Vec::new()) };
+        let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        let step = |(index, line): (usize, &str)| {
+            serde_json::from_str(line).map_err(|source| ResultsError::Syntax {
+                file: self.path(HISTORY_FILE),
+                line: index + 1,
+                step: "add",
+                source,
+            })
+        };
+        lines.map(step).collect()
+    }
+
+    /// Appends steps and returns them as they stand there: numbered on, with the mark of the `data` that they are of.
+    ///
+    /// # Errors
+    /// When the history cannot be read or written; it is then as it was.
+    pub fn append_history(&self, steps: &[StepRecord], data: &str) -> Result<Vec<StepRecord>, ResultsError> {
+        let first = self.history()?.last().map_or(0, |last| last.step + 1);
+        let numbered: Vec<StepRecord> = (first..)
+            .zip(steps)
+            .map(|(step, record)| StepRecord { step, data: data.to_owned(), ..record.clone() })
+            .collect();
+        let mut text = self.read(HISTORY_FILE)?.unwrap_or_default();
+        if !text.is_empty() && !text.ends_with('\n') {
+            text.push('\n');
+        }
+        for step in &numbered {
+            let line = serde_json::to_string(step)
+                .map_err(|error| ResultsError::Write { file: self.path(HISTORY_FILE), source: error.into() })?;
+            text += &line;
+            text.push('\n');
+        }
+        self.write(HISTORY_FILE, text.as_bytes())?;
+        Ok(numbered)
+    }
+}

@@ -1,0 +1,144 @@
+//! The folder `results` of a study: what the steps write there, and read of each other.
+//!
+//! JSON objects, tables and pictures flow in and appear whole or not at all; what an earlier step wrote flows out again.
+
+mod history;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use thiserror::Error;
+
+use crate::files::{ready_folder, write_whole};
+use crate::study::Study;
+
+/// The modes of `belfry identify`.
+pub const MODES_FILE: &str = "modes.json";
+/// The last comparison.
+pub const COMPARISON_FILE: &str = "comparison.json";
+/// The last update.
+pub const UPDATE_FILE: &str = "update.json";
+/// The last co-validation.
+pub const COVALIDATION_FILE: &str = "covalidation.json";
+/// The last diagnosis.
+pub const DIAGNOSIS_FILE: &str = "diagnosis.json";
+/// The steps of the model, a JSON object a line.
+pub const HISTORY_FILE: &str = "history.jsonl";
+
+/// Why a result could not be written or read.
+#[derive(Debug, Error)]
+pub enum ResultsError {
+    /// Nothing can be written into the folder.
+    #[error("cannot write into {}; results go there", folder.display())]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A file cannot be written.
+    #[error("cannot write {}", file.display())]
+    Write {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A file cannot be read.
+    #[error("cannot read {}", file.display())]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A file is not what a step of Belfry writes.
+    #[error("{}, line {line}: not what `belfry {step}` writes; move the file away, or run that again", file.display())]
+    Syntax {
+        /// The file.
+        file: PathBuf,
+        /// 1-based line.
+        line: usize,
+        /// The command that writes such files.
+        step: &'static str,
+        /// What is wrong.
+        source: serde_json::Error,
+    },
+}
+
+/// A study's folder of results.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Results {
+    folder: PathBuf,
+}
+
+impl Results {
+    /// The folder of a study's results; it need not exist yet.
+    pub fn of(study: &Study) -> Self {
+        Self { folder: study.folder.join("results") }
+    }
+
+    /// Where it is.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The path of a result.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// Makes the folder where there is none, and makes sure that it can be written to: worth knowing before hours of recording
+    /// are read.
+    ///
+    /// # Errors
+    /// [`ResultsError::Folder`].
+    pub fn make_ready(&self) -> Result<(), ResultsError> {
+        ready_folder(&self.folder).map_err(|source| ResultsError::Folder { folder: self.folder.clone(), source })
+    }
+
+    /// Writes a file and returns its path.
+    ///
+    /// # Errors
+    /// [`ResultsError::Write`].
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, ResultsError> {
+        let file = self.path(name);
+        match write_whole(&file, bytes) {
+            Ok(()) => Ok(file),
+            Err(source) => Err(ResultsError::Write { file, source }),
+        }
+    }
+
+    /// Writes an object as JSON and returns its path.
+    ///
+    /// # Errors
+    /// [`ResultsError::Write`].
+    pub fn write_json(&self, name: &str, object: &impl Serialize) -> Result<PathBuf, ResultsError> {
+        let text = serde_json::to_string_pretty(object)
+            .map_err(|error| ResultsError::Write { file: self.path(name), source: error.into() })?;
+        self.write(name, (text + "\n").as_bytes())
+    }
+
+    /// Reads the JSON that `step` wrote; `None` where it has not been run.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or holds something else.
+    pub fn read_json<T: DeserializeOwned>(&self, name: &str, step: &'static str) -> Result<Option<T>, ResultsError> {
+        let file = self.path(name);
+        let Some(text) = self.read(name)? else { return Ok(None) };
+        let object = serde_json::from_str(&text);
+        object.map(Some).map_err(|source| ResultsError::Syntax { file, line: source.line(), step, source })
+    }
+
+    /// The text of a file; `None` where there is none.
+    fn read(&self, name: &str) -> Result<Option<String>, ResultsError> {
+        let file = self.path(name);
+        match std::fs::read_to_string(&file) {
+            Ok(text) => Ok(Some(text)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(ResultsError::Read { file, source }),
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! A study's model and its measured modes, seen by the same sensors: what comparison, update, co-validation and diagnosis
+//! start from.
+
+use super::error::StoryError;
+use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, compare, pair};
+use crate::diagnose::steps::Setting;
+use crate::diagnose::{Diagnosis, Options, Signals, diagnose};
+use crate::model::effect::Effect;
+use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load};
+use crate::modes::{MeasuredError, MeasuredModes, read};
+use crate::results::{MODES_FILE, Results};
+use crate::study::{STUDY_FILE, Sensor, Study};
+
+/// A study's model against its measured modes.
+#[derive(Debug, Clone)]
+pub struct Case {
+    /// What the study says.
+    pub study: Study,
+    /// Its model, read.
+    pub model: LoadedModel,
+    /// The sensors that shapes stand at.
+    pub sensors: Vec<Sensor>,
+    /// The measured modes.
+    pub measured: MeasuredModes,
+    /// The structure as first given.
+    bare: Structure,
+    /// The model with the study's effects.
+    pub assembly: Assembly,
+    /// What the sensors see of it.
+    pub view: ModelView,
+    /// How far the model is trusted, where the study says so.
+    pub tolerance: Option<Tolerance>,
+    /// What the reader should know.
+    pub warnings: Vec<String>,
+}
+
+impl Case {
+    /// Reads a study's model and its measured modes.
+    ///
+    /// # Errors
+    /// When the study has no model or no modes, one of them cannot be read, or they do not go together.
+    pub fn load(study: Study) -> Result<Self, StoryError> {
+        let model = load(&study)?;
+        let sensors = study.sensors();
+        let measured = measured_modes(&study, &sensors)?;
+        let mut warnings = measured.warnings.clone();
+        let structure = model.structure()?;
+        let assembly = structure.assemble();
+        let has_shapes = measured.modes.iter().any(|mode| mode.shape.is_some());
+        let view = match ModelView::of(&assembly, &sensors) {
+            // Where frequencies alone were measured, sensors need no place.
+            Err(ViewError::Sensor(error)) if !has_shapes => {
+                warnings.push(format!("{error}; no shape was measured, so frequencies are compared all the same"));
+                ModelView::of(&assembly, &[])?
+            }
+            view => view?,
+        };
+        warnings.extend(model_warnings(&study, &model, &assembly, &sensors));
+        let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
+        let bare = model.bare();
+        Ok(Self { study, model, sensors, measured, bare, assembly, view, tolerance, warnings })
+    }
+
+    /// The model as first given, seen by the same sensors.
+    pub(super) fn view_as_given(&self) -> Result<ModelView, StoryError> {
+        Ok(ModelView::of(&self.model.as_given(), &self.sensors)?)
+    }
+
+    /// Keeps only the measured modes of these numbers; none given keeps all.
+    ///
+    /// # Errors
+    /// [`StoryError::UnknownMode`].
+    pub fn keep_modes(&mut self, numbers: &[usize]) -> Result<(), StoryError> {
+        if numbers.is_empty() {
+            return Ok(());
+        }
+        let modes = &mut self.measured.modes;
+        if let Some(&number) = numbers.iter().find(|number| modes.iter().all(|mode| mode.number != **number)) {
+            let known: Vec<String> = modes.iter().map(|mode| mode.number.to_string()).collect();
+            return Err(StoryError::UnknownMode { number, file: self.measured.file.clone(), known: known.join(", ") });
+        }
+        modes.retain(|mode| numbers.contains(&mode.number));
+        Ok(())
+    }
+
+    /// Pairs of the measured modes with the model's.
+    pub fn pairs(&self) -> Vec<Pair> {
+        pair(&self.view, &self.measured.modes)
+    }
+
+    /// Model against measurement.
+    pub fn compare(&self) -> Comparison {
+        compare(&self.view, &self.measured.modes, &self.sensors, self.tolerance.as_ref())
+    }
+
+    /// The model with other effects against the measurement.
+    ///
+    /// # Errors
+    /// When the structure cannot have these effects.
+    pub fn compare_with(&self, effects: &[Effect]) -> Result<Comparison, StoryError> {
+        let structure = self.model.bare().and(effects)?;
+        let sensors = self.seen_sensors();
+        let view = ModelView::of(&structure.assemble(), sensors)?;
+        let tolerance = self.study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
+        Ok(compare(&view, &self.measured.modes, sensors, tolerance.as_ref()))
+    }
+
+    /// Which effect the model lacks; kinds named in `without` are left out.
+    ///
+    /// # Errors
+    /// When the effects in the model cannot be fitted to these data.
+    pub fn diagnose(&self, without: &[String]) -> Result<Diagnosis, StoryError> {
+        let effects = &self.model.effects;
+        let options = Options { without: without.to_vec() };
+        Ok(diagnose(&self.setting()?.problem(effects)?, effects, &self.signals()?, &options)?)
+    }
+
+    /// What a diagnosis and fits of effects start from.
+    pub(super) fn setting(&self) -> Result<Setting<'_>, StoryError> {
+        let no_model = || ModelError::NoModel { file: self.study.folder.join(STUDY_FILE) };
+        let model = self.study.model.as_ref().ok_or_else(no_model)?;
+        Ok(Setting { bare: &self.bare, model, sensors: self.seen_sensors(), measured: &self.measured.modes })
+    }
+
+    /// The sensors that take part: none where no shape was measured and they have no place.
+    pub(super) fn seen_sensors(&self) -> &[Sensor] {
+        if self.view.at_sensors.nrows() == 0 { &[] } else { &self.sensors }
+    }
+
+    /// What identification has seen besides modes; nothing for modes of other tools.
+    pub(super) fn signals(&self) -> Result<Signals, StoryError> {
+        let file = &self.measured.file;
+        if file.extension().is_none_or(|extension| extension != "json") {
+            return Ok(Signals::default());
+        }
+        let unreadable = |source| MeasuredError::Unreadable { file: file.clone(), source };
+        let text = std::fs::read_to_string(file).map_err(unreadable)?;
+        // Another tool's JSON has modes only.
+        Ok(serde_json::from_str(&text).unwrap_or_default())
+    }
+
+    /// Names of the effects that the study has in its model.
+    pub fn effect_names(&self) -> Vec<String> {
+        self.model.effects.iter().map(ToString::to_string).collect()
+    }
+}
+
+/// What the reader should know of a model that was read.
+fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, sensors: &[Sensor]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let section = study.model.as_ref();
+    let trusts = section.is_some_and(|model| model.background_stiffness.or(model.background_mass).is_some());
+    if trusts && matches!(model.body, Body::Matrices(_)) {
+        warnings.push(
+            "[model] background_stiffness and background_mass scatter the segments of a beam table; matrices have none, so they are not used"
+                .to_owned(),
+        );
+    }
+    let guessed = assembly.guessed_spans_m();
+    if !guessed.is_empty() {
+        let spans: Vec<String> = guessed.iter().map(|[bottom, top]| format!("{bottom} to {top} m")).collect();
+        let inside = |z_m: f64| guessed.iter().any(|[bottom_m, top_m]| *bottom_m < z_m && z_m < *top_m);
+        let channels: Vec<&str> = sensors
+            .iter()
+            .filter(|sensor| sensor.elevation_m.is_some_and(inside))
+            .map(|sensor| sensor.channel.as_str())
+            .collect();
+        let mut warning = format!(
+            "between these nodes the model's matrices are not those of a beam: {}; are all nodes there, at their heights, and do rotations turn right-handed?",
+            spans.join(", ")
+        );
+        if !channels.is_empty() {
+            warning += &format!(" Motion at channel {} is taken from straight lines", channels.join(", "));
+        }
+        warnings.push(warning);
+    }
+    warnings
+}
+
+/// The modes that a study has: those of `[measured]`, else what `belfry identify` has found.
+fn measured_modes(study: &Study, sensors: &[Sensor]) -> Result<MeasuredModes, StoryError> {
+    if let Some(measured) = &study.measured {
+        return Ok(read(&study.folder.join(&measured.modes), sensors)?);
+    }
+    let file = Results::of(study).path(MODES_FILE);
+    if !file.exists() {
+        return Err(StoryError::NotIdentified { file, study: study.folder.clone() });
+    }
+    Ok(read(&file, sensors)?)
+}

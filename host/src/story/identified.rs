@@ -1,0 +1,194 @@
+//! From a study's recordings to its modes, with what stands behind them.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use super::error::StoryError;
+use super::progress::{OnProgress, rows_of};
+use crate::fleet::FleetReport;
+use crate::identify::accuracy::RecordNeeded;
+use crate::identify::{Identification, identify as identify_setups};
+use crate::measure::{Measurement, Route, measure};
+use crate::spectra::LineGrid;
+use crate::study::Study;
+use crate::trend::Trend;
+
+/// What `belfry identify --json` prints and `results/modes.json` holds.
+#[derive(Debug, Clone, Serialize)]
+pub struct ModesReport {
+    /// The modes.
+    #[serde(flatten)]
+    pub identification: Identification,
+    /// How the recordings were cut.
+    pub segments: SegmentReport,
+    /// The record that a wished accuracy would need.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub record_needed: Option<Vec<RecordNeeded>>,
+    /// What the link between nodes and host did; none where spectra were made straight from the recording.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub link: Option<LinkReport>,
+    /// The modes over the hours.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trends: Option<Trend>,
+    /// Where the time went.
+    pub timings: TimingReport,
+    /// The lines of the spectra.
+    #[serde(skip)]
+    pub(super) grid: LineGrid,
+}
+
+/// How the recordings were cut.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SegmentReport {
+    /// Points of a segment.
+    pub points: usize,
+    /// Sampling rate after decimation.
+    pub decimated_rate_hz: f64,
+    /// Length of a segment in s.
+    pub duration_s: f64,
+    /// Why these, and the band where it was chosen.
+    pub reasons: Vec<String>,
+}
+
+/// What the link between nodes and host did.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LinkReport {
+    /// Windows that came.
+    pub windows: u64,
+    /// Windows that no longer exist anywhere.
+    pub lost_windows: u64,
+    /// Frames that were damaged, in both directions.
+    pub damaged_frames: u64,
+    /// Ranges of parts that the host asked for again.
+    pub parts_asked_again: u64,
+    /// Bytes on the wire, towards the host.
+    pub bytes_per_second_and_channel: f64,
+}
+
+/// Where the time went. Reading, spectra and averaging run side by side, so their times do not add up.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TimingReport {
+    /// Length of all recordings in s.
+    pub recorded_s: f64,
+    /// Counting rows and choosing the analysis.
+    pub counting_s: f64,
+    /// Reading the recordings.
+    pub reading_s: f64,
+    /// Nodes and link, or spectra straight from the recording.
+    pub spectra_s: f64,
+    /// Averaging outer products.
+    pub averaging_s: f64,
+    /// Identification.
+    pub modes_s: f64,
+    /// Seconds of recording a second of all this.
+    pub times_faster_than_real_time: f64,
+}
+
+/// Measures a study's recordings and identifies their modes; writes nothing.
+///
+/// # Errors
+/// When no recording can be read, or all of them hold too little. A report without modes is no error here.
+pub fn identify(study: &Study, route: Route, on_progress: OnProgress<'_>) -> Result<ModesReport, StoryError> {
+    let start = Instant::now();
+    let stage = match route {
+        Route::Nodes(_) => "nodes and link",
+        Route::Direct => "spectra",
+    };
+    let measurement = measure(study, route, &mut rows_of(stage, on_progress))?;
+    let modes_start = Instant::now();
+    let mut identification = identify_setups(&measurement.setups, &study.analysis.modes)?;
+    let modes = modes_start.elapsed();
+    let mut warnings = measurement.warnings.clone();
+    warnings.append(&mut identification.warnings);
+    identification.warnings = warnings;
+    Ok(report(identification, &measurement, modes, start.elapsed()))
+}
+
+fn report(
+    identification: Identification,
+    measurement: &Measurement<'_>,
+    modes: Duration,
+    all: Duration,
+) -> ModesReport {
+    let grid = measurement.plan.grid;
+    let timings = measurement.timings;
+    ModesReport {
+        identification,
+        segments: SegmentReport {
+            points: grid.segment,
+            decimated_rate_hz: grid.sampling_rate_hz,
+            duration_s: 1.0 / grid.spacing_hz(),
+            reasons: measurement.reasons.clone(),
+        },
+        record_needed: None,
+        trends: None,
+        grid,
+        link: link_report(&measurement.fleets),
+        timings: TimingReport {
+            recorded_s: measurement.duration_s,
+            counting_s: timings.counting.as_secs_f64(),
+            reading_s: timings.reading.as_secs_f64(),
+            spectra_s: timings.spectra.as_secs_f64(),
+            averaging_s: timings.averaging.as_secs_f64(),
+            modes_s: modes.as_secs_f64(),
+            times_faster_than_real_time: measurement.duration_s / all.as_secs_f64(),
+        },
+    }
+}
+
+fn link_report(fleets: &[FleetReport]) -> Option<LinkReport> {
+    let nodes = || fleets.iter().flat_map(|fleet| &fleet.nodes);
+    let channel_seconds: f64 =
+        fleets.iter().map(|f| f.duration_s * f.nodes.iter().map(|node| node.channels as f64).sum::<f64>()).sum();
+    (!fleets.is_empty()).then(|| LinkReport {
+        windows: nodes().map(|node| node.session.windows).sum(),
+        lost_windows: nodes().map(|node| node.session.lost_windows).sum(),
+        damaged_frames: nodes().map(|node| node.to_host.damaged + node.to_node.damaged).sum(),
+        parts_asked_again: nodes().map(|node| node.session.asked_again).sum(),
+        bytes_per_second_and_channel: nodes().map(|node| node.to_host.bytes).sum::<u64>() as f64 / channel_seconds,
+    })
+}
+
+impl ModesReport {
+    /// Why there are no modes; `None` where there are some. `picture` shows the singular values.
+    pub(super) fn no_modes(&self, study: &Study, picture: PathBuf) -> Option<StoryError> {
+        let found = &self.identification;
+        if !found.modes.is_empty() {
+            return None;
+        }
+        let last = self.grid.lines.saturating_sub(1);
+        let band_hz = [self.grid.frequency_hz(0), self.grid.frequency_hz(last)];
+        let choice = &study.analysis.modes;
+        let reason = if !found.harmonics.is_empty() {
+            let lines: Vec<String> =
+                found.harmonics.iter().map(|line| format!("{:.4} Hz", line.frequency_hz)).collect();
+            format!(
+                "what stands out there are forced lines ({}), as of machinery or vortices. Look in another band (band_hz in [analysis]), or record while the machinery stands still.",
+                lines.join(", ")
+            )
+        } else if choice.only_hz.is_some() || !choice.drop_hz.is_empty() {
+            "what modes_hz and drop_modes_hz in [analysis] leave is not in the data. Take them out to see what is picked automatically."
+                .to_owned()
+        } else {
+            format!(
+                "no peak stands out from the noise in {} averages ({:.1} h of recording). Record for longer, look in another band (band_hz in [analysis]), or check that the sensors move; add_modes_hz = [...] names a mode that you know to be there.",
+                found.averages,
+                found.record_s / 3600.0
+            )
+        };
+        Some(StoryError::NoModes { band_hz, reason, picture })
+    }
+}
+
+/// Where a setup has temperatures, modes are followed without being asked: over this share of the record at a time.
+const SHARE_OF_RECORD: f64 = 1.0 / 16.0;
+
+/// The intervals over which modes are followed where nobody asked for any.
+pub(super) fn interval_for_temperatures(study: &Study, report: &ModesReport) -> Option<Duration> {
+    study.setups.iter().any(|setup| setup.temperature.is_some()).then_some(())?;
+    let record_s = report.identification.record_s / study.setups.len() as f64;
+    // To a minute, as a user would say it.
+    Duration::try_from_secs_f64(60.0 * (SHARE_OF_RECORD * record_s / 60.0).round().max(1.0)).ok()
+}

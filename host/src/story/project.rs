@@ -1,0 +1,305 @@
+//! A study's folder, and the steps that are taken in it.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use super::case::Case;
+use super::change::{AutoEnd, ChangeReport, add, add_until_nothing_gains, remove};
+use super::covalidated::{CURVES_FILE, CovalidationReport, CovalidationRequest, covalidate};
+use super::error::StoryError;
+use super::identified::{ModesReport, identify, interval_for_temperatures};
+use super::motion::curves_csv;
+use super::progress::{OnProgress, rows_of};
+use super::trends;
+use super::updated::{UpdateReport, update};
+use crate::compare::Comparison;
+use crate::diagnose::Diagnosis;
+use crate::diagnose::steps::{Step, StepRecord};
+use crate::identify::accuracy::{Wish, record_needed};
+use crate::measure::Route;
+use crate::model::{Assembly, Body, matrix_market, npy};
+use crate::picture;
+use crate::results::{
+    COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, MODES_FILE, Results, ResultsError, UPDATE_FILE,
+};
+use crate::study::Study;
+use crate::trend::follow;
+use crate::update::Weights;
+
+/// A study's folder. Every step writes what it finds into the folder `results`, whole or not at all, and makes sure that it can
+/// before it computes anything.
+#[derive(Debug)]
+pub struct Project {
+    study: Study,
+    results: Results,
+    /// The model against the modes, once it was asked for.
+    case: Option<Case>,
+}
+
+/// How modes are to be identified.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IdentifyRequest {
+    /// How recordings are read.
+    pub route: Route,
+    /// Follow the modes over intervals of this length. Where a setup has temperatures they are followed in any case.
+    pub every: Option<Duration>,
+    /// Say how long a record a wished accuracy takes.
+    pub wish: Option<Wish>,
+}
+
+impl IdentifyRequest {
+    /// By this route, and nothing else.
+    pub fn by(route: Route) -> Self {
+        Self { route, every: None, wish: None }
+    }
+}
+
+/// A comparison and where it is drawn.
+#[derive(Debug)]
+pub struct Compared {
+    /// The figures.
+    pub comparison: Comparison,
+    /// The picture; none where there is nothing to draw.
+    pub picture: Option<PathBuf>,
+}
+
+impl Project {
+    /// Opens a study by its folder, or by the path of its `study.toml`.
+    ///
+    /// # Errors
+    /// When `study.toml` cannot be read, or says something that cannot be meant.
+    pub fn open(study: &Path) -> Result<Self, StoryError> {
+        let study = Study::load(study)?;
+        Ok(Self { results: Results::of(&study), study, case: None })
+    }
+
+    /// What the study says.
+    pub fn study(&self) -> &Study {
+        &self.study
+    }
+
+    /// Where results are.
+    pub fn results(&self) -> &Results {
+        &self.results
+    }
+
+    /// The study's model and its measured modes.
+    ///
+    /// # Errors
+    /// When there is no model or no modes, or they do not go together.
+    pub fn case(&mut self) -> Result<&Case, StoryError> {
+        let case = match self.case.take() {
+            Some(case) => case,
+            None => Case::load(self.study.clone())?,
+        };
+        Ok(self.case.insert(case))
+    }
+
+    /// The case with some of the measured modes only; all where none are named.
+    fn case_of(&mut self, modes: &[usize]) -> Result<Case, StoryError> {
+        let mut case = self.case()?.clone();
+        case.keep_modes(modes)?;
+        Ok(case)
+    }
+
+    /// The study as it stands on disk now.
+    fn reload(&mut self) -> Result<(), StoryError> {
+        self.study = Study::load(&self.study.folder)?;
+        self.case = None;
+        Ok(())
+    }
+
+    /// Identifies the modes of the study's recordings. Writes `modes.json`, pictures, and `trends.csv` where modes are followed.
+    ///
+    /// # Errors
+    /// When no recording can be read, or no modes are found; the picture of the singular values is written even then.
+    pub fn identify(
+        &mut self,
+        request: &IdentifyRequest,
+        on_progress: OnProgress<'_>,
+    ) -> Result<ModesReport, StoryError> {
+        self.results.make_ready()?;
+        let mut report = identify(&self.study, request.route, on_progress)?;
+        let name = &self.study.structure.name;
+        let picture = picture::singular_values(name, &report.identification)?;
+        let picture = self.results.write("singular_values.svg", picture.as_bytes())?;
+        if let Some(no_modes) = report.no_modes(&self.study, picture) {
+            return Err(no_modes);
+        }
+        report.record_needed = request.wish.map(|wish| record_needed(&report.identification, wish));
+        self.results.write_json(MODES_FILE, &report)?;
+        self.case = None;
+        if let Some(picture) = picture::mode_shapes(name, &self.study.setups, &report.identification, &[])? {
+            self.results.write("mode_shapes.svg", picture.as_bytes())?;
+        }
+        if let Some(every) = request.every.or_else(|| interval_for_temperatures(&self.study, &report)) {
+            match self.follow(&mut report, every, request.route, on_progress) {
+                // What was identified stays, also where it cannot be followed.
+                Err(StoryError::Follow(error)) if request.every.is_none() => {
+                    let warning = format!("the modes are identified, but cannot be followed: {error}");
+                    report.identification.warnings.push(warning);
+                }
+                followed => followed?,
+            }
+            self.results.write_json(MODES_FILE, &report)?;
+        }
+        Ok(report)
+    }
+
+    fn follow(
+        &self,
+        report: &mut ModesReport,
+        every: Duration,
+        route: Route,
+        on_progress: OnProgress<'_>,
+    ) -> Result<(), StoryError> {
+        let modes = &report.identification.modes;
+        let on_rows = &mut rows_of("intervals", on_progress);
+        let trend = follow(&self.study, modes, &report.grid, every.as_secs_f64(), route, on_rows);
+        let trend = trend.map_err(StoryError::Follow)?;
+        self.write_bytes("trends.csv", trends::csv(&trend))?;
+        if let Some(picture) = picture::trends(&self.study.structure.name, &trend)? {
+            self.results.write("trends.svg", picture.as_bytes())?;
+        }
+        report.trends = Some(trend);
+        Ok(())
+    }
+
+    /// Writes what was made in memory.
+    fn write_bytes(&self, name: &str, bytes: std::io::Result<Vec<u8>>) -> Result<PathBuf, ResultsError> {
+        let bytes = bytes.map_err(|source| ResultsError::Write { file: self.results.path(name), source })?;
+        self.results.write(name, &bytes)
+    }
+
+    /// Holds the model against the measured modes. Writes `comparison.json` and a picture.
+    ///
+    /// # Errors
+    /// As [`Project::case`], or when a result cannot be written.
+    pub fn compare(&mut self) -> Result<Compared, StoryError> {
+        self.results.make_ready()?;
+        let case = self.case()?;
+        let comparison = case.compare();
+        let picture = picture::comparison(
+            &case.study.structure.name,
+            &case.assembly,
+            &case.view.modes,
+            &case.sensors,
+            &case.measured.modes,
+            &comparison,
+        )?;
+        self.results.write_json(COMPARISON_FILE, &comparison)?;
+        let write = |picture: String| self.results.write("comparison.svg", picture.as_bytes());
+        Ok(Compared { picture: picture.map(write).transpose()?, comparison })
+    }
+
+    /// Updates the stiffness matrix with the measured `modes` (all that have a partner where none are named). Writes
+    /// `update.json` and the matrices; for a beam table also `nodes.csv`.
+    ///
+    /// # Errors
+    /// As [`Project::case`], when no mode has a partner, or when a result cannot be written.
+    pub fn update(&mut self, modes: &[usize], weights: &Weights) -> Result<UpdateReport, StoryError> {
+        let case = self.case_of(modes)?;
+        self.results.make_ready()?;
+        let updated = update(&case, weights)?;
+        let stiffness = &updated.matrices.stiffness;
+        self.results.write("stiffness_updated.mtx", matrix_market(stiffness).as_bytes())?;
+        self.write_bytes("stiffness_updated.npy", npy(stiffness))?;
+        self.results.write("mass.mtx", matrix_market(&case.assembly.mass).as_bytes())?;
+        if matches!(case.model.body, Body::Beam(_)) {
+            self.results.write("nodes.csv", nodes_csv(&case.assembly).as_bytes())?;
+        }
+        self.results.write_json(UPDATE_FILE, &updated.report)?;
+        Ok(updated.report)
+    }
+
+    /// Predicts channels that are left out from the others. Writes `covalidation.json`, the curves and a picture.
+    ///
+    /// # Errors
+    /// As [`Project::case`], when a channel is unknown or cannot be predicted, or when a result cannot be written.
+    pub fn covalidate(
+        &mut self,
+        request: &CovalidationRequest,
+        on_progress: OnProgress<'_>,
+    ) -> Result<CovalidationReport, StoryError> {
+        let case = self.case_of(&request.modes)?;
+        self.results.make_ready()?;
+        let covalidation = covalidate(&case, request, on_progress)?;
+        self.results.write(CURVES_FILE, curves_csv(&covalidation.curves).as_bytes())?;
+        let picture = picture::covalidation(&case.study.structure.name, &covalidation.curves)?;
+        self.results.write("covalidation.svg", picture.as_bytes())?;
+        self.results.write_json(COVALIDATION_FILE, &covalidation.report)?;
+        Ok(covalidation.report)
+    }
+
+    /// Says which physical effect the model lacks; kinds named in `without` are left out. Writes `diagnosis.json`.
+    ///
+    /// # Errors
+    /// As [`Project::case`], or when the effects in the model cannot be fitted.
+    pub fn diagnose(&mut self, without: &[String]) -> Result<Diagnosis, StoryError> {
+        self.results.make_ready()?;
+        let diagnosis = self.case()?.diagnose(without)?;
+        self.results.write_json(DIAGNOSIS_FILE, &diagnosis)?;
+        Ok(diagnosis)
+    }
+
+    /// Puts an effect (`KIND[@WHERE][=VALUE]`) into the model and refits all of them together, in `study.toml` and the history.
+    ///
+    /// # Errors
+    /// When the effect cannot be added; nothing is changed then.
+    pub fn add(&mut self, effect: &str) -> Result<ChangeReport, StoryError> {
+        self.results.make_ready()?;
+        let report = add(self.case()?, effect)?;
+        self.reload()?;
+        Ok(report)
+    }
+
+    /// Takes an effect out of the model and refits the others, in `study.toml` and the history.
+    ///
+    /// # Errors
+    /// When the model has no such effect, or the others cannot be refitted; nothing is changed then.
+    pub fn remove(&mut self, effect: &str) -> Result<ChangeReport, StoryError> {
+        self.results.make_ready()?;
+        let report = remove(self.case()?, effect)?;
+        self.reload()?;
+        Ok(report)
+    }
+
+    /// Adds and drops effects until nothing is gained, in `study.toml` and the history where together they explain the
+    /// measurement. `on_step` hears of every step.
+    ///
+    /// # Errors
+    /// When the effects in the model cannot be fitted, or the study cannot be written.
+    pub fn add_until_nothing_gains(
+        &mut self,
+        without: &[String],
+        on_step: &mut dyn FnMut(&Step),
+    ) -> Result<AutoEnd, StoryError> {
+        self.results.make_ready()?;
+        let end = add_until_nothing_gains(self.case()?, without, on_step)?;
+        if end == AutoEnd::Adopted {
+            self.reload()?;
+        }
+        Ok(end)
+    }
+
+    /// How the error fell, step by step. Draws `history.svg`.
+    ///
+    /// # Errors
+    /// When nothing was added yet, or the history cannot be read.
+    pub fn history(&self) -> Result<Vec<StepRecord>, StoryError> {
+        let steps = self.results.history()?;
+        if steps.is_empty() {
+            return Err(StoryError::NoHistory { study: self.study.folder.clone() });
+        }
+        let picture = picture::history(&self.study.structure.name, &steps)?;
+        self.results.write("history.svg", picture.as_bytes())?;
+        Ok(steps)
+    }
+}
+
+/// A beam's nodes as `[model] matrices` reads them: the base first, whose rows are left out.
+fn nodes_csv(assembly: &Assembly) -> String {
+    let heights = std::iter::once(assembly.z_base_m()).chain(assembly.node_elevations_m());
+    let lines = heights.zip(1..).map(|(z_m, node)| format!("{node},{z_m}\n"));
+    std::iter::once("node,z_m\n".to_owned()).chain(lines).collect()
+}

@@ -1,0 +1,296 @@
+//! Assembly: from parts, in any order and more than once, to whole windows, each exactly once.
+
+use std::collections::BTreeMap;
+
+use belfry_shared::message::{Again, MAX_AGAIN, NodeMessage, WindowHead};
+use belfry_shared::time::HostTime;
+
+use super::configuration::Configurations;
+use super::node_window::NodeWindow;
+use super::parts::{build, fits};
+use super::sink::KeptWindows;
+
+/// Windows ahead of the oldest missing one that are kept; a number further ahead is taken for a fault.
+const MAX_AHEAD: u32 = 1 << 16;
+/// Parts a window may have; a head that says more is taken for a fault.
+const MAX_DATA_PARTS: u16 = 4096;
+/// How often a part is asked again before its window is given up.
+const MAX_ASKS: u32 = 30;
+
+#[derive(Debug, Default)]
+struct Partial {
+    head: Option<WindowHead>,
+    /// Encoded messages by part number.
+    parts: BTreeMap<u16, Vec<u8>>,
+    last_asked: Option<HostTime>,
+    asks: u32,
+}
+
+impl Partial {
+    fn is_whole(&self) -> bool {
+        self.head.as_ref().is_some_and(|head| self.parts.len() == usize::from(head.data_parts))
+    }
+}
+
+#[derive(Debug)]
+enum Progress {
+    Partial(Partial),
+    Done,
+}
+
+/// What became of a part.
+#[derive(Debug, PartialEq)]
+pub enum Outcome {
+    /// Taken; the window is not whole yet.
+    Taken,
+    /// Known already.
+    Duplicate,
+    /// With it the window is whole.
+    Whole(Box<NodeWindow>),
+    /// It contradicts the configuration or other parts.
+    Contradiction,
+    /// It has the name of a window that is kept, but is a later one: the node has started anew under its old name.
+    Repeated,
+    /// It was measured with a configuration that is not known here, for another study: a window that is only done when
+    /// [`Assembler::stored`] says so.
+    Foreign,
+}
+
+/// Assembles one boot's windows.
+#[derive(Debug)]
+pub struct Assembler {
+    boot: u32,
+    /// All windows with lower numbers are done or given up.
+    below: u32,
+    /// One above the highest number known to exist.
+    known: u32,
+    windows: BTreeMap<u32, Progress>,
+    /// Of windows kept from before: the last one's number and start.
+    last_kept: Option<(u32, u64)>,
+    lost: u64,
+}
+
+impl Assembler {
+    /// An assembler for a boot, before its first window.
+    pub fn new(boot: u32) -> Self {
+        Self::resuming(boot, &KeptWindows::default())
+    }
+
+    /// An assembler for a boot of which windows are kept from before.
+    pub fn resuming(boot: u32, kept: &KeptWindows) -> Self {
+        let wanted = kept.numbers.iter().filter(|&&number| number >= kept.first);
+        let windows: BTreeMap<u32, Progress> = wanted.map(|&number| (number, Progress::Done)).collect();
+        let known = windows.last_key_value().map_or(kept.first, |(&last, _)| last.saturating_add(1));
+        let mut assembler = Self { boot, below: kept.first, known, windows, last_kept: kept.last, lost: 0 };
+        assembler.advance();
+        assembler
+    }
+
+    /// The boot whose windows it takes.
+    pub fn boot(&self) -> u32 {
+        self.boot
+    }
+
+    /// All windows with lower numbers are done or given up.
+    pub fn below(&self) -> u32 {
+        self.below
+    }
+
+    /// Windows given up: dropped by the node before they were delivered, or unreadable.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Whether all windows known to exist are done or given up.
+    pub fn is_complete(&self) -> bool {
+        self.below >= self.known
+    }
+
+    /// Takes a part: the message and its encoding.
+    pub fn take(&mut self, configurations: &Configurations, message: &NodeMessage<'_>, encoded: &[u8]) -> Outcome {
+        let (name, part) = match message {
+            NodeMessage::Head(head) if head.data_parts > MAX_DATA_PARTS => return Outcome::Contradiction,
+            NodeMessage::Head(head) => (head.name, 0),
+            NodeMessage::Lines(lines) => (lines.name, lines.part),
+            NodeMessage::Density(density) => (density.name, density.part),
+            NodeMessage::Peaks(peaks) => (peaks.name, peaks.part),
+            _ => return Outcome::Contradiction,
+        };
+        if name.boot != self.boot {
+            return Outcome::Contradiction;
+        }
+        if let (NodeMessage::Head(head), Some((last, start))) = (message, self.last_kept)
+            && name.number <= last
+            && head.grid_index > start
+        {
+            return Outcome::Repeated;
+        }
+        if name.number < self.below {
+            return Outcome::Duplicate;
+        }
+        let is_head = matches!(message, NodeMessage::Head(_));
+        if name.number - self.below >= MAX_AHEAD || is_head != (part == 0) || part > MAX_DATA_PARTS {
+            return Outcome::Contradiction;
+        }
+        if let NodeMessage::Head(head) = message
+            && configurations.by_hash(head.configuration_hash).is_none()
+        {
+            if matches!(self.windows.get(&name.number), Some(Progress::Done)) {
+                return Outcome::Duplicate;
+            }
+            self.known = self.known.max(name.number.saturating_add(1));
+            return Outcome::Foreign;
+        }
+        if !configurations.iter().any(|configuration| fits(configuration, message)) {
+            return Outcome::Contradiction;
+        }
+        self.known = self.known.max(name.number.saturating_add(1));
+        let progress = self.windows.entry(name.number).or_insert_with(|| Progress::Partial(Partial::default()));
+        let Progress::Partial(partial) = progress else { return Outcome::Duplicate };
+        match message {
+            NodeMessage::Head(_) if partial.head.is_some() => return Outcome::Duplicate,
+            NodeMessage::Head(head) => partial.head = Some(head.clone()),
+            _ if partial.parts.contains_key(&part) => return Outcome::Duplicate,
+            _ => drop(partial.parts.insert(part, encoded.to_vec())),
+        }
+        if !partial.is_whole() {
+            return Outcome::Taken;
+        }
+        let built = partial
+            .head
+            .as_ref()
+            .and_then(|head| build(configurations.by_hash(head.configuration_hash)?, head, &partial.parts));
+        match built {
+            Some(window) => Outcome::Whole(Box::new(window)),
+            None => {
+                self.give_up(name.number);
+                Outcome::Contradiction
+            }
+        }
+    }
+
+    /// Marks a whole window as stored.
+    pub fn stored(&mut self, number: u32) {
+        if number >= self.below {
+            self.windows.insert(number, Progress::Done);
+            self.advance();
+        }
+    }
+
+    /// Forgets a whole window that could not be stored, so that it is asked again.
+    pub fn unstored(&mut self, number: u32) {
+        self.windows.insert(number, Progress::Partial(Partial::default()));
+    }
+
+    /// Windows known to exist that are neither done nor given up: what is lost if the node has restarted.
+    pub fn missing(&self) -> u64 {
+        let done = self.windows.values().filter(|progress| matches!(progress, Progress::Done)).count();
+        u64::from(self.known.saturating_sub(self.below)).saturating_sub(done as u64)
+    }
+
+    fn give_up(&mut self, number: u32) {
+        self.windows.insert(number, Progress::Done);
+        self.lost += 1;
+        self.advance();
+    }
+
+    fn advance(&mut self) {
+        while matches!(self.windows.first_key_value(), Some((&number, Progress::Done)) if number == self.below) {
+            self.windows.pop_first();
+            self.below = self.below.saturating_add(1);
+        }
+    }
+
+    /// Takes what a heartbeat says: windows below `next` exist, those below `oldest` are gone from the node.
+    pub fn heartbeat(&mut self, oldest: u32, next: u32) {
+        let gone = oldest.min(next);
+        if gone > self.below {
+            let kept = self.windows.split_off(&gone);
+            let done = self.windows.values().filter(|progress| matches!(progress, Progress::Done)).count();
+            self.lost += u64::from(gone - self.below) - done as u64;
+            self.windows = kept;
+            self.below = gone;
+            self.advance();
+        }
+        // More cannot wait in any node; the rest comes into reach as windows are done.
+        self.known = self.known.max(next.min(self.below.saturating_add(MAX_AHEAD)));
+    }
+
+    /// What to ask again at `now`, of windows not asked since `before`; at most [`MAX_AGAIN`] ranges.
+    ///
+    /// An ask counts towards giving up only if the node was `heard` since the last one: a line that is away costs no window.
+    /// `settled` is the number below which parts are overdue: all windows known when the line has fallen silent, all but the
+    /// newest while it is busy.
+    pub fn overdue(&mut self, now: HostTime, before: HostTime, heard: HostTime, busy: bool) -> Vec<Again> {
+        let settled = if busy { self.known.saturating_sub(1) } else { self.known };
+        let mut ranges: Vec<Again> = Vec::new();
+        let mut hopeless = Vec::new();
+        for number in self.below..settled {
+            if ranges.len() >= MAX_AGAIN {
+                break;
+            }
+            let progress = self.windows.entry(number).or_insert_with(|| Progress::Partial(Partial::default()));
+            let Progress::Partial(partial) = progress else { continue };
+            if partial.last_asked.is_some_and(|asked| asked > before) {
+                continue;
+            }
+            if partial.asks >= MAX_ASKS {
+                hopeless.push(number);
+                continue;
+            }
+            if partial.last_asked.is_none_or(|asked| heard > asked) {
+                partial.asks += 1;
+            }
+            partial.last_asked = Some(now);
+            for (first_part, last_part) in missing_parts(partial) {
+                ranges.push(Again { first_window: number, last_window: number, first_part, last_part });
+            }
+        }
+        for number in hopeless {
+            self.give_up(number);
+        }
+        join_whole_windows(&mut ranges);
+        ranges.truncate(MAX_AGAIN);
+        ranges
+    }
+}
+
+/// Runs of part numbers that a window still lacks.
+fn missing_parts(partial: &Partial) -> Vec<(u16, u16)> {
+    if partial.head.is_none() && partial.parts.is_empty() {
+        return vec![(0, u16::MAX)];
+    }
+    let mut runs = Vec::new();
+    if partial.head.is_none() {
+        runs.push((0, 0));
+    }
+    let mut next = 1;
+    for &part in partial.parts.keys() {
+        if part > next {
+            runs.push((next, part - 1));
+        }
+        next = part.saturating_add(1);
+    }
+    match &partial.head {
+        Some(head) if next <= head.data_parts => runs.push((next, head.data_parts)),
+        Some(_) => {}
+        // How many parts there are is not known yet.
+        None => runs.push((next, u16::MAX)),
+    }
+    runs
+}
+
+/// Joins neighbouring windows that are wanted whole.
+fn join_whole_windows(ranges: &mut Vec<Again>) {
+    ranges.dedup_by(|next, previous| {
+        let whole = |range: &Again| (range.first_part, range.last_part) == (0, u16::MAX);
+        let joined = whole(next) && whole(previous) && next.first_window == previous.last_window + 1;
+        if joined {
+            previous.last_window = next.last_window;
+        }
+        joined
+    });
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,42 @@
+//! Where whole windows go: a list, or an archive on the disk.
+
+use std::io;
+
+use super::node_window::NodeWindow;
+
+/// Where whole windows go. A window counts as delivered when `store` has returned; only then is it acknowledged.
+pub trait WindowSink {
+    /// Keeps a window.
+    fn store(&mut self, window: NodeWindow) -> io::Result<()>;
+
+    /// What is kept already of a node's life when it greets; `None` where it is met for the first time, so that what it holds was
+    /// asked for by others. `oldest_window` is the oldest that it still has.
+    fn kept(&mut self, node: u16, boot: u32, oldest_window: u32) -> io::Result<Option<KeptWindows>> {
+        let _ = (node, boot);
+        Ok(Some(KeptWindows { first: oldest_window, numbers: Vec::new(), last: None }))
+    }
+
+    /// Notes that a node's life serves here from now on; where it is met for the first time, from window `first_window` on.
+    fn meet(&mut self, node: u16, boot: u32, first_window: u32) -> io::Result<()> {
+        let _ = (node, boot, first_window);
+        Ok(())
+    }
+}
+
+/// The windows of one life of a node that are kept from before.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct KeptWindows {
+    /// The first window that is wanted: the next there was when this life was met first.
+    pub first: u32,
+    /// Numbers of the windows that are kept, in any order.
+    pub numbers: Vec<u32>,
+    /// Number and start (in hops since the epoch) of the last of them: a lower number with a later start is another life's.
+    pub last: Option<(u32, u64)>,
+}
+
+impl WindowSink for Vec<NodeWindow> {
+    fn store(&mut self, window: NodeWindow) -> io::Result<()> {
+        self.push(window);
+        Ok(())
+    }
+}

@@ -1,0 +1,216 @@
+//! The command in real time: nodes behind sockets, the host killed and started again, the modes of what has come.
+
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use assert_cmd::prelude::*;
+use belfry_shared::time::NodeTime;
+use belfry_tests::belfry_command;
+use serde_json::Value;
+
+use super::mast::{MODES, RATE_HZ, folder_in_memory, fresh_node, is_without_gaps, motion, numbers, write_study};
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The node's firmware in real time behind a socket; it goes on when the host has gone.
+struct LiveNode {
+    stop: Arc<AtomicBool>,
+    thread: Option<thread::JoinHandle<()>>,
+}
+
+impl LiveNode {
+    /// A node whose crystal gains `ppm`, with the motion's columns from `first` on.
+    fn start(number: u16, ppm: f64, socket: &Path, motion: Arc<Vec<[f32; 4]>>, first: usize, on: Instant) -> Self {
+        let listener = UnixListener::bind(socket).unwrap();
+        listener.set_nonblocking(true).unwrap();
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = thread::spawn(move || {
+            let mut node = fresh_node(number, u32::from(number) + 1000);
+            let mut stream: Option<UnixStream> = None;
+            let mut rows = 0;
+            let mut buffer = [0; 512];
+            while !stopped.load(Ordering::Relaxed) {
+                if let Ok((next, _)) = listener.accept() {
+                    next.set_nonblocking(true).unwrap();
+                    stream = Some(next);
+                }
+                let now_s = on.elapsed().as_secs_f64();
+                let node_time = |seconds: f64| NodeTime((seconds * (1.0 + ppm * 1e-6) * 1e6) as u64);
+                // Sampled when the structure was there, by a timer that nothing delays.
+                while (rows as f64) < now_s * RATE_HZ {
+                    let row = &motion[rows % motion.len()];
+                    node.sample(node_time(rows as f64 / RATE_HZ), &row[first..first + 2]);
+                    while node.poll(node_time(rows as f64 / RATE_HZ)) {}
+                    rows += 1;
+                }
+                if let Some(line) = &mut stream {
+                    let gone = match line.read(&mut buffer) {
+                        Ok(0) => true,
+                        Ok(count) => {
+                            let now = node_time(on.elapsed().as_secs_f64());
+                            buffer[..count].iter().for_each(|&byte| node.receive(now, byte));
+                            false
+                        }
+                        Err(error) => error.kind() != ErrorKind::WouldBlock,
+                    };
+                    let mut failed = gone;
+                    while !failed && node.has_bytes() {
+                        let count = node.transmit(node_time(on.elapsed().as_secs_f64()), &mut buffer);
+                        if count == 0 {
+                            break;
+                        }
+                        failed = line.write_all(&buffer[..count]).is_err();
+                    }
+                    if failed {
+                        stream = None;
+                    }
+                }
+                thread::sleep(Duration::from_micros(300));
+            }
+        });
+        Self { stop, thread: Some(thread) }
+    }
+}
+
+impl Drop for LiveNode {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The mast's study, and its nodes: the one's crystal gains 20 ppm, the other's loses as much.
+struct LiveBench {
+    folder: tempfile::TempDir,
+    _nodes: [LiveNode; 2],
+}
+
+impl LiveBench {
+    fn new() -> Self {
+        let folder = folder_in_memory();
+        write_study(folder.path());
+        let motion = Arc::new(motion(200.0));
+        let on = Instant::now();
+        let start = |number, ppm, first| {
+            let socket = folder.path().join(format!("node{number}"));
+            LiveNode::start(number, ppm, &socket, Arc::clone(&motion), first, on)
+        };
+        let nodes = [start(3, 20.0, 0), start(8, -20.0, 2)];
+        Self { folder, _nodes: nodes }
+    }
+
+    fn study(&self) -> &str {
+        self.folder.path().to_str().unwrap()
+    }
+
+    fn collect(&self, more: &[&str]) -> Command {
+        let port = |node: u16| format!("unix:{}", self.folder.path().join(format!("node{node}")).display());
+        let mut command = belfry_command();
+        command.args(["collect", self.study(), "--port", &port(8), "--port", &port(3)]).args(more);
+        command
+    }
+
+    /// Waits until the archive has `count` windows of each node.
+    fn wait_for(&self, count: usize) {
+        let start = Instant::now();
+        let file = self.folder.path().join("archive.sqlite");
+        while !file.exists() || [3, 8].iter().any(|&node| numbers(self.folder.path(), node).len() < count) {
+            assert!(start.elapsed() < PATIENCE, "{count} windows of each node do not come");
+            thread::sleep(Duration::from_millis(100));
+        }
+    }
+}
+
+fn kill(mut child: Child) {
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+fn interrupt(child: &Child) {
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+}
+
+#[test]
+fn windows_come_once_whatever_happens_to_the_host_and_modes_come_of_them_while_they_grow() {
+    let bench = LiveBench::new();
+    // Killed in the middle of it.
+    let killed = bench.collect(&[]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    bench.wait_for(8);
+    kill(killed);
+    thread::sleep(Duration::from_secs(2));
+    // Started again, and asked for modes meanwhile.
+    let again = bench.collect(&["--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // The drift is known from 20 s on.
+    bench.wait_for(120);
+    let modes = belfry_command().args(["identify", bench.study(), "--json"]).assert().success();
+    let modes: Value = serde_json::from_slice(&modes.get_output().stdout).unwrap();
+    let after = numbers(bench.folder.path(), 3).len();
+    bench.wait_for(after + 4);
+    interrupt(&again);
+    let output = again.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("node 3 on unix:") && said.contains("measures"), "{said}");
+    // Every window, each once, across all of it.
+    for node in [3, 8] {
+        let numbers = numbers(bench.folder.path(), node);
+        assert!(is_without_gaps(&numbers), "node {node}: {numbers:?}");
+    }
+    // Lines of the log begin with the time.
+    assert!(said.lines().all(|line| line.starts_with("20") && line[..24].ends_with('Z')), "{said}");
+    // An event a line, the report last.
+    let text = String::from_utf8(output.stdout).unwrap();
+    let mut events: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let report = events.pop().unwrap();
+    assert_eq!((&report["event"], &report["setup"]), (&"end".into(), &"now".into()));
+    let of_node = |node: u64, event: &str| -> Vec<&Value> {
+        events.iter().filter(|line| line["node"] == node && line["event"] == event).collect()
+    };
+    let mut nodes: Vec<u64> = Vec::new();
+    for port in report["ports"].as_array().unwrap() {
+        let node = port["node"].as_u64().unwrap();
+        nodes.push(node);
+        assert_eq!(of_node(node, "window").len() as u64, port["windows"].as_u64().unwrap(), "{port}");
+        let states: Vec<&Value> = of_node(node, "port").iter().map(|line| &line["state"]).collect();
+        assert_eq!(states, ["preparing", "measuring"], "node {node}");
+        for nothing in ["lost_windows", "foreign_windows", "windows_with_gaps", "damaged_frames"] {
+            assert_eq!(port[nothing], 0, "{nothing} in {port}");
+        }
+        // The host's clock is slower than a node's whose crystal gains.
+        let ppm = if port["node"] == 3 { -20.0 } else { 20.0 };
+        let drift = port["clock_drift_ppm"].as_f64().unwrap();
+        // The quickest of four exchanges, over 20 s: half a millisecond of scheduling is 25 ppm.
+        assert!((drift - ppm).abs() < 35.0, "{drift} ppm found where there are {ppm}");
+        let peak = port["peaks_hz"][0].as_f64().unwrap();
+        assert!(MODES.iter().any(|mode| (mode.0 - peak).abs() < 3.0), "a peak at {peak} Hz");
+    }
+    nodes.sort_unstable();
+    assert_eq!(nodes, [3, 8]);
+    // The modes of what had come by then, whose shapes span both nodes: their clocks differ by 40 ppm.
+    let found = modes["modes"].as_array().unwrap();
+    assert_eq!(found.len(), MODES.len(), "{found:?}");
+    for (mode, (frequency_hz, _, shape)) in found.iter().zip(MODES) {
+        let frequency = mode["frequency_hz"].as_f64().unwrap();
+        assert!((frequency / frequency_hz - 1.0).abs() < 0.01, "{frequency} Hz");
+        let components = mode["shape"].as_array().unwrap();
+        let (mut product, mut squares, mut truth) = ((0.0, 0.0), 0.0, 0.0);
+        for (component, factor) in components.iter().zip(shape) {
+            let (re, im) = (component["re"].as_f64().unwrap(), component["im"].as_f64().unwrap());
+            product = (product.0 + factor * re, product.1 + factor * im);
+            squares += re * re + im * im;
+            truth += factor * factor;
+        }
+        let mac = (product.0 * product.0 + product.1 * product.1) / (squares * truth);
+        // In the first seconds the drift is not known: half a millisecond between the nodes is 16 degrees at 90 Hz.
+        assert!(mac > 0.95, "MAC {mac} at {frequency} Hz");
+    }
+}

@@ -1,0 +1,8 @@
+//! A user collects live. One story runs the command in real time; the others run nodes and host in simulated time.
+
+mod bench;
+mod disk;
+mod live;
+mod mast;
+mod ports;
+mod time;
