@@ -247,7 +247,7 @@ fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console)
     let modes = Modes::load(study)?;
     for (format, path) in targets {
         match format {
-            Format::Csv => write_file(path, &table::csv(&modes)?)?,
+            Format::Csv => table::write_csv(path, &modes)?,
             Format::Uff55 => {
                 let (text, warnings) = universal::text(&modes, &study.structure.name);
                 for warning in warnings {

@@ -1,6 +1,8 @@
 //! Where shapes differ, sensor by sensor.
 
-use super::{ModelView, Pair, scale};
+use super::pairing::Pair;
+use super::shape::scale;
+use super::view::ModelView;
 use crate::modes::MeasuredMode;
 
 /// Root mean square over pairs, sensor by sensor, of `(a phi - phihat)` in shares of the RMS component of phihat; `None`

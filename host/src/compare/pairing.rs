@@ -5,7 +5,8 @@
 use nalgebra::DMatrix;
 use pathfinding::prelude::{Matrix, kuhn_munkres};
 
-use super::{ModelView, mac};
+use super::shape::mac;
+use super::view::ModelView;
 use crate::modes::{MeasuredMode, MeasuredShape};
 
 /// A measured mode and the model mode that belongs to it; both 0-based.
@@ -24,7 +25,7 @@ pub struct Pair {
 
 /// Frequencies count as alike over this range (standard deviation of their logarithm): models are off by 10 to 20 %.
 const LIKENESS: f64 = 0.25;
-/// A pair below this likeness is none: neither the shape nor the frequency speaks for it.
+/// Least likeness of a pair: below it neither shape nor frequency supports the pair.
 const LEAST_LIKENESS: f64 = 0.2;
 /// What the shape counts for where none was measured.
 const UNKNOWN_SHAPE: f64 = 0.5;

@@ -1,12 +1,13 @@
-//! The difference of paired modes as one vector with its covariance, and what a chi-squared test says of it.
+//! The difference of paired modes as one vector with its covariance, and its chi-squared test.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::Serialize;
 use statrs::distribution::{ChiSquared as Distribution, ContinuousCDF};
 
-use super::pairing::{RANK_TOLERANCE, close_models};
+use super::deviation::{frequency_deviation, shape_deviations};
+use super::pairing::{Pair, RANK_TOLERANCE, close_models};
 use super::tolerance::Tolerance;
-use super::{ModelView, Pair, frequency_deviation, shape_deviations};
+use super::view::ModelView;
 use crate::model::ModeDerivative;
 use crate::modes::{MeasuredMode, MeasuredShape};
 
@@ -23,7 +24,7 @@ pub struct ChiSquared {
 
 /// The residual `y = [ln f_model - ln f ; Qᵀ (a phi - phihat)]` of each pair, phihat of unit length, Q its orthogonal
 /// complement, a least squares; held against the covariance of the measurement plus, with a tolerance, `G Q_b Gᵀ`, G the
-/// sensitivities of y to every segment's stiffness and mass. `None` without pairs, or where that covariance is none.
+/// sensitivities of y to every segment's stiffness and mass. `None` without pairs, or where that covariance is not positive definite.
 ///
 /// Close modes turn within their span at the slightest change, so a shape among them is held to the span:
 /// `Nᵀ (B c - phihat)` with B the close model shapes, c least squares, and N the orthogonal complement of B.
@@ -211,7 +212,7 @@ impl Block {
 }
 
 impl ShapeBlock {
-    /// `None` where the model's shapes leave nothing to compare: no sensor sees them, or too few to tell them apart.
+    /// `None` where the model's shapes leave nothing to compare: no sensor sees them, or too few sensors separate them.
     fn of(view: &ModelView, models: Vec<usize>, shape: &MeasuredShape) -> Option<Self> {
         if shape.sensors.iter().any(|&sensor| sensor >= view.at_sensors.nrows()) {
             return None;

@@ -2,9 +2,12 @@
 
 use serde::Serialize;
 
+use super::deviation::{FREQUENCY_ASSUMED, SHAPE_ASSUMED, frequency_deviation};
 use super::misfit::{comac, misfit_by_sensor};
+use super::pairing::Pair;
 use super::residual::ChiSquared;
-use super::{FREQUENCY_ASSUMED, ModelView, Pair, SHAPE_ASSUMED, frequency_deviation, mac};
+use super::shape::mac;
+use super::view::ModelView;
 use crate::modes::MeasuredMode;
 use crate::study::Sensor;
 

@@ -9,6 +9,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
 use crate::model::{BeamTable, Body, Structure};
+use crate::modes::MeasuredShape;
 use crate::study::{Model, ModelSource, Study, template};
 
 fn tower() -> (BeamTable, Vec<Sensor>) {

@@ -49,7 +49,7 @@ impl Predictor {
     /// an update by Psi, whose shapes are Phi1 V, cannot change it.
     ///
     /// # Errors
-    /// [`PredictError`] where the kept sensors cannot tell the modes apart.
+    /// [`PredictError`] where the kept sensors cannot separate the modes.
     pub fn new(kept: &DMatrix<f64>, left_out: &DMatrix<f64>) -> Result<Self, PredictError> {
         let (sensors, modes) = kept.shape();
         if modes > sensors {

@@ -17,17 +17,17 @@ pub(super) struct Background {
     has_spread: bool,
 }
 
-/// Share of the scatter's variance that is left out.
+/// Share of the scatter's variance that is neglected.
 const LEFT_OUT: f64 = 1e-4;
 /// A table lumps masses at nodes where a structure has them spread; by how much is not known (one standard deviation of
 /// [`Structure::spread_masses`]). Without it a table's own coarseness would look like masses and losses at its longest
 /// segments.
 const SPREAD: f64 = 0.5;
-/// A segment keeps at least this share of its stiffness and mass.
+/// However the background scatters, a segment keeps at least this share of its stiffness and mass.
 const LEAST_FACTOR: f64 = 0.1;
 
 impl Background {
-    /// From the tolerance of a model; nothing scatters where there is none.
+    /// From the tolerance of a model; without a tolerance nothing scatters.
     pub(super) fn of(structure: &Structure, model: &crate::study::Model) -> Self {
         let segments = match &structure.body {
             Body::Beam(beam) => beam.segments().len(),

@@ -1,10 +1,23 @@
 //! What could be missing, and where: every effect of the catalogue at every place of a structure and its sensors.
 
 use super::fit::Fit;
+use super::knob::Knob;
 use super::problem::Problem;
-use super::state::Knob;
 use crate::model::Body;
 use crate::model::effect::{Effect, EffectKind, Evidence, Parameter, PlaceKind, Where};
+
+/// What a search leaves out.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Options {
+    /// Kinds that are not considered.
+    pub without: Vec<String>,
+}
+
+impl Options {
+    pub(super) fn leaves_out(&self, kind: &dyn EffectKind) -> bool {
+        self.without.iter().any(|name| name == kind.name())
+    }
+}
 
 /// An effect at a place, by one of its parameter sets.
 #[derive(Debug, Clone)]

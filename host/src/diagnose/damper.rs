@@ -1,21 +1,22 @@
 //! The search for a tuned mass damper, which no derivative at the present model leads to: it adds modes.
 //!
-//! Modes that move like others near them, modes of one pair that are further apart than the model's, or modes that are damped
-//! far more than the rest, say where it is tuned to and how heavy it is; from there its numbers are fitted like those of any
-//! effect.
+//! Its frequency and mass are first guessed from modes that move like others near them, from pairs of modes that are further
+//! apart than the model's, or from modes with far more damping than the rest; then they are fitted like those of any effect.
 
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
+use super::criteria::{FAILS, STANDS_OUT};
 use super::fit::Fit;
+use super::found::{AtHeight, Found, HeightSpread, NEAR};
+use super::knob::Knob;
+use super::misfit::Loss;
 use super::problem::{Problem, TWIN_WITHIN};
-use super::search::{AtHeight, Found, HeightSpread, NEAR};
-use super::state::{Knob, Loss, State};
-use super::verdict::{FAILS, STANDS_OUT};
+use super::state::State;
 use crate::model::effect::{Effect, EffectKind, Where};
 
-/// What the measured modes say of a damper.
+/// What the measured modes suggest about a damper.
 #[derive(Debug, Clone, Copy)]
 struct Clue {
     /// The paired mode that it acts on.
@@ -33,7 +34,7 @@ impl Clue {
     }
 }
 
-/// A mode damped this many times as much as the middle one is worth a look.
+/// A mode with this many times the damping of the median mode is worth a look.
 const DAMPED: f64 = 2.5;
 /// Dampers have about this share of a mode's mass.
 const MASS_RATIO: f64 = 0.01;
@@ -41,7 +42,7 @@ const MASS_RATIO: f64 = 0.01;
 const PAIR: f64 = 0.1;
 /// A pair that is further apart than the model's by this (ln f) may be a pair of twins, each seen in one direction.
 const SPLIT: f64 = 0.03;
-/// Clues closer than this (ln f) are of one damper.
+/// Clues closer than this (ln f) point to the same damper.
 const SAME: f64 = 0.15;
 const MOST_CLUES: usize = 2;
 /// Factors on the clue's numbers from which fits may start, and the damping ratio.
@@ -60,7 +61,7 @@ const TUNED: f64 = 0.2;
 /// `sqrt(3 mu / 8 (1 + mu))` (Den Hartog 1956, section 3.3).
 const MOST_MASS_RATIO: f64 = 0.33;
 const MOST_DAMPING: f64 = 0.31;
-/// What is damped less is a part of the structure that swings by itself.
+/// With less damping it is a part of the structure that swings by itself.
 const LEAST_DAMPING: f64 = 1e-4;
 /// Within this share of its range a value is at the range's end.
 const AT_A_BOUND: f64 = 1e-3;
@@ -70,7 +71,7 @@ const STEPS: usize = 4;
 const ALIKE: f64 = 0.1;
 
 impl Problem {
-    /// The damper that explains most, at its best place or at `place`; `None` where nothing hints at one.
+    /// The damper that explains most, at its best place or at `height`; `None` where nothing hints at one.
     pub(super) fn search_damper(
         &self,
         present: &Fit,
@@ -82,7 +83,7 @@ impl Problem {
         found.max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor))
     }
 
-    /// Twins first, then modes of a pair that are apart, then modes that are damped much.
+    /// Twins first, then pairs that are too far apart, then modes with much damping.
     fn clues(&self, present: &Fit) -> Vec<Clue> {
         let mut clues: Vec<Clue> = Vec::new();
         let mut add = |clue: Clue| {
@@ -102,7 +103,7 @@ impl Problem {
                 add(Clue::of_twins(mode, self.measured[mode].frequency_hz, twin.frequency_hz));
             }
         }
-        // Identification may merge the two modes of a pair on either side of the split: none is left without a partner then.
+        // Identification may merge the two modes of a pair on either side of the split; then every mode has a partner.
         for mode in 0..self.paired {
             for other in 0..mode {
                 let [mode_hz, other_hz] = [mode, other].map(|mode| self.measured[mode].frequency_hz);
@@ -114,7 +115,7 @@ impl Problem {
                 }
             }
         }
-        // A damper moves modes as well as damping them: where all of them are where they should be, there is none.
+        // A damper moves modes as well as damping them: where all modes are where they should be, there is no damper.
         if present.goodness_of_fit().p_value >= FAILS {
             return clues;
         }
@@ -130,13 +131,13 @@ impl Problem {
     }
 }
 
-/// A damper that a clue speaks of, and where it could hang.
+/// The damper that a clue suggests, and where it could hang.
 struct Hanging<'a> {
     problem: &'a Problem,
     present: &'a Fit,
     kind: &'static dyn EffectKind,
     clue: Clue,
-    /// All heights that were asked about.
+    /// How many heights were considered.
     heights: usize,
     /// Those at which the mode moves, and its squared motion there: a mass of one over it is the mode's.
     places: Vec<(f64, f64)>,
@@ -176,7 +177,7 @@ impl<'a> Hanging<'a> {
         self.places.iter().find(|place| place.0 == z_m).map(|place| place.1)
     }
 
-    /// With the numbers that a damper may have that the clue speaks of; `None` where others would fit better.
+    /// Fits within the values that the suggested damper may have; `None` where values outside would fit better.
     fn fit(&self, state: &State) -> Option<Fit> {
         let bounds = self.bounds(state);
         let narrow = |knob: &mut Knob| {

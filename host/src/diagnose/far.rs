@@ -5,12 +5,14 @@
 
 use rayon::prelude::*;
 
-use super::candidates::Candidate;
+use super::candidates::{Candidate, Options};
+use super::evaluation::LEAST_LIKENESS;
 use super::fit::Fit;
+use super::found::Found;
+use super::misfit::Loss;
 use super::problem::Problem;
 use super::score::shows_by_derivative;
-use super::search::{Found, Options};
-use super::state::{LEAST_LIKENESS, Loss, State};
+use super::state::State;
 use crate::compare::pair_above;
 use crate::model::effect::{EffectKind, KINDS, Parameter, PlaceKind, Prior, Where};
 

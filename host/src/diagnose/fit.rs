@@ -5,10 +5,12 @@ use std::f64::consts::PI;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::knob::{Knob, with_values};
+use super::misfit::Loss;
 use super::problem::Problem;
-use super::state::{Knob, Loss, State, with_values};
+use super::state::State;
 use crate::compare::exceeding;
-use crate::model::effect::{Effect, Prior, Where};
+use crate::model::effect::{Effect, EffectKind, Evidence, Prior, Where};
 
 /// A model fitted to the measurement: effects and background at their most probable values.
 pub struct Fit {
@@ -32,12 +34,12 @@ pub struct Estimate {
     pub value: f64,
     /// Its standard deviation; null for a parameter that is given, not fitted.
     pub std: Option<f64>,
-    /// The unit of both; `-` for none.
+    /// The unit of both; `-` for a pure number.
     pub unit: String,
 }
 
 const MOST_ITERATIONS: usize = 25;
-/// Values that chance makes as large with a higher probability are none.
+/// A value that chance makes as large with a higher probability than this is not significant.
 const INSIGNIFICANT: f64 = 0.05;
 /// A step that lowers the cost by less than this, or by less than this share of it, is the last; a cost of 1 is one standard
 /// deviation.
@@ -81,6 +83,24 @@ impl Problem {
         self.finish(state, knobs.to_vec(), jacobian)
     }
 
+    /// The present model's best values, from those of the effects in it.
+    pub(super) fn present(&self, effects: &[Effect]) -> Result<Fit, String> {
+        let numbers = DVector::zeros(self.background.size());
+        let state = self.state(effects.to_vec(), numbers.clone(), None)?;
+        let knobs = self.all_knobs(&state);
+        self.fit(effects.to_vec(), &knobs, &numbers, Some(&state))
+    }
+
+    /// The knobs of all effects of a state.
+    pub(super) fn all_knobs(&self, state: &State) -> Vec<Knob> {
+        // A value that moves nothing measured stays as it is; the others are fitted.
+        let of = |effect: usize| state.knobs_seen(self, &state.effects, effect, &[]).into_iter().flatten();
+        (0..state.effects.len())
+            .filter(|&effect| shows_in_modes(state.effects[effect].of_kind()))
+            .flat_map(of)
+            .collect()
+    }
+
     /// Fits a state with one effect more than `present`, from the values and the scatter that it has; `narrow` may narrow the
     /// bounds of the effect's values.
     pub(super) fn fit_with_one_more(&self, present: &Fit, state: &State, narrow: &dyn Fn(&mut Knob)) -> Option<Fit> {
@@ -97,7 +117,7 @@ impl Problem {
         self.finish(state, fit.knobs.clone(), jacobian)
     }
 
-    /// One step that lowers the cost; `None` where there is none.
+    /// One step that lowers the cost; `None` where no step does.
     fn step(
         &self,
         state: &State,
@@ -173,8 +193,8 @@ impl Problem {
         let log_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| 2.0 * value.ln()).sum();
         let mut posterior = information;
         for index in 0..size {
-            // Effects are estimated without their prior; a trace of it keeps what the data do not see, or cannot tell apart,
-            // from having no inverse.
+            // Effects are estimated without their prior; a trace of it keeps the matrix invertible where the data do not see a
+            // value, or cannot separate two.
             posterior[(index, index)] += if index < count { 1e-12 + 1e-9 * posterior[(index, index)] } else { 1.0 };
         }
         let covariance = Cholesky::new(posterior).ok_or("the fit is not determined")?.inverse();
@@ -186,6 +206,11 @@ impl Problem {
             -0.5 * (cost(&state, Loss::Robust) + prior + log_determinant) + one_sided as f64 * std::f64::consts::LN_2;
         Ok(Fit { state, knobs, slopes, jacobian, covariance, log_evidence })
     }
+}
+
+/// Whether an effect's values are fitted to modes (and phases).
+pub(super) fn shows_in_modes(kind: &dyn EffectKind) -> bool {
+    matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks)
 }
 
 /// Twice the negative logarithm of the prior of a value, in units of its scale, over that of a Gaussian at zero: Cauchy's, of
@@ -228,7 +253,7 @@ impl Fit {
         };
         let own: Vec<usize> = (0..self.knobs.len()).filter(|&index| parameter(index).is_some()).collect();
         let is_share = |&index: &usize| parameter(index).is_some_and(|p| matches!(p.prior, Prior::Share(_)));
-        // Of a damper it is the mass without which there is none, whatever its damping.
+        // Without its mass a damper does nothing, whatever its damping.
         let has_share = own.iter().any(is_share);
         let vanishes = |index: &usize| parameter(*index).is_some_and(|p| p.neutral >= p.least);
         let knobs: Vec<usize> =

@@ -1,10 +1,12 @@
-//! Whether what a fit leaves is what measurement and tolerance allow.
+//! Whether what a fit leaves unexplained is within measurement and tolerance.
+//!
+//! A [`Fit`] flows in; chi-squared tests of all differences and of parts of them flow out.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::criteria::FAILS;
 use super::fit::Fit;
-use super::verdict::FAILS;
 use crate::compare::{ChiSquared, exceeding};
 
 /// What a test looks at.
@@ -139,13 +141,13 @@ impl Fit {
     }
 }
 
-/// One mode of fewer than this may not stay off.
+/// With fewer modes than this none may stay unexplained.
 const LEAST_MODES: usize = 8;
 /// Share of the other modes' squared differences beyond scatter that may be left then.
 const LEFT: f64 = 0.1;
-/// Where data see less than this of a scatter's variance there is nothing to test.
+/// Where the data determine less than this of the scatter's variance there is nothing to test.
 const LEAST_SCATTER: f64 = 0.5;
-/// Directions below this share of the longest are none.
+/// Directions shorter than this share of the longest are taken as zero.
 const NEGLIGIBLE: f64 = 1e-6;
 
 /// Columns less what lies in the span of others, and the rank of those.

@@ -1,7 +1,7 @@
 //! How well a model predicts what it was not fitted to: a sensor left out, a mode left out.
 //!
-//! Misfit falls with every effect that is added, right or wrong; the error on what was left out falls only with what is true
-//! of the structure.
+//! Misfit falls with every effect that is added, right or wrong; the error on what was left out falls only with effects that
+//! are real.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -39,7 +39,7 @@ pub fn held_out(problem: &Problem, fit: &Fit) -> HeldOut {
     }
 }
 
-/// A sensor that has an effect of its own cannot be predicted without it having been seen at all.
+/// Whether a sensor can be predicted from the others: not where an effect belongs to that sensor alone.
 fn is_predictable(problem: &Problem, fit: &Fit, sensor: usize) -> bool {
     let sensor = &problem.sensors[sensor];
     let alone = |node: u16| problem.sensors.iter().filter(|other| other.node == node).count() == 1;

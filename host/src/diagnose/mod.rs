@@ -5,9 +5,11 @@
 //! weighed by evidence, and a verdict with the measurement that would settle what the data leave open. [`steps`] adds and
 //! drops effects until nothing is gained; [`held_out`] says how well a model predicts what it was not fitted to.
 //!
-//! `background` turns the model's tolerance into few independent numbers, `state` evaluates a model with given effects and
-//! background and its derivatives, `fit` finds the most probable values, `candidates` lists what could be missing, `search` goes through it, `verdict` weighs
-//! what it finds, `report` is what it says, `settle` says what to measure next. Effects that show elsewhere than in modes are in `signals`.
+//! From the ground up: `background` turns the model's tolerance into a few independent numbers; `evaluation` makes a `state` of
+//! effects and background, and `derivatives` and `scales` say how it follows them; `fit` finds the most probable values and
+//! `goodness` tests them. `candidates` lists what could be missing, `score` weighs each by one linear step, `search` refits the
+//! best (with `far`, `damper` and `height`), `verdict` weighs what was `found`, `report` is what it says, `settle` says what to
+//! measure next. Effects that show elsewhere than in modes are in `signals`.
 //!
 //! The statistics: with r the whitened differences of model and measurement, the fit minimises `|r|² + |b|²` over the
 //! effects' values and the background b, whose prior is standard normal (joint maximum a posteriori, so that the tolerance
@@ -17,14 +19,22 @@
 
 mod background;
 mod candidates;
+mod criteria;
 mod damper;
+mod derivatives;
+mod error;
+mod evaluation;
 mod far;
 mod fit;
+mod found;
 mod goodness;
+mod height;
 pub mod held_out;
-mod place;
+mod knob;
+mod misfit;
 mod problem;
 mod report;
+mod scales;
 mod score;
 mod search;
 mod settle;
@@ -35,13 +45,15 @@ pub mod steps;
 mod tests;
 mod verdict;
 
+pub use candidates::Options;
+pub use criteria::{FAILS, STANDS_OUT};
+pub use error::{DiagnoseError, NoneFound};
 pub use fit::{Estimate, Fit};
 pub use goodness::Part;
-pub use problem::{DiagnoseError, Problem};
+pub use problem::Problem;
 pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,
     Unexplained, Verdict,
 };
-pub use search::{NoneFound, Options};
 pub use signals::{Signals, shown_effects};
-pub use verdict::{FAILS, STANDS_OUT, diagnose};
+pub use verdict::diagnose;

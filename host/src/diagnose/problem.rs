@@ -1,20 +1,23 @@
-//! What is diagnosed: a structure, the measured modes that its model can be held against, and how far it is trusted.
+//! What is diagnosed: a structure, the measured modes to compare it with, and how far it is trusted.
+//!
+//! A structure, its effects and measured modes flow in; modes that have a partner in the model, sorted by what they can tell,
+//! flow out.
 
-use std::sync::{Arc, OnceLock};
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, OnceLock};
 
 use nalgebra::{DMatrix, DVector};
-use thiserror::Error;
 
 use super::background::Background;
-use super::search::NoneFound;
-use super::state::Reference;
-use crate::compare::{ModelView, ViewError, complement, pair, shape_deviations};
+use super::error::DiagnoseError;
+use super::state::State;
+use crate::compare::{ModelView, complement, pair, shape_deviations};
 use crate::model::Structure;
-use crate::model::effect::{Effect, EffectError};
+use crate::model::effect::Effect;
 use crate::modes::MeasuredMode;
 use crate::study::{Model, Sensor};
 
-/// A structure without its effects, the modes that it is held against, and how far it is trusted.
+/// A structure without its effects, the modes that it is compared with, and how far it is trusted.
 #[derive(Debug, Clone)]
 pub struct Problem {
     /// The structure as first given.
@@ -27,7 +30,7 @@ pub struct Problem {
     pub(super) paired: usize,
     /// Dampers of the structure in which they have.
     dampers: usize,
-    /// For each of them, which of them are too close to tell their shapes apart, itself included.
+    /// For each of them, the modes too close to separate their shapes, itself included.
     pub(super) close: Vec<Vec<usize>>,
     /// Their damping ratios, where they are known.
     pub(super) damping: Vec<Option<f64>>,
@@ -41,8 +44,21 @@ pub struct Problem {
     pub(super) reference: Arc<OnceLock<Option<Reference>>>,
     /// Numbers of measured modes without a partner.
     pub(super) unpaired: Vec<usize>,
-    /// Numbers of measured modes whose shapes are none of a structure.
+    /// Numbers of measured modes whose shapes are too complex for one mode of a structure.
     pub(super) complex: Vec<usize>,
+}
+
+/// The structure as first given, by which effects are weighed.
+pub(super) struct Reference {
+    pub(super) state: State,
+    /// Typical sizes of parameters so far.
+    pub(super) typical: Mutex<HashMap<String, Option<f64>>>,
+}
+
+impl std::fmt::Debug for Reference {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str("Reference")
+    }
 }
 
 /// The imaginary part of a measured shape, in shares of its length.
@@ -54,78 +70,6 @@ pub(super) struct MeasuredPhases {
     pub(super) imaginary: DVector<f64>,
     /// Their standard deviations.
     pub(super) deviations: DVector<f64>,
-}
-
-/// Why there is no diagnosis.
-#[derive(Debug, Error)]
-pub enum DiagnoseError {
-    /// The model cannot be seen by the sensors, or has no modes.
-    #[error(transparent)]
-    View(#[from] ViewError),
-    /// An effect does not fit the structure.
-    #[error(transparent)]
-    Effect(#[from] EffectError),
-    /// Nothing to compare.
-    #[error(
-        "no measured mode resembles any of the model's: check units, heights and azimuths (belfry compare shows both)"
-    )]
-    NoPairs,
-    /// Too few modes for the effects.
-    #[error(
-        "{numbers} measured numbers cannot determine the {parameters} parameters of {effects}; remove effects, or measure more modes or shapes"
-    )]
-    TooFewModes {
-        /// Numbers compared.
-        numbers: usize,
-        /// Parameters of the effects.
-        parameters: usize,
-        /// The effects.
-        effects: String,
-    },
-    /// The same effect twice.
-    #[error(
-        "{effect} is in the model already, and a second one there is the same effect; give it another place, or take the first one out with `belfry remove`"
-    )]
-    Twice {
-        /// The effect.
-        effect: String,
-    },
-    /// Values of one effect that say the same of the structure.
-    #[error(
-        "{effect}: from these data its values cannot be told apart; give it with fewer values, see `belfry effects {kind}`"
-    )]
-    SameValues {
-        /// The effect.
-        effect: String,
-        /// Its kind.
-        kind: &'static str,
-    },
-    /// Effects that say the same of the structure.
-    #[error(
-        "{one} and {other} cannot both be fitted: from these data they are one and the same effect; remove one of them"
-    )]
-    SameEffect {
-        /// An effect.
-        one: String,
-        /// The other.
-        other: String,
-    },
-    /// The effect explains nothing with an admissible value.
-    #[error("{effect} explains nothing here: {reason}; nothing was added")]
-    NothingGained {
-        /// The effect.
-        effect: String,
-        /// Why.
-        reason: NoneFound,
-    },
-    /// The fit does not reach a structure that stands.
-    #[error("with {effects} the structure does not stand: {reason}")]
-    NoStructure {
-        /// The effects.
-        effects: String,
-        /// Why.
-        reason: String,
-    },
 }
 
 /// Measured modes whose frequencies differ by less than this share turn within their span at the slightest change.
@@ -205,7 +149,7 @@ impl Problem {
         &self.measured[..self.paired]
     }
 
-    /// Measured modes that a structure is held against: a damper more makes twins.
+    /// Measured modes that a structure is compared with: one more damper makes twins.
     pub(super) fn seen_by(&self, structure: &Structure) -> &[MeasuredMode] {
         if structure.dampers() > self.dampers { &self.measured } else { self.measured() }
     }
@@ -235,7 +179,7 @@ impl Problem {
         Some(other)
     }
 
-    /// The same without the modes that a forced line makes or moves; `None` where there are none, or no others.
+    /// The same without the modes that a forced line makes or moves; `None` where there are no such modes, or no others.
     pub(super) fn without_forced(&self, forced_hz: f64) -> Option<Self> {
         let spoilt = (0..self.paired).rev().filter(|&mode| is_forced(&self.measured[mode], forced_hz));
         spoilt.fold(None, |rest: Option<Self>, mode| rest.as_ref().unwrap_or(self).without_mode(mode))
@@ -267,8 +211,8 @@ impl Problem {
     }
 }
 
-/// The imaginary part of a shape may have this share of the whole, the node where it is largest left out: one late clock is
-/// an effect; more is two modes, or noise, that passed for one.
+/// The imaginary part of a shape may be this share of the whole, without the node where it is largest: one late clock is an
+/// effect; more means two modes, or noise, taken for one mode.
 const COMPLEX: f64 = 0.2;
 
 fn has_real_shape(mode: &MeasuredMode, sensors: &[Sensor]) -> bool {
@@ -313,7 +257,7 @@ fn is_twin(mode: &MeasuredMode, paired: &[MeasuredMode]) -> bool {
     })
 }
 
-/// A mode within this share of a frequency that drives the structure is none, or has the line in its peak, which moves it.
+/// A mode within this share of a driving frequency is not a mode, or the line in its peak moves it.
 const FORCED: f64 = 0.05;
 
 fn is_forced(mode: &MeasuredMode, forced_hz: f64) -> bool {

@@ -1,4 +1,6 @@
-//! What a diagnosis says, as it is printed and stored.
+//! A diagnosis as it is printed and stored.
+//!
+//! `verdict` fills it from fits; the commands print it as text or JSON.
 
 use serde::Serialize;
 
@@ -6,7 +8,7 @@ use super::fit::Estimate;
 use super::goodness::{Part, Tests};
 use crate::compare::ChiSquared;
 
-/// What the data say of the model.
+/// How model and data agree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
@@ -23,7 +25,7 @@ pub enum Verdict {
 /// A diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Diagnosis {
-    /// What the data say of the model.
+    /// How model and data agree.
     pub verdict: Verdict,
     /// Kinds that explain something, each at its best place, best first.
     pub candidates: Vec<CandidateReport>,
@@ -35,11 +37,11 @@ pub struct Diagnosis {
     pub next_measurement: Option<String>,
     /// Of the model with the best effect, where one is named; else of the present model.
     pub goodness_of_fit: GoodnessOfFit,
-    /// Of the present model, its tolerance used as well as may be.
+    /// Of the present model, with the background fitted within its tolerance.
     pub present: GoodnessOfFit,
     /// What the best fit leaves.
     pub unexplained: Unexplained,
-    /// What makes the best effect the best; the present model's misfit where none is.
+    /// What the best effect explains, mode by mode; the present model's misfit where no effect is named.
     pub explained: Vec<Explained>,
     /// Effects that the model has, refitted.
     pub effects: Vec<CandidateReport>,
@@ -95,7 +97,7 @@ pub struct GoodnessOfFit {
     pub worst: Part,
 }
 
-/// What a fit leaves, in mean squared deviations: 1 is what measurement and tolerance allow.
+/// What a fit leaves unexplained, in mean squared deviations: 1 is what measurement and tolerance allow.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Unexplained {
     /// By measured mode.

@@ -1,13 +1,15 @@
 //! What every candidate would explain, by one linear step from the present model.
+//!
+//! Candidates and a fit flow in; the gain in evidence of each, and the values it would have, flow out.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::candidates::Candidate;
+use super::candidates::{Candidate, Options};
 use super::fit::{Fit, Marginal, prior_misfit};
+use super::knob::{Knob, with_values};
+use super::misfit::Loss;
 use super::problem::Problem;
-use super::search::Options;
-use super::state::{Knob, Loss};
 use crate::model::effect::{EffectKind, Evidence, KINDS, Parameter};
 
 /// A candidate and what it would explain, by one linear step from the present model.
@@ -71,7 +73,7 @@ impl Problem {
         // At its neutral values the effect changes nothing, so the present state serves.
         let knobs = present.state.knobs(self, &effects, index, guesses)?;
         let structure_at = |knob: &Knob, value: f64| {
-            let effects = super::state::with_values(&effects, std::slice::from_ref(knob), &[value]);
+            let effects = with_values(&effects, std::slice::from_ref(knob), &[value]);
             self.structure_with(&effects, &present.state.numbers)
         };
         let columns: Option<Vec<DVector<f64>>> = knobs
@@ -85,7 +87,7 @@ impl Problem {
         let columns = marginal.weigh(&DMatrix::from_columns(&columns?));
         let projected = marginal.project(&columns);
         let information = columns.tr_mul(&projected);
-        // What the background or effects in the model explain as well is no effect of its own.
+        // The background, or effects in the model, explain the same: the data cannot see this candidate.
         if (0..knobs.len()).any(|at| information[(at, at)] < SEPARATE * columns.column(at).norm_squared()) {
             return None;
         }
@@ -140,7 +142,7 @@ fn merge(scored: &mut Vec<Scored>, others: Vec<Scored>) {
     }
 }
 
-/// An effect that keeps less than this share of itself beside the background and other effects is none of its own.
+/// Where background and other effects explain all but this share of what a candidate does, the data cannot see it.
 const SEPARATE: f64 = 1e-6;
 
 /// Whether the derivative at the model without it leads to an effect.

@@ -3,118 +3,14 @@
 use nalgebra::DVector;
 use rayon::prelude::*;
 
+use super::candidates::Options;
+use super::criteria::{FAILS, STANDS_OUT};
+use super::error::NoneFound;
 use super::fit::Fit;
+use super::found::{AtHeight, Found, NEAR};
 use super::problem::Problem;
 use super::score::Scored;
-use super::state::{Knob, State};
-use super::verdict::{FAILS, STANDS_OUT};
-use crate::model::effect::{Effect, EffectKind, Evidence, KINDS, Where};
-
-/// What a search leaves out.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Options {
-    /// Kinds that are not considered.
-    pub without: Vec<String>,
-}
-
-impl Options {
-    pub(super) fn leaves_out(&self, kind: &dyn EffectKind) -> bool {
-        self.without.iter().any(|name| name == kind.name())
-    }
-}
-
-/// A kind's best place, refitted.
-pub(super) struct Found {
-    /// The effect's kind.
-    pub(super) kind: &'static dyn EffectKind,
-    /// The fit with it; it is the last effect there.
-    pub(super) fit: Fit,
-    /// The logarithm of the evidence over that of the present model, averaged over the places of the kind.
-    pub(super) log_bayes_factor: f64,
-    /// Other places that explain nearly as much: the logarithm of their evidence below that of the best.
-    pub(super) near: Vec<(Where, f64)>,
-    /// How sure its height is, where it may be at any.
-    pub(super) height: Option<HeightSpread>,
-    /// Heights that were fitted.
-    pub(super) known: Vec<AtHeight>,
-}
-
-/// How sure a height is, and what that makes of the values.
-#[derive(Debug, Clone)]
-pub(super) struct HeightSpread {
-    /// Standard deviation of the height in m.
-    pub(super) std_m: f64,
-    /// Standard deviations of the parameters' values that come of it.
-    pub(super) values: Vec<f64>,
-}
-
-/// What a fit with the effect at a height came to.
-#[derive(Debug, Clone)]
-pub(super) struct AtHeight {
-    pub(super) z_m: f64,
-    pub(super) log_evidence: f64,
-    /// Of the effect's parameters.
-    pub(super) values: Vec<f64>,
-}
-
-impl AtHeight {
-    /// Of a fit's last effect, which is at a height.
-    pub(super) fn of(fit: &Fit) -> Option<Self> {
-        let effect = fit.state.effects.last()?;
-        match effect.place() {
-            Some(Where::Height(z_m)) => Some(Self {
-                z_m: *z_m,
-                log_evidence: fit.log_evidence(),
-                values: effect.parameters().map(|(_, value)| value).collect(),
-            }),
-            _ => None,
-        }
-    }
-}
-
-impl Found {
-    /// The effect found.
-    pub(super) fn effect(&self) -> &Effect {
-        &self.fit.state.effects[self.index()]
-    }
-
-    /// Whether it explains enough to be named.
-    pub(super) fn stands_out(&self) -> bool {
-        self.log_bayes_factor > STANDS_OUT && self.fit.is_significant(self.index())
-    }
-
-    /// Its index among the effects of the fit.
-    pub(super) fn index(&self) -> usize {
-        self.fit.state.effects.len() - 1
-    }
-}
-
-/// Why a kind of effect is not found.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum NoneFound {
-    /// The data ask for a value that it cannot have.
-    OutOfBounds {
-        /// Such a value, by one linear step.
-        value: f64,
-    },
-    /// The structure has no place for it.
-    NoPlace,
-    /// What it does, the effects in the model do as well.
-    LikeOthers,
-    /// It moves nothing that was measured.
-    Unseen,
-}
-
-impl std::fmt::Display for NoneFound {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::OutOfBounds { value } => write!(formatter, "the data ask for a value of about {value:.3e}, which it cannot have"),
-            Self::NoPlace => formatter.write_str("this structure has no place for it, or it is in the model already (`belfry effects` says what it needs)"),
-            Self::LikeOthers => formatter.write_str("the effects in the model do the same already, as far as these data show"),
-            Self::Unseen => formatter.write_str("nothing that was measured hints at it; a value to start from can be given, as in `=VALUE`"),
-        }
-    }
-}
+use crate::model::effect::{EffectKind, Evidence, KINDS, Where};
 
 /// What a search has found.
 pub(super) struct Searched {
@@ -147,7 +43,7 @@ fn sort(found: &mut [Found]) {
 
 /// Kinds whose places are settled.
 const SETTLED: usize = 2;
-/// A far start that gains no more than this found the same.
+/// A far start that gains no more than this has found the same optimum.
 const SAME: f64 = 1.0;
 /// Kinds that are refitted.
 const REFITTED: usize = 10;
@@ -155,32 +51,12 @@ const REFITTED: usize = 10;
 const PLACES: usize = 2;
 /// Moves from place to neighbouring place.
 const MOST_MOVES: usize = 6;
-/// Where something fits: a promise below the best's gain by more than this share of it is none.
+/// Where something fits already: a candidate whose promised gain is below the best's by more than this share of it is dropped.
 const CONTENDS: f64 = 0.3;
-/// Where nothing fits yet: a promise below this share of the best's gain is none.
+/// Where nothing fits yet: a candidate that promises less than this share of the best's gain is dropped.
 const HOPELESS: f64 = 0.1;
-/// Places that are named beside the best.
-pub(super) const NEAR: f64 = 3.0;
 
 impl Problem {
-    /// The present model's best values, from those of the effects in it.
-    pub(super) fn present(&self, effects: &[Effect]) -> Result<Fit, String> {
-        let numbers = DVector::zeros(self.background.size());
-        let state = self.state(effects.to_vec(), numbers.clone(), None)?;
-        let knobs = self.all_knobs(&state);
-        self.fit(effects.to_vec(), &knobs, &numbers, Some(&state))
-    }
-
-    /// The knobs of all effects of a state.
-    pub(super) fn all_knobs(&self, state: &State) -> Vec<Knob> {
-        // A value that moves nothing measured stays as it is; the others are fitted.
-        let of = |effect: usize| state.knobs_seen(self, &state.effects, effect, &[]).into_iter().flatten();
-        (0..state.effects.len())
-            .filter(|&effect| shows_in_modes(state.effects[effect].of_kind()))
-            .flat_map(of)
-            .collect()
-    }
-
     /// Every kind that explains anything, refitted at its best place; best first.
     pub(super) fn search(&self, present: &Fit, options: &Options) -> Searched {
         let scored = self.scored_twice(present, |from| self.score(from, options));
@@ -197,7 +73,7 @@ impl Problem {
         let twins = twins.filter(|kind| !options.leaves_out(*kind));
         found.extend(twins.filter_map(|kind| self.search_damper(present, kind, None)));
         sort(&mut found);
-        self.settle_places(&mut found);
+        self.settle_heights(&mut found);
         let fits = found.iter().any(|found| found.fit.explains(present));
         if !fits && present.goodness_of_fit().p_value < FAILS {
             for far in self.search_far(present, options) {
@@ -208,7 +84,7 @@ impl Problem {
                 }
             }
             sort(&mut found);
-            self.settle_places(&mut found);
+            self.settle_heights(&mut found);
         }
         Searched { found, rejected }
     }
@@ -217,7 +93,7 @@ impl Problem {
     /// can still be the best.
     fn search_near(&self, present: &Fit, kinds: &[Vec<Scored>]) -> Vec<Found> {
         let kinds = &kinds[..kinds.len().min(REFITTED)];
-        // What promises next to nothing beside the best gets one start.
+        // A kind that promises next to nothing compared with the best gets a single start.
         let promised = kinds.first().map_or(0.0, |kind| kind[0].gain);
         let look = |kind: &Vec<Scored>| {
             let most = if kind[0].gain > HOPELESS * promised { usize::MAX } else { 1 };
@@ -229,7 +105,7 @@ impl Problem {
         };
         let best = looks.iter().map(gain).fold(0.0, f64::max);
         let fits = looks.iter().flatten().any(|fit| fit.goodness_of_fit().p_value >= FAILS);
-        // Where something fits already, what promises far less than that explains need not be looked at twice.
+        // Where something fits already, a kind that promises far less needs no second look.
         let contends = |kind: &[Scored], look: &Option<Fit>| {
             let promised = kind[0].gain.max(gain(look));
             if fits { promised > best - NEAR.max(CONTENDS * best) } else { promised > HOPELESS * best }
@@ -242,13 +118,13 @@ impl Problem {
     }
 
     /// Settles where the best of those at a height are.
-    fn settle_places(&self, found: &mut [Found]) {
+    fn settle_heights(&self, found: &mut [Found]) {
         let best = found.first().map_or(0.0, |best| best.log_bayes_factor);
         let contends =
             |found: &&mut Found| found.height.is_none() && found.log_bayes_factor > best - NEAR.max(CONTENDS * best);
         found.iter_mut().filter(contends).take(SETTLED).collect::<Vec<_>>().into_par_iter().for_each(|found| {
             if found.kind.evidence() != Evidence::TwinPeaks {
-                self.settle_place(found);
+                self.settle_height(found);
             }
         });
         sort(found);
@@ -257,7 +133,7 @@ impl Problem {
     /// One kind, at its best place or at the one that is given.
     ///
     /// # Errors
-    /// Why there is none.
+    /// Why the kind is not found.
     pub(super) fn search_kind(
         &self,
         present: &Fit,
@@ -297,7 +173,7 @@ impl Problem {
             });
         };
         if place.is_none() {
-            self.settle_place(&mut found);
+            self.settle_height(&mut found);
         }
         Ok(found)
     }
@@ -388,8 +264,8 @@ impl Problem {
                 starts.insert(0, (scored.candidate.like(&values), bent));
             }
         } else if !scored.knobs.is_empty() {
-            // The present background was bent to make up for what the effect does; and beyond the linear, nearer to where the
-            // present model is.
+            // The present background was bent to stand in for the effect. Where the linear step overshoots, start nearer to
+            // the present model.
             starts.push((linear, &straight));
             starts.push((scored.candidate.start(&scored.knobs, &scored.values, SHORTER_START), &straight));
         }
@@ -425,7 +301,3 @@ const LONGEST_START: f64 = 2.0;
 const SHORTER_START: f64 = 0.3;
 /// A fit that reaches less than this share of what the linear step promised is tried from another start.
 const DISAPPOINTS: f64 = 0.5;
-/// Whether an effect's values are fitted to modes (and phases).
-pub(super) fn shows_in_modes(kind: &dyn EffectKind) -> bool {
-    matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks)
-}

@@ -1,20 +1,25 @@
-//! Step by step: adding and dropping effects, refitting all of them together, and what every step makes of the error.
+//! Step by step: adding and dropping effects, refitting all of them together.
+//!
+//! Measured modes and a structure flow in as a [`Setting`]; after each step the refitted effects and their errors flow out.
 
 use serde::{Deserialize, Serialize};
 
+use super::candidates::Options;
+use super::criteria::STANDS_OUT;
+use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
+use super::found::Found;
 use super::held_out::held_out;
-use super::problem::{DiagnoseError, Problem};
-use super::search::{Found, Options};
+use super::problem::Problem;
 use super::signals::{Signals, shown};
-use super::verdict::{STANDS_OUT, best_of};
+use super::verdict::best_of;
 use crate::compare::{ModelView, compare};
 use crate::model::Structure;
 use crate::model::effect::{Effect, EffectKind, Where};
 use crate::modes::MeasuredMode;
 use crate::study::{Model, Sensor};
 
-/// What a diagnosis is made from, whatever effects the model has.
+/// What all steps of a diagnosis share, whatever effects the model has.
 #[derive(Debug, Clone, Copy)]
 pub struct Setting<'a> {
     /// The structure as first given.
@@ -68,12 +73,12 @@ pub struct StepRecord {
     /// Natural logarithm of the evidence for the effects that came, or against those that went, over the step before.
     #[serde(default)]
     pub log_bayes_factor: Option<f64>,
-    /// Which measurement and model as given it is of: steps with the same word can be held beside each other.
+    /// Which measurement and given model the step belongs to: only steps with the same word can be compared.
     #[serde(default)]
     pub data: String,
 }
 
-/// A model with its effects fitted, and what is to be said of the step that led to it.
+/// A model with its effects fitted, and the step that led to it.
 pub struct Step {
     /// What was done.
     pub action: String,
@@ -83,7 +88,7 @@ pub struct Step {
     pub record: StepRecord,
 }
 
-/// More effects than this no record of a dozen modes tells apart.
+/// No record of a dozen modes can separate more effects than this.
 const MOST_EFFECTS: usize = 5;
 
 impl Setting<'_> {
@@ -105,7 +110,7 @@ impl Setting<'_> {
         self.step(action, &problem, &fit)
     }
 
-    /// The same, held beside the model with the effects `before`.
+    /// The same, compared with the model with the effects `before`.
     ///
     /// # Errors
     /// As [`Setting::refit`].
@@ -141,7 +146,7 @@ impl Setting<'_> {
     }
 
     /// Adds and drops effects until nothing is gained: the best addition that gains 20 to 1, then drops what has become
-    /// needless, then tries to put another in the place of each. Every step is told to `tell`.
+    /// needless, then tries to replace each by another. `tell` hears of every step.
     ///
     /// # Errors
     /// As [`Setting::refit`].
@@ -192,7 +197,7 @@ impl Setting<'_> {
             return Ok((effects, action));
         }
         let problem = self.problem(&effects)?;
-        // The effect added last is what the data ask for; those before it must stand beside it.
+        // The data call for the effect added last; each of those before it must still earn its place beside it.
         for index in (0..effects.len() - 1).rev() {
             let with = problem.fit_present(&effects)?;
             let mut fewer = effects.clone();

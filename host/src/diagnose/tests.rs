@@ -106,7 +106,7 @@ fn derivatives_are_those_of_the_differences() {
     for knob in problem.all_knobs(&state) {
         let at = |units: f64| {
             let value = state.value(&knob) + units * knob.scale;
-            let moved = super::state::with_values(&effects, &[knob], &[value]);
+            let moved = super::knob::with_values(&effects, &[knob], &[value]);
             problem.state(moved, numbers.clone(), None).unwrap().differences()
         };
         let slope = (at(1e-3) - at(-1e-3)) / 2e-3;

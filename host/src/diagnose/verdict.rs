@@ -1,14 +1,21 @@
-//! The verdict: what the search found, weighed, and said so that others can build on it.
+//! The verdict on a model.
+//!
+//! What the search found flows in; a [`Diagnosis`] flows out: the verdict, the effect that it names, and what is still
+//! unexplained.
 
 use nalgebra::{DMatrix, DVector};
 
+use super::candidates::Options;
+use super::criteria::{FAILS, STANDS_OUT};
+use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
-use super::problem::{DiagnoseError, Problem};
+use super::found::Found;
+use super::problem::Problem;
 use super::report::{
     CandidateReport, Diagnosis, Explained, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit, Unexplained, Verdict,
 };
 use super::score::Scored;
-use super::search::{Found, Options, Searched};
+use super::search::Searched;
 use super::settle::next_measurement;
 use super::signals::{Signal, Signals, all_shown, shown};
 use super::state::State;
@@ -16,10 +23,6 @@ use crate::compare::{exceeding, levels};
 use crate::model::effect::{Effect, Where};
 use crate::modes::MeasuredMode;
 
-/// Evidence of 20 to 1 makes an effect stand out.
-pub const STANDS_OUT: f64 = 2.995_732_273_553_991;
-/// A fit with a probability below this fails.
-pub const FAILS: f64 = 0.01;
 /// Effects whose predictions have this squared cosine are twins.
 const TWINS: f64 = 0.99;
 
@@ -41,10 +44,10 @@ pub fn diagnose(
     let all = all_shown(signals, effects);
     let stands_out = |signal: &&Signal| signal.log_bayes_factor > STANDS_OUT;
     if diagnosis.verdict == Verdict::Adequate && all.iter().any(|signal| stands_out(&signal)) {
-        // Something shows that no effect considered explains.
+        // A signal stands out that none of the effects considered explains.
         diagnosis.verdict = Verdict::Unknown;
         let names: Vec<String> = all.iter().filter(stands_out).map(|signal| signal.effect.to_string()).collect();
-        diagnosis.warnings.push(format!("{} shows outside the modes, and is left out here", names.join(", ")));
+        diagnosis.warnings.push(format!("{} shows outside the modes, but is not considered here", names.join(", ")));
     }
     Ok(diagnosis)
 }
@@ -66,7 +69,7 @@ impl Problem {
         Ok(present)
     }
 
-    /// Effects that explain the same cannot be fitted together.
+    /// Checks that no two effects explain the same: they cannot be fitted together.
     fn check_apart(&self, present: &Fit) -> Result<(), DiagnoseError> {
         let columns = present.jacobian.columns(0, present.knobs.len());
         for one in 0..present.knobs.len() {
@@ -114,7 +117,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         }
     };
     let signal = strongest.filter(above_modes);
-    let mut warnings = what_takes_no_part(problem);
+    let mut warnings = unused_modes(problem);
     let (verdict, best_names, ambiguous, next) = match (signal, named) {
         (Some(signal), _) => (Verdict::Effect, vec![signal.effect.to_string()], Vec::new(), None),
         (None, Some(best)) if twins.is_empty() => (modal, vec![best.effect().to_string()], Vec::new(), None),
@@ -127,12 +130,11 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         (None, None) => (modal, Vec::new(), Vec::new(), None),
     };
     if verdict == Verdict::Unknown && strongest.is_some() {
-        warnings
-            .push("what identification saw besides modes points to an effect as well; see the candidates".to_owned());
+        warnings.push("forced lines or trends point to an effect as well; see the candidates".to_owned());
     }
-    // What is left is shown of the best fit there is, also where that fails.
+    // The unexplained part is that of the best fit, even where that fails.
     let shown_fit = match (modal, best) {
-        // What a signal shows is not in the modes.
+        // A signal shows outside the modes.
         _ if signal.is_some() => present,
         (Verdict::Effect | Verdict::Unknown, Some(best)) => &best.fit,
         _ => present,
@@ -140,7 +142,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
     if let Some(odd) = named.and_then(|named| named.fit.odd_one(present)) {
         let mode = &problem.measured[odd];
         warnings.push(format!(
-            "measured mode {} at {:.4} Hz stays far off, alone; is it one mode, and well identified?",
+            "measured mode {} at {:.4} Hz is the only one that stays far off; is it a single mode, and well identified?",
             mode.number, mode.frequency_hz
         ));
     }
@@ -175,12 +177,12 @@ fn spoils_all(problem: &Problem, present: &Fit, signal: &Signal) -> bool {
     fit.is_some_and(|fit| fit.goodness_of_fit().p_value >= FAILS)
 }
 
-/// Measured modes, or what of them, that a verdict does not rest on.
-fn what_takes_no_part(problem: &Problem) -> Vec<String> {
+/// Warnings about measured modes, or parts of them, that the verdict does not rest on.
+fn unused_modes(problem: &Problem) -> Vec<String> {
     let mut warnings = Vec::new();
     if !problem.unpaired.is_empty() {
         let numbers = problem.unpaired.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
-        warnings.push(format!("measured mode {numbers} has no partner in the model and takes no part in the verdict"));
+        warnings.push(format!("measured mode {numbers} has no partner in the model and does not count in the verdict"));
     }
     if problem.measured().iter().all(|mode| mode.shape.is_none()) {
         warnings.push(
@@ -191,7 +193,7 @@ fn what_takes_no_part(problem: &Problem) -> Vec<String> {
     if !problem.complex.is_empty() {
         let numbers = problem.complex.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
         warnings.push(format!(
-            "the shape of measured mode {numbers} is complex, as of two modes in one, and takes no part"
+            "the shape of measured mode {numbers} is complex, as if two modes were taken for one; it does not count in the verdict"
         ));
     }
     warnings
@@ -292,7 +294,7 @@ pub(super) fn best_of<'a>(found: &'a [Found], present: &Fit) -> Option<&'a Found
     Some(standing.iter().find(explains).copied().unwrap_or(first))
 }
 
-/// What explains everything may gain less than another effect, down to this share.
+/// An effect that explains everything may gain less than another, down to this share.
 const EXPLAINS: f64 = 0.5;
 
 /// Effects that the data cannot tell from the best: within 20 to 1 of its evidence, or predicting the same and not

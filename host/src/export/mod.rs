@@ -32,7 +32,7 @@ pub enum ExportError {
         study: PathBuf,
     },
     /// None were found.
-    #[error("{}: no modes were found, so there are none to export; widen band_hz or measure longer", file.display())]
+    #[error("{}: no modes were found, so there is nothing to export; widen band_hz or measure longer", file.display())]
     Empty {
         /// The file.
         file: PathBuf,

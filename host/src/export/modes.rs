@@ -80,7 +80,7 @@ impl Modes {
     /// Reads `results/modes.json` of a study.
     ///
     /// # Errors
-    /// Where there is none, or it does not fit the study.
+    /// Where the file is missing, or does not fit the study.
     pub fn load(study: &Study) -> Result<Self, ExportError> {
         let file = study.folder.join("results").join("modes.json");
         if !file.exists() {

@@ -5,9 +5,9 @@
 
 use std::path::Path;
 
+use super::ExportError;
 use super::parquet::{Cell, Kind, ParquetTable, Text};
-use super::table::{csv_text, known};
-use super::{ExportError, write_file};
+use super::table::{known, write_rows};
 use crate::measure::{Measurement, epoch_s};
 use crate::spectra::{LineGrid, WindowLines};
 use crate::study::{Setup, Unit};
@@ -125,7 +125,7 @@ pub fn write_psd_csv(path: &Path, measurement: &Measurement<'_>) -> Result<u64, 
         cells.extend(motions.iter().map(|motion| known(own(motion))));
         rows.push(cells);
     }
-    write_file(path, &csv_text(&rows))?;
+    write_rows(path, &rows)?;
     Ok(rows.len() as u64 - 1)
 }
 
@@ -162,7 +162,7 @@ impl LinesTable {
         Ok(Self { table, motions, names: None, name: String::new(), failure: None })
     }
 
-    /// Writes a window's lines; what goes wrong is told by [`LinesTable::finish`].
+    /// Writes a window's lines; [`LinesTable::finish`] reports what goes wrong.
     pub fn observe(&mut self, setup: &Setup, grid: &LineGrid, window: &WindowLines) {
         if self.failure.is_none()
             && let Err(error) = self.write(setup, grid, window)

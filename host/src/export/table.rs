@@ -1,20 +1,22 @@
 //! Modes as a CSV table: a row a mode, a column a channel and one with its standard deviation.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 
 use num_complex::Complex64;
 
 use super::ExportError;
 use super::modes::{Component, Modes};
+use crate::files::WholeFile;
 
 const COLUMNS: [&str; 6] =
     ["mode", "frequency_hz", "frequency_std_hz", "damping_ratio", "damping_ratio_std", "phase_collinearity"];
 
-/// The table's text. Numbers are written so that reading gives the same doubles; what is not known is an empty cell.
+/// Writes the table. Numbers are written so that reading gives the same doubles; what is not known is an empty cell.
 ///
 /// # Errors
-/// Where a channel's name would make two columns of one name.
-pub fn csv(modes: &Modes) -> Result<String, ExportError> {
+/// Where a channel's name would make two columns of one name, or the file cannot be written.
+pub fn write_csv(path: &Path, modes: &Modes) -> Result<(), ExportError> {
     let mut header: Vec<String> = COLUMNS.iter().map(ToString::to_string).collect();
     let mut taken: BTreeSet<String> = header.iter().cloned().collect();
     let measured: Vec<usize> = (0..modes.sensors.len()).filter(|sensor| modes.is_measured(*sensor)).collect();
@@ -39,16 +41,17 @@ pub fn csv(modes: &Modes) -> Result<String, ExportError> {
         }
         rows.push(row);
     }
-    Ok(csv_text(&rows))
+    write_rows(path, &rows)
 }
 
-/// Rows of cells as CSV, quoted where they must be.
-pub(super) fn csv_text(rows: &[Vec<String>]) -> String {
-    let cell = |cell: &String| {
-        let plain = !cell.contains([',', '"', '\n', '\r', '#']) && cell.trim() == cell;
-        if plain { cell.clone() } else { format!("\"{}\"", cell.replace('"', "\"\"")) }
-    };
-    rows.iter().map(|row| row.iter().map(cell).collect::<Vec<_>>().join(",") + "\n").collect()
+/// Writes rows of cells as CSV, quoted where they must be; a # too, as readers may take it for a comment.
+pub(super) fn write_rows(path: &Path, rows: &[Vec<String>]) -> Result<(), ExportError> {
+    let fail = |error: csv::Error| ExportError::write(path)(error.into());
+    let file = WholeFile::create(path).map_err(ExportError::write(path))?;
+    let mut csv = csv::WriterBuilder::new().comment(Some(b'#')).from_writer(file);
+    rows.iter().try_for_each(|row| csv.write_record(row)).map_err(fail)?;
+    let file = csv.into_inner().map_err(|error| ExportError::write(path)(error.into_error()))?;
+    file.finish().map_err(ExportError::write(path))
 }
 
 pub(super) fn known(value: Option<f64>) -> String {

@@ -90,7 +90,7 @@ fn the_table_of_modes_is_read_back_to_the_last_bit() {
     write_modes(folder.path(), NAMES);
     let modes = Modes::load(&study).unwrap();
     let path = folder.path().join("new/modes.csv");
-    write_file(&path, &table::csv(&modes).unwrap()).unwrap();
+    table::write_csv(&path, &modes).unwrap();
     let (original, back) = (read(&modes.file, &modes.sensors).unwrap(), read(&path, &modes.sensors).unwrap());
     assert!(back.warnings.is_empty(), "{:?}", back.warnings);
     assert_equal_modes(&original, &back, 0.0, true);
@@ -160,7 +160,8 @@ fn what_cannot_be_exported_is_named() {
     let names = ["top", "top_std", "a", "b"];
     write_modes(folder.path(), names);
     let sensors = ["channel = \"top\"", "channel = \"top_std\"", "channel = \"a\"", "channel = \"b\""];
-    let twice = table::csv(&Modes::load(&study_of(sensors)).unwrap()).unwrap_err().to_string();
+    let table = folder.path().join("modes.csv");
+    let twice = table::write_csv(&table, &Modes::load(&study_of(sensors)).unwrap()).unwrap_err().to_string();
     assert!(twice.contains("`top_std`"), "{twice}");
     // A file where a folder should be.
     let blocked = folder.path().join("results/modes.json/x.csv");

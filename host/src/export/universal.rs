@@ -21,7 +21,7 @@ const MARK: &str = "    -1\n";
 
 /// A channel as a direction at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Place {
+struct NodeAxis {
     /// Label of the node, from 1.
     node: i64,
     /// 0, 1, 2: x, y, z of the node's coordinate system.
@@ -35,7 +35,7 @@ struct Place {
 pub fn text(modes: &Modes, title: &str) -> (String, Vec<String>) {
     let mut warnings = Vec::new();
     let mut azimuths_deg = Vec::new();
-    let places = places(&modes.sensors, &mut azimuths_deg, &mut warnings);
+    let node_axes = node_axes(&modes.sensors, &mut azimuths_deg, &mut warnings);
     let unmeasured: Vec<&str> = (0..modes.sensors.len())
         .filter(|sensor| !modes.is_measured(*sensor))
         .filter_map(|sensor| Some(modes.sensors.get(sensor)?.channel.as_str()))
@@ -49,9 +49,9 @@ pub fn text(modes: &Modes, title: &str) -> (String, Vec<String>) {
     }
     let mut text = units();
     text += &systems(&azimuths_deg);
-    text += &nodes(&places);
+    text += &nodes(&node_axes);
     for mode in &modes.modes {
-        text += &dataset_55(mode, &places, title);
+        text += &dataset_55(mode, &node_axes, title);
     }
     (text, warnings)
 }
@@ -63,39 +63,39 @@ fn named(sensor: &Sensor) -> Option<(i64, usize)> {
     name.filter(|(node, _)| (1..=9_999_999_999).contains(node))
 }
 
-fn places(sensors: &[Sensor], azimuths_deg: &mut Vec<f64>, warnings: &mut Vec<String>) -> Vec<Place> {
+fn node_axes(sensors: &[Sensor], azimuths_deg: &mut Vec<f64>, warnings: &mut Vec<String>) -> Vec<NodeAxis> {
     let position_m = |sensor: &Sensor| {
         let [x, y] = sensor.offset_m;
         sensor.elevation_m.map(|z| [x, y, z])
     };
     let mut taken = BTreeSet::new();
-    let mut places: Vec<Option<Place>> = sensors
+    let mut node_axes: Vec<Option<NodeAxis>> = sensors
         .iter()
         .map(|sensor| {
             let (node, axis) = named(sensor).filter(|name| taken.insert(*name))?;
-            Some(Place { node, axis, system: GLOBAL, position_m: position_m(sensor) })
+            Some(NodeAxis { node, axis, system: GLOBAL, position_m: position_m(sensor) })
         })
         .collect();
     let unnamed: Vec<&str> = sensors
         .iter()
-        .zip(&places)
-        .filter(|(_, place)| place.is_none())
+        .zip(&node_axes)
+        .filter(|(_, node_axis)| node_axis.is_none())
         .map(|(sensor, _)| sensor.channel.as_str())
         .collect();
     if !taken.is_empty() && !unnamed.is_empty() {
         warnings.push(format!(
-            "channel {} is not named by a node and direction of its own, as others are (12x): it gets a node that Belfry cannot tell the channel by",
+            "channel {} is not named by a node and direction of its own, as others are (12x): it gets a node by which Belfry cannot find the channel again",
             unnamed.join(", ")
         ));
     }
     let free = taken.iter().map(|(node, _)| *node).max().unwrap_or(0) + 1;
-    let without = places.iter_mut().zip(sensors).filter(|(place, _)| place.is_none());
-    for (node, (place, sensor)) in (free..).zip(without) {
+    let without = node_axes.iter_mut().zip(sensors).filter(|(node_axis, _)| node_axis.is_none());
+    for (node, (node_axis, sensor)) in (free..).zip(without) {
         let position_m = position_m(sensor);
         let (axis, system) = axis(sensor.direction, position_m.is_some(), azimuths_deg);
-        *place = Some(Place { node, axis, system, position_m });
+        *node_axis = Some(NodeAxis { node, axis, system, position_m });
     }
-    places.into_iter().flatten().collect()
+    node_axes.into_iter().flatten().collect()
 }
 
 /// Axis and coordinate system of a direction. A node whose place is not known stands in no dataset 15 and so has no system
@@ -151,19 +151,19 @@ fn systems(azimuths_deg: &[f64]) -> String {
 }
 
 /// Dataset 15: the nodes whose places are known, each once.
-fn nodes(places: &[Place]) -> String {
+fn nodes(node_axes: &[NodeAxis]) -> String {
     let mut seen = BTreeSet::new();
     let mut lines = String::new();
-    for place in places {
-        let Some(position_m) = place.position_m.filter(|_| seen.insert(place.node)) else { continue };
-        lines += &format!("{:10}{GLOBAL:10}{:10}{:10}", place.node, place.system, 11);
+    for node_axis in node_axes {
+        let Some(position_m) = node_axis.position_m.filter(|_| seen.insert(node_axis.node)) else { continue };
+        lines += &format!("{:10}{GLOBAL:10}{:10}{:10}", node_axis.node, node_axis.system, 11);
         lines += &reals(&position_m);
     }
     if lines.is_empty() { lines } else { format!("{MARK}    15\n{lines}{MARK}") }
 }
 
 /// Dataset 55: a complex mode at nodes.
-fn dataset_55(mode: &Mode, places: &[Place], title: &str) -> String {
+fn dataset_55(mode: &Mode, node_axes: &[NodeAxis], title: &str) -> String {
     let printable: String =
         title.chars().map(|c| if c.is_ascii_graphic() || c == ' ' { c } else { '?' }).take(80).collect();
     // A title that a reader would take for the dataset's end.
@@ -177,13 +177,13 @@ fn dataset_55(mode: &Mode, places: &[Place], title: &str) -> String {
     let eigenvalue = eigenvalue(mode.frequency_hz, mode.damping_ratio.unwrap_or(0.0));
     text += &reals(&[eigenvalue.re, eigenvalue.im, 0.0, 0.0, 0.0, 0.0]);
     let mut nodes: Vec<(i64, [Complex64; 3])> = Vec::new();
-    for (place, component) in places.iter().zip(&mode.shape) {
+    for (node_axis, component) in node_axes.iter().zip(&mode.shape) {
         let Some(component) = component else { continue };
-        if nodes.iter().all(|(node, _)| *node != place.node) {
-            nodes.push((place.node, [Complex64::ZERO; 3]));
+        if nodes.iter().all(|(node, _)| *node != node_axis.node) {
+            nodes.push((node_axis.node, [Complex64::ZERO; 3]));
         }
-        let values = nodes.iter_mut().find(|(node, _)| *node == place.node);
-        if let Some(value) = values.and_then(|(_, values)| values.get_mut(place.axis)) {
+        let values = nodes.iter_mut().find(|(node, _)| *node == node_axis.node);
+        if let Some(value) = values.and_then(|(_, values)| values.get_mut(node_axis.axis)) {
             *value = component.value;
         }
     }

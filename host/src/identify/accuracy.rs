@@ -1,13 +1,13 @@
-//! How long a record must be for a wished accuracy.
+//! How long a record must be for a given accuracy.
 //!
 //! Deviations fall with the square root of the record's length, which is all that the answer rests on: the record at hand
-//! says what this structure and these sensors give in its length; Au's law (2014) says what no method can go below.
+//! shows what this structure and these sensors give in its length; Au's law (2014) is the lower bound of any method.
 
 use serde::Serialize;
 
 use super::result::{Identification, Mode};
 
-/// Wished standard deviations, relative to frequency and damping.
+/// Standard deviations to reach, relative to frequency and damping ratio.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wish {
     /// Standard deviation over frequency.
@@ -16,14 +16,14 @@ pub struct Wish {
     pub damping: Option<f64>,
 }
 
-/// What a mode needs for a wish.
+/// The record that a mode needs to reach them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RecordNeeded {
     /// The mode's number.
     pub mode: usize,
-    /// Hours of record for the wished frequency, as this record went; nothing where its deviation is not known or no wish.
+    /// Hours of record to reach the frequency's, as this record went; `None` where its deviation is not known or none is asked for.
     pub frequency_h: Option<f64>,
-    /// The fewest hours that any method would need for it.
+    /// The fewest hours that any method needs for it (Au 2014).
     pub frequency_best_h: Option<f64>,
     /// The same of the damping ratio.
     pub damping_h: Option<f64>,
@@ -31,7 +31,7 @@ pub struct RecordNeeded {
     pub damping_best_h: Option<f64>,
 }
 
-/// What every mode needs for a wish.
+/// The record that each mode needs to reach these deviations.
 pub fn record_needed(found: &Identification, wish: Wish) -> Vec<RecordNeeded> {
     let needed = |wish: Option<f64>, value: f64, std: f64| -> Option<f64> {
         let hours = found.record_s / 3600.0 * (std / value / wish?).powi(2);

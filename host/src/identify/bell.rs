@@ -10,6 +10,8 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
+use super::scoring::{Schedule, Slopes, fisher_scoring};
+
 /// Damping ratios outside this range are not fitted.
 pub(super) const DAMPING_RANGE: [f64; 2] = [1e-5, 0.3];
 /// Part of the autocorrelation's decay that is read.
@@ -211,37 +213,17 @@ impl Bell {
     /// is fitted: least sum of ln S + P/S over the lines, by Fisher scoring with damping. The frequency stays within
     /// `limits_hz`; `None` where the start gives no finite likelihood.
     pub fn fit(&self, start: Resonance, neighbours: &[Resonance], limits_hz: [f64; 2]) -> Option<BellFit> {
-        let mut model = Model::start(self, start, neighbours, limits_hz);
-        let (mut objective, mut jacobian, mut ratio) = model.evaluate(self);
-        if !objective.is_finite() {
-            return None;
-        }
-        let mut damping = 1e-2;
-        for _ in 0..MAX_STEPS {
-            let gradient = jacobian.transpose() * ratio.map(|r| r - 1.0);
-            let mut fisher = jacobian.transpose() * &jacobian;
-            for index in 0..fisher.nrows() {
-                fisher[(index, index)] *= 1.0 + damping;
-                fisher[(index, index)] += 1e-9;
-            }
-            let Some(step) = fisher.cholesky().map(|cholesky| cholesky.solve(&gradient)) else { break };
-            let trial = model.moved(&step, self);
-            let (trial_objective, trial_jacobian, trial_ratio) = trial.evaluate(self);
-            if trial_objective.is_finite() && trial_objective <= objective {
-                let gain = objective - trial_objective;
-                (model, objective, jacobian, ratio) = (trial, trial_objective, trial_jacobian, trial_ratio);
-                damping = (damping * 0.3).max(1e-9);
-                if gain < 1e-10 * self.density.len() as f64 {
-                    break;
-                }
-            } else {
-                damping *= 8.0;
-                if damping > 1e8 {
-                    break;
-                }
-            }
-        }
-        Some(model.result())
+        let schedule = Schedule {
+            damping: 1e-2,
+            factors: [0.3, 8.0],
+            ridge: 1e-9,
+            most_steps: MAX_STEPS,
+            least_gain: 1e-10 * self.density.len() as f64,
+        };
+        let start = Model::start(self, start, neighbours, limits_hz);
+        let fitted =
+            fisher_scoring(start, &schedule, |model| model.slopes(self), |model, step| model.moved(step, self))?;
+        Some(fitted.result())
     }
 }
 
@@ -278,12 +260,13 @@ impl<'a> Model<'a> {
         Self { resonance, neighbours, limits_hz, levels, min_density: smallest }
     }
 
-    /// Objective, derivatives of ln S by the parameters, and P/S.
-    fn evaluate(&self, bell: &Bell) -> (f64, DMatrix<f64>, DVector<f64>) {
+    /// The likelihood here; `None` where it is not finite.
+    fn slopes(&self, bell: &Bell) -> Option<Slopes> {
         let count = bell.frequency_hz.len();
         let parameters = 2 + self.levels.len();
-        let mut jacobian = DMatrix::zeros(count, parameters);
-        let mut ratio = DVector::zeros(count);
+        // Derivatives of ln S by the parameters, and P/S - 1.
+        let mut jacobian: DMatrix<f64> = DMatrix::zeros(count, parameters);
+        let mut excess: DVector<f64> = DVector::zeros(count);
         let mut objective = 0.0;
         // Derivatives by frequency (in bandwidths) and ln damping are central differences of a closed form.
         let step = 1e-4;
@@ -308,10 +291,12 @@ impl<'a> Model<'a> {
                 jacobian[(index, 3 + place)] = other / total;
             }
             jacobian[(index, parameters - 1)] = floor / total;
-            ratio[index] = density / total;
+            excess[index] = density / total - 1.0;
             objective += total.ln() + density / total;
         }
-        (objective, jacobian, ratio)
+        let transposed = jacobian.transpose();
+        let (gradient, fisher) = (&transposed * excess, &transposed * &jacobian);
+        objective.is_finite().then_some(Slopes { objective, gradient, fisher })
     }
 
     fn moved(&self, step: &DVector<f64>, bell: &Bell) -> Self {

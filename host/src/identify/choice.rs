@@ -1,7 +1,9 @@
-//! What the user says of the picks: modes added, dropped, or all of them named.
+//! The user's choice of modes: some added, some dropped, or all of them named.
+//!
+//! Automatic picks flow in; the picks that the user wants, with warnings, flow out.
 
-use super::MeasuredSetup;
 use super::pick::{Pick, kurtosis, peak_near};
+use super::setup::MeasuredSetup;
 use super::singular::SingularValues;
 use crate::spectra::LineGrid;
 use crate::study::ModeChoice;
@@ -75,7 +77,7 @@ pub(super) fn add_picks(
         };
         let nearest = picks.iter_mut().min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
         if let Some(already) = nearest.filter(|other| is_near(other)) {
-            // It is picked already; a second one at its place would be its own remains.
+            // It is picked already; a second pick here would fit the first one's remains.
             already.by_user = true;
             continue;
         }

@@ -4,6 +4,7 @@ use std::cell::OnceCell;
 
 use nalgebra::DMatrix;
 use num_complex::Complex64;
+use rayon::prelude::*;
 
 use super::bell::{Bell, BellFit, DAMPING_RANGE, Quantity, Resonance};
 use super::cluster::{Filters, clusters, noise_variance, regressed_shapes, seen};
@@ -22,7 +23,7 @@ const REPLICATE_STEPS: usize = 4;
 /// The exponent of the force's density over frequency beforehand, beside a white one's 0: wind has -5/3, and displacements
 /// taken for accelerations -4.
 const ANY_SLOPE: SlopePrior = SlopePrior { mean: 0.0, std: 2.0 };
-/// How much it may differ from mode to mode once so many modes have told it.
+/// How much it may differ from mode to mode once so many modes have determined it.
 const SHARED_SLOPE_STD: f64 = 0.3;
 const SHARED_BY: usize = 5;
 /// A mode whose bandwidth is below this many lines is left as it was found: what is fitted jointly is then the window's
@@ -128,7 +129,7 @@ pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usiz
         replicate.refit_clusters(spectrum, &matrices, REPLICATE_STEPS);
         replicate
     };
-    let replicates = in_parallel(groups, replicate);
+    let replicates: Vec<State> = (0..groups).into_par_iter().map(replicate).collect();
     let modes = (0..picks.len()).map(|mode| state.conclude(mode, &replicates, spectrum.grid().spacing_hz())).collect();
     SetupModes { modes }
 }
@@ -231,14 +232,14 @@ impl State {
         }
     }
 
-    /// One force shakes all modes, so its colour is nearly the same at all of them: what many say of it together spares each
-    /// mode a doubt that costs its frequency half of its accuracy.
+    /// One force shakes all modes, so its colour is nearly the same at all of them: estimated from many modes together it no
+    /// longer costs each mode's frequency half of its accuracy.
     fn share_slope(&mut self) {
         let mut slopes: Vec<f64> =
             self.clusters.iter().flat_map(|cluster| cluster.fit.slopes.iter().copied()).collect();
         slopes.sort_by(f64::total_cmp);
         if slopes.len() >= SHARED_BY {
-            // Without the outermost quarters: a mode that fits badly must not speak for all.
+            // Without the outermost quarters: a mode that fits badly must not decide for all.
             let middle = &slopes[slopes.len() / 4..slopes.len() - slopes.len() / 4];
             self.slope = SlopePrior { mean: middle.iter().sum::<f64>() / middle.len() as f64, std: SHARED_SLOPE_STD };
         }
@@ -386,7 +387,7 @@ impl State {
         let [lowest, highest] = self.limits_hz(mode, spacing_hz);
         let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
         let fit = &self.fits[mode];
-        // At the end of its range a fit does not move from replicate to replicate: that says nothing of how sure it is.
+        // At the end of its range a fit does not move from replicate to replicate, so its scatter means nothing.
         let [least, most] = DAMPING_RANGE;
         let is_bounded = !(1.001 * least..0.999 * most).contains(&fit.resonance.damping_ratio);
         let deviation = |value: &dyn Fn(&Self) -> f64| if is_bounded { f64::INFINITY } else { deviation(value) };
@@ -405,7 +406,7 @@ impl State {
 }
 
 /// Shrinks imaginary parts by the share of them that is scatter (James and Stein 1961): a structure of little damping has
-/// shapes that are nearly real, and what the data do not say of their phases is noise.
+/// shapes that are nearly real, so phases that the data do not determine are noise.
 fn drop_scatter(shape: &mut Shape, imaginary_std: &[f64]) {
     let power: f64 = shape.iter().map(|component| component.im * component.im).sum();
     let scatter: f64 = imaginary_std.iter().map(|std| std * std).sum();
@@ -413,22 +414,6 @@ fn drop_scatter(shape: &mut Shape, imaginary_std: &[f64]) {
         let kept = (1.0 - scatter / power).max(0.0);
         shape.iter_mut().for_each(|component| component.im *= kept);
     }
-}
-
-/// Results of independent tasks in their order, on all cores.
-fn in_parallel<T: Send>(tasks: usize, task: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(tasks.max(1));
-    let (task, share) = (&task, tasks.div_ceil(workers).max(1));
-    std::thread::scope(|scope| {
-        let handles: Vec<_> = (0..tasks)
-            .step_by(share)
-            .map(|first| scope.spawn(move || (first..(first + share).min(tasks)).map(task).collect::<Vec<T>>()))
-            .collect();
-        let join = |handle: std::thread::ScopedJoinHandle<'_, Vec<T>>| {
-            handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-        };
-        handles.into_iter().flat_map(join).collect()
-    })
 }
 
 /// The filtered spectrum of consecutive lines.

@@ -1,6 +1,7 @@
 //! Judging picks: an estimate that the data do not determine is no mode.
 //!
-//! A peak of noise passes the picking rules now and then; its estimate then hangs on a few windows, and the jackknife shows it.
+//! A peak of noise passes the picking rules now and then; its estimate then depends on a few windows, which the jackknife
+//! shows. Estimates of all setups flow in; the pick to drop next flows out.
 
 use super::estimate::{SetupMode, SetupModes};
 use super::merge::combine;
@@ -8,7 +9,7 @@ use super::shape::mac;
 
 /// Standard deviation of a shape over its length, at most.
 const MAX_SHAPE_NOISE: f64 = 0.5;
-/// Damping ratios beyond these are no structure's.
+/// No structure has damping ratios beyond these.
 const MAX_DAMPING: f64 = 0.2;
 const MIN_DAMPING: f64 = 5e-4;
 /// Two estimates within this many lines and half a bandwidth, with a MAC above this, are one mode.
@@ -35,7 +36,7 @@ pub(super) fn is_doubtful(setups: &[SetupModes], spacing_hz: f64, pick: usize) -
     worst(setups, spacing_hz, |other| other == pick).is_some()
 }
 
-/// Whether a pick has no damping that a structure could have: a forced line's spectrum is the window's own.
+/// Whether a pick has less damping than any structure: the spectrum of a forced line is the window's own.
 pub(super) fn is_undamped(setups: &[SetupModes], pick: usize) -> bool {
     let estimates = setups.iter().filter_map(|setup| setup.modes.get(pick));
     estimates.clone().count() > 0 && estimates.clone().all(|mode| mode.resonance.damping_ratio < MIN_DAMPING)
@@ -55,7 +56,7 @@ fn is_double_of(estimates: &[&SetupMode], others: &[&SetupMode], spacing_hz: f64
     weaker && distance_hz < DOUBLE_LINES * spacing_hz + 0.5 * width_hz && (alike > DOUBLE_MAC || stuck)
 }
 
-/// How far the estimates are from being a mode's; above 1 they are none. Uncertainties that are not known raise no doubt.
+/// How doubtful it is that the estimates are of a mode; above 1 they are not. Unknown uncertainties raise no doubt.
 fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> f64 {
     let found: Vec<&&SetupMode> = estimates.iter().filter(|mode| mode.found).collect();
     if 2 * found.len() < estimates.len() || found.is_empty() {
@@ -68,7 +69,7 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> f64 {
     let shape_noise = estimates.iter().map(shape_noise).sum::<f64>() / estimates.len() as f64;
     let (_, frequency_std_hz) = combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
     let (damping, _) = combine(found.iter().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
-    // Nothing that stands is so little damped: a line of noise that the fit took for a resonance.
+    // No structure has so little damping: the fit took a line of noise for a resonance.
     if damping < MIN_DAMPING {
         return f64::INFINITY;
     }

@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 
 use num_complex::Complex64;
 
-use super::MeasuredSetup;
 use super::estimate::{SetupMode, SetupModes};
 use super::result::{Mode, ShapeComponent};
+use super::setup::MeasuredSetup;
 use super::shape::{Shape, normalise, phase_collinearity};
 use crate::spectra::LineGrid;
 
@@ -205,8 +205,8 @@ fn scales(
     scales
 }
 
-/// Mean by inverse variance and its deviation, which is as much larger as the values scatter more than theirs explain. Values
-/// whose deviation is not known take part only where none is.
+/// Mean by inverse variance and its deviation, which grows where the values scatter more than their deviations explain. Values
+/// without a known deviation count only where no deviation is known.
 pub(super) fn combine(values: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
     let known = values.clone().filter(|(_, std)| std.is_finite() && *std > 0.0);
     let count = known.clone().count();

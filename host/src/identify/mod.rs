@@ -2,10 +2,10 @@
 //!
 //! Per-setup cross-spectral matrices flow in; modes with frequency, damping, shape and the uncertainty of each flow out.
 //! `pick` finds modes in the singular values, `shape` filters each mode from its neighbours, [`bell`] reads frequency and
-//! damping from the filtered spectrum one by one; from there `cluster` and `joint` fit close modes together by maximum
-//! likelihood. The jackknife in `estimate` says how sure it all is, `judge` throws out what the data do not determine, and
-//! `merge` joins the setups. What the user says of the picks is in `choice`; [`track`] follows known modes through parts of a
-//! record, [`accuracy`] says how long a record a wish takes.
+//! damping from the filtered spectrum one by one; from there `cluster`, `joint` and `joint_fit` fit close modes together by
+//! maximum likelihood. The jackknife in `estimate` says how sure it all is, `judge` throws out what the data do not determine, and
+//! `merge` joins the setups. `choice` applies the user's choice of modes; [`track`] follows known modes through parts of a
+//! record; [`accuracy`] tells how long a record must be for a given accuracy.
 
 pub mod accuracy;
 pub mod bell;
@@ -13,33 +13,28 @@ mod choice;
 mod cluster;
 mod estimate;
 mod joint;
+mod joint_fit;
 mod judge;
 mod merge;
 mod pick;
 mod result;
+mod scoring;
+mod setup;
 mod shape;
 mod singular;
 pub mod track;
 
 use thiserror::Error;
 
+use crate::spectra::LineGrid;
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
-use crate::spectra::{CrossSpectrum, LineGrid};
-use crate::study::{ModeChoice, Setup, Unit};
-use bell::Quantity;
+use crate::study::ModeChoice;
+use setup::quantity;
 use singular::SingularValues;
 
 pub use result::{Harmonic, Identification, Mode, ShapeComponent, SingularSpectrum};
+pub use setup::MeasuredSetup;
 pub use shape::{mac, phase_collinearity};
-
-/// A setup with its averaged cross spectra.
-#[derive(Debug, Clone)]
-pub struct MeasuredSetup<'a> {
-    /// What stands where.
-    pub setup: &'a Setup,
-    /// Its cross-spectral matrices.
-    pub spectrum: CrossSpectrum,
-}
 
 /// Why there are no modes.
 #[derive(Debug, Error, PartialEq)]
@@ -68,7 +63,7 @@ pub enum IdentifyError {
     },
     /// Too few averages to tell modes from noise.
     #[error(
-        "{averages} averages for {channels} channels: below {AVERAGES_A_CHANNEL} a channel, which is {wanted} here, peaks of noise pass for modes. Record {missing_min:.0} min more at least, or shorten the segment in [analysis], or name the modes there yourself: modes_hz = [...]"
+        "{averages} averages for {channels} channels: below {AVERAGES_A_CHANNEL} a channel, which is {wanted} here, peaks of noise pass for modes. Record at least {missing_min:.0} min more, shorten the segment in [analysis], or name the modes there yourself: modes_hz = [...]"
     )]
     TooFewAverages {
         /// Averages of all setups together.
@@ -153,7 +148,7 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
     for (index, pick) in picks.iter().enumerate() {
         if pick.by_user && judge::is_doubtful(&per_setup, grid.spacing_hz(), index) {
             warnings.push(format!(
-                "the mode asked for near {:.4} Hz is hardly in the data: what stands here of it is mostly noise",
+                "the mode asked for near {:.4} Hz is hardly visible in the data: its values are mostly noise",
                 grid.frequency_hz(pick.line)
             ));
         }
@@ -180,11 +175,6 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
             .map(|(m, singular)| singular.spectrum(&grid, &m.setup.name))
             .collect(),
     })
-}
-
-/// What a setup's recording is of.
-fn quantity(setup: &Setup) -> Quantity {
-    if setup.unit == Unit::MetrePerSecond { Quantity::Velocity } else { Quantity::Acceleration }
 }
 
 /// Frequencies in Hz of the peaks that pass for modes at first sight, lowest first; none where the setups' lines differ or

@@ -15,14 +15,14 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
-use super::MeasuredSetup;
+use super::setup::MeasuredSetup;
 use super::shape::{Shape, mac};
 use super::singular::{Leading, NOISE_EDGE_CHANNELS, SingularValues, leading, noise_edge};
 use crate::spectra::LineGrid;
 
 /// How many standard deviations (of the difference of two pooled log spectra) a peak must stand out by.
 const PROMINENCE_SIGMAS: f64 = 4.0;
-/// The same with so few channels that nothing else tells noise.
+/// The same with so few channels that nothing else separates noise from modes.
 const PROMINENCE_SIGMAS_ALONE: f64 = 5.0;
 /// How far a peak must be above the noise's largest singular value.
 const NOISE_FACTOR: f64 = 2.0;

@@ -1,4 +1,4 @@
-//! What identification says, as it is printed and stored.
+//! The result of an identification, as it is printed and stored.
 
 use serde::{Deserialize, Serialize};
 
@@ -36,7 +36,7 @@ pub struct Mode {
     pub damping_ratio: f64,
     /// Its standard deviation.
     pub damping_ratio_std: f64,
-    /// Least standard deviation any method could reach on this record (Au 2014): of the frequency, in Hz.
+    /// Lower bound of the frequency's standard deviation on this record (Au 2014), in Hz.
     pub frequency_std_bound_hz: f64,
     /// The same of the damping ratio.
     pub damping_ratio_std_bound: f64,

@@ -3,6 +3,7 @@
 use super::*;
 use crate::simulate::modal::score::{identified, mac, median_of_magnitudes, rms, score};
 use crate::simulate::modal::{Recording, Truth, points, setup};
+use crate::spectra::CrossSpectrum;
 use crate::spectra::plan::{SetupExtent, SpectralPlan};
 use crate::study::{Analysis, Setup};
 

@@ -10,8 +10,8 @@ use super::estimate;
 use super::judge;
 use super::pick::{Kurtosis, Pick};
 use super::result::Mode;
+use super::setup::{MeasuredSetup, quantity};
 use super::shape::{Shape, filtered, mac, modal_filter};
-use super::{MeasuredSetup, quantity};
 use crate::study::Setup;
 
 /// How far a mode may have moved, as a share of its frequency, and at least in lines.

@@ -7,9 +7,9 @@ use std::path::Path;
 
 use num_complex::Complex64;
 
+use super::channel::{known_channels, sensor_named};
 use super::error::MeasuredError;
 use super::shape::{RawComponent, RawMode};
-use super::{known_channels, sensor_named};
 use crate::study::Sensor;
 
 /// What a column holds.

@@ -3,63 +3,24 @@
 //! The file is what `belfry identify` writes (JSON), a CSV table, or a UFF 55 file of another tool. A shape may be
 //! complex in the file; it is turned to the phase at which it is the most real.
 
+mod channel;
 mod csv_table;
 mod error;
 mod json;
+mod measured;
 mod shape;
 #[cfg(test)]
 mod tests;
 mod uff;
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
-
-use nalgebra::DVector;
+use std::path::Path;
 
 use crate::study::Sensor;
 pub use error::MeasuredError;
+pub use measured::{MeasuredMode, MeasuredModes, MeasuredShape};
 use shape::RawMode;
 pub(crate) use uff::node_and_direction;
-
-/// Modes with what is known of them.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MeasuredModes {
-    /// Where they come from.
-    pub file: PathBuf,
-    /// The modes, lowest frequency first.
-    pub modes: Vec<MeasuredMode>,
-    /// What the reader should know: components that are missing, sensors without any.
-    pub warnings: Vec<String>,
-}
-
-/// A measured mode.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MeasuredMode {
-    /// Its number in the file, from 1.
-    pub number: usize,
-    /// Natural frequency in Hz, above 0.
-    pub frequency_hz: f64,
-    /// Its standard deviation in Hz, where known and above 0.
-    pub frequency_std_hz: Option<f64>,
-    /// Damping ratio (1 is critical), where known.
-    pub damping_ratio: Option<f64>,
-    /// Its shape; `None` where only the frequency is known.
-    pub shape: Option<MeasuredShape>,
-}
-
-/// A real mode shape at some of the study's sensors.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MeasuredShape {
-    /// Indices into the study's sensors, ascending: those at which a component is known.
-    pub sensors: Vec<usize>,
-    /// The components there, in the sensors' positive directions, the largest 1.
-    pub values: DVector<f64>,
-    /// The imaginary parts of the components at the phase at which the shape is the most real, at the same scale; `None`
-    /// where the file knows none.
-    pub imaginary: Option<DVector<f64>>,
-    /// Standard deviations of the components, at the same scale (NaN where one is unknown); `None` where all are.
-    pub stds: Option<DVector<f64>>,
-}
 
 /// Reads a file of modes; its ending says what it is (`.json`, `.csv`, `.uff` or `.unv`), and where that says nothing, its
 /// beginning does.
@@ -136,20 +97,4 @@ fn finish(
     }
     modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     Ok(MeasuredModes { file, modes, warnings })
-}
-
-/// The sensor that a file calls `name`: by channel, else by point where only one sensor has it.
-fn sensor_named(sensors: &[Sensor], name: &str) -> Option<usize> {
-    sensors.iter().position(|sensor| sensor.channel == name).or_else(|| {
-        let mut at_point = (0..sensors.len()).filter(|&index| sensors[index].point == name);
-        at_point.next().filter(|_| at_point.next().is_none())
-    })
-}
-
-/// The channels there are, in words.
-fn known_channels(sensors: &[Sensor]) -> String {
-    if sensors.is_empty() {
-        return "none: give the study its [[sensor]]s".to_owned();
-    }
-    sensors.iter().map(|sensor| sensor.channel.as_str()).collect::<Vec<_>>().join(", ")
 }

@@ -6,7 +6,7 @@ use nalgebra::DVector;
 use num_complex::Complex64;
 
 use super::error::MeasuredError;
-use super::{MeasuredMode, MeasuredShape};
+use super::measured::{MeasuredMode, MeasuredShape};
 use crate::identify::phase_collinearity;
 use crate::study::Sensor;
 

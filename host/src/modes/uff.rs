@@ -10,8 +10,8 @@ use std::path::Path;
 
 use num_complex::Complex64;
 
+use super::channel::known_channels;
 use super::error::MeasuredError;
-use super::known_channels;
 use super::shape::{RawComponent, RawMode};
 use crate::study::Sensor;
 
@@ -43,8 +43,8 @@ pub(super) fn modes(
             _ => lines.skip_dataset(),
         }
     }
-    let places = Places::of(&nodal, sensors);
-    if let Places::InOrder(directions) = &places {
+    let named = NodeNames::of(&nodal, sensors);
+    if let NodeNames::InOrder(directions) = &named {
         warnings.push(format!(
             "{}: nodes 1 to {} are taken for the study's channels in their order, as no channel is named by node and direction (12x)",
             path.display(),
@@ -57,7 +57,7 @@ pub(super) fn modes(
             let mut components = Vec::new();
             for (node, values) in &mode.values {
                 for (direction, value) in values.iter().enumerate() {
-                    match places.sensor(*node, direction) {
+                    match named.sensor(*node, direction) {
                         Some(sensor) => components.push(RawComponent { sensor, value: *value, std: None }),
                         // A direction that nothing measured is written as zero.
                         None if value.norm_sqr() == 0.0 => {}
@@ -92,14 +92,14 @@ struct NodalMode {
 }
 
 /// Which sensor a node and direction is.
-enum Places {
+enum NodeNames {
     /// By names.
     Named(Vec<(i64, usize, usize)>),
     /// Nodes 1 to p, one direction each, for p sensors.
     InOrder(Vec<usize>),
 }
 
-impl Places {
+impl NodeNames {
     fn of(modes: &[NodalMode], sensors: &[Sensor]) -> Self {
         let named: Vec<(i64, usize, usize)> = sensors
             .iter()

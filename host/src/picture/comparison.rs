@@ -2,12 +2,13 @@
 
 use plotters::prelude::*;
 
-use super::PictureError;
+use super::canvas::{Area, DIRECTIONS, DrawResult, FRAME, PictureError, panel_over_height, picture};
 use crate::compare::{Comparison, HeightMisfit, PairReport};
 use crate::model::{Assembly, Modes};
 use crate::modes::{MeasuredMode, MeasuredShape};
 use crate::study::{Direction, Sensor};
 
+const WHAT: &str = "the comparison";
 const COLUMNS: usize = 7;
 const PANEL: (u32, u32) = (138, 262);
 const HEADER: u32 = 44;
@@ -15,10 +16,7 @@ const HEADER: u32 = 44;
 const POINTS: usize = 160;
 /// Motion at a panel's edge; the largest measured component is 1.
 const EDGE: f64 = 1.6;
-const COLORS: [RGBColor; 4] =
-    [RGBColor(31, 87, 147), RGBColor(214, 124, 38), RGBColor(90, 150, 90), RGBColor(130, 90, 160)];
 const MISFIT: RGBColor = RGBColor(190, 60, 60);
-const FRAME: RGBColor = RGBColor(200, 200, 200);
 
 /// Draws the pairs: dots with bars of two standard deviations are measured, curves are the model at the sensors' direction
 /// and plan position; the last panel is the misfit by height. `None` where the model is no line, no pair has a shape, or no sensor a height.
@@ -33,7 +31,6 @@ pub fn comparison(
     measured: &[MeasuredMode],
     comparison: &Comparison,
 ) -> Result<Option<String>, PictureError> {
-    let fail = |reason: &dyn std::fmt::Display| PictureError("the comparison", reason.to_string());
     let verticals = verticals(sensors);
     let shapes: Vec<(&PairReport, &MeasuredShape)> = comparison
         .pairs
@@ -48,36 +45,31 @@ pub fn comparison(
         return Ok(None);
     };
     let base_m = assembly.z_base_m();
-    let curves = curves(assembly, modes, sensors, &verticals, [base_m, top_m]).map_err(|e| fail(&e))?;
+    let range_m = [base_m, top_m];
+    let curves = curves(assembly, modes, sensors, &verticals, range_m)
+        .map_err(|error| PictureError { what: WHAT, reason: error.to_string() })?;
     let panels = shapes.len() + 1;
     let rows = panels.div_ceil(COLUMNS);
-    let columns = panels.min(COLUMNS);
-    let mut svg = String::new();
-    {
-        let size = (PANEL.0 * columns.max(4) as u32, HEADER + PANEL.1 * rows as u32);
-        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        root.fill(&WHITE).map_err(|e| fail(&e))?;
+    let columns = panels.min(COLUMNS).max(4);
+    let size = (PANEL.0 * columns as u32, HEADER + PANEL.1 * rows as u32);
+    picture(WHAT, size, |root| {
         let (header, body) = root.split_vertically(HEADER);
-        header
-            .draw(&Text::new(
-                format!("{structure}: model (curves) and measurement (dots, bars of two deviations), heights in m"),
-                (10, 6),
-                ("sans-serif", 15),
-            ))
-            .map_err(|e| fail(&e))?;
+        header.draw(&Text::new(
+            format!("{structure}: model (curves) and measurement (dots, bars of two deviations), heights in m"),
+            (10, 6),
+            ("sans-serif", 15),
+        ))?;
         for (index, (key, _)) in verticals.iter().enumerate() {
-            let style = ("sans-serif", 12).into_font().color(&COLORS[index % COLORS.len()]);
-            header.draw(&Text::new(key.clone(), (10 + 150 * index as i32, 26), style)).map_err(|e| fail(&e))?;
+            let style = ("sans-serif", 12).into_font().color(&DIRECTIONS[index % DIRECTIONS.len()]);
+            header.draw(&Text::new(key.clone(), (10 + 150 * index as i32, 26), style))?;
         }
-        for (panel, (pair, shape)) in body.split_evenly((rows, columns.max(4))).iter().zip(&shapes) {
-            draw(panel, pair, shape, sensors, &verticals, &curves, [base_m, top_m]).map_err(|e| fail(&e))?;
+        let panels = body.split_evenly((rows, columns));
+        for (panel, (pair, shape)) in panels.iter().zip(&shapes) {
+            draw(panel, pair, shape, sensors, &verticals, &curves, range_m)?;
         }
-        if let Some(panel) = body.split_evenly((rows, columns.max(4))).get(shapes.len()) {
-            draw_misfit(panel, &comparison.by_height, [base_m, top_m]).map_err(|e| fail(&e))?;
-        }
-        root.present().map_err(|e| fail(&e))?;
-    }
-    Ok(Some(svg))
+        panels.get(shapes.len()).map_or(Ok(()), |panel| draw_misfit(panel, &comparison.by_height, range_m))
+    })
+    .map(Some)
 }
 
 /// Sensors of one direction, by its name.
@@ -130,29 +122,17 @@ fn curves(
 }
 
 fn draw(
-    panel: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
+    panel: &Area<'_>,
     pair: &PairReport,
     shape: &MeasuredShape,
     sensors: &[Sensor],
     verticals: &Verticals,
     curves: &[Curve],
     [base_m, top_m]: [f64; 2],
-) -> Result<(), Box<dyn std::error::Error>> {
+) -> DrawResult {
     let mac = pair.mac.map_or(String::new(), |mac| format!(", MAC {:.3}", (mac * 1000.0).floor() / 1000.0));
     let caption = format!("{}: {:+.1} %{mac}", pair.measured, pair.frequency_error_percent);
-    let mut chart = ChartBuilder::on(panel)
-        .caption(caption, ("sans-serif", 12))
-        .margin(4)
-        .y_label_area_size(30)
-        .build_cartesian_2d(-EDGE..EDGE, base_m..top_m)?;
-    chart
-        .configure_mesh()
-        .disable_mesh()
-        .disable_x_axis()
-        .y_labels(5)
-        .y_label_formatter(&|z| format!("{z:.0}"))
-        .axis_style(FRAME)
-        .draw()?;
+    let mut chart = panel_over_height(panel, caption, -EDGE..EDGE, [base_m, top_m])?;
     chart.draw_series(LineSeries::new([(0.0, base_m), (0.0, top_m)], FRAME.stroke_width(1)))?;
     let value_at = |sensor: usize| {
         let position = shape.sensors.iter().position(|&known| known == sensor)?;
@@ -170,7 +150,7 @@ fn draw(
         }
     }
     let scale = if square > 0.0 { product / square } else { 0.0 };
-    for (((_, indices), curve), color) in verticals.iter().zip(curves).zip(COLORS.iter().cycle()) {
+    for (((_, indices), curve), color) in verticals.iter().zip(curves).zip(DIRECTIONS.iter().cycle()) {
         let model = curve.values.column(pair.model - 1);
         let line: Vec<(f64, f64)> =
             curve.heights_m.iter().zip(model.iter()).map(|(&z, &value)| (value * scale, z)).collect();
@@ -192,25 +172,10 @@ fn draw(
 }
 
 /// The shapes' misfit by height.
-fn draw_misfit(
-    panel: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
-    levels: &[HeightMisfit],
-    [base_m, top_m]: [f64; 2],
-) -> Result<(), Box<dyn std::error::Error>> {
+fn draw_misfit(panel: &Area<'_>, levels: &[HeightMisfit], range_m: [f64; 2]) -> DrawResult {
     let largest = levels.iter().map(|level| level.misfit).fold(f64::MIN_POSITIVE, f64::max);
-    let mut chart = ChartBuilder::on(panel)
-        .caption(format!("misfit, at most {:.0} %", 100.0 * largest), ("sans-serif", 12))
-        .margin(4)
-        .y_label_area_size(30)
-        .build_cartesian_2d(0.0..1.05 * largest, base_m..top_m)?;
-    chart
-        .configure_mesh()
-        .disable_mesh()
-        .disable_x_axis()
-        .y_labels(5)
-        .y_label_formatter(&|z| format!("{z:.0}"))
-        .axis_style(FRAME)
-        .draw()?;
+    let caption = format!("misfit, at most {:.0} %", 100.0 * largest);
+    let mut chart = panel_over_height(panel, caption, 0.0..1.05 * largest, range_m)?;
     for level in levels {
         let bar = [(0.0, level.elevation_m), (level.misfit, level.elevation_m)];
         chart.draw_series(LineSeries::new(bar, MISFIT.stroke_width(5)))?;

@@ -2,7 +2,7 @@
 
 use plotters::prelude::*;
 
-use super::PictureError;
+use super::canvas::{Area, DrawResult, PictureError, picture};
 
 /// A left-out channel over time.
 #[derive(Debug, Clone)]
@@ -45,20 +45,13 @@ const COLORS: [RGBColor; 4] =
 /// # Errors
 /// When drawing fails.
 pub fn covalidation(structure: &str, curves: &[Curves]) -> Result<String, PictureError> {
-    let fail = |reason: &dyn std::fmt::Display| PictureError("the co-validation", reason.to_string());
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (SIZE.0, SIZE.1 * curves.len().max(1) as u32)).into_drawing_area();
-        root.fill(&WHITE).map_err(|e| fail(&e))?;
+    picture("the co-validation", (SIZE.0, SIZE.1 * curves.len().max(1) as u32), |root| {
         for (panel, curve) in root.split_evenly((curves.len().max(1), 1)).iter().zip(curves) {
-            draw(panel, structure, curve).map_err(|e| fail(&e))?;
+            draw(panel, structure, curve)?;
         }
-        root.present().map_err(|e| fail(&e))?;
-    }
-    Ok(svg)
+        Ok(())
+    })
 }
-
-type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 /// A curve by the name and colour it is drawn with.
 struct Line<'a> {
@@ -68,7 +61,7 @@ struct Line<'a> {
     width: u32,
 }
 
-fn draw(panel: &Area<'_>, structure: &str, curve: &Curves) -> Result<(), Box<dyn std::error::Error>> {
+fn draw(panel: &Area<'_>, structure: &str, curve: &Curves) -> DrawResult {
     let (header, body) = panel.split_vertically(HEADER);
     let (upper, lower) = body.split_vertically(UPPER);
     let measured = Line { label: "measured".to_owned(), values: &curve.measured, color: MEASURED, width: 2 };
@@ -103,7 +96,7 @@ fn draw(panel: &Area<'_>, structure: &str, curve: &Curves) -> Result<(), Box<dyn
     axes(&lower, curve, "prediction - measured", &differences)
 }
 
-fn axes(panel: &Area<'_>, curve: &Curves, y_name: &str, lines: &[Line<'_>]) -> Result<(), Box<dyn std::error::Error>> {
+fn axes(panel: &Area<'_>, curve: &Curves, y_name: &str, lines: &[Line<'_>]) -> DrawResult {
     let drawn = ((DRAWN_S * curve.rate_hz) as usize).min(curve.measured.len());
     let time = |sample: usize| curve.start_s + sample as f64 / curve.rate_hz;
     let drawn_values = lines.iter().flat_map(|line| line.values.iter().take(drawn));

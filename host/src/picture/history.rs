@@ -2,14 +2,13 @@
 
 use plotters::prelude::*;
 
-use super::{MODE, PictureError};
+use super::canvas::{Area, BESIDE, DrawResult, MODE, PictureError, picture};
 use crate::diagnose::steps::StepRecord;
 
 const WIDTH: u32 = 960;
 const PANEL: u32 = 165;
 const TITLE: u32 = 34;
 const NAMES: u32 = 90;
-const BESIDE: RGBColor = RGBColor(31, 87, 147);
 const THIRD: RGBColor = RGBColor(110, 110, 110);
 
 /// A line of a panel: what it is, its values (none where a step has none), its colour.
@@ -24,7 +23,6 @@ struct Line {
 /// # Errors
 /// When drawing fails.
 pub fn history(structure: &str, steps: &[StepRecord]) -> Result<String, PictureError> {
-    let fail = |reason: &dyn std::fmt::Display| PictureError("the history", reason.to_string());
     let line = |name, color, value: &dyn Fn(&StepRecord) -> Option<f64>| Line {
         name,
         values: steps.iter().map(value).collect(),
@@ -43,31 +41,22 @@ pub fn history(structure: &str, steps: &[StepRecord]) -> Result<String, PictureE
     ];
     let panels: Vec<&Vec<Line>> =
         panels.iter().filter(|lines| lines.iter().any(|line| line.values.iter().any(Option::is_some))).collect();
-    let mut svg = String::new();
-    {
-        let size = (WIDTH, TITLE + NAMES + PANEL * panels.len() as u32);
-        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        root.fill(&WHITE).map_err(|e| fail(&e))?;
+    let size = (WIDTH, TITLE + NAMES + PANEL * panels.len() as u32);
+    picture("the history", size, |root| {
         let title = format!("{structure}: how the error fell");
-        root.draw(&Text::new(title, (10, 9), ("sans-serif", 16))).map_err(|e| fail(&e))?;
+        root.draw(&Text::new(title, (10, 9), ("sans-serif", 16)))?;
         let (_, mut rest) = root.split_vertically(TITLE);
         for (index, panel) in panels.iter().enumerate() {
             let is_last = index + 1 == panels.len();
             let (area, below) = rest.split_vertically(if is_last { PANEL + NAMES } else { PANEL });
-            draw(&area, panel, steps, is_last).map_err(|e| fail(&e))?;
+            draw(&area, panel, steps, is_last)?;
             rest = below;
         }
-        root.present().map_err(|e| fail(&e))?;
-    }
-    Ok(svg)
+        Ok(())
+    })
 }
 
-fn draw(
-    area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
-    lines: &[Line],
-    steps: &[StepRecord],
-    is_last: bool,
-) -> Result<(), Box<dyn std::error::Error>> {
+fn draw(area: &Area<'_>, lines: &[Line], steps: &[StepRecord], is_last: bool) -> DrawResult {
     let values = || lines.iter().flat_map(|line| line.values.iter().flatten()).copied().filter(|value| *value > 0.0);
     let (lowest, highest) = (values().fold(f64::INFINITY, f64::min), values().fold(1e-6, f64::max));
     let last = steps.len() as f64 - 0.5;

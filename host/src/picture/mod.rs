@@ -1,5 +1,8 @@
 //! Pictures, as SVG text.
+//!
+//! What was identified, compared, predicted or added flows in; one SVG a picture flows out.
 
+mod canvas;
 mod comparison;
 mod covalidation;
 mod history;
@@ -7,20 +10,10 @@ mod shapes;
 mod singular;
 mod trends;
 
-use plotters::style::RGBColor;
-use thiserror::Error;
-
+pub use canvas::PictureError;
 pub use comparison::comparison;
 pub use covalidation::{Curves, Prediction, covalidation};
 pub use history::history;
 pub use shapes::{TrueShape, mode_shapes};
 pub use singular::singular_values;
 pub use trends::trends;
-
-/// The colour of modes.
-const MODE: RGBColor = RGBColor(190, 40, 40);
-
-/// A picture could not be drawn.
-#[derive(Debug, Error)]
-#[error("the picture of {0} could not be drawn: {1}")]
-pub struct PictureError(&'static str, String);

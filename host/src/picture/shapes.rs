@@ -2,26 +2,21 @@
 
 use std::collections::BTreeMap;
 
-use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
-use super::{MODE, PictureError};
+use super::canvas::{Area, Chart, DIRECTIONS, DrawResult, FRAME, MODE, PictureError, picture};
 use crate::identify::{Identification, Mode};
 use crate::study::{Direction, Sensor, Setup};
 
 const COLUMNS: usize = 7;
 const PANEL: (u32, u32) = (138, 250);
 const HEADER: u32 = 64;
-/// One colour a direction, by azimuth.
-const DIRECTIONS: [RGBColor; 4] =
-    [RGBColor(31, 87, 147), RGBColor(214, 124, 38), RGBColor(90, 150, 90), RGBColor(130, 90, 160)];
-const FRAME: RGBColor = RGBColor(200, 200, 200);
 
 /// The true shape that belongs to a measured mode: motion by point name, largest 1.
 pub type TrueShape = BTreeMap<String, f64>;
 
-/// A measured direction at one height.
-struct Place<'a> {
+/// A measurement point: one direction at one height.
+struct MeasuredPoint<'a> {
     sensor: &'a Sensor,
     elevation_m: f64,
     color: RGBColor,
@@ -39,21 +34,19 @@ pub fn mode_shapes(
     identification: &Identification,
     truth: &[Option<TrueShape>],
 ) -> Result<Option<String>, PictureError> {
-    let fail = |reason: &dyn std::fmt::Display| PictureError("the mode shapes", reason.to_string());
-    let places = places(setups);
-    let Some(top_m) = places.values().map(|place| place.elevation_m).max_by(f64::total_cmp) else { return Ok(None) };
+    let points_by_name = points_by_name(setups);
+    let Some(top_m) = points_by_name.values().map(|point| point.elevation_m).max_by(f64::total_cmp) else {
+        return Ok(None);
+    };
     if identification.modes.is_empty() {
         return Ok(None);
     }
-    let bottom_m = places.values().map(|place| place.elevation_m).fold(0.0, f64::min);
+    let bottom_m = points_by_name.values().map(|point| point.elevation_m).fold(0.0, f64::min);
     let rows = identification.modes.len().div_ceil(COLUMNS);
     let size = (PANEL.0 * COLUMNS as u32, HEADER + PANEL.1 * rows as u32);
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        root.fill(&WHITE).map_err(|e| fail(&e))?;
+    picture("the mode shapes", size, |root| {
         let (header, body) = root.split_vertically(HEADER);
-        draw_header(&header, structure, &places, truth.iter().any(Option::is_some)).map_err(|e| fail(&e))?;
+        draw_header(&header, structure, &points_by_name, truth.iter().any(Option::is_some))?;
         for (index, (panel, mode)) in body.split_evenly((rows, COLUMNS)).iter().zip(&identification.modes).enumerate() {
             let label = format!("{}: {:.3} Hz", mode.number, mode.frequency_hz);
             let mut chart = ChartBuilder::on(panel)
@@ -61,8 +54,7 @@ pub fn mode_shapes(
                 .margin(6)
                 .x_label_area_size(4)
                 .y_label_area_size(if index % COLUMNS == 0 { 34 } else { 6 })
-                .build_cartesian_2d(-1.3..1.3, bottom_m..top_m * 1.05)
-                .map_err(|e| fail(&e))?;
+                .build_cartesian_2d(-1.3..1.3, bottom_m..top_m * 1.05)?;
             let labels = if index % COLUMNS == 0 { 5 } else { 0 };
             chart
                 .configure_mesh()
@@ -72,20 +64,19 @@ pub fn mode_shapes(
                 .y_labels(labels)
                 .axis_style(FRAME)
                 .y_label_formatter(&|m| format!("{m:.0} m"))
-                .draw()
-                .map_err(|e| fail(&e))?;
+                .draw()?;
             let axis = LineSeries::new([(0.0, bottom_m), (0.0, top_m * 1.05)], FRAME);
-            chart.draw_series(axis).map_err(|e| fail(&e))?;
-            draw_mode(&mut chart, mode, &places, truth.get(index).and_then(Option::as_ref)).map_err(|e| fail(&e))?;
+            chart.draw_series(axis)?;
+            draw_mode(&mut chart, mode, &points_by_name, truth.get(index).and_then(Option::as_ref))?;
         }
-        root.present().map_err(|e| fail(&e))?;
-    }
-    Ok(Some(svg))
+        Ok(())
+    })
+    .map(Some)
 }
 
-fn places(setups: &[Setup]) -> BTreeMap<&str, Place<'_>> {
+fn points_by_name(setups: &[Setup]) -> BTreeMap<&str, MeasuredPoint<'_>> {
     let mut azimuths: Vec<f64> = Vec::new();
-    let mut places = BTreeMap::new();
+    let mut points_by_name = BTreeMap::new();
     for sensor in setups.iter().flat_map(|setup| &setup.sensors) {
         let (Some(elevation_m), Some(Direction::AzimuthDeg(azimuth))) = (sensor.elevation_m, sensor.direction) else {
             continue;
@@ -95,27 +86,28 @@ fn places(setups: &[Setup]) -> BTreeMap<&str, Place<'_>> {
             azimuths.len() - 1
         });
         let color = DIRECTIONS[index % DIRECTIONS.len()];
-        places.insert(sensor.point.as_str(), Place { sensor, elevation_m, color });
+        points_by_name.insert(sensor.point.as_str(), MeasuredPoint { sensor, elevation_m, color });
     }
-    places
+    points_by_name
 }
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
-type DrawResult = Result<(), Box<dyn std::error::Error>>;
-
-fn draw_header(header: &Area<'_>, structure: &str, places: &BTreeMap<&str, Place<'_>>, truth: bool) -> DrawResult {
+fn draw_header(
+    header: &Area<'_>,
+    structure: &str,
+    points_by_name: &BTreeMap<&str, MeasuredPoint<'_>>,
+    truth: bool,
+) -> DrawResult {
     let text = |words: &str, x: i32, y: i32, size: i32, color: &RGBColor| {
         Text::new(words.to_owned(), (x, y), ("sans-serif", size).into_font().color(color))
     };
     let black = RGBColor(0, 0, 0);
     header.draw(&text(&format!("{structure}: mode shapes"), 12, 10, 20, &black))?;
     let mut legend: Vec<(String, RGBColor)> = Vec::new();
-    for place in places.values() {
-        if let Some(Direction::AzimuthDeg(azimuth)) = place.sensor.direction {
+    for point in points_by_name.values() {
+        if let Some(Direction::AzimuthDeg(azimuth)) = point.sensor.direction {
             let label = format!("● towards {azimuth}°");
             if !legend.iter().any(|(other, _)| *other == label) {
-                legend.push((label, place.color));
+                legend.push((label, point.color));
             }
         }
     }
@@ -132,15 +124,15 @@ fn draw_header(header: &Area<'_>, structure: &str, places: &BTreeMap<&str, Place
 fn draw_mode(
     chart: &mut Chart<'_, '_>,
     mode: &Mode,
-    places: &BTreeMap<&str, Place<'_>>,
+    points_by_name: &BTreeMap<&str, MeasuredPoint<'_>>,
     truth: Option<&TrueShape>,
 ) -> DrawResult {
     // One line for each vertical: the points of one direction and plan position.
     let mut verticals: BTreeMap<String, Vec<(f64, f64, RGBColor)>> = BTreeMap::new();
     for component in &mode.shape {
-        let Some(place) = places.get(component.point.as_str()) else { continue };
-        let key = format!("{:?} {:?}", place.sensor.direction, place.sensor.offset_m);
-        verticals.entry(key).or_default().push((component.re, place.elevation_m, place.color));
+        let Some(point) = points_by_name.get(component.point.as_str()) else { continue };
+        let key = format!("{:?} {:?}", point.sensor.direction, point.sensor.offset_m);
+        verticals.entry(key).or_default().push((component.re, point.elevation_m, point.color));
     }
     // Two points make no curve.
     for points in verticals.values_mut().filter(|points| points.len() > 2) {
@@ -149,15 +141,15 @@ fn draw_mode(
         chart.draw_series(LineSeries::new(points.iter().map(|&(x, y, _)| (x, y)), color.mix(0.5).stroke_width(1)))?;
     }
     for component in &mode.shape {
-        let Some(place) = places.get(component.point.as_str()) else { continue };
-        let (x, y) = (component.re, place.elevation_m);
+        let Some(point) = points_by_name.get(component.point.as_str()) else { continue };
+        let (x, y) = (component.re, point.elevation_m);
         if component.std.is_finite() {
             let bar = [((x - 2.0 * component.std).max(-1.3), y), ((x + 2.0 * component.std).min(1.3), y)];
-            chart.draw_series(LineSeries::new(bar, place.color.stroke_width(1)))?;
+            chart.draw_series(LineSeries::new(bar, point.color.stroke_width(1)))?;
         }
-        chart.draw_series(std::iter::once(Circle::new((x, y), 2, place.color.filled())))?;
+        chart.draw_series(std::iter::once(Circle::new((x, y), 2, point.color.filled())))?;
         if let Some(&true_x) = truth.and_then(|truth| truth.get(&component.point)) {
-            chart.draw_series(std::iter::once(Circle::new((true_x, y), 4, place.color.stroke_width(1))))?;
+            chart.draw_series(std::iter::once(Circle::new((true_x, y), 4, point.color.stroke_width(1))))?;
         }
     }
     Ok(())

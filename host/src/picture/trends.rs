@@ -2,14 +2,13 @@
 
 use plotters::prelude::*;
 
-use super::{MODE, PictureError};
+use super::canvas::{Area, BESIDE, DrawResult, MODE, PictureError, picture};
 use crate::trend::{IntervalMode, Trend, TrendInterval};
 
 const WIDTH: u32 = 960;
 const PANEL: u32 = 120;
 const TITLE: u32 = 34;
 const AXIS: u32 = 36;
-const BESIDE: RGBColor = RGBColor(31, 87, 147);
 
 /// A point of a panel: time in hours, value, and its standard deviation.
 type Point = (f64, f64, f64);
@@ -27,30 +26,26 @@ struct Panel {
 /// # Errors
 /// When drawing fails.
 pub fn trends(structure: &str, trend: &Trend) -> Result<Option<String>, PictureError> {
-    let fail = |reason: &dyn std::fmt::Display| PictureError("the trends", reason.to_string());
     let intervals = longest(&trend.intervals);
     let panels = panels(trend, &intervals);
     if panels.is_empty() {
         return Ok(None);
     }
     let hours = intervals.iter().map(|interval| interval.end_s / 3600.0).fold(0.0, f64::max);
-    let mut svg = String::new();
-    {
-        let size = (WIDTH, TITLE + AXIS + PANEL * panels.len() as u32);
-        let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        root.fill(&WHITE).map_err(|e| fail(&e))?;
+    let size = (WIDTH, TITLE + AXIS + PANEL * panels.len() as u32);
+    picture("the trends", size, |root| {
         let title = format!("{structure}: every {}", humantime::format_duration(duration(trend.every_s)));
-        root.draw(&Text::new(title, (10, 9), ("sans-serif", 16))).map_err(|e| fail(&e))?;
+        root.draw(&Text::new(title, (10, 9), ("sans-serif", 16)))?;
         let (_, mut rest) = root.split_vertically(TITLE);
         for (index, panel) in panels.iter().enumerate() {
             let is_last = index + 1 == panels.len();
             let (area, below) = rest.split_vertically(if is_last { PANEL + AXIS } else { PANEL });
-            draw(&area, panel, hours, is_last).map_err(|e| fail(&e))?;
+            draw(&area, panel, hours, is_last)?;
             rest = below;
         }
-        root.present().map_err(|e| fail(&e))?;
-    }
-    Ok(Some(svg))
+        Ok(())
+    })
+    .map(Some)
 }
 
 fn duration(seconds: f64) -> std::time::Duration {
@@ -97,12 +92,7 @@ fn panels(trend: &Trend, intervals: &[&TrendInterval]) -> Vec<Panel> {
     panels
 }
 
-fn draw(
-    area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
-    panel: &Panel,
-    hours: f64,
-    is_last: bool,
-) -> Result<(), Box<dyn std::error::Error>> {
+fn draw(area: &Area<'_>, panel: &Panel, hours: f64, is_last: bool) -> DrawResult {
     let lowest = panel.points.iter().map(|(_, value, std)| value - std).fold(f64::INFINITY, f64::min);
     let highest = panel.points.iter().map(|(_, value, std)| value + std).fold(f64::NEG_INFINITY, f64::max);
     let room = (0.1 * (highest - lowest)).max(1e-3);

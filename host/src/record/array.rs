@@ -4,10 +4,9 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::PathBuf;
 
-use super::clock::Clock;
 use super::columns::Selection;
-use super::error::{At, Place, RecordError};
-use super::reader::RowReader;
+use super::error::{FilePosition, RecordError};
+use super::row_reader::{Progress, RowReader, Rows};
 
 /// How a number is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -158,15 +157,14 @@ pub(super) struct ArrayReader {
     path: PathBuf,
     source: Source,
     layout: Layout,
-    next_row: u64,
-    block_start: u64,
+    progress: Progress,
     raw: Vec<u8>,
 }
 
 impl ArrayReader {
     /// A reader of an array in `source`, which was read from the file `path`.
     pub(super) fn new(path: PathBuf, source: Source, layout: Layout) -> Self {
-        Self { path, source, layout, next_row: 0, block_start: 0, raw: Vec::new() }
+        Self { path, source, progress: Progress::new(layout.rows), layout, raw: Vec::new() }
     }
 
     pub(super) fn rows(&self) -> u64 {
@@ -191,36 +189,25 @@ impl ArrayReader {
 }
 
 impl RowReader for ArrayReader {
-    fn read(
-        &mut self,
-        rows: usize,
-        selection: &Selection,
-        _clock: &mut Clock,
-        values: &mut Vec<f64>,
-    ) -> Result<usize, RecordError> {
+    fn read(&mut self, most: usize, rows: &mut Rows<'_>) -> Result<usize, RecordError> {
         let Layout { columns, sample, .. } = self.layout;
-        let left = usize::try_from(self.layout.rows - self.next_row).unwrap_or(usize::MAX);
-        let rows = rows.min(left);
-        let channels = selection.columns.len();
-        let start = values.len();
-        values.resize(start + rows * channels, 0.0);
-        let values = values.get_mut(start..).unwrap_or_default();
+        let (first, count, selection) = (self.progress.next, self.progress.upcoming(most), rows.selection);
+        let values = rows.grow(count);
         if self.layout.row_by_row {
-            self.fetch(self.next_row * columns as u64, rows * columns)?;
+            self.fetch(first * columns as u64, count * columns)?;
             sample.decode(&self.raw, Placement::Rows { values, width: columns, selection });
         } else {
+            let stride = selection.columns.len();
             for (channel, (column, factor)) in selection.columns.iter().zip(&selection.factors).enumerate() {
-                self.fetch(*column as u64 * self.layout.rows + self.next_row, rows)?;
-                let placement = Placement::Column { values, start: channel, stride: channels, factor: *factor };
-                sample.decode(&self.raw, placement);
+                self.fetch(*column as u64 * self.layout.rows + first, count)?;
+                sample.decode(&self.raw, Placement::Column { values, start: channel, stride, factor: *factor });
             }
         }
-        self.block_start = self.next_row;
-        self.next_row += rows as u64;
-        Ok(rows)
+        self.progress.advance(count);
+        Ok(count)
     }
 
-    fn place(&self, row: usize) -> Place {
-        Place { file: self.path.clone(), at: At::Row(self.block_start + row as u64 + 1) }
+    fn position(&self, row: usize) -> FilePosition {
+        self.progress.position(&self.path, row)
     }
 }

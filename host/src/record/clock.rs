@@ -1,14 +1,14 @@
-//! The time column: holds it against the setup's sampling rate and says where rows are missing.
+//! The time column: compares it with the setup's sampling rate and finds where rows are missing.
 //!
 //! Times in seconds flow in, row by row and file after file; the number of rows lost before each flows out.
 
-use super::error::{Place, RecordError};
+use super::error::{FilePosition, RecordError};
 
 /// A time column's step (or a dataset's) may differ from the sampling rate by this much.
 pub(super) const RATE_TOLERANCE: f64 = 1e-3;
 /// Rows that may be filled into one recording: 55 h at 50 Hz. More is a wrong time column, not a gap.
 const MOST_FILLED_ROWS: u64 = 10_000_000;
-/// The rate is held against the setup's over stretches of this many steps.
+/// The rate is compared with the setup's over stretches of this many steps.
 const STEPS_TO_CHECK: u32 = 4096;
 /// Gaps in time that are kept one by one.
 const GAPS_KEPT: usize = 5;
@@ -17,7 +17,7 @@ const GAPS_KEPT: usize = 5;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TimeGap {
     /// The row after the gap.
-    pub(super) place: Place,
+    pub(super) position: FilePosition,
     /// Rows missing, filled with NaN.
     pub(super) rows: u64,
 }
@@ -54,7 +54,7 @@ impl Clock {
         }
     }
 
-    /// Tells that the next time is a file's first.
+    /// The next time is the first of a file.
     pub(super) fn start_file(&mut self) {
         self.at_file_start = true;
         self.regular_s = 0.0;
@@ -65,7 +65,7 @@ impl Clock {
     ///
     /// A step of more than one and a half sampling intervals is a gap. A file whose times start again where those of
     /// the recording's first file did (or at zero) follows the file before it without a gap.
-    pub(super) fn advance(&mut self, time_s: f64, column: &str, place: &Place) -> Result<u64, RecordError> {
+    pub(super) fn advance(&mut self, time_s: f64, column: &str, position: &FilePosition) -> Result<u64, RecordError> {
         let start_s = *self.recording_start_s.get_or_insert(time_s);
         let first_of_file = std::mem::take(&mut self.at_file_start);
         let Some(previous_s) = self.previous_s.replace(time_s) else { return Ok(0) };
@@ -78,26 +78,31 @@ impl Clock {
             }
         }
         if step_s <= 0.0 {
-            return Err(RecordError::TimeBackwards { place: place.clone(), previous_s, time_s });
+            return Err(RecordError::TimeBackwards { position: position.clone(), previous_s, time_s });
         }
         if step_rows <= 1.5 {
-            self.check_regular_step(step_s, column, place)?;
+            self.check_regular_step(step_s, column, position)?;
             return Ok(0);
         }
         let rows = step_rows.round() as u64 - 1; // a float too large for u64 saturates, and is refused here
         if rows > MOST_FILLED_ROWS.saturating_sub(self.missing_rows) {
-            return Err(RecordError::GapTooLong { place: place.clone(), previous_s, time_s, limit: MOST_FILLED_ROWS });
+            return Err(RecordError::GapTooLong {
+                position: position.clone(),
+                previous_s,
+                time_s,
+                limit: MOST_FILLED_ROWS,
+            });
         }
         self.missing_rows += rows;
         self.gap_count += 1;
         if self.gaps.len() < GAPS_KEPT {
-            self.gaps.push(TimeGap { place: place.clone(), rows });
+            self.gaps.push(TimeGap { position: position.clone(), rows });
         }
         Ok(rows)
     }
 
     /// Notices a rate that changes within a file: every full stretch of regular steps must keep the setup's rate.
-    fn check_regular_step(&mut self, step_s: f64, column: &str, place: &Place) -> Result<(), RecordError> {
+    fn check_regular_step(&mut self, step_s: f64, column: &str, position: &FilePosition) -> Result<(), RecordError> {
         self.regular_s += step_s;
         self.regular_steps += 1;
         if self.regular_steps < STEPS_TO_CHECK {
@@ -109,18 +114,38 @@ impl Clock {
         if (measured_hz / self.sampling_rate_hz - 1.0).abs() <= RATE_TOLERANCE {
             return Ok(());
         }
-        let (place, column, stated_hz) = (place.clone(), column.to_owned(), self.sampling_rate_hz);
-        Err(RecordError::RateDiffers { place, column, measured_hz, stated_hz })
+        let (position, column, stated_hz) = (position.clone(), column.to_owned(), self.sampling_rate_hz);
+        Err(RecordError::RateDiffers { position, column, measured_hz, stated_hz })
+    }
+}
+
+/// Compares a file's first times with `sampling_rate_hz`; `position` is where they start.
+///
+/// # Errors
+/// [`RecordError::RateDiffers`] where the two differ by more than 0.1 %.
+pub(super) fn check_rate(
+    times_s: &[f64],
+    resolution_s: f64,
+    sampling_rate_hz: f64,
+    column: &str,
+    position: &FilePosition,
+) -> Result<(), RecordError> {
+    match disagreeing_rate_hz(times_s, resolution_s, sampling_rate_hz) {
+        None => Ok(()),
+        Some(measured_hz) => {
+            let (position, column, stated_hz) = (position.clone(), column.to_owned(), sampling_rate_hz);
+            Err(RecordError::RateDiffers { position, column, measured_hz, stated_hz })
+        }
     }
 }
 
 /// The rate that disagrees with `sampling_rate_hz` by more than 0.1 %, of a file's first times; `None` where they agree
 /// or say nothing.
 ///
-/// The median step tells gaps from regular steps; the mean of the regular ones is then free of the rounding of the
+/// The median step separates gaps from regular steps; the mean of the regular ones is then free of the rounding of the
 /// single times (128 Hz written with three decimals steps by 0.007 and 0.008 s). What rounding to `resolution_s` can
 /// still do to the mean is allowed for.
-pub(super) fn disagreeing_rate_hz(times_s: &[f64], resolution_s: f64, sampling_rate_hz: f64) -> Option<f64> {
+fn disagreeing_rate_hz(times_s: &[f64], resolution_s: f64, sampling_rate_hz: f64) -> Option<f64> {
     let mut steps_s: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
     steps_s.sort_by(f64::total_cmp);
     let median_s = *steps_s.get(steps_s.len() / 2)?;

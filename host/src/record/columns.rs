@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use super::error::RecordError;
-use super::uff::{ResponseName, find_response, same_responses};
+use super::response_name::{ResponseName, find_response, same_responses};
 use crate::study::{STANDARD_GRAVITY_M_S2, Sensor, Setup, Unit};
 
 /// Names of columns that mean time, in lower case: seconds, or timestamps where the format has them.

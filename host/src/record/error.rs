@@ -1,14 +1,14 @@
-//! What can be wrong with a recording: each error names the place and the thing found there, and says what to do.
+//! What can be wrong with a recording, or with a MATLAB file.
+//!
+//! Readers put in the file, the position and what they found there; a sentence comes out that names them and says what to do.
 
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::mat::MatError;
-
-/// A place in a recording's file.
+/// A position in a file of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
+pub struct FilePosition {
     /// The file.
     pub file: PathBuf,
     /// Where in the file.
@@ -26,13 +26,13 @@ pub enum At {
     Dataset(u64),
 }
 
-impl Place {
+impl FilePosition {
     pub(super) fn line(file: &Path, line: u64) -> Self {
         Self { file: file.to_owned(), at: At::Line(line) }
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for FilePosition {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.at {
             At::Line(line) => write!(formatter, "{}, line {line}", self.file.display()),
@@ -87,35 +87,35 @@ pub enum RecordError {
     )]
     AmbiguousChannel { file: PathBuf, channel: String },
     #[error(
-        "{place}: {found} values, but the rows before it (or the header) have {expected}: complete or remove the line; a missing sample is written NaN"
+        "{position}: {found} values, but the rows before it (or the header) have {expected}: complete or remove the line; a missing sample is written NaN"
     )]
-    Ragged { place: Place, expected: usize, found: usize },
-    #[error("{place}, channel `{channel}`: `{text}` is not a number: {hint}")]
-    NotANumber { place: Place, channel: String, text: String, hint: &'static str },
+    Ragged { position: FilePosition, expected: usize, found: usize },
+    #[error("{position}, channel `{channel}`: `{text}` is not a number: {hint}")]
+    NotANumber { position: FilePosition, channel: String, text: String, hint: &'static str },
     #[error(
-        "{place}, channel `{channel}`: the value is infinite: expected finite numbers; write a missing or clipped sample as NaN"
+        "{position}, channel `{channel}`: the value is infinite: expected finite numbers; write a missing or clipped sample as NaN"
     )]
-    Infinite { place: Place, channel: String },
-    #[error("{place}: longer than {limit} bytes: expected one row of numbers a line; is this a text file?")]
-    LineTooLong { place: Place, limit: usize },
-    #[error("{place}: a quote is not closed on its line: cells of a recording must not run over several lines")]
-    OpenQuote { place: Place },
+    Infinite { position: FilePosition, channel: String },
+    #[error("{position}: longer than {limit} bytes: expected one row of numbers a line; is this a text file?")]
+    LineTooLong { position: FilePosition, limit: usize },
+    #[error("{position}: a quote is not closed on its line: cells of a recording must not run over several lines")]
+    OpenQuote { position: FilePosition },
     #[error(
-        "{place}: the rows follow each other at {measured_hz:.4} Hz by the time column `{column}`, but the setup's sampling_rate_hz is {stated_hz}: correct sampling_rate_hz, or the column where it is not in seconds"
+        "{position}: the rows follow each other at {measured_hz:.4} Hz by the time column `{column}`, but the setup's sampling_rate_hz is {stated_hz}: correct sampling_rate_hz, or the column where it is not in seconds"
     )]
-    RateDiffers { place: Place, column: String, measured_hz: f64, stated_hz: f64 },
+    RateDiffers { position: FilePosition, column: String, measured_hz: f64, stated_hz: f64 },
     #[error(
-        "{place}: time column `{column}` holds `{text}`: only seconds as plain numbers are read; convert the column, or rename it (to `clock`, say) to go by sampling_rate_hz alone"
+        "{position}: time column `{column}` holds `{text}`: only seconds as plain numbers are read; convert the column, or rename it (to `clock`, say) to go by sampling_rate_hz alone"
     )]
-    TimeNotSeconds { place: Place, column: String, text: String },
+    TimeNotSeconds { position: FilePosition, column: String, text: String },
     #[error(
-        "{place}: time goes from {previous_s} s to {time_s} s: it must advance with every row; put rows and files in the order of time, or rename the time column to go by sampling_rate_hz alone"
+        "{position}: time goes from {previous_s} s to {time_s} s: it must advance with every row; put rows and files in the order of time, or rename the time column to go by sampling_rate_hz alone"
     )]
-    TimeBackwards { place: Place, previous_s: f64, time_s: f64 },
+    TimeBackwards { position: FilePosition, previous_s: f64, time_s: f64 },
     #[error(
-        "{place}: time jumps from {previous_s} s to {time_s} s: filling the gap would take the recording beyond {limit} filled rows; make two setups of the parts, or correct the time column"
+        "{position}: time jumps from {previous_s} s to {time_s} s: filling the gap would take the recording beyond {limit} filled rows; make two setups of the parts, or correct the time column"
     )]
-    GapTooLong { place: Place, previous_s: f64, time_s: f64, limit: u64 },
+    GapTooLong { position: FilePosition, previous_s: f64, time_s: f64, limit: u64 },
     #[error(
         "{file} is cut short: {expected} bytes of samples announced, {found} there; copy the file again, or cut the shape in its header"
     )]
@@ -134,8 +134,8 @@ pub enum RecordError {
         "{file}, channel `{channel}`: the column holds {found}, where FLOAT, DOUBLE or plain integers were expected; convert the column"
     )]
     ParquetType { file: PathBuf, channel: String, found: String },
-    #[error("{place}: {reason}")]
-    Uff { place: Place, reason: String },
+    #[error("{position}: {reason}")]
+    Uff { position: FilePosition, reason: String },
     #[error(
         "{file} has no time response (dataset 58, function type 1): it has {found}; export the time histories of the measurement"
     )]
@@ -164,6 +164,67 @@ impl RecordError {
     /// For `map_err` on what is done to `file`.
     pub(super) fn io(file: &Path) -> impl Fn(io::Error) -> RecordError + '_ {
         move |source| RecordError::Io { file: file.to_owned(), source }
+    }
+
+    /// A Parquet file that is damaged, by what shows it.
+    pub(super) fn parquet(file: &Path, reason: impl fmt::Display) -> Self {
+        RecordError::Parquet { file: file.to_owned(), reason: reason.to_string() }
+    }
+}
+
+/// Why a MATLAB file's variable could not be read.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)] // the messages say what each field is
+pub enum MatError {
+    #[error("{file} cannot be read: {source}")]
+    Io { file: PathBuf, source: io::Error },
+    #[error("{file} is empty: expected a MATLAB v5 file")]
+    EmptyFile { file: PathBuf },
+    #[error(
+        "{file} is a MATLAB v7.3 file (HDF5): expected v5, so save it again in MATLAB with save('name.mat', '-v7')"
+    )]
+    Version73 { file: PathBuf },
+    #[error("{file} is not a MATLAB v5 file: save it again in MATLAB with save('name.mat', '-v7')")]
+    NotVersion5 { file: PathBuf },
+    #[error("{file} is cut short within {part}: copy or save the file again")]
+    Truncated { file: PathBuf, part: String },
+    #[error("{file}, variable `{variable}`: damaged: {reason}; copy or save the file again")]
+    Damaged { file: PathBuf, variable: String, reason: String },
+    #[error("{file} has no variable `{variable}`: it has {available}")]
+    NoVariable { file: PathBuf, variable: String, available: String },
+    #[error("{file} has several matrices: say which with `variable`, one of {candidates}")]
+    SeveralMatrices { file: PathBuf, candidates: String },
+    #[error("{file} has no matrix of real numbers: it has {available}")]
+    NoMatrix { file: PathBuf, available: String },
+    #[error(
+        "{file}, variable `{variable}` is of class {found}: expected a full matrix of real numbers (double, single or integer)"
+    )]
+    NotNumeric { file: PathBuf, variable: String, found: String },
+    #[error("{file}, variable `{variable}` is complex: expected real numbers, so save its real part")]
+    Complex { file: PathBuf, variable: String },
+    #[error("{file}, variable `{variable}` is {dimensions}: expected two dimensions")]
+    Shape { file: PathBuf, variable: String, dimensions: String },
+    #[error("{file}, variable `{variable}` is empty: expected at least one row of samples")]
+    Empty { file: PathBuf, variable: String },
+    #[error("{file}, variable `{variable}` of {rows} × {columns} does not fit memory as a full matrix")]
+    TooLarge { file: PathBuf, variable: String, rows: u64, columns: u64 },
+}
+
+impl MatError {
+    /// For `map_err` on what is done to `file`.
+    pub(super) fn io(file: &Path) -> impl Fn(io::Error) -> MatError + '_ {
+        move |source| MatError::Io { file: file.to_owned(), source }
+    }
+
+    /// For `map_err` on what is read of `part` of `file`: the end of the file there is the file's fault.
+    pub(super) fn reading<'a>(file: &'a Path, part: &'a str) -> impl Fn(io::Error) -> MatError + 'a {
+        move |source| match source.kind() {
+            io::ErrorKind::UnexpectedEof => MatError::Truncated { file: file.to_owned(), part: part.to_owned() },
+            io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => {
+                MatError::Damaged { file: file.to_owned(), variable: part.to_owned(), reason: source.to_string() }
+            }
+            _ => MatError::Io { file: file.to_owned(), source },
+        }
     }
 }
 

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use super::error::{Place, RecordError};
+use super::error::{FilePosition, RecordError};
 
 /// No row of numbers is longer; a binary file taken for text is.
 const LONGEST_LINE: usize = 1 << 20;
@@ -43,7 +43,7 @@ impl Lines {
             }
             self.number += 1;
             if bytes == LONGEST_LINE && self.line.last() != Some(&b'\n') {
-                return Err(RecordError::LineTooLong { place: self.place(), limit: LONGEST_LINE });
+                return Err(RecordError::LineTooLong { position: self.position(), limit: LONGEST_LINE });
             }
             match self.line.trim_ascii_start().first() {
                 Some(mark) if self.comment_marks.contains(mark) => {}
@@ -68,9 +68,9 @@ impl Lines {
         &self.path
     }
 
-    /// The reached line's place.
-    pub(super) fn place(&self) -> Place {
-        Place::line(&self.path, self.number)
+    /// The reached line's position.
+    pub(super) fn position(&self) -> FilePosition {
+        FilePosition::line(&self.path, self.number)
     }
 
     /// Counts the lines left that hold something and are no comments, faster than reading them.

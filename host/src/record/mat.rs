@@ -4,7 +4,6 @@
 //! compressed or not. An uncompressed recording is read by seeking; a compressed one is inflated into memory first.
 
 mod element;
-mod error;
 
 use std::fs::File;
 use std::path::Path;
@@ -12,10 +11,10 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use super::array::{ArrayReader, Layout, Source};
+use super::error::MatError;
 use element::MatFile;
 
 pub use element::{Class, Variable};
-pub use error::MatError;
 
 /// Numbers in the largest matrix that is made dense: 1 GiB.
 const MOST_NUMBERS: u64 = 1 << 27;

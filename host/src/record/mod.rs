@@ -3,7 +3,7 @@
 //! Files flow in; rows in the study's channel order and in SI units flow out, with NaN where a sample is missing. The
 //! format goes by a file's ending: white space (`.txt`, `.asc`, `.dat`), CSV (`.csv`), NumPy (`.npy`), MATLAB v5
 //! (`.mat`), Parquet (`.parquet`), datasets 58 of a universal file (`.uff`, `.unv`). At the end a [`RecordReport`] says what
-//! was missing, dead or out of the ordinary.
+//! was missing, dead or unusual.
 
 mod array;
 mod block;
@@ -16,8 +16,10 @@ pub mod mat;
 mod npy;
 mod number;
 mod parquet;
-mod reader;
 mod report;
+mod response_name;
+mod row_reader;
+mod source_file;
 mod text;
 mod uff;
 
@@ -27,17 +29,17 @@ mod tests;
 use std::path::Path;
 
 pub use block::Block;
-pub use error::{At, Place, RecordError};
-pub use mat::MatError;
+pub use error::{At, FilePosition, MatError, RecordError};
 pub use report::{ChannelReport, Gap, RecordReport, RecordWarning};
 
 use crate::study::Setup;
 use clock::Clock;
 use columns::Selection;
-use reader::{RowReader, SourceFile, common_columns};
 use report::Statistics;
+use row_reader::{RowReader, Rows};
+use source_file::{SourceFile, common_columns};
 
-/// Values in a block: what stays in the second-level cache while it is decoded and analysed.
+/// Values in a block: few enough to stay in the second-level cache while they are decoded and analysed.
 const BLOCK_VALUES: usize = 1 << 15;
 /// Rows in a block, whatever the number of channels.
 const BLOCK_ROWS: std::ops::RangeInclusive<usize> = 64..=4096;
@@ -116,7 +118,7 @@ impl Recording {
     /// A block never reaches over the end of a file, so blocks differ in length.
     ///
     /// # Errors
-    /// What is wrong with the file at the place reached. The recording cannot be read further then.
+    /// What is wrong with the file at the position reached. The recording cannot be read further then.
     pub fn next_block(&mut self, block: &mut Block) -> Result<bool, RecordError> {
         let channels = self.channels();
         let rows = (BLOCK_VALUES / channels.max(1)).clamp(*BLOCK_ROWS.start(), *BLOCK_ROWS.end());
@@ -129,15 +131,16 @@ impl Recording {
                 self.clock.start_file();
                 continue;
             };
-            if reader.read(rows, &self.selection, &mut self.clock, values)? > 0 {
-                self.statistics.add(block, &self.selection, |row| reader.place(row))?;
+            let mut into = Rows { selection: &self.selection, clock: &mut self.clock, values };
+            if reader.read(rows, &mut into)? > 0 {
+                self.statistics.add(block, &self.selection, |row| reader.position(row))?;
                 return Ok(true);
             }
             self.reader = None;
         }
     }
 
-    /// What was read until now, and what about it the user should know.
+    /// What was read so far, and what the user should know about it.
     pub fn finish(self) -> RecordReport {
         self.statistics.report(&self.selection, &self.clock, self.setup.sampling_rate_hz)
     }

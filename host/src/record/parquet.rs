@@ -15,15 +15,15 @@ use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader, RowGroupReader, SerializedFileReader};
 use parquet::schema::types::ColumnDescriptor;
 
-use super::clock::{Clock, disagreeing_rate_hz};
-use super::columns::{Columns, Selection, is_time_column};
-use super::error::{At, Place, RecordError};
-use super::reader::RowReader;
+use super::clock::{Clock, check_rate};
+use super::columns::{Columns, is_time_column};
+use super::error::{At, FilePosition, RecordError};
+use super::row_reader::{RowReader, Rows};
 use crate::study::Sensor;
 use column::{Cells, Numbers, Scratch};
 use guard::guarded;
 
-/// Rows read ahead to hold a time column against the sampling rate.
+/// Rows read ahead to compare a time column with the sampling rate.
 const ROWS_TO_CHECK: usize = 1024;
 /// Rows decoded at once where only time is wanted.
 const ROWS_TO_COUNT: usize = 4096;
@@ -87,7 +87,7 @@ impl ParquetReader {
             return Err(RecordError::Empty { file: path.to_owned() });
         }
         guarded(path, || {
-            let file = SerializedFileReader::new(file).map_err(|error| unreadable(path, &error))?;
+            let file = SerializedFileReader::new(file).map_err(|error| RecordError::parquet(path, error))?;
             let descriptors = file.metadata().file_metadata().schema_descr().columns();
             let names: Vec<String> = descriptors.iter().map(|descriptor| descriptor.path().string()).collect();
             for (name, descriptor) in names.iter().zip(descriptors) {
@@ -134,15 +134,9 @@ impl ParquetReader {
                 times_s.push(self.known_time_s(&time, *time_s, row)?);
             }
         }
-        match disagreeing_rate_hz(&times_s, time.numbers.resolution_s(&times_s), sampling_rate_hz) {
-            None => Ok(columns),
-            Some(measured_hz) => Err(RecordError::RateDiffers {
-                place: self.row_place(1),
-                column: time.name,
-                measured_hz,
-                stated_hz: sampling_rate_hz,
-            }),
-        }
+        let resolution_s = time.numbers.resolution_s(&times_s);
+        check_rate(&times_s, resolution_s, sampling_rate_hz, &time.name, &self.row_position(1))?;
+        Ok(columns)
     }
 
     /// Exact number of rows that [`RowReader::read`] will give, filled rows included. At once without a time column;
@@ -164,7 +158,7 @@ impl ParquetReader {
     fn rows_in_file(&self) -> Result<u64, RecordError> {
         let mut rows = self.file.metadata().row_groups().iter().map(|group| u64::try_from(group.num_rows()).ok());
         let total = rows.try_fold(0_u64, |total, rows| total.checked_add(rows?));
-        total.ok_or_else(|| damaged(&self.path, "a row group announces an impossible number of rows"))
+        total.ok_or_else(|| RecordError::parquet(&self.path, "a row group announces an impossible number of rows"))
     }
 
     /// Decodes the next rows, `rows` at most, of `columns` and of the time column; false at the end of the file.
@@ -184,7 +178,7 @@ impl ParquetReader {
                     return Ok(false);
                 }
                 let opened = self.file.get_row_group(self.next_group);
-                let opened = opened.map_err(|error| unreadable(path, &error))?;
+                let opened = opened.map_err(|error| RecordError::parquet(path, error))?;
                 self.group = Some(open_group(path, opened.as_ref(), columns, self.time.as_ref())?);
                 self.next_group += 1;
                 continue;
@@ -198,13 +192,14 @@ impl ParquetReader {
                 let name = names.get(column).map_or("", String::as_str);
                 match decoded {
                     Ok(decoded) if decoded == rows => Ok(()),
-                    Ok(_) => Err(damaged(
+                    Ok(_) => Err(RecordError::parquet(
                         path,
-                        &format!("column `{name}` ends within row group {}, before its last row", self.next_group),
+                        format!("column `{name}` ends within row group {}, before its last row", self.next_group),
                     )),
-                    Err(error) => {
-                        Err(damaged(path, &format!("row group {}, column `{name}`: {error}", self.next_group)))
-                    }
+                    Err(error) => Err(RecordError::parquet(
+                        path,
+                        format!("row group {}, column `{name}`: {error}", self.next_group),
+                    )),
                 }
             };
             let width = group.columns.len();
@@ -226,50 +221,45 @@ impl ParquetReader {
     /// Lets the clock see a row of the batch and returns the rows missing before it.
     fn time_row(&self, time: &TimeColumn, time_s: f64, row: usize, clock: &mut Clock) -> Result<u64, RecordError> {
         let time_s = self.known_time_s(time, time_s, row)?;
-        clock.advance(time_s, &time.name, &self.row_place(self.rows_before + row as u64 + 1))
+        clock.advance(time_s, &time.name, &self.row_position(self.rows_before + row as u64 + 1))
     }
 
     fn known_time_s(&self, time: &TimeColumn, time_s: f64, row: usize) -> Result<f64, RecordError> {
         if time_s.is_finite() {
             return Ok(time_s);
         }
-        let place = self.row_place(self.rows_before + row as u64 + 1);
+        let position = self.row_position(self.rows_before + row as u64 + 1);
         let text = if time_s.is_nan() { "null".to_owned() } else { time_s.to_string() };
-        Err(RecordError::TimeNotSeconds { place, column: time.name.clone(), text })
+        Err(RecordError::TimeNotSeconds { position, column: time.name.clone(), text })
     }
 
-    fn row_place(&self, row: u64) -> Place {
-        Place { file: self.path.clone(), at: At::Row(row) }
+    fn row_position(&self, row: u64) -> FilePosition {
+        FilePosition { file: self.path.clone(), at: At::Row(row) }
     }
 }
 
 impl RowReader for ParquetReader {
-    fn read(
-        &mut self,
-        rows: usize,
-        selection: &Selection,
-        clock: &mut Clock,
-        values: &mut Vec<f64>,
-    ) -> Result<usize, RecordError> {
+    fn read(&mut self, most: usize, rows: &mut Rows<'_>) -> Result<usize, RecordError> {
         self.row_of.clear();
         let time = self.time.clone();
+        let selection = rows.selection;
         let width = selection.columns.len();
-        while self.row_of.len() < rows {
-            if self.batch.next >= self.batch.rows && !self.next_batch(rows, &selection.columns)? {
+        while self.row_of.len() < most {
+            if self.batch.next >= self.batch.rows && !self.next_batch(most, &selection.columns)? {
                 break;
             }
             let row = self.batch.next;
             if let (Some(time), false) = (&time, self.row_timed) {
                 let time_s = self.batch.times_s.get(row).copied().unwrap_or(f64::NAN);
-                self.missing_before += self.time_row(time, time_s, row, clock)?;
+                self.missing_before += self.time_row(time, time_s, row, rows.clock)?;
                 self.row_timed = true;
             }
             if self.missing_before > 0 {
                 self.missing_before -= 1;
-                values.extend(selection.columns.iter().map(|_| f64::NAN));
+                rows.push_missing();
             } else {
                 let cells = self.batch.values.get(row * width..).unwrap_or_default();
-                values.extend(cells.iter().zip(&selection.factors).map(|(value, factor)| value * factor));
+                rows.values.extend(cells.iter().zip(&selection.factors).map(|(value, factor)| value * factor));
                 self.batch.next += 1;
                 self.row_timed = false;
             }
@@ -278,8 +268,8 @@ impl RowReader for ParquetReader {
         Ok(self.row_of.len())
     }
 
-    fn place(&self, row: usize) -> Place {
-        self.row_place(self.row_of.get(row).copied().unwrap_or(self.rows_before))
+    fn position(&self, row: usize) -> FilePosition {
+        self.row_position(self.row_of.get(row).copied().unwrap_or(self.rows_before))
     }
 }
 
@@ -293,7 +283,7 @@ fn time_column(
     match descriptor.and_then(Numbers::of) {
         Some(numbers) => Ok(TimeColumn { column, name, numbers }),
         None => Err(RecordError::TimeNotSeconds {
-            place: Place { file: path.to_owned(), at: At::Row(1) },
+            position: FilePosition { file: path.to_owned(), at: At::Row(1) },
             column: name,
             text: descriptor.map_or_else(String::new, type_name),
         }),
@@ -310,24 +300,16 @@ fn open_group(
         let descriptor = group.metadata().schema_descr().columns().get(column);
         let cells = descriptor.and_then(|descriptor| Some(Cells::new(Numbers::of(descriptor)?, descriptor)));
         // Names are checked against the schema before, so that only damage leads here.
-        let cells = cells.ok_or_else(|| damaged(path, "a row group lacks a column of the schema"))?;
-        let reader = group.get_column_reader(column).map_err(|error| unreadable(path, &error))?;
+        let cells = cells.ok_or_else(|| RecordError::parquet(path, "a row group lacks a column of the schema"))?;
+        let reader = group.get_column_reader(column).map_err(|error| RecordError::parquet(path, error))?;
         Ok::<_, RecordError>((reader, cells))
     };
     Ok(OpenGroup {
         columns: columns.iter().map(|column| open(*column)).collect::<Result<_, _>>()?,
         time: time.map(|time| open(time.column)).transpose()?,
         rows_left: usize::try_from(group.metadata().num_rows())
-            .map_err(|_| damaged(path, "a row group announces an impossible number of rows"))?,
+            .map_err(|_| RecordError::parquet(path, "a row group announces an impossible number of rows"))?,
     })
-}
-
-fn unreadable(path: &Path, error: &ParquetError) -> RecordError {
-    damaged(path, &error.to_string())
-}
-
-fn damaged(path: &Path, reason: &str) -> RecordError {
-    RecordError::Parquet { file: path.to_owned(), reason: reason.to_owned() }
 }
 
 /// A column's type as an error names it.

@@ -5,14 +5,14 @@ use std::fmt;
 use super::block::Block;
 use super::clock::{Clock, TimeGap};
 use super::columns::Selection;
-use super::error::{Place, RecordError};
+use super::error::{FilePosition, RecordError};
 
 /// Gaps that are kept one by one for each channel.
 const GAPS_KEPT: usize = 5;
 /// A channel with a larger part of its samples missing is warned of as such.
 const MOSTLY_MISSING: f64 = 0.5;
 
-/// What a recording held, as far as it was read.
+/// What was in a recording, as far as it was read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordReport {
     /// Rows read, filled rows included.
@@ -25,7 +25,7 @@ pub struct RecordReport {
     pub warnings: Vec<RecordWarning>,
 }
 
-/// What one channel of a recording held.
+/// What was in one channel of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelReport {
     /// The sensor's channel.
@@ -36,9 +36,9 @@ pub struct ChannelReport {
     pub gap_count: u64,
     /// The first few of these runs.
     pub gaps: Vec<Gap>,
-    /// Whether all samples are equal, or none is there: a dead or unplugged sensor.
+    /// Whether all samples are equal or missing: a dead or unplugged sensor.
     pub constant: bool,
-    /// Mean of the samples in m/s² (m/s for a velocity); NaN where there is none.
+    /// Mean of the samples in m/s² (m/s for a velocity); NaN without samples.
     pub mean: f64,
     /// Root mean square about the mean, in m/s² (m/s for a velocity); NaN where there is no sample.
     pub rms: f64,
@@ -48,7 +48,7 @@ pub struct ChannelReport {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gap {
     /// Where the first missing sample stands (the row after it, if the row itself is missing from the file).
-    pub place: Place,
+    pub position: FilePosition,
     /// The recording's row, from 0, at which the run starts.
     pub row: u64,
     /// Its length in rows.
@@ -60,11 +60,11 @@ pub struct Gap {
 #[allow(missing_docs)] // the messages say what each field is
 pub enum RecordWarning {
     /// The time column says that rows are missing.
-    TimeGap { place: Place, rows: u64, seconds: f64 },
-    /// More of the same than is worth listing; the figures are for all of them.
+    TimeGap { position: FilePosition, rows: u64, seconds: f64 },
+    /// More gaps than are worth listing; the figures are for all of them.
     TimeGaps { count: u64, rows: u64, seconds: f64 },
     /// Samples of one channel are missing from rows that are there.
-    MissingSamples { channel: String, samples: u64, seconds: f64, gap_count: u64, first: Place },
+    MissingSamples { channel: String, samples: u64, seconds: f64, gap_count: u64, first: FilePosition },
     /// More than half of a channel's samples are missing.
     MostlyMissing { channel: String, percent: f64 },
     /// A channel does not move at all.
@@ -74,10 +74,10 @@ pub enum RecordWarning {
 impl fmt::Display for RecordWarning {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            RecordWarning::TimeGap { place, rows, seconds } => {
+            RecordWarning::TimeGap { position, rows, seconds } => {
                 write!(
                     formatter,
-                    "{place}: gap in time: {rows} rows ({seconds:.3} s) are missing in all channels before it; they count as missing samples"
+                    "{position}: gap in time: {rows} rows ({seconds:.3} s) are missing in all channels before it; they count as missing samples"
                 )
             }
             RecordWarning::TimeGaps { count, rows, seconds } => {
@@ -144,12 +144,12 @@ impl Statistics {
         }
     }
 
-    /// Takes a block in; `place` says where a row of the block (from 0) stands. Refuses infinite values.
+    /// Takes a block in; `position` says where a row of the block (from 0) stands. Refuses infinite values.
     pub(super) fn add(
         &mut self,
         block: &Block,
         selection: &Selection,
-        place: impl Fn(usize) -> Place,
+        position: impl Fn(usize) -> FilePosition,
     ) -> Result<(), RecordError> {
         self.sums.fill(0.0);
         self.squares.fill(0.0);
@@ -174,10 +174,10 @@ impl Statistics {
             // A missing or infinite sample (or the channel's first) spoilt the sums: take the samples one by one.
             for (row, value) in block.rows().filter_map(|row| row.get(index)).enumerate() {
                 if value.is_infinite() {
-                    let (place, channel) = (place(row), selection.channel(index));
-                    return Err(RecordError::Infinite { place, channel });
+                    let (position, channel) = (position(row), selection.channel(index));
+                    return Err(RecordError::Infinite { position, channel });
                 }
-                channel.push(*value, self.rows + row as u64, || place(row));
+                channel.push(*value, self.rows + row as u64, || position(row));
             }
             if let (Some(pivot), Some(known)) = (self.pivots.get_mut(index), channel.pivot) {
                 *pivot = known;
@@ -197,8 +197,8 @@ impl Statistics {
         let mut warnings: Vec<RecordWarning> = clock
             .gaps
             .iter()
-            .map(|TimeGap { place, rows }| RecordWarning::TimeGap {
-                place: place.clone(),
+            .map(|TimeGap { position, rows }| RecordWarning::TimeGap {
+                position: position.clone(),
                 rows: *rows,
                 seconds: seconds(*rows),
             })
@@ -218,7 +218,7 @@ impl Statistics {
                     samples: report.missing,
                     seconds: seconds(report.missing),
                     gap_count: report.gap_count,
-                    first: first.place.clone(),
+                    first: first.position.clone(),
                 });
             }
             if report.missing as f64 > MOSTLY_MISSING * rows as f64 {
@@ -233,13 +233,13 @@ impl Statistics {
 }
 
 impl ChannelSums {
-    fn push(&mut self, value: f64, row: u64, place: impl Fn() -> Place) {
+    fn push(&mut self, value: f64, row: u64, position: impl Fn() -> FilePosition) {
         if value.is_nan() {
             self.missing += 1;
             if !self.in_gap {
                 self.gap_count += 1;
                 if self.gaps.len() < GAPS_KEPT {
-                    self.gaps.push(Gap { place: place(), row, rows: 0 });
+                    self.gaps.push(Gap { position: position(), row, rows: 0 });
                 }
             }
             self.in_gap = true;

@@ -5,15 +5,15 @@
 
 use std::path::Path;
 
-use super::clock::{Clock, disagreeing_rate_hz};
+use super::clock::{Clock, check_rate};
 use super::columns::{Columns, Selection, is_time_column};
-use super::error::{At, Place, RecordError, quoted};
+use super::error::{At, FilePosition, RecordError, quoted};
 use super::lines::Lines;
 use super::number::parse_number;
-use super::reader::RowReader;
+use super::row_reader::{RowReader, Rows};
 use crate::study::Sensor;
 
-/// Rows read ahead to hold a time column against the sampling rate.
+/// Rows read ahead to compare a time column with the sampling rate.
 const ROWS_TO_CHECK: usize = 1024;
 const WHITE_SPACE_HINT: &str = "expected numbers with a decimal point between blanks; a header line must start with #, and a missing sample is NaN";
 const CSV_HINT: &str = "expected a number with a decimal point; leave the cell empty where the sample is missing";
@@ -103,14 +103,14 @@ impl TextReader {
         if !self.next_line()? {
             return Err(RecordError::Empty { file: self.lines.path().to_owned() });
         }
-        let first_line = self.lines.place();
+        let first_line = self.lines.position();
         let columns = match &self.names {
             Some(names) => Columns::Named(names.clone()),
             None => Columns::Numbered(self.width),
         };
         let Some(time) = self.time.clone() else { return Ok(columns) };
         let mut times_s = Vec::new();
-        // The finest digit of any of the times tells how far they are rounded.
+        // The finest digit of any of the times shows how far they are rounded.
         let mut resolution_s: f64 = 1.0;
         loop {
             let text = self.cell(time.column);
@@ -121,15 +121,8 @@ impl TextReader {
                 break;
             }
         }
-        match disagreeing_rate_hz(&times_s, resolution_s, sampling_rate_hz) {
-            None => Ok(columns),
-            Some(measured_hz) => Err(RecordError::RateDiffers {
-                place: first_line,
-                column: time.name,
-                measured_hz,
-                stated_hz: sampling_rate_hz,
-            }),
-        }
+        check_rate(&times_s, resolution_s, sampling_rate_hz, &time.name, &first_line)?;
+        Ok(columns)
     }
 
     /// Exact number of rows that [`RowReader::read`] will give, filled rows included.
@@ -156,7 +149,7 @@ impl TextReader {
         }
         if let Some(time) = &self.time {
             let time_s = self.time_s(time)?;
-            self.missing_before += clock.advance(time_s, &time.name, &self.lines.place())?;
+            self.missing_before += clock.advance(time_s, &time.name, &self.lines.position())?;
         }
         Ok(true)
     }
@@ -182,7 +175,7 @@ impl TextReader {
         if found == self.width {
             return Ok(true);
         }
-        Err(RecordError::Ragged { place: self.lines.place(), expected: self.width, found })
+        Err(RecordError::Ragged { position: self.lines.position(), expected: self.width, found })
     }
 
     /// Whether the line reached is no row; tabulators between empty cells are one.
@@ -213,7 +206,7 @@ impl TextReader {
             }
             Separator::Byte(separator) if line.contains(&b'"') => {
                 if line.iter().filter(|byte| **byte == b'"').count() % 2 == 1 {
-                    return Err(RecordError::OpenQuote { place: self.lines.place() });
+                    return Err(RecordError::OpenQuote { position: self.lines.position() });
                 }
                 csv::ReaderBuilder::new()
                     .delimiter(separator)
@@ -253,7 +246,7 @@ impl TextReader {
     fn time_s(&self, time: &TimeColumn) -> Result<f64, RecordError> {
         let text = self.cell(time.column);
         parse_number(text).filter(|time_s| time_s.is_finite()).ok_or_else(|| RecordError::TimeNotSeconds {
-            place: self.lines.place(),
+            position: self.lines.position(),
             column: time.name.clone(),
             text: quoted(text),
         })
@@ -264,14 +257,14 @@ impl TextReader {
         for (channel, (column, factor)) in selection.columns.iter().zip(&selection.factors).enumerate() {
             let text = self.cell(*column);
             let value = parse_number(text).ok_or_else(|| RecordError::NotANumber {
-                place: self.lines.place(),
+                position: self.lines.position(),
                 channel: selection.channel(channel),
                 text: quoted(text),
                 hint: if self.separator == Separator::WhiteSpace { WHITE_SPACE_HINT } else { CSV_HINT },
             })?;
             if value.is_infinite() {
-                let (place, channel) = (self.lines.place(), selection.channel(channel));
-                return Err(RecordError::Infinite { place, channel });
+                let (position, channel) = (self.lines.position(), selection.channel(channel));
+                return Err(RecordError::Infinite { position, channel });
             }
             values.push(value * factor);
         }
@@ -280,26 +273,20 @@ impl TextReader {
 }
 
 impl RowReader for TextReader {
-    fn read(
-        &mut self,
-        rows: usize,
-        selection: &Selection,
-        clock: &mut Clock,
-        values: &mut Vec<f64>,
-    ) -> Result<usize, RecordError> {
+    fn read(&mut self, most: usize, rows: &mut Rows<'_>) -> Result<usize, RecordError> {
         self.line_of_row.clear();
-        while self.line_of_row.len() < rows {
+        while self.line_of_row.len() < most {
             if !self.row_waits {
-                if !self.next_row(clock)? {
+                if !self.next_row(rows.clock)? {
                     break;
                 }
                 self.row_waits = true;
             }
             if self.missing_before > 0 {
                 self.missing_before -= 1;
-                values.extend(selection.columns.iter().map(|_| f64::NAN));
+                rows.push_missing();
             } else {
-                self.push_row(selection, values)?;
+                self.push_row(rows.selection, rows.values)?;
                 self.row_waits = false;
             }
             self.line_of_row.push(self.lines.number());
@@ -307,8 +294,8 @@ impl RowReader for TextReader {
         Ok(self.line_of_row.len())
     }
 
-    fn place(&self, row: usize) -> Place {
+    fn position(&self, row: usize) -> FilePosition {
         let line = self.line_of_row.get(row).copied().unwrap_or_else(|| self.lines.number());
-        Place { file: self.lines.path().to_owned(), at: At::Line(line) }
+        FilePosition { file: self.lines.path().to_owned(), at: At::Line(line) }
     }
 }

@@ -4,7 +4,6 @@
 //! place in the file, so that memory does not grow with the recording.
 
 mod dataset;
-mod name;
 mod values;
 
 use std::fs::File;
@@ -12,15 +11,13 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use super::array::Placement;
-use super::clock::{Clock, RATE_TOLERANCE};
-use super::columns::{Columns, Selection};
-use super::error::{At, Place, RecordError};
-use super::reader::RowReader;
+use super::clock::RATE_TOLERANCE;
+use super::columns::Columns;
+use super::error::{FilePosition, RecordError};
+use super::row_reader::{Progress, RowReader, Rows};
 use crate::study::{Setup, Unit};
 use dataset::{Data, TimeResponse, time_responses};
 use values::TextValues;
-
-pub(super) use name::{ResponseName, find as find_response, same as same_responses};
 
 /// Reads the setup's channels of one universal file row by row.
 #[derive(Debug)]
@@ -28,10 +25,8 @@ pub(super) struct UffReader {
     path: PathBuf,
     file: File,
     responses: Vec<TimeResponse>,
-    /// Rows of every channel that the setup names.
-    rows: u64,
-    next_row: u64,
-    block_start: u64,
+    /// Through the rows, which every channel that the setup names has.
+    progress: Progress,
     /// Of each response in text that is read, how far it is read.
     texts: Vec<Option<TextValues>>,
     raw: Vec<u8>,
@@ -59,7 +54,7 @@ impl UffReader {
         }
         let texts = responses.iter().map(|_| None).collect();
         let (path, raw) = (path.to_owned(), Vec::new());
-        Ok(Self { path, file, responses, rows, next_row: 0, block_start: 0, texts, raw })
+        Ok(Self { path, file, responses, progress: Progress::new(rows), texts, raw })
     }
 
     /// The file's channels.
@@ -68,7 +63,7 @@ impl UffReader {
     }
 
     pub(super) fn rows(&self) -> u64 {
-        self.rows
+        self.progress.rows
     }
 
     /// Puts the next `rows` numbers of a response, times `factor`, to every `stride`-th of `values`.
@@ -86,7 +81,7 @@ impl UffReader {
             Data::Binary { offset, big_endian } => {
                 let size = response.sample.bytes();
                 self.raw.resize(rows * size, 0);
-                let from = offset + self.next_row * size as u64;
+                let from = offset + self.progress.next * size as u64;
                 let fetched = self.file.seek(SeekFrom::Start(from)).and_then(|_| self.file.read_exact(&mut self.raw));
                 fetched.map_err(RecordError::io(&self.path))?;
                 if big_endian {
@@ -96,7 +91,7 @@ impl UffReader {
             }
             Data::Text { start, end } => {
                 let text = text.get_or_insert_with(|| TextValues::new(start, end, response));
-                let is_last = self.next_row + rows as u64 == self.rows;
+                let is_last = self.progress.next + rows as u64 == self.progress.rows;
                 let numbers = text.take(&self.path, &mut self.file, rows, is_last)?;
                 for (value, number) in values.iter_mut().step_by(stride.max(1)).zip(numbers) {
                     *value = number * factor;
@@ -108,32 +103,22 @@ impl UffReader {
 }
 
 impl RowReader for UffReader {
-    fn read(
-        &mut self,
-        rows: usize,
-        selection: &Selection,
-        _clock: &mut Clock,
-        values: &mut Vec<f64>,
-    ) -> Result<usize, RecordError> {
-        let left = usize::try_from(self.rows - self.next_row).unwrap_or(usize::MAX);
-        let rows = rows.min(left);
-        if rows == 0 {
+    fn read(&mut self, most: usize, rows: &mut Rows<'_>) -> Result<usize, RecordError> {
+        let (count, selection) = (self.progress.upcoming(most), rows.selection);
+        if count == 0 {
             return Ok(0);
         }
-        let channels = selection.columns.len();
-        let start = values.len();
-        values.resize(start + rows * channels, 0.0);
+        let values = rows.grow(count);
         for (channel, (column, factor)) in selection.columns.iter().zip(&selection.factors).enumerate() {
-            let values = values.get_mut(start + channel..).unwrap_or_default();
-            self.read_response(*column, rows, (values, channels), *factor)?;
+            let values = values.get_mut(channel..).unwrap_or_default();
+            self.read_response(*column, count, (values, selection.columns.len()), *factor)?;
         }
-        self.block_start = self.next_row;
-        self.next_row += rows as u64;
-        Ok(rows)
+        self.progress.advance(count);
+        Ok(count)
     }
 
-    fn place(&self, row: usize) -> Place {
-        Place { file: self.path.clone(), at: At::Row(self.block_start + row as u64 + 1) }
+    fn position(&self, row: usize) -> FilePosition {
+        self.progress.position(&self.path, row)
     }
 }
 
@@ -141,7 +126,7 @@ fn columns_of(responses: &[TimeResponse]) -> Columns {
     Columns::Responses(responses.iter().map(|response| response.name.clone()).collect())
 }
 
-/// Holds a channel's response against the setup, and against the `first` of its channels.
+/// Checks a channel's response against the setup and the `first` of its channels.
 fn check(
     path: &Path,
     setup: &Setup,

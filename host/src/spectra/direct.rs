@@ -9,7 +9,7 @@ use belfry_numerics::{ForwardTransform, forward_transform};
 use belfry_shared::decimation::{MAX_STAGES, Stages, TAPS_PER_RATIO, fill_taps, tap_count};
 use num_complex::{Complex32, Complex64};
 
-use super::{LineGrid, WindowLines};
+use super::grid::{LineGrid, WindowLines};
 
 /// Outputs that an input sample contributes to.
 const ACCUMULATORS: usize = TAPS_PER_RATIO + 1;

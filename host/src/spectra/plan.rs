@@ -7,7 +7,7 @@
 use belfry_shared::decimation::{Stages, USABLE_FRACTION};
 use thiserror::Error;
 
-use super::LineGrid;
+use super::grid::LineGrid;
 use crate::study::Analysis;
 
 /// Averages a channel that picking modes by coherence needs.
@@ -76,7 +76,7 @@ pub enum PlanError {
     NoDecimation {
         /// The setups' sampling rates.
         rates: String,
-        /// The rate wanted, or what the band asks for.
+        /// The rate wanted, or the one that the band needs.
         wanted: String,
     },
     /// The band reaches too high.
@@ -284,7 +284,7 @@ pub(super) fn window_count(rows: u64, decimation: u32, segment: usize) -> usize 
     if samples < segment { 0 } else { ((samples - segment) / (segment / 2)) as usize + 1 }
 }
 
-/// The decimated rates that come into question.
+/// The decimated rates that are possible.
 fn decimations(setups: &[SetupExtent], analysis: &Analysis) -> Result<Vec<Rate>, PlanError> {
     let Some(first) = setups.first() else { return Ok(Vec::new()) };
     let reach = |rate_hz: f64| -> Option<Rate> {

@@ -36,7 +36,7 @@ pub enum TrendError {
         every_s: f64,
     },
     /// There are no modes to follow.
-    #[error("no mode was found in the whole record, so there is none to follow")]
+    #[error("no mode was found in the whole record, so there is nothing to follow")]
     NoModes,
 }
 
@@ -260,7 +260,7 @@ fn p_value_of_no_change(seen: &[(&TrendInterval, &IntervalMode)]) -> Option<f64>
 }
 
 /// Change with temperature and with the level: together over the intervals that have a temperature, where both vary by
-/// themselves, else with the level alone. Of several setups the one with most intervals speaks: in another the level is
+/// themselves, else with the level alone. Of several setups the one with the most intervals is used: in another the level is
 /// that of other sensors.
 fn dependences(seen: &[(&TrendInterval, &IntervalMode)]) -> [Option<Slope>; 2] {
     let count = |setup: &str| seen.iter().filter(|(interval, _)| interval.setup == setup).count();

@@ -78,7 +78,7 @@ impl Temperatures {
         if points.is_empty() { Err(table(1, "there is no row".to_owned())) } else { Ok(Self { points }) }
     }
 
-    /// Mean of the readings between two times, or the reading between neighbours where none is within; `None` outside the
+    /// Mean of the readings between two times, or one interpolated between neighbours where no reading is within; `None` outside the
     /// table.
     pub fn mean_degc(&self, start_s: f64, end_s: f64) -> Option<f64> {
         let inside: Vec<f64> =

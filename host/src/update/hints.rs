@@ -1,8 +1,8 @@
-//! What Psi says: hints, not a diagnosis.
+//! What Psi suggests: hints, not a diagnosis.
 //!
 //! Two nested tests of the measured shapes. Span: a Psi update stays within the span of the model's shapes, so shapes that lie
-//! outside of it by more than their deviations ask for physics that is no change of K within that span, or for sensors that
-//! are not what they are said to be. Orthogonality: within the span, the true shapes of a structure of the model's mass are
+//! outside of it by more than their deviations point to physics other than a change of K within that span, or to sensors that
+//! are described wrongly. Orthogonality: within the span, the true shapes of a structure of the model's mass are
 //! orthogonal by mass; where the measured ones are not, it is the mass (or the sensors) that is wrong, not the stiffness.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -11,14 +11,14 @@ use serde::{Deserialize, Serialize};
 use crate::compare::{ChiSquared, ModelView, Pair, complement, shape_deviations};
 use crate::modes::MeasuredMode;
 
-/// What Psi says.
+/// What Psi suggests.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Hints {
-    /// How far each measured shape lies outside the span of the model's shapes; none where sensors are too few to tell.
+    /// How far each measured shape lies outside the span of the model's shapes; empty with too few sensors.
     pub span: Vec<SpanTest>,
     /// Probability that all of them lie inside it; null without shapes.
     pub span_p_value: Option<f64>,
-    /// Whether the parts inside are orthogonal by mass; null where fewer than two shapes tell.
+    /// Whether the parts inside are orthogonal by mass; null with fewer than two shapes.
     pub orthogonality: Option<OrthogonalityTest>,
 }
 

@@ -12,7 +12,7 @@ use crate::modes::MeasuredMode;
 /// Weights of the objective `sum w_f ((f* - f)/f)² + sum w_s (1 - MAC)²` (eq. 14).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
-    /// Of every frequency; it has no influence, as frequencies are met exactly, and stands for the paper's sake.
+    /// Of every frequency; it has no influence, as frequencies are matched exactly, and is kept for comparison with the paper.
     pub frequency: f64,
     /// Of the shapes, from the lowest pair up; the last holds for all that follow. The paper has two: here the first is
     /// for the lower half of the pairs, the second for the upper half.
@@ -45,7 +45,7 @@ pub enum UpdateError {
     NoPairs,
     /// No shape at all.
     #[error(
-        "none of the paired modes has a measured shape: with frequencies alone Psi is the difference of eigenvalues and says nothing; measure shapes"
+        "none of the paired modes has a measured shape: with frequencies alone Psi is just the difference of eigenvalues; measure shapes"
     )]
     NoShapes,
 }
@@ -146,7 +146,7 @@ pub fn solve(problem: &Problem) -> Result<Solution, UpdateError> {
     Ok(Solution { psi, rotation, objective, mac, mac_ceiling, warnings: rank_warnings(problem) })
 }
 
-/// What the sensors cannot tell apart.
+/// Warnings about modes that the sensors cannot separate.
 fn rank_warnings(problem: &Problem) -> Vec<String> {
     let mut warnings = Vec::new();
     let modes = problem.shapes.ncols();
@@ -168,7 +168,7 @@ fn rank_warnings(problem: &Problem) -> Vec<String> {
     for (sensors, rank, pairs) in poor {
         let which = if pairs.len() == modes { String::new() } else { format!("for pair {}, ", pairs.join(", ")) };
         warnings.push(format!(
-            "{which}{modes} modes at {sensors} sensors: the model's shapes have rank {rank} there, so {} of the {modes} directions of V are not determined by the measurement; shapes between the sensors are then not to be trusted, and MAC says little. Use fewer modes (--modes) or more sensors",
+            "{which}{modes} modes at {sensors} sensors: the model's shapes have rank {rank} there, so {} of the {modes} directions of V are not determined by the measurement; do not trust shapes between the sensors then; MAC says little. Use fewer modes (--modes) or more sensors",
             modes - rank
         ));
     }
@@ -181,7 +181,7 @@ fn rank_warnings(problem: &Problem) -> Vec<String> {
         .collect();
     if !without.is_empty() {
         warnings.push(format!(
-            "no shape was measured for pair {}: its frequency is met, its shape stays as free as the others leave it",
+            "no shape was measured for pair {}: its frequency is matched; its shape is only determined by the others",
             without.join(", ")
         ));
     }

@@ -3,8 +3,8 @@
 //! Minimises `sum w_i (1 - MAC_i(V e_i))²` over V in O(m) by a Levenberg-Marquardt method on the group: steps are
 //! `V exp(A)`, A skew. The gradient vanishes at MAC = 0 as it does at MAC = 1, so one start is not enough: the
 //! identity and three ridge-regularised Procrustes solutions are taken, first with frozen weights `w (1 - MAC)`, then on the
-//! true objective. Modes that the sensors hardly tell apart leave valleys with several bottoms: from the best one the search
-//! goes on a long way along the directions in which the objective rises the least.
+//! true objective. Modes that the sensors hardly separate leave valleys with several minima: from the best one the search goes
+//! a long way along the directions in which the objective rises the least.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use flate2::read::ZlibDecoder;
 
-use super::error::MatError;
 use crate::record::array::Sample;
+use crate::record::error::MatError;
 
 const FILE_HEADER_BYTES: usize = 128;
 const HDF5_SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
@@ -110,7 +110,7 @@ impl MatFile {
         if header.starts_with(HDF5_SIGNATURE) || header.starts_with(b"MATLAB 7.3") {
             return Err(MatError::Version73 { file: path.to_owned() });
         }
-        // Version 0x0100, then "MI" as a 16-bit number: its bytes tell the file's byte order.
+        // Version 0x0100, then "MI" as a 16-bit number: which shows the file's byte order.
         let big_endian = match header.get(124..) {
             Some([0x00, 0x01, b'I', b'M']) => false,
             Some([0x01, 0x00, b'M', b'I']) => true,

@@ -5,8 +5,7 @@ use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
 use std::sync::Once;
 
-use super::damaged;
-use crate::record::RecordError;
+use crate::record::error::RecordError;
 
 thread_local! {
     /// This thread is within [`guarded`].
@@ -34,7 +33,7 @@ pub(super) fn guarded<T>(path: &Path, work: impl FnOnce() -> Result<T, RecordErr
     let outer = GUARDED.replace(true);
     let outcome = panic::catch_unwind(AssertUnwindSafe(work));
     GUARDED.set(outer);
-    outcome.unwrap_or_else(|_| Err(damaged(path, "what it says of its own layout contradicts itself")))
+    outcome.unwrap_or_else(|_| Err(RecordError::parquet(path, "the description of its layout contradicts itself")))
 }
 
 #[cfg(test)]

@@ -62,10 +62,10 @@ fn rows_lost_by_the_time_column_are_filled_and_warned_of() {
     assert!(rows[3..8].iter().all(|row| row[0].is_nan()));
     assert_eq!(rows[8..], [[3.0], [4.0]]);
     assert_eq!(report.filled_rows, 5);
-    let [RecordWarning::TimeGap { place, rows: 5, seconds }] = &report.warnings[..] else {
+    let [RecordWarning::TimeGap { position, rows: 5, seconds }] = &report.warnings[..] else {
         panic!("{:?}", report.warnings)
     };
-    assert_eq!(place.at, At::Line(5));
+    assert_eq!(position.at, At::Line(5));
     assert!((seconds - 0.1).abs() < 1e-12); // 5 rows at 50 Hz, rounded once
     let text = report.warnings[0].to_string();
     assert!(text.contains("a.csv, line 5") && text.contains("5 rows (0.100 s)"), "{text}");

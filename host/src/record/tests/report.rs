@@ -32,8 +32,8 @@ fn gaps_are_counted_over_blocks_and_files() {
     assert_eq!((report.channels[0].missing, report.channels[0].gap_count), (0, 0));
     let channel = &report.channels[1];
     assert_eq!((channel.missing, channel.gap_count), (201, 2));
-    assert_eq!((channel.gaps[0].row, channel.gaps[0].rows, channel.gaps[0].place.at), (10, 1, At::Line(12)));
-    assert_eq!((channel.gaps[1].row, channel.gaps[1].rows, channel.gaps[1].place.at), (4000, 200, At::Line(4002)));
+    assert_eq!((channel.gaps[0].row, channel.gaps[0].rows, channel.gaps[0].position.at), (10, 1, At::Line(12)));
+    assert_eq!((channel.gaps[1].row, channel.gaps[1].rows, channel.gaps[1].position.at), (4000, 200, At::Line(4002)));
     let text = report.warnings[0].to_string();
     for part in ["channel `2`", "201 samples (4.020 s)", "2 gaps", "1.txt, line 12"] {
         assert!(text.contains(part), "{text}");

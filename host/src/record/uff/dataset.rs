@@ -1,4 +1,4 @@
-//! The datasets of a universal file: where each time response's numbers stand, and what its header says of them.
+//! The datasets of a universal file: where each time response's numbers stand, and what its header says about them.
 //!
 //! The format is that of SDRC's universal file datasets: between lines of `-1` a dataset, its number first. A dataset 58
 //! has eleven lines of header (records 1 to 11) and its numbers; a 58b says in its first line how many bytes they take.
@@ -7,9 +7,9 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use super::name::ResponseName;
 use crate::record::array::Sample;
-use crate::record::error::{At, Place, RecordError, quoted};
+use crate::record::error::{At, FilePosition, RecordError, quoted};
+use crate::record::response_name::ResponseName;
 
 /// Specific data types, of record 9.
 pub(super) const UNKNOWN: i64 = 0;
@@ -51,7 +51,7 @@ pub(super) enum Data {
     Binary { offset: u64, big_endian: bool },
 }
 
-/// The kind of motion that an ordinate's specific data type tells; `None` where it tells none.
+/// The kind of motion that an ordinate's specific data type stands for, if any.
 pub(super) fn motion(ordinate: i64) -> Option<&'static str> {
     match ordinate {
         8 => Some("displacement"),
@@ -126,8 +126,8 @@ impl Scanner<'_> {
     }
 
     fn fault(&self, reason: String) -> RecordError {
-        let place = Place { file: self.path.to_owned(), at: At::Dataset(self.dataset.max(1)) };
-        RecordError::Uff { place, reason }
+        let position = FilePosition { file: self.path.to_owned(), at: At::Dataset(self.dataset.max(1)) };
+        RecordError::Uff { position, reason }
     }
 
     /// Goes to the next line, which a header needs.
@@ -212,7 +212,7 @@ impl Scanner<'_> {
     fn storage<'w>(&self, words: &mut impl Iterator<Item = &'w str>) -> Result<Storage, RecordError> {
         let mut next = |what: &str| {
             let number = words.next().and_then(|word| word.parse::<i64>().ok());
-            number.ok_or_else(|| self.fault(format!("its first line does not tell {what}")))
+            number.ok_or_else(|| self.fault(format!("its first line does not give {what}")))
         };
         let (order, format) = (next("the order of bytes")?, next("the format of numbers")?);
         let (lines, bytes) = (next("the number of header lines")?, next("the number of bytes")?);
@@ -240,7 +240,9 @@ impl Scanner<'_> {
             header.bytes().ok_or_else(|| self.fault(format!("{} numbers do not fit any file", header.count)))?;
         if storage.bytes < needed {
             let (count, bytes) = (header.count, storage.bytes);
-            return Err(self.fault(format!("{count} numbers take {needed} bytes, but its first line tells {bytes}")));
+            return Err(
+                self.fault(format!("{count} numbers take {needed} bytes, but its first line announces {bytes}"))
+            );
         }
         let there = self.bytes.saturating_sub(offset);
         if there < storage.bytes {
@@ -260,9 +262,10 @@ impl Scanner<'_> {
                 return Ok(Data::Binary { offset, big_endian: storage.big_endian });
             }
             if !self.line.trim_ascii().is_empty() {
-                return Err(
-                    self.fault(format!("it does not end after the {} bytes that its first line tells", storage.bytes))
-                );
+                return Err(self.fault(format!(
+                    "it does not end after the {} bytes that its first line announces",
+                    storage.bytes
+                )));
             }
         }
     }

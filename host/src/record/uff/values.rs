@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::dataset::TimeResponse;
 use crate::record::array::Sample;
-use crate::record::error::{At, Place, RecordError, quoted};
+use crate::record::error::{At, FilePosition, RecordError, quoted};
 use crate::record::number::parse_number;
 
 /// Bytes read at once. There is one such piece a channel.
@@ -56,20 +56,20 @@ impl TextValues {
         self.values.drain(..self.taken);
         self.before += self.taken as u64;
         self.taken = 0;
-        let at = |row: u64| Place { file: path.to_owned(), at: At::Row(row) };
+        let at = |row: u64| FilePosition { file: path.to_owned(), at: At::Row(row) };
         while (self.values.len() < count || last) && self.next < self.end {
             self.parse_piece(path, file)?;
         }
         let found = self.before + self.values.len() as u64;
         if self.values.len() < count {
             let reason = format!("channel `{}` ends before this row; its dataset announces more samples", self.channel);
-            return Err(RecordError::Uff { place: at(found + 1), reason });
+            return Err(RecordError::Uff { position: at(found + 1), reason });
         }
         if last && self.values.len() > count {
             let announced = self.before + count as u64;
             let reason =
                 format!("channel `{}` has {found} samples, but its dataset announces {announced}", self.channel);
-            return Err(RecordError::Uff { place: at(announced + 1), reason });
+            return Err(RecordError::Uff { position: at(announced + 1), reason });
         }
         self.taken = count;
         Ok(self.values.get(..count).unwrap_or_default())
@@ -91,7 +91,10 @@ impl TextValues {
         for line in self.text.get(..whole).unwrap_or_default().split(|byte| *byte == b'\n') {
             if let Err(text) = parse_line(line, self.width, &mut self.values) {
                 return Err(RecordError::NotANumber {
-                    place: Place { file: path.to_owned(), at: At::Row(self.before + self.values.len() as u64 + 1) },
+                    position: FilePosition {
+                        file: path.to_owned(),
+                        at: At::Row(self.before + self.values.len() as u64 + 1),
+                    },
                     channel: self.channel.clone(),
                     text,
                     hint: HINT,
@@ -103,10 +106,10 @@ impl TextValues {
     }
 }
 
-/// Appends the numbers of a line; the text that is none.
+/// Appends the numbers of a line; fails with the text that is not a number.
 ///
 /// Blanks stand between numbers, but a number that fills its columns (such as -1.00000e-100) touches the one before: then
-/// columns tell them apart.
+/// they are split by columns.
 fn parse_line(line: &[u8], width: usize, values: &mut Vec<f64>) -> Result<(), String> {
     let line = line.trim_ascii_end();
     let start = values.len();

@@ -11,9 +11,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use thiserror::Error;
 
-use crate::spectra::cross_spectrum::{CrossSpectrum, CrossSpectrumAccumulator, SpectraError};
 use crate::spectra::direct::Welch;
 use crate::spectra::plan::{PlanError, SetupExtent, SpectralPlan};
+use crate::spectra::{CrossSpectrum, CrossSpectrumAccumulator, SpectraError};
 use crate::study::{Analysis, Sensor, Setup, Unit};
 
 /// Why there is no spectrum of a recording.

@@ -1,8 +1,11 @@
-//! Where along the height an effect is: between the places of the grid, and how sure that is.
+//! Where along the height an effect is, and how well that is known.
+//!
+//! An effect found at a place of the grid flows in; the same effect at its most probable height, with a standard deviation,
+//! flows out.
 
 use super::fit::Fit;
+use super::found::{AtHeight, Found, HeightSpread, NEAR};
 use super::problem::Problem;
-use super::search::{AtHeight, Found, HeightSpread, NEAR};
 use crate::model::effect::Where;
 
 /// Steps to a neighbouring place of the grid.
@@ -17,7 +20,7 @@ const ALIKE: f64 = 0.02;
 impl Problem {
     /// Moves an effect at a height to where its evidence is the highest, from place to place of the grid and then between
     /// them; says how sure the height is.
-    pub(super) fn settle_place(&self, found: &mut Found) {
+    pub(super) fn settle_height(&self, found: &mut Found) {
         let (Some(Where::Height(start_m)), true) = (found.effect().place().cloned(), found.kind.may_be_anywhere())
         else {
             return;
@@ -141,7 +144,8 @@ impl Around {
         }
     }
 
-    /// Of the height, by the curvature of the evidence; `None` at an end of the structure, or where it is flat.
+    /// How well the height is known, from the curvature of the evidence; `None` at an end of the structure, or where the
+    /// evidence is flat.
     fn spread(&self) -> Option<HeightSpread> {
         let std_m = self.parabola().map(|(_, curvature)| (-curvature).recip().sqrt()).filter(|std| std.is_finite())?;
         let (low, high) = (self.low.as_ref()?, self.high.as_ref()?);

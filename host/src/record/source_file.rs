@@ -1,32 +1,19 @@
-//! What the readers of all formats have in common, and the choice among them by a file's ending.
+//! A setup's file, its format known by its ending: the choice among the readers.
+//!
+//! Paths flow in; the file's columns, its number of rows, or a reader that starts at its first row flow out.
 
 use std::path::{Path, PathBuf};
 
 use super::array::ArrayReader;
 use super::clock::Clock;
-use super::columns::{Columns, Selection};
-use super::error::{Place, RecordError};
+use super::columns::Columns;
+use super::error::RecordError;
 use super::parquet::ParquetReader;
+use super::row_reader::RowReader;
 use super::text::TextReader;
 use super::uff::UffReader;
 use super::{mat, npy};
 use crate::study::Setup;
-
-/// Reads one file from its first row to its last.
-pub(super) trait RowReader: std::fmt::Debug + Send {
-    /// Appends up to `rows` rows of the selected channels to `values`, in SI units, NaN where a sample is missing, and
-    /// returns how many; 0 at the end of the file.
-    fn read(
-        &mut self,
-        rows: usize,
-        selection: &Selection,
-        clock: &mut Clock,
-        values: &mut Vec<f64>,
-    ) -> Result<usize, RecordError>;
-
-    /// Where a row of the last read stands (from 0 within that read).
-    fn place(&self, row: usize) -> Place;
-}
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
@@ -60,7 +47,7 @@ impl SourceFile {
         Ok(Self { path, format })
     }
 
-    /// The file's columns; what its first bytes or its size tell to be wrong is found here.
+    /// The file's columns; finds what its first bytes or its size show to be wrong.
     pub(super) fn inspect(&self, setup: &Setup) -> Result<Columns, RecordError> {
         match self.format {
             Format::WhiteSpace => TextReader::open_white_space(&self.path)?.inspect(setup.sampling_rate_hz),

@@ -1,13 +1,15 @@
-//! What a sensor may call a time response: node and direction, its title, or its position in the file.
+//! What a sensor may call a time response of a universal file: its node and direction, its title, or its number in the file.
+//!
+//! Node, direction and title flow in; the response that a sensor's channel names flows out.
 
 use std::fmt;
 use std::path::Path;
 
-use crate::record::RecordError;
+use super::error::RecordError;
 
 /// The names of one response.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::record) struct ResponseName {
+pub(super) struct ResponseName {
     /// `12x`, `12-y`, `12rz`; `None` where the response has no direction.
     label: Option<String>,
     /// The dataset's first line of text.
@@ -40,7 +42,7 @@ impl fmt::Display for ResponseName {
 
 /// Whether two files have the same responses in the same order. Titles often carry dates: they count only where a node
 /// and direction does not name the response.
-pub(in crate::record) fn same(one: &[ResponseName], other: &[ResponseName]) -> bool {
+pub(super) fn same_responses(one: &[ResponseName], other: &[ResponseName]) -> bool {
     let is_named = |name: &ResponseName| {
         name.label.is_some() && one.iter().filter(|response| response.label == name.label).count() == 1
     };
@@ -49,7 +51,7 @@ pub(in crate::record) fn same(one: &[ResponseName], other: &[ResponseName]) -> b
 }
 
 /// The response (from 0) that a sensor's `channel` names: by node and direction, else by its title, else by its position.
-pub(in crate::record) fn find(
+pub(super) fn find_response(
     names: &[ResponseName],
     channel: &str,
     file: &Path,

@@ -1,0 +1,101 @@
+//! How a state's differences follow the effects' values and the background.
+//!
+//! A [`State`] and a knob, or a structure one step away, flow in; derivatives of the whitened differences flow out.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::evaluation::SCATTER_OF_DAMPING;
+use super::knob::{Knob, with_values};
+use super::problem::Problem;
+use super::state::State;
+use crate::compare::ModelView;
+use crate::model::{Assembly, Change, ModeDerivative, Structure};
+
+impl State {
+    /// Derivatives of [`State::differences`] by the background's numbers.
+    pub(super) fn by_background(&self, problem: &Problem) -> DMatrix<f64> {
+        let rows = self.modes.len();
+        let changes = if problem.background.size() == 0 { Vec::new() } else { self.structure.segment_changes() };
+        let column = |change: &Change| {
+            let derivatives = self.view.derivatives(&self.sensor_vectors, &self.models, change);
+            self.residual.slope(&self.models, &derivatives)
+        };
+        let matrix = |columns: Vec<DVector<f64>>| {
+            if columns.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&columns) }
+        };
+        if changes.is_empty() {
+            return DMatrix::zeros(self.size(), problem.background.size());
+        }
+        let by_stiffness = matrix(changes.iter().map(|change| column(&change.stiffness)).collect());
+        let by_mass = matrix(changes.iter().map(|change| column(&change.mass)).collect());
+        let by_spread = column(&self.structure.spread_change());
+        let mut by_numbers = problem.background.chain(&by_stiffness, &by_mass, &by_spread, &self.numbers);
+        for mut column in by_numbers.column_iter_mut() {
+            let whitened = self.whiten(column.clone_owned());
+            column.copy_from(&whitened);
+        }
+        // Scatter moves damping by next to nothing.
+        by_numbers.resize_vertically(self.size(), 0.0)
+    }
+
+    /// The derivative of [`State::differences`] by what takes the structure to `structure` in a step of the size `step`.
+    pub(super) fn towards(&self, problem: &Problem, structure: &Structure, step: f64) -> Option<DVector<f64>> {
+        let there = structure.assemble();
+        if there.dofs() != self.assembly.dofs() {
+            return None;
+        }
+        let (rows, delays_s) = (there.sensor_rows(&problem.sensors).ok()?, there.sensing.delays_s(&problem.sensors));
+        let change = self.change(&there, step);
+        let mut slopes = match &change {
+            Some(change) => self.view.derivatives(&self.sensor_vectors, &self.models, change),
+            None => {
+                let still = DVector::zeros(self.view.at_sensors.nrows());
+                vec![ModeDerivative { ln_frequency: 0.0, shape: still, damping_ratio: 0.0 }; self.models.len()]
+            }
+        };
+        let mut phases = DVector::zeros(self.phases.len());
+        if rows != self.view.sensor_rows || delays_s != self.delays_s {
+            let view = ModelView::of_basis(self.view.basis.clone(), self.view.damped.clone(), rows, delays_s);
+            for (slope, &model) in slopes.iter_mut().zip(&self.models) {
+                slope.shape += (view.at_sensors.column(model) - self.view.at_sensors.column(model)) / step;
+            }
+            phases = (problem.phase_differences(self, &view) - &self.phases) / step;
+        }
+        let modes = self.whiten(self.residual.slope(&self.models, &slopes));
+        let damping = DVector::from_fn(self.damping.len(), |mode, _| {
+            let pair = self.pairs.get(mode);
+            let at = pair.and_then(|pair| Some((pair.model, self.models.binary_search(&pair.model).ok()?)));
+            let known = problem.damping.get(mode).copied().flatten();
+            at.filter(|_| known.is_some()).map_or(0.0, |(model, at)| {
+                let predicted = problem.ordinary_damping + self.view.damping_ratio(model);
+                slopes[at].damping_ratio / predicted / SCATTER_OF_DAMPING
+            })
+        });
+        let all = self.joined(modes, &phases, &damping);
+        all.iter().all(|value| value.is_finite()).then_some(all)
+    }
+
+    /// The change of K, M and C for one unit of the step; `None` where they stay.
+    pub(super) fn change(&self, there: &Assembly, step: f64) -> Option<Change> {
+        let here = &self.assembly;
+        if there.stiffness == here.stiffness && there.mass == here.mass && there.damping == here.damping {
+            return None;
+        }
+        let none = || DMatrix::zeros(here.dofs(), here.dofs());
+        let damping = (there.damping.is_some() || here.damping.is_some()).then(|| {
+            let [there, here] = [there, here].map(|assembly| assembly.damping.clone().unwrap_or_else(none));
+            (there - here) / step
+        });
+        let (stiffness, mass) = ((&there.stiffness - &here.stiffness) / step, (&there.mass - &here.mass) / step);
+        Some(Change::of(&stiffness, &mass, damping.as_ref()))
+    }
+
+    /// The derivative by a knob.
+    pub(super) fn by_knob(&self, problem: &Problem, knob: &Knob) -> Option<DVector<f64>> {
+        let value = self.value(knob);
+        // Inwards where the bound is near.
+        let step = if value + knob.step <= knob.bounds[1] { knob.step } else { -knob.step };
+        let effects = with_values(&self.effects, std::slice::from_ref(knob), &[value + step]);
+        Some(self.towards(problem, &problem.structure_with(&effects, &self.numbers)?, step)? * knob.scale)
+    }
+}

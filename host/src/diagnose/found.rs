@@ -1,0 +1,76 @@
+//! What a search finds: an effect at its best place, refitted, with how sure it and its height are.
+//!
+//! The searches (`search`, `far`, `damper`, `height`) make and improve it; `verdict` and `steps` weigh it.
+
+use super::criteria::STANDS_OUT;
+use super::fit::Fit;
+use crate::model::effect::{Effect, EffectKind, Where};
+
+/// Places that are named beside the best.
+pub(super) const NEAR: f64 = 3.0;
+
+/// A kind's best place, refitted.
+pub(super) struct Found {
+    /// The effect's kind.
+    pub(super) kind: &'static dyn EffectKind,
+    /// The fit with it; it is the last effect there.
+    pub(super) fit: Fit,
+    /// The logarithm of the evidence over that of the present model, averaged over the places of the kind.
+    pub(super) log_bayes_factor: f64,
+    /// Other places that explain nearly as much: the logarithm of their evidence below that of the best.
+    pub(super) near: Vec<(Where, f64)>,
+    /// How well its height is known, for effects that may be at any height.
+    pub(super) height: Option<HeightSpread>,
+    /// Heights that were fitted.
+    pub(super) known: Vec<AtHeight>,
+}
+
+/// How well a height is known, and how that spreads to the values.
+#[derive(Debug, Clone)]
+pub(super) struct HeightSpread {
+    /// Standard deviation of the height in m.
+    pub(super) std_m: f64,
+    /// Standard deviations of the parameters' values that follow from it.
+    pub(super) values: Vec<f64>,
+}
+
+/// The result of a fit with the effect at one height.
+#[derive(Debug, Clone)]
+pub(super) struct AtHeight {
+    pub(super) z_m: f64,
+    pub(super) log_evidence: f64,
+    /// Of the effect's parameters.
+    pub(super) values: Vec<f64>,
+}
+
+impl AtHeight {
+    /// Of a fit's last effect, which is at a height.
+    pub(super) fn of(fit: &Fit) -> Option<Self> {
+        let effect = fit.state.effects.last()?;
+        match effect.place() {
+            Some(Where::Height(z_m)) => Some(Self {
+                z_m: *z_m,
+                log_evidence: fit.log_evidence(),
+                values: effect.parameters().map(|(_, value)| value).collect(),
+            }),
+            _ => None,
+        }
+    }
+}
+
+impl Found {
+    /// The effect found.
+    pub(super) fn effect(&self) -> &Effect {
+        &self.fit.state.effects[self.index()]
+    }
+
+    /// Whether it explains enough to be named.
+    pub(super) fn stands_out(&self) -> bool {
+        self.log_bayes_factor > STANDS_OUT && self.fit.is_significant(self.index())
+    }
+
+    /// Its index among the effects of the fit.
+    pub(super) fn index(&self) -> usize {
+        self.fit.state.effects.len() - 1
+    }
+}

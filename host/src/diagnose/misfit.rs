@@ -1,0 +1,55 @@
+//! How much a difference costs: by its square, or less where identification may have got a mode wrong.
+//!
+//! Squared differences of the numbers of one mode flow in; twice the negative logarithm of their likelihood, and its slope,
+//! flow out.
+
+/// Share of modes whose deviations are wrong, and by what factor: those of a frequency, those of a shape.
+const WRONG: f64 = 0.1;
+pub(super) const WRONG_BY: [f64; 2] = [5.0, 3.0];
+
+/// Twice the logarithm of how much likelier a measured mode of its frequency, or of its shape, is where the model has such a
+/// mode than where identification made it up: one in a hundred is made up, with a frequency anywhere within a third.
+pub(super) const TWIN: f64 = 8.0;
+
+/// How differences count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Loss {
+    /// By their squares: far from the best values it leads there.
+    Squares,
+    /// As [`State::misfit`](super::state::State::misfit) says: near them it says what they are.
+    Robust,
+}
+
+/// Numbers of one mode whose deviations may be wrong together.
+pub(super) struct Group {
+    pub(super) first: usize,
+    pub(super) count: usize,
+    /// By what factor their deviations are wrong, where they are.
+    pub(super) wrong_by: f64,
+    /// Of a twin, which may also be none.
+    pub(super) is_twin: bool,
+}
+
+impl Group {
+    /// A mode's damping.
+    pub(super) fn of_damping() -> Self {
+        Self { first: 0, count: 1, wrong_by: WRONG_BY[0], is_twin: false }
+    }
+
+    /// Twice the negative logarithm of the likelihood of squared differences, zero at zero, and its derivative.
+    pub(super) fn misfit(&self, square: f64) -> (f64, f64) {
+        let variance = self.wrong_by * self.wrong_by;
+        // Logarithms of the odds of being wrong, at zero and here.
+        let odds = (WRONG / (1.0 - WRONG)).ln() - self.count as f64 * self.wrong_by.ln();
+        let here = odds + 0.5 * square * (1.0 - 1.0 / variance);
+        let softplus = |x: f64| x.max(0.0) + (-x.abs()).exp().ln_1p();
+        let share = 1.0 / (1.0 + (-here).exp());
+        let (misfit, slope) = (square - 2.0 * (softplus(here) - softplus(odds)), 1.0 - share + share / variance);
+        if !self.is_twin {
+            return (misfit, slope);
+        }
+        // exp(-misfit/2) + exp(-TWIN/2): far off it is taken for no mode.
+        let none = 0.5 * (misfit - TWIN);
+        (misfit - 2.0 * (softplus(none) - softplus(-0.5 * TWIN)), slope / (1.0 + none.exp()))
+    }
+}

@@ -1,0 +1,21 @@
+//! A setup with its averaged cross spectra: what identification starts from.
+//!
+//! The study says what stands where; the spectra come from [`crate::spectra`].
+
+use super::bell::Quantity;
+use crate::spectra::CrossSpectrum;
+use crate::study::{Setup, Unit};
+
+/// A setup with its averaged cross spectra.
+#[derive(Debug, Clone)]
+pub struct MeasuredSetup<'a> {
+    /// What stands where.
+    pub setup: &'a Setup,
+    /// Its cross-spectral matrices.
+    pub spectrum: CrossSpectrum,
+}
+
+/// What a setup's recording is of.
+pub(super) fn quantity(setup: &Setup) -> Quantity {
+    if setup.unit == Unit::MetrePerSecond { Quantity::Velocity } else { Quantity::Acceleration }
+}

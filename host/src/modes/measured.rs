@@ -1,0 +1,47 @@
+//! Measured modes over the study's sensors: what comparison, update and diagnosis compare the model with.
+//!
+//! The readers of this folder make them, whatever the file.
+
+use std::path::PathBuf;
+
+use nalgebra::DVector;
+
+/// Modes with what is known of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredModes {
+    /// Where they come from.
+    pub file: PathBuf,
+    /// The modes, lowest frequency first.
+    pub modes: Vec<MeasuredMode>,
+    /// What the reader should know: components that are missing, sensors without any.
+    pub warnings: Vec<String>,
+}
+
+/// A measured mode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredMode {
+    /// Its number in the file, from 1.
+    pub number: usize,
+    /// Natural frequency in Hz, above 0.
+    pub frequency_hz: f64,
+    /// Its standard deviation in Hz, where known and above 0.
+    pub frequency_std_hz: Option<f64>,
+    /// Damping ratio (1 is critical), where known.
+    pub damping_ratio: Option<f64>,
+    /// Its shape; `None` where only the frequency is known.
+    pub shape: Option<MeasuredShape>,
+}
+
+/// A real mode shape at some of the study's sensors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredShape {
+    /// Indices into the study's sensors, ascending: those at which a component is known.
+    pub sensors: Vec<usize>,
+    /// The components there, in the sensors' positive directions, the largest 1.
+    pub values: DVector<f64>,
+    /// The imaginary parts of the components at the phase at which the shape is the most real, at the same scale; `None`
+    /// where the file knows none.
+    pub imaginary: Option<DVector<f64>>,
+    /// Standard deviations of the components, at the same scale (NaN where one is unknown); `None` where all are.
+    pub stds: Option<DVector<f64>>,
+}

@@ -1,0 +1,152 @@
+//! Sums of outer products over windows, as packed upper triangles, and what of them some channels make.
+//!
+//! Windows of the same sound channels flow in; sums over them, in double precision for the average and in single precision for
+//! the jackknife, flow out.
+
+use std::ops::AddAssign;
+
+use num_complex::Complex32;
+
+/// Sums over windows in which the same channels are sound: upper triangles of the outer products, line by line. Real and
+/// imaginary parts lie apart, so that a row of a triangle is summed as one vector.
+#[derive(Debug, Clone)]
+pub(super) struct Sums<T> {
+    pub(super) windows: usize,
+    pub(super) re: Vec<T>,
+    pub(super) im: Vec<T>,
+}
+
+/// The averages' own sums, and the fourth powers of the magnitudes, line by line, channel by channel.
+#[derive(Debug, Clone)]
+pub(super) struct Total {
+    pub(super) sums: Sums<f64>,
+    pub(super) fourths: Vec<f64>,
+    /// Windows of the set, and the rank of the set that it replaced.
+    pub(super) rank: usize,
+}
+
+/// Adds the outer products of some windows (all of `count` channels) to `sums`, and their fourth powers to `fourths`.
+#[inline(always)]
+pub(super) fn add_outer_products(
+    windows: &[(u128, Vec<Vec<Complex32>>)],
+    count: usize,
+    lines: usize,
+    sums: &mut Sums<f64>,
+    fourths: &mut [f64],
+) {
+    let (mut re, mut im) = (vec![0.0; count], vec![0.0; count]);
+    for line in 0..lines {
+        let triangles = line * triangle(count)..(line + 1) * triangle(count);
+        let fourths = &mut fourths[line * count..(line + 1) * count];
+        for (_, channels) in windows {
+            for (channel, values) in channels.iter().enumerate() {
+                (re[channel], im[channel]) = (f64::from(values[line].re), f64::from(values[line].im));
+            }
+            for (fourth, (re, im)) in fourths.iter_mut().zip(re.iter().zip(&im)) {
+                let square = re * re + im * im;
+                *fourth += square * square;
+            }
+            let (mut sums_re, mut sums_im) = (&mut sums.re[triangles.clone()], &mut sums.im[triangles.clone()]);
+            for row in 0..count {
+                let (row_re, rest_re) = sums_re.split_at_mut(count - row);
+                let (row_im, rest_im) = sums_im.split_at_mut(count - row);
+                let (a_re, a_im) = (re[row], im[row]);
+                let others = re[row..].iter().zip(&im[row..]);
+                for ((sum_re, sum_im), (b_re, b_im)) in row_re.iter_mut().zip(row_im).zip(others) {
+                    *sum_re += a_re * b_re + a_im * b_im;
+                    *sum_im += a_im * b_re - a_re * b_im;
+                }
+                (sums_re, sums_im) = (rest_re, rest_im);
+            }
+        }
+    }
+}
+
+impl<T: Copy + Default + AddAssign> Sums<T> {
+    pub(super) fn zero(length: usize) -> Self {
+        Self { windows: 0, re: vec![T::default(); length], im: vec![T::default(); length] }
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        self.windows += other.windows;
+        self.re.iter_mut().zip(&other.re).for_each(|(sum, part)| *sum += *part);
+        self.im.iter_mut().zip(&other.im).for_each(|(sum, part)| *sum += *part);
+    }
+
+    /// The sums of the wanted channels alone.
+    pub(super) fn restricted(self, subset: &ChannelSubset, lines: usize) -> Self {
+        if subset.are_all() {
+            return self;
+        }
+        let mut some = Self { windows: self.windows, re: Vec::new(), im: Vec::new() };
+        for line in 0..lines {
+            let from = line * triangle(subset.count);
+            for (i, &a) in subset.wanted.iter().enumerate() {
+                for &b in &subset.wanted[i..] {
+                    let place = from + packed(subset.count, a, b);
+                    some.re.push(self.re[place]);
+                    some.im.push(self.im[place]);
+                }
+            }
+        }
+        some
+    }
+}
+
+impl Total {
+    /// The same of the wanted channels alone.
+    pub(super) fn restricted(self, subset: &ChannelSubset, lines: usize) -> Self {
+        Self {
+            sums: self.sums.restricted(subset, lines),
+            fourths: subset.restricted_channels(self.fourths, lines),
+            rank: self.rank,
+        }
+    }
+}
+
+impl Sums<f64> {
+    pub(super) fn narrowed(&self) -> Sums<f32> {
+        let narrow = |values: &[f64]| values.iter().map(|&value| value as f32).collect();
+        Sums { windows: self.windows, re: narrow(&self.re), im: narrow(&self.im) }
+    }
+}
+
+/// Some wanted channels among those of a set.
+pub(super) struct ChannelSubset {
+    /// Channels of the set.
+    pub(super) count: usize,
+    /// Indices of the wanted ones in the set, ascending.
+    pub(super) wanted: Vec<usize>,
+}
+
+impl ChannelSubset {
+    /// The `wanted` channels, which all are in `mask`.
+    pub(super) fn new(mask: u128, wanted: u128) -> Self {
+        let in_mask = (0..u128::BITS).filter(|channel| mask >> channel & 1 == 1);
+        let wanted = in_mask.enumerate().filter(|(_, channel)| wanted >> channel & 1 == 1).map(|(place, _)| place);
+        Self { count: mask.count_ones() as usize, wanted: wanted.collect() }
+    }
+
+    fn are_all(&self) -> bool {
+        self.wanted.len() == self.count
+    }
+
+    pub(super) fn restricted_channels(&self, values: Vec<f64>, lines: usize) -> Vec<f64> {
+        if self.are_all() {
+            return values;
+        }
+        (0..lines)
+            .flat_map(|line| self.wanted.iter().map(move |place| line * self.count + place))
+            .map(|at| values[at])
+            .collect()
+    }
+}
+
+pub(super) const fn triangle(count: usize) -> usize {
+    count * (count + 1) / 2
+}
+
+/// Place of element (`row`, `column`), `row <= column`, in a packed upper triangle.
+pub(super) const fn packed(count: usize, row: usize, column: usize) -> usize {
+    row * count - row * (row + 1) / 2 + column
+}
