@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Builds the program of the sensor-node board (Cortex-M4F) and says where it is; another program by its name.
+# Builds the program of the sensor-node board (Cortex-M4F) and says where it is; other programs by their names.
 # Uses rustup's target where it is installed (rustup target add thumbv7em-none-eabihf); otherwise Debian's Rust for
 # embedded targets (packages rustc-web, cargo-web, rust-web-src), which builds `core` from its source.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-program=${1:-belfry-node}
+programs=("${@:-belfry-node}")
 target=thumbv7em-none-eabihf
-arguments=(--locked --package belfry-firmware --bin "$program" --profile firmware --target "$target")
+arguments=(--locked --package belfry-firmware "${programs[@]/#/--bin=}" --profile firmware --target "$target")
 
 if [ -d "$(rustc --print sysroot)/lib/rustlib/$target" ]; then
     folder=target
@@ -25,4 +25,4 @@ else
     PATH="/usr/bin:$PATH:$linker" RUSTC_BOOTSTRAP=1 RUSTC=/usr/bin/rustc \
         /usr/bin/cargo build -Zbuild-std=core --target-dir "$folder" "${arguments[@]}"
 fi
-echo "$folder/$target/firmware/$program"
+printf '%s\n' "${programs[@]/#/$folder/$target/firmware/}"

@@ -1,8 +1,8 @@
 //! Acquisition: raw readings in, checked and decimated history out.
 //!
-//! Readings are checked for faults, freed of their first value (so that f32 keeps its digits for the vibration, not for
-//! gravity), decimated, and kept in a ring a little longer than the longest segment. The ring is all the memory there is:
-//! a segment must be fetched before newer samples replace it.
+//! Readings are checked for faults, reduced by their first value (so that f32 keeps its digits for the vibration, not for
+//! gravity), decimated, and kept in a ring a little longer than the longest segment. Nothing else keeps samples: a segment must be
+//! fetched before newer ones replace it.
 
 use belfry_shared::decimation::Stages;
 use belfry_shared::message::{ChannelState, MAX_CHANNELS};
@@ -20,7 +20,7 @@ pub(crate) type Rings = [[f32; RING]; MAX_CHANNELS];
 pub(crate) const fn empty_rings() -> Rings {
     [[0.0; RING]; MAX_CHANNELS]
 }
-/// Separate faults remembered a channel; more are joined to the last.
+/// Separate faults remembered per channel; further ones are joined to the last.
 const MAX_FAULTS: usize = 6;
 
 /// Decimated samples that a fault has spoilt.
@@ -73,7 +73,7 @@ impl Channel {
     }
 }
 
-/// The node's recent past, but for the samples themselves: those lie in [`Rings`].
+/// The node's recent past, except for the samples themselves, which lie in [`Rings`].
 #[derive(Debug, Clone)]
 pub(crate) struct Acquisition {
     channels: [Channel; MAX_CHANNELS],
@@ -106,14 +106,14 @@ impl Acquisition {
         self.samples
     }
 
-    /// The reading of a channel about its bias; for the level meter.
+    /// A channel's last reading about its bias, for the level meter.
     pub(crate) fn about_bias(&self, channel: usize) -> f32 {
         let channel = self.channels.get(channel);
         channel.map_or(0.0, |channel| channel.last_value - channel.bias.unwrap_or(channel.last_value))
     }
 
-    /// Takes a row of readings in m/s², the first `channels` of them; one that is missing or no number counts as missing.
-    /// Returns whether a decimated sample was made.
+    /// Takes the first `channels` of a row of readings in m/s²; one that is absent or not a number counts as missing. Returns
+    /// whether a decimated sample was made.
     pub(crate) fn push(
         &mut self,
         rings: &mut Rings,
@@ -138,7 +138,7 @@ impl Acquisition {
                 let first = row.saturating_sub(reach).div_ceil(ratio);
                 channel.add_fault(Fault { first, last: (row + reach) / ratio, state });
             }
-            // A missing reading is bridged by the last one, so that the filter does not ring; its window is not used.
+            // The last reading bridges a missing one, so that the filter does not ring. The window is not used.
             let value = reading.unwrap_or(channel.last_value);
             if value != channel.last_value || channel.bias.is_none() {
                 channel.unchanged_since = row;
@@ -159,7 +159,7 @@ impl Acquisition {
         made
     }
 
-    /// How a channel fared in the `count` decimated samples from `start`, as far as its readings tell.
+    /// State of a channel in the `count` decimated samples from `start`, as far as its readings tell.
     pub(crate) fn state(&self, stages: &Stages, channel: usize, start: u64, count: usize) -> ChannelState {
         let end = start + count as u64;
         let Some(channel) = self.channels.get(channel) else { return ChannelState::Missing };
@@ -169,7 +169,7 @@ impl Acquisition {
         if let Some(fault) = channel.faults.iter().find(|fault| fault.first < end && fault.last >= start) {
             return fault.state;
         }
-        // The filter still rings with what it heard before.
+        // The filter still rings from before the readings became constant.
         if channel.unchanged_since + u64::from(stages.reach_rows()) <= start * u64::from(stages.ratio()) {
             return ChannelState::Constant;
         }
@@ -181,7 +181,7 @@ impl Acquisition {
         self.samples > sample + RING as u64
     }
 
-    /// Copies a channel's decimated samples from `start` on; false where some are gone or not yet there.
+    /// Copies a channel's decimated samples from `start` on; false if some are gone or not there yet.
     pub(crate) fn fetch(&self, rings: &Rings, channel: usize, start: u64, samples: &mut [f32]) -> bool {
         let Some(ring) = rings.get(channel) else { return false };
         if self.is_gone(start) || start + samples.len() as u64 > self.samples || samples.len() > RING {

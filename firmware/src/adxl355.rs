@@ -1,7 +1,7 @@
-//! The ADXL355, a three-axis accelerometer of low noise, over SPI (Analog Devices, ADXL354/ADXL355 data sheet, revision B).
+//! The ADXL355, a three-axis low-noise accelerometer, over SPI (Analog Devices, ADXL354/ADXL355 data sheet, revision B).
 //!
-//! It is run in external synchronisation with its interpolation filter: every rising edge at its DRDY pin, then an input,
-//! makes one sample, so that all channels are sampled by the node's own timer and not by the sensor's oscillator.
+//! It runs with external synchronisation and its interpolation filter: its DRDY pin is an input, and every rising edge there makes
+//! one sample. So the node's own timer samples all channels, not the sensor's oscillator.
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{Operation, SpiDevice};
@@ -10,7 +10,7 @@ use embedded_hal::spi::{Operation, SpiDevice};
 pub const CHANNELS: usize = 3;
 /// Readings of this magnitude or more, in m/s², are at the end of the range of 2.048 g.
 pub const FULL_SCALE_M_S2: f32 = 20.0;
-/// The highest rate at which it is read, in mHz: the fastest of its filters' rates.
+/// The highest sampling rate, in mHz: the fastest rate of its filters.
 pub const HIGHEST_RATE_MHZ: u32 = 4_000_000;
 
 /// Registers.
@@ -38,9 +38,9 @@ const MEASURE: u8 = 0x00;
 const NVM_BUSY: u8 = 0x10;
 /// Steps of 1 ms that a start may take.
 const START_MS: u32 = 20;
-/// m/s² a digit: 256 000 digits a g.
+/// m/s² per digit: 256 000 digits per g.
 const SCALE_M_S2: f32 = 9.806_65 / 256_000.0;
-/// Temperature: 1885 digits at 25 °C, -9.05 digits a kelvin.
+/// Temperature: 1885 digits at 25 °C, -9.05 digits per kelvin.
 const TEMPERATURE_AT_25_C: i32 = 1885;
 /// The filter's corner is a quarter of its rate, 4 kHz and halves of it.
 const FASTEST_MHZ: u32 = 4_000_000;
@@ -52,11 +52,11 @@ const SLOWEST_SETTING: u8 = 10;
 pub enum Error<E> {
     /// The bus failed.
     Bus(E),
-    /// Something else, or nothing, answers: what stood where its identity should.
+    /// Something else, or nothing, answers: what it gave as its identity.
     NotThere([u8; 3]),
     /// It did not become ready.
     Busy,
-    /// It answers with zeros or ones only, as a line without a sensor does.
+    /// It answers only zeros or only ones, like a line without a sensor.
     Silent,
 }
 
@@ -79,7 +79,7 @@ impl<S: SpiDevice> Adxl355<S> {
     /// Starts the sensor for a sampling rate in mHz; see [`set_rate`](Self::set_rate).
     ///
     /// # Errors
-    /// [`Error`], with the bus, where there is no such sensor or it does not become ready within some 20 ms.
+    /// [`Error`], with the bus, if there is no such sensor or it is not ready within some 20 ms.
     pub fn start(mut bus: S, delay: &mut impl DelayNs, rate_mhz: u32) -> Result<Self, (Error<S::Error>, S)> {
         match Self::bring_up(&mut bus, delay, rate_mhz) {
             Ok(()) => Ok(Self { bus }),

@@ -1,4 +1,4 @@
-//! The level meter: a rough RMS of each channel, and what its readings say of the sensor, for the heartbeat.
+//! The level meter: a rough RMS of each channel, and what its readings say about the sensor, for the heartbeat.
 
 use belfry_shared::message::{MAX_CHANNELS, SensorState};
 use heapless::Vec;
@@ -8,7 +8,7 @@ const NOISY_M_S2: f32 = 0.1;
 /// Where this share of the power is white, little of it is motion of the structure.
 const WHITE: f32 = 0.5;
 
-/// What one channel's readings came to.
+/// Sums over one channel's readings.
 #[derive(Debug, Clone, Copy)]
 struct Meter {
     rows: u32,
@@ -71,7 +71,7 @@ impl Meter {
     }
 }
 
-/// Sums until it is read.
+/// Sums until it is read, then starts again.
 #[derive(Debug, Clone)]
 pub(crate) struct LevelMeter {
     channels: [Meter; MAX_CHANNELS],
@@ -88,8 +88,7 @@ impl LevelMeter {
         }
     }
 
-    /// The levels of the first `channels` channels in m/s² and what is to be said of their sensors since the last call;
-    /// starts anew.
+    /// The levels of the first `channels` channels in m/s² and the states of their sensors since the last call.
     pub(crate) fn take(&mut self, channels: usize) -> (Vec<f32, MAX_CHANNELS>, Vec<SensorState, MAX_CHANNELS>) {
         let taken = core::mem::replace(self, Self::START);
         let meters = taken.channels.iter().take(channels);

@@ -1,12 +1,12 @@
 //! Belfry's sensor node: samples in, spectral summaries out.
 //!
 //! [`Node`] is a state machine that is fed with samples, bytes and the time, and asked for bytes to send; it owns all its
-//! memory, never allocates, never waits, and no input makes it panic. What feeds it (an accelerometer and a serial port, a
-//! recording, a test) is not its business.
+//! memory, never allocates, never waits, and no input makes it panic. It does not know what feeds it: an accelerometer and a
+//! serial port with its [`Inbox`], a recording, or a test.
 //!
-//! Samples pass the decimating filter (`decimator`) into a ring of recent history (`acquisition`); whenever the
-//! schedule says that a segment is complete, `spectrum` transforms it, and its lines or averaged densities wait in the
-//! `outbox` until the host has acknowledged them.
+//! Samples pass the decimating filter (`decimator`) into a ring of recent history (`acquisition`). Whenever the schedule says
+//! that a segment is complete, `spectrum` transforms it, and its lines or averaged densities wait in the `outbox` until the host
+//! acknowledges them.
 #![no_std]
 
 #[cfg(test)]
@@ -15,6 +15,7 @@ extern crate std;
 mod acquisition;
 pub mod adxl355;
 mod decimator;
+mod inbox;
 mod level;
 mod node;
 mod outbox;
@@ -25,5 +26,6 @@ mod spectrum;
 mod tables;
 mod windows;
 
+pub use inbox::{Inbox, InboxReader, InboxWriter};
 pub use node::{Identity, Memory, Node};
 pub use spectrum::{SUPPORTED_SEGMENTS, welch_segment};

@@ -3,7 +3,7 @@
 use core::ops::DerefMut;
 
 use belfry_shared::frame;
-use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
+use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
 use belfry_shared::message::{
     self, BoardState, ClockReply, ClockRequest, Configuration, Fault, Fed, FeedPart, Heartbeat, Hello, HostMessage,
     NodeMessage, Refusal, Replay, SCHEMA_HASH, WindowName,
@@ -18,30 +18,32 @@ use crate::schedule::{SampleMoment, rows_to_us};
 use crate::spectrum::LONGEST_SEGMENT;
 use crate::windows::{Arena, Files, WindowMaker, Workshop};
 
-/// Time between heartbeats in µs; the first comes earlier, so that a sensor that is absent is soon told.
+/// Time between heartbeats in µs. The first comes earlier, so that the host soon knows of an absent sensor.
 const HEARTBEAT_US: i64 = 120_000_000;
 const FIRST_HEARTBEAT_US: i64 = 10_000_000;
-/// Rows that may be missing in one piece before the node starts over at the next window.
+/// Most rows in a gap that the node fills as missing; after a longer gap it starts over at the next window.
 const MAX_MISSING_ROWS: i64 = 1000;
 
-/// What a node is born with.
+/// A node's identity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Identity {
     /// Its id, as on its label.
     pub node: u16,
-    /// Drawn anew at every start, so that the host can tell a restarted node.
+    /// Drawn anew at every start, so that the host notices a restart.
     pub boot: u32,
-    /// Channels its sensor has, 1 to 4.
+    /// Number of channels of its sensor, 1 to 4.
     pub channels: u8,
-    /// Readings of this magnitude or more, in m/s², are clipped.
+    /// Readings of this magnitude or more, in m/s², count as clipped.
     pub full_scale_m_s2: f32,
     /// The highest raw sampling rate in mHz.
     pub highest_rate_mhz: u32,
 }
 
-/// What waits to be said beside the outbox.
+/// What waits to be sent beside the outbox.
 #[derive(Debug, Clone, Default)]
 struct Pending {
+    /// An empty frame: a conversation begins, and what the host has heard before may be the beginning of a frame.
+    end_mark: bool,
     hello: bool,
     refusal: Option<Refusal>,
     clock: Option<(ClockRequest, NodeTime)>,
@@ -56,8 +58,7 @@ struct Transmitter {
     sent: usize,
 }
 
-/// What a node keeps its samples, its work and its outbox in: about 106 KB, all zeros at the start, so that a static of it
-/// takes no flash.
+/// Memory for a node's samples, its work and its outbox: about 106 KB. It starts as all zeros, so a static of it takes no flash.
 pub struct Memory {
     rings: Rings,
     segment: [f32; LONGEST_SEGMENT],
@@ -86,15 +87,15 @@ impl Default for Memory {
 
 /// A sensor node, with its [`Memory`] in a static or a box.
 ///
-/// Feed it with [`sample`](Self::sample) and [`receive`](Self::receive), give it time with [`poll`](Self::poll) whenever
-/// nothing else is to be done, and send what [`transmit`](Self::transmit) gives.
+/// Feed it with [`sample`](Self::sample) and [`receive`](Self::receive), call [`poll`](Self::poll) whenever there is nothing else
+/// to do, and send what [`transmit`](Self::transmit) returns.
 pub struct Node<M> {
     identity: Identity,
     plan: Option<Plan>,
     clock: Option<ClockModel>,
-    /// The row of a recording that it waits for, where it measures one.
+    /// The row that it expects next, while it measures a recording.
     replay: Option<u64>,
-    /// When the last row was taken; `None` while the node waits for a row on the grid.
+    /// When the last row was sampled; `None` while the node waits for a row on the grid.
     last_row: Option<NodeTime>,
     acquisition: Acquisition,
     windows: WindowMaker,
@@ -137,34 +138,35 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 longest_step_us: 0,
                 latest_sample_ns: 0,
                 temperature_centi_c: None,
+                dropped_frames: 0,
             },
-            pending: Pending { hello: true, refusal: None, clock: None, heartbeat: false, fed: false },
+            pending: Pending { end_mark: true, hello: true, refusal: None, clock: None, heartbeat: false, fed: false },
             transmitter: Transmitter { frame: [0; MAX_FRAME_BYTES], length: 0, sent: 0 },
         }
     }
 
-    /// Who it is.
+    /// Its identity.
     pub fn identity(&self) -> Identity {
         self.identity
     }
 
-    /// Remembers what ended the life before this one, for every greeting.
+    /// Sets the reason for the restart, for every greeting.
     pub fn report_fault(&mut self, fault: Fault) {
         self.fault = Some(fault);
     }
 
-    /// How its board is, for the next heartbeat.
+    /// Sets the state of its board, for the next heartbeat.
     pub fn report_board(&mut self, board: BoardState) {
         self.board = board;
     }
 
-    /// The raw sampling rate in µHz at which [`sample`](Self::sample) is to be called; `None` where no sensor is wanted.
+    /// The raw sampling rate in µHz at which to call [`sample`](Self::sample); `None` while it needs no sensor.
     pub fn sampling_rate_uhz(&self) -> Option<u64> {
         let plan = self.plan.as_ref().filter(|_| self.replay.is_none())?;
         Some(plan.configuration.sampling_rate_uhz)
     }
 
-    /// The time that counts: the recording's where it measures one.
+    /// The time to go by: the recording's while it measures one.
     fn time(&self, now: NodeTime) -> NodeTime {
         self.replay.map_or(now, |next| self.row_time(next.saturating_sub(1)))
     }
@@ -183,7 +185,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         };
         match message {
             Err(_) => self.damaged_frames = self.damaged_frames.saturating_add(1),
-            Ok(HostMessage::Greet) => self.pending.hello = true,
+            Ok(HostMessage::Greet) => (self.pending.end_mark, self.pending.hello) = (true, true),
             Ok(HostMessage::Configure(configuration)) => self.configure(configuration),
             Ok(HostMessage::Acknowledge(acknowledgement)) => {
                 if acknowledgement.boot == self.identity.boot {
@@ -195,7 +197,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             }
             Ok(HostMessage::Clock(request)) => self.pending.clock = Some((request, now)),
             Ok(HostMessage::SetClock(model)) => {
-                // A model may be overtaken on the line by a newer one; one from the future would keep all others out.
+                // A newer model may overtake an older one on the line; one from the future would keep all others out.
                 let is_newest = self.clock.is_none_or(|known| model.node >= known.node);
                 if is_newest && model.node <= now && self.replay.is_none() {
                     self.clock = Some(model);
@@ -214,7 +216,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             self.clock = Some(ClockModel { node: NodeTime(0), host: replay.start, drift_ppb: 0 });
             self.next_heartbeat = None;
             self.interrupt();
-            // Numbers of windows go on: the host must know from where.
+            // Windows are numbered on; the host must know from where.
             self.pending.heartbeat = true;
         }
         self.pending.hello = true;
@@ -229,7 +231,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         self.pending.hello = true;
     }
 
-    /// Takes rows of a recording, where they go on from the last.
+    /// Takes rows of a recording, if they follow the last.
     fn feed(&mut self, part: &FeedPart) {
         let (Some(next), Some(plan)) = (self.replay, &self.plan) else { return };
         self.pending.fed = true;
@@ -254,7 +256,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 let (_, ring) = self.memory.arena.split(plan.cells);
                 self.outbox.shrink(ring.len());
                 self.plan = Some(plan);
-                // The rows of a recording were for the plan before this one.
+                // A recording's rows were meant for the plan before this one.
                 self.end_replay();
                 self.next_heartbeat = None;
                 self.interrupt();
@@ -264,17 +266,17 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         }
     }
 
-    /// Drops everything measured but not yet transformed, and waits for the next row on the grid.
+    /// Drops what is measured but not yet transformed, and waits for the next row on the grid.
     fn interrupt(&mut self) {
         self.last_row = None;
         self.acquisition.restart();
         self.windows.restart();
     }
 
-    /// Takes a row of readings in m/s² that was sampled at `time`, a channel each; NaN where a reading is missing.
+    /// Takes a row of readings in m/s², one per channel, sampled at `time`; NaN for a missing reading.
     ///
-    /// Rows that stayed out are noticed by the time and count as missing. Before the node has a configuration and the
-    /// host's time, and while it measures a recording, rows are dropped.
+    /// The node notices by the time that rows never arrived, and counts them as missing. It ignores rows before it has a
+    /// configuration and the host's time, and while it measures a recording.
     pub fn sample(&mut self, time: NodeTime, readings: &[f32]) {
         if self.replay.is_none() {
             self.take(time, readings);
@@ -331,7 +333,8 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         }
     }
 
-    /// Does one step of waiting work (one channel of one segment at most). Returns whether there was any; call again then.
+    /// Does one step of the work that waits (at most one channel of one segment). Returns whether there was any; if so, call it
+    /// again.
     pub fn poll(&mut self, now: NodeTime) -> bool {
         let now = self.time(now);
         match self.next_heartbeat {
@@ -351,10 +354,11 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         self.windows.work(plan, workshop, &mut files)
     }
 
-    /// Whether [`transmit`](Self::transmit) would give bytes.
+    /// Whether [`transmit`](Self::transmit) has bytes to send.
     pub fn has_bytes(&self) -> bool {
-        let Pending { hello, refusal, clock, heartbeat, fed } = &self.pending;
+        let Pending { end_mark, hello, refusal, clock, heartbeat, fed } = &self.pending;
         self.transmitter.sent < self.transmitter.length
+            || *end_mark
             || *hello
             || *heartbeat
             || refusal.is_some()
@@ -363,7 +367,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             || (*fed && !self.windows.is_busy())
     }
 
-    /// Fills `out` with bytes to send at `now` and returns how many; never more than to the end of one frame.
+    /// Fills `out` with bytes to send at `now` and returns how many, up to the end of one frame.
     pub fn transmit(&mut self, now: NodeTime, out: &mut [u8]) -> usize {
         if self.transmitter.sent == self.transmitter.length {
             self.transmitter.sent = 0;
@@ -378,9 +382,13 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         count
     }
 
-    /// Makes the most urgent frame there is; 0 bytes where there is none.
+    /// Makes the most urgent frame that waits and returns its length, 0 if there is none.
     fn next_frame(&mut self, now: NodeTime) -> usize {
         let frame = &mut self.transmitter.frame;
+        if core::mem::take(&mut self.pending.end_mark) {
+            frame[0] = END_OF_FRAME;
+            return 1;
+        }
         let next_window = self.windows.next_number();
         let oldest_window = self.outbox.oldest_window().unwrap_or(next_window);
         let message = if let Some((request, node_received)) = self.pending.clock.take() {
@@ -425,7 +433,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             let (_, ring) = self.memory.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));
             match (self.outbox.next(ring), self.replay) {
                 (Some(part), _) => return frame::encode(part, frame).unwrap_or(0),
-                // Only now, with everything computed and sent that came of them, are more rows welcome.
+                // Only now, with everything that follows from the last rows computed and sent, it takes more.
                 (None, Some(next_row)) if self.pending.fed && !self.windows.is_busy() => {
                     self.pending.fed = false;
                     NodeMessage::Fed(Fed { next_row })

@@ -1,6 +1,6 @@
 //! The outbox: every part of every window, kept until the host acknowledges it.
 //!
-//! Messages lie in a ring of bytes that the caller owns, oldest first; a full ring loses its oldest window, and counts it.
+//! Messages lie in a ring of bytes that the caller owns, oldest first. A full ring loses its oldest window, and counts it.
 
 use belfry_shared::message::Again;
 use heapless::Deque;
@@ -36,7 +36,7 @@ impl Outbox {
         Self { entries: Deque::new(), lost_windows: 0 }
     }
 
-    /// Windows dropped for want of room.
+    /// Windows dropped because the ring was full.
     pub(crate) fn lost_windows(&self) -> u32 {
         self.lost_windows
     }
@@ -46,8 +46,8 @@ impl Outbox {
         self.entries.front().map(|entry| entry.window)
     }
 
-    /// Stores a part behind the others; drops the oldest windows where there is no room. Returns whether it was stored:
-    /// a message larger than the whole ring is not.
+    /// Stores a part behind the others; drops the oldest windows to make room. Returns whether it was stored: a message larger than
+    /// the whole ring is not.
     pub(crate) fn push(&mut self, ring: &mut [u8], window: u32, part: u16, message: &[u8]) -> bool {
         let Ok(length) = u16::try_from(message.len()) else { return false };
         if message.len() > ring.len() {
@@ -68,12 +68,12 @@ impl Outbox {
         self.entries.push_back(Entry { window, part, offset, length, pending: true }).is_ok()
     }
 
-    /// Where the next `length` bytes can lie, if anywhere.
+    /// Where the next `length` bytes fit, if anywhere.
     fn room(&self, ring: usize, length: usize) -> Option<usize> {
         let (Some(oldest), Some(newest)) = (self.entries.front(), self.entries.back()) else { return Some(0) };
         let (start, end) = (usize::from(oldest.offset), newest.end());
         if newest.offset >= oldest.offset {
-            // The used bytes are in one piece: behind it, or from the ring's beginning.
+            // The used bytes are in one piece: there may be room behind it, or from the ring's start.
             if end + length <= ring {
                 Some(end)
             } else if length < start {

@@ -8,11 +8,11 @@ use crate::outbox::MAX_PARTS;
 use crate::schedule::Schedule;
 use crate::spectrum::SUPPORTED_SEGMENTS;
 
-/// Words of memory that running averages and outbox share.
+/// Words of memory that the running averages and the outbox share.
 pub(crate) const ARENA_WORDS: usize = 6272;
-/// Bytes of a data part beside its code, at most; also of a head.
+/// Most bytes of a data part beside its code; also of a head.
 const PART_OVERHEAD_BYTES: usize = 32;
-/// Bytes of a peaks part, at most.
+/// Most bytes of a peaks part.
 const PEAKS_BYTES: usize = 96;
 
 /// A configuration that this node can run.
@@ -56,7 +56,7 @@ impl Plan {
             }
             _ => return Err(RefusalReason::Summary),
         };
-        // One message may be left unused at the ring's end.
+        // Room for one message may stay unused at the ring's end.
         let needed = 4 * cells + window_bytes + MAX_DATA_BYTES + PART_OVERHEAD_BYTES;
         if needed > 4 * ARENA_WORDS || window_parts > MAX_PARTS {
             return Err(RefusalReason::Memory { needed: needed as u32, available: 4 * ARENA_WORDS as u32 });

@@ -5,13 +5,13 @@ use belfry_shared::message::{Configuration, MAX_CHANNELS, MAX_PEAKS, Peak};
 use heapless::Vec;
 use num_complex::Complex32;
 
-/// Lines to either side that a peak must top, and that its prominence is measured against.
+/// Lines on either side that a peak must exceed, and against which its prominence is measured.
 const NEIGHBOURS: usize = 2;
 const SURROUNDINGS: usize = 16;
 /// A peak's density over the mean of its surroundings, at least.
 const PROMINENCE: f32 = 3.0;
 
-/// Counts what has been summed; the sums lie in memory that the caller owns, channel by channel.
+/// Counts the segments summed; the sums lie in memory that the caller owns, channel by channel.
 #[derive(Debug, Clone)]
 pub(crate) struct DensityAverage {
     segments: [u16; MAX_CHANNELS],
@@ -50,7 +50,7 @@ impl DensityAverage {
         }
     }
 
-    /// A channel's averaged densities, computed in place, all bands one after the other. Empty where nothing was summed.
+    /// A channel's averaged densities, computed in place, all bands one after the other. Empty if nothing was summed.
     pub(crate) fn finish<'a>(&self, configuration: &Configuration, cells: &'a mut [f32], channel: usize) -> &'a [f32] {
         let segments = self.segments(channel);
         if segments == 0 {
@@ -71,7 +71,7 @@ fn channel_cells<'a>(configuration: &Configuration, cells: &'a mut [f32], channe
 
 /// The highest peaks of one band's densities, highest first.
 ///
-/// A peak tops two lines on either side and is three times the mean of the 16 lines on either side; its frequency is the
+/// A peak exceeds two lines on either side and is three times the mean of the 16 lines on either side; its frequency is the
 /// vertex of the parabola through the logarithms of three densities (at most 0.05 lines off for a Hann window's main lobe).
 pub(crate) fn add_peaks(peaks: &mut Vec<Peak, MAX_PEAKS>, densities: &[f32], first_line: u16, spacing_hz: f32) {
     for middle in 1..densities.len().saturating_sub(1) {

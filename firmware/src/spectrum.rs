@@ -17,7 +17,7 @@ const _: () =
 ///
 /// Line `k` is `X_k sqrt(2 / (f_s sum w^2))` with the periodic Hann window `w`, so that its squared magnitude is the
 /// one-sided power spectral density; the factor 2 is wrong for line 0, which also holds the Nyquist line (in its
-/// imaginary part) and is never sent. For other lengths there are no lines.
+/// imaginary part) and is never sent. Other lengths give no lines.
 pub(crate) fn transform(buffer: &mut [f32], sampling_rate_hz: f32) -> &mut [Complex32] {
     let line = straight_line(buffer);
     // The sum over a periodic Hann window's squares is 3 N / 8 (Harris 1978, table 1); `real_fft` gives twice the lines.
@@ -26,8 +26,8 @@ pub(crate) fn transform(buffer: &mut [f32], sampling_rate_hz: f32) -> &mut [Comp
     real_fft(buffer)
 }
 
-/// One segment's power, added to `sums` (a line each): what a node does with every segment of an averaged density. For counting
-/// instructions, as others count theirs.
+/// Adds one segment's power to `sums`, line by line: what a node does with every segment of an averaged density. It is public so
+/// that its instructions can be counted and compared with those of other libraries.
 #[doc(hidden)]
 pub fn welch_segment(samples: &mut [f32], sampling_rate_hz: f32, sums: &mut [f32]) {
     add_power(sums, transform(samples, sampling_rate_hz));

@@ -17,7 +17,7 @@ use crate::psd::{DensityAverage, add_peaks};
 use crate::schedule::{SampleMoment, WindowSpan};
 use crate::spectrum::{LONGEST_SEGMENT, decimated_rate_hz, transform};
 
-/// Complete segments that can wait for their transform.
+/// Most complete segments that wait for their transform.
 const MAX_WAITING: usize = 4;
 
 /// Running averages and the outbox's bytes, in one piece of memory.
@@ -42,7 +42,7 @@ struct CompleteSegment {
     drift_ppb: i32,
 }
 
-/// A window that is being made, of its first segment.
+/// A window in the making, with its first segment.
 #[derive(Debug, Clone)]
 struct OpenWindow {
     first: CompleteSegment,
@@ -66,12 +66,12 @@ pub(crate) struct WindowMaker {
     next_number: u32,
 }
 
-/// What segments are made of and in.
+/// What segments are made of, and where.
 pub(crate) struct Workshop<'a> {
     pub(crate) acquisition: &'a mut Acquisition,
     pub(crate) rings: &'a Rings,
     pub(crate) segment: &'a mut [f32; LONGEST_SEGMENT],
-    /// Of running averages.
+    /// The running averages.
     pub(crate) cells: &'a mut [f32],
 }
 
@@ -85,7 +85,7 @@ pub(crate) struct Files<'a> {
 impl Files<'_> {
     fn store(&mut self, part: u16, message: &NodeMessage<'_>) {
         let mut buffer = [0; MAX_MESSAGE_BYTES];
-        // Parts are cut to fit; should one not, the head's count of parts tells the host, which asks and gives up.
+        // Parts are cut to fit. Should one not fit, the host misses it by the head's count of parts, asks for it, and gives up.
         if let Ok(bytes) = postcard::to_slice(message, &mut buffer) {
             self.outbox.push(self.ring, self.name.number, part, bytes);
         }
@@ -105,7 +105,7 @@ impl WindowMaker {
         next_number: 0,
     };
 
-    /// Drops what is being made; numbers go on.
+    /// Drops windows in the making; numbers go on.
     pub(crate) fn restart(&mut self) {
         self.upcoming = None;
         self.last_started = None;
@@ -126,12 +126,12 @@ impl WindowMaker {
         !self.waiting.is_empty()
     }
 
-    /// To be called when the host has set the clock: the grid may have moved.
+    /// Call this when the host has set the clock: the grid may have moved.
     pub(crate) fn reschedule(&mut self) {
         self.upcoming = None;
     }
 
-    /// To be called for every new decimated sample: starts windows and lines up the segments that are complete with it.
+    /// Call this for every new decimated sample: it starts windows and queues the segments that the sample completes.
     pub(crate) fn on_sample(&mut self, plan: &Plan, clock: &ClockModel, moment: SampleMoment) {
         if let Some(started) = self.started.front()
             && moment.index + 1 >= started.start + plan.segment() as u64
@@ -140,7 +140,7 @@ impl WindowMaker {
         {
             // Only now, with what the host has measured of the clock meanwhile.
             let middle_offset_us = plan.schedule.middle_offset_us(clock, moment, &span, plan.segment());
-            // Cannot fail: there is room. A segment that waits for room may be gone when its turn comes, and then says so.
+            // Cannot fail: there is room. A segment that had to wait for it may be overwritten by its turn, and then says so.
             let _ = self.waiting.push_back(CompleteSegment { span, middle_offset_us, drift_ppb: clock.drift_ppb });
         }
         let upcoming = self.upcoming.unwrap_or_else(|| {
@@ -156,7 +156,7 @@ impl WindowMaker {
         if moment.index < upcoming.start || self.started.is_full() {
             return;
         }
-        // Only now, with a sample from the same moment, is the start's time known to the µs, whatever the crystal does.
+        // Only now, with a sample from that moment, is the start known to the µs, whatever the crystal does.
         let span = plan.schedule.window(clock, moment, upcoming.grid_index);
         if span.start > moment.index {
             self.upcoming = Some(span);
@@ -168,7 +168,7 @@ impl WindowMaker {
         let _ = self.started.push_back(span);
     }
 
-    /// Does one step of waiting work: one channel of one segment. Returns whether there was any.
+    /// Does one step of the work that waits: one channel of one segment. Returns whether there was any.
     pub(crate) fn work(&mut self, plan: &Plan, workshop: Workshop<'_>, files: &mut Files<'_>) -> bool {
         let Workshop { acquisition, rings, segment, cells } = workshop;
         let Some(&complete) = self.waiting.front() else { return false };
@@ -198,7 +198,7 @@ impl WindowMaker {
                 }
             }
             Some(known) => *known = state,
-            // Cannot fail: a plan has no more channels than this has room for.
+            // Cannot fail: a plan has no more channels than fit here.
             None => drop(open.states.push(state)),
         }
         self.channel += 1;
@@ -253,7 +253,7 @@ fn file_lines(plan: &Plan, files: &mut Files<'_>, channel: usize, lines: &[Compl
             let Some(code) = code.get_mut(..encoded_bytes(lines.len(), bits)) else { continue };
             *parts += 1;
             if encode_lines(lines, bits, code).is_err() {
-                // Not finite: cannot be, readings are checked; the host would ask for the part and give up.
+                // Lines are finite, since readings are checked. Otherwise the host would ask for the part and give up.
                 continue;
             }
             let part = LinesPart {

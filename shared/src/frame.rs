@@ -1,15 +1,18 @@
 //! Frames: a payload, made safe to find and to trust on a byte stream.
 //!
 //! A frame on the line is `COBS(version, message, CRC-32) 0x00`. COBS (Cheshire & Baker 1999) takes every zero out of the
-//! body, so that a zero always ends a frame and a receiver that joins late, or lost bytes, is back in step at the next
-//! zero. The CRC is CRC-32/ISO-HDLC (Ethernet's) over version and message, little endian. The version stands outside
-//! the message, so that a peer of another version is recognised whatever its messages look like.
+//! body, so that a zero always ends a frame. A receiver that joins late, or has lost bytes, is back in step at the next zero. The
+//! CRC is CRC-32/ISO-HDLC (Ethernet's) over version and message, little endian. The version stands outside the message, so that
+//! each end recognises a peer of another version whatever its messages look like.
+//!
+//! Both ends send an empty frame, a lone zero, when a conversation begins. It ends a frame that an earlier conversation left
+//! unfinished, or noise on the line, which would otherwise spoil the first message.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 use thiserror::Error;
 
 /// The version of framing and messages.
-pub const PROTOCOL_VERSION: u8 = 3;
+pub const PROTOCOL_VERSION: u8 = 4;
 /// Longest message in a frame, in bytes.
 pub const MAX_MESSAGE_BYTES: usize = 512;
 /// Version byte and CRC.
@@ -33,16 +36,16 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FrameError {
-    /// The body is no COBS code: bytes were lost or changed.
+    /// The body is not valid COBS: bytes were lost or changed.
     #[error("the frame's byte stuffing is broken")]
     Stuffing,
-    /// More bytes than any frame has came without an end mark.
+    /// More bytes came without an end mark than any frame has.
     #[error("the frame is longer than {MAX_FRAME_BYTES} bytes")]
     TooLong,
-    /// Fewer bytes than the envelope has.
+    /// The frame has fewer bytes than its envelope needs.
     #[error("the frame is too short to be one")]
     TooShort,
-    /// The check sum does not fit: bytes were changed.
+    /// The check sum does not match: bytes were changed.
     #[error("the frame's check sum is wrong")]
     Checksum,
     /// The peer speaks another version (its check sum is right).
@@ -51,7 +54,7 @@ pub enum FrameError {
         /// The version found.
         found: u8,
     },
-    /// The check sum is right but the message is none of this version's.
+    /// The check sum is right, but the message is not one of this version's.
     #[error("the frame's message cannot be read")]
     Message,
 }
@@ -88,7 +91,7 @@ impl FrameDecoder {
 
     /// Takes a byte; at the end of a frame returns its message, or why there is none.
     ///
-    /// Empty frames (two end marks in a row) are passed over, so that a sender may put an end mark in front to flush noise.
+    /// It skips empty frames (two end marks in a row), so a sender may start with an end mark to flush noise.
     pub fn push(&mut self, byte: u8) -> Option<Result<&[u8], FrameError>> {
         if byte != END_OF_FRAME {
             match self.buffer.get_mut(self.length) {
@@ -148,12 +151,12 @@ mod tests {
 
     #[test]
     fn golden_frame() {
-        // Version 3, message 11 00 22, CRC-32 of 03 11 00 22 little endian; COBS codes 03 and 06 in place of the zeros.
-        let checksum = crc32(&[3, 0x11, 0, 0x22]).to_le_bytes();
-        let mut expected = std::vec![3, 3, 0x11, 6, 0x22];
+        // Version 4, message 11 00 22, CRC-32 of 04 11 00 22 little endian; COBS codes 03 and 06 in place of the zeros.
+        let checksum = crc32(&[4, 0x11, 0, 0x22]).to_le_bytes();
+        let mut expected = std::vec![3, 4, 0x11, 6, 0x22];
         expected.extend_from_slice(&checksum);
         expected.push(0);
-        assert_eq!(checksum, [0x51, 0xF8, 0x75, 0xFB]);
+        assert_eq!(checksum, [0xE8, 0xC0, 0xA2, 0x66]);
         assert_eq!(framed(&[0x11, 0, 0x22]), expected);
     }
 

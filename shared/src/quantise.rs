@@ -5,7 +5,7 @@
 //! `F / (2 q)`; `F` is at most 2^(1/4) (19 %) above the block's largest component. The scale byte `s` means
 //! `F = 2^((s - 192) / 4)`, from 3.6e-15 to 55 000 m/s²/√Hz; `s = 0` means that the whole block is zero.
 //!
-//! *Power spectral densities* go as one byte a line on a logarithmic scale: byte `c` means `2^(base + c / 8)`, an error of
+//! *Power spectral densities* go as one byte per line on a logarithmic scale: byte `c` means `2^(base + c / 8)`, an error of
 //! at most 4.5 % (0.19 dB) over a range of 95 dB above the part's `base`; `c = 0` means "below that".
 
 use num_complex::Complex32;
@@ -19,11 +19,11 @@ pub const MIN_BITS: u8 = 3;
 pub const MAX_BITS: u8 = 16;
 /// Scale byte of 0 dB (full scale 1).
 const SCALE_OF_ONE: i32 = 192;
-/// Scale steps an octave.
+/// Scale steps per octave.
 const SCALE_STEPS: i32 = 4;
 /// 2^(step/4) for one octave.
 const QUARTER_OCTAVES: [f32; SCALE_STEPS as usize] = [1.0, 1.189_207_1, core::f32::consts::SQRT_2, 1.681_792_8];
-/// Steps an octave of the logarithmic density code.
+/// Steps per octave of the logarithmic density code.
 const DENSITY_STEPS: f32 = 8.0;
 
 /// Why lines or densities could not be coded or read.
@@ -33,7 +33,7 @@ pub enum QuantiseError {
     /// The bits per component are outside [`MIN_BITS`] to [`MAX_BITS`].
     #[error("{0} bits a component; {MIN_BITS} to {MAX_BITS} are possible")]
     Bits(u8),
-    /// The output has not the length the code or the lines need.
+    /// The output does not have the length that the code or the lines need.
     #[error("the buffer has {found} places, the data need {needed}")]
     Length {
         /// Places there are.
@@ -46,7 +46,7 @@ pub enum QuantiseError {
     NotFinite,
 }
 
-/// Bytes that `lines` complex lines take at `bits` bits a component.
+/// Bytes that `lines` complex lines take at `bits` bits per component.
 pub const fn encoded_bytes(lines: usize, bits: u8) -> usize {
     lines.div_ceil(BLOCK_LINES) + (lines * 2 * bits as usize).div_ceil(8)
 }

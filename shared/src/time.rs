@@ -7,7 +7,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// Host time in microseconds since the host's epoch (the Unix epoch on a live host, the recording's epoch when a
-/// recording is played).
+/// recording is replayed).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HostTime(pub i64);
@@ -18,7 +18,7 @@ pub struct HostTime(pub i64);
 pub struct NodeTime(pub u64);
 
 impl NodeTime {
-    /// Microseconds from `earlier` to `self`; negative where `earlier` is the later one.
+    /// Microseconds from `earlier` to `self`; negative if `earlier` is in fact later.
     pub fn since(self, earlier: Self) -> i64 {
         self.0.wrapping_sub(earlier.0) as i64
     }
@@ -37,7 +37,7 @@ pub struct ClockModel {
     pub node: NodeTime,
     /// The same moment on the host's clock.
     pub host: HostTime,
-    /// How much faster the host's clock runs than the node's, in parts per thousand million.
+    /// How much faster the host's clock runs than the node's, in parts per billion (10⁹).
     pub drift_ppb: i32,
 }
 
@@ -57,7 +57,7 @@ impl ClockModel {
 pub struct WindowGrid {
     /// Raw sampling rate in µHz.
     pub sampling_rate_uhz: u64,
-    /// Raw samples a hop.
+    /// Raw samples per hop.
     pub hop_samples: u64,
 }
 

@@ -39,6 +39,20 @@ pub fn belfry_command() -> Command {
     Command::new(&*PROGRAM)
 }
 
+/// A line as a user types it into a shell, with this workspace's `belfry` in front on the path.
+///
+/// # Panics
+/// As [`belfry_command`].
+pub fn shell(line: &str) -> Command {
+    let belfry = belfry_command();
+    let mut folders: Vec<PathBuf> =
+        Path::new(belfry.get_program()).parent().map(Path::to_path_buf).into_iter().collect();
+    folders.extend(env::split_paths(&env::var_os("PATH").unwrap_or_default()));
+    let mut command = Command::new("sh");
+    command.args(["-e", "-c", line]).env("PATH", env::join_paths(folders).expect("the path was one before"));
+    command
+}
+
 /// Builds the program into the folder that this program runs from and returns its path.
 fn build() -> PathBuf {
     // <target folder>/<profile>/deps/<test>, or <target folder>/<profile>/studies

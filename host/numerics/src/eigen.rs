@@ -10,23 +10,24 @@ fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
     MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
 }
 
-fn from_solver(matrix: MatRef<'_, f64>) -> DMatrix<f64> {
-    DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| matrix[(row, column)])
+fn from_solver<T: nalgebra::Scalar>(matrix: MatRef<'_, T>) -> DMatrix<T> {
+    DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| matrix[(row, column)].clone())
 }
 
-/// Eigenvalues, ascending, and orthonormal eigenvectors (columns) of a symmetric matrix, of which the lower triangle is read;
-/// `None` where the iteration does not converge.
-pub fn symmetric_eigen(matrix: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64>)> {
-    let eigen = SelfAdjointEigen::new(view(matrix), Side::Lower).ok()?;
-    Some((eigen.S().column_vector().iter().copied().collect(), from_solver(eigen.U())))
+/// Eigenvalues and their eigenvectors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EigenPairs<T> {
+    /// The values.
+    pub values: Vec<T>,
+    /// The vectors, a column a value.
+    pub vectors: DMatrix<T>,
 }
 
-/// Eigenvalues and eigenvectors (columns) of a square matrix; `None` where the iteration does not converge.
-pub fn general_eigen(matrix: &DMatrix<f64>) -> Option<(Vec<Complex<f64>>, DMatrix<Complex<f64>>)> {
+/// Eigenvalues and eigenvectors of a square matrix; `None` where the iteration does not converge.
+pub fn general_eigen(matrix: &DMatrix<f64>) -> Option<EigenPairs<Complex<f64>>> {
     let eigen = Eigen::new_from_real(view(matrix)).ok()?;
-    let (values, vectors) = (eigen.S().column_vector(), eigen.U());
-    let vectors = DMatrix::from_fn(vectors.nrows(), vectors.ncols(), |row, column| vectors[(row, column)]);
-    Some((values.iter().copied().collect(), vectors))
+    let values = eigen.S().column_vector().iter().copied().collect();
+    Some(EigenPairs { values, vectors: from_solver(eigen.U()) })
 }
 
 /// The lower Cholesky factor L of a symmetric positive definite matrix.
@@ -46,7 +47,7 @@ impl CholeskyFactor {
 
     /// Solves `other x = value (L Lᵀ) x`: values, ascending, and vectors with `xᵀ L Lᵀ x = 1` (Golub and Van Loan, "Matrix
     /// Computations", section 8.7); `None` where the iteration does not converge.
-    pub fn generalised_eigen(&self, other: &DMatrix<f64>) -> Option<(Vec<f64>, DMatrix<f64>)> {
+    pub fn generalised_eigen(&self, other: &DMatrix<f64>) -> Option<EigenPairs<f64>> {
         let mut half = view(other).to_owned();
         solve_lower_triangular_in_place(self.0.L(), half.as_mut(), Par::Seq);
         let mut whole = half.transpose().to_owned();
@@ -56,7 +57,8 @@ impl CholeskyFactor {
         let eigen = SelfAdjointEigen::new(symmetric.as_ref(), Side::Lower).ok()?;
         let mut vectors = eigen.U().to_owned();
         solve_upper_triangular_in_place(self.0.L().transpose(), vectors.as_mut(), Par::Seq);
-        Some((eigen.S().column_vector().iter().copied().collect(), from_solver(vectors.as_ref())))
+        let values = eigen.S().column_vector().iter().copied().collect();
+        Some(EigenPairs { values, vectors: from_solver(vectors.as_ref()) })
     }
 }
 
@@ -64,20 +66,12 @@ impl CholeskyFactor {
 mod tests {
     use nalgebra::{Complex, DMatrix};
 
-    use super::{CholeskyFactor, general_eigen, symmetric_eigen};
-
-    #[test]
-    fn two_equal_masses_between_three_equal_springs_move_together_and_apart() {
-        let stiffness = DMatrix::from_row_slice(2, 2, &[2.0, -1.0, -1.0, 2.0]);
-        let (values, vectors) = symmetric_eigen(&stiffness).unwrap();
-        assert!((values[0] - 1.0).abs() < 1e-14 && (values[1] - 3.0).abs() < 1e-14);
-        assert!((vectors[(0, 0)] - vectors[(1, 0)]).abs() < 1e-14, "together: {vectors}");
-        assert!((vectors[(0, 1)] + vectors[(1, 1)]).abs() < 1e-14, "apart: {vectors}");
-    }
+    use super::{CholeskyFactor, EigenPairs, general_eigen};
 
     #[test]
     fn a_rotation_turns_with_conjugate_values() {
-        let (values, vectors) = general_eigen(&DMatrix::from_row_slice(2, 2, &[0.0, -2.0, 2.0, 0.0])).unwrap();
+        let EigenPairs { values, vectors } =
+            general_eigen(&DMatrix::from_row_slice(2, 2, &[0.0, -2.0, 2.0, 0.0])).unwrap();
         let turn = DMatrix::from_row_slice(2, 2, &[0.0, -2.0, 2.0, 0.0]).map(Complex::from);
         for (column, value) in values.iter().enumerate() {
             assert!(value.re.abs() < 1e-14 && (value.im.abs() - 2.0).abs() < 1e-14);
@@ -87,10 +81,21 @@ mod tests {
     }
 
     #[test]
+    fn two_equal_masses_between_three_equal_springs_move_together_and_apart() {
+        let stiffness = DMatrix::from_row_slice(2, 2, &[2.0, -1.0, -1.0, 2.0]);
+        let mass = CholeskyFactor::of(&DMatrix::identity(2, 2), 1e-13).unwrap();
+        let EigenPairs { values, vectors } = mass.generalised_eigen(&stiffness).unwrap();
+        assert!((values[0] - 1.0).abs() < 1e-14 && (values[1] - 3.0).abs() < 1e-14);
+        assert!((vectors[(0, 0)] - vectors[(1, 0)]).abs() < 1e-14, "together: {vectors}");
+        assert!((vectors[(0, 1)] + vectors[(1, 1)]).abs() < 1e-14, "apart: {vectors}");
+    }
+
+    #[test]
     fn a_generalised_problem_is_solved_in_the_metric_of_its_factor() {
         let (metric, other) =
             (DMatrix::from_diagonal_element(3, 3, 4.0), DMatrix::from_fn(3, 3, |i, j| 1.0 / (i + j + 1) as f64));
-        let (values, vectors) = CholeskyFactor::of(&metric, 1e-13).unwrap().generalised_eigen(&other).unwrap();
+        let EigenPairs { values, vectors } =
+            CholeskyFactor::of(&metric, 1e-13).unwrap().generalised_eigen(&other).unwrap();
         for (column, value) in values.iter().enumerate() {
             let x = vectors.column(column);
             assert!((&other * x - &metric * x * *value).norm() < 1e-14);

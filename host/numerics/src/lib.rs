@@ -6,5 +6,5 @@
 mod eigen;
 mod fourier;
 
-pub use eigen::{CholeskyFactor, general_eigen, symmetric_eigen};
+pub use eigen::{CholeskyFactor, EigenPairs, general_eigen};
 pub use fourier::{ForwardTransform, InverseTransform, forward_transform, inverse_transform};

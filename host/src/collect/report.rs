@@ -46,6 +46,8 @@ pub struct PortReport {
     pub foreign_windows: u64,
     /// Samples that the node has lost since it started.
     pub lost_rows: u32,
+    /// Messages to the node that came faster than it could take them.
+    pub dropped_frames: u32,
     /// Frames that came damaged.
     pub damaged_frames: u64,
     /// Bytes that came.
@@ -130,6 +132,7 @@ impl PortReport {
             lost_windows: status.statistics.lost_windows,
             foreign_windows: status.statistics.foreign_windows,
             lost_rows: heartbeat.map_or(0, |heartbeat| heartbeat.lost_rows),
+            dropped_frames: heartbeat.map_or(0, |heartbeat| heartbeat.board.dropped_frames),
             damaged_frames: status.statistics.damaged_frames,
             bytes_received: status.statistics.bytes_received,
             clock_drift_ppm: status.drift_ppm,

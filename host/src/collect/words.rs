@@ -62,6 +62,9 @@ impl Words {
             if heartbeat.lost_rows > 0 {
                 words += &format!("; {} samples lost", heartbeat.lost_rows);
             }
+            if heartbeat.board.dropped_frames > 0 {
+                words += &format!("; the node dropped {} of our messages", heartbeat.board.dropped_frames);
+            }
         }
         if status.statistics.foreign_windows > 0 {
             words += &format!("; {} windows of another study dropped", status.statistics.foreign_windows);

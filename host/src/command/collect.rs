@@ -40,7 +40,7 @@ With --json every event is one line, a JSON object with `event`, `time`, `port` 
   lost    so many `windows` no longer exist anywhere
   end     the last line: totals of the archive and of each port";
 
-/// Collect windows from nodes into the study's archive, until stopped
+/// Collect measurements from nodes until stopped
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

@@ -19,7 +19,7 @@ Modes are paired by shape and frequency together. z is the frequency's error in 
 
 Writes comparison.json and comparison.svg into `results`.";
 
-/// Hold the model against the measurement: where it fails, by mode, sensor and height
+/// Compare the model with the measured modes: where it fails
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

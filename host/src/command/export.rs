@@ -27,7 +27,7 @@ const EXAMPLES: &str = "Examples:
 
 Modes are those that `belfry identify` found; spectra are measured anew. Files go into the study's folder `results/export`: modes.uff, modes.csv, modes.json, psd.parquet, lines.parquet. Columns are named with their units.";
 
-/// Write modes as UFF 55, CSV and JSON, or spectra and spectral lines as Parquet
+/// Write modes as UFF 55, CSV and JSON, or spectra as Parquet
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

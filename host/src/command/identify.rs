@@ -26,7 +26,7 @@ Modes are picked automatically. In [analysis] of study.toml, add_modes_hz and dr
 
 Writes modes.json, singular_values.svg and mode_shapes.svg (with --every also trends.csv and trends.svg) into the study's folder `results`.";
 
-/// Find the modes: frequency, damping and shape, each with its standard deviation
+/// Find the modes: frequency, damping and shape, with standard deviations
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

@@ -15,7 +15,7 @@ use crate::link::{GreetingError, who_is_there, with_cause};
 /// How long a port is asked.
 const PATIENCE: Duration = Duration::from_millis(1500);
 
-/// List serial ports, and the nodes that answer on them
+/// List serial ports and the nodes that answer on them
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -30,7 +30,7 @@ use crate::study::{Setup, Study};
 use crate::window::{ChannelData, NodeWindow, channels_by_node, node_configuration};
 use progress::FeedingProgress;
 
-/// Feed a recording to nodes on serial ports, and check what they make of it
+/// Play a recording through real nodes and check their results
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

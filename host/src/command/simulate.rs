@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
 
 The structure is clamped at its base unless an effect frees it. White noise loads it at all nodes; the top of the Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json holds what identification should find. Interrupted, the command leaves no unfinished recording behind.";
 
-/// Make recordings of a structure with effects that the study's model does not know
+/// Simulate recordings of a structure with effects that the model lacks
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

@@ -95,7 +95,9 @@ fn width() -> Option<u16> {
 /// with a command to be typed.
 pub(super) fn wrapped(text: &str) -> String {
     match width() {
-        Some(width) => text.split('\n').map(|line| wrapped_line(line, usize::from(width))).collect::<Vec<_>>().join("\n"),
+        Some(width) => {
+            text.split('\n').map(|line| wrapped_line(line, usize::from(width))).collect::<Vec<_>>().join("\n")
+        }
         None => text.to_owned(),
     }
 }

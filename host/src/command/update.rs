@@ -21,7 +21,7 @@ K* = K + M Phi1 Psi Phi1ᵀ M (Lei, Wang, Shen 2012, eqs. 8 to 14) meets the use
 
 Writes update.json, stiffness_updated.mtx (and .npy) and mass.mtx into `results`, for a beam table also nodes.csv: together they are a model for [model] matrices.";
 
-/// Update the stiffness matrix directly (Psi), as the paper does
+/// Update the model's stiffness matrix directly (Psi)
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

@@ -381,6 +381,10 @@ fn effects_that_are_one_and_the_same_are_refused_together() {
     let setting = steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
     let error = setting.refit("add", &both).err().map(|error| error.to_string()).unwrap();
     assert!(error.contains("stiffness-scale and mass-scale cannot both be fitted"), "{error}");
+    let twice = effects(&["added-mass@443.6m=1e5", "added-mass@443.6m=2e5"]);
+    let error = setting.refit("add", &twice).err().map(|error| error.to_string()).unwrap();
+    assert!(error.starts_with("added-mass@443.6m is in the model already"), "{error}");
+    assert!(error.contains("give it another place, or take the first one out with `belfry remove`"), "{error}");
     let two: Vec<MeasuredMode> =
         modes.iter().take(2).map(|mode| MeasuredMode { shape: None, ..mode.clone() }).collect();
     let setting = steps::Setting { measured: &two, sensors: &[], ..setting };

@@ -6,7 +6,7 @@
 
 use std::f64::consts::TAU;
 
-use belfry_numerics::general_eigen;
+use belfry_numerics::{EigenPairs, general_eigen};
 use nalgebra::{Complex, DMatrix, DVector};
 
 use super::eigen::{EigenError, ModalBasis, Modes};
@@ -76,7 +76,8 @@ impl DampedModes {
                 state[(mixed + a, mixed + b)] = -damping[(a, b)] / unit;
             }
         }
-        let (values, vectors) = general_eigen(&state).ok_or(EigenError::NotConverged { dofs: 2 * mixed })?;
+        let EigenPairs { values, vectors } =
+            general_eigen(&state).ok_or(EigenError::NotConverged { dofs: 2 * mixed })?;
         let poles: Vec<Complex<f64>> = values.iter().map(|value| *value * unit).collect();
         let vectors = vectors.rows(0, mixed).into_owned();
         let norms = poles.iter().zip(vectors.column_iter()).map(|(pole, q)| {

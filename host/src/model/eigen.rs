@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use belfry_numerics::CholeskyFactor;
+use belfry_numerics::{CholeskyFactor, EigenPairs};
 use nalgebra::DMatrix;
 use thiserror::Error;
 
@@ -109,10 +109,10 @@ impl ModalBasis {
         let not_converged = || EigenError::NotConverged { dofs: stiffness.nrows() };
         let Some(factor) = CholeskyFactor::of(stiffness, NEGLIGIBLE) else {
             let factor = CholeskyFactor::of(mass, NEGLIGIBLE).ok_or(EigenError::NotDefinite)?;
-            let lambda = least(&factor.generalised_eigen(stiffness).ok_or_else(not_converged)?.0);
+            let lambda = least(&factor.generalised_eigen(stiffness).ok_or_else(not_converged)?.values);
             return Err(EigenError::Unsupported { lambda });
         };
-        let (ascending, vectors) = factor.generalised_eigen(mass).ok_or_else(not_converged)?;
+        let EigenPairs { values: ascending, vectors } = factor.generalised_eigen(mass).ok_or_else(not_converged)?;
         let greatest = ascending.iter().fold(0.0, |most: f64, mu| most.max(mu.abs()));
         if greatest == 0.0 {
             return Err(EigenError::Massless);

@@ -169,7 +169,7 @@ fn named(head: &str, sensors: &[Sensor]) -> Result<(&'static dyn EffectKind, Opt
             return Ok((kind, None));
         }
     }
-    Ok(effect::named_in_study(head, sensors)?)
+    effect::named_in_study(head, sensors)
 }
 
 /// Whether the effect has a place there, at a value that does nothing.

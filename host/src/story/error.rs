@@ -23,43 +23,43 @@ use crate::update::UpdateError;
 pub enum StoryError {
     /// `study.toml`.
     #[error(transparent)]
-    Study(#[from] StudyError),
+    Study(Box<StudyError>),
     /// The study's model.
     #[error(transparent)]
-    Model(#[from] ModelError),
+    Model(Box<ModelError>),
     /// The file of measured modes.
     #[error(transparent)]
-    Measured(#[from] MeasuredError),
+    Measured(Box<MeasuredError>),
     /// The model as the sensors see it.
     #[error(transparent)]
-    View(#[from] ViewError),
+    View(Box<ViewError>),
     /// An effect that the structure cannot have, or that does not exist.
     #[error(transparent)]
-    Effect(#[from] EffectError),
+    Effect(Box<EffectError>),
     /// The recordings.
     #[error(transparent)]
-    Measure(#[from] MeasureError),
+    Measure(Box<MeasureError>),
     /// Identification.
     #[error(transparent)]
-    Identify(#[from] IdentifyError),
+    Identify(Box<IdentifyError>),
     /// The update.
     #[error(transparent)]
-    Update(#[from] UpdateError),
+    Update(Box<UpdateError>),
     /// Channels that cannot be predicted.
     #[error(transparent)]
-    Covalidate(#[from] CovalidateError),
+    Covalidate(Box<CovalidateError>),
     /// Sensors that cannot tell the modes apart.
     #[error(transparent)]
-    Predict(#[from] PredictError),
+    Predict(Box<PredictError>),
     /// The diagnosis, or the fit of effects.
     #[error(transparent)]
-    Diagnose(#[from] DiagnoseError),
+    Diagnose(Box<DiagnoseError>),
     /// A picture.
     #[error(transparent)]
-    Picture(#[from] PictureError),
+    Picture(Box<PictureError>),
     /// The folder of results.
     #[error(transparent)]
-    Results(#[from] ResultsError),
+    Results(Box<ResultsError>),
     /// Identification found no modes.
     #[error("no modes were found from {:.4} to {:.4} Hz: {reason} The spectra are drawn in {}", band_hz[0], band_hz[1], picture.display())]
     NoModes {
@@ -156,6 +156,33 @@ pub enum StoryError {
         /// The study's folder.
         study: PathBuf,
     },
+}
+
+/// What a part says is large, and every step returns it: it is passed on in a box.
+macro_rules! passes_on {
+    ($($variant:ident($error:ty)),* $(,)?) => {$(
+        impl From<$error> for StoryError {
+            fn from(error: $error) -> Self {
+                Self::$variant(Box::new(error))
+            }
+        }
+    )*};
+}
+
+passes_on! {
+    Study(StudyError),
+    Model(ModelError),
+    Measured(MeasuredError),
+    View(ViewError),
+    Effect(EffectError),
+    Measure(MeasureError),
+    Identify(IdentifyError),
+    Update(UpdateError),
+    Covalidate(CovalidateError),
+    Predict(PredictError),
+    Diagnose(DiagnoseError),
+    Picture(PictureError),
+    Results(ResultsError),
 }
 
 /// Why channels cannot be predicted.

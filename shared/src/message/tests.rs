@@ -1,6 +1,8 @@
 //! Golden bytes and round trips of every message.
 
 use super::*;
+use crate::time::{HostTime, NodeTime};
+use heapless::{String, Vec};
 use proptest::prelude::*;
 use std::string::String as StdString;
 use std::vec::Vec as StdVec;
@@ -67,9 +69,10 @@ fn golden_node_messages() {
             longest_step_us: 4,
             latest_sample_ns: 400,
             temperature_centi_c: Some(-1),
+            dropped_frames: 5,
         },
     };
-    let golden = "03 03 87 e0 02 ad 02 ab 02 00 01 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 90 03 01 01";
+    let golden = "03 03 87 e0 02 ad 02 ab 02 00 01 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 90 03 01 01 05";
     assert_eq!(hex(&NodeMessage::Heartbeat(heartbeat)), golden);
     let head = WindowHead {
         name: NAME,
@@ -178,13 +181,16 @@ fn sensor_state() -> impl Strategy<Value = SensorState> {
 }
 
 fn board() -> impl Strategy<Value = BoardState> {
-    any::<(u32, u32, u32, u32, Option<i16>)>().prop_map(
-        |(stack_bytes, stack_free_bytes, longest_step_us, latest_sample_ns, temperature_centi_c)| BoardState {
-            stack_bytes,
-            stack_free_bytes,
-            longest_step_us,
-            latest_sample_ns,
-            temperature_centi_c,
+    any::<(u32, u32, u32, u32, Option<i16>, u32)>().prop_map(
+        |(stack_bytes, stack_free_bytes, longest_step_us, latest_sample_ns, temperature_centi_c, dropped_frames)| {
+            BoardState {
+                stack_bytes,
+                stack_free_bytes,
+                longest_step_us,
+                latest_sample_ns,
+                temperature_centi_c,
+                dropped_frames,
+            }
         },
     )
 }

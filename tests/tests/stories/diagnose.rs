@@ -133,7 +133,7 @@ fn a_new_measurement_begins_anew_and_contradictions_can_be_removed() {
     let place = hidden(folder.path(), "added-mass@300m=4e6");
     let first = json(&["add", &place, "added-mass"]);
     assert!(number(&first["step"]["log_bayes_factor"]) > 3.0, "{}", first["step"]);
-    let again = ["simulate", &place, "--effect", "sensor-gain@ch13=1.4", "--hours", "6", "--seed", "4", "--force"];
+    let again = ["simulate", &place, "--effect", "sensor-gain@13=1.4", "--hours", "6", "--seed", "4", "--force"];
     belfry_command().args(again).assert().success();
     belfry_command().args(["identify", &place, "--direct"]).assert().success();
     let second = json(&["add", &place, "sensor-gain@ch13"]);
@@ -285,4 +285,5 @@ fn the_catalogue_is_listed_and_explained() {
     let text = belfry_command().args(["effects", "base-rotation"]).assert().success().get_output().stdout.clone();
     let text = String::from_utf8(text).unwrap();
     assert!(text.contains("rad/(N m)") && text.contains("Looks like base-translation"), "{text}");
+    assert!(text.contains("base-rotation=flexibility_x=7e-15,flexibility_y=9e-15"), "how two values are typed: {text}");
 }

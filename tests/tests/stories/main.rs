@@ -8,6 +8,7 @@ mod blind;
 mod collect;
 mod demo;
 mod diagnose;
+mod documents;
 mod hardware;
 mod identify;
 mod init;

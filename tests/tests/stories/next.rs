@@ -1,18 +1,8 @@
 //! A user types what the commands say comes next: every such line can be run as it stands.
 
 use std::collections::{BTreeSet, VecDeque};
-use std::path::Path;
-use std::process::{Command, Output};
 
-use belfry_tests::belfry_command;
-
-/// Runs a line as a user types it into a shell.
-fn shell(line: &str) -> Output {
-    let belfry = belfry_command();
-    let folder = Path::new(belfry.get_program()).parent().unwrap();
-    let path = std::env::var("PATH").unwrap_or_default();
-    Command::new("sh").args(["-c", line]).env("PATH", format!("{}:{path}", folder.display())).output().unwrap()
-}
+use belfry_tests::shell;
 
 /// The lines below "Next:" in what a command prints.
 fn next_lines(said: &str) -> Vec<String> {
@@ -40,14 +30,14 @@ fn every_line_that_comes_next_can_be_run() {
         if !typed.insert(line.clone()) {
             continue;
         }
-        let output = shell(&line);
+        let output = shell(&line).output().unwrap();
         let said = String::from_utf8(output.stdout).unwrap();
         assert!(output.status.success(), "{line}\n{said}\n{}", String::from_utf8_lossy(&output.stderr));
         waiting.extend(next_lines(&said));
         if line.contains("belfry simulate") {
             // The line's own recording has nothing that the model lacks; this one has.
             let other = format!("belfry simulate {quoted} --effect base-rotation=7.21e-15 --adopt --force");
-            assert!(shell(&other).status.success());
+            assert!(shell(&other).output().unwrap().status.success());
         }
     }
     for command in ["simulate", "identify", "compare", "update", "covalidate", "diagnose", "add", "history", "effects"]

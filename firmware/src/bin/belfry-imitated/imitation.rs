@@ -1,7 +1,7 @@
 //! The imitated accelerometer: registers of an ADXL355, and a triangular wave of 32 samples on every axis.
 //!
-//! The wave advances with every sample that is fetched. In a window its lines are at multiples of one line, and nowhere else
-//! as long as no sample is left out, taken twice or out of order.
+//! The wave advances with every sample fetched. In a window its spectral lines are at multiples of one line, and nowhere else, as
+//! long as no sample is skipped, fetched twice or out of order.
 
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 use stm32f4xx_hal::gpio::Pin;

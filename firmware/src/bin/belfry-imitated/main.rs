@@ -1,7 +1,7 @@
-//! The node's program for the emulator, with an accelerometer imitated on the bus, which nobody answers on there.
+//! The node's program for the emulator, with an imitated accelerometer on the bus, where otherwise nothing answers.
 //!
-//! All else is the node's: its timer, interrupts, queues, loop and serial port. With readings there are spectra to compute and
-//! lines to send while samples come, which is when they could be late.
+//! Everything else is the node's: its timer, interrupts, queues, loop and serial port. Only with readings are there spectra to
+//! compute and lines to send while samples come, which is when samples could be late.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 // As in the node's program, which this is.
 #![cfg_attr(target_os = "none", allow(unsafe_code))]

@@ -13,6 +13,6 @@ use board::bus::SensorBus as Bus;
 
 #[cfg(not(target_os = "none"))]
 fn main() -> std::process::ExitCode {
-    eprintln!("error: this is the sensor node's program, for its board; firmware/build.sh builds it, see the README");
+    eprintln!("error: this program is for the sensor node's board; docs/node-in-ten-minutes.md says how to build it");
     std::process::ExitCode::FAILURE
 }

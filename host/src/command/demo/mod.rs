@@ -51,7 +51,7 @@ With --paper the tower is the stand-in that has the frequencies measured on the 
 /// Share of the frames that the demo's serial lines damage.
 const DAMAGED_SHARE: f64 = 0.02;
 
-/// Show the whole story on a simulated tower: nodes, serial link, modes, a model, and what it lacks
+/// Run the whole story on a simulated tower that hides an effect
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {

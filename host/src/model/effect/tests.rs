@@ -281,16 +281,16 @@ fn effects_on_sensors_change_what_they_see() {
         Structure::with_effects(beam(), &effects).unwrap().assemble().sensor_rows(&sensors).unwrap()
     };
     let sound = rows(&[]);
-    assert_eq!(rows(&["sensor-gain@chb=1.5"]).row(1), sound.row(1) * 1.5);
+    assert_eq!(rows(&["sensor-gain@b=1.5"]).row(1), sound.row(1) * 1.5);
     assert_eq!(rows(&["sensor-polarity@cha"]).row(0), -sound.row(0));
-    let swapped = rows(&["sensor-swap@cha+chb"]);
+    let swapped = rows(&["sensor-swap@a+b"]);
     assert_eq!((swapped.row(0), swapped.row(1)), (sound.row(1), sound.row(0)));
     let turned = rows(&["sensor-rotation@node1=30"]);
     let expected = sound.row(0) * 30f64.to_radians().cos() + sound.row(1) * 30f64.to_radians().sin();
     assert!((turned.row(0) - expected).amax() < 1e-12 && turned.row(2) == sound.row(2));
     assert!((rows(&["sensor-rotation=30"]).row(2) - turned.row(0)).amax() < 1e-12);
 
-    let late: Effect = "clock-offset@node2=0.1".parse().unwrap();
+    let late: Effect = "clock-offset@2=0.1".parse().unwrap();
     let structure = Structure::with_effects(beam(), &[late]).unwrap();
     let delays = structure.assemble().sensing.delays_s(&sensors).unwrap();
     assert_eq!(delays.as_slice(), [0.0, 0.0, 0.1]);
@@ -298,7 +298,7 @@ fn effects_on_sensors_change_what_they_see() {
     let phases = phases_rad(&[1.0, 0.0, 1.0], &delays, 0.5);
     assert!((phases[0] - 9f64.to_radians()).abs() < 1e-12 && (phases[2] + 9f64.to_radians()).abs() < 1e-12);
 
-    let error = "sensor-gain@chx=2".parse::<Effect>().unwrap().in_study(&sensors).unwrap_err().to_string();
+    let error = "sensor-gain@x=2".parse::<Effect>().unwrap().in_study(&sensors).unwrap_err().to_string();
     assert_eq!(error, "sensor-gain: the study has no channel x; there are a, b, c");
     let error = "clock-offset@node9=1".parse::<Effect>().unwrap().in_study(&sensors).unwrap_err().to_string();
     assert_eq!(error, "clock-offset: no sensor of the study belongs to node 9; there are 1, 2");

@@ -1,14 +1,18 @@
 //! Emulated boards: QEMU with a program, its serial port, and a debugger's end.
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::{Condvar, Mutex};
 use std::time::{Duration, Instant};
 
+use belfry_host::link::Transport;
 use belfry_host::link::port::Port;
 use belfry_host::link::who_is_there;
-use belfry_shared::message::Hello;
+use belfry_shared::frame::FrameDecoder;
+use belfry_shared::message::{self, Hello, NodeMessage};
 use belfry_tests::belfry_command;
 use serde_json::Value;
 
@@ -24,8 +28,19 @@ pub(crate) fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
 
-/// A program for the board, where `firmware/build.sh` says that it is.
-pub(crate) fn program(name: &str) -> PathBuf {
+/// A program for the board: in the folder that BELFRY_PROGRAMS names, or built by `firmware/build.sh`, once.
+pub(crate) fn program(name: &'static str) -> PathBuf {
+    static PROGRAMS: Mutex<BTreeMap<&str, PathBuf>> = Mutex::new(BTreeMap::new());
+    PROGRAMS.lock().unwrap().entry(name).or_insert_with(|| ready(name).unwrap_or_else(|| built(name))).clone()
+}
+
+fn ready(name: &str) -> Option<PathBuf> {
+    let program = repository().join(std::env::var_os("BELFRY_PROGRAMS")?).join(name);
+    assert!(program.is_file(), "BELFRY_PROGRAMS names a folder without {name}");
+    Some(program)
+}
+
+fn built(name: &str) -> PathBuf {
     let build = repository().join("firmware/build.sh");
     let built = Command::new(build).arg(name).stderr(Stdio::inherit()).output().unwrap();
     assert!(built.status.success(), "{name} cannot be built");
@@ -42,39 +57,82 @@ pub(crate) fn symbol(program: &Path, name: &str) -> u32 {
     u32::try_from(symbol.address()).unwrap()
 }
 
+/// Permission to run emulators. Two at a time: more only slow each other down.
+pub(crate) struct Seats(usize);
+
+const SEATS: usize = 2;
+static TAKEN: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
+
+impl Seats {
+    /// Waits until so many emulators may start, and takes them all at once.
+    pub(crate) fn take(wanted: usize) -> Self {
+        let taken = TAKEN.0.lock().unwrap();
+        *TAKEN.1.wait_while(taken, |taken| *taken + wanted > SEATS).unwrap() += wanted;
+        Self(wanted)
+    }
+}
+
+impl Drop for Seats {
+    fn drop(&mut self) {
+        *TAKEN.0.lock().unwrap() -= self.0;
+        TAKEN.1.notify_all();
+    }
+}
+
 /// An emulated board; it stops with the test.
 pub(crate) struct Board {
     emulator: Child,
     folder: tempfile::TempDir,
+    // Given back when the emulator has ended.
+    _seats: Option<Seats>,
 }
 
 impl Board {
-    /// The node.
+    /// The node, which listens.
     pub(crate) fn start() -> Self {
-        Self::run(&program("belfry-node"), &[])
+        Self::run(&program("belfry-node"), &[]).0
     }
 
-    /// A program, with arguments for the emulator besides.
-    pub(crate) fn run(program: &Path, arguments: &[&str]) -> Self {
+    /// Two of them.
+    pub(crate) fn start_two() -> [Self; 2] {
+        let program = program("belfry-node");
+        let seats = Seats::take(2);
+        let (first, ..) = Self::run_seated(&program, &[], None);
+        // The seats are the second's, which stops last.
+        let (second, ..) = Self::run_seated(&program, &[], Some(seats));
+        [first, second]
+    }
+
+    /// A program, with arguments for the emulator besides; its line, and the greeting with which it has started.
+    pub(crate) fn run(program: &Path, arguments: &[&str]) -> (Self, Port, Hello) {
+        Self::run_seated(program, arguments, Some(Seats::take(1)))
+    }
+
+    fn run_seated(program: &Path, arguments: &[&str], seats: Option<Seats>) -> (Self, Port, Hello) {
         let folder = tempfile::tempdir().unwrap();
         let socket = |name: &str| format!("unix:{},server=on,wait=off", folder.path().join(name).display());
         let emulator = Command::new("qemu-system-arm")
             .args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"])
-            .args(["-serial", &socket("line"), "-gdb", &socket("debugger")])
+            // The processor waits until somebody listens.
+            .args(["-serial", &socket("line"), "-gdb", &socket("debugger"), "-S"])
             .args(arguments)
             .arg("-kernel")
             .arg(program)
             .stdout(Stdio::null())
             .spawn()
             .expect("qemu-system-arm runs (Debian's package of that name)");
-        let board = Self { emulator, folder };
+        let board = Self { emulator, folder, _seats: seats };
         let start = Instant::now();
-        // Not by connecting: a debugger that connects halts the processor.
         while !["line", "debugger"].iter().all(|name| board.folder.path().join(name).exists()) {
             assert!(start.elapsed() < PATIENCE, "the emulator did not start");
-            std::thread::sleep(Duration::from_millis(50));
+            std::thread::sleep(Duration::from_millis(5));
         }
-        board
+        let mut port = board.port();
+        board.go_on_with(&[]);
+        // What is said to a program that does not listen yet is lost, and may be lost in part: so nothing is said before it has
+        // greeted.
+        let hello = first_hello(&mut port);
+        (board, port, hello)
     }
 
     /// The line's name for `belfry`.
@@ -107,6 +165,22 @@ impl Drop for Board {
         let _ = self.emulator.kill();
         let _ = self.emulator.wait();
     }
+}
+
+/// The greeting with which a program starts.
+fn first_hello(port: &mut Port) -> Hello {
+    let (mut decoder, mut buffer) = (FrameDecoder::new(), [0; 64]);
+    let start = Instant::now();
+    while start.elapsed() < PATIENCE {
+        let count = port.read(&mut buffer).unwrap();
+        for &byte in &buffer[..count] {
+            if let Some(frame) = decoder.push(byte) {
+                let NodeMessage::Hello(hello) = message::decode(frame.unwrap()).unwrap() else { panic!("no greeting") };
+                return hello;
+            }
+        }
+    }
+    panic!("the program does not greet");
 }
 
 /// The debugger's end of the emulator's remote protocol; the processor stands while it is there.

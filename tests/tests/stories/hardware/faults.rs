@@ -11,8 +11,8 @@ use super::emulator::{Board, PROGRAM_COUNTER, STACK_POINTER, belfry, program, re
 
 /// Ends the program by giving registers other values; the fault that it tells afterwards, and what `belfry ports` says of it.
 fn fault_after(program: &Path, registers: &[(u8, u32)]) -> (Fault, String) {
-    let board = Board::run(program, &[]);
-    let before = board.hello();
+    let (board, line, before) = Board::run(program, &[]);
+    drop(line);
     assert_eq!(before.fault, None);
     board.go_on_with(registers);
     let after = board.hello();

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::OnceLock;
 
 use belfry_firmware::{SUPPORTED_SEGMENTS, welch_segment};
 use belfry_shared::frame::crc32;
 
-use super::emulator::{program, repository};
+use super::emulator::{Seats, program, repository};
 
 /// Bytes of a program's segments: those that lie in flash (with the first values of data), and those that data take in RAM.
 fn flash_and_ram(program: &Path) -> (u64, u64) {
@@ -25,23 +26,29 @@ fn flash_and_ram(program: &Path) -> (u64, u64) {
 }
 
 /// What `firmware/count.sh` prints: of which kind a number is, of what size, and the number.
-fn counts() -> Vec<(String, u32, u64)> {
-    let counted = Command::new(repository().join("firmware/count.sh")).stderr(Stdio::inherit()).output().unwrap();
-    assert!(counted.status.success(), "instructions cannot be counted");
-    let text = String::from_utf8(counted.stdout).unwrap();
-    let of_line = |line: &str| {
-        let mut words = line.split(' ');
-        let (kind, size, number) = (words.next()?, words.next()?.parse().ok()?, words.next()?.parse().ok()?);
-        ["segment", "checksum", "second"].contains(&kind).then(|| (kind.to_owned(), size, number))
-    };
-    text.lines().filter_map(of_line).collect()
+fn counts() -> &'static [(String, u32, u64)] {
+    static COUNTS: OnceLock<Vec<(String, u32, u64)>> = OnceLock::new();
+    COUNTS.get_or_init(|| {
+        let program = program("belfry-count");
+        let _seat = Seats::take(1);
+        let mut count = Command::new(repository().join("firmware/count.sh"));
+        let counted = count.arg(program).stderr(Stdio::inherit()).output().unwrap();
+        assert!(counted.status.success(), "instructions cannot be counted");
+        let text = String::from_utf8(counted.stdout).unwrap();
+        let of_line = |line: &str| {
+            let mut words = line.split(' ');
+            let (kind, size, number) = (words.next()?, words.next()?.parse().ok()?, words.next()?.parse().ok()?);
+            ["segment", "checksum", "second"].contains(&kind).then(|| (kind.to_owned(), size, number))
+        };
+        text.lines().filter_map(of_line).collect()
+    })
 }
 
 #[test]
 #[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn spectra_of_every_length_have_the_same_bits_on_the_board() {
     let on_board: Vec<(u32, u64)> =
-        counts().into_iter().filter(|(kind, ..)| kind == "checksum").map(|(_, size, sum)| (size, sum)).collect();
+        counts().iter().filter(|(kind, ..)| kind == "checksum").map(|&(_, size, sum)| (size, sum)).collect();
     let here: Vec<(u32, u64)> = SUPPORTED_SEGMENTS
         .iter()
         .map(|&length| {
@@ -70,8 +77,8 @@ fn the_program_is_no_larger_and_no_slower_than_recorded() {
     let (flash, ram) = flash_and_ram(&program("belfry-node"));
     assert!(flash <= 96 * 1024 && ram <= 112 * 1024, "{flash} bytes of flash, {ram} of RAM");
     let mut measured = vec![("bytes.flash".to_owned(), flash), ("bytes.ram".to_owned(), ram)];
-    let counted = counts().into_iter().filter(|(kind, ..)| kind != "checksum");
-    measured.extend(counted.map(|(kind, size, count)| (format!("instructions.{kind}.{size}"), count)));
+    let counted = counts().iter().filter(|(kind, ..)| kind != "checksum");
+    measured.extend(counted.map(|(kind, size, count)| (format!("instructions.{kind}.{size}"), *count)));
     assert_eq!(measured.len(), 9, "{measured:?}");
     let grown: Vec<String> = measured
         .iter()

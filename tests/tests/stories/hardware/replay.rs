@@ -20,7 +20,7 @@ fn a_real_recording_gives_the_same_bits_on_the_board() {
 #[test]
 #[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn an_hour_of_the_tower_gives_the_same_bits_on_two_boards_at_once() {
-    let boards = [Board::start(), Board::start()];
+    let boards = Board::start_two();
     let folder = tempfile::tempdir().unwrap();
     let study = folder.path().join("tower");
     let study = study.to_str().unwrap();

@@ -1,4 +1,4 @@
-//! SPI2 with the sensor on it, as an `SpiDevice` none of whose waits lasts.
+//! SPI2 with the sensor on it, as an `SpiDevice` that never waits long.
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, MODE_0, Operation, SpiDevice};
@@ -8,12 +8,12 @@ use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Rcc;
 use stm32f4xx_hal::spi::Spi;
 
-/// Clock on the bus; the sensor takes up to 10 MHz, and wires of a hand's length 5.
+/// Clock on the bus: the sensor takes up to 10 MHz, wires of some 10 cm take 5.
 const CLOCK_MHZ: u32 = 5;
-/// Looks at the flags before a byte is given up: a byte takes 300 ticks of the core, a look some 10.
+/// How often to look at the flags before giving a byte up: a byte takes 300 ticks of the core, a look some 10.
 const MOST_LOOKS: u32 = 1000;
 
-/// Why nothing came over the bus.
+/// Why a transfer failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, defmt::Format)]
 pub(crate) enum BusError {
     /// A byte did not get through in time.

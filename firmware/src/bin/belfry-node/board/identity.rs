@@ -1,4 +1,4 @@
-//! Who the node is.
+//! The node's identity.
 
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut};
@@ -8,7 +8,7 @@ use belfry_firmware::adxl355::{CHANNELS, FULL_SCALE_M_S2, HIGHEST_RATE_MHZ};
 use belfry_shared::frame::crc32;
 use belfry_shared::message::MAX_CHANNELS;
 
-/// The node's number, from BELFRY_NODE when it is built. It has a name so that it can be changed in a program that is built.
+/// The node's number, from BELFRY_NODE when it is built. It has a symbol so that it can be changed in the built program.
 #[unsafe(no_mangle)]
 #[used]
 static BELFRY_NODE: u16 = number(option_env!("BELFRY_NODE"));
@@ -17,10 +17,10 @@ static BELFRY_NODE: u16 = number(option_env!("BELFRY_NODE"));
 const DEVICE_ID: *const u32 = 0xE004_2000 as *const u32;
 /// The chip's own number.
 const CHIP: *const [u32; 3] = 0x1FFF_7A10 as *const [u32; 3];
-/// Words that nothing sets at a start.
+/// Number of words that a start does not set.
 const WORDS: usize = 16;
 
-/// What stands here after power came differs from time to time, and the first word counts starts without one.
+/// What stands here after power-on differs from time to time; the first word counts restarts.
 #[unsafe(link_section = ".uninit.SEED")]
 static mut SEED: MaybeUninit<[u32; WORDS]> = MaybeUninit::uninit();
 
@@ -45,7 +45,7 @@ pub(super) fn is_emulated() -> bool {
 
 /// The node's identity; its boot id is another one at every start.
 pub(super) fn identity() -> Identity {
-    // SAFETY: a constant, but one that may be changed in a program that is built, so the compiler must not know it.
+    // SAFETY: a constant, but one that may be changed in the built program, so the compiler must not rely on it.
     let node = unsafe { addr_of!(BELFRY_NODE).read_volatile() };
     let chip = if is_emulated() {
         [0; 3]
@@ -59,7 +59,7 @@ pub(super) fn identity() -> Identity {
     seed[0] = seed[0].wrapping_add(1);
     // SAFETY: as above.
     unsafe { addr_of_mut!(SEED).cast::<[u32; WORDS]>().write_volatile(seed) };
-    // How long the start took: in the emulator, whose memory is all zeros, the only thing that differs.
+    // How long the start took: the only thing that differs in the emulator, whose memory is all zeros.
     let took = [super::ticks::now().0 as u32];
     let mut bytes = [0; 4 * (3 + WORDS + 1)];
     for (place, word) in bytes.chunks_exact_mut(4).zip(chip.iter().chain(&seed).chain(&took)) {

@@ -1,4 +1,4 @@
-//! Last words: what ended the program is written where a restart does not reach, and told after it.
+//! Last words: why the program ended, written where a restart does not reach, and reported after it.
 
 use core::fmt::Write;
 use core::mem::MaybeUninit;
@@ -47,7 +47,7 @@ impl Words {
     }
 }
 
-/// What the program that ran before has left; forgotten with this.
+/// Why the program before this one ended; the words are deleted.
 pub(super) fn take() -> Option<Fault> {
     // SAFETY: called once, before anything else runs; any words are words, and volatile as the compiler cannot know them.
     let words = unsafe { addr_of!(WORDS).cast::<Words>().read_volatile() };
@@ -66,7 +66,7 @@ pub(super) fn take() -> Option<Fault> {
     Some(Fault { kind, address: words.address, place })
 }
 
-/// Writes last words and starts anew.
+/// Writes last words and restarts.
 fn end(kind: u32, address: u32, place: &str) -> ! {
     let mut words =
         Words { magic: MAGIC, kind, address, length: place.len() as u32, place: [0; MAX_PLACE_BYTES], check: 0 };
@@ -92,7 +92,7 @@ fn on_panic(info: &PanicInfo<'_>) -> ! {
     end(PANIC, 0, &place)
 }
 
-/// On a stack of its own: where the stack has run over there is none left to handle that on.
+/// Starts with an empty stack: one that has run over has no room left to handle that.
 ///
 /// # Safety
 /// The processor calls it.

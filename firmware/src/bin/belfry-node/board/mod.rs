@@ -1,9 +1,9 @@
-//! The board: what it is made of, and the loop that gives the node rows, bytes and time.
+//! The board: its parts, and the loop that gives the node rows, bytes and time.
 //!
 //! Interrupts only move data: the timer's reads the sensor into a queue of rows ([`sampler`]), the serial port's moves bytes
-//! between the line and its queues ([`port`]). All work is done in the loop below, a step at a time, so that nothing there
-//! delays a sample. The timer's interrupt goes before all others, and the few critical sections are some instructions long.
-//! Every wait has a deadline of its own, and the watchdog is over all of them.
+//! between the line and its queues ([`port`]). The loop below does all the work, a step at a time, and delays no sample: the
+//! timer's interrupt goes before all others, and the few critical sections are some instructions long. Every wait has a deadline of
+//! its own, and the watchdog covers the rest.
 
 pub(crate) mod bus;
 mod identity;
@@ -27,18 +27,18 @@ use stm32f4xx_hal::{pac, time::Hertz};
 
 use sampler::Sampler;
 
-/// What the core runs at.
+/// Clock of the core.
 const CORE: Hertz = Hertz::MHz(168);
-/// The ST-LINK's clock, which the board is fed with.
+/// The board's clock, which comes from the ST-LINK.
 const EXTERNAL: Hertz = Hertz::MHz(8);
-/// Looks at the external clock's ready flag before it is given up: some 20 ms at 16 MHz.
+/// How often to look at the external clock's ready flag before giving it up: some 20 ms at 16 MHz.
 const EXTERNAL_LOOKS: u32 = 50_000;
-/// The program must come round this often, in ms.
+/// The loop must come round within this time, in ms.
 const WATCHDOG_MS: u32 = 2000;
 /// The loop comes round at least this often, in ticks of the core's clock.
 const WAKE_TICKS: u32 = 8_000_000;
 
-/// What the node is kept in; all zeros, so that it takes no flash.
+/// The node's memory; all zeros, so that it takes no flash.
 static mut MEMORY: Memory = Memory::new();
 
 #[entry]
@@ -80,7 +80,7 @@ fn run() -> ! {
     let watchdog_fault = was_watchdog.then(|| simple_fault(FaultKind::Watchdog));
     let clock_fault = (!has_external).then(|| simple_fault(FaultKind::Clock));
     if let Some(fault) = ended.or(watchdog_fault).or(clock_fault) {
-        defmt::warn!("the life before ended: {}", fault);
+        defmt::warn!("restarted: {}", fault);
         node.report_fault(fault);
     }
     defmt::info!("node {} runs, emulated: {}", node.identity().node, is_emulated);
@@ -108,26 +108,27 @@ fn run() -> ! {
                 longest_step_us: u32::try_from(longest_us).unwrap_or(u32::MAX),
                 latest_sample_ns: sampler.latest_ns(),
                 temperature_centi_c: sampler.temperature_centi_c(),
+                dropped_frames: port.dropped_frames(),
             });
             let count = node.transmit(ticks::now(), &mut frame);
             port.send(frame.get(..count).unwrap_or(&[]));
         }
         if !worked {
-            // Interrupts make no bytes, so that this need not hold them back.
+            // Interrupts give the node no bytes to send, so they may come meanwhile.
             let has_bytes = node.has_bytes();
-            // With interrupts held back, none can slip in between the look and the sleep; a waiting one ends it.
+            // With interrupts held back, none can slip in between the look and the sleep. One that waits ends the sleep.
             cortex_m::interrupt::free(|_| {
                 if sampler.is_empty() && port.is_quiet() && !(has_bytes && port.has_sent_all()) {
                     cortex_m::asm::wfi();
                 }
             });
-            // Sleep is no step.
+            // Sleep does not count as a step.
             last_look = ticks::now();
         }
     }
 }
 
-/// Full speed from the board's 8 MHz where they come, else from the chip's own oscillator; whether they came.
+/// Full speed from the board's 8 MHz if that clock runs, else from the chip's own oscillator; and whether it runs.
 fn clocks(rcc: pac::RCC, is_emulated: bool) -> (Rcc, bool) {
     if is_emulated {
         // The emulator has no clocks that become ready.

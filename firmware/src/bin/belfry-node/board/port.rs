@@ -2,42 +2,37 @@
 
 use core::ptr::addr_of_mut;
 
-use belfry_shared::frame::{END_OF_FRAME, MAX_FRAME_BYTES};
+use belfry_firmware::{Inbox, InboxReader, InboxWriter};
+use belfry_shared::frame::MAX_FRAME_BYTES;
 use belfry_shared::time::NodeTime;
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4xx_hal::gpio::Pin;
 use stm32f4xx_hal::pac::{Interrupt, USART2, interrupt};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Rcc;
-use stm32f4xx_hal::serial::{Config, Rx, Serial, Tx};
+use stm32f4xx_hal::serial::{Config, Error, Rx, Serial, Tx};
 
 use super::ticks;
 
 /// Bits a second.
 const BAUD: u32 = 115_200;
-/// Bytes that may wait for the loop: a frame, and what comes while it is worked on.
-const RECEIVED: usize = MAX_FRAME_BYTES + 64;
 /// Bytes that may wait for the line: a frame.
 const TO_SEND: usize = MAX_FRAME_BYTES + 1;
-/// Ends of frames whose time is kept.
-const FRAMES: usize = 8;
 
 /// What the interrupt has.
 struct Shared {
     tx: Tx<USART2>,
     rx: Rx<USART2>,
-    received: Producer<'static, u8>,
-    frame_times: Producer<'static, NodeTime>,
+    received: InboxWriter<'static>,
     to_send: Consumer<'static, u8>,
 }
 
-/// The handler's alone once its interrupt is let in: no critical section, which would hold up sampling for as long as it sends.
+/// Only the handler uses it once its interrupt is on. A critical section would hold up sampling for as long as it sends.
 static mut SHARED: Option<Shared> = None;
 
 /// The loop's end of the port.
 pub(super) struct Port {
-    received: Consumer<'static, u8>,
-    frame_times: Consumer<'static, NodeTime>,
+    received: InboxReader<'static>,
     to_send: Producer<'static, u8>,
 }
 
@@ -49,31 +44,31 @@ impl Port {
         let Ok(mut serial) = Serial::<USART2>::new(usart, pins, config, rcc) else { panic!("no such baud rate") };
         serial.listen(stm32f4xx_hal::serial::Event::RxNotEmpty);
         let (tx, rx) = serial.split();
-        let queues = (
-            cortex_m::singleton!(: Queue<u8, RECEIVED> = Queue::new()),
-            cortex_m::singleton!(: Queue<NodeTime, FRAMES> = Queue::new()),
-            cortex_m::singleton!(: Queue<u8, TO_SEND> = Queue::new()),
-        );
+        let queues =
+            (cortex_m::singleton!(: Inbox = Inbox::new()), cortex_m::singleton!(: Queue<u8, TO_SEND> = Queue::new()));
         // This function runs once.
-        let (Some(received), Some(times), Some(to_send)) = queues else { panic!("started twice") };
-        let ((received_in, received), (times_in, frame_times), (to_send, to_send_out)) =
-            (received.split(), times.split(), to_send.split());
-        let shared = Shared { tx, rx, received: received_in, frame_times: times_in, to_send: to_send_out };
-        // SAFETY: this function runs once, before the interrupt is let in, and only the handler names SHARED besides.
+        let (Some(inbox), Some(to_send)) = queues else { panic!("started twice") };
+        let ((received_in, received), (to_send, to_send_out)) = (inbox.split(), to_send.split());
+        let shared = Shared { tx, rx, received: received_in, to_send: to_send_out };
+        // SAFETY: this function runs once, before the interrupt is on, and only the handler names SHARED besides.
         unsafe { addr_of_mut!(SHARED).write(Some(shared)) };
-        Self { received, frame_times, to_send }
+        Self { received, to_send }
     }
 
-    /// The oldest byte that waits, and when its frame ended (now, where that is not known).
+    /// The oldest byte that waits, and when its frame ended (now, before its end mark).
     pub(super) fn next_byte(&mut self) -> Option<(NodeTime, u8)> {
-        let byte = self.received.dequeue()?;
-        let time = if byte == END_OF_FRAME { self.frame_times.dequeue() } else { None };
+        let (time, byte) = self.received.next_byte()?;
         Some((time.unwrap_or_else(ticks::now), byte))
     }
 
     /// Whether no byte waits for the loop.
     pub(super) fn is_quiet(&self) -> bool {
-        !self.received.ready()
+        self.received.is_empty()
+    }
+
+    /// Frames from the host that were dropped since the start.
+    pub(super) fn dropped_frames(&self) -> u32 {
+        self.received.dropped_frames()
     }
 
     /// Whether the line has taken everything.
@@ -81,31 +76,26 @@ impl Port {
         self.to_send.is_empty()
     }
 
-    /// Sends bytes, a frame at most; to be called when the line has taken everything.
+    /// Sends bytes, a frame at most. Call it when the line has taken everything.
     pub(super) fn send(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             // Cannot fail: a frame fits.
             let _ = self.to_send.enqueue(byte);
         }
-        // Also where the port has no interrupt for an empty transmitter, as in the emulator: the handler sends what it can.
+        // The handler sends what it can. The emulated port has no interrupt for an empty transmitter that would call it.
         cortex_m::peripheral::NVIC::pend(Interrupt::USART2);
     }
 }
 
 #[interrupt]
 fn USART2() {
-    // SAFETY: set before the interrupt was let in and named by nothing else since; a handler does not interrupt itself.
+    // SAFETY: set before the interrupt was on, and named by nothing else since; a handler does not interrupt itself.
     let Some(shared) = (unsafe { &mut *addr_of_mut!(SHARED) }) else { return };
-    if let Ok(byte) = shared.rx.read() {
-        // A byte that finds no room is lost, and its frame with it: the host says it again. The end of a frame needs room
-        // for its time as well, or times would belong to other frames than theirs.
-        let is_end = byte == END_OF_FRAME;
-        if shared.received.ready() && (!is_end || shared.frame_times.ready()) {
-            let _ = shared.received.enqueue(byte);
-            if is_end {
-                let _ = shared.frame_times.enqueue(ticks::now());
-            }
-        }
+    match shared.rx.read() {
+        Ok(byte) => shared.received.push(ticks::now(), byte),
+        Err(nb::Error::Other(Error::Overrun)) => shared.received.lost_bytes(),
+        // Nothing has come; or a byte that the check sum of its frame will miss.
+        Err(_) => {}
     }
     while let Some(&byte) = shared.to_send.peek() {
         if shared.tx.write(byte).is_err() {

@@ -1,8 +1,8 @@
 //! Sampling: TIM2 gives the sensor its synchronisation pulse and the processor its interrupt, so that nothing in the program
 //! moves a sample in time.
 //!
-//! The interrupt goes before all others and only fetches the sample. How late it came at most is told with every heartbeat:
-//! later than half a period and the sensor would have made its next sample already.
+//! The interrupt goes before all others and only fetches the sample. Every heartbeat reports its longest delay: after half a
+//! period the sensor would have made its next sample already.
 
 use core::cell::RefCell;
 
@@ -20,7 +20,7 @@ use crate::Bus;
 
 /// Rows that may wait for the loop: 28 ms at 1000 Hz.
 const ROWS: usize = 28;
-/// The time between looks for a sensor that is absent, in µs.
+/// Time between looks for an absent sensor, in µs.
 const LOOK_AGAIN_US: i64 = 2_000_000;
 
 /// A row of readings and when it was sampled.
@@ -43,12 +43,12 @@ struct Shared {
 
 static SHARED: Mutex<RefCell<Option<Shared>>> = Mutex::new(RefCell::new(None));
 
-/// The sampling period in ticks of the timer, exact in the mean: a period is a tick longer whenever the fractions left over
-/// have come to one.
+/// The sampling period in ticks of the timer, exact on average: a period is a tick longer whenever the fractions left over add
+/// up to one.
 #[derive(Debug, Clone, Copy, Default)]
 struct Period {
     ticks: u32,
-    /// What is left over each time, of `whole`.
+    /// Fraction of a tick left over each time, in units of 1 / `whole`.
     fraction: u64,
     whole: u64,
     gathered: u64,
@@ -79,7 +79,7 @@ impl Period {
     }
 }
 
-/// How late interrupts come, by the timer's own count, which starts at 0 with every period.
+/// Delay of interrupts by the timer's own count, which starts at 0 with every period.
 #[derive(Debug, Clone, Copy, Default)]
 struct Lateness {
     latest_ticks: u32,
@@ -93,8 +93,8 @@ impl Lateness {
         self.latest_ticks = self.latest_ticks.max(count);
     }
 
-    /// The same in the emulator, where counts run on, and a period that begins late ends late. By as much as neighbours were
-    /// late alike, its alarm was late; an interrupt that was held up comes later than the one after it.
+    /// The same in the emulator, whose counts run on and whose alarms may be late: a period that begins late ends late. A delay
+    /// that neighbours share is the alarm's; an interrupt that the program held up is later than the one after it.
     fn note_emulated(&mut self, count: u32, reload: u32) {
         let late = count.wrapping_sub(self.due) as i32;
         let alike = late.min(self.last_ticks);
@@ -141,7 +141,7 @@ impl Sampler {
         Self { timer, timer_hz, is_emulated, rows, rate_uhz: None, bus: Some(bus), looked: None }
     }
 
-    /// Samples at a rate in µHz, or not at all; to be called with what the node wants every time the loop comes round.
+    /// Samples at a rate in µHz, or not at all. Call it every time the loop comes round, with what the node wants.
     pub(super) fn follow(&mut self, rate_uhz: Option<u64>) {
         self.look_for_sensor(rate_uhz);
         if rate_uhz == self.rate_uhz {
@@ -161,7 +161,7 @@ impl Sampler {
             Some((error, shared.sensor.take()?))
         });
         if let Some((error, sensor)) = untold {
-            // It may have been left standing by; the next look starts it anew.
+            // It may still be in standby; the next look starts it again.
             defmt::warn!("the sensor takes no rate: {}", error);
             self.bus = Some(sensor.release());
         }
@@ -170,7 +170,7 @@ impl Sampler {
         let start = self.timer.cnt().read().bits();
         // SAFETY: as above.
         self.timer.arr().write(|w| unsafe { w.bits(reload) });
-        // In the emulator writing ARR has set the alarm; starting the count anew would add its clock to every period.
+        // In the emulator, writing ARR has set the alarm; restarting the count would add its clock to every period.
         if !self.is_emulated {
             self.timer.egr().write(|w| w.ug().set_bit());
         }
@@ -184,7 +184,7 @@ impl Sampler {
         self.timer.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
     }
 
-    /// Starts the sensor where it is not running: it may have been connected late, or have lost its supply.
+    /// Starts a sensor that does not run: it may have been connected late, or have lost its supply.
     fn look_for_sensor(&mut self, rate_uhz: Option<u64>) {
         let now = ticks::now();
         if self.looked.is_some_and(|looked| now.since(looked) < LOOK_AGAIN_US) {
@@ -218,7 +218,7 @@ impl Sampler {
         }
     }
 
-    /// The oldest row that waits.
+    /// The oldest waiting row.
     pub(super) fn next_row(&mut self) -> Option<Row> {
         self.rows.dequeue()
     }
@@ -233,7 +233,7 @@ impl Sampler {
         critical_section::with(|section| SHARED.borrow_ref(section).as_ref()?.temperature_centi_c)
     }
 
-    /// Latest that an interrupt has come since the start, in ns.
+    /// Longest delay of an interrupt since the start, in ns.
     pub(super) fn latest_ns(&self) -> u32 {
         let latest =
             critical_section::with(|section| SHARED.borrow_ref(section).as_ref().map(|shared| shared.lateness));
@@ -250,7 +250,7 @@ fn milli(rate_uhz: u64) -> u32 {
 fn TIM2() {
     // SAFETY: the timer's registers are written here and, with its interrupt off, in `follow`.
     let timer = unsafe { &*TIM2::ptr() };
-    // First of all, for what comes before counts as late.
+    // First of all: anything before it would count as delay.
     let count = timer.cnt().read().bits();
     critical_section::with(|section| {
         timer.sr().write(|w| w.uif().clear_bit());
@@ -271,7 +271,7 @@ fn TIM2() {
         let reading = shared.sensor.as_mut().and_then(|sensor| sensor.read().ok());
         shared.temperature_centi_c = reading.map(|reading: Reading| reading.temperature_centi_c);
         let readings = reading.map_or([f32::NAN; CHANNELS], |reading| reading.acceleration_m_s2);
-        // A row that finds the queue full is missed by its time, and counted by the node.
+        // If the queue is full, the node misses the row by its time and counts it.
         let _ = shared.rows.enqueue(Row { time, readings });
     });
 }

@@ -1,5 +1,5 @@
-//! The stack: it lies below everything else in RAM, so that it runs out of the RAM and not into data, and is painted at the
-//! start, so that one can see how far it was used.
+//! The stack: it lies below everything else in RAM, so that it overflows out of the RAM and not into data. It is painted at the
+//! start, which shows later how far it was used.
 
 use core::ptr::addr_of;
 

@@ -7,13 +7,13 @@ use critical_section::Mutex;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
-/// What the emulator's timers run at, whatever the clocks say.
+/// Clock of the emulator's timers, whatever the registers say.
 pub(super) const EMULATED_TIMER_HZ: u32 = 1_000_000_000;
 
 /// The count at the last look, and how often it had run over.
 static SEEN: Mutex<Cell<(u32, u32)>> = Mutex::new(Cell::new((0, 0)));
 
-/// What the timers on the slow bus run at.
+/// Clock of the timers on the slow bus.
 pub(super) fn timer_hz(rcc: &Rcc, is_emulated: bool) -> u32 {
     if is_emulated { EMULATED_TIMER_HZ } else { rcc.clocks.timclk1().raw() }
 }
@@ -30,7 +30,7 @@ pub(super) fn start(timer: pac::TIM5, rcc: &mut Rcc, is_emulated: bool) {
     timer.cr1().write(|w| w.cen().set_bit());
 }
 
-/// The time. To be asked more often than every 71 minutes, in which the count runs over.
+/// The time. Call it at least every 71 minutes, after which the count overflows.
 pub(super) fn now() -> NodeTime {
     critical_section::with(|section| {
         // SAFETY: TIM5 is this module's, and its count is only read.

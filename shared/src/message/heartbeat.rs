@@ -1,0 +1,79 @@
+//! Signs of life: which windows there are, what was lost, and the state of sensors and board.
+
+use heapless::Vec;
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use super::configuration::MAX_CHANNELS;
+
+/// A sign of life.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Heartbeat {
+    /// The node's id.
+    pub node: u16,
+    /// The node's boot id.
+    pub boot: u32,
+    /// The number the next window will have. All lower ones exist or existed.
+    pub next_window: u32,
+    /// The oldest window still in the outbox (`next_window` if it is empty).
+    pub oldest_window: u32,
+    /// Windows dropped from a full outbox since the start.
+    pub lost_windows: u32,
+    /// Frames from the host that arrived damaged or could not be understood, since the start.
+    pub damaged_frames: u32,
+    /// Each channel's level: the RMS of the raw reading about its bias in m/s² since the last heartbeat. Good to 6 % only (a
+    /// fast square root): enough to tell a live sensor from a dead one, not a measurement.
+    pub level: Vec<f32, MAX_CHANNELS>,
+    /// What each channel's readings since the last heartbeat say about its sensor.
+    pub sensors: Vec<SensorState, MAX_CHANNELS>,
+    /// Samples that never arrived since the start, in rows of all channels.
+    pub lost_rows: u32,
+    /// State of its board.
+    pub board: BoardState,
+}
+
+/// What readings say about a sensor; the first that is true.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, thiserror::Error)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum SensorState {
+    /// There was no reading.
+    #[error("absent: it gives no readings")]
+    Absent,
+    /// All readings were equal.
+    #[error("stuck: all readings are alike")]
+    Stuck,
+    /// Some readings were missing.
+    #[error("failing: readings are missing")]
+    Failing,
+    /// Some readings were at the end of the range.
+    #[error("clipped: readings at the end of its range")]
+    Clipped,
+    /// Readings jump more than any structure moves.
+    #[error("noisy: readings jump more than any structure moves")]
+    Noisy,
+    /// Nothing is wrong.
+    #[error("sound")]
+    Sound,
+}
+
+/// State of a node's board; zeros for a node without one.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BoardState {
+    /// Size of the stack in bytes.
+    pub stack_bytes: u32,
+    /// Bytes of the stack that were never used since the start.
+    pub stack_free_bytes: u32,
+    /// Longest time between looks at the queue of samples since the start, in µs. While the program works (on a spectrum,
+    /// mostly), interrupts still fetch samples on time, but the queue must hold them for this long.
+    pub longest_step_us: u32,
+    /// Longest delay of a sample's interrupt since the start, in ns after the timer requested it. The timer's pulse, which
+    /// nothing delays, makes the sensor sample; the interrupt has to fetch the sample before the next pulse.
+    pub latest_sample_ns: u32,
+    /// The sensor's temperature in units of 0.01 °C; `None` without a sensor.
+    pub temperature_centi_c: Option<i16>,
+    /// Frames from the host that were dropped since the start, because they came faster than the program could take them. Some of
+    /// them count as damaged as well.
+    pub dropped_frames: u32,
+}
