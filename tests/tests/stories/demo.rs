@@ -23,7 +23,7 @@ fn demo(arguments: &[&str]) -> Value {
 /// Whether a name is that of what was hidden, its height within a twentieth of the tower's (or in a segment of 30 m).
 fn is_hidden(hidden: &Value, name: &str) -> bool {
     let (kind, place) = name.split_once('@').map_or((name, None), |(kind, place)| (kind, Some(place)));
-    if kind != text(&hidden["kind"]) {
+    if kind != text(&hidden["effect"]) {
         return false;
     }
     let true_place = hidden["where"].as_str();
@@ -53,7 +53,7 @@ fn check(outcome: &Value) {
     let ranking: Vec<String> = diagnosis["candidates"].as_array().unwrap().iter().filter(is_ranked).map(name).collect();
     let rank = ranking.iter().position(|name| is_hidden(hidden, name)).map(|index| index + 1);
     assert_eq!(ending["rank_of_hidden"].as_u64(), rank.map(|rank| rank as u64), "{ranking:?}\n{said}");
-    assert!(sentences[0].starts_with(&format!("The tower had {}", text(&hidden["kind"]))), "{said}");
+    assert!(sentences[0].starts_with(&format!("The tower had {}", text(&hidden["effect"]))), "{said}");
     let verdict = text(&diagnosis["verdict"]);
     let is_right = best.is_some_and(|best| is_hidden(hidden, best));
     assert_eq!(ending["right"], is_right, "{said}");
