@@ -30,12 +30,13 @@ pub fn find_published(name: &str) -> Option<PathBuf> {
 /// The `belfry` program of this workspace as a command to run, built beforehand in the profile the tests have.
 ///
 /// Cargo builds a package's own programs for its tests, but not those of another package; a `belfry` that happens to lie
-/// in the target folder may be an old one.
+/// in the target folder may be an old one. `./test`, which has just built it, names it in `BELFRY_PROGRAM`.
 ///
 /// # Panics
 /// When the program cannot be built; the test has nothing to test then.
 pub fn belfry_command() -> Command {
-    static PROGRAM: LazyLock<PathBuf> = LazyLock::new(build);
+    static PROGRAM: LazyLock<PathBuf> =
+        LazyLock::new(|| env::var_os("BELFRY_PROGRAM").map_or_else(build, PathBuf::from));
     Command::new(&*PROGRAM)
 }
 

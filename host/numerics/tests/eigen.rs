@@ -1,0 +1,45 @@
+//! Eigenproblems with known answers.
+
+use belfry_numerics::{CholeskyFactor, EigenPairs, general_eigen};
+use nalgebra::{Complex, DMatrix};
+
+#[test]
+fn a_rotation_turns_with_conjugate_values() {
+    let EigenPairs { values, vectors } = general_eigen(&DMatrix::from_row_slice(2, 2, &[0.0, -2.0, 2.0, 0.0])).unwrap();
+    let turn = DMatrix::from_row_slice(2, 2, &[0.0, -2.0, 2.0, 0.0]).map(Complex::from);
+    for (column, value) in values.iter().enumerate() {
+        assert!(value.re.abs() < 1e-14 && (value.im.abs() - 2.0).abs() < 1e-14);
+        let left = &turn * vectors.column(column);
+        assert!((left - vectors.column(column) * *value).norm() < 1e-14);
+    }
+}
+
+#[test]
+fn two_equal_masses_between_three_equal_springs_move_together_and_apart() {
+    let stiffness = DMatrix::from_row_slice(2, 2, &[2.0, -1.0, -1.0, 2.0]);
+    let mass = CholeskyFactor::of(&DMatrix::identity(2, 2), 1e-13).unwrap();
+    let EigenPairs { values, vectors } = mass.generalised_eigen(&stiffness).unwrap();
+    assert!((values[0] - 1.0).abs() < 1e-14 && (values[1] - 3.0).abs() < 1e-14);
+    assert!((vectors[(0, 0)] - vectors[(1, 0)]).abs() < 1e-14, "together: {vectors}");
+    assert!((vectors[(0, 1)] + vectors[(1, 1)]).abs() < 1e-14, "apart: {vectors}");
+}
+
+#[test]
+fn a_generalised_problem_is_solved_in_the_metric_of_its_factor() {
+    let (metric, other) =
+        (DMatrix::from_diagonal_element(3, 3, 4.0), DMatrix::from_fn(3, 3, |i, j| 1.0 / (i + j + 1) as f64));
+    let EigenPairs { values, vectors } = CholeskyFactor::of(&metric, 1e-13).unwrap().generalised_eigen(&other).unwrap();
+    for (column, value) in values.iter().enumerate() {
+        let x = vectors.column(column);
+        assert!((&other * x - &metric * x * *value).norm() < 1e-14);
+        assert!((x.dot(&(&metric * x)) - 1.0).abs() < 1e-14);
+    }
+    assert!(values.is_sorted());
+}
+
+#[test]
+fn what_is_singular_up_to_rounding_has_no_factor() {
+    let singular = DMatrix::from_row_slice(2, 2, &[1.0, 1.0, 1.0, 1.0 + 1e-15]);
+    assert!(CholeskyFactor::of(&singular, 1e-13).is_none());
+    assert!(CholeskyFactor::of(&DMatrix::from_element(1, 1, -1.0), 1e-13).is_none());
+}
