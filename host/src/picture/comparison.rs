@@ -50,7 +50,7 @@ pub fn comparison(
         .map_err(|error| PictureError { what: WHAT, reason: error.to_string() })?;
     let panels = shapes.len() + 1;
     let rows = panels.div_ceil(COLUMNS);
-    let columns = panels.min(COLUMNS).max(4);
+    let columns = panels.clamp(4, COLUMNS);
     let size = (PANEL.0 * columns as u32, HEADER + PANEL.1 * rows as u32);
     picture(WHAT, size, |root| {
         let (header, body) = root.split_vertically(HEADER);
