@@ -30,7 +30,7 @@ use super::beam::Segment;
 use super::joint::Element;
 use super::sensing::SensorChange;
 
-/// One thing that makes a structure differ from its body; see the [module](self) for the order of the phases.
+/// One thing that makes a structure differ from its body; `model/contribution.rs` opens with the order of the phases.
 pub trait Contribution: fmt::Debug + Send + Sync {
     /// Changes segments of a beam; their ends stay where they are.
     fn change_segments(&self, _segments: &mut [Segment]) {}
