@@ -136,6 +136,11 @@ impl Session {
 
     /// Begins anew with the greeting, on a line that was away: the node may have started anew meanwhile.
     pub fn reconnect(&mut self) {
+        self.wire.reconnect();
+        self.greet_again();
+    }
+
+    fn greet_again(&mut self) {
         self.stage = Stage::Greeting;
         self.next_try = HostTime(i64::MIN);
         self.last_received = HostTime(i64::MIN);
@@ -143,7 +148,7 @@ impl Session {
 
     /// Begins anew with the greeting and the time; for a host whose own clock was set. What is known of windows stays.
     pub fn restart(&mut self) {
-        self.reconnect();
+        self.greet_again();
         self.clock.clear();
         self.knows_time = false;
         self.must_set_time = true;

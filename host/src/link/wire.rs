@@ -32,13 +32,29 @@ pub(super) struct Wire {
     decoder: FrameDecoder,
     /// Bytes since the last frame ended.
     frame_bytes: usize,
+    /// Whether the first bytes may be the end of a frame that the node began before this end listened.
+    joins_midway: bool,
     outgoing: VecDeque<u8>,
     counts: WireCounts,
 }
 
 impl Wire {
     pub(super) fn new() -> Self {
-        Self { decoder: FrameDecoder::new(), frame_bytes: 0, outgoing: VecDeque::new(), counts: WireCounts::default() }
+        Self {
+            decoder: FrameDecoder::new(),
+            frame_bytes: 0,
+            joins_midway: false,
+            outgoing: VecDeque::new(),
+            counts: WireCounts::default(),
+        }
+    }
+
+    /// Goes on with another stream of the same node, which may be in the middle of a frame: what cannot be read up to the first
+    /// end mark was cut off by joining late, not damaged on the way.
+    pub(super) fn reconnect(&mut self) {
+        self.decoder = FrameDecoder::new();
+        self.frame_bytes = 0;
+        self.joins_midway = true;
     }
 
     pub(super) fn counts(&self) -> WireCounts {
@@ -73,11 +89,13 @@ impl Wire {
             match self.decoder.push(byte) {
                 Some(Ok(encoded)) => frames.push(Ok(Frame { encoded: encoded.to_vec(), bytes: self.frame_bytes })),
                 Some(Err(FrameError::Version { found })) => frames.push(Err(found)),
+                Some(Err(_)) if self.joins_midway => {}
                 Some(Err(_)) => self.counts.damaged_frames += 1,
                 None => {}
             }
             if byte == END_OF_FRAME {
                 self.frame_bytes = 0;
+                self.joins_midway = false;
             }
         }
         frames
@@ -91,5 +109,33 @@ impl Wire {
             None => self.counts.damaged_frames += 1,
         }
         message
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use belfry_shared::frame::{MAX_FRAME_BYTES, encode};
+
+    use super::Wire;
+
+    #[test]
+    fn the_rest_of_a_frame_that_began_earlier_is_no_damage_but_a_second_one_is() {
+        let mut wire = Wire::new();
+        wire.reconnect();
+        assert!(wire.receive(&[7, 7, 7, 0]).is_empty());
+        assert_eq!(wire.counts().damaged_frames, 0);
+        assert!(wire.receive(&[7, 7, 7, 0]).is_empty());
+        assert_eq!(wire.counts().damaged_frames, 1);
+    }
+
+    #[test]
+    fn what_an_old_stream_left_does_not_join_the_first_frame_of_the_next() {
+        let mut wire = Wire::new();
+        wire.receive(&[9, 9]);
+        wire.reconnect();
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let length = encode(b"whole", &mut frame).unwrap();
+        let frames = wire.receive(&frame[..length]);
+        assert!(matches!(&frames[..], [Ok(first)] if first.encoded == b"whole" && first.bytes == length));
     }
 }
