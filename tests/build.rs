@@ -20,6 +20,8 @@ fn main() {
             println!("cargo::rerun-if-changed={}", folder.join(file).display());
         }
     }
+    // Data that have come since: `./test` lists what there is.
+    println!("cargo::rerun-if-env-changed=BELFRY_PUBLISHED");
     // `./test` says whether the emulator is there; otherwise it is looked for once.
     println!("cargo::rerun-if-env-changed=BELFRY_EMULATOR");
     let is_on_path = || {
