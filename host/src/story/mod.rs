@@ -28,14 +28,14 @@
 //! let found = project.identify(&IdentifyRequest::by(Route::Direct), &mut |progress| {
 //!     assert!(progress.done <= progress.total);
 //! })?;
-//! assert_eq!(found.identification.modes.len(), 13);
+//! assert_eq!(found.identification.modes.len(), 14);
 //! let comparison = project.compare()?.comparison;
-//! assert!(comparison.mean_abs_frequency_error_percent > Some(5.0));
+//! assert!(comparison.mean_abs_frequency_error_percent > Some(0.5));
 //!
 //! let diagnosis = project.diagnose(&[])?;
 //! assert_eq!(diagnosis.best, ["base-rotation"]);
 //! let change = project.add("base-rotation")?;
-//! assert!(change.after.mean_abs_frequency_error_percent < Some(0.5));
+//! assert!(change.after.mean_abs_frequency_error_percent < Some(0.2));
 //! let request = CovalidationRequest::of_channels(Vec::new(), Route::Direct);
 //! let channels = project.covalidate(&request, &mut |_| {})?.channels;
 //! assert!(channels.iter().all(|channel| channel.error_percent.with_effects.is_some()));
