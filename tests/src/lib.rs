@@ -14,6 +14,17 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
 
+/// This repository's folder.
+///
+/// # Panics
+/// When it has gone since the tests were compiled.
+pub fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("..")
+        .canonicalize()
+        .expect("the folder was there when this was compiled")
+}
+
 /// A folder of other people's data, beside the repository in `../shared`; they are read there and never copied.
 ///
 /// # Panics
@@ -24,7 +35,7 @@ pub fn published(name: &str) -> PathBuf {
 
 /// As [`published`], `None` where it is not there.
 pub fn find_published(name: &str) -> Option<PathBuf> {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared").join(name).canonicalize().ok()
+    repository().join("../shared").join(name).canonicalize().ok()
 }
 
 /// The `belfry` program of this workspace as a command to run, built beforehand in the profile the tests have.

@@ -9,7 +9,7 @@ use super::knob::{Knob, with_values};
 use super::problem::Problem;
 use super::state::State;
 use crate::compare::ModelView;
-use crate::model::{Assembly, Change, ModeDerivative, Structure};
+use crate::model::{Change, ModeDerivative, Structure};
 
 impl State {
     /// Derivatives of [`State::differences`] by the background's numbers.
@@ -45,7 +45,7 @@ impl State {
             return None;
         }
         let (rows, delays_s) = (there.sensor_rows(&problem.sensors).ok()?, there.sensing.delays_s(&problem.sensors));
-        let change = self.change(&there, step);
+        let change = Change::between(&self.assembly, &there, step);
         let mut slopes = match &change {
             Some(change) => self.view.derivatives(&self.sensor_vectors, &self.models, change),
             None => {
@@ -73,21 +73,6 @@ impl State {
         });
         let all = self.joined(modes, &phases, &damping);
         all.iter().all(|value| value.is_finite()).then_some(all)
-    }
-
-    /// The change of K, M and C for one unit of the step; `None` where they stay.
-    pub(super) fn change(&self, there: &Assembly, step: f64) -> Option<Change> {
-        let here = &self.assembly;
-        if there.stiffness == here.stiffness && there.mass == here.mass && there.damping == here.damping {
-            return None;
-        }
-        let none = || DMatrix::zeros(here.dofs(), here.dofs());
-        let damping = (there.damping.is_some() || here.damping.is_some()).then(|| {
-            let [there, here] = [there, here].map(|assembly| assembly.damping.clone().unwrap_or_else(none));
-            (there - here) / step
-        });
-        let (stiffness, mass) = ((&there.stiffness - &here.stiffness) / step, (&there.mass - &here.mass) / step);
-        Some(Change::of(&stiffness, &mass, damping.as_ref()))
     }
 
     /// The derivative by a knob.

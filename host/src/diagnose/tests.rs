@@ -130,28 +130,34 @@ fn diagnosed(words: &[&str], seed: u64, options: &Options) -> Diagnosis {
     diagnose(&problem, &[], &Signals::default(), options).unwrap()
 }
 
-/// Every effect that shows in modes is named first, or among those that the data cannot tell from the first; where the
-/// value compares directly, it lies within four stated deviations.
+/// Effects that show in modes, and names under which they may be found.
+const HIDDEN: [(&str, &[&str]); 15] = [
+    ("base-rotation=8e-15", &["base-rotation"]),
+    ("added-mass@443.6m=4e6", &["added-mass"]),
+    ("stiffness-loss@285m=0.7", &["stiffness-loss"]),
+    ("mass-eccentricity=x=2.5,y=-1", &["mass-eccentricity"]),
+    ("sensor-polarity@ch08", &["sensor-polarity@ch08"]),
+    ("stiffness-scale=0.2", &["stiffness-scale", "mass-scale"]),
+    ("base-rotation=flexibility_x=1.5e-14,flexibility_y=3e-15", &["base-rotation"]),
+    ("base-translation=6e-10", &["base-translation"]),
+    ("shear-flexibility=0.3", &["shear-flexibility"]),
+    ("p-delta=1", &["p-delta"]),
+    ("connection-flexibility@443.6m=1e-12", &["connection-flexibility"]),
+    ("outrigger@272m=3e12", &["outrigger"]),
+    ("sensor-gain@ch13=1.3", &["sensor-gain@ch13"]),
+    ("sensor-swap@ch05+ch14", &["sensor-swap@ch05+ch14"]),
+    ("sensor-rotation@node6=15", &["sensor-rotation@node6"]),
+];
+
 #[test]
 fn hidden_effects_are_named_with_their_place_and_value() {
-    let cases: [(&str, &[&str]); 15] = [
-        ("stiffness-scale=0.2", &["stiffness-scale", "mass-scale"]),
-        ("base-rotation=8e-15", &["base-rotation"]),
-        ("base-rotation=flexibility_x=1.5e-14,flexibility_y=3e-15", &["base-rotation"]),
-        ("base-translation=6e-10", &["base-translation"]),
-        ("shear-flexibility=0.3", &["shear-flexibility"]),
-        ("p-delta=1", &["p-delta"]),
-        ("added-mass@443.6m=4e6", &["added-mass"]),
-        ("stiffness-loss@285m=0.7", &["stiffness-loss"]),
-        ("connection-flexibility@443.6m=1e-12", &["connection-flexibility"]),
-        ("outrigger@272m=3e12", &["outrigger"]),
-        ("mass-eccentricity=x=2.5,y=-1", &["mass-eccentricity"]),
-        ("sensor-gain@ch13=1.3", &["sensor-gain@ch13"]),
-        ("sensor-polarity@ch08", &["sensor-polarity@ch08"]),
-        ("sensor-swap@ch05+ch14", &["sensor-swap@ch05+ch14"]),
-        ("sensor-rotation@node6=15", &["sensor-rotation@node6"]),
-    ];
-    for (seed, (word, names)) in (1..).zip(cases) {
+    are_named(&HIDDEN[..5]);
+}
+
+/// Every effect is named first, or among those that the data cannot tell from the first; where the value compares directly,
+/// it lies within four stated deviations.
+fn are_named(cases: &[(&str, &[&str])]) {
+    for (seed, &(word, names)) in (1..).zip(cases) {
         let diagnosis = diagnosed(&[word], seed, &Options::default());
         let best = diagnosis.best.first().unwrap_or_else(|| panic!("{word}: {:?}", diagnosis.verdict));
         let named: Vec<&String> = diagnosis.ambiguous.iter().flatten().chain([best]).collect();
@@ -187,15 +193,21 @@ fn an_effect_between_the_nodes_is_found_where_it_is() {
 }
 
 /// A channel in g, sensors and axes turned by 60 degrees, a mast with a second mast on top: no small step leads there.
+const FAR: [(&str, &[&str]); 5] = [
+    ("sensor-gain@ch12=9.81", &["sensor-gain"]),
+    ("axis-rotation=60", &["axis-rotation", "sensor-rotation"]),
+    ("sensor-gain@ch04=0.102", &["sensor-gain"]),
+    ("added-mass@618m=5e4", &["added-mass"]),
+    ("base-translation=2e-9", &["base-translation"]),
+];
+
 #[test]
 fn effects_far_from_nothing_are_found() {
-    for (seed, (word, kinds)) in (50..).zip([
-        ("sensor-gain@ch12=9.81", &["sensor-gain"][..]),
-        ("sensor-gain@ch04=0.102", &["sensor-gain"]),
-        ("axis-rotation=60", &["axis-rotation", "sensor-rotation"]),
-        ("added-mass@618m=5e4", &["added-mass"]),
-        ("base-translation=2e-9", &["base-translation"]),
-    ]) {
+    are_found_far_away(&FAR[..2]);
+}
+
+fn are_found_far_away(cases: &[(&str, &[&str])]) {
+    for (seed, &(word, kinds)) in (50..).zip(cases) {
         let diagnosis = diagnosed(&[word], seed, &Options::default());
         assert_ne!(diagnosis.verdict, Verdict::Unknown, "{word}: {:?}", diagnosis.candidates[0]);
         let found = &diagnosis.candidates.iter().find(|found| diagnosis.best.contains(&found.name())).unwrap();
@@ -307,23 +319,34 @@ fn tests_of_fit_hold_what_they_say() {
 
 #[test]
 fn sound_models_are_left_alone() {
-    for seed in 100..108 {
+    are_left_alone(100..102);
+}
+
+fn are_left_alone(seeds: std::ops::Range<u64>) {
+    for seed in seeds {
         let diagnosis = diagnosed(&[], seed, &Options::default());
         assert_eq!(diagnosis.verdict, Verdict::Adequate, "seed {seed}: {:?}", diagnosis.candidates.first());
         assert!(diagnosis.best.is_empty() && diagnosis.ambiguous.is_empty());
     }
 }
 
-/// Where the right effect is not considered, and its twins are not either, nothing passes for it.
+/// Effects, and the kinds that are not considered: the right one and its twins.
+const OUTSIDE: [(&str, &[&str]); 5] = [
+    ("added-mass@443.6m=5e6", &["added-mass"]),
+    ("sensor-swap@ch05+ch14", &["sensor-swap"]),
+    ("base-rotation=1.5e-14", &["base-rotation", "connection-flexibility", "stiffness-loss"]),
+    ("mass-eccentricity=x=3,y=2", &["mass-eccentricity"]),
+    ("stiffness-scale=0.25", &["stiffness-scale", "mass-scale"]),
+];
+
 #[test]
 fn what_no_known_effect_explains_is_unknown() {
-    for (seed, (word, without)) in (200..).zip([
-        ("added-mass@443.6m=5e6", &["added-mass"][..]),
-        ("base-rotation=1.5e-14", &["base-rotation", "connection-flexibility", "stiffness-loss"]),
-        ("sensor-swap@ch05+ch14", &["sensor-swap"]),
-        ("mass-eccentricity=x=3,y=2", &["mass-eccentricity"]),
-        ("stiffness-scale=0.25", &["stiffness-scale", "mass-scale"]),
-    ]) {
+    are_unknown(&OUTSIDE[..1]);
+}
+
+/// Nothing else passes for what is hidden.
+fn are_unknown(cases: &[(&str, &[&str])]) {
+    for (seed, &(word, without)) in (200..).zip(cases) {
         let without = without.iter().map(|kind| (*kind).to_owned()).collect();
         let diagnosis = diagnosed(&[word], seed, &Options { without });
         assert_eq!(diagnosis.verdict, Verdict::Unknown, "{word}: {:?}", diagnosis.best);
@@ -430,4 +453,33 @@ fn forced_lines_and_trends_are_effects_of_their_own() {
     let slope = diagnosis.candidates.iter().find(|candidate| candidate.effect == "temperature-stiffness").unwrap();
     // Stiffness goes twice as far as frequency.
     assert!((slope.parameters[0].value + 0.00104).abs() < 1e-4, "{:?}", slope.parameters);
+}
+
+/// All cases of what the tests above try a few of.
+mod long {
+    use super::*;
+
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn every_hidden_effect_is_named() {
+        are_named(&HIDDEN);
+    }
+
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn every_far_effect_is_found() {
+        are_found_far_away(&FAR);
+    }
+
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn more_sound_models_are_left_alone() {
+        are_left_alone(102..108);
+    }
+
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn nothing_passes_for_an_effect_outside_the_catalogue() {
+        are_unknown(&OUTSIDE);
+    }
 }

@@ -6,7 +6,7 @@ use super::DOFS_A_NODE;
 use super::beam::Segment;
 use super::damped::DampedModes;
 use super::eigen::{EigenError, ModalBasis, Modes};
-use super::geometry::{Geometry, Line};
+use super::geometry::{Geometry, Line, LocalMotion};
 use super::joint::Kink;
 use super::matrices::ImportedMatrices;
 use super::sensing::Sensing;
@@ -153,5 +153,10 @@ impl Assembly {
     /// each other.
     pub fn axis_motion(&self, z_m: f64) -> DMatrix<f64> {
         self.line().map_or_else(|| DMatrix::zeros(DOFS_A_NODE, self.dofs()), |line| line.motion(z_m, self.dofs()))
+    }
+
+    /// [`Assembly::axis_motion`] at the few DOFs that take part in it; `None` where nodes do not stand above each other.
+    pub(super) fn local_motion(&self, z_m: f64) -> Option<LocalMotion> {
+        self.line().map(|line| line.local_motion(z_m))
     }
 }

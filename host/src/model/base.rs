@@ -52,11 +52,16 @@ impl BaseFlexibility {
     pub(super) fn condense(&self, whole: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
         let free = whole.nrows() - DOFS_A_NODE;
         let base_motion = self.motion(whole);
-        let base_free = whole.view((0, DOFS_A_NODE), (DOFS_A_NODE, free)).into_owned();
-        let mut stiffness = whole.view((DOFS_A_NODE, DOFS_A_NODE), (free, free)).into_owned();
+        // Column by column: this is where the model is copied most often.
+        let mut entries = Vec::with_capacity(free * free);
+        for column in whole.as_slice().chunks_exact(free + DOFS_A_NODE).skip(DOFS_A_NODE) {
+            entries.extend_from_slice(&column[DOFS_A_NODE..]);
+        }
+        let mut stiffness = DMatrix::from_vec(free, free, entries);
         // Only the first node is tied to the base.
         let near = DOFS_A_NODE.min(free);
-        let condensed = base_free.columns(0, near).tr_mul(&base_motion.columns(0, near));
+        let base_near = whole.view((0, DOFS_A_NODE), (DOFS_A_NODE, near)).into_owned();
+        let condensed = base_near.tr_mul(&base_motion.columns(0, near));
         // The two sums round differently above and below the diagonal.
         let condensed = (&condensed + condensed.transpose()) * 0.5;
         let mut corner = stiffness.view_mut((0, 0), (near, near));

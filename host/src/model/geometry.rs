@@ -176,28 +176,71 @@ impl Line {
     /// functions (cubic, with the shear correction); heights outside count as the ends.
     pub(super) fn motion(&self, z_m: f64, dofs: usize) -> DMatrix<f64> {
         let mut motion = DMatrix::zeros(DOFS_A_NODE, dofs);
+        let local = self.local_motion(z_m);
+        for (column, &dof) in local.dofs.iter().enumerate() {
+            motion.set_column(dof, &local.motion.column(column));
+        }
+        motion
+    }
+
+    /// [`Line::motion`] at the few DOFs that take part in it.
+    pub(super) fn local_motion(&self, z_m: f64) -> LocalMotion {
         let last = self.spans.len().saturating_sub(1);
         let index = self.spans.iter().position(|span| z_m <= span.z_top_m).unwrap_or(last);
-        let Some(span) = self.spans.get(index) else { return motion };
+        let Some(span) = self.spans.get(index) else {
+            return LocalMotion { dofs: Vec::new(), motion: DMatrix::zeros(DOFS_A_NODE, 0) };
+        };
         let shape = match self.kinks.get(index) {
             Some(kinks) if !kinks.is_empty() => kinked(span, kinks, z_m),
             _ => interpolation(span, z_m),
         };
+        let base_motion = self.base_motion.as_ref().filter(|_| index == 0);
+        let mut dofs: Vec<usize> = self.rows[index].iter().chain(&self.rows[index + 1]).copied().flatten().collect();
+        if let Some(base_motion) = base_motion {
+            // The base may move with the node above it, whose DOFs are there already.
+            dofs.extend(
+                (0..base_motion.ncols()).filter(|&dof| base_motion.column(dof).iter().any(|&value| value != 0.0)),
+            );
+        }
+        dofs.sort_unstable();
+        dofs.dedup();
+        let mut motion = DMatrix::zeros(DOFS_A_NODE, dofs.len());
         for (node, first_column) in [(index, 0), (index + 1, DOFS_A_NODE)] {
             let part = shape.columns(first_column, DOFS_A_NODE);
             for (dof, row) in self.rows[node].iter().enumerate() {
-                if let Some(row) = *row {
-                    // Added, as the base may move with the node above it.
-                    motion.set_column(row, &(motion.column(row) + part.column(dof)));
+                if let Some(column) = row.and_then(|row| dofs.binary_search(&row).ok()) {
+                    let mut sum = motion.column_mut(column);
+                    sum += part.column(dof);
                 }
             }
-            if node == 0
-                && let Some(base_motion) = &self.base_motion
-            {
-                motion += part * base_motion;
+            if let Some(base_motion) = base_motion.filter(|_| node == 0) {
+                motion += part * base_motion.select_columns(&dofs);
             }
         }
-        motion
+        LocalMotion { dofs, motion }
+    }
+}
+
+/// Motion of the axis at a height by the DOFs next to it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct LocalMotion {
+    /// The DOFs, ascending.
+    pub(super) dofs: Vec<usize>,
+    /// Rows `ux, uy, rx, ry, rz`, 5 x `dofs`.
+    pub(super) motion: DMatrix<f64>,
+}
+
+impl LocalMotion {
+    /// Adds `factor * sum nᵀ n` over two of the motion's rows, from `first_row` on, to a matrix over all DOFs: what a mass (or
+    /// a spring) of that size, alike in both directions, adds to M (or K).
+    pub(super) fn add_square(&self, total: &mut DMatrix<f64>, first_row: usize, factor: f64) {
+        let rows = self.motion.rows(first_row, 2);
+        let part = rows.tr_mul(&rows) * factor;
+        for (i, &row) in self.dofs.iter().enumerate() {
+            for (j, &column) in self.dofs.iter().enumerate() {
+                total[(row, column)] += part[(i, j)];
+            }
+        }
     }
 }
 

@@ -30,14 +30,8 @@ pub(super) fn spread(assembly: &Assembly) -> DMatrix<f64> {
         let [below_m, above_m] = [0.5 * pair[0].length_m(), 0.5 * pair[1].length_m()];
         let share_below = above_m / (below_m + above_m);
         let mut add = |z_m: f64, mass_kg: f64| {
-            let motion = assembly.axis_motion(z_m);
-            let moving: Vec<usize> = (0..motion.ncols()).filter(|&dof| motion.column(dof).amax() > 0.0).collect();
-            let horizontal = motion.rows(0, 2).select_columns(&moving);
-            let part = horizontal.tr_mul(&horizontal) * mass_kg;
-            for (i, &row) in moving.iter().enumerate() {
-                for (j, &column) in moving.iter().enumerate() {
-                    total[(row, column)] += part[(i, j)];
-                }
+            if let Some(motion) = assembly.local_motion(z_m) {
+                motion.add_square(&mut total, 0, mass_kg);
             }
         };
         add(z_m, -mass_kg);

@@ -121,8 +121,10 @@ impl Structure {
             contribution.add_matrices(&mut assembly);
         }
         let factors = self.factors();
-        assembly.stiffness *= factors.stiffness;
-        assembly.mass *= factors.mass;
+        if factors != Factors::default() {
+            assembly.stiffness *= factors.stiffness;
+            assembly.mass *= factors.mass;
+        }
         for contribution in &self.contributions {
             contribution.hang(&mut assembly);
         }

@@ -8,12 +8,12 @@ mod excerpt;
 mod markdown;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Output, Stdio};
 use std::sync::Mutex;
 
 use belfry_host::study::{STUDY_FILE, Study};
-use belfry_tests::{belfry_command, shell};
+use belfry_tests::{belfry_command, repository, shell};
 use commands::{CommandHelp, check_line, without_comment};
 use markdown::{Block, Document, Note};
 
@@ -26,10 +26,6 @@ const TAKES_MINUTES: &str = "takes minutes";
 
 /// Documents whose blocks run at the same time; most commands use two cores themselves.
 const AT_ONCE: usize = 2;
-
-fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()
-}
 
 /// README.md and the guides.
 fn documents() -> Vec<Document> {

@@ -60,9 +60,9 @@ impl EffectKind for AddedMass {
 /// Between nodes it enters M through the element's shape functions.
 impl Contribution for PointMass {
     fn attach(&self, assembly: &mut Assembly) {
-        let motion = assembly.axis_motion(self.z_m);
-        let horizontal = motion.rows(0, 2);
-        assembly.mass += horizontal.tr_mul(&horizontal) * self.mass_kg;
+        if let Some(motion) = assembly.local_motion(self.z_m) {
+            motion.add_square(&mut assembly.mass, 0, self.mass_kg);
+        }
     }
 
     fn attached_mass(&self) -> Option<PointMass> {

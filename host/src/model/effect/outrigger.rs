@@ -61,8 +61,8 @@ struct GroundSpring {
 
 impl Contribution for GroundSpring {
     fn attach(&self, assembly: &mut Assembly) {
-        let motion = assembly.axis_motion(self.z_m);
-        let rotation = motion.rows(2, 2);
-        assembly.stiffness += rotation.tr_mul(&rotation) * self.stiffness_n_m;
+        if let Some(motion) = assembly.local_motion(self.z_m) {
+            motion.add_square(&mut assembly.stiffness, 2, self.stiffness_n_m);
+        }
     }
 }

@@ -13,7 +13,7 @@ use belfry_host::link::port::Port;
 use belfry_host::link::who_is_there;
 use belfry_shared::frame::FrameDecoder;
 use belfry_shared::message::{self, Hello, NodeMessage};
-use belfry_tests::belfry_command;
+use belfry_tests::{belfry_command, repository};
 use serde_json::Value;
 
 pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
@@ -23,10 +23,6 @@ pub(crate) const BAUD: u32 = 115_200;
 /// The stack pointer and the program counter, as debuggers number them.
 pub(crate) const STACK_POINTER: u8 = 13;
 pub(crate) const PROGRAM_COUNTER: u8 = 15;
-
-pub(crate) fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
-}
 
 /// A program for the board: in the folder that BELFRY_PROGRAMS names, or built by `firmware/build.sh`, once.
 pub(crate) fn program(name: &'static str) -> PathBuf {

@@ -6,8 +6,9 @@
 use std::path::Path;
 
 use belfry_shared::message::{Fault, FaultKind};
+use belfry_tests::repository;
 
-use super::emulator::{Board, PROGRAM_COUNTER, STACK_POINTER, belfry, program, repository, symbol};
+use super::emulator::{Board, PROGRAM_COUNTER, STACK_POINTER, belfry, program, symbol};
 
 /// Ends the program by giving registers other values; the fault that it tells afterwards, and what `belfry ports` says of it.
 fn fault_after(program: &Path, registers: &[(u8, u32)]) -> (Fault, String) {

@@ -6,8 +6,9 @@ use std::sync::OnceLock;
 
 use belfry_firmware::{SUPPORTED_SEGMENTS, welch_segment};
 use belfry_shared::frame::crc32;
+use belfry_tests::repository;
 
-use super::emulator::{Seats, program, repository};
+use super::emulator::{Seats, program};
 
 /// Bytes of a program's segments: those that lie in flash (with the first values of data), and those that data take in RAM.
 fn flash_and_ram(program: &Path) -> (u64, u64) {

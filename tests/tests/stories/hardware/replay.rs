@@ -1,8 +1,9 @@
 //! Recordings through boards, and lines that are not as they should be.
 
 use belfry_host::link::Transport;
+use belfry_tests::repository;
 
-use super::emulator::{Board, assert_same_bits, belfry, repository};
+use super::emulator::{Board, assert_same_bits, belfry};
 
 #[test]
 #[cfg_attr(
