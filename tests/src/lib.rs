@@ -5,6 +5,8 @@ pub mod blind;
 mod canton;
 pub mod clock;
 mod footbridge;
+mod npy;
+pub mod records;
 
 pub use canton::{CantonRun, run_canton};
 pub use footbridge::{FOOTBRIDGE_STIFFNESS, write_footbridge_study};

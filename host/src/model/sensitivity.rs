@@ -130,24 +130,29 @@ pub fn derivatives(
     change: &Change,
 ) -> Vec<ModeDerivative> {
     let vectors = basis.vectors.select_rows(&change.rows);
-    let derivative = |&mode: &usize| {
-        let mu = basis.inverse_lambda[mode];
-        let lambda = 1.0 / mu;
-        let local = vectors.column(mode) / mu.sqrt();
-        let inertial = &change.mass * &local;
-        let force = &change.stiffness * &local - &inertial * lambda;
-        let mut share = vectors.tr_mul(&force);
-        for (other, share) in share.iter_mut().enumerate() {
-            let distance = 1.0 - lambda * basis.inverse_lambda[other];
+    // All modes at once: products of matrices are several times as fast as those of a matrix with one vector after the other.
+    let mu: Vec<f64> = modes.iter().map(|&mode| basis.inverse_lambda[mode]).collect();
+    let mut local = vectors.select_columns(modes);
+    local.column_iter_mut().zip(&mu).for_each(|(mut local, mu)| local /= mu.sqrt());
+    let inertial = &change.mass * &local;
+    let mut force = &change.stiffness * &local;
+    force.column_iter_mut().zip(inertial.column_iter()).zip(&mu).for_each(|((mut force, inertial), mu)| {
+        force.axpy(-1.0 / mu, &inertial, 1.0);
+    });
+    let mut shares = vectors.transpose() * &force;
+    for (at, &mode) in modes.iter().enumerate() {
+        for (other, share) in shares.column_mut(at).iter_mut().enumerate() {
+            let distance = 1.0 - basis.inverse_lambda[other] / mu[at];
             *share = if other == mode || distance.abs() < DEGENERATE { 0.0 } else { -*share / distance };
         }
         // phi = x / sqrt(mu)
-        share[mode] = -0.5 * local.dot(&inertial) / mu.sqrt();
-        ModeDerivative {
-            ln_frequency: 0.5 * local.dot(&force) / lambda,
-            shape: sensor_vectors * share * basis.sign(mode),
-            damping_ratio: 0.0,
-        }
+        shares[(mode, at)] = -0.5 * local.column(at).dot(&inertial.column(at)) / mu[at].sqrt();
+    }
+    let shapes = sensor_vectors * shares;
+    let derivative = |(at, &mode): (usize, &usize)| ModeDerivative {
+        ln_frequency: 0.5 * local.column(at).dot(&force.column(at)) * mu[at],
+        shape: shapes.column(at) * basis.sign(mode),
+        damping_ratio: 0.0,
     };
-    modes.iter().map(derivative).collect()
+    modes.iter().enumerate().map(derivative).collect()
 }

@@ -5,8 +5,7 @@
 //! and which aliases little.
 
 use std::f64::consts::TAU;
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io;
 use std::path::Path;
 
 use nalgebra::{Complex, DMatrix};
@@ -125,21 +124,8 @@ fn deflection_at(tone_hz: f64, damped: &[DampedMode], forces: &DMatrix<f64>, ran
 }
 
 impl Recording {
-    /// Writes an NPY file, version 1.0: 32-bit floats, row by row.
+    /// Writes an NPY file.
     pub(super) fn write_npy(&self, path: &Path) -> io::Result<()> {
-        let rows = self.samples.len() / self.channels.max(1);
-        let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, {}), }}", self.channels);
-        // Magic, version and length take ten bytes; the whole is a multiple of 64, a line feed its last.
-        let padding = 63 - (10 + header.len()) % 64;
-        header.extend(std::iter::repeat_n(' ', padding));
-        header.push('\n');
-        let mut file = BufWriter::with_capacity(1 << 20, File::create(path)?);
-        file.write_all(b"\x93NUMPY\x01\x00")?;
-        file.write_all(&(header.len() as u16).to_le_bytes())?;
-        file.write_all(header.as_bytes())?;
-        for sample in &self.samples {
-            file.write_all(&sample.to_le_bytes())?;
-        }
-        file.flush()
+        crate::npy::write_npy(path, &self.samples, self.channels)
     }
 }

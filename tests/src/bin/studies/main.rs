@@ -7,6 +7,7 @@ mod canton;
 mod clock;
 mod footbridge;
 mod identification;
+mod records;
 
 use std::process::ExitCode;
 
@@ -27,6 +28,7 @@ enum StudyCommand {
     Clock(clock::Arguments),
     Footbridge(footbridge::Arguments),
     Identification(identification::Arguments),
+    Records(records::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -36,6 +38,7 @@ fn main() -> ExitCode {
         StudyCommand::Clock(arguments) => clock::run(&arguments),
         StudyCommand::Footbridge(arguments) => footbridge::run(&arguments),
         StudyCommand::Identification(arguments) => identification::run(&arguments),
+        StudyCommand::Records(arguments) => records::run(&arguments),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

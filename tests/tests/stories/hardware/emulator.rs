@@ -1,6 +1,7 @@
 //! Emulated boards: QEMU with a program, its serial port, and a debugger's end.
 
 use std::collections::BTreeMap;
+use std::fmt::Debug;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -118,12 +119,7 @@ impl Board {
             .spawn()
             .expect("qemu-system-arm runs (Debian's package of that name)");
         let board = Self { emulator, folder, _seats: seats };
-        let start = Instant::now();
-        while !["line", "debugger"].iter().all(|name| board.folder.path().join(name).exists()) {
-            assert!(start.elapsed() < PATIENCE, "the emulator did not start");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        let mut port = board.port();
+        let mut port = when_listening(|| Port::open(&board.line(), BAUD));
         board.go_on_with(&[]);
         // What is said to a program that does not listen yet is lost, and may be lost in part: so nothing is said before it has
         // greeted.
@@ -179,6 +175,18 @@ fn first_hello(port: &mut Port) -> Hello {
     panic!("the program does not greet");
 }
 
+/// Opens a socket of the emulator, which makes its files some time after its start and listens some time after that.
+fn when_listening<T, E: Debug>(open: impl Fn() -> Result<T, E>) -> T {
+    let start = Instant::now();
+    loop {
+        match open() {
+            Ok(opened) => return opened,
+            Err(error) if start.elapsed() > PATIENCE => panic!("the emulator did not start: {error:?}"),
+            Err(_) => std::thread::sleep(Duration::from_millis(5)),
+        }
+    }
+}
+
 /// The debugger's end of the emulator's remote protocol; the processor stands while it is there.
 struct Debugger {
     stream: UnixStream,
@@ -187,7 +195,7 @@ struct Debugger {
 
 impl Debugger {
     fn attach(socket: &Path) -> Self {
-        let stream = UnixStream::connect(socket).unwrap();
+        let stream = when_listening(|| UnixStream::connect(socket));
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let answers = BufReader::new(stream.try_clone().unwrap());
         let mut debugger = Self { stream, answers };

@@ -325,7 +325,7 @@ fn assert_one_wave(task: Task, windows: &[NodeWindow]) {
 #[test]
 #[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn no_sample_is_late_or_lost_while_long_spectra_are_computed_and_sent() {
-    let task = Task { rate_hz: 4000, decimation: 4, segment: 4096, windows: 8 };
+    let task = Task { rate_hz: 4000, decimation: 4, segment: 4096, windows: 4 };
     let measured = measure("belfry-imitated", task);
     assert_on_time(task, &measured);
     assert_one_wave(task, &measured.windows);

@@ -1,0 +1,44 @@
+//! How right and how honest modes are on recordings that Belfry's own simulation could not make.
+
+use belfry_tests::records::{self, CASES, CaseScore, case};
+use clap::Args;
+
+/// Recordings with correlated loads, close pairs, any damping and faults: errors and honesty mode by mode
+#[derive(Debug, Args)]
+#[command(after_help = cases_in_words())]
+pub(super) struct Arguments {
+    /// How many seeds
+    #[arg(long, default_value_t = 3)]
+    seeds: u64,
+    /// The first seed [default: drawn from the clock]
+    #[arg(long, value_name = "SEED")]
+    first: Option<u64>,
+    /// A case; several times for several [default: all]
+    #[arg(long = "case", value_name = "NAME", value_parser = CASES.map(|case| case.name))]
+    cases: Vec<String>,
+}
+
+fn cases_in_words() -> String {
+    let lines: Vec<String> = CASES.iter().map(|case| format!("  {:14} {}", case.name, case.what)).collect();
+    format!("Cases:\n{}", lines.join("\n"))
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
+    let first = match arguments.first {
+        Some(first) => first,
+        None => std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH)?.as_secs(),
+    };
+    let all: Vec<&str> = CASES.iter().map(|case| case.name).collect();
+    let wanted: Vec<&str> =
+        if arguments.cases.is_empty() { all } else { arguments.cases.iter().map(String::as_str).collect() };
+    for case in wanted.into_iter().filter_map(case) {
+        let mut score = CaseScore::default();
+        for seed in first..first + arguments.seeds {
+            let folder = tempfile::tempdir()?;
+            records::run(case, seed, folder.path(), &mut score)?;
+        }
+        println!("{}: {} (seeds {first} to {})", case.name, case.what, first + arguments.seeds - 1);
+        println!("{}", score.table());
+    }
+    Ok(())
+}

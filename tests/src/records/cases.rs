@@ -1,0 +1,112 @@
+//! Cases: what structure, what load, how long a record, what is wrong with it.
+
+use rand::Rng;
+
+use super::fault::Fault;
+use super::load::Load;
+use super::structure::Structure;
+
+/// A kind of recording.
+#[derive(Debug, Clone, Copy)]
+pub struct Case {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// What it is.
+    pub what: &'static str,
+    pub(super) build: Build,
+    pub(super) load: Load,
+    pub(super) rate_hz: f64,
+    pub(super) seconds: f64,
+    pub(super) fault: Option<Fault>,
+}
+
+/// How a structure is drawn.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Build {
+    /// [`Structure::tower`].
+    Tower { channels: usize, first_hz: f64, modes: usize, damping: [f64; 2], apart: f64 },
+    /// [`Structure::random`].
+    Random { channels: usize, first_hz: f64, modes: usize, damping: [f64; 2], apart: f64, alike: f64 },
+}
+
+impl Build {
+    pub(super) fn structure(self, random: &mut impl Rng) -> Structure {
+        match self {
+            Self::Tower { channels, first_hz, modes, damping, apart } => {
+                Structure::tower(channels, first_hz, modes, damping, apart, random)
+            }
+            Self::Random { channels, first_hz, modes, damping, apart, alike } => {
+                Structure::random(channels, first_hz, modes, damping, apart, alike, random)
+            }
+        }
+    }
+}
+
+const HOUR_S: f64 = 3600.0;
+
+const TOWER: Build = Build::Tower { channels: 20, first_hz: 0.3, modes: 10, damping: [0.006, 0.014], apart: 4.0 };
+const WIND: Load = Load::Wind { speed_m_s: 15.0 };
+const WHITE: Load = Load::Modal { correlation: 0.0, colour: 0.0 };
+
+const fn wind(name: &'static str, what: &'static str, fault: Option<Fault>) -> Case {
+    Case { name, what, build: TOWER, load: WIND, rate_hz: 20.0, seconds: 6.0 * HOUR_S, fault }
+}
+
+const fn correlated(name: &'static str, what: &'static str, correlation: f64) -> Case {
+    let build =
+        Build::Random { channels: 12, first_hz: 0.5, modes: 8, damping: [0.005, 0.02], apart: 12.0, alike: 0.3 };
+    let load = Load::Modal { correlation, colour: -5.0 / 3.0 };
+    Case { name, what, build, load, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None }
+}
+
+const fn pairs(name: &'static str, what: &'static str, apart: f64) -> Case {
+    let build = Build::Tower { channels: 12, first_hz: 0.4, modes: 6, damping: [0.008, 0.012], apart };
+    Case { name, what, build, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None }
+}
+
+const fn of_channels(name: &'static str, what: &'static str, channels: usize) -> Case {
+    let build = Build::Tower { channels, first_hz: 0.4, modes: 6, damping: [0.006, 0.014], apart: 5.0 };
+    Case { name, what, build, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None }
+}
+
+const fn damped(name: &'static str, what: &'static str, damping: [f64; 2], seconds: f64) -> Case {
+    let build = Build::Random { channels: 16, first_hz: 0.8, modes: 8, damping, apart: 6.0, alike: 0.3 };
+    Case { name, what, build, load: WHITE, rate_hz: 50.0, seconds, fault: None }
+}
+
+/// All cases.
+pub const CASES: [Case; 20] = [
+    wind("wind", "a tower of 20 channels and 10 modes under wind that is coherent up its height, 6 h at 20 Hz", None),
+    correlated("correlated-0", "8 random modes, loads of f^(-5/3), modal forces uncorrelated, 4 h", 0.0),
+    correlated("correlated-10", "the same with forces correlated by 0.1", 0.1),
+    correlated("correlated-25", "the same with forces correlated by 0.25", 0.25),
+    Case {
+        name: "alike",
+        what: "6 modes 1.5 bandwidths apart whose neighbours' shapes have the correlation 0.5, 4 h",
+        build: Build::Random { channels: 12, first_hz: 0.5, modes: 6, damping: [0.01, 0.01], apart: 1.5, alike: 0.5 },
+        load: WHITE,
+        rate_hz: 20.0,
+        seconds: 4.0 * HOUR_S,
+        fault: None,
+    },
+    pairs("pairs-0.1", "pairs of modes 0.1 bandwidths apart, as of chimneys, under wind, 4 h", 0.1),
+    pairs("pairs-1", "pairs 1 bandwidth apart", 1.0),
+    damped("damped-4", "8 modes of 3 to 5 % damping, an hour at 50 Hz", [0.03, 0.05], HOUR_S),
+    damped("damped-8", "8 modes of 0.3 to 8 % damping, an hour at 50 Hz", [0.003, 0.08], HOUR_S),
+    damped("cables", "8 modes of 0.02 to 0.1 % damping, four hours at 50 Hz", [2e-4, 1e-3], 4.0 * HOUR_S),
+    damped("ten-minutes", "8 modes of 1 to 2 % damping, ten minutes at 50 Hz", [0.01, 0.02], 600.0),
+    of_channels("one-channel", "one channel of a tower under wind, 4 h", 1),
+    of_channels("two-channels", "two channels, 4 h", 2),
+    of_channels("four-channels", "four channels, 4 h", 4),
+    wind("spike", "`wind` with one spike of 1 g in one channel", Some(Fault::Spike)),
+    wind("spikes", "`wind`, 1 % of one channel's samples off by ten times its root mean square", Some(Fault::Spikes)),
+    wind("step", "`wind`, one channel jumps by 1 g once", Some(Fault::Step)),
+    wind("noise", "`wind`, one channel is noise", Some(Fault::Noise)),
+    wind("missing-rows", "`wind`, 1 % of rows missing, unsaid", Some(Fault::MissingRows)),
+    wind("clipped", "`wind`, one channel cut at 1.5 times its root mean square", Some(Fault::Clipped)),
+];
+
+/// The case of a name.
+pub fn case(name: &str) -> Option<&'static Case> {
+    CASES.iter().find(|case| case.name == name)
+}

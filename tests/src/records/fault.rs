@@ -1,0 +1,60 @@
+//! What goes wrong with sensors and recorders.
+
+use rand::{Rng, RngExt};
+
+/// A fault of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// One sample of one channel is off by 9.81 m/s².
+    Spike,
+    /// One in a hundred samples of one channel is off by ten times its root mean square.
+    Spikes,
+    /// One channel jumps by 9.81 m/s² once.
+    Step,
+    /// One channel is noise of ten times its own strength.
+    Noise,
+    /// One in a hundred rows is missing, and nothing says so.
+    MissingRows,
+    /// One channel is cut at one and a half times its root mean square.
+    Clipped,
+}
+
+const G: f64 = 9.81;
+
+impl Fault {
+    /// Damages samples, row by row.
+    pub(super) fn damage(self, samples: &mut Vec<f32>, channels: usize, random: &mut impl Rng) {
+        let rows = samples.len() / channels;
+        let channel = random.random_range(0..channels);
+        let sum: f64 = samples.iter().skip(channel).step_by(channels).map(|value| f64::from(*value).powi(2)).sum();
+        let rms = (sum / rows as f64).sqrt();
+        let at = random.random_range(rows / 4..3 * rows / 4);
+        let own = |samples: &mut Vec<f32>, change: &mut dyn FnMut(usize, &mut f32)| {
+            for (row, value) in samples.iter_mut().skip(channel).step_by(channels).enumerate() {
+                change(row, value);
+            }
+        };
+        match self {
+            Self::Spike => samples[at * channels + channel] += G as f32,
+            Self::Step => own(samples, &mut |row, value| *value += if row >= at { G as f32 } else { 0.0 }),
+            Self::Spikes => own(samples, &mut |_, value| {
+                if random.random_bool(0.01) {
+                    *value += (10.0 * rms) as f32;
+                }
+            }),
+            Self::Noise => own(samples, &mut |_, value| {
+                let noise: f64 = rand_distr::Distribution::sample(&rand_distr::StandardNormal, random);
+                *value += (10.0 * rms * noise) as f32;
+            }),
+            Self::Clipped => own(samples, &mut |_, value| *value = value.clamp(-1.5 * rms as f32, 1.5 * rms as f32)),
+            Self::MissingRows => {
+                let kept: Vec<bool> = (0..rows).map(|_| !random.random_bool(0.01)).collect();
+                let mut row = 0;
+                samples.retain(|_| {
+                    row += 1;
+                    kept[(row - 1) / channels]
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! How `belfry identify` stands to the truth, mode by mode.
+
+use std::f64::consts::TAU;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use crate::npy::write_npy;
+use nalgebra::{Complex, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde_json::Value;
+
+use super::cases::Case;
+use super::record::record;
+use super::structure::Structure;
+use crate::belfry_command;
+
+/// Share of each channel's root mean square that is sensor noise.
+const NOISE: f64 = 0.03;
+/// A mode is found within this of its frequency, and the bound's five deviations, with at least this MAC.
+const NEAR: f64 = 0.02;
+const LEAST_MAC: f64 = 0.5;
+/// A mode can be seen where the bound of its frequency and of its damping is below these shares.
+const SEEN: [f64; 2] = [0.02, 0.5];
+
+/// One mode over all seeds.
+#[derive(Debug, Clone, Default)]
+pub struct ModeScore {
+    /// Of how many records.
+    pub records: usize,
+    /// In how many it can be seen and is not found.
+    pub missed: usize,
+    /// (estimate - truth) / stated deviation of the frequency...
+    pub frequency_z: Vec<f64>,
+    /// ...of the damping ratio...
+    pub damping_z: Vec<f64>,
+    /// ...and of the shape's components.
+    pub shape_z: Vec<f64>,
+    /// Error of the frequency over the least deviation possible (Au 2014).
+    pub frequency_over_bound: Vec<f64>,
+    /// Error of the damping ratio over the least deviation possible.
+    pub damping_over_bound: Vec<f64>,
+    /// Least MAC.
+    pub least_mac: Option<f64>,
+}
+
+/// A case over all seeds.
+#[derive(Debug, Clone, Default)]
+pub struct CaseScore {
+    /// Mode by mode, lowest first.
+    pub modes: Vec<ModeScore>,
+    /// Modes found that are none, seed by seed: frequency in Hz.
+    pub invented_hz: Vec<(u64, f64)>,
+    /// Records that were refused: seed and reason.
+    pub refused: Vec<(u64, String)>,
+    /// What was said of faults and doubts.
+    pub warnings: Vec<String>,
+}
+
+/// Makes a case's record of a seed in `folder`, identifies it and scores the answer.
+///
+/// # Errors
+/// What cannot be written or understood.
+pub fn run(case: &Case, seed: u64, folder: &Path, into: &mut CaseScore) -> Result<(), String> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let structure = case.build.structure(&mut random);
+    let mut samples = record(&structure, case.load, case.rate_hz, case.seconds, NOISE, &mut random);
+    let channels = structure.places.len();
+    if let Some(fault) = case.fault {
+        fault.damage(&mut samples, channels, &mut random);
+    }
+    let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
+    fs::create_dir_all(folder).map_err(failed)?;
+    write_npy(&folder.join("recording.npy"), &samples, channels).map_err(failed)?;
+    fs::write(folder.join("study.toml"), study_toml(case, &structure)).map_err(failed)?;
+    let output = belfry_command().arg("identify").arg(folder).args(["--direct", "--json"]).output().map_err(failed)?;
+    into.modes.resize(structure.frequencies_hz.len(), ModeScore::default());
+    if !output.status.success() {
+        into.refused.push((seed, String::from_utf8_lossy(&output.stderr).trim().to_owned()));
+    }
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    for warning in report["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str) {
+        into.warnings.push(format!("seed {seed}: {warning}"));
+    }
+    let found: Vec<Found> = report["modes"].as_array().into_iter().flatten().map(Found::of).collect();
+    into.add(case, seed, &structure, &found);
+    Ok(())
+}
+
+fn study_toml(case: &Case, structure: &Structure) -> String {
+    let mut text = format!(
+        "[structure]\nname = {:?}\n\n[[setup]]\nname = \"one\"\nfiles = [\"recording.npy\"]\nsampling_rate_hz = {:?}\nunit = \"m/s2\"\n\n",
+        case.name, case.rate_hz
+    );
+    for (channel, (z_m, azimuth_deg)) in structure.places.iter().enumerate() {
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "[[setup.sensor]]\nchannel = \"{:02}\"\nelevation_m = {z_m:?}\nazimuth_deg = {azimuth_deg:?}\n",
+            channel + 1
+        );
+    }
+    text
+}
+
+/// A mode as it was found.
+struct Found {
+    frequency_hz: f64,
+    frequency_std_hz: f64,
+    damping_ratio: f64,
+    damping_ratio_std: f64,
+    /// By channel, counted from 0.
+    shape: Vec<(usize, Complex<f64>, f64)>,
+}
+
+impl Found {
+    fn of(mode: &Value) -> Self {
+        let number = |name: &str| mode[name].as_f64().unwrap_or(f64::NAN);
+        let part = |part: &Value| {
+            let channel = part["channel"].as_str()?.parse::<usize>().ok()?.checked_sub(1)?;
+            Some((channel, Complex::new(part["re"].as_f64()?, part["im"].as_f64()?), part["std"].as_f64()?))
+        };
+        Self {
+            frequency_hz: number("frequency_hz"),
+            frequency_std_hz: number("frequency_std_hz"),
+            damping_ratio: number("damping_ratio"),
+            damping_ratio_std: number("damping_ratio_std"),
+            shape: mode["shape"].as_array().into_iter().flatten().filter_map(part).collect(),
+        }
+    }
+
+    /// The true shape at the channels that were kept, of the length and phase of the estimate (least squares).
+    fn truth(&self, truth: &DVector<f64>) -> Vec<Complex<f64>> {
+        let power: f64 = self.shape.iter().map(|(channel, _, _)| truth[*channel].powi(2)).sum();
+        let along: Complex<f64> = self.shape.iter().map(|(channel, value, _)| value * truth[*channel]).sum();
+        self.shape.iter().map(|(channel, _, _)| along / power * truth[*channel]).collect()
+    }
+
+    fn mac(&self, truth: &DVector<f64>) -> f64 {
+        let inside: f64 = self.truth(truth).iter().map(|value| value.norm_sqr()).sum();
+        let whole: f64 = self.shape.iter().map(|(_, value, _)| value.norm_sqr()).sum();
+        if whole > 0.0 { inside / whole } else { 0.0 }
+    }
+}
+
+impl CaseScore {
+    fn add(&mut self, case: &Case, seed: u64, structure: &Structure, found: &[Found]) {
+        let mut used = vec![false; found.len()];
+        for (mode, score) in self.modes.iter_mut().enumerate() {
+            let (hz, zeta) = (structure.frequencies_hz[mode], structure.damping[mode]);
+            let shape = structure.shapes.column(mode).into_owned();
+            let cycles = hz * case.seconds;
+            let bounds = [hz * (zeta / (TAU * cycles)).sqrt(), (zeta / (TAU * cycles)).sqrt()];
+            score.records += 1;
+            let near_hz = (NEAR * hz).max(5.0 * bounds[0]);
+            let best = (0..found.len())
+                .filter(|&at| !used[at] && (found[at].frequency_hz - hz).abs() < near_hz)
+                .filter(|&at| found[at].mac(&shape) > LEAST_MAC)
+                .max_by(|&a, &b| {
+                    let likeness =
+                        |at: usize| found[at].mac(&shape) - ((found[at].frequency_hz - hz) / near_hz).powi(2);
+                    likeness(a).total_cmp(&likeness(b))
+                });
+            let Some(at) = best else {
+                let can_be_seen = bounds[0] < SEEN[0] * hz && bounds[1] < SEEN[1] * zeta && hz < 0.4 * case.rate_hz;
+                score.missed += usize::from(can_be_seen);
+                continue;
+            };
+            used[at] = true;
+            let estimate = &found[at];
+            score.frequency_z.push((estimate.frequency_hz - hz) / estimate.frequency_std_hz);
+            score.damping_z.push((estimate.damping_ratio - zeta) / estimate.damping_ratio_std);
+            score.frequency_over_bound.push((estimate.frequency_hz - hz) / bounds[0]);
+            score.damping_over_bound.push((estimate.damping_ratio - zeta) / bounds[1]);
+            let mac = estimate.mac(&shape);
+            score.least_mac = Some(score.least_mac.map_or(mac, |least| least.min(mac)));
+            let truth = estimate.truth(&shape);
+            let largest = estimate.shape.iter().map(|(_, value, _)| value.norm()).fold(0.0, f64::max);
+            for ((_, value, std), truth) in estimate.shape.iter().zip(&truth) {
+                // The largest component is 1 by definition.
+                if value.norm() < largest {
+                    score.shape_z.push((value - truth).re / std);
+                }
+            }
+        }
+        let invented = found.iter().zip(&used).filter(|(_, used)| !**used);
+        self.invented_hz.extend(invented.map(|(mode, _)| (seed, mode.frequency_hz)));
+    }
+
+    /// A table with a line a mode, and what was invented, refused and said.
+    pub fn table(&self) -> String {
+        let mut text =
+            "mode  records  missed  f: z rms  >2 %  >3 %  error/bound   damping: z rms  error/bound   shape: z rms  >3 %  least MAC\n"
+                .to_owned();
+        for (index, mode) in self.modes.iter().enumerate() {
+            // Writing to a string cannot fail.
+            let _ = writeln!(
+                text,
+                "{:4}  {:7}  {:6}  {:8.2}  {:4.0}  {:4.0}  {:11.2}   {:14.2}  {:11.2}   {:12.2}  {:4.1}  {:9}",
+                index + 1,
+                mode.records,
+                mode.missed,
+                rms(&mode.frequency_z),
+                beyond(&mode.frequency_z, 2.0),
+                beyond(&mode.frequency_z, 3.0),
+                rms(&mode.frequency_over_bound),
+                rms(&mode.damping_z),
+                rms(&mode.damping_over_bound),
+                rms(&mode.shape_z),
+                beyond(&mode.shape_z, 3.0),
+                mode.least_mac.map_or("-".to_owned(), |mac| format!("{mac:.4}"))
+            );
+        }
+        for (seed, hz) in &self.invented_hz {
+            let _ = writeln!(text, "seed {seed}: {hz:.4} Hz is no mode");
+        }
+        for (seed, reason) in &self.refused {
+            let _ = writeln!(text, "seed {seed}: refused: {reason}");
+        }
+        for warning in &self.warnings {
+            let _ = writeln!(text, "{warning}");
+        }
+        text
+    }
+}
+
+fn rms(values: &[f64]) -> f64 {
+    if values.is_empty() {
+        f64::NAN
+    } else {
+        (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
+    }
+}
+
+/// Percent of magnitudes beyond a limit.
+fn beyond(values: &[f64], limit: f64) -> f64 {
+    100.0 * values.iter().filter(|value| value.abs() > limit).count() as f64 / values.len().max(1) as f64
+}
