@@ -2,14 +2,15 @@
 //!
 //! Start with [`story`]: a [`story::Project`] opens a study and takes its steps, as the commands of `belfry` do.
 //!
-//! Below it, data goes one way, one folder a step. [`study`] says what stands where and [`record`] reads what was measured.
-//! [`window`] is what a node sends of it, [`link`] talks to the nodes, [`archive`] keeps their windows, [`collect`] does both live,
-//! and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of these. [`identify`] makes modes of it, and [`trend`] follows them over the hours. [`modes`] reads modes, its own
-//! or another tool's. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
-//! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks. [`results`] is the
-//! folder that all of this is written to, [`picture`] draws it, [`export`] writes it for other tools. [`simulate`] goes the other
-//! way and makes recordings of a structure whose truth is known. [`files`] writes files whole or not at all. [`command`] holds a
-//! file for each subcommand of the `belfry` program; nothing else prints.
+//! Below it, data goes one way, one folder a step. [`study`] says what stands where and [`record`] reads what was
+//! measured. [`window`] is what a node sends of it, [`link`] talks to the nodes, [`archive`] keeps their windows,
+//! [`collect`] does both live, and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of
+//! these. [`identify`] makes modes of it, and [`trend`] follows them over the hours. [`modes`] reads modes, its own or
+//! another tool's. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
+//! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks.
+//! [`results`] is the folder that all of this is written to, [`picture`] draws it, [`export`] writes it for other tools.
+//! [`simulate`] goes the other way and makes recordings of a structure whose truth is known. [`files`] writes files whole
+//! or not at all. [`command`] holds a file for each subcommand of the `belfry` program; nothing else prints.
 
 pub mod archive;
 pub mod collect;

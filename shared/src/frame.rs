@@ -43,18 +43,18 @@ pub enum FrameError {
     #[error("the frame is longer than {MAX_FRAME_BYTES} bytes")]
     TooLong,
     /// The frame has fewer bytes than its envelope needs.
-    #[error("the frame is too short to be one")]
+    #[error("the frame is too short")]
     TooShort,
-    /// The check sum does not match: bytes were changed.
-    #[error("the frame's check sum is wrong")]
+    /// The checksum does not match: bytes were changed.
+    #[error("the frame's checksum is wrong")]
     Checksum,
-    /// The peer speaks another version (its check sum is right).
+    /// The peer speaks another version (its checksum is right).
     #[error("the frame has protocol version {found}, this side speaks {PROTOCOL_VERSION}")]
     Version {
         /// The version found.
         found: u8,
     },
-    /// The check sum is right, but the message is not one of this version's.
+    /// The checksum is right, but the message is not one of this version's.
     #[error("the frame's message cannot be read")]
     Message,
 }

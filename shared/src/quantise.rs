@@ -13,9 +13,9 @@ use thiserror::Error;
 
 /// Lines that share a scale byte.
 pub const BLOCK_LINES: usize = 16;
-/// Fewest bits a component can have.
+/// Fewest bits per component.
 pub const MIN_BITS: u8 = 3;
-/// Most bits a component can have.
+/// Most bits per component.
 pub const MAX_BITS: u8 = 16;
 /// Scale byte of 0 dB (full scale 1).
 const SCALE_OF_ONE: i32 = 192;
@@ -31,7 +31,7 @@ const DENSITY_STEPS: f32 = 8.0;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum QuantiseError {
     /// The bits per component are outside [`MIN_BITS`] to [`MAX_BITS`].
-    #[error("{0} bits a component; {MIN_BITS} to {MAX_BITS} are possible")]
+    #[error("{0} bits per component; possible are {MIN_BITS} to {MAX_BITS}")]
     Bits(u8),
     /// The output does not have the length that the code or the lines need.
     #[error("the buffer has {found} places, the data need {needed}")]

@@ -7,6 +7,7 @@ pub mod clock;
 mod footbridge;
 mod npy;
 pub mod records;
+mod statistics;
 
 pub use canton::{CantonRun, run_canton};
 pub use footbridge::{FOOTBRIDGE_STIFFNESS, write_footbridge_study};

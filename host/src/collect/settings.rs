@@ -13,7 +13,7 @@ use crate::window::{node_configuration, node_lines};
 
 /// Hours that are measured where nothing is said.
 const HOURS: f64 = 24.0;
-/// Bits a component where nothing is said: frequencies within 0.0002 %.
+/// Bits per component where nothing is said: frequencies within 0.0002 %.
 const BITS: u8 = 10;
 
 /// How to collect.
@@ -23,7 +23,7 @@ pub struct CollectOptions {
     pub setup: Option<String>,
     /// Hours that will be measured, for the choice of the segment; 24 where nothing is said.
     pub hours: Option<f64>,
-    /// Bits a component of the spectral lines; 10 where nothing is said, or what was collected with before.
+    /// Bits per component of the spectral lines; 10 where nothing is said, or what was collected with before.
     pub bits: Option<u8>,
     /// Whether windows that nodes hold for another study are dropped.
     pub drop_foreign: bool,
@@ -137,7 +137,7 @@ pub(super) fn settings(
     let mut reason = in_words(&grid, bits);
     if !before.is_empty() {
         reason += &format!(
-            "\nThe setup or its [analysis] (band {} to {} Hz, segment, rate) asks for other lines than were collected before: what came before stays in the archive, but cannot be averaged with what comes now.",
+            "\nThe settings differ from those of the earlier collection (band {} to {} Hz, segment, rate): earlier windows stay in the archive, but cannot be averaged with new ones.",
             band_hz[0], band_hz[1]
         );
     }

@@ -30,15 +30,14 @@ impl Words {
     /// What a port has come to, and what is wrong with its node's sensors.
     pub fn state(&self, status: &PortStatus) -> String {
         let mut words = match &status.state {
-            PortState::Asking => "asks who is there".to_owned(),
-            PortState::Silent => "nobody answers".to_owned(),
+            PortState::Asking => "waiting for an answer".to_owned(),
+            PortState::Silent => "no answer".to_owned(),
             PortState::Gone(reason) => format!("gone, tried again ({reason})"),
             PortState::Preparing => "gets its configuration and the time".to_owned(),
             PortState::Measuring => "measures".to_owned(),
             PortState::Foreign => format!(
-                "node {} answers on {}, but no sensor of this setup has `node = {0}`, so it is not used (a board gets its number from BELFRY_NODE when it is built)",
-                status.node.unwrap_or_default(),
-                status.port
+                "not used: no sensor of this setup has `node = {}` (BELFRY_NODE sets a board's number when it is built)",
+                status.node.unwrap_or_default()
             ),
             PortState::Refused(reason) => reason.clone(),
         };
@@ -63,7 +62,7 @@ impl Words {
                 words += &format!("; {} samples lost", heartbeat.lost_rows);
             }
             if heartbeat.board.dropped_frames > 0 {
-                words += &format!("; the node dropped {} of our messages", heartbeat.board.dropped_frames);
+                words += &format!("; the node dropped {} messages from this computer", heartbeat.board.dropped_frames);
             }
         }
         if status.statistics.foreign_windows > 0 {
@@ -90,9 +89,9 @@ pub(crate) fn gap_in_words(reason: ChannelState) -> &'static str {
     match reason {
         ChannelState::Sound { .. } => "was sound",
         ChannelState::Missing => "gave no readings",
-        ChannelState::Clipped => "was at the end of its range",
+        ChannelState::Clipped => "was clipped",
         ChannelState::Constant => "always read the same",
-        ChannelState::Overrun => "was not transformed in time",
+        ChannelState::Overrun => "was not computed in time",
     }
 }
 
@@ -101,7 +100,7 @@ pub(crate) fn fault_in_words(fault: &Fault) -> String {
     match fault.kind {
         FaultKind::Clock => fault.to_string(),
         FaultKind::Panic | FaultKind::HardFault | FaultKind::StackOverflow | FaultKind::Watchdog => {
-            format!("started anew: {fault}")
+            format!("restarted: {fault}")
         }
     }
 }

@@ -6,7 +6,7 @@ mod view;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::bail;
 use clap::Args;
@@ -47,7 +47,7 @@ pub struct Arguments {
     /// The study's folder
     #[arg(value_name = "STUDY")]
     study: PathBuf,
-    /// A port to collect from: a device, `tcp:HOST:PORT` or `unix:PATH`; several times for several [default: all serial ports]
+    /// A port to collect from: a device, `tcp:HOST:PORT` or `unix:PATH`; repeat for more [default: all serial ports]
     #[arg(long = "port", value_name = "PORT")]
     ports: Vec<String>,
     /// Baud rate of serial ports
@@ -65,7 +65,7 @@ pub struct Arguments {
     /// Drop windows that nodes still hold for another study; such nodes are not used otherwise
     #[arg(long)]
     drop_foreign: bool,
-    /// Bits a component of the spectral lines [default: 10, or what was collected with before]
+    /// Bits per component of the spectral lines [default: 10, or what was collected with before]
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(3..=16))]
     bits: Option<u8>,
 }
@@ -109,7 +109,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         archive.file().display()
     ));
     let stop = stop_on_signal()?;
-    let start = Instant::now();
+    let start = clock.steady();
+    let elapsed = || clock.steady().saturating_sub(start);
     let collector = Collector::new(&collection, archive, &clock);
     let mut unprinted = None;
     collect(&collector, &ports, &mut |statuses, events| {
@@ -119,7 +120,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
                 unprinted = Some(error);
             }
         }
-        let is_over = arguments.duration.is_some_and(|duration| start.elapsed() >= duration);
+        let is_over = arguments.duration.is_some_and(|duration| elapsed() >= duration);
         if is_over || unprinted.is_some() || stop.load(Ordering::Relaxed) {
             ControlFlow::Break(())
         } else {
@@ -131,7 +132,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if let Some(error) = unprinted {
         return Err(error);
     }
-    let report = Report::new(setup, &study.folder, start.elapsed(), &statuses)?;
+    let report = Report::new(setup, &study.folder, elapsed(), &statuses)?;
     console.json_line(&EventLine::end(&report, clock.unix()))?;
     console.say(view.text(&statuses));
     let (stored, gaps, windows) = (report.windows(), report.windows_with_gaps(), report.windows_in_archive);

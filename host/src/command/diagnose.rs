@@ -143,7 +143,7 @@ fn tell(diagnosis: &Diagnosis, effects: &[String], study: &Study, console: &Cons
         console.say(table);
         for candidate in diagnosis.candidates.iter().filter(|candidate| !candidate.admissible) {
             console.say(format!(
-                "{} would need a value that it cannot have ({}).",
+                "{} would need an impossible value ({}).",
                 candidate.name(),
                 values_text(&candidate.parameters)
             ));
@@ -249,7 +249,7 @@ fn worst_text(worst: Part) -> &'static str {
     match worst {
         Part::All => "",
         Part::Frequencies => " by its frequencies alone",
-        Part::Scatter => " by how far its segments had to be bent",
+        Part::Scatter => " by how far its segments' stiffness and mass had to be adjusted",
         Part::Phases => " by the phases of its shapes alone",
     }
 }

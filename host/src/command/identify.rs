@@ -36,10 +36,10 @@ pub struct Arguments {
     /// Follow the modes over intervals of this length, such as 1h or 30min
     #[arg(long, value_name = "DURATION", value_parser = interval)]
     pub every: Option<Duration>,
-    /// Say how long a record would know every frequency within PERCENT (one standard deviation)
+    /// Say how long a record must be to determine every frequency within PERCENT (one standard deviation)
     #[arg(long, value_name = "PERCENT", value_parser = share)]
     pub frequency_within: Option<f64>,
-    /// Say how long a record would know every damping ratio within PERCENT [default: 10]
+    /// Say how long a record must be to determine every damping ratio within PERCENT [default: 10]
     #[arg(long, value_name = "PERCENT", value_parser = share)]
     pub damping_within: Option<f64>,
     /// How spectra are made of the recordings
@@ -166,15 +166,16 @@ fn needs(report: &ModesReport, wish: Wish) -> Vec<String> {
         let unknown: Vec<String> =
             needed.iter().filter(|mode| of(mode).0.is_none()).map(|mode| mode.mode.to_string()).collect();
         Some(if needed_h <= hours && unknown.is_empty() {
-            format!("Every {what} is known within {percent} %.")
+            format!("Every {what} is determined within {percent} %.")
         } else if needed_h <= hours {
             format!(
-                "Every {what} is known within {percent} %, except that of mode {}, of which this record does not say how well.",
+                "Every {what} is determined within {percent} %, except {} {}, whose uncertainty cannot be estimated from this record.",
+                if unknown.len() == 1 { "that of mode" } else { "those of modes" },
                 unknown.join(", ")
             )
         } else {
             format!(
-                "To know every {what} within {percent} %, record {needed_h:.1} h instead of {hours:.1} h. Mode {} needs most; the best possible method would need {:.1} h for it.",
+                "To determine every {what} within {percent} %, record {needed_h:.1} h instead of {hours:.1} h. Mode {} needs the longest; the best possible method would need {:.1} h.",
                 worst.mode,
                 best_h.unwrap_or(f64::NAN)
             )
@@ -198,7 +199,7 @@ pub(super) fn summary(report: &ModesReport) -> String {
     let mut text = report.segments.reasons.join("\n");
     if let Some(link) = &report.link {
         text += &format!(
-            "\n{} windows came over the link, {} lost; {:.2} bytes a second and channel on the wire",
+            "\n{} windows came over the link, {} lost; {:.2} bytes per second and channel on the wire",
             link.windows, link.lost_windows, link.bytes_per_second_and_channel
         );
         if link.damaged_frames > 0 {

@@ -62,7 +62,7 @@ impl Template {
     /// The commands that come next.
     fn next(self, folder: &Path) -> Vec<(String, &'static str)> {
         let study = in_shell(folder);
-        let simulate = (format!("simulate {study} --adopt"), "an hour of recording, made up");
+        let simulate = (format!("simulate {study} --adopt"), "simulates an hour of recording");
         let identify = (format!("identify {study}"), "the modes of the recording");
         match self {
             Self::Canton => vec![simulate, identify],

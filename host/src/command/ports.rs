@@ -24,7 +24,7 @@ Examples:
 
 Belfry asks every port who is there and waits a second and a half for an answer. It cannot ask a port that another program has open.")]
 pub struct Arguments {
-    /// A further port to ask: the name of a device, `tcp:HOST:PORT` or `unix:PATH`; several times for several
+    /// A further port to ask: the name of a device, `tcp:HOST:PORT` or `unix:PATH`; repeat for more
     #[arg(long = "port", value_name = "PORT")]
     ports: Vec<String>,
     /// The same, without `--port`
@@ -120,7 +120,7 @@ fn table(reports: &[PortReport]) -> Table {
             (Some(_), _, Some(fault)) => fault_in_words(fault),
             (Some(_), ..) if report.measuring => "measures".to_owned(),
             (Some(_), ..) => "waits for a configuration".to_owned(),
-            (None, ..) => "nobody answers".to_owned(),
+            (None, ..) => "no answer".to_owned(),
         };
         let number = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
         table.add_row([

@@ -44,7 +44,7 @@ Ctrl-C ends it early: what came back until then is checked and reported, and the
 pub struct Arguments {
     /// The study's folder
     study: PathBuf,
-    /// A port with a node: the name of a device, `tcp:HOST:PORT` or `unix:PATH`; several times for several
+    /// A port with a node: the name of a device, `tcp:HOST:PORT` or `unix:PATH`; repeat for more
     #[arg(long = "port", value_name = "PORT", required = true)]
     ports: Vec<String>,
     /// Baud rate of the ports
@@ -53,7 +53,7 @@ pub struct Arguments {
     /// Nodes of the study that are played [default: all]
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
     nodes: Vec<u16>,
-    /// Bits a component of the spectral lines
+    /// Bits per component of the spectral lines
     #[arg(long, value_name = "BITS", default_value_t = 10, value_parser = clap::value_parser!(u8).range(3..=16))]
     bits: u8,
 }
@@ -186,9 +186,7 @@ fn verdict(report: &Report, roles: usize) -> anyhow::Result<String> {
     let empty = nodes.iter().filter(|node| node.windows == 0).count();
     let windows: usize = nodes.iter().map(|node| node.windows).sum();
     if differ > 0 {
-        bail!(
-            "{differ} nodes gave windows that the same firmware on this computer does not give: the board computes otherwise"
-        );
+        bail!("{differ} nodes returned windows that differ from those that the same firmware computes here");
     }
     if !complete {
         let ended = nodes.iter().filter(|node| node.rows >= node.recording_rows).count();

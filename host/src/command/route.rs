@@ -13,7 +13,7 @@ pub struct RouteArguments {
     /// Make spectra straight from the recording, without sensor nodes
     #[arg(long)]
     pub direct: bool,
-    /// Bits a component of the spectral lines that nodes send
+    /// Bits per component of the spectral lines that nodes send
     #[arg(long, value_name = "BITS", default_value_t = 10, value_parser = clap::value_parser!(u8).range(3..=16), conflicts_with = "direct")]
     pub bits: u8,
     /// Baud rate of the simulated serial lines

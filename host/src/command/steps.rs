@@ -60,14 +60,14 @@ fn gain_text(gain: f64, step: &StepRecord, study: &Study) -> String {
     let last = step.effects.last().cloned().unwrap_or_default();
     if step.action.starts_with("drop") {
         return match gain > -STANDS_OUT {
-            true => format!("The data did not ask for it (ln B = {gain:+.1} without it)."),
-            false => format!("The data ask for it: the evidence falls by ln B = {gain:+.1}."),
+            true => format!("The data do not support it (ln B = {gain:+.1} without it)."),
+            false => format!("The data support it: without it, ln B = {gain:+.1}."),
         };
     }
     if gain > STANDS_OUT {
         format!("It helps: the evidence rises by ln B = {gain:+.1}.")
     } else if gain > 0.0 {
-        format!("It gains less than 20 to 1 (ln B = {gain:+.1}): the data do not ask for it.")
+        format!("It gains less than 20 to 1 (ln B = {gain:+.1}): the data do not support it.")
     } else {
         format!("It gains nothing (ln B = {gain:+.1}); `belfry remove {study} {last}` takes it out again.")
     }

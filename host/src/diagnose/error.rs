@@ -70,7 +70,7 @@ pub enum DiagnoseError {
         reason: NoneFound,
     },
     /// The fit does not reach a structure that stands.
-    #[error("with {effects} the structure does not stand: {reason}")]
+    #[error("with {effects} the structure is unstable: {reason}")]
     NoStructure {
         /// The effects.
         effects: String,

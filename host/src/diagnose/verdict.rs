@@ -181,8 +181,11 @@ fn spoils_all(problem: &Problem, present: &Fit, signal: &Signal) -> bool {
 fn unused_modes(problem: &Problem) -> Vec<String> {
     let mut warnings = Vec::new();
     if !problem.unpaired.is_empty() {
-        let numbers = problem.unpaired.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
-        warnings.push(format!("measured mode {numbers} has no partner in the model and does not count in the verdict"));
+        let (modes, numbers) = (&problem.unpaired, numbers_in_words(&problem.unpaired));
+        warnings.push(match modes.len() {
+            1 => format!("measured mode {numbers} has no partner in the model and does not count in the verdict"),
+            _ => format!("measured modes {numbers} have no partner in the model and do not count in the verdict"),
+        });
     }
     if problem.measured().iter().all(|mode| mode.shape.is_none()) {
         warnings.push(
@@ -191,12 +194,21 @@ fn unused_modes(problem: &Problem) -> Vec<String> {
         );
     }
     if !problem.complex.is_empty() {
-        let numbers = problem.complex.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
-        warnings.push(format!(
-            "the shape of measured mode {numbers} is complex, as if two modes were taken for one; it does not count in the verdict"
-        ));
+        let (modes, numbers) = (&problem.complex, numbers_in_words(&problem.complex));
+        warnings.push(match modes.len() {
+            1 => format!(
+                "the shape of measured mode {numbers} is complex, as if two modes were taken for one; it does not count in the verdict"
+            ),
+            _ => format!(
+                "the shapes of measured modes {numbers} are complex, each as if two modes were taken for one; they do not count in the verdict"
+            ),
+        });
     }
     warnings
+}
+
+fn numbers_in_words(numbers: &[usize]) -> String {
+    numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")
 }
 
 /// Candidates by their evidence, the one that is named first before all others.

@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::pace::{Crystal, Resampler};
-use super::{FleetError, FleetOptions, NodeReport, Pace};
+use super::types::{FleetError, FleetOptions, NodeReport, Pace};
 use crate::link::memory::{HostEnd, Line, Nanoseconds, NodeEnd};
 use crate::link::{Session, SessionError, Transport};
 use crate::window::{Configurations, NodeWindow};

@@ -1,6 +1,9 @@
 //! Nodes against the direct path, over sound and bad lines.
 
+use belfry_shared::message::Summary;
+
 use super::*;
+use crate::link::memory::Faults;
 use crate::spectra::direct::Welch;
 use crate::study::{Direction, Sensor, Unit};
 

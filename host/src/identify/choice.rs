@@ -83,7 +83,7 @@ pub(super) fn add_picks(
         }
         if !stands_out {
             warnings.push(format!(
-                "the mode asked for at {frequency_hz} Hz has no peak of its own: what stands here of it may be noise, or what other modes leave there"
+                "no peak stands out at {frequency_hz} Hz, where you asked for a mode: its values may come from noise or from neighbouring modes"
             ));
         }
         picks.push(pick);

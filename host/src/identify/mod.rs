@@ -63,7 +63,7 @@ pub enum IdentifyError {
     },
     /// Too few averages to tell modes from noise.
     #[error(
-        "{averages} averages for {channels} channels: below {AVERAGES_A_CHANNEL} a channel, which is {wanted} here, peaks of noise pass for modes. Record at least {missing_min:.0} min more, shorten the segment in [analysis], or name the modes there yourself: modes_hz = [...]"
+        "{averages} averages for {channels} channels; at least {wanted} are needed, or noise peaks may be taken for modes. Record at least {missing_min:.0} min more, shorten the segment in [analysis], or name the modes there yourself: modes_hz = [...]"
     )]
     TooFewAverages {
         /// Averages of all setups together.

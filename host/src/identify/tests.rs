@@ -276,7 +276,7 @@ fn a_user_adds_drops_and_fixes_modes() {
     // Nothing is at 0.65 Hz: it stays, as asked, and that is said.
     let added = identify(&measured, &ModeChoice { add_hz: vec![0.65], ..ModeChoice::default() }).unwrap();
     assert_eq!(added.modes.len(), 13);
-    assert!(added.warnings.iter().any(|w| w.contains("no peak of its own")), "{:?}", added.warnings);
+    assert!(added.warnings.iter().any(|w| w.contains("no peak stands out")), "{:?}", added.warnings);
     // What is picked already is not added a second time.
     let again = identify(&measured, &ModeChoice { add_hz: vec![0.3665], ..ModeChoice::default() }).unwrap();
     assert_eq!(again.modes, automatic.modes);

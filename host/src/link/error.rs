@@ -55,7 +55,7 @@ pub enum SessionError {
     },
     /// The node counts its windows anew under the name of an earlier life.
     #[error(
-        "node {node} has started anew without drawing a new boot id: its windows cannot be told from those of before; switch it off and on again"
+        "node {node} restarted with the same boot id, so its new windows cannot be distinguished from the old ones; switch it off and on again"
     )]
     RepeatedLife {
         /// The node the session is for.

@@ -46,8 +46,8 @@ pub enum ReplayError {
         /// Rows that it has taken.
         row: u64,
     },
-    /// The node has started anew in the middle.
-    #[error("the node started anew after row {row} of the recording{reason}")]
+    /// The node restarted in the middle.
+    #[error("the node restarted after row {row} of the recording{reason}")]
     Restarted {
         /// Rows that it had taken.
         row: u64,

@@ -132,7 +132,7 @@ pub enum BeamError {
         z_top_m: f64,
     },
     /// The table has a header and nothing else.
-    #[error("{file}: no segments; one row a beam segment was expected, base first", file = .file.display())]
+    #[error("{file}: no segments; expected one row per segment, base first", file = .file.display())]
     Empty {
         /// The table.
         file: PathBuf,

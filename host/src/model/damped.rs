@@ -39,8 +39,8 @@ enum Mode {
     Damped(usize),
 }
 
-/// A dashpot mixes modes up to this times the highest frequency at which it takes a fair share of what it takes anywhere.
-/// It is far stiffer or softer than what it hangs on elsewhere.
+/// Modes are mixed up to REACH times the highest frequency at which the dashpots still give FAIR of the largest damping
+/// ratio. Above it they hardly couple modes.
 const REACH: f64 = 6.0;
 /// A fair share of the largest damping ratio.
 const FAIR: f64 = 0.1;
@@ -51,7 +51,7 @@ impl DampedModes {
     /// Of a structure with the undamped modes `basis` and the damping matrix `damping` (N s/m, DOFs x DOFs).
     ///
     /// The first-order form `[0 I; -Omega² -C]` in undamped modes (Géradin and Rixen 2015, "Mechanical Vibrations",
-    /// section 3.3), in units of the highest mixed frequency.
+    /// section 3.3), in units of the highest mixed frequency (at least 1 rad/s).
     ///
     /// # Errors
     /// [`EigenError::NotConverged`].

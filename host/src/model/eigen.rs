@@ -28,7 +28,7 @@ pub struct ModalBasis {
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum EigenError {
     /// The matrices do not fit.
-    #[error("K is {} x {} and M is {} x {}; both must be square and alike", stiffness.0, stiffness.1, mass.0, mass.1)]
+    #[error("K is {} x {} and M is {} x {}; both must be square and of the same size", stiffness.0, stiffness.1, mass.0, mass.1)]
     Shape {
         /// Rows and columns of K.
         stiffness: (usize, usize),

@@ -267,7 +267,7 @@ enum Recovered {
     Beam { shear_ratios: [f64; 2], axis_deg: f64 },
     /// A DOF is fixed, so nothing is left of the stiffness between the nodes.
     AtSupport,
-    /// It is none: moments do not oppose forces, as where rotations turn the other way round.
+    /// Not a beam: moments do not oppose forces, for instance where the matrices count rotations in the opposite sense.
     NoBeam,
 }
 
@@ -278,8 +278,8 @@ const PLANES: [(usize, usize, f64); 2] = [(0, 3, 1.0), (1, 2, -1.0)];
 /// part in it).
 ///
 /// With a = 12 EI/(L³(1+phi)) between the displacements and d = (2-phi) EI/(L(1+phi)) between the rotations
-/// (Przemieniecki 1968, eq. 5.116): phi = 2 - 12 d/(a L²), which for a span of varying section is a mean. A model of one plane has one of the two; displacements without
-/// rotations are straight.
+/// (Przemieniecki 1968, eq. 5.116): phi = 2 - 12 d/(a L²), which for a span of varying section is a mean. A model of one
+/// plane has one of the two; displacements without rotations are straight.
 fn recovered(
     stiffness: &DMatrix<f64>,
     lower: [Option<usize>; DOFS_A_NODE],

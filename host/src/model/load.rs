@@ -28,7 +28,7 @@ pub struct LoadedModel {
 #[derive(Debug, Error)]
 pub enum ModelError {
     /// There is no `[model]`.
-    #[error("{}: there is no [model] to hold against the measurement; add one, for instance\n  [model]\n  beam = \"beam.csv\"", file.display())]
+    #[error("{}: no [model] to compare with the measurement; add one, for instance\n  [model]\n  beam = \"beam.csv\"", file.display())]
     NoModel {
         /// The study's file.
         file: PathBuf,
@@ -40,7 +40,7 @@ pub enum ModelError {
     #[error(transparent)]
     Matrices(#[from] MatrixError),
     /// A hypothesis of the user's own.
-    #[error("{} line {line}, [[model.custom]]: {source}", file.display())]
+    #[error("{}, line {line}, [[model.custom]]: {source}", file.display())]
     Custom {
         /// The study's file.
         file: PathBuf,
@@ -50,7 +50,7 @@ pub enum ModelError {
         source: Box<CustomError>,
     },
     /// An effect of the study.
-    #[error("{} line {line}, [[model.effect]]: {source}", file.display())]
+    #[error("{}, line {line}, [[model.effect]]: {source}", file.display())]
     Effect {
         /// The study's file.
         file: PathBuf,

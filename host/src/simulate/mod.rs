@@ -124,7 +124,7 @@ pub enum SimulationError {
     Effect(#[from] EffectError),
     /// An effect that this simulation does not show.
     #[error(
-        "{kind}: the simulation cannot show it; it hides effects of the structure's matrices, of its sensors and their clocks, and steady forces"
+        "{kind} cannot be simulated; possible are effects of the structure's matrices, of its sensors and their clocks, and steady forces"
     )]
     NotShown {
         /// The kind.

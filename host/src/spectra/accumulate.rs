@@ -29,7 +29,7 @@ pub enum SpectraError {
     #[error("a setup can have 128 channels, this one has {0}")]
     TooManyChannels(usize),
     /// No window came.
-    #[error("no window came: the recording is shorter than one segment")]
+    #[error("no complete window: the recording is shorter than one segment")]
     NoWindows,
     /// No window is sound on the channels that are sound at all.
     #[error("no window is sound on all live channels at once: every one has gaps, clipped or constant samples")]

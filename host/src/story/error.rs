@@ -112,7 +112,7 @@ pub enum StoryError {
     },
     /// An effect that shows over the hours, which nobody looked at.
     #[error(
-        "{effect} shows over the hours, and the study has no trends; run `belfry identify {} --every 1h` first, or give its value",
+        "{effect} shows only in how the modes change over time, and the study has no trends; run `belfry identify {} --every 1h` first, or give its value",
         study.display()
     )]
     NeedsTrends {
@@ -242,7 +242,7 @@ pub enum CovalidateError {
     NoPairs,
     /// The time asked for is too short.
     #[error(
-        "from {start_s} s on the time asked for holds no half segment of the analysis; choose an earlier --start-s, or a longer --duration-s"
+        "less than half a segment of recording from {start_s} s on; choose an earlier --start-s, or a longer --duration-s"
     )]
     TooShort {
         /// Where it starts.

@@ -18,7 +18,7 @@ pub struct FilePosition {
 
 impl fmt::Display for FilePosition {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{} line {}", self.file.display(), self.line)?;
+        write!(formatter, "{}, line {}", self.file.display(), self.line)?;
         if self.key.is_empty() { Ok(()) } else { write!(formatter, ", `{}`", self.key) }
     }
 }
@@ -43,7 +43,7 @@ pub enum StudyError {
         source: std::io::Error,
     },
     /// The file is no TOML.
-    #[error("{} line {line}: {message}; see https://toml.io for how TOML is written", file.display())]
+    #[error("{}, line {line}: {message}; see https://toml.io for how TOML is written", file.display())]
     Syntax {
         /// The study's file.
         file: PathBuf,
@@ -63,7 +63,7 @@ pub enum StudyError {
         known: &'static [&'static str],
     },
     /// A key that has to be there is not.
-    #[error("{} line {}: {} needs `{name}`: {expected}", position.file.display(), position.line, table_name(table))]
+    #[error("{}, line {}: {} needs `{name}`: {expected}", position.file.display(), position.line, table_name(table))]
     Missing {
         /// The table that lacks it.
         position: FilePosition,
@@ -116,7 +116,7 @@ pub enum StudyError {
         source: glob::PatternError,
     },
     /// A name that has to be unique stands twice.
-    #[error("{position}: {name:?} stands already in line {first_line}; {advice}")]
+    #[error("{position}: {name:?} is already used in line {first_line}; {advice}")]
     Duplicate {
         /// The second.
         position: FilePosition,
@@ -230,7 +230,7 @@ pub enum StudyError {
     },
     /// A reference point that is not where it was.
     #[error(
-        "{position}: reference point {point:?} stands elsewhere, or looks elsewhere, than in line \
+        "{position}: reference point {point:?} has another position or direction than in line \
          {first_line}; a reference stays in place, so correct one of the two or give it another `point`"
     )]
     ReferenceMoved {

@@ -15,11 +15,8 @@ use std::path::Path;
 pub use error::{FilePosition, StudyError};
 pub use types::{
     Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
-    ModelSource, STANDARD_GRAVITY_M_S2, Sensor, Setup, Structure, Study, Unit,
+    ModelSource, STANDARD_GRAVITY_M_S2, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
 };
-
-/// The file of a study that a user writes.
-pub const STUDY_FILE: &str = "study.toml";
 
 impl Study {
     /// Reads and checks `study.toml` in `folder`; the path of the file itself will do as well.

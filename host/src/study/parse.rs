@@ -9,7 +9,7 @@ use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
 use super::types::{
     Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
-    ModelSource, Sensor, Setup, Structure, Study, Unit,
+    ModelSource, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
 };
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
@@ -36,7 +36,7 @@ const MODEL_KEYS: &[&str] =
 
 /// Reads and checks a whole study.
 pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
-    let file = folder.join(super::STUDY_FILE);
+    let file = folder.join(STUDY_FILE);
     let document = DeTable::parse(text).map_err(|error| StudyError::Syntax {
         file: file.clone(),
         // An error without a span is about what is missing at the end.

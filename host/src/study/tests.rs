@@ -51,7 +51,7 @@ fn assert_told(text: &str, line: usize, parts: &[&str]) -> String {
     let error = load(text).expect_err("a fault");
     let message = error.to_string();
     let file = Path::new("somewhere").join(STUDY_FILE);
-    let place = format!("{} line {line}", file.display());
+    let place = format!("{}, line {line}", file.display());
     assert!(message.starts_with(&format!("{place}:")) || message.starts_with(&format!("{place},")), "{message}");
     for part in parts {
         assert!(message.contains(part), "no {part:?} in: {message}");

@@ -2,6 +2,9 @@
 
 use std::path::PathBuf;
 
+/// The file of a study that a user writes.
+pub const STUDY_FILE: &str = "study.toml";
+
 /// A study as read from its folder, validated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Study {

@@ -19,7 +19,7 @@ pub enum TemperatureError {
     },
     /// The table is not what it should be.
     #[error(
-        "{}:{line}: {reason}; a table of temperatures has the columns time_s (from the recording's first row, or Unix time for a live setup; rising) and temperature_degc", file.display()
+        "{}, line {line}: {reason}; a table of temperatures has the columns time_s (from the recording's first row, or Unix time for a live setup; rising) and temperature_degc", file.display()
     )]
     Table {
         /// The file.
@@ -116,10 +116,10 @@ mod tests {
     fn a_table_that_is_none_is_refused_with_its_line() {
         for (text, expected) in [
             ("time_s,degrees\n0,1\n", "temperature_degc is missing"),
-            ("time_s,temperature_degc\n0,1\n5,warm\n", "weather.csv:3: `warm`"),
-            ("time_s,temperature_degc\n0,1\n0,2\n", "weather.csv:3: time_s = 0 does not rise"),
+            ("time_s,temperature_degc\n0,1\n5,warm\n", "weather.csv, line 3: `warm`"),
+            ("time_s,temperature_degc\n0,1\n0,2\n", "weather.csv, line 3: time_s = 0 does not rise"),
             ("time_s,temperature_degc\n", "no row"),
-            ("time_s,temperature_degc\n0,1\n1\n", "weather.csv:3"),
+            ("time_s,temperature_degc\n0,1\n1\n", "weather.csv, line 3"),
         ] {
             let error = read(text).unwrap_err().to_string();
             assert!(error.contains(expected), "{error}");

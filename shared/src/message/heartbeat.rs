@@ -41,7 +41,7 @@ pub enum SensorState {
     #[error("absent: it gives no readings")]
     Absent,
     /// All readings were equal.
-    #[error("stuck: all readings are alike")]
+    #[error("stuck: all readings are identical")]
     Stuck,
     /// Some readings were missing.
     #[error("failing: readings are missing")]

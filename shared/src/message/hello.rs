@@ -66,10 +66,10 @@ pub enum FaultKind {
     #[error("the processor stopped (a hard fault)")]
     HardFault,
     /// The stack ran over its end.
-    #[error("the stack ran over")]
+    #[error("the stack overflowed")]
     StackOverflow,
     /// The program hung, and the watchdog reset it.
-    #[error("the program hung, and the watchdog started it anew")]
+    #[error("the program hung, and the watchdog restarted it")]
     Watchdog,
     /// The external clock did not start; the node runs on its inexact internal one.
     #[error("the external clock does not run, and the node's own is inexact")]

@@ -3,6 +3,7 @@
 use nalgebra::Complex;
 
 use super::answer::IdentifiedMode;
+use crate::statistics::rms;
 
 /// Farther apart in frequency, modes are not the same.
 const SAME_FREQUENCY: f64 = 0.02;
@@ -63,13 +64,6 @@ pub(super) fn honesty(identified: &[IdentifiedMode], exact: &[ExactMode], band_h
     }
     sum.invented = used.iter().filter(|used| !**used).count();
     sum
-}
-
-/// Root mean square of the finite ones.
-pub(super) fn rms(values: &[f64]) -> f64 {
-    let finite = values.iter().filter(|value| value.is_finite());
-    let (sum, count) = finite.fold((0.0, 0), |(sum, count), value| (sum + value * value, count + 1));
-    (sum / f64::from(count)).sqrt()
 }
 
 impl Honesty {

@@ -101,7 +101,7 @@ pub const CASES: [Case; 20] = [
     wind("spike", "`wind` with one spike of 1 g in one channel", Some(Fault::Spike)),
     wind("spikes", "`wind`, 1 % of one channel's samples off by ten times its root mean square", Some(Fault::Spikes)),
     wind("step", "`wind`, one channel jumps by 1 g once", Some(Fault::Step)),
-    wind("noise", "`wind`, one channel is noise", Some(Fault::Noise)),
+    wind("noise", "`wind`, one channel with added noise of ten times its root mean square", Some(Fault::Noise)),
     wind("missing-rows", "`wind`, 1 % of rows missing, unsaid", Some(Fault::MissingRows)),
     wind("clipped", "`wind`, one channel cut at 1.5 times its root mean square", Some(Fault::Clipped)),
 ];

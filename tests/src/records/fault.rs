@@ -11,7 +11,7 @@ pub enum Fault {
     Spikes,
     /// One channel jumps by 9.81 m/s² once.
     Step,
-    /// One channel is noise of ten times its own strength.
+    /// One channel has added noise of ten times its root mean square.
     Noise,
     /// One in a hundred rows is missing, and nothing says so.
     MissingRows,

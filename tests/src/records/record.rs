@@ -10,7 +10,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::load::{Forces, Load};
 use super::structure::Structure;
 
-/// Of the record's length, made besides and cut off: what the transform makes is periodic, which no recording is.
+/// Extra length, as a share of the record, that is simulated and cut off, because the inverse transform is periodic.
 const CUT_OFF: f64 = 0.15;
 
 /// Samples row by row: accelerations in m/s² of about 1 mm/s² on the strongest channel, with white noise of the share `noise` of each

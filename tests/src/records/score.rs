@@ -15,10 +15,11 @@ use super::cases::Case;
 use super::record::record;
 use super::structure::Structure;
 use crate::belfry_command;
+use crate::statistics::rms;
 
 /// Share of each channel's root mean square that is sensor noise.
 const NOISE: f64 = 0.03;
-/// A mode is found within this of its frequency, and the bound's five deviations, with at least this MAC.
+/// Found: within 2 % of the frequency or five times the lower bound, whichever is larger, with at least this MAC.
 const NEAR: f64 = 0.02;
 const LEAST_MAC: f64 = 0.5;
 /// A mode can be seen where the bound of its frequency and of its damping is below these shares.
@@ -78,8 +79,9 @@ pub fn run(case: &Case, seed: u64, folder: &Path, into: &mut CaseScore) -> Resul
     into.modes.resize(structure.frequencies_hz.len(), ModeScore::default());
     if !output.status.success() {
         into.refused.push((seed, String::from_utf8_lossy(&output.stderr).trim().to_owned()));
+        return Ok(());
     }
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    let report: Value = serde_json::from_slice(&output.stdout).map_err(|error| error.to_string())?;
     for warning in report["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str) {
         into.warnings.push(format!("seed {seed}: {warning}"));
     }
@@ -222,14 +224,6 @@ impl CaseScore {
             let _ = writeln!(text, "{warning}");
         }
         text
-    }
-}
-
-fn rms(values: &[f64]) -> f64 {
-    if values.is_empty() {
-        f64::NAN
-    } else {
-        (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
     }
 }
 

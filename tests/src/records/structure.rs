@@ -21,11 +21,12 @@ pub(super) struct Structure {
 const AZIMUTHS_DEG: [f64; 2] = [0.0, 90.0];
 
 impl Structure {
-    /// A cantilever that bends along two axes turned from the sensors' by some degrees, its two families of modes `apart` from each
-    /// other in ln f, in units of the half-power bandwidth; with `channels` at equal distances up its height.
+    /// A cantilever that bends along two axes turned from the sensors' by some degrees, with `channels` at equal distances
+    /// up its height. Its second family of modes is `apart` half-power bandwidths above the first: the frequency ratio is
+    /// 1 + 2 · apart · ζ.
     ///
-    /// Shapes are those of a uniform shear-and-bending cantilever, (1 - cos)-like: of neighbouring modes they are far from
-    /// orthogonal at few sensors.
+    /// Shapes are those of a uniform shear cantilever, sin((k + ½) π z/H). At few sensors neighbouring modes are far from
+    /// orthogonal.
     pub(super) fn tower(
         channels: usize,
         first_hz: f64,

@@ -97,7 +97,7 @@ fn modes_are_added_dropped_and_fixed_in_the_study() {
     let report = json(added.path(), &["--direct"]);
     assert_eq!(frequencies(&report).len(), all.len() + 1);
     let warnings = report["warnings"].to_string();
-    assert!(warnings.contains("0.65 Hz has no peak of its own"), "{warnings}");
+    assert!(warnings.contains("no peak stands out at 0.65 Hz"), "{warnings}");
     let fixed = study(with_analysis("modes_hz = [0.341, 0.1085]"));
     let report = json(fixed.path(), &["--direct"]);
     let found = frequencies(&report);
@@ -153,7 +153,7 @@ fn the_hours_one_by_one_show_what_goes_with_temperature() {
     // What is identified stays where it cannot be followed.
     assert!(folder.path().join("results/modes.json").exists());
     fs::write(folder.path().join("station.csv"), "time_s,temperature_degc\n0,12.0\n0,18.0\n").unwrap();
-    identify("1h").code(1).stderr(contains("station.csv:3").and(contains("does not rise")));
+    identify("1h").code(1).stderr(contains("station.csv, line 3").and(contains("does not rise")));
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn what_the_analysis_was_chosen_by_and_what_more_record_would_bring_is_said() {
         .args(["--direct", "--damping-within", "2"])
         .assert()
         .success()
-        .stdout(contains("To know every damping within 2 %, record").and(contains("Rate: ")));
+        .stdout(contains("To determine every damping within 2 %, record").and(contains("Rate: ")));
     belfry_command().arg("identify").arg(folder.path()).args(["--damping-within", "0"]).assert().code(2);
 }
 

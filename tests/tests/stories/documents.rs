@@ -18,8 +18,14 @@ use commands::{CommandHelp, check_line, without_comment};
 use markdown::{Block, Document, Note};
 
 /// Why a block is not run; a document gives one of these reasons and no other.
-const REASONS: [&str; 6] =
-    ["compiles", TAKES_MINUTES, "takes hours", "needs a board", "needs an emulator", "needs other people's data"];
+const REASONS: [&str; 6] = [
+    "compiles",
+    TAKES_MINUTES,
+    "takes half an hour",
+    "needs a board",
+    "needs an emulator",
+    "needs other people's data",
+];
 
 /// The reason of blocks that the long tests run all the same.
 const TAKES_MINUTES: &str = "takes minutes";

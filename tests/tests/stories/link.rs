@@ -82,11 +82,11 @@ fn lines_of_the_reference_band_take_less_than_five_bytes_a_second_and_densities_
         assert!(windows >= 5 && report.nodes[0].session.lost_windows == 0);
         let bytes = report.wire_bytes_per_second_and_channel();
         println!(
-            "{summary:?}, {jitter_us} µs of jitter: {bytes:.2} bytes a second and channel, {:.0} times less than raw",
+            "{summary:?}, {jitter_us} µs of jitter: {bytes:.2} bytes per second and channel, {:.0} times less than raw",
             RAW_BYTES_PER_SECOND / bytes
         );
         // The first window starts after the filter has settled and nothing is sent of the last, incomplete one.
-        assert!(bytes < most, "{summary:?}: {bytes} bytes a second and channel");
+        assert!(bytes < most, "{summary:?}: {bytes} bytes per second and channel");
         assert!(bytes > 0.5 * most * 0.5, "{summary:?}: {bytes} is too little to be all data");
     }
 }

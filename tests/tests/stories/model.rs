@@ -157,7 +157,7 @@ fn the_missing_effect_in_the_model_lowers_what_no_update_lowers() {
     )
     .unwrap();
     let message = refused(&["compare", &study]);
-    assert!(message.contains("study.toml line") && message.contains("700") && message.contains("618"), "{message}");
+    assert!(message.contains("study.toml, line") && message.contains("700") && message.contains("618"), "{message}");
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn what_does_not_go_together_is_told_with_its_place() {
     belfry_command().args(["compare", &study]).assert().success().stderr(warned);
 
     fs::write(folder.path().join("study.toml"), MODES_ALONE.replace("[model]\nbeam = \"beam.csv\"\n", "")).unwrap();
-    assert!(refused(&["compare", &study]).contains("there is no [model]"));
+    assert!(refused(&["compare", &study]).contains("no [model] to compare"));
     fs::remove_file(folder.path().join("modes.csv")).unwrap();
     fs::write(folder.path().join("study.toml"), MODES_ALONE).unwrap();
     assert!(refused(&["update", &study]).contains("modes.csv: cannot be read"));

@@ -12,9 +12,11 @@ use belfry_host::spectra::{CrossSpectrum, SpectralPlan};
 use belfry_host::study::Analysis;
 use clap::Args;
 
+use crate::cases::cases_in_words;
+
 /// Recordings of structures whose modes are known: modes missed and invented, errors, and how honest deviations are
 #[derive(Debug, Args)]
-#[command(after_help = cases_in_words())]
+#[command(after_help = cases_in_words(CASES))]
 pub(super) struct Arguments {
     /// How many seeds
     #[arg(long, default_value_t = 3)]
@@ -22,7 +24,7 @@ pub(super) struct Arguments {
     /// The first seed
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     first: u64,
-    /// A case; several times for several [default: all]
+    /// A case; repeat for more [default: all]
     #[arg(long = "case", value_name = "NAME", value_parser = CASES.map(|(name, _)| name))]
     cases: Vec<String>,
 }
@@ -41,11 +43,6 @@ const CASES: [(&str, &str); 5] = [
     ("tower-day", "a tower, 24 h, 12 modes, the closest 3.3 % apart"),
     ("tower-hour", "the same, 1 h"),
 ];
-
-fn cases_in_words() -> String {
-    let lines: Vec<String> = CASES.iter().map(|(name, what)| format!("  {name:12} {what}")).collect();
-    format!("Cases:\n{}", lines.join("\n"))
-}
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     let &Arguments { seeds, first, .. } = arguments;

@@ -4,6 +4,7 @@
 
 mod blind;
 mod canton;
+mod cases;
 mod clock;
 mod footbridge;
 mod identification;

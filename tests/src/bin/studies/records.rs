@@ -3,9 +3,11 @@
 use belfry_tests::records::{self, CASES, CaseScore, case};
 use clap::Args;
 
+use crate::cases::cases_in_words;
+
 /// Recordings with correlated loads, close pairs, any damping and faults: errors and honesty mode by mode
 #[derive(Debug, Args)]
-#[command(after_help = cases_in_words())]
+#[command(after_help = cases_in_words(CASES.map(|case| (case.name, case.what))))]
 pub(super) struct Arguments {
     /// How many seeds
     #[arg(long, default_value_t = 3)]
@@ -13,14 +15,9 @@ pub(super) struct Arguments {
     /// The first seed [default: drawn from the clock]
     #[arg(long, value_name = "SEED")]
     first: Option<u64>,
-    /// A case; several times for several [default: all]
+    /// A case; repeat for more [default: all]
     #[arg(long = "case", value_name = "NAME", value_parser = CASES.map(|case| case.name))]
     cases: Vec<String>,
-}
-
-fn cases_in_words() -> String {
-    let lines: Vec<String> = CASES.iter().map(|case| format!("  {:14} {}", case.name, case.what)).collect();
-    format!("Cases:\n{}", lines.join("\n"))
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {

@@ -57,7 +57,7 @@ fn a_stack_that_runs_over_is_recorded_and_told_after_the_restart() {
     let registers = [(STACK_POINTER, stack_end + 8), (PROGRAM_COUNTER, start)];
     let (fault, words) = fault_after(&program, &registers);
     assert_eq!(fault.kind, FaultKind::StackOverflow);
-    assert_eq!(words, "the stack ran over");
+    assert_eq!(words, "the stack overflowed");
 }
 
 /// An interrupt can be what the stack has no room for: the processor itself runs over its end then.

@@ -94,7 +94,7 @@ fn USART2() {
     match shared.rx.read() {
         Ok(byte) => shared.received.push(ticks::now(), byte),
         Err(nb::Error::Other(Error::Overrun)) => shared.received.lost_bytes(),
-        // Nothing has come; or a byte that the check sum of its frame will miss.
+        // Nothing has come; or a byte that the checksum of its frame will miss.
         Err(_) => {}
     }
     while let Some(&byte) = shared.to_send.peek() {
