@@ -10,7 +10,7 @@ target=thumbv7em-none-eabihf
 arguments=(--locked --package belfry-firmware "${programs[@]/#/--bin=}" --profile firmware --target "$target")
 
 if [ -d "$(rustc --print sysroot)/lib/rustlib/$target" ]; then
-    folder=target
+    folder=${CARGO_TARGET_DIR:-target}
     cargo build "${arguments[@]}"
 else
     if [ ! -x /usr/bin/cargo ] || [ ! -d /usr/lib/rustlib/src ]; then
@@ -19,7 +19,7 @@ else
         echo "    apt-get install rustc-web cargo-web rust-web-src" >&2
         exit 1
     fi
-    folder=target/debian
+    folder=${CARGO_TARGET_DIR:-target}/debian
     # The linker is inside whichever toolchain has it; /usr/bin in front makes cargo and rustc Debian's own pair.
     linker=$(dirname "$(find "$(rustc --print sysroot)/lib/rustlib" -name rust-lld | head -n 1)")
     PATH="/usr/bin:$PATH:$linker" RUSTC_BOOTSTRAP=1 RUSTC=/usr/bin/rustc \

@@ -45,7 +45,7 @@ impl State {
             return None;
         }
         let (rows, delays_s) = (there.sensor_rows(&problem.sensors).ok()?, there.sensing.delays_s(&problem.sensors));
-        let change = Change::between(&self.assembly, &there, step);
+        let change = self.assembly.change_to(&there, step);
         let mut slopes = match &change {
             Some(change) => self.view.derivatives(&self.sensor_vectors, &self.models, change),
             None => {

@@ -8,7 +8,6 @@ use std::sync::Mutex;
 use super::knob::{Knob, with_values};
 use super::problem::{Problem, Reference};
 use super::state::State;
-use crate::model::Change;
 use crate::model::effect::{Effect, Prior, Where};
 
 /// A step moves frequencies by about this.
@@ -84,7 +83,9 @@ impl State {
         let shift_at = |step: f64| {
             let effects = with_values(effects, std::slice::from_ref(knob), &[value + step]);
             problem.structure_with(&effects, &self.numbers).map_or(f64::INFINITY, |structure| {
-                let shifts = Change::between(&self.assembly, &structure.assemble(), 1.0)
+                let shifts = self
+                    .assembly
+                    .change_to(&structure.assemble(), 1.0)
                     .map_or_else(Vec::new, |change| self.view.frequency_derivatives(&self.models, &change));
                 shifts.iter().fold(0.0, |most: f64, shift| most.max(shift.abs()))
             })

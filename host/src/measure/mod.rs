@@ -4,8 +4,10 @@
 //! A study flows in; averaged cross spectra flow out, with what was left out, what the link did and where the time went. A
 //! setup that cannot be measured is left out with a warning as long as another can.
 
+mod faults;
 mod intervals;
 mod scout;
+mod spikes;
 mod stream;
 
 use std::path::Path;
@@ -18,10 +20,10 @@ use crate::fleet::{FleetError, FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
 use crate::record::{RecordError, Recording};
 use crate::spectra::{
-    CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectraWarning, SpectralPlan,
-    WindowLines, plan,
+    CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan, StandOut, WindowLines, plan,
 };
 use crate::study::{Analysis, Setup, Study};
+use faults::{left_out_sentence, silenced_sentences, spike_sentences};
 use stream::{Streamed, Task};
 
 pub use intervals::{Interval, measure_intervals};
@@ -416,12 +418,16 @@ fn measure_setup<'a>(
     let mut accumulator =
         CrossSpectrumAccumulator::expecting(task.plan.grid, setup.sensors.len(), windows).map_err(spectra)?;
     let mut refused = None;
-    let average = |window| {
+    let mut average = |window| {
         if let Err(error) = accumulator.add(window) {
             refused.get_or_insert(error);
         }
     };
-    let Streamed { report, fleet } = stream::stream(task, on_rows, observer, average, timings)?;
+    let grid = task.plan.grid;
+    let mut stand_out = StandOut::new(setup.sensors.len());
+    let judge = |window| stand_out.push(window, &mut average);
+    let Streamed { report, fleet, spikes } = stream::stream(task, on_rows, observer, judge, timings)?;
+    let silenced = stand_out.finish(&mut average);
     if let Some(error) = refused {
         return Err(spectra(error));
     }
@@ -436,6 +442,8 @@ fn measure_setup<'a>(
         }
         error => spectra(error),
     })?;
+    warnings.extend(spike_sentences(setup, &spikes).into_iter().map(several));
+    warnings.extend(silenced_sentences(setup, &grid, &silenced).into_iter().map(several));
     warnings.extend(left_out.iter().map(|warning| several(left_out_sentence(setup, *warning))));
     if let Some(fleet) = &fleet {
         let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();
@@ -446,17 +454,4 @@ fn measure_setup<'a>(
         }
     }
     Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, fleet, warnings })
-}
-
-/// What was left out, with the channel's name.
-fn left_out_sentence(setup: &Setup, warning: SpectraWarning) -> String {
-    match warning {
-        SpectraWarning::ChannelLeftOut { channel, sound, windows } => format!(
-            "channel \"{}\" is left out: it is sound in {sound} of {windows} windows; check the sensor and its cable",
-            setup.sensors.get(channel).map_or("?", |sensor| sensor.channel.as_str())
-        ),
-        SpectraWarning::WindowsLeftOut { left_out, windows } => format!(
-            "{left_out} of {windows} windows are left out: a channel has gaps, clipped or constant samples in them"
-        ),
-    }
 }

@@ -11,7 +11,7 @@ use crate::identify::{MeasuredSetup, picked_frequencies_hz};
 use crate::record::{Block, Recording};
 use crate::spectra::direct::Welch;
 use crate::spectra::plan::LOWEST_LINE;
-use crate::spectra::{CrossSpectrumAccumulator, SetupExtent, SpectralPlan};
+use crate::spectra::{CrossSpectrumAccumulator, SetupExtent, SpectralPlan, StandOut};
 use crate::study::{Analysis, Setup};
 
 /// Rows of each setup that are looked at, in s.
@@ -107,10 +107,13 @@ fn look_at<'a>(
     let mut block = Block::new();
     let mut seen = 0;
     let mut refused = false;
+    let mut average = |window| refused |= accumulator.add(window).is_err();
+    let mut stand_out = StandOut::new(setup.sensors.len());
     while seen < rows && recording.next_block(&mut block).ok()? {
-        welch.push(block.values(), &mut |window| refused |= accumulator.add(window).is_err());
+        welch.push(block.values(), &mut |window| stand_out.push(window, &mut average));
         seen += block.row_count() as u64;
     }
+    stand_out.finish(&mut average);
     let (spectrum, _) = accumulator.finish().ok().filter(|_| !refused)?;
     Some(MeasuredSetup { setup, spectrum })
 }

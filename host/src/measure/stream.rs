@@ -4,6 +4,7 @@ use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
+use super::spikes::{SpikeFilter, Spikes};
 use super::{Material, MeasureError, Observer, Route, Timings};
 use crate::archive::Collected;
 use crate::fleet::{Fleet, FleetError, FleetReport};
@@ -31,6 +32,8 @@ pub(super) struct Streamed {
     /// What the recording held, where there is one.
     pub(super) report: Option<RecordReport>,
     pub(super) fleet: Option<FleetReport>,
+    /// Spikes that were replaced, channel by channel; empty where nodes have sent the windows.
+    pub(super) spikes: Vec<Spikes>,
 }
 
 /// Streams a setup's windows, in the order of the grid, past `observer` (on this thread) into `sink` (on another).
@@ -64,10 +67,11 @@ pub(super) fn stream(
             let _ = window_sender.send(window);
         };
         let mut rows = 0;
-        let spectra = || -> Result<Option<FleetReport>, FleetError> {
+        let spectra = || -> Result<(Option<FleetReport>, Vec<Spikes>), FleetError> {
+            let mut filter = SpikeFilter::new(setup.sensors.len());
             for block in &blocks {
                 let start = Instant::now();
-                source.push(&block, &mut on_window)?;
+                source.push(filter.push(block.values()), &mut on_window)?;
                 timings.spectra += start.elapsed();
                 rows += block.row_count() as u64;
                 on_rows(rows);
@@ -75,19 +79,21 @@ pub(super) fn stream(
                 let _ = used_sender.send(block);
             }
             let start = Instant::now();
+            let (last, spikes) = filter.finish();
+            source.push(&last, &mut on_window)?;
             let fleet = source.finish(&mut on_window)?;
             timings.spectra += start.elapsed();
-            Ok(fleet)
+            Ok((fleet, spikes))
         };
-        let fleet = spectra();
+        let made = spectra();
         // A reader that is still ahead stops when nobody takes its blocks, the taker when no more windows can come.
         drop((blocks, window_sender));
         let (read, reading) = joined(reader);
         timings.reading += reading;
         timings.averaging += joined(taker);
-        let fleet = fleet.map_err(fleet_failed)?;
+        let (fleet, spikes) = made.map_err(fleet_failed)?;
         let record_failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
-        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet })
+        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet, spikes })
     })
 }
 
@@ -119,7 +125,7 @@ fn stream_archive(
         read
     });
     read.map_err(|source| MeasureError::Archive { setup: setup.name.clone(), source: Box::new(source) })?;
-    Ok(Streamed { report: None, fleet: None })
+    Ok(Streamed { report: None, fleet: None, spikes: Vec::new() })
 }
 
 /// A thread's result; its panic goes on here.
@@ -181,11 +187,11 @@ impl Source {
         })
     }
 
-    fn push(&mut self, block: &Block, on_window: &mut dyn FnMut(WindowLines)) -> Result<(), FleetError> {
+    fn push(&mut self, rows: &[f64], on_window: &mut dyn FnMut(WindowLines)) -> Result<(), FleetError> {
         match self {
-            Self::Nodes(fleet) => fleet.push(block.values(), on_window),
+            Self::Nodes(fleet) => fleet.push(rows, on_window),
             Self::Direct(welch) => {
-                welch.push(block.values(), on_window);
+                welch.push(rows, on_window);
                 Ok(())
             }
         }

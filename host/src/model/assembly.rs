@@ -10,6 +10,7 @@ use super::geometry::{Geometry, Line, LocalMotion};
 use super::joint::Kink;
 use super::matrices::ImportedMatrices;
 use super::sensing::Sensing;
+use super::sensitivity::Change;
 
 /// Mass and stiffness matrices with what places them in space.
 #[derive(Debug, Clone)]
@@ -81,6 +82,39 @@ impl Assembly {
     pub(super) fn add_damping(&mut self, dashpots: &DMatrix<f64>) {
         let dofs = self.dofs();
         *self.damping.get_or_insert_with(|| DMatrix::zeros(dofs, dofs)) += dashpots;
+    }
+
+    /// What takes K, M and C to those of `there`, over `step`; they differ in a few rows. `None` where they are alike, or have not
+    /// as many DOFs.
+    pub fn change_to(&self, there: &Self, step: f64) -> Option<Change> {
+        let dofs = self.dofs();
+        if there.dofs() != dofs {
+            return None;
+        }
+        let differ = |here: &DMatrix<f64>, there: &DMatrix<f64>, row: usize| {
+            // nalgebra stores column after column, and the matrices are symmetric.
+            let column = row * dofs..(row + 1) * dofs;
+            here.as_slice()[column.clone()] != there.as_slice()[column]
+        };
+        let none = || DMatrix::zeros(dofs, dofs);
+        let damped = (self.damping.is_some() || there.damping.is_some())
+            .then(|| [self, there].map(|assembly| assembly.damping.clone().unwrap_or_else(none)));
+        let changes = |&row: &usize| {
+            differ(&self.stiffness, &there.stiffness, row)
+                || differ(&self.mass, &there.mass, row)
+                || damped.as_ref().is_some_and(|[here, there]| differ(here, there, row))
+        };
+        let rows: Vec<usize> = (0..dofs).filter(changes).collect();
+        if rows.is_empty() {
+            return None;
+        }
+        let part = |here: &DMatrix<f64>, there: &DMatrix<f64>| {
+            let place = |i: usize, j: usize| (rows[i], rows[j]);
+            DMatrix::from_fn(rows.len(), rows.len(), |i, j| (there[place(i, j)] - here[place(i, j)]) / step)
+        };
+        let (stiffness, mass) = (part(&self.stiffness, &there.stiffness), part(&self.mass, &there.mass));
+        let damping = damped.as_ref().map(|[here, there]| part(here, there));
+        Some(Change::of_rows(rows, stiffness, mass, damping))
     }
 
     /// Whether heights mean something: nodes stand above each other.

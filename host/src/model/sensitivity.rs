@@ -2,7 +2,6 @@
 
 use nalgebra::{Complex, DMatrix, DVector};
 
-use super::assembly::Assembly;
 use super::eigen::ModalBasis;
 
 /// A small change of a structure, per unit of what changes it.
@@ -41,38 +40,14 @@ impl Change {
         Self { rows, stiffness, mass, damping: None }
     }
 
-    /// What takes the matrices of `here` to those of `there`, over `step`: the two differ in a few rows. `None` where they are
-    /// alike, or have not as many DOFs.
-    pub fn between(here: &Assembly, there: &Assembly, step: f64) -> Option<Self> {
-        if here.dofs() != there.dofs() {
-            return None;
-        }
-        let differ = |here: &DMatrix<f64>, there: &DMatrix<f64>, row: usize| {
-            let size = here.nrows();
-            let column = row * size..(row + 1) * size;
-            here.as_slice()[column.clone()] != there.as_slice()[column]
-        };
-        let dofs = here.dofs();
-        let none = || DMatrix::zeros(dofs, dofs);
-        let damped = (here.damping.is_some() || there.damping.is_some())
-            .then(|| [here, there].map(|assembly| assembly.damping.clone().unwrap_or_else(none)));
-        let changes = |&row: &usize| {
-            differ(&here.stiffness, &there.stiffness, row)
-                || differ(&here.mass, &there.mass, row)
-                || damped.as_ref().is_some_and(|[here, there]| differ(here, there, row))
-        };
-        // The matrices are symmetric: rows that differ are columns that do.
-        let rows: Vec<usize> = (0..dofs).filter(changes).collect();
-        let part = |here: &DMatrix<f64>, there: &DMatrix<f64>| {
-            let place = |i: usize, j: usize| (rows[i], rows[j]);
-            DMatrix::from_fn(rows.len(), rows.len(), |i, j| (there[place(i, j)] - here[place(i, j)]) / step)
-        };
-        (!rows.is_empty()).then(|| Self {
-            stiffness: part(&here.stiffness, &there.stiffness),
-            mass: part(&here.mass, &there.mass),
-            damping: damped.as_ref().map(|[here, there]| part(here, there)),
-            rows: rows.clone(),
-        })
+    /// From the rows that change, ascending, and the changes of K, M and C there, rows x rows.
+    pub(super) fn of_rows(
+        rows: Vec<usize>,
+        stiffness: DMatrix<f64>,
+        mass: DMatrix<f64>,
+        damping: Option<DMatrix<f64>>,
+    ) -> Self {
+        Self { rows, stiffness, mass, damping }
     }
 
     /// From the whole matrices of the change (all but a few rows of them zero), DOFs x DOFs; of C where dashpots change.

@@ -19,7 +19,7 @@ const MAX_GROUPS: usize = 24;
 const MAX_WAITING: usize = 8;
 /// Sets of channels that sums are kept for; each costs as much memory as the whole average.
 const MAX_SETS: usize = 4;
-/// A channel that is sound in fewer than this share of the windows is left out.
+/// A channel that is sound in fewer windows than this share of the soundest channel's is left out.
 const MIN_SOUND_SHARE: f64 = 0.5;
 
 /// Why there is no cross-spectral matrix.
@@ -194,6 +194,29 @@ impl CrossSpectrumAccumulator {
         self.waiting.clear();
     }
 
+    /// From the channels that are sound often enough, takes those out one by one that cost the others more windows than they are
+    /// worth.
+    fn worth_most(&self) -> Vec<usize> {
+        let most = self.sound.iter().copied().max().unwrap_or(0);
+        let is_sound =
+            |channel: &usize| self.sound[*channel] > 0 && self.sound[*channel] as f64 >= MIN_SOUND_SHARE * most as f64;
+        let mut kept: Vec<usize> = (0..self.channels).filter(is_sound).collect();
+        let set = |channels: &[usize]| channels.iter().map(|&channel| 1_u128 << channel).sum::<u128>();
+        let worth = |channels: &[usize]| {
+            let wanted = set(channels);
+            let sums = self.total.iter().filter(|(mask, _)| *mask & wanted == wanted);
+            sums.map(|(_, total)| total.sums.windows).sum::<usize>() * channels.len()
+        };
+        loop {
+            let without = |out: usize| kept.iter().copied().filter(|&channel| channel != out).collect::<Vec<_>>();
+            let best = kept.iter().map(|&out| without(out)).max_by_key(|rest| worth(rest));
+            match best {
+                Some(rest) if worth(&rest) > worth(&kept) => kept = rest,
+                _ => return kept,
+            }
+        }
+    }
+
     /// Ends the open group: into the total, and kept for the jackknife.
     fn close_group(&mut self) {
         self.add_waiting();
@@ -225,7 +248,8 @@ impl CrossSpectrumAccumulator {
         }
     }
 
-    /// Chooses the channels that are sound in at least half of the windows and averages the windows in which all are.
+    /// Chooses the channels that together with their common windows give most (channels times windows in which all of them are
+    /// sound), and averages those windows.
     ///
     /// # Errors
     /// When there is no window, or none is sound on these channels.
@@ -235,15 +259,11 @@ impl CrossSpectrumAccumulator {
         if windows == 0 {
             return Err(SpectraError::NoWindows);
         }
-        let mut warnings = Vec::new();
-        let mut kept = Vec::new();
-        for (channel, &sound) in self.sound.iter().enumerate() {
-            if sound as f64 >= MIN_SOUND_SHARE * windows as f64 {
-                kept.push(channel);
-            } else {
-                warnings.push(SpectraWarning::ChannelLeftOut { channel, sound, windows });
-            }
-        }
+        let kept = self.worth_most();
+        let left_out = (0..self.channels).filter(|channel| !kept.contains(channel));
+        let mut warnings: Vec<SpectraWarning> = left_out
+            .map(|channel| SpectraWarning::ChannelLeftOut { channel, sound: self.sound[channel], windows })
+            .collect();
         let wanted: u128 = kept.iter().map(|&channel| 1_u128 << channel).sum();
         let lines = self.grid.lines;
         let (mut total, mut groups): (Option<Total>, Vec<Sums<f32>>) = (None, Vec::new());
@@ -396,9 +416,27 @@ mod tests {
         assert_eq!(empty.finish().unwrap_err(), SpectraError::NoWindows);
         let mut silent = CrossSpectrumAccumulator::new(grid(2), 2).unwrap();
         for number in 0..10 {
-            silent.add(window(number, 2, 2, |channel| channel == number % 2)).unwrap();
+            silent.add(window(number, 2, 2, |_| false)).unwrap();
         }
-        assert_eq!(silent.finish().unwrap_err(), SpectraError::NoSoundWindows { sound: vec![5, 5], windows: 10 });
+        assert_eq!(silent.finish().unwrap_err(), SpectraError::NoSoundWindows { sound: vec![0, 0], windows: 10 });
+    }
+
+    #[test]
+    fn a_channel_that_is_sound_half_of_the_time_does_not_cost_the_others_their_windows() {
+        let mut accumulator = CrossSpectrumAccumulator::new(grid(2), 6).unwrap();
+        for number in 0..60 {
+            accumulator.add(window(number, 6, 2, |channel| channel != 4 || number % 5 < 3)).unwrap();
+        }
+        let (spectrum, warnings) = accumulator.finish().unwrap();
+        assert_eq!((spectrum.channels(), spectrum.averages()), (&[0, 1, 2, 3, 5][..], 60));
+        assert_eq!(warnings, [SpectraWarning::ChannelLeftOut { channel: 4, sound: 36, windows: 60 }]);
+        // Of two channels it is worth as much as what it costs, and stays.
+        let mut pair = CrossSpectrumAccumulator::new(grid(2), 2).unwrap();
+        for number in 0..60 {
+            pair.add(window(number, 2, 2, |channel| channel == 0 || number % 2 == 0)).unwrap();
+        }
+        let (spectrum, _) = pair.finish().unwrap();
+        assert_eq!((spectrum.channels(), spectrum.averages()), (&[0, 1][..], 30));
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Spectra: from windows of complex lines to an averaged cross-spectral matrix.
 //!
 //! [`plan`] chooses decimation and segment, windows come from sensor nodes or straight from a recording ([`direct`]), in the
-//! same units and on the same grid either way; [`CrossSpectrumAccumulator`] sums their outer products, and [`CrossSpectrum`]
+//! same units and on the same grid either way; [`StandOut`] silences windows that are far off the others,
+//! [`CrossSpectrumAccumulator`] sums outer products, and [`CrossSpectrum`]
 //! is their average.
 
 mod accumulate;
@@ -9,9 +10,11 @@ mod cross_spectrum;
 pub mod direct;
 mod grid;
 pub mod plan;
+mod stand_out;
 mod sums;
 
 pub use accumulate::{CrossSpectrumAccumulator, SpectraError, SpectraWarning};
 pub use cross_spectrum::CrossSpectrum;
 pub use grid::{LineGrid, WindowLines};
 pub use plan::{PlanError, SetupExtent, SpectralPlan};
+pub use stand_out::{Silenced, StandOut};

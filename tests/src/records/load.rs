@@ -36,8 +36,6 @@ pub(super) struct Forces<'a> {
     structure: &'a Structure,
     /// Lower factor of the modal forces' covariance.
     factor: DMatrix<Complex<f64>>,
-    /// Distances of each level from the one below in m, and the mode's displacement there along the two directions.
-    levels: Vec<(f64, [DVector<f64>; 2])>,
 }
 
 fn normal(random: &mut impl Rng) -> Complex<f64> {
@@ -55,17 +53,7 @@ impl<'a> Forces<'a> {
             if i == j { Complex::from(1.0) } else { Complex::from_polar(correlation, phases[i] - phases[j]) }
         });
         let factor = covariance.cholesky().map_or_else(|| DMatrix::identity(modes, modes), |factor| factor.l());
-        let mut levels: Vec<(f64, [DVector<f64>; 2])> = Vec::new();
-        let mut below_m = 0.0;
-        for (channel, &(z_m, _)) in structure.places.iter().enumerate().step_by(2) {
-            let along = |place: usize| {
-                let row = place.min(structure.shapes.nrows() - 1);
-                structure.shapes.row(row).transpose()
-            };
-            levels.push((z_m - below_m, [along(channel), along(channel + 1)]));
-            below_m = z_m;
-        }
-        Self { load, structure, factor, levels }
+        Self { load, structure, factor }
     }
 
     /// Modal forces of a line of unit bandwidth.
@@ -82,9 +70,12 @@ impl<'a> Forces<'a> {
                 let density = x * x / frequency_hz / (1.0 + x * x).powf(4.0 / 3.0);
                 let mut total = DVector::from_element(modes, Complex::from(0.0));
                 let mut gusts = [normal(random), normal(random)];
-                for (index, (distance_m, shapes)) in self.levels.iter().enumerate() {
+                let mut below_m: Option<f64> = None;
+                for (z_m, shapes) in &self.structure.levels {
                     // exp(-a |dz|) is the correlation of a Markov chain up the height.
-                    let kept = if index == 0 { 1.0 } else { (-DECAY * frequency_hz * distance_m / speed_m_s).exp() };
+                    let kept =
+                        below_m.map_or(0.0, |below_m| (-DECAY * frequency_hz * (z_m - below_m) / speed_m_s).exp());
+                    below_m = Some(*z_m);
                     for (gust, shape) in gusts.iter_mut().zip(shapes) {
                         *gust = *gust * kept + normal(random) * (1.0 - kept * kept).sqrt();
                         total += shape.map(Complex::from) * *gust;

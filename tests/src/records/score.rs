@@ -99,8 +99,9 @@ fn study_toml(case: &Case, structure: &Structure) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "[[setup.sensor]]\nchannel = \"{:02}\"\nelevation_m = {z_m:?}\nazimuth_deg = {azimuth_deg:?}\n",
-            channel + 1
+            "[[setup.sensor]]\nchannel = \"{:02}\"\nnode = {}\nelevation_m = {z_m:?}\nazimuth_deg = {azimuth_deg:?}\n",
+            channel + 1,
+            channel / 8 + 1
         );
     }
     text

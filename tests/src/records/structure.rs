@@ -15,7 +15,15 @@ pub(super) struct Structure {
     pub(super) shapes: DMatrix<f64>,
     /// Height and azimuth of each channel.
     pub(super) places: Vec<(f64, f64)>,
+    /// Where wind acts, lowest first: height in m, and each mode's displacement along X and Y there.
+    pub(super) levels: Vec<(f64, [DVector<f64>; 2])>,
 }
+
+/// Frequency in Hz, damping ratio and shape.
+type Mode = (f64, f64, DVector<f64>);
+
+/// Levels at which wind acts.
+const LEVELS: usize = 12;
 
 /// Azimuths of the two channels of a level.
 const AZIMUTHS_DEG: [f64; 2] = [0.0, 90.0];
@@ -41,7 +49,8 @@ impl Structure {
             .map(|channel| (height_m * ((channel / 2) as f64 + 1.0) / levels as f64, AZIMUTHS_DEG[channel % 2]))
             .collect();
         let turned = random.random_range(0.1..0.6_f64);
-        let mut order: Vec<(f64, f64, DVector<f64>)> = (0..modes)
+        let wave = |order: usize, z_m: f64| (std::f64::consts::PI * (order as f64 + 0.5) * z_m / height_m).sin();
+        let mut order: Vec<(Mode, (usize, f64))> = (0..modes)
             .map(|mode| {
                 let (order, family) = (mode / 2, mode % 2);
                 let zeta = damping[0] * (damping[1] / damping[0]).powf(random.random::<f64>());
@@ -49,16 +58,24 @@ impl Structure {
                 let ratio = (2.0 * order as f64 + 1.0).powf(1.35);
                 let shift = if family == 0 { 1.0 } else { 1.0 + 2.0 * apart * zeta };
                 let direction = turned + family as f64 * std::f64::consts::FRAC_PI_2;
-                let wave = std::f64::consts::PI * (order as f64 + 0.5);
-                let shape = places.iter().map(|&(z_m, azimuth_deg)| {
-                    let along = (wave * z_m / height_m).sin();
-                    along * (azimuth_deg.to_radians() - direction).cos()
-                });
-                (first_hz * ratio * shift, zeta, DVector::from_iterator(channels, shape))
+                let shape = places
+                    .iter()
+                    .map(|&(z_m, azimuth_deg)| wave(order, z_m) * (azimuth_deg.to_radians() - direction).cos());
+                ((first_hz * ratio * shift, zeta, DVector::from_iterator(channels, shape)), (order, direction))
             })
             .collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Self::of(order, places)
+        order.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
+        let levels = (1..=LEVELS).map(|level| {
+            let z_m = height_m * level as f64 / LEVELS as f64;
+            let along = |azimuth: f64| {
+                let of =
+                    |(_, (order, direction)): &(Mode, (usize, f64))| wave(*order, z_m) * (azimuth - direction).cos();
+                DVector::from_iterator(modes, order.iter().map(of))
+            };
+            (z_m, [along(0.0), along(std::f64::consts::FRAC_PI_2)])
+        });
+        let levels = levels.collect();
+        Self::of(order.into_iter().map(|(mode, _)| mode).collect(), places, levels)
     }
 
     /// Modes with random shapes; neighbours' have the correlation `alike`. Each mode is `apart` half-power bandwidths (of the mean
@@ -91,16 +108,17 @@ impl Structure {
             last = Some(shape);
             hz *= 1.0 + apart * 2.0 * (damping[0] * damping[1]).sqrt();
         }
-        Self::of(all, places)
+        Self::of(all, places, Vec::new())
     }
 
-    fn of(modes: Vec<(f64, f64, DVector<f64>)>, places: Vec<(f64, f64)>) -> Self {
+    fn of(modes: Vec<Mode>, places: Vec<(f64, f64)>, levels: Vec<(f64, [DVector<f64>; 2])>) -> Self {
         let shapes: Vec<DVector<f64>> = modes.iter().map(|(_, _, shape)| shape / shape[shape.icamax()]).collect();
         Self {
             frequencies_hz: modes.iter().map(|mode| mode.0).collect(),
             damping: modes.iter().map(|mode| mode.1).collect(),
             shapes: DMatrix::from_columns(&shapes),
             places,
+            levels,
         }
     }
 }

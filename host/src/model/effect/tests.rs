@@ -409,3 +409,21 @@ fn a_custom_change_is_what_its_files_say() {
     let error = custom("z_bottom_m,z_top_m,shear\n0,1,much\n").unwrap_err().to_string();
     assert!(error.contains("line 2: column `shear`: `much` is not a number"), "{error}");
 }
+
+/// The few rows that differ are the whole difference, with and without dashpots.
+#[test]
+fn the_change_between_two_structures_is_the_difference_of_their_matrices() {
+    let structure = || Structure::new(beam());
+    let here = structure().assemble();
+    for word in ["added-mass@100m=1e4", "base-rotation=1e-12", "stiffness-scale=0.1", "p-delta=1"] {
+        let there = structure().and(&[word.parse().unwrap()]).unwrap().assemble();
+        let found = here.change_to(&there, 0.5).unwrap();
+        let whole = crate::model::Change::of(
+            &((&there.stiffness - &here.stiffness) / 0.5),
+            &((&there.mass - &here.mass) / 0.5),
+            None,
+        );
+        assert_eq!(format!("{found:?}"), format!("{whole:?}"), "{word}");
+    }
+    assert!(here.change_to(&here, 1.0).is_none());
+}

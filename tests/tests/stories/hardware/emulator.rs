@@ -1,7 +1,6 @@
 //! Emulated boards: QEMU with a program, its serial port, and a debugger's end.
 
 use std::collections::BTreeMap;
-use std::fmt::Debug;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -118,13 +117,29 @@ impl Board {
             .stdout(Stdio::null())
             .spawn()
             .expect("qemu-system-arm runs (Debian's package of that name)");
-        let board = Self { emulator, folder, _seats: seats };
-        let mut port = when_listening(|| Port::open(&board.line(), BAUD));
+        let mut board = Self { emulator, folder, _seats: seats };
+        let mut port = board.port_of_its_start();
         board.go_on_with(&[]);
         // What is said to a program that does not listen yet is lost, and may be lost in part: so nothing is said before it has
         // greeted.
         let hello = first_hello(&mut port);
         (board, port, hello)
+    }
+
+    /// Its line, once it listens.
+    fn port_of_its_start(&mut self) -> Port {
+        let start = Instant::now();
+        loop {
+            match Port::open(&self.line(), BAUD) {
+                Ok(port) => return port,
+                Err(error) => {
+                    let ended = self.emulator.try_wait().unwrap();
+                    assert!(ended.is_none(), "the emulator ended at its start: {ended:?}");
+                    assert!(start.elapsed() < PATIENCE, "the emulator does not listen: {error}");
+                    std::thread::sleep(Duration::from_millis(5));
+                }
+            }
+        }
     }
 
     /// The line's name for `belfry`.
@@ -175,18 +190,6 @@ fn first_hello(port: &mut Port) -> Hello {
     panic!("the program does not greet");
 }
 
-/// Opens a socket of the emulator, which makes its files some time after its start and listens some time after that.
-fn when_listening<T, E: Debug>(open: impl Fn() -> Result<T, E>) -> T {
-    let start = Instant::now();
-    loop {
-        match open() {
-            Ok(opened) => return opened,
-            Err(error) if start.elapsed() > PATIENCE => panic!("the emulator did not start: {error:?}"),
-            Err(_) => std::thread::sleep(Duration::from_millis(5)),
-        }
-    }
-}
-
 /// The debugger's end of the emulator's remote protocol; the processor stands while it is there.
 struct Debugger {
     stream: UnixStream,
@@ -195,7 +198,15 @@ struct Debugger {
 
 impl Debugger {
     fn attach(socket: &Path) -> Self {
-        let stream = when_listening(|| UnixStream::connect(socket));
+        // The emulator makes the socket's file some time before it listens.
+        let start = Instant::now();
+        let stream = loop {
+            match UnixStream::connect(socket) {
+                Ok(stream) => break stream,
+                Err(error) => assert!(start.elapsed() < PATIENCE, "the debugger's end does not listen: {error}"),
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        };
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let answers = BufReader::new(stream.try_clone().unwrap());
         let mut debugger = Self { stream, answers };

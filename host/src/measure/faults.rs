@@ -1,0 +1,65 @@
+//! What was wrong with a setup's channels, and when, in sentences.
+
+use std::collections::BTreeMap;
+
+use super::epoch_s;
+use super::spikes::Spikes;
+use crate::spectra::{LineGrid, Silenced, SpectraWarning};
+use crate::study::Setup;
+
+/// Which channels stood far off what is usual, and when: a line for all that did so in the same windows.
+pub(super) fn silenced_sentences(setup: &Setup, grid: &LineGrid, silenced: &[Silenced]) -> Vec<String> {
+    let hop_s = 0.5 * grid.segment as f64 / grid.sampling_rate_hz;
+    let at = |window: u64| time_of_day(epoch_s(setup, grid) + window as f64 * hop_s);
+    let mut alike: BTreeMap<(u64, u64, usize), Vec<String>> = BTreeMap::new();
+    for (sensor, silenced) in setup.sensors.iter().zip(silenced).filter(|(_, silenced)| silenced.windows > 0) {
+        let when = (silenced.first, silenced.last, silenced.windows);
+        alike.entry(when).or_default().push(format!("\"{}\"", sensor.channel));
+    }
+    let sentence = |((first, last, windows), channels): ((u64, u64, usize), Vec<String>)| {
+        let (noun, verb) = if channels.len() == 1 { ("channel", "stands") } else { ("channels", "stand") };
+        let when = if windows == 1 {
+            format!("in one window, {} into the record", at(first))
+        } else {
+            format!("in {windows} windows, from {} to {} into the record", at(first), at(last + 2))
+        };
+        format!(
+            "{noun} {} {verb} far off what is usual {when}: left out there; look for spikes, steps, blows or a loose cable",
+            channels.join(", ")
+        )
+    };
+    alike.into_iter().map(sentence).collect()
+}
+
+/// Which channels had spikes, how many, and the first.
+pub(super) fn spike_sentences(setup: &Setup, spikes: &[Spikes]) -> Vec<String> {
+    let with_spikes = setup.sensors.iter().zip(spikes).filter(|(_, spikes)| spikes.count > 0);
+    let sentence = |(sensor, spikes): (&crate::study::Sensor, &Spikes)| {
+        let at = time_of_day(spikes.first_row as f64 / setup.sampling_rate_hz);
+        let (noun, which) = if spikes.count == 1 { ("spike", "") } else { ("spikes", ", the first") };
+        format!(
+            "channel \"{}\": {} {noun} of a single sample{which} {at} into the record, replaced by the mean of the samples beside; check the cable",
+            sensor.channel, spikes.count
+        )
+    };
+    with_spikes.map(sentence).collect()
+}
+
+/// Hours, minutes and seconds.
+fn time_of_day(seconds: f64) -> String {
+    let seconds = seconds.round() as u64;
+    format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
+}
+
+/// What was left out, with the channel's name.
+pub(super) fn left_out_sentence(setup: &Setup, warning: SpectraWarning) -> String {
+    match warning {
+        SpectraWarning::ChannelLeftOut { channel, sound, windows } => format!(
+            "channel \"{}\" is left out: it is sound in {sound} of {windows} windows; check the sensor and its cable",
+            setup.sensors.get(channel).map_or("?", |sensor| sensor.channel.as_str())
+        ),
+        SpectraWarning::WindowsLeftOut { left_out, windows } => format!(
+            "{left_out} of {windows} windows are left out: a channel has gaps, clipped or constant samples in them"
+        ),
+    }
+}
