@@ -101,7 +101,7 @@ fn study_toml(case: &Case, structure: &Structure) -> String {
             text,
             "[[setup.sensor]]\nchannel = \"{:02}\"\nnode = {}\nelevation_m = {z_m:?}\nazimuth_deg = {azimuth_deg:?}\n",
             channel + 1,
-            channel / 8 + 1
+            channel / 4 + 1
         );
     }
     text
