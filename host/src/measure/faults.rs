@@ -51,6 +51,14 @@ fn time_of_day(seconds: f64) -> String {
     format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
 }
 
+/// A channel that has nothing in common with the others.
+pub(super) fn noisy_sentence(setup: &Setup, channel: usize) -> String {
+    format!(
+        "channel \"{}\" is left out: it is loud, and has nothing in common with the other channels; check the sensor and its cable",
+        setup.sensors.get(channel).map_or("?", |sensor| sensor.channel.as_str())
+    )
+}
+
 /// What was left out, with the channel's name.
 pub(super) fn left_out_sentence(setup: &Setup, warning: SpectraWarning) -> String {
     match warning {

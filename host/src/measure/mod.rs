@@ -23,7 +23,7 @@ use crate::spectra::{
     CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan, StandOut, WindowLines, plan,
 };
 use crate::study::{Analysis, Setup, Study};
-use faults::{left_out_sentence, silenced_sentences, spike_sentences};
+use faults::{left_out_sentence, noisy_sentence, silenced_sentences, spike_sentences};
 use stream::{Streamed, Task};
 
 pub use intervals::{Interval, measure_intervals};
@@ -445,6 +445,8 @@ fn measure_setup<'a>(
     warnings.extend(spike_sentences(setup, &spikes).into_iter().map(several));
     warnings.extend(silenced_sentences(setup, &grid, &silenced).into_iter().map(several));
     warnings.extend(left_out.iter().map(|warning| several(left_out_sentence(setup, *warning))));
+    let (spectrum, noisy) = spectrum.without_noisy_channels();
+    warnings.extend(noisy.into_iter().map(|channel| several(noisy_sentence(setup, channel))));
     if let Some(fleet) = &fleet {
         let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();
         if lost > 0 {

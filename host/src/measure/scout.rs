@@ -115,5 +115,6 @@ fn look_at<'a>(
     }
     stand_out.finish(&mut average);
     let (spectrum, _) = accumulator.finish().ok().filter(|_| !refused)?;
+    let (spectrum, _) = spectrum.without_noisy_channels();
     Some(MeasuredSetup { setup, spectrum })
 }

@@ -9,6 +9,7 @@ mod accumulate;
 mod cross_spectrum;
 pub mod direct;
 mod grid;
+mod noisy;
 pub mod plan;
 mod stand_out;
 mod sums;

@@ -209,6 +209,58 @@ fn gaps_cost_their_windows_and_are_named_by_channel_and_row() {
     assert_both_modes(&report);
 }
 
+/// Frequencies lie within a deviation of those of the sound recording, and damping within 10 %.
+fn assert_as_good_as_sound(report: &Option<Value>) {
+    let sound = identify("sound.csv", &csv(&recording(), plain), RATE_HZ as f64, CHANNELS).2.unwrap();
+    let modes = |report: &Value| report["modes"].as_array().unwrap().clone();
+    let (here, sound) = (modes(report.as_ref().unwrap()), modes(&sound));
+    assert_eq!(here.len(), sound.len());
+    for (here, sound) in here.iter().zip(&sound) {
+        let number = |mode: &Value, name: &str| mode[name].as_f64().unwrap();
+        let apart_hz = number(here, "frequency_hz") - number(sound, "frequency_hz");
+        assert!(apart_hz.abs() < number(sound, "frequency_std_hz"), "{here} {sound}");
+        let ratio = number(here, "damping_ratio") / number(sound, "damping_ratio");
+        assert!((0.9..1.1).contains(&ratio), "{ratio}");
+    }
+}
+
+#[test]
+fn spikes_of_single_samples_are_replaced_and_told() {
+    // One of 1 g among some mm/s².
+    let once = csv(&recording(), |row, column, value| {
+        plain(row, column, if (row, column) == (9001, 2) { value + 9.81 } else { value })
+    });
+    let (status, stderr, report) = identify("spike.csv", &once, RATE_HZ as f64, CHANNELS);
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stderr.contains("channel \"south\": 1 spike of a single sample 0:07:30 into the record"), "{stderr}");
+    assert_as_good_as_sound(&report);
+}
+
+#[test]
+fn a_step_costs_the_windows_it_is_in_and_is_told_with_its_time() {
+    let step = csv(&recording(), |row, column, value| {
+        plain(row, column, if row >= 12_000 && column == 1 { value + 9.81 } else { value })
+    });
+    let (status, stderr, report) = identify("step.csv", &step, RATE_HZ as f64, CHANNELS);
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stderr.contains("channel \"east\" stands far off what is usual"), "{stderr}");
+    assert_both_modes(&report);
+}
+
+#[test]
+fn a_channel_of_loud_noise_is_left_out_and_named() {
+    let mut state = 5_u64;
+    let noisy = csv(&recording(), |row, column, value| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let noise = (state >> 33) as f64 / f64::from(1_u32 << 31) - 0.5;
+        plain(row, column, if column == 0 { value + noise } else { value })
+    });
+    let (status, stderr, report) = identify("noisy.csv", &noisy, RATE_HZ as f64, CHANNELS);
+    assert_eq!(status, 0, "{stderr}");
+    assert!(stderr.contains("channel \"north\" is left out: it is loud"), "{stderr}");
+    assert_both_modes(&report);
+}
+
 #[test]
 fn a_setup_that_cannot_be_read_is_left_out_and_the_others_still_give_modes() {
     let folder = tempfile::tempdir().unwrap();

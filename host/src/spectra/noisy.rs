@@ -1,0 +1,131 @@
+//! Channels that are nothing but noise: their power is large, and no other channel knows of it.
+//!
+//! An averaged cross-spectral matrix flows in; the channels to leave out flow out. What the other channels explain of a channel
+//! is its multiple coherence, `1 - 1 / (G_cc (G⁻¹)_cc)` (Bendat and Piersol 2010, "Random Data", section 7.3). A sensor that
+//! hardly moves is mostly noise as well, and stays: its noise is small beside the others' motion, and that it hardly moves is
+//! worth knowing.
+
+use nalgebra::DMatrix;
+use num_complex::Complex64;
+
+use super::cross_spectrum::CrossSpectrum;
+
+/// With fewer channels it cannot be said which of them is wrong.
+const LEAST_CHANNELS: usize = 4;
+/// Averages a channel that coherence needs.
+const AVERAGES_A_CHANNEL: usize = 2;
+/// Lines that are looked at, at most, and the share of them at which the channels agree best: where the structure moves.
+const LINES: usize = 512;
+const MOVING: f64 = 0.25;
+/// A noisy channel's coherence there is below the first, the median channel's above the second.
+const INCOHERENT: f64 = 0.2;
+const COHERENT: f64 = 0.5;
+/// Its noise is this many times the power of the median channel there.
+const LOUD: f64 = 3.0;
+
+/// What one line says of every channel.
+struct Line {
+    /// Share of its power that the others explain, free of what chance explains.
+    coherence: Vec<f64>,
+    power: Vec<f64>,
+}
+
+impl CrossSpectrum {
+    /// The channels that are loud and have nothing in common with the others, as in [`CrossSpectrum::channels`].
+    pub fn noisy_channels(&self) -> Vec<usize> {
+        let channels = self.channels().len();
+        if channels < LEAST_CHANNELS || self.averages() < AVERAGES_A_CHANNEL * channels {
+            return Vec::new();
+        }
+        let step = self.grid().lines.div_ceil(LINES).max(1);
+        let mut lines: Vec<Line> =
+            (0..self.grid().lines).step_by(step).filter_map(|line| self.line(&self.matrix(line))).collect();
+        let agreement = |line: &Line| median(line.coherence.clone());
+        lines.sort_by(|a, b| agreement(b).total_cmp(&agreement(a)));
+        lines.truncate(((MOVING * lines.len() as f64) as usize).max(1));
+        let mean = |value: &dyn Fn(&Line) -> f64| lines.iter().map(value).sum::<f64>() / lines.len().max(1) as f64;
+        let coherence: Vec<f64> = (0..channels).map(|channel| mean(&|line| line.coherence[channel])).collect();
+        let usual = mean(&|line| median(line.power.clone()));
+        if median(coherence.clone()) < COHERENT {
+            return Vec::new();
+        }
+        let noise = |channel: usize| mean(&|line| line.power[channel] * (1.0 - line.coherence[channel]));
+        let is_noisy = |channel: &usize| coherence[*channel] < INCOHERENT && noise(*channel) > LOUD * usual;
+        (0..channels).filter(is_noisy).map(|channel| self.channels()[channel]).collect()
+    }
+
+    /// The same averages without the noisy channels, and which those were.
+    pub fn without_noisy_channels(self) -> (Self, Vec<usize>) {
+        let noisy = self.noisy_channels();
+        if noisy.is_empty() {
+            return (self, noisy);
+        }
+        let sound: Vec<usize> = self.channels().iter().copied().filter(|channel| !noisy.contains(channel)).collect();
+        (self.restricted(&sound), noisy)
+    }
+
+    fn line(&self, matrix: &DMatrix<Complex64>) -> Option<Line> {
+        let power: Vec<f64> = matrix.diagonal().iter().map(|value| value.re).collect();
+        if power.iter().any(|&power| power <= 0.0) {
+            return None;
+        }
+        let alike = DMatrix::from_fn(power.len(), power.len(), |i, j| matrix[(i, j)] / (power[i] * power[j]).sqrt());
+        let inverse = alike.cholesky()?.inverse();
+        // Of nothing in common, M averages of n channels show (n - 1) / M.
+        let chance = (power.len() - 1) as f64 / self.averages() as f64;
+        let coherence = (0..power.len()).map(|channel| {
+            let seen = 1.0 - 1.0 / inverse[(channel, channel)].re.max(1.0);
+            ((seen - chance) / (1.0 - chance)).clamp(0.0, 1.0)
+        });
+        Some(Line { coherence: coherence.collect(), power })
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use num_complex::Complex32;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use crate::spectra::{CrossSpectrum, CrossSpectrumAccumulator, LineGrid, WindowLines};
+
+    /// Motion that all channels share, of the given size in each, and noise of each channel's own.
+    fn spectrum(motion: &[f64], noise: &[f64]) -> CrossSpectrum {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        let mut normal = move || {
+            let (re, im): (f64, f64) = (StandardNormal.sample(&mut random), StandardNormal.sample(&mut random));
+            num_complex::Complex64::new(re, im)
+        };
+        let grid = LineGrid { sampling_rate_hz: 5.0, segment: 256, first_line: 5, lines: 40 };
+        let mut accumulator = CrossSpectrumAccumulator::new(grid, motion.len()).unwrap();
+        for number in 0..60 {
+            let shared: Vec<_> = (0..40).map(|_| normal()).collect();
+            let channel = |channel: usize, normal: &mut dyn FnMut() -> num_complex::Complex64| -> Vec<Complex32> {
+                let line = |shared: &num_complex::Complex64| {
+                    let value = shared * motion[channel] + normal() * noise[channel];
+                    Complex32::new(value.re as f32, value.im as f32)
+                };
+                shared.iter().map(line).collect()
+            };
+            let channels = (0..motion.len()).map(|index| Some(channel(index, &mut normal))).collect();
+            accumulator.add(WindowLines { grid_index: number, channels }).unwrap();
+        }
+        accumulator.finish().unwrap().0
+    }
+
+    #[test]
+    fn a_loud_channel_that_no_other_knows_of_is_noisy_and_a_quiet_one_is_not() {
+        let motion = [1.0, 0.8, -0.6, 1.2, 0.9, 0.0];
+        assert_eq!(spectrum(&motion, &[0.1, 0.1, 0.1, 0.1, 9.0, 0.1]).noisy_channels(), [4]);
+        assert!(spectrum(&motion, &[0.1; 6]).noisy_channels().is_empty());
+        // Where all are noise, none is to blame.
+        assert!(spectrum(&motion, &[9.0; 6]).noisy_channels().is_empty());
+        assert!(spectrum(&motion[..3], &[0.1, 9.0, 0.1]).noisy_channels().is_empty(), "two against one prove nothing");
+    }
+}
