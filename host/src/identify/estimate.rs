@@ -39,17 +39,13 @@ const MAX_NEIGHBOURS: usize = 4;
 /// no further away than this many lines.
 const NEIGHBOUR_SHARE: f64 = 0.01;
 const NEIGHBOUR_LINES: f64 = 3.0;
-/// Half-width of the bell in lines and in bandwidths of the mode, whichever is more, and its limits in lines; the upper one is
-/// that of modes whose bandwidth is a few lines.
+/// Half-width of the bell in lines and in bandwidths of the mode, whichever is more, and its limits.
 const BELL_LINES: f64 = 5.0;
 const BELL_BANDWIDTHS: f64 = 3.0;
 const BELL_LIMITS: [f64; 2] = [3.0, 40.0];
-const MOST_BANDWIDTHS: f64 = 3.0;
 /// How far the fit may take a mode from its pick, in lines and in bandwidths together.
 const LEEWAY_LINES: f64 = 2.0;
 const LEEWAY_BANDWIDTHS: f64 = 0.5;
-/// A bandwidth counts as no more than this share of the frequency there: a fit that runs away has no end of it.
-const WIDEST: f64 = 0.16;
 /// Damping ratio assumed before anything is known.
 const FIRST_DAMPING: f64 = 0.01;
 /// Lines to either side that EFDD's start is read from.
@@ -322,7 +318,7 @@ impl State {
 
     /// Where the fit may take a mode.
     fn limits_hz(&self, mode: usize, spacing_hz: f64) -> [f64; 2] {
-        let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(WIDEST * self.picked_hz[mode]);
+        let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(10.0 * spacing_hz);
         let leeway_hz = LEEWAY_LINES * spacing_hz + LEEWAY_BANDWIDTHS * bandwidth_hz;
         [self.picked_hz[mode] - leeway_hz, self.picked_hz[mode] + leeway_hz]
     }
@@ -360,10 +356,8 @@ impl State {
                 *side = side.min(distance_hz.abs() / 2.0);
             }
         }
-        // Of a mode that is damped a lot, the same number of bandwidths is more lines.
-        let most =
-            BELL_LIMITS[1].max(MOST_BANDWIDTHS * here.bandwidth_hz().min(WIDEST * here.frequency_hz) / spacing_hz);
-        let [below, above] = sides_hz.map(|side| (side / spacing_hz).clamp(BELL_LIMITS[0], most).round() as usize);
+        let [below, above] =
+            sides_hz.map(|side| (side / spacing_hz).clamp(BELL_LIMITS[0], BELL_LIMITS[1]).round() as usize);
         let centre = grid.nearest_line(here.frequency_hz);
         (centre.saturating_sub(below), (centre + above).min(grid.lines - 1))
     }
