@@ -31,6 +31,7 @@ pub mod record;
 pub mod results;
 pub mod simulate;
 pub mod spectra;
+mod statistics;
 pub mod story;
 pub mod study;
 pub mod trend;

@@ -2,6 +2,7 @@
 
 use belfry_shared::message::Configuration;
 
+use crate::statistics::median;
 use crate::window::{ChannelData, NodeWindow};
 
 /// How much of the mean a new window is at least.
@@ -60,9 +61,7 @@ impl PeakMeter {
     }
 
     fn find(&self) -> Vec<f64> {
-        let mut sorted = self.mean.clone();
-        sorted.sort_by(f64::total_cmp);
-        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        let median = median(&mut self.mean.clone()).unwrap_or(0.0);
         let mut candidates: Vec<usize> = (0..self.mean.len())
             .filter(|&line| {
                 let around = &self.mean[line.saturating_sub(APART)..(line + APART + 1).min(self.mean.len())];

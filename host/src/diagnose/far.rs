@@ -15,6 +15,7 @@ use super::score::shows_by_derivative;
 use super::state::State;
 use crate::compare::pair_above;
 use crate::model::effect::{EffectKind, KINDS, Parameter, PlaceKind, Prior, Where};
+use crate::statistics::median;
 
 /// Values whose typical size depends on the structure are tried at these multiples of it.
 const MULTIPLES: [f64; 4] = [4.0, 20.0, 200.0, 5000.0];
@@ -189,8 +190,7 @@ impl Problem {
                     (predicted.abs() > MOVES * typical).then(|| shape.values[at] / predicted)
                 })
                 .collect();
-            ratios.sort_by(f64::total_cmp);
-            ratios.get(ratios.len() / 2).copied().filter(|ratio| *ratio > 0.0)
+            median(&mut ratios).filter(|ratio| *ratio > 0.0)
         };
         (0..self.sensors.len()).into_par_iter().map(of).collect()
     }

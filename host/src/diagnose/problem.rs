@@ -15,6 +15,7 @@ use crate::compare::{ModelView, complement, pair, shape_deviations};
 use crate::model::Structure;
 use crate::model::effect::Effect;
 use crate::modes::MeasuredMode;
+use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 use crate::study::{Model, Sensor};
 
 /// A structure without its effects, the modes that it is compared with, and how far it is trusted.
@@ -76,8 +77,6 @@ pub(super) struct MeasuredPhases {
 const CLOSE: f64 = 0.015;
 /// And model modes that differ by less than this: their shapes in the model are arbitrary within the span.
 const DEGENERATE: f64 = 0.005;
-/// Median of the absolute value of a standard normal number.
-const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
 
 impl Problem {
     /// From a structure without effects, the effects that the study has, and what was measured.
@@ -126,10 +125,9 @@ impl Problem {
         let damping: Vec<Option<f64>> =
             in_use.iter().map(|mode| mode.damping_ratio.filter(|ratio| *ratio > 0.0 && *ratio < 1.0)).collect();
         let mut known: Vec<f64> = damping.iter().copied().flatten().collect();
-        known.sort_by(f64::total_cmp);
         Ok(Self {
             reference: Arc::default(),
-            ordinary_damping: known.get(known.len() / 2).copied().unwrap_or(1.0),
+            ordinary_damping: median(&mut known).unwrap_or(1.0),
             damping,
             phases: phases.collect(),
             complex: complex.iter().map(|mode| mode.number).collect(),
@@ -289,7 +287,6 @@ fn phases(mode: usize, measured: &[MeasuredMode]) -> Option<MeasuredPhases> {
     let imaginary = shape.imaginary.as_ref()? / length;
     let deviations = DVector::from_vec(shape_deviations(shape));
     let mut ratios: Vec<f64> = imaginary.iter().zip(deviations.iter()).map(|(im, std)| im.abs() / std).collect();
-    ratios.sort_by(f64::total_cmp);
-    let typical = ratios.get(ratios.len() / 2)? / MEDIAN_OF_ABSOLUTE;
+    let typical = median(&mut ratios)? / MEDIAN_OF_ABSOLUTE;
     Some(MeasuredPhases { mode, imaginary, deviations: deviations * (typical.max(1.0) * LONG_TAILS) })
 }

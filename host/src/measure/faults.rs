@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::epoch_s;
 use super::spikes::Spikes;
 use crate::spectra::{LineGrid, Silenced, SpectraWarning};
-use crate::study::Setup;
+use crate::study::{Sensor, Setup};
 
 /// Which channels stood far off what is usual, and when: a line for all that did so in the same windows.
 pub(super) fn silenced_sentences(setup: &Setup, grid: &LineGrid, silenced: &[Silenced]) -> Vec<String> {
@@ -34,7 +34,7 @@ pub(super) fn silenced_sentences(setup: &Setup, grid: &LineGrid, silenced: &[Sil
 /// Which channels had spikes, how many, and the first.
 pub(super) fn spike_sentences(setup: &Setup, spikes: &[Spikes]) -> Vec<String> {
     let with_spikes = setup.sensors.iter().zip(spikes).filter(|(_, spikes)| spikes.count > 0);
-    let sentence = |(sensor, spikes): (&crate::study::Sensor, &Spikes)| {
+    let sentence = |(sensor, spikes): (&Sensor, &Spikes)| {
         let at = time_of_day(spikes.first_row as f64 / setup.sampling_rate_hz);
         let (noun, which) = if spikes.count == 1 { ("spike", "") } else { ("spikes", ", the first") };
         format!(
@@ -55,8 +55,13 @@ fn time_of_day(seconds: f64) -> String {
 pub(super) fn noisy_sentence(setup: &Setup, channel: usize) -> String {
     format!(
         "channel \"{}\" is left out: it is loud, and has nothing in common with the other channels; check the sensor and its cable",
-        setup.sensors.get(channel).map_or("?", |sensor| sensor.channel.as_str())
+        name(setup, channel)
     )
+}
+
+/// The name of a channel, by its index in the setup's order.
+fn name(setup: &Setup, channel: usize) -> &str {
+    setup.sensors.get(channel).map_or("?", |sensor| sensor.channel.as_str())
 }
 
 /// What was left out, with the channel's name.
@@ -64,7 +69,7 @@ pub(super) fn left_out_sentence(setup: &Setup, warning: SpectraWarning) -> Strin
     match warning {
         SpectraWarning::ChannelLeftOut { channel, sound, windows } => format!(
             "channel \"{}\" is left out: it is sound in {sound} of {windows} windows; check the sensor and its cable",
-            setup.sensors.get(channel).map_or("?", |sensor| sensor.channel.as_str())
+            name(setup, channel)
         ),
         SpectraWarning::WindowsLeftOut { left_out, windows } => format!(
             "{left_out} of {windows} windows are left out: a channel has gaps, clipped or constant samples in them"

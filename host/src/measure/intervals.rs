@@ -2,8 +2,9 @@
 
 use std::sync::mpsc::channel;
 
+use super::faults::left_out_sentence;
 use super::stream::{self, Task};
-use super::{Material, MeasureError, Opened, Progress, Route, Timings, as_collected, left_out_sentence};
+use super::{Material, MeasureError, Opened, Progress, Route, Timings, as_collected};
 use crate::spectra::{
     CrossSpectrum, CrossSpectrumAccumulator, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines,
 };

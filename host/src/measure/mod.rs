@@ -20,7 +20,7 @@ use crate::fleet::{FleetError, FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
 use crate::record::{RecordError, Recording};
 use crate::spectra::{
-    CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan, StandOut, WindowLines, plan,
+    CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines, plan,
 };
 use crate::study::{Analysis, Setup, Study};
 use faults::{left_out_sentence, noisy_sentence, silenced_sentences, spike_sentences};
@@ -418,16 +418,13 @@ fn measure_setup<'a>(
     let mut accumulator =
         CrossSpectrumAccumulator::expecting(task.plan.grid, setup.sensors.len(), windows).map_err(spectra)?;
     let mut refused = None;
-    let mut average = |window| {
+    let average = |window| {
         if let Err(error) = accumulator.add(window) {
             refused.get_or_insert(error);
         }
     };
     let grid = task.plan.grid;
-    let mut stand_out = StandOut::new(setup.sensors.len());
-    let judge = |window| stand_out.push(window, &mut average);
-    let Streamed { report, fleet, spikes } = stream::stream(task, on_rows, observer, judge, timings)?;
-    let silenced = stand_out.finish(&mut average);
+    let Streamed { report, fleet, spikes, silenced } = stream::stream(task, on_rows, observer, average, timings)?;
     if let Some(error) = refused {
         return Err(spectra(error));
     }

@@ -10,7 +10,7 @@ use crate::archive::Collected;
 use crate::fleet::{Fleet, FleetError, FleetReport};
 use crate::record::{Block, RecordError, RecordReport, Recording};
 use crate::spectra::direct::Welch;
-use crate::spectra::{SpectralPlan, WindowLines};
+use crate::spectra::{Silenced, SpectralPlan, StandOut, WindowLines};
 use crate::study::Setup;
 
 /// Blocks that are read ahead.
@@ -34,9 +34,12 @@ pub(super) struct Streamed {
     pub(super) fleet: Option<FleetReport>,
     /// Spikes that were replaced, channel by channel; empty where nodes have sent the windows.
     pub(super) spikes: Vec<Spikes>,
+    /// Windows in which channels stood far off the others, channel by channel.
+    pub(super) silenced: Vec<Silenced>,
 }
 
-/// Streams a setup's windows, in the order of the grid, past `observer` (on this thread) into `sink` (on another).
+/// Streams a setup's windows, in the order of the grid, past `observer` (on this thread) into `sink` (on another), which gets
+/// them without the channels that stand far off.
 ///
 /// # Errors
 /// When the recording cannot be read or the nodes fail; windows that came before have been taken in.
@@ -60,7 +63,7 @@ pub(super) fn stream(
         let (used_sender, used) = channel();
         let reader = scope.spawn(move || read_ahead(recording, &block_sender, &used));
         let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
-        let taker = scope.spawn(move || take_in(&windows, sink));
+        let taker = scope.spawn(move || take_in(&windows, setup.sensors.len(), sink));
         let mut on_window = |window: WindowLines| {
             observer(setup, &grid, &window);
             // The other end lives until this one is dropped; if it panicked, joining it says so.
@@ -90,10 +93,11 @@ pub(super) fn stream(
         drop((blocks, window_sender));
         let (read, reading) = joined(reader);
         timings.reading += reading;
-        timings.averaging += joined(taker);
+        let (silenced, averaging) = joined(taker);
+        timings.averaging += averaging;
         let (fleet, spikes) = made.map_err(fleet_failed)?;
         let record_failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
-        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet, spikes })
+        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet, spikes, silenced })
     })
 }
 
@@ -108,9 +112,9 @@ fn stream_archive(
 ) -> Result<Streamed, MeasureError> {
     let grid = collected.setup.grid;
     let rows_a_window = (grid.segment as u64 / 2) * u64::from(collected.setup.decimation);
-    let read = thread::scope(|scope| {
+    let (read, silenced) = thread::scope(|scope| {
         let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
-        let taker = scope.spawn(move || take_in(&windows, sink));
+        let taker = scope.spawn(move || take_in(&windows, setup.sensors.len(), sink));
         let start = Instant::now();
         let mut count = 0;
         let read = collected.each_window(setup, &mut |window| {
@@ -121,11 +125,12 @@ fn stream_archive(
         });
         timings.reading += start.elapsed();
         drop(window_sender);
-        timings.averaging += joined(taker);
-        read
+        let (silenced, averaging) = joined(taker);
+        timings.averaging += averaging;
+        (read, silenced)
     });
     read.map_err(|source| MeasureError::Archive { setup: setup.name.clone(), source: Box::new(source) })?;
-    Ok(Streamed { report: None, fleet: None, spikes: Vec::new() })
+    Ok(Streamed { report: None, fleet: None, spikes: Vec::new(), silenced })
 }
 
 /// A thread's result; its panic goes on here.
@@ -153,15 +158,22 @@ fn read_ahead(
     }
 }
 
-/// Gives every window to `sink`; how long it took.
-fn take_in(windows: &Receiver<WindowLines>, mut sink: impl FnMut(WindowLines)) -> Duration {
+/// Gives every window to `sink`, without the channels that stand far off; which those were, and how long it took.
+fn take_in(
+    windows: &Receiver<WindowLines>,
+    channels: usize,
+    mut sink: impl FnMut(WindowLines),
+) -> (Vec<Silenced>, Duration) {
     let mut busy = Duration::ZERO;
+    let mut stand_out = StandOut::new(channels);
     for window in windows {
         let start = Instant::now();
-        sink(window);
+        stand_out.push(window, &mut sink);
         busy += start.elapsed();
     }
-    busy
+    let start = Instant::now();
+    let silenced = stand_out.finish(&mut sink);
+    (silenced, busy + start.elapsed())
 }
 
 /// What makes windows of rows.

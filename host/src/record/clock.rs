@@ -3,6 +3,7 @@
 //! Times in seconds flow in, row by row and file after file; the number of rows lost before each flows out.
 
 use super::error::{FilePosition, RecordError};
+use crate::statistics::median;
 
 /// A time column's step (or a dataset's) may differ from the sampling rate by this much.
 pub(super) const RATE_TOLERANCE: f64 = 1e-3;
@@ -147,8 +148,7 @@ pub(super) fn check_rate(
 /// still do to the mean is allowed for.
 fn disagreeing_rate_hz(times_s: &[f64], resolution_s: f64, sampling_rate_hz: f64) -> Option<f64> {
     let mut steps_s: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
-    steps_s.sort_by(f64::total_cmp);
-    let median_s = *steps_s.get(steps_s.len() / 2)?;
+    let median_s = median(&mut steps_s)?;
     let regular = steps_s.iter().filter(|step| **step < 1.5 * median_s);
     let (count, sum_s) = regular.fold((0_u32, 0.0), |(count, sum_s), step_s| (count + 1, sum_s + step_s));
     let measured_hz = f64::from(count) / sum_s;

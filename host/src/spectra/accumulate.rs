@@ -201,9 +201,8 @@ impl CrossSpectrumAccumulator {
         let is_sound =
             |channel: &usize| self.sound[*channel] > 0 && self.sound[*channel] as f64 >= MIN_SOUND_SHARE * most as f64;
         let mut kept: Vec<usize> = (0..self.channels).filter(is_sound).collect();
-        let set = |channels: &[usize]| channels.iter().map(|&channel| 1_u128 << channel).sum::<u128>();
         let worth = |channels: &[usize]| {
-            let wanted = set(channels);
+            let wanted = set_of(channels);
             let sums = self.total.iter().filter(|(mask, _)| *mask & wanted == wanted);
             sums.map(|(_, total)| total.sums.windows).sum::<usize>() * channels.len()
         };
@@ -264,7 +263,7 @@ impl CrossSpectrumAccumulator {
         let mut warnings: Vec<SpectraWarning> = left_out
             .map(|channel| SpectraWarning::ChannelLeftOut { channel, sound: self.sound[channel], windows })
             .collect();
-        let wanted: u128 = kept.iter().map(|&channel| 1_u128 << channel).sum();
+        let wanted = set_of(&kept);
         let lines = self.grid.lines;
         let (mut total, mut groups): (Option<Total>, Vec<Sums<f32>>) = (None, Vec::new());
         for (mask, part) in self.total.into_iter().filter(|(mask, _)| mask & wanted == wanted) {
@@ -297,6 +296,11 @@ impl CrossSpectrumAccumulator {
         }
         Ok((CrossSpectrum { grid: self.grid, kept, groups, total }, warnings))
     }
+}
+
+/// Channels as a set: a bit each.
+fn set_of(channels: &[usize]) -> u128 {
+    channels.iter().map(|&channel| 1_u128 << channel).sum()
 }
 
 #[cfg(test)]

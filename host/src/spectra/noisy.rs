@@ -9,11 +9,12 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::cross_spectrum::CrossSpectrum;
+use crate::statistics::median;
 
 /// With fewer channels it cannot be said which of them is wrong.
 const LEAST_CHANNELS: usize = 4;
-/// Averages a channel that coherence needs.
-const AVERAGES_A_CHANNEL: usize = 2;
+/// Averages that coherence needs, per channel.
+const AVERAGES_FOR_COHERENCE: usize = 2;
 /// Lines that are looked at, at most, and the share of them at which the channels agree best: where the structure moves.
 const LINES: usize = 512;
 const MOVING: f64 = 0.25;
@@ -31,22 +32,22 @@ struct Line {
 }
 
 impl CrossSpectrum {
-    /// The channels that are loud and have nothing in common with the others, as in [`CrossSpectrum::channels`].
-    pub fn noisy_channels(&self) -> Vec<usize> {
+    /// The channels that are loud and have nothing in common with the others, as in `CrossSpectrum::channels`.
+    fn noisy_channels(&self) -> Vec<usize> {
         let channels = self.channels().len();
-        if channels < LEAST_CHANNELS || self.averages() < AVERAGES_A_CHANNEL * channels {
+        if channels < LEAST_CHANNELS || self.averages() < AVERAGES_FOR_COHERENCE * channels {
             return Vec::new();
         }
         let step = self.grid().lines.div_ceil(LINES).max(1);
         let mut lines: Vec<Line> =
             (0..self.grid().lines).step_by(step).filter_map(|line| self.line(&self.matrix(line))).collect();
-        let agreement = |line: &Line| median(line.coherence.clone());
+        let agreement = |line: &Line| middle_of(&line.coherence);
         lines.sort_by(|a, b| agreement(b).total_cmp(&agreement(a)));
         lines.truncate(((MOVING * lines.len() as f64) as usize).max(1));
         let mean = |value: &dyn Fn(&Line) -> f64| lines.iter().map(value).sum::<f64>() / lines.len().max(1) as f64;
         let coherence: Vec<f64> = (0..channels).map(|channel| mean(&|line| line.coherence[channel])).collect();
-        let usual = mean(&|line| median(line.power.clone()));
-        if median(coherence.clone()) < COHERENT {
+        let usual = mean(&|line| middle_of(&line.power));
+        if middle_of(&coherence) < COHERENT {
             return Vec::new();
         }
         let noise = |channel: usize| mean(&|line| line.power[channel] * (1.0 - line.coherence[channel]));
@@ -81,9 +82,8 @@ impl CrossSpectrum {
     }
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+fn middle_of(values: &[f64]) -> f64 {
+    median(&mut values.to_vec()).unwrap_or(0.0)
 }
 
 #[cfg(test)]

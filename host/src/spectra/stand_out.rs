@@ -11,6 +11,7 @@ use std::collections::VecDeque;
 use num_complex::Complex32;
 
 use super::grid::WindowLines;
+use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 
 /// Windows that a level is held against; the first of them wait until there are [`LEAST_HISTORY`].
 const HISTORY: usize = 64;
@@ -28,8 +29,6 @@ const COMMON_FACTOR: f64 = 1000.0;
 const DEVIATIONS: f64 = 8.0;
 /// With fewer channels there is no telling what they have in common.
 const COMMON_CHANNELS: usize = 3;
-/// The median absolute deviation of normal numbers, in standard deviations.
-const MAD_OF_NORMAL: f64 = 0.6745;
 
 /// What was taken out of one channel.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -79,10 +78,11 @@ impl StandOut {
     }
 
     fn release(&mut self, on_window: &mut dyn FnMut(WindowLines)) {
-        let usual = Usual::of(&self.history, self.silenced.len());
+        let usual = if self.waiting.is_empty() { None } else { Usual::of(&self.history, self.silenced.len()) };
         let first = self.history.len() - self.waiting.len();
         for (at, mut window) in self.waiting.drain(..).enumerate() {
-            for channel in usual.standing_out(&self.history[first + at]) {
+            let standing_out = usual.as_ref().map(|usual| usual.standing_out(&self.history[first + at]));
+            for channel in standing_out.unwrap_or_default() {
                 if let Some(lines) = window.channels.get_mut(channel)
                     && lines.take().is_some()
                 {
@@ -123,22 +123,21 @@ struct Usual {
     own: Vec<Vec<f64>>,
     /// The same of what all have in common, band by band.
     common: Vec<f64>,
-    is_known: bool,
 }
 
 impl Usual {
-    fn of(history: &VecDeque<Levels>, channels: usize) -> Self {
+    /// `None` of too few windows.
+    fn of(history: &VecDeque<Levels>, channels: usize) -> Option<Self> {
+        if history.len() < LEAST_WINDOWS {
+            return None;
+        }
         let bands = history.iter().flatten().flatten().map(Vec::len).next().unwrap_or(0);
         let series = |channel: usize, band: usize| -> Vec<f64> {
             history.iter().filter_map(|window| Some(window.get(channel)?.as_ref()?[band])).collect()
         };
         let levels = (0..channels).map(|channel| (0..bands).map(|band| median(&mut series(channel, band))).collect());
-        let mut usual = Self {
-            levels: levels.collect(),
-            own: vec![vec![0.0; bands]; channels],
-            common: vec![0.0; bands],
-            is_known: history.len() >= LEAST_WINDOWS,
-        };
+        let mut usual =
+            Self { levels: levels.collect(), own: vec![vec![0.0; bands]; channels], common: vec![0.0; bands] };
         let apart: Vec<Apart> = history.iter().map(|window| usual.apart(window)).collect();
         for band in 0..bands {
             usual.common[band] = scatter(apart.iter().map(|apart| apart.common[band]));
@@ -147,7 +146,7 @@ impl Usual {
                 usual.own[channel][band] = scatter(own);
             }
         }
-        usual
+        Some(usual)
     }
 
     /// How far a window is from what is usual.
@@ -173,9 +172,6 @@ impl Usual {
 
     /// The channels of a window that stand out.
     fn standing_out(&self, window: &Levels) -> Vec<usize> {
-        if !self.is_known {
-            return Vec::new();
-        }
         let apart = self.apart(window);
         let is_far = |value: f64, scatter: f64, factor: f64| value.abs() > factor.ln().max(DEVIATIONS * scatter);
         let all =
@@ -197,12 +193,7 @@ struct Apart {
 /// Robust standard deviation about zero.
 fn scatter(values: impl Iterator<Item = f64>) -> f64 {
     let mut magnitudes: Vec<f64> = values.map(f64::abs).collect();
-    median(&mut magnitudes).unwrap_or(0.0) / MAD_OF_NORMAL
-}
-
-fn median(values: &mut [f64]) -> Option<f64> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+    median(&mut magnitudes).unwrap_or(0.0) / MEDIAN_OF_ABSOLUTE
 }
 
 #[cfg(test)]

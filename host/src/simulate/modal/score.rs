@@ -6,6 +6,7 @@ use num_complex::Complex64;
 use super::{Truth, points, setup};
 use crate::identify::{self, Identification, IdentifyError, MeasuredSetup, Mode};
 use crate::spectra::CrossSpectrum;
+use crate::statistics::median;
 use crate::study::ModeChoice;
 
 /// Identifies a recording's spectrum, everything automatic.
@@ -84,9 +85,8 @@ pub fn rms(values: &[f64]) -> f64 {
 
 /// Median of the magnitudes; NaN of nothing.
 pub fn median_of_magnitudes(values: &[f64]) -> f64 {
-    let mut sorted: Vec<f64> = values.iter().map(|value| value.abs()).collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+    let mut magnitudes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
+    median(&mut magnitudes).unwrap_or(f64::NAN)
 }
 
 /// Lowest and highest.

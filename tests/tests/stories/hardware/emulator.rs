@@ -1,6 +1,7 @@
 //! Emulated boards: QEMU with a program, its serial port, and a debugger's end.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -128,18 +129,12 @@ impl Board {
 
     /// Its line, once it listens.
     fn port_of_its_start(&mut self) -> Port {
-        let start = Instant::now();
-        loop {
-            match Port::open(&self.line(), BAUD) {
-                Ok(port) => return port,
-                Err(error) => {
-                    let ended = self.emulator.try_wait().unwrap();
-                    assert!(ended.is_none(), "the emulator ended at its start: {ended:?}");
-                    assert!(start.elapsed() < PATIENCE, "the emulator does not listen: {error}");
-                    std::thread::sleep(Duration::from_millis(5));
-                }
-            }
-        }
+        let line = self.line();
+        when_listening(|| {
+            let ended = self.emulator.try_wait().unwrap();
+            assert!(ended.is_none(), "the emulator ended at its start: {ended:?}");
+            Port::open(&line, BAUD)
+        })
     }
 
     /// The line's name for `belfry`.
@@ -190,6 +185,18 @@ fn first_hello(port: &mut Port) -> Hello {
     panic!("the program does not greet");
 }
 
+/// Opens a socket of the emulator, which makes the file some time before it listens.
+fn when_listening<T, E: Display>(mut open: impl FnMut() -> Result<T, E>) -> T {
+    let start = Instant::now();
+    loop {
+        match open() {
+            Ok(opened) => return opened,
+            Err(error) => assert!(start.elapsed() < PATIENCE, "the emulator does not listen: {error}"),
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
 /// The debugger's end of the emulator's remote protocol; the processor stands while it is there.
 struct Debugger {
     stream: UnixStream,
@@ -198,15 +205,7 @@ struct Debugger {
 
 impl Debugger {
     fn attach(socket: &Path) -> Self {
-        // The emulator makes the socket's file some time before it listens.
-        let start = Instant::now();
-        let stream = loop {
-            match UnixStream::connect(socket) {
-                Ok(stream) => break stream,
-                Err(error) => assert!(start.elapsed() < PATIENCE, "the debugger's end does not listen: {error}"),
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        };
+        let stream = when_listening(|| UnixStream::connect(socket));
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let answers = BufReader::new(stream.try_clone().unwrap());
         let mut debugger = Self { stream, answers };

@@ -1,0 +1,20 @@
+//! Robust figures that several folders need.
+
+/// The median of the magnitudes of normal numbers, in standard deviations.
+pub(crate) const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
+
+/// The median, of an even count the upper of the two in the middle; `None` of nothing. Leaves the values in another order.
+pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_median_is_in_the_middle_whatever_the_order() {
+        assert_eq!(super::median(&mut [3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(super::median(&mut [4.0, 1.0, 3.0, 2.0]), Some(3.0));
+        assert_eq!(super::median(&mut []), None);
+    }
+}
