@@ -18,6 +18,9 @@ pub(super) const DAMPING_RANGE: [f64; 2] = [1e-5, 0.3];
 const DECAY_RANGE: [f64; 2] = [0.95, 0.25];
 /// Steps of Fisher scoring.
 const MAX_STEPS: usize = 60;
+/// Standard deviation of a tilt beforehand: a neighbour of the same level and a force that is correlated with the mode's make
+/// about as much at most.
+const TILT_PRIOR: f64 = 0.5;
 /// A component's level may not fall below this share of the smallest density.
 const MIN_LEVEL: f64 = 1e-6;
 
@@ -61,22 +64,30 @@ impl Resonance {
     /// that turns with the frequency is closed (the integral of r_hann(t) exp(-q t) over the segment, q = 2 pi i f - p);
     /// the part that turns against it, and what the force adds to an acceleration at once, are smooth in frequency.
     pub fn density(&self, frequency_hz: f64, duration_s: f64) -> f64 {
-        2.0 * self.half_density(frequency_hz, duration_s, 0.0).re
+        2.0 * self.half_density(frequency_hz, duration_s).re
     }
 
     /// What positive lags contribute to [`Resonance::density`]; the cross density of two modes i and j, of unit
-    /// amplitude, is half_i + half_j* . The force has a density that goes as f to the power of `colour`.
-    pub(super) fn half_density(&self, frequency_hz: f64, duration_s: f64, colour: f64) -> Complex64 {
-        let kappa = self.white_tilt();
-        let tilt = kappa + colour * self.damping_ratio;
-        let resonant = Complex64::new(1.0, tilt) * self.symmetric_half(frequency_hz, duration_s);
-        resonant + 0.5 * self.background(kappa, frequency_hz)
+    /// amplitude, is half_i + half_j* .
+    pub(super) fn half_density(&self, frequency_hz: f64, duration_s: f64) -> Complex64 {
+        self.pole(frequency_hz, duration_s, 0.0) + 0.5 * self.background(self.white_tilt(), frequency_hz)
+    }
+
+    /// [`Resonance::half_density`] without its smooth part: what the pole itself contributes under a force whose density goes as f
+    /// to the power of `colour`.
+    pub(super) fn pole(&self, frequency_hz: f64, duration_s: f64, colour: f64) -> Complex64 {
+        let tilt = self.white_tilt() + colour * self.damping_ratio;
+        Complex64::new(1.0, tilt) * self.symmetric_half(frequency_hz, duration_s)
+    }
+
+    /// The part of a density that is odd about the resonance, per unit of tilt.
+    fn skew(&self, frequency_hz: f64, duration_s: f64) -> f64 {
+        -2.0 * self.symmetric_half(frequency_hz, duration_s).im
     }
 
     /// [`Resonance::density`] without its smooth part.
     pub(super) fn resonant_density(&self, frequency_hz: f64, duration_s: f64) -> f64 {
-        let half = Complex64::new(1.0, self.white_tilt()) * self.symmetric_half(frequency_hz, duration_s);
-        2.0 * half.re
+        2.0 * self.pole(frequency_hz, duration_s, 0.0).re
     }
 
     /// kappa where the force is white.
@@ -148,6 +159,8 @@ pub struct Bell {
     pub density: Vec<f64>,
     /// Duration of a segment in s (one over the line spacing).
     pub duration_s: f64,
+    /// Averages, where the responses of neighbours are in the spectrum and their forces may be correlated with the mode's.
+    pub mixed: Option<f64>,
 }
 
 /// What the fit found.
@@ -161,6 +174,8 @@ pub struct BellFit {
     pub floor: f64,
     /// Levels of the neighbours' remains.
     pub neighbours: Vec<f64>,
+    /// Negative logarithm of the likelihood, an average.
+    pub objective: f64,
 }
 
 impl Bell {
@@ -223,7 +238,7 @@ impl Bell {
         let start = Model::start(self, start, neighbours, limits_hz);
         let fitted =
             fisher_scoring(start, &schedule, |model| model.slopes(self), |model, step| model.moved(step, self))?;
-        Some(fitted.result())
+        Some(fitted.result(fitted.slopes(self)?.objective))
     }
 }
 
@@ -238,7 +253,11 @@ fn slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     xy / xx
 }
 
-/// Parameters: offset of the frequency in bandwidths, ln damping, ln level, ln neighbours' levels, ln floor.
+/// Parameters: offset of the frequency in bandwidths, ln damping, ln level, ln neighbours' levels, ln floor; then, where
+/// neighbours are mixed in, the tilts of the mode and of its neighbours.
+///
+/// The spectrum of a sum of modes has cross terms where the forces are correlated. In partial fractions they are, at each pole, a
+/// change of its level and a part that is odd about it, so that a level and a tilt a pole hold all that there can be.
 #[derive(Debug, Clone)]
 struct Model<'a> {
     resonance: Resonance,
@@ -246,6 +265,8 @@ struct Model<'a> {
     limits_hz: [f64; 2],
     /// Own level, neighbours' levels, floor.
     levels: Vec<f64>,
+    /// Own tilt and the neighbours', over their levels; none where they are 0.
+    tilts: Vec<f64>,
     min_density: f64,
 }
 
@@ -257,13 +278,15 @@ impl<'a> Model<'a> {
         let mut levels = vec![level];
         levels.extend(neighbours.iter().map(|other| 0.01 * largest / other.peak_density(bell.duration_s)));
         levels.push(smallest * 0.5);
-        Self { resonance, neighbours, limits_hz, levels, min_density: smallest }
+        let tilts = vec![0.0; if bell.mixed.is_some() { 1 + neighbours.len() } else { 0 }];
+        Self { resonance, neighbours, limits_hz, levels, tilts, min_density: smallest }
     }
 
     /// The likelihood here; `None` where it is not finite.
     fn slopes(&self, bell: &Bell) -> Option<Slopes> {
         let count = bell.frequency_hz.len();
-        let parameters = 2 + self.levels.len();
+        let first_tilt = 2 + self.levels.len();
+        let parameters = first_tilt + self.tilts.len();
         // Derivatives of ln S by the parameters, and P/S - 1.
         let mut jacobian: DMatrix<f64> = DMatrix::zeros(count, parameters);
         let mut excess: DVector<f64> = DVector::zeros(count);
@@ -278,24 +301,46 @@ impl<'a> Model<'a> {
         };
         let (right, left, more, less) = (moved(step, 0.0), moved(-step, 0.0), moved(0.0, step), moved(0.0, -step));
         for (index, (&f, &density)) in bell.frequency_hz.iter().zip(&bell.density).enumerate() {
-            let at = |resonance: &Resonance| resonance.density(f, bell.duration_s).max(0.0);
-            let own = at(&self.resonance) * self.levels[0];
-            let others: Vec<f64> =
-                self.neighbours.iter().zip(&self.levels[1..]).map(|(other, level)| level * at(other)).collect();
+            let skew = |resonance: &Resonance| resonance.skew(f, bell.duration_s);
+            let at = |resonance: &Resonance, place: usize| {
+                let tilted = self.tilts.get(place).map_or(0.0, |tilt| tilt * skew(resonance));
+                resonance.density(f, bell.duration_s).max(0.0) + tilted
+            };
+            let own = at(&self.resonance, 0) * self.levels[0];
+            let others: Vec<f64> = self
+                .neighbours
+                .iter()
+                .zip(&self.levels[1..])
+                .enumerate()
+                .map(|(place, (other, level))| level * at(other, place + 1))
+                .collect();
             let floor = self.levels[self.levels.len() - 1];
             let total = own + others.iter().sum::<f64>() + floor;
-            jacobian[(index, 0)] = self.levels[0] * (at(&right) - at(&left)) / (2.0 * step) / total;
-            jacobian[(index, 1)] = self.levels[0] * (at(&more) - at(&less)) / (2.0 * step) / total;
+            if total <= 0.0 {
+                return None;
+            }
+            jacobian[(index, 0)] = self.levels[0] * (at(&right, 0) - at(&left, 0)) / (2.0 * step) / total;
+            jacobian[(index, 1)] = self.levels[0] * (at(&more, 0) - at(&less, 0)) / (2.0 * step) / total;
             jacobian[(index, 2)] = own / total;
             for (place, other) in others.iter().enumerate() {
                 jacobian[(index, 3 + place)] = other / total;
             }
-            jacobian[(index, parameters - 1)] = floor / total;
+            jacobian[(index, first_tilt - 1)] = floor / total;
+            let poles = std::iter::once(&self.resonance).chain(self.neighbours).zip(&self.levels);
+            for (place, (pole, level)) in poles.enumerate().take(self.tilts.len()) {
+                jacobian[(index, first_tilt + place)] = level * skew(pole) / total;
+            }
             excess[index] = density / total - 1.0;
             objective += total.ln() + density / total;
         }
         let transposed = jacobian.transpose();
-        let (gradient, fisher) = (&transposed * excess, &transposed * &jacobian);
+        let (mut gradient, mut fisher) = (&transposed * excess, &transposed * &jacobian);
+        let prior = 1.0 / (TILT_PRIOR * TILT_PRIOR * bell.mixed.unwrap_or(1.0).max(1.0));
+        for (place, tilt) in self.tilts.iter().enumerate() {
+            objective += 0.5 * prior * tilt * tilt;
+            gradient[first_tilt + place] -= prior * tilt;
+            fisher[(first_tilt + place, first_tilt + place)] += prior;
+        }
         objective.is_finite().then_some(Slopes { objective, gradient, fisher })
     }
 
@@ -326,16 +371,19 @@ impl<'a> Model<'a> {
                 (level * limit(step[2 + index], 2.0).exp()).clamp(lowest, largest_level(index).max(lowest))
             })
             .collect();
-        Self { resonance, levels, ..*self }
+        let steps = step.iter().skip(2 + self.levels.len());
+        let tilts = self.tilts.iter().zip(steps).map(|(tilt, step)| tilt + limit(*step, 0.5)).collect();
+        Self { resonance, levels, tilts, ..*self }
     }
 
-    fn result(&self) -> BellFit {
+    fn result(&self, objective: f64) -> BellFit {
         let count = self.levels.len();
         BellFit {
             resonance: self.resonance,
             level: self.levels[0],
             floor: self.levels[count - 1],
             neighbours: self.levels[1..count - 1].to_vec(),
+            objective,
         }
     }
 }
@@ -399,7 +447,7 @@ mod tests {
         let centre = (resonance.frequency_hz * duration_s).round() as usize;
         let frequency_hz: Vec<f64> = (centre - half..=centre + half).map(|line| line as f64 / duration_s).collect();
         let density = frequency_hz.iter().map(|&f| 3.0 * resonance.density(f, duration_s) + floor).collect();
-        Bell { frequency_hz, density, duration_s }
+        Bell { frequency_hz, density, duration_s, mixed: None }
     }
 
     #[test]

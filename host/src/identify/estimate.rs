@@ -1,34 +1,42 @@
 //! Estimating one setup's modes: shapes by modal filtering, frequency and damping from each mode's bell, and the jackknife.
 
-use std::cell::OnceCell;
-
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-use super::bell::{Bell, BellFit, DAMPING_RANGE, Quantity, Resonance};
+use super::bell::{BellFit, DAMPING_RANGE, Quantity, Resonance};
 use super::cluster::{Filters, clusters, noise_variance, regressed_shapes, seen};
 use super::joint::{JointFit, SlopePrior};
+use super::joint_fit::Certainty;
+use super::matrices::{Matrices, bell};
 use super::pick::Pick;
-use super::shape::{Shape, align, filtered, modal_filter, normalise};
+use super::residue::{Beside, residues};
+use super::shape::{Shape, align, modal_filter, normalise};
+use super::start::first_bell;
 use crate::spectra::{CrossSpectrum, LineGrid};
+use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 
 /// Rounds of shapes and bells, each with the other's result.
 const ROUNDS: usize = 4;
 /// Rounds of joint fits and shapes, and steps of each fit.
 const JOINT_ROUNDS: usize = 3;
-const JOINT_STEPS: usize = 30;
-/// Steps of a replicate's fit, which starts from the whole record's.
-const REPLICATE_STEPS: usize = 4;
+const WHOLE: Effort = Effort { steps: 30, certainty: true };
+/// A replicate's fit starts from the whole record's.
+const REPLICATE: Effort = Effort { steps: 4, certainty: false };
 /// The exponent of the force's density over frequency beforehand, beside a white one's 0: wind has -5/3, and displacements
 /// taken for accelerations -4.
 const ANY_SLOPE: SlopePrior = SlopePrior { mean: 0.0, std: 2.0 };
-/// How much it may differ from mode to mode once so many modes have determined it.
+/// How much it differs from mode to mode at least, once so many modes have determined it.
 const SHARED_SLOPE_STD: f64 = 0.3;
 const SHARED_BY: usize = 5;
 /// A mode whose bandwidth is below this many lines is left as it was found: what is fitted jointly is then the window's
 /// shape, over lines that reach far from the mode.
 const RESOLVED_LINES: f64 = 1.0;
+/// Windows at half overlap, and lines that Hann's window joins, hold as much as this many times fewer independent ones: 2 for
+/// the overlap, and what the record's ends and the window's uneven weight lose.
+const OVERLAP: f64 = 2.11;
+/// A mode whose distance from a cluster's lines is below this share of their width is not smooth there.
+const BESIDE: f64 = 0.5;
 /// Modes this near to a cluster's lines are stopped by its filters.
 const STOPPED_LINES: f64 = 4.0;
 /// Fewer channels cannot tell close modes from noise.
@@ -39,17 +47,17 @@ const MAX_NEIGHBOURS: usize = 4;
 /// no further away than this many lines.
 const NEIGHBOUR_SHARE: f64 = 0.01;
 const NEIGHBOUR_LINES: f64 = 3.0;
-/// Half-width of the bell in lines and in bandwidths of the mode, whichever is more, and its limits.
+/// Half-width of the bell in lines and in bandwidths of the mode, whichever is more, and its limits in lines; the upper one is
+/// that of modes whose bandwidth is a few lines.
 const BELL_LINES: f64 = 5.0;
 const BELL_BANDWIDTHS: f64 = 3.0;
 const BELL_LIMITS: [f64; 2] = [3.0, 40.0];
+const MOST_BANDWIDTHS: f64 = 3.0;
 /// How far the fit may take a mode from its pick, in lines and in bandwidths together.
-const LEEWAY_LINES: f64 = 2.0;
-const LEEWAY_BANDWIDTHS: f64 = 0.5;
-/// Damping ratio assumed before anything is known.
-const FIRST_DAMPING: f64 = 0.01;
-/// Lines to either side that EFDD's start is read from.
-const START_LINES: usize = 4;
+pub(super) const LEEWAY_LINES: f64 = 2.0;
+pub(super) const LEEWAY_BANDWIDTHS: f64 = 0.5;
+/// A bandwidth counts as no more than this share of the frequency there: a fit that runs away has no end of it.
+const WIDEST: f64 = 0.16;
 
 /// One mode in one setup.
 #[derive(Debug, Clone)]
@@ -91,27 +99,19 @@ struct State {
 struct Cluster {
     modes: Vec<usize>,
     fit: JointFit,
+    /// How sure the likelihood is of them, where it was asked.
+    certainty: Vec<Certainty>,
 }
 
-/// Cross-spectral matrices by line, with or without one group of windows, unpacked when they are asked for: modes need those
-/// near them only.
-struct Matrices<'a> {
-    spectrum: &'a CrossSpectrum,
-    without: Option<usize>,
-    lines: Vec<OnceCell<DMatrix<Complex64>>>,
-}
+/// Rounds of modes that are fitted one by one, once they are near their place.
+const ALONE_ROUNDS: usize = 3;
 
-impl<'a> Matrices<'a> {
-    fn new(spectrum: &'a CrossSpectrum, without: Option<usize>) -> Self {
-        Self { spectrum, without, lines: vec![OnceCell::new(); spectrum.grid().lines] }
-    }
-
-    fn at(&self, line: usize) -> &DMatrix<Complex64> {
-        self.lines[line].get_or_init(|| match self.without {
-            Some(group) => self.spectrum.matrix_without(group, line),
-            None => self.spectrum.matrix(line),
-        })
-    }
+/// What a joint fit is worth.
+struct Effort {
+    /// Steps, at most.
+    steps: usize,
+    /// Whether it is asked how sure the likelihood is.
+    certainty: bool,
 }
 
 /// Estimates every pick in one setup (`setup` is its index among the picks' shapes).
@@ -126,7 +126,7 @@ pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usiz
     let replicate = |group: usize| {
         let matrices = Matrices::new(spectrum, Some(group));
         let mut replicate = state.clone();
-        replicate.refit_clusters(spectrum, &matrices, REPLICATE_STEPS);
+        replicate.refit_clusters(spectrum, &matrices, &REPLICATE);
         replicate
     };
     let replicates: Vec<State> = (0..groups).into_par_iter().map(replicate).collect();
@@ -144,24 +144,14 @@ impl State {
     ) -> Self {
         let grid = spectrum.grid();
         let shapes: Vec<Shape> = picks.iter().map(|pick| pick.shapes[setup].clone()).collect();
-        let duration_s = 1.0 / grid.spacing_hz();
-        let fits = picks
-            .iter()
-            .zip(&shapes)
-            .map(|(pick, shape)| {
-                let (first, last) =
-                    (pick.line.saturating_sub(START_LINES), (pick.line + START_LINES).min(grid.lines - 1));
-                let guess =
-                    Resonance { frequency_hz: grid.frequency_hz(pick.line), damping_ratio: FIRST_DAMPING, quantity };
-                let bell = bell(spectrum, matrices, shape, first, last);
-                let resonance = bell
-                    .from_autocorrelation(0, last - first, quantity)
-                    .filter(|r| (r.frequency_hz - guess.frequency_hz).abs() < 2.0 * grid.spacing_hz())
-                    .unwrap_or(guess);
-                let density = filtered(shape, matrices.at(pick.line));
-                let level = density / resonance.peak_density(duration_s);
-                BellFit { resonance, level, floor: 0.0, neighbours: Vec::new() }
-            })
+        // Lines to the next pick.
+        let apart = |line: usize| {
+            let others = picks.iter().map(|other| other.line.abs_diff(line)).filter(|distance| *distance > 0);
+            others.min().unwrap_or(grid.lines)
+        };
+        let fits = picks.iter().zip(&shapes);
+        let fits = fits
+            .map(|(pick, shape)| first_bell(spectrum, matrices, shape, pick.line, apart(pick.line), quantity))
             .collect();
         let picked_hz = picks.iter().map(|pick| grid.frequency_hz(pick.line)).collect();
         Self { picked_hz, shapes, fits, clusters: Vec::new(), slope: ANY_SLOPE }
@@ -174,7 +164,7 @@ impl State {
         for mode in 0..self.shapes.len() {
             let here = self.fits[mode].resonance;
             let mut stopped: Vec<&Shape> = vec![&before[mode]];
-            stopped.extend(self.neighbours(mode, grid.spacing_hz()).iter().map(|&other| &before[other]));
+            stopped.extend(self.stopped_beside(mode, grid.spacing_hz()).iter().map(|&other| &before[other]));
             let Some(filter) = modal_filter(&stopped) else { continue };
             // Only the lines at resonance: away from it the modes' cross spectra, which the filter cannot stop, weigh more.
             let reach = (0.5 * here.bandwidth_hz() / grid.spacing_hz()).round().max(1.0) as usize;
@@ -189,12 +179,16 @@ impl State {
             }
         }
         for mode in 0..self.shapes.len() {
-            let neighbours = self.neighbours(mode, grid.spacing_hz());
+            // What few channels cannot stop stays in the spectrum, and is fitted with the mode.
+            let is_mixed = self.shapes[mode].len() < JOINT_CHANNELS;
+            let stopped_beside = self.stopped_beside(mode, grid.spacing_hz());
+            let neighbours = if is_mixed { self.neighbours(mode, grid.spacing_hz()) } else { stopped_beside.clone() };
             let (first, last) = self.range(mode, &neighbours, grid);
             let mut stopped: Vec<&Shape> = vec![&self.shapes[mode]];
-            stopped.extend(neighbours.iter().map(|&other| &self.shapes[other]));
+            stopped.extend(stopped_beside.iter().map(|&other| &self.shapes[other]));
             let Some(filter) = modal_filter(&stopped) else { continue };
-            let bell = bell(spectrum, matrices, &filter, first, last);
+            let mut bell = bell(spectrum, matrices, &filter, first, last);
+            bell.mixed = is_mixed.then(|| spectrum.averages() as f64 / OVERLAP);
             let others: Vec<Resonance> = neighbours.iter().map(|&other| self.fits[other].resonance).collect();
             let here = self.fits[mode].resonance;
             if let Some(fit) = bell.fit(here, &others, self.limits_hz(mode, grid.spacing_hz())) {
@@ -221,14 +215,14 @@ impl State {
                 let fits = || modes.iter().map(|&mode| &self.fits[mode]);
                 let levels = fits().map(|fit| fit.level.max(f64::MIN_POSITIVE)).collect();
                 let fit = JointFit::start(fits().map(|fit| fit.resonance).collect(), levels);
-                Cluster { modes, fit }
+                Cluster { modes, fit, certainty: Vec::new() }
             })
             .collect();
         for round in 0..JOINT_ROUNDS {
             if round + 1 == JOINT_ROUNDS {
                 self.share_slope();
             }
-            self.refit_clusters(spectrum, matrices, JOINT_STEPS);
+            self.refit_clusters(spectrum, matrices, &WHOLE);
         }
     }
 
@@ -238,15 +232,23 @@ impl State {
         let mut slopes: Vec<f64> =
             self.clusters.iter().flat_map(|cluster| cluster.fit.slopes.iter().copied()).collect();
         slopes.sort_by(f64::total_cmp);
-        if slopes.len() >= SHARED_BY {
-            // Without the outermost quarters: a mode that fits badly must not decide for all.
-            let middle = &slopes[slopes.len() / 4..slopes.len() - slopes.len() / 4];
-            self.slope = SlopePrior { mean: middle.iter().sum::<f64>() / middle.len() as f64, std: SHARED_SLOPE_STD };
+        if slopes.len() < SHARED_BY {
+            return;
         }
+        // Without the outermost quarters: a mode that fits badly must not decide for all.
+        let middle = &slopes[slopes.len() / 4..slopes.len() - slopes.len() / 4];
+        let mean = middle.iter().sum::<f64>() / middle.len() as f64;
+        // Where they differ by more than they are uncertain, forces on different modes are correlated, and each mode has its own.
+        let median_of = |values: &mut dyn Iterator<Item = f64>| median(&mut values.collect::<Vec<_>>()).unwrap_or(0.0);
+        let scatter = median_of(&mut slopes.iter().map(|slope| (slope - mean).abs())) / MEDIAN_OF_ABSOLUTE;
+        let certainties = self.clusters.iter().flat_map(|cluster| &cluster.certainty);
+        let uncertain = median_of(&mut certainties.map(|certainty| certainty.slope_std));
+        let own = (scatter * scatter - uncertain * uncertain).max(0.0).sqrt();
+        self.slope = SlopePrior { mean, std: own.clamp(SHARED_SLOPE_STD, ANY_SLOPE.std) };
     }
 
     /// Goes on from an earlier joint fit of the same clusters; modes without a cluster that can be fitted go on one by one.
-    fn refit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &Matrices<'_>, steps: usize) {
+    fn refit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &Matrices<'_>, effort: &Effort) {
         let grid = spectrum.grid();
         let spacing_hz = grid.spacing_hz();
         let before = self.clone();
@@ -269,19 +271,34 @@ impl State {
             let refit = || {
                 let filters = Filters::new(&own, &others, noise)?;
                 let frequency_hz = (first..=last).map(|line| grid.frequency_hz(line)).collect();
-                let averages = spectrum.averages() as f64;
+                let averages = spectrum.averages() as f64 / OVERLAP;
                 let seen = seen(&filters, &lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
                 let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode, spacing_hz)).collect();
-                let fit = cluster.fit.fit(&seen, &limits, steps)?;
-                let shapes = regressed_shapes(&fit, &filters, &seen, &lines)?;
-                Some((fit, shapes))
+                let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
+                let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
+                let width_hz = grid.frequency_hz(last) - grid.frequency_hz(first);
+                let is_near = |other: &&usize| {
+                    let hz = before.fits[**other].resonance.frequency_hz;
+                    (hz - grid.frequency_hz(first).max(hz.min(grid.frequency_hz(last)))).abs() < BESIDE * width_hz
+                };
+                let beside: Vec<Beside> = stopped
+                    .iter()
+                    .filter(is_near)
+                    .map(|&other| Beside { resonance: before.fits[other].resonance, level: before.fits[other].level })
+                    .collect();
+                let shapes = match residues(&fit, &filters.rows, &beside, noise, &seen, &lines) {
+                    Some(shapes) => shapes.into_iter().map(of_unit_length).collect::<Option<Vec<_>>>()?,
+                    None => regressed_shapes(&fit, &filters, &seen, &lines)?,
+                };
+                Some((fit, shapes, certainty))
             };
-            let Some((fit, shapes)) = refit() else {
+            let Some((fit, shapes, certainty)) = refit() else {
                 failed.extend(modes);
                 continue;
             };
             let growths: Vec<f64> = shapes.iter().map(|(_, growth)| *growth).collect();
             cluster.fit = fit.unmixed(&growths);
+            cluster.certainty = certainty.unwrap_or_default();
             for ((index, &mode), (shape, _)) in modes.iter().enumerate().zip(shapes) {
                 self.fits[mode].resonance = cluster.fit.resonances[index];
                 self.fits[mode].level = cluster.fit.levels[index];
@@ -290,7 +307,9 @@ impl State {
         }
         if !failed.is_empty() {
             let mut alone = before;
-            alone.improve(spectrum, matrices);
+            for _ in 0..ALONE_ROUNDS {
+                alone.improve(spectrum, matrices);
+            }
             for mode in failed {
                 self.fits[mode] = alone.fits[mode].clone();
                 self.shapes[mode] = alone.shapes[mode].clone();
@@ -306,8 +325,19 @@ impl State {
             let hz = self.fits[other].resonance.frequency_hz;
             (lowest_hz - hz).max(hz - highest_hz).max(0.0)
         };
-        let mut stopped: Vec<usize> = cluster.iter().flat_map(|&mode| self.neighbours(mode, spacing_hz)).collect();
-        stopped.extend((0..self.fits.len()).filter(|&other| outside_hz(other) < STOPPED_LINES * spacing_hz));
+        let mut stopped: Vec<usize> = cluster.iter().flat_map(|&mode| self.stopped_beside(mode, spacing_hz)).collect();
+        let response = |mode: usize, hz: f64| {
+            let fit = &self.fits[mode];
+            fit.level * fit.resonance.resonant_density(hz, 1.0 / spacing_hz)
+        };
+        let reaches_in = |other: usize| {
+            let edge_hz = self.fits[other].resonance.frequency_hz.clamp(lowest_hz, highest_hz);
+            let own: f64 = cluster.iter().map(|&mode| response(mode, edge_hz)).sum();
+            response(other, edge_hz) > NEIGHBOUR_SHARE * own
+        };
+        stopped.extend(
+            (0..self.fits.len()).filter(|&other| outside_hz(other) < STOPPED_LINES * spacing_hz || reaches_in(other)),
+        );
         stopped.sort_by(|&a, &b| outside_hz(a).total_cmp(&outside_hz(b)).then(a.cmp(&b)));
         stopped.dedup();
         stopped.retain(|other| !cluster.contains(other));
@@ -318,7 +348,7 @@ impl State {
 
     /// Where the fit may take a mode.
     fn limits_hz(&self, mode: usize, spacing_hz: f64) -> [f64; 2] {
-        let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(10.0 * spacing_hz);
+        let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(WIDEST * self.picked_hz[mode]);
         let leeway_hz = LEEWAY_LINES * spacing_hz + LEEWAY_BANDWIDTHS * bandwidth_hz;
         [self.picked_hz[mode] - leeway_hz, self.picked_hz[mode] + leeway_hz]
     }
@@ -338,8 +368,14 @@ impl State {
             .filter(|&other| other != mode && (response(other) > least || is_near(other)))
             .collect();
         neighbours.sort_by(|&a, &b| response(b).total_cmp(&response(a)));
-        // The filter needs more channels than modes it stops.
-        neighbours.truncate(MAX_NEIGHBOURS.min(self.shapes[mode].len().saturating_sub(2)));
+        neighbours.truncate(MAX_NEIGHBOURS);
+        neighbours
+    }
+
+    /// The neighbours that a mode's filter stops: it needs more channels than those.
+    fn stopped_beside(&self, mode: usize, spacing_hz: f64) -> Vec<usize> {
+        let mut neighbours = self.neighbours(mode, spacing_hz);
+        neighbours.truncate(self.shapes[mode].len().saturating_sub(2));
         neighbours
     }
 
@@ -356,8 +392,10 @@ impl State {
                 *side = side.min(distance_hz.abs() / 2.0);
             }
         }
-        let [below, above] =
-            sides_hz.map(|side| (side / spacing_hz).clamp(BELL_LIMITS[0], BELL_LIMITS[1]).round() as usize);
+        // Of a mode that is damped a lot, the same number of bandwidths is more lines.
+        let most =
+            BELL_LIMITS[1].max(MOST_BANDWIDTHS * here.bandwidth_hz().min(WIDEST * here.frequency_hz) / spacing_hz);
+        let [below, above] = sides_hz.map(|side| (side / spacing_hz).clamp(BELL_LIMITS[0], most).round() as usize);
         let centre = grid.nearest_line(here.frequency_hz);
         (centre.saturating_sub(below), (centre + above).min(grid.lines - 1))
     }
@@ -387,6 +425,14 @@ impl State {
         let [lowest, highest] = self.limits_hz(mode, spacing_hz);
         let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
         let fit = &self.fits[mode];
+        // The jackknife sees what the model leaves out and changes from group to group, the likelihood what is the same in all
+        // groups, as the prior's part in the slope: the wider counts.
+        let place = |cluster: &Cluster| cluster.modes.iter().position(|&other| other == mode);
+        let certainty = self
+            .clusters
+            .iter()
+            .find_map(|cluster| cluster.certainty.get(place(cluster)?))
+            .filter(|_| !replicates.is_empty());
         // At the end of its range a fit does not move from replicate to replicate, so its scatter means nothing.
         let [least, most] = DAMPING_RANGE;
         let is_bounded = !(1.001 * least..0.999 * most).contains(&fit.resonance.damping_ratio);
@@ -398,11 +444,19 @@ impl State {
             found: distance_hz < 0.48 * (highest - lowest),
             resonance: self.fits[mode].resonance,
             shape,
-            frequency_std_hz: deviation(&|state| state.fits[mode].resonance.frequency_hz),
-            damping_std: deviation(&|state| state.fits[mode].resonance.damping_ratio),
+            frequency_std_hz: deviation(&|state| state.fits[mode].resonance.frequency_hz)
+                .max(certainty.map_or(0.0, |certainty| certainty.frequency_std_hz)),
+            damping_std: deviation(&|state| state.fits[mode].resonance.damping_ratio)
+                .max(certainty.map_or(0.0, |certainty| certainty.damping_std)),
             shape_std,
         }
     }
+}
+
+/// A shape of unit length, and the factor on the mode's level that goes with it; `None` of nothing.
+fn of_unit_length(shape: Shape) -> Option<(Shape, f64)> {
+    let length = shape.norm();
+    (length.is_finite() && length > 0.0).then(|| (shape / Complex64::from(length), length * length))
 }
 
 /// Shrinks imaginary parts by the share of them that is scatter (James and Stein 1961): a structure of little damping has
@@ -413,16 +467,6 @@ fn drop_scatter(shape: &mut Shape, imaginary_std: &[f64]) {
     if power > 0.0 && scatter.is_finite() {
         let kept = (1.0 - scatter / power).max(0.0);
         shape.iter_mut().for_each(|component| component.im *= kept);
-    }
-}
-
-/// The filtered spectrum of consecutive lines.
-fn bell(spectrum: &CrossSpectrum, matrices: &Matrices<'_>, filter: &Shape, first: usize, last: usize) -> Bell {
-    let grid = spectrum.grid();
-    Bell {
-        frequency_hz: (first..=last).map(|line| grid.frequency_hz(line)).collect(),
-        density: (first..=last).map(|line| filtered(filter, matrices.at(line)).max(f64::MIN_POSITIVE)).collect(),
-        duration_s: 1.0 / grid.spacing_hz(),
     }
 }
 

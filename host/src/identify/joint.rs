@@ -110,8 +110,12 @@ impl JointFit {
     }
 }
 
-/// The half density under a force of density f^slope. Far from a resonance its tilt would make the density negative.
+/// The half density under a force of density f^slope, about the resonance's own.
+///
+/// The colour multiplies the whole density, not the pole's phase alone: far from a resonance that is damped a lot its tilt would make
+/// the density negative.
 pub(super) fn half_density(resonance: &Resonance, slope: f64, frequency_hz: f64, duration_s: f64) -> Complex64 {
-    let half = resonance.half_density(frequency_hz, duration_s, slope);
-    Complex64::new(half.re.max(0.0), half.im)
+    let half = resonance.half_density(frequency_hz, duration_s);
+    let colour = (frequency_hz / resonance.frequency_hz).powf(slope);
+    Complex64::new(half.re.max(0.0), half.im) * colour
 }

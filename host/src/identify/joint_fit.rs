@@ -30,6 +30,17 @@ const STEEPEST: f64 = 8.0;
 /// The largest step in ln damping, in ln level and noise, in bandwidths, and in mixture and correlation.
 const LARGEST_STEP: [f64; 4] = [0.5, 1.5, 1.0, 0.5];
 
+/// Standard deviations of a mode's values by the likelihood.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Certainty {
+    /// Of the frequency.
+    pub(super) frequency_std_hz: f64,
+    /// Of the damping ratio.
+    pub(super) damping_std: f64,
+    /// Of the exponent of the force's density.
+    pub(super) slope_std: f64,
+}
+
 impl JointFit {
     /// Fits everything; frequencies stay within `limits_hz`. `None` where the start has no likelihood.
     pub(super) fn fit(&self, seen: &Seen, limits_hz: &[[f64; 2]], most_steps: usize) -> Option<Self> {
@@ -41,6 +52,20 @@ impl JointFit {
             least_gain: LEAST_GAIN * seen.matrices.len() as f64,
         };
         fisher_scoring(self.clone(), &schedule, |fit| fit.slopes(seen), |fit, step| fit.moved(step, limits_hz))
+    }
+
+    /// How sure the likelihood is of each mode: the inverse of the Fisher information, everything else being fitted as well
+    /// (Au 2017, section 9.5). `None` where it has no inverse.
+    pub(super) fn certainty(&self, seen: &Seen) -> Option<Vec<Certainty>> {
+        let covariance = self.slopes(seen)?.fisher.cholesky()?.inverse() / seen.averages;
+        let size = self.resonances.len();
+        let std = |place: usize| covariance[(place, place)].max(0.0).sqrt();
+        let of_mode = |(mode, resonance): (usize, &Resonance)| Certainty {
+            frequency_std_hz: std(mode) * resonance.bandwidth_hz(),
+            damping_std: std(size + mode) * resonance.damping_ratio,
+            slope_std: std(4 * size + mode),
+        };
+        Some(self.resonances.iter().enumerate().map(of_mode).collect())
     }
 
     fn unknowns(&self) -> usize {

@@ -15,13 +15,16 @@ mod estimate;
 mod joint;
 mod joint_fit;
 mod judge;
+mod matrices;
 mod merge;
 mod pick;
+mod residue;
 mod result;
 mod scoring;
 mod setup;
 mod shape;
 mod singular;
+mod start;
 pub mod track;
 
 use thiserror::Error;
