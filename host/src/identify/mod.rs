@@ -5,7 +5,8 @@
 //! damping from the filtered spectrum one by one; from there `cluster`, `joint` and `joint_fit` fit close modes together by
 //! maximum likelihood. The jackknife in `estimate` says how sure it all is, `judge` throws out what the data do not determine, and
 //! `merge` joins the setups. `choice` applies the user's choice of modes; [`track`] follows known modes through parts of a
-//! record; [`accuracy`] tells how long a record must be for a given accuracy.
+//! record; [`accuracy`] tells how long a record must be for a given accuracy. [`ssi`] identifies the same spectra by another
+//! method, as a second opinion.
 
 pub mod accuracy;
 pub mod bell;
@@ -22,6 +23,7 @@ mod scoring;
 mod setup;
 mod shape;
 mod singular;
+pub mod ssi;
 pub mod track;
 
 use thiserror::Error;
@@ -169,6 +171,8 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
             })
             .collect(),
         warnings,
+        other_poles: Vec::new(),
+        stabilisation: Vec::new(),
         singular_values: measured
             .iter()
             .zip(&singular)
