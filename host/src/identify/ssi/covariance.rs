@@ -251,12 +251,11 @@ impl Reading {
         change / sampled / self.interval_s
     }
 
-    /// The variance in (m/s²)² of a mode whose part of the first covariance has this magnitude.
-    pub(super) fn variance(&self, first: f64, pole: Complex64) -> f64 {
-        let lines = self.band.lines as f64;
-        let line = (pole.im / TAU - self.centre_hz) * self.interval_s * lines;
-        let line = (line.round() + (self.band.lines / 2) as f64).clamp(0.0, lines - 1.0) as usize;
-        let decayed = (pole.re * FIRST_LAG as f64 * self.interval_s).exp();
-        first / decayed / self.band.taper(line) / (self.interval_s * lines)
+    /// The variance in (m/s²)² of a mode whose part of the first covariance this is.
+    pub(super) fn variance(&self, first: Complex64, sampled: Complex64) -> f64 {
+        let lines = self.band.lines;
+        let line = (sampled.arg() / TAU * lines as f64).round() + (lines / 2) as f64;
+        let weight = self.band.taper(line.clamp(0.0, (lines - 1) as f64) as usize);
+        (first / sampled.powu(FIRST_LAG as u32)).re.max(0.0) / weight / (self.interval_s * lines as f64)
     }
 }

@@ -272,7 +272,7 @@ fn estimate(
         damping_ratio_std: jackknife(&dampings),
         shape,
         shape_std,
-        power: reading.variance(subspace.strength(model, pole.place), continuous),
+        power: reading.variance(subspace.part(model, pole.place), model.poles[pole.place]),
         share: 0.0,
     }
 }

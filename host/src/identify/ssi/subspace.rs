@@ -120,15 +120,23 @@ impl Subspace {
         })
     }
 
-    /// How much of the first covariance is a pole's: the length of its shape times that of its row of inv(Psi) S V^H, through
-    /// which the references take part in it.
-    pub(super) fn strength(&self, model: &Model, pole: usize) -> f64 {
-        let share = |column: usize| -> Complex64 {
+    /// A pole's part of the first covariance's trace, all channels together. With a mode's lag 0 it is real and positive.
+    pub(super) fn part(&self, model: &Model, pole: usize) -> Complex64 {
+        // Covariances are the sum over poles of shape times participation, a row of inv(Psi) S V^H.
+        let participation = |column: usize| -> Complex64 {
             let state = |state: usize| self.triplets.right[(column, state)].conj() * self.triplets.values[state];
             (0..model.order).map(|at| model.inverse[(pole, at)] * state(at)).sum()
         };
-        let power: f64 = (0..self.references).map(|column| share(column).norm_sqr()).sum();
-        power.sqrt() * model.shape(pole).norm()
+        let at_reference = |row: usize| -> Complex64 {
+            (0..model.order).map(|at| self.triplets.left[(row, at)] * model.vectors[(at, pole)]).sum()
+        };
+        let (mut product, mut power) = (Complex64::ZERO, 0.0);
+        for reference in 0..self.references {
+            let component = at_reference(reference);
+            product += component * participation(reference);
+            power += component.norm_sqr();
+        }
+        if power > 0.0 { product / power * model.shape(pole).norm_squared() } else { Complex64::ZERO }
     }
 }
 
