@@ -105,7 +105,7 @@ fn level(grid: &LineGrid, lines: usize, bandwidths_hz: [f64; 2]) -> impl Iterato
     let rest = grid.lines - lines;
     let steps = rest.div_ceil((lines / 2).max(1));
     (0..=steps).map(move |step| {
-        let first = if steps == 0 { 0 } else { rest * step / steps };
+        let first = (rest * step).checked_div(steps).unwrap_or(0);
         let (is_first, is_last) = (first == 0, first == rest);
         let outer = OUTER_FLANK_LINES.min(lines / 4);
         let inner = (INNER_FLANK * lines as f64) as usize;
@@ -115,7 +115,7 @@ fn level(grid: &LineGrid, lines: usize, bandwidths_hz: [f64; 2]) -> impl Iterato
             first,
             lines,
             flanks: [if is_first { outer } else { inner }, if is_last { outer } else { inner }],
-            middle_hz: [at_hz(margin(is_first)), at_hz((lines - 1) as f64 - margin(is_last))],
+            middle_hz: [at_hz(margin(is_first)), at_hz(lines as f64 - 1.0 - margin(is_last))],
             bandwidths_hz,
         }
     })
