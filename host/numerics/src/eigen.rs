@@ -1,12 +1,18 @@
 //! Dense eigenproblems and the Cholesky factor that reduces a generalised one.
 
-use faer::linalg::solvers::{Eigen, Llt, SelfAdjointEigen};
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::{Eigen, Llt, SelfAdjointEigen, Svd};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{MatRef, Par, Side};
+use faer::{Accum, MatMut, MatRef, Par, Side};
 use nalgebra::{Complex, DMatrix};
 
 /// A matrix as the solvers' library sees it; both store column after column.
 fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
+    MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
+}
+
+/// The same of a complex matrix.
+fn complex_view(matrix: &DMatrix<Complex<f64>>) -> MatRef<'_, Complex<f64>> {
     MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
 }
 
@@ -28,6 +34,43 @@ pub fn general_eigen(matrix: &DMatrix<f64>) -> Option<EigenPairs<Complex<f64>>> 
     let eigen = Eigen::new_from_real(view(matrix)).ok()?;
     let values = eigen.S().column_vector().iter().copied().collect();
     Some(EigenPairs { values, vectors: from_solver(eigen.U()) })
+}
+
+/// The same of a complex matrix.
+pub fn general_eigen_complex(matrix: &DMatrix<Complex<f64>>) -> Option<EigenPairs<Complex<f64>>> {
+    let eigen = Eigen::new(complex_view(matrix)).ok()?;
+    let values = eigen.S().column_vector().iter().copied().collect();
+    Some(EigenPairs { values, vectors: from_solver(eigen.U()) })
+}
+
+/// The product of two complex matrices.
+///
+/// # Panics
+/// Where the first has not as many columns as the second has rows.
+pub fn complex_product(left: &DMatrix<Complex<f64>>, right: &DMatrix<Complex<f64>>) -> DMatrix<Complex<f64>> {
+    let mut product = DMatrix::zeros(left.nrows(), right.ncols());
+    let (rows, columns) = product.shape();
+    let into = MatMut::from_column_major_slice_mut(product.as_mut_slice(), rows, columns);
+    matmul(into, Accum::Replace, complex_view(left), complex_view(right), Complex::ONE, Par::Seq);
+    product
+}
+
+/// A matrix as `left diag(values) right^H`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SingularTriplets {
+    /// Singular values, largest first: as many as the smaller of both dimensions.
+    pub values: Vec<f64>,
+    /// Left singular vectors, a column a value.
+    pub left: DMatrix<Complex<f64>>,
+    /// Right singular vectors, a column a value.
+    pub right: DMatrix<Complex<f64>>,
+}
+
+/// The thin singular value decomposition of a complex matrix; `None` where the iteration does not converge.
+pub fn singular_triplets(matrix: &DMatrix<Complex<f64>>) -> Option<SingularTriplets> {
+    let svd = Svd::new_thin(complex_view(matrix)).ok()?;
+    let values = svd.S().column_vector().iter().map(|value| value.re).collect();
+    Some(SingularTriplets { values, left: from_solver(svd.U()), right: from_solver(svd.V()) })
 }
 
 /// The lower Cholesky factor L of a symmetric positive definite matrix.

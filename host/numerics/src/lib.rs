@@ -6,5 +6,8 @@
 mod eigen;
 mod fourier;
 
-pub use eigen::{CholeskyFactor, EigenPairs, general_eigen};
+pub use eigen::{
+    CholeskyFactor, EigenPairs, SingularTriplets, complex_product, general_eigen, general_eigen_complex,
+    singular_triplets,
+};
 pub use fourier::{ForwardTransform, InverseTransform, forward_transform, inverse_transform};

@@ -1,6 +1,9 @@
 //! Eigenproblems with known answers.
 
-use belfry_numerics::{CholeskyFactor, EigenPairs, general_eigen};
+use belfry_numerics::{
+    CholeskyFactor, EigenPairs, SingularTriplets, complex_product, general_eigen, general_eigen_complex,
+    singular_triplets,
+};
 use nalgebra::{Complex, DMatrix};
 
 #[test]
@@ -42,4 +45,31 @@ fn what_is_singular_up_to_rounding_has_no_factor() {
     let singular = DMatrix::from_row_slice(2, 2, &[1.0, 1.0, 1.0, 1.0 + 1e-15]);
     assert!(CholeskyFactor::of(&singular, 1e-13).is_none());
     assert!(CholeskyFactor::of(&DMatrix::from_element(1, 1, -1.0), 1e-13).is_none());
+}
+
+fn complex(rows: usize, columns: usize) -> DMatrix<Complex<f64>> {
+    DMatrix::from_fn(rows, columns, |row, column| {
+        let turn = (3 * row + 7 * column * column) as f64;
+        Complex::new(turn.sin(), (1.7 * turn).cos())
+    })
+}
+
+#[test]
+fn a_complex_matrix_is_the_product_of_its_singular_triplets() {
+    let matrix = complex(6, 4);
+    let SingularTriplets { values, left, right } = singular_triplets(&matrix).unwrap();
+    assert!(values.windows(2).all(|pair| pair[0] >= pair[1]), "{values:?}");
+    let scaled = DMatrix::from_fn(6, 4, |row, column| left[(row, column)] * values[column]);
+    assert!((complex_product(&scaled, &right.adjoint()) - matrix).norm() < 1e-13);
+    assert!((left.adjoint() * left - DMatrix::identity(4, 4)).norm() < 1e-13);
+}
+
+#[test]
+fn a_complex_matrix_only_stretches_its_eigenvectors() {
+    let matrix = complex(5, 5);
+    let EigenPairs { values, vectors } = general_eigen_complex(&matrix).unwrap();
+    for (column, value) in values.iter().enumerate() {
+        let stretched = &matrix * vectors.column(column);
+        assert!((stretched - vectors.column(column) * *value).norm() < 1e-12, "{value}");
+    }
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::Console;
 use super::interrupt::leave_nothing_unfinished;
@@ -11,8 +11,9 @@ use super::route::RouteArguments;
 use super::text::{Columns, in_shell, next_lines};
 use super::trends;
 use crate::identify::accuracy::{RecordNeeded, Wish};
+use crate::identify::ssi::SecondOpinion;
 use crate::identify::{Identification, Mode};
-use crate::story::{IdentifyRequest, ModesReport, Project};
+use crate::story::{IdentifyRequest, Method, ModesReport, Project};
 
 const EXAMPLES: &str = "Examples:
   belfry identify canton                       through simulated sensor nodes
@@ -21,10 +22,11 @@ const EXAMPLES: &str = "Examples:
   belfry identify canton --json > modes.json
   belfry identify canton --every 1h            follow the modes over the hours
   belfry identify canton --frequency-within 0.05 --damping-within 5
+  belfry identify canton --method subspace     modes by the second method alone
 
-Modes are picked automatically. In [analysis] of study.toml, add_modes_hz and drop_modes_hz change the choice, modes_hz makes it. `best` in the table is the lower bound of the standard deviation on this record (Au 2014). Where a setup has temperatures, modes are followed over the hours without --every.
+Modes are picked automatically. In [analysis] of study.toml, add_modes_hz and drop_modes_hz change the choice, modes_hz makes it. `best` in the table is the lower bound of the standard deviation on this record (Au 2014). `agrees` says whether subspace identification, a method with other assumptions, has the same mode within the standard deviations of both (`-`: it has no such mode). Where a setup has temperatures, modes are followed over the hours without --every.
 
-Writes modes.json, singular_values.svg and mode_shapes.svg (with --every also trends.csv and trends.svg) into the study's folder `results`.";
+Writes modes.json, singular_values.svg, mode_shapes.svg, stabilisation.svg and stabilisation.json (with --every also trends.csv and trends.svg) into the study's folder `results`.";
 
 /// Find the modes: frequency, damping and shape, with standard deviations
 #[derive(Debug, Args)]
@@ -36,6 +38,9 @@ pub struct Arguments {
     /// Follow the modes over intervals of this length, such as 1h or 30min
     #[arg(long, value_name = "DURATION", value_parser = interval)]
     pub every: Option<Duration>,
+    /// Fit the spectra, identify the subspace, or fit and take the subspace for a second opinion
+    #[arg(long, value_enum, default_value_t = MethodArgument::Both)]
+    pub method: MethodArgument,
     /// Say how long a record must be to determine every frequency within PERCENT (one standard deviation)
     #[arg(long, value_name = "PERCENT", value_parser = share)]
     pub frequency_within: Option<f64>,
@@ -45,6 +50,27 @@ pub struct Arguments {
     /// How spectra are made of the recordings
     #[command(flatten)]
     pub route: RouteArguments,
+}
+
+/// How modes are identified.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MethodArgument {
+    /// A maximum-likelihood fit of the spectra, with a second opinion by the subspace
+    Both,
+    /// The fit of the spectra alone
+    Spectra,
+    /// Covariance-driven subspace identification (SSI-cov) alone
+    Subspace,
+}
+
+impl MethodArgument {
+    fn method(self) -> Method {
+        match self {
+            Self::Both => Method::Both,
+            Self::Spectra => Method::Spectra,
+            Self::Subspace => Method::Subspace,
+        }
+    }
 }
 
 /// An interval of a second at least.
@@ -82,11 +108,12 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
     let mut project = Project::open(&arguments.study)?;
     let wish = arguments.wish();
-    let request = IdentifyRequest { route: arguments.route.route(), every: arguments.every, wish: Some(wish) };
+    let (route, method) = (arguments.route.route(), arguments.method.method());
+    let request = IdentifyRequest { route, method, every: arguments.every, wish: Some(wish) };
     let report = console.with_progress(|on_progress| project.identify(&request, on_progress))?;
     tell_warnings(&report, console);
     console.json(&report)?;
-    console.say(format!("\n{}\n", modes_table(&report.identification)));
+    console.say(format!("\n{}\n", modes_table(&report.identification, method == Method::Both)));
     for harmonic in &report.identification.harmonics {
         console.say(format!(
             "Forced line at {:.4} Hz (kurtosis {:.2}; a mode has 3): machinery or vortices, not a mode.",
@@ -116,23 +143,17 @@ pub(super) fn tell_warnings(report: &ModesReport, console: &Console) {
     }
 }
 
-/// The modes as a table; `best` is what no method can go below on the record at hand.
-fn modes_table(identification: &Identification) -> Columns {
-    let mut table = Columns::new([
-        "mode",
-        "frequency Hz",
-        "± Hz",
-        "best ±",
-        "damping %",
-        "± %",
-        "best ±",
-        "collinearity",
-        "moves most at",
-    ])
-    .expendable(&[6, 3, 7, 8]);
+/// The modes as a table; `best` is what no method can go below on the record at hand, `agrees` what a second method says.
+fn modes_table(identification: &Identification, has_second_opinion: bool) -> Columns {
+    let mut headings =
+        vec!["mode", "frequency Hz", "± Hz", "best ±", "damping %", "± %", "best ±", "collinearity", "moves most at"];
+    if has_second_opinion {
+        headings.push("agrees");
+    }
+    let mut table = Columns::new(headings).expendable(&[6, 3, 7, 8]);
     for mode in &identification.modes {
         let most = mode.shape.iter().max_by(|a, b| a.re.hypot(a.im).total_cmp(&b.re.hypot(b.im)));
-        table.row([
+        let mut row = vec![
             mode.number.to_string(),
             format!("{:.*}", frequency_digits(mode), mode.frequency_hz),
             deviation(mode.frequency_std_hz, frequency_digits(mode)),
@@ -142,7 +163,12 @@ fn modes_table(identification: &Identification) -> Columns {
             deviation(100.0 * mode.damping_ratio_std_bound, 2),
             format!("{:.3}", mode.phase_collinearity),
             most.map_or(String::new(), |component| component.point.clone()),
-        ]);
+        ];
+        if has_second_opinion {
+            let agrees = |opinion: &SecondOpinion| if opinion.agrees { "yes" } else { "no" };
+            row.push(mode.second_opinion.as_ref().map_or("-", agrees).to_owned());
+        }
+        table.row(row);
     }
     table
 }
@@ -212,8 +238,15 @@ pub(super) fn summary(report: &ModesReport) -> String {
     }
     let t = &report.timings;
     text += &format!(
-        "\n{:.0} s of recording were analysed {:.0} times faster than they were recorded: counting {:.2} s, reading {:.2} s, spectra {:.2} s, averaging {:.2} s, modes {:.2} s.",
-        t.recorded_s, t.times_faster_than_real_time, t.counting_s, t.reading_s, t.spectra_s, t.averaging_s, t.modes_s
+        "\n{:.0} s of recording were analysed {:.0} times faster than they were recorded: counting {:.2} s, reading {:.2} s, spectra {:.2} s, averaging {:.2} s, modes {:.2} s, second opinion {:.2} s.",
+        t.recorded_s,
+        t.times_faster_than_real_time,
+        t.counting_s,
+        t.reading_s,
+        t.spectra_s,
+        t.averaging_s,
+        t.modes_s,
+        t.second_opinion_s
     );
     text
 }

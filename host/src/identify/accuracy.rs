@@ -66,6 +66,7 @@ mod tests {
             damping_ratio_std_bound: damping_ratio / (std::f64::consts::TAU * damping_ratio * cycles).sqrt(),
             shape: Vec::new(),
             phase_collinearity: 1.0,
+            second_opinion: None,
         };
         Identification {
             modes: vec![mode],
@@ -74,6 +75,8 @@ mod tests {
             frequency_resolution_hz: 0.01,
             harmonics: Vec::new(),
             warnings: Vec::new(),
+            other_poles: Vec::new(),
+            stabilisation: Vec::new(),
             singular_values: Vec::new(),
         }
     }

@@ -35,10 +35,13 @@ const RESOLVED_LINES: f64 = 1.0;
 /// Windows at half overlap, and lines that Hann's window joins, hold as much as this many times fewer independent ones: 2 for
 /// the overlap, and what the record's ends and the window's uneven weight lose.
 const OVERLAP: f64 = 2.11;
-/// A mode whose distance from a cluster's lines is below this share of their width is not smooth there.
-const BESIDE: f64 = 0.5;
 /// Modes this near to a cluster's lines are stopped by its filters.
 const STOPPED_LINES: f64 = 4.0;
+/// So are those whose tails there are more than this share of the cluster's own: to stop more passes more of what no filter stops
+/// than it takes away.
+const TAIL_SHARE: f64 = 0.1;
+/// A mode whose distance from a cluster's lines is below this share of their width is not smooth there.
+const BESIDE: f64 = 0.5;
 /// Fewer channels cannot tell close modes from noise.
 const JOINT_CHANNELS: usize = 4;
 /// Neighbours that a modal filter stops, at most.
@@ -333,7 +336,7 @@ impl State {
         let reaches_in = |other: usize| {
             let edge_hz = self.fits[other].resonance.frequency_hz.clamp(lowest_hz, highest_hz);
             let own: f64 = cluster.iter().map(|&mode| response(mode, edge_hz)).sum();
-            response(other, edge_hz) > NEIGHBOUR_SHARE * own
+            response(other, edge_hz) > TAIL_SHARE * own
         };
         stopped.extend(
             (0..self.fits.len()).filter(|&other| outside_hz(other) < STOPPED_LINES * spacing_hz || reaches_in(other)),

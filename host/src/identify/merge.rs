@@ -147,6 +147,7 @@ fn merged(
             })
             .collect(),
         phase_collinearity,
+        second_opinion: None,
     }
 }
 

@@ -5,7 +5,8 @@
 //! damping from the filtered spectrum one by one; from there `cluster`, `joint` and `joint_fit` fit close modes together by
 //! maximum likelihood. The jackknife in `estimate` says how sure it all is, `judge` throws out what the data do not determine, and
 //! `merge` joins the setups. `choice` applies the user's choice of modes; [`track`] follows known modes through parts of a
-//! record; [`accuracy`] tells how long a record must be for a given accuracy.
+//! record; [`accuracy`] tells how long a record must be for a given accuracy. [`ssi`] identifies the same spectra by another
+//! method, as a second opinion.
 
 pub mod accuracy;
 pub mod bell;
@@ -24,6 +25,7 @@ mod scoring;
 mod setup;
 mod shape;
 mod singular;
+pub mod ssi;
 mod start;
 pub mod track;
 
@@ -33,6 +35,7 @@ use crate::spectra::LineGrid;
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
 use crate::study::ModeChoice;
 use setup::quantity;
+use shape::Shape;
 use singular::SingularValues;
 
 pub use result::{Harmonic, Identification, Mode, ShapeComponent, SingularSpectrum};
@@ -102,6 +105,23 @@ pub enum IdentifyError {
 /// When there are fewer than four averages a channel (fewer than channels, where `choice` names all modes), or the setups'
 /// lines differ.
 pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<Identification, IdentifyError> {
+    identify_beside(measured, choice, &[])
+}
+
+/// A mode that another method suggests.
+#[derive(Debug, Clone)]
+pub(crate) struct Suggestion {
+    frequency_hz: f64,
+    /// Its shape in every setup.
+    shapes: Vec<Shape>,
+}
+
+/// [`identify`], with modes that another method suggests among the picks: they are judged as all picks are.
+fn identify_beside(
+    measured: &[MeasuredSetup<'_>],
+    choice: &ModeChoice,
+    suggestions: &[Suggestion],
+) -> Result<Identification, IdentifyError> {
     let first = measured.first().ok_or(IdentifyError::NoSetup)?;
     let grid = *first.spectrum.grid();
     if let Some(other) = measured.iter().find(|m| *m.spectrum.grid() != grid) {
@@ -126,6 +146,8 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
     let mut warnings = Vec::new();
     let picks = if choice.only_hz.is_some() { Vec::new() } else { pick::pick(&grid, measured, &singular) };
     let (mut harmonics, mut picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.kurtosis.is_harmonics());
+    picks.extend(suggestions.iter().map(|suggestion| pick::suggested(&grid, measured, suggestion)));
+    picks.sort_by_key(|pick| pick.line);
     choice::drop_picks(&grid, &mut picks, choice, &mut warnings);
     choice::add_picks(&grid, measured, &singular, &mut picks, choice, &mut warnings);
     if picks.is_empty() && choice.only_hz.is_some() {
@@ -172,6 +194,8 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
             })
             .collect(),
         warnings,
+        other_poles: Vec::new(),
+        stabilisation: Vec::new(),
         singular_values: measured
             .iter()
             .zip(&singular)

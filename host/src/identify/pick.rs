@@ -15,6 +15,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
+use super::Suggestion;
 use super::setup::MeasuredSetup;
 use super::shape::{Shape, mac};
 use super::singular::{Leading, NOISE_EDGE_CHANNELS, SingularValues, leading, noise_edge};
@@ -112,6 +113,18 @@ pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[
     }
     picks.sort_by_key(|pick| pick.line);
     picks
+}
+
+/// The pick of a mode that another method suggests.
+pub(super) fn suggested(grid: &LineGrid, measured: &[MeasuredSetup<'_>], suggestion: &Suggestion) -> Pick {
+    let mut pick = Pick {
+        line: grid.nearest_line(suggestion.frequency_hz),
+        shapes: suggestion.shapes.clone(),
+        kurtosis: Kurtosis { value: 3.0, sigmas_below: 0.0 },
+        by_user: false,
+    };
+    pick.kurtosis = kurtosis(measured, &pick);
+    pick
 }
 
 /// The highest point within `leeway_hz` of a frequency of what is left when the other picks near by are taken out, and

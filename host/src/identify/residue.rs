@@ -17,6 +17,8 @@ use super::shape::Shape;
 /// What is expected of a_ks - b_ks, and of the motion of other modes that is correlated with this one's, over the size that
 /// the levels give: enough for the data to decide wherever they can.
 const CORRELATED: f64 = 1.0;
+/// The same for modes of the cluster, whose forces the joint fit expects to be correlated by about as much.
+const CORRELATED_INSIDE: f64 = 0.4;
 /// Lines beyond as many as there are unknowns.
 const LEAST_SPARE_LINES: usize = 3;
 
@@ -81,7 +83,8 @@ pub(super) fn residues(
         let weighted = DMatrix::from_fn(unknowns, lines, |column, line| basis[(line, column)].conj() / variance[line]);
         let mut normal = &weighted * &basis;
         for (place, (_, level)) in poles.iter().enumerate() {
-            let typical = CORRELATED * (fit.levels[mode] * level / channels as f64).sqrt();
+            let share = if place < size && place != mode { CORRELATED_INSIDE } else { CORRELATED };
+            let typical = share * (fit.levels[mode] * level / channels as f64).sqrt();
             let prior = 1.0 / (typical * typical);
             // The sum of the mode's own pole and its conjugate is what is looked for.
             if place != mode {

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
+
 /// The modes of a structure, with how much data stands behind them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identification {
@@ -18,6 +20,12 @@ pub struct Identification {
     pub harmonics: Vec<Harmonic>,
     /// What the reader should know.
     pub warnings: Vec<String>,
+    /// Stable poles of the subspaces, setup by setup, that are none of the modes.
+    #[serde(default)]
+    pub other_poles: Vec<SubspacePole>,
+    /// The stabilisation diagrams, for pictures; not part of the printed JSON.
+    #[serde(skip)]
+    pub stabilisation: Vec<StabilisationDiagram>,
     /// The singular values from which modes were picked, for pictures; not part of the printed JSON.
     #[serde(skip)]
     pub singular_values: Vec<SingularSpectrum>,
@@ -44,6 +52,9 @@ pub struct Mode {
     pub shape: Vec<ShapeComponent>,
     /// Modal phase collinearity: 1 for a shape whose points move in phase or against phase.
     pub phase_collinearity: f64,
+    /// What subspace identification says of the mode; none where it has no such mode, or was not asked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub second_opinion: Option<SecondOpinion>,
 }
 
 /// A mode shape at one measurement point.

@@ -19,6 +19,9 @@ const MOST_START_LINES: usize = 150;
 const WIDE_START_LINES: [f64; 3] = [10.0, 30.0, 90.0];
 const WIDE_LINES: f64 = 6.0;
 
+/// What is wider is the floor's own slope.
+const MOST_DAMPING: f64 = 0.15;
+
 /// The first fit of a mode that was picked at a line, `apart` lines from the next pick.
 pub(super) fn first_bell(
     spectrum: &CrossSpectrum,
@@ -66,5 +69,8 @@ fn wide_bell(
         bandwidths.filter_map(|lines| fit(lines, (0.5 * lines * grid.spacing_hz() / here_hz).min(DAMPING_RANGE[1])));
     let as_found = fit(narrow.bandwidth_hz() / grid.spacing_hz(), narrow.damping_ratio);
     let best = wide.chain(as_found).min_by(|a, b| a.objective.total_cmp(&b.objective))?;
-    (best.resonance.bandwidth_hz() > WIDE_LINES * grid.spacing_hz()).then_some(best)
+    let is_wide = best.resonance.bandwidth_hz() > WIDE_LINES * grid.spacing_hz();
+    let is_peak = best.resonance.damping_ratio < MOST_DAMPING
+        && best.level * best.resonance.peak_density(1.0 / grid.spacing_hz()) > best.floor;
+    (is_wide && is_peak).then_some(best)
 }

@@ -8,6 +8,7 @@ mod covalidation;
 mod history;
 mod shapes;
 mod singular;
+mod stabilisation;
 mod trends;
 
 pub use canvas::PictureError;
@@ -16,4 +17,5 @@ pub use covalidation::{Curves, Prediction, covalidation};
 pub use history::history;
 pub use shapes::{TrueShape, mode_shapes};
 pub use singular::singular_values;
+pub use stabilisation::stabilisation;
 pub use trends::trends;

@@ -16,6 +16,8 @@ use crate::study::Study;
 
 /// The modes of `belfry identify`.
 pub const MODES_FILE: &str = "modes.json";
+/// The stabilisation diagrams of its subspaces, a setup each.
+pub const STABILISATION_FILE: &str = "stabilisation.json";
 /// The last comparison.
 pub const COMPARISON_FILE: &str = "comparison.json";
 /// The last update.

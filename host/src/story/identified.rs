@@ -9,11 +9,24 @@ use super::error::StoryError;
 use super::progress::{OnProgress, rows_of};
 use crate::fleet::FleetReport;
 use crate::identify::accuracy::RecordNeeded;
+use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::{Identification, identify as identify_setups};
 use crate::measure::{Measurement, Route, measure};
 use crate::spectra::LineGrid;
 use crate::study::Study;
 use crate::trend::Trend;
+
+/// How modes are identified from spectra.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// A fit of the spectra gives modes, the subspace a second opinion on them.
+    #[default]
+    Both,
+    /// A fit of the spectra alone.
+    Spectra,
+    /// The subspace alone.
+    Subspace,
+}
 
 /// What `belfry identify --json` prints and `results/modes.json` holds.
 #[derive(Debug, Clone, Serialize)]
@@ -82,6 +95,8 @@ pub struct TimingReport {
     pub averaging_s: f64,
     /// Identification.
     pub modes_s: f64,
+    /// The second opinion on it.
+    pub second_opinion_s: f64,
     /// Seconds of recording a second of all this.
     pub times_faster_than_real_time: f64,
 }
@@ -90,7 +105,12 @@ pub struct TimingReport {
 ///
 /// # Errors
 /// When no recording can be read, or all of them hold too little. A report without modes is no error here.
-pub fn identify(study: &Study, route: Route, on_progress: OnProgress<'_>) -> Result<ModesReport, StoryError> {
+pub fn identify(
+    study: &Study,
+    route: Route,
+    method: Method,
+    on_progress: OnProgress<'_>,
+) -> Result<ModesReport, StoryError> {
     let start = Instant::now();
     let stage = match route {
         Route::Nodes(_) => "nodes and link",
@@ -98,20 +118,31 @@ pub fn identify(study: &Study, route: Route, on_progress: OnProgress<'_>) -> Res
     };
     let measurement = measure(study, route, &mut rows_of(stage, on_progress))?;
     let modes_start = Instant::now();
-    let mut identification = identify_setups(&measurement.setups, &study.analysis.modes)?;
+    let choice = &study.analysis.modes;
+    let mut identification = match method {
+        Method::Both | Method::Spectra => identify_setups(&measurement.setups, choice)?,
+        Method::Subspace => identify_by_subspace(&measurement.setups, choice)?,
+    };
     let modes = modes_start.elapsed();
+    let second_start = Instant::now();
+    if method == Method::Both {
+        add_second_opinion(&measurement.setups, choice, &mut identification)?;
+    }
+    let times = Times { modes, second_opinion: second_start.elapsed(), all: start.elapsed() };
     let mut warnings = measurement.warnings.clone();
     warnings.append(&mut identification.warnings);
     identification.warnings = warnings;
-    Ok(report(identification, &measurement, modes, start.elapsed()))
+    Ok(report(identification, &measurement, &times))
 }
 
-fn report(
-    identification: Identification,
-    measurement: &Measurement<'_>,
+/// How long identification took, and everything.
+struct Times {
     modes: Duration,
+    second_opinion: Duration,
     all: Duration,
-) -> ModesReport {
+}
+
+fn report(identification: Identification, measurement: &Measurement<'_>, times: &Times) -> ModesReport {
     let grid = measurement.plan.grid;
     let timings = measurement.timings;
     ModesReport {
@@ -132,8 +163,9 @@ fn report(
             reading_s: timings.reading.as_secs_f64(),
             spectra_s: timings.spectra.as_secs_f64(),
             averaging_s: timings.averaging.as_secs_f64(),
-            modes_s: modes.as_secs_f64(),
-            times_faster_than_real_time: measurement.duration_s / all.as_secs_f64(),
+            modes_s: times.modes.as_secs_f64(),
+            second_opinion_s: times.second_opinion.as_secs_f64(),
+            times_faster_than_real_time: measurement.duration_s / times.all.as_secs_f64(),
         },
     }
 }

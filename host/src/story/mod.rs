@@ -64,7 +64,7 @@ pub use covalidated::{
     ChannelReport, Covalidation, CovalidationReport, CovalidationRequest, covalidate, worst_channel,
 };
 pub use error::{CovalidateError, StoryError};
-pub use identified::{LinkReport, ModesReport, SegmentReport, TimingReport, identify};
+pub use identified::{LinkReport, Method, ModesReport, SegmentReport, TimingReport, identify};
 pub use left_out::MOST_NOISE_GAIN;
 pub use motion::Stretch;
 pub use progress::{OnProgress, Progress};

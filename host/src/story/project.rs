@@ -7,7 +7,7 @@ use super::case::Case;
 use super::change::{AutoEnd, ChangeReport, add, add_until_nothing_gains, remove};
 use super::covalidated::{CURVES_FILE, CovalidationReport, CovalidationRequest, covalidate};
 use super::error::StoryError;
-use super::identified::{ModesReport, identify, interval_for_temperatures};
+use super::identified::{Method, ModesReport, identify, interval_for_temperatures};
 use super::motion::curves_csv;
 use super::progress::{OnProgress, rows_of};
 use super::trends;
@@ -20,7 +20,8 @@ use crate::measure::Route;
 use crate::model::{Assembly, Body, matrix_market, npy};
 use crate::picture;
 use crate::results::{
-    COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, MODES_FILE, Results, ResultsError, UPDATE_FILE,
+    COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, MODES_FILE, Results, ResultsError, STABILISATION_FILE,
+    UPDATE_FILE,
 };
 use crate::study::Study;
 use crate::trend::follow;
@@ -41,6 +42,8 @@ pub struct Project {
 pub struct IdentifyRequest {
     /// How recordings are read.
     pub route: Route,
+    /// How modes are identified.
+    pub method: Method,
     /// Follow the modes over intervals of this length. Where a setup has temperatures they are followed in any case.
     pub every: Option<Duration>,
     /// Say how long a record a wished accuracy takes.
@@ -48,9 +51,9 @@ pub struct IdentifyRequest {
 }
 
 impl IdentifyRequest {
-    /// By this route, and nothing else.
+    /// By this route and both methods, and nothing else.
     pub fn by(route: Route) -> Self {
-        Self { route, every: None, wish: None }
+        Self { route, method: Method::default(), every: None, wish: None }
     }
 }
 
@@ -119,12 +122,16 @@ impl Project {
         on_progress: OnProgress<'_>,
     ) -> Result<ModesReport, StoryError> {
         self.results.make_ready()?;
-        let mut report = identify(&self.study, request.route, on_progress)?;
+        let mut report = identify(&self.study, request.route, request.method, on_progress)?;
         let name = &self.study.structure.name;
         let picture = picture::singular_values(name, &report.identification)?;
         let picture = self.results.write("singular_values.svg", picture.as_bytes())?;
         if let Some(no_modes) = report.no_modes(&self.study, picture) {
             return Err(no_modes);
+        }
+        if let Some(picture) = picture::stabilisation(name, &report.identification)? {
+            self.results.write("stabilisation.svg", picture.as_bytes())?;
+            self.results.write_json(STABILISATION_FILE, &report.identification.stabilisation)?;
         }
         report.record_needed = request.wish.map(|wish| record_needed(&report.identification, wish));
         self.results.write_json(MODES_FILE, &report)?;

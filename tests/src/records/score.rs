@@ -57,13 +57,18 @@ pub struct CaseScore {
     pub refused: Vec<(u64, String)>,
     /// What was said of faults and doubts.
     pub warnings: Vec<String>,
+    /// Modes of which the second opinion says that it agrees, that it differs, and that it has none such.
+    pub opinions: [usize; 3],
+    /// Seconds that the first method took, and the second opinion.
+    pub seconds: [f64; 2],
 }
 
-/// Makes a case's record of a seed in `folder`, identifies it and scores the answer.
+/// Makes a case's record of a seed in `folder`, identifies it by `method` (as `belfry identify --method` has it) and scores the
+/// answer.
 ///
 /// # Errors
 /// What cannot be written or understood.
-pub fn run(case: &Case, seed: u64, folder: &Path, into: &mut CaseScore) -> Result<(), String> {
+pub fn run(case: &Case, seed: u64, method: &str, folder: &Path, into: &mut CaseScore) -> Result<(), String> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let structure = case.build.structure(&mut random);
     let mut samples = record(&structure, case.load, case.rate_hz, case.seconds, NOISE, &mut random);
@@ -75,7 +80,8 @@ pub fn run(case: &Case, seed: u64, folder: &Path, into: &mut CaseScore) -> Resul
     fs::create_dir_all(folder).map_err(failed)?;
     write_npy(&folder.join("recording.npy"), &samples, channels).map_err(failed)?;
     fs::write(folder.join("study.toml"), study_toml(case, &structure)).map_err(failed)?;
-    let output = belfry_command().arg("identify").arg(folder).args(["--direct", "--json"]).output().map_err(failed)?;
+    let options = ["--direct", "--json", "--method", method];
+    let output = belfry_command().arg("identify").arg(folder).args(options).output().map_err(failed)?;
     into.modes.resize(structure.frequencies_hz.len(), ModeScore::default());
     if !output.status.success() {
         into.refused.push((seed, String::from_utf8_lossy(&output.stderr).trim().to_owned()));
@@ -84,6 +90,16 @@ pub fn run(case: &Case, seed: u64, folder: &Path, into: &mut CaseScore) -> Resul
     let report: Value = serde_json::from_slice(&output.stdout).map_err(|error| error.to_string())?;
     for warning in report["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str) {
         into.warnings.push(format!("seed {seed}: {warning}"));
+    }
+    let timings = &report["timings"];
+    for (seconds, key) in into.seconds.iter_mut().zip(["modes_s", "second_opinion_s"]) {
+        *seconds += timings[key].as_f64().unwrap_or(0.0);
+    }
+    if method == "both" {
+        for mode in report["modes"].as_array().into_iter().flatten() {
+            let place = mode["second_opinion"]["agrees"].as_bool().map_or(2, |agrees| usize::from(!agrees));
+            into.opinions[place] += 1;
+        }
     }
     let found: Vec<Found> = report["modes"].as_array().into_iter().flatten().map(Found::of).collect();
     into.add(case, seed, &structure, &found);
@@ -215,6 +231,7 @@ impl CaseScore {
                 mode.least_mac.map_or("-".to_owned(), |mac| format!("{mac:.4}"))
             );
         }
+        let _ = writeln!(text, "{}", self.line());
         for (seed, hz) in &self.invented_hz {
             let _ = writeln!(text, "seed {seed}: {hz:.4} Hz is no mode");
         }
@@ -225,6 +242,35 @@ impl CaseScore {
             let _ = writeln!(text, "{warning}");
         }
         text
+    }
+}
+
+impl CaseScore {
+    /// All modes together.
+    fn line(&self) -> String {
+        let all = |of: fn(&ModeScore) -> &Vec<f64>| self.modes.iter().flat_map(of).copied().collect::<Vec<f64>>();
+        let (frequency_z, damping_z) = (all(|mode| &mode.frequency_z), all(|mode| &mode.damping_z));
+        let [agree, differ, without] = self.opinions;
+        let opinions = if agree + differ + without > 0 {
+            format!("; second opinion: agrees on {agree}, differs on {differ}, has none on {without}")
+        } else {
+            String::new()
+        };
+        format!(
+            "all: {} found, {} missed, {} invented; z rms f {:.2} ({:.0} % beyond 3), damping {:.2} ({:.0} %), shape {:.2}; error/bound f {:.2}, damping {:.2}{opinions}; {:.2} s and {:.2} s",
+            frequency_z.len(),
+            self.modes.iter().map(|mode| mode.missed).sum::<usize>(),
+            self.invented_hz.len(),
+            rms(&frequency_z),
+            beyond(&frequency_z, 3.0),
+            rms(&damping_z),
+            beyond(&damping_z, 3.0),
+            rms(&all(|mode| &mode.shape_z)),
+            rms(&all(|mode| &mode.frequency_over_bound)),
+            rms(&all(|mode| &mode.damping_over_bound)),
+            self.seconds[0],
+            self.seconds[1]
+        )
     }
 }
 

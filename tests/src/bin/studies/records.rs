@@ -18,6 +18,9 @@ pub(super) struct Arguments {
     /// A case; repeat for more [default: all]
     #[arg(long = "case", value_name = "NAME", value_parser = CASES.map(|case| case.name))]
     cases: Vec<String>,
+    /// The method of `belfry identify` to judge; with `both` its modes, and how often the second opinion agrees
+    #[arg(long, default_value = "both", value_parser = ["both", "spectra", "subspace"])]
+    method: String,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
@@ -32,7 +35,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error
         let mut score = CaseScore::default();
         for seed in first..first + arguments.seeds {
             let folder = tempfile::tempdir()?;
-            records::run(case, seed, folder.path(), &mut score)?;
+            records::run(case, seed, &arguments.method, folder.path(), &mut score)?;
         }
         println!("{}: {} (seeds {first} to {})", case.name, case.what, first + arguments.seeds - 1);
         println!("{}", score.table());

@@ -1,0 +1,193 @@
+//! Modes from subspace identification alone.
+//!
+//! Setups and the user's choice of modes flow in; modes as the first method gives them, with shapes of all setups merged, flow
+//! out. A mode is a clear pole that every setup shows, or one that the user asked for.
+
+use rayon::prelude::*;
+
+use super::SetupPoles;
+use super::stabilisation::StablePole;
+use crate::identify::IdentifyError;
+use crate::identify::bell::Resonance;
+use crate::identify::estimate::{SetupMode, SetupModes};
+use crate::identify::merge::{duration_s, merge};
+use crate::identify::pick::{Pick, kurtosis};
+use crate::identify::result::{Harmonic, Identification};
+use crate::identify::setup::{MeasuredSetup, quantity};
+use crate::identify::singular::SingularValues;
+use crate::spectra::LineGrid;
+use crate::study::ModeChoice;
+
+/// A pole is the same mode in another setup within so many lines, this share of the wider bandwidth and of the frequency together:
+/// structures change a little between setups.
+const NEAR_LINES: f64 = 1.5;
+const NEAR_OF_BANDWIDTH: f64 = 1.0;
+const NEAR_OF_FREQUENCY: f64 = 0.003;
+/// How far from a pole the user may have meant, in lines and as a share of the frequency, whichever is more.
+const MEANT_LINES: f64 = 2.0;
+const MEANT_SHARE: f64 = 0.01;
+/// No structure has so little damping: with the kurtosis of a forced line it is one.
+const FORCED_DAMPING: f64 = 5e-4;
+
+/// Identifies the modes that all setups show by their subspaces.
+///
+/// # Errors
+/// When there is no setup, the setups' lines differ, or `choice` names modes of which none is in the band.
+pub fn identify_by_subspace(
+    measured: &[MeasuredSetup<'_>],
+    choice: &ModeChoice,
+) -> Result<Identification, IdentifyError> {
+    let first = measured.first().ok_or(IdentifyError::NoSetup)?;
+    let grid = *first.spectrum.grid();
+    if let Some(other) = measured.iter().find(|m| *m.spectrum.grid() != grid) {
+        return Err(IdentifyError::DifferentLines { setup: other.setup.name.clone() });
+    }
+    let setups: Vec<SetupPoles> = measured.par_iter().map(SetupPoles::of).collect();
+    let mut warnings = Vec::new();
+    let chosen = chosen(&common(&setups, &grid), choice, &grid, &mut warnings);
+    if chosen.is_empty() && choice.only_hz.is_some() {
+        let band_hz = [grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1))];
+        return Err(IdentifyError::NoneInBand { low_hz: band_hz[0], high_hz: band_hz[1] });
+    }
+    let mut harmonics = Vec::new();
+    let mut modes: Vec<Vec<&StablePole>> = Vec::new();
+    for poles in chosen {
+        match forced(measured, &poles, &grid) {
+            Some(harmonic) => harmonics.push(harmonic),
+            None => modes.push(poles),
+        }
+    }
+    let other_poles = measured.iter().zip(&setups).flat_map(|(m, found)| {
+        let is_mode = |pole: &StablePole| modes.iter().flatten().any(|mode| std::ptr::eq(*mode, pole));
+        found.stable.iter().filter(|pole| !is_mode(pole)).map(|pole| pole.report(&m.setup.name)).collect::<Vec<_>>()
+    });
+    let other_poles = other_poles.collect();
+    let per_setup: Vec<SetupModes> = measured
+        .iter()
+        .enumerate()
+        .map(|(setup, m)| SetupModes { modes: modes.iter().map(|poles| setup_mode(m, poles[setup])).collect() })
+        .collect();
+    let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
+    Ok(Identification {
+        modes: merge(&grid, measured, &per_setup, &mut warnings),
+        averages: measured.iter().map(|m| m.spectrum.averages()).sum(),
+        record_s: measured.iter().map(|m| duration_s(m, &grid)).sum(),
+        frequency_resolution_hz: grid.spacing_hz(),
+        harmonics,
+        warnings,
+        other_poles,
+        stabilisation: measured.iter().zip(&setups).map(|(m, found)| found.diagram(&m.setup.name)).collect(),
+        singular_values: measured.iter().zip(&singular).map(|(m, s)| s.spectrum(&grid, &m.setup.name)).collect(),
+    })
+}
+
+/// Poles that all setups show, lowest first: one of each setup. The surest pole of a mode brings the others together.
+fn common<'a>(setups: &'a [SetupPoles], grid: &LineGrid) -> Vec<Vec<&'a StablePole>> {
+    let mut anchors: Vec<(usize, usize)> = setups
+        .iter()
+        .enumerate()
+        .flat_map(|(setup, found)| (0..found.stable.len()).map(move |pole| (setup, pole)))
+        .collect();
+    let pole = |(setup, pole): (usize, usize)| &setups[setup].stable[pole];
+    anchors.sort_by(|&a, &b| pole(a).doubt().total_cmp(&pole(b).doubt()));
+    let mut is_used: Vec<Vec<bool>> = setups.iter().map(|found| vec![false; found.stable.len()]).collect();
+    let mut modes = Vec::new();
+    for anchor in anchors {
+        if is_used[anchor.0][anchor.1] {
+            continue;
+        }
+        let here = pole(anchor);
+        let members: Option<Vec<(usize, usize)>> = (0..setups.len())
+            .map(|setup| {
+                if setup == anchor.0 {
+                    return Some(anchor);
+                }
+                let free = (0..setups[setup].stable.len()).filter(|&at| !is_used[setup][at]).map(|at| (setup, at));
+                let distance = |at: (usize, usize)| (pole(at).frequency_hz - here.frequency_hz).abs();
+                let nearest = free.min_by(|&a, &b| distance(a).total_cmp(&distance(b)))?;
+                let bandwidth_hz = 2.0 * here.damping_ratio.max(pole(nearest).damping_ratio) * here.frequency_hz;
+                let leeway_hz = NEAR_LINES * grid.spacing_hz()
+                    + NEAR_OF_BANDWIDTH * bandwidth_hz
+                    + NEAR_OF_FREQUENCY * here.frequency_hz;
+                (distance(nearest) < leeway_hz).then_some(nearest)
+            })
+            .collect();
+        if let Some(members) = members {
+            for &(setup, at) in &members {
+                is_used[setup][at] = true;
+            }
+            modes.push(members.into_iter().map(pole).collect::<Vec<_>>());
+        }
+    }
+    modes.sort_by(|a, b| mean_hz(a).total_cmp(&mean_hz(b)));
+    modes
+}
+
+fn mean_hz(poles: &[&StablePole]) -> f64 {
+    poles.iter().map(|pole| pole.frequency_hz).sum::<f64>() / poles.len().max(1) as f64
+}
+
+/// The poles that are clear in most setups, less those that the user drops, and those that the user asks for.
+fn chosen<'a>(
+    poles: &[Vec<&'a StablePole>],
+    choice: &ModeChoice,
+    grid: &LineGrid,
+    warnings: &mut Vec<String>,
+) -> Vec<Vec<&'a StablePole>> {
+    let mut nearest = |asked_hz: f64, key: &str, then: &str| {
+        let distance_hz = |at: &usize| (mean_hz(&poles[*at]) - asked_hz).abs();
+        let leeway_hz = (MEANT_LINES * grid.spacing_hz()).max(MEANT_SHARE * asked_hz);
+        let found = (0..poles.len()).min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
+        let found = found.filter(|at| distance_hz(at) <= leeway_hz);
+        if found.is_none() {
+            warnings.push(format!(
+                "{key}: the subspaces have no stable pole within {leeway_hz:.4} Hz of {asked_hz} Hz, so {then}"
+            ));
+        }
+        found
+    };
+    let dropped: Vec<usize> =
+        choice.drop_hz.iter().filter_map(|&hz| nearest(hz, "drop_modes_hz", "none is dropped")).collect();
+    let added: Vec<usize> =
+        choice.add_hz.iter().filter_map(|&hz| nearest(hz, "add_modes_hz", "none is added")).collect();
+    let only: Option<Vec<usize>> = choice
+        .only_hz
+        .as_ref()
+        .map(|only| only.iter().filter_map(|&hz| nearest(hz, "modes_hz", "there is no such mode")).collect());
+    let is_clear = |at: &usize| 2 * poles[*at].iter().filter(|pole| pole.is_clear()).count() > poles[*at].len();
+    let is_chosen = |at: &usize| match &only {
+        Some(only) => only.contains(at) || added.contains(at),
+        None => !dropped.contains(at) && (is_clear(at) || added.contains(at)),
+    };
+    (0..poles.len()).filter(is_chosen).map(|at| poles[at].clone()).collect()
+}
+
+/// The forced line that poles are of, where they have next to no damping and the response has the kurtosis of one.
+fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid) -> Option<Harmonic> {
+    let shapes = poles.iter().map(|pole| pole.shape.clone()).collect();
+    let none = crate::identify::pick::Kurtosis { value: 3.0, sigmas_below: 0.0 };
+    let frequency_hz = mean_hz(poles);
+    let pick = Pick { line: grid.nearest_line(frequency_hz), shapes, kurtosis: none, by_user: false };
+    let kurtosis = kurtosis(measured, &pick);
+    let is_undamped = poles.iter().all(|pole| pole.damping_ratio < FORCED_DAMPING);
+    let is_forced = kurtosis.is_harmonics() || (kurtosis.is_low() && is_undamped);
+    is_forced.then_some(Harmonic { frequency_hz, kurtosis: kurtosis.value })
+}
+
+/// A pole as the first method would give it.
+fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
+    let quantity = quantity(measured.setup);
+    let resonance = Resonance { frequency_hz: pole.frequency_hz, damping_ratio: pole.damping_ratio, quantity };
+    // The shape's largest component is 1.
+    let largest = pole.power / pole.shape.norm_squared();
+    SetupMode {
+        resonance,
+        shape: pole.shape.clone(),
+        frequency_std_hz: pole.frequency_std_hz,
+        damping_std: pole.damping_ratio_std,
+        shape_std: pole.shape_std.clone(),
+        peak_density: pole.power * resonance.peak_density(1.0 / measured.spectrum.grid().spacing_hz()),
+        level: largest.sqrt(),
+        found: true,
+    }
+}

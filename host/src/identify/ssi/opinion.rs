@@ -1,0 +1,248 @@
+//! What subspace identification says of modes that another method found.
+//!
+//! An identification and the setups it was made from flow in; the identification flows out with a second opinion on each of its
+//! modes, the stable poles that are none of its modes, the diagrams, and warnings where the two differ.
+
+use rayon::prelude::*;
+
+use super::stabilisation::StablePole;
+use super::{SecondOpinion, SetupPoles, SubspacePole};
+use crate::identify::merge::combine;
+use crate::identify::result::{Identification, Mode, ShapeComponent};
+use crate::identify::setup::MeasuredSetup;
+use crate::identify::shape::{Shape, mac};
+use crate::identify::{IdentifyError, Suggestion, identify_beside};
+use crate::study::{ModeChoice, Sensor};
+
+/// A pole may be a mode's within so many lines and this share of the wider bandwidth together, with at least this MAC.
+const NEAR_LINES: f64 = 1.5;
+const NEAR_OF_BANDWIDTH: f64 = 1.0;
+const NEAR_MAC: f64 = 0.5;
+/// The methods disagree where they differ by more than this many of their standard deviations together.
+const DISAGREEMENT_SIGMAS: f64 = 3.0;
+/// A pole this near to a mode that the user drops is that mode, as a share of the frequency.
+const DROPPED_SHARE: f64 = 0.01;
+/// A pole within so many lines of a forced line is of that line.
+const FORCED_LINES: f64 = 2.0;
+
+/// Adds a second opinion on every mode. Where the subspace has a clear pole and the fit no mode, the fit tries once more with that
+/// pole among its picks: picking is blind where modes lie close and move alike.
+///
+/// # Errors
+/// As of [`crate::identify::identify`].
+pub fn add_second_opinion(
+    measured: &[MeasuredSetup<'_>],
+    choice: &ModeChoice,
+    identification: &mut Identification,
+) -> Result<(), IdentifyError> {
+    let setups: Vec<SetupPoles> = measured.par_iter().map(SetupPoles::of).collect();
+    add_opinions(measured, &setups, choice, identification);
+    let suggestions = suggestions(&setups, identification);
+    if suggestions.is_empty() || choice.only_hz.is_some() {
+        return Ok(());
+    }
+    let mut again = identify_beside(measured, choice, &suggestions)?;
+    add_opinions(measured, &setups, choice, &mut again);
+    // More modes are no gain where the two methods then agree on fewer.
+    let agreed = |identification: &Identification| {
+        let opinions = identification.modes.iter().filter_map(|mode| mode.second_opinion);
+        opinions.filter(|opinion| opinion.agrees).count()
+    };
+    if agreed(&again) > agreed(identification) {
+        *identification = again;
+    }
+    Ok(())
+}
+
+/// Clear poles that all setups show and that are none of the modes.
+fn suggestions(setups: &[SetupPoles], identification: &Identification) -> Vec<Suggestion> {
+    let Some((first, others)) = setups.split_first() else { return Vec::new() };
+    let spacing_hz = identification.frequency_resolution_hz;
+    let is_other = |pole: &&StablePole| {
+        let own = |other: &SubspacePole| other.frequency_hz == pole.frequency_hz;
+        identification.other_poles.iter().any(|other| other.is_clear && own(other))
+    };
+    let in_all = |pole: &StablePole| -> Option<Suggestion> {
+        let mut shapes = vec![pole.shape.clone()];
+        for setup in others {
+            let near = |other: &&StablePole| {
+                let leeway_hz =
+                    NEAR_LINES * spacing_hz + NEAR_OF_BANDWIDTH * 2.0 * pole.damping_ratio * pole.frequency_hz;
+                (other.frequency_hz - pole.frequency_hz).abs() < leeway_hz
+            };
+            let nearest = setup.stable.iter().filter(near).min_by(|a, b| {
+                let distance_hz = |other: &StablePole| (other.frequency_hz - pole.frequency_hz).abs();
+                distance_hz(a).total_cmp(&distance_hz(b))
+            })?;
+            shapes.push(nearest.shape.clone());
+        }
+        Some(Suggestion { frequency_hz: pole.frequency_hz, shapes })
+    };
+    first.stable.iter().filter(is_other).filter_map(in_all).collect()
+}
+
+/// Adds a second opinion on every mode.
+pub(super) fn add_opinions(
+    measured: &[MeasuredSetup<'_>],
+    setups: &[SetupPoles],
+    choice: &ModeChoice,
+    identification: &mut Identification,
+) {
+    let spacing_hz = identification.frequency_resolution_hz;
+    let mut opinions: Vec<Vec<(&StablePole, f64)>> = vec![Vec::new(); identification.modes.len()];
+    for (m, found) in measured.iter().zip(setups) {
+        let mut is_used = vec![false; found.stable.len()];
+        for (mode, pole, alike) in pairs(m, &identification.modes, &found.stable, spacing_hz) {
+            opinions[mode].push((&found.stable[pole], alike));
+            is_used[pole] = true;
+        }
+        let is_forced = |pole: &StablePole| {
+            let distance_hz = |forced_hz: f64| (forced_hz - pole.frequency_hz).abs();
+            let mut forced = identification.harmonics.iter();
+            forced.any(|forced| distance_hz(forced.frequency_hz) < FORCED_LINES * spacing_hz)
+        };
+        let is_unwanted = |pole: &StablePole| {
+            let leeway_hz = (NEAR_LINES * spacing_hz).max(DROPPED_SHARE * pole.frequency_hz);
+            choice.drop_hz.iter().any(|hz| (hz - pole.frequency_hz).abs() < leeway_hz)
+        };
+        let others = found.stable.iter().zip(&is_used);
+        let others = others.filter(|(pole, used)| !**used && !is_forced(pole) && !is_unwanted(pole));
+        identification.other_poles.extend(others.map(|(pole, _)| pole.report(&m.setup.name)));
+    }
+    for (mode, opinions) in identification.modes.iter_mut().zip(&opinions) {
+        mode.second_opinion = pooled(mode, opinions);
+    }
+    let disagreements = identification.modes.iter().filter_map(disagreement);
+    identification.warnings.extend(disagreements);
+    let missing = missing(identification, measured.len());
+    identification.warnings.extend(missing);
+    identification.stabilisation = measured.iter().zip(setups).map(|(m, found)| found.diagram(&m.setup.name)).collect();
+}
+
+/// Modes and the poles of a setup that are theirs (mode, pole, MAC), each once, the most alike first.
+fn pairs(
+    measured: &MeasuredSetup<'_>,
+    modes: &[Mode],
+    poles: &[StablePole],
+    spacing_hz: f64,
+) -> Vec<(usize, usize, f64)> {
+    let mut all: Vec<(f64, (usize, usize, f64))> = Vec::new();
+    for (index, mode) in modes.iter().enumerate() {
+        let Some(shape) = shape_in(measured, mode) else { continue };
+        for (at, pole) in poles.iter().enumerate() {
+            let bandwidth_hz = 2.0 * mode.damping_ratio.max(pole.damping_ratio) * mode.frequency_hz;
+            let leeway_hz = NEAR_LINES * spacing_hz + NEAR_OF_BANDWIDTH * bandwidth_hz;
+            let distance = (mode.frequency_hz - pole.frequency_hz).abs() / leeway_hz;
+            let alike = mac(&shape, &pole.shape);
+            if distance < 1.0 && alike > NEAR_MAC {
+                all.push((alike - distance * distance, (index, at, alike)));
+            }
+        }
+    }
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
+    for (_, pair) in all {
+        if pairs.iter().all(|other| other.0 != pair.0 && other.1 != pair.1) {
+            pairs.push(pair);
+        }
+    }
+    pairs
+}
+
+/// A mode's shape at a setup's channels; `None` where it is not known at one of them.
+fn shape_in(measured: &MeasuredSetup<'_>, mode: &Mode) -> Option<Shape> {
+    let components: Option<Vec<_>> = measured
+        .spectrum
+        .channels()
+        .iter()
+        .map(|&channel| {
+            let component = component(&mode.shape, &measured.setup.name, measured.setup.sensors.get(channel)?)?;
+            Some(num_complex::Complex64::new(component.re, component.im))
+        })
+        .collect();
+    components.map(Shape::from_vec)
+}
+
+/// The component of a sensor: by the name that [`crate::identify::merge`] gives it; a reference goes by its point.
+fn component<'a>(shape: &'a [ShapeComponent], setup: &str, sensor: &Sensor) -> Option<&'a ShapeComponent> {
+    let own = format!("{setup}/{}", sensor.channel);
+    let named = |name: &str| shape.iter().find(|component| component.channel == name);
+    let at_point = || shape.iter().find(|component| component.point == sensor.point);
+    if sensor.reference { at_point() } else { named(&own).or_else(|| named(&sensor.channel)) }
+}
+
+/// The opinions of all setups in one, by inverse variance; `None` where no setup has any.
+fn pooled(mode: &Mode, opinions: &[(&StablePole, f64)]) -> Option<SecondOpinion> {
+    if opinions.is_empty() {
+        return None;
+    }
+    let pole = || opinions.iter().map(|(pole, _)| pole);
+    let (frequency_hz, frequency_std_hz) = combine(pole().map(|pole| (pole.frequency_hz, pole.frequency_std_hz)));
+    let (damping_ratio, damping_ratio_std) = combine(pole().map(|pole| (pole.damping_ratio, pole.damping_ratio_std)));
+    // A stated deviation below the lower bound is chance.
+    let agree = |a: f64, b: f64, stds: [f64; 2], bound: f64| {
+        (a - b).abs() <= DISAGREEMENT_SIGMAS * stds[0].max(bound).hypot(stds[1].max(bound))
+    };
+    let frequency_stds = [mode.frequency_std_hz, frequency_std_hz];
+    let damping_stds = [mode.damping_ratio_std, damping_ratio_std];
+    Some(SecondOpinion {
+        frequency_hz,
+        frequency_std_hz,
+        damping_ratio,
+        damping_ratio_std,
+        mac: opinions.iter().map(|(_, alike)| alike).sum::<f64>() / opinions.len() as f64,
+        agrees: agree(mode.frequency_hz, frequency_hz, frequency_stds, mode.frequency_std_bound_hz)
+            && agree(mode.damping_ratio, damping_ratio, damping_stds, mode.damping_ratio_std_bound),
+    })
+}
+
+/// Says where the methods differ on a mode.
+fn disagreement(mode: &Mode) -> Option<String> {
+    let other = mode.second_opinion.filter(|opinion| !opinion.agrees)?;
+    Some(format!(
+        "mode {}: the two methods disagree. The fit of spectra has {:.5} ± {:.5} Hz and {:.2} ± {:.2} % damping, the subspace has {:.5} ± {:.5} Hz and {:.2} ± {:.2} %: trust neither further than their difference",
+        mode.number,
+        mode.frequency_hz,
+        mode.frequency_std_hz,
+        100.0 * mode.damping_ratio,
+        100.0 * mode.damping_ratio_std,
+        other.frequency_hz,
+        other.frequency_std_hz,
+        100.0 * other.damping_ratio,
+        100.0 * other.damping_ratio_std
+    ))
+}
+
+/// Says which clear poles are no modes of the first method: those that more than half of the setups show.
+fn missing(identification: &Identification, setups: usize) -> Vec<String> {
+    let clear: Vec<_> = identification.other_poles.iter().filter(|pole| pole.is_clear).collect();
+    let mut said: Vec<f64> = Vec::new();
+    let mut warnings = Vec::new();
+    for pole in &clear {
+        let is_near = |hz: f64| {
+            let bandwidth_hz = 2.0 * pole.damping_ratio * pole.frequency_hz;
+            (hz - pole.frequency_hz).abs() < NEAR_LINES * identification.frequency_resolution_hz + bandwidth_hz
+        };
+        if said.iter().any(|&hz| is_near(hz)) {
+            continue;
+        }
+        said.push(pole.frequency_hz);
+        let shown = clear.iter().filter(|other| is_near(other.frequency_hz)).count();
+        if 2 * shown > setups {
+            let nearest = identification
+                .modes
+                .iter()
+                .map(|mode| mode.frequency_hz)
+                .min_by(|a, b| (a - pole.frequency_hz).abs().total_cmp(&(b - pole.frequency_hz).abs()));
+            let nearest = nearest.map_or(String::new(), |hz| format!("; its nearest mode is at {hz:.5} Hz"));
+            warnings.push(format!(
+                "the subspace has a stable pole at {:.5} ± {:.5} Hz with {:.2} ± {:.2} % damping where the fit of spectra has no mode{nearest}. If it is a mode, add it with add_modes_hz in [analysis]",
+                pole.frequency_hz,
+                pole.frequency_std_hz,
+                100.0 * pole.damping_ratio,
+                100.0 * pole.damping_ratio_std
+            ));
+        }
+    }
+    warnings
+}
