@@ -106,8 +106,8 @@ struct Cluster {
     certainty: Vec<Certainty>,
 }
 
-/// Rounds of modes that are fitted one by one, once they are near their place.
-const ALONE_ROUNDS: usize = 3;
+/// Rounds of modes that few channels see, once they are near their place.
+const MIXED_ROUNDS: usize = 3;
 
 /// What a joint fit is worth.
 struct Effort {
@@ -310,7 +310,9 @@ impl State {
         }
         if !failed.is_empty() {
             let mut alone = before;
-            for _ in 0..ALONE_ROUNDS {
+            // Few channels leave neighbours in each other's spectra, whose fits wait for each other.
+            let is_mixed = spectrum.channels().len() < JOINT_CHANNELS;
+            for _ in 0..if is_mixed { MIXED_ROUNDS } else { 1 } {
                 alone.improve(spectrum, matrices);
             }
             for mode in failed {

@@ -1,9 +1,9 @@
 //! A second opinion on modes: covariance-driven stochastic subspace identification (SSI-cov), reference-based (Peeters and De
 //! Roeck 1999).
 //!
-//! The averaged cross-spectral matrices of setups flow in. [`covariance`] transforms them, a sub-band at a time, to covariances;
-//! [`subspace`] reads poles of all orders from these; [`uncertainty`] says how far each pole moves with the data;
-//! [`stabilisation`] keeps the poles that return from order to order. `opinion` pairs them with modes that are known already,
+//! The averaged cross-spectral matrices of setups flow in. `covariance` transforms them, a sub-band at a time, to covariances;
+//! `subspace` reads poles of all orders from these; `uncertainty` says how far each pole moves with the data;
+//! `stabilisation` keeps the poles that return from order to order. `opinion` pairs them with modes that are known already,
 //! `modes` makes modes of them alone. Out flow what the method says of each known mode, the stable poles that are none of them,
 //! and the stabilisation diagram.
 //!
