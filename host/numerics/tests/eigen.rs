@@ -4,7 +4,7 @@ use belfry_numerics::{
     CholeskyFactor, EigenPairs, SingularTriplets, complex_product, general_eigen, general_eigen_complex,
     singular_triplets,
 };
-use nalgebra::{Complex, DMatrix};
+use nalgebra::{Complex, DMatrix, DVector};
 
 #[test]
 fn a_rotation_turns_with_conjugate_values() {
@@ -38,6 +38,25 @@ fn a_generalised_problem_is_solved_in_the_metric_of_its_factor() {
         assert!((x.dot(&(&metric * x)) - 1.0).abs() < 1e-14);
     }
     assert!(values.is_sorted());
+}
+
+#[test]
+fn rows_that_nothing_couples_are_solved_apart_and_come_in_one_order() {
+    // Rows 0 and 2 hang together, as do 1 and 4 through the metric alone; row 3 is on its own.
+    let mut metric = DMatrix::from_diagonal(&DVector::from_row_slice(&[2.0, 3.0, 4.0, 1.0, 5.0]));
+    let mut other = DMatrix::from_diagonal(&DVector::from_row_slice(&[1.0, 2.0, 7.0, 3.0, 0.5]));
+    (other[(0, 2)], other[(2, 0)]) = (0.7, 0.7);
+    (metric[(1, 4)], metric[(4, 1)]) = (-0.9, -0.9);
+    let EigenPairs { values, vectors } = CholeskyFactor::of(&metric, 1e-13).unwrap().generalised_eigen(&other).unwrap();
+    assert!(values.is_sorted());
+    let whole = vectors.transpose() * &metric * &vectors;
+    assert!((whole - DMatrix::identity(5, 5)).norm() < 1e-14);
+    assert!((&other * &vectors - &metric * &vectors * DMatrix::from_diagonal(&values.into())).norm() < 1e-14);
+    for vector in vectors.column_iter() {
+        let moves = |rows: &[usize]| rows.iter().any(|&row| vector[row] != 0.0);
+        let sets = [moves(&[0, 2]), moves(&[1, 4]), moves(&[3])];
+        assert_eq!(sets.iter().filter(|&&moves| moves).count(), 1, "{vector}");
+    }
 }
 
 #[test]

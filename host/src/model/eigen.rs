@@ -121,12 +121,9 @@ impl ModalBasis {
         if inverse_lambda < -1e-9 * greatest {
             return Err(EigenError::NegativeMass { inverse_lambda });
         }
-        let dofs = ascending.len();
         let inverse_lambda = ascending.iter().rev().map(|&mu| if mu > NEGLIGIBLE * greatest { mu } else { 0.0 });
-        Ok(Self {
-            inverse_lambda: inverse_lambda.collect(),
-            vectors: DMatrix::from_fn(dofs, dofs, |row, mode| vectors[(row, dofs - 1 - mode)]),
-        })
+        let descending: Vec<_> = (0..ascending.len()).rev().map(|index| vectors.column(index)).collect();
+        Ok(Self { inverse_lambda: inverse_lambda.collect(), vectors: DMatrix::from_columns(&descending) })
     }
 
     /// The sign that makes a vector's largest component positive.

@@ -4,7 +4,7 @@
 //! (1993), "An improved two-node Timoshenko beam finite element", Computers & Structures 47. With an
 //! infinite shear stiffness they are the cubic Hermite functions.
 
-use nalgebra::{DMatrix, Matrix2, Matrix4, RowVector4, SMatrix};
+use nalgebra::{DMatrix, Matrix4, RowVector4, SMatrix};
 
 use super::DOFS_A_NODE;
 use super::beam::Segment;
@@ -37,8 +37,10 @@ pub(super) fn stiffness(segment: &Segment) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_
     for (row, column, sign) in [(4, 4, 1.0), (9, 9, 1.0), (4, 9, -1.0), (9, 4, -1.0)] {
         local[(row, column)] += sign * torsion;
     }
-    let turn = turn(segment.axis_deg);
-    turn.transpose() * local * turn
+    let axes = Axes::at(segment.axis_deg);
+    axes.turn_rows(&mut local);
+    axes.turn_columns(&mut local);
+    local
 }
 
 /// Geometric stiffness of a segment under a compression in N, to be taken off its stiffness: N/(30 L) [36, 3L, -36, 3L; 3L,
@@ -82,8 +84,10 @@ pub(super) fn interpolation(segment: &Segment, z_m: f64) -> SMatrix<f64, DOFS_A_
     }
     local[(4, 4)] = 1.0 - xi;
     local[(4, 9)] = xi;
-    let turn = turn(segment.axis_deg);
-    turn.fixed_view::<DOFS_A_NODE, DOFS_A_NODE>(0, 0).transpose() * local * turn
+    let axes = Axes::at(segment.axis_deg);
+    axes.turn_rows(&mut local);
+    axes.turn_columns(&mut local);
+    local
 }
 
 /// phi = 12 EI / (kGA L²), zero where the segment is rigid in shear.
@@ -123,15 +127,46 @@ fn plane_shapes(length: f64, phi: f64, xi: f64) -> (RowVector4<f64>, RowVector4<
     (deflection / (1.0 + phi), rotation / (1.0 + phi))
 }
 
-/// Global to local axes for both nodes.
-fn turn(axis_deg: f64) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
-    let (sin, cos) = axis_deg.to_radians().sin_cos();
-    let plan = Matrix2::new(cos, sin, -sin, cos);
-    let mut turn = SMatrix::<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>::identity();
-    for corner in [0, 2, 5, 7] {
-        turn.fixed_view_mut::<2, 2>(corner, corner).copy_from(&plan);
+/// Local axes in plan. Motions and rotations of a node are turned pair by pair: products with a 10 x 10 matrix of rotations, nearly
+/// all of it zeros, took half of the time in which matrices are assembled.
+struct Axes {
+    sin: f64,
+    cos: f64,
+}
+
+impl Axes {
+    fn at(axis_deg: f64) -> Self {
+        let (sin, cos) = axis_deg.to_radians().sin_cos();
+        Self { sin, cos }
     }
-    turn
+
+    /// The first of each pair `[ux, uy]`, `[rx, ry]` among the DOFs of one node or two.
+    fn pairs(dofs: usize) -> impl Iterator<Item = usize> {
+        (0..dofs).step_by(DOFS_A_NODE).flat_map(|node| [node, node + 2])
+    }
+
+    /// The global components of what the rows give in local ones.
+    fn turn_rows<const R: usize, const C: usize>(&self, matrix: &mut SMatrix<f64, R, C>) {
+        for mut column in matrix.column_iter_mut() {
+            for first in Self::pairs(R) {
+                [column[first], column[first + 1]] = self.turned(column[first], column[first + 1]);
+            }
+        }
+    }
+
+    /// From a matrix by local DOFs to one by global DOFs.
+    fn turn_columns<const R: usize, const C: usize>(&self, matrix: &mut SMatrix<f64, R, C>) {
+        for row in 0..R {
+            for first in Self::pairs(C) {
+                [matrix[(row, first)], matrix[(row, first + 1)]] =
+                    self.turned(matrix[(row, first)], matrix[(row, first + 1)]);
+            }
+        }
+    }
+
+    fn turned(&self, along_1: f64, along_2: f64) -> [f64; 2] {
+        [self.cos * along_1 - self.sin * along_2, self.sin * along_1 + self.cos * along_2]
+    }
 }
 
 /// Adds a segment's matrix into a matrix over all nodes, the base included; `segment` counts from 0.

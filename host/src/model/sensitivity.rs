@@ -82,14 +82,15 @@ impl Change {
 /// First derivatives of ln f of the modes `modes` (0-based, with mass) by a change: `phiᵀ (dK - lambda dM) phi / (2 lambda)`
 /// (Fox and Kapoor 1968, eq. 7).
 pub fn frequency_derivatives(basis: &ModalBasis, modes: &[usize], change: &Change) -> Vec<f64> {
-    let slope = |&mode: &usize| {
-        let mu = basis.inverse_lambda[mode];
-        let local =
-            DVector::from_iterator(change.rows.len(), change.rows.iter().map(|&row| basis.vectors[(row, mode)]));
+    // All modes at once, as below.
+    let local = basis.vectors.select_columns(modes).select_rows(&change.rows);
+    let (elastic, inertial) = (&change.stiffness * &local, &change.mass * &local);
+    let slope = |(at, &mode): (usize, &usize)| {
+        let local = local.column(at);
         // phi = x / sqrt(mu) and lambda = 1 / mu.
-        0.5 * (local.dot(&(&change.stiffness * &local)) - local.dot(&(&change.mass * &local)) / mu)
+        0.5 * (local.dot(&elastic.column(at)) - local.dot(&inertial.column(at)) / basis.inverse_lambda[mode])
     };
-    modes.iter().map(slope).collect()
+    modes.iter().enumerate().map(slope).collect()
 }
 
 /// Derivatives of the modes `modes` (0-based, with mass) by a change. `sensor_vectors` are the basis' vectors at the
