@@ -292,17 +292,6 @@ fn a_damper_is_found_by_a_pair_that_is_apart() {
 }
 
 /// The structure is stiffer than its model, where the only effect there can soften it.
-#[test]
-fn what_would_need_an_impossible_value_is_listed_as_such() {
-    let (structure, model, sensors) = study();
-    let modes = measured(&structure, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(71));
-    let soft = structure.and(&effects(&["base-translation=8e-10"])).unwrap();
-    let problem = Problem::new(soft, &[], &model, &sensors, &modes).unwrap();
-    let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
-    let rejected = diagnosis.candidates.iter().find(|candidate| candidate.effect == "base-translation").unwrap();
-    assert!(!rejected.admissible && rejected.parameters[0].value < 0.0, "{rejected:?}");
-    assert!(diagnosis.best.iter().all(|best| best != "base-translation"));
-}
 
 /// Tests of fit on sound towers that scatter as far as they may fail as often as they say, or less; on towers that scatter
 /// three times as far they fail.
@@ -385,24 +374,6 @@ fn exact_twins_are_named_together_with_what_would_settle_it() {
 }
 
 /// Two effects at once: adding step by step finds both, and a first pick that the second makes needless goes again.
-#[test]
-fn hidden_pairs_are_found_step_by_step_and_errors_on_what_was_left_out_fall() {
-    let (structure, model, sensors) = study();
-    let truth = structure.clone().and(&effects(&["base-rotation=9e-15", "sensor-gain@ch13=1.4"])).unwrap();
-    let modes = measured(&truth, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(9));
-    let setting = steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
-    let mut records = vec![setting.refit("start", &[]).unwrap().record];
-    let mut tell = |step: &steps::Step| records.push(step.record.clone());
-    let found = setting.auto(&[], &Signals::default(), &Options::default(), &mut tell).unwrap();
-    let mut names: Vec<String> = found.iter().map(ToString::to_string).collect();
-    names.sort();
-    assert_eq!(names, ["base-rotation", "sensor-gain@ch13"]);
-    let (first, last) = (&records[0], records.last().unwrap());
-    assert!(last.p_value > 0.01 && first.p_value < 1e-6);
-    assert!(last.mean_abs_frequency_error_percent < 0.1 * first.mean_abs_frequency_error_percent);
-    assert!(last.held_out_mode_error_percent.unwrap() < 0.1 * first.held_out_mode_error_percent.unwrap());
-    assert!(last.held_out_error_percent.unwrap() < 0.5 * first.held_out_error_percent.unwrap());
-}
 
 #[test]
 fn effects_that_are_one_and_the_same_are_refused_together() {
@@ -489,5 +460,38 @@ mod long {
     #[ignore = "long: ./test --all runs it"]
     fn nothing_passes_for_an_effect_outside_the_catalogue() {
         are_unknown(&OUTSIDE);
+    }
+
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn hidden_pairs_are_found_step_by_step_and_errors_on_what_was_left_out_fall() {
+        let (structure, model, sensors) = study();
+        let truth = structure.clone().and(&effects(&["base-rotation=9e-15", "sensor-gain@ch13=1.4"])).unwrap();
+        let modes = measured(&truth, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(9));
+        let setting = steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
+        let mut records = vec![setting.refit("start", &[]).unwrap().record];
+        let mut tell = |step: &steps::Step| records.push(step.record.clone());
+        let found = setting.auto(&[], &Signals::default(), &Options::default(), &mut tell).unwrap();
+        let mut names: Vec<String> = found.iter().map(ToString::to_string).collect();
+        names.sort();
+        assert_eq!(names, ["base-rotation", "sensor-gain@ch13"]);
+        let (first, last) = (&records[0], records.last().unwrap());
+        assert!(last.p_value > 0.01 && first.p_value < 1e-6);
+        assert!(last.mean_abs_frequency_error_percent < 0.1 * first.mean_abs_frequency_error_percent);
+        assert!(last.held_out_mode_error_percent.unwrap() < 0.1 * first.held_out_mode_error_percent.unwrap());
+        assert!(last.held_out_error_percent.unwrap() < 0.5 * first.held_out_error_percent.unwrap());
+    }
+
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn what_would_need_an_impossible_value_is_listed_as_such() {
+        let (structure, model, sensors) = study();
+        let modes = measured(&structure, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(71));
+        let soft = structure.and(&effects(&["base-translation=8e-10"])).unwrap();
+        let problem = Problem::new(soft, &[], &model, &sensors, &modes).unwrap();
+        let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
+        let rejected = diagnosis.candidates.iter().find(|candidate| candidate.effect == "base-translation").unwrap();
+        assert!(!rejected.admissible && rejected.parameters[0].value < 0.0, "{rejected:?}");
+        assert!(diagnosis.best.iter().all(|best| best != "base-translation"));
     }
 }
