@@ -236,9 +236,9 @@ impl Bell {
             least_gain: 1e-10 * self.density.len() as f64,
         };
         let start = Model::start(self, start, neighbours, limits_hz);
-        let fitted =
+        let (fitted, objective) =
             fisher_scoring(start, &schedule, |model| model.slopes(self), |model, step| model.moved(step, self))?;
-        Some(fitted.result(fitted.slopes(self)?.objective))
+        Some(fitted.result(objective))
     }
 }
 

@@ -16,7 +16,7 @@ const NEAR_SHARE: f64 = 0.01;
 const SAME_LINES: f64 = 0.5;
 
 /// How far from `frequency_hz` the user may have meant.
-fn leeway_hz(grid: &LineGrid, frequency_hz: f64) -> f64 {
+pub(super) fn leeway_hz(grid: &LineGrid, frequency_hz: f64) -> f64 {
     (NEAR_LINES * grid.spacing_hz()).max(NEAR_SHARE * frequency_hz)
 }
 

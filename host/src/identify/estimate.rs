@@ -11,6 +11,7 @@ use super::joint_fit::Certainty;
 use super::matrices::{Matrices, bell};
 use super::pick::Pick;
 use super::residue::{Beside, residues};
+use super::scatter::{ShapeScatter, jackknife};
 use super::shape::{Shape, align, modal_filter, normalise};
 use super::start::first_bell;
 use crate::spectra::{CrossSpectrum, LineGrid};
@@ -265,7 +266,8 @@ impl State {
                 before.range(mode, &inside, grid)
             });
             let (first, last) = ranges.fold((usize::MAX, 0), |(a, b), (first, last)| (a.min(first), b.max(last)));
-            let stopped = before.stopped(modes, [grid.frequency_hz(first), grid.frequency_hz(last)], grid);
+            let range_hz = [grid.frequency_hz(first), grid.frequency_hz(last)];
+            let stopped = before.stopped(modes, range_hz, grid);
             let own: Vec<&Shape> = modes.iter().map(|&mode| &before.shapes[mode]).collect();
             let others: Vec<&Shape> = stopped.iter().map(|&mode| &before.shapes[mode]).collect();
             let lines: Vec<&DMatrix<Complex64>> = (first..=last).map(|line| matrices.at(line)).collect();
@@ -279,11 +281,8 @@ impl State {
                 let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode, spacing_hz)).collect();
                 let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
                 let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
-                let width_hz = grid.frequency_hz(last) - grid.frequency_hz(first);
-                let is_near = |other: &&usize| {
-                    let hz = before.fits[**other].resonance.frequency_hz;
-                    (hz - grid.frequency_hz(first).max(hz.min(grid.frequency_hz(last)))).abs() < BESIDE * width_hz
-                };
+                let width_hz = range_hz[1] - range_hz[0];
+                let is_near = |other: &&usize| before.outside_hz(**other, range_hz) < BESIDE * width_hz;
                 let beside: Vec<Beside> = stopped
                     .iter()
                     .filter(is_near)
@@ -326,10 +325,7 @@ impl State {
     /// nearest, as many as the channels can tell apart.
     fn stopped(&self, cluster: &[usize], [lowest_hz, highest_hz]: [f64; 2], grid: &LineGrid) -> Vec<usize> {
         let spacing_hz = grid.spacing_hz();
-        let outside_hz = |other: usize| {
-            let hz = self.fits[other].resonance.frequency_hz;
-            (lowest_hz - hz).max(hz - highest_hz).max(0.0)
-        };
+        let outside_hz = |other: usize| self.outside_hz(other, [lowest_hz, highest_hz]);
         let mut stopped: Vec<usize> = cluster.iter().flat_map(|&mode| self.stopped_beside(mode, spacing_hz)).collect();
         let response = |mode: usize, hz: f64| {
             let fit = &self.fits[mode];
@@ -349,6 +345,12 @@ impl State {
         let channels = self.shapes.first().map_or(0, Shape::len);
         stopped.truncate((channels / 2).saturating_sub(cluster.len()));
         stopped
+    }
+
+    /// How far a mode's frequency is outside of a range.
+    fn outside_hz(&self, mode: usize, [lowest_hz, highest_hz]: [f64; 2]) -> f64 {
+        let hz = self.fits[mode].resonance.frequency_hz;
+        (lowest_hz - hz).max(hz - highest_hz).max(0.0)
     }
 
     /// Where the fit may take a mode.
@@ -418,15 +420,8 @@ impl State {
                 other
             })
             .collect();
-        let scatter = |component: fn(&Complex64) -> f64| -> Vec<f64> {
-            (0..shape.len())
-                .map(|place| jackknife(&aligned.iter().map(|other| component(&other[place])).collect::<Vec<_>>()))
-                .collect()
-        };
-        let (real_std, imaginary_std) = (scatter(|c| c.re), scatter(|c| c.im));
-        let shape_std =
-            real_std.iter().zip(&imaginary_std).map(|(re, im)| re.hypot(*im) / std::f64::consts::SQRT_2).collect();
-        drop_scatter(&mut shape, &imaginary_std);
+        let scatter = ShapeScatter::of(shape.len(), &aligned);
+        drop_scatter(&mut shape, &scatter.imaginary);
         let [lowest, highest] = self.limits_hz(mode, spacing_hz);
         let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
         let fit = &self.fits[mode];
@@ -453,7 +448,7 @@ impl State {
                 .max(certainty.map_or(0.0, |certainty| certainty.frequency_std_hz)),
             damping_std: deviation(&|state| state.fits[mode].resonance.damping_ratio)
                 .max(certainty.map_or(0.0, |certainty| certainty.damping_std)),
-            shape_std,
+            shape_std: scatter.component,
         }
     }
 }
@@ -472,31 +467,5 @@ fn drop_scatter(shape: &mut Shape, imaginary_std: &[f64]) {
     if power > 0.0 && scatter.is_finite() {
         let kept = (1.0 - scatter / power).max(0.0);
         shape.iter_mut().for_each(|component| component.im *= kept);
-    }
-}
-
-/// Standard deviation of an estimate from its delete-a-group replicates (Efron & Tibshirani 1993, eq. 11.5); infinite
-/// where there are fewer than two, which no uncertainty can be read from.
-fn jackknife(replicates: &[f64]) -> f64 {
-    let count = replicates.len() as f64;
-    if replicates.len() < 2 {
-        return f64::INFINITY;
-    }
-    let mean = replicates.iter().sum::<f64>() / count;
-    ((count - 1.0) / count * replicates.iter().map(|value| (value - mean).powi(2)).sum::<f64>()).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_jackknife_of_a_mean_is_its_standard_error() {
-        let values = [1.0, 4.0, 2.0, 8.0, 5.0, 7.0];
-        let total: f64 = values.iter().sum();
-        let replicates: Vec<f64> = values.iter().map(|value| (total - value) / 5.0).collect();
-        let mean = total / 6.0;
-        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / 5.0;
-        assert!((jackknife(&replicates) - (variance / 6.0).sqrt()).abs() < 1e-12);
     }
 }

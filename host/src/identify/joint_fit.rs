@@ -51,7 +51,8 @@ impl JointFit {
             most_steps: most_steps.min(MAX_STEPS),
             least_gain: LEAST_GAIN * seen.matrices.len() as f64,
         };
-        fisher_scoring(self.clone(), &schedule, |fit| fit.slopes(seen), |fit, step| fit.moved(step, limits_hz))
+        let moved = |fit: &Self, step: &DVector<f64>| fit.moved(step, limits_hz);
+        Some(fisher_scoring(self.clone(), &schedule, |fit| fit.slopes(seen), moved)?.0)
     }
 
     /// How sure the likelihood is of each mode: the inverse of the Fisher information, everything else being fitted as well

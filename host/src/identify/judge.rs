@@ -5,13 +5,14 @@
 
 use super::estimate::{SetupMode, SetupModes};
 use super::merge::combine;
+use super::scatter::noise_share;
 use super::shape::mac;
 
 /// Standard deviation of a shape over its length, at most.
 const MAX_SHAPE_NOISE: f64 = 0.5;
 /// No structure has damping ratios beyond these.
 const MAX_DAMPING: f64 = 0.2;
-const MIN_DAMPING: f64 = 5e-4;
+pub(super) const MIN_DAMPING: f64 = 5e-4;
 /// Two estimates within this many lines and half a bandwidth, with a MAC above this, are one mode.
 const DOUBLE_LINES: f64 = 1.0;
 const DOUBLE_MAC: f64 = 0.5;
@@ -62,11 +63,8 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> f64 {
     if 2 * found.len() < estimates.len() || found.is_empty() {
         return f64::INFINITY;
     }
-    let shape_noise = |mode: &&SetupMode| {
-        let variance: f64 = mode.shape_std.iter().map(|std| 2.0 * std * std).sum();
-        (variance / mode.shape.norm_squared()).sqrt()
-    };
-    let shape_noise = estimates.iter().map(shape_noise).sum::<f64>() / estimates.len() as f64;
+    let shape_noise = estimates.iter().map(|mode| noise_share(&mode.shape, &mode.shape_std)).sum::<f64>();
+    let shape_noise = shape_noise / estimates.len() as f64;
     let (_, frequency_std_hz) = combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
     let (damping, _) = combine(found.iter().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
     // No structure has so little damping: the fit took a line of noise for a resonance.

@@ -3,7 +3,7 @@
 //! Per-setup cross-spectral matrices flow in; modes with frequency, damping, shape and the uncertainty of each flow out.
 //! `pick` finds modes in the singular values, `shape` filters each mode from its neighbours, [`bell`] reads frequency and
 //! damping from the filtered spectrum one by one; from there `cluster`, `joint` and `joint_fit` fit close modes together by
-//! maximum likelihood. The jackknife in `estimate` says how sure it all is, `judge` throws out what the data do not determine, and
+//! maximum likelihood. The jackknife in `scatter` says how sure it all is, `judge` throws out what the data do not determine, and
 //! `merge` joins the setups. `choice` applies the user's choice of modes; [`track`] follows known modes through parts of a
 //! record; [`accuracy`] tells how long a record must be for a given accuracy. [`ssi`] identifies the same spectra by another
 //! method, as a second opinion.
@@ -21,6 +21,7 @@ mod merge;
 mod pick;
 mod residue;
 mod result;
+mod scatter;
 mod scoring;
 mod setup;
 mod shape;
@@ -122,11 +123,7 @@ fn identify_beside(
     choice: &ModeChoice,
     suggestions: &[Suggestion],
 ) -> Result<Identification, IdentifyError> {
-    let first = measured.first().ok_or(IdentifyError::NoSetup)?;
-    let grid = *first.spectrum.grid();
-    if let Some(other) = measured.iter().find(|m| *m.spectrum.grid() != grid) {
-        return Err(IdentifyError::DifferentLines { setup: other.setup.name.clone() });
-    }
+    let grid = same_lines(measured)?;
     let averages: usize = measured.iter().map(|m| m.spectrum.averages()).sum();
     let channels = measured.iter().map(|m| m.spectrum.channels().len()).max().unwrap_or(0);
     for m in measured {
@@ -151,8 +148,7 @@ fn identify_beside(
     choice::drop_picks(&grid, &mut picks, choice, &mut warnings);
     choice::add_picks(&grid, measured, &singular, &mut picks, choice, &mut warnings);
     if picks.is_empty() && choice.only_hz.is_some() {
-        let band_hz = [grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1))];
-        return Err(IdentifyError::NoneInBand { low_hz: band_hz[0], high_hz: band_hz[1] });
+        return Err(none_in_band(&grid));
     }
     let mut per_setup = Vec::new();
     loop {
@@ -204,13 +200,30 @@ fn identify_beside(
     })
 }
 
+/// The lines of all setups.
+///
+/// # Errors
+/// Where there is no setup, or one has other lines than the first.
+fn same_lines(measured: &[MeasuredSetup<'_>]) -> Result<LineGrid, IdentifyError> {
+    let first = measured.first().ok_or(IdentifyError::NoSetup)?;
+    let grid = *first.spectrum.grid();
+    match measured.iter().find(|m| *m.spectrum.grid() != grid) {
+        Some(other) => Err(IdentifyError::DifferentLines { setup: other.setup.name.clone() }),
+        None => Ok(grid),
+    }
+}
+
+/// The user names modes, none of them among the lines.
+fn none_in_band(grid: &LineGrid) -> IdentifyError {
+    let last = grid.lines.saturating_sub(1);
+    IdentifyError::NoneInBand { low_hz: grid.frequency_hz(0), high_hz: grid.frequency_hz(last) }
+}
+
 /// Frequencies in Hz of the peaks that pass for modes at first sight, lowest first; none where the setups' lines differ or
 /// there are fewer averages than channels.
 pub fn picked_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
-    let Some(first) = measured.first() else { return Vec::new() };
-    let grid = *first.spectrum.grid();
-    let is_full = |m: &MeasuredSetup<'_>| m.spectrum.averages() >= m.spectrum.channels().len();
-    if !measured.iter().all(|m| *m.spectrum.grid() == grid && is_full(m)) {
+    let Ok(grid) = same_lines(measured) else { return Vec::new() };
+    if !measured.iter().all(|m| m.spectrum.averages() >= m.spectrum.channels().len()) {
         return Vec::new();
     }
     let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();

@@ -70,6 +70,9 @@ pub(super) struct Kurtosis {
 }
 
 impl Kurtosis {
+    /// That of a mode, before anything is known.
+    pub(super) const OF_A_MODE: Self = Self { value: 3.0, sigmas_below: 0.0 };
+
     /// Whether it is so far from a mode's that nothing else need be known.
     pub(super) fn is_harmonics(&self) -> bool {
         self.is_low() && self.sigmas_below > HARMONIC_SIGMAS
@@ -120,7 +123,7 @@ pub(super) fn suggested(grid: &LineGrid, measured: &[MeasuredSetup<'_>], suggest
     let mut pick = Pick {
         line: grid.nearest_line(suggestion.frequency_hz),
         shapes: suggestion.shapes.clone(),
-        kurtosis: Kurtosis { value: 3.0, sigmas_below: 0.0 },
+        kurtosis: Kurtosis::OF_A_MODE,
         by_user: false,
     };
     pick.kurtosis = kurtosis(measured, &pick);
@@ -264,12 +267,7 @@ impl Layer {
 
     fn pick(&self, line: usize) -> Pick {
         let shapes = self.lines[line].iter().map(|setup| setup.vector.clone()).collect();
-        Pick {
-            line: self.first_line + line,
-            shapes,
-            kurtosis: Kurtosis { value: 3.0, sigmas_below: 0.0 },
-            by_user: false,
-        }
+        Pick { line: self.first_line + line, shapes, kurtosis: Kurtosis::OF_A_MODE, by_user: false }
     }
 }
 

@@ -68,18 +68,17 @@ pub(super) fn residues(
         }
     });
     let channels = filters.ncols();
+    // What the filters should see of the modes, line by line.
+    let expected = seen.frequency_hz.iter().map(|&hz| {
+        let spectra = fit.modal_spectra(hz, seen.duration_s);
+        &fit.mixture * spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz)
+    });
+    let expected: Vec<DMatrix<Complex64>> = expected.collect();
     let of_mode = |mode: usize| -> Option<Shape> {
         let row = filters.rows(mode, 1).adjoint();
         // Variance of the cross spectrum with noise on the channel.
-        let variance: Vec<f64> = seen
-            .frequency_hz
-            .iter()
-            .map(|&hz| {
-                let spectra = fit.modal_spectra(hz, seen.duration_s);
-                let expected = &fit.mixture * spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz);
-                expected[(mode, mode)].re * noise / seen.averages.max(1.0)
-            })
-            .collect();
+        let variance = |line: usize| expected[line][(mode, mode)].re * noise / seen.averages.max(1.0);
+        let variance: Vec<f64> = (0..lines).map(variance).collect();
         let weighted = DMatrix::from_fn(unknowns, lines, |column, line| basis[(line, column)].conj() / variance[line]);
         let mut normal = &weighted * &basis;
         for (place, (_, level)) in poles.iter().enumerate() {

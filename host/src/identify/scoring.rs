@@ -39,7 +39,7 @@ pub(super) fn fisher_scoring<P>(
     schedule: &Schedule,
     slopes_at: impl Fn(&P) -> Option<Slopes>,
     moved: impl Fn(&P, &DVector<f64>) -> P,
-) -> Option<P> {
+) -> Option<(P, f64)> {
     let mut here = start;
     let mut slopes = slopes_at(&here)?;
     let mut damping = schedule.damping;
@@ -69,5 +69,5 @@ pub(super) fn fisher_scoring<P>(
             }
         }
     }
-    Some(here)
+    Some((here, slopes.objective))
 }

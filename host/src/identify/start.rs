@@ -1,7 +1,7 @@
 //! Where the fits start: a mode's first frequency, damping and level.
 //!
-//! A pick's line and shape flow in; EFDD about the line, or the bell of a wide mode where that explains the lines clearly
-//! better, flows out.
+//! A pick's line and shape flow in; EFDD about the line, or the bell of a wide mode where that explains the lines best,
+//! flows out.
 
 use super::bell::{BellFit, DAMPING_RANGE, Quantity, Resonance};
 use super::estimate::{LEEWAY_BANDWIDTHS, LEEWAY_LINES};
@@ -18,7 +18,6 @@ const START_LINES: usize = 4;
 const MOST_START_LINES: usize = 150;
 const WIDE_START_LINES: [f64; 3] = [10.0, 30.0, 90.0];
 const WIDE_LINES: f64 = 6.0;
-
 /// What is wider is the floor's own slope.
 const MOST_DAMPING: f64 = 0.15;
 

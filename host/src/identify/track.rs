@@ -76,8 +76,7 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>
                 .max_by(|a, b| a.0.total_cmp(&b.0))
                 .map_or_else(|| grid.nearest_line(hz(*index)), |(_, line)| line);
             let unit = shape / Complex64::from(shape.norm().max(f64::MIN_POSITIVE));
-            let kurtosis = Kurtosis { value: 3.0, sigmas_below: 0.0 };
-            Pick { line, shapes: vec![unit], kurtosis, by_user: true }
+            Pick { line, shapes: vec![unit], kurtosis: Kurtosis::OF_A_MODE, by_user: true }
         })
         .collect();
     let estimates = estimate::estimate(spectrum, quantity(measured.setup), 0, &picks);

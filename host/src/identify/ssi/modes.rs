@@ -7,14 +7,16 @@ use rayon::prelude::*;
 
 use super::SetupPoles;
 use super::stabilisation::StablePole;
-use crate::identify::IdentifyError;
 use crate::identify::bell::Resonance;
+use crate::identify::choice::leeway_hz;
 use crate::identify::estimate::{SetupMode, SetupModes};
+use crate::identify::judge::MIN_DAMPING;
 use crate::identify::merge::{duration_s, merge};
-use crate::identify::pick::{Pick, kurtosis};
+use crate::identify::pick::suggested;
 use crate::identify::result::{Harmonic, Identification};
 use crate::identify::setup::{MeasuredSetup, quantity};
 use crate::identify::singular::SingularValues;
+use crate::identify::{IdentifyError, Suggestion, none_in_band, same_lines};
 use crate::spectra::LineGrid;
 use crate::study::ModeChoice;
 
@@ -23,11 +25,6 @@ use crate::study::ModeChoice;
 const NEAR_LINES: f64 = 1.5;
 const NEAR_OF_BANDWIDTH: f64 = 1.0;
 const NEAR_OF_FREQUENCY: f64 = 0.003;
-/// How far from a pole the user may have meant, in lines and as a share of the frequency, whichever is more.
-const MEANT_LINES: f64 = 2.0;
-const MEANT_SHARE: f64 = 0.01;
-/// No structure has so little damping: with the kurtosis of a forced line it is one.
-const FORCED_DAMPING: f64 = 5e-4;
 
 /// Identifies the modes that all setups show by their subspaces.
 ///
@@ -37,17 +34,12 @@ pub fn identify_by_subspace(
     measured: &[MeasuredSetup<'_>],
     choice: &ModeChoice,
 ) -> Result<Identification, IdentifyError> {
-    let first = measured.first().ok_or(IdentifyError::NoSetup)?;
-    let grid = *first.spectrum.grid();
-    if let Some(other) = measured.iter().find(|m| *m.spectrum.grid() != grid) {
-        return Err(IdentifyError::DifferentLines { setup: other.setup.name.clone() });
-    }
+    let grid = same_lines(measured)?;
     let setups: Vec<SetupPoles> = measured.par_iter().map(SetupPoles::of).collect();
     let mut warnings = Vec::new();
     let chosen = chosen(&common(&setups, &grid), choice, &grid, &mut warnings);
     if chosen.is_empty() && choice.only_hz.is_some() {
-        let band_hz = [grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1))];
-        return Err(IdentifyError::NoneInBand { low_hz: band_hz[0], high_hz: band_hz[1] });
+        return Err(none_in_band(&grid));
     }
     let mut harmonics = Vec::new();
     let mut modes: Vec<Vec<&StablePole>> = Vec::new();
@@ -136,7 +128,7 @@ fn chosen<'a>(
 ) -> Vec<Vec<&'a StablePole>> {
     let mut nearest = |asked_hz: f64, key: &str, then: &str| {
         let distance_hz = |at: &usize| (mean_hz(&poles[*at]) - asked_hz).abs();
-        let leeway_hz = (MEANT_LINES * grid.spacing_hz()).max(MEANT_SHARE * asked_hz);
+        let leeway_hz = leeway_hz(grid, asked_hz);
         let found = (0..poles.len()).min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
         let found = found.filter(|at| distance_hz(at) <= leeway_hz);
         if found.is_none() {
@@ -164,12 +156,10 @@ fn chosen<'a>(
 
 /// The forced line that poles are of, where they have next to no damping and the response has the kurtosis of one.
 fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid) -> Option<Harmonic> {
-    let shapes = poles.iter().map(|pole| pole.shape.clone()).collect();
-    let none = crate::identify::pick::Kurtosis { value: 3.0, sigmas_below: 0.0 };
     let frequency_hz = mean_hz(poles);
-    let pick = Pick { line: grid.nearest_line(frequency_hz), shapes, kurtosis: none, by_user: false };
-    let kurtosis = kurtosis(measured, &pick);
-    let is_undamped = poles.iter().all(|pole| pole.damping_ratio < FORCED_DAMPING);
+    let shapes = poles.iter().map(|pole| pole.shape.clone()).collect();
+    let kurtosis = suggested(grid, measured, &Suggestion { frequency_hz, shapes }).kurtosis;
+    let is_undamped = poles.iter().all(|pole| pole.damping_ratio < MIN_DAMPING);
     let is_forced = kurtosis.is_harmonics() || (kurtosis.is_low() && is_undamped);
     is_forced.then_some(Harmonic { frequency_hz, kurtosis: kurtosis.value })
 }

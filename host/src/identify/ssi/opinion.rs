@@ -65,20 +65,20 @@ fn suggestions(setups: &[SetupPoles], identification: &Identification) -> Vec<Su
     let in_all = |pole: &StablePole| -> Option<Suggestion> {
         let mut shapes = vec![pole.shape.clone()];
         for setup in others {
-            let near = |other: &&StablePole| {
-                let leeway_hz =
-                    NEAR_LINES * spacing_hz + NEAR_OF_BANDWIDTH * 2.0 * pole.damping_ratio * pole.frequency_hz;
-                (other.frequency_hz - pole.frequency_hz).abs() < leeway_hz
-            };
-            let nearest = setup.stable.iter().filter(near).min_by(|a, b| {
-                let distance_hz = |other: &StablePole| (other.frequency_hz - pole.frequency_hz).abs();
-                distance_hz(a).total_cmp(&distance_hz(b))
-            })?;
+            let distance_hz = |other: &StablePole| (other.frequency_hz - pole.frequency_hz).abs();
+            let reach_hz = reach_hz(spacing_hz, pole.damping_ratio, pole.frequency_hz);
+            let near = setup.stable.iter().filter(|other| distance_hz(other) < reach_hz);
+            let nearest = near.min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)))?;
             shapes.push(nearest.shape.clone());
         }
         Some(Suggestion { frequency_hz: pole.frequency_hz, shapes })
     };
     first.stable.iter().filter(is_other).filter_map(in_all).collect()
+}
+
+/// How far from a pole a mode or another pole may be and still be the same.
+fn reach_hz(spacing_hz: f64, damping_ratio: f64, frequency_hz: f64) -> f64 {
+    NEAR_LINES * spacing_hz + NEAR_OF_BANDWIDTH * 2.0 * damping_ratio * frequency_hz
 }
 
 /// Adds a second opinion on every mode.
@@ -130,9 +130,8 @@ fn pairs(
     for (index, mode) in modes.iter().enumerate() {
         let Some(shape) = shape_in(measured, mode) else { continue };
         for (at, pole) in poles.iter().enumerate() {
-            let bandwidth_hz = 2.0 * mode.damping_ratio.max(pole.damping_ratio) * mode.frequency_hz;
-            let leeway_hz = NEAR_LINES * spacing_hz + NEAR_OF_BANDWIDTH * bandwidth_hz;
-            let distance = (mode.frequency_hz - pole.frequency_hz).abs() / leeway_hz;
+            let reach_hz = reach_hz(spacing_hz, mode.damping_ratio.max(pole.damping_ratio), mode.frequency_hz);
+            let distance = (mode.frequency_hz - pole.frequency_hz).abs() / reach_hz;
             let alike = mac(&shape, &pole.shape);
             if distance < 1.0 && alike > NEAR_MAC {
                 all.push((alike - distance * distance, (index, at, alike)));
@@ -219,10 +218,8 @@ fn missing(identification: &Identification, setups: usize) -> Vec<String> {
     let mut said: Vec<f64> = Vec::new();
     let mut warnings = Vec::new();
     for pole in &clear {
-        let is_near = |hz: f64| {
-            let bandwidth_hz = 2.0 * pole.damping_ratio * pole.frequency_hz;
-            (hz - pole.frequency_hz).abs() < NEAR_LINES * identification.frequency_resolution_hz + bandwidth_hz
-        };
+        let reach_hz = reach_hz(identification.frequency_resolution_hz, pole.damping_ratio, pole.frequency_hz);
+        let is_near = |hz: f64| (hz - pole.frequency_hz).abs() < reach_hz;
         if said.iter().any(|&hz| is_near(hz)) {
             continue;
         }

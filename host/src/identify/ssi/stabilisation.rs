@@ -11,6 +11,7 @@ use super::DiagramPole;
 use super::covariance::{Covariances, Reading, SubBand};
 use super::subspace::{Model, Subspace};
 use super::uncertainty::{Change, Moved};
+use crate::identify::scatter::{ShapeScatter, jackknife, noise_share};
 use crate::identify::shape::{Shape, mac, normalise};
 use crate::spectra::CrossSpectrum;
 use crate::statistics::median;
@@ -255,14 +256,7 @@ fn estimate(
     normalise(&mut shape);
     let scale = raw.dotc(&shape) / raw.norm_squared();
     let shapes: Vec<Shape> = moved.iter().map(|moved| moved.shape(model, pole.place) * scale).collect();
-    let shape_std = (0..shape.len())
-        .map(|row| {
-            let of = |part: fn(&num_complex::Complex64) -> f64| {
-                jackknife(&shapes.iter().map(|shape| part(&shape[row])).collect::<Vec<_>>())
-            };
-            of(|value| value.re).hypot(of(|value| value.im)) / std::f64::consts::SQRT_2
-        })
-        .collect();
+    let shape_std = ShapeScatter::of(shape.len(), &shapes).component;
     StablePole {
         order: pole.order,
         orders: cluster.iter().map(|pole| pole.order).collect(),
@@ -275,16 +269,6 @@ fn estimate(
         power: reading.variance(subspace.part(model, pole.place), model.poles[pole.place]),
         share: 0.0,
     }
-}
-
-/// Standard deviation from changes that leaving out each group makes (Efron and Tibshirani 1993, eq. 11.5).
-fn jackknife(changes: &[f64]) -> f64 {
-    let count = changes.len() as f64;
-    if changes.len() < 2 {
-        return f64::INFINITY;
-    }
-    let mean = changes.iter().sum::<f64>() / count;
-    ((count - 1.0) / count * changes.iter().map(|change| (change - mean).powi(2)).sum::<f64>()).sqrt()
 }
 
 /// The surest of a cluster's estimates, of those that agree with most of them: the lowest orders, which have no pole for some
@@ -309,11 +293,10 @@ fn best(estimates: Vec<StablePole>) -> Option<StablePole> {
 /// Whether the data determine a pole, as far as its uncertainty is known.
 fn is_determined(pole: &StablePole, spacing_hz: f64) -> bool {
     let bandwidth_hz = 2.0 * pole.damping_ratio * pole.frequency_hz;
-    let shape_noise = pole.shape_std.iter().map(|std| 2.0 * std * std).sum::<f64>().sqrt() / pole.shape.norm();
     [
         pole.frequency_std_hz / (MOST_FREQUENCY_STD * (spacing_hz + bandwidth_hz)),
         pole.damping_ratio_std / (MOST_DAMPING_STD * pole.damping_ratio),
-        shape_noise / MOST_SHAPE_STD,
+        noise_share(&pole.shape, &pole.shape_std) / MOST_SHAPE_STD,
     ]
     .iter()
     .all(|doubt| !doubt.is_finite() || *doubt < 1.0)

@@ -1,0 +1,54 @@
+//! Standard deviations from replicates: estimates that leave out a group of windows each.
+
+use super::shape::Shape;
+
+/// Standard deviation of an estimate from its delete-a-group replicates, or from what leaving out each group changes (Efron and
+/// Tibshirani 1993, eq. 11.5); infinite where there are fewer than two, which no uncertainty can be read from.
+pub(super) fn jackknife(replicates: &[f64]) -> f64 {
+    let count = replicates.len() as f64;
+    if replicates.len() < 2 {
+        return f64::INFINITY;
+    }
+    let mean = replicates.iter().sum::<f64>() / count;
+    ((count - 1.0) / count * replicates.iter().map(|value| (value - mean).powi(2)).sum::<f64>()).sqrt()
+}
+
+/// Scatter of a shape's components, from replicates of the same sign and scale.
+pub(super) struct ShapeScatter {
+    /// Standard deviations of the imaginary parts.
+    pub(super) imaginary: Vec<f64>,
+    /// Those of a component, which its real and imaginary part share.
+    pub(super) component: Vec<f64>,
+}
+
+impl ShapeScatter {
+    pub(super) fn of(components: usize, replicates: &[Shape]) -> Self {
+        let of = |row: usize, part: fn(&num_complex::Complex64) -> f64| {
+            jackknife(&replicates.iter().map(|shape| part(&shape[row])).collect::<Vec<_>>())
+        };
+        let real = (0..components).map(|row| of(row, |component| component.re));
+        let imaginary: Vec<f64> = (0..components).map(|row| of(row, |component| component.im)).collect();
+        let component = real.zip(&imaginary).map(|(re, im)| re.hypot(*im) / std::f64::consts::SQRT_2).collect();
+        Self { imaginary, component }
+    }
+}
+
+/// How much of a shape is scatter: the length of its components' standard deviations over its own.
+pub(super) fn noise_share(shape: &Shape, component_std: &[f64]) -> f64 {
+    (component_std.iter().map(|std| 2.0 * std * std).sum::<f64>() / shape.norm_squared()).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_jackknife_of_a_mean_is_its_standard_error() {
+        let values = [1.0, 4.0, 2.0, 8.0, 5.0, 7.0];
+        let total: f64 = values.iter().sum();
+        let replicates: Vec<f64> = values.iter().map(|value| (total - value) / 5.0).collect();
+        let mean = total / 6.0;
+        let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / 5.0;
+        assert!((jackknife(&replicates) - (variance / 6.0).sqrt()).abs() < 1e-12);
+    }
+}
