@@ -291,8 +291,6 @@ fn a_damper_is_found_by_a_pair_that_is_apart() {
     assert!((found.parameters[1].value / 0.12 - 1.0).abs() < 0.03, "{:?}", found.parameters);
 }
 
-/// The structure is stiffer than its model, where the only effect there can soften it.
-
 /// Tests of fit on sound towers that scatter as far as they may fail as often as they say, or less; on towers that scatter
 /// three times as far they fail.
 #[test]
@@ -372,8 +370,6 @@ fn exact_twins_are_named_together_with_what_would_settle_it() {
     assert!(names.contains(&"stiffness-scale".to_owned()) && names.contains(&"mass-scale".to_owned()), "{names:?}");
     assert!(diagnosis.next_measurement.unwrap().contains("a known mass added"));
 }
-
-/// Two effects at once: adding step by step finds both, and a first pick that the second makes needless goes again.
 
 #[test]
 fn effects_that_are_one_and_the_same_are_refused_together() {
@@ -462,6 +458,7 @@ mod long {
         are_unknown(&OUTSIDE);
     }
 
+    /// Two effects at once: adding step by step finds both, and a first pick that the second makes needless goes again.
     #[test]
     #[ignore = "long: ./test --all runs it"]
     fn hidden_pairs_are_found_step_by_step_and_errors_on_what_was_left_out_fall() {
@@ -482,6 +479,7 @@ mod long {
         assert!(last.held_out_error_percent.unwrap() < 0.5 * first.held_out_error_percent.unwrap());
     }
 
+    /// The structure is stiffer than its model, where the only effect there can soften it.
     #[test]
     #[ignore = "long: ./test --all runs it"]
     fn what_would_need_an_impossible_value_is_listed_as_such() {

@@ -74,6 +74,7 @@ mod tests {
             record_s: 3600.0,
             frequency_resolution_hz: 0.01,
             harmonics: Vec::new(),
+            rejected: Vec::new(),
             warnings: Vec::new(),
             other_poles: Vec::new(),
             stabilisation: Vec::new(),

@@ -16,8 +16,8 @@ const NEAR_SHARE: f64 = 0.01;
 const SAME_LINES: f64 = 0.5;
 
 /// How far from `frequency_hz` the user may have meant.
-pub(super) fn leeway_hz(grid: &LineGrid, frequency_hz: f64) -> f64 {
-    (NEAR_LINES * grid.spacing_hz()).max(NEAR_SHARE * frequency_hz)
+pub(super) fn meant_hz(spacing_hz: f64, frequency_hz: f64) -> f64 {
+    (NEAR_LINES * spacing_hz).max(NEAR_SHARE * frequency_hz)
 }
 
 /// Takes out the automatic picks that the user drops; says where there was none.
@@ -25,7 +25,7 @@ pub(super) fn drop_picks(grid: &LineGrid, picks: &mut Vec<Pick>, choice: &ModeCh
     for &frequency_hz in &choice.drop_hz {
         let distance_hz = |pick: &Pick| (grid.frequency_hz(pick.line) - frequency_hz).abs();
         let nearest = (0..picks.len()).min_by(|&a, &b| distance_hz(&picks[a]).total_cmp(&distance_hz(&picks[b])));
-        match nearest.filter(|&pick| distance_hz(&picks[pick]) <= leeway_hz(grid, frequency_hz)) {
+        match nearest.filter(|&pick| distance_hz(&picks[pick]) <= meant_hz(grid.spacing_hz(), frequency_hz)) {
             Some(pick) => drop(picks.remove(pick)),
             None => {
                 let nearest = nearest.map_or(String::new(), |pick| {
@@ -33,7 +33,7 @@ pub(super) fn drop_picks(grid: &LineGrid, picks: &mut Vec<Pick>, choice: &ModeCh
                 });
                 warnings.push(format!(
                     "drop_modes_hz: no mode was picked within {:.4} Hz of {frequency_hz} Hz, so none is dropped{nearest}",
-                    leeway_hz(grid, frequency_hz)
+                    meant_hz(grid.spacing_hz(), frequency_hz)
                 ));
             }
         }
@@ -61,7 +61,7 @@ pub(super) fn add_picks(
             continue;
         }
         let (mut pick, stands_out) =
-            peak_near(grid, measured, singular, picks, frequency_hz, leeway_hz(grid, frequency_hz));
+            peak_near(grid, measured, singular, picks, frequency_hz, meant_hz(grid.spacing_hz(), frequency_hz));
         pick.kurtosis = kurtosis(measured, &pick);
         if pick.kurtosis.is_harmonics() {
             warnings.push(format!(
@@ -72,7 +72,8 @@ pub(super) fn add_picks(
         let distance_hz = |other: &Pick| (grid.frequency_hz(other.line) - frequency_hz).abs();
         // An automatic pick that is very near, or as near as was meant where nothing else is. Two that the user names are two.
         let is_near = |other: &Pick| {
-            let reach_hz = if stands_out { SAME_LINES * grid.spacing_hz() } else { leeway_hz(grid, frequency_hz) };
+            let reach_hz =
+                if stands_out { SAME_LINES * grid.spacing_hz() } else { meant_hz(grid.spacing_hz(), frequency_hz) };
             !other.by_user && distance_hz(other) <= reach_hz
         };
         let nearest = picks.iter_mut().min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));

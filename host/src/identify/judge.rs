@@ -1,10 +1,11 @@
 //! Judging picks: an estimate that the data do not determine is no mode.
 //!
 //! A peak of noise passes the picking rules now and then; its estimate then depends on a few windows, which the jackknife
-//! shows. Estimates of all setups flow in; the pick to drop next flows out.
+//! shows. Estimates of all setups flow in; the pick to drop next, and why, flows out.
 
 use super::estimate::{SetupMode, SetupModes};
 use super::merge::combine;
+use super::result::RejectedBecause;
 use super::scatter::noise_share;
 use super::shape::mac;
 
@@ -19,17 +20,23 @@ const DOUBLE_MAC: f64 = 0.5;
 /// Standard deviation of the frequency in lines, at most.
 const MAX_FREQUENCY_LINES: f64 = 1.0;
 
-/// Of the picks that may go, the one that is least likely to be a mode, if one is not.
-pub(super) fn worst(setups: &[SetupModes], spacing_hz: f64, may_go: impl Fn(usize) -> bool) -> Option<usize> {
+/// Of the picks that may go, the one that is least likely to be a mode, if one is not, and why.
+pub(super) fn worst(
+    setups: &[SetupModes],
+    spacing_hz: f64,
+    may_go: impl Fn(usize) -> bool,
+) -> Option<(usize, RejectedBecause)> {
     let picks = setups.iter().map(|setup| setup.modes.len()).min().unwrap_or(0);
     let estimates = |pick: usize| setups.iter().map(|setup| &setup.modes[pick]).collect::<Vec<_>>();
     let doubts = (0..picks).map(|pick| {
         let here = estimates(pick);
         let doubled = (0..picks).any(|other| other != pick && is_double_of(&here, &estimates(other), spacing_hz));
-        (if doubled { f64::INFINITY } else { doubt(&here, spacing_hz) }, pick)
+        let doubt = if doubled { (f64::INFINITY, RejectedBecause::Double) } else { doubt(&here, spacing_hz) };
+        (doubt, pick)
     });
     let doubts = doubts.filter(|(_, pick)| may_go(*pick));
-    doubts.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(doubt, _)| *doubt > 1.0).map(|(_, pick)| pick)
+    let worst = doubts.max_by(|a, b| a.0.0.total_cmp(&b.0.0)).filter(|((doubt, _), _)| *doubt > 1.0);
+    worst.map(|((_, reason), pick)| (pick, reason))
 }
 
 /// Whether the data do not determine a pick as a mode.
@@ -57,11 +64,12 @@ fn is_double_of(estimates: &[&SetupMode], others: &[&SetupMode], spacing_hz: f64
     weaker && distance_hz < DOUBLE_LINES * spacing_hz + 0.5 * width_hz && (alike > DOUBLE_MAC || stuck)
 }
 
-/// How doubtful it is that the estimates are of a mode; above 1 they are not. Unknown uncertainties raise no doubt.
-fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> f64 {
+/// How doubtful it is that the estimates are of a mode, and what raises the doubt; above 1 they are not. Unknown uncertainties
+/// raise no doubt.
+fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
     let found: Vec<&&SetupMode> = estimates.iter().filter(|mode| mode.found).collect();
     if 2 * found.len() < estimates.len() || found.is_empty() {
-        return f64::INFINITY;
+        return (f64::INFINITY, RejectedBecause::NotShown);
     }
     let shape_noise = estimates.iter().map(|mode| noise_share(&mode.shape, &mode.shape_std)).sum::<f64>();
     let shape_noise = shape_noise / estimates.len() as f64;
@@ -69,10 +77,14 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> f64 {
     let (damping, _) = combine(found.iter().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
     // No structure has so little damping: the fit took a line of noise for a resonance.
     if damping < MIN_DAMPING {
-        return f64::INFINITY;
+        return (f64::INFINITY, RejectedBecause::Undamped);
     }
-    [shape_noise / MAX_SHAPE_NOISE, frequency_std_hz / (MAX_FREQUENCY_LINES * spacing_hz), damping / MAX_DAMPING]
-        .into_iter()
-        .filter(|doubt| doubt.is_finite())
-        .fold(0.0, f64::max)
+    [
+        (shape_noise / MAX_SHAPE_NOISE, RejectedBecause::Shape),
+        (frequency_std_hz / (MAX_FREQUENCY_LINES * spacing_hz), RejectedBecause::Frequency),
+        (damping / MAX_DAMPING, RejectedBecause::Overdamped),
+    ]
+    .into_iter()
+    .filter(|(doubt, _)| doubt.is_finite())
+    .fold((0.0, RejectedBecause::Shape), |most, here| if here.0 > most.0 { here } else { most })
 }

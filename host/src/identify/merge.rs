@@ -2,7 +2,7 @@
 //!
 //! Every setup's shape is scaled so that its references match those of all setups together (Au 2011, the least-squares
 //! form for real factors, here complex); points measured more than once are averaged, and frequency and damping are
-//! combined by their variances.
+//! combined by their variances. What is uncertain of the references makes the scales uncertain, and with them all points of a setup.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use num_complex::Complex64;
 use super::estimate::{SetupMode, SetupModes};
 use super::result::{Mode, ShapeComponent};
 use super::setup::MeasuredSetup;
-use super::shape::{Shape, normalise, phase_collinearity};
+use super::shape::{Shape, align, normalise, phase_collinearity};
 use crate::spectra::LineGrid;
 
 /// Rounds of scaling setups to the mean of the references, and the mean to the setups.
@@ -111,16 +111,12 @@ fn merged(
             ));
         }
     }
-    let scales = scales(points, estimates, measured, frequency_hz, warnings);
-    let mut shape = Shape::zeros(points.len());
-    let mut variances = vec![0.0; points.len()];
-    for (index, point) in points.iter().enumerate() {
-        let weight = 1.0 / point.places.len() as f64;
-        for &(setup, place) in &point.places {
-            shape[index] += scales[setup] * estimates[setup].shape[place] * weight;
-            variances[index] += (scales[setup].norm() * estimates[setup].shape_std[place] * weight).powi(2);
-        }
+    if estimates.len() > 1 {
+        warnings.extend(weak_references(points, estimates, measured, frequency_hz));
     }
+    let shapes: Vec<Shape> = estimates.iter().map(|mode| mode.shape.clone()).collect();
+    let mut shape = joined(points, &shapes);
+    let variances = variances(points, estimates, &shapes, &shape);
     let before = shape.iter().map(|component| component.norm()).fold(0.0, f64::max);
     normalise(&mut shape);
     let scale = if before > 0.0 { 1.0 / before } else { 1.0 };
@@ -151,41 +147,85 @@ fn merged(
     }
 }
 
-/// The factor by which each setup's shape is multiplied.
-fn scales(
+/// Points that bring setups together.
+fn references(points: &[Point]) -> impl Iterator<Item = &Point> {
+    points.iter().filter(|point| point.reference && point.places.len() > 1)
+}
+
+/// Says in which setups the references hardly move.
+fn weak_references(
     points: &[Point],
     estimates: &[&SetupMode],
     measured: &[MeasuredSetup<'_>],
     frequency_hz: f64,
-    warnings: &mut Vec<String>,
-) -> Vec<Complex64> {
-    let mut scales = vec![Complex64::ONE; estimates.len()];
-    if estimates.len() == 1 {
-        return scales;
-    }
-    let references: Vec<&Point> = points.iter().filter(|point| point.reference && point.places.len() > 1).collect();
-    for (setup, mode) in estimates.iter().enumerate() {
-        let own = references.iter().flat_map(|point| &point.places).filter(|(s, _)| *s == setup);
+) -> Vec<String> {
+    let warning = |(setup, (mode, m)): (usize, (&&SetupMode, &MeasuredSetup<'_>))| {
+        let own = references(points).flat_map(|point| &point.places).filter(|(s, _)| *s == setup);
         let norm: f64 = own.map(|&(_, place)| mode.shape[place].norm_sqr()).sum();
-        if norm.sqrt() < MIN_REFERENCE_SHARE * mode.shape.norm() {
-            warnings.push(format!(
+        (norm.sqrt() < MIN_REFERENCE_SHARE * mode.shape.norm()).then(|| {
+            format!(
                 "mode at {frequency_hz:.3} Hz: the references hardly move in setup \"{}\", so the scale of its other points is uncertain",
-                measured[setup].setup.name
-            ));
+                m.setup.name
+            )
+        })
+    };
+    estimates.iter().zip(measured).enumerate().filter_map(warning).collect()
+}
+
+/// The shape at all points, from that of each setup.
+fn joined(points: &[Point], shapes: &[Shape]) -> Shape {
+    let scales = scales(points, shapes);
+    let at = |point: &Point| {
+        let sum: Complex64 = point.places.iter().map(|&(setup, place)| scales[setup] * shapes[setup][place]).sum();
+        sum / point.places.len() as f64
+    };
+    Shape::from_iterator(points.len(), points.iter().map(at))
+}
+
+/// Variances of the components of a joined `shape`. With several setups, what a deviation of each component does to all others
+/// through the setups' scales; the length and phase of the whole are free.
+fn variances(points: &[Point], estimates: &[&SetupMode], shapes: &[Shape], shape: &Shape) -> Vec<f64> {
+    // Small enough for changes to be as straight as they can be told.
+    const STEP: f64 = 1e-4;
+    let mut variances = vec![0.0; points.len()];
+    for (setup, mode) in estimates.iter().enumerate() {
+        for (place, &std) in mode.shape_std.iter().enumerate() {
+            let own = points.iter().position(|point| point.places.contains(&(setup, place)));
+            if estimates.len() == 1 || !std.is_finite() {
+                own.into_iter().for_each(|point| variances[point] += std * std);
+                continue;
+            }
+            let mut changed = shapes.to_vec();
+            changed[setup][place] += Complex64::from(STEP * std);
+            let mut there = joined(points, &changed);
+            align(&mut there, shape);
+            for (variance, (there, here)) in variances.iter_mut().zip(there.iter().zip(shape.iter())) {
+                *variance += (there - here).norm_sqr() / (STEP * STEP);
+            }
         }
     }
+    variances
+}
+
+/// The factor by which each setup's shape is multiplied.
+fn scales(points: &[Point], shapes: &[Shape]) -> Vec<Complex64> {
+    let mut scales = vec![Complex64::ONE; shapes.len()];
+    if shapes.len() == 1 {
+        return scales;
+    }
+    let references: Vec<&Point> = references(points).collect();
     // Alternating least squares: references from the scaled setups, each setup's scale from the references.
     let mut values: Vec<Complex64> = references
         .iter()
-        .map(|point| point.places.first().map_or(Complex64::ZERO, |&(setup, place)| estimates[setup].shape[place]))
+        .map(|point| point.places.first().map_or(Complex64::ZERO, |&(setup, place)| shapes[setup][place]))
         .collect();
     for _ in 0..ROUNDS {
-        for (setup, mode) in estimates.iter().enumerate() {
+        for (setup, shape) in shapes.iter().enumerate() {
             let (mut product, mut norm) = (Complex64::ZERO, 0.0);
             for (point, value) in references.iter().zip(&values) {
                 for &(_, place) in point.places.iter().filter(|(s, _)| *s == setup) {
-                    product += mode.shape[place].conj() * value;
-                    norm += mode.shape[place].norm_sqr();
+                    product += shape[place].conj() * value;
+                    norm += shape[place].norm_sqr();
                 }
             }
             if norm > 0.0 {
@@ -193,8 +233,7 @@ fn scales(
             }
         }
         for (value, point) in values.iter_mut().zip(&references) {
-            let sum: Complex64 =
-                point.places.iter().map(|&(setup, place)| scales[setup] * estimates[setup].shape[place]).sum();
+            let sum: Complex64 = point.places.iter().map(|&(setup, place)| scales[setup] * shapes[setup][place]).sum();
             *value = sum / point.places.len() as f64;
         }
         // The common scale is free; without this it would shrink from round to round.

@@ -39,7 +39,7 @@ use setup::quantity;
 use shape::Shape;
 use singular::SingularValues;
 
-pub use result::{Harmonic, Identification, Mode, ShapeComponent, SingularSpectrum};
+pub use result::{Harmonic, Identification, Mode, Rejected, RejectedBecause, ShapeComponent, SingularSpectrum};
 pub use setup::MeasuredSetup;
 pub use shape::{mac, phase_collinearity};
 
@@ -150,7 +150,7 @@ fn identify_beside(
     if picks.is_empty() && choice.only_hz.is_some() {
         return Err(none_in_band(&grid));
     }
-    let mut per_setup = Vec::new();
+    let (mut per_setup, mut rejected) = (Vec::new(), Vec::new());
     loop {
         let estimate =
             |(index, m): (usize, &MeasuredSetup<'_>)| estimate::estimate(&m.spectrum, quantity(m.setup), index, &picks);
@@ -160,8 +160,9 @@ fn identify_beside(
         // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
         if let Some(pick) = (0..picks.len()).filter(|&pick| may_go(pick)).find(is_forced) {
             harmonics.push(picks.remove(pick));
-        } else if let Some(pick) = judge::worst(&per_setup, grid.spacing_hz(), may_go) {
-            picks.remove(pick);
+        } else if let Some((pick, because)) = judge::worst(&per_setup, grid.spacing_hz(), may_go) {
+            let frequency_hz = grid.frequency_hz(picks.remove(pick).line);
+            rejected.push(Rejected { frequency_hz, because });
         } else {
             break;
         }
@@ -175,6 +176,7 @@ fn identify_beside(
         }
     }
     harmonics.sort_by_key(|pick| pick.line);
+    rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     let record_s = measured.iter().map(|m| merge::duration_s(m, &grid)).sum();
     let modes = merge::merge(&grid, measured, &per_setup, &mut warnings);
     Ok(Identification {
@@ -189,6 +191,7 @@ fn identify_beside(
                 kurtosis: pick.kurtosis.value,
             })
             .collect(),
+        rejected,
         warnings,
         other_poles: Vec::new(),
         stabilisation: Vec::new(),

@@ -18,6 +18,9 @@ pub struct Identification {
     pub frequency_resolution_hz: f64,
     /// Forced lines that are no modes.
     pub harmonics: Vec<Harmonic>,
+    /// What was picked and is no mode, lowest first.
+    #[serde(default)]
+    pub rejected: Vec<Rejected>,
     /// What the reader should know.
     pub warnings: Vec<String>,
     /// Stable poles of the subspaces, setup by setup, that are none of the modes.
@@ -79,6 +82,49 @@ pub struct Harmonic {
     pub frequency_hz: f64,
     /// Kurtosis of the band-passed response: 1.5 for a steady harmonic, 3 for a mode.
     pub kurtosis: f64,
+}
+
+/// A peak that was picked and is no mode.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Rejected {
+    /// Where it was picked, in Hz.
+    pub frequency_hz: f64,
+    /// Why it is no mode.
+    pub because: RejectedBecause,
+}
+
+/// Why a peak is no mode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RejectedBecause {
+    /// A stronger mode beside it shows twice.
+    Double,
+    /// Most setups do not show it.
+    NotShown,
+    /// Less damping than any structure has.
+    Undamped,
+    /// More damping than any structure has.
+    Overdamped,
+    /// Its shape changes from segment to segment.
+    Shape,
+    /// Its frequency changes from segment to segment.
+    Frequency,
+    /// Its damping is hardly known, and the subspace has no such mode.
+    Unseen,
+}
+
+impl std::fmt::Display for RejectedBecause {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(match self {
+            Self::Double => "a stronger mode beside it shows twice",
+            Self::NotShown => "most setups do not show it",
+            Self::Undamped => "it is sharper than any structure's resonance",
+            Self::Overdamped => "it is wider than any structure's resonance",
+            Self::Shape => "its shape is mostly noise",
+            Self::Frequency => "its frequency is mostly noise",
+            Self::Unseen => "its damping is hardly known, and the subspace has no such mode",
+        })
+    }
 }
 
 /// The singular values of one setup over frequency.

@@ -3,7 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::epoch_s;
+use super::jumps::Jumps;
+use super::limits::CutOff;
 use super::spikes::Spikes;
+use super::stream::Faults;
 use crate::spectra::{LineGrid, Silenced, SpectraWarning};
 use crate::study::{Sensor, Setup};
 
@@ -31,8 +34,48 @@ pub(super) fn silenced_sentences(setup: &Setup, grid: &LineGrid, silenced: &[Sil
     alike.into_iter().map(sentence).collect()
 }
 
+/// What was found in the rows. Channels in `left_out` are cut off so often that they are.
+pub(super) fn fault_sentences(setup: &Setup, faults: &Faults, left_out: &[usize]) -> Vec<String> {
+    let mut sentences = spike_sentences(setup, &faults.spikes);
+    if faults.filled > 0 {
+        sentences.push(format!(
+            "{} samples that were missing alone are filled with the mean of the samples beside",
+            faults.filled
+        ));
+    }
+    let cut_off = setup.sensors.iter().zip(&faults.cut_off).enumerate().filter(|(_, (_, cut))| cut.samples > 0);
+    sentences.extend(
+        cut_off.map(|(channel, (sensor, cut))| cut_off_sentence(setup, sensor, cut, left_out.contains(&channel))),
+    );
+    sentences.extend(jump_sentence(setup, &faults.jumps));
+    sentences
+}
+
+fn cut_off_sentence(setup: &Setup, sensor: &Sensor, cut: &CutOff, is_left_out: bool) -> String {
+    let what = if is_left_out { ", and is left out" } else { "" };
+    format!(
+        "channel \"{}\" is cut off at {:.3e} in {} samples ({:.2} %), the first {} into the record{what}: the sensor or the recorder reaches the end of its range; measure with a wider one",
+        sensor.channel,
+        cut.limit,
+        cut.samples,
+        100.0 * cut.share,
+        time_of_day(cut.first_row as f64 / setup.sampling_rate_hz)
+    )
+}
+
+/// Where all channels jump.
+fn jump_sentence(setup: &Setup, jumps: &Jumps) -> Option<String> {
+    let at = time_of_day(jumps.first_row as f64 / setup.sampling_rate_hz);
+    (jumps.places > 0).then(|| {
+        format!(
+            "all channels jump at once at {} places that were found, the first {at} into the record, as where rows are missing, parts of other times are joined, or something strikes the structure. Where rows are missing, frequencies come out too high by the same share, and damping too large: put rows of empty cells in their place, or give the file a column of times",
+            jumps.places
+        )
+    })
+}
+
 /// Which channels had spikes, how many, and the first.
-pub(super) fn spike_sentences(setup: &Setup, spikes: &[Spikes]) -> Vec<String> {
+fn spike_sentences(setup: &Setup, spikes: &[Spikes]) -> Vec<String> {
     let with_spikes = setup.sensors.iter().zip(spikes).filter(|(_, spikes)| spikes.count > 0);
     let sentence = |(sensor, spikes): (&Sensor, &Spikes)| {
         let at = time_of_day(spikes.first_row as f64 / setup.sampling_rate_hz);
@@ -72,7 +115,7 @@ pub(super) fn left_out_sentence(setup: &Setup, warning: SpectraWarning) -> Strin
             name(setup, channel)
         ),
         SpectraWarning::WindowsLeftOut { left_out, windows } => format!(
-            "{left_out} of {windows} windows are left out: a channel has gaps, clipped or constant samples in them"
+            "{left_out} of {windows} windows are left out: a channel has gaps, clipped or constant samples in them, or stands far off what is usual"
         ),
     }
 }

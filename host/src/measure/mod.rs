@@ -6,6 +6,9 @@
 
 mod faults;
 mod intervals;
+mod jumps;
+mod limits;
+mod ring;
 mod scout;
 mod spikes;
 mod stream;
@@ -20,10 +23,12 @@ use crate::fleet::{FleetError, FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
 use crate::record::{RecordError, Recording};
 use crate::spectra::{
-    CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines, plan,
+    CrossSpectrum, CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines,
+    plan,
 };
 use crate::study::{Analysis, Setup, Study};
-use faults::{left_out_sentence, noisy_sentence, silenced_sentences, spike_sentences};
+use faults::{fault_sentences, left_out_sentence, noisy_sentence, silenced_sentences};
+use limits::CutOff;
 use stream::{Streamed, Task};
 
 pub use intervals::{Interval, measure_intervals};
@@ -424,7 +429,7 @@ fn measure_setup<'a>(
         }
     };
     let grid = task.plan.grid;
-    let Streamed { report, fleet, spikes, silenced } = stream::stream(task, on_rows, observer, average, timings)?;
+    let Streamed { report, fleet, faults, silenced } = stream::stream(task, on_rows, observer, average, timings)?;
     if let Some(error) = refused {
         return Err(spectra(error));
     }
@@ -439,7 +444,8 @@ fn measure_setup<'a>(
         }
         error => spectra(error),
     })?;
-    warnings.extend(spike_sentences(setup, &spikes).into_iter().map(several));
+    let (spectrum, cut_off) = without_cut_off(spectrum, &faults.cut_off);
+    warnings.extend(fault_sentences(setup, &faults, &cut_off).into_iter().map(several));
     warnings.extend(silenced_sentences(setup, &grid, &silenced).into_iter().map(several));
     warnings.extend(left_out.iter().map(|warning| several(left_out_sentence(setup, *warning))));
     let (spectrum, noisy) = spectrum.without_noisy_channels();
@@ -453,4 +459,17 @@ fn measure_setup<'a>(
         }
     }
     Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, fleet, warnings })
+}
+
+/// Of a channel's samples, cut off: what is missing of its motion then shows in shapes.
+const MOST_CUT_OFF: f64 = 2e-3;
+
+/// The spectrum without channels that are cut off too often, and which these are; none where they are most of all.
+fn without_cut_off(spectrum: CrossSpectrum, cut_off: &[CutOff]) -> (CrossSpectrum, Vec<usize>) {
+    let is_cut_off = |channel: &usize| cut_off.get(*channel).is_some_and(|cut_off| cut_off.share > MOST_CUT_OFF);
+    let (cut_off, sound): (Vec<usize>, Vec<usize>) = spectrum.channels().iter().copied().partition(is_cut_off);
+    if cut_off.is_empty() || cut_off.len() > sound.len() {
+        return (spectrum, Vec::new());
+    }
+    (spectrum.restricted(&sound), cut_off)
 }

@@ -4,6 +4,8 @@ use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
+use super::jumps::{JumpFinder, Jumps};
+use super::limits::{CutOff, Limits};
 use super::spikes::{SpikeFilter, Spikes};
 use super::{Material, MeasureError, Observer, Route, Timings};
 use crate::archive::Collected;
@@ -32,10 +34,23 @@ pub(super) struct Streamed {
     /// What the recording held, where there is one.
     pub(super) report: Option<RecordReport>,
     pub(super) fleet: Option<FleetReport>,
-    /// Spikes that were replaced, channel by channel; empty where nodes have sent the windows.
-    pub(super) spikes: Vec<Spikes>,
+    /// What was found in the rows; nothing where nodes have sent the windows.
+    pub(super) faults: Faults,
     /// Windows in which channels stood far off the others, channel by channel.
     pub(super) silenced: Vec<Silenced>,
+}
+
+/// What was found in the rows of a recording.
+#[derive(Debug, Default)]
+pub(super) struct Faults {
+    /// Spikes that were replaced, channel by channel.
+    pub(super) spikes: Vec<Spikes>,
+    /// Single missing samples that were filled.
+    pub(super) filled: u64,
+    /// Ends of ranges that were reached, channel by channel.
+    pub(super) cut_off: Vec<CutOff>,
+    /// Places where all channels jump.
+    pub(super) jumps: Jumps,
 }
 
 /// Streams a setup's windows, in the order of the grid, past `observer` (on this thread) into `sink` (on another), which gets
@@ -70,11 +85,16 @@ pub(super) fn stream(
             let _ = window_sender.send(window);
         };
         let mut rows = 0;
-        let spectra = || -> Result<(Option<FleetReport>, Vec<Spikes>), FleetError> {
-            let mut filter = SpikeFilter::new(setup.sensors.len());
+        let spectra = || -> Result<(Option<FleetReport>, Faults), FleetError> {
+            let channels = setup.sensors.len();
+            let (mut limits, mut jumps) = (Limits::new(channels), JumpFinder::new(channels));
+            let mut filter = SpikeFilter::new(channels);
             for block in &blocks {
                 let start = Instant::now();
-                source.push(filter.push(block.values()), &mut on_window)?;
+                limits.push(block.values());
+                let values = filter.push(block.values());
+                jumps.push(values);
+                source.push(values, &mut on_window)?;
                 timings.spectra += start.elapsed();
                 rows += block.row_count() as u64;
                 on_rows(rows);
@@ -82,11 +102,11 @@ pub(super) fn stream(
                 let _ = used_sender.send(block);
             }
             let start = Instant::now();
-            let (last, spikes) = filter.finish();
+            let (last, spikes, filled) = filter.finish();
             source.push(&last, &mut on_window)?;
             let fleet = source.finish(&mut on_window)?;
             timings.spectra += start.elapsed();
-            Ok((fleet, spikes))
+            Ok((fleet, Faults { spikes, filled, cut_off: limits.finish(), jumps: jumps.finish() }))
         };
         let made = spectra();
         // A reader that is still ahead stops when nobody takes its blocks, the taker when no more windows can come.
@@ -95,9 +115,9 @@ pub(super) fn stream(
         timings.reading += reading;
         let (silenced, averaging) = joined(taker);
         timings.averaging += averaging;
-        let (fleet, spikes) = made.map_err(fleet_failed)?;
+        let (fleet, faults) = made.map_err(fleet_failed)?;
         let record_failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
-        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet, spikes, silenced })
+        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet, faults, silenced })
     })
 }
 
@@ -130,7 +150,7 @@ fn stream_archive(
         (read, silenced)
     });
     read.map_err(|source| MeasureError::Archive { setup: setup.name.clone(), source: Box::new(source) })?;
-    Ok(Streamed { report: None, fleet: None, spikes: Vec::new(), silenced })
+    Ok(Streamed { report: None, fleet: None, faults: Faults::default(), silenced })
 }
 
 /// A thread's result; its panic goes on here.

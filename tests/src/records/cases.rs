@@ -18,6 +18,17 @@ pub struct Case {
     pub(super) rate_hz: f64,
     pub(super) seconds: f64,
     pub(super) fault: Option<Fault>,
+    /// Where sensors are moved between setups, of this length each.
+    pub(super) roving: Option<Roving>,
+}
+
+/// Sensors that are moved.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Roving {
+    /// The channels that stay.
+    pub(super) references: [usize; 2],
+    /// How many setups share the others.
+    pub(super) setups: usize,
 }
 
 /// How a structure is drawn.
@@ -49,33 +60,38 @@ const WIND: Load = Load::Wind { speed_m_s: 15.0 };
 const WHITE: Load = Load::Modal { correlation: 0.0, colour: 0.0 };
 
 const fn wind(name: &'static str, what: &'static str, fault: Option<Fault>) -> Case {
-    Case { name, what, build: TOWER, load: WIND, rate_hz: 20.0, seconds: 6.0 * HOUR_S, fault }
+    Case { name, what, build: TOWER, load: WIND, rate_hz: 20.0, seconds: 6.0 * HOUR_S, fault, roving: None }
 }
 
 const fn correlated(name: &'static str, what: &'static str, correlation: f64) -> Case {
     let build =
         Build::Random { channels: 12, first_hz: 0.5, modes: 8, damping: [0.005, 0.02], apart: 12.0, alike: 0.3 };
     let load = Load::Modal { correlation, colour: -5.0 / 3.0 };
-    Case { name, what, build, load, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None }
+    Case { name, what, build, load, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None, roving: None }
 }
 
 const fn pairs(name: &'static str, what: &'static str, apart: f64) -> Case {
     let build = Build::Tower { channels: 12, first_hz: 0.4, modes: 6, damping: [0.008, 0.012], apart };
-    Case { name, what, build, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None }
+    Case { name, what, build, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None, roving: None }
 }
 
 const fn of_channels(name: &'static str, what: &'static str, channels: usize) -> Case {
     let build = Build::Tower { channels, first_hz: 0.4, modes: 6, damping: [0.006, 0.014], apart: 5.0 };
-    Case { name, what, build, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None }
+    Case { name, what, build, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None, roving: None }
 }
 
 const fn damped(name: &'static str, what: &'static str, damping: [f64; 2], seconds: f64) -> Case {
     let build = Build::Random { channels: 16, first_hz: 0.8, modes: 8, damping, apart: 6.0, alike: 0.3 };
-    Case { name, what, build, load: WHITE, rate_hz: 50.0, seconds, fault: None }
+    Case { name, what, build, load: WHITE, rate_hz: 50.0, seconds, fault: None, roving: None }
+}
+
+const fn roving(name: &'static str, what: &'static str, references: [usize; 2]) -> Case {
+    let roving = Some(Roving { references, setups: 5 });
+    Case { name, what, build: TOWER, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None, roving }
 }
 
 /// All cases.
-pub const CASES: [Case; 20] = [
+pub const CASES: [Case; 23] = [
     wind("wind", "a tower of 20 channels and 10 modes under wind that is coherent up its height, 6 h at 20 Hz", None),
     correlated("correlated-0", "8 random modes, loads of f^(-5/3), modal forces uncorrelated, 4 h", 0.0),
     correlated("correlated-10", "the same with forces correlated by 0.1", 0.1),
@@ -88,6 +104,7 @@ pub const CASES: [Case; 20] = [
         rate_hz: 20.0,
         seconds: 4.0 * HOUR_S,
         fault: None,
+        roving: None,
     },
     pairs("pairs-0.1", "pairs of modes 0.1 bandwidths apart, as of chimneys, under wind, 4 h", 0.1),
     pairs("pairs-1", "pairs 1 bandwidth apart", 1.0),
@@ -104,6 +121,18 @@ pub const CASES: [Case; 20] = [
     wind("noise", "`wind`, one channel with added noise of ten times its root mean square", Some(Fault::Noise)),
     wind("missing-rows", "`wind`, 1 % of rows missing, unsaid", Some(Fault::MissingRows)),
     wind("clipped", "`wind`, one channel cut at 1.5 times its root mean square", Some(Fault::Clipped)),
+    Case {
+        name: "still",
+        what: "a structure that stands still: 10 channels of noise, an hour at 20 Hz; there is no mode to find",
+        build: Build::Tower { channels: 10, first_hz: 0.4, modes: 1, damping: [0.01, 0.01], apart: 1.0 },
+        load: WHITE,
+        rate_hz: 20.0,
+        seconds: HOUR_S,
+        fault: Some(Fault::StandsStill),
+        roving: None,
+    },
+    roving("setups", "`wind` in five setups of 4 h with references at the top", [18, 19]),
+    roving("weak-references", "the same with references at a tenth of the height", [0, 1]),
 ];
 
 /// The case of a name.

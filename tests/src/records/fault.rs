@@ -17,6 +17,8 @@ pub enum Fault {
     MissingRows,
     /// One channel is cut at one and a half times its root mean square.
     Clipped,
+    /// The structure stands still: there is nothing but noise, of another size in each channel.
+    StandsStill,
 }
 
 const G: f64 = 9.81;
@@ -47,6 +49,15 @@ impl Fault {
                 *value += (10.0 * rms * noise) as f32;
             }),
             Self::Clipped => own(samples, &mut |_, value| *value = value.clamp(-1.5 * rms as f32, 1.5 * rms as f32)),
+            Self::StandsStill => {
+                let sizes: Vec<f64> = (0..channels).map(|_| random.random_range(0.3..3.0) * rms).collect();
+                for row in samples.chunks_mut(channels) {
+                    for (value, size) in row.iter_mut().zip(&sizes) {
+                        let noise: f64 = rand_distr::Distribution::sample(&rand_distr::StandardNormal, random);
+                        *value = (size * noise) as f32;
+                    }
+                }
+            }
             Self::MissingRows => {
                 let kept: Vec<bool> = (0..rows).map(|_| !random.random_bool(0.01)).collect();
                 let mut row = 0;

@@ -12,6 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use super::cases::Case;
+use super::fault::Fault;
 use super::record::record;
 use super::structure::Structure;
 use crate::belfry_command;
@@ -71,14 +72,18 @@ pub struct CaseScore {
 pub fn run(case: &Case, seed: u64, method: &str, folder: &Path, into: &mut CaseScore) -> Result<(), String> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let structure = case.build.structure(&mut random);
-    let mut samples = record(&structure, case.load, case.rate_hz, case.seconds, NOISE, &mut random);
     let channels = structure.places.len();
-    if let Some(fault) = case.fault {
-        fault.damage(&mut samples, channels, &mut random);
-    }
     let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
     fs::create_dir_all(folder).map_err(failed)?;
-    write_npy(&folder.join("recording.npy"), &samples, channels).map_err(failed)?;
+    for (setup, kept) in setups(case, channels).iter().enumerate() {
+        let mut samples = record(&structure, case.load, case.rate_hz, case.seconds, NOISE, &mut random);
+        if let Some(fault) = case.fault {
+            fault.damage(&mut samples, channels, &mut random);
+        }
+        let rows = samples.chunks(channels);
+        let samples: Vec<f32> = rows.flat_map(|row| kept.iter().map(|&channel| row[channel])).collect();
+        write_npy(&folder.join(format!("{}.npy", name(setup))), &samples, kept.len()).map_err(failed)?;
+    }
     fs::write(folder.join("study.toml"), study_toml(case, &structure)).map_err(failed)?;
     let options = ["--direct", "--json", "--method", method];
     let output = belfry_command().arg("identify").arg(folder).args(options).output().map_err(failed)?;
@@ -106,19 +111,40 @@ pub fn run(case: &Case, seed: u64, method: &str, folder: &Path, into: &mut CaseS
     Ok(())
 }
 
+/// The channels of each setup, the references first.
+fn setups(case: &Case, channels: usize) -> Vec<Vec<usize>> {
+    let Some(roving) = case.roving else { return vec![(0..channels).collect()] };
+    let others: Vec<usize> = (0..channels).filter(|channel| !roving.references.contains(channel)).collect();
+    let each = others.len().div_ceil(roving.setups);
+    others.chunks(each).map(|others| [&roving.references[..], others].concat()).collect()
+}
+
+fn name(setup: usize) -> String {
+    format!("setup-{}", setup + 1)
+}
+
 fn study_toml(case: &Case, structure: &Structure) -> String {
-    let mut text = format!(
-        "[structure]\nname = {:?}\n\n[[setup]]\nname = \"one\"\nfiles = [\"recording.npy\"]\nsampling_rate_hz = {:?}\nunit = \"m/s2\"\n\n",
-        case.name, case.rate_hz
-    );
-    for (channel, (z_m, azimuth_deg)) in structure.places.iter().enumerate() {
+    let mut text = format!("[structure]\nname = {:?}\n", case.name);
+    for (setup, kept) in setups(case, structure.places.len()).iter().enumerate() {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "[[setup.sensor]]\nchannel = \"{:02}\"\nnode = {}\nelevation_m = {z_m:?}\nazimuth_deg = {azimuth_deg:?}\n",
-            channel + 1,
-            channel / 4 + 1
+            "\n[[setup]]\nname = {0:?}\nfiles = [\"{0}.npy\"]\nsampling_rate_hz = {1:?}\nunit = \"m/s2\"",
+            name(setup),
+            case.rate_hz
         );
+        for (column, &channel) in kept.iter().enumerate() {
+            let (z_m, azimuth_deg) = structure.places[channel];
+            let reference = case.roving.is_some_and(|roving| roving.references.contains(&channel));
+            // A column is a channel, whose point says where it is on the structure.
+            let _ = writeln!(
+                text,
+                "\n[[setup.sensor]]\nchannel = \"{:02}\"\npoint = \"{}\"\nnode = {}\nelevation_m = {z_m:?}\nazimuth_deg = {azimuth_deg:?}\nreference = {reference}",
+                column + 1,
+                channel + 1,
+                column / 4 + 1
+            );
+        }
     }
     text
 }
@@ -129,7 +155,7 @@ struct Found {
     frequency_std_hz: f64,
     damping_ratio: f64,
     damping_ratio_std: f64,
-    /// By channel, counted from 0.
+    /// By the structure's channel, counted from 0.
     shape: Vec<(usize, Complex<f64>, f64)>,
 }
 
@@ -137,7 +163,7 @@ impl Found {
     fn of(mode: &Value) -> Self {
         let number = |name: &str| mode[name].as_f64().unwrap_or(f64::NAN);
         let part = |part: &Value| {
-            let channel = part["channel"].as_str()?.parse::<usize>().ok()?.checked_sub(1)?;
+            let channel = part["point"].as_str()?.parse::<usize>().ok()?.checked_sub(1)?;
             Some((channel, Complex::new(part["re"].as_f64()?, part["im"].as_f64()?), part["std"].as_f64()?))
         };
         Self {
@@ -166,7 +192,8 @@ impl Found {
 impl CaseScore {
     fn add(&mut self, case: &Case, seed: u64, structure: &Structure, found: &[Found]) {
         let mut used = vec![false; found.len()];
-        for (mode, score) in self.modes.iter_mut().enumerate() {
+        let modes = if case.fault == Some(Fault::StandsStill) { &mut [][..] } else { &mut self.modes[..] };
+        for (mode, score) in modes.iter_mut().enumerate() {
             let (hz, zeta) = (structure.frequencies_hz[mode], structure.damping[mode]);
             let shape = structure.shapes.column(mode).into_owned();
             let cycles = hz * case.seconds;
@@ -243,9 +270,7 @@ impl CaseScore {
         }
         text
     }
-}
 
-impl CaseScore {
     /// All modes together.
     fn line(&self) -> String {
         let all = |of: fn(&ModeScore) -> &Vec<f64>| self.modes.iter().flat_map(of).copied().collect::<Vec<f64>>();

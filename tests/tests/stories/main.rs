@@ -9,6 +9,7 @@ mod collect;
 mod demo;
 mod diagnose;
 mod documents;
+mod faults;
 mod hardware;
 mod identify;
 mod init;

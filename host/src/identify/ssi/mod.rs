@@ -42,6 +42,8 @@ const SAME_MAC: f64 = 0.5;
 const CLEAR_SHARE: f64 = 0.5;
 const CLEAR_ORDERS: usize = 5;
 const CLEAR_DAMPING_STD: f64 = 0.35;
+/// A pole that explains less, but this much, may be a weak mode beside a strong one: the fit of spectra tries it too.
+const TRIED_SHARE: f64 = 0.1;
 
 /// What subspace identification says of a mode.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -169,7 +171,16 @@ fn share(pole: &StablePole, spectrum: &CrossSpectrum, quantity: Quantity) -> f64
 
 impl StablePole {
     fn is_clear(&self) -> bool {
-        self.share >= CLEAR_SHARE
+        self.is_known_with(CLEAR_SHARE)
+    }
+
+    /// Whether it is worth a trial by the other method.
+    fn is_tried(&self) -> bool {
+        self.is_known_with(TRIED_SHARE)
+    }
+
+    fn is_known_with(&self, share: f64) -> bool {
+        self.share >= share
             && self.orders.len() >= CLEAR_ORDERS
             && self.damping_ratio_std < CLEAR_DAMPING_STD * self.damping_ratio
     }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::SetupPoles;
 use super::stabilisation::StablePole;
 use crate::identify::bell::Resonance;
-use crate::identify::choice::leeway_hz;
+use crate::identify::choice::meant_hz;
 use crate::identify::estimate::{SetupMode, SetupModes};
 use crate::identify::judge::MIN_DAMPING;
 use crate::identify::merge::{duration_s, merge};
@@ -66,6 +66,7 @@ pub fn identify_by_subspace(
         record_s: measured.iter().map(|m| duration_s(m, &grid)).sum(),
         frequency_resolution_hz: grid.spacing_hz(),
         harmonics,
+        rejected: Vec::new(),
         warnings,
         other_poles,
         stabilisation: measured.iter().zip(&setups).map(|(m, found)| found.diagram(&m.setup.name)).collect(),
@@ -128,7 +129,7 @@ fn chosen<'a>(
 ) -> Vec<Vec<&'a StablePole>> {
     let mut nearest = |asked_hz: f64, key: &str, then: &str| {
         let distance_hz = |at: &usize| (mean_hz(&poles[*at]) - asked_hz).abs();
-        let leeway_hz = leeway_hz(grid, asked_hz);
+        let leeway_hz = meant_hz(grid.spacing_hz(), asked_hz);
         let found = (0..poles.len()).min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
         let found = found.filter(|at| distance_hz(at) <= leeway_hz);
         if found.is_none() {

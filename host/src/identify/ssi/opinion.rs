@@ -7,8 +7,9 @@ use rayon::prelude::*;
 
 use super::stabilisation::StablePole;
 use super::{SecondOpinion, SetupPoles, SubspacePole};
+use crate::identify::choice::meant_hz;
 use crate::identify::merge::combine;
-use crate::identify::result::{Identification, Mode, ShapeComponent};
+use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause, ShapeComponent};
 use crate::identify::setup::MeasuredSetup;
 use crate::identify::shape::{Shape, mac};
 use crate::identify::{IdentifyError, Suggestion, identify_beside};
@@ -20,12 +21,12 @@ const NEAR_OF_BANDWIDTH: f64 = 1.0;
 const NEAR_MAC: f64 = 0.5;
 /// The methods disagree where they differ by more than this many of their standard deviations together.
 const DISAGREEMENT_SIGMAS: f64 = 3.0;
-/// A pole this near to a mode that the user drops is that mode, as a share of the frequency.
-const DROPPED_SHARE: f64 = 0.01;
+/// A mode that the subspace does not have must have a damping of this many of its standard deviations.
+const LEAST_DAMPING_SIGMAS: f64 = 2.0;
 /// A pole within so many lines of a forced line is of that line.
 const FORCED_LINES: f64 = 2.0;
 
-/// Adds a second opinion on every mode. Where the subspace has a clear pole and the fit no mode, the fit tries once more with that
+/// Adds a second opinion on every mode. Where the subspace has a pole and the fit no mode, the fit tries once more with that
 /// pole among its picks: picking is blind where modes lie close and move alike.
 ///
 /// # Errors
@@ -54,13 +55,39 @@ pub fn add_second_opinion(
     Ok(())
 }
 
-/// Clear poles that all setups show and that are none of the modes.
+/// Takes out modes whose damping is hardly known and that the subspace does not have: a peak that chance makes of noise now and
+/// then is a line or two wide.
+fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
+    let spacing_hz = identification.frequency_resolution_hz;
+    let is_asked_for = |mode: &Mode| {
+        let distance_hz = |hz: &f64| (hz - mode.frequency_hz).abs();
+        choice.add_hz.iter().any(|hz| distance_hz(hz) < meant_hz(spacing_hz, *hz))
+    };
+    let is_unseen = |mode: &Mode| {
+        mode.second_opinion.is_none() && mode.damping_ratio < LEAST_DAMPING_SIGMAS * mode.damping_ratio_std
+    };
+    let (unseen, seen): (Vec<Mode>, Vec<Mode>) = std::mem::take(&mut identification.modes)
+        .into_iter()
+        .partition(|mode| mode.damping_ratio_std.is_finite() && is_unseen(mode) && !is_asked_for(mode));
+    identification.modes = seen;
+    for (index, mode) in identification.modes.iter_mut().enumerate() {
+        mode.number = index + 1;
+    }
+    let rejected =
+        unseen.iter().map(|mode| Rejected { frequency_hz: mode.frequency_hz, because: RejectedBecause::Unseen });
+    identification.rejected.extend(rejected);
+    identification.rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+}
+
+/// Poles worth a trial that all setups show and that are none of the modes.
 fn suggestions(setups: &[SetupPoles], identification: &Identification) -> Vec<Suggestion> {
     let Some((first, others)) = setups.split_first() else { return Vec::new() };
     let spacing_hz = identification.frequency_resolution_hz;
     let is_other = |pole: &&StablePole| {
         let own = |other: &SubspacePole| other.frequency_hz == pole.frequency_hz;
-        identification.other_poles.iter().any(|other| other.is_clear && own(other))
+        // Between several setups poles are brought together by little more than their frequency.
+        let is_wanted = if others.is_empty() { pole.is_tried() } else { pole.is_clear() };
+        is_wanted && identification.other_poles.iter().any(own)
     };
     let in_all = |pole: &StablePole| -> Option<Suggestion> {
         let mut shapes = vec![pole.shape.clone()];
@@ -102,8 +129,7 @@ pub(super) fn add_opinions(
             forced.any(|forced| distance_hz(forced.frequency_hz) < FORCED_LINES * spacing_hz)
         };
         let is_unwanted = |pole: &StablePole| {
-            let leeway_hz = (NEAR_LINES * spacing_hz).max(DROPPED_SHARE * pole.frequency_hz);
-            choice.drop_hz.iter().any(|hz| (hz - pole.frequency_hz).abs() < leeway_hz)
+            choice.drop_hz.iter().any(|hz| (hz - pole.frequency_hz).abs() < meant_hz(spacing_hz, *hz))
         };
         let others = found.stable.iter().zip(&is_used);
         let others = others.filter(|(pole, used)| !**used && !is_forced(pole) && !is_unwanted(pole));
@@ -111,6 +137,9 @@ pub(super) fn add_opinions(
     }
     for (mode, opinions) in identification.modes.iter_mut().zip(&opinions) {
         mode.second_opinion = pooled(mode, opinions);
+    }
+    if choice.only_hz.is_none() {
+        reject_unseen(choice, identification);
     }
     let disagreements = identification.modes.iter().filter_map(disagreement);
     identification.warnings.extend(disagreements);

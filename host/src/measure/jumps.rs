@@ -1,0 +1,273 @@
+//! Places where all channels jump at once: where rows are missing, or parts are joined that do not continue one another.
+//!
+//! Rows flow in, what was found flows out. A recorder's filter leaves next to nothing just below half of the sampling rate, and a
+//! jump is as strong there as anywhere. So the part of all channels there is looked at, a window of rows after the other. Where it is
+//! suddenly far above what is usual in most channels, and as usual again on both sides of one row, something happened between two
+//! rows. No structure does that, but for a hard blow that the recorder's filter lets through.
+
+use super::ring::Rows;
+use crate::statistics::median;
+
+/// Rows of a window, and from one to the next. The window (three terms, Harris 1978, table 1: side lobes of -71 dB) passes what lies
+/// above 0.45 of the sampling rate.
+const WINDOW: usize = 64;
+const HOP: usize = 8;
+const TERMS: [f64; 3] = [0.423_23, -0.497_55, 0.079_22];
+/// Windows that the usual power is learnt from at first, and over which it is averaged later; a single one counts as no more than
+/// this many times the mean.
+const LEARNT: usize = 64;
+const MEMORY: f64 = 512.0;
+const MOST: f64 = 9.0;
+/// Mean of the channels' powers, over the usual one, that begins an event, with this much in at least half of the channels.
+const HOT: f64 = 20.0;
+const HOT_CHANNEL: f64 = 6.0;
+/// What counts as usual.
+const CALM: f64 = 5.0;
+/// Windows of an event, at most: those that one row is in.
+const LONGEST: usize = WINDOW / HOP + 1;
+/// Rows that are kept to look at an event.
+const KEPT: usize = 2 * WINDOW + 2 * (LONGEST + 2) * HOP;
+/// Fewer places may be chance.
+const LEAST_PLACES: u64 = 5;
+
+/// Where all channels jump.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Jumps {
+    /// At how many places, of which not all are found; 0 where too few were.
+    pub(super) places: u64,
+    /// The first: about the recording's row, from 0, before which it lies.
+    pub(super) first_row: u64,
+}
+
+/// Looks for jumps of all channels.
+pub(super) struct JumpFinder {
+    rows: Rows,
+    window: Vec<f64>,
+    /// Where the next window begins.
+    next: u64,
+    /// Powers of the first windows, channel by channel, while they are learnt from.
+    learnt: Vec<Vec<f64>>,
+    usual: Vec<f64>,
+    /// First and next window of the event that goes on.
+    event: Option<[u64; 2]>,
+    found: Jumps,
+}
+
+impl JumpFinder {
+    pub(super) fn new(channels: usize) -> Self {
+        let term = |row: usize, order: usize| {
+            let turn = std::f64::consts::TAU * order as f64 * row as f64 / (WINDOW - 1) as f64;
+            TERMS[order] * turn.cos()
+        };
+        let at = |row: usize| {
+            let weight: f64 = (0..TERMS.len()).map(|order| term(row, order)).sum();
+            if row.is_multiple_of(2) { weight } else { -weight }
+        };
+        let window: Vec<f64> = (0..WINDOW).map(at).collect();
+        let power: f64 = window.iter().map(|weight| weight * weight).sum();
+        Self {
+            rows: Rows::new(channels, KEPT),
+            window: window.iter().map(|weight| weight / power.sqrt()).collect(),
+            next: 0,
+            learnt: vec![Vec::with_capacity(LEARNT); channels],
+            usual: Vec::new(),
+            event: None,
+            found: Jumps::default(),
+        }
+    }
+
+    /// Takes rows, row-major, NaN where a sample is missing.
+    pub(super) fn push(&mut self, rows: &[f64]) {
+        for row in rows.chunks_exact(self.rows.channels().max(1)) {
+            self.rows.push(row);
+            if self.rows.end() >= self.next + WINDOW as u64 {
+                self.take_window();
+                self.next += HOP as u64;
+            }
+        }
+    }
+
+    /// What was found.
+    pub(super) fn finish(self) -> Jumps {
+        if self.found.places >= LEAST_PLACES { self.found } else { Jumps::default() }
+    }
+
+    fn take_window(&mut self) {
+        let parts = self.parts(self.next);
+        if self.usual.is_empty() {
+            for (learnt, part) in self.learnt.iter_mut().zip(&parts) {
+                learnt.push(part * part);
+            }
+            if self.learnt.iter().any(|learnt| learnt.len() >= LEARNT) {
+                // Of squares of normal numbers; NaN where samples are missing takes no part.
+                const MEDIAN_OF_SQUARES: f64 = 0.4549;
+                let usual = |powers: &mut Vec<f64>| {
+                    powers.retain(|power| power.is_finite());
+                    median(powers).unwrap_or(0.0) / MEDIAN_OF_SQUARES
+                };
+                self.usual = self.learnt.iter_mut().map(usual).collect();
+            }
+            return;
+        }
+        let [power, many] = self.power(&parts);
+        let is_hot = power > HOT && many >= 0.5;
+        match self.event {
+            None if is_hot => self.event = Some([self.next, self.next + HOP as u64]),
+            Some([first, _]) if is_hot => self.event = Some([first, self.next + HOP as u64]),
+            // The rows after it are wanted too.
+            Some(event) if self.next >= event[1] + WINDOW as u64 => {
+                self.look_at(event);
+                self.event = None;
+            }
+            _ => {}
+        }
+        for (usual, part) in self.usual.iter_mut().zip(&parts) {
+            let square = (part * part).min(MOST * *usual);
+            if square.is_finite() {
+                *usual += (square - *usual) / MEMORY;
+            }
+        }
+    }
+
+    /// What each channel has just below half of the sampling rate in the window from a row on.
+    fn parts(&self, first: u64) -> Vec<f64> {
+        let mut parts = vec![0.0; self.rows.channels()];
+        for (weight, row) in self.window.iter().zip(self.rows.from(first)) {
+            parts.iter_mut().zip(row).for_each(|(part, value)| *part += weight * value);
+        }
+        parts
+    }
+
+    /// The mean of the channels' powers over what is usual, and the share of channels with much more than that.
+    fn power(&self, parts: &[f64]) -> [f64; 2] {
+        let (mut sum, mut many, mut channels) = (0.0, 0.0, 0.0);
+        for (part, usual) in parts.iter().zip(&self.usual) {
+            let power = part * part / usual;
+            if power.is_finite() {
+                sum += power;
+                many += f64::from(u8::from(power > HOT_CHANNEL));
+                channels += 1.0;
+            }
+        }
+        if channels > 0.0 { [sum / channels, many / channels] } else { [0.0, 0.0] }
+    }
+
+    /// Counts an event, whose windows begin at the rows from `first` to before `end`, where it is a jump.
+    fn look_at(&mut self, [first, end]: [u64; 2]) {
+        if end - first > (LONGEST * HOP) as u64 {
+            return;
+        }
+        // The row after the jump is in all hot windows, and neither side has anything of it.
+        let power_from = |row: u64| self.power(&self.parts(row))[0];
+        let sides = |row: &u64| power_from(row - WINDOW as u64).max(power_from(*row));
+        let from = end.saturating_sub(HOP as u64).max(self.rows.start() + WINDOW as u64);
+        let to = (first + WINDOW as u64).min(self.rows.end() - WINDOW as u64);
+        let calmest = (from..=to).map(|row| (sides(&row), row)).min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, row)) = calmest.filter(|(power, _)| *power < CALM) {
+            if self.found.places == 0 {
+                self.found.first_row = row;
+            }
+            self.found.places += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    const CHANNELS: usize = 5;
+
+    /// Motions below 0.4 of the sampling rate, and a little noise.
+    struct Motion {
+        tones: Vec<[f64; 2]>,
+        noise: f64,
+        random: ChaCha8Rng,
+    }
+
+    impl Motion {
+        fn new(seed: u64) -> Self {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let tones = (0..40).map(|_| [random.random_range(0.01..0.4), random.random_range(-3.0..3.0)]).collect();
+            Self { tones, noise: 0.02, random }
+        }
+
+        fn row(&mut self, row: f64) -> Vec<f64> {
+            let tone = |channel: usize, index: usize, [frequency, phase]: [f64; 2]| {
+                let amplitude = 0.2 * (1.0 + ((channel * 7 + index * 3) % 5) as f64);
+                amplitude * (std::f64::consts::TAU * frequency * row + phase).sin()
+            };
+            (0..CHANNELS)
+                .map(|channel| {
+                    let sum: f64 =
+                        self.tones.iter().enumerate().map(|(index, tone_of)| tone(channel, index, *tone_of)).sum();
+                    sum + self.noise * self.random.random_range(-1.7..1.7)
+                })
+                .collect()
+        }
+    }
+
+    fn found(rows: impl Iterator<Item = Vec<f64>>) -> Jumps {
+        let mut finder = JumpFinder::new(CHANNELS);
+        let flat: Vec<f64> = rows.flatten().collect();
+        flat.chunks(700 * CHANNELS).for_each(|part| finder.push(part));
+        finder.finish()
+    }
+
+    #[test]
+    fn a_sound_recording_has_no_jumps_however_loud_it_gets() {
+        let mut motion = Motion::new(1);
+        assert_eq!(found((0..20_000).map(|row| motion.row(f64::from(row)))), Jumps::default());
+        // A gust with more noise in it, and blows that ring.
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let loud = found((0..40_000).map(|row| {
+            let gust = if (8000..12_000).contains(&row) { 6.0 } else { 1.0 };
+            let ring = if row > 1000 { 3.0 * (-f64::from(row % 1000) / 60.0).exp() } else { 0.0 };
+            let mut values = motion.row(f64::from(row));
+            for value in &mut values {
+                *value = gust * (*value + ring * random.random_range(-1.0..1.0));
+            }
+            values
+        }));
+        assert_eq!(loud, Jumps::default());
+    }
+
+    #[test]
+    fn places_where_rows_are_missing_are_found() {
+        let mut motion = Motion::new(3);
+        let gone = [5003, 7777, 9000, 9001, 12_345, 15_000, 17_171];
+        let jumps = found((0..20_000).filter(|row| !gone.contains(row)).map(|row| motion.row(f64::from(row))));
+        assert!((5..=6).contains(&jumps.places), "{jumps:?}");
+        assert!(jumps.first_row.abs_diff(5003) <= HOP as u64, "{jumps:?}");
+    }
+
+    #[test]
+    fn parts_that_are_joined_are_found_and_a_single_jump_is_no_news() {
+        let mut motion = Motion::new(4);
+        let jumps = found((0..20_000).map(|row| motion.row(f64::from(row) + 1234.5 * f64::from(row / 2048))));
+        assert!(jumps.places >= 8, "{jumps:?}");
+        assert!(jumps.first_row.abs_diff(2048) <= HOP as u64, "{jumps:?}");
+        let once = found((0..20_000).map(|row| motion.row(f64::from(row) + 1234.5 * f64::from(row / 12_048))));
+        assert_eq!(once, Jumps::default());
+    }
+
+    #[test]
+    fn dead_channels_and_missing_samples_disturb_nothing() {
+        let mut motion = Motion::new(5);
+        let rows = (0..20_000).filter(|row| row % 3000 != 2999).map(|row| {
+            let mut values = motion.row(f64::from(row));
+            values[1] = 0.0;
+            if row > 10_000 && row < 11_000 {
+                values[2] = f64::NAN;
+            }
+            values
+        });
+        let jumps = found(rows);
+        assert!(jumps.places >= 5, "{jumps:?}");
+        assert_eq!(found(std::iter::empty()), Jumps::default());
+        assert_eq!(found(std::iter::repeat_n(vec![0.0; CHANNELS], 5000)), Jumps::default());
+    }
+}

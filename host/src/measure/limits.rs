@@ -1,0 +1,136 @@
+//! Channels that are cut off: the sensor or the recorder reaches the end of its range.
+//!
+//! Rows flow in; which channels were cut off, how often and since when, flows out. The largest values of a signal that is not cut
+//! off are rarer than those a little smaller; where it is cut off, one value stands there again and again.
+
+/// Samples at a channel's end that make it cut off...
+const LEAST_SAMPLES: u64 = 10;
+/// ...where they are this many times those at the next value.
+const MORE_THAN_NEXT: u64 = 5;
+
+/// What was cut off in one channel.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct CutOff {
+    /// Samples at either end of the range.
+    pub(super) samples: u64,
+    /// The first of them: the recording's row, from 0.
+    pub(super) first_row: u64,
+    /// The end of the range, as the recording has it.
+    pub(super) limit: f64,
+    /// Their share of the channel's samples.
+    pub(super) share: f64,
+}
+
+/// One end of a channel's range.
+#[derive(Debug, Clone, Copy)]
+struct End {
+    /// The outermost value so far (its negative, at the lower end), how many samples have it and the first of them.
+    value: f64,
+    samples: u64,
+    first_row: u64,
+    /// The same of the next value.
+    next: f64,
+    next_samples: u64,
+}
+
+impl End {
+    const NONE: Self =
+        Self { value: f64::NEG_INFINITY, samples: 0, first_row: 0, next: f64::NEG_INFINITY, next_samples: 0 };
+
+    fn take(&mut self, value: f64, row: u64) {
+        if value < self.next {
+            return;
+        }
+        if value > self.value {
+            (self.next, self.next_samples) = (self.value, self.samples);
+            (self.value, self.samples, self.first_row) = (value, 1, row);
+        } else if value == self.value {
+            self.samples += 1;
+        } else if value > self.next {
+            (self.next, self.next_samples) = (value, 1);
+        } else if value == self.next {
+            self.next_samples += 1;
+        }
+    }
+
+    fn is_cut_off(&self) -> bool {
+        self.samples >= LEAST_SAMPLES && self.samples > MORE_THAN_NEXT * self.next_samples && self.next.is_finite()
+    }
+}
+
+/// Watches the ends of all channels' ranges.
+pub(super) struct Limits {
+    ends: Vec<[End; 2]>,
+    samples: Vec<u64>,
+    rows: u64,
+}
+
+impl Limits {
+    pub(super) fn new(channels: usize) -> Self {
+        Self { ends: vec![[End::NONE; 2]; channels], samples: vec![0; channels], rows: 0 }
+    }
+
+    /// Takes rows, row-major, NaN where a sample is missing.
+    pub(super) fn push(&mut self, rows: &[f64]) {
+        for row in rows.chunks_exact(self.ends.len().max(1)) {
+            for ((ends, samples), &value) in self.ends.iter_mut().zip(&mut self.samples).zip(row) {
+                *samples += u64::from(u8::from(value.is_finite()));
+                ends[0].take(value, self.rows);
+                ends[1].take(-value, self.rows);
+            }
+            self.rows += 1;
+        }
+    }
+
+    /// What was cut off, channel by channel.
+    pub(super) fn finish(self) -> Vec<CutOff> {
+        let of = |(ends, samples): (&[End; 2], &u64)| {
+            let cut: Vec<(f64, &End)> = [1.0, -1.0].into_iter().zip(ends).filter(|(_, end)| end.is_cut_off()).collect();
+            let Some((sign, first)) = cut.iter().min_by_key(|(_, end)| end.first_row) else { return CutOff::default() };
+            let count = cut.iter().map(|(_, end)| end.samples).sum();
+            let share = count as f64 / (*samples).max(1) as f64;
+            CutOff { samples: count, first_row: first.first_row, limit: sign * first.value, share }
+        };
+        self.ends.iter().zip(&self.samples).map(of).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    /// A channel of noise like a structure's, changed by `change`.
+    fn of(change: impl Fn(f64) -> f64) -> CutOff {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut motion = 0.0;
+        let mut limits = Limits::new(1);
+        for _ in 0..50_000 {
+            motion = 0.9 * motion + (0..6).map(|_| random.random_range(-1.0..1.0)).sum::<f64>();
+            limits.push(&[change(motion)]);
+        }
+        limits.finish()[0]
+    }
+
+    #[test]
+    fn a_channel_is_cut_off_where_one_value_stands_at_its_end() {
+        assert_eq!(of(|value| value).samples, 0);
+        let both = of(|value| value.clamp(-6.0, 6.0));
+        assert!(both.samples > 100 && both.limit.abs() == 6.0 && both.share > 0.01, "{both:?}");
+        let below = of(|value| value.max(-7.0));
+        assert!(below.samples > 100 && below.limit == -7.0, "{below:?}");
+        let counts = of(|value| (10.0 * value.clamp(-6.0, 6.0)).round());
+        assert!(counts.samples > 100 && counts.limit.abs() == 60.0, "{counts:?}");
+    }
+
+    #[test]
+    fn coarse_counts_dead_channels_and_missing_samples_are_not_cut_off() {
+        for step in [0.5, 2.0, 5.0, 8.0] {
+            assert_eq!(of(|value| (value / step).round() * step).samples, 0, "{step}");
+        }
+        assert_eq!(of(|_| 3.0).samples, 0);
+        assert_eq!(of(|_| f64::NAN).samples, 0);
+    }
+}

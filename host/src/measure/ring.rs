@@ -1,0 +1,45 @@
+//! The last rows of a recording.
+
+/// Rows that are kept, by their number in the recording.
+pub(super) struct Rows {
+    channels: usize,
+    kept: usize,
+    values: Vec<f64>,
+    /// Number of the first row in `values`.
+    first: u64,
+}
+
+impl Rows {
+    /// Keeps at least so many rows.
+    pub(super) fn new(channels: usize, kept: usize) -> Self {
+        Self { channels, kept, values: Vec::with_capacity(2 * kept * channels), first: 0 }
+    }
+
+    pub(super) fn channels(&self) -> usize {
+        self.channels
+    }
+
+    pub(super) fn push(&mut self, row: &[f64]) {
+        // Twice as many rows are held, so that old ones need not go one by one.
+        if self.values.len() >= 2 * self.kept * self.channels {
+            self.values.drain(..self.kept * self.channels);
+            self.first += self.kept as u64;
+        }
+        self.values.extend_from_slice(row);
+    }
+
+    /// Number of the first row that is kept, and of the one after the last.
+    pub(super) fn start(&self) -> u64 {
+        self.first
+    }
+
+    pub(super) fn end(&self) -> u64 {
+        self.first + (self.values.len() / self.channels.max(1)) as u64
+    }
+
+    /// The rows from one on; all that are kept where it is gone.
+    pub(super) fn from(&self, row: u64) -> std::slice::ChunksExact<'_, f64> {
+        let gone = (row.saturating_sub(self.first) as usize * self.channels).min(self.values.len());
+        self.values[gone..].chunks_exact(self.channels.max(1))
+    }
+}

@@ -1,0 +1,33 @@
+//! Faults that nothing in a recording says, on recordings of another make: each is told, or does no harm.
+
+use belfry_tests::records::{CaseScore, case, run};
+
+/// Drawn once; what is asked here holds for any.
+const SEED: u64 = 20_261_123;
+
+fn score(name: &str) -> CaseScore {
+    let folder = tempfile::tempdir().unwrap();
+    let mut score = CaseScore::default();
+    run(case(name).unwrap(), SEED, "spectra", folder.path(), &mut score).unwrap();
+    assert_eq!(score.refused, []);
+    score
+}
+
+fn tells(score: &CaseScore, words: &str) -> bool {
+    score.warnings.iter().any(|warning| warning.contains(words))
+}
+
+#[test]
+fn missing_rows_that_nothing_says_are_suspected_aloud_and_only_where_they_are_missing() {
+    let damaged = score("missing-rows");
+    assert!(tells(&damaged, "all channels jump at once at"), "{:?}", damaged.warnings);
+    let sound = score("wind");
+    assert!(!tells(&sound, "jump") && !tells(&sound, "cut off"), "{:?}", sound.warnings);
+}
+
+#[test]
+fn a_channel_that_is_cut_off_is_named_and_left_out_and_no_shape_is_bent() {
+    let damaged = score("clipped");
+    assert!(tells(&damaged, "is cut off at") && tells(&damaged, "and is left out"), "{:?}", damaged.warnings);
+    assert!(damaged.modes.iter().all(|mode| mode.least_mac.is_some_and(|mac| mac > 0.999)), "{}", damaged.table());
+}
