@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             harmonic.frequency_hz, harmonic.kurtosis
         ));
     }
-    if let Some(sentence) = rejected_sentence(&report.identification) {
+    if let Some(sentence) = report.identification.rejected_in_words() {
         console.say(sentence);
     }
     for sentence in needs(&report, wish) {
@@ -136,17 +136,6 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(next_lines(&[(format!("compare {study}"), "the model against these modes")]));
     }
     Ok(())
-}
-
-/// What was picked and is no mode, and how to keep it.
-fn rejected_sentence(identification: &Identification) -> Option<String> {
-    let first = identification.rejected.first()?;
-    let each = identification.rejected.iter().map(|one| format!("{:.4} Hz: {}", one.frequency_hz, one.because));
-    Some(format!(
-        "Peaks that are no modes ({}). To keep one, name it: add_modes_hz = [{:.4}] in [analysis].",
-        each.collect::<Vec<_>>().join("; "),
-        first.frequency_hz
-    ))
 }
 
 /// What the reader should know of modes and trends.

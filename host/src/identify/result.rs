@@ -34,6 +34,19 @@ pub struct Identification {
     pub singular_values: Vec<SingularSpectrum>,
 }
 
+impl Identification {
+    /// The rejected peaks with their reasons, and how to keep one; `None` where there are none.
+    pub fn rejected_in_words(&self) -> Option<String> {
+        let first = self.rejected.first()?;
+        let each = self.rejected.iter().map(|one| format!("{:.4} Hz ({})", one.frequency_hz, one.because));
+        Some(format!(
+            "Rejected peaks: {}. To keep one, name it: add_modes_hz = [{:.4}] in [analysis].",
+            each.collect::<Vec<_>>().join("; "),
+            first.frequency_hz
+        ))
+    }
+}
+
 /// A mode of vibration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Mode {
@@ -87,7 +100,7 @@ pub struct Harmonic {
 /// A peak that was picked and is no mode.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Rejected {
-    /// Where it was picked, in Hz.
+    /// Where it was picked, or fitted, in Hz.
     pub frequency_hz: f64,
     /// Why it is no mode.
     pub because: RejectedBecause,
@@ -97,7 +110,7 @@ pub struct Rejected {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RejectedBecause {
-    /// A stronger mode beside it shows twice.
+    /// It is the stronger mode beside it, seen twice.
     Double,
     /// Most setups do not show it.
     NotShown,
@@ -116,7 +129,7 @@ pub enum RejectedBecause {
 impl std::fmt::Display for RejectedBecause {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         formatter.write_str(match self {
-            Self::Double => "a stronger mode beside it shows twice",
+            Self::Double => "it is the stronger mode beside it, seen twice",
             Self::NotShown => "most setups do not show it",
             Self::Undamped => "it is sharper than any structure's resonance",
             Self::Overdamped => "it is wider than any structure's resonance",

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::epoch_s;
+use super::fill::Filled;
 use super::jumps::Jumps;
 use super::limits::CutOff;
 use super::spikes::Spikes;
@@ -37,12 +38,7 @@ pub(super) fn silenced_sentences(setup: &Setup, grid: &LineGrid, silenced: &[Sil
 /// What was found in the rows. Channels in `left_out` are cut off so often that they are.
 pub(super) fn fault_sentences(setup: &Setup, faults: &Faults, left_out: &[usize]) -> Vec<String> {
     let mut sentences = spike_sentences(setup, &faults.spikes);
-    if faults.filled > 0 {
-        sentences.push(format!(
-            "{} samples that were missing alone are filled with the mean of the samples beside",
-            faults.filled
-        ));
-    }
+    sentences.extend(filled_sentences(setup, &faults.filled));
     let cut_off = setup.sensors.iter().zip(&faults.cut_off).enumerate().filter(|(_, (_, cut))| cut.samples > 0);
     sentences.extend(
         cut_off.map(|(channel, (sensor, cut))| cut_off_sentence(setup, sensor, cut, left_out.contains(&channel))),
@@ -54,7 +50,7 @@ pub(super) fn fault_sentences(setup: &Setup, faults: &Faults, left_out: &[usize]
 fn cut_off_sentence(setup: &Setup, sensor: &Sensor, cut: &CutOff, is_left_out: bool) -> String {
     let what = if is_left_out { ", and is left out" } else { "" };
     format!(
-        "channel \"{}\" is cut off at {:.3e} in {} samples ({:.2} %), the first {} into the record{what}: the sensor or the recorder reaches the end of its range; measure with a wider one",
+        "channel \"{}\" is cut off at {:.3e} (as recorded) in {} samples ({:.2} %), the first {} into the record{what}: the sensor or the recorder reaches the end of its range; measure with a wider one",
         sensor.channel,
         cut.limit,
         cut.samples,
@@ -63,12 +59,30 @@ fn cut_off_sentence(setup: &Setup, sensor: &Sensor, cut: &CutOff, is_left_out: b
     )
 }
 
+/// Which channels had single missing samples that were filled: a line for all that had the same.
+fn filled_sentences(setup: &Setup, filled: &[Filled]) -> Vec<String> {
+    let mut alike: BTreeMap<Filled, Vec<String>> = BTreeMap::new();
+    for (sensor, filled) in setup.sensors.iter().zip(filled).filter(|(_, filled)| filled.count > 0) {
+        alike.entry(*filled).or_default().push(format!("\"{}\"", sensor.channel));
+    }
+    let sentence = |(filled, channels): (Filled, Vec<String>)| {
+        let at = time_of_day(filled.first_row as f64 / setup.sampling_rate_hz);
+        let noun = if channels.len() == 1 { "channel" } else { "channels" };
+        format!(
+            "{noun} {}: {} single missing samples, the first {at} into the record, are filled with the mean of those beside them",
+            channels.join(", "),
+            filled.count
+        )
+    };
+    alike.into_iter().map(sentence).collect()
+}
+
 /// Where all channels jump.
 fn jump_sentence(setup: &Setup, jumps: &Jumps) -> Option<String> {
     let at = time_of_day(jumps.first_row as f64 / setup.sampling_rate_hz);
     (jumps.places > 0).then(|| {
         format!(
-            "all channels jump at once at {} places that were found, the first {at} into the record, as where rows are missing, parts of other times are joined, or something strikes the structure. Where rows are missing, frequencies come out too high by the same share, and damping too large: put rows of empty cells in their place, or give the file a column of times",
+            "all channels jump at once at {} places, the first {at} into the record; more may be hidden. Rows may be missing, parts may be joined, or blows strike the structure. If 1 % of the rows are missing, frequencies come out 1 % too high and damping too large: put empty cells in their place, or give the file a column of times",
             jumps.places
         )
     })

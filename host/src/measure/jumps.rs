@@ -5,6 +5,8 @@
 //! suddenly far above what is usual in most channels, and as usual again on both sides of one row, something happened between two
 //! rows. No structure does that, but for a hard blow that the recorder's filter lets through.
 
+use std::collections::VecDeque;
+
 use super::ring::Rows;
 use crate::statistics::median;
 
@@ -27,8 +29,12 @@ const CALM: f64 = 5.0;
 const LONGEST: usize = WINDOW / HOP + 1;
 /// Rows that are kept to look at an event.
 const KEPT: usize = 2 * WINDOW + 2 * (LONGEST + 2) * HOP;
-/// Fewer places may be chance.
-const LEAST_PLACES: u64 = 5;
+/// Fewer places may be chance: so many, and this share of all windows. Where the channels have their noise in common, a window is hot
+/// by chance once in 100 000.
+const LEAST_PLACES: f64 = 5.0;
+const CHANCE_A_WINDOW: f64 = 5e-5;
+/// Fewer channels cannot tell what happens to all of them.
+const LEAST_CHANNELS: f64 = 3.0;
 
 /// Where all channels jump.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -45,11 +51,15 @@ pub(super) struct JumpFinder {
     window: Vec<f64>,
     /// Where the next window begins.
     next: u64,
-    /// Powers of the first windows, channel by channel, while they are learnt from.
+    windows: u64,
+    /// Powers of the first windows in which something is, channel by channel.
     learnt: Vec<Vec<f64>>,
+    /// The usual power of each channel; NaN while it is learnt.
     usual: Vec<f64>,
-    /// First and next window of the event that goes on.
+    /// First window of an event and the one after its last, while it goes on.
     event: Option<[u64; 2]>,
+    /// Events whose rows have not all come yet.
+    ended: VecDeque<[u64; 2]>,
     found: Jumps,
 }
 
@@ -69,9 +79,11 @@ impl JumpFinder {
             rows: Rows::new(channels, KEPT),
             window: window.iter().map(|weight| weight / power.sqrt()).collect(),
             next: 0,
-            learnt: vec![Vec::with_capacity(LEARNT); channels],
-            usual: Vec::new(),
+            windows: 0,
+            learnt: vec![Vec::new(); channels],
+            usual: vec![f64::NAN; channels],
             event: None,
+            ended: VecDeque::new(),
             found: Jumps::default(),
         }
     }
@@ -89,42 +101,47 @@ impl JumpFinder {
 
     /// What was found.
     pub(super) fn finish(self) -> Jumps {
-        if self.found.places >= LEAST_PLACES { self.found } else { Jumps::default() }
+        let least = LEAST_PLACES + CHANCE_A_WINDOW * self.windows as f64;
+        if self.found.places as f64 >= least { self.found } else { Jumps::default() }
     }
 
     fn take_window(&mut self) {
+        self.windows += 1;
         let parts = self.parts(self.next);
-        if self.usual.is_empty() {
-            for (learnt, part) in self.learnt.iter_mut().zip(&parts) {
-                learnt.push(part * part);
-            }
-            if self.learnt.iter().any(|learnt| learnt.len() >= LEARNT) {
-                // Of squares of normal numbers; NaN where samples are missing takes no part.
-                const MEDIAN_OF_SQUARES: f64 = 0.4549;
-                let usual = |powers: &mut Vec<f64>| {
-                    powers.retain(|power| power.is_finite());
-                    median(powers).unwrap_or(0.0) / MEDIAN_OF_SQUARES
-                };
-                self.usual = self.learnt.iter_mut().map(usual).collect();
-            }
-            return;
-        }
         let [power, many] = self.power(&parts);
-        let is_hot = power > HOT && many >= 0.5;
-        match self.event {
-            None if is_hot => self.event = Some([self.next, self.next + HOP as u64]),
-            Some([first, _]) if is_hot => self.event = Some([first, self.next + HOP as u64]),
-            // The rows after it are wanted too.
-            Some(event) if self.next >= event[1] + WINDOW as u64 => {
-                self.look_at(event);
-                self.event = None;
+        let end = self.next + HOP as u64;
+        self.event = match (self.event, power > HOT && many >= 0.5) {
+            (None, true) => Some([self.next, end]),
+            (Some([first, _]), true) => Some([first, end]),
+            (event, false) => {
+                self.ended.extend(event);
+                None
             }
-            _ => {}
+        };
+        // The rows after it are wanted too.
+        while let Some(&event) = self.ended.front()
+            && event[0] + WINDOW as u64 <= self.next
+        {
+            self.ended.pop_front();
+            self.look_at(event);
         }
-        for (usual, part) in self.usual.iter_mut().zip(&parts) {
-            let square = (part * part).min(MOST * *usual);
-            if square.is_finite() {
-                *usual += (square - *usual) / MEMORY;
+        self.learn(&parts);
+    }
+
+    fn learn(&mut self, parts: &[f64]) {
+        // Of squares of normal numbers.
+        const MEDIAN_OF_SQUARES: f64 = 0.4549;
+        for ((usual, learnt), part) in self.usual.iter_mut().zip(&mut self.learnt).zip(parts) {
+            let square = part * part;
+            if !usual.is_nan() {
+                if square.is_finite() {
+                    *usual += (square.min(MOST * *usual) - *usual) / MEMORY;
+                }
+            } else if square.is_finite() && square > 0.0 {
+                learnt.push(square);
+                if learnt.len() == LEARNT {
+                    *usual = median(learnt).unwrap_or(f64::NAN) / MEDIAN_OF_SQUARES;
+                }
             }
         }
     }
@@ -149,7 +166,7 @@ impl JumpFinder {
                 channels += 1.0;
             }
         }
-        if channels > 0.0 { [sum / channels, many / channels] } else { [0.0, 0.0] }
+        if channels >= LEAST_CHANNELS { [sum / channels, many / channels] } else { [0.0, 0.0] }
     }
 
     /// Counts an event, whose windows begin at the rows from `first` to before `end`, where it is a jump.
@@ -236,6 +253,17 @@ mod tests {
     }
 
     #[test]
+    fn noise_that_all_channels_share_has_no_jumps() {
+        let mut random = ChaCha8Rng::seed_from_u64(9);
+        let mut finder = JumpFinder::new(CHANNELS);
+        for _ in 0..2_000_000 {
+            let value: f64 = (0..4).map(|_| random.random_range(-1.0..1.0)).sum();
+            finder.push(&[value; CHANNELS]);
+        }
+        assert_eq!(finder.finish(), Jumps::default());
+    }
+
+    #[test]
     fn places_where_rows_are_missing_are_found() {
         let mut motion = Motion::new(3);
         let gone = [5003, 7777, 9000, 9001, 12_345, 15_000, 17_171];
@@ -267,6 +295,14 @@ mod tests {
         });
         let jumps = found(rows);
         assert!(jumps.places >= 5, "{jumps:?}");
+        // Rows that are known to be missing, in a recording that begins late.
+        let empty = |row: i32| row < 2000 || row % 1500 == 1499;
+        let rows =
+            (0..20_000).map(|row| if empty(row) { vec![f64::NAN; CHANNELS] } else { motion.row(f64::from(row)) });
+        assert_eq!(found(rows), Jumps::default());
+        let late = (0..20_000).filter(|row| row % 2500 != 2499);
+        let rows = late.map(|row| if row < 2000 { vec![0.0; CHANNELS] } else { motion.row(f64::from(row)) });
+        assert!(found(rows).places >= 5);
         assert_eq!(found(std::iter::empty()), Jumps::default());
         assert_eq!(found(std::iter::repeat_n(vec![0.0; CHANNELS], 5000)), Jumps::default());
     }

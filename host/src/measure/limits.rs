@@ -3,9 +3,10 @@
 //! Rows flow in; which channels were cut off, how often and since when, flows out. The largest values of a signal that is not cut
 //! off are rarer than those a little smaller; where it is cut off, one value stands there again and again.
 
-/// Samples at a channel's end that make it cut off...
-const LEAST_SAMPLES: u64 = 10;
-/// ...where they are this many times those at the next value.
+/// Visits of a channel's end that make it cut off...
+const LEAST_VISITS: u64 = 10;
+/// ...where they are this many times those of the next value. A sensor that is switched off for a minute stays at one value, which is
+/// one visit.
 const MORE_THAN_NEXT: u64 = 5;
 
 /// What was cut off in one channel.
@@ -24,37 +25,40 @@ pub(super) struct CutOff {
 /// One end of a channel's range.
 #[derive(Debug, Clone, Copy)]
 struct End {
-    /// The outermost value so far (its negative, at the lower end), how many samples have it and the first of them.
+    /// The outermost value so far (its negative, at the lower end): its samples, how often the channel came to it, and its first row.
     value: f64,
     samples: u64,
+    visits: u64,
     first_row: u64,
-    /// The same of the next value.
+    /// The next value, and how often the channel came to that.
     next: f64,
-    next_samples: u64,
+    next_visits: u64,
 }
 
 impl End {
     const NONE: Self =
-        Self { value: f64::NEG_INFINITY, samples: 0, first_row: 0, next: f64::NEG_INFINITY, next_samples: 0 };
+        Self { value: f64::NEG_INFINITY, samples: 0, visits: 0, first_row: 0, next: f64::NEG_INFINITY, next_visits: 0 };
 
-    fn take(&mut self, value: f64, row: u64) {
+    fn take(&mut self, value: f64, before: f64, row: u64) {
         if value < self.next {
             return;
         }
+        let visit = u64::from(value != before);
         if value > self.value {
-            (self.next, self.next_samples) = (self.value, self.samples);
-            (self.value, self.samples, self.first_row) = (value, 1, row);
+            (self.next, self.next_visits) = (self.value, self.visits);
+            (self.value, self.samples, self.visits, self.first_row) = (value, 1, 1, row);
         } else if value == self.value {
             self.samples += 1;
+            self.visits += visit;
         } else if value > self.next {
-            (self.next, self.next_samples) = (value, 1);
+            (self.next, self.next_visits) = (value, 1);
         } else if value == self.next {
-            self.next_samples += 1;
+            self.next_visits += visit;
         }
     }
 
     fn is_cut_off(&self) -> bool {
-        self.samples >= LEAST_SAMPLES && self.samples > MORE_THAN_NEXT * self.next_samples && self.next.is_finite()
+        self.visits >= LEAST_VISITS && self.visits > MORE_THAN_NEXT * self.next_visits && self.next.is_finite()
     }
 }
 
@@ -62,21 +66,30 @@ impl End {
 pub(super) struct Limits {
     ends: Vec<[End; 2]>,
     samples: Vec<u64>,
+    before: Vec<f64>,
     rows: u64,
 }
 
 impl Limits {
     pub(super) fn new(channels: usize) -> Self {
-        Self { ends: vec![[End::NONE; 2]; channels], samples: vec![0; channels], rows: 0 }
+        Self {
+            ends: vec![[End::NONE; 2]; channels],
+            samples: vec![0; channels],
+            before: vec![f64::NAN; channels],
+            rows: 0,
+        }
     }
 
     /// Takes rows, row-major, NaN where a sample is missing.
     pub(super) fn push(&mut self, rows: &[f64]) {
         for row in rows.chunks_exact(self.ends.len().max(1)) {
-            for ((ends, samples), &value) in self.ends.iter_mut().zip(&mut self.samples).zip(row) {
-                *samples += u64::from(u8::from(value.is_finite()));
-                ends[0].take(value, self.rows);
-                ends[1].take(-value, self.rows);
+            for (((ends, samples), before), &value) in
+                self.ends.iter_mut().zip(&mut self.samples).zip(&mut self.before).zip(row)
+            {
+                *samples += u64::from(value.is_finite());
+                ends[0].take(value, *before, self.rows);
+                ends[1].take(-value, -*before, self.rows);
+                *before = value;
             }
             self.rows += 1;
         }
@@ -131,6 +144,12 @@ mod tests {
             assert_eq!(of(|value| (value / step).round() * step).samples, 0, "{step}");
         }
         assert_eq!(of(|_| 3.0).samples, 0);
+        let rows = std::cell::Cell::new(0);
+        let switched_off = of(|value| {
+            rows.set(rows.get() + 1);
+            if (20_000..23_000).contains(&rows.get()) { -50.0 } else { value }
+        });
+        assert_eq!(switched_off.samples, 0, "{switched_off:?}");
         assert_eq!(of(|_| f64::NAN).samples, 0);
     }
 }

@@ -5,6 +5,7 @@
 //! setup that cannot be measured is left out with a warning as long as another can.
 
 mod faults;
+mod fill;
 mod intervals;
 mod jumps;
 mod limits;

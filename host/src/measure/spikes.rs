@@ -1,5 +1,4 @@
-//! Spikes of single samples, as bad contacts and bit errors make them, are replaced by the mean of their neighbours; so are single
-//! samples that are missing.
+//! Spikes of single samples, as bad contacts and bit errors make them, are replaced by the mean of their neighbours.
 //!
 //! Rows flow in, rows flow out one later, and a tally. A sample is a spike where it alone is off: its distance from the mean of its
 //! neighbours is many times what is usual for the channel, and the neighbours agree with each other. Nothing that a structure does
@@ -35,8 +34,6 @@ pub(super) struct SpikeFilter {
     /// The least step between two samples that was seen: distances of a few of them are how a converter counts.
     least_step: Vec<f64>,
     found: Vec<Spikes>,
-    /// Samples that were missing alone.
-    filled: u64,
     out: Vec<f64>,
 }
 
@@ -49,7 +46,6 @@ impl SpikeFilter {
             usual: vec![0.0; channels],
             least_step: vec![f64::INFINITY; channels],
             found: vec![Spikes::default(); channels],
-            filled: 0,
             out: Vec::new(),
         }
     }
@@ -70,12 +66,8 @@ impl SpikeFilter {
                 let (before, here) = (self.before[channel], self.last[channel]);
                 let mean = 0.5 * (before + after);
                 let distance = here - mean;
-                // Where a sample is missing, nothing is known, but a single one can be filled.
+                // Where a sample is missing, nothing is known.
                 if !distance.is_finite() {
-                    if here.is_nan() && mean.is_finite() {
-                        self.last[channel] = mean;
-                        self.filled += 1;
-                    }
                     continue;
                 }
                 let step = (here - before).abs();
@@ -104,9 +96,9 @@ impl SpikeFilter {
         self.rows += 1;
     }
 
-    /// The last row, what was replaced, channel by channel, and how many single missing samples were filled.
-    pub(super) fn finish(self) -> (Vec<f64>, Vec<Spikes>, u64) {
-        (self.last, self.found, self.filled)
+    /// The last row, and what was replaced, channel by channel.
+    pub(super) fn finish(self) -> (Vec<f64>, Vec<Spikes>) {
+        (self.last, self.found)
     }
 }
 
@@ -122,7 +114,7 @@ mod tests {
         for part in flat.chunks(block * channels) {
             out.extend_from_slice(filter.push(part));
         }
-        let (last, found, _) = filter.finish();
+        let (last, found) = filter.finish();
         out.extend(last);
         (out.chunks(channels).map(<[f64]>::to_vec).collect(), found)
     }
@@ -168,15 +160,13 @@ mod tests {
         for row in &mut rows[1500..] {
             row[0] += 9.81;
         }
-        // Missing alone, and two together.
-        (rows[2000][1], rows[2100][1], rows[2101][1]) = (f64::NAN, f64::NAN, f64::NAN);
+        rows[2000][1] = f64::NAN;
         // A converter that shows mostly nothing, and one count now and then.
         for (n, row) in rows.iter_mut().enumerate() {
             row.push(if n % 97 == 3 { 1e-3 } else { 0.0 });
         }
         let (out, found) = filtered(&rows, 512);
         assert!(found.iter().all(|found| found.count == 0), "{found:?}");
-        assert_eq!(out[2000][1], 0.5 * (rows[1999][1] + rows[2001][1]));
-        assert!(out[2100][1].is_nan() && out[2101][1].is_nan() && out[1999] == rows[1999]);
+        assert!(out[2000][1].is_nan() && out[1999] == rows[1999]);
     }
 }

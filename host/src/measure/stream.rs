@@ -4,6 +4,7 @@ use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
+use super::fill::{Filled, Filler};
 use super::jumps::{JumpFinder, Jumps};
 use super::limits::{CutOff, Limits};
 use super::spikes::{SpikeFilter, Spikes};
@@ -45,8 +46,8 @@ pub(super) struct Streamed {
 pub(super) struct Faults {
     /// Spikes that were replaced, channel by channel.
     pub(super) spikes: Vec<Spikes>,
-    /// Single missing samples that were filled.
-    pub(super) filled: u64,
+    /// Single missing samples that were filled, channel by channel.
+    pub(super) filled: Vec<Filled>,
     /// Ends of ranges that were reached, channel by channel.
     pub(super) cut_off: Vec<CutOff>,
     /// Places where all channels jump.
@@ -88,13 +89,13 @@ pub(super) fn stream(
         let spectra = || -> Result<(Option<FleetReport>, Faults), FleetError> {
             let channels = setup.sensors.len();
             let (mut limits, mut jumps) = (Limits::new(channels), JumpFinder::new(channels));
-            let mut filter = SpikeFilter::new(channels);
+            let (mut filter, mut filler) = (SpikeFilter::new(channels), Filler::new(channels));
             for block in &blocks {
                 let start = Instant::now();
-                limits.push(block.values());
                 let values = filter.push(block.values());
+                limits.push(values);
                 jumps.push(values);
-                source.push(values, &mut on_window)?;
+                source.push(filler.push(values), &mut on_window)?;
                 timings.spectra += start.elapsed();
                 rows += block.row_count() as u64;
                 on_rows(rows);
@@ -102,7 +103,10 @@ pub(super) fn stream(
                 let _ = used_sender.send(block);
             }
             let start = Instant::now();
-            let (last, spikes, filled) = filter.finish();
+            let (last, spikes) = filter.finish();
+            limits.push(&last);
+            source.push(filler.push(&last), &mut on_window)?;
+            let (last, filled) = filler.finish();
             source.push(&last, &mut on_window)?;
             let fleet = source.finish(&mut on_window)?;
             timings.spectra += start.elapsed();

@@ -203,14 +203,8 @@ impl ModesReport {
         } else if choice.only_hz.is_some() || !choice.drop_hz.is_empty() {
             "what modes_hz and drop_modes_hz in [analysis] leave is not in the data. Take them out to see what is picked automatically."
                 .to_owned()
-        } else if let Some(rejected) = found.rejected.first() {
-            let each: Vec<String> =
-                found.rejected.iter().map(|one| format!("{:.4} Hz: {}", one.frequency_hz, one.because)).collect();
-            format!(
-                "what stands out there are no modes ({}). Record for longer, or name what you know to be a mode: add_modes_hz = [{:.4}] in [analysis].",
-                each.join("; "),
-                rejected.frequency_hz
-            )
+        } else if let Some(rejected) = found.rejected_in_words() {
+            format!("what stands out there is too uncertain for a mode. {rejected} A longer record would tell.")
         } else {
             format!(
                 "no peak stands out from the noise in {} averages ({:.1} h of recording). Record for longer, look in another band (band_hz in [analysis]), or check that the sensors move; add_modes_hz = [...] names a mode that you know to be there.",

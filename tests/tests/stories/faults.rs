@@ -31,3 +31,14 @@ fn a_channel_that_is_cut_off_is_named_and_left_out_and_no_shape_is_bent() {
     assert!(tells(&damaged, "is cut off at") && tells(&damaged, "and is left out"), "{:?}", damaged.warnings);
     assert!(damaged.modes.iter().all(|mode| mode.least_mac.is_some_and(|mac| mac > 0.999)), "{}", damaged.table());
 }
+
+/// Records of noise in which the fit of spectra alone takes a peak for a mode.
+#[test]
+fn a_structure_that_stands_still_has_no_modes_in_the_eyes_of_both_methods() {
+    for seed in [1_795_395_337, 1_795_395_482] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut score = CaseScore::default();
+        run(case("still").unwrap(), seed, "both", folder.path(), &mut score).unwrap();
+        assert_eq!((score.invented_hz, score.refused), (vec![], vec![]), "seed {seed}");
+    }
+}

@@ -23,6 +23,8 @@ const NEAR_MAC: f64 = 0.5;
 const DISAGREEMENT_SIGMAS: f64 = 3.0;
 /// A mode that the subspace does not have must have a damping of this many of its standard deviations.
 const LEAST_DAMPING_SIGMAS: f64 = 2.0;
+/// That counts where the deviation is this many times the lower bound: in a short record even a clear mode's damping is hardly known.
+const UNUSUAL: f64 = 2.0;
 /// A pole within so many lines of a forced line is of that line.
 const FORCED_LINES: f64 = 2.0;
 
@@ -58,13 +60,18 @@ pub fn add_second_opinion(
 /// Takes out modes whose damping is hardly known and that the subspace does not have: a peak that chance makes of noise now and
 /// then is a line or two wide.
 fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
-    let spacing_hz = identification.frequency_resolution_hz;
-    let is_asked_for = |mode: &Mode| {
-        let distance_hz = |hz: &f64| (hz - mode.frequency_hz).abs();
-        choice.add_hz.iter().any(|hz| distance_hz(hz) < meant_hz(spacing_hz, *hz))
+    // The mode next to what was asked for is the one that was made for it.
+    let distance_hz = |mode: &Mode, hz: f64| (mode.frequency_hz - hz).abs();
+    let nearest = |&hz: &f64| {
+        let of = |mode: &Mode| distance_hz(mode, hz);
+        identification.modes.iter().min_by(|a, b| of(a).total_cmp(&of(b))).map(|mode| mode.number)
     };
+    let asked_for: Vec<usize> = choice.add_hz.iter().filter_map(nearest).collect();
+    let is_asked_for = |mode: &Mode| asked_for.contains(&mode.number);
     let is_unseen = |mode: &Mode| {
-        mode.second_opinion.is_none() && mode.damping_ratio < LEAST_DAMPING_SIGMAS * mode.damping_ratio_std
+        mode.second_opinion.is_none()
+            && mode.damping_ratio < LEAST_DAMPING_SIGMAS * mode.damping_ratio_std
+            && mode.damping_ratio_std > UNUSUAL * mode.damping_ratio_std_bound
     };
     let (unseen, seen): (Vec<Mode>, Vec<Mode>) = std::mem::take(&mut identification.modes)
         .into_iter()
@@ -138,7 +145,8 @@ pub(super) fn add_opinions(
     for (mode, opinions) in identification.modes.iter_mut().zip(&opinions) {
         mode.second_opinion = pooled(mode, opinions);
     }
-    if choice.only_hz.is_none() {
+    // A subspace that shows nothing at all is no witness.
+    if choice.only_hz.is_none() && setups.iter().any(|setup| !setup.dots.is_empty()) {
         reject_unseen(choice, identification);
     }
     let disagreements = identification.modes.iter().filter_map(disagreement);
