@@ -130,7 +130,7 @@ impl std::fmt::Display for RejectedBecause {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         formatter.write_str(match self {
             Self::Double => "it is the stronger mode beside it, seen twice",
-            Self::NotShown => "most setups do not show it",
+            Self::NotShown => "the fit finds no resonance near it",
             Self::Undamped => "it is sharper than any structure's resonance",
             Self::Overdamped => "it is wider than any structure's resonance",
             Self::Shape => "its shape is mostly noise",

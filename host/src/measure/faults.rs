@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::epoch_s;
 use super::fill::Filled;
 use super::jumps::Jumps;
-use super::limits::CutOff;
+use super::limits::{CutOff, MOST_CUT_OFF};
 use super::spikes::Spikes;
 use super::stream::Faults;
 use crate::spectra::{LineGrid, Silenced, SpectraWarning};
@@ -48,9 +48,15 @@ pub(super) fn fault_sentences(setup: &Setup, faults: &Faults, left_out: &[usize]
 }
 
 fn cut_off_sentence(setup: &Setup, sensor: &Sensor, cut: &CutOff, is_left_out: bool) -> String {
-    let what = if is_left_out { ", and is left out" } else { "" };
+    let what = match is_left_out {
+        true => ", and is left out",
+        false if cut.share > MOST_CUT_OFF => {
+            ", and is used all the same, as most channels are like it: trust neither damping nor shapes"
+        }
+        false => "",
+    };
     format!(
-        "channel \"{}\" is cut off at {:.3e} (as recorded) in {} samples ({:.2} %), the first {} into the record{what}: the sensor or the recorder reaches the end of its range; measure with a wider one",
+        "channel \"{}\" is cut off at {:.3e} (as recorded) in {} samples ({:.2} %), the first {} into the record{what}: the sensor or the recorder reaches the end of its range; set a wider range",
         sensor.channel,
         cut.limit,
         cut.samples,
@@ -67,10 +73,13 @@ fn filled_sentences(setup: &Setup, filled: &[Filled]) -> Vec<String> {
     }
     let sentence = |(filled, channels): (Filled, Vec<String>)| {
         let at = time_of_day(filled.first_row as f64 / setup.sampling_rate_hz);
-        let noun = if channels.len() == 1 { "channel" } else { "channels" };
+        let who = match channels.len() {
+            all if all == setup.sensors.len() => "all channels".to_owned(),
+            1 => format!("channel {}", channels[0]),
+            _ => format!("channels {}", channels.join(", ")),
+        };
         format!(
-            "{noun} {}: {} single missing samples, the first {at} into the record, are filled with the mean of those beside them",
-            channels.join(", "),
+            "{who}: {} missing samples in short gaps, the first {at} into the record, are filled by straight lines",
             filled.count
         )
     };

@@ -1,11 +1,13 @@
-//! Single samples that are missing are filled with the mean of those beside them.
+//! Up to three samples that are missing are filled by a straight line between those beside them.
 //!
-//! Rows flow in, rows flow out one later, and a tally. A segment of some minutes would otherwise be lost for one sample.
+//! Rows flow in, rows flow out a few later, and a tally. A segment of some minutes would otherwise be lost for one sample.
 
 /// Of a channel's samples, those that may be filled: a channel that misses more is recorded at another rate, or broken.
 const MOST_SHARE: f64 = 0.03;
 /// Some are filled whatever their share.
 const ALWAYS: f64 = 10.0;
+/// Longer gaps stay.
+const MOST_IN_A_ROW: usize = 3;
 
 /// What was filled in one channel.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -18,9 +20,9 @@ pub(super) struct Filled {
 
 /// Fills the rows of a recording.
 pub(super) struct Filler {
-    /// The last two rows, the later of which has not been handed out.
-    before: Vec<f64>,
-    last: Vec<f64>,
+    channels: usize,
+    /// The last rows, which have not been handed out.
+    held: Vec<f64>,
     rows: u64,
     filled: Vec<Filled>,
     out: Vec<f64>,
@@ -28,45 +30,59 @@ pub(super) struct Filler {
 
 impl Filler {
     pub(super) fn new(channels: usize) -> Self {
-        let before = vec![f64::NAN; channels];
-        Self { before, last: Vec::new(), rows: 0, filled: vec![Filled::default(); channels], out: Vec::new() }
+        Self { channels, held: Vec::new(), rows: 0, filled: vec![Filled::default(); channels], out: Vec::new() }
     }
 
     /// Takes rows, row-major, NaN where a sample is missing; hands out those that are complete with them.
     pub(super) fn push(&mut self, rows: &[f64]) -> &[f64] {
         self.out.clear();
-        for row in rows.chunks_exact(self.before.len().max(1)) {
+        for row in rows.chunks_exact(self.channels.max(1)) {
             self.push_row(row);
         }
         &self.out
     }
 
-    fn push_row(&mut self, next: &[f64]) {
-        if self.rows > 0 {
-            let most = MOST_SHARE * self.rows as f64 + ALWAYS;
-            for (((here, before), after), filled) in
-                self.last.iter_mut().zip(&self.before).zip(next).zip(&mut self.filled)
-            {
-                let mean = 0.5 * (before + after);
-                if here.is_nan() && mean.is_finite() && (filled.count as f64) < most {
-                    *here = mean;
-                    if filled.count == 0 {
-                        filled.first_row = self.rows - 1;
-                    }
-                    filled.count += 1;
-                }
+    fn push_row(&mut self, row: &[f64]) {
+        for (channel, &after) in row.iter().enumerate() {
+            if after.is_finite() {
+                self.fill(channel, after);
             }
-            self.out.extend_from_slice(&self.last);
-            std::mem::swap(&mut self.before, &mut self.last);
         }
-        self.last.clear();
-        self.last.extend_from_slice(next);
+        self.held.extend_from_slice(row);
         self.rows += 1;
+        if self.held.len() > (MOST_IN_A_ROW + 1) * self.channels {
+            self.out.extend(self.held.drain(..self.channels));
+        }
     }
 
-    /// The last row, and what was filled, channel by channel.
+    /// Fills what is missing of a channel just before a sample.
+    fn fill(&mut self, channel: usize, after: f64) {
+        let (channels, held) = (self.channels, self.held.len() / self.channels.max(1));
+        let at = |row: usize| row * channels + channel;
+        let gap = (0..held).rev().take_while(|&row| self.held[at(row)].is_nan()).count();
+        let filled = &mut self.filled[channel];
+        let is_short = gap > 0 && gap < held && gap <= MOST_IN_A_ROW;
+        if !is_short || (filled.count as f64) >= MOST_SHARE * self.rows as f64 + ALWAYS {
+            return;
+        }
+        let first = held - gap;
+        let before = self.held[at(first - 1)];
+        if !before.is_finite() {
+            return;
+        }
+        for row in first..held {
+            let share = (row - first + 1) as f64 / (gap + 1) as f64;
+            self.held[at(row)] = before + share * (after - before);
+        }
+        if filled.count == 0 {
+            filled.first_row = self.rows - gap as u64;
+        }
+        filled.count += gap as u64;
+    }
+
+    /// The last rows, and what was filled, channel by channel.
     pub(super) fn finish(self) -> (Vec<f64>, Vec<Filled>) {
-        (self.last, self.filled)
+        (self.held, self.filled)
     }
 }
 
@@ -75,12 +91,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_that_are_missing_alone_are_filled_and_longer_gaps_stay() {
+    fn short_gaps_are_filled_and_longer_ones_stay() {
         let rows = 3000;
         let value = |row: usize| (0.01 * row as f64).sin();
         let mut samples: Vec<f64> = (0..rows).flat_map(|row| [value(row), value(row)]).collect();
-        // One missing in the first channel, two in the second, which then misses every other sample.
-        (samples[2 * 1000], samples[2 * 1500 + 1], samples[2 * 1501 + 1]) = (f64::NAN, f64::NAN, f64::NAN);
+        // One and three missing in the first channel, four in the second, which then misses every other sample.
+        for row in [1000, 1200, 1201, 1202] {
+            samples[2 * row] = f64::NAN;
+        }
+        (1500..1504).for_each(|row| samples[2 * row + 1] = f64::NAN);
         (1001..1500).for_each(|half| samples[2 * (2 * half) + 1] = f64::NAN);
         let mut filler = Filler::new(2);
         let mut out: Vec<f64> = samples.chunks(2 * 700).flat_map(|part| filler.push(part).to_vec()).collect();
@@ -88,8 +107,12 @@ mod tests {
         out.extend(last);
         assert_eq!(out.len(), samples.len());
         assert_eq!(out[2000], 0.5 * (value(999) + value(1001)));
-        assert_eq!(filled[0], Filled { first_row: 1000, count: 1 });
-        assert!(out[2 * 1500 + 1].is_nan() && out[2 * 1501 + 1].is_nan());
+        assert!((out[2 * 1201] - 0.5 * (value(1199) + value(1203))).abs() < 1e-15);
+        assert_eq!(filled[0], Filled { first_row: 1000, count: 4 });
+        assert!((1500..1504).all(|row| out[2 * row + 1].is_nan()));
         assert!(filled[1].first_row == 2002 && (90..120).contains(&filled[1].count), "{filled:?}");
+        let mut short = Filler::new(2);
+        assert!(short.push(&[1.0, 2.0]).is_empty());
+        assert_eq!(short.finish().0, [1.0, 2.0]);
     }
 }

@@ -9,6 +9,9 @@ const LEAST_VISITS: u64 = 10;
 /// one visit.
 const MORE_THAN_NEXT: u64 = 5;
 
+/// Of a channel's samples, those that may be cut off: what more is missing of its motion shows in shapes.
+pub(super) const MOST_CUT_OFF: f64 = 2e-3;
+
 /// What was cut off in one channel.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct CutOff {

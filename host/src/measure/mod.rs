@@ -29,7 +29,7 @@ use crate::spectra::{
 };
 use crate::study::{Analysis, Setup, Study};
 use faults::{fault_sentences, left_out_sentence, noisy_sentence, silenced_sentences};
-use limits::CutOff;
+use limits::{CutOff, MOST_CUT_OFF};
 use stream::{Streamed, Task};
 
 pub use intervals::{Interval, measure_intervals};
@@ -461,9 +461,6 @@ fn measure_setup<'a>(
     }
     Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, fleet, warnings })
 }
-
-/// Of a channel's samples, cut off: what is missing of its motion then shows in shapes.
-const MOST_CUT_OFF: f64 = 2e-3;
 
 /// The spectrum without channels that are cut off too often, and which these are; none where they are most of all.
 fn without_cut_off(spectrum: CrossSpectrum, cut_off: &[CutOff]) -> (CrossSpectrum, Vec<usize>) {

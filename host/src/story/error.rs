@@ -42,6 +42,14 @@ pub enum StoryError {
     /// Identification.
     #[error(transparent)]
     Identify(Box<IdentifyError>),
+    /// Identification, of recordings in which there are faults.
+    #[error("{source}. What was found in the recordings may be why:\n- {}", warnings.join("\n- "))]
+    Faulty {
+        /// What failed.
+        source: Box<IdentifyError>,
+        /// What was found in the recordings.
+        warnings: Vec<String>,
+    },
     /// The update.
     #[error(transparent)]
     Update(Box<UpdateError>),

@@ -119,10 +119,14 @@ pub fn identify(
     let measurement = measure(study, route, &mut rows_of(stage, on_progress))?;
     let modes_start = Instant::now();
     let choice = &study.analysis.modes;
-    let mut identification = match method {
-        Method::Both | Method::Spectra => identify_setups(&measurement.setups, choice)?,
-        Method::Subspace => identify_by_subspace(&measurement.setups, choice)?,
+    let identified = match method {
+        Method::Both | Method::Spectra => identify_setups(&measurement.setups, choice),
+        Method::Subspace => identify_by_subspace(&measurement.setups, choice),
     };
+    let mut identification = identified.map_err(|error| match measurement.warnings.as_slice() {
+        [] => StoryError::from(error),
+        warnings => StoryError::Faulty { source: Box::new(error), warnings: warnings.to_vec() },
+    })?;
     let modes = modes_start.elapsed();
     let second_start = Instant::now();
     if method == Method::Both {
