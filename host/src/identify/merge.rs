@@ -30,6 +30,13 @@ struct Point {
     reference: bool,
 }
 
+impl Point {
+    /// Whether it brings setups together.
+    fn joins(&self) -> bool {
+        self.reference && self.places.len() > 1
+    }
+}
+
 /// Merges all setups' estimates.
 pub(super) fn merge(
     grid: &LineGrid,
@@ -47,10 +54,15 @@ pub(super) fn merge(
         })
         .collect();
     modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    number(&mut modes);
+    modes
+}
+
+/// Counts modes from 1.
+pub(super) fn number(modes: &mut [Mode]) {
     for (index, mode) in modes.iter_mut().enumerate() {
         mode.number = index + 1;
     }
-    modes
 }
 
 /// What a setup's averages cover, in s.
@@ -149,7 +161,7 @@ fn merged(
 
 /// Points that bring setups together.
 fn references(points: &[Point]) -> impl Iterator<Item = &Point> {
-    points.iter().filter(|point| point.reference && point.places.len() > 1)
+    points.iter().filter(|point| point.joins())
 }
 
 /// Says in which setups the references hardly move.
@@ -187,18 +199,23 @@ fn joined(points: &[Point], shapes: &[Shape]) -> Shape {
 fn variances(points: &[Point], estimates: &[&SetupMode], shapes: &[Shape], shape: &Shape) -> Vec<f64> {
     // Small enough for changes to be as straight as they can be told.
     const STEP: f64 = 1e-4;
+    if let [mode] = estimates {
+        // The points are the setup's channels.
+        return mode.shape_std.iter().map(|std| std * std).collect();
+    }
     let mut variances = vec![0.0; points.len()];
     for (setup, mode) in estimates.iter().enumerate() {
         for (place, &std) in mode.shape_std.iter().enumerate() {
-            let own = points.iter().position(|point| point.places.contains(&(setup, place)));
-            if estimates.len() == 1 || !std.is_finite() {
-                let is_reference = own.is_some_and(|point| points[point].reference && points[point].places.len() > 1);
-                // Of a reference that nothing is known of, the scale of the whole setup.
-                let is_hit = |index: usize| {
-                    own == Some(index)
-                        || (is_reference && points[index].places.iter().any(|(other, _)| *other == setup))
-                };
-                (0..points.len()).filter(|&index| is_hit(index)).for_each(|index| variances[index] += std * std);
+            if !std.is_finite() {
+                let is_of_it = |point: &Point| point.places.contains(&(setup, place));
+                // With a reference that nothing is known of, nothing is known of the whole setup's scale.
+                let is_reference = points.iter().any(|point| is_of_it(point) && point.joins());
+                let is_of_setup = |point: &Point| point.places.iter().any(|(other, _)| *other == setup);
+                for (variance, point) in variances.iter_mut().zip(points) {
+                    if is_of_it(point) || (is_reference && is_of_setup(point)) {
+                        *variance = std * std;
+                    }
+                }
                 continue;
             }
             let mut changed = shapes.to_vec();

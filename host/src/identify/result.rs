@@ -112,7 +112,7 @@ pub struct Rejected {
 pub enum RejectedBecause {
     /// It is the stronger mode beside it, seen twice.
     Double,
-    /// Most setups do not show it.
+    /// In most setups the fit finds no resonance near it.
     NotShown,
     /// Less damping than any structure has.
     Undamped,

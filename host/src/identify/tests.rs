@@ -11,28 +11,12 @@ use crate::study::{Analysis, Setup};
 fn chain_record(seed: u64, hours: f64) -> (Truth, CrossSpectrum) {
     let truth = Truth::chains();
     let band_hz = [0.03, 1.0];
-    let recording =
-        Recording { sampling_rate_hz: 10.0, hours, noise: 0.05, band_hz, seed, harmonic: None, velocity: false };
+    let recording = Recording { band_hz, ..Recording::of(10.0, hours, seed) };
     let analysis =
         Analysis { band_hz: Some(band_hz), decimated_rate_hz: Some(2.5), segment: None, ..Analysis::default() };
     let extent = SetupExtent { sampling_rate_hz: 10.0, rows: (hours * 36_000.0) as u64, channels: 20 };
     let plan = SpectralPlan::choose(&[extent], &analysis).unwrap();
     let spectrum = truth.recorded_along(&recording, &plan).unwrap();
-    (truth, spectrum)
-}
-
-fn tower_hour(seed: u64) -> (Truth, CrossSpectrum) {
-    let truth = Truth::tower();
-    let recording = Recording {
-        sampling_rate_hz: 50.0,
-        hours: 1.0,
-        noise: 0.05,
-        band_hz: [0.05, 1.5],
-        seed,
-        harmonic: None,
-        velocity: false,
-    };
-    let spectrum = truth.recorded(&recording).unwrap();
     (truth, spectrum)
 }
 
@@ -56,7 +40,7 @@ fn a_day_of_close_modes_is_found_whole_and_as_precisely_as_the_record_allows() {
 #[test]
 fn an_hour_of_a_tower_shows_all_twelve_modes_and_nothing_else() {
     for seed in [1, 2] {
-        let (truth, spectrum) = tower_hour(seed);
+        let (truth, spectrum) = short_tower(None, [0.05, 1.5], 50.0, seed);
         let found = identified(&truth, spectrum).unwrap();
         let score = score(&found, &truth);
         println!("{}", score.line());
@@ -69,8 +53,7 @@ fn an_hour_of_a_tower_shows_all_twelve_modes_and_nothing_else() {
 
 fn short_tower(harmonic: Option<(f64, f64)>, band_hz: [f64; 2], rate_hz: f64, seed: u64) -> (Truth, CrossSpectrum) {
     let truth = Truth::tower();
-    let recording =
-        Recording { sampling_rate_hz: rate_hz, hours: 1.0, noise: 0.05, band_hz, seed, harmonic, velocity: false };
+    let recording = Recording { band_hz, harmonic, ..Recording::of(rate_hz, 1.0, seed) };
     let spectrum = truth.recorded(&recording).unwrap();
     (truth, spectrum)
 }
@@ -104,15 +87,7 @@ fn sensor_noise_alone_has_no_modes() {
         Truth { frequencies_hz: vec![3.0], damping_ratio: 0.01, shapes: nalgebra::DMatrix::from_element(20, 1, 1.0) };
     for seed in 1..=5 {
         // The only mode lies above the band; its tail is 50 dB below the noise.
-        let recording = Recording {
-            sampling_rate_hz: 12.5,
-            hours: 1.0,
-            noise: 30.0,
-            band_hz: [0.05, 1.5],
-            seed,
-            harmonic: None,
-            velocity: false,
-        };
+        let recording = Recording { noise: 30.0, ..Recording::of(12.5, 1.0, seed) };
         let found = identified(&silent, silent.recorded(&recording).unwrap()).unwrap();
         assert!(found.modes.is_empty(), "seed {seed}: {:?}", found.modes[0].frequency_hz);
         assert!(found.harmonics.is_empty());
@@ -123,15 +98,7 @@ fn sensor_noise_alone_has_no_modes() {
 fn one_channel_is_enough_for_frequencies() {
     let whole = Truth::tower();
     let truth = Truth { shapes: whole.shapes.rows(18, 1).into_owned(), ..whole };
-    let recording = Recording {
-        sampling_rate_hz: 12.5,
-        hours: 6.0,
-        noise: 0.05,
-        band_hz: [0.05, 1.5],
-        seed: 1,
-        harmonic: None,
-        velocity: false,
-    };
+    let recording = Recording::of(12.5, 6.0, 1);
     let found = identified(&truth, truth.recorded(&recording).unwrap()).unwrap();
     // No shape to tell modes apart by: only what one channel shows as peaks of its own. The two at 0.505 and 0.522 Hz,
     // four bandwidths apart and of unlike strength, may be one.
@@ -147,15 +114,7 @@ fn one_channel_is_enough_for_frequencies() {
 #[test]
 fn a_recorded_velocity_gives_the_same_modes() {
     let truth = Truth::tower();
-    let recording = Recording {
-        sampling_rate_hz: 12.5,
-        hours: 1.0,
-        noise: 0.05,
-        band_hz: [0.05, 1.5],
-        seed: 6,
-        harmonic: None,
-        velocity: true,
-    };
+    let recording = Recording { velocity: true, ..Recording::of(12.5, 1.0, 6) };
     let spectrum = truth.recorded(&recording).unwrap();
     let mut velocity = setup("velocity", &points(20), &[]);
     velocity.unit = crate::study::Unit::MetrePerSecond;
@@ -180,15 +139,7 @@ fn setups_merge_through_their_references() {
         .enumerate()
         .map(|(at, rows)| {
             let part = Truth { shapes: truth.shapes.select_rows(rows), ..truth.clone() };
-            let recording = Recording {
-                sampling_rate_hz: 12.5,
-                hours: 2.0,
-                noise: 0.05,
-                band_hz: [0.05, 1.5],
-                seed: 10 + at as u64,
-                harmonic: None,
-                velocity: false,
-            };
+            let recording = Recording::of(12.5, 2.0, 10 + at as u64);
             let names: Vec<String> = rows.iter().map(|row| format!("p{row}")).collect();
             let references: Vec<bool> = rows.iter().map(|&row| (16..=18).contains(&row)).collect();
             (setup(&format!("s{at}"), &names, &references), part.recorded_along(&recording, &plan).unwrap())
@@ -218,15 +169,7 @@ fn brief_tower(hours: f64) -> (Truth, Setup, CrossSpectrum) {
     };
     let extent = SetupExtent { sampling_rate_hz: 12.5, rows: (hours * 45_000.0) as u64, channels: 20 };
     let plan = SpectralPlan::choose(&[extent], &analysis).unwrap();
-    let recording = Recording {
-        sampling_rate_hz: 12.5,
-        hours,
-        noise: 0.05,
-        band_hz: [0.05, 1.5],
-        seed: 1,
-        harmonic: None,
-        velocity: false,
-    };
+    let recording = Recording::of(12.5, hours, 1);
     let spectrum = truth.recorded_along(&recording, &plan).unwrap();
     (truth, setup("brief", &points(20), &[]), spectrum)
 }

@@ -15,11 +15,8 @@ use crate::study::{Sensor, Setup};
 pub(super) fn silenced_sentences(setup: &Setup, grid: &LineGrid, silenced: &[Silenced]) -> Vec<String> {
     let hop_s = 0.5 * grid.segment as f64 / grid.sampling_rate_hz;
     let at = |window: u64| time_of_day(epoch_s(setup, grid) + window as f64 * hop_s);
-    let mut alike: BTreeMap<(u64, u64, usize), Vec<String>> = BTreeMap::new();
-    for (sensor, silenced) in setup.sensors.iter().zip(silenced).filter(|(_, silenced)| silenced.windows > 0) {
-        let when = (silenced.first, silenced.last, silenced.windows);
-        alike.entry(when).or_default().push(format!("\"{}\"", sensor.channel));
-    }
+    let when = |silenced: &Silenced| (silenced.first, silenced.last, silenced.windows);
+    let alike = channels_by(setup, silenced.iter().map(|one| (one.windows > 0).then(|| when(one))));
     let sentence = |((first, last, windows), channels): ((u64, u64, usize), Vec<String>)| {
         let (noun, verb) = if channels.len() == 1 { ("channel", "stands") } else { ("channels", "stand") };
         let when = if windows == 1 {
@@ -33,6 +30,17 @@ pub(super) fn silenced_sentences(setup: &Setup, grid: &LineGrid, silenced: &[Sil
         )
     };
     alike.into_iter().map(sentence).collect()
+}
+
+/// The names of channels, in quotes, that have the same in common; those with nothing are left out.
+fn channels_by<K: Ord>(setup: &Setup, what: impl Iterator<Item = Option<K>>) -> BTreeMap<K, Vec<String>> {
+    let mut alike: BTreeMap<K, Vec<String>> = BTreeMap::new();
+    for (sensor, what) in setup.sensors.iter().zip(what) {
+        if let Some(what) = what {
+            alike.entry(what).or_default().push(format!("\"{}\"", sensor.channel));
+        }
+    }
+    alike
 }
 
 /// What was found in the rows. Channels in `left_out` are cut off so often that they are.
@@ -65,12 +73,9 @@ fn cut_off_sentence(setup: &Setup, sensor: &Sensor, cut: &CutOff, is_left_out: b
     )
 }
 
-/// Which channels had single missing samples that were filled: a line for all that had the same.
+/// Which channels had missing samples that were filled: a line for all that had the same.
 fn filled_sentences(setup: &Setup, filled: &[Filled]) -> Vec<String> {
-    let mut alike: BTreeMap<Filled, Vec<String>> = BTreeMap::new();
-    for (sensor, filled) in setup.sensors.iter().zip(filled).filter(|(_, filled)| filled.count > 0) {
-        alike.entry(*filled).or_default().push(format!("\"{}\"", sensor.channel));
-    }
+    let alike = channels_by(setup, filled.iter().map(|one| (one.count > 0).then_some(*one)));
     let sentence = |(filled, channels): (Filled, Vec<String>)| {
         let at = time_of_day(filled.first_row as f64 / setup.sampling_rate_hz);
         let who = match channels.len() {

@@ -23,59 +23,57 @@ pub(super) struct Filler {
     channels: usize,
     /// The last rows, which have not been handed out.
     held: Vec<f64>,
-    rows: u64,
+    /// The recording's row that they begin with.
+    first: u64,
     filled: Vec<Filled>,
     out: Vec<f64>,
 }
 
 impl Filler {
     pub(super) fn new(channels: usize) -> Self {
-        Self { channels, held: Vec::new(), rows: 0, filled: vec![Filled::default(); channels], out: Vec::new() }
+        Self { channels, held: Vec::new(), first: 0, filled: vec![Filled::default(); channels], out: Vec::new() }
     }
 
     /// Takes rows, row-major, NaN where a sample is missing; hands out those that are complete with them.
     pub(super) fn push(&mut self, rows: &[f64]) -> &[f64] {
-        self.out.clear();
-        for row in rows.chunks_exact(self.channels.max(1)) {
-            self.push_row(row);
+        let new = self.held.len();
+        self.held.extend_from_slice(rows);
+        // Most recordings miss nothing: they are only passed on.
+        if self.held.iter().any(|value| value.is_nan()) {
+            for at in new.max(self.channels)..self.held.len() {
+                if self.held[at].is_finite() && self.held[at - self.channels].is_nan() {
+                    self.fill_before(at);
+                }
+            }
         }
+        let complete = self.held.len().saturating_sub((MOST_IN_A_ROW + 1) * self.channels);
+        self.first += (complete / self.channels.max(1)) as u64;
+        self.out.clear();
+        self.out.extend(self.held.drain(..complete));
         &self.out
     }
 
-    fn push_row(&mut self, row: &[f64]) {
-        for (channel, &after) in row.iter().enumerate() {
-            if after.is_finite() {
-                self.fill(channel, after);
-            }
-        }
-        self.held.extend_from_slice(row);
-        self.rows += 1;
-        if self.held.len() > (MOST_IN_A_ROW + 1) * self.channels {
-            self.out.extend(self.held.drain(..self.channels));
-        }
-    }
-
-    /// Fills what is missing of a channel just before a sample.
-    fn fill(&mut self, channel: usize, after: f64) {
-        let (channels, held) = (self.channels, self.held.len() / self.channels.max(1));
-        let at = |row: usize| row * channels + channel;
-        let gap = (0..held).rev().take_while(|&row| self.held[at(row)].is_nan()).count();
+    /// Fills what is missing of a channel just before the sample `at`.
+    fn fill_before(&mut self, at: usize) {
+        let (channel, row) = (at % self.channels, at / self.channels);
+        let place = |row: usize| row * self.channels + channel;
+        let gap = (0..row).rev().take_while(|&row| self.held[place(row)].is_nan()).count();
+        // The recording's row.
+        let here = self.first + row as u64;
         let filled = &mut self.filled[channel];
-        let is_short = gap > 0 && gap < held && gap <= MOST_IN_A_ROW;
-        if !is_short || (filled.count as f64) >= MOST_SHARE * self.rows as f64 + ALWAYS {
+        if gap == row || gap > MOST_IN_A_ROW || filled.count as f64 >= MOST_SHARE * here as f64 + ALWAYS {
             return;
         }
-        let first = held - gap;
-        let before = self.held[at(first - 1)];
+        let (before, after) = (self.held[place(row - gap - 1)], self.held[at]);
         if !before.is_finite() {
             return;
         }
-        for row in first..held {
-            let share = (row - first + 1) as f64 / (gap + 1) as f64;
-            self.held[at(row)] = before + share * (after - before);
+        for step in 1..=gap {
+            let share = step as f64 / (gap + 1) as f64;
+            self.held[place(row - gap - 1 + step)] = before + share * (after - before);
         }
         if filled.count == 0 {
-            filled.first_row = self.rows - gap as u64;
+            filled.first_row = here - gap as u64;
         }
         filled.count += gap as u64;
     }

@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 
 use super::ring::Rows;
-use crate::statistics::median;
+use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 
 /// Rows of a window, and from one to the next. The window (three terms, Harris 1978, table 1: side lobes of -71 dB) passes what lies
 /// above 0.45 of the sampling rate.
@@ -129,8 +129,6 @@ impl JumpFinder {
     }
 
     fn learn(&mut self, parts: &[f64]) {
-        // Of squares of normal numbers.
-        const MEDIAN_OF_SQUARES: f64 = 0.4549;
         for ((usual, learnt), part) in self.usual.iter_mut().zip(&mut self.learnt).zip(parts) {
             let square = part * part;
             if !usual.is_nan() {
@@ -140,7 +138,8 @@ impl JumpFinder {
             } else if square.is_finite() && square > 0.0 {
                 learnt.push(square);
                 if learnt.len() == LEARNT {
-                    *usual = median(learnt).unwrap_or(f64::NAN) / MEDIAN_OF_SQUARES;
+                    // The median of squares is the square of the median of magnitudes.
+                    *usual = median(learnt).unwrap_or(f64::NAN) / (MEDIAN_OF_ABSOLUTE * MEDIAN_OF_ABSOLUTE);
                 }
             }
         }

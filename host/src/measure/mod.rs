@@ -465,9 +465,9 @@ fn measure_setup<'a>(
 /// The spectrum without channels that are cut off too often, and which these are; none where they are most of all.
 fn without_cut_off(spectrum: CrossSpectrum, cut_off: &[CutOff]) -> (CrossSpectrum, Vec<usize>) {
     let is_cut_off = |channel: &usize| cut_off.get(*channel).is_some_and(|cut_off| cut_off.share > MOST_CUT_OFF);
-    let (cut_off, sound): (Vec<usize>, Vec<usize>) = spectrum.channels().iter().copied().partition(is_cut_off);
-    if cut_off.is_empty() || cut_off.len() > sound.len() {
+    let cut_off: Vec<usize> = spectrum.channels().iter().copied().filter(is_cut_off).collect();
+    if 2 * cut_off.len() > spectrum.channels().len() {
         return (spectrum, Vec::new());
     }
-    (spectrum.restricted(&sound), cut_off)
+    (spectrum.without_channels(&cut_off), cut_off)
 }

@@ -46,7 +46,7 @@ pub(super) struct Streamed {
 pub(super) struct Faults {
     /// Spikes that were replaced, channel by channel.
     pub(super) spikes: Vec<Spikes>,
-    /// Single missing samples that were filled, channel by channel.
+    /// Missing samples that were filled, channel by channel.
     pub(super) filled: Vec<Filled>,
     /// Ends of ranges that were reached, channel by channel.
     pub(super) cut_off: Vec<CutOff>,

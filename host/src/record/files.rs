@@ -7,7 +7,7 @@ use super::error::RecordError;
 use crate::study::Setup;
 
 /// The files that the setup's patterns match below `folder`: pattern after pattern, those of one pattern by name.
-pub(super) fn matching_files(setup: &Setup, folder: &Path) -> Result<Vec<PathBuf>, RecordError> {
+pub(crate) fn matching_files(setup: &Setup, folder: &Path) -> Result<Vec<PathBuf>, RecordError> {
     if setup.files.is_empty() {
         return Err(RecordError::NoFiles { setup: setup.name.clone() });
     }

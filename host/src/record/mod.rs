@@ -30,6 +30,7 @@ use std::path::Path;
 
 pub use block::Block;
 pub use error::{At, FilePosition, MatError, RecordError};
+pub(crate) use files::matching_files;
 pub use report::{ChannelReport, Gap, RecordReport, RecordWarning};
 
 use crate::study::Setup;

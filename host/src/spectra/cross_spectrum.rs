@@ -44,6 +44,12 @@ impl CrossSpectrum {
         }
     }
 
+    /// The same averages without some of the channels.
+    pub fn without_channels(self, unwanted: &[usize]) -> Self {
+        let wanted: Vec<usize> = self.kept.iter().copied().filter(|channel| !unwanted.contains(channel)).collect();
+        if wanted.len() == self.kept.len() { self } else { self.restricted(&wanted) }
+    }
+
     /// Windows averaged.
     pub fn averages(&self) -> usize {
         self.total.sums.windows

@@ -58,11 +58,7 @@ impl CrossSpectrum {
     /// The same averages without the noisy channels, and which those were.
     pub fn without_noisy_channels(self) -> (Self, Vec<usize>) {
         let noisy = self.noisy_channels();
-        if noisy.is_empty() {
-            return (self, noisy);
-        }
-        let sound: Vec<usize> = self.channels().iter().copied().filter(|channel| !noisy.contains(channel)).collect();
-        (self.restricted(&sound), noisy)
+        (self.without_channels(&noisy), noisy)
     }
 
     fn line(&self, matrix: &DMatrix<Complex64>) -> Option<Line> {

@@ -1,7 +1,12 @@
 //! A study's model and its measured modes, seen by the same sensors: what comparison, update, co-validation and diagnosis
 //! start from.
 
+use std::path::Path;
+
+use serde::Deserialize;
+
 use super::error::StoryError;
+use super::inputs::Inputs;
 use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, compare, pair};
 use crate::diagnose::steps::Setting;
 use crate::diagnose::{Diagnosis, Options, Signals, diagnose};
@@ -186,5 +191,27 @@ fn measured_modes(study: &Study, sensors: &[Sensor]) -> Result<MeasuredModes, St
     if !file.exists() {
         return Err(StoryError::NotIdentified { file, study: study.folder.clone() });
     }
-    Ok(read(&file, sensors)?)
+    let mut measured = read(&file, sensors)?;
+    measured.warnings.extend(outdated(study, &file)?);
+    Ok(measured)
+}
+
+/// Says where modes are older than what they were identified from.
+fn outdated(study: &Study, file: &Path) -> Result<Option<String>, StoryError> {
+    #[derive(Deserialize)]
+    struct From {
+        #[serde(default)]
+        inputs: Inputs,
+    }
+    let from: Option<From> = Results::of(study).read_json(MODES_FILE, "identify")?;
+    let now = Inputs::of(study);
+    let changed = from.as_ref().map(|from| now.changed_since(&from.inputs)).unwrap_or_default();
+    Ok((!changed.is_empty()).then(|| {
+        format!(
+            "{} is older than these changes: {}; run `belfry identify {}` again",
+            file.display(),
+            changed.join(", "),
+            study.folder.display()
+        )
+    }))
 }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use super::error::StoryError;
+use super::inputs::Inputs;
 use super::progress::{OnProgress, rows_of};
 use crate::fleet::FleetReport;
 use crate::identify::accuracy::RecordNeeded;
@@ -47,6 +48,8 @@ pub struct ModesReport {
     pub trends: Option<Trend>,
     /// Where the time went.
     pub timings: TimingReport,
+    /// What was identified from.
+    pub inputs: Inputs,
     /// The lines of the spectra.
     #[serde(skip)]
     pub(super) grid: LineGrid,
@@ -136,7 +139,7 @@ pub fn identify(
     let mut warnings = measurement.warnings.clone();
     warnings.append(&mut identification.warnings);
     identification.warnings = warnings;
-    Ok(report(identification, &measurement, &times))
+    Ok(report(study, identification, &measurement, &times))
 }
 
 /// How long identification took, and everything.
@@ -146,7 +149,7 @@ struct Times {
     all: Duration,
 }
 
-fn report(identification: Identification, measurement: &Measurement<'_>, times: &Times) -> ModesReport {
+fn report(study: &Study, identification: Identification, measurement: &Measurement<'_>, times: &Times) -> ModesReport {
     let grid = measurement.plan.grid;
     let timings = measurement.timings;
     ModesReport {
@@ -159,6 +162,7 @@ fn report(identification: Identification, measurement: &Measurement<'_>, times: 
         },
         record_needed: None,
         trends: None,
+        inputs: Inputs::of(study),
         grid,
         link: link_report(&measurement.fleets),
         timings: TimingReport {
@@ -188,8 +192,9 @@ fn link_report(fleets: &[FleetReport]) -> Option<LinkReport> {
 }
 
 impl ModesReport {
-    /// Why there are no modes; `None` where there are some. `picture` shows the singular values.
-    pub(super) fn no_modes(&self, study: &Study, picture: PathBuf) -> Option<StoryError> {
+    /// Why there are no modes; `None` where there are some. `picture` shows the singular values, `earlier` holds modes of an
+    /// earlier run.
+    pub(super) fn no_modes(&self, study: &Study, picture: PathBuf, earlier: Option<PathBuf>) -> Option<StoryError> {
         let found = &self.identification;
         if !found.modes.is_empty() {
             return None;
@@ -197,7 +202,7 @@ impl ModesReport {
         let last = self.grid.lines.saturating_sub(1);
         let band_hz = [self.grid.frequency_hz(0), self.grid.frequency_hz(last)];
         let choice = &study.analysis.modes;
-        let reason = if !found.harmonics.is_empty() {
+        let mut reason = if !found.harmonics.is_empty() {
             let lines: Vec<String> =
                 found.harmonics.iter().map(|line| format!("{:.4} Hz", line.frequency_hz)).collect();
             format!(
@@ -216,6 +221,9 @@ impl ModesReport {
                 found.record_s / 3600.0
             )
         };
+        if let Some(earlier) = earlier {
+            reason += &format!(" {} keeps the modes of an earlier run.", earlier.display());
+        }
         Some(StoryError::NoModes { band_hz, reason, picture })
     }
 }

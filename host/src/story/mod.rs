@@ -49,6 +49,7 @@ mod change;
 mod covalidated;
 mod error;
 mod identified;
+mod inputs;
 mod left_out;
 mod motion;
 mod progress;
@@ -65,6 +66,7 @@ pub use covalidated::{
 };
 pub use error::{CovalidateError, StoryError};
 pub use identified::{LinkReport, Method, ModesReport, SegmentReport, TimingReport, identify};
+pub use inputs::Inputs;
 pub use left_out::MOST_NOISE_GAIN;
 pub use motion::Stretch;
 pub use progress::{OnProgress, Progress};

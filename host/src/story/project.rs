@@ -126,7 +126,7 @@ impl Project {
         let name = &self.study.structure.name;
         let picture = picture::singular_values(name, &report.identification)?;
         let picture = self.results.write("singular_values.svg", picture.as_bytes())?;
-        if let Some(no_modes) = report.no_modes(&self.study, picture) {
+        if let Some(no_modes) = report.no_modes(&self.study, picture, self.earlier_modes()) {
             return Err(no_modes);
         }
         if let Some(picture) = picture::stabilisation(name, &report.identification)? {
@@ -151,6 +151,12 @@ impl Project {
             self.results.write_json(MODES_FILE, &report)?;
         }
         Ok(report)
+    }
+
+    /// The modes of an earlier run, which stay where none are found now.
+    fn earlier_modes(&self) -> Option<PathBuf> {
+        let file = self.results.path(MODES_FILE);
+        file.exists().then_some(file)
     }
 
     fn follow(

@@ -87,13 +87,15 @@ pub fn run(case: &Case, seed: u64, method: &str, folder: &Path, into: &mut CaseS
     fs::write(folder.join("study.toml"), study_toml(case, &structure)).map_err(failed)?;
     let options = ["--direct", "--json", "--method", method];
     let output = belfry_command().arg("identify").arg(folder).args(options).output().map_err(failed)?;
-    into.modes.resize(structure.frequencies_hz.len(), ModeScore::default());
+    // Nothing that stands still has a mode to find.
+    let stands_still = case.fault == Some(Fault::StandsStill);
+    let modes = if stands_still { 0 } else { structure.frequencies_hz.len() };
+    into.modes.resize(modes, ModeScore::default());
     if !output.status.success() {
         let error = String::from_utf8_lossy(&output.stderr);
-        if case.fault == Some(Fault::StandsStill) && error.contains("no modes were found") {
-            return Ok(());
+        if !(stands_still && error.contains("no modes were found")) {
+            into.refused.push((seed, error.trim().to_owned()));
         }
-        into.refused.push((seed, String::from_utf8_lossy(&output.stderr).trim().to_owned()));
         return Ok(());
     }
     let report: Value = serde_json::from_slice(&output.stdout).map_err(|error| error.to_string())?;
@@ -196,8 +198,7 @@ impl Found {
 impl CaseScore {
     fn add(&mut self, case: &Case, seed: u64, structure: &Structure, found: &[Found]) {
         let mut used = vec![false; found.len()];
-        let modes = if case.fault == Some(Fault::StandsStill) { &mut [][..] } else { &mut self.modes[..] };
-        for (mode, score) in modes.iter_mut().enumerate() {
+        for (mode, score) in self.modes.iter_mut().enumerate() {
             let (hz, zeta) = (structure.frequencies_hz[mode], structure.damping[mode]);
             let shape = structure.shapes.column(mode).into_owned();
             let cycles = hz * case.seconds * case.roving.map_or(1.0, |roving| roving.setups as f64);

@@ -117,6 +117,24 @@ fn modes_are_added_dropped_and_fixed_in_the_study() {
 }
 
 #[test]
+fn modes_that_are_older_than_their_study_are_told_where_they_are_used() {
+    let folder = study(|text| text);
+    let found = frequencies(&json(folder.path(), &["--direct"]));
+    let compare = || belfry_command().arg("compare").arg(folder.path()).assert().success();
+    compare().stderr(contains("is older than").not());
+    let file = folder.path().join("study.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, with_analysis("DROPPED")(text.clone()).replace("DROPPED", &format!("drop_modes_hz = {found:?}")))
+        .unwrap();
+    let failed = belfry_command().arg("identify").arg(folder.path()).arg("--direct").assert().code(1);
+    failed.stderr(contains("modes.json keeps the modes of an earlier run"));
+    compare().stderr(contains("modes.json is older than these changes: [analysis]; run `belfry identify"));
+    // As it was.
+    fs::write(&file, text).unwrap();
+    compare().stderr(contains("is older than").not());
+}
+
+#[test]
 fn the_hours_one_by_one_show_what_goes_with_temperature() {
     let folder =
         study(|text| text.replace("sampling_rate_hz = 12.5", "sampling_rate_hz = 12.5\ntemperature = \"station.csv\""));

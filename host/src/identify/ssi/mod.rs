@@ -37,6 +37,9 @@ const SAME_OF_BANDWIDTH: f64 = 0.5;
 const SAME_OF_LINE: f64 = 0.25;
 const SAME_SIGMAS: f64 = 3.0;
 const SAME_MAC: f64 = 0.5;
+/// A pole may be that of a mode, or of another setup's pole, within so many lines and this share of the wider bandwidth together.
+const NEAR_LINES: f64 = 1.5;
+const NEAR_OF_BANDWIDTH: f64 = 1.0;
 /// A pole is clear where it explains this share of the response at its frequency, lasts so many orders, and its damping ratio is
 /// known within this share. Chance makes poles of noise that last and are sharp, but seldom all of this.
 const CLEAR_SHARE: f64 = 0.5;
@@ -157,6 +160,11 @@ fn is_same(a: &StablePole, b: &StablePole, spacing_hz: f64) -> bool {
     let scatter_hz = (SAME_SIGMAS * a.frequency_std_hz.hypot(b.frequency_std_hz)).min(0.5 * bandwidth_hz + spacing_hz);
     let leeway_hz = SAME_OF_BANDWIDTH * 0.5 * bandwidth_hz + SAME_OF_LINE * spacing_hz + scatter_hz;
     (a.frequency_hz - b.frequency_hz).abs() < leeway_hz && mac(&a.shape, &b.shape) > SAME_MAC
+}
+
+/// How far from a pole a mode or another setup's pole may be and still be the same.
+fn reach_hz(spacing_hz: f64, damping_ratio: f64, frequency_hz: f64) -> f64 {
+    NEAR_LINES * spacing_hz + NEAR_OF_BANDWIDTH * 2.0 * damping_ratio * frequency_hz
 }
 
 /// The density that a pole alone would have at its frequency over the measured one, all channels together.

@@ -5,8 +5,8 @@
 
 use rayon::prelude::*;
 
-use super::SetupPoles;
 use super::stabilisation::StablePole;
+use super::{SetupPoles, reach_hz};
 use crate::identify::bell::Resonance;
 use crate::identify::choice::meant_hz;
 use crate::identify::estimate::{SetupMode, SetupModes};
@@ -20,10 +20,7 @@ use crate::identify::{IdentifyError, Suggestion, none_in_band, same_lines};
 use crate::spectra::LineGrid;
 use crate::study::ModeChoice;
 
-/// A pole is the same mode in another setup within so many lines, this share of the wider bandwidth and of the frequency together:
-/// structures change a little between setups.
-const NEAR_LINES: f64 = 1.5;
-const NEAR_OF_BANDWIDTH: f64 = 1.0;
+/// A pole in another setup may be this share of the frequency further away: structures change a little between setups.
 const NEAR_OF_FREQUENCY: f64 = 0.003;
 
 /// Identifies the modes that all setups show by their subspaces.
@@ -98,9 +95,8 @@ fn common<'a>(setups: &'a [SetupPoles], grid: &LineGrid) -> Vec<Vec<&'a StablePo
                 let free = (0..setups[setup].stable.len()).filter(|&at| !is_used[setup][at]).map(|at| (setup, at));
                 let distance = |at: (usize, usize)| (pole(at).frequency_hz - here.frequency_hz).abs();
                 let nearest = free.min_by(|&a, &b| distance(a).total_cmp(&distance(b)))?;
-                let bandwidth_hz = 2.0 * here.damping_ratio.max(pole(nearest).damping_ratio) * here.frequency_hz;
-                let leeway_hz = NEAR_LINES * grid.spacing_hz()
-                    + NEAR_OF_BANDWIDTH * bandwidth_hz
+                let damping_ratio = here.damping_ratio.max(pole(nearest).damping_ratio);
+                let leeway_hz = reach_hz(grid.spacing_hz(), damping_ratio, here.frequency_hz)
                     + NEAR_OF_FREQUENCY * here.frequency_hz;
                 (distance(nearest) < leeway_hz).then_some(nearest)
             })

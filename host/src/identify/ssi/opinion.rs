@@ -6,18 +6,16 @@
 use rayon::prelude::*;
 
 use super::stabilisation::StablePole;
-use super::{SecondOpinion, SetupPoles, SubspacePole};
+use super::{SecondOpinion, SetupPoles, SubspacePole, reach_hz};
 use crate::identify::choice::meant_hz;
-use crate::identify::merge::combine;
+use crate::identify::merge::{combine, number};
 use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause, ShapeComponent};
 use crate::identify::setup::MeasuredSetup;
 use crate::identify::shape::{Shape, mac};
 use crate::identify::{IdentifyError, Suggestion, identify_beside};
 use crate::study::{ModeChoice, Sensor};
 
-/// A pole may be a mode's within so many lines and this share of the wider bandwidth together, with at least this MAC.
-const NEAR_LINES: f64 = 1.5;
-const NEAR_OF_BANDWIDTH: f64 = 1.0;
+/// A pole near a mode may be its own with at least this MAC.
 const NEAR_MAC: f64 = 0.5;
 /// The methods disagree where they differ by more than this many of their standard deviations together.
 const DISAGREEMENT_SIGMAS: f64 = 3.0;
@@ -77,9 +75,7 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
         .into_iter()
         .partition(|mode| mode.damping_ratio_std.is_finite() && is_unseen(mode) && !is_asked_for(mode));
     identification.modes = seen;
-    for (index, mode) in identification.modes.iter_mut().enumerate() {
-        mode.number = index + 1;
-    }
+    number(&mut identification.modes);
     let rejected =
         unseen.iter().map(|mode| Rejected { frequency_hz: mode.frequency_hz, because: RejectedBecause::Unseen });
     identification.rejected.extend(rejected);
@@ -108,11 +104,6 @@ fn suggestions(setups: &[SetupPoles], identification: &Identification) -> Vec<Su
         Some(Suggestion { frequency_hz: pole.frequency_hz, shapes })
     };
     first.stable.iter().filter(is_other).filter_map(in_all).collect()
-}
-
-/// How far from a pole a mode or another pole may be and still be the same.
-fn reach_hz(spacing_hz: f64, damping_ratio: f64, frequency_hz: f64) -> f64 {
-    NEAR_LINES * spacing_hz + NEAR_OF_BANDWIDTH * 2.0 * damping_ratio * frequency_hz
 }
 
 /// Adds a second opinion on every mode.

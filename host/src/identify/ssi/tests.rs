@@ -138,15 +138,7 @@ fn every_frequency_that_is_not_at_a_grids_ends_is_in_the_middle_of_a_sub_band_of
 fn tower_hour(seed: u64, channels: &[usize]) -> (Truth, CrossSpectrum) {
     let whole = Truth::tower();
     let truth = Truth { shapes: whole.shapes.select_rows(channels), ..whole };
-    let recording = Recording {
-        sampling_rate_hz: 12.5,
-        hours: 2.0,
-        noise: 0.05,
-        band_hz: [0.05, 1.5],
-        seed,
-        harmonic: None,
-        velocity: false,
-    };
+    let recording = Recording::of(12.5, 2.0, seed);
     let spectrum = truth.recorded(&recording).unwrap();
     (truth, spectrum)
 }
@@ -230,15 +222,7 @@ fn sensor_noise_alone_has_no_clear_poles() {
     let silent = Truth { frequencies_hz: vec![3.0], damping_ratio: 0.01, shapes: DMatrix::from_element(10, 1, 1.0) };
     for seed in 1..=3 {
         // The only mode lies above the band; its tail is 50 dB below the noise.
-        let recording = Recording {
-            sampling_rate_hz: 12.5,
-            hours: 1.0,
-            noise: 30.0,
-            band_hz: [0.05, 1.5],
-            seed,
-            harmonic: None,
-            velocity: false,
-        };
+        let recording = Recording { noise: 30.0, ..Recording::of(12.5, 1.0, seed) };
         let found = by_subspace(&silent, silent.recorded(&recording).unwrap());
         assert!(found.modes.is_empty(), "seed {seed}: {} Hz", found.modes[0].frequency_hz);
     }

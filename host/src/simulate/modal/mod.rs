@@ -57,6 +57,14 @@ pub struct Recording {
     pub harmonic: Option<(f64, f64)>,
 }
 
+impl Recording {
+    /// Accelerations, analysed from 0.05 to 1.5 Hz, with 5 % of noise and no harmonic.
+    pub fn of(sampling_rate_hz: f64, hours: f64, seed: u64) -> Self {
+        let band_hz = [0.05, 1.5];
+        Self { sampling_rate_hz, hours, noise: 0.05, band_hz, seed, velocity: false, harmonic: None }
+    }
+}
+
 /// A setup whose channels are "1", "2", ... and whose points are named the same.
 pub fn setup(name: &str, points: &[String], references: &[bool]) -> Setup {
     let sensor = |(at, point): (usize, &String)| Sensor {

@@ -81,7 +81,7 @@ fn record(case: &str, seed: u64) -> Result<(Truth, CrossSpectrum), ModalError> {
     // Of each channel's RMS, white over the band of the rate that the case is about.
     let oversampled: f64 = sampling_rate_hz / decimated_rate_hz.unwrap_or(sampling_rate_hz);
     let noise = 0.05 * oversampled.sqrt();
-    let recording = Recording { sampling_rate_hz, hours, noise, band_hz, seed, velocity: false, harmonic: None };
+    let recording = Recording { noise, band_hz, ..Recording::of(sampling_rate_hz, hours, seed) };
     let analysis = Analysis { band_hz: Some(band_hz), decimated_rate_hz, ..Analysis::default() };
     let plan = SpectralPlan::choose(&[truth.extent(&recording)], &analysis)?;
     let spectrum = truth.recorded_along(&recording, &plan)?;

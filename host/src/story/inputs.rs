@@ -1,0 +1,141 @@
+//! What modes were identified from, so that later steps notice where it is no longer the same.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use crc::{CRC_64_XZ, Crc};
+use serde::{Deserialize, Serialize};
+
+use crate::record::matching_files;
+use crate::study::Study;
+
+const CHECKSUM: Crc<u64> = Crc::<u64>::new(&CRC_64_XZ);
+/// Of a recording, so many bytes at either end and its length stand for the whole: recordings have gigabytes.
+const END_BYTES: u64 = 4096;
+
+/// A checksum of everything that modes are identified from, by its name: `[analysis]`, each setup, each recording.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Inputs(BTreeMap<String, String>);
+
+impl Inputs {
+    /// Those of a study as it stands now. A live setup's windows are left out: they grow on their own.
+    pub(super) fn of(study: &Study) -> Self {
+        let mut inputs =
+            BTreeMap::from([("[analysis]".to_owned(), checksum(format!("{:?}", study.analysis).as_bytes()))]);
+        for setup in &study.setups {
+            // Where sensors stand and what they are called is read anew by every step.
+            let sensors: Vec<_> = setup
+                .sensors
+                .iter()
+                .map(|sensor| (&sensor.channel, &sensor.point, sensor.reference, sensor.sensitivity_v_per_m_s2))
+                .collect();
+            let said = format!("{:?}", (&setup.files, &setup.variable, setup.sampling_rate_hz, setup.unit, sensors));
+            inputs.insert(format!("setup \"{}\"", setup.name), checksum(said.as_bytes()));
+            for file in matching_files(setup, &study.folder).unwrap_or_default() {
+                // What cannot be read now has changed.
+                let sum = of_recording(&file).unwrap_or_default();
+                inputs.insert(name(&file, &study.folder), sum);
+            }
+        }
+        Self(inputs)
+    }
+
+    /// The names of what differs. Nothing is known of modes that were identified by an older version, or elsewhere.
+    pub(super) fn changed_since<'a>(&'a self, then: &'a Self) -> Vec<&'a str> {
+        if then.0.is_empty() {
+            return Vec::new();
+        }
+        let differs = |name: &&String| self.0.get(*name) != then.0.get(*name);
+        let mut names: Vec<&str> = self.0.keys().chain(then.0.keys()).filter(differs).map(String::as_str).collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+}
+
+/// The file as `study.toml` would name it.
+fn name(file: &Path, folder: &Path) -> String {
+    file.strip_prefix(folder).unwrap_or(file).display().to_string()
+}
+
+fn checksum(bytes: &[u8]) -> String {
+    format!("{:016x}", CHECKSUM.checksum(bytes))
+}
+
+fn of_recording(path: &PathBuf) -> io::Result<String> {
+    let mut file = File::open(path)?;
+    let bytes = file.metadata()?.len();
+    let mut ends = bytes.to_le_bytes().to_vec();
+    file.by_ref().take(END_BYTES).read_to_end(&mut ends)?;
+    file.seek(SeekFrom::Start(bytes.saturating_sub(END_BYTES)))?;
+    file.take(END_BYTES).read_to_end(&mut ends)?;
+    Ok(checksum(&ends))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    const STUDY: &str = "[structure]
+name = \"tower\"
+
+[analysis]
+band_hz = [0.1, 2.0]
+
+[[setup]]
+name = \"north\"
+files = [\"*.txt\"]
+sampling_rate_hz = 10.0
+unit = \"m/s2\"
+
+[[setup.sensor]]
+channel = \"1\"
+node = 1
+elevation_m = 10.0
+direction = \"x\"
+";
+
+    fn changed(change: impl FnOnce(&Path)) -> Vec<String> {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+        write("study.toml", STUDY);
+        write("a.txt", &"0.5\n".repeat(5000));
+        let inputs = || Inputs::of(&Study::load(folder.path()).unwrap());
+        let then = inputs();
+        let kept: Inputs = serde_json::from_str(&serde_json::to_string(&then).unwrap()).unwrap();
+        change(folder.path());
+        inputs().changed_since(&kept).into_iter().map(str::to_owned).collect()
+    }
+
+    fn edit(folder: &Path, from: &str, to: &str) {
+        assert!(STUDY.contains(from));
+        fs::write(folder.join("study.toml"), STUDY.replace(from, to)).unwrap();
+    }
+
+    #[test]
+    fn what_changed_is_named() {
+        assert!(changed(|_| {}).is_empty());
+        assert_eq!(changed(|folder| edit(folder, "2.0]", "3.0]")), ["[analysis]"]);
+        assert_eq!(changed(|folder| edit(folder, "\"m/s2\"", "\"m/s\"")), ["setup \"north\""]);
+        let written =
+            |name: &'static str, text: String| changed(move |folder| fs::write(folder.join(name), text).unwrap());
+        assert_eq!(written("a.txt", "0.6\n".repeat(5000)), ["a.txt"]);
+        assert_eq!(written("b.txt", "0.5\n".to_owned()), ["b.txt"]);
+        assert_eq!(changed(|folder| fs::remove_file(folder.join("a.txt")).unwrap()), ["a.txt"]);
+    }
+
+    #[test]
+    fn where_a_sensor_stands_changes_no_modes() {
+        assert!(changed(|folder| edit(folder, "elevation_m = 10.0", "elevation_m = 12.0")).is_empty());
+    }
+
+    #[test]
+    fn nothing_is_said_of_modes_without_inputs() {
+        let now = Inputs(BTreeMap::from([("[analysis]".to_owned(), "1".to_owned())]));
+        assert!(now.changed_since(&Inputs::default()).is_empty());
+    }
+}
