@@ -4,10 +4,11 @@ use std::env;
 use std::path::PathBuf;
 
 /// A cfg and the file, beside the repository, that its tests read. These data are other people's and are not copied.
-const PUBLISHED: [(&str, &str); 3] = [
+const PUBLISHED: [(&str, &str); 4] = [
     ("canton_data", "canton/system_matrices.mat"),
     ("heritage_court_data", "heritage-court/dherita1.asc"),
     ("footbridge_data", "pedestrian-bridge/SteelPedestrianBridgeExp.mat"),
+    ("real_data", "real/weimar-frame/grid.txt"),
 ];
 
 fn main() {

@@ -12,7 +12,7 @@ use super::text::{Columns, in_shell, next_lines};
 use super::trends;
 use crate::identify::accuracy::{RecordNeeded, Wish};
 use crate::identify::ssi::SecondOpinion;
-use crate::identify::{Identification, Mode};
+use crate::identify::{Identification, Mode, ModeMethod};
 use crate::story::{IdentifyRequest, Method, ModesReport, Project};
 
 const EXAMPLES: &str = "Examples:
@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
   belfry identify canton --frequency-within 0.05 --damping-within 5
   belfry identify canton --method subspace     modes by the second method alone
 
-Modes are picked automatically. In [analysis] of study.toml, add_modes_hz and drop_modes_hz change the choice, modes_hz makes it. `best` in the table is the lower bound of the standard deviation on this record (Au 2014). `agrees` says whether subspace identification, a method with other assumptions, has the same mode within the standard deviations of both (`-`: it has no such mode). Where a setup has temperatures, modes are followed over the hours without --every.
+Modes are picked automatically. In [analysis] of study.toml, add_modes_hz and drop_modes_hz change the choice, modes_hz makes it. `best` in the table is the lower bound of the standard deviation on this record (Au 2014). `agrees` says whether subspace identification, a method with other assumptions, has the same mode within the standard deviations of both (`-`: it has no such mode; `alone`: it alone has the mode, and the values are its own). Where a setup has temperatures, modes are followed over the hours without --every.
 
 Writes modes.json, singular_values.svg, mode_shapes.svg, stabilisation.svg and stabilisation.json (with --every also trends.csv and trends.svg) into the study's folder `results`.";
 
@@ -169,7 +169,10 @@ fn modes_table(identification: &Identification, has_second_opinion: bool) -> Col
         ];
         if has_second_opinion {
             let agrees = |opinion: &SecondOpinion| if opinion.agrees { "yes" } else { "no" };
-            row.push(mode.second_opinion.as_ref().map_or("-", agrees).to_owned());
+            row.push(match mode.method {
+                ModeMethod::Spectra => mode.second_opinion.as_ref().map_or("-", agrees).to_owned(),
+                ModeMethod::Subspace => "alone".to_owned(),
+            });
         }
         table.row(row);
     }

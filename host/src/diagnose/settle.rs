@@ -114,6 +114,7 @@ fn probe(z_m: f64, azimuth_deg: f64) -> Sensor {
         direction: Some(Direction::AzimuthDeg(azimuth_deg)),
         offset_m: [0.0; 2],
         reference: false,
+        unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
     }

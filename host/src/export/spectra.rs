@@ -1,7 +1,7 @@
 //! Averaged power spectral densities, and the complex lines of every window, as tables.
 //!
-//! A setup's unit decides the column that its numbers stand in: (m/s²)²/Hz or (m/s)²/Hz, so that a table of a study with
-//! both has both, and no number without its unit.
+//! What a setup's spectra are of decides the column that its numbers stand in: (m/s²)²/Hz or (m/s)²/Hz, so that a table of a
+//! study with both has both, and no number without its unit.
 
 use std::path::Path;
 
@@ -10,21 +10,18 @@ use super::parquet::{Cell, Kind, ParquetTable, Text};
 use super::table::{known, write_rows};
 use crate::measure::{Measurement, epoch_s};
 use crate::spectra::{LineGrid, WindowLines};
-use crate::study::{Setup, Unit};
+use crate::study::{Motion, Setup};
 
-/// The motions that a study's setups measured, in the order of a table's columns.
+/// The motions that a study's spectra are of, in the order of a table's columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Motion {
+enum Column {
     Acceleration,
     Velocity,
 }
 
-impl Motion {
+impl Column {
     fn of(setup: &Setup) -> Self {
-        match setup.unit {
-            Unit::MetrePerSecond => Self::Velocity,
-            Unit::MetrePerSecondSquared | Unit::StandardGravity | Unit::Volt => Self::Acceleration,
-        }
+        if setup.motion() == Motion::Velocity { Self::Velocity } else { Self::Acceleration }
     }
 
     fn of_all<'a>(setups: impl Iterator<Item = &'a Setup> + Clone) -> Vec<Self> {
@@ -85,7 +82,7 @@ fn channel_name(setup: &Setup, channel: usize) -> &str {
 /// # Errors
 /// [`ExportError::Write`] names the file.
 pub fn write_psd_parquet(path: &Path, measurement: &Measurement<'_>) -> Result<u64, ExportError> {
-    let motions = Motion::of_all(measurement.setups.iter().map(|measured| measured.setup));
+    let motions = Column::of_all(measurement.setups.iter().map(|measured| measured.setup));
     let mut columns =
         vec![("setup", Kind::Text), ("channel", Kind::Text), ("averages", Kind::Whole), ("frequency_hz", Kind::Number)];
     columns.extend(motions.iter().map(|motion| (motion.psd_column(), Kind::Number)));
@@ -98,7 +95,7 @@ pub fn write_psd_parquet(path: &Path, measurement: &Measurement<'_>) -> Result<u
             Cell::Whole(row.averages as i64),
             Cell::Number(Some(row.frequency_hz)),
         ];
-        let own = |motion: &Motion| (*motion == Motion::of(row.setup)).then_some(row.psd);
+        let own = |motion: &Column| (*motion == Column::of(row.setup)).then_some(row.psd);
         cells.extend(motions.iter().map(|motion| Cell::Number(own(motion))));
         table.push(&cells)?;
     }
@@ -110,7 +107,7 @@ pub fn write_psd_parquet(path: &Path, measurement: &Measurement<'_>) -> Result<u
 /// # Errors
 /// [`ExportError::Write`] names the file.
 pub fn write_psd_csv(path: &Path, measurement: &Measurement<'_>) -> Result<u64, ExportError> {
-    let motions = Motion::of_all(measurement.setups.iter().map(|measured| measured.setup));
+    let motions = Column::of_all(measurement.setups.iter().map(|measured| measured.setup));
     let header = ["setup", "channel", "averages", "frequency_hz"].into_iter();
     let header = header.chain(motions.iter().map(|motion| motion.psd_column()));
     let mut rows: Vec<Vec<String>> = vec![header.map(str::to_owned).collect()];
@@ -121,7 +118,7 @@ pub fn write_psd_csv(path: &Path, measurement: &Measurement<'_>) -> Result<u64, 
             row.averages.to_string(),
             row.frequency_hz.to_string(),
         ];
-        let own = |motion: &Motion| (*motion == Motion::of(row.setup)).then_some(row.psd);
+        let own = |motion: &Column| (*motion == Column::of(row.setup)).then_some(row.psd);
         cells.extend(motions.iter().map(|motion| known(own(motion))));
         rows.push(cells);
     }
@@ -136,7 +133,7 @@ pub fn write_psd_csv(path: &Path, measurement: &Measurement<'_>) -> Result<u64, 
 /// of the window. A channel without sound data in a window has no rows there.
 pub struct LinesTable {
     table: ParquetTable,
-    motions: Vec<Motion>,
+    motions: Vec<Column>,
     /// The setup of the last window, with its channels.
     names: Option<(Text, Vec<Text>)>,
     name: String,
@@ -149,7 +146,7 @@ impl LinesTable {
     /// # Errors
     /// [`ExportError::Write`] names the file.
     pub fn create(path: &Path, setups: &[Setup]) -> Result<Self, ExportError> {
-        let motions = Motion::of_all(setups.iter());
+        let motions = Column::of_all(setups.iter());
         let mut columns = vec![
             ("setup", Kind::Text),
             ("window", Kind::Whole),
@@ -200,7 +197,7 @@ impl LinesTable {
                     Cell::Number(Some(grid.frequency_hz(line))),
                 ];
                 for motion in &self.motions {
-                    let own = *motion == Motion::of(setup);
+                    let own = *motion == Column::of(setup);
                     cells.extend([value.re, value.im].map(|part| Cell::Number(own.then_some(f64::from(part)))));
                 }
                 self.table.push(&cells)?;

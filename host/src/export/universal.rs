@@ -34,8 +34,8 @@ struct NodeAxis {
 /// The file's text, and what the reader of it should know.
 pub fn text(modes: &Modes, title: &str) -> (String, Vec<String>) {
     let mut warnings = Vec::new();
-    let mut azimuths_deg = Vec::new();
-    let node_axes = node_axes(&modes.sensors, &mut azimuths_deg, &mut warnings);
+    let mut turned = Vec::new();
+    let node_axes = node_axes(&modes.sensors, &mut turned, &mut warnings);
     let unmeasured: Vec<&str> = (0..modes.sensors.len())
         .filter(|sensor| !modes.is_measured(*sensor))
         .filter_map(|sensor| Some(modes.sensors.get(sensor)?.channel.as_str()))
@@ -48,7 +48,7 @@ pub fn text(modes: &Modes, title: &str) -> (String, Vec<String>) {
         ));
     }
     let mut text = units();
-    text += &systems(&azimuths_deg);
+    text += &systems(&turned);
     text += &nodes(&node_axes);
     for mode in &modes.modes {
         text += &dataset_55(mode, &node_axes, title);
@@ -63,7 +63,7 @@ fn named(sensor: &Sensor) -> Option<(i64, usize)> {
     name.filter(|(node, _)| (1..=9_999_999_999).contains(node))
 }
 
-fn node_axes(sensors: &[Sensor], azimuths_deg: &mut Vec<f64>, warnings: &mut Vec<String>) -> Vec<NodeAxis> {
+fn node_axes(sensors: &[Sensor], turned: &mut Vec<[f64; 3]>, warnings: &mut Vec<String>) -> Vec<NodeAxis> {
     let position_m = |sensor: &Sensor| {
         let [x, y] = sensor.offset_m;
         sensor.elevation_m.map(|z| [x, y, z])
@@ -92,7 +92,7 @@ fn node_axes(sensors: &[Sensor], azimuths_deg: &mut Vec<f64>, warnings: &mut Vec
     let without = node_axes.iter_mut().zip(sensors).filter(|(node_axis, _)| node_axis.is_none());
     for (node, (node_axis, sensor)) in (free..).zip(without) {
         let position_m = position_m(sensor);
-        let (axis, system) = axis(sensor.direction, position_m.is_some(), azimuths_deg);
+        let (axis, system) = axis(sensor.direction, position_m.is_some(), turned);
         *node_axis = Some(NodeAxis { node, axis, system, position_m });
     }
     node_axes.into_iter().flatten().collect()
@@ -100,26 +100,22 @@ fn node_axes(sensors: &[Sensor], azimuths_deg: &mut Vec<f64>, warnings: &mut Vec
 
 /// Axis and coordinate system of a direction. A node whose place is not known stands in no dataset 15 and so has no system
 /// of its own: its component then goes to the nearest axis.
-fn axis(direction: Option<Direction>, placed: bool, azimuths_deg: &mut Vec<f64>) -> (usize, usize) {
-    let azimuth_deg = match direction {
-        None => return (0, GLOBAL),
-        Some(Direction::Up) => return (2, GLOBAL),
-        Some(Direction::AzimuthDeg(azimuth_deg)) => azimuth_deg.rem_euclid(360.0),
-    };
-    if azimuth_deg == 0.0 {
-        return (0, GLOBAL);
-    }
-    if azimuth_deg == 90.0 {
-        return (1, GLOBAL);
+fn axis(direction: Option<Direction>, placed: bool, turned: &mut Vec<[f64; 3]>) -> (usize, usize) {
+    let Some(direction) = direction else { return (0, GLOBAL) };
+    let cosines = direction.cosines();
+    if let Some(along) = cosines.iter().position(|cosine| *cosine == 1.0) {
+        return (along, GLOBAL);
     }
     if !placed {
-        let (sin, cos) = azimuth_deg.to_radians().sin_cos();
-        return (usize::from(sin.abs() > cos.abs()), GLOBAL);
+        let nearest = (0..3).max_by(|&a, &b| cosines[a].abs().total_cmp(&cosines[b].abs()));
+        return (nearest.unwrap_or(0), GLOBAL);
     }
-    let known = azimuths_deg.iter().position(|known| *known == azimuth_deg);
+    // A whole turn more is the same direction, but for rounding.
+    let is_same = |known: &[f64; 3]| known.iter().zip(cosines).all(|(a, b)| (a - b).abs() < 1e-9);
+    let known = turned.iter().position(is_same);
     let system = known.unwrap_or_else(|| {
-        azimuths_deg.push(azimuth_deg);
-        azimuths_deg.len() - 1
+        turned.push(cosines);
+        turned.len() - 1
     });
     (0, FIRST_TURNED + system)
 }
@@ -134,18 +130,21 @@ fn units() -> String {
     )
 }
 
-/// Dataset 18: systems turned about the vertical axis.
-fn systems(azimuths_deg: &[f64]) -> String {
-    if azimuths_deg.is_empty() {
+/// Dataset 18: systems whose X axes are these directions.
+fn systems(turned: &[[f64; 3]]) -> String {
+    if turned.is_empty() {
         return String::new();
     }
     let mut text = format!("{MARK}    18\n");
-    for (number, azimuth_deg) in (FIRST_TURNED..).zip(azimuths_deg) {
-        let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+    for (number, &[x, y, z]) in (FIRST_TURNED..).zip(turned) {
         text += &format!("{number:10}{:10}{GLOBAL:10}{:10}{:10}\n", 0, 8, 1);
-        text += &format!("azimuth {azimuth_deg} deg\n");
-        text += &reals(&[0.0, 0.0, 0.0, cos, sin, 0.0]);
-        text += &reals(&[0.0, 0.0, 1.0]);
+        // To a millionth of a degree: 180, not 179.99999999999997.
+        let degrees = |radians: f64| (1e6 * radians.to_degrees()).round() / 1e6;
+        let inclination = if z == 0.0 { String::new() } else { format!(", inclination {} deg", degrees(z.asin())) };
+        text += &format!("azimuth {} deg{inclination}\n", degrees(y.atan2(x)).rem_euclid(360.0));
+        // The origin, a point of the X axis, and one of the XZ plane: beside a vertical axis the global X.
+        text += &reals(&[0.0, 0.0, 0.0, x, y, z]);
+        text += &reals(if x.hypot(y) > 0.0 { &[0.0, 0.0, 1.0] } else { &[1.0, 0.0, 0.0] });
     }
     text + MARK
 }
@@ -255,6 +254,7 @@ mod tests {
             [(0, 0), (1, 0), (0, 11), (0, 12), (0, 11)]
         );
         assert_eq!([at(100.0, false), at(-10.0, false)], [(1, 0), (0, 0)]);
-        assert_eq!(azimuths, [18.0, 180.0]);
+        let along = |azimuth: f64| Direction::AzimuthDeg(azimuth).cosines();
+        assert_eq!(azimuths, [along(18.0), along(180.0)]);
     }
 }

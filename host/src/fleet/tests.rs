@@ -23,6 +23,7 @@ fn setup(channels: usize, a_node: usize) -> Setup {
         direction: Some(Direction::Up),
         offset_m: [0.0; 2],
         reference: false,
+        unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
     });

@@ -51,6 +51,8 @@ pub fn record_needed(found: &Identification, wish: Wish) -> Vec<RecordNeeded> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identify::ModeMethod;
+    use crate::identify::fit::Basis;
 
     fn found() -> Identification {
         // The tower's first mode after an hour (methods: 0.22 % on f, 22 % on damping by Au's law).
@@ -66,6 +68,11 @@ mod tests {
             damping_ratio_std_bound: damping_ratio / (std::f64::consts::TAU * damping_ratio * cycles).sqrt(),
             shape: Vec::new(),
             phase_collinearity: 1.0,
+            phase_collinearity_as_measured: 1.0,
+            lines_in_bandwidth: 0.2,
+            misfit: None,
+            fitted: Vec::new(),
+            method: ModeMethod::Spectra,
             second_opinion: None,
         };
         Identification {
@@ -79,6 +86,7 @@ mod tests {
             other_poles: Vec::new(),
             stabilisation: Vec::new(),
             singular_values: Vec::new(),
+            basis: Basis::default(),
         }
     }
 

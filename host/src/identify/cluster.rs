@@ -7,8 +7,8 @@
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
-use super::bell::Resonance;
 use super::joint::{JointFit, Seen, SlopePrior};
+use super::resonance::Resonance;
 use super::shape::Shape;
 
 /// Modes nearer than this many bandwidths, or lines, to the next belong together.
@@ -170,7 +170,7 @@ pub(super) fn regressed_shapes(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::bell::Quantity;
+    use crate::identify::resonance::Quantity;
 
     #[test]
     fn close_modes_belong_together_and_large_groups_part_at_their_widest_gap() {

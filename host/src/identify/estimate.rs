@@ -4,16 +4,19 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
-use super::bell::{BellFit, DAMPING_RANGE, Quantity, Resonance};
+use super::bell::{BellFit, DAMPING_RANGE};
 use super::cluster::{Filters, clusters, noise_variance, regressed_shapes, seen};
+use super::curve::Curve;
 use super::joint::{JointFit, SlopePrior};
 use super::joint_fit::Certainty;
 use super::matrices::{Matrices, bell};
 use super::pick::Pick;
 use super::residue::{Beside, residues};
+use super::resonance::{Quantity, Resonance};
 use super::scatter::{ShapeScatter, jackknife};
-use super::shape::{Shape, align, modal_filter, normalise};
-use super::start::first_bell;
+use super::setup_mode::{SetupMode, SetupModes};
+use super::shape::{Shape, align, modal_filter, normalise, phase_collinearity};
+use super::start::{first_bell, known_bell};
 use crate::spectra::{CrossSpectrum, LineGrid};
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 
@@ -63,37 +66,13 @@ pub(super) const LEEWAY_BANDWIDTHS: f64 = 0.5;
 /// A bandwidth counts as no more than this share of the frequency there: a fit that runs away has no end of it.
 const WIDEST: f64 = 0.16;
 
-/// One mode in one setup.
-#[derive(Debug, Clone)]
-pub(super) struct SetupMode {
-    /// Frequency and damping.
-    pub(super) resonance: Resonance,
-    /// Shape at the setup's kept channels, largest component 1.
-    pub(super) shape: Shape,
-    /// Standard deviations.
-    pub(super) frequency_std_hz: f64,
-    pub(super) damping_std: f64,
-    pub(super) shape_std: Vec<f64>,
-    /// Density at resonance.
-    pub(super) peak_density: f64,
-    /// Root mean square of the mode's response where it moves most.
-    pub(super) level: f64,
-    /// Whether the bell has its top near the pick; otherwise this setup does not show the mode.
-    pub(super) found: bool,
-}
-
-/// The modes of one setup, in the order of the picks.
-#[derive(Debug, Clone)]
-pub(super) struct SetupModes {
-    pub(super) modes: Vec<SetupMode>,
-}
-
 /// The running state: all modes' shapes and bells.
 #[derive(Debug, Clone)]
 struct State {
     picked_hz: Vec<f64>,
     shapes: Vec<Shape>,
     fits: Vec<BellFit>,
+    curves: Vec<Curve>,
     clusters: Vec<Cluster>,
     slope: SlopePrior,
 }
@@ -155,10 +134,18 @@ impl State {
         };
         let fits = picks.iter().zip(&shapes);
         let fits = fits
-            .map(|(pick, shape)| first_bell(spectrum, matrices, shape, pick.line, apart(pick.line), quantity))
+            .map(|(pick, shape)| match pick.suggested {
+                Some((frequency_hz, damping_ratio)) => {
+                    let resonance = Resonance { frequency_hz, damping_ratio, quantity };
+                    known_bell(spectrum, matrices, shape, pick.line, resonance)
+                }
+                None => first_bell(spectrum, matrices, shape, pick.line, apart(pick.line), quantity),
+            })
             .collect();
-        let picked_hz = picks.iter().map(|pick| grid.frequency_hz(pick.line)).collect();
-        Self { picked_hz, shapes, fits, clusters: Vec::new(), slope: ANY_SLOPE }
+        let hz = |pick: &Pick| pick.suggested.map_or(grid.frequency_hz(pick.line), |(frequency_hz, _)| frequency_hz);
+        let picked_hz = picks.iter().map(hz).collect();
+        let curves = vec![Curve::default(); picks.len()];
+        Self { picked_hz, shapes, fits, curves, clusters: Vec::new(), slope: ANY_SLOPE }
     }
 
     /// One round: every mode's shape with the other modes' shapes, then its bell with the other modes' bells.
@@ -196,6 +183,7 @@ impl State {
             let others: Vec<Resonance> = neighbours.iter().map(|&other| self.fits[other].resonance).collect();
             let here = self.fits[mode].resonance;
             if let Some(fit) = bell.fit(here, &others, self.limits_hz(mode, grid.spacing_hz())) {
+                self.curves[mode] = Curve::of_bell(&fit, &bell, first);
                 self.fits[mode] = fit;
             }
         }
@@ -281,6 +269,8 @@ impl State {
                 let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode, spacing_hz)).collect();
                 let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
                 let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
+                let curve = |place| Curve::of_joint(&fit, &seen, place, first, effort.certainty);
+                let curves: Vec<Curve> = (0..modes.len()).map(curve).collect();
                 let width_hz = range_hz[1] - range_hz[0];
                 let is_near = |other: &&usize| before.outside_hz(**other, range_hz) < BESIDE * width_hz;
                 let beside: Vec<Beside> = stopped
@@ -292,16 +282,17 @@ impl State {
                     Some(shapes) => shapes.into_iter().map(of_unit_length).collect::<Option<Vec<_>>>()?,
                     None => regressed_shapes(&fit, &filters, &seen, &lines)?,
                 };
-                Some((fit, shapes, certainty))
+                Some((fit, shapes, certainty, curves))
             };
-            let Some((fit, shapes, certainty)) = refit() else {
+            let Some((fit, shapes, certainty, curves)) = refit() else {
                 failed.extend(modes);
                 continue;
             };
             let growths: Vec<f64> = shapes.iter().map(|(_, growth)| *growth).collect();
             cluster.fit = fit.unmixed(&growths);
             cluster.certainty = certainty.unwrap_or_default();
-            for ((index, &mode), (shape, _)) in modes.iter().enumerate().zip(shapes) {
+            for (((index, &mode), (shape, _)), curve) in modes.iter().enumerate().zip(shapes).zip(curves) {
+                self.curves[mode] = curve;
                 self.fits[mode].resonance = cluster.fit.resonances[index];
                 self.fits[mode].level = cluster.fit.levels[index];
                 self.shapes[mode] = shape;
@@ -317,6 +308,7 @@ impl State {
             for mode in failed {
                 self.fits[mode] = alone.fits[mode].clone();
                 self.shapes[mode] = alone.shapes[mode].clone();
+                self.curves[mode] = alone.curves[mode].clone();
             }
         }
     }
@@ -421,7 +413,10 @@ impl State {
             })
             .collect();
         let scatter = ShapeScatter::of(shape.len(), &aligned);
+        let collinearity = phase_collinearity(shape.as_slice());
         drop_scatter(&mut shape, &scatter.imaginary);
+        let curve = self.curves[mode].clone();
+        let misfit = curve.misfit(&replicates.iter().map(|replicate| &replicate.curves[mode]).collect::<Vec<_>>());
         let [lowest, highest] = self.limits_hz(mode, spacing_hz);
         let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
         let fit = &self.fits[mode];
@@ -449,6 +444,9 @@ impl State {
             damping_std: deviation(&|state| state.fits[mode].resonance.damping_ratio)
                 .max(certainty.map_or(0.0, |certainty| certainty.damping_std)),
             shape_std: scatter.component,
+            curve,
+            misfit,
+            collinearity,
         }
     }
 }

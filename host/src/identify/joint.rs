@@ -9,7 +9,7 @@
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
-use super::bell::Resonance;
+use super::resonance::Resonance;
 
 /// What is known beforehand of the exponent of the force's density over frequency, near a mode.
 #[derive(Debug, Clone, Copy, PartialEq)]

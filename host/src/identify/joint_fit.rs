@@ -8,8 +8,9 @@
 use nalgebra::{Cholesky, DMatrix, DVector};
 use num_complex::Complex64;
 
-use super::bell::{DAMPING_RANGE, Resonance};
+use super::bell::DAMPING_RANGE;
 use super::joint::{JointFit, Seen, half_density};
+use super::resonance::Resonance;
 use super::scoring::{Schedule, Slopes, fisher_scoring};
 
 /// Standard deviation of the correlation of two modal forces, beforehand.
@@ -293,8 +294,8 @@ fn lower_factor(matrix: &DMatrix<Complex64>) -> Option<DMatrix<Complex64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::bell::Quantity;
     use crate::identify::joint::SlopePrior;
+    use crate::identify::resonance::Quantity;
 
     fn resonance(frequency_hz: f64, damping_ratio: f64) -> Resonance {
         Resonance { frequency_hz, damping_ratio, quantity: Quantity::Acceleration }

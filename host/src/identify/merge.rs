@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 
 use num_complex::Complex64;
 
-use super::estimate::{SetupMode, SetupModes};
-use super::result::{Mode, ShapeComponent};
+use super::result::{FittedSpectrum, Mode, ModeMethod, ShapeComponent};
 use super::setup::MeasuredSetup;
+use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::{Shape, align, normalise, phase_collinearity};
 use crate::spectra::LineGrid;
 
@@ -49,8 +49,9 @@ pub(super) fn merge(
     let duration_s: f64 = measured.iter().map(|m| duration_s(m, grid)).sum();
     let mut modes: Vec<Mode> = (0..count)
         .map(|index| {
-            let estimates: Vec<&SetupMode> = setups.iter().map(|setup| &setup.modes[index]).collect();
-            merged(&points, &estimates, measured, duration_s, warnings)
+            let widened: Vec<SetupMode> = setups.iter().map(|setup| setup.modes[index].widened()).collect();
+            let estimates: Vec<&SetupMode> = widened.iter().collect();
+            merged(&points, &estimates, measured, grid, duration_s, warnings)
         })
         .collect();
     modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
@@ -104,6 +105,7 @@ fn merged(
     points: &[Point],
     estimates: &[&SetupMode],
     measured: &[MeasuredSetup<'_>],
+    grid: &LineGrid,
     duration_s: f64,
     warnings: &mut Vec<String>,
 ) -> Mode {
@@ -123,6 +125,9 @@ fn merged(
             ));
         }
     }
+    let fitted: Vec<FittedSpectrum> =
+        measured.iter().zip(estimates).filter_map(|(m, mode)| fitted(m, mode, grid)).collect();
+    warnings.extend(misfits(frequency_hz, &fitted));
     if estimates.len() > 1 {
         warnings.extend(weak_references(points, estimates, measured, frequency_hz));
     }
@@ -155,8 +160,40 @@ fn merged(
             })
             .collect(),
         phase_collinearity,
+        phase_collinearity_as_measured: found().map(|mode| mode.collinearity).fold(f64::INFINITY, f64::min),
+        lines_in_bandwidth: 2.0 * damping_ratio * frequency_hz / grid.spacing_hz(),
+        misfit: found().filter_map(|mode| mode.misfit).map(|misfit| misfit.ratio).reduce(f64::max),
+        fitted,
+        method: ModeMethod::Spectra,
         second_opinion: None,
     }
+}
+
+/// A mode's spectrum in one setup; `None` where it was not fitted, or is not there.
+fn fitted(measured: &MeasuredSetup<'_>, mode: &SetupMode, grid: &LineGrid) -> Option<FittedSpectrum> {
+    let lines: Vec<(usize, f64, f64)> = mode.curve.lines().filter(|_| mode.found).collect();
+    (!lines.is_empty()).then(|| FittedSpectrum {
+        setup: measured.setup.name.clone(),
+        frequency_hz: lines.iter().map(|(line, ..)| grid.frequency_hz(*line)).collect(),
+        measured: lines.iter().map(|(_, measured, _)| *measured).collect(),
+        fitted: lines.iter().map(|(.., fitted)| *fitted).collect(),
+        scatter: mode.misfit.map_or(f64::NAN, |misfit| misfit.scatter),
+        is_misfit: mode.misfit.is_some_and(|misfit| misfit.is_significant()),
+    })
+}
+
+/// Says where a mode's spectrum is not what the fit expects.
+fn misfits(frequency_hz: f64, fitted: &[FittedSpectrum]) -> Option<String> {
+    let setups: Vec<String> =
+        fitted.iter().filter(|one| one.is_misfit).map(|one| format!("\"{}\"", one.setup)).collect();
+    let where_seen = match setups.len() {
+        0 => return None,
+        1 => format!("setup {}", setups[0]),
+        _ => format!("setups {}", setups.join(", ")),
+    };
+    Some(format!(
+        "mode at {frequency_hz:.4} Hz: its spectrum in {where_seen} is not that of the modes alone; something else lies there, such as a tone or a mode that is not listed. Its standard deviations are widened by what is left; fits.svg shows it"
+    ))
 }
 
 /// Points that bring setups together.
@@ -293,12 +330,25 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::{Point, SetupMode, Shape, align, joined, variances};
-    use crate::identify::bell::{Quantity, Resonance};
+    use crate::identify::curve::Curve;
+    use crate::identify::resonance::{Quantity, Resonance};
 
     fn estimate(shape: Shape, shape_std: Vec<f64>) -> SetupMode {
         let resonance = Resonance { frequency_hz: 1.0, damping_ratio: 0.01, quantity: Quantity::Acceleration };
         let (frequency_std_hz, damping_std, peak_density, level) = (0.01, 0.001, 1.0, 1.0);
-        SetupMode { resonance, shape, frequency_std_hz, damping_std, shape_std, peak_density, level, found: true }
+        SetupMode {
+            resonance,
+            shape,
+            frequency_std_hz,
+            damping_std,
+            shape_std,
+            peak_density,
+            level,
+            found: true,
+            curve: Curve::default(),
+            misfit: None,
+            collinearity: 1.0,
+        }
     }
 
     /// Two setups of three points each and a reference that hardly moves: the scatter of merged shapes is what is stated.

@@ -1,7 +1,7 @@
 //! Identification: from cross-spectral matrices to modes.
 //!
 //! Per-setup cross-spectral matrices flow in; modes with frequency, damping, shape and the uncertainty of each flow out.
-//! `pick` finds modes in the singular values, `shape` filters each mode from its neighbours, [`bell`] reads frequency and
+//! `pick` finds modes in the singular values, `fit` estimates and judges them until all stand, `shape` filters each mode from its neighbours, [`bell`] reads frequency and
 //! damping from the filtered spectrum one by one; from there `cluster`, `joint` and `joint_fit` fit close modes together by
 //! maximum likelihood. The jackknife in `scatter` says how sure it all is, `judge` throws out what the data do not determine, and
 //! `merge` joins the setups. `choice` applies the user's choice of modes; [`track`] follows known modes through parts of a
@@ -12,7 +12,9 @@ pub mod accuracy;
 pub mod bell;
 mod choice;
 mod cluster;
+mod curve;
 mod estimate;
+mod fit;
 mod joint;
 mod joint_fit;
 mod judge;
@@ -20,10 +22,12 @@ mod matrices;
 mod merge;
 mod pick;
 mod residue;
+pub mod resonance;
 mod result;
 mod scatter;
 mod scoring;
 mod setup;
+mod setup_mode;
 mod shape;
 mod singular;
 pub mod ssi;
@@ -35,11 +39,14 @@ use thiserror::Error;
 use crate::spectra::LineGrid;
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
 use crate::study::ModeChoice;
-use setup::quantity;
+use fit::Basis;
 use shape::Shape;
 use singular::SingularValues;
 
-pub use result::{Harmonic, Identification, Mode, Rejected, RejectedBecause, ShapeComponent, SingularSpectrum};
+pub use result::{
+    FittedSpectrum, Harmonic, Identification, Mode, ModeMethod, Rejected, RejectedBecause, ShapeComponent,
+    SingularSpectrum,
+};
 pub use setup::MeasuredSetup;
 pub use shape::{mac, phase_collinearity};
 
@@ -106,24 +113,52 @@ pub enum IdentifyError {
 /// When there are fewer than four averages a channel (fewer than channels, where `choice` names all modes), or the setups'
 /// lines differ.
 pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<Identification, IdentifyError> {
-    identify_beside(measured, choice, &[])
+    let grid = same_lines(measured)?;
+    check_averages(measured, &grid, choice)?;
+    let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
+    let mut warnings = Vec::new();
+    let picks = if choice.only_hz.is_some() { Vec::new() } else { pick::pick(&grid, measured, &singular) };
+    let (harmonics, mut picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.kurtosis.is_harmonics());
+    choice::drop_picks(&grid, &mut picks, choice, &mut warnings);
+    choice::add_picks(&grid, measured, &singular, &mut picks, choice, &mut warnings);
+    if picks.is_empty() && choice.only_hz.is_some() {
+        return Err(none_in_band(&grid));
+    }
+    let spectra = measured.iter().zip(&singular).map(|(m, singular)| singular.spectrum(&grid, &m.setup.name)).collect();
+    Ok(fit::fit(measured, &grid, Basis { picks, harmonics, rejected: Vec::new(), warnings }, spectra))
 }
 
 /// A mode that another method suggests.
 #[derive(Debug, Clone)]
 pub(crate) struct Suggestion {
     frequency_hz: f64,
+    damping_ratio: f64,
     /// Its shape in every setup.
     shapes: Vec<Shape>,
 }
 
-/// [`identify`], with modes that another method suggests among the picks: they are judged as all picks are.
-fn identify_beside(
+/// Identifies once more, from the modes that were found and those that another method suggests: these are judged as all picks
+/// are. What was rejected stays out, so that it bends nothing.
+fn identify_again(
     measured: &[MeasuredSetup<'_>],
-    choice: &ModeChoice,
+    found: &Identification,
     suggestions: &[Suggestion],
 ) -> Result<Identification, IdentifyError> {
     let grid = same_lines(measured)?;
+    let mut basis = found.basis.clone();
+    for pick in &mut basis.picks {
+        let hz = grid.frequency_hz(pick.line);
+        let distance_hz = |mode: &Mode| (mode.frequency_hz - hz).abs();
+        let nearest = found.modes.iter().min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
+        pick.unseen = nearest.is_none_or(|mode| mode.second_opinion.is_none());
+    }
+    basis.picks.extend(suggestions.iter().map(|suggestion| pick::suggested(&grid, measured, suggestion)));
+    basis.picks.sort_by_key(|pick| pick.line);
+    Ok(fit::fit(measured, &grid, basis, found.singular_values.clone()))
+}
+
+/// Whether there are enough averages to tell modes from noise.
+fn check_averages(measured: &[MeasuredSetup<'_>], grid: &LineGrid, choice: &ModeChoice) -> Result<(), IdentifyError> {
     let averages: usize = measured.iter().map(|m| m.spectrum.averages()).sum();
     let channels = measured.iter().map(|m| m.spectrum.channels().len()).max().unwrap_or(0);
     for m in measured {
@@ -139,68 +174,7 @@ fn identify_beside(
         let missing_min = ((wanted - averages) as f64 * 0.5 / grid.spacing_hz() / 60.0).ceil();
         return Err(IdentifyError::TooFewAverages { averages, channels, wanted, missing_min });
     }
-    let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
-    let mut warnings = Vec::new();
-    let picks = if choice.only_hz.is_some() { Vec::new() } else { pick::pick(&grid, measured, &singular) };
-    let (mut harmonics, mut picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.kurtosis.is_harmonics());
-    picks.extend(suggestions.iter().map(|suggestion| pick::suggested(&grid, measured, suggestion)));
-    picks.sort_by_key(|pick| pick.line);
-    choice::drop_picks(&grid, &mut picks, choice, &mut warnings);
-    choice::add_picks(&grid, measured, &singular, &mut picks, choice, &mut warnings);
-    if picks.is_empty() && choice.only_hz.is_some() {
-        return Err(none_in_band(&grid));
-    }
-    let (mut per_setup, mut rejected) = (Vec::new(), Vec::new());
-    loop {
-        let estimate =
-            |(index, m): (usize, &MeasuredSetup<'_>)| estimate::estimate(&m.spectrum, quantity(m.setup), index, &picks);
-        per_setup.splice(.., measured.iter().enumerate().map(estimate));
-        let is_forced = |pick: &usize| picks[*pick].kurtosis.is_low() && judge::is_undamped(&per_setup, *pick);
-        let may_go = |pick: usize| !picks[pick].by_user;
-        // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
-        if let Some(pick) = (0..picks.len()).filter(|&pick| may_go(pick)).find(is_forced) {
-            harmonics.push(picks.remove(pick));
-        } else if let Some((pick, because)) = judge::worst(&per_setup, grid.spacing_hz(), may_go) {
-            let frequency_hz = grid.frequency_hz(picks.remove(pick).line);
-            rejected.push(Rejected { frequency_hz, because });
-        } else {
-            break;
-        }
-    }
-    for (index, pick) in picks.iter().enumerate() {
-        if pick.by_user && judge::is_doubtful(&per_setup, grid.spacing_hz(), index) {
-            warnings.push(format!(
-                "the mode asked for near {:.4} Hz is hardly visible in the data: its values are mostly noise",
-                grid.frequency_hz(pick.line)
-            ));
-        }
-    }
-    harmonics.sort_by_key(|pick| pick.line);
-    rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
-    let record_s = measured.iter().map(|m| merge::duration_s(m, &grid)).sum();
-    let modes = merge::merge(&grid, measured, &per_setup, &mut warnings);
-    Ok(Identification {
-        modes,
-        averages,
-        record_s,
-        frequency_resolution_hz: grid.spacing_hz(),
-        harmonics: harmonics
-            .iter()
-            .map(|pick| Harmonic {
-                frequency_hz: tone_frequency_hz(&grid, &singular, pick.line),
-                kurtosis: pick.kurtosis.value,
-            })
-            .collect(),
-        rejected,
-        warnings,
-        other_poles: Vec::new(),
-        stabilisation: Vec::new(),
-        singular_values: measured
-            .iter()
-            .zip(&singular)
-            .map(|(m, singular)| singular.spectrum(&grid, &m.setup.name))
-            .collect(),
-    })
+    Ok(())
 }
 
 /// The lines of all setups.
@@ -231,20 +205,6 @@ pub fn picked_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
     }
     let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
     pick::pick(&grid, measured, &singular).iter().map(|pick| grid.frequency_hz(pick.line)).collect()
-}
-
-/// The frequency of a steady tone from the magnitudes of its two strongest lines, pooled over the setups: the Hann window
-/// gives them the ratio r = (1 + d)/(2 - d) for a tone d lines from the strongest towards the other (Rife & Vincent 1970).
-fn tone_frequency_hz(grid: &LineGrid, singular: &[SingularValues], line: usize) -> f64 {
-    let log_power = |line: usize| {
-        let values = singular.iter().filter_map(|setup| setup.lines.get(line));
-        values.map(|line| line.value.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / singular.len().max(1) as f64
-    };
-    let (left, right) = (log_power(line.saturating_sub(1)), log_power(line + 1));
-    let (stronger, side) = if left > right { (left, -1.0) } else { (right, 1.0) };
-    let ratio = ((stronger - log_power(line)) / 2.0).exp();
-    let offset = ((2.0 * ratio - 1.0) / (1.0 + ratio)).clamp(0.0, 0.5);
-    grid.frequency_hz(line) + side * offset * grid.spacing_hz()
 }
 
 #[cfg(test)]

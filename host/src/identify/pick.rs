@@ -48,7 +48,7 @@ const HARMONIC_KURTOSIS: f64 = 2.25;
 const HARMONIC_SIGMAS: f64 = 3.5;
 
 /// A mode (or harmonic) found.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Pick {
     /// Index of its line.
     pub(super) line: usize,
@@ -58,6 +58,10 @@ pub(super) struct Pick {
     pub(super) kurtosis: Kurtosis,
     /// Whether the user asked for it: it then stays, whatever the data say.
     pub(super) by_user: bool,
+    /// Frequency in Hz and damping ratio, where another method suggests the mode.
+    pub(super) suggested: Option<(f64, f64)>,
+    /// Whether another method was asked, and does not have the mode.
+    pub(super) unseen: bool,
 }
 
 /// Kurtosis of the band-passed response at a line, over all setups.
@@ -125,6 +129,8 @@ pub(super) fn suggested(grid: &LineGrid, measured: &[MeasuredSetup<'_>], suggest
         shapes: suggestion.shapes.clone(),
         kurtosis: Kurtosis::OF_A_MODE,
         by_user: false,
+        suggested: Some((suggestion.frequency_hz, suggestion.damping_ratio)),
+        unseen: false,
     };
     pick.kurtosis = kurtosis(measured, &pick);
     pick
@@ -267,7 +273,14 @@ impl Layer {
 
     fn pick(&self, line: usize) -> Pick {
         let shapes = self.lines[line].iter().map(|setup| setup.vector.clone()).collect();
-        Pick { line: self.first_line + line, shapes, kurtosis: Kurtosis::OF_A_MODE, by_user: false }
+        Pick {
+            line: self.first_line + line,
+            shapes,
+            kurtosis: Kurtosis::OF_A_MODE,
+            by_user: false,
+            suggested: None,
+            unseen: false,
+        }
     }
 }
 

@@ -10,8 +10,8 @@
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
-use super::bell::Resonance;
 use super::joint::{JointFit, Seen};
+use super::resonance::Resonance;
 use super::shape::Shape;
 
 /// What is expected of a_ks - b_ks, and of the motion of other modes that is correlated with this one's, over the size that

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::fit::Basis;
 use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
 
 /// The modes of a structure, with how much data stands behind them.
@@ -32,6 +33,9 @@ pub struct Identification {
     /// The singular values from which modes were picked, for pictures; not part of the printed JSON.
     #[serde(skip)]
     pub singular_values: Vec<SingularSpectrum>,
+    /// What the fit stands on, for another one; not part of the printed JSON.
+    #[serde(skip)]
+    pub(super) basis: Basis,
 }
 
 impl Identification {
@@ -68,9 +72,58 @@ pub struct Mode {
     pub shape: Vec<ShapeComponent>,
     /// Modal phase collinearity: 1 for a shape whose points move in phase or against phase.
     pub phase_collinearity: f64,
+    /// The least of all setups before imaginary parts that are as large as their scatter were taken for noise.
+    #[serde(default = "not_known")]
+    pub phase_collinearity_as_measured: f64,
+    /// Spectral lines in the half-power bandwidth: with less than one, damping is read from the window's own shape.
+    #[serde(default = "not_known")]
+    pub lines_in_bandwidth: f64,
+    /// How far the fit is from the measured spectrum, over what that scatters: about 1, or less, where nothing is missing in the
+    /// fit. The largest of all setups; none where it was not fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub misfit: Option<f64>,
+    /// The mode's spectrum in every setup, measured and fitted, for pictures; not part of the printed JSON.
+    #[serde(skip)]
+    pub fitted: Vec<FittedSpectrum>,
+    /// Which method gives its values.
+    #[serde(default)]
+    pub method: ModeMethod,
     /// What subspace identification says of the mode; none where it has no such mode, or was not asked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub second_opinion: Option<SecondOpinion>,
+}
+
+/// The method that a mode's values come from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ModeMethod {
+    /// The fit of spectra.
+    #[default]
+    Spectra,
+    /// The subspace: with both methods, the fit does not resolve the mode.
+    Subspace,
+}
+
+/// Of files of earlier versions.
+fn not_known() -> f64 {
+    f64::NAN
+}
+
+/// A mode's spectrum behind its modal filter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FittedSpectrum {
+    /// The setup's name.
+    pub setup: String,
+    /// Frequencies in Hz.
+    pub frequency_hz: Vec<f64>,
+    /// Measured densities.
+    pub measured: Vec<f64>,
+    /// Those that the fit expects.
+    pub fitted: Vec<f64>,
+    /// Relative standard deviation of a measured density.
+    pub scatter: f64,
+    /// Whether more is left than chance leaves.
+    pub is_misfit: bool,
 }
 
 /// A mode shape at one measurement point.

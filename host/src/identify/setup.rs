@@ -2,9 +2,9 @@
 //!
 //! The study says what stands where; the spectra come from [`crate::spectra`].
 
-use super::bell::Quantity;
+use super::resonance::Quantity;
 use crate::spectra::CrossSpectrum;
-use crate::study::{Setup, Unit};
+use crate::study::{Motion, Setup};
 
 /// A setup with its averaged cross spectra.
 #[derive(Debug, Clone)]
@@ -17,5 +17,5 @@ pub struct MeasuredSetup<'a> {
 
 /// What a setup's recording is of.
 pub(super) fn quantity(setup: &Setup) -> Quantity {
-    if setup.unit == Unit::MetrePerSecond { Quantity::Velocity } else { Quantity::Acceleration }
+    if setup.motion() == Motion::Velocity { Quantity::Velocity } else { Quantity::Acceleration }
 }

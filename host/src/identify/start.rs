@@ -3,9 +3,10 @@
 //! A pick's line and shape flow in; EFDD about the line, or the bell of a wide mode where that explains the lines best,
 //! flows out.
 
-use super::bell::{BellFit, DAMPING_RANGE, Quantity, Resonance};
+use super::bell::{BellFit, DAMPING_RANGE};
 use super::estimate::{LEEWAY_BANDWIDTHS, LEEWAY_LINES};
 use super::matrices::{Matrices, bell};
+use super::resonance::{Quantity, Resonance};
 use super::shape::{Shape, filtered};
 use crate::spectra::CrossSpectrum;
 
@@ -37,10 +38,22 @@ pub(super) fn first_bell(
         .from_autocorrelation(0, last - first, quantity)
         .filter(|r| (r.frequency_hz - guess.frequency_hz).abs() < 2.0 * grid.spacing_hz())
         .unwrap_or(guess);
-    let density = filtered(shape, matrices.at(line));
-    let level = density / resonance.peak_density(1.0 / grid.spacing_hz());
-    let narrow = BellFit { resonance, level, floor: 0.0, neighbours: Vec::new(), objective: f64::INFINITY };
+    let narrow = known_bell(spectrum, matrices, shape, line, resonance);
     wide_bell(spectrum, matrices, shape, line, apart, resonance).unwrap_or(narrow)
+}
+
+/// The bell of a mode whose resonance is known, with the level that its line has.
+pub(super) fn known_bell(
+    spectrum: &CrossSpectrum,
+    matrices: &Matrices<'_>,
+    shape: &Shape,
+    line: usize,
+    resonance: Resonance,
+) -> BellFit {
+    let duration_s = 1.0 / spectrum.grid().spacing_hz();
+    let level = filtered(shape, matrices.at(line)) / resonance.peak_density(duration_s);
+    let (neighbours, expected) = (Vec::new(), Vec::new());
+    BellFit { resonance, level, floor: 0.0, neighbours, expected, objective: f64::INFINITY }
 }
 
 /// The bell of a mode that is damped so much that its top is many lines wide: among these, noise makes peaks of its own, which

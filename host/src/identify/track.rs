@@ -9,14 +9,14 @@ use num_complex::Complex64;
 use super::estimate;
 use super::judge;
 use super::pick::{Kurtosis, Pick};
-use super::result::Mode;
+use super::result::{Mode, ShapeComponent};
 use super::setup::{MeasuredSetup, quantity};
 use super::shape::{Shape, filtered, mac, modal_filter};
 use crate::study::Setup;
 
 /// How far a mode may have moved, as a share of its frequency, and at least in lines.
-const REACH: f64 = 0.03;
-const REACH_LINES: f64 = 2.0;
+pub(crate) const REACH: f64 = 0.03;
+pub(crate) const REACH_LINES: f64 = 2.0;
 /// A mode whose shape has less MAC with that of the whole record is another one, or noise.
 const SAME: f64 = 0.8;
 /// Modes within this factor of the reach are stopped while a mode is looked for.
@@ -76,7 +76,14 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>
                 .max_by(|a, b| a.0.total_cmp(&b.0))
                 .map_or_else(|| grid.nearest_line(hz(*index)), |(_, line)| line);
             let unit = shape / Complex64::from(shape.norm().max(f64::MIN_POSITIVE));
-            Pick { line, shapes: vec![unit], kurtosis: Kurtosis::OF_A_MODE, by_user: true }
+            Pick {
+                line,
+                shapes: vec![unit],
+                kurtosis: Kurtosis::OF_A_MODE,
+                by_user: true,
+                suggested: None,
+                unseen: false,
+            }
         })
         .collect();
     let estimates = estimate::estimate(spectrum, quantity(measured.setup), 0, &picks);
@@ -97,6 +104,15 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>
         }
     }
     tracked
+}
+
+/// Whether two modes have the same shape at the channels that both have.
+pub(crate) fn same_shape(a: &Mode, b: &Mode) -> bool {
+    let both =
+        a.shape.iter().filter_map(|part| Some((part, b.shape.iter().find(|other| other.channel == part.channel)?)));
+    let value = |part: &ShapeComponent| Complex64::new(part.re, part.im);
+    let (of_a, of_b): (Vec<_>, Vec<_>) = both.map(|(a, b)| (value(a), value(b))).unzip();
+    mac(&DVector::from_vec(of_a), &DVector::from_vec(of_b)) >= SAME
 }
 
 /// A mode's shape at the channels that a setup's spectrum has; `None` where it is not known at one of them.

@@ -108,9 +108,13 @@ fn look_at<'a>(
     let mut seen = 0;
     let mut refused = false;
     let mut average = |window| refused |= accumulator.add(window).is_err();
+    let orders = setup.derivatives();
     let mut stand_out = StandOut::new(setup.sensors.len());
     while seen < rows && recording.next_block(&mut block).ok()? {
-        welch.push(block.values(), &mut |window| stand_out.push(window, &mut average));
+        welch.push(block.values(), &mut |mut window| {
+            window.differentiate(&orders, &plan.grid);
+            stand_out.push(window, &mut average);
+        });
         seen += block.row_count() as u64;
     }
     stand_out.finish(&mut average);

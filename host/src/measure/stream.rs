@@ -80,7 +80,9 @@ pub(super) fn stream(
         let reader = scope.spawn(move || read_ahead(recording, &block_sender, &used));
         let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
         let taker = scope.spawn(move || take_in(&windows, setup.sensors.len(), sink));
-        let mut on_window = |window: WindowLines| {
+        let orders = setup.derivatives();
+        let mut on_window = |mut window: WindowLines| {
+            window.differentiate(&orders, &grid);
             observer(setup, &grid, &window);
             // The other end lives until this one is dropped; if it panicked, joining it says so.
             let _ = window_sender.send(window);

@@ -26,6 +26,7 @@ fn sensor(elevation_m: f64, azimuth_deg: f64, offset_m: [f64; 2]) -> Sensor {
         direction: Some(Direction::AzimuthDeg(azimuth_deg)),
         offset_m,
         reference: false,
+        unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
     }

@@ -6,7 +6,7 @@ use thiserror::Error;
 use super::assembly::Assembly;
 use super::geometry::Geometry;
 use super::layout::LayoutNode;
-use crate::study::{Direction, Sensor};
+use crate::study::Sensor;
 
 /// Why a sensor has no place in the model.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -119,13 +119,7 @@ impl Assembly {
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
         let direction = sensor.direction.ok_or_else(|| SensorError::NoDirection { channel: channel() })?;
         let [x, y] = sensor.offset_m;
-        let direction_cosines = match direction {
-            Direction::AzimuthDeg(azimuth_deg) => {
-                let (sin, cos) = azimuth_deg.to_radians().sin_cos();
-                [cos, sin, 0.0]
-            }
-            Direction::Up => [0.0, 0.0, 1.0],
-        };
+        let direction_cosines = direction.cosines();
         // Columns of (ux, uy, uz) at the sensor over the DOFs, and whether the model has such motions.
         let (motions, moves) = match &self.geometry {
             Geometry::Line(line) => {

@@ -91,6 +91,7 @@ fn sensor(channel: &str, elevation_m: f64, direction: Direction, offset_m: [f64;
         direction: Some(direction),
         offset_m,
         reference: false,
+        unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
     }

@@ -17,6 +17,7 @@ fn sensors(channels: &[&str]) -> Vec<Sensor> {
             direction: None,
             offset_m: [0.0; 2],
             reference: false,
+            unit: None,
             sensitivity_v_per_m_s2: None,
             dof: None,
         })

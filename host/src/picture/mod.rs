@@ -5,6 +5,7 @@
 mod canvas;
 mod comparison;
 mod covalidation;
+mod fits;
 mod history;
 mod shapes;
 mod singular;
@@ -14,6 +15,7 @@ mod trends;
 pub use canvas::PictureError;
 pub use comparison::comparison;
 pub use covalidation::{Curves, Prediction, covalidation};
+pub use fits::fits;
 pub use history::history;
 pub use shapes::{TrueShape, mode_shapes};
 pub use singular::singular_values;

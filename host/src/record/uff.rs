@@ -15,7 +15,7 @@ use super::clock::RATE_TOLERANCE;
 use super::columns::Columns;
 use super::error::{FilePosition, RecordError};
 use super::row_reader::{Progress, RowReader, Rows};
-use crate::study::{Setup, Unit};
+use crate::study::{Sensor, Setup, Unit};
 use dataset::{Data, TimeResponse, time_responses};
 use values::TextValues;
 
@@ -45,7 +45,7 @@ impl UffReader {
         for sensor in &setup.sensors {
             let column = columns.find(&sensor.channel, path)?;
             let Some(response) = responses.get(column) else { continue };
-            check(path, setup, &sensor.channel, response, first)?;
+            check(path, setup, sensor, response, first)?;
             first = first.or(Some(response));
         }
         let rows = first.map_or(0, |response| response.count);
@@ -130,14 +130,15 @@ fn columns_of(responses: &[TimeResponse]) -> Columns {
 fn check(
     path: &Path,
     setup: &Setup,
-    channel: &str,
+    sensor: &Sensor,
     response: &TimeResponse,
     first: Option<&TimeResponse>,
 ) -> Result<(), RecordError> {
-    let (file, channel) = (path.to_owned(), channel.to_owned());
-    let expected = match setup.unit {
+    let (file, channel) = (path.to_owned(), sensor.channel.clone());
+    let expected = match setup.unit_of(sensor) {
         Unit::MetrePerSecondSquared | Unit::StandardGravity => dataset::ACCELERATION,
         Unit::MetrePerSecond => dataset::VELOCITY,
+        Unit::Metre => dataset::DISPLACEMENT,
         // Volts stand for acceleration by the sensor's sensitivity, whatever the file calls them.
         Unit::Volt => dataset::UNKNOWN,
     };

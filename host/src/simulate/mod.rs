@@ -31,7 +31,7 @@ use thiserror::Error;
 
 use crate::model::effect::{Effect, EffectError, EffectKind, Evidence, Where};
 use crate::model::{Assembly, BeamTable, EigenError, SensorError, Structure};
-use crate::study::{STANDARD_GRAVITY_M_S2, Setup, Unit};
+use crate::study::{Motion, STANDARD_GRAVITY_M_S2, Setup, Unit};
 use late::LateChannels;
 use loading::Loading;
 use oscillator::{OscillatorBank, Quantity};
@@ -81,6 +81,14 @@ pub enum SimulationError {
         value: f64,
         /// The range in words.
         range: &'static str,
+    },
+    /// Sensors of different kinds, or of displacement.
+    #[error(
+        "setup {setup}: only accelerations, or only velocities, can be simulated; give all its sensors such a unit"
+    )]
+    Motion {
+        /// The setup.
+        setup: String,
     },
     /// A setup without sensors.
     #[error("setup {setup}: no sensors; nothing would be recorded")]
@@ -230,9 +238,10 @@ impl Simulation {
 
         let loading = Loading::new(assembly, options.load_level_m_s2_per_root_hz, sampling_rate_hz);
         let modal_loads = loading.on_modes(&shapes);
-        let quantity = match setup.unit {
-            Unit::MetrePerSecond => Quantity::Velocity,
-            Unit::MetrePerSecondSquared | Unit::StandardGravity | Unit::Volt => Quantity::Acceleration,
+        let quantity = match setup.common_motion() {
+            Some(Motion::Acceleration) => Quantity::Acceleration,
+            Some(Motion::Velocity) => Quantity::Velocity,
+            Some(Motion::Displacement) | None => return Err(SimulationError::Motion { setup: setup.name.clone() }),
         };
         let mut bank = OscillatorBank::new(frequencies_hz, options.damping_ratio, sampling_rate_hz, quantity);
 
@@ -382,8 +391,8 @@ fn check(options: &Options, setup: &Setup) -> Result<(), SimulationError> {
 
 /// What each channel's motion in SI units is multiplied with to be in the setup's unit.
 fn unit_factors(setup: &Setup) -> Result<Vec<f64>, SimulationError> {
-    let factor = |sensor: &crate::study::Sensor| match setup.unit {
-        Unit::MetrePerSecondSquared | Unit::MetrePerSecond => Ok(1.0),
+    let factor = |sensor: &crate::study::Sensor| match setup.unit_of(sensor) {
+        Unit::MetrePerSecondSquared | Unit::MetrePerSecond | Unit::Metre => Ok(1.0),
         Unit::StandardGravity => Ok(1.0 / STANDARD_GRAVITY_M_S2),
         Unit::Volt => sensor.sensitivity_v_per_m_s2.filter(|&sensitivity| sensitivity > 0.0).ok_or_else(|| {
             SimulationError::NoSensitivity { setup: setup.name.clone(), channel: sensor.channel.clone() }

@@ -19,6 +19,7 @@ fn sensor(channel: &str, elevation_m: f64, azimuth_deg: f64, offset_m: [f64; 2])
         direction: Some(Direction::AzimuthDeg(azimuth_deg)),
         offset_m,
         reference: false,
+        unit: None,
         sensitivity_v_per_m_s2: Some(2.0),
         dof: None,
     }

@@ -96,7 +96,7 @@ unit = \"m/s2\"
 channel = \"1\"
 node = 1
 elevation_m = 10.0
-direction = \"x\"
+azimuth_deg = 0
 ";
 
     fn changed(change: impl FnOnce(&Path)) -> Vec<String> {

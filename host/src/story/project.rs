@@ -139,6 +139,9 @@ impl Project {
         if let Some(picture) = picture::mode_shapes(name, &self.study.setups, &report.identification, &[])? {
             self.results.write("mode_shapes.svg", picture.as_bytes())?;
         }
+        if let Some(picture) = picture::fits(name, &report.identification)? {
+            self.results.write("fits.svg", picture.as_bytes())?;
+        }
         if let Some(every) = request.every.or_else(|| interval_for_temperatures(&self.study, &report)) {
             match self.follow(&mut report, every, request.route, on_progress) {
                 // What was identified stays, also where it cannot be followed.

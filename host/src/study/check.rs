@@ -33,6 +33,10 @@ pub(super) fn sensors(setup: &Setup, sections: &[Section<'_>]) -> Result<(), Stu
             });
         }
         sensitivity(setup, sensor, section)?;
+        if setup.live && setup.unit_of(sensor) != Unit::MetrePerSecondSquared {
+            let expected = "left out, or \"m/s2\", in which nodes measure, where the setup is `live`";
+            return section.get("unit").map_or(Ok(()), |entry| Err(entry.out_of_range(expected)));
+        }
     }
     Ok(())
 }
@@ -77,7 +81,7 @@ pub(super) fn custom_names(customs: &[CustomSource], sections: &[Section<'_>]) -
 fn sensitivity(setup: &Setup, sensor: &Sensor, section: &Section<'_>) -> Result<(), StudyError> {
     let position = section.position_of("sensitivity_v_per_m_s2");
     let (setup_name, channel) = (setup.name.clone(), sensor.channel.clone());
-    match (setup.unit == Unit::Volt, sensor.sensitivity_v_per_m_s2) {
+    match (setup.unit_of(sensor) == Unit::Volt, sensor.sensitivity_v_per_m_s2) {
         (true, None) => Err(StudyError::NoSensitivity { position, setup: setup_name, channel }),
         (false, Some(_)) => Err(StudyError::NeedlessSensitivity { position, setup: setup_name, channel }),
         _ => Ok(()),

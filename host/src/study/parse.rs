@@ -21,8 +21,10 @@ const SENSOR_KEYS: &[&str] = &[
     "node",
     "elevation_m",
     "azimuth_deg",
+    "inclination_deg",
     "offset_m",
     "reference",
+    "unit",
     "sensitivity_v_per_m_s2",
     "dof",
 ];
@@ -114,7 +116,6 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
     const VARIABLE: &str = "the name of a variable in the MATLAB file, in quotes";
     const RATE: &str = "the recording's rows per second, a number above 0";
     const TEMPERATURE: &str = "the name of a CSV table with time_s and temperature_degc, in quotes";
-    const UNIT: &str = "one of \"m/s2\", \"g\", \"V\" and \"m/s\"";
 
     let name = section.required("name", NAME)?.text(NAME)?;
     let live = section.get("live").map_or(Ok(false), |entry| entry.boolean())?;
@@ -164,12 +165,15 @@ fn file_patterns(entry: &Entry<'_>, expected: &'static str) -> Result<Vec<String
         .collect()
 }
 
+const UNIT: &str = "one of \"m/s2\", \"g\", \"V\", \"m/s\" and \"m\"";
+
 fn unit(entry: &Entry<'_>, expected: &'static str) -> Result<Unit, StudyError> {
     match entry.text(expected)?.as_str() {
         "m/s2" => Ok(Unit::MetrePerSecondSquared),
         "g" => Ok(Unit::StandardGravity),
         "V" => Ok(Unit::Volt),
         "m/s" => Ok(Unit::MetrePerSecond),
+        "m" => Ok(Unit::Metre),
         _ => Err(StudyError::UnknownUnit { position: entry.position(), found: entry.written() }),
     }
 }
@@ -203,15 +207,39 @@ fn sensor(section: &Section<'_>, sampled: bool) -> Result<Sensor, StudyError> {
         point,
         node,
         elevation_m: optional_number("elevation_m", ELEVATION)?,
-        direction: section.get("azimuth_deg").map(|entry| direction(&entry)).transpose()?,
+        direction: direction_of(section)?,
         offset_m: section.get("offset_m").map_or(Ok([0.0, 0.0]), |entry| entry.pair(OFFSET))?,
         reference: section.get("reference").map_or(Ok(false), |entry| entry.boolean())?,
+        unit: own_unit(section, sampled)?,
         sensitivity_v_per_m_s2: section
             .get("sensitivity_v_per_m_s2")
             .map(|entry| entry.positive(SENSITIVITY))
             .transpose()?,
         dof: dof.map(|dof| dof as usize),
     })
+}
+
+/// A sensor's own unit; modes that were identified elsewhere have none.
+fn own_unit(section: &Section<'_>, sampled: bool) -> Result<Option<Unit>, StudyError> {
+    match section.get("unit") {
+        Some(entry) if !sampled => {
+            Err(entry.out_of_range("left out: modes have shapes, whatever they were measured with"))
+        }
+        entry => entry.map(|entry| unit(&entry, UNIT)).transpose(),
+    }
+}
+
+fn direction_of(section: &Section<'_>) -> Result<Option<Direction>, StudyError> {
+    const INCLINATION: &str = "degrees above the horizontal, from -90 to 90, beside an azimuth_deg in degrees";
+    let horizontal = section.get("azimuth_deg").map(|entry| direction(&entry)).transpose()?;
+    let Some(entry) = section.get("inclination_deg") else { return Ok(horizontal) };
+    let inclination_deg = entry.number(INCLINATION)?;
+    match horizontal {
+        Some(Direction::AzimuthDeg(azimuth_deg)) if (-90.0..=90.0).contains(&inclination_deg) => {
+            Ok(Some(Direction::Inclined { azimuth_deg, inclination_deg }))
+        }
+        _ => Err(entry.out_of_range(INCLINATION)),
+    }
 }
 
 fn direction(entry: &Entry<'_>) -> Result<Direction, StudyError> {

@@ -75,6 +75,7 @@ fn a_sound_study_is_read_with_every_value_in_its_place() {
         direction: Some(Direction::AzimuthDeg(18.0)),
         offset_m: [-1.0, 2.5],
         reference: false,
+        unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
     };
@@ -401,4 +402,36 @@ proptest! {
         let text = SOUND.lines().enumerate().map(replace).collect::<String>();
         let _ = load(&text).map_err(|error| error.to_string());
     }
+}
+
+#[test]
+fn a_sensor_may_have_a_unit_and_a_direction_of_its_own() {
+    let text = SOUND.replace("offset_m = [-1, 2.5]", "offset_m = [-1, 2.5]\nunit = \"m/s\"\ninclination_deg = -30");
+    let study = load(&text).unwrap();
+    let setup = &study.setups[0];
+    assert_eq!(setup.unit_of(&setup.sensors[0]), Unit::MetrePerSecond);
+    assert_eq!(setup.unit_of(&setup.sensors[1]), Unit::MetrePerSecondSquared);
+    // Of both kinds, accelerations are made.
+    assert_eq!((setup.motion(), setup.derivatives()), (Motion::Acceleration, vec![1, 0]));
+    let [x, y, z] = setup.sensors[0].direction.unwrap().cosines();
+    let (sin, cos) = 18_f64.to_radians().sin_cos();
+    let along = 0.75_f64.sqrt();
+    assert!((x - along * cos).abs() < 1e-12 && (y - along * sin).abs() < 1e-12 && (z + 0.5).abs() < 1e-12);
+    let all = SOUND.replace("unit = \"m/s2\"", "unit = \"m/s\"");
+    let study = load(&all).unwrap();
+    assert_eq!((study.setups[0].motion(), study.setups[0].derivatives()), (Motion::Velocity, vec![0, 0]));
+    let displacements = load(&SOUND.replace("unit = \"m/s2\"", "unit = \"m\"")).unwrap();
+    assert_eq!(
+        (displacements.setups[0].motion(), displacements.setups[0].derivatives()),
+        (Motion::Acceleration, vec![2, 2])
+    );
+}
+
+#[test]
+fn units_and_inclinations_that_cannot_be_are_told() {
+    assert_fault("offset_m = [-1, 2.5]", "unit = \"mm\"", 13, &["mm"]);
+    assert_fault("offset_m = [-1, 2.5]", "inclination_deg = 120", 13, &["inclination_deg", "from -90 to 90"]);
+    assert_fault("azimuth_deg = \"up\"", "azimuth_deg = \"up\"\ninclination_deg = 10", 19, &["beside an azimuth_deg"]);
+    // Only volts have a sensitivity.
+    assert_fault("offset_m = [-1, 2.5]", "unit = \"V\"", 8, &["sensitivity"]);
 }

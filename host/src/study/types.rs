@@ -52,7 +52,7 @@ pub struct Setup {
     pub variable: Option<String>,
     /// Rows per second.
     pub sampling_rate_hz: f64,
-    /// What the recorded numbers are.
+    /// What the recorded numbers are, but for sensors that say otherwise.
     pub unit: Unit,
     /// A table of temperatures beside the recording, relative to the study's folder.
     pub temperature: Option<PathBuf>,
@@ -74,6 +74,66 @@ pub enum Unit {
     Volt,
     /// Velocity in m/s.
     MetrePerSecond,
+    /// Displacement in m.
+    Metre,
+}
+
+/// Which motion of a point numbers are of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Motion {
+    /// In m/s².
+    Acceleration,
+    /// In m/s.
+    Velocity,
+    /// In m.
+    Displacement,
+}
+
+impl Unit {
+    /// The motion that it measures; volts stand for accelerations.
+    pub fn motion(self) -> Motion {
+        match self {
+            Self::MetrePerSecondSquared | Self::StandardGravity | Self::Volt => Motion::Acceleration,
+            Self::MetrePerSecond => Motion::Velocity,
+            Self::Metre => Motion::Displacement,
+        }
+    }
+}
+
+impl Setup {
+    /// The unit of a sensor's numbers: its own, or the setup's.
+    pub fn unit_of(&self, sensor: &Sensor) -> Unit {
+        sensor.unit.unwrap_or(self.unit)
+    }
+
+    /// The motion that spectra are of: velocities stay velocities where all channels measure them; otherwise all channels are made
+    /// accelerations.
+    pub fn motion(&self) -> Motion {
+        let is_velocity = |sensor: &Sensor| self.unit_of(sensor).motion() == Motion::Velocity;
+        if !self.sensors.is_empty() && self.sensors.iter().all(is_velocity) {
+            Motion::Velocity
+        } else {
+            Motion::Acceleration
+        }
+    }
+
+    /// How often each channel's motion is differentiated to be [`Setup::motion`].
+    pub fn derivatives(&self) -> Vec<u8> {
+        let order = |motion: Motion| match motion {
+            Motion::Acceleration => 2,
+            Motion::Velocity => 1,
+            Motion::Displacement => 0,
+        };
+        let wanted: u8 = order(self.motion());
+        self.sensors.iter().map(|sensor| wanted - order(self.unit_of(sensor).motion())).collect()
+    }
+
+    /// The motion of all channels; `None` where they differ.
+    pub fn common_motion(&self) -> Option<Motion> {
+        let mut motions = self.sensors.iter().map(|sensor| self.unit_of(sensor).motion());
+        let first = motions.next()?;
+        motions.all(|motion| motion == first).then_some(first)
+    }
 }
 
 /// `[[setup.sensor]]`: one measured direction at one place.
@@ -94,6 +154,8 @@ pub struct Sensor {
     pub offset_m: [f64; 2],
     /// Whether the same point stands in every setup.
     pub reference: bool,
+    /// What its numbers are; none where they are what the setup says.
+    pub unit: Option<Unit>,
     /// Recorded volts per m/s² (only with [`Unit::Volt`]).
     pub sensitivity_v_per_m_s2: Option<f64>,
     /// 1-based row of the model's matrices, instead of a place.
@@ -107,6 +169,28 @@ pub enum Direction {
     AzimuthDeg(f64),
     /// Vertical, positive up.
     Up,
+    /// Neither: `azimuth_deg` as above, and degrees above the horizontal.
+    Inclined {
+        /// Degrees anticlockwise from +X seen from above.
+        azimuth_deg: f64,
+        /// Degrees above the horizontal, negative below it.
+        inclination_deg: f64,
+    },
+}
+
+impl Direction {
+    /// Its parts along X, Y and Z (up).
+    pub fn cosines(self) -> [f64; 3] {
+        let (azimuth_deg, inclination_deg) = match self {
+            Self::AzimuthDeg(azimuth_deg) => (azimuth_deg, 0.0),
+            Self::Up => return [0.0, 0.0, 1.0],
+            Self::Inclined { azimuth_deg, inclination_deg } => (azimuth_deg, inclination_deg),
+        };
+        let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+        let (up, along): (f64, f64) =
+            if inclination_deg == 0.0 { (0.0, 1.0) } else { inclination_deg.to_radians().sin_cos() };
+        [along * cos, along * sin, up]
+    }
 }
 
 /// `[analysis]`; what is `None` is chosen from the band and the recording's length.

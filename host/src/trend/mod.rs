@@ -3,6 +3,7 @@
 //! A study and the modes of its whole record flow in; the same modes for each interval flow out, with the response level
 //! and the temperature of that interval, and for each mode whether it changes at all and what with.
 
+mod link;
 mod regression;
 mod temperature;
 
@@ -13,11 +14,11 @@ use thiserror::Error;
 pub use regression::Slope;
 pub use temperature::{TemperatureError, Temperatures};
 
-use crate::identify::track::{Tracked, track};
 use crate::identify::{MeasuredSetup, Mode};
 use crate::measure::{Interval, MeasureError, Progress, Route, measure_intervals};
 use crate::spectra::LineGrid;
 use crate::study::{Analysis, Setup, Study};
+use link::Follower;
 use regression::slopes;
 
 /// Why there is no trend.
@@ -137,6 +138,8 @@ pub fn follow(
     };
     let temperatures = study.setups.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let (mut intervals, mut warnings, mut failure) = (Vec::new(), Vec::new(), None);
+    // Of several setups none has all points, and the same mode would begin anew in each.
+    let mut follower = Follower::new(modes, &study.analysis.modes, study.setups.len() == 1);
     for (setup, temperatures) in study.setups.iter().zip(&temperatures) {
         let take = |interval: Interval| {
             let (start_s, end_s) = (interval.start_s, interval.end_s);
@@ -152,7 +155,7 @@ pub fn follow(
                     temperature_degc: temperatures
                         .as_ref()
                         .and_then(|table| table.mean_degc(interval.origin_s + start_s, interval.origin_s + end_s)),
-                    modes: tracked(MeasuredSetup { setup, spectrum }, modes),
+                    modes: follower.take(MeasuredSetup { setup, spectrum }),
                 }),
                 Err(error) => warnings.push(format!("{place}: left out: {error}")),
             }
@@ -179,26 +182,24 @@ pub fn follow(
         warnings
             .push("no temperature lies within the recording's time: is time_s counted from its first row (in Unix time for a live setup)?".to_owned());
     }
-    let modes = modes.iter().map(|mode| mode_trend(mode, &intervals)).collect();
+    let new = follower.lasting(intervals.iter().map(|interval| interval.modes.as_slice()));
+    for interval in &mut intervals {
+        interval.modes.retain(|seen| modes.iter().chain(&new).any(|mode| mode.number == seen.number));
+    }
+    if !new.is_empty() {
+        warnings.push(not_in_whole_record(&new));
+    }
+    let modes = modes.iter().chain(&new).map(|mode| mode_trend(mode, &intervals)).collect();
     Ok(Trend { every_s, modes, intervals, warnings })
 }
 
-/// The modes that an interval shows.
-fn tracked(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<IntervalMode> {
-    let of = |(mode, tracked): (&Mode, Option<Tracked>)| {
-        let Tracked { frequency_hz, frequency_std_hz, damping_ratio, damping_ratio_std, mac, level } = tracked?;
-        let number = mode.number;
-        Some(IntervalMode {
-            number,
-            frequency_hz,
-            frequency_std_hz,
-            damping_ratio,
-            damping_ratio_std,
-            mac,
-            response_rms: level,
-        })
-    };
-    modes.iter().zip(track(measured, modes)).filter_map(of).collect()
+/// Says which modes the intervals show alone.
+fn not_in_whole_record(new: &[Mode]) -> String {
+    let each: Vec<String> = new.iter().map(|mode| format!("{} ({:.4} Hz)", mode.number, mode.frequency_hz)).collect();
+    format!(
+        "the intervals show modes that the whole record does not: {}; where frequencies drift, the whole record smears them, and its modes are averages",
+        each.join(", ")
+    )
 }
 
 fn mode_trend(mode: &Mode, intervals: &[TrendInterval]) -> ModeTrend {
@@ -213,8 +214,8 @@ fn mode_trend(mode: &Mode, intervals: &[TrendInterval]) -> ModeTrend {
         number: mode.number,
         intervals: seen.len(),
         frequency_hz: if seen.is_empty() { mode.frequency_hz } else { Mean::of(&seen).hz },
-        lowest_hz: frequencies().fold(f64::INFINITY, f64::min).min(mode.frequency_hz),
-        highest_hz: frequencies().fold(0.0, f64::max).max(mode.frequency_hz),
+        lowest_hz: frequencies().reduce(f64::min).unwrap_or(mode.frequency_hz),
+        highest_hz: frequencies().reduce(f64::max).unwrap_or(mode.frequency_hz),
         p_value_of_no_change: p_value_of_no_change(&seen),
         percent_per_kelvin,
         percent_per_decade,

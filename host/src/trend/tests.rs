@@ -20,7 +20,7 @@ fn degrees(half_hour: usize) -> f64 {
 }
 
 /// Four hours of the tower at 12.5 Hz, a file each half-hour, its stiffness by the temperature.
-fn write_study(folder: &Path, temperatures: bool) {
+fn write_study(folder: &Path, temperatures: bool, per_kelvin: f64) {
     std::fs::write(folder.join("beam.csv"), template::CANTON_BEAM).unwrap();
     // From the fourth level up: what the lower ones add is below the noise in half an hour.
     let sensors: String = [(225.2, 18.0), (225.2, 108.0), (334.6, 18.0), (334.6, 108.0), (443.6, 18.0), (443.6, 108.0)]
@@ -42,7 +42,7 @@ fn write_study(folder: &Path, temperatures: bool) {
     let setup = &Study::load(folder).unwrap().setups[0];
     let mut weather = "time_s,temperature_degc\n".to_owned();
     for half_hour in 0..HALF_HOURS {
-        let effect: Effect = format!("stiffness-scale={}", PER_KELVIN * (degrees(half_hour) - 15.0)).parse().unwrap();
+        let effect: Effect = format!("stiffness-scale={}", per_kelvin * (degrees(half_hour) - 15.0)).parse().unwrap();
         let beam = BeamTable::read(&folder.join("beam.csv")).unwrap();
         let options = Options { seed: half_hour as u64, ..Options::default() };
         let mut simulation = Simulation::of_beam(beam, &[effect], setup, &options).unwrap();
@@ -62,7 +62,7 @@ fn followed(folder: &Path, every_s: f64) -> Result<Trend, TrendError> {
 #[test]
 fn a_stiffness_that_goes_with_temperature_shows_in_the_half_hours() {
     let folder = tempfile::tempdir().unwrap();
-    write_study(folder.path(), true);
+    write_study(folder.path(), true, PER_KELVIN);
     let trend = followed(folder.path(), 1800.0).unwrap();
     assert_eq!(trend.intervals.len(), HALF_HOURS);
     for (half_hour, interval) in trend.intervals.iter().enumerate() {
@@ -94,9 +94,32 @@ fn a_stiffness_that_goes_with_temperature_shows_in_the_half_hours() {
 const SAME_SHAPE: f64 = 0.8;
 
 #[test]
+fn modes_that_drift_further_than_they_are_wide_are_followed_and_do_not_hop() {
+    let folder = tempfile::tempdir().unwrap();
+    // 3 % from the warmest half-hour to the coldest: twice the bandwidth.
+    write_study(folder.path(), false, -0.004);
+    let trend = followed(folder.path(), 1800.0).unwrap();
+    let lasting: Vec<&ModeTrend> = trend.modes.iter().filter(|mode| mode.intervals + 1 >= HALF_HOURS).collect();
+    assert!(lasting.len() >= 6, "{:#?}", trend.modes);
+    let scale = |half_hour: usize| (1.0 - 0.004 * (degrees(half_hour) - 15.0)).sqrt();
+    let mut far = 0;
+    for mode in lasting {
+        for (half_hour, interval) in trend.intervals.iter().enumerate() {
+            let Some(seen) = interval.modes.iter().find(|seen| seen.number == mode.number) else { continue };
+            let away = seen.frequency_hz / scale(half_hour) / mode.frequency_hz - 1.0;
+            // Half of the way to the nearest other mode is 3 %.
+            assert!(away.abs() < 0.02, "mode {} is {away:+.4} off in half-hour {half_hour}", mode.number);
+            far += usize::from(away.abs() > 0.01);
+        }
+    }
+    // A mode that few of these sensors see bends its neighbour now and then.
+    assert!(far <= 1, "{far} estimates are more than 1 % off");
+}
+
+#[test]
 fn without_temperatures_the_level_alone_is_held_against_the_frequencies() {
     let folder = tempfile::tempdir().unwrap();
-    write_study(folder.path(), false);
+    write_study(folder.path(), false, PER_KELVIN);
     let trend = followed(folder.path(), 1800.0).unwrap();
     assert!(trend.modes.iter().all(|mode| mode.percent_per_kelvin.is_none()));
     assert!(trend.modes.iter().any(|mode| mode.percent_per_decade.is_some()));

@@ -29,6 +29,7 @@ fn setup() -> Setup {
         direction: None,
         offset_m: [0.0; 2],
         reference: false,
+        unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
     });

@@ -18,3 +18,4 @@ mod model;
 mod next;
 mod outcome;
 mod published;
+mod real_records;

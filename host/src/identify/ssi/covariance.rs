@@ -13,7 +13,7 @@ use std::f64::consts::TAU;
 use nalgebra::{DMatrix, SymmetricEigen};
 use num_complex::Complex64;
 
-use crate::identify::bell::hann_autocorrelation;
+use crate::identify::resonance::hann_autocorrelation;
 use crate::spectra::{CrossSpectrum, LineGrid};
 
 /// Lines of the narrowest sub-bands, and how much wider those of the next level are.

@@ -22,10 +22,10 @@ mod uncertainty;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::bell::{Quantity, Resonance};
+use super::resonance::{Quantity, Resonance};
 use super::setup::{MeasuredSetup, quantity};
 use super::shape::mac;
-use crate::spectra::CrossSpectrum;
+use crate::spectra::{CrossSpectrum, LineGrid};
 use stabilisation::{Diagram, StablePole};
 
 pub use modes::identify_by_subspace;
@@ -40,6 +40,8 @@ const SAME_MAC: f64 = 0.5;
 /// A pole may be that of a mode, or of another setup's pole, within so many lines and this share of the wider bandwidth together.
 const NEAR_LINES: f64 = 1.5;
 const NEAR_OF_BANDWIDTH: f64 = 1.0;
+/// Bandwidths that a pole is away from the band's ends at least, to be tried or listed.
+const EDGE_BANDWIDTHS: f64 = 2.0;
 /// A pole is clear where it explains this share of the response at its frequency, lasts so many orders, and its damping ratio is
 /// known within this share. Chance makes poles of noise that last and are sharp, but seldom all of this.
 const CLEAR_SHARE: f64 = 0.5;
@@ -185,6 +187,13 @@ impl StablePole {
     /// Whether it is worth a trial by the other method.
     fn is_tried(&self) -> bool {
         self.is_known_with(TRIED_SHARE)
+    }
+
+    /// Whether its resonance lies in the band as a whole: the slope of what lies outside passes for a wide pole near the band's end.
+    fn is_inside(&self, grid: &LineGrid) -> bool {
+        let wide_hz = EDGE_BANDWIDTHS * 2.0 * self.damping_ratio * self.frequency_hz;
+        let (low_hz, high_hz) = (grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1)));
+        self.frequency_hz - wide_hz > low_hz && self.frequency_hz + wide_hz < high_hz
     }
 
     fn is_known_with(&self, share: f64) -> bool {

@@ -5,23 +5,30 @@
 
 use rayon::prelude::*;
 
+use super::opinion::{NEAR_MAC, shape_in};
 use super::stabilisation::StablePole;
-use super::{SetupPoles, reach_hz};
-use crate::identify::bell::Resonance;
+use super::{SetupPoles, SubspacePole, reach_hz};
 use crate::identify::choice::meant_hz;
-use crate::identify::estimate::{SetupMode, SetupModes};
+use crate::identify::curve::Curve;
+use crate::identify::fit::Basis;
 use crate::identify::judge::MIN_DAMPING;
-use crate::identify::merge::{duration_s, merge};
+use crate::identify::merge::{duration_s, merge, number};
 use crate::identify::pick::suggested;
-use crate::identify::result::{Harmonic, Identification};
+use crate::identify::resonance::Resonance;
+use crate::identify::result::{Harmonic, Identification, Mode, ModeMethod, Rejected};
 use crate::identify::setup::{MeasuredSetup, quantity};
+use crate::identify::setup_mode::{SetupMode, SetupModes};
+use crate::identify::shape::mac;
 use crate::identify::singular::SingularValues;
-use crate::identify::{IdentifyError, Suggestion, none_in_band, same_lines};
+use crate::identify::{IdentifyError, Suggestion, none_in_band, phase_collinearity, same_lines};
 use crate::spectra::LineGrid;
 use crate::study::ModeChoice;
 
 /// A pole in another setup may be this share of the frequency further away: structures change a little between setups.
 const NEAR_OF_FREQUENCY: f64 = 0.003;
+
+/// A mode that the fit does not resolve counts where its damping is known within this share.
+const ALONE_DAMPING_STD: f64 = 0.25;
 
 /// Identifies the modes that all setups show by their subspaces.
 ///
@@ -51,14 +58,9 @@ pub fn identify_by_subspace(
         found.stable.iter().filter(|pole| !is_mode(pole)).map(|pole| pole.report(&m.setup.name)).collect::<Vec<_>>()
     });
     let other_poles = other_poles.collect();
-    let per_setup: Vec<SetupModes> = measured
-        .iter()
-        .enumerate()
-        .map(|(setup, m)| SetupModes { modes: modes.iter().map(|poles| setup_mode(m, poles[setup])).collect() })
-        .collect();
     let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
     Ok(Identification {
-        modes: merge(&grid, measured, &per_setup, &mut warnings),
+        modes: merged(&grid, measured, &modes, &mut warnings),
         averages: measured.iter().map(|m| m.spectrum.averages()).sum(),
         record_s: measured.iter().map(|m| duration_s(m, &grid)).sum(),
         frequency_resolution_hz: grid.spacing_hz(),
@@ -68,7 +70,71 @@ pub fn identify_by_subspace(
         other_poles,
         stabilisation: measured.iter().zip(&setups).map(|(m, found)| found.diagram(&m.setup.name)).collect(),
         singular_values: measured.iter().zip(&singular).map(|(m, s)| s.spectrum(&grid, &m.setup.name)).collect(),
+        basis: Basis::default(),
     })
+}
+
+/// Modes of poles, one of each setup.
+fn merged(
+    grid: &LineGrid,
+    measured: &[MeasuredSetup<'_>],
+    modes: &[Vec<&StablePole>],
+    warnings: &mut Vec<String>,
+) -> Vec<Mode> {
+    let of_setup = |(setup, m): (usize, &MeasuredSetup<'_>)| {
+        let modes = modes.iter().map(|poles| setup_mode(m, poles[setup])).collect();
+        SetupModes { modes }
+    };
+    let per_setup: Vec<SetupModes> = measured.iter().enumerate().map(of_setup).collect();
+    let mut modes = merge(grid, measured, &per_setup, warnings);
+    modes.iter_mut().for_each(|mode| mode.method = ModeMethod::Subspace);
+    modes
+}
+
+/// Adds the modes that the subspaces show clearly and the fit does not resolve.
+pub(super) fn add_unresolved(
+    measured: &[MeasuredSetup<'_>],
+    setups: &[SetupPoles],
+    identification: &mut Identification,
+) -> Result<(), IdentifyError> {
+    let grid = same_lines(measured)?;
+    let is_left =
+        |pole: &StablePole| identification.other_poles.iter().any(|other| other.frequency_hz == pole.frequency_hz);
+    let is_known =
+        |pole: &&&StablePole| pole.is_clear() && pole.damping_ratio_std < ALONE_DAMPING_STD * pole.damping_ratio;
+    let is_near = |mode: &Mode, m: &MeasuredSetup<'_>, pole: &StablePole| {
+        let reach_hz = reach_hz(grid.spacing_hz(), mode.damping_ratio.max(pole.damping_ratio), mode.frequency_hz);
+        let is_alike = shape_in(m, mode).is_some_and(|shape| mac(&shape, &pole.shape) > NEAR_MAC);
+        (mode.frequency_hz - pole.frequency_hz).abs() < reach_hz && is_alike
+    };
+    // A wide mode may have more than one pole.
+    let is_new = |poles: &Vec<&StablePole>| {
+        let seen = |mode: &Mode| measured.iter().zip(poles).all(|(m, pole)| is_near(mode, m, pole));
+        !identification.modes.iter().any(seen)
+    };
+    let is_mode = |poles: &Vec<&StablePole>| {
+        2 * poles.iter().filter(is_known).count() > poles.len()
+            && poles.iter().all(|pole| is_left(pole) && pole.is_inside(&grid))
+            && is_new(poles)
+            && forced(measured, poles, &grid).is_none()
+    };
+    let unresolved: Vec<Vec<&StablePole>> = common(setups, &grid).into_iter().filter(is_mode).collect();
+    if unresolved.is_empty() {
+        return Ok(());
+    }
+    let is_listed =
+        |other: &SubspacePole| unresolved.iter().flatten().any(|pole| pole.frequency_hz == other.frequency_hz);
+    identification.other_poles.retain(|other| !is_listed(other));
+    let modes = merged(&grid, measured, &unresolved, &mut identification.warnings);
+    let is_peak_of = |peak: &Rejected, mode: &Mode| {
+        (peak.frequency_hz - mode.frequency_hz).abs()
+            < reach_hz(grid.spacing_hz(), mode.damping_ratio, mode.frequency_hz)
+    };
+    identification.rejected.retain(|peak| !modes.iter().any(|mode| is_peak_of(peak, mode)));
+    identification.modes.extend(modes);
+    identification.modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    number(&mut identification.modes);
+    Ok(())
 }
 
 /// Poles that all setups show, lowest first: one of each setup. The surest pole of a mode brings the others together.
@@ -155,7 +221,8 @@ fn chosen<'a>(
 fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid) -> Option<Harmonic> {
     let frequency_hz = mean_hz(poles);
     let shapes = poles.iter().map(|pole| pole.shape.clone()).collect();
-    let kurtosis = suggested(grid, measured, &Suggestion { frequency_hz, shapes }).kurtosis;
+    let damping_ratio = poles.iter().map(|pole| pole.damping_ratio).sum::<f64>() / poles.len().max(1) as f64;
+    let kurtosis = suggested(grid, measured, &Suggestion { frequency_hz, damping_ratio, shapes }).kurtosis;
     let is_undamped = poles.iter().all(|pole| pole.damping_ratio < MIN_DAMPING);
     let is_forced = kurtosis.is_harmonics() || (kurtosis.is_low() && is_undamped);
     is_forced.then_some(Harmonic { frequency_hz, kurtosis: kurtosis.value })
@@ -176,5 +243,8 @@ fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
         peak_density: pole.power * resonance.peak_density(1.0 / measured.spectrum.grid().spacing_hz()),
         level: largest.sqrt(),
         found: true,
+        curve: Curve::default(),
+        misfit: None,
+        collinearity: phase_collinearity(pole.shape.as_slice()),
     }
 }

@@ -5,6 +5,7 @@
 
 use rayon::prelude::*;
 
+use super::modes::add_unresolved;
 use super::stabilisation::StablePole;
 use super::{SecondOpinion, SetupPoles, SubspacePole, reach_hz};
 use crate::identify::choice::meant_hz;
@@ -12,13 +13,16 @@ use crate::identify::merge::{combine, number};
 use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause, ShapeComponent};
 use crate::identify::setup::MeasuredSetup;
 use crate::identify::shape::{Shape, mac};
-use crate::identify::{IdentifyError, Suggestion, identify_beside};
+use crate::identify::{IdentifyError, Suggestion, identify_again, same_lines};
+use crate::spectra::LineGrid;
 use crate::study::{ModeChoice, Sensor};
 
 /// A pole near a mode may be its own with at least this MAC.
-const NEAR_MAC: f64 = 0.5;
+pub(super) const NEAR_MAC: f64 = 0.5;
 /// The methods disagree where they differ by more than this many of their standard deviations together.
 const DISAGREEMENT_SIGMAS: f64 = 3.0;
+/// The fit tries poles so often at most: modes that were found beside them let others stand.
+const MOST_TRIALS: usize = 3;
 /// A mode that the subspace does not have must have a damping of this many of its standard deviations.
 const LEAST_DAMPING_SIGMAS: f64 = 2.0;
 /// That counts where the deviation is this many times the lower bound: in a short record even a clear mode's damping is hardly known.
@@ -38,20 +42,32 @@ pub fn add_second_opinion(
 ) -> Result<(), IdentifyError> {
     let setups: Vec<SetupPoles> = measured.par_iter().map(SetupPoles::of).collect();
     add_opinions(measured, &setups, choice, identification);
-    let suggestions = suggestions(&setups, identification);
-    if suggestions.is_empty() || choice.only_hz.is_some() {
+    if choice.only_hz.is_some() {
+        let missing = missing(identification, measured.len());
+        identification.warnings.extend(missing);
         return Ok(());
     }
-    let mut again = identify_beside(measured, choice, &suggestions)?;
-    add_opinions(measured, &setups, choice, &mut again);
+    let grid = same_lines(measured)?;
     // More modes are no gain where the two methods then agree on fewer.
     let agreed = |identification: &Identification| {
         let opinions = identification.modes.iter().filter_map(|mode| mode.second_opinion);
         opinions.filter(|opinion| opinion.agrees).count()
     };
-    if agreed(&again) > agreed(identification) {
+    for _ in 0..MOST_TRIALS {
+        let suggestions = suggestions(&setups, identification, &grid);
+        if suggestions.is_empty() {
+            break;
+        }
+        let mut again = identify_again(measured, identification, &suggestions)?;
+        add_opinions(measured, &setups, choice, &mut again);
+        if agreed(&again) <= agreed(identification) {
+            break;
+        }
         *identification = again;
     }
+    add_unresolved(measured, &setups, identification)?;
+    let missing = missing(identification, measured.len());
+    identification.warnings.extend(missing);
     Ok(())
 }
 
@@ -66,10 +82,12 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
     };
     let asked_for: Vec<usize> = choice.add_hz.iter().filter_map(nearest).collect();
     let is_asked_for = |mode: &Mode| asked_for.contains(&mode.number);
+    let spacing_hz = identification.frequency_resolution_hz;
     let is_unseen = |mode: &Mode| {
-        mode.second_opinion.is_none()
-            && mode.damping_ratio < LEAST_DAMPING_SIGMAS * mode.damping_ratio_std
-            && mode.damping_ratio_std > UNUSUAL * mode.damping_ratio_std_bound
+        let is_sharp = mode.damping_ratio < LEAST_DAMPING_SIGMAS * mode.damping_ratio_std
+            && mode.damping_ratio_std > UNUSUAL * mode.damping_ratio_std_bound;
+        // Noise that is not white has wide bumps.
+        mode.second_opinion.is_none() && (is_sharp || mode.frequency_std_hz > spacing_hz)
     };
     let (unseen, seen): (Vec<Mode>, Vec<Mode>) = std::mem::take(&mut identification.modes)
         .into_iter()
@@ -83,14 +101,14 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
 }
 
 /// Poles worth a trial that all setups show and that are none of the modes.
-fn suggestions(setups: &[SetupPoles], identification: &Identification) -> Vec<Suggestion> {
+fn suggestions(setups: &[SetupPoles], identification: &Identification, grid: &LineGrid) -> Vec<Suggestion> {
     let Some((first, others)) = setups.split_first() else { return Vec::new() };
     let spacing_hz = identification.frequency_resolution_hz;
     let is_other = |pole: &&StablePole| {
         let own = |other: &SubspacePole| other.frequency_hz == pole.frequency_hz;
         // Between several setups poles are brought together by little more than their frequency.
         let is_wanted = if others.is_empty() { pole.is_tried() } else { pole.is_clear() };
-        is_wanted && identification.other_poles.iter().any(own)
+        is_wanted && pole.is_inside(grid) && identification.other_poles.iter().any(own)
     };
     let in_all = |pole: &StablePole| -> Option<Suggestion> {
         let mut shapes = vec![pole.shape.clone()];
@@ -101,7 +119,7 @@ fn suggestions(setups: &[SetupPoles], identification: &Identification) -> Vec<Su
             let nearest = near.min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)))?;
             shapes.push(nearest.shape.clone());
         }
-        Some(Suggestion { frequency_hz: pole.frequency_hz, shapes })
+        Some(Suggestion { frequency_hz: pole.frequency_hz, damping_ratio: pole.damping_ratio, shapes })
     };
     first.stable.iter().filter(is_other).filter_map(in_all).collect()
 }
@@ -142,8 +160,6 @@ pub(super) fn add_opinions(
     }
     let disagreements = identification.modes.iter().filter_map(disagreement);
     identification.warnings.extend(disagreements);
-    let missing = missing(identification, measured.len());
-    identification.warnings.extend(missing);
     identification.stabilisation = measured.iter().zip(setups).map(|(m, found)| found.diagram(&m.setup.name)).collect();
 }
 
@@ -177,7 +193,7 @@ fn pairs(
 }
 
 /// A mode's shape at a setup's channels; `None` where it is not known at one of them.
-fn shape_in(measured: &MeasuredSetup<'_>, mode: &Mode) -> Option<Shape> {
+pub(super) fn shape_in(measured: &MeasuredSetup<'_>, mode: &Mode) -> Option<Shape> {
     let components: Option<Vec<_>> = measured
         .spectrum
         .channels()

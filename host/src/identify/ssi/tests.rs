@@ -4,11 +4,13 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::covariance::{Covariances, sub_bands};
+use super::modes::add_unresolved;
 use super::opinion::add_opinions;
+use super::stabilisation::StablePole;
 use super::subspace::{Model, Subspace};
 use super::uncertainty::Change;
 use super::*;
-use crate::identify::{Identification, identify, mac};
+use crate::identify::{Identification, ModeMethod, identify, mac};
 use crate::simulate::modal::score::{rms, score};
 use crate::simulate::modal::{Recording, Truth, points, setup};
 use crate::spectra::LineGrid;
@@ -213,8 +215,33 @@ fn both_methods_agree_on_a_tower_and_a_mode_that_is_bent_or_lost_is_reported() {
     let hz = lost.modes.remove(0).frequency_hz;
     with_opinions(&measured, &mut lost);
     assert!(lost.other_poles.iter().any(|pole| pole.is_clear && (pole.frequency_hz / hz - 1.0).abs() < 0.01));
-    assert_eq!(lost.warnings.len(), 1);
-    assert!(lost.warnings[0].contains("stable pole"), "{}", lost.warnings[0]);
+    let setups: Vec<SetupPoles> = measured.iter().map(SetupPoles::of).collect();
+    add_unresolved(&measured, &setups, &mut lost).unwrap();
+    assert_eq!(lost.modes.len(), 12);
+    let alone = &lost.modes[0];
+    assert!(alone.method == ModeMethod::Subspace && (alone.frequency_hz / hz - 1.0).abs() < 0.01, "{alone:?}");
+    assert_eq!((alone.number, lost.modes[1].number, lost.modes[1].method), (1, 2, ModeMethod::Spectra));
+    // It is no other pole any more.
+    assert!(lost.other_poles.iter().all(|pole| !pole.is_clear));
+}
+
+#[test]
+fn poles_that_a_mode_has_already_or_that_the_bands_end_cuts_are_not_listed() {
+    let (truth, spectrum) = tower_hour(2, &(0..20).collect::<Vec<_>>());
+    let setup = setup("one", &points(truth.shapes.nrows()), &[]);
+    let measured = [MeasuredSetup { setup: &setup, spectrum }];
+    let mut found = identify(&measured, &ModeChoice::default()).unwrap();
+    let mut setups: Vec<SetupPoles> = measured.iter().map(SetupPoles::of).collect();
+    // A second pole of the first mode, and one that is wider than its distance from the band's end.
+    let first = setups[0].stable.iter().find(|pole| pole.is_clear()).unwrap().clone();
+    let spacing_hz = measured[0].spectrum.grid().spacing_hz();
+    setups[0].stable.push(StablePole { frequency_hz: first.frequency_hz + 0.5 * spacing_hz, ..first.clone() });
+    let wide = StablePole { frequency_hz: 0.08, damping_ratio: 0.15, damping_ratio_std: 0.01, ..first };
+    setups[0].stable.push(wide);
+    add_opinions(&measured, &setups, &ModeChoice::default(), &mut found);
+    assert!(found.other_poles.iter().filter(|pole| pole.is_clear).count() >= 2);
+    add_unresolved(&measured, &setups, &mut found).unwrap();
+    assert!(found.modes.iter().all(|mode| mode.method == ModeMethod::Spectra), "{:?}", found.modes);
 }
 
 #[test]

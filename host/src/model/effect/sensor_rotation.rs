@@ -67,7 +67,8 @@ struct Turn {
 
 impl SensorChange for Turn {
     fn turn(&self, sensor: &mut Sensor) {
-        if let Some(Direction::AzimuthDeg(azimuth_deg)) = &mut sensor.direction
+        if let Some(Direction::AzimuthDeg(azimuth_deg) | Direction::Inclined { azimuth_deg, .. }) =
+            &mut sensor.direction
             && self.node.is_none_or(|node| node == sensor.node)
         {
             *azimuth_deg += self.angle_deg;

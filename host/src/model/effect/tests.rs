@@ -268,6 +268,7 @@ pub(super) fn sensor(channel: &str, node: u16, azimuth_deg: f64) -> Sensor {
         direction: Some(Direction::AzimuthDeg(azimuth_deg)),
         offset_m: [0.0; 2],
         reference: false,
+        unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
     }

@@ -24,6 +24,7 @@ fn setup(channels: &[&str], files: &[&str]) -> Setup {
         direction: None,
         offset_m: [0.0; 2],
         reference: false,
+        unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
     };

@@ -13,6 +13,7 @@ use crate::record::response_name::ResponseName;
 
 /// Specific data types, of record 9.
 pub(super) const UNKNOWN: i64 = 0;
+pub(super) const DISPLACEMENT: i64 = 8;
 pub(super) const VELOCITY: i64 = 11;
 pub(super) const ACCELERATION: i64 = 12;
 /// The specific data type of an abscissa in seconds, of record 8.
@@ -54,7 +55,7 @@ pub(super) enum Data {
 /// The kind of motion that an ordinate's specific data type stands for, if any.
 pub(super) fn motion(ordinate: i64) -> Option<&'static str> {
     match ordinate {
-        8 => Some("displacement"),
+        DISPLACEMENT => Some("displacement"),
         9 | 13 => Some("force"),
         VELOCITY => Some("velocity"),
         ACCELERATION => Some("acceleration"),

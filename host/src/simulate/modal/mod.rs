@@ -75,6 +75,7 @@ pub fn setup(name: &str, points: &[String], references: &[bool]) -> Setup {
         direction: None,
         offset_m: [0.0; 2],
         reference: references.get(at).copied().unwrap_or(false),
+        unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
     };

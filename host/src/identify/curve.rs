@@ -1,0 +1,149 @@
+//! What a fit looks like: a mode's spectrum behind its modal filter, as measured and as the fit expects it.
+//!
+//! The last fit of a mode flows in, and what its replicates measure; the curves, and how far they are from each other, flow out.
+
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+
+use super::bell::{Bell, BellFit};
+use super::joint::{JointFit, Seen};
+
+/// Chance makes fits look as bad as this once in so many modes; what is worse is something that the model of the spectrum lacks.
+const CHANCE: f64 = 1e-4;
+/// Neighbouring lines of Hann's window are correlated by 2/3, so squares of residuals by (2/3)⁴ on either side: the sum of them scatters
+/// by as much more than that of independent ones.
+const JOINED: f64 = 1.395;
+
+/// A mode's spectrum at consecutive lines.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Curve {
+    first_line: usize,
+    measured: Vec<f64>,
+    /// Of the mode alone, and of everything; none where the fit was not asked.
+    expected: Vec<[f64; 2]>,
+}
+
+impl Curve {
+    /// What a mode of a joint fit looks like; `with_fit` says whether to ask what the fit expects.
+    pub(super) fn of_joint(fit: &JointFit, seen: &Seen, place: usize, first_line: usize, with_fit: bool) -> Self {
+        let expected = |&hz: &f64| {
+            let spectra = fit.modal_spectra(hz, seen.duration_s);
+            let all = &fit.mixture * &spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz);
+            [spectra[(place, place)].re, all[(place, place)].re]
+        };
+        Self {
+            first_line,
+            measured: seen.matrices.iter().map(|matrix| matrix[(place, place)].re).collect(),
+            expected: if with_fit { seen.frequency_hz.iter().map(expected).collect() } else { Vec::new() },
+        }
+    }
+
+    /// What a mode that is fitted alone looks like.
+    pub(super) fn of_bell(fit: &BellFit, bell: &Bell, first_line: usize) -> Self {
+        Self { first_line, measured: bell.density.clone(), expected: fit.expected.clone() }
+    }
+
+    /// Its lines with what is measured and expected of everything there: (line, measured, expected).
+    pub(super) fn lines(&self) -> impl Iterator<Item = (usize, f64, f64)> {
+        let both = self.measured.iter().zip(&self.expected).enumerate();
+        both.map(|(index, (measured, expected))| (self.first_line + index, *measured, expected[1]))
+    }
+
+    fn at(&self, line: usize) -> Option<f64> {
+        self.measured.get(line.checked_sub(self.first_line)?).copied()
+    }
+
+    /// How far the fit is from the measurement; `replicates` are the curves without one group of windows each, which say how
+    /// much the measurement scatters. `None` with fewer than two replicates.
+    ///
+    /// Lines count by the share that the mode has in them: elsewhere other modes and noise are misjudged without harm to it.
+    pub(super) fn misfit(&self, replicates: &[&Self]) -> Option<Misfit> {
+        let groups = replicates.len();
+        if groups < 2 {
+            return None;
+        }
+        let (mut weights, mut weights_squared, mut away, mut scatter) = (0.0, 0.0, 0.0, 0.0);
+        for (index, (line, measured, expected)) in self.lines().enumerate() {
+            let others: Vec<f64> = replicates.iter().filter_map(|replicate| replicate.at(line)).collect();
+            if others.len() < groups || expected <= 0.0 {
+                continue;
+            }
+            let weight = (self.expected[index][0] / expected).clamp(0.0, 1.0);
+            let mean = others.iter().sum::<f64>() / groups as f64;
+            let squares: f64 = others.iter().map(|other| ((other - mean) / expected).powi(2)).sum();
+            weights += weight;
+            weights_squared += weight * weight;
+            away += weight * (measured / expected - 1.0).powi(2);
+            scatter += weight * squares * (groups - 1) as f64 / groups as f64;
+        }
+        let lines = weights * weights / (JOINED * weights_squared);
+        let ratio = away / scatter;
+        let by_chance = FisherSnedecor::new(lines, lines * (groups - 1) as f64).ok()?.sf(ratio);
+        by_chance.is_finite().then_some(Misfit { ratio: ratio.sqrt(), scatter: (scatter / weights).sqrt(), by_chance })
+    }
+}
+
+/// How far a fit is from what was measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Misfit {
+    /// Root mean square of the residuals over their own scatter: about 1, or less, where nothing is missing in the fit.
+    pub(super) ratio: f64,
+    /// Relative standard deviation of a measured density.
+    pub(super) scatter: f64,
+    /// The probability of as large a one by chance.
+    by_chance: f64,
+}
+
+impl Misfit {
+    /// Whether more than chance is left.
+    pub(super) fn is_significant(&self) -> bool {
+        self.by_chance < CHANCE && self.ratio > 1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bell of 21 lines whose measurement is `away` times what is expected, with replicates that scatter by a tenth.
+    fn curves(away: impl Fn(usize) -> f64) -> (Curve, Vec<Curve>) {
+        let bell = |index: usize| 1.0 / (1.0 + (index as f64 - 10.0).powi(2) / 9.0);
+        let expected: Vec<[f64; 2]> = (0..21).map(|index| [bell(index), bell(index) + 0.01]).collect();
+        let measured: Vec<f64> = expected.iter().enumerate().map(|(index, e)| e[1] * away(index)).collect();
+        let curve = Curve { first_line: 50, measured, expected };
+        // The jackknife over 20 groups makes 0.1 of that.
+        let step = 0.1 / 19_f64.sqrt();
+        let replicate = |group: usize| {
+            let sign = if group.is_multiple_of(2) { 1.0 } else { -1.0 };
+            let measured = curve.expected.iter().map(|e| e[1] * (1.0 + sign * step)).collect();
+            Curve { first_line: 50, measured, expected: Vec::new() }
+        };
+        let replicates = (0..20).map(replicate).collect();
+        (curve, replicates)
+    }
+
+    fn misfit(away: impl Fn(usize) -> f64) -> Misfit {
+        let (curve, replicates) = curves(away);
+        curve.misfit(&replicates.iter().collect::<Vec<_>>()).unwrap()
+    }
+
+    #[test]
+    fn residuals_as_large_as_the_scatter_are_chance() {
+        let fits = misfit(|index| if index % 2 == 0 { 1.1 } else { 0.9 });
+        assert!((0.9..1.1).contains(&fits.ratio) && !fits.is_significant(), "{fits:?}");
+    }
+
+    #[test]
+    fn what_the_fit_lacks_at_the_resonance_is_significant_and_elsewhere_is_not() {
+        let wrong = misfit(|index| if (8..=12).contains(&index) { 1.8 } else { 1.0 });
+        assert!(wrong.ratio > 3.0 && wrong.is_significant(), "{wrong:?}");
+        // The last lines are a tenth of the mode's top.
+        let elsewhere = misfit(|index| if index > 19 { 1.5 } else { 1.0 });
+        assert!(!elsewhere.is_significant(), "{elsewhere:?}");
+    }
+
+    #[test]
+    fn one_group_says_nothing_of_scatter() {
+        let (curve, replicates) = curves(|_| 1.0);
+        assert_eq!(curve.misfit(&[&replicates[0]]), None);
+    }
+}

@@ -1,0 +1,50 @@
+//! One mode as one setup shows it: what estimates flow in as, and what judging and merging start from.
+
+use super::curve::{Curve, Misfit};
+use super::resonance::Resonance;
+use super::shape::Shape;
+
+/// One mode in one setup.
+#[derive(Debug, Clone)]
+pub(super) struct SetupMode {
+    /// Frequency and damping.
+    pub(super) resonance: Resonance,
+    /// Shape at the setup's kept channels, largest component 1.
+    pub(super) shape: Shape,
+    /// Standard deviations.
+    pub(super) frequency_std_hz: f64,
+    pub(super) damping_std: f64,
+    pub(super) shape_std: Vec<f64>,
+    /// Density at resonance.
+    pub(super) peak_density: f64,
+    /// Root mean square of the mode's response where it moves most.
+    pub(super) level: f64,
+    /// Whether the bell has its top near the pick; otherwise this setup does not show the mode.
+    pub(super) found: bool,
+    /// Its spectrum as measured and as fitted.
+    pub(super) curve: Curve,
+    /// How far these are from each other.
+    pub(super) misfit: Option<Misfit>,
+    /// The shape's phase collinearity before anything was taken for noise.
+    pub(super) collinearity: f64,
+}
+
+impl SetupMode {
+    /// With deviations that hold what the fit leaves unexplained too: it does not change from group to group, so it is not in the
+    /// scatter. Whether there is a mode at all does not depend on it.
+    pub(super) fn widened(&self) -> Self {
+        let factor = self.misfit.filter(Misfit::is_significant).map_or(1.0, |misfit| misfit.ratio);
+        Self {
+            frequency_std_hz: factor * self.frequency_std_hz,
+            damping_std: factor * self.damping_std,
+            shape_std: self.shape_std.iter().map(|std| factor * std).collect(),
+            ..self.clone()
+        }
+    }
+}
+
+/// The modes of one setup, in the order of the picks.
+#[derive(Debug, Clone)]
+pub(super) struct SetupModes {
+    pub(super) modes: Vec<SetupMode>,
+}
