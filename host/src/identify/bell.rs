@@ -10,7 +10,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
-use super::resonance::{Quantity, Resonance, hann_autocorrelation};
+use super::resonance::{LineShape, Quantity, Resonance, hann_autocorrelation};
 use super::scoring::{Schedule, Slopes, fisher_scoring};
 
 /// Damping ratios outside this range are not fitted.
@@ -176,10 +176,12 @@ impl<'a> Model<'a> {
             damping_ratio: self.resonance.damping_ratio * dz.exp(),
             ..self.resonance
         };
+        let moved = |df: f64, dz: f64| moved(df, dz).line_shape(bell.duration_s);
         let (right, left, more, less) = (moved(step, 0.0), moved(-step, 0.0), moved(0.0, step), moved(0.0, -step));
+        let (shapes, mut densities) = (self.line_shapes(bell), Vec::new());
         for (index, (&f, &density)) in bell.frequency_hz.iter().zip(&bell.density).enumerate() {
-            let at = |resonance: &Resonance| self.unit_density(resonance, 0, f, bell.duration_s);
-            let densities = self.densities(f, bell.duration_s);
+            let at = |shape: &LineShape| self.unit_density(shape, 0, f);
+            self.densities(&shapes, f, &mut densities);
             let (own, floor) = (densities[0], densities[densities.len() - 1]);
             let total: f64 = densities.iter().sum();
             if total <= 0.0 {
@@ -192,9 +194,9 @@ impl<'a> Model<'a> {
                 jacobian[(index, 3 + place)] = other / total;
             }
             jacobian[(index, first_tilt - 1)] = floor / total;
-            let poles = std::iter::once(&self.resonance).chain(self.neighbours).zip(&self.levels);
+            let poles = shapes.iter().zip(&self.levels);
             for (place, (pole, level)) in poles.enumerate().take(self.tilts.len()) {
-                jacobian[(index, first_tilt + place)] = level * pole.skew(f, bell.duration_s) / total;
+                jacobian[(index, first_tilt + place)] = level * pole.skew(f) / total;
             }
             excess[index] = density / total - 1.0;
             objective += total.ln() + density / total;
@@ -242,25 +244,31 @@ impl<'a> Model<'a> {
         Self { resonance, levels, tilts, ..*self }
     }
 
+    /// The mode and its neighbours as the bell sees them.
+    fn line_shapes(&self, bell: &Bell) -> Vec<LineShape> {
+        std::iter::once(&self.resonance).chain(self.neighbours).map(|pole| pole.line_shape(bell.duration_s)).collect()
+    }
+
     /// The densities of the mode, its neighbours and the floor at a frequency.
-    fn densities(&self, frequency_hz: f64, duration_s: f64) -> Vec<f64> {
-        let poles = std::iter::once(&self.resonance).chain(self.neighbours).zip(&self.levels).enumerate();
-        let of_pole = |(place, (pole, level)): (usize, (&Resonance, &f64))| {
-            level * self.unit_density(pole, place, frequency_hz, duration_s)
-        };
-        poles.map(of_pole).chain(self.levels.last().copied()).collect()
+    fn densities(&self, poles: &[LineShape], frequency_hz: f64, densities: &mut Vec<f64>) {
+        let of_pole =
+            |(place, (pole, level)): (usize, (&LineShape, &f64))| level * self.unit_density(pole, place, frequency_hz);
+        densities.clear();
+        densities.extend(poles.iter().zip(&self.levels).enumerate().map(of_pole));
+        densities.extend(self.levels.last());
     }
 
     /// The density of a pole of unit level with the tilt at its place.
-    fn unit_density(&self, pole: &Resonance, place: usize, frequency_hz: f64, duration_s: f64) -> f64 {
-        let tilted = self.tilts.get(place).map_or(0.0, |tilt| tilt * pole.skew(frequency_hz, duration_s));
-        pole.density(frequency_hz, duration_s).max(0.0) + tilted
+    fn unit_density(&self, pole: &LineShape, place: usize, frequency_hz: f64) -> f64 {
+        let tilted = self.tilts.get(place).map_or(0.0, |tilt| tilt * pole.skew(frequency_hz));
+        pole.density(frequency_hz).max(0.0) + tilted
     }
 
     fn result(&self, bell: &Bell, objective: f64) -> BellFit {
         let count = self.levels.len();
+        let (poles, mut densities) = (self.line_shapes(bell), Vec::new());
         let expected = |&hz: &f64| {
-            let densities = self.densities(hz, bell.duration_s);
+            self.densities(&poles, hz, &mut densities);
             [densities[0], densities.iter().sum()]
         };
         BellFit {

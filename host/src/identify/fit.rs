@@ -45,13 +45,16 @@ pub(super) fn fit(
         // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
         if let Some(pick) = (0..picks.len()).filter(|&pick| may_go(pick)).find(is_forced) {
             harmonics.push(picks.remove(pick));
-        } else if let Some((pick, because)) =
-            judge::worst(&setups, grid.spacing_hz(), may_go, |pick| picks[pick].unseen)
-        {
+            continue;
+        }
+        let mut worst = judge::worst(&setups, grid.spacing_hz(), may_go, |pick| picks[pick].unseen);
+        if worst.is_empty() {
+            break;
+        }
+        worst.sort_by_key(|(pick, _)| std::cmp::Reverse(*pick));
+        for (pick, because) in worst {
             let frequency_hz = grid.frequency_hz(picks.remove(pick).line);
             rejected.push(Rejected { frequency_hz, because });
-        } else {
-            break;
         }
     }
     harmonics.sort_by_key(|pick| pick.line);

@@ -9,7 +9,7 @@
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
-use super::resonance::Resonance;
+use super::resonance::{LineShape, Resonance};
 
 /// What is known beforehand of the exponent of the force's density over frequency, near a mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,7 +90,7 @@ impl JointFit {
             .resonances
             .iter()
             .zip(&self.slopes)
-            .map(|(resonance, &slope)| half_density(resonance, slope, frequency_hz, duration_s))
+            .map(|(resonance, &slope)| half_density(&resonance.line_shape(duration_s), slope, frequency_hz))
             .collect();
         let size = halves.len();
         DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()))
@@ -114,8 +114,8 @@ impl JointFit {
 ///
 /// The colour multiplies the whole density, not the pole's phase alone: far from a resonance that is damped a lot its tilt would make
 /// the density negative.
-pub(super) fn half_density(resonance: &Resonance, slope: f64, frequency_hz: f64, duration_s: f64) -> Complex64 {
-    let half = resonance.half_density(frequency_hz, duration_s);
-    let colour = (frequency_hz / resonance.frequency_hz).powf(slope);
+pub(super) fn half_density(shape: &LineShape, slope: f64, frequency_hz: f64) -> Complex64 {
+    let half = shape.half_density(frequency_hz);
+    let colour = (frequency_hz / shape.resonance().frequency_hz).powf(slope);
     Complex64::new(half.re.max(0.0), half.im) * colour
 }

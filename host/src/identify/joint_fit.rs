@@ -10,7 +10,7 @@ use num_complex::Complex64;
 
 use super::bell::DAMPING_RANGE;
 use super::joint::{JointFit, Seen, half_density};
-use super::resonance::Resonance;
+use super::resonance::{LineShape, Resonance};
 use super::scoring::{Schedule, Slopes, fisher_scoring};
 
 /// Standard deviation of the correlation of two modal forces, beforehand.
@@ -133,7 +133,9 @@ impl JointFit {
         let mut gradient = DVector::zeros(unknowns);
         let mut fisher = DMatrix::zeros(unknowns, unknowns);
         let step = 1e-4;
-        let moved: Vec<[Resonance; 4]> = self
+        let own: Vec<LineShape> =
+            self.resonances.iter().map(|resonance| resonance.line_shape(seen.duration_s)).collect();
+        let moved: Vec<[LineShape; 4]> = self
             .resonances
             .iter()
             .map(|here| {
@@ -143,17 +145,17 @@ impl JointFit {
                     ..*here
                 };
                 [at(step, 0.0), at(-step, 0.0), at(0.0, step), at(0.0, -step)]
+                    .map(|resonance| resonance.line_shape(seen.duration_s))
             })
             .collect();
         let mut jacobian = DMatrix::zeros(size * size, unknowns);
         let mut half = DMatrix::zeros(size, size);
         let identity: DMatrix<Complex64> = DMatrix::identity(size, size);
         for (&frequency_hz, matrix) in seen.frequency_hz.iter().zip(&seen.matrices) {
-            let density = |mode: usize, resonance: &Resonance, slope: f64| {
-                half_density(resonance, self.slopes[mode] + slope, frequency_hz, seen.duration_s)
+            let density = |mode: usize, shape: &LineShape, slope: f64| {
+                half_density(shape, self.slopes[mode] + slope, frequency_hz)
             };
-            let halves: Vec<Complex64> =
-                self.resonances.iter().enumerate().map(|(mode, here)| density(mode, here, 0.0)).collect();
+            let halves: Vec<Complex64> = own.iter().enumerate().map(|(mode, here)| density(mode, here, 0.0)).collect();
             let spectra = DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()));
             let through = &self.mixture * &spectra;
             let noise = self.noise_seen(seen, frequency_hz);
@@ -204,7 +206,7 @@ impl JointFit {
                 put(&|k| inverse[(k, mode)], &|l| noise_mixed[(mode, l)]);
             }
             for mode in 0..size {
-                let here = &self.resonances[mode];
+                let here = &own[mode];
                 let change = (density(mode, here, step) - density(mode, here, -step)) / (2.0 * step);
                 put(&|k| mixed[(k, mode)], &|l| change * amplitudes[(mode, l)]);
             }

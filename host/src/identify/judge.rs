@@ -14,6 +14,9 @@ const MAX_SHAPE_NOISE: f64 = 0.5;
 /// No structure has damping ratios beyond these.
 const MAX_DAMPING: f64 = 0.2;
 pub(super) const MIN_DAMPING: f64 = 5e-4;
+/// Picks this far from each other, as a share of the frequency and in lines, do not bend each other.
+const FAR_SHARE: f64 = 0.1;
+const FAR_LINES: f64 = 20.0;
 /// A pick that another method does not have is this many times as doubtful.
 const UNSEEN: f64 = 2.0;
 /// Two estimates within this many lines and half a bandwidth, with a MAC above this, are one mode.
@@ -23,37 +26,47 @@ const DOUBLE_MAC: f64 = 0.5;
 const MAX_FREQUENCY_LINES: f64 = 1.0;
 const MAX_FREQUENCY_BANDWIDTHS: f64 = 0.15;
 
-/// Of the picks that may go, the one that is least likely to be a mode, if one is not, and why. Those that another method was
-/// asked for and does not have are doubted more.
+/// Of the picks that may go, those that are no modes, and why: the least likely one, and with it those that are too far away to
+/// have been bent by it. Those that another method was asked for and does not have are doubted more.
 pub(super) fn worst(
     setups: &[SetupModes],
     spacing_hz: f64,
     may_go: impl Fn(usize) -> bool,
     is_unseen: impl Fn(usize) -> bool,
-) -> Option<(usize, RejectedBecause)> {
+) -> Vec<(usize, RejectedBecause)> {
     let picks = setups.iter().map(|setup| setup.modes.len()).min().unwrap_or(0);
     let estimates = |pick: usize| setups.iter().map(|setup| &setup.modes[pick]).collect::<Vec<_>>();
-    let doubts = (0..picks).map(|pick| {
+    let doubt_of = |pick: usize| {
         let here = estimates(pick);
         let doubled = (0..picks).any(|other| other != pick && is_double_of(&here, &estimates(other), spacing_hz));
         let (doubt, because) =
             if doubled { (f64::INFINITY, RejectedBecause::Double) } else { doubt(&here, spacing_hz) };
-        let doubt = (if is_unseen(pick) { UNSEEN * doubt } else { doubt }, because);
-        (doubt, pick)
-    });
-    let doubts = doubts.filter(|((doubt, _), pick)| may_go(*pick) && *doubt > 1.0);
+        (if is_unseen(pick) { UNSEEN * doubt } else { doubt }, because)
+    };
+    let mut doubtful: Vec<(usize, (f64, RejectedBecause))> =
+        (0..picks).filter(|&pick| may_go(pick)).map(|pick| (pick, doubt_of(pick))).collect();
+    doubtful.retain(|(_, (doubt, _))| *doubt > 1.0);
     // What nobody else has goes first: without it the others may stand.
-    let order = |((doubt, _), pick): &((f64, RejectedBecause), usize)| (is_unseen(*pick), *doubt);
-    let worst = doubts.max_by(|a, b| {
-        let ((a_unseen, a_doubt), (b_unseen, b_doubt)) = (order(a), order(b));
-        a_unseen.cmp(&b_unseen).then(a_doubt.total_cmp(&b_doubt))
+    doubtful.sort_by(|(a, (a_doubt, _)), (b, (b_doubt, _))| {
+        is_unseen(*b).cmp(&is_unseen(*a)).then(b_doubt.total_cmp(a_doubt)).then(b.cmp(a))
     });
-    worst.map(|((_, reason), pick)| (pick, reason))
+    let hz = |pick: usize| {
+        let setup = setups.first().and_then(|setup| setup.modes.get(pick));
+        setup.map_or(0.0, |mode| mode.resonance.frequency_hz)
+    };
+    let mut worst: Vec<(usize, RejectedBecause)> = Vec::new();
+    for (pick, (_, because)) in doubtful {
+        let far_hz = (FAR_SHARE * hz(pick)).max(FAR_LINES * spacing_hz);
+        if worst.iter().all(|(other, _)| (hz(*other) - hz(pick)).abs() > far_hz) {
+            worst.push((pick, because));
+        }
+    }
+    worst
 }
 
 /// Whether the data do not determine a pick as a mode.
 pub(super) fn is_doubtful(setups: &[SetupModes], spacing_hz: f64, pick: usize) -> bool {
-    worst(setups, spacing_hz, |other| other == pick, |_| false).is_some()
+    !worst(setups, spacing_hz, |other| other == pick, |_| false).is_empty()
 }
 
 /// Whether a pick has less damping than any structure: the spectrum of a forced line is the window's own.
@@ -106,4 +119,95 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
     .into_iter()
     .filter(|(doubt, _)| doubt.is_finite())
     .fold((0.0, RejectedBecause::Shape), |most, here| if here.0 > most.0 { here } else { most })
+}
+
+#[cfg(test)]
+mod tests {
+    use num_complex::Complex64;
+
+    use super::*;
+    use crate::identify::curve::Curve;
+    use crate::identify::resonance::{Quantity, Resonance};
+    use crate::identify::shape::Shape;
+
+    const SPACING_HZ: f64 = 0.01;
+
+    /// A sound mode at a frequency; modes of odd numbers move unlike those of even ones.
+    fn mode(frequency_hz: f64, number: usize) -> SetupMode {
+        let component = |channel: usize| if (channel * number).is_multiple_of(2) { 1.0 } else { -1.0 };
+        SetupMode {
+            resonance: Resonance { frequency_hz, damping_ratio: 0.01, quantity: Quantity::Acceleration },
+            shape: Shape::from_fn(4, |channel, _| Complex64::from(component(channel))),
+            frequency_std_hz: 0.001,
+            damping_std: 0.001,
+            shape_std: vec![0.05; 4],
+            peak_density: 1.0,
+            level: 1.0,
+            found: true,
+            curve: Curve::default(),
+            misfit: None,
+            collinearity: 1.0,
+        }
+    }
+
+    /// Three sound modes, the second changed, and what is said of them.
+    fn judged(change: impl Fn(&mut SetupMode)) -> Vec<(usize, RejectedBecause)> {
+        judged_with(change, |_| false)
+    }
+
+    fn judged_with(
+        change: impl Fn(&mut SetupMode),
+        is_unseen: impl Fn(usize) -> bool,
+    ) -> Vec<(usize, RejectedBecause)> {
+        let mut modes = vec![mode(1.0, 0), mode(2.0, 1), mode(4.0, 0)];
+        change(&mut modes[1]);
+        worst(&[SetupModes { modes }], SPACING_HZ, |_| true, is_unseen)
+    }
+
+    #[test]
+    fn every_reason_is_told_from_the_others() {
+        assert_eq!(judged(|_| {}), []);
+        assert_eq!(judged(|mode| mode.found = false), [(1, RejectedBecause::NotShown)]);
+        assert_eq!(judged(|mode| mode.resonance.damping_ratio = 1e-4), [(1, RejectedBecause::Undamped)]);
+        assert_eq!(judged(|mode| mode.resonance.damping_ratio = 0.25), [(1, RejectedBecause::Overdamped)]);
+        assert_eq!(judged(|mode| mode.shape_std = vec![0.6; 4]), [(1, RejectedBecause::Shape)]);
+        // A line and a half of a mode that is four lines wide.
+        assert_eq!(judged(|mode| mode.frequency_std_hz = 0.015), [(1, RejectedBecause::Frequency)]);
+        let double = |mode: &mut SetupMode| {
+            mode.resonance.frequency_hz = 1.005;
+            mode.shape = Shape::from_element(4, Complex64::ONE);
+            mode.peak_density = 0.5;
+        };
+        assert_eq!(judged(double), [(1, RejectedBecause::Double)]);
+    }
+
+    #[test]
+    fn a_wide_mode_may_be_uncertain_by_a_share_of_its_bandwidth() {
+        let wide = |mode: &mut SetupMode| {
+            mode.resonance.damping_ratio = 0.05;
+            mode.frequency_std_hz = 0.015;
+        };
+        assert_eq!(judged(wide), []);
+        // What another method does not have is doubted twice as much: 0.015 of 0.03 Hz is the limit then.
+        let wider = |mode: &mut SetupMode| {
+            wide(mode);
+            mode.frequency_std_hz = 0.016;
+        };
+        assert_eq!(judged(wider), []);
+        assert_eq!(judged_with(wider, |pick| pick == 1), [(1, RejectedBecause::Frequency)]);
+    }
+
+    #[test]
+    fn a_fit_that_never_moves_is_no_mode() {
+        assert_eq!(judged(|mode| mode.frequency_std_hz = 0.0), [(1, RejectedBecause::Frequency)]);
+    }
+
+    #[test]
+    fn what_nobody_else_has_goes_first_and_far_ones_go_with_it() {
+        let lost = |frequency_hz| SetupMode { found: false, ..mode(frequency_hz, 0) };
+        let modes = vec![lost(1.0), lost(1.1), lost(2.0), mode(4.0, 0)];
+        let went = worst(&[SetupModes { modes }], SPACING_HZ, |_| true, |pick| pick == 1);
+        // The first is within twenty lines of the second and waits.
+        assert_eq!(went.iter().map(|(pick, _)| *pick).collect::<Vec<_>>(), [1, 2]);
+    }
 }

@@ -110,5 +110,6 @@ pub(super) fn residues(
 
 /// A mode's pole over the lines.
 fn pole(resonance: &Resonance, slope: f64, seen: &Seen) -> Vec<Complex64> {
-    seen.frequency_hz.iter().map(|&hz| resonance.pole(hz, seen.duration_s, slope)).collect()
+    let shape = resonance.line_shape(seen.duration_s);
+    seen.frequency_hz.iter().map(|&hz| shape.pole(hz, slope)).collect()
 }

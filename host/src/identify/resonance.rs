@@ -38,66 +38,31 @@ pub struct Resonance {
 }
 
 impl Resonance {
-    /// Expected Welch density at `frequency_hz` for a segment of `duration_s`, unit level.
-    ///
-    /// The response of an oscillator to white force has the autocorrelation Re (1 + i kappa) exp(p |t|) with the pole
-    /// p = -zeta w + i w sqrt(1 - zeta²); kappa = tan(3 asin zeta) for acceleration, zeta for velocity, comes of p to the fourth
-    /// or second power. A Welch estimate sees this times the window's autocorrelation. Of the product's transform the part
-    /// that turns with the frequency is closed (the integral of r_hann(t) exp(-q t) over the segment, q = 2 pi i f - p);
-    /// the part that turns against it, and what the force adds to an acceleration at once, are smooth in frequency.
+    /// What a Welch estimate with segments of `duration_s` sees of it.
+    pub fn line_shape(&self, duration_s: f64) -> LineShape {
+        let (zeta, hz) = (self.damping_ratio, self.frequency_hz);
+        let damped_hz = hz * (1.0 - zeta * zeta).sqrt();
+        let tilt = (self.quantity.turns() * zeta.asin()).tan();
+        let decay = TAU * zeta * hz * duration_s;
+        LineShape {
+            resonance: *self,
+            duration_s,
+            damped_hz,
+            tilt,
+            decay,
+            falls: Complex64::from_polar((-decay).exp(), TAU * damped_hz * duration_s),
+            constant: 4.0 * (tilt * damped_hz / hz - zeta) / (TAU * hz),
+        }
+    }
+
+    /// [`LineShape::density`] for a segment of `duration_s`.
     pub fn density(&self, frequency_hz: f64, duration_s: f64) -> f64 {
-        2.0 * self.half_density(frequency_hz, duration_s).re
-    }
-
-    /// What positive lags contribute to [`Resonance::density`]; the cross density of two modes i and j, of unit
-    /// amplitude, is half_i + half_j* .
-    pub(super) fn half_density(&self, frequency_hz: f64, duration_s: f64) -> Complex64 {
-        self.pole(frequency_hz, duration_s, 0.0) + 0.5 * self.background(self.white_tilt(), frequency_hz)
-    }
-
-    /// [`Resonance::half_density`] without its smooth part: what the pole itself contributes under a force whose density goes as f
-    /// to the power of `colour`.
-    pub(super) fn pole(&self, frequency_hz: f64, duration_s: f64, colour: f64) -> Complex64 {
-        let tilt = self.white_tilt() + colour * self.damping_ratio;
-        Complex64::new(1.0, tilt) * self.symmetric_half(frequency_hz, duration_s)
-    }
-
-    /// The part of a density that is odd about the resonance, per unit of tilt.
-    pub(super) fn skew(&self, frequency_hz: f64, duration_s: f64) -> f64 {
-        -2.0 * self.symmetric_half(frequency_hz, duration_s).im
+        self.line_shape(duration_s).density(frequency_hz)
     }
 
     /// [`Resonance::density`] without its smooth part.
     pub(super) fn resonant_density(&self, frequency_hz: f64, duration_s: f64) -> f64 {
-        2.0 * self.pole(frequency_hz, duration_s, 0.0).re
-    }
-
-    /// kappa where the force is white.
-    fn white_tilt(&self) -> f64 {
-        (self.quantity.turns() * self.damping_ratio.asin()).tan()
-    }
-
-    /// Half density without its tilt and the smooth part.
-    fn symmetric_half(&self, frequency_hz: f64, duration_s: f64) -> Complex64 {
-        let decay = Complex64::new(
-            TAU * self.damping_ratio * self.frequency_hz,
-            TAU * (frequency_hz - self.damped_frequency_hz()),
-        );
-        hann_transform(decay, duration_s)
-    }
-
-    fn damped_frequency_hz(&self) -> f64 {
-        self.frequency_hz * (1.0 - self.damping_ratio * self.damping_ratio).sqrt()
-    }
-
-    /// The smooth part of the density: the pole of negative frequency, and a constant by which the whole vanishes at
-    /// frequency 0. The window, which is long beside a period, does nothing to it.
-    fn background(&self, kappa: f64, frequency_hz: f64) -> f64 {
-        let zeta = self.damping_ratio;
-        let damped_hz = self.damped_frequency_hz();
-        let against = Complex64::new(zeta * self.frequency_hz, frequency_hz + damped_hz) * TAU;
-        let constant = 4.0 * (kappa * damped_hz / self.frequency_hz - zeta) / (TAU * self.frequency_hz);
-        constant + 2.0 * (Complex64::new(1.0, -kappa) / against).re
+        2.0 * self.line_shape(duration_s).pole(frequency_hz, 0.0).re
     }
 
     /// Density at resonance, unit level.
@@ -111,17 +76,86 @@ impl Resonance {
     }
 }
 
+/// A resonance as a Welch estimate sees it. What is the same at all lines is worked out once: fits ask for hundreds.
+#[derive(Debug, Clone, Copy)]
+pub struct LineShape {
+    resonance: Resonance,
+    duration_s: f64,
+    damped_hz: f64,
+    /// kappa where the force is white.
+    tilt: f64,
+    /// The pole's decay over a segment.
+    decay: f64,
+    /// exp(p T), which is all of exp(-q T) at a line of the segment's own.
+    falls: Complex64,
+    constant: f64,
+}
+
+impl LineShape {
+    /// The resonance.
+    pub fn resonance(&self) -> &Resonance {
+        &self.resonance
+    }
+
+    /// Expected Welch density at `frequency_hz`, unit level.
+    ///
+    /// The response of an oscillator to white force has the autocorrelation Re (1 + i kappa) exp(p |t|) with the pole
+    /// p = -zeta w + i w sqrt(1 - zeta²); kappa = tan(3 asin zeta) for acceleration, zeta for velocity, comes of p to the fourth
+    /// or second power. A Welch estimate sees this times the window's autocorrelation. Of the product's transform the part
+    /// that turns with the frequency is closed (the integral of r_hann(t) exp(-q t) over the segment, q = 2 pi i f - p);
+    /// the part that turns against it, and what the force adds to an acceleration at once, are smooth in frequency.
+    pub fn density(&self, frequency_hz: f64) -> f64 {
+        2.0 * self.half_density(frequency_hz).re
+    }
+
+    /// What positive lags contribute to [`LineShape::density`]; the cross density of two modes i and j, of unit
+    /// amplitude, is half_i + half_j* .
+    pub(super) fn half_density(&self, frequency_hz: f64) -> Complex64 {
+        self.pole(frequency_hz, 0.0) + 0.5 * self.background(frequency_hz)
+    }
+
+    /// [`LineShape::half_density`] without its smooth part: what the pole itself contributes under a force whose density goes as f
+    /// to the power of `colour`.
+    pub(super) fn pole(&self, frequency_hz: f64, colour: f64) -> Complex64 {
+        let tilt = self.tilt + colour * self.resonance.damping_ratio;
+        Complex64::new(1.0, tilt) * self.symmetric_half(frequency_hz)
+    }
+
+    /// The part of a density that is odd about the resonance, per unit of tilt.
+    pub(super) fn skew(&self, frequency_hz: f64) -> f64 {
+        -2.0 * self.symmetric_half(frequency_hz).im
+    }
+
+    /// Half density without its tilt and the smooth part.
+    fn symmetric_half(&self, frequency_hz: f64) -> Complex64 {
+        let turns = frequency_hz * self.duration_s;
+        let is_line = (turns - turns.round()).abs() < WHOLE;
+        let falls = if is_line { self.falls } else { self.falls * Complex64::cis(-TAU * turns) };
+        let x = Complex64::new(self.decay, TAU * (turns - self.damped_hz * self.duration_s));
+        hann_transform(x, falls) * self.duration_s
+    }
+
+    /// The smooth part of the density: the pole of negative frequency, and a constant by which the whole vanishes at
+    /// frequency 0. The window, which is long beside a period, does nothing to it.
+    fn background(&self, frequency_hz: f64) -> f64 {
+        let Resonance { frequency_hz: hz, damping_ratio: zeta, .. } = self.resonance;
+        let against = Complex64::new(zeta * hz, frequency_hz + self.damped_hz) * TAU;
+        self.constant + 2.0 * (Complex64::new(1.0, -self.tilt) / against).re
+    }
+}
+
+/// A frequency this near to a line, in lines, is at the line.
+const WHOLE: f64 = 1e-9;
+
 /// Autocorrelation of the Hann window of unit length at lag `u` (0 to 1), 1 at lag 0:
 /// (1 - u)(2/3 + cos(2 pi u)/3) + sin(2 pi u)/(2 pi).
 pub fn hann_autocorrelation(u: f64) -> f64 {
     if u >= 1.0 { 0.0 } else { (1.0 - u) * (2.0 + (TAU * u).cos()) / 3.0 + (TAU * u).sin() / TAU }
 }
 
-/// Integral of hann_autocorrelation(t/T) exp(-p t) over t = 0..T.
-fn hann_transform(p: Complex64, duration_s: f64) -> Complex64 {
-    let x = p * duration_s;
+/// Integral of hann_autocorrelation(u) exp(-x u) over u = 0..1; `falls` is exp(-x).
+fn hann_transform(x: Complex64, falls: Complex64) -> Complex64 {
     // The window's cosine shifts x by a whole turn, which leaves its exponential as it is.
-    let falls = (-x).exp();
     let turn = Complex64::new(0.0, TAU);
     let is_small = |x: Complex64| x.norm_sqr() < 1e-6;
     // (x - 1 + exp(-x)) / x² loses its digits for small x; its series is 1/2 - x/6 + x²/24.
@@ -129,7 +163,7 @@ fn hann_transform(p: Complex64, duration_s: f64) -> Complex64 {
     let decay = |x: Complex64| if is_small(x) { 1.0 - x / 2.0 + x * x / 6.0 } else { (1.0 - falls) / x };
     let (below, above) = (x - turn, x + turn);
     let sine = (decay(below) - decay(above)) * Complex64::new(0.0, -0.5);
-    (triangle(x) * (2.0 / 3.0) + (triangle(below) + triangle(above)) / 6.0 + sine / TAU) * duration_s
+    triangle(x) * (2.0 / 3.0) + (triangle(below) + triangle(above)) / 6.0 + sine / TAU
 }
 
 #[cfg(test)]
