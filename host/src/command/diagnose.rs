@@ -118,7 +118,7 @@ fn in_modes(candidate: &CandidateReport) -> bool {
 }
 
 fn tell(diagnosis: &Diagnosis, effects: &[String], study: &Study, console: &Console) {
-    let with = if effects.is_empty() { String::new() } else { format!(", with {}", effects.join(", ")) };
+    let with = if effects.is_empty() { String::new() } else { format!(", with {},", effects.join(", ")) };
     console.say(format!("\n{}: which effect does the model{with} lack?", study.structure.name));
     let test = diagnosis.present;
     console.say(format!(

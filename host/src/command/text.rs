@@ -181,7 +181,7 @@ pub(super) fn values_text(parameters: &[Estimate]) -> String {
             let name = if several { format!("{} ", parameter.name) } else { String::new() };
             let unit = unit_text(&parameter.unit);
             match parameter.std {
-                Some(std) => format!("{name}{} ± {}{unit}", short(parameter.value), short(std)),
+                Some(std) => format!("{name}{}{unit}", with_std(parameter.value, std)),
                 None => format!("{} {}{unit}", parameter.name, short(parameter.value)),
             }
         })
@@ -205,6 +205,13 @@ pub(super) fn short(value: f64) -> String {
     } else {
         format!("{value:.2e}")
     }
+}
+
+/// A number with its deviation, both with an exponent or both without.
+pub(super) fn with_std(value: f64, std: f64) -> String {
+    let value = short(value);
+    let std = if value.contains('e') { format!("{std:.2e}") } else { short(std) };
+    format!("{value} ± {std}")
 }
 
 /// A probability in a sentence.

@@ -88,6 +88,8 @@ pub(super) fn update_project(
 
 /// Below this probability shapes are said to differ.
 const SIGNIFICANT: f64 = 0.01;
+/// A cosine that is uncertain by this much could be anything.
+const TOO_UNCERTAIN: f64 = 0.3;
 
 fn tell_hints(report: &UpdateReport, console: &Console) {
     console.say("\nWhat Psi says (hints, no diagnosis: that is `belfry diagnose`)");
@@ -109,6 +111,8 @@ fn tell_hints(report: &UpdateReport, console: &Console) {
     if let Some(test) = &hints.orthogonality {
         let says = if test.p_value < SIGNIFICANT {
             "the model's mass or the sensors differ from what the study says"
+        } else if test.cosine_std > TOO_UNCERTAIN {
+            "too uncertain to say anything of the model's mass"
         } else {
             "nothing contradicts the model's mass"
         };

@@ -73,6 +73,7 @@ mod tests {
             misfit: None,
             fitted: Vec::new(),
             method: ModeMethod::Spectra,
+            pair_with: None,
             second_opinion: None,
         };
         Identification {

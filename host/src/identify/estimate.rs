@@ -13,7 +13,7 @@ use super::matrices::{Matrices, bell};
 use super::pick::Pick;
 use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
-use super::scatter::{ShapeScatter, jackknife};
+use super::scatter::{ShapeScatter, jackknife, noise_outside, noise_share};
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::{Shape, align, modal_filter, normalise, phase_collinearity};
 use super::start::{first_bell, known_bell};
@@ -378,6 +378,20 @@ impl State {
         neighbours
     }
 
+    /// The modes that are as close to a mode as it is wide.
+    fn partners(&self, mode: usize, spacing_hz: f64) -> Vec<usize> {
+        let here = self.fits[mode].resonance;
+        let is_close = |other: &usize| {
+            let there = self.fits[*other].resonance;
+            let width_hz = here.bandwidth_hz().max(there.bandwidth_hz()).max(spacing_hz);
+            *other != mode && (there.frequency_hz - here.frequency_hz).abs() < width_hz
+        };
+        let mut partners: Vec<usize> = (0..self.fits.len()).filter(is_close).collect();
+        // In a plane that has half of the channels there is nothing to be seen outside.
+        partners.truncate((self.shapes[mode].len() / 2).saturating_sub(1));
+        partners
+    }
+
     /// The lines of a mode's bell: wide enough not to cut it, ending half-way to modes that the filter does not stop.
     fn range(&self, mode: usize, neighbours: &[usize], grid: &LineGrid) -> (usize, usize) {
         let spacing_hz = grid.spacing_hz();
@@ -413,6 +427,11 @@ impl State {
             })
             .collect();
         let scatter = ShapeScatter::of(shape.len(), &aligned);
+        let partners: Vec<&Shape> = self.partners(mode, spacing_hz).iter().map(|&other| &self.shapes[other]).collect();
+        let shape_noise = match partners.is_empty() {
+            true => noise_share(&shape, &scatter.component),
+            false => noise_outside(&shape, &partners, &aligned),
+        };
         let collinearity = phase_collinearity(shape.as_slice());
         drop_scatter(&mut shape, &scatter.imaginary);
         let curve = self.curves[mode].clone();
@@ -444,6 +463,7 @@ impl State {
             damping_std: deviation(&|state| state.fits[mode].resonance.damping_ratio)
                 .max(certainty.map_or(0.0, |certainty| certainty.damping_std)),
             shape_std: scatter.component,
+            shape_noise,
             curve,
             misfit,
             collinearity,

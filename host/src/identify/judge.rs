@@ -5,7 +5,6 @@
 
 use super::merge::combine;
 use super::result::RejectedBecause;
-use super::scatter::noise_share;
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::mac;
 
@@ -96,7 +95,7 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
     if 2 * found.len() < estimates.len() || found.is_empty() {
         return (f64::INFINITY, RejectedBecause::NotShown);
     }
-    let shape_noise = estimates.iter().map(|mode| noise_share(&mode.shape, &mode.shape_std)).sum::<f64>();
+    let shape_noise = estimates.iter().map(|mode| mode.shape_noise).sum::<f64>();
     let shape_noise = shape_noise / estimates.len() as f64;
     let (frequency_hz, frequency_std_hz) =
         combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
@@ -141,6 +140,7 @@ mod tests {
             frequency_std_hz: 0.001,
             damping_std: 0.001,
             shape_std: vec![0.05; 4],
+            shape_noise: 0.07,
             peak_density: 1.0,
             level: 1.0,
             found: true,
@@ -170,7 +170,7 @@ mod tests {
         assert_eq!(judged(|mode| mode.found = false), [(1, RejectedBecause::NotShown)]);
         assert_eq!(judged(|mode| mode.resonance.damping_ratio = 1e-4), [(1, RejectedBecause::Undamped)]);
         assert_eq!(judged(|mode| mode.resonance.damping_ratio = 0.25), [(1, RejectedBecause::Overdamped)]);
-        assert_eq!(judged(|mode| mode.shape_std = vec![0.6; 4]), [(1, RejectedBecause::Shape)]);
+        assert_eq!(judged(|mode| mode.shape_noise = 0.6), [(1, RejectedBecause::Shape)]);
         // A line and a half of a mode that is four lines wide.
         assert_eq!(judged(|mode| mode.frequency_std_hz = 0.015), [(1, RejectedBecause::Frequency)]);
         let double = |mode: &mut SetupMode| {

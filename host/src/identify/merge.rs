@@ -18,6 +18,8 @@ use crate::spectra::LineGrid;
 const ROUNDS: usize = 20;
 /// References below this share of a setup's shape cannot scale it.
 const MIN_REFERENCE_SHARE: f64 = 0.05;
+/// A shape that is uncertain by this share has no direction of its own among close modes.
+const PAIR_NOISE: f64 = 0.25;
 /// Setups disagree when their frequencies differ by this many standard deviations.
 const DISAGREEMENT_SIGMAS: f64 = 4.0;
 
@@ -56,13 +58,41 @@ pub(super) fn merge(
         .collect();
     modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     number(&mut modes);
+    warnings.extend(pairs(&mut modes));
     modes
 }
 
-/// Counts modes from 1.
+/// Marks modes whose directions the record does not tell apart, and says so: two whose resonances overlap, of which the shape
+/// of one at least is uncertain by a share that is too large for a shape.
+fn pairs(modes: &mut [Mode]) -> Vec<String> {
+    let noise = |mode: &Mode| {
+        let parts = |of: fn(&ShapeComponent) -> f64| mode.shape.iter().map(of).sum::<f64>();
+        (parts(|part| 2.0 * part.std * part.std) / parts(|part| part.re * part.re + part.im * part.im)).sqrt()
+    };
+    let mut sentences = Vec::new();
+    for upper in 1..modes.len() {
+        let (a, b) = (&modes[upper - 1], &modes[upper]);
+        let bandwidth_hz = 2.0 * (a.damping_ratio * a.frequency_hz).max(b.damping_ratio * b.frequency_hz);
+        let overlap = b.frequency_hz - a.frequency_hz < bandwidth_hz;
+        if overlap && a.pair_with.is_none() && noise(a).max(noise(b)) > PAIR_NOISE {
+            sentences.push(format!(
+                "the modes at {:.4} and {:.4} Hz are a pair: the record tells the plane in which they move, but not the direction of each in it. Their standard deviations say so; a longer record tells them apart",
+                a.frequency_hz, b.frequency_hz
+            ));
+            let (first, second) = (a.number, b.number);
+            modes[upper - 1].pair_with = Some(second);
+            modes[upper].pair_with = Some(first);
+        }
+    }
+    sentences
+}
+
+/// Counts modes from 1; pairs go with their modes, and end with one of them.
 pub(super) fn number(modes: &mut [Mode]) {
+    let before: Vec<usize> = modes.iter().map(|mode| mode.number).collect();
     for (index, mode) in modes.iter_mut().enumerate() {
         mode.number = index + 1;
+        mode.pair_with = mode.pair_with.and_then(|other| Some(before.iter().position(|number| *number == other)? + 1));
     }
 }
 
@@ -165,6 +195,7 @@ fn merged(
         misfit: found().filter_map(|mode| mode.misfit).map(|misfit| misfit.ratio).reduce(f64::max),
         fitted,
         method: ModeMethod::Spectra,
+        pair_with: None,
         second_opinion: None,
     }
 }
@@ -348,6 +379,7 @@ mod tests {
             curve: Curve::default(),
             misfit: None,
             collinearity: 1.0,
+            shape_noise: 0.0,
         }
     }
 

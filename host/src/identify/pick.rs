@@ -31,6 +31,10 @@ const NOISE_FACTOR: f64 = 2.0;
 const LEAST_REMAINS: f64 = 1e-2;
 /// MAC above which neighbouring lines count as moving alike.
 const COHERENT: f64 = 0.8;
+/// Two directions count as a pair where the second singular value is this share of the first, and there are channels enough for a
+/// plane to be seldom met by chance.
+const PAIR_SHARE: f64 = 0.1;
+const PAIR_CHANNELS: usize = 6;
 /// MAC above which a peak belongs to a mode picked already, when it is within that mode's domain.
 const SAME_MODE: f64 = 0.8;
 /// A mode's domain to either side: this many lines or this share of its frequency (a dozen bandwidths of a structure of
@@ -262,10 +266,13 @@ impl Layer {
     }
 
     /// Modal coherence: how alike in shape a line is to its more alike (one side) or less alike (both sides) neighbour.
+    ///
+    /// Of two modes so close that the record does not tell them apart the first vector is any direction in their plane, another one
+    /// at every line: there it counts how far the neighbour moves in the plane.
     fn coherence(&self, line: usize, sides: usize) -> f64 {
         let alike = |other: usize| {
             let pairs = self.lines[line].iter().zip(&self.lines[other]);
-            pairs.map(|(a, b)| mac(&a.vector, &b.vector)).sum::<f64>() / self.lines[line].len().max(1) as f64
+            pairs.map(|(a, b)| likeness(a, &b.vector)).sum::<f64>() / self.lines[line].len().max(1) as f64
         };
         let (left, right) = (alike(line - 1), alike(line + 1));
         if sides == 1 { left.max(right) } else { left.min(right) }
@@ -281,6 +288,16 @@ impl Layer {
             suggested: None,
             unseen: false,
         }
+    }
+}
+
+/// How alike a motion is to what moves at a line: to its first vector, or to the plane of its first two where both are strong.
+fn likeness(line: &Leading, motion: &Shape) -> f64 {
+    let first = mac(&line.vector, motion);
+    let is_pair = line.values.len() >= PAIR_CHANNELS && line.values[1] >= PAIR_SHARE * line.value;
+    match &line.second {
+        Some(second) if is_pair => first + mac(second, motion),
+        _ => first,
     }
 }
 

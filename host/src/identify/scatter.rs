@@ -1,5 +1,7 @@
 //! Standard deviations from replicates: estimates that leave out a group of windows each.
 
+use nalgebra::DMatrix;
+
 use super::shape::Shape;
 
 /// Standard deviation of an estimate from its delete-a-group replicates, or from what leaving out each group changes (Efron and
@@ -38,9 +40,31 @@ pub(super) fn noise_share(shape: &Shape, component_std: &[f64]) -> f64 {
     (component_std.iter().map(|std| 2.0 * std * std).sum::<f64>() / shape.norm_squared()).sqrt()
 }
 
+/// [`noise_share`] of what leaves the plane of a shape and its partners: modes so close that their directions in that plane are not
+/// known can be known as a pair all the same.
+pub(super) fn noise_outside(shape: &Shape, partners: &[&Shape], replicates: &[Shape]) -> f64 {
+    let columns: Vec<Shape> = std::iter::once(shape).chain(partners.iter().copied()).cloned().collect();
+    let plane = DMatrix::from_columns(&columns).qr().q();
+    let outside: Vec<Shape> = replicates.iter().map(|other| other - &plane * (plane.adjoint() * other)).collect();
+    noise_share(shape, &ShapeScatter::of(shape.len(), &outside).component)
+}
+
 #[cfg(test)]
 mod tests {
+    use num_complex::Complex64;
+
     use super::*;
+
+    #[test]
+    fn what_stays_in_the_plane_of_a_pair_is_not_noise_of_the_pair() {
+        let at = |parts: [f64; 4]| Shape::from_iterator(4, parts.map(Complex64::from));
+        let (own, partner) = (at([1.0, 0.0, 0.0, 0.0]), at([0.0, 1.0, 0.0, 0.0]));
+        let turned = |by: f64| at([1.0, by, 0.0, 0.01 * by]);
+        let replicates: Vec<Shape> = (0..10).map(|group| turned(if group < 5 { 0.1 } else { -0.1 })).collect();
+        let alone = noise_outside(&own, &[], &replicates);
+        let as_pair = noise_outside(&own, &[&partner], &replicates);
+        assert!((as_pair / alone - 0.01).abs() < 1e-5, "{as_pair} {alone}");
+    }
 
     #[test]
     fn the_jackknife_of_a_mean_is_its_standard_error() {

@@ -15,6 +15,8 @@ pub(super) struct SetupMode {
     pub(super) frequency_std_hz: f64,
     pub(super) damping_std: f64,
     pub(super) shape_std: Vec<f64>,
+    /// How much of the shape is scatter, but for its direction among modes that are as close as it is wide.
+    pub(super) shape_noise: f64,
     /// Density at resonance.
     pub(super) peak_density: f64,
     /// Root mean square of the mode's response where it moves most.

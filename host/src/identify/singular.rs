@@ -16,13 +16,15 @@ const RANKS_OF_MODES: usize = 3;
 /// Fewer channels leave too few values to tell noise from modes.
 pub(super) const NOISE_EDGE_CHANNELS: usize = RANKS_OF_MODES + 2;
 
-/// Largest singular value, its vector, and the noise floor of one matrix.
+/// Largest singular value, the vectors of the first two, and the noise floor of one matrix.
 #[derive(Debug, Clone)]
 pub(super) struct Leading {
     /// Largest singular value.
     pub(super) value: f64,
     /// Its vector, of unit length.
     pub(super) vector: DVector<Complex64>,
+    /// The vector of the next; none of one channel.
+    pub(super) second: Option<DVector<Complex64>>,
     /// Singular values, descending.
     pub(super) values: Vec<f64>,
 }
@@ -37,6 +39,7 @@ pub(super) fn leading(matrix: DMatrix<Complex64>) -> Leading {
     Leading {
         value: values.first().copied().unwrap_or(0.0),
         vector: eigen.eigenvectors.column(first).into_owned(),
+        second: order.get(1).map(|&second| eigen.eigenvectors.column(second).into_owned()),
         values,
     }
 }

@@ -16,6 +16,7 @@ use crate::identify::merge::{duration_s, merge, number};
 use crate::identify::pick::suggested;
 use crate::identify::resonance::Resonance;
 use crate::identify::result::{Harmonic, Identification, Mode, ModeMethod, Rejected};
+use crate::identify::scatter::noise_share;
 use crate::identify::setup::{MeasuredSetup, quantity};
 use crate::identify::setup_mode::{SetupMode, SetupModes};
 use crate::identify::shape::mac;
@@ -125,7 +126,13 @@ pub(super) fn add_unresolved(
     let is_listed =
         |other: &SubspacePole| unresolved.iter().flatten().any(|pole| pole.frequency_hz == other.frequency_hz);
     identification.other_poles.retain(|other| !is_listed(other));
-    let modes = merged(&grid, measured, &unresolved, &mut identification.warnings);
+    let mut modes = merged(&grid, measured, &unresolved, &mut identification.warnings);
+    // Numbers of their own, until all are counted anew.
+    let first = identification.modes.len();
+    for mode in &mut modes {
+        mode.number += first;
+        mode.pair_with = mode.pair_with.map(|other| other + first);
+    }
     let is_peak_of = |peak: &Rejected, mode: &Mode| {
         (peak.frequency_hz - mode.frequency_hz).abs()
             < reach_hz(grid.spacing_hz(), mode.damping_ratio, mode.frequency_hz)
@@ -240,6 +247,7 @@ fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
         frequency_std_hz: pole.frequency_std_hz,
         damping_std: pole.damping_ratio_std,
         shape_std: pole.shape_std.clone(),
+        shape_noise: noise_share(&pole.shape, &pole.shape_std),
         peak_density: pole.power * resonance.peak_density(1.0 / measured.spectrum.grid().spacing_hz()),
         level: largest.sqrt(),
         found: true,
