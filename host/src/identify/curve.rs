@@ -6,6 +6,7 @@ use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::bell::{Bell, BellFit};
 use super::joint::{JointFit, Seen};
+use super::scatter::jackknife;
 
 /// Chance makes fits look as bad as this once in so many modes; what is worse is something that the model of the spectrum lacks.
 const CHANCE: f64 = 1e-4;
@@ -68,12 +69,10 @@ impl Curve {
                 continue;
             }
             let weight = (self.expected[index][0] / expected).clamp(0.0, 1.0);
-            let mean = others.iter().sum::<f64>() / groups as f64;
-            let squares: f64 = others.iter().map(|other| ((other - mean) / expected).powi(2)).sum();
             weights += weight;
             weights_squared += weight * weight;
             away += weight * (measured / expected - 1.0).powi(2);
-            scatter += weight * squares * (groups - 1) as f64 / groups as f64;
+            scatter += weight * (jackknife(&others) / expected).powi(2);
         }
         let lines = weights * weights / (JOINED * weights_squared);
         let ratio = away / scatter;

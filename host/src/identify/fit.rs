@@ -70,8 +70,7 @@ pub(super) fn fit(
     let modes = merge::merge(grid, measured, &setups, &mut warnings);
     let is_mode = |peak: &Rejected| {
         modes.iter().any(|mode| {
-            let bandwidth_hz = 2.0 * mode.damping_ratio * mode.frequency_hz;
-            let reach_hz = SAME_LINES * grid.spacing_hz() + SAME_OF_BANDWIDTH * bandwidth_hz;
+            let reach_hz = SAME_LINES * grid.spacing_hz() + SAME_OF_BANDWIDTH * mode.bandwidth_hz();
             (mode.frequency_hz - peak.frequency_hz).abs() < reach_hz
         })
     };

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use num_complex::Complex64;
 
 use super::result::{FittedSpectrum, Mode, ModeMethod, ShapeComponent};
+use super::scatter::noise_share;
 use super::setup::MeasuredSetup;
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::{Shape, align, normalise, phase_collinearity};
@@ -66,14 +67,13 @@ pub(super) fn merge(
 /// of one at least is uncertain by a share that is too large for a shape.
 fn pairs(modes: &mut [Mode]) -> Vec<String> {
     let noise = |mode: &Mode| {
-        let parts = |of: fn(&ShapeComponent) -> f64| mode.shape.iter().map(of).sum::<f64>();
-        (parts(|part| 2.0 * part.std * part.std) / parts(|part| part.re * part.re + part.im * part.im)).sqrt()
+        let shape = Shape::from_iterator(mode.shape.len(), mode.shape.iter().map(ShapeComponent::value));
+        noise_share(&shape, &mode.shape.iter().map(|part| part.std).collect::<Vec<_>>())
     };
     let mut sentences = Vec::new();
     for upper in 1..modes.len() {
         let (a, b) = (&modes[upper - 1], &modes[upper]);
-        let bandwidth_hz = 2.0 * (a.damping_ratio * a.frequency_hz).max(b.damping_ratio * b.frequency_hz);
-        let overlap = b.frequency_hz - a.frequency_hz < bandwidth_hz;
+        let overlap = b.frequency_hz - a.frequency_hz < a.bandwidth_hz().max(b.bandwidth_hz());
         if overlap && a.pair_with.is_none() && noise(a).max(noise(b)) > PAIR_NOISE {
             sentences.push(format!(
                 "the modes at {:.4} and {:.4} Hz are a pair: the record tells the plane in which they move, but not the direction of each in it. Their standard deviations say so; a longer record tells them apart",

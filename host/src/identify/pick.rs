@@ -68,6 +68,13 @@ pub(super) struct Pick {
     pub(super) unseen: bool,
 }
 
+impl Pick {
+    /// A mode at a line, of which nothing else is known.
+    pub(super) fn new(line: usize, shapes: Vec<Shape>) -> Self {
+        Self { line, shapes, kurtosis: Kurtosis::OF_A_MODE, by_user: false, suggested: None, unseen: false }
+    }
+}
+
 /// Kurtosis of the band-passed response at a line, over all setups.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Kurtosis {
@@ -129,12 +136,8 @@ pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[
 /// The pick of a mode that another method suggests.
 pub(super) fn suggested(grid: &LineGrid, measured: &[MeasuredSetup<'_>], suggestion: &Suggestion) -> Pick {
     let mut pick = Pick {
-        line: grid.nearest_line(suggestion.frequency_hz),
-        shapes: suggestion.shapes.clone(),
-        kurtosis: Kurtosis::OF_A_MODE,
-        by_user: false,
         suggested: Some((suggestion.frequency_hz, suggestion.damping_ratio)),
-        unseen: false,
+        ..Pick::new(grid.nearest_line(suggestion.frequency_hz), suggestion.shapes.clone())
     };
     pick.kurtosis = kurtosis(measured, &pick);
     pick
@@ -280,14 +283,7 @@ impl Layer {
 
     fn pick(&self, line: usize) -> Pick {
         let shapes = self.lines[line].iter().map(|setup| setup.vector.clone()).collect();
-        Pick {
-            line: self.first_line + line,
-            shapes,
-            kurtosis: Kurtosis::OF_A_MODE,
-            by_user: false,
-            suggested: None,
-            unseen: false,
-        }
+        Pick::new(self.first_line + line, shapes)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The result of an identification, as it is printed and stored.
 
+use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
 use super::fit::Basis;
@@ -107,6 +108,13 @@ pub enum ModeMethod {
     Subspace,
 }
 
+impl Mode {
+    /// Half-power bandwidth 2 zeta f in Hz.
+    pub fn bandwidth_hz(&self) -> f64 {
+        2.0 * self.damping_ratio * self.frequency_hz
+    }
+}
+
 /// Of files of earlier versions.
 fn not_known() -> f64 {
     f64::NAN
@@ -142,6 +150,13 @@ pub struct ShapeComponent {
     pub im: f64,
     /// Standard deviation of the component (along its own phase).
     pub std: f64,
+}
+
+impl ShapeComponent {
+    /// Real and imaginary part in one.
+    pub(crate) fn value(&self) -> Complex64 {
+        Complex64::new(self.re, self.im)
+    }
 }
 
 /// A forced line.

@@ -8,8 +8,8 @@ use num_complex::Complex64;
 
 use super::estimate;
 use super::judge;
-use super::pick::{Kurtosis, Pick};
-use super::result::{Mode, ShapeComponent};
+use super::pick::Pick;
+use super::result::Mode;
 use super::setup::{MeasuredSetup, quantity};
 use super::shape::{Shape, filtered, mac, modal_filter};
 use crate::study::Setup;
@@ -76,14 +76,7 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>
                 .max_by(|a, b| a.0.total_cmp(&b.0))
                 .map_or_else(|| grid.nearest_line(hz(*index)), |(_, line)| line);
             let unit = shape / Complex64::from(shape.norm().max(f64::MIN_POSITIVE));
-            Pick {
-                line,
-                shapes: vec![unit],
-                kurtosis: Kurtosis::OF_A_MODE,
-                by_user: true,
-                suggested: None,
-                unseen: false,
-            }
+            Pick { by_user: true, ..Pick::new(line, vec![unit]) }
         })
         .collect();
     let estimates = estimate::estimate(spectrum, quantity(measured.setup), 0, &picks);
@@ -110,8 +103,7 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>
 pub(crate) fn same_shape(a: &Mode, b: &Mode) -> bool {
     let both =
         a.shape.iter().filter_map(|part| Some((part, b.shape.iter().find(|other| other.channel == part.channel)?)));
-    let value = |part: &ShapeComponent| Complex64::new(part.re, part.im);
-    let (of_a, of_b): (Vec<_>, Vec<_>) = both.map(|(a, b)| (value(a), value(b))).unzip();
+    let (of_a, of_b): (Vec<_>, Vec<_>) = both.map(|(a, b)| (a.value(), b.value())).unzip();
     mac(&DVector::from_vec(of_a), &DVector::from_vec(of_b)) >= SAME
 }
 
@@ -130,5 +122,5 @@ fn component(setup: &Setup, channel: usize, mode: &Mode) -> Option<Complex64> {
     let named = |name: &str| mode.shape.iter().find(|component| component.channel == name);
     let reference = || mode.shape.iter().find(|part| sensor.reference && part.point == sensor.point);
     let part = named(&in_setup).or_else(reference).or_else(|| named(&sensor.channel))?;
-    Some(Complex64::new(part.re, part.im))
+    Some(part.value())
 }

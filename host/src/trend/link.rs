@@ -91,7 +91,7 @@ impl<'a> Follower<'a> {
         for mut mode in new {
             // Beside a mode that is followed and was not found now, it may be that one with another shape.
             let is_near = |(known, is_linked): (&Mode, &bool)| {
-                !is_linked && distance(known, &mode) < spacing_hz + mode.damping_ratio * mode.frequency_hz
+                !is_linked && distance(known, &mode) < spacing_hz + 0.5 * mode.bandwidth_hz()
             };
             if self.known.iter().zip(&is_linked).any(is_near) {
                 continue;

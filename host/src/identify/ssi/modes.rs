@@ -96,9 +96,9 @@ fn merged(
 pub(super) fn add_unresolved(
     measured: &[MeasuredSetup<'_>],
     setups: &[SetupPoles],
+    grid: &LineGrid,
     identification: &mut Identification,
-) -> Result<(), IdentifyError> {
-    let grid = same_lines(measured)?;
+) {
     let is_left =
         |pole: &StablePole| identification.other_poles.iter().any(|other| other.frequency_hz == pole.frequency_hz);
     let is_known =
@@ -115,18 +115,18 @@ pub(super) fn add_unresolved(
     };
     let is_mode = |poles: &Vec<&StablePole>| {
         2 * poles.iter().filter(is_known).count() > poles.len()
-            && poles.iter().all(|pole| is_left(pole) && pole.is_inside(&grid))
+            && poles.iter().all(|pole| is_left(pole) && pole.is_inside(grid))
             && is_new(poles)
-            && forced(measured, poles, &grid).is_none()
+            && forced(measured, poles, grid).is_none()
     };
-    let unresolved: Vec<Vec<&StablePole>> = common(setups, &grid).into_iter().filter(is_mode).collect();
+    let unresolved: Vec<Vec<&StablePole>> = common(setups, grid).into_iter().filter(is_mode).collect();
     if unresolved.is_empty() {
-        return Ok(());
+        return;
     }
     let is_listed =
         |other: &SubspacePole| unresolved.iter().flatten().any(|pole| pole.frequency_hz == other.frequency_hz);
     identification.other_poles.retain(|other| !is_listed(other));
-    let mut modes = merged(&grid, measured, &unresolved, &mut identification.warnings);
+    let mut modes = merged(grid, measured, &unresolved, &mut identification.warnings);
     // Numbers of their own, until all are counted anew.
     let first = identification.modes.len();
     for mode in &mut modes {
@@ -141,7 +141,6 @@ pub(super) fn add_unresolved(
     identification.modes.extend(modes);
     identification.modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     number(&mut identification.modes);
-    Ok(())
 }
 
 /// Poles that all setups show, lowest first: one of each setup. The surest pole of a mode brings the others together.

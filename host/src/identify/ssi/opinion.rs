@@ -42,32 +42,41 @@ pub fn add_second_opinion(
 ) -> Result<(), IdentifyError> {
     let setups: Vec<SetupPoles> = measured.par_iter().map(SetupPoles::of).collect();
     add_opinions(measured, &setups, choice, identification);
-    if choice.only_hz.is_some() {
-        let missing = missing(identification, measured.len());
-        identification.warnings.extend(missing);
-        return Ok(());
+    if choice.only_hz.is_none() {
+        let grid = same_lines(measured)?;
+        try_poles(measured, &setups, choice, &grid, identification)?;
+        add_unresolved(measured, &setups, &grid, identification);
     }
-    let grid = same_lines(measured)?;
-    // More modes are no gain where the two methods then agree on fewer.
+    let missing = missing(identification, measured.len());
+    identification.warnings.extend(missing);
+    Ok(())
+}
+
+/// Fits once more with the poles that are no modes among the picks, while the two methods agree on more modes then: more modes
+/// are no gain where they agree on fewer.
+fn try_poles(
+    measured: &[MeasuredSetup<'_>],
+    setups: &[SetupPoles],
+    choice: &ModeChoice,
+    grid: &LineGrid,
+    identification: &mut Identification,
+) -> Result<(), IdentifyError> {
     let agreed = |identification: &Identification| {
         let opinions = identification.modes.iter().filter_map(|mode| mode.second_opinion);
         opinions.filter(|opinion| opinion.agrees).count()
     };
     for _ in 0..MOST_TRIALS {
-        let suggestions = suggestions(&setups, identification, &grid);
+        let suggestions = suggestions(setups, identification, grid);
         if suggestions.is_empty() {
             break;
         }
         let mut again = identify_again(measured, identification, &suggestions)?;
-        add_opinions(measured, &setups, choice, &mut again);
+        add_opinions(measured, setups, choice, &mut again);
         if agreed(&again) <= agreed(identification) {
             break;
         }
         *identification = again;
     }
-    add_unresolved(measured, &setups, identification)?;
-    let missing = missing(identification, measured.len());
-    identification.warnings.extend(missing);
     Ok(())
 }
 
@@ -200,7 +209,7 @@ pub(super) fn shape_in(measured: &MeasuredSetup<'_>, mode: &Mode) -> Option<Shap
         .iter()
         .map(|&channel| {
             let component = component(&mode.shape, &measured.setup.name, measured.setup.sensors.get(channel)?)?;
-            Some(num_complex::Complex64::new(component.re, component.im))
+            Some(component.value())
         })
         .collect();
     components.map(Shape::from_vec)

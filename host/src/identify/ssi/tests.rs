@@ -216,7 +216,7 @@ fn both_methods_agree_on_a_tower_and_a_mode_that_is_bent_or_lost_is_reported() {
     with_opinions(&measured, &mut lost);
     assert!(lost.other_poles.iter().any(|pole| pole.is_clear && (pole.frequency_hz / hz - 1.0).abs() < 0.01));
     let setups: Vec<SetupPoles> = measured.iter().map(SetupPoles::of).collect();
-    add_unresolved(&measured, &setups, &mut lost).unwrap();
+    add_unresolved(&measured, &setups, measured[0].spectrum.grid(), &mut lost);
     assert_eq!(lost.modes.len(), 12);
     let alone = &lost.modes[0];
     assert!(alone.method == ModeMethod::Subspace && (alone.frequency_hz / hz - 1.0).abs() < 0.01, "{alone:?}");
@@ -240,7 +240,7 @@ fn poles_that_a_mode_has_already_or_that_the_bands_end_cuts_are_not_listed() {
     setups[0].stable.push(wide);
     add_opinions(&measured, &setups, &ModeChoice::default(), &mut found);
     assert!(found.other_poles.iter().filter(|pole| pole.is_clear).count() >= 2);
-    add_unresolved(&measured, &setups, &mut found).unwrap();
+    add_unresolved(&measured, &setups, measured[0].spectrum.grid(), &mut found);
     assert!(found.modes.iter().all(|mode| mode.method == ModeMethod::Spectra), "{:?}", found.modes);
 }
 
