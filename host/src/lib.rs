@@ -27,6 +27,7 @@ pub mod measure;
 pub mod model;
 pub mod modes;
 pub mod picture;
+mod processor;
 pub mod record;
 pub mod results;
 pub mod simulate;

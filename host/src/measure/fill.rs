@@ -21,21 +21,23 @@ pub(super) struct Filled {
 /// Fills the rows of a recording.
 pub(super) struct Filler {
     channels: usize,
-    /// The last rows, which have not been handed out.
+    /// The last rows, and before them those that were handed out last.
     held: Vec<f64>,
+    handed_out: usize,
     /// The recording's row that they begin with.
     first: u64,
     filled: Vec<Filled>,
-    out: Vec<f64>,
 }
 
 impl Filler {
     pub(super) fn new(channels: usize) -> Self {
-        Self { channels, held: Vec::new(), first: 0, filled: vec![Filled::default(); channels], out: Vec::new() }
+        Self { channels, held: Vec::new(), handed_out: 0, first: 0, filled: vec![Filled::default(); channels] }
     }
 
     /// Takes rows, row-major, NaN where a sample is missing; hands out those that are complete with them.
     pub(super) fn push(&mut self, rows: &[f64]) -> &[f64] {
+        self.first += (self.handed_out / self.channels.max(1)) as u64;
+        self.held.drain(..self.handed_out);
         let new = self.held.len();
         self.held.extend_from_slice(rows);
         // Most recordings miss nothing: they are only passed on.
@@ -46,11 +48,8 @@ impl Filler {
                 }
             }
         }
-        let complete = self.held.len().saturating_sub((MOST_IN_A_ROW + 1) * self.channels);
-        self.first += (complete / self.channels.max(1)) as u64;
-        self.out.clear();
-        self.out.extend(self.held.drain(..complete));
-        &self.out
+        self.handed_out = self.held.len().saturating_sub((MOST_IN_A_ROW + 1) * self.channels);
+        &self.held[..self.handed_out]
     }
 
     /// Fills what is missing of a channel just before the sample `at`.
@@ -79,7 +78,8 @@ impl Filler {
     }
 
     /// The last rows, and what was filled, channel by channel.
-    pub(super) fn finish(self) -> (Vec<f64>, Vec<Filled>) {
+    pub(super) fn finish(mut self) -> (Vec<f64>, Vec<Filled>) {
+        self.held.drain(..self.handed_out);
         (self.held, self.filled)
     }
 }

@@ -8,6 +8,7 @@
 use std::collections::VecDeque;
 
 use super::ring::Rows;
+use crate::processor::on_this_processor;
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 
 /// Rows of a window, and from one to the next. The window (three terms, Harris 1978, table 1: side lobes of -71 dB) passes what lies
@@ -90,12 +91,22 @@ impl JumpFinder {
 
     /// Takes rows, row-major, NaN where a sample is missing.
     pub(super) fn push(&mut self, rows: &[f64]) {
-        for row in rows.chunks_exact(self.rows.channels().max(1)) {
-            self.rows.push(row);
-            if self.rows.end() >= self.next + WINDOW as u64 {
-                self.take_window();
-                self.next += HOP as u64;
-            }
+        on_this_processor(
+            #[inline(always)]
+            || {
+                for row in rows.chunks_exact(self.rows.channels().max(1)) {
+                    self.push_row(row);
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn push_row(&mut self, row: &[f64]) {
+        self.rows.push(row);
+        if self.rows.end() >= self.next + WINDOW as u64 {
+            self.take_window();
+            self.next += HOP as u64;
         }
     }
 
@@ -105,6 +116,7 @@ impl JumpFinder {
         if self.found.places as f64 >= least { self.found } else { Jumps::default() }
     }
 
+    #[inline(always)]
     fn take_window(&mut self) {
         self.windows += 1;
         let parts = self.parts(self.next);
@@ -146,10 +158,18 @@ impl JumpFinder {
     }
 
     /// What each channel has just below half of the sampling rate in the window from a row on.
+    #[inline(always)]
     fn parts(&self, first: u64) -> Vec<f64> {
         let mut parts = vec![0.0; self.rows.channels()];
-        for (weight, row) in self.window.iter().zip(self.rows.from(first)) {
-            parts.iter_mut().zip(row).for_each(|(part, value)| *part += weight * value);
+        let rows = self.rows.from(first);
+        let mut channel = 0;
+        while channel < parts.len() {
+            // As many channels at a time as there are registers for.
+            channel += match parts.len() - channel {
+                16.. => weighted_sum::<16>(&self.window, rows, &mut parts, channel),
+                4.. => weighted_sum::<4>(&self.window, rows, &mut parts, channel),
+                _ => weighted_sum::<1>(&self.window, rows, &mut parts, channel),
+            };
         }
         parts
     }
@@ -169,6 +189,7 @@ impl JumpFinder {
     }
 
     /// Counts an event, whose windows begin at the rows from `first` to before `end`, where it is a jump.
+    #[cold]
     fn look_at(&mut self, [first, end]: [u64; 2]) {
         if end - first > (LONGEST * HOP) as u64 {
             return;
@@ -186,6 +207,22 @@ impl JumpFinder {
             self.found.places += 1;
         }
     }
+}
+
+/// The weighted sum of rows in `WIDTH` channels of `sums` from `first` on; how many channels that are.
+#[inline(always)]
+fn weighted_sum<const WIDTH: usize>(weights: &[f64], rows: &[f64], sums: &mut [f64], first: usize) -> usize {
+    let mut some = [0.0; WIDTH];
+    let mut from = first;
+    for weight in weights {
+        let row = &rows[from..from + WIDTH];
+        for channel in 0..WIDTH {
+            some[channel] += weight * row[channel];
+        }
+        from += sums.len();
+    }
+    sums[first..first + WIDTH].copy_from_slice(&some);
+    WIDTH
 }
 
 #[cfg(test)]

@@ -3,6 +3,8 @@
 //! Rows flow in; which channels were cut off, how often and since when, flows out. The largest values of a signal that is not cut
 //! off are rarer than those a little smaller; where it is cut off, one value stands there again and again.
 
+use crate::processor::on_this_processor;
+
 /// Visits of a channel's end that make it cut off...
 const LEAST_VISITS: u64 = 10;
 /// ...where they are this many times those of the next value. A sensor that is switched off for a minute stays at one value, which is
@@ -68,6 +70,8 @@ impl End {
 /// Watches the ends of all channels' ranges.
 pub(super) struct Limits {
     ends: Vec<[End; 2]>,
+    /// The next value of each end, from where on samples matter, upper and lower.
+    from: [Vec<f64>; 2],
     samples: Vec<u64>,
     before: Vec<f64>,
     rows: u64,
@@ -77,6 +81,7 @@ impl Limits {
     pub(super) fn new(channels: usize) -> Self {
         Self {
             ends: vec![[End::NONE; 2]; channels],
+            from: [vec![f64::NEG_INFINITY; channels], vec![f64::INFINITY; channels]],
             samples: vec![0; channels],
             before: vec![f64::NAN; channels],
             rows: 0,
@@ -85,16 +90,41 @@ impl Limits {
 
     /// Takes rows, row-major, NaN where a sample is missing.
     pub(super) fn push(&mut self, rows: &[f64]) {
-        for row in rows.chunks_exact(self.ends.len().max(1)) {
-            for (((ends, samples), before), &value) in
-                self.ends.iter_mut().zip(&mut self.samples).zip(&mut self.before).zip(row)
-            {
-                *samples += u64::from(value.is_finite());
-                ends[0].take(value, *before, self.rows);
-                ends[1].take(-value, -*before, self.rows);
-                *before = value;
-            }
-            self.rows += 1;
+        on_this_processor(
+            #[inline(always)]
+            || {
+                for row in rows.chunks_exact(self.ends.len().max(1)) {
+                    self.push_row(row);
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn push_row(&mut self, row: &[f64]) {
+        let count = row.len();
+        let (upper, lower, samples) = (&self.from[0][..count], &self.from[1][..count], &mut self.samples[..count]);
+        let mut matters = false;
+        for channel in 0..count {
+            matters |= (row[channel] >= upper[channel]) | (row[channel] <= lower[channel]);
+            samples[channel] += u64::from(row[channel].is_finite());
+        }
+        if matters {
+            self.take(row);
+        }
+        self.before.copy_from_slice(row);
+        self.rows += 1;
+    }
+
+    /// Takes a row in which a channel is near an end.
+    #[cold]
+    fn take(&mut self, row: &[f64]) {
+        let [upper, lower] = &mut self.from;
+        let each = self.ends.iter_mut().zip(&self.before).zip(row).zip(upper.iter_mut().zip(lower));
+        for (((ends, &before), &value), (upper, lower)) in each {
+            ends[0].take(value, before, self.rows);
+            ends[1].take(-value, -before, self.rows);
+            (*upper, *lower) = (ends[0].next, -ends[1].next);
         }
     }
 

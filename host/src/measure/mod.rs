@@ -141,7 +141,7 @@ pub enum MeasureError {
 pub struct Timings {
     /// Counting rows, and a first look where the study names no band, to choose the analysis.
     pub counting: Duration,
-    /// Reading the recordings.
+    /// Reading the recordings and checking their rows.
     pub reading: Duration,
     /// Waiting for nodes and link, or computing spectra directly.
     pub spectra: Duration,

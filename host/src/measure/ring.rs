@@ -37,9 +37,9 @@ impl Rows {
         self.first + (self.values.len() / self.channels.max(1)) as u64
     }
 
-    /// The rows from one on; all that are kept where it is gone.
-    pub(super) fn from(&self, row: u64) -> std::slice::ChunksExact<'_, f64> {
+    /// The rows from one on, row-major; all that are kept where it is gone.
+    pub(super) fn from(&self, row: u64) -> &[f64] {
         let gone = (row.saturating_sub(self.first) as usize * self.channels).min(self.values.len());
-        self.values[gone..].chunks_exact(self.channels.max(1))
+        &self.values[gone..]
     }
 }

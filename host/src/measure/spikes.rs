@@ -4,6 +4,8 @@
 //! neighbours is many times what is usual for the channel, and the neighbours agree with each other. Nothing that a structure does
 //! looks like that, for a recorder's own filter spreads it over several samples.
 
+use crate::processor::on_this_processor;
+
 /// A spike is this many root mean squares of the usual distance away.
 const FAR: f64 = 12.0;
 /// Of that distance, how much the neighbours may differ.
@@ -53,40 +55,25 @@ impl SpikeFilter {
     /// Takes rows, row-major, NaN where a sample is missing; hands out those that are complete with them.
     pub(super) fn push(&mut self, rows: &[f64]) -> &[f64] {
         self.out.clear();
-        for row in rows.chunks_exact(self.before.len().max(1)) {
-            self.push_row(row);
-        }
+        on_this_processor(
+            #[inline(always)]
+            || {
+                for row in rows.chunks_exact(self.before.len().max(1)) {
+                    self.push_row(row);
+                }
+            },
+        );
         &self.out
     }
 
+    #[inline(always)]
     fn push_row(&mut self, next: &[f64]) {
         if self.rows > 0 {
-            let weight = 1.0 / MEMORY.min(self.rows as f64);
-            for (channel, &after) in next.iter().enumerate() {
-                let (before, here) = (self.before[channel], self.last[channel]);
-                let mean = 0.5 * (before + after);
-                let distance = here - mean;
-                // Where a sample is missing, nothing is known.
-                if !distance.is_finite() {
-                    continue;
-                }
-                let step = (here - before).abs();
-                if step > 0.0 && step < self.least_step[channel] {
-                    self.least_step[channel] = step;
-                }
-                let (square, usual) = (distance * distance, &mut self.usual[channel]);
-                let least = self.least_step[channel] * self.least_step[channel];
-                let is_far = square > FAR * FAR * usual.max(least);
-                if is_far && self.rows > LEARNT && (after - before).abs() < AGREE * distance.abs() {
-                    let found = &mut self.found[channel];
-                    if found.count == 0 {
-                        found.first_row = self.rows - 1;
-                    }
-                    found.count += 1;
-                    self.last[channel] = mean;
-                }
-                let counted = if self.rows > LEARNT { square.min(MOST * *usual) } else { square };
-                *usual += weight * (counted - *usual);
+            // What is learnt from is not yet judged.
+            if self.is_any_far(next) && self.rows > LEARNT {
+                self.replace_spikes(next);
+            } else {
+                self.learn(next);
             }
             self.out.extend_from_slice(&self.last);
             std::mem::swap(&mut self.before, &mut self.last);
@@ -96,10 +83,77 @@ impl SpikeFilter {
         self.rows += 1;
     }
 
+    /// Whether any channel is far from the mean of its neighbours; takes note of the steps.
+    #[inline(always)]
+    fn is_any_far(&mut self, next: &[f64]) -> bool {
+        let count = next.len();
+        let (before, here) = (&self.before[..count], &self.last[..count]);
+        let (usual, least_step) = (&self.usual[..count], &mut self.least_step[..count]);
+        let mut is_any_far = false;
+        for channel in 0..count {
+            let distance = here[channel] - 0.5 * (before[channel] + next[channel]);
+            let step = (here[channel] - before[channel]).abs();
+            // Where a sample is missing, nothing is known.
+            let is_least = (step > 0.0) & (step < least_step[channel]) & distance.is_finite();
+            least_step[channel] = if is_least { step } else { least_step[channel] };
+            is_any_far |= is_far(distance, usual[channel], least_step[channel]);
+        }
+        is_any_far
+    }
+
+    /// Lets a row whose neighbours are `self.before` and `next` count for what is usual.
+    #[inline(always)]
+    fn learn(&mut self, next: &[f64]) {
+        let weight = 1.0 / MEMORY.min(self.rows as f64);
+        let most = if self.rows > LEARNT { MOST } else { f64::INFINITY };
+        let count = next.len();
+        let (before, here, usual) = (&self.before[..count], &self.last[..count], &mut self.usual[..count]);
+        for channel in 0..count {
+            let distance = here[channel] - 0.5 * (before[channel] + next[channel]);
+            let square = distance * distance;
+            let counted = if square > most * usual[channel] { most * usual[channel] } else { square };
+            let change = weight * (counted - usual[channel]);
+            usual[channel] += if distance.is_finite() { change } else { 0.0 };
+        }
+    }
+
+    /// The same for a row with a sample that is far, and perhaps a spike.
+    #[cold]
+    fn replace_spikes(&mut self, next: &[f64]) {
+        let spikes: Vec<Option<f64>> = (0..next.len()).map(|channel| self.spike(next, channel)).collect();
+        self.learn(next);
+        for ((spike, last), found) in spikes.iter().zip(&mut self.last).zip(&mut self.found) {
+            let Some(mean) = spike else { continue };
+            if found.count == 0 {
+                found.first_row = self.rows - 1;
+            }
+            found.count += 1;
+            *last = *mean;
+        }
+    }
+
+    /// The mean of a channel's neighbours, where its sample is a spike.
+    fn spike(&self, next: &[f64], channel: usize) -> Option<f64> {
+        let (before, after) = (self.before[channel], next[channel]);
+        let mean = 0.5 * (before + after);
+        let distance = self.last[channel] - mean;
+        let is_spike = is_far(distance, self.usual[channel], self.least_step[channel])
+            && (after - before).abs() < AGREE * distance.abs();
+        is_spike.then_some(mean)
+    }
+
     /// The last row, and what was replaced, channel by channel.
     pub(super) fn finish(self) -> (Vec<f64>, Vec<Spikes>) {
         (self.last, self.found)
     }
+}
+
+/// Whether a sample is further from the mean of its neighbours than any signal brings it; not where one of them is missing.
+#[inline(always)]
+fn is_far(distance: f64, usual: f64, least_step: f64) -> bool {
+    let least = least_step * least_step;
+    let least = if usual > least { usual } else { least };
+    distance.is_finite() & (distance * distance > FAR * FAR * least)
 }
 
 #[cfg(test)]

@@ -75,9 +75,9 @@ pub(super) fn stream(
     let fleet_failed = |source| MeasureError::Fleet { setup: setup.name.clone(), source };
     let mut source = Source::new(setup, plan, decimation, route).map_err(fleet_failed)?;
     thread::scope(|scope| {
-        let (block_sender, blocks) = sync_channel(BLOCKS_AHEAD);
+        let (rows_sender, sound_rows) = sync_channel(BLOCKS_AHEAD);
         let (used_sender, used) = channel();
-        let reader = scope.spawn(move || read_ahead(recording, &block_sender, &used));
+        let reader = scope.spawn(move || read_ahead(recording, setup.sensors.len(), &rows_sender, &used));
         let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
         let taker = scope.spawn(move || take_in(&windows, setup.sensors.len(), sink));
         let orders = setup.derivatives();
@@ -87,41 +87,30 @@ pub(super) fn stream(
             // The other end lives until this one is dropped; if it panicked, joining it says so.
             let _ = window_sender.send(window);
         };
-        let mut rows = 0;
-        let spectra = || -> Result<(Option<FleetReport>, Faults), FleetError> {
-            let channels = setup.sensors.len();
-            let (mut limits, mut jumps) = (Limits::new(channels), JumpFinder::new(channels));
-            let (mut filter, mut filler) = (SpikeFilter::new(channels), Filler::new(channels));
-            for block in &blocks {
+        let mut count = 0;
+        let spectra = || -> Result<Option<FleetReport>, FleetError> {
+            for rows in &sound_rows {
                 let start = Instant::now();
-                let values = filter.push(block.values());
-                limits.push(values);
-                jumps.push(values);
-                source.push(filler.push(values), &mut on_window)?;
+                source.push(&rows, &mut on_window)?;
                 timings.spectra += start.elapsed();
-                rows += block.row_count() as u64;
-                on_rows(rows);
+                count += (rows.len() / setup.sensors.len().max(1)) as u64;
+                on_rows(count);
                 // A reader that has come to the end wants no more.
-                let _ = used_sender.send(block);
+                let _ = used_sender.send(rows);
             }
             let start = Instant::now();
-            let (last, spikes) = filter.finish();
-            limits.push(&last);
-            source.push(filler.push(&last), &mut on_window)?;
-            let (last, filled) = filler.finish();
-            source.push(&last, &mut on_window)?;
             let fleet = source.finish(&mut on_window)?;
             timings.spectra += start.elapsed();
-            Ok((fleet, Faults { spikes, filled, cut_off: limits.finish(), jumps: jumps.finish() }))
+            Ok(fleet)
         };
         let made = spectra();
-        // A reader that is still ahead stops when nobody takes its blocks, the taker when no more windows can come.
-        drop((blocks, window_sender));
-        let (read, reading) = joined(reader);
+        // A reader that is still ahead stops when nobody takes its rows, the taker when no more windows can come.
+        drop((sound_rows, window_sender));
+        let (read, faults, reading) = joined(reader);
         timings.reading += reading;
         let (silenced, averaging) = joined(taker);
         timings.averaging += averaging;
-        let (fleet, faults) = made.map_err(fleet_failed)?;
+        let fleet = made.map_err(fleet_failed)?;
         let record_failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
         Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet, faults, silenced })
     })
@@ -164,23 +153,71 @@ fn joined<T>(handle: ScopedJoinHandle<'_, T>) -> T {
     handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
-/// Reads to the recording's end, or until nobody takes the blocks; how long reading took.
+/// Reads to the recording's end, or until nobody takes the rows, which it mends; what it found, and how long it took.
 fn read_ahead(
     mut recording: Recording,
-    blocks: &SyncSender<Block>,
-    used: &Receiver<Block>,
-) -> (Result<RecordReport, RecordError>, Duration) {
-    let mut reading = Duration::ZERO;
-    loop {
-        let mut block = used.try_recv().unwrap_or_default();
+    channels: usize,
+    rows: &SyncSender<Vec<f64>>,
+    used: &Receiver<Vec<f64>>,
+) -> (Result<RecordReport, RecordError>, Faults, Duration) {
+    let mut checks = Checks::new(channels);
+    let mut block = Block::new();
+    let mut busy = Duration::ZERO;
+    let read = loop {
+        let mut sound = used.try_recv().unwrap_or_default();
         let start = Instant::now();
         let more = recording.next_block(&mut block);
-        reading += start.elapsed();
-        match more {
-            Ok(true) if blocks.send(block).is_ok() => {}
-            Ok(_) => return (Ok(recording.finish()), reading),
-            Err(error) => return (Err(error), reading),
+        if let Ok(true) = more {
+            checks.push(block.values(), &mut sound);
         }
+        busy += start.elapsed();
+        match more {
+            Ok(true) if rows.send(sound).is_ok() => {}
+            Ok(_) => break Ok(recording.finish()),
+            Err(error) => break Err(error),
+        }
+    };
+    let (last, faults) = checks.finish();
+    let _ = rows.send(last);
+    (read, faults, busy)
+}
+
+/// What rows go through before spectra are made of them.
+struct Checks {
+    spikes: SpikeFilter,
+    limits: Limits,
+    jumps: JumpFinder,
+    filler: Filler,
+}
+
+impl Checks {
+    fn new(channels: usize) -> Self {
+        Self {
+            spikes: SpikeFilter::new(channels),
+            limits: Limits::new(channels),
+            jumps: JumpFinder::new(channels),
+            filler: Filler::new(channels),
+        }
+    }
+
+    /// Takes rows, row-major, NaN where a sample is missing; fills `sound` with those that are complete with them.
+    fn push(&mut self, rows: &[f64], sound: &mut Vec<f64>) {
+        let rows = self.spikes.push(rows);
+        self.limits.push(rows);
+        self.jumps.push(rows);
+        sound.clear();
+        sound.extend_from_slice(self.filler.push(rows));
+    }
+
+    /// The last rows, and what was found.
+    fn finish(mut self) -> (Vec<f64>, Faults) {
+        let (last, spikes) = self.spikes.finish();
+        self.limits.push(&last);
+        self.jumps.push(&last);
+        let mut rows = self.filler.push(&last).to_vec();
+        let (last, filled) = self.filler.finish();
+        rows.extend(last);
+        (rows, Faults { spikes, filled, cut_off: self.limits.finish(), jumps: self.jumps.finish() })
     }
 }
 

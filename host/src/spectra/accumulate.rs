@@ -12,6 +12,7 @@ use thiserror::Error;
 use super::cross_spectrum::CrossSpectrum;
 use super::grid::{LineGrid, WindowLines};
 use super::sums::{ChannelSubset, Sums, Total, add_outer_products, triangle};
+use crate::processor::on_this_processor;
 
 /// Groups are merged pairwise when there would be more; so there are 12 to 24 once there are as many windows.
 const MAX_GROUPS: usize = 24;
@@ -185,8 +186,7 @@ impl CrossSpectrumAccumulator {
             });
             total.rank += windows.len();
             sums.windows += windows.len();
-            // The same loops, compiled for what this processor can do.
-            pulp::Arch::new().dispatch(
+            on_this_processor(
                 #[inline(always)]
                 || add_outer_products(windows, count, lines, sums, &mut total.fourths),
             );

@@ -6,74 +6,129 @@
 use std::f64::consts::TAU;
 
 use belfry_numerics::{ForwardTransform, forward_transform};
-use belfry_shared::decimation::{MAX_STAGES, Stages, TAPS_PER_RATIO, fill_taps, tap_count};
+use belfry_shared::decimation::{MAX_STAGES, Stages, fill_taps, tap_count};
 use num_complex::{Complex32, Complex64};
 
 use super::grid::{LineGrid, WindowLines};
+use crate::processor::on_this_processor;
 
-/// Outputs that an input sample contributes to.
-const ACCUMULATORS: usize = TAPS_PER_RATIO + 1;
-/// Outputs centred on samples before the first.
-const WARM_UP: usize = TAPS_PER_RATIO / 2;
+/// Rows that a stage takes in before it moves the last ones to the front again, at least.
+const STAGE_ROWS: usize = 256;
 
 /// One decimating stage of all channels.
 struct Stage {
-    /// Taps by input phase, in the order of the accumulators.
-    taps: Vec<[f64; ACCUMULATORS]>,
-    /// One row of channels an output that is being summed.
-    accumulators: Vec<f64>,
-    phase: usize,
-    warm_up: usize,
+    ratio: usize,
+    taps: Vec<f64>,
+    /// The last rows that came, row-major; as many as there are taps at least, zeros before the first.
+    rows: Vec<f64>,
+    /// Where the next row goes.
+    end: usize,
+    /// Rows until the next output is complete.
+    missing: usize,
 }
 
 impl Stage {
     fn new(ratio: u8, channels: usize) -> Self {
         let mut taps = vec![0.0; tap_count(ratio)];
         fill_taps(ratio, &mut taps);
-        let ratio = usize::from(ratio);
-        // While input q * ratio + phase is added, accumulator i holds output q - 13 + i (phase 0) or q - 12 + i (others).
-        let row = |phase: usize| {
-            let newest = if phase == 0 { TAPS_PER_RATIO } else { TAPS_PER_RATIO - 1 };
-            std::array::from_fn(|i| newest.checked_sub(i).map_or(0.0, |j| taps[phase + j * ratio]))
-        };
-        let taps = (0..ratio).map(row).collect();
-        Self { taps, accumulators: vec![0.0; ACCUMULATORS * channels], phase: 0, warm_up: WARM_UP }
+        let reach = taps.len() / 2;
+        let rows = vec![0.0; (taps.len() + STAGE_ROWS.max(taps.len())) * channels];
+        Self { ratio: usize::from(ratio), taps, rows, end: reach * channels, missing: reach + 1 }
     }
 
     /// Adds a row in place of which, each `ratio` calls, an output row stands; returns whether it does.
     #[inline(always)]
     fn push(&mut self, row: &mut [f64]) -> bool {
-        let channels = row.len();
-        let taps = &self.taps[self.phase];
-        for (sums, tap) in self.accumulators.chunks_exact_mut(channels).zip(taps) {
-            for (sum, value) in sums.iter_mut().zip(&*row) {
-                *sum += tap * value;
-            }
+        let reach = self.taps.len() * row.len();
+        if self.end + row.len() > self.rows.len() {
+            self.rows.copy_within(self.end - reach..self.end, 0);
+            self.end = reach;
         }
-        let first_phase = self.phase == 0;
-        self.phase = (self.phase + 1) % self.taps.len();
-        if !first_phase {
+        self.rows[self.end..self.end + row.len()].copy_from_slice(row);
+        self.end += row.len();
+        self.missing -= 1;
+        if self.missing > 0 {
             return false;
         }
-        row.copy_from_slice(&self.accumulators[..channels]);
-        self.accumulators.copy_within(channels.., 0);
-        let last = self.accumulators.len() - channels;
-        self.accumulators[last..].fill(0.0);
-        if self.warm_up > 0 {
-            self.warm_up -= 1;
-            return false;
+        self.missing = self.ratio;
+        let rows = &self.rows[self.end - reach..self.end];
+        let mut first = 0;
+        while first < row.len() {
+            // As many channels at a time as there are registers for.
+            first += match row.len() - first {
+                16.. => filter::<16>(&self.taps, rows, row, first),
+                4.. => filter::<4>(&self.taps, rows, row, first),
+                _ => filter::<1>(&self.taps, rows, row, first),
+            };
         }
         true
     }
 }
 
-/// What is known of a channel's soundness.
-#[derive(Clone, Copy)]
+/// What the taps, which are alike on both sides of the middle, make of `rows` in `WIDTH` channels of `out` from `first` on; how
+/// many channels that are.
+#[inline(always)]
+fn filter<const WIDTH: usize>(taps: &[f64], rows: &[f64], out: &mut [f64], first: usize) -> usize {
+    let channels = out.len();
+    let (mut early, mut late) = (first, rows.len() - channels + first);
+    let mut sums = [0.0; WIDTH];
+    for tap in &taps[..taps.len() / 2] {
+        let (before, after) = (&rows[early..early + WIDTH], &rows[late..late + WIDTH]);
+        for channel in 0..WIDTH {
+            sums[channel] += tap * (before[channel] + after[channel]);
+        }
+        (early, late) = (early + channels, late - channels);
+    }
+    for channel in 0..WIDTH {
+        out[first + channel] = sums[channel] + taps[taps.len() / 2] * rows[early + channel];
+    }
+    WIDTH
+}
+
+/// What is known of the channels' soundness.
 struct Soundness {
-    last_value: f64,
-    unchanged_since: u64,
+    /// The last value of each that was there.
+    last: Vec<f64>,
+    /// The row since which it has been that.
+    unchanged_since: Vec<u64>,
     /// The last decimated sample that a missing value reaches, plus one.
-    spoilt_until: u64,
+    spoilt_until: Vec<u64>,
+}
+
+impl Soundness {
+    fn new(channels: usize) -> Self {
+        Self { last: vec![0.0; channels], unchanged_since: vec![0; channels], spoilt_until: vec![0; channels] }
+    }
+
+    /// Takes a row; what is missing in it reaches the samples up to `spoilt`.
+    #[inline(always)]
+    fn take(&mut self, values: &[f64], row: u64, spoilt: impl Fn() -> u64) {
+        let count = values.len();
+        let (last, since) = (&mut self.last[..count], &mut self.unchanged_since[..count]);
+        let mut is_complete = true;
+        for value in values {
+            is_complete &= value.is_finite();
+        }
+        // No branch a channel where none is missing: this is done for each sample of a recording.
+        if is_complete {
+            for channel in 0..count {
+                let is_other = (values[channel] != last[channel]) | (row == 0);
+                since[channel] = if is_other { row } else { since[channel] };
+                last[channel] = values[channel];
+            }
+            return;
+        }
+        for channel in 0..count {
+            if !values[channel].is_finite() {
+                self.spoilt_until[channel] = spoilt();
+                continue;
+            }
+            if values[channel] != last[channel] || row == 0 {
+                since[channel] = row;
+            }
+            last[channel] = values[channel];
+        }
+    }
 }
 
 /// Streaming Welch spectra of one setup's recording.
@@ -83,7 +138,7 @@ pub struct Welch {
     reach_rows: u64,
     first_full: u64,
     stages: Vec<Stage>,
-    soundness: Vec<Soundness>,
+    soundness: Soundness,
     row: Vec<f64>,
     rows: u64,
     samples: u64,
@@ -110,7 +165,7 @@ impl Welch {
             reach_rows: u64::from(stages.reach_rows()),
             first_full: u64::from(stages.first_full_output()),
             stages: stages.ratios().iter().map(|&ratio| Stage::new(ratio, channels)).collect(),
-            soundness: vec![Soundness { last_value: 0.0, unchanged_since: 0, spoilt_until: 0 }; channels],
+            soundness: Soundness::new(channels),
             row: vec![0.0; channels],
             rows: 0,
             samples: 0,
@@ -129,10 +184,13 @@ impl Welch {
     /// them.
     pub fn push(&mut self, rows: &[f64], on_window: &mut dyn FnMut(WindowLines)) {
         let channels = self.row.len().max(1);
-        // The same loops, compiled for what this processor can do.
-        pulp::Arch::new().dispatch(
+        on_this_processor(
             #[inline(always)]
-            || rows.chunks_exact(channels).for_each(|row| self.push_row(row, on_window)),
+            || {
+                for row in rows.chunks_exact(channels) {
+                    self.push_row(row, on_window);
+                }
+            },
         );
     }
 
@@ -140,17 +198,8 @@ impl Welch {
     fn push_row(&mut self, values: &[f64], on_window: &mut dyn FnMut(WindowLines)) {
         let row = self.rows;
         self.rows += 1;
-        for ((value, place), soundness) in values.iter().zip(&mut self.row).zip(&mut self.soundness) {
-            if value.is_finite() {
-                if *value != soundness.last_value || row == 0 {
-                    soundness.unchanged_since = row;
-                }
-                soundness.last_value = *value;
-            } else {
-                soundness.spoilt_until = (row + self.reach_rows) / self.decimation + 1;
-            }
-            *place = soundness.last_value;
-        }
+        self.soundness.take(values, row, || (row + self.reach_rows) / self.decimation + 1);
+        self.row.copy_from_slice(&self.soundness.last);
         for stage in &mut self.stages {
             if !stage.push(&mut self.row) {
                 return;
@@ -179,12 +228,11 @@ impl Welch {
     fn window(&mut self) -> WindowLines {
         let length = self.grid.segment;
         let start = self.samples - length as u64;
-        let channels = (0..self.soundness.len())
+        let channels = (0..self.row.len())
             .map(|channel| {
-                let Soundness { unchanged_since, spoilt_until, .. } = self.soundness[channel];
                 // The filter still rings with what it heard before a channel fell silent.
-                let silent = unchanged_since + self.reach_rows <= start * self.decimation;
-                let sound = spoilt_until <= start && !silent;
+                let silent = self.soundness.unchanged_since[channel] + self.reach_rows <= start * self.decimation;
+                let sound = self.soundness.spoilt_until[channel] <= start && !silent;
                 sound.then(|| self.lines(channel))
             })
             .collect();
