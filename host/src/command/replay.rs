@@ -18,11 +18,11 @@ use serde::Serialize;
 
 use super::Console;
 use super::interrupt::stop_on_signal;
-use crate::fleet::InProcess;
+use crate::fleet::{FleetOptions, InProcess};
 use crate::link::Transport;
 use crate::link::port::Port;
 use crate::link::replay::{Replayed, replay};
-use crate::measure::{Material, Opened, prepare};
+use crate::measure::{Material, Opened, Route, prepare};
 use crate::record::{Block, Recording};
 use crate::spectra::direct::Welch;
 use crate::spectra::{LineGrid, SpectralPlan, WindowLines};
@@ -109,7 +109,7 @@ struct Report {
 /// computer.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
-    let prepared = prepare(&study)?;
+    let prepared = prepare(&study, Route::Nodes(FleetOptions::default()))?;
     console.warn_all(&prepared.warnings);
     let mut roles = VecDeque::new();
     let mut total_rows = 0;

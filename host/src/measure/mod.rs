@@ -43,6 +43,16 @@ pub enum Route {
     Direct,
 }
 
+impl Route {
+    /// Decimation, segment and lines by this route.
+    fn plan(self, setups: &[SetupExtent], analysis: &Analysis) -> Result<SpectralPlan, PlanError> {
+        match self {
+            Self::Nodes(_) => SpectralPlan::choose(setups, analysis),
+            Self::Direct => SpectralPlan::choose_direct(setups, analysis),
+        }
+    }
+}
+
 /// Why a study could not be measured.
 #[derive(Debug, Error)]
 pub enum MeasureError {
@@ -192,7 +202,7 @@ pub fn measure_observed<'a>(
     progress: Progress<'_>,
     observer: Observer<'_>,
 ) -> Result<Measurement<'a>, MeasureError> {
-    let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepare(study)?;
+    let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepare(study, route)?;
     let mut timings = Timings { counting, ..Timings::default() };
     let total_rows: u64 = opened.iter().map(|opened| opened.rows).sum();
     let mut done_rows = 0;
@@ -291,11 +301,11 @@ pub struct Prepared<'a> {
     counting: Duration,
 }
 
-/// Opens a study's recordings and chooses how to analyse them.
+/// Opens a study's recordings and chooses how to analyse them by this route.
 ///
 /// # Errors
 /// When no setup can be measured.
-pub fn prepare(study: &Study) -> Result<Prepared<'_>, MeasureError> {
+pub fn prepare(study: &Study, route: Route) -> Result<Prepared<'_>, MeasureError> {
     let mut warnings: Vec<String> = Vec::new();
     let start = Instant::now();
     let mut failure = None;
@@ -333,7 +343,7 @@ pub fn prepare(study: &Study) -> Result<Prepared<'_>, MeasureError> {
         if extents.is_empty() {
             return Err(failure.unwrap_or(MeasureError::NoSetups));
         }
-        match SpectralPlan::choose(&extents, &analysis) {
+        match route.plan(&extents, &analysis) {
             Ok(plan) => break plan,
             Err(source @ PlanError::TooShort { setup, .. }) if opened.len() > 1 => {
                 let Opened { setup, .. } = opened.remove(setup);

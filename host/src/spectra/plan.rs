@@ -3,6 +3,7 @@
 //! Long segments resolve close modes, many segments make the average trustworthy. Where the study leaves the choice open,
 //! the plan takes the finest line spacing that still leaves four averages a channel (and 32 in all): with fewer the
 //! cross-spectral matrix nears rank deficiency, and modal coherence loses its meaning (Brincker, Andersen, Jacobsen 2007).
+//! What the host transforms itself may have longer segments than what nodes transform, as far as memory goes.
 
 use belfry_shared::decimation::{Stages, USABLE_FRACTION};
 use thiserror::Error;
@@ -18,8 +19,13 @@ const LEAST_AVERAGES: usize = 32;
 pub(crate) const LOWEST_LINE: usize = 4;
 /// The shortest segment that a node can transform.
 pub(crate) const SHORTEST_SEGMENT: usize = 256;
-/// Segments a node can transform.
-const SEGMENTS: [usize; 5] = [SHORTEST_SEGMENT, 512, 1024, 2048, 4096];
+/// The longest.
+pub(crate) const LONGEST_OF_NODES: usize = 4096;
+/// The longest that the host transforms.
+pub(crate) const LONGEST_SEGMENT: usize = 65_536;
+/// Bytes that the sums over windows may take where segments are longer than a node's: a value and its groups for the jackknife.
+const MOST_BYTES: usize = 160 << 20;
+const BYTES_A_VALUE: usize = 2 * (2 * 8 + 24 * 4);
 /// Largest decimation that is tried.
 const MAX_DECIMATION: u32 = 1000;
 /// Share of the Nyquist frequency that is used where nothing is decimated.
@@ -69,6 +75,11 @@ pub enum PlanError {
         /// Line spacing.
         spacing_hz: f64,
     },
+    /// The segment is longer than what nodes transform.
+    #[error(
+        "segment = {0} in [analysis] is for recordings that the host transforms itself: nodes transform {LONGEST_OF_NODES} points at most; add --direct or choose a shorter segment"
+    )]
+    TooLongForNodes(usize),
     /// No decimation serves the band and all setups.
     #[error(
         "no decimation of {rates} Hz reaches decimated_rate_hz = {wanted}: it must divide every sampling rate by a product of at most three numbers from 2 to 10"
@@ -135,10 +146,32 @@ pub struct SpectralPlan {
 }
 
 impl SpectralPlan {
-    /// Chooses what `analysis` leaves open for setups that are picked together.
+    /// Chooses what `analysis` leaves open for setups that are picked together and whose windows nodes make.
+    ///
+    /// # Errors
+    /// Where no segment fits into the recordings, or the band into the lines; a segment that no node transforms.
     pub fn choose(setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
+        match analysis.segment {
+            Some(segment) if segment > LONGEST_OF_NODES => Err(PlanError::TooLongForNodes(segment)),
+            _ => Self::choose_up_to(LONGEST_OF_NODES, setups, analysis),
+        }
+    }
+
+    /// The same where the host makes the windows.
+    ///
+    /// # Errors
+    /// As [`SpectralPlan::choose`].
+    pub fn choose_direct(setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
+        Self::choose_up_to(LONGEST_SEGMENT, setups, analysis)
+    }
+
+    fn choose_up_to(longest: usize, setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
         let rates = decimations(setups, analysis)?;
-        let segments: Vec<usize> = analysis.segment.map_or(SEGMENTS.to_vec(), |segment| vec![segment]);
+        let powers = std::iter::successors(Some(SHORTEST_SEGMENT), |segment| Some(2 * segment));
+        let segments: Vec<usize> = match analysis.segment {
+            Some(segment) => vec![segment],
+            None => powers.take_while(|&segment| segment <= longest).collect(),
+        };
         let channels = setups.iter().map(|setup| setup.channels).max().unwrap_or(0);
         let wanted = AVERAGES_A_CHANNEL * channels;
         let mut candidates: Vec<Candidate> = rates
@@ -154,9 +187,14 @@ impl SpectralPlan {
             averages(candidate) >= wanted.max(LEAST_AVERAGES) && candidate.windows.iter().zip(setups).all(full)
         };
         let complete = |candidate: &&Candidate| candidate.windows.iter().all(|&windows| windows > 0);
+        let fits = |candidate: &&Candidate| {
+            analysis.segment.is_some()
+                || candidate.segment <= LONGEST_OF_NODES
+                || candidate.grid(analysis).is_ok_and(|grid| bytes(setups, grid.lines) <= MOST_BYTES)
+        };
         let best = candidates
             .iter()
-            .filter(complete)
+            .filter(|candidate| complete(candidate) && fits(candidate))
             .find(enough)
             .or_else(|| candidates.iter().filter(complete).max_by_key(averages))
             .ok_or_else(|| too_short(setups, &candidates))?;
@@ -168,7 +206,7 @@ impl SpectralPlan {
             channels,
             missing_min: (wanted - averages) as f64 * grid.segment as f64 / 2.0 / grid.sampling_rate_hz / 60.0,
         });
-        let reason = reason(setups, analysis, best, &grid, wanted.max(LEAST_AVERAGES));
+        let reason = reason(setups, analysis, best, &grid, longest, wanted.max(LEAST_AVERAGES));
         Ok(Self { grid, decimations: best.decimations.clone(), windows: best.windows.clone(), few_averages, reason })
     }
 
@@ -180,7 +218,14 @@ impl SpectralPlan {
 }
 
 /// Why the best candidate is the best, for the user.
-fn reason(setups: &[SetupExtent], analysis: &Analysis, best: &Candidate, grid: &LineGrid, enough: usize) -> String {
+fn reason(
+    setups: &[SetupExtent],
+    analysis: &Analysis,
+    best: &Candidate,
+    grid: &LineGrid,
+    longest: usize,
+    enough: usize,
+) -> String {
     let rate = if best.decimations.iter().all(|&decimation| decimation == 1) {
         format!("{} Hz, as recorded", short(best.rate_hz))
     } else {
@@ -199,7 +244,7 @@ fn reason(setups: &[SetupExtent], analysis: &Analysis, best: &Candidate, grid: &
         format!("as [analysis] says; {averages} averages")
     } else if averages < enough {
         format!("the most averages that this record gives, {averages}")
-    } else if best.segment == SEGMENTS[SEGMENTS.len() - 1] {
+    } else if best.segment == longest && longest == LONGEST_OF_NODES {
         format!("the longest that a node has; {averages} averages")
     } else {
         format!("the finest lines that leave {enough} averages; {averages} here")
@@ -272,6 +317,12 @@ impl Candidate {
 fn usable_hz(rate_hz: f64, decimations: &[u32]) -> f64 {
     let decimated = decimations.iter().any(|&decimation| decimation > 1);
     rate_hz * if decimated { USABLE_FRACTION } else { USABLE_OF_RAW }
+}
+
+/// What the sums over all setups' windows take.
+fn bytes(setups: &[SetupExtent], lines: usize) -> usize {
+    let values = setups.iter().map(|setup| setup.channels * (setup.channels + 1) / 2).sum::<usize>();
+    values * lines * BYTES_A_VALUE
 }
 
 /// Windows that `rows` rows give.
@@ -371,6 +422,27 @@ mod tests {
             "Rate: 6.25 Hz (50 / 8), free of aliases in the band. Segments: 512 points, 81.9 s, the finest lines that leave 80 averages; 86 here. Lines: 118 from 0.061035 to 1.4893 Hz, every 0.012207 Hz."
         );
         assert!(plan.grid.frequency_hz(0) >= 0.05 && plan.grid.frequency_hz(plan.grid.lines - 1) <= 1.5);
+    }
+
+    #[test]
+    fn what_the_host_transforms_has_longer_segments_as_far_as_memory_goes() {
+        let day = SetupExtent { sampling_rate_hz: 50.0, rows: 24 * 180_000, channels: 20 };
+        let plan = |band_hz| SpectralPlan::choose_direct(&[day], &analysis(band_hz)).unwrap();
+        assert_eq!(SpectralPlan::choose(&[day], &analysis([0.05, 1.5])).unwrap().grid.segment, 4096);
+        let fine = plan([0.05, 1.5]);
+        assert_eq!((fine.grid.segment, fine.windows[0]), (8192, 86));
+        assert!(
+            fine.reason.contains("8192 points, 1966.1 s, the finest lines that leave 80 averages"),
+            "{}",
+            fine.reason
+        );
+        // Five times the lines would not fit.
+        let wide = plan([0.05, 15.0]);
+        assert!(bytes(&[day], wide.grid.lines) <= MOST_BYTES && wide.windows[0] > 300, "{}", wide.reason);
+        let long = Analysis { segment: Some(8192), ..analysis([0.05, 1.5]) };
+        assert_eq!(SpectralPlan::choose_direct(&[day], &long).unwrap().grid.segment, 8192);
+        let error = SpectralPlan::choose(&[day], &long).unwrap_err();
+        assert!(error.to_string().contains("add --direct"), "{error}");
     }
 
     #[test]

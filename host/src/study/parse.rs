@@ -257,7 +257,7 @@ fn analysis(section: &Section<'_>) -> Result<Analysis, StudyError> {
     section.allow_only(ANALYSIS_KEYS)?;
     const BAND: &str = "the lowest and highest frequency of interest in Hz, both above 0, such as [0.05, 1.5]";
     const RATE: &str = "the sampling rate after decimation in Hz, a number above 0";
-    const SEGMENT: &str = "256, 512, 1024, 2048 or 4096 points";
+    const SEGMENT: &str = "a power of two from 256 to 65536 points, up to 4096 where nodes transform them";
 
     let band_hz = match section.get("band_hz") {
         Some(entry) => {
@@ -272,7 +272,7 @@ fn analysis(section: &Section<'_>) -> Result<Analysis, StudyError> {
     };
     let segment = match section.get("segment") {
         Some(entry) => {
-            let segment = entry.whole(256..4097, SEGMENT)? as usize;
+            let segment = entry.whole(256..65_537, SEGMENT)? as usize;
             if !segment.is_power_of_two() {
                 return Err(entry.out_of_range(SEGMENT));
             }

@@ -160,8 +160,8 @@ fn faults_of_value_are_told_with_what_was_expected() {
         assert_fault("= 18", &format!("= {azimuth}"), 12, &["`setup.sensor.azimuth_deg`", "degrees", "\"up\""]);
     }
     assert_fault("10.5", "-inf", 11, &["`setup.sensor.elevation_m`", "-inf"]);
-    for segment in ["128", "1000", "8192", "-256", "0"] {
-        assert_fault("1024", segment, 23, &["`analysis.segment`", "256, 512, 1024, 2048 or 4096", segment]);
+    for segment in ["128", "1000", "131072", "-256", "0"] {
+        assert_fault("1024", segment, 23, &["`analysis.segment`", "a power of two from 256 to 65536", segment]);
     }
     assert_fault("\"a_*.csv\"", "\"a_***.csv\"", 5, &["`setup.files`", "a_***.csv"]);
     assert_fault("[\"a_*.csv\"]", "[]", 5, &["`setup.files`", "found []"]);

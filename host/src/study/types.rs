@@ -200,7 +200,7 @@ pub struct Analysis {
     pub band_hz: Option<[f64; 2]>,
     /// Sampling rate after decimation.
     pub decimated_rate_hz: Option<f64>,
-    /// Points a segment (a power of two from 256 to 4096).
+    /// Points a segment (a power of two from 256 to 65536; up to 4096 where nodes transform them).
     pub segment: Option<usize>,
     /// What the user says of the modes.
     pub modes: ModeChoice,
