@@ -10,7 +10,7 @@ use crate::measure::Route;
 /// How spectra are made of recordings.
 #[derive(Debug, Clone, Args)]
 pub struct RouteArguments {
-    /// Make spectra straight from the recording, without sensor nodes
+    /// Make spectra straight from the recording, without sensor nodes; long records get finer lines than nodes have
     #[arg(long)]
     pub direct: bool,
     /// Bits per component of the spectral lines that nodes send

@@ -25,6 +25,13 @@ pub struct Line {
     pub frequency_hz: f64,
     /// Kurtosis of the band-passed response.
     pub kurtosis: f64,
+    /// Share of the time that it is there.
+    #[serde(default = "always")]
+    pub on_share: f64,
+}
+
+fn always() -> f64 {
+    1.0
 }
 
 /// Modes over the hours.
@@ -97,7 +104,9 @@ pub(super) fn all_shown(signals: &Signals, present: &[Effect]) -> Vec<Signal> {
         // The sample kurtosis of a Gaussian signal scatters by sqrt(24/n) over n independent samples (Kendall and Stuart 1969,
         // section 12.18), of which a segment's line has about two.
         let std = (24.0 / (2.0 * averages)).sqrt();
-        let square = |expected: f64| ((line.kurtosis - expected) / std).powi(2);
+        // While it is there.
+        let kurtosis = line.kurtosis * line.on_share;
+        let square = |expected: f64| ((kurtosis - expected) / std).powi(2);
         let place = Where::Frequency(rounded(line.frequency_hz));
         if let Ok(effect) = Effect::new("harmonic", Some(place), &[line.frequency_hz]) {
             shown.push(Signal {
@@ -107,8 +116,8 @@ pub(super) fn all_shown(signals: &Signals, present: &[Effect]) -> Vec<Signal> {
                 chi_squared: square(KURTOSIS_OF_A_TONE),
                 degrees_of_freedom: 1,
                 reason: format!(
-                    "the line at {:.4} Hz has a kurtosis of {:.2} ± {std:.2}; a steady tone has {KURTOSIS_OF_A_TONE}, a mode {KURTOSIS_OF_A_MODE}",
-                    line.frequency_hz, line.kurtosis
+                    "the line at {:.4} Hz has a kurtosis of {kurtosis:.2} ± {std:.2}; a steady tone has {KURTOSIS_OF_A_TONE}, a mode {KURTOSIS_OF_A_MODE}",
+                    line.frequency_hz
                 ),
             });
         }

@@ -14,10 +14,10 @@ const CHANCE: f64 = 1e-4;
 /// by as much more than that of independent ones.
 const JOINED: f64 = 1.395;
 
-/// A mode's spectrum at consecutive lines.
+/// A mode's spectrum at the lines of its fit.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Curve {
-    first_line: usize,
+    lines: Vec<usize>,
     measured: Vec<f64>,
     /// Of the mode alone, and of everything; none where the fit was not asked.
     expected: Vec<[f64; 2]>,
@@ -25,32 +25,32 @@ pub(super) struct Curve {
 
 impl Curve {
     /// What a mode of a joint fit looks like; `with_fit` says whether to ask what the fit expects.
-    pub(super) fn of_joint(fit: &JointFit, seen: &Seen, place: usize, first_line: usize, with_fit: bool) -> Self {
+    pub(super) fn of_joint(fit: &JointFit, seen: &Seen, place: usize, lines: &[usize], with_fit: bool) -> Self {
         let expected = |&hz: &f64| {
             let spectra = fit.modal_spectra(hz, seen.duration_s);
             let all = &fit.mixture * &spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz);
             [spectra[(place, place)].re, all[(place, place)].re]
         };
         Self {
-            first_line,
+            lines: lines.to_vec(),
             measured: seen.matrices.iter().map(|matrix| matrix[(place, place)].re).collect(),
             expected: if with_fit { seen.frequency_hz.iter().map(expected).collect() } else { Vec::new() },
         }
     }
 
     /// What a mode that is fitted alone looks like.
-    pub(super) fn of_bell(fit: &BellFit, bell: &Bell, first_line: usize) -> Self {
-        Self { first_line, measured: bell.density.clone(), expected: fit.expected.clone() }
+    pub(super) fn of_bell(fit: &BellFit, bell: &Bell, lines: Vec<usize>) -> Self {
+        Self { lines, measured: bell.density.clone(), expected: fit.expected.clone() }
     }
 
     /// Its lines with what is measured and expected of everything there: (line, measured, expected).
     pub(super) fn lines(&self) -> impl Iterator<Item = (usize, f64, f64)> {
-        let both = self.measured.iter().zip(&self.expected).enumerate();
-        both.map(|(index, (measured, expected))| (self.first_line + index, *measured, expected[1]))
+        let both = self.lines.iter().zip(&self.measured).zip(&self.expected);
+        both.map(|((line, measured), expected)| (*line, *measured, expected[1]))
     }
 
     fn at(&self, line: usize) -> Option<f64> {
-        self.measured.get(line.checked_sub(self.first_line)?).copied()
+        self.measured.get(self.lines.binary_search(&line).ok()?).copied()
     }
 
     /// How far the fit is from the measurement; `replicates` are the curves without one group of windows each, which say how
@@ -108,13 +108,13 @@ mod tests {
         let bell = |index: usize| 1.0 / (1.0 + (index as f64 - 10.0).powi(2) / 9.0);
         let expected: Vec<[f64; 2]> = (0..21).map(|index| [bell(index), bell(index) + 0.01]).collect();
         let measured: Vec<f64> = expected.iter().enumerate().map(|(index, e)| e[1] * away(index)).collect();
-        let curve = Curve { first_line: 50, measured, expected };
+        let curve = Curve { lines: (50..71).collect(), measured, expected };
         // The jackknife over 20 groups makes 0.1 of that.
         let step = 0.1 / 19_f64.sqrt();
         let replicate = |group: usize| {
             let sign = if group.is_multiple_of(2) { 1.0 } else { -1.0 };
             let measured = curve.expected.iter().map(|e| e[1] * (1.0 + sign * step)).collect();
-            Curve { first_line: 50, measured, expected: Vec::new() }
+            Curve { lines: (50..71).collect(), measured, expected: Vec::new() }
         };
         let replicates = (0..20).map(replicate).collect();
         (curve, replicates)

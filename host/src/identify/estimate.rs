@@ -9,7 +9,7 @@ use super::cluster::{Filters, clusters, noise_variance, regressed_shapes, seen};
 use super::curve::Curve;
 use super::joint::{JointFit, SlopePrior};
 use super::joint_fit::Certainty;
-use super::matrices::{Matrices, bell};
+use super::matrices::{LEAST_LINES, Matrices, bell};
 use super::pick::Pick;
 use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
@@ -97,9 +97,15 @@ struct Effort {
     certainty: bool,
 }
 
-/// Estimates every pick in one setup (`setup` is its index among the picks' shapes).
-pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usize, picks: &[Pick]) -> SetupModes {
-    let matrices = Matrices::new(spectrum, None);
+/// Estimates every pick in one setup (`setup` is its index among the picks' shapes) from the lines that are not `taken` by tones.
+pub(super) fn estimate(
+    spectrum: &CrossSpectrum,
+    quantity: Quantity,
+    setup: usize,
+    picks: &[Pick],
+    taken: &[usize],
+) -> SetupModes {
+    let matrices = Matrices::new(spectrum, None, taken);
     let mut state = State::start(spectrum, quantity, setup, picks, &matrices);
     for _ in 0..ROUNDS {
         state.improve(spectrum, &matrices);
@@ -107,7 +113,7 @@ pub(super) fn estimate(spectrum: &CrossSpectrum, quantity: Quantity, setup: usiz
     state.fit_clusters(spectrum, &matrices);
     let groups = if spectrum.group_count() > 1 { spectrum.group_count() } else { 0 };
     let replicate = |group: usize| {
-        let matrices = Matrices::new(spectrum, Some(group));
+        let matrices = Matrices::new(spectrum, Some(group), taken);
         let mut replicate = state.clone();
         replicate.refit_clusters(spectrum, &matrices, &REPLICATE);
         replicate
@@ -161,7 +167,8 @@ impl State {
             let reach = (0.5 * here.bandwidth_hz() / grid.spacing_hz()).round().max(1.0) as usize;
             let centre = grid.nearest_line(here.frequency_hz);
             let mut sum: Shape = Shape::zeros(filter.len());
-            for line in centre.saturating_sub(reach)..(centre + reach + 1).min(grid.lines) {
+            let (first, last) = (centre.saturating_sub(reach), (centre + reach).min(grid.lines - 1));
+            for line in matrices.free(first, last, 1) {
                 sum += matrices.at(line) * &filter;
             }
             let norm = sum.norm();
@@ -178,12 +185,13 @@ impl State {
             let mut stopped: Vec<&Shape> = vec![&self.shapes[mode]];
             stopped.extend(stopped_beside.iter().map(|&other| &self.shapes[other]));
             let Some(filter) = modal_filter(&stopped) else { continue };
-            let mut bell = bell(spectrum, matrices, &filter, first, last);
+            let lines = matrices.free(first, last, LEAST_LINES);
+            let mut bell = bell(spectrum, matrices, &filter, &lines);
             bell.mixed = is_mixed.then(|| spectrum.averages() as f64 / OVERLAP);
             let others: Vec<Resonance> = neighbours.iter().map(|&other| self.fits[other].resonance).collect();
             let here = self.fits[mode].resonance;
             if let Some(fit) = bell.fit(here, &others, self.limits_hz(mode, grid.spacing_hz())) {
-                self.curves[mode] = Curve::of_bell(&fit, &bell, first);
+                self.curves[mode] = Curve::of_bell(&fit, &bell, lines);
                 self.fits[mode] = fit;
             }
         }
@@ -258,18 +266,19 @@ impl State {
             let stopped = before.stopped(modes, range_hz, grid);
             let own: Vec<&Shape> = modes.iter().map(|&mode| &before.shapes[mode]).collect();
             let others: Vec<&Shape> = stopped.iter().map(|&mode| &before.shapes[mode]).collect();
-            let lines: Vec<&DMatrix<Complex64>> = (first..=last).map(|line| matrices.at(line)).collect();
+            let free = matrices.free(first, last, LEAST_LINES);
+            let lines: Vec<&DMatrix<Complex64>> = free.iter().map(|&line| matrices.at(line)).collect();
             let all: Vec<&Shape> = own.iter().chain(&others).copied().collect();
             let noise = noise_variance(&all, &lines);
             let refit = || {
                 let filters = Filters::new(&own, &others, noise)?;
-                let frequency_hz = (first..=last).map(|line| grid.frequency_hz(line)).collect();
+                let frequency_hz = free.iter().map(|&line| grid.frequency_hz(line)).collect();
                 let averages = spectrum.averages() as f64 / OVERLAP;
                 let seen = seen(&filters, &lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
                 let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode, spacing_hz)).collect();
                 let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
                 let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
-                let curve = |place| Curve::of_joint(&fit, &seen, place, first, effort.certainty);
+                let curve = |place| Curve::of_joint(&fit, &seen, place, &free, effort.certainty);
                 let curves: Vec<Curve> = (0..modes.len()).map(curve).collect();
                 let width_hz = range_hz[1] - range_hz[0];
                 let is_near = |other: &&usize| before.outside_hz(**other, range_hz) < BESIDE * width_hz;

@@ -8,6 +8,7 @@ use super::merge;
 use super::pick::Pick;
 use super::result::{Harmonic, Identification, Rejected, SingularSpectrum};
 use super::setup::{MeasuredSetup, quantity};
+use super::tone::{self, Tone};
 use crate::spectra::LineGrid;
 
 /// A rejected peak within so many lines and this share of a mode's bandwidth together is that mode after all.
@@ -37,8 +38,11 @@ pub(super) fn fit(
     let Basis { picks, harmonics, rejected, .. } = &mut basis;
     let mut setups = Vec::new();
     loop {
-        let estimate =
-            |(index, m): (usize, &MeasuredSetup<'_>)| estimate::estimate(&m.spectrum, quantity(m.setup), index, picks);
+        tone::one_each(harmonics);
+        let tones: Vec<Tone> = harmonics.iter().map(as_tone).collect();
+        let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| {
+            estimate::estimate(&m.spectrum, quantity(m.setup), index, picks, &tone::lines(&m.spectrum, &tones))
+        };
         setups.splice(.., measured.iter().enumerate().map(estimate));
         let is_forced = |pick: &usize| picks[*pick].kurtosis.is_low() && judge::is_undamped(&setups, *pick);
         let may_go = |pick: usize| !picks[pick].by_user;
@@ -57,7 +61,6 @@ pub(super) fn fit(
             rejected.push(Rejected { frequency_hz, because });
         }
     }
-    harmonics.sort_by_key(|pick| pick.line);
     let mut warnings = basis.warnings.clone();
     for (index, pick) in basis.picks.iter().enumerate() {
         if pick.by_user && judge::is_doubtful(&setups, grid.spacing_hz(), index) {
@@ -77,8 +80,10 @@ pub(super) fn fit(
     let mut rejected: Vec<Rejected> = basis.rejected.iter().copied().filter(|peak| !is_mode(peak)).collect();
     rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     let harmonic = |pick: &Pick| Harmonic {
-        frequency_hz: tone_frequency_hz(grid, &singular, pick.line),
+        frequency_hz: tone::frequency_hz(grid, &singular, as_tone(pick)),
         kurtosis: pick.kurtosis.value,
+        wanders_hz: pick.kurtosis.wanders_lines as f64 * grid.spacing_hz(),
+        on_share: pick.kurtosis.on_share,
     };
     Identification {
         modes,
@@ -95,16 +100,6 @@ pub(super) fn fit(
     }
 }
 
-/// The frequency of a steady tone from the magnitudes of its two strongest lines, pooled over the setups: the Hann window
-/// gives them the ratio r = (1 + d)/(2 - d) for a tone d lines from the strongest towards the other (Rife & Vincent 1970).
-fn tone_frequency_hz(grid: &LineGrid, singular: &[SingularSpectrum], line: usize) -> f64 {
-    let log_power = |line: usize| {
-        let values = singular.iter().filter_map(|setup| setup.values.first()?.get(line));
-        values.map(|value| value.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / singular.len().max(1) as f64
-    };
-    let (left, right) = (log_power(line.saturating_sub(1)), log_power(line + 1));
-    let (stronger, side) = if left > right { (left, -1.0) } else { (right, 1.0) };
-    let ratio = ((stronger - log_power(line)) / 2.0).exp();
-    let offset = ((2.0 * ratio - 1.0) / (1.0 + ratio)).clamp(0.0, 0.5);
-    grid.frequency_hz(line) + side * offset * grid.spacing_hz()
+fn as_tone(pick: &Pick) -> Tone {
+    (pick.line, pick.kurtosis.wanders_lines)
 }

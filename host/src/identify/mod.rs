@@ -32,6 +32,7 @@ mod shape;
 mod singular;
 pub mod ssi;
 mod start;
+mod tone;
 pub mod track;
 
 use thiserror::Error;

@@ -166,6 +166,16 @@ pub struct Harmonic {
     pub frequency_hz: f64,
     /// Kurtosis of the band-passed response: 1.5 for a steady harmonic, 3 for a mode.
     pub kurtosis: f64,
+    /// How far its frequency wanders to either side, at most; 0 for one that stays at a spectral line.
+    #[serde(default)]
+    pub wanders_hz: f64,
+    /// Share of the time that it is there.
+    #[serde(default = "always")]
+    pub on_share: f64,
+}
+
+fn always() -> f64 {
+    1.0
 }
 
 /// A peak that was picked and is no mode.

@@ -5,7 +5,7 @@
 
 use super::bell::{BellFit, DAMPING_RANGE};
 use super::estimate::{LEEWAY_BANDWIDTHS, LEEWAY_LINES};
-use super::matrices::{Matrices, bell};
+use super::matrices::{LEAST_LINES, Matrices, bell};
 use super::resonance::{Quantity, Resonance};
 use super::shape::{Shape, filtered};
 use crate::spectra::CrossSpectrum;
@@ -34,8 +34,9 @@ pub(super) fn first_bell(
     let grid = spectrum.grid();
     let (first, last) = (line.saturating_sub(START_LINES), (line + START_LINES).min(grid.lines - 1));
     let guess = Resonance { frequency_hz: grid.frequency_hz(line), damping_ratio: FIRST_DAMPING, quantity };
-    let resonance = bell(spectrum, matrices, shape, first, last)
-        .from_autocorrelation(0, last - first, quantity)
+    let lines = matrices.free(first, last, LEAST_LINES);
+    let resonance = bell(spectrum, matrices, shape, &lines)
+        .from_autocorrelation(0, lines.len() - 1, quantity)
         .filter(|r| (r.frequency_hz - guess.frequency_hz).abs() < 2.0 * grid.spacing_hz())
         .unwrap_or(guess);
     let narrow = known_bell(spectrum, matrices, shape, line, resonance);
@@ -70,7 +71,7 @@ fn wide_bell(
     let grid = spectrum.grid();
     let reach = (apart / 2).min(MOST_START_LINES);
     let (first, last) = (line.saturating_sub(reach), (line + reach).min(grid.lines - 1));
-    let bell = bell(spectrum, matrices, shape, first, last);
+    let bell = bell(spectrum, matrices, shape, &matrices.free(first, last, LEAST_LINES));
     let here_hz = grid.frequency_hz(line);
     let fit = |lines: f64, damping_ratio: f64| {
         let leeway_hz = (LEEWAY_LINES + LEEWAY_BANDWIDTHS * lines) * grid.spacing_hz();

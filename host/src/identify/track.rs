@@ -79,7 +79,7 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>
             Pick { by_user: true, ..Pick::new(line, vec![unit]) }
         })
         .collect();
-    let estimates = estimate::estimate(spectrum, quantity(measured.setup), 0, &picks);
+    let estimates = estimate::estimate(spectrum, quantity(measured.setup), 0, &picks, &[]);
     let mut tracked = vec![None; modes.len()];
     let all = [estimates];
     for (place, (index, shape)) in known.iter().enumerate() {

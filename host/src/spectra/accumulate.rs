@@ -179,17 +179,15 @@ impl CrossSpectrumAccumulator {
                 }
             }
             let sums = self.open.entry(mask).or_insert_with(|| Sums::zero(lines * triangle(count)));
-            let total = self.total.entry(mask).or_insert_with(|| Total {
-                sums: Sums::zero(lines * triangle(count)),
-                fourths: vec![0.0; lines * count],
-                rank: inherited,
-            });
+            let total = self.total.entry(mask).or_insert_with(|| Total::zero(lines, count, inherited));
             total.rank += windows.len();
             sums.windows += windows.len();
             on_this_processor(
                 #[inline(always)]
                 || add_outer_products(windows, count, lines, sums, &mut total.fourths),
             );
+            total.add_bands(windows, count, lines);
+            total.add_envelopes(windows, count);
         }
         self.waiting.clear();
     }
@@ -270,10 +268,7 @@ impl CrossSpectrumAccumulator {
             let part = part.restricted(&ChannelSubset::new(mask, wanted), lines);
             match &mut total {
                 None => total = Some(part),
-                Some(total) => {
-                    total.sums.add(&part.sums);
-                    total.fourths.iter_mut().zip(&part.fourths).for_each(|(sum, fourth)| *sum += fourth);
-                }
+                Some(total) => total.add(&part),
             }
         }
         for group in self.groups {

@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::grid::LineGrid;
-use super::sums::{ChannelSubset, Sums, Total, packed, triangle};
+use super::sums::{BAND_HALVES, ChannelSubset, MOMENTS, Sums, Total, band, packed, triangle};
 
 /// Averaged cross-spectral matrices of one setup.
 #[derive(Debug, Clone)]
@@ -65,6 +65,14 @@ impl CrossSpectrum {
         self.unpack(line, self.averages(), |_| Complex64::ZERO)
     }
 
+    /// The sum of the channels' densities at a line: the trace of [`CrossSpectrum::matrix`].
+    pub fn power(&self, line: usize) -> f64 {
+        let count = self.kept.len();
+        let own =
+            (0..count).map(|channel| self.total.sums.re[line * triangle(count) + packed(count, channel, channel)]);
+        own.sum::<f64>() / self.averages() as f64
+    }
+
     /// The matrix of a line without the windows of one group.
     pub fn matrix_without(&self, group: usize, line: usize) -> DMatrix<Complex64> {
         let group = &self.groups[group];
@@ -89,6 +97,46 @@ impl CrossSpectrum {
         matrix
     }
 
+    /// A channel's density at a line.
+    pub fn density(&self, line: usize, channel: usize) -> f64 {
+        let count = self.kept.len();
+        self.total.sums.re[line * triangle(count) + packed(count, channel, channel)] / self.averages() as f64
+    }
+
+    /// How much a channel's power in the band of `BAND_HALVES[width]` lines to either side of a line varies from window to window:
+    /// its relative variance, and what noise of the same spectrum has at least.
+    ///
+    /// The lines of a band are the more correlated the narrower the peaks in it, and the least where it is flat, as the Hann window
+    /// joins them. A mode has more than that, and a force of constant size, whose frequency may wander within the band, next
+    /// to nothing.
+    pub(crate) fn variation(&self, line: usize, channel: usize, width: usize) -> [f64; 2] {
+        /// Correlation of lines of white noise under Hann's window, by their distance.
+        const JOINED: [f64; 3] = [1.0, 2.0 / 3.0, 1.0 / 6.0];
+        let band = band(line, BAND_HALVES[width], self.grid.lines);
+        let densities: Vec<f64> = band.map(|line| self.density(line, channel)).collect();
+        let power: f64 = densities.iter().sum();
+        let mean_square =
+            self.total.bands[width][line * self.kept.len() + channel] / (self.averages() as f64 * power * power);
+        let of_noise: f64 = (0..densities.len())
+            .flat_map(|a| (0..densities.len()).map(move |b| (a, b)))
+            .filter_map(|(a, b)| Some(densities[a] * densities[b] * JOINED.get(a.abs_diff(b))?.powi(2)))
+            .sum();
+        [mean_square - 1.0, of_noise / (power * power)]
+    }
+
+    /// The envelope of a channel in a narrow band about a line, as it goes through the windows: <P^3> <P> / <P^2>^2 of its power P, and
+    /// <P>^2 / <P^2>.
+    ///
+    /// Whatever is Gaussian, noise or the response of a mode, has an envelope with the distribution of Rayleigh, whose values are 3/2
+    /// and 1/2; with loads that come and go the first is larger. A force that is either there or not has 1, and the second is the
+    /// share of the time that it is there.
+    pub(crate) fn envelope(&self, line: usize, channel: usize) -> [f64; 2] {
+        let place = line * self.kept.len() + channel;
+        let samples = (self.averages() * MOMENTS.len()) as f64;
+        let [first, second, third] = [0, 1, 2].map(|order: usize| self.total.envelope[order][place] / samples);
+        [third * first / (second * second), first * first / second]
+    }
+
     /// Kurtosis of the band-passed response at a line, by channel: 3 for noise and modes, 1.5 for a steady harmonic.
     ///
     /// From the complex lines: 1.5 <|X|^4> / <|X|^2>^2 (spectral kurtosis; Antoni 2006, eq. 6, for the real signal).
@@ -97,9 +145,78 @@ impl CrossSpectrum {
         let windows = self.averages() as f64;
         (0..count)
             .map(|channel| {
-                let power = self.total.sums.re[line * triangle(count) + packed(count, channel, channel)] / windows;
+                let power = self.density(line, channel);
                 1.5 * self.total.fourths[line * count + channel] / windows / (power * power)
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::spectra::CrossSpectrumAccumulator;
+    use crate::spectra::direct::Welch;
+
+    const GRID: LineGrid = LineGrid { sampling_rate_hz: 1.0, segment: 256, first_line: 10, lines: 100 };
+    /// A line of `GRID`, in cycles a sample.
+    const LINE_HZ: f64 = 60.0 / 256.0;
+
+    /// Noise and 20 times as strong a tone at line 50: its frequency off by what `wanders` says of each sample, there where `is_on`.
+    fn noise_and_tone(size: f64, wanders: impl Fn(usize) -> f64, is_on: impl Fn(usize) -> bool) -> CrossSpectrum {
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        let mut welch = Welch::new(GRID, 1, 1).unwrap();
+        let mut accumulator = CrossSpectrumAccumulator::new(GRID, 1).unwrap();
+        let mut phase = 0.0;
+        for row in 0..30_000 {
+            let noise: f64 = (0..6).map(|_| random.random_range(-1.0..1.0)).sum();
+            phase += TAU * (LINE_HZ + wanders(row));
+            let tone = if is_on(row) { size * phase.sin() } else { 0.0 };
+            welch.push(&[noise + tone], &mut |window| accumulator.add(window).unwrap());
+        }
+        accumulator.finish().unwrap().0
+    }
+
+    #[test]
+    fn the_power_of_noise_in_a_band_varies_by_no_less_than_its_least_and_that_of_a_wandering_tone_hardly() {
+        let noise = noise_and_tone(0.0, |_| 0.0, |_| true);
+        for (width, half) in BAND_HALVES.into_iter().enumerate() {
+            let [variation, least] = noise.variation(50, 0, width);
+            assert!((0.7..1.5).contains(&(variation / least)), "{width}: {variation} {least}");
+            // Independent lines would have one over their number.
+            assert!(least > 1.5 / (2 * half + 1) as f64);
+        }
+        let wanders = |row: usize| 2.5 / 256.0 * (row as f64 / 700.0).sin();
+        let tone = noise_and_tone(5.0, wanders, |_| true);
+        let [variation, least] = tone.variation(50, 0, 1);
+        assert!(variation < 0.3 * least, "{variation} {least}");
+        assert!(tone.kurtosis(50)[0] > 2.2, "a line alone does not show it: {:?}", tone.kurtosis(50));
+    }
+
+    #[test]
+    fn the_envelope_of_noise_is_that_of_rayleigh_and_a_tones_that_goes_on_and_off_is_flat() {
+        let noise = noise_and_tone(0.0, |_| 0.0, |_| true);
+        let [flat, share] = noise.envelope(50, 0);
+        assert!((flat - 1.5).abs() < 0.1 && (share - 0.5).abs() < 0.05, "{flat} {share}");
+        let [flat, share] = noise_and_tone(5.0, |_| 0.0, |_| true).envelope(50, 0);
+        assert!((flat - 1.0).abs() < 0.05 && (share - 1.0).abs() < 0.1, "{flat} {share}");
+        let [flat, share] = noise_and_tone(5.0, |_| 0.0, |row| row % 1500 < 500).envelope(50, 0);
+        assert!(flat < 1.15 && (share - 1.0 / 3.0).abs() < 0.05, "{flat} {share}");
+        // Loads that come and go are no tone.
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let mut welch = Welch::new(GRID, 1, 1).unwrap();
+        let mut accumulator = CrossSpectrumAccumulator::new(GRID, 1).unwrap();
+        for row in 0..30_000 {
+            let gust = if row % 1500 < 500 { 3.0 } else { 1.0 };
+            let noise: f64 = (0..6).map(|_| random.random_range(-1.0..1.0)).sum();
+            welch.push(&[gust * noise], &mut |window| accumulator.add(window).unwrap());
+        }
+        let [flat, _] = accumulator.finish().unwrap().0.envelope(50, 0);
+        assert!(flat > 1.4, "{flat}");
     }
 }

@@ -19,3 +19,4 @@ pub use cross_spectrum::CrossSpectrum;
 pub use grid::{LineGrid, WindowLines};
 pub use plan::{PlanError, SetupExtent, SpectralPlan};
 pub use stand_out::{Silenced, StandOut};
+pub(crate) use sums::{BAND_HALVES, ENVELOPE_HALF};

@@ -245,7 +245,8 @@ fn reason(
     } else if averages < enough {
         format!("the most averages that this record gives, {averages}")
     } else if best.segment == longest && longest == LONGEST_OF_NODES {
-        format!("the longest that a node has; {averages} averages")
+        let finer = if averages >= 2 * enough { "; --direct has longer ones" } else { "" };
+        format!("the longest that a node has; {averages} averages{finer}")
     } else {
         format!("the finest lines that leave {enough} averages; {averages} here")
     };

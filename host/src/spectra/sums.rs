@@ -3,9 +3,10 @@
 //! Windows of the same sound channels flow in; sums over them, in double precision for the average and in single precision for
 //! the jackknife, flow out.
 
+use std::f64::consts::TAU;
 use std::ops::AddAssign;
 
-use num_complex::Complex32;
+use num_complex::{Complex32, Complex64};
 
 /// Sums over windows in which the same channels are sound: upper triangles of the outer products, line by line. Real and
 /// imaginary parts lie apart, so that a row of a triangle is summed as one vector.
@@ -16,11 +17,29 @@ pub(super) struct Sums<T> {
     pub(super) im: Vec<T>,
 }
 
+/// Lines to either side of a line that belong to a band.
+pub(crate) const BAND_HALVES: [usize; 3] = [2, 4, 8];
+
+/// The same for the envelope in a band.
+pub(crate) const ENVELOPE_HALF: usize = 4;
+/// The moments of a window at which it is taken, as shares of its length: those of windows at half overlap follow each other.
+pub(super) const MOMENTS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
+
+/// The lines of the band about a line.
+pub(super) fn band(line: usize, half: usize, lines: usize) -> std::ops::Range<usize> {
+    line.saturating_sub(half)..(line + half + 1).min(lines)
+}
+
 /// The averages' own sums, and the fourth powers of the magnitudes, line by line, channel by channel.
 #[derive(Debug, Clone)]
 pub(super) struct Total {
     pub(super) sums: Sums<f64>,
     pub(super) fourths: Vec<f64>,
+    /// The squares of the powers in bands about each line, by half-width as in [`BAND_HALVES`], line by line, channel by channel.
+    pub(super) bands: [Vec<f64>; BAND_HALVES.len()],
+    /// The first three moments of the power at some moments of a window, of the band of [`ENVELOPE_HALF`] lines to either side of
+    /// each line, line by line, channel by channel; sums.
+    pub(super) envelope: [Vec<f64>; 3],
     /// Windows of the set, and the rank of the set that it replaced.
     pub(super) rank: usize,
 }
@@ -62,6 +81,76 @@ pub(super) fn add_outer_products(
     }
 }
 
+impl Total {
+    pub(super) fn zero(lines: usize, count: usize, rank: usize) -> Self {
+        Self {
+            sums: Sums::zero(lines * triangle(count)),
+            fourths: vec![0.0; lines * count],
+            bands: std::array::from_fn(|_| vec![0.0; lines * count]),
+            envelope: std::array::from_fn(|_| vec![0.0; lines * count]),
+            rank,
+        }
+    }
+
+    /// Adds the squares of some windows' powers in bands.
+    pub(super) fn add_bands(&mut self, windows: &[(u128, Vec<Vec<Complex32>>)], count: usize, lines: usize) {
+        // Of all lines below one.
+        let mut below = vec![0.0; lines + 1];
+        for (_, channels) in windows {
+            for (channel, values) in channels.iter().enumerate() {
+                for (line, value) in values.iter().enumerate() {
+                    below[line + 1] = below[line] + f64::from(value.norm_sqr());
+                }
+                for (half, sums) in BAND_HALVES.into_iter().zip(&mut self.bands) {
+                    for (line, sums) in sums.chunks_exact_mut(count).enumerate() {
+                        let band = band(line, half, lines);
+                        let power = below[band.end] - below[band.start];
+                        sums[channel] += power * power;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds the moments of some windows' envelopes.
+    pub(super) fn add_envelopes(&mut self, windows: &[(u128, Vec<Vec<Complex32>>)], count: usize) {
+        for (channel, values) in windows.iter().flat_map(|(_, channels)| channels.iter().enumerate()) {
+            for moment in MOMENTS {
+                let turn = Complex64::cis(TAU * moment);
+                let ahead = Complex64::cis(TAU * moment * (ENVELOPE_HALF + 1) as f64);
+                let behind = Complex64::cis(-TAU * moment * ENVELOPE_HALF as f64);
+                // The window's own weight at this moment.
+                let weight = (std::f64::consts::PI * moment).sin().powi(-4);
+                let at = |line: usize| {
+                    values.get(line).map_or(Complex64::ZERO, |value| Complex64::new(value.re.into(), value.im.into()))
+                };
+                // The sum over the band, each line turned by its distance from the band's middle; from line to line one comes and
+                // one goes.
+                let mut sum: Complex64 =
+                    (0..=ENVELOPE_HALF).map(|line| at(line) * Complex64::cis(TAU * moment * line as f64)).sum();
+                for line in 0..values.len() {
+                    let power = weight * sum.norm_sqr();
+                    let place = line * count + channel;
+                    self.envelope[0][place] += power;
+                    self.envelope[1][place] += power * power;
+                    self.envelope[2][place] += power * power * power;
+                    let gone = line.checked_sub(ENVELOPE_HALF).map_or(Complex64::ZERO, at);
+                    sum = (sum - gone * behind + at(line + ENVELOPE_HALF + 1) * ahead) * turn.conj();
+                }
+            }
+        }
+    }
+
+    /// Adds the sums of another part of the same channels.
+    pub(super) fn add(&mut self, part: &Self) {
+        let add = |sums: &mut [f64], parts: &[f64]| sums.iter_mut().zip(parts).for_each(|(sum, part)| *sum += part);
+        self.sums.add(&part.sums);
+        add(&mut self.fourths, &part.fourths);
+        self.bands.iter_mut().zip(&part.bands).for_each(|(bands, part)| add(bands, part));
+        self.envelope.iter_mut().zip(&part.envelope).for_each(|(moments, part)| add(moments, part));
+    }
+}
+
 impl<T: Copy + Default + AddAssign> Sums<T> {
     pub(super) fn zero(length: usize) -> Self {
         Self { windows: 0, re: vec![T::default(); length], im: vec![T::default(); length] }
@@ -99,6 +188,8 @@ impl Total {
         Self {
             sums: self.sums.restricted(subset, lines),
             fourths: subset.restricted_channels(self.fourths, lines),
+            bands: self.bands.map(|band| subset.restricted_channels(band, lines)),
+            envelope: self.envelope.map(|moments| subset.restricted_channels(moments, lines)),
             rank: self.rank,
         }
     }

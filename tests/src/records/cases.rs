@@ -4,6 +4,7 @@ use rand::Rng;
 
 use super::fault::Fault;
 use super::load::Load;
+use super::machine::{Machine, Runs};
 use super::structure::Structure;
 
 /// A kind of recording.
@@ -90,8 +91,12 @@ const fn roving(name: &'static str, what: &'static str, references: [usize; 2]) 
     Case { name, what, build: TOWER, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None, roving }
 }
 
+const fn machine(name: &'static str, what: &'static str, bandwidths: f64, runs: Runs) -> Case {
+    wind(name, what, Some(Fault::Machine(Machine { mode: 4, bandwidths, runs })))
+}
+
 /// All cases.
-pub const CASES: [Case; 23] = [
+pub const CASES: [Case; 27] = [
     wind("wind", "a tower of 20 channels and 10 modes under wind that is coherent up its height, 6 h at 20 Hz", None),
     correlated("correlated-0", "8 random modes, loads of f^(-5/3), modal forces uncorrelated, 4 h", 0.0),
     correlated("correlated-10", "the same with forces correlated by 0.1", 0.1),
@@ -121,6 +126,10 @@ pub const CASES: [Case; 23] = [
     wind("noise", "`wind`, one channel with added noise of ten times its root mean square", Some(Fault::Noise)),
     wind("missing-rows", "`wind`, 1 % of rows missing, unsaid", Some(Fault::MissingRows)),
     wind("clipped", "`wind`, one channel cut at 1.5 times its root mean square", Some(Fault::Clipped)),
+    machine("tone-1", "`wind`, and a machine one bandwidth above a mode", 1.0, Runs::Steadily),
+    machine("tone-2.5", "the same two and a half bandwidths above", 2.5, Runs::Steadily),
+    machine("tone-wanders", "the same, its frequency wandering by 0.3 %", 2.5, Runs::Wandering(3e-3)),
+    machine("tone-on-off", "the same, on and off for five minutes each on average", 2.5, Runs::OnAndOff(300.0)),
     Case {
         name: "still",
         what: "a structure that stands still: 10 channels of noise, an hour at 20 Hz; there is no mode to find",

@@ -2,8 +2,11 @@
 
 use rand::{Rng, RngExt};
 
+use super::machine::Machine;
+use super::structure::Structure;
+
 /// A fault of a recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
     /// One sample of one channel is off by 9.81 m/s².
     Spike,
@@ -19,13 +22,16 @@ pub enum Fault {
     Clipped,
     /// The structure stands still: there is nothing but noise, of another size in each channel.
     StandsStill,
+    /// A machine shakes it.
+    Machine(Machine),
 }
 
 const G: f64 = 9.81;
 
 impl Fault {
-    /// Damages samples, row by row.
-    pub(super) fn damage(self, samples: &mut Vec<f32>, channels: usize, random: &mut impl Rng) {
+    /// Damages samples of a structure, row by row.
+    pub(super) fn damage(self, samples: &mut Vec<f32>, structure: &Structure, rate_hz: f64, random: &mut impl Rng) {
+        let channels = structure.places.len();
         let rows = samples.len() / channels;
         let channel = random.random_range(0..channels);
         let sum: f64 = samples.iter().skip(channel).step_by(channels).map(|value| f64::from(*value).powi(2)).sum();
@@ -58,6 +64,7 @@ impl Fault {
                     }
                 }
             }
+            Self::Machine(machine) => machine.shake(samples, structure, rate_hz, random),
             Self::MissingRows => {
                 let kept: Vec<bool> = (0..rows).map(|_| !random.random_bool(0.01)).collect();
                 let mut row = 0;

@@ -8,10 +8,12 @@
 mod cases;
 mod fault;
 mod load;
+mod machine;
 mod record;
 mod score;
 mod structure;
 
 pub use cases::{CASES, Case, case};
 pub use fault::Fault;
+pub use machine::Machine;
 pub use score::{CaseScore, ModeScore, run};

@@ -23,6 +23,8 @@ const NOISE: f64 = 0.03;
 /// Found: within 2 % of the frequency or five times the lower bound, whichever is larger, with at least this MAC.
 const NEAR: f64 = 0.02;
 const LEAST_MAC: f64 = 0.5;
+/// A machine is told where a tone is listed within this share of its frequency.
+const MACHINE_NEAR: f64 = 0.005;
 /// A mode can be seen where the bound of its frequency and of its damping is below these shares.
 const SEEN: [f64; 2] = [0.02, 0.5];
 
@@ -58,6 +60,8 @@ pub struct CaseScore {
     pub refused: Vec<(u64, String)>,
     /// What was said of faults and doubts.
     pub warnings: Vec<String>,
+    /// Records in which a machine is told, and records with one.
+    pub machines: [usize; 2],
     /// Modes of which the second opinion says that it agrees, that it differs, and that it has none such.
     pub opinions: [usize; 3],
     /// Seconds that the first method took, and the second opinion.
@@ -78,7 +82,7 @@ pub fn run(case: &Case, seed: u64, method: &str, folder: &Path, into: &mut CaseS
     for (setup, kept) in setups(case, channels).iter().enumerate() {
         let mut samples = record(&structure, case.load, case.rate_hz, case.seconds, NOISE, &mut random);
         if let Some(fault) = case.fault {
-            fault.damage(&mut samples, channels, &mut random);
+            fault.damage(&mut samples, &structure, case.rate_hz, &mut random);
         }
         let rows = samples.chunks(channels);
         let samples: Vec<f32> = rows.flat_map(|row| kept.iter().map(|&channel| row[channel])).collect();
@@ -105,6 +109,13 @@ pub fn run(case: &Case, seed: u64, method: &str, folder: &Path, into: &mut CaseS
     let timings = &report["timings"];
     for (seconds, key) in into.seconds.iter_mut().zip(["modes_s", "second_opinion_s"]) {
         *seconds += timings[key].as_f64().unwrap_or(0.0);
+    }
+    if let Some(Fault::Machine(machine)) = case.fault {
+        let hz = machine.frequency_hz(&structure);
+        let told =
+            report["harmonics"].as_array().into_iter().flatten().filter_map(|tone| tone["frequency_hz"].as_f64());
+        into.machines[0] += usize::from(told.into_iter().any(|found| (found / hz - 1.0).abs() < MACHINE_NEAR));
+        into.machines[1] += 1;
     }
     if method == "both" {
         for mode in report["modes"].as_array().into_iter().flatten() {
@@ -281,13 +292,17 @@ impl CaseScore {
         let all = |of: fn(&ModeScore) -> &Vec<f64>| self.modes.iter().flat_map(of).copied().collect::<Vec<f64>>();
         let (frequency_z, damping_z) = (all(|mode| &mode.frequency_z), all(|mode| &mode.damping_z));
         let [agree, differ, without] = self.opinions;
+        let machines = match self.machines {
+            [_, 0] => String::new(),
+            [told, records] => format!("; machines told in {told} of {records} records"),
+        };
         let opinions = if agree + differ + without > 0 {
             format!("; second opinion: agrees on {agree}, differs on {differ}, has none on {without}")
         } else {
             String::new()
         };
         format!(
-            "all: {} found, {} missed, {} invented; z rms f {:.2} ({:.0} % beyond 3), damping {:.2} ({:.0} %), shape {:.2}; error/bound f {:.2}, damping {:.2}{opinions}; {:.2} s and {:.2} s",
+            "all: {} found, {} missed, {} invented; z rms f {:.2} ({:.0} % beyond 3), damping {:.2} ({:.0} %), shape {:.2}; error/bound f {:.2}, damping {:.2}{opinions}{machines}; {:.2} s and {:.2} s",
             frequency_z.len(),
             self.modes.iter().map(|mode| mode.missed).sum::<usize>(),
             self.invented_hz.len(),

@@ -42,3 +42,29 @@ fn a_structure_that_stands_still_has_no_modes_in_the_eyes_of_both_methods() {
         assert_eq!((score.invented_hz, score.refused), (vec![], vec![]), "seed {seed}");
     }
 }
+
+/// A machine two and a half bandwidths above a mode is told, is no mode, and costs the mode next to nothing.
+fn is_told_and_does_no_harm(name: &str) {
+    let shaken = score(name);
+    assert_eq!(shaken.machines, [1, 1], "{}", shaken.table());
+    assert_eq!(shaken.invented_hz, []);
+    for mode in &shaken.modes {
+        assert_eq!(mode.missed, 0, "{}", shaken.table());
+        let errors = mode.frequency_over_bound.iter().chain(&mode.damping_over_bound);
+        assert!(errors.into_iter().all(|error| error.abs() < 6.0), "{}", shaken.table());
+        assert!(mode.least_mac.is_some_and(|mac| mac > 0.995), "{}", shaken.table());
+    }
+}
+
+#[test]
+fn a_machine_whose_speed_wanders_is_told_and_does_no_harm() {
+    is_told_and_does_no_harm("tone-wanders");
+}
+
+#[test]
+#[cfg_attr(not(long_tests), ignore = "long: ./test --all")]
+fn machines_that_run_steadily_or_now_and_then_are_told_and_do_no_harm() {
+    for name in ["tone-1", "tone-2.5", "tone-on-off"] {
+        is_told_and_does_no_harm(name);
+    }
+}

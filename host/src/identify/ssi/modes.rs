@@ -231,7 +231,12 @@ fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid
     let kurtosis = suggested(grid, measured, &Suggestion { frequency_hz, damping_ratio, shapes }).kurtosis;
     let is_undamped = poles.iter().all(|pole| pole.damping_ratio < MIN_DAMPING);
     let is_forced = kurtosis.is_harmonics() || (kurtosis.is_low() && is_undamped);
-    is_forced.then_some(Harmonic { frequency_hz, kurtosis: kurtosis.value })
+    is_forced.then_some(Harmonic {
+        frequency_hz,
+        kurtosis: kurtosis.value,
+        wanders_hz: kurtosis.wanders_lines as f64 * grid.spacing_hz(),
+        on_share: kurtosis.on_share,
+    })
 }
 
 /// A pole as the first method would give it.

@@ -149,9 +149,10 @@ pub(super) fn add_opinions(
             is_used[pole] = true;
         }
         let is_forced = |pole: &StablePole| {
-            let distance_hz = |forced_hz: f64| (forced_hz - pole.frequency_hz).abs();
-            let mut forced = identification.harmonics.iter();
-            forced.any(|forced| distance_hz(forced.frequency_hz) < FORCED_LINES * spacing_hz)
+            identification.harmonics.iter().any(|forced| {
+                let distance_hz = (forced.frequency_hz - pole.frequency_hz).abs();
+                distance_hz < FORCED_LINES * spacing_hz + forced.wanders_hz
+            })
         };
         let is_unwanted = |pole: &StablePole| {
             choice.drop_hz.iter().any(|hz| (hz - pole.frequency_hz).abs() < meant_hz(spacing_hz, *hz))

@@ -1,0 +1,145 @@
+//! Tones, as of machines: where they are, and the lines that they take from modes.
+//!
+//! A tone's line flows in; its frequency, and the lines in which it is, flow out. A mode beside it is fitted to the others.
+
+use std::f64::consts::PI;
+
+use super::pick::Pick;
+use super::result::SingularSpectrum;
+use crate::spectra::{CrossSpectrum, LineGrid};
+
+/// Lines to either side that are a tone's whatever its size: the Hann window's main lobe.
+const LOBE_LINES: f64 = 2.0;
+/// Of a line's power, how much may be a tone's where modes are fitted.
+const LEAST_SHARE: f64 = 0.03;
+/// Lines to either side that a tone takes at most.
+const MOST_LINES: usize = 40;
+
+/// A tone: its strongest line, and the lines to either side over which its frequency wanders.
+pub(super) type Tone = (usize, usize);
+
+/// The lines that tones are in, in order.
+pub(super) fn lines(spectrum: &CrossSpectrum, tones: &[Tone]) -> Vec<usize> {
+    let power = |line: usize| spectrum.power(line);
+    let mut taken: Vec<usize> = tones.iter().flat_map(|&tone| taken_by(tone, spectrum.grid().lines, power)).collect();
+    taken.sort_unstable();
+    taken.dedup();
+    taken
+}
+
+/// The lines that a tone is in.
+fn taken_by((line, wanders): Tone, lines: usize, power: impl Fn(usize) -> f64) -> Vec<usize> {
+    let at = |line: usize| if line < lines { power(line) } else { 0.0 };
+    let offset = if wanders == 0 { offset(at(line), at(line.wrapping_sub(1)), at(line + 1)) } else { 0.0 };
+    let whole = at(line) / leak(offset);
+    let is_taken = |other: &usize| {
+        let distance = ((*other as f64 - line as f64 - offset).abs() - wanders as f64).max(0.0);
+        distance < LOBE_LINES || whole * leak(distance) > LEAST_SHARE * at(*other)
+    };
+    let reach = MOST_LINES + wanders;
+    (line.saturating_sub(reach)..(line + reach + 1).min(lines)).filter(is_taken).collect()
+}
+
+/// Leaves of the picks of one wandering tone the one that shows it best.
+pub(super) fn one_each(tones: &mut Vec<Pick>) {
+    tones.sort_by(|a, b| b.kurtosis.sigmas_below.total_cmp(&a.kurtosis.sigmas_below));
+    let mut kept: Vec<Pick> = Vec::new();
+    for tone in tones.drain(..) {
+        let is_same =
+            |other: &Pick| other.line.abs_diff(tone.line) <= other.kurtosis.wanders_lines + tone.kurtosis.wanders_lines;
+        if !kept.iter().any(is_same) {
+            kept.push(tone);
+        }
+    }
+    kept.sort_by_key(|tone| tone.line);
+    *tones = kept;
+}
+
+/// The power that the Hann window lets through of a tone `distance` lines away, at most.
+fn leak(distance: f64) -> f64 {
+    let amplitude = if distance < LOBE_LINES - 0.5 {
+        let x = PI * distance;
+        let sinc = if x.abs() < 1e-6 { 1.0 } else { x.sin() / x };
+        // At one line the zero of the sine meets that of the denominator.
+        if (1.0 - distance * distance).abs() < 1e-6 { 0.5 } else { sinc / (1.0 - distance * distance) }
+    } else {
+        1.0 / (PI * distance * (distance * distance - 1.0))
+    };
+    amplitude * amplitude
+}
+
+/// How many lines a tone is from its strongest line, from the powers there and on both sides: the Hann window gives the magnitudes
+/// of the two strongest the ratio r = (1 + d)/(2 - d) for a tone d lines from the strongest towards the other (Rife & Vincent
+/// 1970).
+fn offset(here: f64, left: f64, right: f64) -> f64 {
+    let (stronger, side) = if left > right { (left, -1.0) } else { (right, 1.0) };
+    let ratio = (stronger / here.max(f64::MIN_POSITIVE)).sqrt();
+    side * ((2.0 * ratio - 1.0) / (1.0 + ratio)).clamp(0.0, 0.5)
+}
+
+/// A tone's frequency: of a steady one from the magnitudes of its strongest lines, pooled over the setups, of one that wanders
+/// the centre of its power.
+pub(super) fn frequency_hz(grid: &LineGrid, singular: &[SingularSpectrum], (line, wanders): Tone) -> f64 {
+    let power = |line: usize| {
+        let values = singular.iter().filter_map(|setup| setup.values.first()?.get(line));
+        let mean = values.map(|value| value.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / singular.len().max(1) as f64;
+        mean.exp()
+    };
+    if wanders > 0 {
+        let band = line.saturating_sub(wanders)..(line + wanders + 1).min(grid.lines);
+        let (sum, moment) = band.fold((0.0, 0.0), |(sum, moment), line| {
+            (sum + power(line), moment + power(line) * grid.frequency_hz(line))
+        });
+        return moment / sum;
+    }
+    grid.frequency_hz(line) + offset(power(line), power(line.saturating_sub(1)), power(line + 1)) * grid.spacing_hz()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The power of a tone of unit power between lines, exactly.
+    fn tone(at: f64) -> impl Fn(usize) -> f64 {
+        move |line: usize| {
+            let x = line as f64 - at;
+            let value = if x.abs() < 1e-9 {
+                1.0
+            } else if (x.abs() - 1.0).abs() < 1e-9 {
+                0.5
+            } else {
+                (PI * x).sin() / (PI * x * (1.0 - x * x))
+            };
+            value * value
+        }
+    }
+
+    #[test]
+    fn a_weak_tone_takes_its_lobe_and_a_strong_one_what_it_leaks_into() {
+        for at in [50.0, 50.3, 49.6] {
+            let with = |size: f64| {
+                let tone = tone(at);
+                taken_by((50, 0), 100, move |line| 1.0 + size * tone(line))
+            };
+            let weak = with(30.0);
+            assert!((3..=5).contains(&weak.len()) && weak.contains(&50), "{at}: {weak:?}");
+            let strong = with(1e6);
+            let tone = tone(at);
+            assert!(strong.len() < 30 && (0..100).all(|line| strong.contains(&line) || 1e6 * tone(line) < 0.04));
+        }
+        let wandering = taken_by((50, 4), 100, |line| if line.abs_diff(50) <= 4 { 30.0 } else { 1.0 });
+        assert!((11..=13).contains(&wandering.len()), "{wandering:?}");
+        // At the band's end.
+        assert!(taken_by((0, 0), 100, tone(0.2)).contains(&0));
+    }
+
+    #[test]
+    fn the_offset_is_that_of_the_two_strongest_lines() {
+        for at in [50.0, 50.3, 49.6, 50.49] {
+            let power = tone(at);
+            let line = at.round() as usize;
+            let found = offset(power(line), power(line - 1), power(line + 1));
+            assert!((line as f64 + found - at).abs() < 1e-9, "{at} {found}");
+        }
+    }
+}
