@@ -80,21 +80,33 @@ impl CrossSpectrum {
         self.unpack(line, (self.averages() - group.windows).max(1), part)
     }
 
+    /// The weighted sum of the matrices of consecutive lines; without the windows of one group, where one is named.
+    pub(crate) fn weighted_sum(&self, first: usize, weights: &[f64], without: Option<usize>) -> DMatrix<Complex64> {
+        let count = self.kept.len();
+        let size = triangle(count);
+        let group = without.map(|group| &self.groups[group]);
+        let windows = (self.averages() - group.map_or(0, |group| group.windows)).max(1) as f64;
+        let total = &self.total.sums;
+        let (mut re, mut im) = (vec![0.0; size], vec![0.0; size]);
+        for (line, weight) in (first..).zip(weights) {
+            let (places, weight) = (line * size..(line + 1) * size, weight / windows);
+            add(&mut re, &total.re[places.clone()], weight);
+            add(&mut im, &total.im[places.clone()], weight);
+            if let Some(group) = group {
+                add(&mut re, &group.re[places.clone()], -weight);
+                add(&mut im, &group.im[places], -weight);
+            }
+        }
+        hermitian(count, |place| Complex64::new(re[place], im[place]))
+    }
+
     fn unpack(&self, line: usize, windows: usize, minus: impl Fn(usize) -> Complex64) -> DMatrix<Complex64> {
         let count = self.kept.len();
         let from = line * triangle(count);
         let sums = &self.total.sums;
-        let mut matrix = DMatrix::zeros(count, count);
-        let mut place = from;
-        for row in 0..count {
-            for column in row..count {
-                let value = (Complex64::new(sums.re[place], sums.im[place]) - minus(place)) / windows as f64;
-                matrix[(row, column)] = value;
-                matrix[(column, row)] = value.conj();
-                place += 1;
-            }
-        }
-        matrix
+        hermitian(count, |place| {
+            (Complex64::new(sums.re[from + place], sums.im[from + place]) - minus(from + place)) / windows as f64
+        })
     }
 
     /// A channel's density at a line.
@@ -150,6 +162,25 @@ impl CrossSpectrum {
             })
             .collect()
     }
+}
+
+fn add<T: Copy + Into<f64>>(sums: &mut [f64], parts: &[T], weight: f64) {
+    sums.iter_mut().zip(parts).for_each(|(sum, part)| *sum += weight * (*part).into());
+}
+
+/// The Hermitian matrix of a packed upper triangle.
+fn hermitian(count: usize, value: impl Fn(usize) -> Complex64) -> DMatrix<Complex64> {
+    let mut matrix = DMatrix::zeros(count, count);
+    let mut place = 0;
+    for row in 0..count {
+        for column in row..count {
+            let value = value(place);
+            matrix[(row, column)] = value;
+            matrix[(column, row)] = value.conj();
+            place += 1;
+        }
+    }
+    matrix
 }
 
 #[cfg(test)]

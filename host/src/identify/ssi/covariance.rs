@@ -171,7 +171,7 @@ impl Reading {
             centre_hz: grid.frequency_hz(centre),
             interval_s: 1.0 / (grid.spacing_hz() * band.lines as f64),
         };
-        let whole = reading.transformed(|line| spectrum.matrix(line), |sum| sum);
+        let whole = reading.transformed(spectrum, None, |sum| sum);
         let channels = spectrum.channels().len();
         let mut energy: DMatrix<Complex64> = DMatrix::zeros(channels, channels);
         for covariance in &whole {
@@ -195,7 +195,7 @@ impl Reading {
     /// The covariances without one group of windows.
     pub(super) fn without(&self, spectrum: &CrossSpectrum, group: usize) -> Covariances {
         let references = self.directions.columns(0, self.references).into_owned();
-        self.projected(self.transformed(|line| spectrum.matrix_without(group, line), |sum| sum * &references))
+        self.projected(self.transformed(spectrum, Some(group), |sum| sum * &references))
     }
 
     fn projected(&self, channels: Vec<DMatrix<Complex64>>) -> Covariances {
@@ -207,7 +207,8 @@ impl Reading {
     /// the autocorrelation of the Hann window and the kernel of the bins.
     fn transformed(
         &self,
-        matrix: impl Fn(usize) -> DMatrix<Complex64>,
+        spectrum: &CrossSpectrum,
+        without: Option<usize>,
         transformed: impl Fn(DMatrix<Complex64>) -> DMatrix<Complex64>,
     ) -> Vec<DMatrix<Complex64>> {
         let lines = self.band.lines;
@@ -215,17 +216,14 @@ impl Reading {
         // Odd, so that a bin's centre is a line.
         let bin = (lines / BINS) / 2 * 2 + 1;
         let kernels: Vec<f64> = self.lags.iter().map(|&lag| bin_kernel(lag, bin, lines)).collect();
-        let tapered = |line: usize| matrix(self.band.first + line) * Complex64::from(self.band.taper(line));
+        let taper: Vec<f64> = (0..lines).map(|line| self.band.taper(line)).collect();
         let mut sums: Vec<DMatrix<Complex64>> = Vec::new();
         let mut first = 0;
         while first < lines {
             // What is left at the end of a number of lines that bins do not divide is taken line by line.
             let count = if first + bin <= lines { bin } else { 1 };
-            let mut here = tapered(first);
-            for line in first + 1..first + count {
-                here += tapered(line);
-            }
-            let here = transformed(here);
+            let weights = &taper[first..first + count];
+            let here = transformed(spectrum.weighted_sum(self.band.first + first, weights, without));
             sums.resize_with(self.lags.len(), || DMatrix::zeros(here.nrows(), here.ncols()));
             let offset = first + count / 2 + lines - lines / 2;
             for ((sum, &lag), kernel) in sums.iter_mut().zip(&self.lags).zip(&kernels) {
