@@ -187,7 +187,7 @@ impl CrossSpectrumAccumulator {
                 || add_outer_products(windows, count, lines, sums, &mut total.fourths),
             );
             total.add_bands(windows, count, lines);
-            total.add_envelopes(windows, count);
+            total.add_envelopes(windows, count, lines);
         }
         self.waiting.clear();
     }

@@ -96,48 +96,40 @@ impl Total {
     pub(super) fn add_bands(&mut self, windows: &[(u128, Vec<Vec<Complex32>>)], count: usize, lines: usize) {
         // Of all lines below one.
         let mut below = vec![0.0; lines + 1];
-        for (_, channels) in windows {
-            for (channel, values) in channels.iter().enumerate() {
-                for (line, value) in values.iter().enumerate() {
+        let mut squares = vec![[0.0; BAND_HALVES.len()]; lines];
+        for channel in 0..count {
+            squares.fill([0.0; BAND_HALVES.len()]);
+            for (_, channels) in windows {
+                for (line, value) in channels[channel].iter().enumerate() {
                     below[line + 1] = below[line] + f64::from(value.norm_sqr());
                 }
-                for (half, sums) in BAND_HALVES.into_iter().zip(&mut self.bands) {
-                    for (line, sums) in sums.chunks_exact_mut(count).enumerate() {
+                for (line, squares) in squares.iter_mut().enumerate() {
+                    for (half, square) in BAND_HALVES.into_iter().zip(squares) {
                         let band = band(line, half, lines);
-                        let power = below[band.end] - below[band.start];
-                        sums[channel] += power * power;
+                        *square += (below[band.end] - below[band.start]).powi(2);
                     }
                 }
             }
+            add_channel(&mut self.bands, &squares, channel, count);
         }
     }
 
     /// Adds the moments of some windows' envelopes.
-    pub(super) fn add_envelopes(&mut self, windows: &[(u128, Vec<Vec<Complex32>>)], count: usize) {
-        for (channel, values) in windows.iter().flat_map(|(_, channels)| channels.iter().enumerate()) {
-            for moment in MOMENTS {
-                let turn = Complex64::cis(TAU * moment);
-                let ahead = Complex64::cis(TAU * moment * (ENVELOPE_HALF + 1) as f64);
-                let behind = Complex64::cis(-TAU * moment * ENVELOPE_HALF as f64);
-                // The window's own weight at this moment.
-                let weight = (std::f64::consts::PI * moment).sin().powi(-4);
-                let at = |line: usize| {
-                    values.get(line).map_or(Complex64::ZERO, |value| Complex64::new(value.re.into(), value.im.into()))
-                };
-                // The sum over the band, each line turned by its distance from the band's middle; from line to line one comes and
-                // one goes.
-                let mut sum: Complex64 =
-                    (0..=ENVELOPE_HALF).map(|line| at(line) * Complex64::cis(TAU * moment * line as f64)).sum();
-                for line in 0..values.len() {
-                    let power = weight * sum.norm_sqr();
-                    let place = line * count + channel;
-                    self.envelope[0][place] += power;
-                    self.envelope[1][place] += power * power;
-                    self.envelope[2][place] += power * power * power;
-                    let gone = line.checked_sub(ENVELOPE_HALF).map_or(Complex64::ZERO, at);
-                    sum = (sum - gone * behind + at(line + ENVELOPE_HALF + 1) * ahead) * turn.conj();
+    pub(super) fn add_envelopes(&mut self, windows: &[(u128, Vec<Vec<Complex32>>)], count: usize, lines: usize) {
+        // Lines that the band does not reach are zero.
+        let mut values = vec![Complex64::ZERO; lines + 2 * ENVELOPE_HALF + 1];
+        let mut moments = vec![[0.0; 3]; lines];
+        for channel in 0..count {
+            moments.fill([0.0; 3]);
+            for (_, channels) in windows {
+                for (value, line) in values[ENVELOPE_HALF..].iter_mut().zip(&channels[channel]) {
+                    *value = Complex64::new(line.re.into(), line.im.into());
+                }
+                for moment in MOMENTS {
+                    add_envelope(&values, moment, &mut moments);
                 }
             }
+            add_channel(&mut self.envelope, &moments, channel, count);
         }
     }
 
@@ -148,6 +140,40 @@ impl Total {
         add(&mut self.fourths, &part.fourths);
         self.bands.iter_mut().zip(&part.bands).for_each(|(bands, part)| add(bands, part));
         self.envelope.iter_mut().zip(&part.envelope).for_each(|(moments, part)| add(moments, part));
+    }
+}
+
+/// Adds the moments of the envelope about each line at a moment of a window; `values` has [`ENVELOPE_HALF`] zeros before the first
+/// line, and one more after the last.
+fn add_envelope(values: &[Complex64], moment: f64, moments: &mut [[f64; 3]]) {
+    let turns = |lines: f64| Complex64::cis(TAU * moment * lines);
+    let (back, ahead, behind) = (turns(-1.0), turns(ENVELOPE_HALF as f64), turns(-(ENVELOPE_HALF as f64) - 1.0));
+    // The window's own weight at this moment.
+    let weight = (std::f64::consts::PI * moment).sin().powi(-4);
+    // The sum over the band, each line turned by its distance from the band's middle; from line to line one comes and one goes.
+    let first = values.iter().take(2 * ENVELOPE_HALF + 1).enumerate();
+    let mut sum: Complex64 = first.map(|(line, value)| value * turns(line as f64 - ENVELOPE_HALF as f64)).sum();
+    let moving = values.iter().zip(&values[2 * ENVELOPE_HALF + 1..]);
+    for ([first, second, third], (gone, new)) in moments.iter_mut().zip(moving) {
+        let power = weight * sum.norm_sqr();
+        *first += power;
+        *second += power * power;
+        *third += power * power * power;
+        sum = sum * back - gone * behind + new * ahead;
+    }
+}
+
+/// Adds what a channel has at each line.
+fn add_channel<const KINDS: usize>(
+    sums: &mut [Vec<f64>; KINDS],
+    values: &[[f64; KINDS]],
+    channel: usize,
+    count: usize,
+) {
+    for (line, values) in values.iter().enumerate() {
+        for (sums, value) in sums.iter_mut().zip(values) {
+            sums[line * count + channel] += value;
+        }
     }
 }
 
