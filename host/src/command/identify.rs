@@ -115,13 +115,15 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.json(&report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification, method == Method::Both)));
     for harmonic in &report.identification.harmonics {
-        let wanders = match harmonic.wanders_hz {
-            0.0 => String::new(),
-            _ if harmonic.on_share < 1.0 => format!(", there {:.0} % of the time", 100.0 * harmonic.on_share),
-            hz => format!(", wandering within ± {hz:.4} Hz"),
+        let how = if harmonic.on_share < 1.0 {
+            format!(", there {:.0} % of the time", 100.0 * harmonic.on_share)
+        } else if harmonic.wanders_hz > 0.0 {
+            format!(", wandering within ± {:.4} Hz", harmonic.wanders_hz)
+        } else {
+            String::new()
         };
         console.say(format!(
-            "Forced line at {:.4} Hz{wanders} (kurtosis {:.2}; a mode has 3): machinery or vortices, not a mode.",
+            "Forced line at {:.4} Hz{how} (kurtosis {:.2}; a mode has 3): machinery or vortices, not a mode.",
             harmonic.frequency_hz, harmonic.kurtosis
         ));
     }

@@ -19,7 +19,7 @@ use super::Suggestion;
 use super::setup::MeasuredSetup;
 use super::shape::{Shape, mac};
 use super::singular::{Leading, NOISE_EDGE_CHANNELS, SingularValues, leading, noise_edge};
-use crate::spectra::{BAND_HALVES, ENVELOPE_HALF, LineGrid};
+use crate::spectra::{BAND_HALVES, CrossSpectrum, ENVELOPE_HALF, LineGrid, around};
 
 /// How many standard deviations (of the difference of two pooled log spectra) a peak must stand out by.
 const PROMINENCE_SIGMAS: f64 = 4.0;
@@ -129,7 +129,7 @@ pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[
             if 2 * near.len() > channels {
                 break;
             }
-            let region = centre.saturating_sub(domain)..(centre + domain + 1).min(grid.lines);
+            let region = around(centre, domain, grid.lines);
             let below = Layer::new(measured, singular, &near, region);
             let found = below
                 .modes(prominence, 2)
@@ -173,7 +173,7 @@ pub(super) fn peak_near(
     let mut near: Vec<&Pick> = picks.iter().filter(|pick| pick.line.abs_diff(centre) <= 2 * domain).collect();
     near.sort_by_key(|pick| pick.line.abs_diff(centre));
     near.truncate(channels / 2);
-    let region = centre.saturating_sub(domain)..(centre + domain + 1).min(grid.lines);
+    let region = around(centre, domain, grid.lines);
     let layer = Layer::new(measured, singular, &near, region.clone());
     let reach = (leeway_hz / grid.spacing_hz()).round().max(1.0) as usize;
     let highest = region
@@ -357,15 +357,9 @@ fn projected(matrix: DMatrix<Complex64>, shapes: &[&Shape]) -> DMatrix<Complex64
 
 /// The kurtosis of the response at a pick, or in a band about it where that is a harmonic's.
 pub(super) fn kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Kurtosis {
-    let (mut sum, mut windows) = (0.0, 0.0);
-    for (m, shape) in measured.iter().zip(&pick.shapes) {
-        // The channel that moves most carries least noise.
-        let channel = shape.icamax();
-        let weight = m.spectrum.averages() as f64;
-        sum += weight * m.spectrum.kurtosis(pick.line).get(channel).copied().unwrap_or(3.0);
-        windows += weight;
-    }
-    let value = sum / windows;
+    let at_pick = |spectrum: &CrossSpectrum, channel: usize| [spectrum.kurtosis(pick.line)[channel]];
+    let [value] = pooled(measured, pick, at_pick);
+    let windows = measured.iter().map(|m| m.spectrum.averages() as f64).sum::<f64>();
     let effective = windows / OVERLAP_VARIANCE;
     // Mean and standard deviation of 1.5 <|X|^4>/<|X|^2>^2 for a Gaussian response.
     let expected = 3.0 * effective / (effective + measured.len() as f64);
@@ -381,54 +375,56 @@ pub(super) fn kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Kurtosis 
         .unwrap_or(at_line)
 }
 
-/// The kurtosis of a force that goes on and off, where that is what the envelope about a pick shows.
-fn on_and_off(measured: &[MeasuredSetup<'_>], pick: &Pick, windows: f64) -> Option<Kurtosis> {
-    let (mut flat, mut on_share) = (0.0, 0.0);
+/// Values of the channel that moves most at a pick, which carries least noise: the mean over the setups by their averages.
+fn pooled<const COUNT: usize>(
+    measured: &[MeasuredSetup<'_>],
+    pick: &Pick,
+    values: impl Fn(&CrossSpectrum, usize) -> [f64; COUNT],
+) -> [f64; COUNT] {
+    let (mut sums, mut windows) = ([0.0; COUNT], 0.0);
     for (m, shape) in measured.iter().zip(&pick.shapes) {
-        let channel = shape.icamax();
-        if !is_among_strongest(m, pick.line, channel, ENVELOPE_HALF) {
-            return None;
+        let weight = m.spectrum.averages() as f64;
+        windows += weight;
+        for (sum, value) in sums.iter_mut().zip(values(&m.spectrum, shape.icamax())) {
+            *sum += weight * value;
         }
-        let share = m.spectrum.averages() as f64 / windows;
-        let [here_flat, here_on] = m.spectrum.envelope(pick.line, channel);
-        flat += share * here_flat;
-        on_share += share * here_on;
     }
-    let by_chance = CHANCE[0] * (windows / WINDOWS_A_VALUE).powf(CHANCE[1]);
-    let sigmas_below = HARMONIC_SIGMAS * (GAUSSIAN_ENVELOPE - flat) / by_chance;
-    let kurtosis = Kurtosis { value: 1.5 / on_share, sigmas_below, wanders_lines: ENVELOPE_HALF, on_share };
-    kurtosis.is_harmonics().then_some(kurtosis)
+    sums.map(|sum| sum / windows)
 }
 
-/// Whether a channel's density at a line is among the largest of the band about it.
-fn is_among_strongest(measured: &MeasuredSetup<'_>, line: usize, channel: usize, half: usize) -> bool {
-    let spectrum = &measured.spectrum;
-    let band = line.saturating_sub(half)..(line + half + 1).min(spectrum.grid().lines);
-    let most = band.map(|line| spectrum.density(line, channel)).fold(0.0, f64::max);
-    spectrum.density(line, channel) >= OWN_SHARE * most
+/// Whether the density at a pick's line is among the largest of the band about it, in every setup.
+fn is_among_strongest(measured: &[MeasuredSetup<'_>], pick: &Pick, half: usize) -> bool {
+    measured.iter().zip(&pick.shapes).all(|(m, shape)| {
+        let density = |line: usize| m.spectrum.density(line, shape.icamax());
+        let most = around(pick.line, half, m.spectrum.grid().lines).map(density).fold(0.0, f64::max);
+        density(pick.line) >= OWN_SHARE * most
+    })
 }
 
 /// The kurtosis in a band about a pick, where that is a force of constant size and the pick's line among its strongest.
 fn wandering(measured: &[MeasuredSetup<'_>], pick: &Pick, width: usize, effective: f64) -> Option<Kurtosis> {
-    let (mut variation, mut of_noise, mut windows) = (0.0, 0.0, 0.0);
-    for (m, shape) in measured.iter().zip(&pick.shapes) {
-        let channel = shape.icamax();
-        if !is_among_strongest(m, pick.line, channel, BAND_HALVES[width]) {
-            return None;
-        }
-        let weight = m.spectrum.averages() as f64;
-        let [here, least] = m.spectrum.variation(pick.line, channel, width);
-        variation += weight * here;
-        of_noise += weight * least;
-        windows += weight;
-    }
-    let (variation, of_noise) = (variation / windows, of_noise / windows);
+    let [variation, of_noise] =
+        pooled(measured, pick, |spectrum, channel| spectrum.variation(pick.line, channel, width));
     // Of a power that is Gamma distributed, the relative variance 1/k is found with a variance of 2 (k + 1)/k³ a window.
     let deviation = (2.0 * of_noise * of_noise * (1.0 + of_noise) / effective).sqrt();
     let sigmas_below = (of_noise - variation) / deviation;
     let value = 1.5 * (1.0 + variation);
     let is_steady = variation < STEADY_SHARE * of_noise && sigmas_below > HARMONIC_SIGMAS;
-    is_steady.then_some(Kurtosis { value, sigmas_below, wanders_lines: BAND_HALVES[width], on_share: 1.0 })
+    (is_steady && is_among_strongest(measured, pick, BAND_HALVES[width])).then_some(Kurtosis {
+        value,
+        sigmas_below,
+        wanders_lines: BAND_HALVES[width],
+        on_share: 1.0,
+    })
+}
+
+/// The kurtosis of a force that goes on and off, where that is what the envelope about a pick shows.
+fn on_and_off(measured: &[MeasuredSetup<'_>], pick: &Pick, windows: f64) -> Option<Kurtosis> {
+    let [flat, on_share] = pooled(measured, pick, |spectrum, channel| spectrum.envelope(pick.line, channel));
+    let by_chance = CHANCE[0] * (windows / WINDOWS_A_VALUE).powf(CHANCE[1]);
+    let sigmas_below = HARMONIC_SIGMAS * (GAUSSIAN_ENVELOPE - flat) / by_chance;
+    let kurtosis = Kurtosis { value: 1.5 / on_share, sigmas_below, wanders_lines: ENVELOPE_HALF, on_share };
+    (kurtosis.is_harmonics() && is_among_strongest(measured, pick, ENVELOPE_HALF)).then_some(kurtosis)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 
 use super::pick::Pick;
 use super::result::SingularSpectrum;
-use crate::spectra::{CrossSpectrum, LineGrid};
+use crate::spectra::{CrossSpectrum, LineGrid, around};
 
 /// Lines to either side that are a tone's whatever its size: the Hann window's main lobe.
 const LOBE_LINES: f64 = 2.0;
@@ -37,7 +37,7 @@ fn taken_by((line, wanders): Tone, lines: usize, power: impl Fn(usize) -> f64) -
         distance < LOBE_LINES || whole * leak(distance) > LEAST_SHARE * at(*other)
     };
     let reach = MOST_LINES + wanders;
-    (line.saturating_sub(reach)..(line + reach + 1).min(lines)).filter(is_taken).collect()
+    around(line, reach, lines).filter(is_taken).collect()
 }
 
 /// Leaves of the picks of one wandering tone the one that shows it best.
@@ -86,7 +86,7 @@ pub(super) fn frequency_hz(grid: &LineGrid, singular: &[SingularSpectrum], (line
         mean.exp()
     };
     if wanders > 0 {
-        let band = line.saturating_sub(wanders)..(line + wanders + 1).min(grid.lines);
+        let band = around(line, wanders, grid.lines);
         let (sum, moment) = band.fold((0.0, 0.0), |(sum, moment), line| {
             (sum + power(line), moment + power(line) * grid.frequency_hz(line))
         });

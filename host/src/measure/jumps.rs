@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 
 use super::ring::Rows;
-use crate::processor::on_this_processor;
+use crate::processor::{for_each_row, weighted_sum};
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 
 /// Rows of a window, and from one to the next. The window (three terms, Harris 1978, table 1: side lobes of -71 dB) passes what lies
@@ -91,13 +91,11 @@ impl JumpFinder {
 
     /// Takes rows, row-major, NaN where a sample is missing.
     pub(super) fn push(&mut self, rows: &[f64]) {
-        on_this_processor(
+        for_each_row(
+            rows,
+            self.rows.channels(),
             #[inline(always)]
-            || {
-                for row in rows.chunks_exact(self.rows.channels().max(1)) {
-                    self.push_row(row);
-                }
-            },
+            |row| self.push_row(row),
         );
     }
 
@@ -161,16 +159,7 @@ impl JumpFinder {
     #[inline(always)]
     fn parts(&self, first: u64) -> Vec<f64> {
         let mut parts = vec![0.0; self.rows.channels()];
-        let rows = self.rows.from(first);
-        let mut channel = 0;
-        while channel < parts.len() {
-            // As many channels at a time as there are registers for.
-            channel += match parts.len() - channel {
-                16.. => weighted_sum::<16>(&self.window, rows, &mut parts, channel),
-                4.. => weighted_sum::<4>(&self.window, rows, &mut parts, channel),
-                _ => weighted_sum::<1>(&self.window, rows, &mut parts, channel),
-            };
-        }
+        weighted_sum(&self.window, self.rows.from(first), &mut parts);
         parts
     }
 
@@ -207,22 +196,6 @@ impl JumpFinder {
             self.found.places += 1;
         }
     }
-}
-
-/// The weighted sum of rows in `WIDTH` channels of `sums` from `first` on; how many channels that are.
-#[inline(always)]
-fn weighted_sum<const WIDTH: usize>(weights: &[f64], rows: &[f64], sums: &mut [f64], first: usize) -> usize {
-    let mut some = [0.0; WIDTH];
-    let mut from = first;
-    for weight in weights {
-        let row = &rows[from..from + WIDTH];
-        for channel in 0..WIDTH {
-            some[channel] += weight * row[channel];
-        }
-        from += sums.len();
-    }
-    sums[first..first + WIDTH].copy_from_slice(&some);
-    WIDTH
 }
 
 #[cfg(test)]

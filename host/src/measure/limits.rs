@@ -3,7 +3,7 @@
 //! Rows flow in; which channels were cut off, how often and since when, flows out. The largest values of a signal that is not cut
 //! off are rarer than those a little smaller; where it is cut off, one value stands there again and again.
 
-use crate::processor::on_this_processor;
+use crate::processor::for_each_row;
 
 /// Visits of a channel's end that make it cut off...
 const LEAST_VISITS: u64 = 10;
@@ -90,13 +90,11 @@ impl Limits {
 
     /// Takes rows, row-major, NaN where a sample is missing.
     pub(super) fn push(&mut self, rows: &[f64]) {
-        on_this_processor(
+        for_each_row(
+            rows,
+            self.ends.len(),
             #[inline(always)]
-            || {
-                for row in rows.chunks_exact(self.ends.len().max(1)) {
-                    self.push_row(row);
-                }
-            },
+            |row| self.push_row(row),
         );
     }
 

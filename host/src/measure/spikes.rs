@@ -4,7 +4,7 @@
 //! neighbours is many times what is usual for the channel, and the neighbours agree with each other. Nothing that a structure does
 //! looks like that, for a recorder's own filter spreads it over several samples.
 
-use crate::processor::on_this_processor;
+use crate::processor::for_each_row;
 
 /// A spike is this many root mean squares of the usual distance away.
 const FAR: f64 = 12.0;
@@ -55,13 +55,11 @@ impl SpikeFilter {
     /// Takes rows, row-major, NaN where a sample is missing; hands out those that are complete with them.
     pub(super) fn push(&mut self, rows: &[f64]) -> &[f64] {
         self.out.clear();
-        on_this_processor(
+        for_each_row(
+            rows,
+            self.before.len(),
             #[inline(always)]
-            || {
-                for row in rows.chunks_exact(self.before.len().max(1)) {
-                    self.push_row(row);
-                }
-            },
+            |row| self.push_row(row),
         );
         &self.out
     }

@@ -15,7 +15,7 @@ use super::sums::{ChannelSubset, Sums, Total, add_outer_products, triangle};
 use crate::processor::on_this_processor;
 
 /// Groups are merged pairwise when there would be more; so there are 12 to 24 once there are as many windows.
-const MAX_GROUPS: usize = 24;
+pub(super) const MAX_GROUPS: usize = 24;
 /// Windows that are added together at most.
 const MAX_WAITING: usize = 8;
 /// Sets of channels that sums are kept for; each costs as much memory as the whole average.

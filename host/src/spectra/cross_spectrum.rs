@@ -6,8 +6,8 @@
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
-use super::grid::LineGrid;
-use super::sums::{BAND_HALVES, ChannelSubset, MOMENTS, Sums, Total, band, packed, triangle};
+use super::grid::{LineGrid, around};
+use super::sums::{BAND_HALVES, ChannelSubset, MOMENTS, Sums, Total, packed, triangle};
 
 /// Averaged cross-spectral matrices of one setup.
 #[derive(Debug, Clone)]
@@ -67,10 +67,7 @@ impl CrossSpectrum {
 
     /// The sum of the channels' densities at a line: the trace of [`CrossSpectrum::matrix`].
     pub fn power(&self, line: usize) -> f64 {
-        let count = self.kept.len();
-        let own =
-            (0..count).map(|channel| self.total.sums.re[line * triangle(count) + packed(count, channel, channel)]);
-        own.sum::<f64>() / self.averages() as f64
+        (0..self.kept.len()).map(|channel| self.density(line, channel)).sum()
     }
 
     /// The matrix of a line without the windows of one group.
@@ -124,7 +121,7 @@ impl CrossSpectrum {
     pub(crate) fn variation(&self, line: usize, channel: usize, width: usize) -> [f64; 2] {
         /// Correlation of lines of white noise under Hann's window, by their distance.
         const JOINED: [f64; 3] = [1.0, 2.0 / 3.0, 1.0 / 6.0];
-        let band = band(line, BAND_HALVES[width], self.grid.lines);
+        let band = around(line, BAND_HALVES[width], self.grid.lines);
         let densities: Vec<f64> = band.map(|line| self.density(line, channel)).collect();
         let power: f64 = densities.iter().sum();
         let mean_square =
@@ -198,19 +195,25 @@ mod tests {
     /// A line of `GRID`, in cycles a sample.
     const LINE_HZ: f64 = 60.0 / 256.0;
 
-    /// Noise and 20 times as strong a tone at line 50: its frequency off by what `wanders` says of each sample, there where `is_on`.
-    fn noise_and_tone(size: f64, wanders: impl Fn(usize) -> f64, is_on: impl Fn(usize) -> bool) -> CrossSpectrum {
+    /// The spectrum of a channel that `sample` makes of noise, row by row.
+    fn spectrum(mut sample: impl FnMut(usize, f64) -> f64) -> CrossSpectrum {
         let mut random = ChaCha8Rng::seed_from_u64(7);
         let mut welch = Welch::new(GRID, 1, 1).unwrap();
         let mut accumulator = CrossSpectrumAccumulator::new(GRID, 1).unwrap();
-        let mut phase = 0.0;
         for row in 0..30_000 {
             let noise: f64 = (0..6).map(|_| random.random_range(-1.0..1.0)).sum();
-            phase += TAU * (LINE_HZ + wanders(row));
-            let tone = if is_on(row) { size * phase.sin() } else { 0.0 };
-            welch.push(&[noise + tone], &mut |window| accumulator.add(window).unwrap());
+            welch.push(&[sample(row, noise)], &mut |window| accumulator.add(window).unwrap());
         }
         accumulator.finish().unwrap().0
+    }
+
+    /// Noise and a tone at line 50: its frequency off by what `wanders` says of each sample, there where `is_on`.
+    fn noise_and_tone(size: f64, wanders: impl Fn(usize) -> f64, is_on: impl Fn(usize) -> bool) -> CrossSpectrum {
+        let mut phase = 0.0;
+        spectrum(|row, noise| {
+            phase += TAU * (LINE_HZ + wanders(row));
+            noise + if is_on(row) { size * phase.sin() } else { 0.0 }
+        })
     }
 
     #[test]
@@ -239,15 +242,8 @@ mod tests {
         let [flat, share] = noise_and_tone(5.0, |_| 0.0, |row| row % 1500 < 500).envelope(50, 0);
         assert!(flat < 1.15 && (share - 1.0 / 3.0).abs() < 0.05, "{flat} {share}");
         // Loads that come and go are no tone.
-        let mut random = ChaCha8Rng::seed_from_u64(3);
-        let mut welch = Welch::new(GRID, 1, 1).unwrap();
-        let mut accumulator = CrossSpectrumAccumulator::new(GRID, 1).unwrap();
-        for row in 0..30_000 {
-            let gust = if row % 1500 < 500 { 3.0 } else { 1.0 };
-            let noise: f64 = (0..6).map(|_| random.random_range(-1.0..1.0)).sum();
-            welch.push(&[gust * noise], &mut |window| accumulator.add(window).unwrap());
-        }
-        let [flat, _] = accumulator.finish().unwrap().0.envelope(50, 0);
+        let gusts = spectrum(|row, noise| if row % 1500 < 500 { 3.0 * noise } else { noise });
+        let [flat, _] = gusts.envelope(50, 0);
         assert!(flat > 1.4, "{flat}");
     }
 }

@@ -10,7 +10,7 @@ use belfry_shared::decimation::{MAX_STAGES, Stages, fill_taps, tap_count};
 use num_complex::{Complex32, Complex64};
 
 use super::grid::{LineGrid, WindowLines};
-use crate::processor::on_this_processor;
+use crate::processor::{for_each_row, weighted_sum};
 
 /// Rows that a stage takes in before it moves the last ones to the front again, at least.
 const STAGE_ROWS: usize = 256;
@@ -51,38 +51,9 @@ impl Stage {
             return false;
         }
         self.missing = self.ratio;
-        let rows = &self.rows[self.end - reach..self.end];
-        let mut first = 0;
-        while first < row.len() {
-            // As many channels at a time as there are registers for.
-            first += match row.len() - first {
-                16.. => filter::<16>(&self.taps, rows, row, first),
-                4.. => filter::<4>(&self.taps, rows, row, first),
-                _ => filter::<1>(&self.taps, rows, row, first),
-            };
-        }
+        weighted_sum(&self.taps, &self.rows[self.end - reach..self.end], row);
         true
     }
-}
-
-/// What the taps, which are alike on both sides of the middle, make of `rows` in `WIDTH` channels of `out` from `first` on; how
-/// many channels that are.
-#[inline(always)]
-fn filter<const WIDTH: usize>(taps: &[f64], rows: &[f64], out: &mut [f64], first: usize) -> usize {
-    let channels = out.len();
-    let (mut early, mut late) = (first, rows.len() - channels + first);
-    let mut sums = [0.0; WIDTH];
-    for tap in &taps[..taps.len() / 2] {
-        let (before, after) = (&rows[early..early + WIDTH], &rows[late..late + WIDTH]);
-        for channel in 0..WIDTH {
-            sums[channel] += tap * (before[channel] + after[channel]);
-        }
-        (early, late) = (early + channels, late - channels);
-    }
-    for channel in 0..WIDTH {
-        out[first + channel] = sums[channel] + taps[taps.len() / 2] * rows[early + channel];
-    }
-    WIDTH
 }
 
 /// What is known of the channels' soundness.
@@ -183,14 +154,11 @@ impl Welch {
     /// Takes rows (row-major, a value a channel, NaN where one is missing) and hands out the windows that are complete with
     /// them.
     pub fn push(&mut self, rows: &[f64], on_window: &mut dyn FnMut(WindowLines)) {
-        let channels = self.row.len().max(1);
-        on_this_processor(
+        for_each_row(
+            rows,
+            self.row.len(),
             #[inline(always)]
-            || {
-                for row in rows.chunks_exact(channels) {
-                    self.push_row(row, on_window);
-                }
-            },
+            |row| self.push_row(row, on_window),
         );
     }
 

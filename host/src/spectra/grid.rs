@@ -62,6 +62,11 @@ impl WindowLines {
     }
 }
 
+/// The lines from `reach` below a line to `reach` above, of as many as there are.
+pub(crate) fn around(line: usize, reach: usize, lines: usize) -> std::ops::Range<usize> {
+    line.saturating_sub(reach)..(line + reach + 1).min(lines)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

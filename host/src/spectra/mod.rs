@@ -16,6 +16,7 @@ mod sums;
 
 pub use accumulate::{CrossSpectrumAccumulator, SpectraError, SpectraWarning};
 pub use cross_spectrum::CrossSpectrum;
+pub(crate) use grid::around;
 pub use grid::{LineGrid, WindowLines};
 pub use plan::{PlanError, SetupExtent, SpectralPlan};
 pub use stand_out::{Silenced, StandOut};

@@ -8,7 +8,9 @@
 use belfry_shared::decimation::{Stages, USABLE_FRACTION};
 use thiserror::Error;
 
+use super::accumulate::MAX_GROUPS;
 use super::grid::LineGrid;
+use super::sums::triangle;
 use crate::study::Analysis;
 
 /// Averages a channel that picking modes by coherence needs.
@@ -20,12 +22,12 @@ pub(crate) const LOWEST_LINE: usize = 4;
 /// The shortest segment that a node can transform.
 pub(crate) const SHORTEST_SEGMENT: usize = 256;
 /// The longest.
-pub(crate) const LONGEST_OF_NODES: usize = 4096;
+const LONGEST_OF_NODES: usize = 4096;
 /// The longest that the host transforms.
-pub(crate) const LONGEST_SEGMENT: usize = 65_536;
+const LONGEST_SEGMENT: usize = 65_536;
 /// Bytes that the sums over windows may take where segments are longer than a node's: a value and its groups for the jackknife.
 const MOST_BYTES: usize = 160 << 20;
-const BYTES_A_VALUE: usize = 2 * (2 * 8 + 24 * 4);
+const BYTES_A_VALUE: usize = 2 * (2 * size_of::<f64>() + MAX_GROUPS * size_of::<f32>());
 /// Largest decimation that is tried.
 const MAX_DECIMATION: u32 = 1000;
 /// Share of the Nyquist frequency that is used where nothing is decimated.
@@ -322,7 +324,7 @@ fn usable_hz(rate_hz: f64, decimations: &[u32]) -> f64 {
 
 /// What the sums over all setups' windows take.
 fn bytes(setups: &[SetupExtent], lines: usize) -> usize {
-    let values = setups.iter().map(|setup| setup.channels * (setup.channels + 1) / 2).sum::<usize>();
+    let values = setups.iter().map(|setup| triangle(setup.channels)).sum::<usize>();
     values * lines * BYTES_A_VALUE
 }
 

@@ -8,6 +8,8 @@ use std::ops::AddAssign;
 
 use num_complex::{Complex32, Complex64};
 
+use super::grid::around;
+
 /// Sums over windows in which the same channels are sound: upper triangles of the outer products, line by line. Real and
 /// imaginary parts lie apart, so that a row of a triangle is summed as one vector.
 #[derive(Debug, Clone)]
@@ -24,11 +26,6 @@ pub(crate) const BAND_HALVES: [usize; 3] = [2, 4, 8];
 pub(crate) const ENVELOPE_HALF: usize = 4;
 /// The moments of a window at which it is taken, as shares of its length: those of windows at half overlap follow each other.
 pub(super) const MOMENTS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
-
-/// The lines of the band about a line.
-pub(super) fn band(line: usize, half: usize, lines: usize) -> std::ops::Range<usize> {
-    line.saturating_sub(half)..(line + half + 1).min(lines)
-}
 
 /// The averages' own sums, and the fourth powers of the magnitudes, line by line, channel by channel.
 #[derive(Debug, Clone)]
@@ -105,7 +102,7 @@ impl Total {
                 }
                 for (line, squares) in squares.iter_mut().enumerate() {
                     for (half, square) in BAND_HALVES.into_iter().zip(squares) {
-                        let band = band(line, half, lines);
+                        let band = around(line, half, lines);
                         *square += (below[band.end] - below[band.start]).powi(2);
                     }
                 }
@@ -140,6 +137,17 @@ impl Total {
         add(&mut self.fourths, &part.fourths);
         self.bands.iter_mut().zip(&part.bands).for_each(|(bands, part)| add(bands, part));
         self.envelope.iter_mut().zip(&part.envelope).for_each(|(moments, part)| add(moments, part));
+    }
+
+    /// The same of the wanted channels alone.
+    pub(super) fn restricted(self, subset: &ChannelSubset, lines: usize) -> Self {
+        Self {
+            sums: self.sums.restricted(subset, lines),
+            fourths: subset.restricted_channels(self.fourths, lines),
+            bands: self.bands.map(|band| subset.restricted_channels(band, lines)),
+            envelope: self.envelope.map(|moments| subset.restricted_channels(moments, lines)),
+            rank: self.rank,
+        }
     }
 }
 
@@ -205,19 +213,6 @@ impl<T: Copy + Default + AddAssign> Sums<T> {
             }
         }
         some
-    }
-}
-
-impl Total {
-    /// The same of the wanted channels alone.
-    pub(super) fn restricted(self, subset: &ChannelSubset, lines: usize) -> Self {
-        Self {
-            sums: self.sums.restricted(subset, lines),
-            fourths: subset.restricted_channels(self.fourths, lines),
-            bands: self.bands.map(|band| subset.restricted_channels(band, lines)),
-            envelope: self.envelope.map(|moments| subset.restricted_channels(moments, lines)),
-            rank: self.rank,
-        }
     }
 }
 
