@@ -1,5 +1,6 @@
 //! `belfry identify`: modes from a study's recordings.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use super::text::{Columns, in_shell, next_lines};
 use super::trends;
 use crate::identify::accuracy::{RecordNeeded, Wish};
 use crate::identify::ssi::SecondOpinion;
-use crate::identify::{Identification, Mode, ModeMethod};
+use crate::identify::{Identification, Mode, ModeMethod, OnInPart};
 use crate::story::{IdentifyRequest, Method, ModesReport, Project};
 
 const EXAMPLES: &str = "Examples:
@@ -100,6 +101,28 @@ impl Arguments {
     }
 }
 
+/// When a forced line was there most: the parts of the record with at least half of the largest share, joined.
+fn when(parts: &[OnInPart]) -> String {
+    let most = parts.iter().map(|part| part.on_share).fold(0.0, f64::max);
+    let is_on = |part: &&OnInPart| part.on_share >= 0.5 * most;
+    let setups: BTreeSet<&str> = parts.iter().map(|part| part.setup.as_str()).collect();
+    let mut spans: Vec<(&str, f64, f64)> = Vec::new();
+    for part in parts.iter().filter(is_on) {
+        match spans.last_mut() {
+            Some((setup, _, to_s)) if *setup == part.setup && *to_s == part.from_s => *to_s = part.to_s,
+            _ => spans.push((&part.setup, part.from_s, part.to_s)),
+        }
+    }
+    if spans.is_empty() || parts.iter().all(|part| is_on(&part)) {
+        return ", on and off throughout the record".to_owned();
+    }
+    let hours = |(setup, from_s, to_s): &(&str, f64, f64)| {
+        let of = if setups.len() > 1 { format!(" of \"{setup}\"") } else { String::new() };
+        format!("{:.2} to {:.2} h{of}", from_s / 3600.0, to_s / 3600.0)
+    };
+    format!(", most at {} of the record", spans.iter().map(hours).collect::<Vec<_>>().join(", "))
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -116,7 +139,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.say(format!("\n{}\n", modes_table(&report.identification, method == Method::Both)));
     for harmonic in &report.identification.harmonics {
         let how = if harmonic.on_share < 1.0 {
-            format!(", there {:.0} % of the time", 100.0 * harmonic.on_share)
+            format!(", there {:.0} % of the time{}", 100.0 * harmonic.on_share, when(&harmonic.on_by_part))
         } else if harmonic.wanders_hz > 0.0 {
             format!(", wandering within ± {:.4} Hz", harmonic.wanders_hz)
         } else {
@@ -155,12 +178,23 @@ pub(super) fn tell_warnings(report: &ModesReport, console: &Console) {
 
 /// The modes as a table; `best` is what no method can go below on the record at hand, `agrees` what a second method says.
 fn modes_table(identification: &Identification, has_second_opinion: bool) -> Columns {
-    let mut headings =
-        vec!["mode", "frequency Hz", "± Hz", "best ±", "damping %", "± %", "best ±", "collinearity", "moves most at"];
+    let mut headings = vec![
+        "mode",
+        "frequency Hz",
+        "± Hz",
+        "best ±",
+        "damping %",
+        "± %",
+        "best ±",
+        "lines",
+        "misfit",
+        "collinearity",
+        "moves most at",
+    ];
     if has_second_opinion {
         headings.push("agrees");
     }
-    let mut table = Columns::new(headings).expendable(&[6, 3, 7, 8]);
+    let mut table = Columns::new(headings).expendable(&[6, 3, 9, 10, 7, 8]);
     for mode in &identification.modes {
         let most = mode.shape.iter().max_by(|a, b| a.re.hypot(a.im).total_cmp(&b.re.hypot(b.im)));
         let mut row = vec![
@@ -171,6 +205,8 @@ fn modes_table(identification: &Identification, has_second_opinion: bool) -> Col
             format!("{:.2}", 100.0 * mode.damping_ratio),
             deviation(100.0 * mode.damping_ratio_std, 2),
             deviation(100.0 * mode.damping_ratio_std_bound, 2),
+            format!("{:.1}", mode.lines_in_bandwidth),
+            mode.misfit.map_or("-".to_owned(), |misfit| format!("{misfit:.1}")),
             format!("{:.3}", mode.phase_collinearity),
             most.map_or(String::new(), |component| component.point.clone()),
         ];

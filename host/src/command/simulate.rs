@@ -22,7 +22,7 @@ const EXAMPLES: &str = "Examples:
   belfry simulate canton --effect sensor-polarity@07 --scatter 0.7 --adopt
   belfry simulate canton --beam tower_as_built.csv --output recordings --force
 
-The structure is clamped at its base unless an effect frees it. White noise loads it at all nodes; the top of the Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json holds what identification should find. Interrupted, the command leaves no unfinished recording behind.";
+The structure is clamped at its base unless an effect frees it. White noise loads it at all nodes, coherent over a tenth of the height; the top of the Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json holds what identification should find. Interrupted, the command leaves no unfinished recording behind.";
 
 /// Simulate recordings of a structure with effects that the model lacks
 #[derive(Debug, Args)]
@@ -52,6 +52,9 @@ pub struct Arguments {
     /// White sensor noise in percent of each channel's RMS
     #[arg(long, default_value_t = Options::default().noise_percent)]
     noise_percent: f64,
+    /// Distance over which loads are coherent, in m; 0 for independent loads [default: a tenth of the height]
+    #[arg(long, value_name = "M", value_parser = length)]
+    coherence_m: Option<f64>,
     /// Folder for recordings and truth.json [default: the study's]
     #[arg(long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -87,6 +90,13 @@ fn scatter(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(share) if (0.0..=5.0).contains(&share) => Ok(share),
         _ => Err("expected a number from 0 to 5".to_owned()),
+    }
+}
+
+fn length(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(length) if (0.0..=1e6).contains(&length) => Ok(length),
+        _ => Err("expected a length in m, 0 or above".to_owned()),
     }
 }
 
@@ -134,6 +144,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         let options = Options {
             damping_ratio: arguments.damping_ratio,
             noise_percent: arguments.noise_percent,
+            coherence_length_m: arguments.coherence_m,
             seed: arguments.seed,
             stream,
             ..Options::default()

@@ -2,7 +2,9 @@
 //!
 //! A measured mode flows in; standard deviations flow out, assumed ones where the file of modes has none.
 
-use crate::modes::{MeasuredMode, MeasuredShape};
+use nalgebra::{DMatrix, DVector};
+
+use crate::modes::{MeasuredMode, MeasuredScatter, MeasuredShape};
 
 /// Least relative standard deviation of a measured frequency: what else may be wrong with it (temperature, amplitude).
 const FREQUENCY_FLOOR: f64 = 2e-4;
@@ -16,6 +18,39 @@ pub(super) const SHAPE_ASSUMED: f64 = 2e-2;
 /// Relative standard deviation of a measured frequency, never below its floor.
 pub(super) fn frequency_deviation(mode: &MeasuredMode) -> f64 {
     mode.frequency_std_hz.map_or(FREQUENCY_ASSUMED, |std| std / mode.frequency_hz).max(FREQUENCY_FLOOR)
+}
+
+/// How the errors of a mode hang together, after its frequency is relative and its shape of unit length.
+pub(super) struct Errors {
+    /// The part of each number's variance that is its own: the frequency, then the shape's components.
+    pub(super) own: DVector<f64>,
+    /// Rows whose products are the covariances; no columns where they are not known.
+    pub(super) joint: DMatrix<f64>,
+}
+
+impl Errors {
+    /// Of a mode and, where it is compared, its shape. A floor adds errors that do not hang together.
+    pub(super) fn of(mode: &MeasuredMode, shape: Option<&MeasuredShape>) -> Self {
+        let mut deviations = vec![frequency_deviation(mode)];
+        deviations.extend(shape.map(shape_deviations).unwrap_or_default());
+        let is_known = |scatter: &&MeasuredScatter| {
+            mode.frequency_std_hz.is_some()
+                && shape.is_none_or(|shape| shape.stds.is_some() && scatter.shape.nrows() == shape.sensors.len())
+        };
+        let scatter = mode.scatter.as_ref().filter(is_known);
+        let mut joint = DMatrix::zeros(deviations.len(), scatter.map_or(0, |scatter| scatter.frequency_hz.len()));
+        if let Some(scatter) = scatter {
+            joint.row_mut(0).copy_from(&(&scatter.frequency_hz / mode.frequency_hz));
+            if let Some(shape) = shape {
+                joint.rows_mut(1, shape.sensors.len()).copy_from(&(&scatter.shape / shape.values.norm()));
+            }
+        }
+        let own = deviations
+            .iter()
+            .zip(joint.row_iter())
+            .map(|(deviation, row)| (deviation * deviation - row.norm_squared()).max(0.0));
+        Self { own: DVector::from_iterator(deviations.len(), own), joint }
+    }
 }
 
 /// Standard deviations of a shape's components after it is brought to unit length, never below their floor.

@@ -4,7 +4,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::Serialize;
 use statrs::distribution::{ChiSquared as Distribution, ContinuousCDF};
 
-use super::deviation::{frequency_deviation, shape_deviations};
+use super::deviation::Errors;
 use super::pairing::{Pair, RANK_TOLERANCE, close_models};
 use super::tolerance::Tolerance;
 use super::view::ModelView;
@@ -42,6 +42,12 @@ pub fn chi_squared(
     let mut covariance = DMatrix::zeros(size, size);
     for (first, block) in residual.blocks() {
         covariance.view_mut((first, first), (block.size(), block.size())).copy_from(&block.covariance);
+        for (other_first, other) in residual.blocks().filter(|(other_first, _)| *other_first != first) {
+            if block.group.is_some() && block.group == other.group && block.joint.ncols() == other.joint.ncols() {
+                let between = &block.joint * other.joint.transpose();
+                covariance.view_mut((first, other_first), (block.size(), other.size())).copy_from(&between);
+            }
+        }
     }
     if let Some(tolerance) = tolerance {
         let sensitivities = sensitivities(view, &residual, tolerance);
@@ -157,6 +163,9 @@ pub(crate) struct Block {
     pub(crate) residual: DVector<f64>,
     /// Its covariance by the measurement's deviations.
     pub(crate) covariance: DMatrix<f64>,
+    /// Rows whose products with those of another block of the same group are the covariances with it.
+    joint: DMatrix<f64>,
+    group: Option<usize>,
     /// The shape, where it is compared.
     pub(crate) shape: Option<ShapeBlock>,
 }
@@ -185,20 +194,21 @@ impl Block {
         let shape = shape.and_then(|shape| Some((ShapeBlock::of(view, partners, shape)?, shape)));
         let size = 1 + shape.as_ref().map_or(0, |(block, _)| block.directions.ncols());
         let mut residual = DVector::zeros(size);
-        let mut covariance = DMatrix::zeros(size, size);
         residual[0] = difference;
-        covariance[(0, 0)] = frequency_deviation(mode).powi(2);
-        if let Some((block, shape)) = &shape {
+        let errors = Errors::of(mode, shape.as_ref().map(|(_, shape)| *shape));
+        // What is compared of frequency and shape: the frequency, and the shape's directions.
+        let mut compared = DMatrix::zeros(size, errors.own.len());
+        compared[(0, 0)] = 1.0;
+        if let Some((block, _)) = &shape {
             residual.rows_mut(1, size - 1).copy_from(&block.difference());
-            let variances = DVector::from_iterator(
-                shape.sensors.len(),
-                shape_deviations(shape).into_iter().map(|deviation| deviation * deviation),
-            );
-            let projected = block.directions.transpose() * DMatrix::from_diagonal(&variances) * &block.directions;
-            covariance.view_mut((1, 1), (size - 1, size - 1)).copy_from(&projected);
+            compared.view_mut((1, 1), (size - 1, errors.own.len() - 1)).copy_from(&block.directions.transpose());
         }
+        let joint = &compared * &errors.joint;
+        let own = &compared * DMatrix::from_diagonal(&errors.own) * compared.transpose();
+        let group = mode.scatter.as_ref().map(|scatter| scatter.group);
+        let covariance = own + &joint * joint.transpose();
         let (measured, model) = (pair.measured, pair.model);
-        Some(Self { measured, model, residual, covariance, shape: shape.map(|(block, _)| block) })
+        Some(Self { measured, model, residual, covariance, joint, group, shape: shape.map(|(block, _)| block) })
     }
 
     pub(crate) fn size(&self) -> usize {

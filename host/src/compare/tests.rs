@@ -34,6 +34,7 @@ fn measure(view: &ModelView, modes: impl IntoIterator<Item = usize>, random: &mu
         let values = shape.map(|value| value + deviates(0.01, random));
         let frequency_hz = view.modes.frequency_hz[mode];
         MeasuredMode {
+            scatter: None,
             number: number + 1,
             frequency_hz: frequency_hz * (1.0 + deviates(1e-3, random)),
             frequency_std_hz: Some(1e-3 * frequency_hz),
@@ -80,6 +81,7 @@ fn a_measured_mode_that_the_model_lacks_stays_alone_and_is_named() {
     values[6] = 1.0;
     let shape = MeasuredShape { imaginary: None, sensors: (0..20).collect(), values, stds: None };
     measured.push(MeasuredMode {
+        scatter: None,
         number: 5,
         frequency_hz: 0.37,
         frequency_std_hz: None,
@@ -99,6 +101,7 @@ fn frequencies_alone_pair_by_nearness() {
     let view = seen(&Structure::new(beam), &[]);
     let measured: Vec<MeasuredMode> = (0..5)
         .map(|mode| MeasuredMode {
+            scatter: None,
             number: mode + 1,
             frequency_hz: view.modes.frequency_hz[mode] * 1.02,
             frequency_std_hz: Some(1e-3),

@@ -199,6 +199,9 @@ impl Problem {
         for mode in &mut other.measured {
             if let Some(shape) = &mut mode.shape {
                 let rows = kept(shape);
+                if let Some(scatter) = &mut mode.scatter {
+                    scatter.shape = scatter.shape.select_rows(&rows);
+                }
                 shape.sensors = rows.iter().map(|&row| shape.sensors[row]).collect();
                 shape.values = shape.values.select_rows(&rows);
                 shape.imaginary = shape.imaginary.as_ref().map(|imaginary| imaginary.select_rows(&rows));

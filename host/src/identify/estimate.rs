@@ -13,7 +13,7 @@ use super::matrices::{LEAST_LINES, Matrices, bell};
 use super::pick::Pick;
 use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
-use super::scatter::{ShapeScatter, jackknife, noise_outside, noise_share};
+use super::scatter::{GroupChanges, ShapeScatter, changes, jackknife, noise_outside, noise_share};
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::{Shape, align, modal_filter, normalise, phase_collinearity};
 use super::start::{first_bell, known_bell};
@@ -443,6 +443,14 @@ impl State {
         };
         let collinearity = phase_collinearity(shape.as_slice());
         drop_scatter(&mut shape, &scatter.imaginary);
+        let of = |value: &dyn Fn(&Self) -> f64| changes(&replicates.iter().map(value).collect::<Vec<_>>());
+        let of_shape = |component: usize| changes(&aligned.iter().map(|other| other[component].re).collect::<Vec<_>>());
+        let rows: Vec<Vec<f64>> = (0..shape.len()).map(of_shape).collect();
+        let changes = GroupChanges {
+            frequency_hz: of(&|state| state.fits[mode].resonance.frequency_hz),
+            damping_ratio: of(&|state| state.fits[mode].resonance.damping_ratio),
+            shape: DMatrix::from_fn(rows.len(), replicates.len(), |row, group| rows[row][group]),
+        };
         let curve = self.curves[mode].clone();
         let misfit = curve.misfit(&replicates.iter().map(|replicate| &replicate.curves[mode]).collect::<Vec<_>>());
         let [lowest, highest] = self.limits_hz(mode, spacing_hz);
@@ -475,6 +483,7 @@ impl State {
             shape_noise,
             curve,
             misfit,
+            changes,
             collinearity,
         }
     }

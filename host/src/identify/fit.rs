@@ -84,6 +84,7 @@ pub(super) fn fit(
         kurtosis: pick.kurtosis.value,
         wanders_hz: pick.kurtosis.wanders_lines as f64 * grid.spacing_hz(),
         on_share: pick.kurtosis.on_share,
+        on_by_part: tone::on_by_part(measured, pick),
     };
     Identification {
         modes,

@@ -127,6 +127,7 @@ mod tests {
     use super::*;
     use crate::identify::curve::Curve;
     use crate::identify::resonance::{Quantity, Resonance};
+    use crate::identify::scatter::GroupChanges;
     use crate::identify::shape::Shape;
 
     const SPACING_HZ: f64 = 0.01;
@@ -146,6 +147,7 @@ mod tests {
             found: true,
             curve: Curve::default(),
             misfit: None,
+            changes: GroupChanges::unknown(4),
             collinearity: 1.0,
         }
     }

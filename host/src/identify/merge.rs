@@ -6,39 +6,21 @@
 
 use std::collections::BTreeMap;
 
-use num_complex::Complex64;
-
+use super::covariance::{self, Numbers};
+use super::join::{Point, changes, joined, references, variances};
 use super::result::{FittedSpectrum, Mode, ModeMethod, ShapeComponent};
-use super::scatter::noise_share;
+use super::scatter::{GroupChanges, noise_share};
 use super::setup::MeasuredSetup;
 use super::setup_mode::{SetupMode, SetupModes};
-use super::shape::{Shape, align, normalise, phase_collinearity};
+use super::shape::{Shape, normalise, phase_collinearity};
 use crate::spectra::LineGrid;
 
-/// Rounds of scaling setups to the mean of the references, and the mean to the setups.
-const ROUNDS: usize = 20;
 /// References below this share of a setup's shape cannot scale it.
 const MIN_REFERENCE_SHARE: f64 = 0.05;
 /// A shape that is uncertain by this share has no direction of its own among close modes.
 const PAIR_NOISE: f64 = 0.25;
 /// Setups disagree when their frequencies differ by this many standard deviations.
 const DISAGREEMENT_SIGMAS: f64 = 4.0;
-
-/// A measurement point of the merged shape.
-struct Point {
-    channel: String,
-    point: String,
-    /// (setup, place among its kept channels).
-    places: Vec<(usize, usize)>,
-    reference: bool,
-}
-
-impl Point {
-    /// Whether it brings setups together.
-    fn joins(&self) -> bool {
-        self.reference && self.places.len() > 1
-    }
-}
 
 /// Merges all setups' estimates.
 pub(super) fn merge(
@@ -50,17 +32,30 @@ pub(super) fn merge(
     let points = points(measured);
     let count = setups.iter().map(|setup| setup.modes.len()).min().unwrap_or(0);
     let duration_s: f64 = measured.iter().map(|m| duration_s(m, grid)).sum();
-    let mut modes: Vec<Mode> = (0..count)
+    let mut merged: Vec<(Mode, GroupChanges)> = (0..count)
         .map(|index| {
             let widened: Vec<SetupMode> = setups.iter().map(|setup| setup.modes[index].widened()).collect();
             let estimates: Vec<&SetupMode> = widened.iter().collect();
             merged(&points, &estimates, measured, grid, duration_s, warnings)
         })
         .collect();
-    modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    merged.sort_by(|(a, _), (b, _)| a.frequency_hz.total_cmp(&b.frequency_hz));
+    let (mut modes, changes): (Vec<Mode>, Vec<GroupChanges>) = merged.into_iter().unzip();
+    let scatter = covariance::joint(&modes.iter().zip(&changes).map(numbers).collect::<Vec<_>>(), grid.spacing_hz());
+    modes.iter_mut().zip(scatter).for_each(|(mode, scatter)| mode.scatter = scatter);
     number(&mut modes);
     warnings.extend(pairs(&mut modes));
     modes
+}
+
+fn numbers<'a>((mode, changes): (&Mode, &'a GroupChanges)) -> Numbers<'a> {
+    let stds = [mode.frequency_std_hz, mode.damping_ratio_std].into_iter();
+    Numbers {
+        frequency_hz: mode.frequency_hz,
+        bandwidth_hz: mode.bandwidth_hz(),
+        stds: stds.chain(mode.shape.iter().map(|component| component.std)).collect(),
+        changes,
+    }
 }
 
 /// Marks modes whose directions the record does not tell apart, and says so: two whose resonances overlap, of which the shape
@@ -138,7 +133,7 @@ fn merged(
     grid: &LineGrid,
     duration_s: f64,
     warnings: &mut Vec<String>,
-) -> Mode {
+) -> (Mode, GroupChanges) {
     // A mode that the user asked for stays where no setup shows it.
     let nowhere = estimates.iter().all(|mode| !mode.found);
     let found = || estimates.iter().filter(move |mode| mode.found || nowhere);
@@ -167,10 +162,26 @@ fn merged(
     let before = shape.iter().map(|component| component.norm()).fold(0.0, f64::max);
     normalise(&mut shape);
     let scale = if before > 0.0 { 1.0 / before } else { 1.0 };
+    // A setup that does not show the mode says nothing of its frequency.
+    let of_means = |std: fn(&SetupMode) -> f64, changes: fn(&GroupChanges) -> &[f64]| -> Vec<f64> {
+        let weights: Vec<f64> = estimates
+            .iter()
+            .map(|mode| if (mode.found || nowhere) && std(mode).is_finite() { std(mode).powi(-2) } else { 0.0 })
+            .collect();
+        let total: f64 = weights.iter().sum();
+        let each = estimates.iter().zip(&weights);
+        each.flat_map(|(mode, weight)| changes(&mode.changes).iter().map(move |change| weight / total * change))
+            .collect()
+    };
+    let changes = GroupChanges {
+        frequency_hz: of_means(|mode| mode.frequency_std_hz, |changes| &changes.frequency_hz),
+        damping_ratio: of_means(|mode| mode.damping_std, |changes| &changes.damping_ratio),
+        shape: changes(points, estimates, &shapes, &shape),
+    };
     // Au (2014): coefficients of variation sqrt(zeta / (2 pi N)) and 1 / sqrt(2 pi zeta N), N cycles in the record.
     let cycles = frequency_hz * duration_s;
     let phase_collinearity = phase_collinearity(shape.as_slice());
-    Mode {
+    let mode = Mode {
         number: 0,
         frequency_hz,
         frequency_std_hz,
@@ -197,7 +208,9 @@ fn merged(
         method: ModeMethod::Spectra,
         pair_with: None,
         second_opinion: None,
-    }
+        scatter: None,
+    };
+    (mode, changes)
 }
 
 /// A mode's spectrum in one setup; `None` where it was not fitted, or is not there.
@@ -227,11 +240,6 @@ fn misfits(frequency_hz: f64, fitted: &[FittedSpectrum]) -> Option<String> {
     ))
 }
 
-/// Points that bring setups together.
-fn references(points: &[Point]) -> impl Iterator<Item = &Point> {
-    points.iter().filter(|point| point.joins())
-}
-
 /// Says in which setups the references hardly move.
 fn weak_references(
     points: &[Point],
@@ -250,90 +258,6 @@ fn weak_references(
         })
     };
     estimates.iter().zip(measured).enumerate().filter_map(warning).collect()
-}
-
-/// The shape at all points, from that of each setup.
-fn joined(points: &[Point], shapes: &[Shape]) -> Shape {
-    let scales = scales(points, shapes);
-    let at = |point: &Point| {
-        let sum: Complex64 = point.places.iter().map(|&(setup, place)| scales[setup] * shapes[setup][place]).sum();
-        sum / point.places.len() as f64
-    };
-    Shape::from_iterator(points.len(), points.iter().map(at))
-}
-
-/// Variances of the components of a joined `shape`. With several setups, what a deviation of each component does to all others
-/// through the setups' scales; the length and phase of the whole are free.
-fn variances(points: &[Point], estimates: &[&SetupMode], shapes: &[Shape], shape: &Shape) -> Vec<f64> {
-    // Small enough for changes to be as straight as they can be told.
-    const STEP: f64 = 1e-4;
-    if let [mode] = estimates {
-        // The points are the setup's channels.
-        return mode.shape_std.iter().map(|std| std * std).collect();
-    }
-    let mut variances = vec![0.0; points.len()];
-    for (setup, mode) in estimates.iter().enumerate() {
-        for (place, &std) in mode.shape_std.iter().enumerate() {
-            if !std.is_finite() {
-                let is_of_it = |point: &Point| point.places.contains(&(setup, place));
-                // With a reference that nothing is known of, nothing is known of the whole setup's scale.
-                let is_reference = points.iter().any(|point| is_of_it(point) && point.joins());
-                let is_of_setup = |point: &Point| point.places.iter().any(|(other, _)| *other == setup);
-                for (variance, point) in variances.iter_mut().zip(points) {
-                    if is_of_it(point) || (is_reference && is_of_setup(point)) {
-                        *variance = std * std;
-                    }
-                }
-                continue;
-            }
-            let mut changed = shapes.to_vec();
-            changed[setup][place] += Complex64::from(STEP * std);
-            let mut there = joined(points, &changed);
-            align(&mut there, shape);
-            for (variance, (there, here)) in variances.iter_mut().zip(there.iter().zip(shape.iter())) {
-                *variance += (there - here).norm_sqr() / (STEP * STEP);
-            }
-        }
-    }
-    variances
-}
-
-/// The factor by which each setup's shape is multiplied.
-fn scales(points: &[Point], shapes: &[Shape]) -> Vec<Complex64> {
-    let mut scales = vec![Complex64::ONE; shapes.len()];
-    if shapes.len() == 1 {
-        return scales;
-    }
-    let references: Vec<&Point> = references(points).collect();
-    // Alternating least squares: references from the scaled setups, each setup's scale from the references.
-    let mut values: Vec<Complex64> = references
-        .iter()
-        .map(|point| point.places.first().map_or(Complex64::ZERO, |&(setup, place)| shapes[setup][place]))
-        .collect();
-    for _ in 0..ROUNDS {
-        for (setup, shape) in shapes.iter().enumerate() {
-            let (mut product, mut norm) = (Complex64::ZERO, 0.0);
-            for (point, value) in references.iter().zip(&values) {
-                for &(_, place) in point.places.iter().filter(|(s, _)| *s == setup) {
-                    product += shape[place].conj() * value;
-                    norm += shape[place].norm_sqr();
-                }
-            }
-            if norm > 0.0 {
-                scales[setup] = product / norm;
-            }
-        }
-        for (value, point) in values.iter_mut().zip(&references) {
-            let sum: Complex64 = point.places.iter().map(|&(setup, place)| scales[setup] * shapes[setup][place]).sum();
-            *value = sum / point.places.len() as f64;
-        }
-        // The common scale is free; without this it would shrink from round to round.
-        let largest = values.iter().map(|value| value.norm()).fold(0.0, f64::max);
-        if largest > 0.0 {
-            values.iter_mut().for_each(|value| *value /= largest);
-        }
-    }
-    scales
 }
 
 /// Mean by inverse variance and its deviation, which grows where the values scatter more than their deviations explain. Values
@@ -355,82 +279,6 @@ pub(super) fn combine(values: impl Iterator<Item = (f64, f64)> + Clone) -> (f64,
 
 #[cfg(test)]
 mod tests {
-    use num_complex::Complex64;
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-    use rand_distr::{Distribution, StandardNormal};
-
-    use super::{Point, SetupMode, Shape, align, joined, variances};
-    use crate::identify::curve::Curve;
-    use crate::identify::resonance::{Quantity, Resonance};
-
-    fn estimate(shape: Shape, shape_std: Vec<f64>) -> SetupMode {
-        let resonance = Resonance { frequency_hz: 1.0, damping_ratio: 0.01, quantity: Quantity::Acceleration };
-        let (frequency_std_hz, damping_std, peak_density, level) = (0.01, 0.001, 1.0, 1.0);
-        SetupMode {
-            resonance,
-            shape,
-            frequency_std_hz,
-            damping_std,
-            shape_std,
-            peak_density,
-            level,
-            found: true,
-            curve: Curve::default(),
-            misfit: None,
-            collinearity: 1.0,
-            shape_noise: 0.0,
-        }
-    }
-
-    /// Two setups of three points each and a reference that hardly moves: the scatter of merged shapes is what is stated.
-    #[test]
-    fn a_weak_reference_makes_every_point_of_its_setup_uncertain() {
-        let point = |name: &str, places: &[(usize, usize)]| Point {
-            channel: name.to_owned(),
-            point: name.to_owned(),
-            places: places.to_vec(),
-            reference: places.len() > 1,
-        };
-        let points = [
-            point("reference", &[(0, 0), (1, 0)]),
-            point("a", &[(0, 1)]),
-            point("b", &[(0, 2)]),
-            point("c", &[(1, 1)]),
-            point("d", &[(1, 2)]),
-        ];
-        let truth = [vec![0.2, 1.0, -0.7], vec![0.2, 0.8, 0.5]];
-        let std = 0.004;
-        let shape = |values: &[f64]| Shape::from_iterator(3, values.iter().map(|&value| Complex64::from(value)));
-        let exact = truth.each_ref().map(|values| shape(values));
-        let whole = joined(&points, &exact);
-        let estimates = exact.each_ref().map(|shape| estimate(shape.clone(), vec![std; 3]));
-        let stated = variances(&points, &estimates.each_ref(), &exact, &whole);
-        let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut squares = [0.0; 5];
-        const DRAWS: usize = 4000;
-        for _ in 0..DRAWS {
-            let drawn = truth.each_ref().map(|values| {
-                let noisy = values.iter().map(|value| {
-                    let noise: f64 = StandardNormal.sample(&mut random);
-                    value + std * noise
-                });
-                shape(&noisy.collect::<Vec<_>>())
-            });
-            let mut there = joined(&points, &drawn);
-            align(&mut there, &whole);
-            for (square, (there, here)) in squares.iter_mut().zip(there.iter().zip(whole.iter())) {
-                *square += (there - here).norm_sqr() / DRAWS as f64;
-            }
-        }
-        for (stated, square) in stated.iter().zip(squares) {
-            let ratio = (stated / square).sqrt();
-            assert!((0.9..1.1).contains(&ratio), "{stated} stated, {square} drawn");
-        }
-        // The scale is uncertain by 3 %, so the setups' large components are.
-        assert!(stated[1].sqrt() > 1.5 * std, "{}", stated[1].sqrt());
-    }
-
     #[test]
     fn setups_are_weighted_by_what_they_know_and_disagreement_is_not_averaged_away() {
         let combine = |values: &[(f64, f64)]| super::combine(values.iter().copied());

@@ -3,6 +3,7 @@
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
+use super::covariance::JointScatter;
 use super::fit::Basis;
 use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
 
@@ -95,6 +96,9 @@ pub struct Mode {
     /// What subspace identification says of the mode; none where it has no such mode, or was not asked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub second_opinion: Option<SecondOpinion>,
+    /// How the errors of its numbers hang together; none where the method does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scatter: Option<JointScatter>,
 }
 
 /// The method that a mode's values come from.
@@ -171,6 +175,22 @@ pub struct Harmonic {
     pub wanders_hz: f64,
     /// Share of the time that it is there.
     #[serde(default = "always")]
+    pub on_share: f64,
+    /// Part by part of the record, the share of the time that it is there; empty where it is always.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub on_by_part: Vec<OnInPart>,
+}
+
+/// How much of a part of the record a forced line is there.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OnInPart {
+    /// The setup's name.
+    pub setup: String,
+    /// Where the part begins in what was averaged of the setup, in s.
+    pub from_s: f64,
+    /// Where it ends.
+    pub to_s: f64,
+    /// The share of it.
     pub on_share: f64,
 }
 

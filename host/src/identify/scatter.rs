@@ -7,12 +7,38 @@ use super::shape::Shape;
 /// Standard deviation of an estimate from its delete-a-group replicates, or from what leaving out each group changes (Efron and
 /// Tibshirani 1993, eq. 11.5); infinite where there are fewer than two, which no uncertainty can be read from.
 pub(super) fn jackknife(replicates: &[f64]) -> f64 {
-    let count = replicates.len() as f64;
     if replicates.len() < 2 {
         return f64::INFINITY;
     }
+    changes(replicates).iter().map(|change| change * change).sum::<f64>().sqrt()
+}
+
+/// By how much each replicate differs from their mean, scaled so that the squares add up to the jackknife's variance.
+pub(super) fn changes(replicates: &[f64]) -> Vec<f64> {
+    let count = replicates.len() as f64;
     let mean = replicates.iter().sum::<f64>() / count;
-    ((count - 1.0) / count * replicates.iter().map(|value| (value - mean).powi(2)).sum::<f64>()).sqrt()
+    let scale = ((count - 1.0) / count).sqrt();
+    replicates.iter().map(|value| scale * (value - mean)).collect()
+}
+
+/// What each group of windows changes in a mode's numbers, as [`changes`] has it; empty where that is not known.
+#[derive(Debug, Clone)]
+pub(super) struct GroupChanges {
+    pub(super) frequency_hz: Vec<f64>,
+    pub(super) damping_ratio: Vec<f64>,
+    /// Of the shape's real parts, components x groups.
+    pub(super) shape: DMatrix<f64>,
+}
+
+impl GroupChanges {
+    /// Of a method that has no replicates.
+    pub(super) fn unknown(components: usize) -> Self {
+        Self { frequency_hz: Vec::new(), damping_ratio: Vec::new(), shape: DMatrix::zeros(components, 0) }
+    }
+
+    pub(super) fn groups(&self) -> usize {
+        self.frequency_hz.len()
+    }
 }
 
 /// Scatter of a shape's components, from replicates of the same sign and scale.

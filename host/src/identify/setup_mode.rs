@@ -2,6 +2,7 @@
 
 use super::curve::{Curve, Misfit};
 use super::resonance::Resonance;
+use super::scatter::GroupChanges;
 use super::shape::Shape;
 
 /// One mode in one setup.
@@ -27,6 +28,8 @@ pub(super) struct SetupMode {
     pub(super) curve: Curve,
     /// How far these are from each other.
     pub(super) misfit: Option<Misfit>,
+    /// What each group of windows changes in its numbers.
+    pub(super) changes: GroupChanges,
     /// The shape's phase collinearity before anything was taken for noise.
     pub(super) collinearity: f64,
 }

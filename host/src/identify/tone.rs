@@ -5,7 +5,8 @@
 use std::f64::consts::PI;
 
 use super::pick::Pick;
-use super::result::SingularSpectrum;
+use super::result::{Harmonic, OnInPart, SingularSpectrum};
+use super::setup::MeasuredSetup;
 use crate::spectra::{CrossSpectrum, LineGrid, around};
 
 /// Lines to either side that are a tone's whatever its size: the Hann window's main lobe.
@@ -17,6 +18,11 @@ const MOST_LINES: usize = 40;
 
 /// A tone: its strongest line, and the lines to either side over which its frequency wanders.
 pub(super) type Tone = (usize, usize);
+
+/// A forced line's tone among other lines.
+pub(super) fn of(line: &Harmonic, grid: &LineGrid) -> Tone {
+    (grid.nearest_line(line.frequency_hz), (line.wanders_hz / grid.spacing_hz()).round() as usize)
+}
 
 /// The lines that tones are in, in order.
 pub(super) fn lines(spectrum: &CrossSpectrum, tones: &[Tone]) -> Vec<usize> {
@@ -38,6 +44,32 @@ fn taken_by((line, wanders): Tone, lines: usize, power: impl Fn(usize) -> f64) -
     };
     let reach = MOST_LINES + wanders;
     around(line, reach, lines).filter(is_taken).collect()
+}
+
+/// The share of the time that a tone is there, part by part of each setup: what its power there is of that
+/// while it is on. None of a tone that is always there.
+pub(super) fn on_by_part(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Vec<OnInPart> {
+    let mut all = Vec::new();
+    if pick.kurtosis.on_share >= 1.0 {
+        return all;
+    }
+    for (m, shape) in measured.iter().zip(&pick.shapes) {
+        let grid = m.spectrum.grid();
+        let band = around(pick.line, pick.kurtosis.wanders_lines, grid.lines);
+        let parts = m.spectrum.power_by_group(band, shape.icamax());
+        let windows: usize = parts.iter().map(|(windows, _)| windows).sum();
+        let mean = parts.iter().map(|(windows, power)| *windows as f64 * power).sum::<f64>() / windows as f64;
+        // Windows overlap by half.
+        let window_s = 0.5 / grid.spacing_hz();
+        let mut from_s = 0.0;
+        for (windows, power) in parts {
+            let to_s = from_s + windows as f64 * window_s;
+            let on_share = (pick.kurtosis.on_share * power / mean).min(1.0);
+            all.push(OnInPart { setup: m.setup.name.clone(), from_s, to_s, on_share });
+            from_s = to_s;
+        }
+    }
+    all
 }
 
 /// Leaves of the picks of one wandering tone the one that shows it best.

@@ -9,9 +9,10 @@ use num_complex::Complex64;
 use super::estimate;
 use super::judge;
 use super::pick::Pick;
-use super::result::Mode;
+use super::result::{Harmonic, Mode};
 use super::setup::{MeasuredSetup, quantity};
 use super::shape::{Shape, filtered, mac, modal_filter};
+use super::tone;
 use crate::study::Setup;
 
 /// How far a mode may have moved, as a share of its frequency, and at least in lines.
@@ -39,8 +40,8 @@ pub struct Tracked {
     pub level: f64,
 }
 
-/// Follows known modes in a part of a record; `None` for each that the part does not show.
-pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>> {
+/// Follows known modes in a part of a record, beside the forced lines of the whole; `None` for each that the part does not show.
+pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode], forced: &[Harmonic]) -> Vec<Option<Tracked>> {
     // A channel that is sound now and was not in most of the record has no part in the shapes.
     let setup = measured.setup;
     let is_known = |channel: &usize| modes.first().is_some_and(|mode| component(setup, *channel, mode).is_some());
@@ -48,6 +49,9 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>
     let measured = &MeasuredSetup { setup, spectrum: measured.spectrum.restricted(&known) };
     let spectrum = &measured.spectrum;
     let grid = *spectrum.grid();
+    let band_hz = grid.frequency_hz(0)..=grid.frequency_hz(grid.lines.saturating_sub(1));
+    let tones = forced.iter().filter(|line| band_hz.contains(&line.frequency_hz)).map(|line| tone::of(line, &grid));
+    let taken = tone::lines(spectrum, &tones.collect::<Vec<_>>());
     let known: Vec<(usize, Shape)> =
         modes.iter().enumerate().filter_map(|(index, mode)| Some((index, shape_here(measured, mode)?))).collect();
     let hz = |known: usize| modes[known].frequency_hz;
@@ -71,7 +75,7 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>
             };
             let density = |line: usize| filtered(&filter, &spectrum.matrix(line));
             let line = (0..grid.lines)
-                .filter(inside)
+                .filter(|line| inside(line) && taken.binary_search(line).is_err())
                 .map(|line| (density(line), line))
                 .max_by(|a, b| a.0.total_cmp(&b.0))
                 .map_or_else(|| grid.nearest_line(hz(*index)), |(_, line)| line);
@@ -79,7 +83,7 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode]) -> Vec<Option<Tracked>
             Pick { by_user: true, ..Pick::new(line, vec![unit]) }
         })
         .collect();
-    let estimates = estimate::estimate(spectrum, quantity(measured.setup), 0, &picks, &[]);
+    let estimates = estimate::estimate(spectrum, quantity(measured.setup), 0, &picks, &taken);
     let mut tracked = vec![None; modes.len()];
     let all = [estimates];
     for (place, (index, shape)) in known.iter().enumerate() {

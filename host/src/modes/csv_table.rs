@@ -78,6 +78,7 @@ struct Row<'a> {
 impl Row<'_> {
     fn mode(&self, record: &csv::StringRecord, columns: &[Column], number: usize) -> Result<RawMode, MeasuredError> {
         let mut mode = RawMode {
+            scatter: None,
             number,
             frequency_hz: f64::NAN,
             frequency_std_hz: None,
@@ -102,7 +103,7 @@ impl Row<'_> {
                 Column::Ignored => {}
                 Column::Component(sensor) => {
                     let value = self.component(index, cell)?;
-                    mode.components.push(RawComponent { sensor: *sensor, value, std: None });
+                    mode.components.push(RawComponent { sensor: *sensor, value, std: None, scatter: Vec::new() });
                 }
                 Column::ComponentStd(sensor) => {
                     stds.push((*sensor, self.number(index, cell, "a standard deviation")?));

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use super::channel::{known_channels, sensor_named};
 use super::error::MeasuredError;
 use super::shape::{RawComponent, RawMode};
+use crate::identify::JointScatter;
 use crate::study::Sensor;
 
 #[derive(Deserialize)]
@@ -23,6 +24,15 @@ struct Mode {
     damping_ratio: Option<f64>,
     #[serde(default)]
     shape: Vec<Component>,
+    scatter: Option<Scatter>,
+}
+
+/// Another tool's field of this name counts only where it is the same.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Scatter {
+    Joint(JointScatter),
+    Other(serde::de::IgnoredAny),
 }
 
 #[derive(Deserialize)]
@@ -41,7 +51,7 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
         line: error.line() as u64,
         reason: format!("not the JSON of modes ({error})"),
     })?;
-    let component = |component: Component| {
+    let component = |(component, scatter): (Component, Vec<f64>)| {
         let by_point = component.point.as_deref().and_then(|point| sensor_named(sensors, point));
         let sensor = sensor_named(sensors, &component.channel).or(by_point);
         let sensor = sensor.ok_or_else(|| MeasuredError::UnknownChannel {
@@ -50,15 +60,28 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
             known: known_channels(sensors),
         })?;
         let value = Complex64::new(component.re.unwrap_or(f64::NAN), component.im.unwrap_or(0.0));
-        Ok(RawComponent { sensor, value, std: component.std })
+        Ok(RawComponent { sensor, value, std: component.std, scatter })
     };
     let mode = |(index, mode): (usize, Mode)| {
+        let is_whole = |scatter: &JointScatter| {
+            let columns = scatter.frequency_hz.len();
+            scatter.shape.len() == mode.shape.len() && scatter.shape.iter().all(|row| row.len() == columns)
+        };
+        let scatter = match mode.scatter {
+            Some(Scatter::Joint(scatter)) if is_whole(&scatter) => Some(scatter),
+            _ => None,
+        };
+        let (of_frequency, of_shape) = match scatter {
+            Some(scatter) => (Some((scatter.group, scatter.frequency_hz)), scatter.shape),
+            None => (None, vec![Vec::new(); mode.shape.len()]),
+        };
         Ok(RawMode {
             number: mode.number.unwrap_or(index + 1),
             frequency_hz: mode.frequency_hz,
             frequency_std_hz: mode.frequency_std_hz,
             damping_ratio: mode.damping_ratio,
-            components: mode.shape.into_iter().map(component).collect::<Result<_, _>>()?,
+            scatter: of_frequency,
+            components: mode.shape.into_iter().zip(of_shape).map(component).collect::<Result<_, _>>()?,
         })
     };
     file.modes.into_iter().enumerate().map(mode).collect()

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector, RowDVector};
 
 /// Modes with what is known of them.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +30,21 @@ pub struct MeasuredMode {
     pub damping_ratio: Option<f64>,
     /// Its shape; `None` where only the frequency is known.
     pub shape: Option<MeasuredShape>,
+    /// How the errors of its numbers hang together; `None` where the file does not tell.
+    pub scatter: Option<MeasuredScatter>,
+}
+
+/// The errors of a mode's frequency and shape as sums of independent ones of unit variance, a column each. The covariance of two
+/// numbers is the product of their rows, also of numbers of two modes of one group; variances are the squares of the standard
+/// deviations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredScatter {
+    /// Modes of different groups have independent errors.
+    pub group: usize,
+    /// Of the frequency in Hz.
+    pub frequency_hz: RowDVector<f64>,
+    /// Of the shape, a row for each of its sensors.
+    pub shape: DMatrix<f64>,
 }
 
 /// A real mode shape at some of the study's sensors.

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector, RowDVector};
 use num_complex::Complex64;
 
 use super::error::MeasuredError;
-use super::measured::{MeasuredMode, MeasuredShape};
+use super::measured::{MeasuredMode, MeasuredScatter, MeasuredShape};
 use crate::identify::phase_collinearity;
 use crate::study::Sensor;
 
@@ -17,6 +17,8 @@ pub(super) struct RawMode {
     pub(super) frequency_std_hz: Option<f64>,
     pub(super) damping_ratio: Option<f64>,
     pub(super) components: Vec<RawComponent>,
+    /// Its group and the frequency's row, where the file tells how errors hang together.
+    pub(super) scatter: Option<(usize, Vec<f64>)>,
 }
 
 /// A component of a shape.
@@ -26,6 +28,8 @@ pub(super) struct RawComponent {
     /// NaN where it is unknown.
     pub(super) value: Complex64,
     pub(super) std: Option<f64>,
+    /// Its row, as long as the frequency's; empty where the file has none.
+    pub(super) scatter: Vec<f64>,
 }
 
 /// Below this a shape is said to be complex.
@@ -41,7 +45,8 @@ impl RawMode {
         warnings: &mut Vec<String>,
     ) -> Result<MeasuredMode, MeasuredError> {
         let number = self.number;
-        let shape = real_shape(file, number, self.components, sensors, seen, warnings)?;
+        let real = real_shape(file, number, self.components, sensors, seen, warnings)?;
+        let (shape, of_shape) = real.map_or((None, None), |(shape, scatter)| (Some(shape), Some(scatter)));
         if seen.contains(&true) && shape.is_none() {
             warnings.push(format!("{}, mode {number}: no shape, only its frequency is compared", file.display()));
         }
@@ -58,6 +63,11 @@ impl RawMode {
             frequency_std_hz: known(self.frequency_std_hz),
             damping_ratio: known(self.damping_ratio),
             shape,
+            scatter: self.scatter.map(|(group, row)| MeasuredScatter {
+                group,
+                shape: of_shape.unwrap_or_else(|| DMatrix::zeros(0, row.len())),
+                frequency_hz: RowDVector::from_vec(row),
+            }),
         })
     }
 }
@@ -69,7 +79,7 @@ fn real_shape(
     sensors: &[Sensor],
     seen: &[bool],
     warnings: &mut Vec<String>,
-) -> Result<Option<MeasuredShape>, MeasuredError> {
+) -> Result<Option<(MeasuredShape, DMatrix<f64>)>, MeasuredError> {
     let channel = |sensor: usize| sensors.get(sensor).map_or_else(String::new, |sensor| sensor.channel.clone());
     components.sort_by_key(|component| component.sensor);
     if let Some(pair) = components.windows(2).find(|pair| pair[0].sensor == pair[1].sensor) {
@@ -129,10 +139,14 @@ fn real_shape(
     let stds = components.iter().map(|c| c.std.filter(|std| *std >= 0.0).map_or(f64::NAN, |std| std / largest.abs()));
     let stds = DVector::from_iterator(size, stds);
     let imaginary = values.iter().map(|value| (value * turn).im / largest);
-    Ok(Some(MeasuredShape {
+    // The turn is too small to mix in errors of imaginary parts.
+    let columns = components.iter().map(|component| component.scatter.len()).min().unwrap_or(0);
+    let scatter = DMatrix::from_fn(size, columns, |row, column| turn.re * components[row].scatter[column] / largest);
+    let shape = MeasuredShape {
         imaginary: is_complex.then(|| DVector::from_iterator(size, imaginary)),
         sensors: components.iter().map(|component| component.sensor).collect(),
         values: DVector::from_iterator(size, real.iter().map(|value| value / largest)),
         stds: stds.iter().any(|std| std.is_finite()).then_some(stds),
-    }))
+    };
+    Ok(Some((shape, scatter)))
 }

@@ -58,7 +58,9 @@ pub(super) fn modes(
             for (node, values) in &mode.values {
                 for (direction, value) in values.iter().enumerate() {
                     match named.sensor(*node, direction) {
-                        Some(sensor) => components.push(RawComponent { sensor, value: *value, std: None }),
+                        Some(sensor) => {
+                            components.push(RawComponent { sensor, value: *value, std: None, scatter: Vec::new() })
+                        }
                         // A direction that nothing measured is written as zero.
                         None if value.norm_sqr() == 0.0 => {}
                         None => {
@@ -73,6 +75,7 @@ pub(super) fn modes(
                 }
             }
             Ok(RawMode {
+                scatter: None,
                 number: mode.number,
                 frequency_hz: mode.frequency_hz,
                 frequency_std_hz: None,

@@ -1,10 +1,11 @@
-//! The load: white noise at every node, as strong as its mass.
+//! The load: white noise at every node, as strong as its mass, coherent over a part of the height as gusts are.
 //!
-//! The force on a node of mass m has the one-sided spectral density `level² m m_total`, in X and in Y, independent of all
-//! others. The forces' sum then has `level² m_total²`: the whole mass moving rigidly would have an acceleration density of
-//! `level²`, and a finer mesh of the same structure is loaded alike. All translational modes get (all but for rotary
-//! inertia) the same modal force, `level² m_total` for mass-normalised shapes. Torsional moments get the density that
-//! belongs to the node's polar inertia, less by [`TORSION_SHARE`] in amplitude.
+//! The force on a node of mass m has a density in proportion to `m m_total`, in X and in Y; the forces on two nodes a distance d
+//! apart have the coherence exp(-d / L), at all frequencies. (Davenport's decays with frequency too, exp(-C f d / U); one length
+//! stands for it, so that the load stays white.) The forces' sum has the one-sided density `level² m_total²`: the whole mass moving
+//! rigidly would have an acceleration density of `level²`, whatever L and however fine the mesh. Long waves drive a structure
+//! more than short ones, so the lowest modes move most, and the forces on two modes are correlated. Torsional moments get the
+//! density that belongs to the node's polar inertia, less by [`TORSION_SHARE`] in amplitude.
 
 use nalgebra::DMatrix;
 
@@ -13,30 +14,84 @@ use crate::model::{Assembly, DOFS_A_NODE};
 /// Torsional moments relative to those that would drive torsion as hard as bending: wind drives it less.
 const TORSION_SHARE: f64 = 0.3;
 
-/// Independent loads on the degrees of freedom.
+/// Coherent loads on the degrees of freedom.
 pub(super) struct Loading {
-    /// Loaded DOF and the standard deviation of its force a sample, in N or N m.
-    loads: Vec<(usize, f64)>,
+    /// The loaded DOFs.
+    dofs: Vec<usize>,
+    /// Forces a sample in N or N m from independent unit normals, DOFs x normals.
+    factor: DMatrix<f64>,
 }
 
 impl Loading {
-    /// Loads at `level` in m/s²/√Hz, held for one sample each.
-    pub(super) fn new(assembly: &Assembly, level: f64, sampling_rate_hz: f64) -> Self {
+    /// Loads at `level` in m/s²/√Hz, held for one sample each, coherent over `length_m`; independent where that is 0, or where
+    /// nodes have no heights.
+    pub(super) fn new(assembly: &Assembly, level: f64, length_m: f64, sampling_rate_hz: f64) -> Self {
         let inertia = assembly.mass.diagonal();
         let along = |dof: usize| inertia.iter().copied().enumerate().skip(dof).step_by(DOFS_A_NODE);
         let total_mass_kg: f64 = along(0).map(|(_, mass)| mass).sum();
         // White noise of one-sided density G has the variance G fs / 2 in each sample.
         let std = |inertia: f64| level * (inertia * total_mass_kg * sampling_rate_hz / 2.0).max(0.0).sqrt();
-        let forces = along(0).chain(along(1)).map(|(dof, mass)| (dof, std(mass)));
-        let moments = along(4).map(|(dof, polar)| (dof, TORSION_SHARE * std(polar)));
-        Self { loads: forces.chain(moments).filter(|&(_, std)| std > 0.0).collect() }
+        let heights_m = assembly.node_elevations_m();
+        let blocks = [(0, 1.0), (1, 1.0), (4, TORSION_SHARE)].map(|(first, share)| {
+            let nodes = along(first).enumerate().map(|(node, (dof, inertia))| (dof, share * std(inertia), node));
+            let loads: Vec<(usize, f64, Option<f64>)> = nodes
+                .filter(|(_, std, _)| *std > 0.0)
+                .map(|(dof, std, node)| (dof, std, heights_m.get(node).copied()))
+                .collect();
+            let factor = coherent(&loads.iter().map(|(_, std, z_m)| (*std, *z_m)).collect::<Vec<_>>(), length_m);
+            (loads.iter().map(|(dof, ..)| *dof).collect::<Vec<_>>(), factor)
+        });
+        let dofs: Vec<usize> = blocks.iter().flat_map(|(dofs, _)| dofs.iter().copied()).collect();
+        let mut factor = DMatrix::zeros(dofs.len(), dofs.len());
+        let mut first = 0;
+        for (_, block) in &blocks {
+            factor.view_mut((first, first), block.shape()).copy_from(block);
+            first += block.nrows();
+        }
+        Self { dofs, factor }
     }
 
-    /// Modal forces from unit normals, modes x loads.
+    /// Modal forces from unit normals, modes x normals.
     pub(super) fn on_modes(&self, shapes: &DMatrix<f64>) -> DMatrix<f64> {
-        DMatrix::from_fn(shapes.ncols(), self.loads.len(), |mode, load| {
-            let (dof, std) = self.loads[load];
-            shapes[(dof, mode)] * std
-        })
+        shapes.select_rows(&self.dofs).tr_mul(&self.factor)
+    }
+}
+
+/// Forces of these standard deviations at these heights, lowest first, from independent normals: exp(-d / L) is the correlation of a
+/// Markov chain up the height. Their sum has the variance that independent forces would have.
+fn coherent(loads: &[(f64, Option<f64>)], length_m: f64) -> DMatrix<f64> {
+    let size = loads.len();
+    let mut factor = DMatrix::zeros(size, size);
+    for (row, (std, z_m)) in loads.iter().enumerate() {
+        let distance_m = row.checked_sub(1).and_then(|below| Some((*z_m)? - loads[below].1?));
+        let kept = distance_m.filter(|_| length_m > 0.0).map_or(0.0, |distance_m| (-distance_m.abs() / length_m).exp());
+        if kept > 0.0 {
+            let below = factor.row(row - 1) * (kept * std / loads[row - 1].0);
+            factor.row_mut(row).copy_from(&below);
+        }
+        factor[(row, row)] = std * (1.0 - kept * kept).sqrt();
+    }
+    let independent: f64 = loads.iter().map(|(std, _)| std * std).sum();
+    let sum = factor.row_sum().norm_squared();
+    if sum > 0.0 { factor * (independent / sum).sqrt() } else { factor }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn forces_have_the_stated_coherence_and_their_sum_the_stated_variance() {
+        let loads = [(1.0, Some(0.0)), (2.0, Some(5.0)), (0.5, Some(20.0)), (1.5, None)];
+        let factor = coherent(&loads, 10.0);
+        let covariance = &factor * factor.transpose();
+        let coherence = |a: usize, b: usize| covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt();
+        for (a, b, distance_m) in [(0, 1, 5.0_f64), (1, 2, 15.0), (0, 2, 20.0)] {
+            assert!((coherence(a, b) - (-distance_m / 10.0).exp()).abs() < 1e-12, "{a} {b}");
+        }
+        assert!(coherence(0, 3).abs() < 1e-12, "nothing is known of where it stands");
+        assert!((covariance.sum() - (1.0 + 4.0 + 0.25 + 2.25)).abs() < 1e-12);
+        assert!((covariance[(1, 1)] / covariance[(0, 0)] - 4.0).abs() < 1e-12);
+        assert_eq!(coherent(&loads, 0.0), DMatrix::from_diagonal(&nalgebra::dvector![1.0, 2.0, 0.5, 1.5]));
     }
 }

@@ -4,8 +4,8 @@
 //! in blocks of constant memory, and with them the [`Truth`] that an identification should find.
 //!
 //! The structure is a sum of its modes below 0.9 of the Nyquist rate, all with one damping ratio. It is loaded by white
-//! noise: independent forces in X and Y and a small torsional moment at every node (see the `loading` module for their
-//! levels). A force is held over each sample, which leaves sinc²(f/fs) of its density: 0.4 % less at a thirtieth of the
+//! noise: forces in X and Y, coherent over a tenth of the height, and a small torsional moment at every node (see the `loading` module
+//! for their levels). A force is held over each sample, which leaves sinc²(f/fs) of its density: 0.4 % less at a thirtieth of the
 //! sampling rate, 60 % at the Nyquist rate. The response is stationary from the first row; white sensor noise is added.
 //! A `harmonic` is a sine beside the random force, growing in from the first row; late clocks delay channels.
 
@@ -57,15 +57,25 @@ pub struct Options {
     pub load_level_m_s2_per_root_hz: f64,
     /// Same seed and stream, same bytes.
     pub seed: u64,
+    /// Distance over which loads are coherent: forces so far apart have the coherence 1/e. 0 for independent ones; `None` for a
+    /// tenth of the height.
+    pub coherence_length_m: Option<f64>,
     /// Which of many independent recordings of one seed; a study's setups count through.
     pub stream: u32,
 }
 
 impl Default for Options {
     /// 0.8 % damping, 2 % noise, and a load that shakes the top of the Canton Tower's body (443.6 m) by 3e-4 m/s² RMS
-    /// over the whole band of a 50 Hz recording, 0.5e-4 m/s² of it below 1.5 Hz.
+    /// over the whole band of a 50 Hz recording, 1.9e-4 m/s² of it below 1.5 Hz.
     fn default() -> Self {
-        Self { damping_ratio: 0.008, noise_percent: 2.0, load_level_m_s2_per_root_hz: 2.1e-6, seed: 0, stream: 0 }
+        Self {
+            damping_ratio: 0.008,
+            noise_percent: 2.0,
+            load_level_m_s2_per_root_hz: 7.8e-6,
+            coherence_length_m: None,
+            seed: 0,
+            stream: 0,
+        }
     }
 }
 
@@ -146,6 +156,14 @@ pub enum SimulationError {
         /// What the system said.
         source: std::io::Error,
     },
+}
+
+/// Of the structure's height, how far loads are coherent where nothing else is said: gusts of 40 m at the lowest modes of a tower of
+/// 400 m.
+const COHERENT_SHARE: f64 = 0.1;
+
+fn default_coherence_length_m(assembly: &Assembly) -> f64 {
+    assembly.node_elevations_m().last().map_or(0.0, |top_m| COHERENT_SHARE * (top_m - assembly.z_base_m()))
 }
 
 /// A running simulation of one setup.
@@ -236,7 +254,8 @@ impl Simulation {
             row *= factor;
         }
 
-        let loading = Loading::new(assembly, options.load_level_m_s2_per_root_hz, sampling_rate_hz);
+        let length_m = options.coherence_length_m.unwrap_or_else(|| default_coherence_length_m(assembly));
+        let loading = Loading::new(assembly, options.load_level_m_s2_per_root_hz, length_m, sampling_rate_hz);
         let modal_loads = loading.on_modes(&shapes);
         let quantity = match setup.common_motion() {
             Some(Motion::Acceleration) => Quantity::Acceleration,
@@ -381,6 +400,7 @@ fn check(options: &Options, setup: &Setup) -> Result<(), SimulationError> {
     };
     in_range("damping ratio", options.damping_ratio, 1e-4..=0.5, "0.0001 to 0.5")?;
     in_range("noise", options.noise_percent, 0.0..=1e4, "0 to 10000 %")?;
+    in_range("coherence length", options.coherence_length_m.unwrap_or(0.0), 0.0..=1e6, "0 to 1e6 m")?;
     in_range("load level", options.load_level_m_s2_per_root_hz, 1e-15..=1e3, "1e-15 to 1000 m/s²/√Hz")?;
     in_range("sampling_rate_hz", setup.sampling_rate_hz, 1e-3..=1e6, "0.001 to 1000000 Hz")?;
     if setup.sensors.is_empty() {

@@ -3,6 +3,8 @@
 //! Sums of outer products flow in from the accumulator; matrices line by line, with or without one group of windows, and the
 //! kurtosis of each channel flow out.
 
+use std::ops::Range;
+
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
@@ -110,6 +112,14 @@ impl CrossSpectrum {
     pub fn density(&self, line: usize, channel: usize) -> f64 {
         let count = self.kept.len();
         self.total.sums.re[line * triangle(count) + packed(count, channel, channel)] / self.averages() as f64
+    }
+
+    /// Windows of each group, one after another, and a channel's power in a band of lines in them.
+    pub(crate) fn power_by_group(&self, band: Range<usize>, channel: usize) -> Vec<(usize, f64)> {
+        let count = self.kept.len();
+        let place = |line: usize| line * triangle(count) + packed(count, channel, channel);
+        let power = |group: &Sums<f32>| band.clone().map(|line| f64::from(group.re[place(line)])).sum::<f64>();
+        self.groups.iter().map(|group| (group.windows, power(group) / group.windows.max(1) as f64)).collect()
     }
 
     /// How much a channel's power in the band of `BAND_HALVES[width]` lines to either side of a line varies from window to window:

@@ -169,9 +169,9 @@ impl Project {
         route: Route,
         on_progress: OnProgress<'_>,
     ) -> Result<(), StoryError> {
-        let modes = &report.identification.modes;
+        let found = &report.identification;
         let on_rows = &mut rows_of("intervals", on_progress);
-        let trend = follow(&self.study, modes, &report.grid, every.as_secs_f64(), route, on_rows);
+        let trend = follow(&self.study, found, &report.grid, every.as_secs_f64(), route, on_rows);
         let trend = trend.map_err(StoryError::Follow)?;
         self.write_bytes("trends.csv", trends::csv(&trend))?;
         if let Some(picture) = picture::trends(&self.study.structure.name, &trend)? {

@@ -7,7 +7,7 @@
 use super::IntervalMode;
 use crate::identify::ssi::add_second_opinion;
 use crate::identify::track::{REACH, REACH_LINES, Tracked, same_shape, track};
-use crate::identify::{MeasuredSetup, Mode, identify};
+use crate::identify::{Harmonic, Identification, MeasuredSetup, Mode, identify};
 use crate::study::ModeChoice;
 
 /// A mode that the whole record does not show must be in this share of the intervals that follow its first, and in so many; less is
@@ -21,6 +21,8 @@ pub(super) struct Follower<'a> {
     /// Modes of the whole record first; their frequencies are those of the last interval that shows them.
     known: Vec<Mode>,
     of_whole_record: usize,
+    /// Forced lines of the whole record.
+    forced: Vec<Harmonic>,
     /// Of each mode beyond those of the whole record: the interval that first shows it.
     first_seen: Vec<usize>,
     /// Whether new modes are taken up.
@@ -29,13 +31,14 @@ pub(super) struct Follower<'a> {
 }
 
 impl<'a> Follower<'a> {
-    /// Follows `modes`; where `takes_new`, also what they lack.
-    pub(super) fn new(modes: &[Mode], choice: &'a ModeChoice, takes_new: bool) -> Self {
+    /// Follows the modes of `whole`; where `takes_new`, also what they lack.
+    pub(super) fn new(whole: &Identification, choice: &'a ModeChoice, takes_new: bool) -> Self {
         let takes_new = takes_new && choice.only_hz.is_none();
         Self {
             choice,
-            known: modes.to_vec(),
-            of_whole_record: modes.len(),
+            known: whole.modes.clone(),
+            of_whole_record: whole.modes.len(),
+            forced: whole.harmonics.clone(),
             first_seen: Vec::new(),
             takes_new,
             intervals: 0,
@@ -44,11 +47,12 @@ impl<'a> Follower<'a> {
 
     /// The modes that the next interval shows.
     pub(super) fn take(&mut self, measured: MeasuredSetup<'_>) -> Vec<IntervalMode> {
+        let mut forced = self.forced.clone();
         if self.takes_new {
-            self.look(&measured);
+            forced.extend(self.look(&measured));
         }
         self.intervals += 1;
-        let tracked = track(measured, &self.known);
+        let tracked = track(measured, &self.known, &forced);
         for (mode, tracked) in self.known.iter_mut().zip(&tracked) {
             if let Some(tracked) = tracked {
                 mode.frequency_hz = tracked.frequency_hz;
@@ -58,15 +62,15 @@ impl<'a> Follower<'a> {
         self.known.iter().zip(tracked).filter_map(of).collect()
     }
 
-    /// Finds the interval's own modes: where those that are followed are now, and which are new.
-    fn look(&mut self, measured: &MeasuredSetup<'_>) {
+    /// Finds the interval's own modes: where those that are followed are now, and which are new. Gives its forced lines.
+    fn look(&mut self, measured: &MeasuredSetup<'_>) -> Vec<Harmonic> {
         let spacing_hz = measured.spectrum.grid().spacing_hz();
         // An interval that is too short for picking can be tracked all the same.
         let measured = std::slice::from_ref(measured);
-        let Ok(mut found) = identify(measured, self.choice) else { return };
+        let Ok(mut found) = identify(measured, self.choice) else { return Vec::new() };
         // A neighbour that the fit alone does not see bends the mode beside it.
         if add_second_opinion(measured, self.choice, &mut found).is_err() {
-            return;
+            return Vec::new();
         }
         let reach_hz = |hz: f64| (REACH * hz).max(REACH_LINES * spacing_hz);
         let distance = |known: &Mode, mode: &Mode| (known.frequency_hz - mode.frequency_hz).abs();
@@ -101,6 +105,7 @@ impl<'a> Follower<'a> {
             self.first_seen.push(self.intervals);
             is_linked.push(true);
         }
+        found.harmonics
     }
 
     /// The modes beyond those of the whole record that last, of what `intervals` show.

@@ -14,7 +14,7 @@ use thiserror::Error;
 pub use regression::Slope;
 pub use temperature::{TemperatureError, Temperatures};
 
-use crate::identify::{MeasuredSetup, Mode};
+use crate::identify::{Identification, MeasuredSetup, Mode};
 use crate::measure::{Interval, MeasureError, Progress, Route, measure_intervals};
 use crate::spectra::LineGrid;
 use crate::study::{Analysis, Setup, Study};
@@ -114,19 +114,20 @@ pub struct ModeTrend {
     pub percent_per_decade: Option<Slope>,
 }
 
-/// Follows `modes` through all setups of a study in intervals of `every_s`; `grid` is that of the whole record, whose band
+/// Follows the modes of the whole record through all setups of a study in intervals of `every_s`; `grid` is that of the whole record, whose band
 /// is kept.
 ///
 /// # Errors
 /// When there are no modes, intervals are too short, or recordings or temperatures cannot be read.
 pub fn follow(
     study: &Study,
-    modes: &[Mode],
+    whole: &Identification,
     grid: &LineGrid,
     every_s: f64,
     route: Route,
     progress: Progress<'_>,
 ) -> Result<Trend, TrendError> {
+    let modes = &whole.modes;
     if modes.is_empty() {
         return Err(TrendError::NoModes);
     }
@@ -139,7 +140,7 @@ pub fn follow(
     let temperatures = study.setups.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let (mut intervals, mut warnings, mut failure) = (Vec::new(), Vec::new(), None);
     // Of several setups none has all points, and the same mode would begin anew in each.
-    let mut follower = Follower::new(modes, &study.analysis.modes, study.setups.len() == 1);
+    let mut follower = Follower::new(whole, &study.analysis.modes, study.setups.len() == 1);
     for (setup, temperatures) in study.setups.iter().zip(&temperatures) {
         let take = |interval: Interval| {
             let (start_s, end_s) = (interval.start_s, interval.end_s);

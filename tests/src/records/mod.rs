@@ -12,6 +12,7 @@ mod machine;
 mod record;
 mod score;
 mod structure;
+mod whole_mode;
 
 pub use cases::{CASES, Case, case};
 pub use fault::Fault;

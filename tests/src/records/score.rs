@@ -15,6 +15,7 @@ use super::cases::Case;
 use super::fault::Fault;
 use super::record::record;
 use super::structure::Structure;
+use super::whole_mode::{self, WholeMode};
 use crate::belfry_command;
 use crate::statistics::rms;
 
@@ -45,6 +46,8 @@ pub struct ModeScore {
     pub frequency_over_bound: Vec<f64>,
     /// Error of the damping ratio over the least deviation possible.
     pub damping_over_bound: Vec<f64>,
+    /// Frequency and shape together.
+    pub whole: Vec<WholeMode>,
     /// Least MAC.
     pub least_mac: Option<f64>,
 }
@@ -174,6 +177,8 @@ struct Found {
     damping_ratio_std: f64,
     /// By the structure's channel, counted from 0.
     shape: Vec<(usize, Complex<f64>, f64)>,
+    /// How its errors hang together.
+    scatter: Value,
 }
 
 impl Found {
@@ -189,6 +194,7 @@ impl Found {
             damping_ratio: number("damping_ratio"),
             damping_ratio_std: number("damping_ratio_std"),
             shape: mode["shape"].as_array().into_iter().flatten().filter_map(part).collect(),
+            scatter: mode["scatter"].clone(),
         }
     }
 
@@ -238,6 +244,13 @@ impl CaseScore {
             let mac = estimate.mac(&shape);
             score.least_mac = Some(score.least_mac.map_or(mac, |least| least.min(mac)));
             let truth = estimate.truth(&shape);
+            let mut errors = vec![estimate.frequency_hz - hz];
+            errors.extend(estimate.shape.iter().zip(&truth).map(|((_, value, _), truth)| (value - truth).re));
+            let mut stds = vec![estimate.frequency_std_hz];
+            stds.extend(estimate.shape.iter().map(|(_, _, std)| *std));
+            let real_truth = DVector::from_iterator(truth.len(), truth.iter().map(|value| value.re));
+            let (errors, stds) = (DVector::from_vec(errors), DVector::from_vec(stds));
+            score.whole.extend(WholeMode::of(&errors, &stds, &estimate.scatter, &real_truth));
             let largest = estimate.shape.iter().map(|(_, value, _)| value.norm()).fold(0.0, f64::max);
             for ((_, value, std), truth) in estimate.shape.iter().zip(&truth) {
                 // The largest component is 1 by definition.
@@ -302,7 +315,7 @@ impl CaseScore {
             String::new()
         };
         format!(
-            "all: {} found, {} missed, {} invented; z rms f {:.2} ({:.0} % beyond 3), damping {:.2} ({:.0} %), shape {:.2}; error/bound f {:.2}, damping {:.2}{opinions}{machines}; {:.2} s and {:.2} s",
+            "all: {} found, {} missed, {} invented; z rms f {:.2} ({:.0} % beyond 3), damping {:.2} ({:.0} %), shape {:.2}; error/bound f {:.2}, damping {:.2}; {}{opinions}{machines}; {:.2} s and {:.2} s",
             frequency_z.len(),
             self.modes.iter().map(|mode| mode.missed).sum::<usize>(),
             self.invented_hz.len(),
@@ -313,6 +326,7 @@ impl CaseScore {
             rms(&all(|mode| &mode.shape_z)),
             rms(&all(|mode| &mode.frequency_over_bound)),
             rms(&all(|mode| &mode.damping_over_bound)),
+            whole_mode::in_words(&self.modes.iter().flat_map(|mode| mode.whole.iter().copied()).collect::<Vec<_>>()),
             self.seconds[0],
             self.seconds[1]
         )

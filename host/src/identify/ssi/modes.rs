@@ -16,11 +16,12 @@ use crate::identify::merge::{duration_s, merge, number};
 use crate::identify::pick::suggested;
 use crate::identify::resonance::Resonance;
 use crate::identify::result::{Harmonic, Identification, Mode, ModeMethod, Rejected};
-use crate::identify::scatter::noise_share;
+use crate::identify::scatter::{GroupChanges, noise_share};
 use crate::identify::setup::{MeasuredSetup, quantity};
 use crate::identify::setup_mode::{SetupMode, SetupModes};
 use crate::identify::shape::mac;
 use crate::identify::singular::SingularValues;
+use crate::identify::tone::on_by_part;
 use crate::identify::{IdentifyError, Suggestion, none_in_band, phase_collinearity, same_lines};
 use crate::spectra::LineGrid;
 use crate::study::ModeChoice;
@@ -228,7 +229,8 @@ fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid
     let frequency_hz = mean_hz(poles);
     let shapes = poles.iter().map(|pole| pole.shape.clone()).collect();
     let damping_ratio = poles.iter().map(|pole| pole.damping_ratio).sum::<f64>() / poles.len().max(1) as f64;
-    let kurtosis = suggested(grid, measured, &Suggestion { frequency_hz, damping_ratio, shapes }).kurtosis;
+    let pick = suggested(grid, measured, &Suggestion { frequency_hz, damping_ratio, shapes });
+    let kurtosis = pick.kurtosis;
     let is_undamped = poles.iter().all(|pole| pole.damping_ratio < MIN_DAMPING);
     let is_forced = kurtosis.is_harmonics() || (kurtosis.is_low() && is_undamped);
     is_forced.then_some(Harmonic {
@@ -236,6 +238,7 @@ fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid
         kurtosis: kurtosis.value,
         wanders_hz: kurtosis.wanders_lines as f64 * grid.spacing_hz(),
         on_share: kurtosis.on_share,
+        on_by_part: on_by_part(measured, &pick),
     })
 }
 
@@ -257,6 +260,7 @@ fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
         found: true,
         curve: Curve::default(),
         misfit: None,
+        changes: GroupChanges::unknown(pole.shape.len()),
         collinearity: phase_collinearity(pole.shape.as_slice()),
     }
 }
