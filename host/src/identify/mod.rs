@@ -34,6 +34,7 @@ mod shape;
 mod singular;
 pub mod ssi;
 mod start;
+pub(crate) mod suspect;
 mod tone;
 pub mod track;
 

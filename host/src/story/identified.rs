@@ -11,6 +11,7 @@ use super::progress::{OnProgress, rows_of};
 use crate::fleet::FleetReport;
 use crate::identify::accuracy::RecordNeeded;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
+use crate::identify::suspect::suspicions;
 use crate::identify::{Identification, identify as identify_setups};
 use crate::measure::{Measurement, Route, measure};
 use crate::spectra::LineGrid;
@@ -138,6 +139,7 @@ pub fn identify(
     let times = Times { modes, second_opinion: second_start.elapsed(), all: start.elapsed() };
     let mut warnings = measurement.warnings.clone();
     warnings.append(&mut identification.warnings);
+    warnings.extend(suspicions(&identification.modes, &measurement.setups));
     identification.warnings = warnings;
     Ok(report(study, identification, &measurement, &times))
 }

@@ -96,7 +96,7 @@ const fn machine(name: &'static str, what: &'static str, bandwidths: f64, runs: 
 }
 
 /// All cases.
-pub const CASES: [Case; 27] = [
+pub const CASES: [Case; 28] = [
     wind("wind", "a tower of 20 channels and 10 modes under wind that is coherent up its height, 6 h at 20 Hz", None),
     correlated("correlated-0", "8 random modes, loads of f^(-5/3), modal forces uncorrelated, 4 h", 0.0),
     correlated("correlated-10", "the same with forces correlated by 0.1", 0.1),
@@ -126,6 +126,7 @@ pub const CASES: [Case; 27] = [
     wind("noise", "`wind`, one channel with added noise of ten times its root mean square", Some(Fault::Noise)),
     wind("missing-rows", "`wind`, 1 % of rows missing, unsaid", Some(Fault::MissingRows)),
     wind("clipped", "`wind`, one channel cut at 1.5 times its root mean square", Some(Fault::Clipped)),
+    wind("miswired", "`wind`, one channel turned around and two exchanged", Some(Fault::Miswired)),
     machine("tone-1", "`wind`, and a machine one bandwidth above a mode", 1.0, Runs::Steadily),
     machine("tone-2.5", "the same two and a half bandwidths above", 2.5, Runs::Steadily),
     machine("tone-wanders", "the same, its frequency wandering by 0.3 %", 2.5, Runs::Wandering(3e-3)),

@@ -20,6 +20,8 @@ pub enum Fault {
     MissingRows,
     /// One channel is cut at one and a half times its root mean square.
     Clipped,
+    /// Channel 10 is turned around, and channels 14 and 17 are exchanged.
+    Miswired,
     /// The structure stands still: there is nothing but noise, of another size in each channel.
     StandsStill,
     /// A machine shakes it.
@@ -62,6 +64,12 @@ impl Fault {
                         let noise: f64 = rand_distr::Distribution::sample(&rand_distr::StandardNormal, random);
                         *value = (size * noise) as f32;
                     }
+                }
+            }
+            Self::Miswired => {
+                for row in samples.chunks_mut(channels) {
+                    row[9] = -row[9];
+                    row.swap(13, 16);
                 }
             }
             Self::Machine(machine) => machine.shake(samples, structure, rate_hz, random),

@@ -32,6 +32,15 @@ fn a_channel_that_is_cut_off_is_named_and_left_out_and_no_shape_is_bent() {
     assert!(damaged.modes.iter().all(|mode| mode.least_mac.is_some_and(|mac| mac > 0.999)), "{}", damaged.table());
 }
 
+#[test]
+fn a_channel_that_is_turned_around_and_two_that_are_exchanged_are_suspected_by_name_and_no_others() {
+    let wrong = score("miswired");
+    assert!(tells(&wrong, "channel 10 seems to be turned around"), "{:?}", wrong.warnings);
+    assert!(tells(&wrong, "channels 14 and 17 seem to be exchanged"), "{:?}", wrong.warnings);
+    assert_eq!(wrong.warnings.iter().filter(|warning| warning.contains(" seem")).count(), 2, "{:?}", wrong.warnings);
+    assert!(!tells(&score("wind"), " seem"));
+}
+
 /// Records of noise in which the fit of spectra alone takes a peak for a mode.
 #[test]
 fn a_structure_that_stands_still_has_no_modes_in_the_eyes_of_both_methods() {

@@ -11,6 +11,7 @@
 //! no uncorrelated modes: the covariances of any linear structure under any broad-band load decay exponentially.
 
 mod covariance;
+mod likeness;
 mod modes;
 mod opinion;
 mod stabilisation;
@@ -28,6 +29,7 @@ use super::shape::mac;
 use crate::spectra::{CrossSpectrum, LineGrid};
 use stabilisation::{Diagram, StablePole};
 
+pub(super) use likeness::component_of;
 pub use modes::identify_by_subspace;
 pub use opinion::add_second_opinion;
 

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::opinion::{NEAR_MAC, shape_in};
+use super::likeness::{NEAR_MAC, shape_in};
 use super::stabilisation::StablePole;
 use super::{SetupPoles, SubspacePole, reach_hz};
 use crate::identify::choice::meant_hz;
@@ -93,6 +93,11 @@ fn merged(
     modes
 }
 
+/// Whether a pole may be a mode by itself.
+pub(super) fn is_known(pole: &StablePole) -> bool {
+    pole.is_clear() && pole.damping_ratio_std < ALONE_DAMPING_STD * pole.damping_ratio
+}
+
 /// Adds the modes that the subspaces show clearly and the fit does not resolve.
 pub(super) fn add_unresolved(
     measured: &[MeasuredSetup<'_>],
@@ -102,8 +107,6 @@ pub(super) fn add_unresolved(
 ) {
     let is_left =
         |pole: &StablePole| identification.other_poles.iter().any(|other| other.frequency_hz == pole.frequency_hz);
-    let is_known =
-        |pole: &&&StablePole| pole.is_clear() && pole.damping_ratio_std < ALONE_DAMPING_STD * pole.damping_ratio;
     let is_near = |mode: &Mode, m: &MeasuredSetup<'_>, pole: &StablePole| {
         let reach_hz = reach_hz(grid.spacing_hz(), mode.damping_ratio.max(pole.damping_ratio), mode.frequency_hz);
         let is_alike = shape_in(m, mode).is_some_and(|shape| mac(&shape, &pole.shape) > NEAR_MAC);
@@ -115,7 +118,7 @@ pub(super) fn add_unresolved(
         !identification.modes.iter().any(seen)
     };
     let is_mode = |poles: &Vec<&StablePole>| {
-        2 * poles.iter().filter(is_known).count() > poles.len()
+        2 * poles.iter().filter(|pole| is_known(pole)).count() > poles.len()
             && poles.iter().all(|pole| is_left(pole) && pole.is_inside(grid))
             && is_new(poles)
             && forced(measured, poles, grid).is_none()

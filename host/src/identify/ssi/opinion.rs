@@ -5,20 +5,19 @@
 
 use rayon::prelude::*;
 
-use super::modes::add_unresolved;
+use super::likeness::{NEAR_MAC, shape_in};
+use super::modes::{add_unresolved, is_known};
 use super::stabilisation::StablePole;
 use super::{SecondOpinion, SetupPoles, SubspacePole, reach_hz};
 use crate::identify::choice::meant_hz;
 use crate::identify::merge::{combine, number};
-use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause, ShapeComponent};
+use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause};
 use crate::identify::setup::MeasuredSetup;
-use crate::identify::shape::{Shape, mac};
+use crate::identify::shape::mac;
 use crate::identify::{IdentifyError, Suggestion, identify_again, same_lines};
 use crate::spectra::LineGrid;
-use crate::study::{ModeChoice, Sensor};
+use crate::study::ModeChoice;
 
-/// A pole near a mode may be its own with at least this MAC.
-pub(super) const NEAR_MAC: f64 = 0.5;
 /// The methods disagree where they differ by more than this many of their standard deviations together.
 const DISAGREEMENT_SIGMAS: f64 = 3.0;
 /// The fit tries poles so often at most: modes that were found beside them let others stand.
@@ -27,6 +26,9 @@ const MOST_TRIALS: usize = 3;
 const LEAST_DAMPING_SIGMAS: f64 = 2.0;
 /// That counts where the deviation is this many times the lower bound: in a short record even a clear mode's damping is hardly known.
 const UNUSUAL: f64 = 2.0;
+/// Where the methods disagree the subspace is right if frequency and damping, each in units of its value, are known together this
+/// many times better than by the fit, which may have taken two modes for one.
+const MUCH_SURER: f64 = 3.0;
 /// A pole within so many lines of a forced line is of that line.
 const FORCED_LINES: f64 = 2.0;
 
@@ -45,6 +47,7 @@ pub fn add_second_opinion(
     if choice.only_hz.is_none() {
         let grid = same_lines(measured)?;
         try_poles(measured, &setups, choice, &grid, identification)?;
+        give_up_contradicted(measured, &setups, identification);
         add_unresolved(measured, &setups, &grid, identification);
     }
     let missing = missing(identification, measured.len());
@@ -78,6 +81,43 @@ fn try_poles(
         *identification = again;
     }
     Ok(())
+}
+
+/// Takes out modes that the subspaces contradict and know much better; [`add_unresolved`] then lists them by their poles.
+fn give_up_contradicted(measured: &[MeasuredSetup<'_>], setups: &[SetupPoles], identification: &mut Identification) {
+    let spacing_hz = identification.frequency_resolution_hz;
+    let modes = std::mem::take(&mut identification.modes);
+    let mut poles: Vec<Vec<SubspacePole>> = vec![Vec::new(); modes.len()];
+    for (m, found) in measured.iter().zip(setups) {
+        for (mode, pole, _) in pairs(m, &modes, &found.stable, spacing_hz) {
+            let pole = &found.stable[pole];
+            poles[mode].extend(is_known(pole).then(|| pole.report(&m.setup.name)));
+        }
+    }
+    for (mode, poles) in modes.into_iter().zip(poles) {
+        let surer = mode.second_opinion.filter(|opinion| !opinion.agrees && is_much_surer(opinion, &mode));
+        match surer.filter(|_| poles.len() == setups.len()) {
+            Some(opinion) => {
+                let told = disagreement(&mode);
+                identification.warnings.retain(|warning| Some(warning) != told.as_ref());
+                identification.warnings.push(format!(
+                    "the two methods disagree near {:.4} Hz. {}, and is much surer: its values are listed",
+                    opinion.frequency_hz,
+                    both(&mode, &opinion)
+                ));
+                identification.other_poles.extend(poles);
+            }
+            None => identification.modes.push(mode),
+        }
+    }
+    number(&mut identification.modes);
+}
+
+/// Whether frequency and damping of the subspace are known so much better that the fit is wrong.
+fn is_much_surer(opinion: &SecondOpinion, mode: &Mode) -> bool {
+    let of_opinion = opinion.frequency_std_hz * opinion.damping_ratio_std / opinion.damping_ratio;
+    let of_fit = mode.frequency_std_hz * mode.damping_ratio_std / mode.damping_ratio;
+    of_fit > MUCH_SURER * of_opinion
 }
 
 /// Takes out modes whose damping is hardly known and that the subspace does not have: a peak that chance makes of noise now and
@@ -202,28 +242,6 @@ fn pairs(
     pairs
 }
 
-/// A mode's shape at a setup's channels; `None` where it is not known at one of them.
-pub(super) fn shape_in(measured: &MeasuredSetup<'_>, mode: &Mode) -> Option<Shape> {
-    let components: Option<Vec<_>> = measured
-        .spectrum
-        .channels()
-        .iter()
-        .map(|&channel| {
-            let component = component(&mode.shape, &measured.setup.name, measured.setup.sensors.get(channel)?)?;
-            Some(component.value())
-        })
-        .collect();
-    components.map(Shape::from_vec)
-}
-
-/// The component of a sensor: by the name that [`crate::identify::merge`] gives it; a reference goes by its point.
-fn component<'a>(shape: &'a [ShapeComponent], setup: &str, sensor: &Sensor) -> Option<&'a ShapeComponent> {
-    let own = format!("{setup}/{}", sensor.channel);
-    let named = |name: &str| shape.iter().find(|component| component.channel == name);
-    let at_point = || shape.iter().find(|component| component.point == sensor.point);
-    if sensor.reference { at_point() } else { named(&own).or_else(|| named(&sensor.channel)) }
-}
-
 /// The opinions of all setups in one, by inverse variance; `None` where no setup has any.
 fn pooled(mode: &Mode, opinions: &[(&StablePole, f64)]) -> Option<SecondOpinion> {
     if opinions.is_empty() {
@@ -253,8 +271,16 @@ fn pooled(mode: &Mode, opinions: &[(&StablePole, f64)]) -> Option<SecondOpinion>
 fn disagreement(mode: &Mode) -> Option<String> {
     let other = mode.second_opinion.filter(|opinion| !opinion.agrees)?;
     Some(format!(
-        "mode {}: the two methods disagree. The fit of spectra has {:.5} ± {:.5} Hz and {:.2} ± {:.2} % damping, the subspace has {:.5} ± {:.5} Hz and {:.2} ± {:.2} %: trust neither further than their difference",
+        "mode {}: the two methods disagree. {}: trust neither further than their difference",
         mode.number,
+        both(mode, &other)
+    ))
+}
+
+/// What either method has.
+fn both(mode: &Mode, other: &SecondOpinion) -> String {
+    format!(
+        "The fit of spectra has {:.5} ± {:.5} Hz and {:.2} ± {:.2} % damping, the subspace has {:.5} ± {:.5} Hz and {:.2} ± {:.2} %",
         mode.frequency_hz,
         mode.frequency_std_hz,
         100.0 * mode.damping_ratio,
@@ -263,7 +289,7 @@ fn disagreement(mode: &Mode) -> Option<String> {
         other.frequency_std_hz,
         100.0 * other.damping_ratio,
         100.0 * other.damping_ratio_std
-    ))
+    )
 }
 
 /// Says which clear poles are no modes of the first method: those that more than half of the setups show.

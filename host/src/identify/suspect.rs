@@ -1,0 +1,245 @@
+//! Channels that the shapes themselves contradict: turned around, exchanged, or in another unit.
+//!
+//! Modes and the setups' sensors flow in; a sentence for each suspicion flows out. The lowest modes of a tall structure are smooth over
+//! the height, so a channel that is wrong makes them rough, and what mends it makes them smooth again. No model is needed.
+
+use super::result::Mode;
+use super::setup::MeasuredSetup;
+use super::ssi::component_of;
+use crate::study::Sensor;
+
+/// Modes that are looked at: higher ones are not smooth from one sensor to the next.
+const LOWEST_MODES: usize = 4;
+/// A mode counts where its components are known within this share of its largest.
+const KNOWN: f64 = 0.1;
+/// Sensors of one direction, within so many degrees, at so many heights at least show whether a shape is smooth.
+const SAME_DIRECTION_DEG: f64 = 10.0;
+const LEAST_HEIGHTS: usize = 4;
+/// There must be so much roughness, in squares of a shape of unit length; what mends the channels must leave no more than this share
+/// of it, and each step no more than this share of what was left.
+const ROUGH: f64 = 0.05;
+const LEFT: f64 = 0.25;
+const STEP: f64 = 0.6;
+/// The channel must then move as its neighbours let expect: within this share, in root mean square.
+const AS_EXPECTED: f64 = 0.35;
+/// ...where they let expect at least this much of a shape of unit length.
+const EXPECTED: f64 = 0.1;
+/// Faults that are told at most: more are no slips of single channels.
+const MOST: usize = 3;
+/// Ratios of units that are mixed up, and what is meant.
+const UNITS: [(f64, &str); 4] = [
+    (9.806_65, "in g where m/s² are stated"),
+    (1.0 / 9.806_65, "in m/s² where g are stated"),
+    (1000.0, "a thousand times too small"),
+    (0.001, "a thousand times too large"),
+];
+
+/// What may be wrong.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Fault {
+    Reversed(usize),
+    Unit(usize, usize),
+    Exchanged(usize, usize),
+}
+
+/// A channel with a place: its names, and its components in the modes.
+struct Channel<'a> {
+    setup: &'a str,
+    sensor: &'a Sensor,
+    values: Vec<f64>,
+}
+
+/// Channels of one direction (1, or -1 for those that count the other way), lowest first.
+struct Line {
+    channels: Vec<(usize, f64, f64)>,
+}
+
+/// Says which channels the modes contradict.
+pub(crate) fn suspicions(modes: &[Mode], measured: &[MeasuredSetup<'_>]) -> Vec<String> {
+    let modes: Vec<&Mode> = modes.iter().filter(|mode| is_known(mode)).take(LOWEST_MODES).collect();
+    let mut channels: Vec<Channel<'_>> = Vec::new();
+    for m in measured {
+        for sensor in &m.setup.sensors {
+            let values: Option<Vec<f64>> =
+                modes.iter().map(|mode| Some(component_of(&mode.shape, &m.setup.name, sensor)?.re)).collect();
+            let is_again = sensor.reference && channels.iter().any(|other| other.sensor.point == sensor.point);
+            if let Some(values) = values.filter(|_| !is_again) {
+                channels.push(Channel { setup: &m.setup.name, sensor, values });
+            }
+        }
+    }
+    let lines = lines(&channels);
+    let mut values: Vec<Vec<f64>> = channels.iter().map(|channel| channel.values.clone()).collect();
+    let first = roughness(&lines, &values);
+    let (mut left, mut found) = (first, Vec::new());
+    while found.len() < MOST && left > LEFT * ROUGH {
+        let mended = |fault: Fault| (roughness(&lines, &with(&values, fault)), fault);
+        let best = faults(&channels).into_iter().map(mended).min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((after, fault)) = best.filter(|(after, _)| *after < STEP * left) else { break };
+        values = with(&values, fault);
+        left = after;
+        found.push(fault);
+    }
+    let is_smooth = |fault: &Fault| fault.channels().iter().all(|&at| is_as_expected(&lines, &values, at));
+    if first < ROUGH || left > LEFT * first || !found.iter().all(is_smooth) {
+        return Vec::new();
+    }
+    found.into_iter().map(|fault| sentence(&channels, fault, measured.len() > 1)).collect()
+}
+
+impl Fault {
+    /// The channels that it is of.
+    fn channels(self) -> Vec<usize> {
+        match self {
+            Self::Reversed(at) | Self::Unit(at, _) => vec![at],
+            Self::Exchanged(one, other) => vec![one, other],
+        }
+    }
+}
+
+fn is_known(mode: &Mode) -> bool {
+    let largest = mode.shape.iter().map(|part| part.re.hypot(part.im)).fold(0.0, f64::max);
+    mode.shape.iter().all(|part| part.std <= KNOWN * largest)
+}
+
+/// Horizontal channels by direction, where they stand at enough heights.
+fn lines(channels: &[Channel<'_>]) -> Vec<Line> {
+    let mut lines: Vec<([f64; 2], Line)> = Vec::new();
+    for (at, channel) in channels.iter().enumerate() {
+        let (Some(z_m), Some(direction)) = (channel.sensor.elevation_m, channel.sensor.direction) else { continue };
+        let [x, y, up] = direction.cosines();
+        if up.abs() > SAME_DIRECTION_DEG.to_radians().sin() {
+            continue;
+        }
+        let along = |line: &[f64; 2]| line[0] * x + line[1] * y;
+        match lines.iter_mut().find(|(line, _)| along(line).abs() > SAME_DIRECTION_DEG.to_radians().cos()) {
+            Some((line, members)) => members.channels.push((at, along(line).signum(), z_m)),
+            None => lines.push(([x, y], Line { channels: vec![(at, 1.0, z_m)] })),
+        }
+    }
+    let mut lines: Vec<Line> = lines.into_iter().map(|(_, line)| line).collect();
+    for line in &mut lines {
+        line.channels.sort_by(|a, b| a.2.total_cmp(&b.2));
+    }
+    lines.retain(|line| {
+        let heights = line.channels.iter().map(|(_, _, z_m)| *z_m).collect::<Vec<_>>();
+        1 + heights.windows(2).filter(|pair| pair[1] > pair[0]).count() >= LEAST_HEIGHTS
+    });
+    lines
+}
+
+/// What the other channels of a line let expect at one of them, by mode: the mean at its height, or what lies on a straight line
+/// between the next heights; at the ends on the straight line through the next two.
+fn expected(line: &Line, values: &[Vec<f64>], place: usize) -> Option<Vec<f64>> {
+    let z_m = line.channels[place].2;
+    let mean_at = |height_m: f64| {
+        let there: Vec<&(usize, f64, f64)> = line
+            .channels
+            .iter()
+            .enumerate()
+            .filter(|(other, channel)| *other != place && channel.2 == height_m)
+            .map(|(_, channel)| channel)
+            .collect();
+        let modes = values.first().map_or(0, Vec::len);
+        let mean =
+            |mode: usize| there.iter().map(|(at, sign, _)| sign * values[*at][mode]).sum::<f64>() / there.len() as f64;
+        (!there.is_empty()).then(|| (0..modes).map(mean).collect::<Vec<f64>>())
+    };
+    if let Some(same) = mean_at(z_m) {
+        return Some(same);
+    }
+    let mut heights: Vec<f64> = line.channels.iter().map(|(_, _, z_m)| *z_m).collect();
+    heights.dedup();
+    let below: Vec<f64> = heights.iter().copied().filter(|height| *height < z_m).collect();
+    let above: Vec<f64> = heights.iter().copied().filter(|height| *height > z_m).collect();
+    let (a, b) = match (below.as_slice(), above.as_slice()) {
+        ([.., below], [above, ..]) => (*below, *above),
+        ([.., a, b], []) | ([], [a, b, ..]) => (*a, *b),
+        _ => return None,
+    };
+    let (at_a, at_b) = (mean_at(a)?, mean_at(b)?);
+    let share = (z_m - a) / (b - a);
+    Some(at_a.iter().zip(&at_b).map(|(a, b)| a + share * (b - a)).collect())
+}
+
+/// Squared differences of all channels from what is expected, over the squared lengths of the shapes, the mean of the modes.
+fn roughness(lines: &[Line], values: &[Vec<f64>]) -> f64 {
+    let modes = values.first().map_or(0, Vec::len);
+    let mut sums = vec![(0.0, 0.0); modes];
+    for line in lines {
+        for (place, (at, sign, _)) in line.channels.iter().enumerate() {
+            let Some(expected) = expected(line, values, place) else { continue };
+            for (mode, sum) in sums.iter_mut().enumerate() {
+                let value = sign * values[*at][mode];
+                *sum = (sum.0 + (value - expected[mode]).powi(2), sum.1 + value * value);
+            }
+        }
+    }
+    sums.iter().filter(|sum| sum.1 > 0.0).map(|(rough, whole)| rough / whole).sum::<f64>() / modes.max(1) as f64
+}
+
+/// Whether a channel moves as the others of its line let expect, and they let expect something.
+fn is_as_expected(lines: &[Line], values: &[Vec<f64>], at: usize) -> bool {
+    let Some((line, place)) = lines.iter().find_map(|line| {
+        let place = line.channels.iter().position(|(channel, ..)| *channel == at)?;
+        Some((line, place))
+    }) else {
+        return false;
+    };
+    let Some(expected) = expected(line, values, place) else { return false };
+    let sign = line.channels[place].1;
+    let whole = |mode: usize| values.iter().map(|channel| channel[mode].powi(2)).sum::<f64>().max(f64::MIN_POSITIVE);
+    let (mut off, mut size, mut modes) = (0.0, 0.0, 0);
+    for (mode, expected) in expected.iter().enumerate() {
+        off += (sign * values[at][mode] - expected).powi(2) / whole(mode);
+        size += expected * expected / whole(mode);
+        modes += 1;
+    }
+    off < AS_EXPECTED * AS_EXPECTED * size && size > EXPECTED * EXPECTED * f64::from(modes)
+}
+
+fn faults(channels: &[Channel<'_>]) -> Vec<Fault> {
+    let count = channels.len();
+    let of_one = (0..count).flat_map(|at| {
+        std::iter::once(Fault::Reversed(at)).chain((0..UNITS.len()).map(move |unit| Fault::Unit(at, unit)))
+    });
+    let pairs = (0..count).flat_map(|one| (one + 1..count).map(move |other| (one, other)));
+    // Cables are exchanged where they are plugged in.
+    let exchanged = pairs.filter(|&(one, other)| channels[one].setup == channels[other].setup);
+    of_one.chain(exchanged.map(|(one, other)| Fault::Exchanged(one, other))).collect()
+}
+
+fn with(values: &[Vec<f64>], fault: Fault) -> Vec<Vec<f64>> {
+    let mut values = values.to_vec();
+    match fault {
+        Fault::Reversed(at) => values[at].iter_mut().for_each(|value| *value = -*value),
+        Fault::Unit(at, unit) => values[at].iter_mut().for_each(|value| *value *= UNITS[unit].0),
+        Fault::Exchanged(one, other) => values.swap(one, other),
+    }
+    values
+}
+
+fn sentence(channels: &[Channel<'_>], fault: Fault, has_setups: bool) -> String {
+    let name = |at: usize| {
+        let channel = &channels[at];
+        let setup = if has_setups { format!(" of setup \"{}\"", channel.setup) } else { String::new() };
+        format!("{}{setup}", channel.sensor.channel)
+    };
+    let (what, effect) = match fault {
+        Fault::Reversed(at) => (
+            format!("channel {} seems to be turned around", name(at)),
+            format!("sensor-polarity@{}", channels[at].sensor.channel),
+        ),
+        Fault::Unit(at, unit) => (
+            format!("channel {} seems to be {}", name(at), UNITS[unit].1),
+            format!("sensor-gain@{}", channels[at].sensor.channel),
+        ),
+        Fault::Exchanged(one, other) => (
+            format!("channels {} and {} seem to be exchanged", name(one), name(other)),
+            format!("sensor-swap@{}+{}", channels[one].sensor.channel, channels[other].sensor.channel),
+        ),
+    };
+    format!(
+        "{what}: without that the lowest shapes are not smooth over the height. Check cable and study.toml; belfry diagnose weighs {effect}"
+    )
+}
