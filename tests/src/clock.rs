@@ -158,7 +158,8 @@ pub fn run(study: &ClockStudy) -> Result<ClockReport, String> {
     let options = Options { seed: study.seed, ..Options::default() };
     let mut simulation = Simulation::of_beam(beam, &[], setup, &options).map_err(|error| told(&error))?;
     let rows = (study.hours * 3600.0 * setup.sampling_rate_hz) as u64;
-    let extent = SetupExtent { sampling_rate_hz: setup.sampling_rate_hz, rows, channels: setup.sensors.len() };
+    let extent =
+        SetupExtent { sampling_rate_hz: setup.sampling_rate_hz, rows, channels: setup.sensors.len(), block_rows: None };
     let plan = SpectralPlan::choose(&[extent], &study_of_tower.analysis).map_err(|error| told(&error))?;
     let (grid, decimation) = (plan.grid, *plan.decimations.first().ok_or("no plan")?);
     let perfect =

@@ -101,7 +101,8 @@ pub(super) fn settings(
 ) -> Result<Settings, CollectionError> {
     let band_hz = study.analysis.band_hz.ok_or_else(|| CollectionError::NoBand { file: study_file(study) })?;
     let rows = (options.hours.unwrap_or(HOURS) * 3600.0 * setup.sampling_rate_hz) as u64;
-    let extent = SetupExtent { sampling_rate_hz: setup.sampling_rate_hz, rows, channels: setup.sensors.len() };
+    let extent =
+        SetupExtent { sampling_rate_hz: setup.sampling_rate_hz, rows, channels: setup.sensors.len(), block_rows: None };
     let before = archive.configurations(Some(&setup.name))?;
     // Another setup of the study, that was collected before, fixes the lines as well: they are analysed together.
     let others = study.setups.iter().filter(|other| other.live && other.name != setup.name);

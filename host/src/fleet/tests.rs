@@ -31,6 +31,7 @@ fn setup(channels: usize, a_node: usize) -> Setup {
         name: "test".to_owned(),
         files: Vec::new(),
         live: false,
+        block_s: None,
         variable: None,
         sampling_rate_hz: RATE_HZ,
         unit: Unit::MetrePerSecondSquared,

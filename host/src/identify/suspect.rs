@@ -108,7 +108,7 @@ fn lines(channels: &[Channel<'_>]) -> Vec<Line> {
     for (at, channel) in channels.iter().enumerate() {
         let (Some(z_m), Some(direction)) = (channel.sensor.elevation_m, channel.sensor.direction) else { continue };
         let [x, y, up] = direction.cosines();
-        if up.abs() > SAME_DIRECTION_DEG.to_radians().sin() {
+        if !channel.sensor.is_of_a_point() || up.abs() > SAME_DIRECTION_DEG.to_radians().sin() {
             continue;
         }
         let along = |line: &[f64; 2]| line[0] * x + line[1] * y;

@@ -4,7 +4,8 @@ use super::*;
 use crate::simulate::modal::score::{identified, mac, median_of_magnitudes, rms, score};
 use crate::simulate::modal::{Recording, Truth, points, setup};
 use crate::spectra::CrossSpectrum;
-use crate::spectra::plan::{SetupExtent, SpectralPlan};
+use crate::spectra::SetupExtent;
+use crate::spectra::plan::SpectralPlan;
 use crate::study::{Analysis, Setup};
 
 /// The two chains at 2.5 Hz, decimated from 10 Hz.
@@ -14,7 +15,8 @@ fn chain_record(seed: u64, hours: f64) -> (Truth, CrossSpectrum) {
     let recording = Recording { band_hz, ..Recording::of(10.0, hours, seed) };
     let analysis =
         Analysis { band_hz: Some(band_hz), decimated_rate_hz: Some(2.5), segment: None, ..Analysis::default() };
-    let extent = SetupExtent { sampling_rate_hz: 10.0, rows: (hours * 36_000.0) as u64, channels: 20 };
+    let extent =
+        SetupExtent { sampling_rate_hz: 10.0, rows: (hours * 36_000.0) as u64, channels: 20, block_rows: None };
     let plan = SpectralPlan::choose(&[extent], &analysis).unwrap();
     let spectrum = truth.recorded_along(&recording, &plan).unwrap();
     (truth, spectrum)
@@ -132,7 +134,7 @@ fn setups_merge_through_their_references() {
     let rows = [vec![16, 17, 18, 0, 1, 4, 5, 8, 9, 12, 13], vec![16, 17, 18, 2, 3, 6, 7, 10, 11, 14, 15, 19]];
     let analysis =
         Analysis { band_hz: Some([0.05, 1.5]), decimated_rate_hz: None, segment: None, ..Analysis::default() };
-    let extent = SetupExtent { sampling_rate_hz: 12.5, rows: 90_000, channels: 12 };
+    let extent = SetupExtent { sampling_rate_hz: 12.5, rows: 90_000, channels: 12, block_rows: None };
     let plan = SpectralPlan::choose(&[extent; 2], &analysis).unwrap();
     let measured: Vec<(Setup, CrossSpectrum)> = rows
         .iter()
@@ -167,7 +169,8 @@ fn brief_tower(hours: f64) -> (Truth, Setup, CrossSpectrum) {
         segment: Some(512),
         ..Analysis::default()
     };
-    let extent = SetupExtent { sampling_rate_hz: 12.5, rows: (hours * 45_000.0) as u64, channels: 20 };
+    let extent =
+        SetupExtent { sampling_rate_hz: 12.5, rows: (hours * 45_000.0) as u64, channels: 20, block_rows: None };
     let plan = SpectralPlan::choose(&[extent], &analysis).unwrap();
     let recording = Recording::of(12.5, hours, 1);
     let spectrum = truth.recorded_along(&recording, &plan).unwrap();

@@ -25,7 +25,7 @@ use crate::identify::MeasuredSetup;
 use crate::record::{RecordError, Recording};
 use crate::spectra::{
     CrossSpectrum, CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines,
-    plan,
+    rows_for,
 };
 use crate::study::{Analysis, Setup, Study};
 use faults::{fault_sentences, left_out_sentence, noisy_sentence, silenced_sentences};
@@ -259,8 +259,7 @@ impl<'a> Opened<'a> {
             let nothing = || MeasureError::NothingCollected { setup: name() };
             let archive = Archive::open(folder).map_err(failed)?.ok_or_else(nothing)?;
             let collected = archive.collected(setup).map_err(failed)?.ok_or_else(nothing)?;
-            let rows =
-                plan::rows_for(collected.setup.windows, collected.setup.decimation, collected.setup.grid.segment);
+            let rows = rows_for(collected.setup.windows, collected.setup.decimation, collected.setup.grid.segment);
             return Ok(Self { setup, material: Material::Archive(Box::new(collected)), rows });
         }
         let failed = |source| MeasureError::Record { setup: name(), source: Box::new(source) };
@@ -282,6 +281,7 @@ impl<'a> Opened<'a> {
             sampling_rate_hz: self.setup.sampling_rate_hz,
             rows: self.rows,
             channels: self.setup.sensors.len(),
+            block_rows: self.setup.block_rows(),
         }
     }
 }

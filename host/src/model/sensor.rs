@@ -4,9 +4,9 @@ use nalgebra::{DMatrix, RowDVector};
 use thiserror::Error;
 
 use super::assembly::Assembly;
-use super::geometry::Geometry;
+use super::geometry::{Geometry, Line};
 use super::layout::LayoutNode;
-use crate::study::Sensor;
+use crate::study::{Direction, Motion, Sensor, Unit};
 
 /// Why a sensor has no place in the model.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -71,6 +71,20 @@ pub enum SensorError {
         /// `ux`, `uy` or `uz`.
         dof: &'static str,
     },
+    /// A strain gauge at the beam's axis.
+    #[error("channel {channel}: a strain gauge at the axis sees no bending; give its place in plan, offset_m = [x, y]")]
+    StrainAtAxis {
+        /// The channel.
+        channel: String,
+    },
+    /// A strain gauge where no beam says how fibres stretch, or a tilt that is not horizontal.
+    #[error(
+        "channel {channel}: the model does not tell this; strain needs a model whose nodes stand above each other, tilt a horizontal direction"
+    )]
+    NotOfAPoint {
+        /// The channel.
+        channel: String,
+    },
     /// It names a row that the matrices do not have.
     #[error("channel {channel}: dof = {dof}, but the model's matrices have the rows 1 to {dofs}")]
     NoSuchDof {
@@ -87,8 +101,18 @@ pub enum SensorError {
 const END_TOLERANCE_M: f64 = 1e-6;
 /// A direction cosine below this is rounding of a sensor that points along an axis.
 const ALONG_AN_AXIS: f64 = 1e-9;
+/// Half of the length over which a strain gauge is taken to measure, as a share of its segment.
+const STRAIN_STEP: f64 = 0.01;
 /// A sensor this near (in m) to a node of a structure in space stands at it.
 const NODE_TOLERANCE_M: f64 = 1e-3;
+
+fn check_inside(line: &Line, sensor: &Sensor, elevation_m: f64) -> Result<(), SensorError> {
+    let (z_base_m, z_top_m) = (line.z_base_m(), line.z_top_m());
+    if (z_base_m - END_TOLERANCE_M..=z_top_m + END_TOLERANCE_M).contains(&elevation_m) {
+        return Ok(());
+    }
+    Err(SensorError::OutsideBeam { channel: sensor.channel.clone(), elevation_m, z_base_m, z_top_m })
+}
 
 impl Assembly {
     /// Motion at the sensors, sensors x DOFs, in the sensors' order and positive directions.
@@ -108,6 +132,46 @@ impl Assembly {
         Ok(rows)
     }
 
+    /// What an inclinometer or a strain gauge sees.
+    ///
+    /// The section is rigid: the axis leans towards +X by ry, towards +Y by -rx, and a vertical fibre at the plan offset (x, y)
+    /// stretches by y drx/dz - x dry/dz, as it moves up by y rx - x ry.
+    fn rotation_row(
+        &self,
+        sensor: &Sensor,
+        elevation_m: f64,
+        direction: Direction,
+    ) -> Result<RowDVector<f64>, SensorError> {
+        let channel = sensor.channel.clone();
+        let ([x, y], [cos, sin, up]) = (sensor.offset_m, direction.cosines());
+        let is_strain = sensor.unit.map(Unit::motion) == Some(Motion::Strain);
+        if let Geometry::Line(line) = &self.geometry {
+            check_inside(line, sensor, elevation_m)?;
+        }
+        match &self.geometry {
+            Geometry::Line(line) if is_strain => {
+                if sensor.offset_m == [0.0; 2] {
+                    return Err(SensorError::StrainAtAxis { channel });
+                }
+                let spans = line.spans();
+                let span = spans.iter().find(|span| elevation_m <= span.z_top_m).or(spans.last());
+                let Some(span) = span else { return Err(SensorError::NotOfAPoint { channel }) };
+                // Rotations are parabolas within a span, so their slope is that between two heights about the sensor.
+                let (bottom_m, top_m) = (span.z_bottom_m, span.z_top_m);
+                let step_m = STRAIN_STEP * (top_m - bottom_m);
+                let heights_m = [(elevation_m - step_m).max(bottom_m), (elevation_m + step_m).min(top_m)];
+                let [below, above] = heights_m.map(|z_m| line.motion(z_m, self.dofs()));
+                let slope = (above - below) / (heights_m[1] - heights_m[0]);
+                Ok(slope.row(2) * y - slope.row(3) * x)
+            }
+            Geometry::Line(line) if up.abs() < ALONG_AN_AXIS => {
+                let axis = line.motion(elevation_m, self.dofs());
+                Ok(axis.row(3) * cos - axis.row(2) * sin)
+            }
+            _ => Err(SensorError::NotOfAPoint { channel }),
+        }
+    }
+
     fn sensor_row(&self, sensor: &Sensor) -> Result<RowDVector<f64>, SensorError> {
         let channel = || sensor.channel.clone();
         if let Some(dof) = sensor.dof {
@@ -119,14 +183,14 @@ impl Assembly {
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
         let direction = sensor.direction.ok_or_else(|| SensorError::NoDirection { channel: channel() })?;
         let [x, y] = sensor.offset_m;
+        if !sensor.is_of_a_point() {
+            return self.rotation_row(sensor, elevation_m, direction);
+        }
         let direction_cosines = direction.cosines();
         // Columns of (ux, uy, uz) at the sensor over the DOFs, and whether the model has such motions.
         let (motions, moves) = match &self.geometry {
             Geometry::Line(line) => {
-                let (z_base_m, z_top_m) = (line.z_base_m(), line.z_top_m());
-                if !(z_base_m - END_TOLERANCE_M..=z_top_m + END_TOLERANCE_M).contains(&elevation_m) {
-                    return Err(SensorError::OutsideBeam { channel: channel(), elevation_m, z_base_m, z_top_m });
-                }
+                check_inside(line, sensor, elevation_m)?;
                 let axis = line.motion(elevation_m, self.dofs());
                 let (ux, uy, rx, ry, rz) = (axis.row(0), axis.row(1), axis.row(2), axis.row(3), axis.row(4));
                 let uz = line.vertical_motion(elevation_m, self.dofs()) + rx * y - ry * x;

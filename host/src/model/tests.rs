@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::effect::Effect;
 use super::*;
-use crate::study::{Direction, Sensor};
+use crate::study::{Direction, Sensor, Unit};
 
 /// A uniform beam as text: unit mass a metre lumped half to each neighbouring node.
 pub(super) struct Uniform {
@@ -109,6 +109,46 @@ fn a_clamped_beam_without_shear_has_the_euler_bernoulli_frequencies() {
         near(found[2], beam.bending_hz(7.854757, axis), 2e-3);
         near(found[1] / found[0], 6.2669, 1e-3);
     }
+}
+
+#[test]
+fn inclinometers_see_the_slope_of_the_axis_and_strain_gauges_its_curvature() {
+    let beam = Uniform::default();
+    let structure = Structure::new(beam.table());
+    let modes = beam.modes();
+    let of = |unit: Option<Unit>, z_m: f64, azimuth_deg: f64, offset_m: [f64; 2]| {
+        let sensor = Sensor { unit, ..sensor("1", z_m, Direction::AzimuthDeg(azimuth_deg), offset_m) };
+        (structure.assemble().sensor_rows(&[sensor]).unwrap() * &modes.shapes).row(0).into_owned()
+    };
+    let (z_m, step_m) = (0.61 * beam.length_m, 0.03 * beam.length_m);
+    for azimuth_deg in [0.0_f64, 90.0, 210.0] {
+        let (sin, cos) = azimuth_deg.to_radians().sin_cos();
+        let displaced = [-1.0, 0.0, 1.0].map(|steps: f64| of(None, z_m + steps * step_m, azimuth_deg, [0.0; 2]));
+        let tilt = of(Some(Unit::Radian), z_m, azimuth_deg, [0.0; 2]);
+        // On the side towards which the beam leans fibres are shorter.
+        let strain = of(Some(Unit::Strain), z_m, azimuth_deg, [1.5 * cos, 1.5 * sin]);
+        for mode in 0..4 {
+            let slope = (displaced[2][mode] - displaced[0][mode]) / (2.0 * step_m);
+            let curvature = (displaced[2][mode] - 2.0 * displaced[1][mode] + displaced[0][mode]) / (step_m * step_m);
+            let size = displaced[1].amax() / beam.length_m;
+            assert!((tilt[mode] - slope).abs() < 0.02 * size, "{azimuth_deg}, {mode}: {} {slope}", tilt[mode]);
+            let expected = -1.5 * curvature;
+            let size = 1.5 * displaced[1].amax() / beam.length_m.powi(2);
+            assert!(
+                (strain[mode] - expected).abs() < 0.15 * size,
+                "{azimuth_deg}, {mode}: {} {expected}",
+                strain[mode]
+            );
+            assert!(strain[mode].abs() > 2.0 * size || expected.abs() < 3.0 * size);
+        }
+    }
+    let refused = |sensor: Sensor| structure.assemble().sensor_rows(&[sensor]).unwrap_err();
+    let good = Sensor { unit: Some(Unit::Strain), ..sensor("1", z_m, Direction::AzimuthDeg(0.0), [0.0; 2]) };
+    assert!(matches!(refused(good.clone()), SensorError::StrainAtAxis { .. }));
+    let above = Sensor { unit: Some(Unit::Radian), elevation_m: Some(beam.length_m + 1.0), ..good.clone() };
+    assert!(matches!(refused(above), SensorError::OutsideBeam { .. }));
+    let upright = Sensor { unit: Some(Unit::Radian), direction: Some(Direction::Up), ..good };
+    assert!(matches!(refused(upright), SensorError::NotOfAPoint { .. }));
 }
 
 #[test]

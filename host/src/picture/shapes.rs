@@ -81,6 +81,9 @@ fn points_by_name(setups: &[Setup]) -> BTreeMap<&str, MeasuredPoint<'_>> {
         let (Some(elevation_m), Some(Direction::AzimuthDeg(azimuth))) = (sensor.elevation_m, sensor.direction) else {
             continue;
         };
+        if !sensor.is_of_a_point() {
+            continue;
+        }
         let index = azimuths.iter().position(|other| *other == azimuth).unwrap_or_else(|| {
             azimuths.push(azimuth);
             azimuths.len() - 1

@@ -35,6 +35,23 @@ impl Block {
         &self.values
     }
 
+    /// Puts missing rows between blocks of `length` rows, of which `before` rows are gone by; how many are then.
+    pub(super) fn part(&mut self, before: u64, length: u64, missing: usize) -> u64 {
+        let rows = self.row_count() as u64;
+        let is_first = |row: u64| row > 0 && row.is_multiple_of(length);
+        if (before..before + rows).any(is_first) {
+            let mut parted = Vec::with_capacity(self.values.len());
+            for (row, values) in (before..).zip(self.rows()) {
+                if is_first(row) {
+                    parted.extend(std::iter::repeat_n(f64::NAN, missing * self.channels));
+                }
+                parted.extend_from_slice(values);
+            }
+            self.values = parted;
+        }
+        before + rows
+    }
+
     /// Empties the block for rows of `channels` values and hands out its buffer, which keeps its capacity.
     pub(super) fn start(&mut self, channels: usize) -> &mut Vec<f64> {
         self.channels = channels;

@@ -111,10 +111,10 @@ impl Selection {
     }
 }
 
-/// What makes m/s² (m/s of a velocity, m of a displacement) of a recorded number.
+/// What makes m/s² (m/s of a velocity, m of a displacement, rad of a tilt) of a recorded number.
 fn si_factor(unit: Unit, sensor: &Sensor) -> Result<f64, RecordError> {
     match unit {
-        Unit::MetrePerSecondSquared | Unit::MetrePerSecond | Unit::Metre => Ok(1.0),
+        Unit::MetrePerSecondSquared | Unit::MetrePerSecond | Unit::Metre | Unit::Radian | Unit::Strain => Ok(1.0),
         Unit::StandardGravity => Ok(STANDARD_GRAVITY_M_S2),
         Unit::Volt => match sensor.sensitivity_v_per_m_s2 {
             Some(sensitivity) if sensitivity.is_normal() => Ok(sensitivity.recip()),

@@ -58,7 +58,14 @@ pub struct Recording {
     next_file: usize,
     reader: Option<Box<dyn RowReader>>,
     statistics: Statistics,
+    /// Rows read of the open file, where it is joined of blocks.
+    rows_of_file: u64,
+    /// Missing rows put in so far.
+    put_in: u64,
 }
+
+/// Missing rows between the blocks that a file is joined of: more than are filled by straight lines.
+const ROWS_BETWEEN_BLOCKS: usize = 4;
 
 impl Recording {
     /// Opens the files of `setup`, whose patterns start at `folder`, and checks that they have its channels and
@@ -89,6 +96,8 @@ impl Recording {
             selection,
             next_file: 0,
             reader: None,
+            rows_of_file: 0,
+            put_in: 0,
         })
     }
 
@@ -102,7 +111,7 @@ impl Recording {
         self.selection.columns.len()
     }
 
-    /// Exact number of rows of the whole recording, filled gaps included. At once for NPY, MATLAB and binary
+    /// Exact number of rows of the whole recording, filled gaps and those between joined blocks included. At once for NPY, MATLAB and binary
     /// universal files, and for Parquet without a time column; text is read through (without parsing its samples), so
     /// call it once.
     ///
@@ -110,7 +119,11 @@ impl Recording {
     /// Where a file cannot be read, or its time column goes wrong.
     pub fn total_rows(&self) -> Result<u64, RecordError> {
         let mut clock = Clock::new(self.setup.sampling_rate_hz);
-        let rows = self.files.iter().map(|file| file.count_rows(&self.setup, &mut clock));
+        let rows = self.files.iter().map(|file| {
+            let rows = file.count_rows(&self.setup, &mut clock)?;
+            let joints = self.setup.block_rows().map_or(0, |block| rows.saturating_sub(1) / block);
+            Ok(rows + joints * ROWS_BETWEEN_BLOCKS as u64)
+        });
         rows.sum()
     }
 
@@ -123,6 +136,11 @@ impl Recording {
     pub fn next_block(&mut self, block: &mut Block) -> Result<bool, RecordError> {
         let channels = self.channels();
         let rows = (BLOCK_VALUES / channels.max(1)).clamp(*BLOCK_ROWS.start(), *BLOCK_ROWS.end());
+        // With room for the rows that are put in.
+        let rows = self.setup.block_rows().map_or(rows, |length| {
+            let put_in = ROWS_BETWEEN_BLOCKS * (rows / usize::try_from(length).unwrap_or(usize::MAX) + 1);
+            rows.saturating_sub(put_in).max(1)
+        });
         loop {
             let values = block.start(channels);
             let Some(reader) = &mut self.reader else {
@@ -130,11 +148,17 @@ impl Recording {
                 self.reader = Some(file.open(&self.setup)?);
                 self.next_file += 1;
                 self.clock.start_file();
+                self.rows_of_file = 0;
                 continue;
             };
             let mut into = Rows { selection: &self.selection, clock: &mut self.clock, values };
             if reader.read(rows, &mut into)? > 0 {
                 self.statistics.add(block, &self.selection, |row| reader.position(row))?;
+                if let Some(rows) = self.setup.block_rows() {
+                    let before = block.row_count();
+                    self.rows_of_file = block.part(self.rows_of_file, rows, ROWS_BETWEEN_BLOCKS);
+                    self.put_in += (block.row_count() - before) as u64;
+                }
                 return Ok(true);
             }
             self.reader = None;
@@ -143,6 +167,8 @@ impl Recording {
 
     /// What was read so far, and what the user should know about it.
     pub fn finish(self) -> RecordReport {
-        self.statistics.report(&self.selection, &self.clock, self.setup.sampling_rate_hz)
+        let mut report = self.statistics.report(&self.selection, &self.clock, self.setup.sampling_rate_hz);
+        report.rows += self.put_in;
+        report
     }
 }

@@ -139,8 +139,8 @@ fn check(
         Unit::MetrePerSecondSquared | Unit::StandardGravity => dataset::ACCELERATION,
         Unit::MetrePerSecond => dataset::VELOCITY,
         Unit::Metre => dataset::DISPLACEMENT,
-        // Volts stand for acceleration by the sensor's sensitivity, whatever the file calls them.
-        Unit::Volt => dataset::UNKNOWN,
+        // Volts stand for acceleration by the sensor's sensitivity, whatever the file calls them; of rotations it has no number.
+        Unit::Volt | Unit::Radian | Unit::Strain => dataset::UNKNOWN,
     };
     if let Some(found) = dataset::motion(response.ordinate)
         && expected != dataset::UNKNOWN

@@ -260,7 +260,9 @@ impl Simulation {
         let quantity = match setup.common_motion() {
             Some(Motion::Acceleration) => Quantity::Acceleration,
             Some(Motion::Velocity) => Quantity::Velocity,
-            Some(Motion::Displacement) | None => return Err(SimulationError::Motion { setup: setup.name.clone() }),
+            Some(Motion::Displacement | Motion::Tilt | Motion::Strain) | None => {
+                return Err(SimulationError::Motion { setup: setup.name.clone() });
+            }
         };
         let mut bank = OscillatorBank::new(frequencies_hz, options.damping_ratio, sampling_rate_hz, quantity);
 
@@ -412,7 +414,7 @@ fn check(options: &Options, setup: &Setup) -> Result<(), SimulationError> {
 /// What each channel's motion in SI units is multiplied with to be in the setup's unit.
 fn unit_factors(setup: &Setup) -> Result<Vec<f64>, SimulationError> {
     let factor = |sensor: &crate::study::Sensor| match setup.unit_of(sensor) {
-        Unit::MetrePerSecondSquared | Unit::MetrePerSecond | Unit::Metre => Ok(1.0),
+        Unit::MetrePerSecondSquared | Unit::MetrePerSecond | Unit::Metre | Unit::Radian | Unit::Strain => Ok(1.0),
         Unit::StandardGravity => Ok(1.0 / STANDARD_GRAVITY_M_S2),
         Unit::Volt => sensor.sensitivity_v_per_m_s2.filter(|&sensitivity| sensitivity > 0.0).ok_or_else(|| {
             SimulationError::NoSensitivity { setup: setup.name.clone(), channel: sensor.channel.clone() }

@@ -30,6 +30,7 @@ fn setup(sensors: Vec<Sensor>, sampling_rate_hz: f64) -> Setup {
         name: "january".into(),
         files: vec!["accdata_*.txt".into()],
         live: false,
+        block_s: None,
         variable: None,
         sampling_rate_hz,
         unit: Unit::MetrePerSecondSquared,

@@ -266,7 +266,7 @@ mod tests {
         for (decimation, rows) in [(1, 1000), (8, 20_000), (10, 2819), (10, 2820), (12, 40_000)] {
             let mut welch = Welch::new(grid(), decimation, 1).unwrap();
             let count = windows(&mut welch, rows, |row, _| (row as f64).sin()).len();
-            assert_eq!(count, super::super::plan::window_count(rows as u64, decimation, 256), "{decimation}, {rows}");
+            assert_eq!(count, super::super::extent::window_count(rows as u64, decimation, 256), "{decimation}, {rows}");
         }
     }
 

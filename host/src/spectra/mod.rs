@@ -8,6 +8,7 @@
 mod accumulate;
 mod cross_spectrum;
 pub mod direct;
+mod extent;
 mod grid;
 mod noisy;
 pub mod plan;
@@ -16,8 +17,10 @@ mod sums;
 
 pub use accumulate::{CrossSpectrumAccumulator, SpectraError, SpectraWarning};
 pub use cross_spectrum::CrossSpectrum;
+pub use extent::SetupExtent;
+pub(crate) use extent::rows_for;
 pub(crate) use grid::around;
 pub use grid::{LineGrid, WindowLines};
-pub use plan::{PlanError, SetupExtent, SpectralPlan};
+pub use plan::{PlanError, SpectralPlan};
 pub use stand_out::{Silenced, StandOut};
 pub(crate) use sums::{BAND_HALVES, ENVELOPE_HALF};

@@ -9,6 +9,7 @@ use belfry_shared::decimation::{Stages, USABLE_FRACTION};
 use thiserror::Error;
 
 use super::accumulate::MAX_GROUPS;
+use super::extent::SetupExtent;
 use super::grid::LineGrid;
 use super::sums::triangle;
 use crate::study::Analysis;
@@ -34,17 +35,6 @@ const MAX_DECIMATION: u32 = 1000;
 const USABLE_OF_RAW: f64 = 0.49;
 /// Relative difference below which a ratio of sampling rates counts as whole.
 const RATIO_TOLERANCE: f64 = 1e-4;
-
-/// What the plan needs to know of a setup.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SetupExtent {
-    /// Raw rows a second.
-    pub sampling_rate_hz: f64,
-    /// Rows in the recording.
-    pub rows: u64,
-    /// Channels.
-    pub channels: usize,
-}
 
 /// Why there is no plan.
 #[derive(Debug, Error, PartialEq)]
@@ -291,7 +281,7 @@ impl Candidate {
         let windows = setups
             .iter()
             .zip(&rate.decimations)
-            .map(|(setup, &decimation)| window_count(setup.rows, decimation, segment))
+            .map(|(setup, &decimation)| setup.windows(decimation, segment))
             .collect();
         Self { rate_hz: rate.hz, decimations: rate.decimations.clone(), segment, windows }
     }
@@ -326,16 +316,6 @@ fn usable_hz(rate_hz: f64, decimations: &[u32]) -> f64 {
 fn bytes(setups: &[SetupExtent], lines: usize) -> usize {
     let values = setups.iter().map(|setup| triangle(setup.channels)).sum::<usize>();
     values * lines * BYTES_A_VALUE
-}
-
-/// Windows that `rows` rows give.
-pub(super) fn window_count(rows: u64, decimation: u32, segment: usize) -> usize {
-    let Some(stages) = Stages::of(decimation) else { return 0 };
-    let last_full =
-        (rows.max(1) - 1).checked_sub(u64::from(stages.reach_rows())).map(|row| row / u64::from(decimation));
-    let samples = last_full.map_or(0, |last| (last + 1).saturating_sub(u64::from(stages.first_full_output())));
-    let segment = segment as u64;
-    if samples < segment { 0 } else { ((samples - segment) / (segment / 2)) as usize + 1 }
 }
 
 /// The decimated rates that are possible.
@@ -377,14 +357,6 @@ fn decimations(setups: &[SetupExtent], analysis: &Analysis) -> Result<Vec<Rate>,
     Ok(rates)
 }
 
-/// The rows that give `windows` windows, at least one; the inverse of [`window_count`].
-pub(crate) fn rows_for(windows: usize, decimation: u32, segment: usize) -> u64 {
-    let Some(stages) = Stages::of(decimation) else { return 0 };
-    let samples = (segment + windows.saturating_sub(1) * (segment / 2)) as u64;
-    let last_full = samples.saturating_sub(1) + u64::from(stages.first_full_output());
-    last_full * u64::from(decimation) + u64::from(stages.reach_rows()) + 1
-}
-
 fn too_short(setups: &[SetupExtent], candidates: &[Candidate]) -> PlanError {
     let shortest = |candidate: &&Candidate| (candidate.segment as f64 / candidate.rate_hz * 1e6) as u64;
     let (segment, decimated_rate_hz, decimations) = candidates
@@ -416,7 +388,7 @@ mod tests {
 
     #[test]
     fn an_hour_of_twenty_channels_gets_the_finest_spacing_with_eighty_averages() {
-        let hour = SetupExtent { sampling_rate_hz: 50.0, rows: 180_000, channels: 20 };
+        let hour = SetupExtent { sampling_rate_hz: 50.0, rows: 180_000, channels: 20, block_rows: None };
         let plan = SpectralPlan::choose(&[hour], &analysis([0.05, 1.5])).unwrap();
         assert_eq!((plan.decimations[0], plan.grid.segment), (8, 512));
         assert_eq!((plan.windows[0], plan.few_averages), (86, None));
@@ -429,7 +401,7 @@ mod tests {
 
     #[test]
     fn what_the_host_transforms_has_longer_segments_as_far_as_memory_goes() {
-        let day = SetupExtent { sampling_rate_hz: 50.0, rows: 24 * 180_000, channels: 20 };
+        let day = SetupExtent { sampling_rate_hz: 50.0, rows: 24 * 180_000, channels: 20, block_rows: None };
         let plan = |band_hz| SpectralPlan::choose_direct(&[day], &analysis(band_hz)).unwrap();
         assert_eq!(SpectralPlan::choose(&[day], &analysis([0.05, 1.5])).unwrap().grid.segment, 4096);
         let fine = plan([0.05, 1.5]);
@@ -450,7 +422,7 @@ mod tests {
 
     #[test]
     fn setups_picked_together_share_their_averages() {
-        let setup = SetupExtent { sampling_rate_hz: 40.0, rows: 13_108, channels: 8 };
+        let setup = SetupExtent { sampling_rate_hz: 40.0, rows: 13_108, channels: 8, block_rows: None };
         let plan = SpectralPlan::choose(&[setup; 4], &analysis([0.5, 8.0])).unwrap();
         assert!(plan.windows.iter().sum::<usize>() >= 32);
         assert_eq!((plan.decimations[0], plan.grid.segment), (2, 1024));
@@ -458,7 +430,7 @@ mod tests {
 
     #[test]
     fn what_the_study_fixes_stays_and_few_averages_are_said_with_the_time_that_is_missing() {
-        let ten_minutes = SetupExtent { sampling_rate_hz: 50.0, rows: 30_000, channels: 20 };
+        let ten_minutes = SetupExtent { sampling_rate_hz: 50.0, rows: 30_000, channels: 20, block_rows: None };
         let fixed = Analysis { decimated_rate_hz: Some(5.0), segment: Some(512), ..analysis([0.05, 1.5]) };
         let plan = SpectralPlan::choose(&[ten_minutes], &fixed).unwrap();
         assert_eq!((plan.decimations[0], plan.grid.segment, plan.windows[0]), (10, 512, 10));
@@ -470,17 +442,8 @@ mod tests {
     }
 
     #[test]
-    fn rows_for_windows_are_as_many_as_give_them_and_not_one_more() {
-        for (decimation, segment, windows) in [(1, 256, 1), (10, 4096, 7), (8, 512, 86), (100, 1024, 300)] {
-            let rows = rows_for(windows, decimation, segment);
-            assert_eq!(window_count(rows, decimation, segment), windows);
-            assert_eq!(window_count(rows - 1, decimation, segment), windows - 1);
-        }
-    }
-
-    #[test]
     fn impossible_wishes_are_named() {
-        let short = SetupExtent { sampling_rate_hz: 50.0, rows: 250, channels: 2 };
+        let short = SetupExtent { sampling_rate_hz: 50.0, rows: 250, channels: 2, block_rows: None };
         let error = SpectralPlan::choose(&[short], &analysis([0.5, 10.0])).unwrap_err();
         assert!(matches!(error, PlanError::TooShort { seconds, .. } if seconds == 5.0), "{error}");
         let hour = SetupExtent { rows: 180_000, ..short };

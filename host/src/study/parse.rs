@@ -14,7 +14,8 @@ use super::types::{
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
 const STRUCTURE_KEYS: &[&str] = &["name"];
-const SETUP_KEYS: &[&str] = &["name", "files", "variable", "live", "sampling_rate_hz", "unit", "temperature", "sensor"];
+const SETUP_KEYS: &[&str] =
+    &["name", "files", "variable", "live", "sampling_rate_hz", "block_s", "unit", "temperature", "sensor"];
 const SENSOR_KEYS: &[&str] = &[
     "channel",
     "point",
@@ -127,6 +128,10 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
     let files = if live { Vec::new() } else { file_patterns(&section.required("files", FILES)?, FILES)? };
     let variable = section.get("variable").map(|entry| entry.text(VARIABLE)).transpose()?;
     let sampling_rate_hz = section.required("sampling_rate_hz", RATE)?.positive(RATE)?;
+    let block_s = section.get("block_s").map(|entry| entry.positive(BLOCK)).transpose()?;
+    if let Some(entry) = section.get("block_s").filter(|_| live) {
+        return Err(entry.out_of_range(NO_FILES));
+    }
     let unit = match section.get("unit") {
         // Nodes send accelerations.
         None if live => Unit::MetrePerSecondSquared,
@@ -142,11 +147,18 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
         let expected = "one [[setup.sensor]] for each channel of the recording, below the setup's own keys";
         return Err(section.missing("sensor", expected));
     }
-    let sensors = sensor_sections.iter().map(|section| sensor(section, true)).collect::<Result<Vec<_>, _>>()?;
-    let setup = Setup { name, files, live, variable, sampling_rate_hz, unit, temperature, sensors };
+    let mut sensors = sensor_sections.iter().map(|section| sensor(section, true)).collect::<Result<Vec<_>, _>>()?;
+    if matches!(unit, Unit::Radian | Unit::Strain) {
+        // A model needs to know of each sensor that it is not of a point's motion.
+        sensors.iter_mut().for_each(|sensor| sensor.unit = sensor.unit.or(Some(unit)));
+    }
+    let setup = Setup { name, files, live, variable, sampling_rate_hz, block_s, unit, temperature, sensors };
     check::sensors(&setup, &sensor_sections)?;
     Ok(setup)
 }
+
+/// What a block's length is.
+const BLOCK: &str = "the length in s of the blocks that each file is joined of";
 
 fn file_patterns(entry: &Entry<'_>, expected: &'static str) -> Result<Vec<String>, StudyError> {
     let entries = entry.list(expected)?;
@@ -165,7 +177,7 @@ fn file_patterns(entry: &Entry<'_>, expected: &'static str) -> Result<Vec<String
         .collect()
 }
 
-const UNIT: &str = "one of \"m/s2\", \"g\", \"V\", \"m/s\" and \"m\"";
+const UNIT: &str = "one of \"m/s2\", \"g\", \"V\", \"m/s\", \"m\", \"rad\" and \"strain\"";
 
 fn unit(entry: &Entry<'_>, expected: &'static str) -> Result<Unit, StudyError> {
     match entry.text(expected)?.as_str() {
@@ -174,6 +186,8 @@ fn unit(entry: &Entry<'_>, expected: &'static str) -> Result<Unit, StudyError> {
         "V" => Ok(Unit::Volt),
         "m/s" => Ok(Unit::MetrePerSecond),
         "m" => Ok(Unit::Metre),
+        "rad" => Ok(Unit::Radian),
+        "strain" => Ok(Unit::Strain),
         _ => Err(StudyError::UnknownUnit { position: entry.position(), found: entry.written() }),
     }
 }

@@ -52,6 +52,8 @@ pub struct Setup {
     pub variable: Option<String>,
     /// Rows per second.
     pub sampling_rate_hz: f64,
+    /// Length of the blocks that each file is joined of, in s: between one and the next time is missing that nothing tells.
+    pub block_s: Option<f64>,
     /// What the recorded numbers are, but for sensors that say otherwise.
     pub unit: Unit,
     /// A table of temperatures beside the recording, relative to the study's folder.
@@ -76,6 +78,10 @@ pub enum Unit {
     MetrePerSecond,
     /// Displacement in m.
     Metre,
+    /// Inclination in rad.
+    Radian,
+    /// Vertical strain, a pure number.
+    Strain,
 }
 
 /// Which motion of a point numbers are of.
@@ -87,6 +93,10 @@ pub enum Motion {
     Velocity,
     /// In m.
     Displacement,
+    /// By how much the axis leans towards the sensor's direction, in rad.
+    Tilt,
+    /// How much longer the fibre at the sensor is, relative.
+    Strain,
 }
 
 impl Unit {
@@ -96,11 +106,25 @@ impl Unit {
             Self::MetrePerSecondSquared | Self::StandardGravity | Self::Volt => Motion::Acceleration,
             Self::MetrePerSecond => Motion::Velocity,
             Self::Metre => Motion::Displacement,
+            Self::Radian => Motion::Tilt,
+            Self::Strain => Motion::Strain,
         }
     }
 }
 
+impl Sensor {
+    /// Whether it measures a point's motion, not how the axis leans or a fibre stretches.
+    pub fn is_of_a_point(&self) -> bool {
+        !matches!(self.unit.map(Unit::motion), Some(Motion::Tilt | Motion::Strain))
+    }
+}
+
 impl Setup {
+    /// Rows of each of the blocks that its files are joined of.
+    pub fn block_rows(&self) -> Option<u64> {
+        self.block_s.map(|block_s| (block_s * self.sampling_rate_hz).round() as u64).filter(|rows| *rows > 0)
+    }
+
     /// The unit of a sensor's numbers: its own, or the setup's.
     pub fn unit_of(&self, sensor: &Sensor) -> Unit {
         sensor.unit.unwrap_or(self.unit)
@@ -122,7 +146,7 @@ impl Setup {
         let order = |motion: Motion| match motion {
             Motion::Acceleration => 2,
             Motion::Velocity => 1,
-            Motion::Displacement => 0,
+            Motion::Displacement | Motion::Tilt | Motion::Strain => 0,
         };
         let wanted: u8 = order(self.motion());
         self.sensors.iter().map(|sensor| wanted - order(self.unit_of(sensor).motion())).collect()

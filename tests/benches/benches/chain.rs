@@ -37,6 +37,7 @@ fn setup() -> Setup {
         name: "bench".to_owned(),
         files: Vec::new(),
         live: false,
+        block_s: None,
         variable: None,
         sampling_rate_hz: 50.0,
         unit: Unit::MetrePerSecondSquared,

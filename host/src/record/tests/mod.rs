@@ -32,6 +32,7 @@ fn setup(channels: &[&str], files: &[&str]) -> Setup {
         name: "january".to_owned(),
         files: files.iter().map(|file| (*file).to_owned()).collect(),
         live: false,
+        block_s: None,
         variable: None,
         sampling_rate_hz: 50.0,
         unit: Unit::MetrePerSecondSquared,

@@ -11,8 +11,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use thiserror::Error;
 
+use crate::spectra::SetupExtent;
 use crate::spectra::direct::Welch;
-use crate::spectra::plan::{PlanError, SetupExtent, SpectralPlan};
+use crate::spectra::plan::{PlanError, SpectralPlan};
 use crate::spectra::{CrossSpectrum, CrossSpectrumAccumulator, SpectraError};
 use crate::study::{Analysis, Sensor, Setup, Unit};
 
@@ -83,6 +84,7 @@ pub fn setup(name: &str, points: &[String], references: &[bool]) -> Setup {
         name: name.into(),
         files: Vec::new(),
         live: false,
+        block_s: None,
         variable: None,
         sampling_rate_hz: 1.0,
         unit: Unit::MetrePerSecondSquared,
@@ -184,6 +186,7 @@ impl Truth {
             sampling_rate_hz: recording.sampling_rate_hz,
             rows: (recording.hours * 3600.0 * recording.sampling_rate_hz) as u64,
             channels: self.shapes.nrows(),
+            block_rows: None,
         }
     }
 
@@ -192,7 +195,7 @@ impl Truth {
     /// # Errors
     /// When the recording is shorter than a segment.
     pub fn recorded_along(&self, recording: &Recording, plan: &SpectralPlan) -> Result<CrossSpectrum, ModalError> {
-        let SetupExtent { sampling_rate_hz: rate, rows, channels } = self.extent(recording);
+        let SetupExtent { sampling_rate_hz: rate, rows, channels, .. } = self.extent(recording);
         let mut rng = ChaCha8Rng::seed_from_u64(recording.seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let mut oscillators: Vec<Oscillator> =
