@@ -120,7 +120,7 @@ fn when(parts: &[OnInPart]) -> String {
         let of = if setups.len() > 1 { format!(" of \"{setup}\"") } else { String::new() };
         format!("{:.2} to {:.2} h{of}", from_s / 3600.0, to_s / 3600.0)
     };
-    format!(", most at {} of the record", spans.iter().map(hours).collect::<Vec<_>>().join(", "))
+    format!(", most at {} of the averaged record", spans.iter().map(hours).collect::<Vec<_>>().join(", "))
 }
 
 /// Runs the command.

@@ -52,7 +52,7 @@ pub struct Arguments {
     /// White sensor noise in percent of each channel's RMS
     #[arg(long, default_value_t = Options::default().noise_percent)]
     noise_percent: f64,
-    /// Distance over which loads are coherent, in m; 0 for independent loads [default: a tenth of the height]
+    /// Distance in m at which two loads have the correlation 1/e; 0 for independent loads [default: a tenth of the height]
     #[arg(long, value_name = "M", value_parser = length)]
     coherence_m: Option<f64>,
     /// Folder for recordings and truth.json [default: the study's]

@@ -4,7 +4,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::modes::{MeasuredMode, MeasuredScatter, MeasuredShape};
+use crate::modes::{MeasuredCovarianceFactor, MeasuredMode, MeasuredShape};
 
 /// Least relative standard deviation of a measured frequency: what else may be wrong with it (temperature, amplitude).
 const FREQUENCY_FLOOR: f64 = 2e-4;
@@ -20,7 +20,7 @@ pub(super) fn frequency_deviation(mode: &MeasuredMode) -> f64 {
     mode.frequency_std_hz.map_or(FREQUENCY_ASSUMED, |std| std / mode.frequency_hz).max(FREQUENCY_FLOOR)
 }
 
-/// How the errors of a mode hang together, after its frequency is relative and its shape of unit length.
+/// How the errors of a mode are correlated, after its frequency is relative and its shape of unit length.
 pub(super) struct Errors {
     /// The part of each number's variance that is its own: the frequency, then the shape's components.
     pub(super) own: DVector<f64>,
@@ -29,15 +29,17 @@ pub(super) struct Errors {
 }
 
 impl Errors {
-    /// Of a mode and, where it is compared, its shape. A floor adds errors that do not hang together.
+    /// Of a mode and, where it is compared, its shape. A floor adds errors that are independent.
     pub(super) fn of(mode: &MeasuredMode, shape: Option<&MeasuredShape>) -> Self {
         let mut deviations = vec![frequency_deviation(mode)];
         deviations.extend(shape.map(shape_deviations).unwrap_or_default());
-        let is_known = |scatter: &&MeasuredScatter| {
+        let is_known = |scatter: &&MeasuredCovarianceFactor| {
             mode.frequency_std_hz.is_some()
-                && shape.is_none_or(|shape| shape.stds.is_some() && scatter.shape.nrows() == shape.sensors.len())
+                && shape.is_none_or(|shape| {
+                    shape.stds.is_some() && scatter.shape.shape() == (shape.sensors.len(), scatter.frequency_hz.len())
+                })
         };
-        let scatter = mode.scatter.as_ref().filter(is_known);
+        let scatter = mode.covariance_factor.as_ref().filter(is_known);
         let mut joint = DMatrix::zeros(deviations.len(), scatter.map_or(0, |scatter| scatter.frequency_hz.len()));
         if let Some(scatter) = scatter {
             joint.row_mut(0).copy_from(&(&scatter.frequency_hz / mode.frequency_hz));

@@ -205,7 +205,7 @@ impl Block {
         }
         let joint = &compared * &errors.joint;
         let own = &compared * DMatrix::from_diagonal(&errors.own) * compared.transpose();
-        let group = mode.scatter.as_ref().map(|scatter| scatter.group);
+        let group = mode.covariance_factor.as_ref().map(|factor| factor.group);
         let covariance = own + &joint * joint.transpose();
         let (measured, model) = (pair.measured, pair.model);
         Some(Self { measured, model, residual, covariance, joint, group, shape: shape.map(|(block, _)| block) })

@@ -34,7 +34,7 @@ fn measure(view: &ModelView, modes: impl IntoIterator<Item = usize>, random: &mu
         let values = shape.map(|value| value + deviates(0.01, random));
         let frequency_hz = view.modes.frequency_hz[mode];
         MeasuredMode {
-            scatter: None,
+            covariance_factor: None,
             number: number + 1,
             frequency_hz: frequency_hz * (1.0 + deviates(1e-3, random)),
             frequency_std_hz: Some(1e-3 * frequency_hz),
@@ -81,7 +81,7 @@ fn a_measured_mode_that_the_model_lacks_stays_alone_and_is_named() {
     values[6] = 1.0;
     let shape = MeasuredShape { imaginary: None, sensors: (0..20).collect(), values, stds: None };
     measured.push(MeasuredMode {
-        scatter: None,
+        covariance_factor: None,
         number: 5,
         frequency_hz: 0.37,
         frequency_std_hz: None,
@@ -101,7 +101,7 @@ fn frequencies_alone_pair_by_nearness() {
     let view = seen(&Structure::new(beam), &[]);
     let measured: Vec<MeasuredMode> = (0..5)
         .map(|mode| MeasuredMode {
-            scatter: None,
+            covariance_factor: None,
             number: mode + 1,
             frequency_hz: view.modes.frequency_hz[mode] * 1.02,
             frequency_std_hz: Some(1e-3),
@@ -248,4 +248,58 @@ fn components_that_are_missing_are_left_out_of_mac_and_residual() {
     assert_eq!((nothing.chi_squared, nothing.warnings.len()), (None, 0));
     assert_eq!(comparison.warnings.len(), 1, "{:?}", comparison.warnings);
     assert!(comparison.warnings[0].starts_with("mode 2: the measurement states no deviation of"));
+}
+
+/// Errors of three modes' frequencies and shapes, drawn with a covariance that joins numbers and modes: chi-squared has the mean and
+/// the scatter that it should, where weighing each number alone makes it scatter several times as much.
+#[test]
+fn correlated_errors_are_weighed_by_their_covariance() {
+    let (beam, sensors) = tower();
+    let view = seen(&Structure::new(beam), &sensors);
+    let mut random = ChaCha8Rng::seed_from_u64(8);
+    const COLUMNS: usize = 3;
+    const OWN: f64 = 0.3;
+    const DRAWS: usize = 400;
+    let count = view.at_sensors.nrows();
+    // Frequencies have relative errors of 0.1 %, components of 1 % of the length; all but 9 % of the variance is in three columns.
+    let factors: Vec<DMatrix<f64>> = (0..3)
+        .map(|_| {
+            let mut factor = DMatrix::from_fn(1 + count, COLUMNS, |_, _| deviates(1.0, &mut random));
+            factor.row_iter_mut().for_each(|mut row| row *= (1.0 - OWN * OWN).sqrt() / row.norm());
+            factor
+        })
+        .collect();
+    let (mut joint, mut alone) = (Vec::new(), Vec::new());
+    let mut freedom = 0;
+    for _ in 0..DRAWS {
+        let common = DVector::from_fn(COLUMNS, |_, _| deviates(1.0, &mut random));
+        let mut measured = measure(&view, 0..3, &mut random);
+        for (index, (mode, factor)) in measured.iter_mut().zip(&factors).enumerate() {
+            let errors = (factor * &common).map(|error| error + deviates(OWN, &mut random));
+            let frequency_hz = view.modes.frequency_hz[index];
+            mode.frequency_hz = frequency_hz * (1.0 + 1e-3 * errors[0]);
+            let shape = mode.shape.as_mut().unwrap();
+            // Half as long and the other way, as a file may have it.
+            let exact = DVector::from_column_slice(view.shape(index)).normalize();
+            shape.values = (exact + 0.01 * errors.rows(1, count)) * -0.5;
+            shape.stds = Some(DVector::from_element(count, 0.005));
+            mode.covariance_factor = Some(crate::modes::MeasuredCovarianceFactor {
+                group: 1,
+                frequency_hz: factor.row(0) * (1e-3 * frequency_hz),
+                shape: factor.rows(1, count) * (-0.5 * 0.01),
+            });
+        }
+        let with = compare(&view, &measured, &sensors, None);
+        freedom = with.degrees_of_freedom.unwrap();
+        joint.push(with.chi_squared.unwrap());
+        measured.iter_mut().for_each(|mode| mode.covariance_factor = None);
+        alone.push(compare(&view, &measured, &sensors, None).chi_squared.unwrap());
+    }
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / DRAWS as f64;
+    let variance =
+        |values: &[f64]| mean(&values.iter().map(|value| (value - mean(values)).powi(2)).collect::<Vec<_>>());
+    let n = freedom as f64;
+    assert!((mean(&joint) / n - 1.0).abs() < 0.05, "{} {n}", mean(&joint));
+    assert!((0.7..1.4).contains(&(variance(&joint) / (2.0 * n))), "{}", variance(&joint) / (2.0 * n));
+    assert!(variance(&alone) > 5.0 * variance(&joint), "{} {}", variance(&alone), variance(&joint));
 }

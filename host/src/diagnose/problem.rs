@@ -199,8 +199,8 @@ impl Problem {
         for mode in &mut other.measured {
             if let Some(shape) = &mut mode.shape {
                 let rows = kept(shape);
-                if let Some(scatter) = &mut mode.scatter {
-                    scatter.shape = scatter.shape.select_rows(&rows);
+                if let Some(factor) = &mut mode.covariance_factor {
+                    factor.shape = factor.shape.select_rows(&rows);
                 }
                 shape.sensors = rows.iter().map(|&row| shape.sensors[row]).collect();
                 shape.values = shape.values.select_rows(&rows);

@@ -37,7 +37,7 @@ fn measured(structure: &Structure, sensors: &[Sensor], modes: usize, random: &mu
         );
         let frequency_hz = view.modes.frequency_hz[mode];
         MeasuredMode {
-            scatter: None,
+            covariance_factor: None,
             number: mode + 1,
             frequency_hz: frequency_hz * (1.0 + 5e-4 * normal(random)),
             frequency_std_hz: Some(5e-4 * frequency_hz),

@@ -75,7 +75,7 @@ mod tests {
             method: ModeMethod::Spectra,
             pair_with: None,
             second_opinion: None,
-            scatter: None,
+            covariance_factor: None,
         };
         Identification {
             modes: vec![mode],

@@ -1,4 +1,4 @@
-//! How the errors of a mode's numbers hang together, and those of modes whose spectra overlap.
+//! How the errors of a mode's numbers are correlated, and those of modes whose spectra overlap.
 //!
 //! What each group of windows changes flows in; a few columns a mode flow out, so that the covariance of two numbers is the sum of
 //! the products of their rows.
@@ -13,6 +13,8 @@ const MOST_COLUMNS: usize = 24;
 /// Modes are known jointly where their distance is below this many bandwidths of the wider one, and so many lines.
 const REACH_BANDWIDTHS: f64 = 1.0;
 const REACH_LINES: f64 = 2.0;
+/// And where more than this share of the correlations between them is more than chance.
+const LEAST_KEPT: f64 = 0.5;
 /// Digits that are kept.
 const DIGITS: usize = 4;
 
@@ -20,8 +22,8 @@ const DIGITS: usize = 4;
 /// columns of the products of their entries, also of numbers of two modes of one group; a number's variance is the square of its
 /// standard deviation, which is no less than its entries' squares: what they lack is its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct JointScatter {
-    /// Modes of one group have errors that hang together; those of different groups are independent.
+pub struct CovarianceFactor {
+    /// Modes of one group have errors that are correlated; those of different groups are independent.
     pub group: usize,
     /// Of the frequency, in Hz, column by column.
     pub frequency_hz: Vec<f64>,
@@ -39,43 +41,49 @@ pub(super) struct Numbers<'a> {
     pub(super) changes: &'a GroupChanges,
 }
 
-/// The joint scatter of modes, lowest frequency first; `None` for a mode of which it is not known.
-pub(super) fn joint(modes: &[Numbers<'_>], spacing_hz: f64) -> Vec<Option<JointScatter>> {
-    let is_joint = |pair: &[Numbers<'_>]| {
-        let reach_hz = REACH_BANDWIDTHS * pair[0].bandwidth_hz.max(pair[1].bandwidth_hz) + REACH_LINES * spacing_hz;
-        pair[1].frequency_hz - pair[0].frequency_hz < reach_hz && pair[0].changes.groups() == pair[1].changes.groups()
+/// The covariance factors of modes, lowest frequency first; `None` for a mode of which it is not known.
+pub(super) fn factors(modes: &[Numbers<'_>], spacing_hz: f64) -> Vec<Option<CovarianceFactor>> {
+    let rows: Vec<Option<DMatrix<f64>>> = modes.iter().map(unit_rows).collect();
+    let is_joint = |first: usize, second: usize| {
+        let (a, b) = (&modes[first], &modes[second]);
+        let reach_hz = REACH_BANDWIDTHS * a.bandwidth_hz.max(b.bandwidth_hz) + REACH_LINES * spacing_hz;
+        let both = rows[first].as_ref().zip(rows[second].as_ref()).filter(|(a, b)| a.ncols() == b.ncols());
+        b.frequency_hz - a.frequency_hz < reach_hz
+            && both.is_some_and(|(a, b)| beyond_chance(&(a * b.transpose()), a.ncols(), false) > LEAST_KEPT)
     };
     let mut all = Vec::new();
     let mut first = 0;
     for last in 0..modes.len() {
-        if last + 1 < modes.len() && is_joint(&modes[last..last + 2]) {
+        if last + 1 < modes.len() && is_joint(last, last + 1) {
             continue;
         }
-        all.extend(of_group(&modes[first..=last], first + 1));
+        all.extend(of_group(&modes[first..=last], &rows[first..=last], first + 1));
         first = last + 1;
     }
     all
 }
 
-fn of_group(modes: &[Numbers<'_>], group: usize) -> Vec<Option<JointScatter>> {
-    let rows: Vec<Option<DMatrix<f64>>> = modes.iter().map(correlated).collect();
+fn of_group(modes: &[Numbers<'_>], rows: &[Option<DMatrix<f64>>], group: usize) -> Vec<Option<CovarianceFactor>> {
     let stacked: Vec<RowDVector<f64>> =
         rows.iter().flatten().flat_map(|rows| rows.row_iter().map(|row| row.into_owned())).collect();
-    let turn = (!stacked.is_empty()).then(|| principal(&DMatrix::from_rows(&stacked)));
-    let scatter = |(mode, rows): (&Numbers<'_>, &Option<DMatrix<f64>>)| {
-        let (rows, turn) = rows.as_ref().zip(turn.as_ref())?;
-        let rows = rows * turn;
+    if stacked.is_empty() {
+        return vec![None; modes.len()];
+    }
+    let stacked = DMatrix::from_rows(&stacked);
+    let kept = beyond_chance(&(&stacked * stacked.transpose()), stacked.ncols(), true).sqrt();
+    let turn = principal(&stacked) * kept;
+    let factor = |(mode, rows): (&Numbers<'_>, &Option<DMatrix<f64>>)| {
+        let rows = rows.as_ref()? * &turn;
         let row =
             |index: usize| rows.row(index).iter().map(|value| rounded(value * mode.stds[index])).collect::<Vec<f64>>();
         let shape = (2..rows.nrows()).map(row).collect();
-        Some(JointScatter { group, frequency_hz: row(0), damping_ratio: row(1), shape })
+        Some(CovarianceFactor { group, frequency_hz: row(0), damping_ratio: row(1), shape })
     };
-    modes.iter().zip(&rows).map(scatter).collect()
+    modes.iter().zip(rows).map(factor).collect()
 }
 
-/// A mode's rows in units of their standard deviations. What a few groups change has correlations by chance, so they are shrunk as
-/// far as chance goes (Schaefer and Strimmer 2005, eq. 8, with the variance of a normal variable's correlation).
-fn correlated(mode: &Numbers<'_>) -> Option<DMatrix<f64>> {
+/// A mode's rows of unit length: their products are correlations. Zero for a number whose deviation is not known.
+fn unit_rows(mode: &Numbers<'_>) -> Option<DMatrix<f64>> {
     let changes = mode.changes;
     let groups = changes.groups();
     if groups < 2 {
@@ -90,17 +98,23 @@ fn correlated(mode: &Numbers<'_>) -> Option<DMatrix<f64>> {
         let is_known = mode.stds.get(index).is_some_and(|std| std.is_finite()) && length > 0.0 && length.is_finite();
         row.iter_mut().for_each(|value| *value = if is_known { *value / length } else { 0.0 });
     }
-    let correlations = &rows * rows.transpose();
+    Some(rows)
+}
+
+/// The share of correlations that is more than chance: what a few groups change is correlated by chance too, and is shrunk as far as
+/// that goes (Schaefer and Strimmer 2005, eq. 8, with the variance of a normal variable's correlation). `own`: of a matrix of
+/// correlations among themselves, where those above the diagonal are the same again.
+fn beyond_chance(correlations: &DMatrix<f64>, groups: usize, own: bool) -> f64 {
     let (mut chance, mut squares) = (0.0, 0.0);
     for column in 0..correlations.ncols() {
-        for row in 0..column {
+        let rows = if own { column } else { correlations.nrows() };
+        for row in 0..rows {
             let square = correlations[(row, column)].powi(2);
-            chance += (1.0 - square).powi(2) / (groups as f64 - 1.0);
+            chance += (1.0 - square).powi(2) / (groups as f64 - 1.0).max(1.0);
             squares += square;
         }
     }
-    let kept = if squares > 0.0 { (1.0 - chance / squares).max(0.0) } else { 0.0 };
-    Some(rows * kept.sqrt())
+    if squares > 0.0 { (1.0 - chance / squares).max(0.0) } else { 0.0 }
 }
 
 /// What columns are multiplied by so that a few of them hold most: the first principal axes.
@@ -117,4 +131,88 @@ fn principal(rows: &DMatrix<f64>) -> DMatrix<f64> {
 
 fn rounded(value: f64) -> f64 {
     format!("{value:.*e}", DIGITS - 1).parse().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+
+    /// Two modes of four numbers each, 24 groups: the first three numbers of each go with one common error, and the fourth by itself.
+    /// `shared` is how much the second mode's has of the first's.
+    fn changes(shared: f64, random: &mut ChaCha8Rng) -> [GroupChanges; 2] {
+        let mut normal = || -> f64 { StandardNormal.sample(random) };
+        let mut rows = [[[0.0; 24]; 4]; 2];
+        for group in 0..24 {
+            let common = normal();
+            for (mode, rows) in rows.iter_mut().enumerate() {
+                let common =
+                    if mode == 0 { common } else { shared * common + (1.0 - shared * shared).sqrt() * normal() };
+                for (number, row) in rows.iter_mut().enumerate() {
+                    row[group] = if number < 3 { common + 0.2 * normal() } else { normal() };
+                }
+            }
+        }
+        rows.map(|rows| GroupChanges {
+            frequency_hz: rows[0].to_vec(),
+            damping_ratio: rows[1].to_vec(),
+            shape: DMatrix::from_fn(2, 24, |row, group| rows[2 + row][group]),
+        })
+    }
+
+    fn product(a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| a * b).sum()
+    }
+
+    /// The mean covariances over many draws: of frequency and damping, of frequency and the number of its own, and of the two
+    /// modes' frequencies where they are of one group.
+    fn means(shared: f64, apart_hz: f64) -> [f64; 3] {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        const DRAWS: usize = 200;
+        let mut sums = [0.0; 3];
+        for _ in 0..DRAWS {
+            let drawn = changes(shared, &mut random);
+            let stds = vec![0.1, 0.2, 0.3, 0.4];
+            let numbers = |mode: usize| Numbers {
+                frequency_hz: 1.0 + apart_hz * mode as f64,
+                bandwidth_hz: 0.02,
+                stds: stds.clone(),
+                changes: &drawn[mode],
+            };
+            let found = factors(&[numbers(0), numbers(1)], 0.001);
+            let [Some(a), Some(b)] = found.as_slice() else { panic!("{found:?}") };
+            for (row, std) in [&a.frequency_hz, &a.damping_ratio, &a.shape[0], &a.shape[1]].into_iter().zip(&stds) {
+                assert!(product(row, row) <= std * std * 1.001, "no more than the variance");
+            }
+            sums[0] += product(&a.frequency_hz, &a.damping_ratio) / (0.1 * 0.2);
+            sums[1] += product(&a.frequency_hz, &a.shape[1]) / (0.1 * 0.4);
+            sums[2] += if a.group == b.group { product(&a.frequency_hz, &b.frequency_hz) / 0.01 } else { 0.0 };
+        }
+        sums.map(|sum| sum / DRAWS as f64)
+    }
+
+    #[test]
+    fn common_errors_are_kept_and_chance_is_not() {
+        let [together, own, between] = means(0.0, 0.01);
+        assert!((0.75..1.0).contains(&together), "{together}");
+        assert!(own.abs() < 0.05 && between.abs() < 0.03, "{own} {between}");
+        let [.., between] = means(0.9, 0.01);
+        assert!((0.6..0.95).contains(&between), "{between}");
+        let [.., between] = means(0.9, 0.1);
+        assert_eq!(between, 0.0, "their spectral lines are others");
+    }
+
+    #[test]
+    fn many_columns_become_few_that_hold_most() {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        let rows = DMatrix::from_fn(6, 3, |_, _| normal()) * DMatrix::from_fn(3, 80, |_, _| normal());
+        let turned = &rows * principal(&rows);
+        assert_eq!(turned.ncols(), MOST_COLUMNS);
+        let (before, after) = (&rows * rows.transpose(), &turned * turned.transpose());
+        assert!((&before - after).amax() < 1e-9 * before.amax());
+    }
 }

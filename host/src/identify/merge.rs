@@ -41,8 +41,8 @@ pub(super) fn merge(
         .collect();
     merged.sort_by(|(a, _), (b, _)| a.frequency_hz.total_cmp(&b.frequency_hz));
     let (mut modes, changes): (Vec<Mode>, Vec<GroupChanges>) = merged.into_iter().unzip();
-    let scatter = covariance::joint(&modes.iter().zip(&changes).map(numbers).collect::<Vec<_>>(), grid.spacing_hz());
-    modes.iter_mut().zip(scatter).for_each(|(mode, scatter)| mode.scatter = scatter);
+    let factors = covariance::factors(&modes.iter().zip(&changes).map(numbers).collect::<Vec<_>>(), grid.spacing_hz());
+    modes.iter_mut().zip(factors).for_each(|(mode, factor)| mode.covariance_factor = factor);
     number(&mut modes);
     warnings.extend(pairs(&mut modes));
     modes
@@ -208,7 +208,7 @@ fn merged(
         method: ModeMethod::Spectra,
         pair_with: None,
         second_opinion: None,
-        scatter: None,
+        covariance_factor: None,
     };
     (mode, changes)
 }

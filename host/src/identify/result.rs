@@ -3,7 +3,7 @@
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
-use super::covariance::JointScatter;
+use super::covariance::CovarianceFactor;
 use super::fit::Basis;
 use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
 
@@ -96,9 +96,9 @@ pub struct Mode {
     /// What subspace identification says of the mode; none where it has no such mode, or was not asked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub second_opinion: Option<SecondOpinion>,
-    /// How the errors of its numbers hang together; none where the method does not tell.
+    /// How the errors of its numbers are correlated; none where the method does not tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scatter: Option<JointScatter>,
+    pub covariance_factor: Option<CovarianceFactor>,
 }
 
 /// The method that a mode's values come from.

@@ -1,4 +1,4 @@
-//! Channels that the shapes themselves contradict: turned around, exchanged, or in another unit.
+//! Channels that the shapes themselves contradict: reversed, exchanged, or in another unit.
 //!
 //! Modes and the setups' sensors flow in; a sentence for each suspicion flows out. The lowest modes of a tall structure are smooth over
 //! the height, so a channel that is wrong makes them rough, and what mends it makes them smooth again. No model is needed.
@@ -15,16 +15,20 @@ const KNOWN: f64 = 0.1;
 /// Sensors of one direction, within so many degrees, at so many heights at least show whether a shape is smooth.
 const SAME_DIRECTION_DEG: f64 = 10.0;
 const LEAST_HEIGHTS: usize = 4;
+/// Sensors closer than this share of the height of all stand at one height.
+const SAME_HEIGHT: f64 = 0.01;
 /// There must be so much roughness, in squares of a shape of unit length; what mends the channels must leave no more than this share
 /// of it, and each step no more than this share of what was left.
 const ROUGH: f64 = 0.05;
 const LEFT: f64 = 0.25;
 const STEP: f64 = 0.6;
-/// The channel must then move as its neighbours let expect: within this share, in root mean square.
+/// The channel must then move as its neighbours do: within this share of what lies between them, in root mean square...
 const AS_EXPECTED: f64 = 0.35;
-/// ...where they let expect at least this much of a shape of unit length.
+/// ...where that is at least this much of a shape of unit length.
 const EXPECTED: f64 = 0.1;
-/// Faults that are told at most: more are no slips of single channels.
+/// Exchanged channels are looked for among so many at most.
+const MOST_PAIRED: usize = 64;
+/// More faults than this are no slips of single channels.
 const MOST: usize = 3;
 /// Ratios of units that are mixed up, and what is meant.
 const UNITS: [(f64, &str); 4] = [
@@ -56,7 +60,7 @@ struct Line {
 
 /// Says which channels the modes contradict.
 pub(crate) fn suspicions(modes: &[Mode], measured: &[MeasuredSetup<'_>]) -> Vec<String> {
-    let modes: Vec<&Mode> = modes.iter().filter(|mode| is_known(mode)).take(LOWEST_MODES).collect();
+    let modes: Vec<&Mode> = modes.iter().take(LOWEST_MODES).filter(|mode| is_known(mode)).collect();
     let mut channels: Vec<Channel<'_>> = Vec::new();
     for m in measured {
         for sensor in &m.setup.sensors {
@@ -68,23 +72,28 @@ pub(crate) fn suspicions(modes: &[Mode], measured: &[MeasuredSetup<'_>]) -> Vec<
             }
         }
     }
-    let lines = lines(&channels);
+    let found = suspected(&channels, &lines(&channels));
+    found.into_iter().map(|fault| sentence(&channels, fault, measured.len() > 1)).collect()
+}
+
+/// What is wrong with channels: each fault makes the shapes smoother, and all together leave them smooth.
+fn suspected(channels: &[Channel<'_>], lines: &[Line]) -> Vec<Fault> {
     let mut values: Vec<Vec<f64>> = channels.iter().map(|channel| channel.values.clone()).collect();
-    let first = roughness(&lines, &values);
+    let first = roughness(lines, &values);
     let (mut left, mut found) = (first, Vec::new());
     while found.len() < MOST && left > LEFT * ROUGH {
-        let mended = |fault: Fault| (roughness(&lines, &with(&values, fault)), fault);
-        let best = faults(&channels).into_iter().map(mended).min_by(|a, b| a.0.total_cmp(&b.0));
+        let mended = |fault: Fault| (roughness(lines, &with(&values, fault)), fault);
+        let best = faults(channels, lines).into_iter().map(mended).min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((after, fault)) = best.filter(|(after, _)| *after < STEP * left) else { break };
         values = with(&values, fault);
         left = after;
         found.push(fault);
     }
-    let is_smooth = |fault: &Fault| fault.channels().iter().all(|&at| is_as_expected(&lines, &values, at));
+    let is_smooth = |fault: &Fault| fault.channels().iter().all(|&at| is_as_expected(lines, &values, at));
     if first < ROUGH || left > LEFT * first || !found.iter().all(is_smooth) {
         return Vec::new();
     }
-    found.into_iter().map(|fault| sentence(&channels, fault, measured.len() > 1)).collect()
+    found
 }
 
 impl Fault {
@@ -120,6 +129,15 @@ fn lines(channels: &[Channel<'_>]) -> Vec<Line> {
     let mut lines: Vec<Line> = lines.into_iter().map(|(_, line)| line).collect();
     for line in &mut lines {
         line.channels.sort_by(|a, b| a.2.total_cmp(&b.2));
+        let (lowest_m, highest_m) = (line.channels[0].2, line.channels[line.channels.len() - 1].2);
+        // A straight line through two that are close would be anything.
+        let mut before_m = f64::NEG_INFINITY;
+        for (_, _, z_m) in &mut line.channels {
+            if *z_m - before_m < SAME_HEIGHT * (highest_m - lowest_m) {
+                *z_m = before_m;
+            }
+            before_m = *z_m;
+        }
     }
     lines.retain(|line| {
         let heights = line.channels.iter().map(|(_, _, z_m)| *z_m).collect::<Vec<_>>();
@@ -198,12 +216,15 @@ fn is_as_expected(lines: &[Line], values: &[Vec<f64>], at: usize) -> bool {
     off < AS_EXPECTED * AS_EXPECTED * size && size > EXPECTED * EXPECTED * f64::from(modes)
 }
 
-fn faults(channels: &[Channel<'_>]) -> Vec<Fault> {
-    let count = channels.len();
-    let of_one = (0..count).flat_map(|at| {
+fn faults(channels: &[Channel<'_>], lines: &[Line]) -> Vec<Fault> {
+    let members: Vec<usize> = lines.iter().flat_map(|line| line.channels.iter().map(|(at, ..)| *at)).collect();
+    let of_one = members.iter().flat_map(|&at| {
         std::iter::once(Fault::Reversed(at)).chain((0..UNITS.len()).map(move |unit| Fault::Unit(at, unit)))
     });
-    let pairs = (0..count).flat_map(|one| (one + 1..count).map(move |other| (one, other)));
+    // Pairs grow as the square of the channels, and each costs as much as all channels.
+    let most = if members.len() > MOST_PAIRED { 0 } else { members.len() };
+    let pairs = (0..most).flat_map(|one| (one + 1..most).map(move |other| (one, other)));
+    let pairs = pairs.map(|(one, other)| (members[one].min(members[other]), members[one].max(members[other])));
     // Cables are exchanged where they are plugged in.
     let exchanged = pairs.filter(|&(one, other)| channels[one].setup == channels[other].setup);
     of_one.chain(exchanged.map(|(one, other)| Fault::Exchanged(one, other))).collect()
@@ -227,7 +248,7 @@ fn sentence(channels: &[Channel<'_>], fault: Fault, has_setups: bool) -> String 
     };
     let (what, effect) = match fault {
         Fault::Reversed(at) => (
-            format!("channel {} seems to be turned around", name(at)),
+            format!("channel {} seems to be reversed", name(at)),
             format!("sensor-polarity@{}", channels[at].sensor.channel),
         ),
         Fault::Unit(at, unit) => (
@@ -242,4 +263,84 @@ fn sentence(channels: &[Channel<'_>], fault: Fault, has_setups: bool) -> String 
     format!(
         "{what}: without that the lowest shapes are not smooth over the height. Check cable and study.toml; belfry diagnose weighs {effect}"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::{Direction, Unit};
+
+    /// Four modes of a cantilever at eight heights, seen along X and Y, damaged by `change`; what is found wrong.
+    fn found(change: impl Fn(&mut Vec<Vec<f64>>)) -> Vec<Fault> {
+        let sensor = |at: usize| Sensor {
+            channel: format!("{}", at + 1),
+            point: format!("{}", at + 1),
+            node: 1,
+            elevation_m: Some(10.0 * (at / 2 + 1) as f64 + 0.05 * (at % 2) as f64),
+            // Every other pair counts the other way.
+            direction: Some(Direction::AzimuthDeg(
+                if at.is_multiple_of(2) { 0.0 } else { 90.0 } + 180.0 * (at / 2 % 2) as f64,
+            )),
+            offset_m: [0.0; 2],
+            reference: false,
+            unit: None,
+            sensitivity_v_per_m_s2: None,
+            dof: None,
+        };
+        let sensors: Vec<Sensor> = (0..16).map(sensor).collect();
+        let wave = |mode: usize, z_m: f64| (std::f64::consts::PI * ((mode / 2) as f64 + 0.5) * z_m / 80.0).sin();
+        let value = |at: usize, mode: usize| {
+            let sign = if (at / 2).is_multiple_of(2) { 1.0 } else { -1.0 };
+            let along = if at % 2 == mode % 2 { 1.0 } else { 0.3 };
+            sign * along * wave(mode, sensors[at].elevation_m.unwrap())
+        };
+        let mut values: Vec<Vec<f64>> = (0..16).map(|at| (0..4).map(|mode| value(at, mode)).collect()).collect();
+        change(&mut values);
+        let channels: Vec<Channel<'_>> =
+            sensors.iter().zip(values).map(|(sensor, values)| Channel { setup: "one", sensor, values }).collect();
+        let mut found = suspected(&channels, &lines(&channels));
+        found.sort_by_key(|fault| fault.channels());
+        found
+    }
+
+    #[test]
+    fn a_reversed_an_exchanged_and_a_misread_channel_are_found_and_a_sound_structure_is_left_alone() {
+        assert_eq!(found(|_| ()), []);
+        assert_eq!(found(|values| values[9].iter_mut().for_each(|value| *value = -*value)), [Fault::Reversed(9)]);
+        assert_eq!(found(|values| values.swap(8, 13)), [Fault::Exchanged(8, 13)]);
+        for (unit, (ratio, _)) in UNITS.into_iter().enumerate() {
+            let misread = found(|values| values[10].iter_mut().for_each(|value| *value /= ratio));
+            assert_eq!(misread, [Fault::Unit(10, unit)], "{ratio}");
+        }
+        let both = found(|values| {
+            values[6].iter_mut().for_each(|value| *value = -*value);
+            values.swap(11, 14);
+        });
+        assert_eq!(both, [Fault::Reversed(6), Fault::Exchanged(11, 14)]);
+        // A gain of its own is no slip of a unit.
+        assert_eq!(found(|values| values[10].iter_mut().for_each(|value| *value *= 3.0)), []);
+    }
+
+    #[test]
+    fn what_is_not_horizontal_motion_is_in_no_line() {
+        let sensor = |direction: Direction, unit: Option<Unit>| Sensor {
+            channel: "1".to_owned(),
+            point: "1".to_owned(),
+            node: 1,
+            elevation_m: Some(1.0),
+            direction: Some(direction),
+            offset_m: [0.0; 2],
+            reference: false,
+            unit,
+            sensitivity_v_per_m_s2: None,
+            dof: None,
+        };
+        let up: Vec<Sensor> = (0..6).map(|_| sensor(Direction::Up, None)).collect();
+        let tilt: Vec<Sensor> = (0..6).map(|_| sensor(Direction::AzimuthDeg(0.0), Some(Unit::Radian))).collect();
+        for sensors in [up, tilt, Vec::new()] {
+            let channels: Vec<Channel<'_>> =
+                sensors.iter().map(|sensor| Channel { setup: "one", sensor, values: vec![1.0] }).collect();
+            assert!(lines(&channels).is_empty() && suspected(&channels, &lines(&channels)).is_empty());
+        }
+    }
 }

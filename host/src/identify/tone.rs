@@ -59,12 +59,14 @@ pub(super) fn on_by_part(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Vec<OnI
         let parts = m.spectrum.power_by_group(band, shape.icamax());
         let windows: usize = parts.iter().map(|(windows, _)| windows).sum();
         let mean = parts.iter().map(|(windows, power)| *windows as f64 * power).sum::<f64>() / windows as f64;
+        // Each setup was measured at another time.
+        let [_, of_setup] = m.spectrum.envelope(pick.line, shape.icamax());
         // Windows overlap by half.
         let window_s = 0.5 / grid.spacing_hz();
         let mut from_s = 0.0;
         for (windows, power) in parts {
             let to_s = from_s + windows as f64 * window_s;
-            let on_share = (pick.kurtosis.on_share * power / mean).min(1.0);
+            let on_share = (of_setup * power / mean).min(1.0);
             all.push(OnInPart { setup: m.setup.name.clone(), from_s, to_s, on_share });
             from_s = to_s;
         }

@@ -79,7 +79,7 @@ pub enum SensorError {
     },
     /// A strain gauge where no beam says how fibres stretch, or a tilt that is not horizontal.
     #[error(
-        "channel {channel}: the model does not tell this; strain needs a model whose nodes stand above each other, tilt a horizontal direction"
+        "channel {channel}: the model does not tell this: tilt and strain need nodes that stand above each other and turn about X and Y, tilt a horizontal direction"
     )]
     NotOfAPoint {
         /// The channel.
@@ -105,6 +105,11 @@ const ALONG_AN_AXIS: f64 = 1e-9;
 const STRAIN_STEP: f64 = 0.01;
 /// A sensor this near (in m) to a node of a structure in space stands at it.
 const NODE_TOLERANCE_M: f64 = 1e-3;
+
+/// Whether the nodes turn about horizontal axes: where they do not, nothing tells how the axis leans.
+fn has_rotations(line: &Line) -> bool {
+    line.node_rows().iter().any(|node| node[2].is_some() || node[3].is_some())
+}
 
 fn check_inside(line: &Line, sensor: &Sensor, elevation_m: f64) -> Result<(), SensorError> {
     let (z_base_m, z_top_m) = (line.z_base_m(), line.z_top_m());
@@ -149,7 +154,7 @@ impl Assembly {
             check_inside(line, sensor, elevation_m)?;
         }
         match &self.geometry {
-            Geometry::Line(line) if is_strain => {
+            Geometry::Line(line) if is_strain && has_rotations(line) => {
                 if sensor.offset_m == [0.0; 2] {
                     return Err(SensorError::StrainAtAxis { channel });
                 }
@@ -164,7 +169,7 @@ impl Assembly {
                 let slope = (above - below) / (heights_m[1] - heights_m[0]);
                 Ok(slope.row(2) * y - slope.row(3) * x)
             }
-            Geometry::Line(line) if up.abs() < ALONG_AN_AXIS => {
+            Geometry::Line(line) if up.abs() < ALONG_AN_AXIS && has_rotations(line) => {
                 let axis = line.motion(elevation_m, self.dofs());
                 Ok(axis.row(3) * cos - axis.row(2) * sin)
             }
@@ -181,7 +186,10 @@ impl Assembly {
             return Ok(row);
         }
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
-        let direction = sensor.direction.ok_or_else(|| SensorError::NoDirection { channel: channel() })?;
+        // A strain gauge is vertical.
+        let is_strain = sensor.unit.map(Unit::motion) == Some(Motion::Strain);
+        let direction = if is_strain { Some(Direction::Up) } else { sensor.direction };
+        let direction = direction.ok_or_else(|| SensorError::NoDirection { channel: channel() })?;
         let [x, y] = sensor.offset_m;
         if !sensor.is_of_a_point() {
             return self.rotation_row(sensor, elevation_m, direction);

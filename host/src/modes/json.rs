@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::channel::{known_channels, sensor_named};
 use super::error::MeasuredError;
 use super::shape::{RawComponent, RawMode};
-use crate::identify::JointScatter;
+use crate::identify::CovarianceFactor;
 use crate::study::Sensor;
 
 #[derive(Deserialize)]
@@ -24,14 +24,14 @@ struct Mode {
     damping_ratio: Option<f64>,
     #[serde(default)]
     shape: Vec<Component>,
-    scatter: Option<Scatter>,
+    covariance_factor: Option<Factor>,
 }
 
 /// Another tool's field of this name counts only where it is the same.
 #[derive(Deserialize)]
 #[serde(untagged)]
-enum Scatter {
-    Joint(JointScatter),
+enum Factor {
+    Joint(CovarianceFactor),
     Other(serde::de::IgnoredAny),
 }
 
@@ -63,12 +63,12 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
         Ok(RawComponent { sensor, value, std: component.std, scatter })
     };
     let mode = |(index, mode): (usize, Mode)| {
-        let is_whole = |scatter: &JointScatter| {
+        let is_whole = |scatter: &CovarianceFactor| {
             let columns = scatter.frequency_hz.len();
             scatter.shape.len() == mode.shape.len() && scatter.shape.iter().all(|row| row.len() == columns)
         };
-        let scatter = match mode.scatter {
-            Some(Scatter::Joint(scatter)) if is_whole(&scatter) => Some(scatter),
+        let scatter = match mode.covariance_factor {
+            Some(Factor::Joint(scatter)) if is_whole(&scatter) => Some(scatter),
             _ => None,
         };
         let (of_frequency, of_shape) = match scatter {

@@ -30,15 +30,15 @@ pub struct MeasuredMode {
     pub damping_ratio: Option<f64>,
     /// Its shape; `None` where only the frequency is known.
     pub shape: Option<MeasuredShape>,
-    /// How the errors of its numbers hang together; `None` where the file does not tell.
-    pub scatter: Option<MeasuredScatter>,
+    /// How the errors of its numbers are correlated; `None` where the file does not tell.
+    pub covariance_factor: Option<MeasuredCovarianceFactor>,
 }
 
 /// The errors of a mode's frequency and shape as sums of independent ones of unit variance, a column each. The covariance of two
 /// numbers is the product of their rows, also of numbers of two modes of one group; variances are the squares of the standard
 /// deviations.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MeasuredScatter {
+pub struct MeasuredCovarianceFactor {
     /// Modes of different groups have independent errors.
     pub group: usize,
     /// Of the frequency in Hz.

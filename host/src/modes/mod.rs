@@ -18,7 +18,7 @@ use std::path::Path;
 
 use crate::study::Sensor;
 pub use error::MeasuredError;
-pub use measured::{MeasuredMode, MeasuredModes, MeasuredScatter, MeasuredShape};
+pub use measured::{MeasuredCovarianceFactor, MeasuredMode, MeasuredModes, MeasuredShape};
 use shape::RawMode;
 pub(crate) use uff::node_and_direction;
 

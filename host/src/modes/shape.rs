@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector, RowDVector};
 use num_complex::Complex64;
 
 use super::error::MeasuredError;
-use super::measured::{MeasuredMode, MeasuredScatter, MeasuredShape};
+use super::measured::{MeasuredCovarianceFactor, MeasuredMode, MeasuredShape};
 use crate::identify::phase_collinearity;
 use crate::study::Sensor;
 
@@ -17,7 +17,7 @@ pub(super) struct RawMode {
     pub(super) frequency_std_hz: Option<f64>,
     pub(super) damping_ratio: Option<f64>,
     pub(super) components: Vec<RawComponent>,
-    /// Its group and the frequency's row, where the file tells how errors hang together.
+    /// Its group and the frequency's row, where the file tells how errors are correlated.
     pub(super) scatter: Option<(usize, Vec<f64>)>,
 }
 
@@ -63,7 +63,7 @@ impl RawMode {
             frequency_std_hz: known(self.frequency_std_hz),
             damping_ratio: known(self.damping_ratio),
             shape,
-            scatter: self.scatter.map(|(group, row)| MeasuredScatter {
+            covariance_factor: self.scatter.map(|(group, row)| MeasuredCovarianceFactor {
                 group,
                 shape: of_shape.unwrap_or_else(|| DMatrix::zeros(0, row.len())),
                 frequency_hz: RowDVector::from_vec(row),

@@ -55,6 +55,35 @@ fn a_csv_table_has_a_column_a_channel_and_needs_only_frequencies() {
 }
 
 #[test]
+fn a_covariance_factor_follows_its_shape_to_another_sign_length_and_order() {
+    let file = |factor: &str| {
+        format!(
+            r#"{{"modes":[{{"frequency_hz":2.0,"frequency_std_hz":0.1,"shape":[
+            {{"channel":"b","re":-4.0,"im":0.0,"std":0.4}},{{"channel":"a","re":2.0,"im":0.0,"std":0.2}}]{factor}}}]}}"#
+        )
+    };
+    let read = |factor: &str| read_text("modes.json", &file(factor), &["a", "b"]).unwrap().modes.remove(0);
+    let factor = r#","covariance_factor":{"group":7,"frequency_hz":[0.05,0.02],"damping_ratio":[0.0,0.0],"shape":[[0.4,0.0],[0.1,-0.1]]}"#;
+    let mode = read(factor);
+    let (shape, factor) = (mode.shape.unwrap(), mode.covariance_factor.unwrap());
+    assert_eq!(
+        (shape.values.as_slice(), shape.stds.unwrap().as_slice()),
+        ([-0.5, 1.0].as_slice(), [0.05, 0.1].as_slice())
+    );
+    assert_eq!((factor.group, factor.frequency_hz.as_slice()), (7, [0.05, 0.02].as_slice()));
+    let expected = nalgebra::dmatrix![0.1 / -4.0, -0.1 / -4.0; 0.4 / -4.0, 0.0];
+    assert!((factor.shape - expected).amax() < 1e-15);
+    // What is not of this form says nothing.
+    for other in [
+        "",
+        r#","covariance_factor":3"#,
+        r#","covariance_factor":{"group":7,"frequency_hz":[0.05],"damping_ratio":[0.0],"shape":[[0.4]]}"#,
+    ] {
+        assert_eq!(read(other).covariance_factor, None, "{other}");
+    }
+}
+
+#[test]
 fn components_that_are_missing_are_named_and_the_rest_is_kept() {
     let text = "mode,frequency_hz,a,b,c\n1,0.5,1.0,NaN,0.5\n2,0.7,,,\n";
     let modes = read_text("modes.csv", text, &["a", "b", "c", "d"]).unwrap();

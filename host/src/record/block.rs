@@ -2,7 +2,7 @@
 
 /// Consecutive rows of a recording, row-major, `rows × channels`; a missing sample is NaN.
 ///
-/// Values are in m/s² (m/s where the setup's unit is metre per second), channels in the order of the setup's sensors.
+/// Values are in SI units of what each sensor measures, channels in the order of the setup's sensors.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Block {
     channels: usize,
@@ -35,10 +35,11 @@ impl Block {
         &self.values
     }
 
-    /// Puts missing rows between blocks of `length` rows, of which `before` rows are gone by; how many are then.
-    pub(super) fn part(&mut self, before: u64, length: u64, missing: usize) -> u64 {
+    /// Puts missing rows between blocks of `length` rows, of which `before` rows are gone by, and before the first unless
+    /// the recording starts with it; how many rows are gone by then.
+    pub(super) fn part(&mut self, before: u64, length: u64, missing: usize, is_start: bool) -> u64 {
         let rows = self.row_count() as u64;
-        let is_first = |row: u64| row > 0 && row.is_multiple_of(length);
+        let is_first = |row: u64| row.is_multiple_of(length) && !(is_start && row == 0);
         if (before..before + rows).any(is_first) {
             let mut parted = Vec::with_capacity(self.values.len());
             for (row, values) in (before..).zip(self.rows()) {

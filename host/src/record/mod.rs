@@ -119,9 +119,12 @@ impl Recording {
     /// Where a file cannot be read, or its time column goes wrong.
     pub fn total_rows(&self) -> Result<u64, RecordError> {
         let mut clock = Clock::new(self.setup.sampling_rate_hz);
+        let mut is_first = true;
         let rows = self.files.iter().map(|file| {
             let rows = file.count_rows(&self.setup, &mut clock)?;
-            let joints = self.setup.block_rows().map_or(0, |block| rows.saturating_sub(1) / block);
+            let within = self.setup.block_rows().map_or(0, |block| rows.saturating_sub(1) / block);
+            let before = u64::from(self.setup.block_s.is_some() && rows > 0 && !std::mem::take(&mut is_first));
+            let joints = within + before;
             Ok(rows + joints * ROWS_BETWEEN_BLOCKS as u64)
         });
         rows.sum()
@@ -156,7 +159,8 @@ impl Recording {
                 self.statistics.add(block, &self.selection, |row| reader.position(row))?;
                 if let Some(rows) = self.setup.block_rows() {
                     let before = block.row_count();
-                    self.rows_of_file = block.part(self.rows_of_file, rows, ROWS_BETWEEN_BLOCKS);
+                    let is_start = self.next_file == 1 && self.rows_of_file == 0;
+                    self.rows_of_file = block.part(self.rows_of_file, rows, ROWS_BETWEEN_BLOCKS, is_start);
                     self.put_in += (block.row_count() - before) as u64;
                 }
                 return Ok(true);

@@ -1,7 +1,7 @@
 //! The load: white noise at every node, as strong as its mass, coherent over a part of the height as gusts are.
 //!
 //! The force on a node of mass m has a density in proportion to `m m_total`, in X and in Y; the forces on two nodes a distance d
-//! apart have the coherence exp(-d / L), at all frequencies. (Davenport's decays with frequency too, exp(-C f d / U); one length
+//! apart have the correlation exp(-d / L), the root of their coherence, at all frequencies. (Davenport's decays with frequency too, exp(-C f d / U); one length
 //! stands for it, so that the load stays white.) The forces' sum has the one-sided density `level² m_total²`: the whole mass moving
 //! rigidly would have an acceleration density of `level²`, whatever L and however fine the mesh. Long waves drive a structure
 //! more than short ones, so the lowest modes move most, and the forces on two modes are correlated. Torsional moments get the
@@ -81,15 +81,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn forces_have_the_stated_coherence_and_their_sum_the_stated_variance() {
+    fn forces_have_the_stated_correlation_and_their_sum_the_stated_variance() {
         let loads = [(1.0, Some(0.0)), (2.0, Some(5.0)), (0.5, Some(20.0)), (1.5, None)];
         let factor = coherent(&loads, 10.0);
         let covariance = &factor * factor.transpose();
-        let coherence = |a: usize, b: usize| covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt();
+        let correlation = |a: usize, b: usize| covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt();
         for (a, b, distance_m) in [(0, 1, 5.0_f64), (1, 2, 15.0), (0, 2, 20.0)] {
-            assert!((coherence(a, b) - (-distance_m / 10.0).exp()).abs() < 1e-12, "{a} {b}");
+            assert!((correlation(a, b) - (-distance_m / 10.0).exp()).abs() < 1e-12, "{a} {b}");
         }
-        assert!(coherence(0, 3).abs() < 1e-12, "nothing is known of where it stands");
+        assert!(correlation(0, 3).abs() < 1e-12, "nothing is known of where it stands");
         assert!((covariance.sum() - (1.0 + 4.0 + 0.25 + 2.25)).abs() < 1e-12);
         assert!((covariance[(1, 1)] / covariance[(0, 0)] - 4.0).abs() < 1e-12);
         assert_eq!(coherent(&loads, 0.0), DMatrix::from_diagonal(&nalgebra::dvector![1.0, 2.0, 0.5, 1.5]));

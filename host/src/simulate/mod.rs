@@ -57,7 +57,7 @@ pub struct Options {
     pub load_level_m_s2_per_root_hz: f64,
     /// Same seed and stream, same bytes.
     pub seed: u64,
-    /// Distance over which loads are coherent: forces so far apart have the coherence 1/e. 0 for independent ones; `None` for a
+    /// Distance over which loads are coherent: forces so far apart have the correlation 1/e. 0 for independent ones; `None` for a
     /// tenth of the height.
     pub coherence_length_m: Option<f64>,
     /// Which of many independent recordings of one seed; a study's setups count through.

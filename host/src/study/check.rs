@@ -139,7 +139,8 @@ fn references_stay_in_place(setups: &[Setup], sections: &[Section<'_>]) -> Resul
         for (sensor, section) in setup.sensors.iter().zip(&sensor_sections).filter(|(sensor, _)| sensor.reference) {
             let position = section.position();
             let (before, first_line) = *first.entry(&sensor.point).or_insert((sensor, position.line));
-            let same = before.elevation_m == sensor.elevation_m
+            let same = before.is_of_a_point() == sensor.is_of_a_point()
+                && before.elevation_m == sensor.elevation_m
                 && before.direction == sensor.direction
                 && before.offset_m == sensor.offset_m;
             if !same {

@@ -237,7 +237,11 @@ fn sensor(section: &Section<'_>, sampled: bool) -> Result<Sensor, StudyError> {
 fn own_unit(section: &Section<'_>, sampled: bool) -> Result<Option<Unit>, StudyError> {
     match section.get("unit") {
         Some(entry) if !sampled => {
-            Err(entry.out_of_range("left out: modes have shapes, whatever they were measured with"))
+            match unit(&entry, UNIT)? {
+                rotation @ (Unit::Radian | Unit::Strain) => Ok(Some(rotation)),
+                _ => Err(entry
+                    .out_of_range("left out, or \"rad\" or \"strain\": shapes of all other units are displacements")),
+            }
         }
         entry => entry.map(|entry| unit(&entry, UNIT)).transpose(),
     }

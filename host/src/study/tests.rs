@@ -111,7 +111,9 @@ fn only_structure_and_setup_have_to_be_there() {
 
 #[test]
 fn units_and_sensitivities_belong_together() {
-    for (name, unit) in [("g", Unit::StandardGravity), ("m/s", Unit::MetrePerSecond)] {
+    for (name, unit) in
+        [("g", Unit::StandardGravity), ("m/s", Unit::MetrePerSecond), ("rad", Unit::Radian), ("strain", Unit::Strain)]
+    {
         let study = load(&SOUND.replace("m/s2", name)).unwrap();
         assert_eq!(study.setups[0].unit, unit);
     }

@@ -60,7 +60,7 @@ fn measured(structure: &Structure, sensors: &[Sensor], modes: usize, seed: u64) 
             let largest = shape[shape.icamax()];
             let values = (shape / largest).map(|value| value + random.random_range(-error..error));
             MeasuredMode {
-                scatter: None,
+                covariance_factor: None,
                 number: mode + 1,
                 frequency_hz: view.modes.frequency_hz[mode],
                 frequency_std_hz: Some(1e-4),

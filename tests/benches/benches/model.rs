@@ -51,7 +51,7 @@ fn update(criterion: &mut Criterion) {
             let values = DVector::from_column_slice(field.shape(mode)).normalize();
             let stds = Some(DVector::from_element(values.len(), 0.005));
             MeasuredMode {
-                scatter: None,
+                covariance_factor: None,
                 number: mode + 1,
                 frequency_hz: field.modes.frequency_hz[mode],
                 frequency_std_hz: Some(1e-3 * field.modes.frequency_hz[mode]),

@@ -126,7 +126,7 @@ pub const CASES: [Case; 28] = [
     wind("noise", "`wind`, one channel with added noise of ten times its root mean square", Some(Fault::Noise)),
     wind("missing-rows", "`wind`, 1 % of rows missing, unsaid", Some(Fault::MissingRows)),
     wind("clipped", "`wind`, one channel cut at 1.5 times its root mean square", Some(Fault::Clipped)),
-    wind("miswired", "`wind`, one channel turned around and two exchanged", Some(Fault::Miswired)),
+    wind("miswired", "`wind`, one channel reversed and two exchanged", Some(Fault::Miswired)),
     machine("tone-1", "`wind`, and a machine one bandwidth above a mode", 1.0, Runs::Steadily),
     machine("tone-2.5", "the same two and a half bandwidths above", 2.5, Runs::Steadily),
     machine("tone-wanders", "the same, its frequency wandering by 0.3 %", 2.5, Runs::Wandering(3e-3)),

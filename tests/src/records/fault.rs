@@ -20,7 +20,7 @@ pub enum Fault {
     MissingRows,
     /// One channel is cut at one and a half times its root mean square.
     Clipped,
-    /// Channel 10 is turned around, and channels 14 and 17 are exchanged.
+    /// Channel 10 is reversed, and channels 14 and 17 are exchanged.
     Miswired,
     /// The structure stands still: there is nothing but noise, of another size in each channel.
     StandsStill,

@@ -177,7 +177,7 @@ struct Found {
     damping_ratio_std: f64,
     /// By the structure's channel, counted from 0.
     shape: Vec<(usize, Complex<f64>, f64)>,
-    /// How its errors hang together.
+    /// How its errors are correlated.
     scatter: Value,
 }
 
@@ -194,7 +194,7 @@ impl Found {
             damping_ratio: number("damping_ratio"),
             damping_ratio_std: number("damping_ratio_std"),
             shape: mode["shape"].as_array().into_iter().flatten().filter_map(part).collect(),
-            scatter: mode["scatter"].clone(),
+            scatter: mode["covariance_factor"].clone(),
         }
     }
 

@@ -9,14 +9,14 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 pub struct WholeMode {
     /// By the joint covariance.
     pub joint: f64,
-    /// As if errors did not hang together.
+    /// As if errors were independent.
     pub independent: f64,
     /// How many numbers these are.
     pub numbers: usize,
 }
 
 impl WholeMode {
-    /// Of the errors of a mode (frequency in Hz, then the shape's components), their standard deviations, the `scatter` of
+    /// Of the errors of a mode (frequency in Hz, then the shape's components), their standard deviations, the `covariance_factor` of
     /// modes.json, and the true shape, whose length is the estimate's by least squares. `None` where no covariance is stated, or it is none.
     pub fn of(errors: &DVector<f64>, stds: &DVector<f64>, scatter: &Value, truth: &DVector<f64>) -> Option<Self> {
         let row = |row: &Value| row.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>();

@@ -22,6 +22,10 @@ fn missing_rows_that_nothing_says_are_suspected_aloud_and_only_where_they_are_mi
     let damaged = score("missing-rows");
     assert!(tells(&damaged, "all channels jump at once at"), "{:?}", damaged.warnings);
     let sound = score("wind");
+    let whole: Vec<_> = sound.modes.iter().flat_map(|mode| mode.whole.iter().copied()).collect();
+    let numbers: usize = whole.iter().map(|mode| mode.numbers).sum();
+    let rms = (whole.iter().map(|mode| mode.joint).sum::<f64>() / numbers as f64).sqrt();
+    assert!(whole.len() == 10 && (0.6..1.3).contains(&rms), "errors of whole modes over their covariance: {rms}");
     assert!(!tells(&sound, "jump") && !tells(&sound, "cut off"), "{:?}", sound.warnings);
 }
 
@@ -33,9 +37,9 @@ fn a_channel_that_is_cut_off_is_named_and_left_out_and_no_shape_is_bent() {
 }
 
 #[test]
-fn a_channel_that_is_turned_around_and_two_that_are_exchanged_are_suspected_by_name_and_no_others() {
+fn a_channel_that_is_reversed_and_two_that_are_exchanged_are_suspected_by_name_and_no_others() {
     let wrong = score("miswired");
-    assert!(tells(&wrong, "channel 10 seems to be turned around"), "{:?}", wrong.warnings);
+    assert!(tells(&wrong, "channel 10 seems to be reversed"), "{:?}", wrong.warnings);
     assert!(tells(&wrong, "channels 14 and 17 seem to be exchanged"), "{:?}", wrong.warnings);
     assert_eq!(wrong.warnings.iter().filter(|warning| warning.contains(" seem")).count(), 2, "{:?}", wrong.warnings);
     assert!(!tells(&score("wind"), " seem"));

@@ -29,6 +29,9 @@ use crate::study::ModeChoice;
 /// A pole in another setup may be this share of the frequency further away: structures change a little between setups.
 const NEAR_OF_FREQUENCY: f64 = 0.003;
 
+/// A frequency that is known within this share of the least that a mode's can be, of a peak narrower than a line, is a machine's.
+const STEADY_SHARE: f64 = 0.6;
+
 /// A mode that the fit does not resolve counts where its damping is known within this share.
 const ALONE_DAMPING_STD: f64 = 0.25;
 
@@ -121,15 +124,23 @@ pub(super) fn add_unresolved(
         2 * poles.iter().filter(|pole| is_known(pole)).count() > poles.len()
             && poles.iter().all(|pole| is_left(pole) && pole.is_inside(grid))
             && is_new(poles)
-            && forced(measured, poles, grid).is_none()
     };
-    let unresolved: Vec<Vec<&StablePole>> = common(setups, grid).into_iter().filter(is_mode).collect();
+    let mut unresolved: Vec<Vec<&StablePole>> = common(setups, grid).into_iter().filter(is_mode).collect();
+    let listed: Vec<f64> = unresolved.iter().flatten().map(|pole| pole.frequency_hz).collect();
+    let is_listed = |other: &SubspacePole| listed.contains(&other.frequency_hz);
+    let mut machines = Vec::new();
+    unresolved.retain(|poles| {
+        let machine = forced(measured, poles, grid);
+        let is_mode = machine.is_none();
+        machines.extend(machine);
+        is_mode
+    });
+    identification.other_poles.retain(|other| !is_listed(other));
+    identification.harmonics.extend(machines);
+    identification.harmonics.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     if unresolved.is_empty() {
         return;
     }
-    let is_listed =
-        |other: &SubspacePole| unresolved.iter().flatten().any(|pole| pole.frequency_hz == other.frequency_hz);
-    identification.other_poles.retain(|other| !is_listed(other));
     let mut modes = merged(grid, measured, &unresolved, &mut identification.warnings);
     // Numbers of their own, until all are counted anew.
     let first = identification.modes.len();
@@ -235,7 +246,14 @@ fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid
     let pick = suggested(grid, measured, &Suggestion { frequency_hz, damping_ratio, shapes });
     let kurtosis = pick.kurtosis;
     let is_undamped = poles.iter().all(|pole| pole.damping_ratio < MIN_DAMPING);
-    let is_forced = kurtosis.is_harmonics() || (kurtosis.is_low() && is_undamped);
+    // Of a mode that random loads drive the frequency is never known better than Au's bound (2014). A machine that goes on and off
+    // has a peak as wide as one of little damping, but keeps its frequency.
+    let duration_s: f64 = measured.iter().map(|m| duration_s(m, grid)).sum();
+    let bound_hz = (frequency_hz * damping_ratio / (std::f64::consts::TAU * duration_s)).sqrt();
+    let known: f64 = poles.iter().map(|pole| pole.frequency_std_hz.powi(-2)).sum();
+    let is_steady =
+        known.powf(-0.5) < STEADY_SHARE * bound_hz && 2.0 * damping_ratio * frequency_hz < grid.spacing_hz();
+    let is_forced = kurtosis.is_harmonics() || (kurtosis.is_low() && is_undamped) || is_steady;
     is_forced.then_some(Harmonic {
         frequency_hz,
         kurtosis: kurtosis.value,

@@ -47,8 +47,9 @@ pub fn add_second_opinion(
     if choice.only_hz.is_none() {
         let grid = same_lines(measured)?;
         try_poles(measured, &setups, choice, &grid, identification)?;
-        give_up_contradicted(measured, &setups, identification);
+        let given_up = give_up_contradicted(measured, &setups, choice, identification);
         add_unresolved(measured, &setups, &grid, identification);
+        settle(given_up, identification);
     }
     let missing = missing(identification, measured.len());
     identification.warnings.extend(missing);
@@ -83,9 +84,23 @@ fn try_poles(
     Ok(())
 }
 
-/// Takes out modes that the subspaces contradict and know much better; [`add_unresolved`] then lists them by their poles.
-fn give_up_contradicted(measured: &[MeasuredSetup<'_>], setups: &[SetupPoles], identification: &mut Identification) {
+/// A mode that was taken out for what the subspaces show instead.
+struct GivenUp {
+    mode: Mode,
+    opinion: SecondOpinion,
+    poles: Vec<SubspacePole>,
+}
+
+/// Takes out modes that the subspaces contradict and know much better, but those that the user asked for; [`add_unresolved`] then
+/// lists them by their poles.
+fn give_up_contradicted(
+    measured: &[MeasuredSetup<'_>],
+    setups: &[SetupPoles],
+    choice: &ModeChoice,
+    identification: &mut Identification,
+) -> Vec<GivenUp> {
     let spacing_hz = identification.frequency_resolution_hz;
+    let asked_for = asked_for(choice, &identification.modes);
     let modes = std::mem::take(&mut identification.modes);
     let mut poles: Vec<Vec<SubspacePole>> = vec![Vec::new(); modes.len()];
     for (m, found) in measured.iter().zip(setups) {
@@ -94,42 +109,68 @@ fn give_up_contradicted(measured: &[MeasuredSetup<'_>], setups: &[SetupPoles], i
             poles[mode].extend(is_known(pole).then(|| pole.report(&m.setup.name)));
         }
     }
+    let mut given_up = Vec::new();
     for (mode, poles) in modes.into_iter().zip(poles) {
         let surer = mode.second_opinion.filter(|opinion| !opinion.agrees && is_much_surer(opinion, &mode));
-        match surer.filter(|_| poles.len() == setups.len()) {
+        match surer.filter(|_| poles.len() == setups.len() && !asked_for.contains(&mode.number)) {
             Some(opinion) => {
-                let told = disagreement(&mode);
-                identification.warnings.retain(|warning| Some(warning) != told.as_ref());
-                identification.warnings.push(format!(
-                    "the two methods disagree near {:.4} Hz. {}, and is much surer: its values are listed",
-                    opinion.frequency_hz,
-                    both(&mode, &opinion)
-                ));
-                identification.other_poles.extend(poles);
+                identification.other_poles.extend(poles.iter().cloned());
+                given_up.push(GivenUp { mode: Mode { pair_with: None, ..mode }, opinion, poles });
             }
             None => identification.modes.push(mode),
         }
     }
     number(&mut identification.modes);
+    given_up
+}
+
+/// Says what became of modes that were given up; those whose poles are not listed come back.
+fn settle(given_up: Vec<GivenUp>, identification: &mut Identification) {
+    for GivenUp { mode, opinion, poles } in given_up {
+        let is_left = |other: &SubspacePole| poles.iter().any(|pole| pole.frequency_hz == other.frequency_hz);
+        if identification.other_poles.iter().any(is_left) {
+            identification.other_poles.retain(|other| !is_left(other));
+            // A number that no other mode has, until all are counted anew.
+            let number = identification.modes.iter().map(|mode| mode.number).max().unwrap_or(0) + 1;
+            identification.modes.push(Mode { number, ..mode });
+            continue;
+        }
+        let told = disagreement(&mode);
+        identification.warnings.retain(|warning| Some(warning) != told.as_ref());
+        identification.warnings.push(format!(
+            "the two methods disagree near {:.4} Hz. {}, and is much surer: its values are listed",
+            opinion.frequency_hz,
+            both(&mode, &opinion)
+        ));
+    }
+    identification.modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+    number(&mut identification.modes);
+}
+
+/// Numbers of the modes that the user asked for: the one next to what was asked for is the one that was made for it.
+fn asked_for(choice: &ModeChoice, modes: &[Mode]) -> Vec<usize> {
+    let nearest = |hz: &f64| {
+        let of = |mode: &Mode| (mode.frequency_hz - hz).abs();
+        modes.iter().min_by(|a, b| of(a).total_cmp(&of(b))).map(|mode| mode.number)
+    };
+    choice.add_hz.iter().filter_map(nearest).collect()
 }
 
 /// Whether frequency and damping of the subspace are known so much better that the fit is wrong.
 fn is_much_surer(opinion: &SecondOpinion, mode: &Mode) -> bool {
-    let of_opinion = opinion.frequency_std_hz * opinion.damping_ratio_std / opinion.damping_ratio;
-    let of_fit = mode.frequency_std_hz * mode.damping_ratio_std / mode.damping_ratio;
-    of_fit > MUCH_SURER * of_opinion
+    // A stated deviation below the lower bound is chance.
+    let bounds = [mode.frequency_std_bound_hz, mode.damping_ratio_std_bound];
+    let doubt = |frequency_std_hz: f64, damping_std: f64, damping_ratio: f64| {
+        frequency_std_hz.max(bounds[0]) * damping_std.max(bounds[1]) / damping_ratio
+    };
+    doubt(mode.frequency_std_hz, mode.damping_ratio_std, mode.damping_ratio)
+        > MUCH_SURER * doubt(opinion.frequency_std_hz, opinion.damping_ratio_std, opinion.damping_ratio)
 }
 
 /// Takes out modes whose damping is hardly known and that the subspace does not have: a peak that chance makes of noise now and
 /// then is a line or two wide.
 fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
-    // The mode next to what was asked for is the one that was made for it.
-    let distance_hz = |mode: &Mode, hz: f64| (mode.frequency_hz - hz).abs();
-    let nearest = |&hz: &f64| {
-        let of = |mode: &Mode| distance_hz(mode, hz);
-        identification.modes.iter().min_by(|a, b| of(a).total_cmp(&of(b))).map(|mode| mode.number)
-    };
-    let asked_for: Vec<usize> = choice.add_hz.iter().filter_map(nearest).collect();
+    let asked_for = asked_for(choice, &identification.modes);
     let is_asked_for = |mode: &Mode| asked_for.contains(&mode.number);
     let spacing_hz = identification.frequency_resolution_hz;
     let is_unseen = |mode: &Mode| {
@@ -271,8 +312,8 @@ fn pooled(mode: &Mode, opinions: &[(&StablePole, f64)]) -> Option<SecondOpinion>
 fn disagreement(mode: &Mode) -> Option<String> {
     let other = mode.second_opinion.filter(|opinion| !opinion.agrees)?;
     Some(format!(
-        "mode {}: the two methods disagree. {}: trust neither further than their difference",
-        mode.number,
+        "mode at {:.4} Hz: the two methods disagree. {}: trust neither further than their difference",
+        mode.frequency_hz,
         both(mode, &other)
     ))
 }

@@ -209,7 +209,7 @@ fn both_methods_agree_on_a_tower_and_a_mode_that_is_bent_or_lost_is_reported() {
     with_opinions(&measured, &mut bent);
     assert!(!bent.modes[2].second_opinion.unwrap().agrees);
     assert_eq!(bent.warnings.len(), 1);
-    assert!(bent.warnings[0].contains("mode 3: the two methods disagree"), "{}", bent.warnings[0]);
+    assert!(bent.warnings[0].contains(" Hz: the two methods disagree"), "{}", bent.warnings[0]);
 
     let mut lost = first;
     let hz = lost.modes.remove(0).frequency_hz;

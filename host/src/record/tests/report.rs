@@ -48,13 +48,14 @@ fn between_joined_blocks_rows_are_missing_and_nothing_is_lost() {
     let joined = Setup { block_s: Some(20.0), ..setup(&["1"], &["*.txt"]) };
     // Blocks of 1000 rows; the last one of the first file has one row.
     let (rows, report) = read(&joined, folder.path()).unwrap();
-    assert_eq!(rows.len(), 10_001 + 10 * 4 + 2);
+    assert_eq!(rows.len(), 10_001 + 10 * 4 + 4 + 2);
     for block in 0..10 {
         let start = block * 1004;
         assert_eq!((rows[start][0], rows[start + 999][0]), (1000.0 * block as f64, 1000.0 * block as f64 + 999.0));
         assert!(rows[start + 1000..start + 1004].iter().all(|row| row[0].is_nan()));
     }
-    assert_eq!(rows[10_040..].concat(), [10_000.0, 1.0, 2.0]);
+    assert_eq!((rows[10_040][0], rows[10_045..].concat()), (10_000.0, vec![1.0, 2.0]));
+    assert!(rows[10_041..10_045].iter().all(|row| row[0].is_nan()), "a file is a block too");
     assert_eq!((report.channels[0].missing, report.warnings.len()), (0, 0), "what the study says needs no warning");
 }
 
