@@ -96,8 +96,8 @@ pub enum StudyError {
     },
     /// A unit that Belfry cannot convert.
     #[error(
-        "{position}: unknown unit {found}; use \"m/s2\", \"g\", \"V\" (with a sensitivity for every sensor) or \
-         \"m/s\""
+        "{position}: unknown unit {found}; use \"m/s2\", \"g\", \"V\" (with a sensitivity for every sensor), \"m/s\", \
+         \"m\", \"rad\" or \"strain\""
     )]
     UnknownUnit {
         /// The key.
