@@ -1,4 +1,4 @@
-//! Robust figures that several folders need.
+//! Figures and orders of numbers that several folders need.
 
 /// The median of the magnitudes of normal numbers, in standard deviations.
 pub(crate) const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
@@ -9,8 +9,21 @@ pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
+/// Indices of values, the largest value first.
+pub(crate) fn largest_first(values: &[f64]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&a, &b| values[b].total_cmp(&values[a]));
+    order
+}
+
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn indices_go_from_the_largest_value_to_the_least_and_equal_ones_stay_in_order() {
+        assert_eq!(super::largest_first(&[1.0, 3.0, -2.0, 3.0]), [1, 3, 0, 2]);
+        assert!(super::largest_first(&[]).is_empty());
+    }
+
     #[test]
     fn the_median_is_in_the_middle_whatever_the_order() {
         assert_eq!(super::median(&mut [3.0, 1.0, 2.0]), Some(2.0));

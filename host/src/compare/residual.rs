@@ -10,6 +10,7 @@ use super::tolerance::Tolerance;
 use super::view::ModelView;
 use crate::model::ModeDerivative;
 use crate::modes::{MeasuredMode, MeasuredShape};
+use crate::statistics::largest_first;
 
 /// A chi-squared test.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -267,7 +268,6 @@ pub(crate) fn complement(columns: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let outside = DMatrix::identity(size, size) - &directions * directions.transpose();
     let eigen = outside.symmetric_eigen();
     // Eigenvalues are 1 outside and 0 inside.
-    let mut order: Vec<usize> = (0..size).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let order = largest_first(eigen.eigenvalues.as_slice());
     Some(eigen.eigenvectors.select_columns(&order[..size.checked_sub(count)?]))
 }

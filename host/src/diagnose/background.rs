@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::compare::Tolerance;
 use crate::model::{Body, Structure};
+use crate::statistics::largest_first;
 
 /// Directions of the background scatter with the most variance: relative changes of segments are `directions` times
 /// standard normal numbers (Karhunen-Loève).
@@ -38,8 +39,7 @@ impl Background {
             return Self { stiffness: none.clone(), mass: none, has_spread: false };
         };
         let eigen = tolerance.covariance.clone().symmetric_eigen();
-        let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
-        order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+        let order = largest_first(eigen.eigenvalues.as_slice());
         let total: f64 = eigen.eigenvalues.iter().sum();
         let mut left = total;
         let kept: Vec<usize> = order

@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, RowDVector};
 use serde::{Deserialize, Serialize};
 
 use super::scatter::GroupChanges;
+use crate::statistics::largest_first;
 
 /// More columns than this are replaced by as many that hold most.
 const MOST_COLUMNS: usize = 24;
@@ -124,8 +125,7 @@ fn principal(rows: &DMatrix<f64>) -> DMatrix<f64> {
         return DMatrix::identity(columns, columns);
     }
     let eigen = rows.tr_mul(rows).symmetric_eigen();
-    let mut order: Vec<usize> = (0..columns).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let order = largest_first(eigen.eigenvalues.as_slice());
     eigen.eigenvectors.select_columns(&order[..MOST_COLUMNS])
 }
 

@@ -13,7 +13,7 @@ use super::matrices::{LEAST_LINES, Matrices, bell};
 use super::pick::Pick;
 use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
-use super::scatter::{GroupChanges, ShapeScatter, changes, jackknife, noise_outside, noise_share};
+use super::scatter::{GroupChanges, ShapeScatter, changes, deviation, noise_outside, noise_share};
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::{Shape, align, modal_filter, normalise, phase_collinearity};
 use super::start::{first_bell, known_bell};
@@ -426,7 +426,6 @@ impl State {
     fn conclude(&self, mode: usize, replicates: &[Self], spacing_hz: f64) -> SetupMode {
         let mut shape = self.shapes[mode].clone();
         normalise(&mut shape);
-        let deviation = |value: &dyn Fn(&Self) -> f64| jackknife(&replicates.iter().map(value).collect::<Vec<_>>());
         let aligned: Vec<Shape> = replicates
             .iter()
             .map(|replicate| {
@@ -444,12 +443,10 @@ impl State {
         let collinearity = phase_collinearity(shape.as_slice());
         drop_scatter(&mut shape, &scatter.imaginary);
         let of = |value: &dyn Fn(&Self) -> f64| changes(&replicates.iter().map(value).collect::<Vec<_>>());
-        let of_shape = |component: usize| changes(&aligned.iter().map(|other| other[component].re).collect::<Vec<_>>());
-        let rows: Vec<Vec<f64>> = (0..shape.len()).map(of_shape).collect();
         let changes = GroupChanges {
             frequency_hz: of(&|state| state.fits[mode].resonance.frequency_hz),
             damping_ratio: of(&|state| state.fits[mode].resonance.damping_ratio),
-            shape: DMatrix::from_fn(rows.len(), replicates.len(), |row, group| rows[row][group]),
+            shape: scatter.real_changes,
         };
         let curve = self.curves[mode].clone();
         let misfit = curve.misfit(&replicates.iter().map(|replicate| &replicate.curves[mode]).collect::<Vec<_>>());
@@ -467,7 +464,7 @@ impl State {
         // At the end of its range a fit does not move from replicate to replicate, so its scatter means nothing.
         let [least, most] = DAMPING_RANGE;
         let is_bounded = !(1.001 * least..0.999 * most).contains(&fit.resonance.damping_ratio);
-        let deviation = |value: &dyn Fn(&Self) -> f64| if is_bounded { f64::INFINITY } else { deviation(value) };
+        let deviation = |changes: &[f64]| if is_bounded { f64::INFINITY } else { deviation(changes) };
         SetupMode {
             // The fit's level is the power of the modal response along a shape of unit length.
             level: fit.level.max(0.0).sqrt() / shape.norm(),
@@ -475,9 +472,9 @@ impl State {
             found: distance_hz < 0.48 * (highest - lowest),
             resonance: self.fits[mode].resonance,
             shape,
-            frequency_std_hz: deviation(&|state| state.fits[mode].resonance.frequency_hz)
+            frequency_std_hz: deviation(&changes.frequency_hz)
                 .max(certainty.map_or(0.0, |certainty| certainty.frequency_std_hz)),
-            damping_std: deviation(&|state| state.fits[mode].resonance.damping_ratio)
+            damping_std: deviation(&changes.damping_ratio)
                 .max(certainty.map_or(0.0, |certainty| certainty.damping_std)),
             shape_std: scatter.component,
             shape_noise,

@@ -6,7 +6,7 @@ use super::estimate;
 use super::judge;
 use super::merge;
 use super::pick::Pick;
-use super::result::{Harmonic, Identification, Rejected, SingularSpectrum};
+use super::result::{Identification, Rejected, SingularSpectrum};
 use super::setup::{MeasuredSetup, quantity};
 use super::tone::{self, Tone};
 use crate::spectra::LineGrid;
@@ -79,13 +79,8 @@ pub(super) fn fit(
     };
     let mut rejected: Vec<Rejected> = basis.rejected.iter().copied().filter(|peak| !is_mode(peak)).collect();
     rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
-    let harmonic = |pick: &Pick| Harmonic {
-        frequency_hz: tone::frequency_hz(grid, &singular, as_tone(pick)),
-        kurtosis: pick.kurtosis.value,
-        wanders_hz: pick.kurtosis.wanders_lines as f64 * grid.spacing_hz(),
-        on_share: pick.kurtosis.on_share,
-        on_by_part: tone::on_by_part(measured, pick),
-    };
+    let harmonic =
+        |pick: &Pick| tone::harmonic(measured, grid, pick, tone::frequency_hz(grid, &singular, as_tone(pick)));
     Identification {
         modes,
         averages: measured.iter().map(|m| m.spectrum.averages()).sum(),

@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use super::accuracy::std_bounds;
 use super::covariance::{self, Numbers};
 use super::join::{Point, changes, joined, references, variances};
 use super::result::{FittedSpectrum, Mode, ModeMethod, ShapeComponent};
@@ -82,8 +83,9 @@ fn pairs(modes: &mut [Mode]) -> Vec<String> {
     sentences
 }
 
-/// Counts modes from 1; pairs go with their modes, and end with one of them.
+/// Counts modes from 1, lowest first; pairs go with their modes, and end with one of them.
 pub(super) fn number(modes: &mut [Mode]) {
+    modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     let before: Vec<usize> = modes.iter().map(|mode| mode.number).collect();
     for (index, mode) in modes.iter_mut().enumerate() {
         mode.number = index + 1;
@@ -178,8 +180,7 @@ fn merged(
         damping_ratio: of_means(|mode| mode.damping_std, |changes| &changes.damping_ratio),
         shape: changes(points, estimates, &shapes, &shape),
     };
-    // Au (2014): coefficients of variation sqrt(zeta / (2 pi N)) and 1 / sqrt(2 pi zeta N), N cycles in the record.
-    let cycles = frequency_hz * duration_s;
+    let [frequency_std_bound_hz, damping_ratio_std_bound] = std_bounds(frequency_hz, damping_ratio, duration_s);
     let phase_collinearity = phase_collinearity(shape.as_slice());
     let mode = Mode {
         number: 0,
@@ -187,8 +188,8 @@ fn merged(
         frequency_std_hz,
         damping_ratio,
         damping_ratio_std,
-        frequency_std_bound_hz: frequency_hz * (damping_ratio / (std::f64::consts::TAU * cycles)).sqrt(),
-        damping_ratio_std_bound: damping_ratio / (std::f64::consts::TAU * damping_ratio * cycles).sqrt(),
+        frequency_std_bound_hz,
+        damping_ratio_std_bound,
         shape: points
             .iter()
             .enumerate()

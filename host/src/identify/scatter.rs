@@ -7,10 +7,15 @@ use super::shape::Shape;
 /// Standard deviation of an estimate from its delete-a-group replicates, or from what leaving out each group changes (Efron and
 /// Tibshirani 1993, eq. 11.5); infinite where there are fewer than two, which no uncertainty can be read from.
 pub(super) fn jackknife(replicates: &[f64]) -> f64 {
-    if replicates.len() < 2 {
+    deviation(&changes(replicates))
+}
+
+/// The same from [`changes`].
+pub(super) fn deviation(changes: &[f64]) -> f64 {
+    if changes.len() < 2 {
         return f64::INFINITY;
     }
-    changes(replicates).iter().map(|change| change * change).sum::<f64>().sqrt()
+    changes.iter().map(|change| change * change).sum::<f64>().sqrt()
 }
 
 /// By how much each replicate differs from their mean, scaled so that the squares add up to the jackknife's variance.
@@ -47,17 +52,21 @@ pub(super) struct ShapeScatter {
     pub(super) imaginary: Vec<f64>,
     /// Those of a component, which its real and imaginary part share.
     pub(super) component: Vec<f64>,
+    /// What each replicate changes in the real parts, components x replicates.
+    pub(super) real_changes: DMatrix<f64>,
 }
 
 impl ShapeScatter {
     pub(super) fn of(components: usize, replicates: &[Shape]) -> Self {
         let of = |row: usize, part: fn(&num_complex::Complex64) -> f64| {
-            jackknife(&replicates.iter().map(|shape| part(&shape[row])).collect::<Vec<_>>())
+            changes(&replicates.iter().map(|shape| part(&shape[row])).collect::<Vec<_>>())
         };
-        let real = (0..components).map(|row| of(row, |component| component.re));
-        let imaginary: Vec<f64> = (0..components).map(|row| of(row, |component| component.im)).collect();
-        let component = real.zip(&imaginary).map(|(re, im)| re.hypot(*im) / std::f64::consts::SQRT_2).collect();
-        Self { imaginary, component }
+        let real: Vec<Vec<f64>> = (0..components).map(|row| of(row, |component| component.re)).collect();
+        let imaginary: Vec<f64> = (0..components).map(|row| deviation(&of(row, |component| component.im))).collect();
+        let both = real.iter().zip(&imaginary);
+        let component = both.map(|(re, im)| deviation(re).hypot(*im) / std::f64::consts::SQRT_2).collect();
+        let real_changes = DMatrix::from_fn(components, replicates.len(), |row, replicate| real[row][replicate]);
+        Self { imaginary, component, real_changes }
     }
 }
 

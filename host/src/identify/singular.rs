@@ -7,6 +7,7 @@ use num_complex::Complex64;
 
 use super::result::SingularSpectrum;
 use crate::spectra::{CrossSpectrum, LineGrid};
+use crate::statistics::largest_first;
 
 /// Ranks shown in pictures.
 const SHOWN: usize = 4;
@@ -32,8 +33,7 @@ pub(super) struct Leading {
 /// Decomposes a Hermitian matrix.
 pub(super) fn leading(matrix: DMatrix<Complex64>) -> Leading {
     let eigen = SymmetricEigen::new(matrix);
-    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let order = largest_first(eigen.eigenvalues.as_slice());
     let values: Vec<f64> = order.iter().map(|&index| eigen.eigenvalues[index].max(0.0)).collect();
     let first = order.first().copied().unwrap_or(0);
     Leading {

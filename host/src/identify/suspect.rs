@@ -275,24 +275,28 @@ mod tests {
     use super::*;
     use crate::study::{Direction, Unit};
 
-    /// Four modes of a cantilever at eight heights, seen along X and Y, damaged by `change`; what is found wrong.
-    fn found(change: impl Fn(&mut Vec<Vec<f64>>)) -> Vec<Fault> {
-        let sensor = |at: usize| Sensor {
-            channel: format!("{}", at + 1),
-            point: format!("{}", at + 1),
+    fn sensor(elevation_m: f64, direction: Direction, unit: Option<Unit>) -> Sensor {
+        Sensor {
+            channel: "1".to_owned(),
+            point: "1".to_owned(),
             node: 1,
-            elevation_m: Some(10.0 * (at / 2 + 1) as f64 + 0.05 * (at % 2) as f64),
-            // Every other pair counts the other way.
-            direction: Some(Direction::AzimuthDeg(
-                if at.is_multiple_of(2) { 0.0 } else { 90.0 } + 180.0 * (at / 2 % 2) as f64,
-            )),
+            elevation_m: Some(elevation_m),
+            direction: Some(direction),
             offset_m: [0.0; 2],
             reference: false,
-            unit: None,
+            unit,
             sensitivity_v_per_m_s2: None,
             dof: None,
-        };
-        let sensors: Vec<Sensor> = (0..16).map(sensor).collect();
+        }
+    }
+
+    /// Four modes of a cantilever at eight heights, seen along X and Y, damaged by `change`; what is found wrong.
+    fn found(change: impl Fn(&mut Vec<Vec<f64>>)) -> Vec<Fault> {
+        // Every other pair counts the other way.
+        let azimuth_deg = |at: usize| if at.is_multiple_of(2) { 0.0 } else { 90.0 } + 180.0 * (at / 2 % 2) as f64;
+        let elevation_m = |at: usize| 10.0 * (at / 2 + 1) as f64 + 0.05 * (at % 2) as f64;
+        let sensors: Vec<Sensor> =
+            (0..16).map(|at| sensor(elevation_m(at), Direction::AzimuthDeg(azimuth_deg(at)), None)).collect();
         let wave = |mode: usize, z_m: f64| (std::f64::consts::PI * ((mode / 2) as f64 + 0.5) * z_m / 80.0).sin();
         let value = |at: usize, mode: usize| {
             let sign = if (at / 2).is_multiple_of(2) { 1.0 } else { -1.0 };
@@ -328,20 +332,9 @@ mod tests {
 
     #[test]
     fn of_two_channels_at_one_height_the_wrong_one_is_named() {
-        let sensor = |at: usize| Sensor {
-            channel: format!("{}", at + 1),
-            point: format!("{}", at + 1),
-            node: 1,
-            // Two of one direction at every other height.
-            elevation_m: Some([10.0, 20.0, 20.0, 30.0, 40.0, 40.0, 50.0, 60.0][at]),
-            direction: Some(Direction::AzimuthDeg(0.0)),
-            offset_m: [0.0; 2],
-            reference: false,
-            unit: None,
-            sensitivity_v_per_m_s2: None,
-            dof: None,
-        };
-        let sensors: Vec<Sensor> = (0..8).map(sensor).collect();
+        // Two of one direction at every other height.
+        let elevations_m = [10.0, 20.0, 20.0, 30.0, 40.0, 40.0, 50.0, 60.0];
+        let sensors = elevations_m.map(|elevation_m| sensor(elevation_m, Direction::AzimuthDeg(0.0), None));
         let wave = |mode: usize, z_m: f64| (std::f64::consts::PI * (mode as f64 + 0.5) * z_m / 60.0).sin();
         for wrong in [4, 5] {
             for (ratio, fault) in [
@@ -368,20 +361,8 @@ mod tests {
 
     #[test]
     fn what_is_not_horizontal_motion_is_in_no_line() {
-        let sensor = |direction: Direction, unit: Option<Unit>| Sensor {
-            channel: "1".to_owned(),
-            point: "1".to_owned(),
-            node: 1,
-            elevation_m: Some(1.0),
-            direction: Some(direction),
-            offset_m: [0.0; 2],
-            reference: false,
-            unit,
-            sensitivity_v_per_m_s2: None,
-            dof: None,
-        };
-        let up: Vec<Sensor> = (0..6).map(|_| sensor(Direction::Up, None)).collect();
-        let tilt: Vec<Sensor> = (0..6).map(|_| sensor(Direction::AzimuthDeg(0.0), Some(Unit::Radian))).collect();
+        let up: Vec<Sensor> = (0..6).map(|_| sensor(1.0, Direction::Up, None)).collect();
+        let tilt: Vec<Sensor> = (0..6).map(|_| sensor(1.0, Direction::AzimuthDeg(0.0), Some(Unit::Radian))).collect();
         for sensors in [up, tilt, Vec::new()] {
             let channels: Vec<Channel<'_>> =
                 sensors.iter().map(|sensor| Channel { setup: "one", sensor, values: vec![1.0] }).collect();

@@ -46,9 +46,20 @@ fn taken_by((line, wanders): Tone, lines: usize, power: impl Fn(usize) -> f64) -
     around(line, reach, lines).filter(is_taken).collect()
 }
 
+/// What is told of a pick that is a forced line.
+pub(super) fn harmonic(measured: &[MeasuredSetup<'_>], grid: &LineGrid, pick: &Pick, frequency_hz: f64) -> Harmonic {
+    Harmonic {
+        frequency_hz,
+        kurtosis: pick.kurtosis.value,
+        wanders_hz: pick.kurtosis.wanders_lines as f64 * grid.spacing_hz(),
+        on_share: pick.kurtosis.on_share,
+        on_by_part: on_by_part(measured, pick),
+    }
+}
+
 /// The share of the time that a tone is there, part by part of each setup: what its power there is of that
 /// while it is on. None of a tone that is always there.
-pub(super) fn on_by_part(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Vec<OnInPart> {
+fn on_by_part(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Vec<OnInPart> {
     let mut all = Vec::new();
     if pick.kurtosis.on_share >= 1.0 {
         return all;

@@ -106,6 +106,10 @@ const STRAIN_STEP: f64 = 0.01;
 /// A sensor this near (in m) to a node of a structure in space stands at it.
 const NODE_TOLERANCE_M: f64 = 1e-3;
 
+fn direction_of(sensor: &Sensor) -> Result<Direction, SensorError> {
+    sensor.direction.ok_or_else(|| SensorError::NoDirection { channel: sensor.channel.clone() })
+}
+
 /// Whether the nodes turn about horizontal axes: where they do not, nothing tells how the axis leans.
 fn has_rotations(line: &Line) -> bool {
     line.node_rows().iter().any(|node| node[2].is_some() || node[3].is_some())
@@ -137,44 +141,48 @@ impl Assembly {
         Ok(rows)
     }
 
-    /// What an inclinometer or a strain gauge sees.
-    ///
-    /// The section is rigid: the axis leans towards +X by ry, towards +Y by -rx, and a vertical fibre at the plan offset (x, y)
-    /// stretches by y drx/dz - x dry/dz, as it moves up by y rx - x ry.
-    fn rotation_row(
-        &self,
-        sensor: &Sensor,
-        elevation_m: f64,
-        direction: Direction,
-    ) -> Result<RowDVector<f64>, SensorError> {
-        let channel = sensor.channel.clone();
-        let ([x, y], [cos, sin, up]) = (sensor.offset_m, direction.cosines());
-        let is_strain = sensor.unit.map(Unit::motion) == Some(Motion::Strain);
-        if let Geometry::Line(line) = &self.geometry {
-            check_inside(line, sensor, elevation_m)?;
-        }
+    /// The beam whose turning a sensor sees.
+    fn turning(&self, sensor: &Sensor, elevation_m: f64) -> Result<&Line, SensorError> {
         match &self.geometry {
-            Geometry::Line(line) if is_strain && has_rotations(line) => {
-                if sensor.offset_m == [0.0; 2] {
-                    return Err(SensorError::StrainAtAxis { channel });
-                }
-                let spans = line.spans();
-                let span = spans.iter().find(|span| elevation_m <= span.z_top_m).or(spans.last());
-                let Some(span) = span else { return Err(SensorError::NotOfAPoint { channel }) };
-                // Rotations are parabolas within a span, so their slope is that between two heights about the sensor.
-                let (bottom_m, top_m) = (span.z_bottom_m, span.z_top_m);
-                let step_m = STRAIN_STEP * (top_m - bottom_m);
-                let heights_m = [(elevation_m - step_m).max(bottom_m), (elevation_m + step_m).min(top_m)];
-                let [below, above] = heights_m.map(|z_m| line.motion(z_m, self.dofs()));
-                let slope = (above - below) / (heights_m[1] - heights_m[0]);
-                Ok(slope.row(2) * y - slope.row(3) * x)
+            Geometry::Line(line) => {
+                check_inside(line, sensor, elevation_m)?;
+                has_rotations(line).then_some(line)
             }
-            Geometry::Line(line) if up.abs() < ALONG_AN_AXIS && has_rotations(line) => {
-                let axis = line.motion(elevation_m, self.dofs());
-                Ok(axis.row(3) * cos - axis.row(2) * sin)
-            }
-            _ => Err(SensorError::NotOfAPoint { channel }),
+            _ => None,
         }
+        .ok_or_else(|| SensorError::NotOfAPoint { channel: sensor.channel.clone() })
+    }
+
+    /// What an inclinometer sees: the axis leans towards +X by ry, towards +Y by -rx.
+    fn tilt_row(&self, sensor: &Sensor, elevation_m: f64) -> Result<RowDVector<f64>, SensorError> {
+        let [cos, sin, up] = direction_of(sensor)?.cosines();
+        let line = self.turning(sensor, elevation_m)?;
+        if up.abs() >= ALONG_AN_AXIS {
+            return Err(SensorError::NotOfAPoint { channel: sensor.channel.clone() });
+        }
+        let axis = line.motion(elevation_m, self.dofs());
+        Ok(axis.row(3) * cos - axis.row(2) * sin)
+    }
+
+    /// What a vertical strain gauge sees: the section is rigid, so a fibre at the plan offset (x, y) moves up by y rx - x ry and
+    /// stretches by y drx/dz - x dry/dz.
+    fn strain_row(&self, sensor: &Sensor, elevation_m: f64) -> Result<RowDVector<f64>, SensorError> {
+        let line = self.turning(sensor, elevation_m)?;
+        let [x, y] = sensor.offset_m;
+        let channel = || sensor.channel.clone();
+        if sensor.offset_m == [0.0; 2] {
+            return Err(SensorError::StrainAtAxis { channel: channel() });
+        }
+        let spans = line.spans();
+        let span = spans.iter().find(|span| elevation_m <= span.z_top_m).or(spans.last());
+        let span = span.ok_or_else(|| SensorError::NotOfAPoint { channel: channel() })?;
+        // Rotations are parabolas within a span, so their slope is that between two heights about the sensor.
+        let (bottom_m, top_m) = (span.z_bottom_m, span.z_top_m);
+        let step_m = STRAIN_STEP * (top_m - bottom_m);
+        let heights_m = [(elevation_m - step_m).max(bottom_m), (elevation_m + step_m).min(top_m)];
+        let [below, above] = heights_m.map(|z_m| line.motion(z_m, self.dofs()));
+        let slope = (above - below) / (heights_m[1] - heights_m[0]);
+        Ok(slope.row(2) * y - slope.row(3) * x)
     }
 
     fn sensor_row(&self, sensor: &Sensor) -> Result<RowDVector<f64>, SensorError> {
@@ -186,15 +194,13 @@ impl Assembly {
             return Ok(row);
         }
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
-        // A strain gauge is vertical.
-        let is_strain = sensor.unit.map(Unit::motion) == Some(Motion::Strain);
-        let direction = if is_strain { Some(Direction::Up) } else { sensor.direction };
-        let direction = direction.ok_or_else(|| SensorError::NoDirection { channel: channel() })?;
-        let [x, y] = sensor.offset_m;
-        if !sensor.is_of_a_point() {
-            return self.rotation_row(sensor, elevation_m, direction);
+        match sensor.unit.map(Unit::motion) {
+            Some(Motion::Tilt) => return self.tilt_row(sensor, elevation_m),
+            Some(Motion::Strain) => return self.strain_row(sensor, elevation_m),
+            _ => {}
         }
-        let direction_cosines = direction.cosines();
+        let direction_cosines = direction_of(sensor)?.cosines();
+        let [x, y] = sensor.offset_m;
         // Columns of (ux, uy, uz) at the sensor over the DOFs, and whether the model has such motions.
         let (motions, moves) = match &self.geometry {
             Geometry::Line(line) => {

@@ -15,6 +15,7 @@ use num_complex::Complex64;
 
 use crate::identify::resonance::hann_autocorrelation;
 use crate::spectra::{CrossSpectrum, LineGrid};
+use crate::statistics::largest_first;
 
 /// Lines of the narrowest sub-bands, and how much wider those of the next level are.
 const NARROWEST: usize = 64;
@@ -181,8 +182,7 @@ impl Reading {
             return None;
         }
         let eigen = SymmetricEigen::new(energy);
-        let mut order: Vec<usize> = (0..channels).collect();
-        order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+        let mut order = largest_first(eigen.eigenvalues.as_slice());
         order.truncate(MOST_OUTPUTS);
         reading.references = order.len().min(MOST_REFERENCES);
         reading.directions = eigen.eigenvectors.select_columns(&order);

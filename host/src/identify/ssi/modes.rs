@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::likeness::{NEAR_MAC, shape_in};
 use super::stabilisation::StablePole;
 use super::{SetupPoles, SubspacePole, reach_hz};
+use crate::identify::accuracy::std_bounds;
 use crate::identify::choice::meant_hz;
 use crate::identify::curve::Curve;
 use crate::identify::fit::Basis;
@@ -21,7 +22,7 @@ use crate::identify::setup::{MeasuredSetup, quantity};
 use crate::identify::setup_mode::{SetupMode, SetupModes};
 use crate::identify::shape::mac;
 use crate::identify::singular::SingularValues;
-use crate::identify::tone::on_by_part;
+use crate::identify::tone::harmonic;
 use crate::identify::{IdentifyError, Suggestion, none_in_band, phase_collinearity, same_lines};
 use crate::spectra::LineGrid;
 use crate::study::ModeChoice;
@@ -154,7 +155,6 @@ pub(super) fn add_unresolved(
     };
     identification.rejected.retain(|peak| !modes.iter().any(|mode| is_peak_of(peak, mode)));
     identification.modes.extend(modes);
-    identification.modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     number(&mut identification.modes);
 }
 
@@ -249,18 +249,12 @@ fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid
     // Of a mode that random loads drive the frequency is never known better than Au's bound (2014). A machine that goes on and off
     // has a peak as wide as one of little damping, but keeps its frequency.
     let duration_s: f64 = measured.iter().map(|m| duration_s(m, grid)).sum();
-    let bound_hz = (frequency_hz * damping_ratio / (std::f64::consts::TAU * duration_s)).sqrt();
+    let [bound_hz, _] = std_bounds(frequency_hz, damping_ratio, duration_s);
     let known: f64 = poles.iter().map(|pole| pole.frequency_std_hz.powi(-2)).sum();
     let is_steady =
         known.powf(-0.5) < STEADY_SHARE * bound_hz && 2.0 * damping_ratio * frequency_hz < grid.spacing_hz();
     let is_forced = kurtosis.is_harmonics() || (kurtosis.is_low() && is_undamped) || is_steady;
-    is_forced.then_some(Harmonic {
-        frequency_hz,
-        kurtosis: kurtosis.value,
-        wanders_hz: kurtosis.wanders_lines as f64 * grid.spacing_hz(),
-        on_share: kurtosis.on_share,
-        on_by_part: on_by_part(measured, &pick),
-    })
+    is_forced.then(|| harmonic(measured, grid, &pick, frequency_hz))
 }
 
 /// A pole as the first method would give it.

@@ -143,7 +143,6 @@ fn settle(given_up: Vec<GivenUp>, identification: &mut Identification) {
             both(&mode, &opinion)
         ));
     }
-    identification.modes.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     number(&mut identification.modes);
 }
 
