@@ -8,6 +8,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::signals::shown;
+use super::verdict::spoils_all;
 use super::*;
 use crate::compare::ModelView;
 use crate::model::effect::{Effect, Where};
@@ -400,15 +402,17 @@ fn a_forced_line_explains_the_mode_in_whose_peak_it_is() {
     modes[4].frequency_hz *= 0.97;
     let line_hz = 0.99 * modes[4].frequency_hz;
     let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
-    let with_line = |frequency_hz: f64| {
-        let signals =
-            format!(r#"{{"averages": 86, "harmonics": [{{"frequency_hz": {frequency_hz}, "kurtosis": 1.5}}]}}"#);
-        diagnose(&problem, &[], &serde_json::from_str(&signals).unwrap(), &Options::default()).unwrap()
+    let line = |hz: f64| -> Signals {
+        let harmonics = format!(r#"[{{"frequency_hz": {hz}, "kurtosis": 1.5}}]"#);
+        serde_json::from_str(&format!(r#"{{"averages": 86, "harmonics": {harmonics}}}"#)).unwrap()
     };
-    let near = with_line(line_hz);
+    let near = diagnose(&problem, &[], &line(line_hz), &Options::default()).unwrap();
     assert_eq!(near.verdict, Verdict::Effect, "{:?}", near.candidates.first());
     assert!(near.best[0].starts_with("harmonic@"), "{:?}", near.best);
-    assert_eq!(with_line(1.2 * line_hz).verdict, Verdict::Unknown, "a line elsewhere explains nothing here");
+    let present = problem.fit_present(&[]).unwrap();
+    let spoils = |hz: f64| spoils_all(&problem, &present, &shown(&line(hz), &[], &[])[0]);
+    assert!(spoils(line_hz));
+    assert!(!spoils(1.2 * line_hz), "a line elsewhere explains nothing here");
 }
 
 #[test]

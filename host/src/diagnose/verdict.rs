@@ -170,7 +170,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
 }
 
 /// Whether a forced line is what is wrong: without the modes whose peaks it is in, the model fits.
-fn spoils_all(problem: &Problem, present: &Fit, signal: &Signal) -> bool {
+pub(super) fn spoils_all(problem: &Problem, present: &Fit, signal: &Signal) -> bool {
     let Some(Where::Frequency(forced_hz)) = signal.effect.place() else { return false };
     let rest = problem.without_forced(*forced_hz);
     let fit = rest.and_then(|rest| rest.present(present.effects()).ok());

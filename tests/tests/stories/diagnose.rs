@@ -26,6 +26,10 @@ fn refusal(arguments: &[&str]) -> String {
 fn hidden(folder: &Path, effect: &str) -> String {
     let place = folder.join("tower").to_str().unwrap().to_owned();
     belfry_command().args(["init", &place, "--template", "canton"]).assert().success();
+    // The modes end at 1.5 Hz.
+    let study = Path::new(&place).join("study.toml");
+    let text = fs::read_to_string(&study).unwrap();
+    fs::write(&study, text.replace("sampling_rate_hz = 50.0", "sampling_rate_hz = 12.5")).unwrap();
     let simulate =
         ["simulate", &place, "--effect", effect, "--scatter", "0.3", "--hours", "6", "--seed", "3", "--adopt"];
     belfry_command().args(simulate).assert().success();
