@@ -15,7 +15,7 @@ use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
 use super::scatter::{GroupChanges, ShapeScatter, changes, deviation, noise_outside, noise_share};
 use super::setup_mode::{SetupMode, SetupModes};
-use super::shape::{Shape, align, modal_filter, normalise, phase_collinearity};
+use super::shape::{Shape, align, drop_scatter, modal_filter, normalise, phase_collinearity};
 use super::start::{first_bell, known_bell};
 use crate::spectra::{CrossSpectrum, LineGrid};
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
@@ -490,15 +490,4 @@ impl State {
 fn of_unit_length(shape: Shape) -> Option<(Shape, f64)> {
     let length = shape.norm();
     (length.is_finite() && length > 0.0).then(|| (shape / Complex64::from(length), length * length))
-}
-
-/// Shrinks imaginary parts by the share of them that is scatter (James and Stein 1961): a structure of little damping has
-/// shapes that are nearly real, so phases that the data do not determine are noise.
-fn drop_scatter(shape: &mut Shape, imaginary_std: &[f64]) {
-    let power: f64 = shape.iter().map(|component| component.im * component.im).sum();
-    let scatter: f64 = imaginary_std.iter().map(|std| std * std).sum();
-    if power > 0.0 && scatter.is_finite() {
-        let kept = (1.0 - scatter / power).max(0.0);
-        shape.iter_mut().for_each(|component| component.im *= kept);
-    }
 }

@@ -149,7 +149,7 @@ impl JointFit {
             })
             .collect();
         let mut jacobian = DMatrix::zeros(size * size, unknowns);
-        let mut half = DMatrix::zeros(size, size);
+        let (mut u_here, mut q_here) = (vec![Complex64::ZERO; size], vec![Complex64::ZERO; size]);
         let identity: DMatrix<Complex64> = DMatrix::identity(size, size);
         for (&frequency_hz, matrix) in seen.frequency_hz.iter().zip(&seen.matrices) {
             let density = |mode: usize, shape: &LineShape, slope: f64| {
@@ -171,18 +171,16 @@ impl JointFit {
             let noise_mixed = &noise * inverse.adjoint();
             let mut column = 0;
             let mut put = |u: &dyn Fn(usize) -> Complex64, q: &dyn Fn(usize) -> Complex64| {
-                for k in 0..size {
-                    for l in 0..size {
-                        half[(k, l)] = u(k) * q(l);
-                    }
+                for at in 0..size {
+                    (u_here[at], q_here[at]) = (u(at), q(at));
                 }
                 let mut target = jacobian.column_mut(column);
                 let mut place = 0;
                 for k in 0..size {
-                    target[place] = 2.0 * half[(k, k)].re;
+                    target[place] = 2.0 * (u_here[k] * q_here[k]).re;
                     place += 1;
                     for l in k + 1..size {
-                        let value: Complex64 = half[(k, l)] + half[(l, k)].conj();
+                        let value: Complex64 = u_here[k] * q_here[l] + (u_here[l] * q_here[k]).conj();
                         target[place] = std::f64::consts::SQRT_2 * value.re;
                         target[place + 1] = std::f64::consts::SQRT_2 * value.im;
                         place += 2;

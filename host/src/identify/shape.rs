@@ -66,6 +66,17 @@ pub(super) fn filtered(filter: &Shape, matrix: &DMatrix<Complex64>) -> f64 {
     filter.dotc(&(matrix * filter)).re.max(0.0)
 }
 
+/// Shrinks imaginary parts by the share of them that is scatter (James and Stein 1961): a structure of little damping has
+/// shapes that are nearly real, so phases that the data do not determine are noise.
+pub(super) fn drop_scatter(shape: &mut Shape, imaginary_std: &[f64]) {
+    let power: f64 = shape.iter().map(|component| component.im * component.im).sum();
+    let scatter: f64 = imaginary_std.iter().map(|std| std * std).sum();
+    if power > 0.0 && scatter.is_finite() {
+        let kept = (1.0 - scatter / power).max(0.0);
+        shape.iter_mut().for_each(|component| component.im *= kept);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -10,7 +10,7 @@
 //! | phase | what there is | method |
 //! |---|---|---|
 //! | 1 | the segments of a beam | [`change_segments`](Contribution::change_segments) |
-//! | 2 | the element of each segment | [`soften`](Contribution::soften), then the sum of [`compression_n`](Contribution::compression_n) |
+//! | 2 | the element of each segment | [`soften`](Contribution::soften), then the sum of [`compression`](Contribution::compression) |
 //! | 3 | the base node of a beam, which is eliminated | sum of [`base_flexibility`](Contribution::base_flexibility) |
 //! | 4 | K and M of the body | [`rearrange`](Contribution::rearrange) |
 //! | 5 | the same, and motion of the axis at any height | [`attach`](Contribution::attach) |
@@ -27,6 +27,7 @@ use std::sync::Arc;
 use super::assembly::Assembly;
 use super::base::BaseFlexibility;
 use super::beam::Segment;
+use super::element::Compression;
 use super::joint::Element;
 use super::sensing::SensorChange;
 
@@ -38,9 +39,9 @@ pub trait Contribution: fmt::Debug + Send + Sync {
     /// Softens or stiffens the element of a segment.
     fn soften(&self, _element: &mut Element) {}
 
-    /// The compression in N that it puts on a segment.
-    fn compression_n(&self, _above: &MassAbove) -> f64 {
-        0.0
+    /// The compression that it puts on a segment.
+    fn compression(&self, _above: &MassAbove) -> Compression {
+        Compression::default()
     }
 
     /// How far it lets the base of a beam give way.
@@ -91,6 +92,8 @@ pub trait Contribution: fmt::Debug + Send + Sync {
 pub struct MassAbove {
     /// Masses of the table and attached ones, in kg, without [`MassAbove::factors`].
     pub mass_kg: f64,
+    /// Rotational inertia of the table about the axis, in kg m², without [`MassAbove::factors`].
+    pub polar_kg_m2: f64,
     /// What K and M will be multiplied with.
     pub factors: Factors,
 }

@@ -20,20 +20,68 @@ const PLANE_2: [usize; 4] = [1, 2, 6, 7];
 /// Signs that turn a plane's rotations into the right-handed ones: `r2 = +du1/dz` but `r1 = -du2/dz`.
 const HANDEDNESS: [f64; 2] = [1.0, -1.0];
 
+/// A compression along a segment's axis.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Compression {
+    /// Its force in N.
+    pub force_n: f64,
+    /// Its force times the square of its distance from the axis, in N m²: forces that stand apart lean when the section turns.
+    pub polar_n_m2: f64,
+}
+
+impl Compression {
+    /// Whether it is none.
+    fn is_none(&self) -> bool {
+        self.force_n == 0.0 && self.polar_n_m2 == 0.0
+    }
+}
+
+impl std::iter::Sum for Compression {
+    fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
+        all.fold(Self::default(), |sum, one| Self {
+            force_n: sum.force_n + one.force_n,
+            polar_n_m2: sum.polar_n_m2 + one.polar_n_m2,
+        })
+    }
+}
+
 /// Stiffness of a segment in global axes, 10 x 10 (bottom node, top node), N/m, N and N m.
 pub(super) fn stiffness(segment: &Segment) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
     let length = segment.length_m();
+    let plane = |axis: usize| plane_stiffness(length, segment.bending_n_m2[axis], shear_ratio(segment, axis));
+    from_planes(segment, [plane(0), plane(1)], segment.torsion_n_m2 / length)
+}
+
+/// Geometric stiffness of a segment under a compression, to be taken off its stiffness; `None` where there is no compression. In each
+/// plane it is the integral of the force times the products of the deflections' slopes, consistent with shear; turning, it is the
+/// force times the square of its distance from the axis over the length.
+pub(super) fn geometric_stiffness(
+    segment: &Segment,
+    compression: Compression,
+) -> Option<SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>> {
+    if compression.is_none() {
+        return None;
+    }
+    let length = segment.length_m();
+    let plane = |axis: usize| plane_geometric(length, shear_ratio(segment, axis)) * compression.force_n;
+    Some(from_planes(segment, [plane(0), plane(1)], compression.polar_n_m2 / length))
+}
+
+/// A segment's matrix in global axes from those of its two planes, by deflection and slope at both ends, and from torsion.
+fn from_planes(
+    segment: &Segment,
+    planes: [Matrix4<f64>; 2],
+    torsion: f64,
+) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
     let mut local = SMatrix::<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>::zeros();
-    for (axis, dofs) in [PLANE_1, PLANE_2].iter().enumerate() {
-        let plane = plane_stiffness(length, segment.bending_n_m2[axis], shear_ratio(segment, axis));
-        let sign = [1.0, HANDEDNESS[axis], 1.0, HANDEDNESS[axis]];
+    for ((plane, dofs), hand) in planes.iter().zip([PLANE_1, PLANE_2]).zip(HANDEDNESS) {
+        let sign = [1.0, hand, 1.0, hand];
         for (i, &row) in dofs.iter().enumerate() {
             for (j, &column) in dofs.iter().enumerate() {
                 local[(row, column)] += sign[i] * plane[(i, j)] * sign[j];
             }
         }
     }
-    let torsion = segment.torsion_n_m2 / length;
     for (row, column, sign) in [(4, 4, 1.0), (9, 9, 1.0), (4, 9, -1.0), (9, 4, -1.0)] {
         local[(row, column)] += sign * torsion;
     }
@@ -41,29 +89,6 @@ pub(super) fn stiffness(segment: &Segment) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_
     axes.turn_rows(&mut local);
     axes.turn_columns(&mut local);
     local
-}
-
-/// Geometric stiffness of a segment under a compression in N, to be taken off its stiffness: N/(30 L) [36, 3L, -36, 3L; 3L,
-/// 4L², -3L, -L²; ...] in both planes (Przemieniecki 1968, eq. 15.19).
-pub(super) fn geometric_stiffness(length: f64, compression_n: f64) -> SMatrix<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT> {
-    let (l, l2) = (length, length * length);
-    #[rustfmt::skip]
-    let plane = Matrix4::new(
-         36.0,  3.0 * l, -36.0,  3.0 * l,
-        3.0 * l, 4.0 * l2, -3.0 * l,     -l2,
-        -36.0, -3.0 * l,  36.0, -3.0 * l,
-        3.0 * l,     -l2, -3.0 * l, 4.0 * l2,
-    ) * (compression_n / (30.0 * l));
-    let mut whole = SMatrix::<f64, DOFS_A_SEGMENT, DOFS_A_SEGMENT>::zeros();
-    for (dofs, hand) in [PLANE_1, PLANE_2].iter().zip(HANDEDNESS) {
-        let sign = [1.0, hand, 1.0, hand];
-        for (i, &row) in dofs.iter().enumerate() {
-            for (j, &column) in dofs.iter().enumerate() {
-                whole[(row, column)] += sign[i] * plane[(i, j)] * sign[j];
-            }
-        }
-    }
-    whole
 }
 
 /// Motion of the beam axis at `z_m` within a segment, 5 x 10: rows `ux, uy, rx, ry, rz` there, columns the segment's
@@ -107,6 +132,24 @@ fn plane_stiffness(length: f64, bending: f64, phi: f64) -> Matrix4<f64> {
         6.0 * l, (2.0 - phi) * l2, -6.0 * l, (4.0 + phi) * l2,
     );
     k * (bending / (length * l2 * (1.0 + phi)))
+}
+
+/// One plane under a unit compression: the integral of the products of the slopes of Friedman and Kosmatka's deflections. Without shear
+/// it is Przemieniecki's eq. 15.19; in shear alone the segment is straight, and leans like a link.
+fn plane_geometric(length: f64, phi: f64) -> Matrix4<f64> {
+    let (l, l2, square) = (length, length * length, phi * phi);
+    let a = 6.0 / 5.0 + 2.0 * phi + square;
+    let b = l / 10.0;
+    let c = l2 * (2.0 / 15.0 + phi / 6.0 + square / 12.0);
+    let d = l2 * (1.0 / 30.0 + phi / 6.0 + square / 12.0);
+    #[rustfmt::skip]
+    let k = Matrix4::new(
+         a,  b, -a,  b,
+         b,  c, -b, -d,
+        -a, -b,  a, -b,
+         b, -d, -b,  c,
+    );
+    k / (length * (1.0 + phi) * (1.0 + phi))
 }
 
 /// Friedman and Kosmatka's shape functions: deflection and rotation at xi in 0 to 1, from the end values.

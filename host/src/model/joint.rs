@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::DOFS_A_NODE;
 use super::beam::Segment;
-use super::element::{DOFS_A_SEGMENT, geometric_stiffness, interpolation, stiffness};
+use super::element::{Compression, DOFS_A_SEGMENT, geometric_stiffness, interpolation, stiffness};
 
 /// The stiffness of one segment in global axes, while effects change it.
 #[derive(Debug, Clone)]
@@ -62,10 +62,10 @@ impl Element {
         }
     }
 
-    /// Softens it by a compression in N.
-    pub(super) fn compress(&mut self, compression_n: f64) {
-        if compression_n != 0.0 {
-            self.stiffness -= geometric_stiffness(self.segment.length_m(), compression_n);
+    /// Softens it by a compression.
+    pub(super) fn compress(&mut self, compression: Compression) {
+        if let Some(geometric) = geometric_stiffness(&self.segment, compression) {
+            self.stiffness -= geometric;
         }
     }
 }

@@ -40,6 +40,7 @@ pub use contribution::{Contribution, Factors, MassAbove, PointMass};
 pub use custom::{Custom, CustomError};
 pub use damped::DampedModes;
 pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
+pub use element::Compression;
 pub use joint::Element;
 pub use layout::{LayoutError, LayoutNode};
 pub use load::{LoadedModel, ModelError, load};

@@ -10,7 +10,7 @@ use super::base::BaseFlexibility;
 use super::beam::{BeamTable, Segment};
 use super::contribution::{Contribution, Factors, MassAbove};
 use super::custom::Custom;
-use super::element::{DOFS_A_SEGMENT, scatter};
+use super::element::{Compression, DOFS_A_SEGMENT, scatter};
 use super::joint::Element;
 use super::mass_spread::{MassSpread, spread};
 use super::matrices::ImportedMatrices;
@@ -137,8 +137,8 @@ impl Structure {
         let nodes = segments.len() + 1;
         let mut whole = DMatrix::zeros(nodes * DOFS_A_NODE, nodes * DOFS_A_NODE);
         let mut kinks = Vec::new();
-        for (index, (segment, compression_n)) in segments.iter().zip(self.compressions_n(&segments)).enumerate() {
-            let element = self.element(segment.clone(), compression_n);
+        for (index, (segment, compression)) in segments.iter().zip(self.compressions(&segments)).enumerate() {
+            let element = self.element(segment.clone(), compression);
             scatter(&mut whole, &element.stiffness, index);
             kinks.push(element.kinks);
         }
@@ -146,29 +146,30 @@ impl Structure {
         Assembly::of_beam(segments, stiffness, kinks, base_motion)
     }
 
-    fn element(&self, segment: Segment, compression_n: f64) -> Element {
+    fn element(&self, segment: Segment, compression: Compression) -> Element {
         let mut element = Element::of(segment);
         for contribution in &self.contributions {
             contribution.soften(&mut element);
         }
-        element.compress(compression_n);
+        element.compress(compression);
         element
     }
 
-    /// The compression of each segment in N: that of what stands above its middle.
-    fn compressions_n(&self, segments: &[Segment]) -> Vec<f64> {
+    /// The compression of each segment: that of what stands above its middle.
+    fn compressions(&self, segments: &[Segment]) -> Vec<Compression> {
         let factors = self.factors();
         let attached_above_kg = |z_m: f64| -> f64 {
             let attached = self.contributions.iter().filter_map(|contribution| contribution.attached_mass());
             attached.filter(|mass| mass.z_m > z_m).map(|mass| mass.mass_kg).sum()
         };
-        let mut compressions = vec![0.0; segments.len()];
-        let mut table_kg = 0.0;
-        for (compression_n, segment) in compressions.iter_mut().zip(segments).rev() {
+        let mut compressions = vec![Compression::default(); segments.len()];
+        let (mut table_kg, mut polar_kg_m2) = (0.0, 0.0);
+        for (compression, segment) in compressions.iter_mut().zip(segments).rev() {
             table_kg += segment.mass_top_kg;
+            polar_kg_m2 += segment.inertia_kg_m2[2];
             let middle_m = 0.5 * (segment.z_bottom_m + segment.z_top_m);
-            let above = MassAbove { mass_kg: table_kg + attached_above_kg(middle_m), factors };
-            *compression_n = self.contributions.iter().map(|contribution| contribution.compression_n(&above)).sum();
+            let above = MassAbove { mass_kg: table_kg + attached_above_kg(middle_m), polar_kg_m2, factors };
+            *compression = self.contributions.iter().map(|contribution| contribution.compression(&above)).sum();
         }
         compressions
     }
@@ -203,11 +204,11 @@ impl Structure {
     pub fn segment_changes(&self) -> Vec<SegmentChange> {
         let Some(segments) = self.segments() else { return Vec::new() };
         let (base, factors) = (self.base(), self.factors());
-        let compressions_n = self.compressions_n(&segments);
+        let compressions = self.compressions(&segments);
         let element = |index: usize, factor: f64| {
             let mut segment = segments[index].clone();
             segment.scale_stiffness(factor);
-            self.element(segment, compressions_n[index]).stiffness
+            self.element(segment, compressions[index]).stiffness
         };
         let slope = |index: usize| (element(index, 1.0 + STEP) - element(index, 1.0 - STEP)) / (2.0 * STEP);
         // The lowest segment acts through the base as well; condensed, its change is that of the corner of K.

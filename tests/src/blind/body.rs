@@ -223,15 +223,20 @@ impl Body {
     pub(super) fn matrices(&self) -> (Banded, Banded) {
         let order = self.nodes.len() * DOFS;
         let (mut stiffness, mut mass) = (Banded::zeros(order), Banded::zeros(order));
-        let mut above_kg = 0.0;
+        let (mut above_kg, mut above_kg_m2) = (0.0, 0.0);
         for element in (0..self.elements.len()).rev() {
-            above_kg += self.nodes[element + 1].mass_kg;
+            let node = &self.nodes[element + 1];
+            let [x, y] = node.centre_m;
+            above_kg += node.mass_kg;
+            above_kg_m2 += node.inertia_kg_m2[2] + node.mass_kg * (x * x + y * y);
             let mut whole = SMatrix::<f64, 10, 10>::zeros();
             for (plane, local) in self.planes(element) {
                 let own = plane.stiffness() - plane.geometric(self.weight * GRAVITY_M_S2 * above_kg);
                 whole += local.transpose() * own * local;
             }
-            let torsion = self.elements[element].torsion_n_m2 / self.length_m(element);
+            // Weight that stands apart leans when the section turns.
+            let leaning = self.weight * GRAVITY_M_S2 * above_kg_m2;
+            let torsion = (self.elements[element].torsion_n_m2 - leaning) / self.length_m(element);
             for (row, column, sign) in [(4, 4, 1.0), (9, 9, 1.0), (9, 4, -1.0)] {
                 whole[(row, column)] += sign * torsion;
             }

@@ -62,11 +62,33 @@ impl Plane {
         row
     }
 
-    /// What a compressive force takes from the stiffness, from cubic deflections (methods.md, catalogue).
+    /// The slope of the deflection at a height above the bottom; at a joint it jumps.
+    fn slope(&self, height_m: f64) -> RowVector4<f64> {
+        let (l, ei, x) = (self.length_m, self.bending_n_m2, height_m);
+        let force = x * (2.0 * l - x) / (2.0 * ei) + self.shear_compliance_per_n;
+        let tip = self.tip_loads();
+        let mut row = RowVector4::new(0.0, 1.0, 0.0, 0.0) + tip.row(0) * force + tip.row(1) * (x / ei);
+        if let Some((at, flexibility)) = self.joint
+            && x > at
+        {
+            row += (tip.row(0) * (l - at) + tip.row(1)) * flexibility;
+        }
+        row
+    }
+
+    /// What a compressive force takes from the stiffness: its work in the slopes, by Gauss's rule, which is exact for them.
     pub(super) fn geometric(&self, compression_n: f64) -> Matrix4<f64> {
-        let l = self.length_m;
-        let (a, b, c, d) = (36.0, 3.0 * l, 4.0 * l * l, l * l);
-        Matrix4::new(a, b, -a, b, b, c, -b, -d, -a, -b, a, -b, b, -d, -b, c) * (compression_n / (30.0 * l))
+        let at = self.joint.map_or(self.length_m, |(at, _)| at);
+        let over = |[from, to]: [f64; 2]| {
+            let (half, middle) = (0.5 * (to - from), 0.5 * (to + from));
+            let point = |(x, weight): (f64, f64)| {
+                let slope = self.slope(middle + half * x);
+                slope.transpose() * slope * (weight * half)
+            };
+            let outer = 0.6_f64.sqrt();
+            [(-outer, 5.0 / 9.0), (0.0, 8.0 / 9.0), (outer, 5.0 / 9.0)].map(point).into_iter().sum::<Matrix4<f64>>()
+        };
+        (over([0.0, at]) + over([at, self.length_m])) * compression_n
     }
 }
 
@@ -83,6 +105,19 @@ mod tests {
         let book =
             Matrix4::new(a, b, -a, b, b, c, -b, d, -a, -b, a, -b, b, d, -b, c) * (ei / (l.powi(3) * (1.0 + phi)));
         assert!((plane.stiffness() - book).amax() < 1e-12);
+    }
+
+    #[test]
+    fn compression_takes_what_the_textbook_says_in_bending_and_leans_links_in_shear() {
+        let l = 3.0;
+        let geometric = |bending_n_m2: f64, shear_compliance_per_n: f64| {
+            Plane { length_m: l, bending_n_m2, shear_compliance_per_n, joint: None }.geometric(30.0 * l)
+        };
+        let (a, b, c, d) = (36.0, 3.0 * l, 4.0 * l * l, l * l);
+        let book = Matrix4::new(a, b, -a, b, b, c, -b, -d, -a, -b, a, -b, b, -d, -b, c);
+        assert!((geometric(7.0, 0.0) - book).amax() < 1e-9);
+        let sheared = geometric(7e9, 1.0);
+        assert!((sheared[(0, 0)] - 30.0).abs() < 1e-6 && sheared[(0, 1)].abs() < 1e-6, "{sheared}");
     }
 
     #[test]

@@ -6,6 +6,7 @@ use super::error::EffectError;
 use super::kind::{About, EffectKind, Given, LookAlike};
 use super::parameter::Parameter;
 use crate::model::contribution::{Contribution, MassAbove};
+use crate::model::element::Compression;
 use crate::model::structure::Structure;
 use crate::study::STANDARD_GRAVITY_M_S2;
 
@@ -13,13 +14,16 @@ const ABOUT: About = About {
     name: "p-delta",
     physics: "The weight above leans with the structure and bends it further, so that it is softer than its elastic \
          stiffness. A linear model leaves the geometric stiffness out.",
-    formula: "K becomes K - factor N/(30 L) [36, 3L, -36, 3L; 3L, 4L^2, -3L, -L^2; ...], N the weight above each segment",
+    formula: "K becomes K - factor N integral(w' w'^T), N the weight above each segment, w its deflections with shear: \
+         N/(30 L) [36, 3L, -36, 3L; 3L, 4L^2, -3L, -L^2; ...] where it only bends, N/L [1, -1; -1, 1] where it only shears; in torsion \
+         factor N r^2/L [1, -1; -1, 1], r the weight's radius of gyration",
     fingerprint: "the first modes are too low, the first most; no free parameter where masses are trusted: factor is 1",
     look_alikes: &[
         LookAlike { kind: "base-rotation", separated_by: "higher modes, and a factor that is not 1" },
         LookAlike { kind: "stiffness-scale", separated_by: "higher modes, which weight hardly moves" },
     ],
-    source: "J. S. Przemieniecki (1968), Theory of Matrix Structural Analysis, eq. 15.19",
+    source: "J. S. Przemieniecki (1968), Theory of Matrix Structural Analysis, eq. 15.19; with shear by the deflections of Friedman and \
+         Kosmatka (1993); torsion: S. P. Timoshenko and J. M. Gere (1961), Theory of Elastic Stability, chapter 5",
     examples: &["p-delta=1"],
 };
 
@@ -53,8 +57,9 @@ struct Weight {
 }
 
 impl Contribution for Weight {
-    fn compression_n(&self, above: &MassAbove) -> f64 {
+    fn compression(&self, above: &MassAbove) -> Compression {
         // Gravity pulls as hard whatever the stiffness is multiplied with afterwards.
-        self.share * above.factors.mass * STANDARD_GRAVITY_M_S2 / above.factors.stiffness * above.mass_kg
+        let per_kg = self.share * above.factors.mass * STANDARD_GRAVITY_M_S2 / above.factors.stiffness;
+        Compression { force_n: per_kg * above.mass_kg, polar_n_m2: per_kg * above.polar_kg_m2 }
     }
 }

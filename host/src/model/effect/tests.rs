@@ -195,6 +195,48 @@ fn weight_brings_the_first_frequency_to_zero_at_greenhills_load() {
     assert!(share(1.05).is_err(), "beyond the buckling load there is no stiffness left");
 }
 
+/// Five storeys of one element each lose as much stiffness to the weight as on a mesh twenty times finer, from pure bending to the
+/// pure shear of a frame, and axes that are turned make no difference.
+#[test]
+fn weight_softens_shear_and_bending_alike_on_any_mesh() {
+    let (storeys, storey_m, mass) = (5, 4.0, 1e5);
+    let drop = |bending: f64, shear: &str, parts: usize| {
+        let mut text = HEADER.to_owned();
+        for index in 0..storeys * parts {
+            let z_m = |index: usize| storey_m * index as f64 / parts as f64;
+            let share = if (index + 1).is_multiple_of(parts) { 1.0 } else { 1e-9 };
+            let (mass, polar) = (mass * share, 1e6 * share);
+            let (bottom, top) = (z_m(index), z_m(index + 1));
+            text += &format!("{bottom},{top},{bending},{},30,{shear},1e12,{mass},0,0,{polar}\n", 2.0 * bending);
+        }
+        let beam = BeamTable::from_reader(text.as_bytes(), Path::new("frame.csv")).unwrap();
+        let first_hz = |effects: &[Effect]| {
+            Structure::with_effects(beam.clone(), effects).unwrap().assemble().modes().unwrap().frequency_hz[0]
+        };
+        1.0 - (first_hz(&["p-delta=1".parse().unwrap()]) / first_hz(&[])).powi(2)
+    };
+    // Bending, both, and shear alone, with phi = 12 EI / (kGA L²) from 0 to 2e4.
+    for (bending, shear) in [(1e10, ""), (1e10, "2e8"), (1e11, "1e8"), (2.7e12, "1e8")] {
+        let (coarse, fine) = (drop(bending, shear, 1), drop(bending, shear, 20));
+        assert!(fine > 0.02, "the weight must matter for the comparison to mean anything: {fine}");
+        assert!((coarse / fine - 1.0).abs() < 2e-3, "EI {bending}, kGA {shear}: {coarse} {fine}");
+    }
+}
+
+/// Weight that stands apart leans when the section turns: GJ becomes GJ - g J, J the rotational inertia above.
+#[test]
+fn weight_softens_torsion_by_its_radius_of_gyration() {
+    let (torsion, polar) = (1e8, 2e6);
+    let text = format!("{HEADER}0,10,1e13,1e13,0,,{torsion},1e5,1e5,1e5,{polar}\n");
+    let beam = BeamTable::from_reader(text.as_bytes(), Path::new("one.csv")).unwrap();
+    let torsion_hz = |share: f64| {
+        let effect = Effect::new("p-delta", None, &[share]).unwrap();
+        Structure::with_effects(beam.clone(), &[effect]).unwrap().assemble().modes().unwrap().frequency_hz[0]
+    };
+    let expected = 1.0 - 9.806_65 * polar / torsion;
+    assert!(((torsion_hz(1.0) / torsion_hz(0.0)).powi(2) - expected).abs() < 1e-9);
+}
+
 /// With everything rigid but one rotational spring at the top, a stiff mast is an inverted pendulum.
 #[test]
 fn an_outrigger_holds_and_a_tuned_mass_splits() {
