@@ -7,7 +7,7 @@ use clap::Args;
 use super::Console;
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_text};
 use crate::diagnose::steps::Step;
-use crate::diagnose::{CandidateReport, Diagnosis, FAILS, Part, STANDS_OUT, Verdict};
+use crate::diagnose::{CandidateReport, Diagnosis, Discrepancy, FAILS, Part, STANDS_OUT, Verdict};
 use crate::model::effect::{self, Evidence};
 use crate::story::{AutoEnd, Project};
 use crate::study::Study;
@@ -183,8 +183,20 @@ fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
             tell_unexplained(diagnosis, console);
         }
     }
+    tell_discrepancy(diagnosis, console);
     if let Some(next) = &diagnosis.next_measurement {
         console.say(format!("To settle it, measure: {next}."));
+    }
+}
+
+/// What the model misses besides, where that is anything.
+fn tell_discrepancy(diagnosis: &Diagnosis, console: &Console) {
+    let Discrepancy { frequency, shape, .. } = diagnosis.discrepancy;
+    let parts = [("frequencies", frequency), ("shapes", shape)].into_iter().filter(|(_, size)| *size > 0.0);
+    let parts: Vec<String> = parts.map(|(what, size)| format!("{what} by about {} %", short(100.0 * size))).collect();
+    if !parts.is_empty() && diagnosis.verdict != Verdict::Unknown {
+        let which = if diagnosis.best.is_empty() { "The model" } else { "With it the model" };
+        console.say(format!("{which} misses {} for reasons that no effect explains.", parts.join(" and ")));
     }
 }
 
@@ -251,6 +263,7 @@ fn worst_text(worst: Part) -> &'static str {
         Part::Frequencies => " by its frequencies alone",
         Part::Scatter => " by how far its segments' stiffness and mass had to be adjusted",
         Part::Phases => " by the phases of its shapes alone",
+        Part::Discrepancy => " by how much it would miss for reasons that no effect explains",
     }
 }
 

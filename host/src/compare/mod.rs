@@ -26,6 +26,7 @@ pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpai
 pub(crate) use result::{frequency_z, levels};
 pub use shape::mac;
 pub use tolerance::Tolerance;
+pub(crate) use tolerance::alike;
 pub use view::{ModelView, ViewError};
 
 /// Compares a model with measured modes: pairs them, sums up where they disagree.

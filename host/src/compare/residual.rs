@@ -242,6 +242,16 @@ impl ShapeBlock {
         Some(Self { sensors: shape.sensors.clone(), models, shapes, combination, measured, directions })
     }
 
+    /// How much of the measured shape is in the span of the model's: the MAC of the two where that is a single mode.
+    pub(crate) fn likeness(&self) -> f64 {
+        (&self.shapes * &self.combination).norm_squared()
+    }
+
+    /// The largest component of the measured shape, which is of unit length.
+    pub(crate) fn largest(&self) -> f64 {
+        self.measured.amax()
+    }
+
     fn difference(&self) -> DVector<f64> {
         self.directions.tr_mul(&(&self.shapes * &self.combination - &self.measured))
     }

@@ -180,24 +180,26 @@ fn the_models_tolerance_explains_what_it_allows() {
     };
     let tolerance = Tolerance::of(&structure, &model).unwrap();
     let segments = beam.segments().len();
-    assert_eq!(tolerance.covariance.nrows(), 2 * segments);
+    let quantities = tolerance.quantities.len();
+    assert_eq!(tolerance.covariance.nrows(), quantities * segments);
     // A Gaussian kernel over many near segments is singular to rounding.
-    let jitter = DMatrix::identity(2 * segments, 2 * segments) * 1e-12;
+    let jitter = DMatrix::identity(quantities * segments, quantities * segments) * 1e-12;
     let factor = Cholesky::new(&tolerance.covariance + jitter).unwrap().l();
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let (mut with, mut without) = (0.0, 0.0);
     let runs = 12;
     for _ in 0..runs {
-        let scatter = &factor * DVector::from_fn(2 * segments, |_, _| deviates(1.0, &mut random));
+        let scatter = &factor * DVector::from_fn(quantities * segments, |_, _| deviates(1.0, &mut random));
         let mut other = Structure::new(beam.clone());
         let Body::Beam(table) = &mut other.body else { panic!("a beam was given") };
         for (index, segment) in table.segments_mut().iter_mut().enumerate() {
-            let (stiffness, mass) = (1.0 + scatter[index], 1.0 + scatter[segments + index]);
-            segment.bending_n_m2 = segment.bending_n_m2.map(|bending| bending * stiffness);
-            segment.shear_n = segment.shear_n.map(|shear| shear.map(|shear| shear * stiffness));
-            segment.torsion_n_m2 *= stiffness;
-            segment.mass_top_kg *= mass;
-            segment.inertia_kg_m2 = segment.inertia_kg_m2.map(|inertia| inertia * mass);
+            for (at, quantity) in tolerance.quantities.iter().enumerate() {
+                let factor = 1.0 + scatter[at * segments + index];
+                match quantity {
+                    Some(stiffness) => segment.scale(*stiffness, factor),
+                    None => segment.scale_mass(factor),
+                }
+            }
         }
         let measured = measure(&seen(&other, &sensors), 0..8, &mut random);
         with += compare(&view, &measured, &sensors, Some(&tolerance)).chi_squared.unwrap();

@@ -2,52 +2,108 @@
 
 use nalgebra::DMatrix;
 
-use crate::model::{Body, Change, Structure};
+use crate::model::{BeamTable, Body, Change, Stiffness, Structure};
 use crate::study::Model;
 
-/// Segments' stiffness and mass as uncertain quantities.
+/// Segments' stiffnesses and mass as uncertain quantities.
 #[derive(Debug, Clone)]
 pub struct Tolerance {
-    /// What each relative change of one segment's stiffness or mass does to K and M.
+    /// What each relative change of one segment's stiffnesses or mass does to K and M.
     pub(super) changes: Vec<Change>,
     /// Covariance of these relative changes, changes x changes.
     pub(crate) covariance: DMatrix<f64>,
+    /// What changes, each for all segments, base first: a stiffness, or the mass where it is none.
+    pub(crate) quantities: Vec<Option<Stiffness>>,
 }
 
 /// Where the study gives no correlation length: this share of the structure's height.
 const DEFAULT_CORRELATION: f64 = 1.0 / 6.0;
+/// Stiffnesses have this part of their scatter in common: materials, and what stands on the drawings.
+const IN_COMMON: f64 = 0.866;
+/// What each has of its own, in shares of the tolerance. A section's bending follows from its drawing; shear areas and torsion of
+/// lattices, frames and thin walls are estimates.
+const BENDING_ITS_OWN: f64 = 0.5;
+const SHEAR_AND_TORSION_THEIR_OWN: f64 = 1.0;
+/// That varies over the height as the kind of section does: over this many correlation lengths.
+const OF_A_KIND: f64 = 3.0;
 
 impl Tolerance {
     /// From `background_stiffness`, `background_mass` and `correlation_length_m` of a beam model; `None` where the study
     /// trusts its model, or the model has no segments.
     ///
-    /// One relative factor a segment on bending, shear and torsion together, another on its mass; a Gaussian kernel over
-    /// the heights of the segments' middles.
+    /// A relative factor a segment on each of its stiffnesses, of which one part is common to all of them and another its own, and one
+    /// on its mass; Gaussian kernels over the heights of the segments' middles.
     pub fn of(structure: &Structure, model: &Model) -> Option<Self> {
         let Body::Beam(beam) = &structure.body else { return None };
-        let deviations = [model.background_stiffness.unwrap_or(0.0), model.background_mass.unwrap_or(0.0)];
-        if deviations == [0.0; 2] {
-            return None;
-        }
-        let default_length = DEFAULT_CORRELATION * (beam.z_top_m() - beam.z_base_m());
-        let length_m = model.correlation_length_m.unwrap_or(default_length);
+        let [by_stiffness, by_mass] = deviations(model)?;
+        let length_m = correlation_length_m(beam, model);
+        let has_shear = beam.segments().iter().any(|segment| segment.shear_n.iter().any(Option::is_some));
+        let is_there = |stiffness: &Stiffness| *stiffness != Stiffness::Shear || has_shear;
+        let stiffnesses = Stiffness::ALL.into_iter().filter(|stiffness| by_stiffness > 0.0 && is_there(stiffness));
+        let quantities: Vec<Option<Stiffness>> = stiffnesses.map(Some).chain((by_mass > 0.0).then_some(None)).collect();
         let segment_changes = structure.segment_changes();
-        let mut changes = Vec::new();
-        let mut places = Vec::new();
-        for (quantity, &deviation) in deviations.iter().enumerate().filter(|(_, deviation)| **deviation > 0.0) {
-            for (segment, change) in beam.segments().iter().zip(&segment_changes) {
-                changes.push(if quantity == 1 { change.mass.clone() } else { change.stiffness.clone() });
-                places.push((quantity, deviation, 0.5 * (segment.z_bottom_m + segment.z_top_m)));
+        let change = |quantity: &Option<Stiffness>| -> Vec<Change> {
+            let of = |change: &crate::model::SegmentChange| match quantity {
+                Some(stiffness) => change.stiffness[*stiffness as usize].clone(),
+                None => change.mass.clone(),
+            };
+            segment_changes.iter().map(of).collect()
+        };
+        let changes = quantities.iter().flat_map(change).collect();
+        let (near, of_a_kind) = (kernel(beam, length_m), kernel(beam, OF_A_KIND * length_m));
+        let segments = beam.segments().len();
+        let mut covariance = DMatrix::zeros(segments * quantities.len(), segments * quantities.len());
+        for (row, one) in quantities.iter().enumerate() {
+            for (column, other) in quantities.iter().enumerate() {
+                let own = match one {
+                    Some(Stiffness::Shear | Stiffness::Torsion) => SHEAR_AND_TORSION_THEIR_OWN,
+                    _ => BENDING_ITS_OWN,
+                };
+                let part = match (one, other) {
+                    (None, None) => &near * by_mass.powi(2),
+                    (Some(one), Some(other)) if one == other => {
+                        (&near * IN_COMMON.powi(2) + &of_a_kind * f64::powi(own, 2)) * by_stiffness.powi(2)
+                    }
+                    (Some(_), Some(_)) => &near * (IN_COMMON * by_stiffness).powi(2),
+                    _ => continue,
+                };
+                covariance.view_mut((row * segments, column * segments), (segments, segments)).copy_from(&part);
             }
         }
-        let covariance = DMatrix::from_fn(places.len(), places.len(), |i, j| {
-            let ((one, one_deviation, one_z), (other, other_deviation, other_z)) = (places[i], places[j]);
-            if one != other {
-                return 0.0;
-            }
-            let distance = (one_z - other_z) / length_m;
-            one_deviation * other_deviation * (-0.5 * distance * distance).exp()
-        });
-        Some(Self { changes, covariance })
+        Some(Self { changes, covariance, quantities })
     }
+}
+
+/// Standard deviations of segments' stiffness and mass that a study states; `None` where it trusts both.
+fn deviations(model: &Model) -> Option<[f64; 2]> {
+    let deviations = [model.background_stiffness.unwrap_or(0.0), model.background_mass.unwrap_or(0.0)];
+    (deviations != [0.0; 2]).then_some(deviations)
+}
+
+fn correlation_length_m(beam: &BeamTable, model: &Model) -> f64 {
+    model.correlation_length_m.unwrap_or(DEFAULT_CORRELATION * (beam.z_top_m() - beam.z_base_m()))
+}
+
+/// Correlation between segments: a Gaussian kernel over the heights of their middles.
+fn kernel(beam: &BeamTable, length_m: f64) -> DMatrix<f64> {
+    let middles_m: Vec<f64> =
+        beam.segments().iter().map(|segment| 0.5 * (segment.z_bottom_m + segment.z_top_m)).collect();
+    DMatrix::from_fn(middles_m.len(), middles_m.len(), |one, other| {
+        let distance = (middles_m[one] - middles_m[other]) / length_m;
+        (-0.5 * distance * distance).exp()
+    })
+}
+
+/// Covariance of one relative factor a segment on all of its stiffnesses alike and of one on its mass, as a study states them: of what
+/// it does not trust, stiffness first; `None` where it trusts its model.
+pub(crate) fn alike(beam: &BeamTable, model: &Model) -> Option<DMatrix<f64>> {
+    let kernel = kernel(beam, correlation_length_m(beam, model));
+    let deviations = deviations(model)?.into_iter().filter(|deviation| *deviation > 0.0);
+    let parts: Vec<DMatrix<f64>> = deviations.map(|deviation| &kernel * deviation.powi(2)).collect();
+    let size = kernel.nrows();
+    let mut covariance = DMatrix::zeros(size * parts.len(), size * parts.len());
+    for (index, part) in parts.iter().enumerate() {
+        covariance.view_mut((index * size, index * size), (size, size)).copy_from(part);
+    }
+    Some(covariance)
 }

@@ -3,17 +3,17 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::compare::Tolerance;
-use crate::model::{Body, Structure};
+use crate::model::{Body, Stiffness, Structure};
 use crate::statistics::largest_first;
 
 /// Directions of the background scatter with the most variance: relative changes of segments are `directions` times
 /// standard normal numbers (Karhunen-Loève).
 #[derive(Debug, Clone)]
 pub(super) struct Background {
-    /// Relative changes of stiffness, segments x numbers.
-    stiffness: DMatrix<f64>,
-    /// Relative changes of mass, segments x numbers.
-    mass: DMatrix<f64>,
+    /// Relative changes of what is not trusted, segments x numbers: a stiffness, or the mass where it is none.
+    parts: Vec<(Option<Stiffness>, DMatrix<f64>)>,
+    /// How many numbers scatter segments.
+    scatter: usize,
     /// Whether the last number says how far masses are spread between the nodes.
     has_spread: bool,
 }
@@ -35,8 +35,7 @@ impl Background {
             Body::Matrices(_) => 0,
         };
         let Some(tolerance) = Tolerance::of(structure, model) else {
-            let none = DMatrix::zeros(segments, 0);
-            return Self { stiffness: none.clone(), mass: none, has_spread: false };
+            return Self { parts: Vec::new(), scatter: 0, has_spread: false };
         };
         let eigen = tolerance.covariance.clone().symmetric_eigen();
         let order = largest_first(eigen.eigenvalues.as_slice());
@@ -54,75 +53,74 @@ impl Background {
         for (mut column, &index) in directions.column_iter_mut().zip(&kept) {
             column *= eigen.eigenvalues[index].max(0.0).sqrt();
         }
-        // The tolerance lists stiffness first, then mass, and leaves out what is trusted.
-        let has_stiffness = model.background_stiffness.is_some_and(|deviation| deviation > 0.0);
-        let part = |wanted: bool, first: usize| {
-            if wanted { directions.rows(first, segments).into_owned() } else { DMatrix::zeros(segments, kept.len()) }
+        let part = |(index, quantity): (usize, &Option<Stiffness>)| {
+            (*quantity, directions.rows(index * segments, segments).into_owned())
         };
-        let has_mass = model.background_mass.is_some_and(|deviation| deviation > 0.0);
         Self {
-            stiffness: part(has_stiffness, 0),
-            mass: part(has_mass, if has_stiffness { segments } else { 0 }),
+            parts: tolerance.quantities.iter().enumerate().map(part).collect(),
+            scatter: kept.len(),
             has_spread: true,
         }
     }
 
     /// How many numbers there are.
     pub(super) fn size(&self) -> usize {
-        self.scatter() + usize::from(self.has_spread)
+        self.scatter + usize::from(self.has_spread)
     }
 
-    /// How many of them scatter segments.
-    fn scatter(&self) -> usize {
-        self.stiffness.ncols()
+    /// Whether there is none.
+    pub(super) fn is_none(&self) -> bool {
+        self.size() == 0
     }
 
-    /// Factors on each segment's stiffness and mass.
-    fn factors(&self, numbers: &DVector<f64>) -> [DVector<f64>; 2] {
-        let numbers = numbers.rows(0, self.scatter());
-        [&self.stiffness, &self.mass].map(|part| (part * numbers).map(|change| (1.0 + change).max(LEAST_FACTOR)))
+    /// What is not trusted.
+    pub(super) fn quantities(&self) -> impl Iterator<Item = Option<Stiffness>> {
+        self.parts.iter().map(|(quantity, _)| *quantity)
+    }
+
+    /// Factors on each segment's part.
+    fn factors(part: &DMatrix<f64>, numbers: &DVector<f64>) -> DVector<f64> {
+        (part * numbers.rows(0, part.ncols())).map(|change| (1.0 + change).max(LEAST_FACTOR))
     }
 
     /// Scatters the segments of a structure.
     pub(super) fn apply(&self, numbers: &DVector<f64>, structure: &mut Structure) {
-        let [stiffness, mass] = self.factors(numbers);
-        if let Body::Beam(beam) = &mut structure.body
-            && self.size() > 0
-        {
-            for (index, segment) in beam.segments_mut().iter_mut().enumerate() {
-                segment.scale_stiffness(stiffness[index]);
-                segment.scale_mass(mass[index]);
+        if let Body::Beam(beam) = &mut structure.body {
+            for (quantity, part) in &self.parts {
+                for (segment, factor) in beam.segments_mut().iter_mut().zip(Self::factors(part, numbers).iter()) {
+                    match quantity {
+                        Some(stiffness) => segment.scale(*stiffness, *factor),
+                        None => segment.scale_mass(*factor),
+                    }
+                }
             }
             if self.has_spread {
-                structure.spread_masses(SPREAD * numbers[self.scatter()]);
+                structure.spread_masses(SPREAD * numbers[self.scatter]);
             }
         }
     }
 
-    /// From derivatives by each segment's relative stiffness and mass (anything x segments) and by the spread of masses, at
-    /// the scatter `numbers`, to derivatives by the numbers.
+    /// From derivatives by each segment's relative change of each quantity (anything x segments, in the order of
+    /// [`Background::quantities`]) and by the spread of masses, at the scatter `numbers`, to derivatives by the numbers.
     pub(super) fn chain(
         &self,
-        by_stiffness: &DMatrix<f64>,
-        by_mass: &DMatrix<f64>,
+        by_quantities: &[DMatrix<f64>],
         by_spread: &DVector<f64>,
         numbers: &DVector<f64>,
     ) -> DMatrix<f64> {
-        let [stiffness, mass] = self.factors(numbers);
-        let over = |part: &DMatrix<f64>, factors: &DVector<f64>| {
-            let mut part = part.clone();
-            for (mut row, factor) in part.row_iter_mut().zip(factors.iter()) {
+        let mut scattered = DMatrix::zeros(by_spread.len(), self.scatter);
+        for ((_, part), by_quantity) in self.parts.iter().zip(by_quantities) {
+            let mut relative = part.clone();
+            for (mut row, factor) in relative.row_iter_mut().zip(Self::factors(part, numbers).iter()) {
                 row /= *factor;
             }
-            part
-        };
-        let scattered = by_stiffness * over(&self.stiffness, &stiffness) + by_mass * over(&self.mass, &mass);
+            scattered += by_quantity * relative;
+        }
         if !self.has_spread {
             return scattered;
         }
-        let last = scattered.ncols();
-        let mut chained = scattered.insert_column(last, 0.0);
-        chained.set_column(last, &(by_spread * SPREAD));
+        let mut chained = scattered.insert_column(self.scatter, 0.0);
+        chained.set_column(self.scatter, &(by_spread * SPREAD));
         chained
     }
 }

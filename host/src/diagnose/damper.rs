@@ -313,6 +313,7 @@ impl<'a> Hanging<'a> {
             near,
             height: (self.places.len() > 1).then_some(HeightSpread { std_m, values }),
             known: Vec::new(),
+            own: None,
         })
     }
 }

@@ -9,27 +9,29 @@ use super::knob::{Knob, with_values};
 use super::problem::Problem;
 use super::state::State;
 use crate::compare::ModelView;
-use crate::model::{Change, ModeDerivative, Structure};
+use crate::model::{Change, ModeDerivative, SegmentChange, Stiffness, Structure};
 
 impl State {
     /// Derivatives of [`State::differences`] by the background's numbers.
     pub(super) fn by_background(&self, problem: &Problem) -> DMatrix<f64> {
-        let rows = self.modes.len();
-        let changes = if problem.background.size() == 0 { Vec::new() } else { self.structure.segment_changes() };
+        let changes = if problem.background.is_none() { Vec::new() } else { self.structure.segment_changes() };
+        if changes.is_empty() {
+            return DMatrix::zeros(self.size(), problem.background.size());
+        }
         let column = |change: &Change| {
             let derivatives = self.view.derivatives(&self.sensor_vectors, &self.models, change);
             self.residual.slope(&self.models, &derivatives)
         };
-        let matrix = |columns: Vec<DVector<f64>>| {
-            if columns.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(&columns) }
+        let by_quantity = |quantity: Option<Stiffness>| {
+            let change = |change: &SegmentChange| match quantity {
+                Some(stiffness) => column(&change.stiffness[stiffness as usize]),
+                None => column(&change.mass),
+            };
+            DMatrix::from_columns(&changes.iter().map(change).collect::<Vec<_>>())
         };
-        if changes.is_empty() {
-            return DMatrix::zeros(self.size(), problem.background.size());
-        }
-        let by_stiffness = matrix(changes.iter().map(|change| column(&change.stiffness)).collect());
-        let by_mass = matrix(changes.iter().map(|change| column(&change.mass)).collect());
+        let by_quantities: Vec<DMatrix<f64>> = problem.background.quantities().map(by_quantity).collect();
         let by_spread = column(&self.structure.spread_change());
-        let mut by_numbers = problem.background.chain(&by_stiffness, &by_mass, &by_spread, &self.numbers);
+        let mut by_numbers = problem.background.chain(&by_quantities, &by_spread, &self.numbers);
         for mut column in by_numbers.column_iter_mut() {
             let whitened = self.whiten(column.clone_owned());
             column.copy_from(&whitened);

@@ -3,19 +3,16 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
+use super::discrepancy::{Discrepancy, log_determinant};
 use super::problem::Problem;
 use super::state::State;
-use crate::compare::{ModelView, Pair, Residual, pair_above};
+use crate::compare::{Block, ModelView, Pair, Residual, pair_above};
 use crate::model::Structure;
 use crate::model::effect::Effect;
 
 /// Least likeness of a pair. Every measured mode must find a partner, or effects could take values that make the modes that
 /// they do not explain disappear.
 pub(super) const LEAST_LIKENESS: f64 = 1e-6;
-/// Shapes of neighbouring modes mix by what neither the model nor the identification controls: directions that the tables
-/// give to a degree, supports that are not quite alike. A coupling of this share of the stiffness turns modes that differ by
-/// d in ln f by this over 2 d.
-const COUPLING: f64 = 2e-3;
 /// Modes further apart than this (ln f) do not mix.
 const FAR: f64 = 0.25;
 /// Whatever makes the peak of a mode lean (neighbours, the colour of the load, damping that is no constant) moves its
@@ -77,9 +74,17 @@ impl Problem {
         };
         let residual = Residual::of(&view, measured, &pairs, &partners);
         let twins_left = self.measured.len() - measured.len();
-        let factors: Option<Vec<_>> =
-            residual.blocks().map(|(_, block)| Cholesky::new(self.covariance(block))).collect();
-        let factors = factors.ok_or("the covariance of a measured mode is not positive definite")?;
+        let factors_with = |discrepancy: &Discrepancy| -> Result<Vec<_>, String> {
+            let factor = |block: &Block| Cholesky::new(self.covariance(block, discrepancy));
+            let factors: Option<Vec<_>> = residual.blocks().map(|(_, block)| factor(block)).collect();
+            factors.ok_or_else(|| "the covariance of a measured mode is not positive definite".to_owned())
+        };
+        let factors = factors_with(&self.discrepancy)?;
+        let volume = |factors: &[_]| factors.iter().map(log_determinant).sum::<f64>();
+        let log_volume = match self.discrepancy == Discrepancy::NONE {
+            true => 0.0,
+            false => volume(&factors) - volume(&factors_with(&Discrepancy::NONE)?),
+        };
         let models = residual.models();
         let sensor_vectors = view.sensor_vectors();
         let mut state = State {
@@ -97,6 +102,7 @@ impl Problem {
             pairs,
             residual,
             factors,
+            log_volume,
             models,
             sensor_vectors,
         };
@@ -115,19 +121,27 @@ impl Problem {
         self.state(effects.to_vec(), DVector::zeros(self.background.size()), None)
     }
 
-    /// A block's covariance with the mixing of neighbouring modes.
-    fn covariance(&self, block: &crate::compare::Block) -> DMatrix<f64> {
+    /// A block's covariance by the measurement and by a discrepancy of the model: of the frequency, of the shape at each sensor, and
+    /// by how far neighbouring modes turn.
+    pub(super) fn covariance(&self, block: &Block, discrepancy: &Discrepancy) -> DMatrix<f64> {
         let mut covariance = &block.covariance * SCATTER_OF_VARIANCES;
         let mode = &self.measured[block.measured];
-        covariance[(0, 0)] += (BIAS_OF_BANDWIDTH * mode.damping_ratio.unwrap_or(0.0)).powi(2);
+        let grown = discrepancy.grown(mode.frequency_hz, self.middle_hz);
+        covariance[(0, 0)] +=
+            (BIAS_OF_BANDWIDTH * mode.damping_ratio.unwrap_or(0.0)).powi(2) + (grown * discrepancy.frequency).powi(2);
         let Some(shape) = &block.shape else { return covariance };
+        // Directions are of unit length and at right angles, so what is independent at sensors is independent along them.
+        let local = (grown * discrepancy.shape * shape.largest()).powi(2);
+        for index in 1..block.size() {
+            covariance[(index, index)] += local;
+        }
         for (index, other) in self.measured.iter().enumerate() {
             let apart = (mode.frequency_hz / other.frequency_hz).ln().abs();
             let Some(other) = &other.shape else { continue };
             if self.close[block.measured].contains(&index) || apart > FAR || other.sensors != shape.sensors {
                 continue;
             }
-            let angle = (0.5 * COUPLING / apart).min(1.0);
+            let angle = (0.5 * discrepancy.coupling / apart).min(1.0);
             let along = shape.directions.tr_mul(&other.values.normalize()) * angle;
             let mut part = covariance.view_mut((1, 1), (along.len(), along.len()));
             part += &along * along.transpose();

@@ -111,6 +111,7 @@ impl<'a> Far<'a> {
             near: Vec::new(),
             height: None,
             known: Vec::new(),
+            own: None,
         })
     }
 }

@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::discrepancy::{Discrepancy, log_determinant};
 use super::knob::{Knob, with_values};
 use super::misfit::Loss;
 use super::problem::Problem;
@@ -23,6 +24,8 @@ pub struct Fit {
     /// Covariance of knobs (in units of their scale) and background.
     covariance: DMatrix<f64>,
     log_evidence: f64,
+    /// What the model was taken to miss besides.
+    pub(super) discrepancy: Discrepancy,
 }
 
 /// An effect's value with its standard deviation.
@@ -138,11 +141,7 @@ impl Problem {
         }
         let frozen = |index: usize| {
             let knob = knobs.get(index)?;
-            let value = state.value(knob);
-            let outwards = |bound: f64, sign: f64| {
-                let near = 1e-9 * knob.scale.max(bound.abs());
-                bound.is_finite() && (value - bound).abs() <= near && gradient[index] * sign < 0.0
-            };
+            let outwards = |bound: f64, sign: f64| knob.is_at(state.value(knob), bound) && gradient[index] * sign < 0.0;
             (outwards(knob.bounds[0], -1.0) || outwards(knob.bounds[1], 1.0)).then_some(())
         };
         let free: Vec<usize> = (0..size).filter(|&index| frozen(index).is_none()).collect();
@@ -190,7 +189,7 @@ impl Problem {
         let information = jacobian.tr_mul(&jacobian);
         let with_prior = &information + DMatrix::identity(size, size);
         let factor = Cholesky::new(with_prior).ok_or("the fit is not determined")?;
-        let log_determinant: f64 = factor.l_dirty().diagonal().iter().map(|value| 2.0 * value.ln()).sum();
+        let volume = log_determinant(&factor) + state.log_volume;
         let mut posterior = information;
         for index in 0..size {
             // Effects are estimated without their prior; a trace of it keeps the matrix invertible where the data do not see a
@@ -203,8 +202,10 @@ impl Problem {
         // A prior on one side only is twice as high there.
         let one_sided = knobs.iter().filter(|knob| knob.bounds.contains(&knob.neutral)).count();
         let log_evidence =
-            -0.5 * (cost(&state, Loss::Robust) + prior + log_determinant) + one_sided as f64 * std::f64::consts::LN_2;
-        Ok(Fit { state, knobs, slopes, jacobian, covariance, log_evidence })
+            -0.5 * (cost(&state, Loss::Robust) + prior + volume) + one_sided as f64 * std::f64::consts::LN_2;
+        let discrepancy = self.discrepancy;
+        let log_evidence = log_evidence + discrepancy.log_prior();
+        Ok(Fit { state, knobs, slopes, jacobian, covariance, log_evidence, discrepancy })
     }
 }
 
@@ -225,7 +226,7 @@ fn cost(state: &State, loss: Loss) -> f64 {
 }
 
 /// Rows times weights.
-fn weighted(matrix: &DMatrix<f64>, weights: &DVector<f64>) -> DMatrix<f64> {
+pub(super) fn weighted(matrix: &DMatrix<f64>, weights: &DVector<f64>) -> DMatrix<f64> {
     let mut matrix = matrix.clone();
     for (mut row, weight) in matrix.row_iter_mut().zip(weights.iter()) {
         row *= *weight;

@@ -23,6 +23,8 @@ pub(super) struct Found {
     pub(super) height: Option<HeightSpread>,
     /// Heights that were fitted.
     pub(super) known: Vec<AtHeight>,
+    /// The fit with the discrepancy that suits it best, where that is another.
+    pub(super) own: Option<Fit>,
 }
 
 /// How well a height is known, and how that spreads to the values.
@@ -64,6 +66,11 @@ impl Found {
         &self.fit.state.effects[self.index()]
     }
 
+    /// What it is at its best.
+    pub(super) fn own(&self) -> &Fit {
+        self.own.as_ref().unwrap_or(&self.fit)
+    }
+
     /// Whether it explains enough to be named.
     pub(super) fn stands_out(&self) -> bool {
         self.log_bayes_factor > STANDS_OUT && self.fit.is_significant(self.index())
@@ -74,3 +81,18 @@ impl Found {
         self.fit.state.effects.len() - 1
     }
 }
+
+/// The effect that stands out most of those that explain everything; where none does, the one that stands out most.
+///
+/// An effect that leaves a few modes far off, as if they had been identified wrongly, may gain more than one that explains them
+/// all.
+pub(super) fn best_of<'a>(found: &'a [Found], present: &Fit) -> Option<&'a Found> {
+    let standing: Vec<&Found> = found.iter().filter(|found| found.stands_out()).collect();
+    let first = *standing.first()?;
+    let explains =
+        |found: &&&Found| found.log_bayes_factor > EXPLAINS * first.log_bayes_factor && found.fit.explains(present);
+    Some(standing.iter().find(explains).copied().unwrap_or(first))
+}
+
+/// An effect that explains everything may gain less than another, down to this share.
+const EXPLAINS: f64 = 0.5;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::criteria::FAILS;
 use super::fit::Fit;
-use crate::compare::{ChiSquared, exceeding};
+use crate::compare::{Block, ChiSquared, exceeding};
 
 /// What a test looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -21,6 +21,8 @@ pub enum Part {
     Scatter,
     /// Imaginary parts of shapes.
     Phases,
+    /// How much the model would have to miss for reasons that no effect explains.
+    Discrepancy,
 }
 
 /// Tests of a fit.
@@ -40,7 +42,18 @@ pub struct Tests {
 impl Fit {
     /// The tests of this fit.
     pub fn goodness_of_fit(&self) -> Tests {
-        self.tests(None)
+        self.tests(&self.strangers())
+    }
+
+    /// Modes (indices into the measured ones) that are like none of the model's: of a floor, a wall or a section that a beam does not
+    /// have. They say nothing about it, where they are few.
+    pub(super) fn strangers(&self) -> Vec<usize> {
+        let is_strange = |block: &&Block| block.shape.as_ref().is_some_and(|shape| shape.likeness() < ALIKE);
+        let blocks = self.state.residual.blocks().map(|(_, block)| block);
+        let strangers: Vec<usize> = blocks.filter(is_strange).map(|block| block.measured).collect();
+        let modes = self.state.pairs.len();
+        let are_few = modes >= LEAST_MODES && strangers.len() * MOST_STRANGERS <= modes;
+        if are_few { strangers } else { Vec::new() }
     }
 
     /// Whether it fits where `present` does not: all modes, or all but one that stays far off, as identification may get one
@@ -66,14 +79,15 @@ impl Fit {
         let modes = self.state.pairs.len();
         let worst = (0..modes).min_by(|&a, &b| left(self, a).total_cmp(&left(self, b)))?;
         let is_enough = modes >= LEAST_MODES && beyond(self, worst) < LEFT * beyond(present, worst);
-        let fits_but_for_it = || self.goodness_of_fit().p_value < FAILS && self.tests(Some(worst)).p_value >= FAILS;
+        let others = || [self.strangers(), vec![worst]].concat();
+        let fits_but_for_it = || self.goodness_of_fit().p_value < FAILS && self.tests(&others()).p_value >= FAILS;
         (is_enough && fits_but_for_it()).then_some(worst)
     }
 
-    /// The tests without a mode.
-    fn tests(&self, without: Option<usize>) -> Tests {
+    /// The tests without some modes.
+    fn tests(&self, without: &[usize]) -> Tests {
         let state = &self.state;
-        let kept = || state.residual.blocks().filter(|(_, block)| Some(block.measured) != without);
+        let kept = || state.residual.blocks().filter(|(_, block)| !without.contains(&block.measured));
         let (square, count) = kept().fold((0.0, 0), |(square, count), (first, block)| {
             (square + state.modes.rows(first, block.size()).norm_squared(), count + block.size())
         });
@@ -87,6 +101,7 @@ impl Fit {
             (Part::Frequencies, self.frequencies(&rows).map(|test| test.p_value)),
             (Part::Scatter, self.scatter()),
             (Part::Phases, phases.map(|test| test.p_value)),
+            (Part::Discrepancy, self.discrepancy.p_value()),
         ];
         let tested = parts.iter().filter(|part| part.1.is_some()).count();
         let worst = parts.into_iter().filter_map(|(part, p_value)| Some((part, p_value?)));
@@ -141,6 +156,10 @@ impl Fit {
     }
 }
 
+/// A mode that has less of its shape in common with the model's is like none of them (a MAC).
+const ALIKE: f64 = 0.8;
+/// At most one of so many modes may be a stranger.
+const MOST_STRANGERS: usize = 5;
 /// With fewer modes than this none may stay unexplained.
 const LEAST_MODES: usize = 8;
 /// Share of the other modes' squared differences beyond scatter that may be left then.

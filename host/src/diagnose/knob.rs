@@ -22,6 +22,13 @@ pub(super) struct Knob {
     pub(super) bounds: [f64; 2],
 }
 
+impl Knob {
+    /// Whether a value stands at a bound.
+    pub(super) fn is_at(&self, value: f64, bound: f64) -> bool {
+        bound.is_finite() && (value - bound).abs() <= 1e-9 * self.scale.max(bound.abs())
+    }
+}
+
 /// Effects with some of their values changed.
 pub(super) fn with_values(effects: &[Effect], knobs: &[Knob], values: &[f64]) -> Vec<Effect> {
     let mut effects = effects.to_vec();

@@ -4,6 +4,7 @@
 //! [`Diagnosis`] flows out: every effect of the catalogue, at every place, scored by what it explains, the best refitted,
 //! weighed by evidence, and a verdict with the measurement that would settle what the data leave open. [`steps`] adds and
 //! drops effects until nothing is gained; [`held_out`] says how well a model predicts what it was not fitted to.
+//! What a model misses for reasons that no effect explains is its `discrepancy`.
 //!
 //! From the ground up: `background` turns the model's tolerance into a few independent numbers; `evaluation` makes a `state` of
 //! effects and background, and `derivatives` and `scales` say how it follows them; `fit` finds the most probable values and
@@ -22,6 +23,9 @@ mod candidates;
 mod criteria;
 mod damper;
 mod derivatives;
+mod discrepancy;
+#[cfg(test)]
+mod discrepancy_tests;
 mod error;
 mod evaluation;
 mod far;
@@ -42,11 +46,14 @@ mod signals;
 mod state;
 pub mod steps;
 #[cfg(test)]
+mod testing;
+#[cfg(test)]
 mod tests;
 mod verdict;
 
 pub use candidates::Options;
 pub use criteria::{FAILS, STANDS_OUT};
+pub use discrepancy::Discrepancy;
 pub use error::{DiagnoseError, NoneFound};
 pub use fit::{Estimate, Fit};
 pub use goodness::Part;

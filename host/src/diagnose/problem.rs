@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use nalgebra::{DMatrix, DVector};
 
 use super::background::Background;
+use super::discrepancy::Discrepancy;
 use super::error::DiagnoseError;
 use super::state::State;
 use crate::compare::{ModelView, complement, pair, shape_deviations};
@@ -41,6 +42,10 @@ pub struct Problem {
     pub(super) phases: Vec<MeasuredPhases>,
     /// How far the model is trusted.
     pub(super) background: Background,
+    /// The frequency of the middle one of the measured modes.
+    pub(super) middle_hz: f64,
+    /// What it misses for reasons that neither effects nor the background explain.
+    pub(super) discrepancy: Discrepancy,
     /// What effects are weighed by; made when first asked for.
     pub(super) reference: Arc<OnceLock<Option<Reference>>>,
     /// Numbers of measured modes without a partner.
@@ -124,6 +129,7 @@ impl Problem {
         let phases = (0..paired).filter(|&mode| close[mode].len() == 1).filter_map(|mode| phases(mode, &in_use));
         let damping: Vec<Option<f64>> =
             in_use.iter().map(|mode| mode.damping_ratio.filter(|ratio| *ratio > 0.0 && *ratio < 1.0)).collect();
+        let mut frequencies_hz: Vec<f64> = in_use.iter().map(|mode| mode.frequency_hz).collect();
         let mut known: Vec<f64> = damping.iter().copied().flatten().collect();
         Ok(Self {
             reference: Arc::default(),
@@ -133,6 +139,8 @@ impl Problem {
             complex: complex.iter().map(|mode| mode.number).collect(),
             close,
             background: Background::of(&bare, model),
+            middle_hz: median(&mut frequencies_hz).unwrap_or(1.0),
+            discrepancy: Discrepancy::NONE,
             bare,
             sensors: sensors.to_vec(),
             measured: in_use,

@@ -4,6 +4,7 @@
 
 use serde::Serialize;
 
+use super::discrepancy::Discrepancy;
 use super::fit::Estimate;
 use super::goodness::{Part, Tests};
 use crate::compare::ChiSquared;
@@ -39,6 +40,8 @@ pub struct Diagnosis {
     pub goodness_of_fit: GoodnessOfFit,
     /// Of the present model, with the background fitted within its tolerance.
     pub present: GoodnessOfFit,
+    /// What the same misses for reasons that neither an effect nor the tolerance explains, as standard deviations.
+    pub discrepancy: Discrepancy,
     /// What the best fit leaves.
     pub unexplained: Unexplained,
     /// What the best effect explains, mode by mode; the present model's misfit where no effect is named.

@@ -5,15 +5,21 @@ use rayon::prelude::*;
 
 use super::candidates::Options;
 use super::criteria::{FAILS, STANDS_OUT};
+use super::discrepancy::Discrepancy;
 use super::error::NoneFound;
 use super::fit::Fit;
-use super::found::{AtHeight, Found, NEAR};
+use super::found::{AtHeight, Found, NEAR, best_of};
 use super::problem::Problem;
 use super::score::Scored;
 use crate::model::effect::{EffectKind, Evidence, KINDS, Where};
 
 /// What a search has found.
 pub(super) struct Searched {
+    /// The problem with the discrepancy that all of it was found with, and the present model there; `None` where it is that of the
+    /// problem that was searched.
+    pub(super) settled: Option<(Problem, Fit)>,
+    /// The present model with the discrepancy that suits it best, where that is another.
+    pub(super) own: Option<(Problem, Fit)>,
     /// Kinds that explain anything, best first.
     pub(super) found: Vec<Found>,
     /// Kinds that would explain something with a value that is out of bounds: the best of each.
@@ -58,11 +64,66 @@ const HOPELESS: f64 = 0.1;
 
 impl Problem {
     /// Every kind that explains anything, refitted at its best place; best first.
+    ///
+    /// At first as if the model missed nothing else, then with the discrepancy that the best of them leaves, as long as a model of the
+    /// right kind can miss as much. In the end the present model and each effect are weighed with what suits each best.
     pub(super) fn search(&self, present: &Fit, options: &Options) -> Searched {
+        let (mut found, mut rejected) = self.search_all(present, options);
+        let best = best_of(&found, present).map_or(present, |best| &best.fit);
+        let discrepancy = self.settled(best).map(|(_, best)| best.discrepancy);
+        let settled = discrepancy.filter(Discrepancy::is_plausible).and_then(|discrepancy| {
+            let problem = self.with_discrepancy(discrepancy);
+            let here = problem.refitted(present).ok()?;
+            (found, rejected) = problem.search_all(&here, options);
+            Some((problem, here))
+        });
+        let (problem, here) = settled.as_ref().map_or((self, present), |(problem, fit)| (problem, fit));
+        let fits = found.iter().any(|found| found.fit.explains(here));
+        if !fits && here.goodness_of_fit().p_value < FAILS {
+            for far in problem.search_far(here, options) {
+                match found.iter_mut().find(|near| near.kind == far.kind) {
+                    Some(near) if near.log_bayes_factor >= far.log_bayes_factor - SAME => {}
+                    Some(near) => *near = far,
+                    None => found.push(far),
+                }
+            }
+            sort(&mut found);
+            problem.settle_heights(&mut found);
+        }
+        let own = problem.weigh_each(here, &mut found);
+        Searched { settled, own, found, rejected }
+    }
+
+    /// Weighs the present model and the best of what was found, each with the discrepancy that suits it best.
+    pub(super) fn weigh_each(&self, present: &Fit, found: &mut [Found]) -> Option<(Self, Fit)> {
+        let own = self.settled(present);
+        let raised = own.as_ref().map_or(0.0, |(_, own)| own.log_evidence() - present.log_evidence());
+        let estimate = |found: &Found| match found.log_bayes_factor > 0.0 {
+            true => self.best_discrepancy(&found.fit).1,
+            false => 0.0,
+        };
+        let gains: Vec<f64> = found.par_iter().map(estimate).collect();
+        let best = found.iter().zip(&gains).map(|(found, gain)| found.log_bayes_factor + gain).fold(0.0, f64::max);
+        found.par_iter_mut().zip(gains).for_each(|(found, gain)| {
+            let estimated = found.log_bayes_factor + gain;
+            if gain > 0.0 && estimated > best - NEAR.max(CONTENDS * best) {
+                found.own = self.settled(&found.fit).map(|(_, own)| own);
+                found.log_bayes_factor += found.own().log_evidence() - found.fit.log_evidence();
+            } else {
+                found.log_bayes_factor = estimated;
+            }
+            found.log_bayes_factor -= raised;
+        });
+        sort(found);
+        own
+    }
+
+    /// Every kind near the present model, with this discrepancy.
+    fn search_all(&self, present: &Fit, options: &Options) -> (Vec<Found>, Vec<Scored>) {
         let scored = self.scored_twice(present, |from| self.score(from, options));
         let (scored, rejected): (Vec<Scored>, Vec<Scored>) = scored.into_iter().partition(|one| one.admissible);
         let kinds = by_kind(scored);
-        let rejected = by_kind(rejected)
+        let rejected: Vec<Scored> = by_kind(rejected)
             .into_iter()
             .filter_map(|kind| kind.into_iter().next())
             .filter(|one| one.gain > STANDS_OUT)
@@ -74,19 +135,7 @@ impl Problem {
         found.extend(twins.filter_map(|kind| self.search_damper(present, kind, None)));
         sort(&mut found);
         self.settle_heights(&mut found);
-        let fits = found.iter().any(|found| found.fit.explains(present));
-        if !fits && present.goodness_of_fit().p_value < FAILS {
-            for far in self.search_far(present, options) {
-                match found.iter_mut().find(|near| near.kind == far.kind) {
-                    Some(near) if near.log_bayes_factor >= far.log_bayes_factor - SAME => {}
-                    Some(near) => *near = far,
-                    None => found.push(far),
-                }
-            }
-            sort(&mut found);
-            self.settle_heights(&mut found);
-        }
-        Searched { found, rejected }
+        (found, rejected)
     }
 
     /// Kinds refitted from where the linear step leads: a first look at each, at its best place; then all places of those that
@@ -246,7 +295,7 @@ impl Problem {
             .filter_map(|(_, fit)| AtHeight::of(fit))
             .collect();
         let fit = fits.swap_remove(0).1;
-        Some(Found { kind: scored[0].candidate.kind, fit, log_bayes_factor, near, height: None, known })
+        Some(Found { kind: scored[0].candidate.kind, fit, log_bayes_factor, near, height: None, known, own: None })
     }
 
     /// Refits one candidate, from the values of the linear step and from those of a fit near by, from `most` starts.

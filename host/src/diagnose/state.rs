@@ -35,6 +35,8 @@ pub(super) struct State {
     pub(super) residual: Residual,
     /// Cholesky factors of each block's covariance.
     pub(super) factors: Vec<Cholesky<f64, Dyn>>,
+    /// Logarithm of how much larger the determinants of the covariances are than without a discrepancy.
+    pub(super) log_volume: f64,
     /// Differences of modes in standard deviations.
     pub(super) modes: DVector<f64>,
     /// Differences of phases in standard deviations.
@@ -49,7 +51,7 @@ pub(super) struct State {
 
 impl State {
     /// Frequencies and shapes, mode by mode, and the phases of each mode.
-    fn groups(&self) -> Vec<Group> {
+    pub(super) fn groups(&self) -> Vec<Group> {
         let mut groups = Vec::new();
         let paired = self.pairs.len() - self.twins;
         for (first, block) in self.residual.blocks() {

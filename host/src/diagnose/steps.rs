@@ -8,11 +8,10 @@ use super::candidates::Options;
 use super::criteria::STANDS_OUT;
 use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
-use super::found::Found;
+use super::found::{Found, best_of};
 use super::held_out::held_out;
 use super::problem::Problem;
 use super::signals::{Signals, shown};
-use super::verdict::best_of;
 use crate::compare::{ModelView, compare};
 use crate::model::Structure;
 use crate::model::effect::{Effect, EffectKind, Where};
@@ -106,7 +105,7 @@ impl Setting<'_> {
     /// [`DiagnoseError`] where the data do not determine the effects.
     pub fn refit(&self, action: &str, effects: &[Effect]) -> Result<Step, DiagnoseError> {
         let problem = self.problem(effects)?;
-        let fit = problem.fit_present(effects)?;
+        let (problem, fit) = problem.fit_settled(effects)?;
         self.step(action, &problem, &fit)
     }
 
@@ -115,12 +114,12 @@ impl Setting<'_> {
     /// # Errors
     /// As [`Setting::refit`].
     pub fn refit_beside(&self, action: &str, effects: &[Effect], before: &[Effect]) -> Result<Step, DiagnoseError> {
-        let problem = self.problem(effects)?;
-        let fit = problem.fit_present(effects)?;
+        let given = self.problem(effects)?;
+        let (problem, fit) = given.fit_settled(effects)?;
         let mut step = self.step(action, &problem, &fit)?;
         // Both on the modes of one of them: otherwise they explain different numbers.
-        let fit_before = problem.fit_present(before);
-        step.record.log_bayes_factor = fit_before.ok().map(|before| fit.log_evidence() - before.log_evidence());
+        let fit_before = given.fit_settled(before);
+        step.record.log_bayes_factor = fit_before.ok().map(|(_, before)| fit.log_evidence() - before.log_evidence());
         Ok(step)
     }
 
@@ -162,8 +161,9 @@ impl Setting<'_> {
         while effects.len() < MOST_EFFECTS {
             let problem = self.problem(&effects)?;
             let present = problem.fit_present(&effects)?;
-            let found = problem.search(&present, options).found;
-            let Some(best) = best_of(&found, &present) else { break };
+            let searched = problem.search(&present, options);
+            let here = searched.settled.as_ref().map_or(&present, |(_, fit)| fit);
+            let Some(best) = best_of(&searched.found, here) else { break };
             let before = effects;
             let mut action = format!("add {}", best.effect());
             effects = best.fit.effects().to_vec();
@@ -199,10 +199,10 @@ impl Setting<'_> {
         let problem = self.problem(&effects)?;
         // The data call for the effect added last; each of those before it must still earn its place beside it.
         for index in (0..effects.len() - 1).rev() {
-            let with = problem.fit_present(&effects)?;
+            let (_, with) = problem.fit_settled(&effects)?;
             let mut fewer = effects.clone();
             let dropped = fewer.remove(index);
-            let Ok(without) = problem.fit_present(&fewer) else { continue };
+            let Ok((_, without)) = problem.fit_settled(&fewer) else { continue };
             let gain = with.log_evidence()
                 - without.log_evidence()
                 - (problem.hypotheses(dropped.of_kind(), &without) as f64).ln();
@@ -211,9 +211,11 @@ impl Setting<'_> {
                 action += &format!(", drop {dropped}");
                 continue;
             }
-            let found = problem.search(&without, options).found;
+            let Ok(present) = problem.fit_present(&fewer) else { continue };
+            let searched = problem.search(&present, options);
+            let here = searched.settled.as_ref().map_or(&present, |(_, fit)| fit);
             let Some(other) =
-                best_of(&found, &without).filter(|found| found.effect().to_string() != dropped.to_string())
+                best_of(&searched.found, here).filter(|found| found.effect().to_string() != dropped.to_string())
             else {
                 continue;
             };
@@ -259,17 +261,37 @@ impl Setting<'_> {
 }
 
 impl Problem {
-    /// An effect fitted at its best place, or at the one that is given.
+    /// The model with its effects at their most probable values and the discrepancy that suits it best, if a model of the right kind
+    /// can miss as much.
+    fn fit_settled(&self, effects: &[Effect]) -> Result<(Self, Fit), DiagnoseError> {
+        let fit = self.fit_present(effects)?;
+        let settled = self.settled(&fit).filter(|(_, fit)| fit.discrepancy.is_plausible());
+        Ok(settled.unwrap_or_else(|| (self.clone(), fit)))
+    }
+
+    /// An effect fitted at its best place, or at the one that is given, with the discrepancy that it leaves.
     fn find(
         &self,
         present: &Fit,
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
     ) -> Result<Found, DiagnoseError> {
-        self.search_kind(present, kind, place).map_err(|reason| DiagnoseError::NothingGained {
+        let found = self.search_kind(present, kind, place).map_err(|reason| DiagnoseError::NothingGained {
             effect: place.map_or_else(|| kind.name().to_owned(), |place| format!("{}@{place}", kind.name())),
             reason,
-        })
+        })?;
+        let settled = self.settled(&found.fit).filter(|(_, fit)| fit.discrepancy.is_plausible());
+        let again = settled.and_then(|(problem, _)| {
+            let present = problem.refitted(present).ok()?;
+            let mut found = problem.search_kind(&present, kind, place).ok()?;
+            problem.weigh_each(&present, std::slice::from_mut(&mut found));
+            Some(found)
+        });
+        Ok(again.unwrap_or_else(|| {
+            let mut found = found;
+            self.weigh_each(present, std::slice::from_mut(&mut found));
+            found
+        }))
     }
 }
 

@@ -6,54 +6,15 @@ use std::path::Path;
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 use super::signals::shown;
+use super::testing::{measured, normal, scattered, study};
 use super::verdict::spoils_all;
 use super::*;
-use crate::compare::ModelView;
 use crate::model::effect::{Effect, Where};
 use crate::model::{BeamTable, Structure};
-use crate::modes::{MeasuredMode, MeasuredShape};
-use crate::study::{Model, Sensor, Study, template};
-
-fn study() -> (Structure, Model, Vec<Sensor>) {
-    let beam = BeamTable::from_reader(template::CANTON_BEAM.as_bytes(), Path::new("beam.csv")).unwrap();
-    let study = Study::from_text(template::CANTON_STUDY, Path::new("canton")).unwrap();
-    (Structure::new(beam), study.model.clone().unwrap(), study.sensors())
-}
-
-fn normal(random: &mut ChaCha8Rng) -> f64 {
-    StandardNormal.sample(random)
-}
-
-/// The first modes of a structure with effects, measured with relative deviations of 0.05 % on frequencies and 0.3 % of
-/// the length on shapes.
-fn measured(structure: &Structure, sensors: &[Sensor], modes: usize, random: &mut ChaCha8Rng) -> Vec<MeasuredMode> {
-    let view = ModelView::of(&structure.assemble(), sensors).unwrap();
-    let one = |mode: usize| {
-        let shape = DVector::from_column_slice(view.shape(mode)).normalize();
-        let imaginary = view.imaginary(mode).map_or_else(
-            || DVector::zeros(shape.len()),
-            |imaginary| imaginary / DVector::from_column_slice(view.shape(mode)).norm(),
-        );
-        let frequency_hz = view.modes.frequency_hz[mode];
-        MeasuredMode {
-            covariance_factor: None,
-            number: mode + 1,
-            frequency_hz: frequency_hz * (1.0 + 5e-4 * normal(random)),
-            frequency_std_hz: Some(5e-4 * frequency_hz),
-            damping_ratio: Some(0.01 + view.damping_ratio(mode)),
-            shape: Some(MeasuredShape {
-                sensors: (0..shape.len()).collect(),
-                imaginary: Some(imaginary.map(|value| value + 3e-3 * normal(random))),
-                stds: Some(DVector::from_element(shape.len(), 3e-3)),
-                values: shape.map(|value| value + 3e-3 * normal(random)),
-            }),
-        }
-    };
-    (0..modes).map(one).collect()
-}
+use crate::modes::MeasuredMode;
+use crate::study::template;
 
 fn effects(words: &[&str]) -> Vec<Effect> {
     words.iter().map(|word| word.parse().unwrap()).collect()
@@ -122,12 +83,6 @@ fn derivatives_are_those_of_the_differences() {
         checked.insert(knob.effect);
     }
     assert_eq!(checked.len(), words.len());
-}
-
-/// A tower whose segments scatter, in units of what the study allows.
-fn scattered(structure: &Structure, model: &Model, scatter: f64, seed: u64) -> Structure {
-    let crate::model::Body::Beam(beam) = structure.body.clone() else { panic!("a beam was given") };
-    Structure::new(crate::simulate::scattered(beam, model, scatter, seed))
 }
 
 /// Diagnoses the tower with hidden effects and segments that scatter half as far as the study allows.

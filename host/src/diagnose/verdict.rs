@@ -9,7 +9,7 @@ use super::candidates::Options;
 use super::criteria::{FAILS, STANDS_OUT};
 use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
-use super::found::Found;
+use super::found::{Found, best_of};
 use super::problem::Problem;
 use super::report::{
     CandidateReport, Diagnosis, Explained, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit, Unexplained, Verdict,
@@ -37,10 +37,14 @@ pub fn diagnose(
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
     let present = problem.fit_present(effects)?;
-    let Searched { found, rejected } = problem.search(&present, options);
+    let Searched { settled, own, found, rejected } = problem.search(&present, options);
+    let settled = settled.as_ref().map_or((problem, &present), |(problem, fit)| (problem, fit));
+    // Where an effect stands out, the present model is shown as that effect has it; else at its own best.
+    let alone = own.as_ref().filter(|_| best_of(&found, settled.1).is_none());
+    let (problem, present) = alone.map_or(settled, |(problem, fit)| (problem, fit));
     let considered = shown(signals, effects, &options.without);
-    let mut diagnosis = weigh(problem, &present, &found, &considered);
-    diagnosis.candidates.extend(rejected.iter().map(|one| rejected_report(&present, one)));
+    let mut diagnosis = weigh(problem, present, &found, &considered);
+    diagnosis.candidates.extend(rejected.iter().map(|one| rejected_report(present, one)));
     let all = all_shown(signals, effects);
     let stands_out = |signal: &&Signal| signal.log_bayes_factor > STANDS_OUT;
     if diagnosis.verdict == Verdict::Adequate && all.iter().any(|signal| stands_out(&signal)) {
@@ -146,6 +150,14 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
             mode.number, mode.frequency_hz
         ));
     }
+    let strangers: Vec<usize> = shown_fit.strangers().into_iter().map(|mode| problem.measured[mode].number).collect();
+    if !strangers.is_empty() {
+        let numbers = numbers_in_words(&strangers);
+        warnings.push(match strangers.len() {
+            1 => format!("measured mode {numbers} is like no mode of the model (MAC below 0.8), as of a floor or a wall; it does not count in the test of fit"),
+            _ => format!("measured modes {numbers} are like no mode of the model (MAC below 0.8), as of floors or walls; they do not count in the test of fit"),
+        });
+    }
     if let (Some(signal), Some(named)) = (signal, named) {
         warnings.push(format!(
             "{} stands out as well, in the modes; add {} and diagnose again",
@@ -160,6 +172,7 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
         ambiguous,
         next_measurement: next,
         goodness_of_fit: shown_fit.goodness_of_fit().into(),
+        discrepancy: shown_fit.discrepancy,
         present: test.into(),
         unexplained: unexplained(problem, shown_fit),
         explained: explained(problem, present, shown_fit),
@@ -219,7 +232,7 @@ fn candidate_reports(found: &[Found], signals: &[Signal], first: Option<&String>
         let mut candidate = CandidateReport {
             near: found.near.iter().map(near).collect(),
             where_std_m: found.height.as_ref().map(|height| height.std_m),
-            ..report(&found.fit, found.index(), Some(found.log_bayes_factor))
+            ..report(found.own(), found.index(), Some(found.log_bayes_factor))
         };
         // Elsewhere it would have other values.
         let spread = found.height.as_ref().map_or(&[][..], |height| &height.values);
@@ -293,21 +306,6 @@ fn signal_report(signal: &Signal) -> CandidateReport {
         near: Vec::new(),
     }
 }
-
-/// The effect that stands out most of those that explain everything; where none does, the one that stands out most.
-///
-/// An effect that leaves a few modes far off, as if they had been identified wrongly, may gain more than one that explains them
-/// all.
-pub(super) fn best_of<'a>(found: &'a [Found], present: &Fit) -> Option<&'a Found> {
-    let standing: Vec<&Found> = found.iter().filter(|found| found.stands_out()).collect();
-    let first = *standing.first()?;
-    let explains =
-        |found: &&&Found| found.log_bayes_factor > EXPLAINS * first.log_bayes_factor && found.fit.explains(present);
-    Some(standing.iter().find(explains).copied().unwrap_or(first))
-}
-
-/// An effect that explains everything may gain less than another, down to this share.
-const EXPLAINS: f64 = 0.5;
 
 /// Effects that the data cannot tell from the best: within 20 to 1 of its evidence, or predicting the same and not
 /// refuted by the test of fit.

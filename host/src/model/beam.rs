@@ -29,6 +29,24 @@ pub struct Segment {
     pub inertia_kg_m2: [f64; 3],
 }
 
+/// The stiffnesses of a segment, each known as well as its own formula.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stiffness {
+    /// Bending along local axis 1.
+    Bending1,
+    /// Bending along local axis 2.
+    Bending2,
+    /// Shear along both.
+    Shear,
+    /// Torsion.
+    Torsion,
+}
+
+impl Stiffness {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Bending1, Self::Bending2, Self::Shear, Self::Torsion];
+}
+
 impl Segment {
     /// Length in m.
     pub fn length_m(&self) -> f64 {
@@ -43,9 +61,17 @@ impl Segment {
 
     /// Multiplies bending, shear and torsion alike.
     pub fn scale_stiffness(&mut self, factor: f64) {
-        self.bending_n_m2 = self.bending_n_m2.map(|bending| bending * factor);
-        self.shear_n = self.shear_n.map(|shear| shear.map(|shear| shear * factor));
-        self.torsion_n_m2 *= factor;
+        Stiffness::ALL.into_iter().for_each(|stiffness| self.scale(stiffness, factor));
+    }
+
+    /// Multiplies one of its stiffnesses.
+    pub fn scale(&mut self, stiffness: Stiffness, factor: f64) {
+        match stiffness {
+            Stiffness::Bending1 => self.bending_n_m2[0] *= factor,
+            Stiffness::Bending2 => self.bending_n_m2[1] *= factor,
+            Stiffness::Shear => self.shear_n = self.shear_n.map(|shear| shear.map(|shear| shear * factor)),
+            Stiffness::Torsion => self.torsion_n_m2 *= factor,
+        }
     }
 
     /// Multiplies mass and rotational inertia alike.

@@ -35,7 +35,7 @@ pub(crate) mod tests;
 
 pub use assembly::Assembly;
 pub use base::BaseFlexibility;
-pub use beam::{BeamError, BeamTable, Segment};
+pub use beam::{BeamError, BeamTable, Segment, Stiffness};
 pub use contribution::{Contribution, Factors, MassAbove, PointMass};
 pub use custom::{Custom, CustomError};
 pub use damped::DampedModes;

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use super::DOFS_A_NODE;
 use super::assembly::Assembly;
 use super::base::BaseFlexibility;
-use super::beam::{BeamTable, Segment};
+use super::beam::{BeamTable, Segment, Stiffness};
 use super::contribution::{Contribution, Factors, MassAbove};
 use super::custom::Custom;
 use super::element::{Compression, DOFS_A_SEGMENT, scatter};
@@ -197,41 +197,46 @@ impl Structure {
         Change::of(&DMatrix::zeros(spread.nrows(), spread.ncols()), &(spread * self.factors().mass), None)
     }
 
-    /// What a relative change of each segment's stiffness (bending, shear and torsion together) does to K, and one of its
-    /// mass to M, segment by segment; empty for matrices.
+    /// What a relative change of each stiffness of each segment does to K, and one of its mass to M, segment by segment; empty for
+    /// matrices.
     ///
     /// Exact but for the weight of a segment's mass on those below, a change of a change.
     pub fn segment_changes(&self) -> Vec<SegmentChange> {
         let Some(segments) = self.segments() else { return Vec::new() };
         let (base, factors) = (self.base(), self.factors());
         let compressions = self.compressions(&segments);
-        let element = |index: usize, factor: f64| {
+        let element = |index: usize, stiffness: Stiffness, factor: f64| {
             let mut segment = segments[index].clone();
-            segment.scale_stiffness(factor);
+            segment.scale(stiffness, factor);
             self.element(segment, compressions[index]).stiffness
         };
-        let slope = |index: usize| (element(index, 1.0 + STEP) - element(index, 1.0 - STEP)) / (2.0 * STEP);
+        let slope = |index: usize, stiffness: Stiffness| {
+            (element(index, stiffness, 1.0 + STEP) - element(index, stiffness, 1.0 - STEP)) / (2.0 * STEP)
+        };
         // The lowest segment acts through the base as well; condensed, its change is that of the corner of K.
-        let corner = |factor: f64| {
+        let corner = |stiffness: Stiffness, factor: f64| {
             let mut whole = DMatrix::zeros(2 * DOFS_A_NODE, 2 * DOFS_A_NODE);
-            scatter(&mut whole, &element(0, factor), 0);
+            scatter(&mut whole, &element(0, stiffness, factor), 0);
             let motion = base.motion(&whole);
             let base_free = whole.view((0, DOFS_A_NODE), (DOFS_A_NODE, DOFS_A_NODE)).into_owned();
             whole.view((DOFS_A_NODE, DOFS_A_NODE), (DOFS_A_NODE, DOFS_A_NODE)).into_owned() + base_free.tr_mul(&motion)
         };
         let mut changes = Vec::new();
         for (index, segment) in segments.iter().enumerate() {
-            let (first_row, stiffness) = match index {
-                0 => (0, (corner(1.0 + STEP) - corner(1.0 - STEP)) / (2.0 * STEP)),
-                _ => {
-                    let slope = slope(index);
-                    let part = DMatrix::from_column_slice(DOFS_A_SEGMENT, DOFS_A_SEGMENT, slope.as_slice());
-                    ((index - 1) * DOFS_A_NODE, part)
-                }
+            let stiffness = |stiffness: Stiffness| {
+                let (first_row, part) = match index {
+                    0 => (0, (corner(stiffness, 1.0 + STEP) - corner(stiffness, 1.0 - STEP)) / (2.0 * STEP)),
+                    _ => {
+                        let slope = slope(index, stiffness);
+                        let part = DMatrix::from_column_slice(DOFS_A_SEGMENT, DOFS_A_SEGMENT, slope.as_slice());
+                        ((index - 1) * DOFS_A_NODE, part)
+                    }
+                };
+                Change::local(first_row, part * factors.stiffness, true)
             };
             let mass = DMatrix::from_diagonal(&DVector::from_column_slice(&segment.lumped_mass()));
             changes.push(SegmentChange {
-                stiffness: Change::local(first_row, stiffness * factors.stiffness, true),
+                stiffness: Stiffness::ALL.map(stiffness),
                 mass: Change::local(index * DOFS_A_NODE, mass * factors.mass, false),
             });
         }
@@ -242,8 +247,8 @@ impl Structure {
 /// What a relative change of one segment does to K and M.
 #[derive(Debug, Clone)]
 pub struct SegmentChange {
-    /// Its stiffness.
-    pub stiffness: Change,
+    /// Each of its stiffnesses, in the order of [`Stiffness::ALL`].
+    pub stiffness: [Change; 4],
     /// Its mass.
     pub mass: Change,
 }

@@ -5,8 +5,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::compare::Tolerance;
-use crate::model::{BeamTable, Structure};
+use crate::compare::alike;
+use crate::model::BeamTable;
 use crate::study::Model;
 
 /// No segment keeps less than this of its stiffness or mass.
@@ -15,9 +15,9 @@ const LEAST_FACTOR: f64 = 0.2;
 /// The table with its segments' stiffness and mass scattered smoothly over the height, `share` times as far as `background_*`
 /// of the study allow in one standard deviation; the same seed gives the same structure.
 pub fn scattered(mut beam: BeamTable, model: &Model, share: f64, seed: u64) -> BeamTable {
-    let Some(tolerance) = Tolerance::of(&Structure::new(beam.clone()), model) else { return beam };
+    let Some(covariance) = alike(&beam, model) else { return beam };
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let eigen = tolerance.covariance.symmetric_eigen();
+    let eigen = covariance.symmetric_eigen();
     let mut normal = |variance: f64| {
         let normal: f64 = StandardNormal.sample(&mut random);
         share * variance.max(0.0).sqrt() * normal
@@ -26,7 +26,6 @@ pub fn scattered(mut beam: BeamTable, model: &Model, share: f64, seed: u64) -> B
     let changes = eigen.eigenvectors * normals;
     let segments = beam.segments().len();
     let mut factors = changes.iter().map(|change| (1.0 + change).max(LEAST_FACTOR));
-    // The tolerance lists stiffness first, then mass, and leaves out what is trusted.
     let mut next = |deviation: Option<f64>| -> Vec<f64> {
         let wanted = deviation.is_some_and(|deviation| deviation > 0.0);
         if wanted { factors.by_ref().take(segments).collect() } else { vec![1.0; segments] }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::diagnose::{Estimate, GoodnessOfFit, ModeMisfit, Part, Unexplained};
+use crate::diagnose::{Discrepancy, Estimate, GoodnessOfFit, ModeMisfit, Part, Unexplained};
 use crate::study::template;
 
 fn beam() -> BeamTable {
@@ -38,6 +38,7 @@ fn diagnosis(verdict: Verdict, best: &[&str], ambiguous: &[&str], candidates: Ve
         ambiguous: if ambiguous.is_empty() { Vec::new() } else { vec![names(ambiguous)] },
         next_measurement: None,
         goodness_of_fit: test,
+        discrepancy: Discrepancy { frequency: 0.0, shape: 0.0, coupling: 0.0, growth: 0.0 },
         present: test,
         unexplained: Unexplained { by_mode: vec![odd], by_sensor: Vec::new(), by_height: Vec::new() },
         explained: Vec::new(),

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, RowDVector};
 
 use super::*;
-use crate::model::{Assembly, BeamTable, Body, Custom, ModalBasis, Modes, Segment, Structure, phases_rad};
+use crate::model::{Assembly, BeamTable, Body, Custom, ModalBasis, Modes, Segment, Stiffness, Structure, phases_rad};
 use crate::study::{Direction, Sensor};
 
 const HEADER: &str = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2\n";
@@ -389,21 +389,20 @@ fn segment_changes_are_those_of_the_matrices() {
     let basis: ModalBasis = structure.assemble().modal_basis().unwrap();
     let sensor_vectors = basis.vectors.rows(40, 5).into_owned();
     for (index, change) in changes.iter().enumerate() {
-        for of_mass in [false, true] {
+        for stiffness in Stiffness::ALL.map(Some).into_iter().chain([None]) {
             let step = 1e-4;
             let moved = |by: f64| {
                 let mut moved = structure.clone();
                 let Body::Beam(beam) = &mut moved.body else { panic!("a beam was given") };
                 let segment = &mut beam.segments_mut()[index];
-                if of_mass {
-                    segment.scale_mass(1.0 + by)
-                } else {
-                    segment.scale_stiffness(1.0 + by)
+                match stiffness {
+                    Some(stiffness) => segment.scale(stiffness, 1.0 + by),
+                    None => segment.scale_mass(1.0 + by),
                 }
                 moved.assemble().modes().unwrap().frequency_hz
             };
             let (above, below) = (moved(step), moved(-step));
-            let change = if of_mass { &change.mass } else { &change.stiffness };
+            let change = stiffness.map_or(&change.mass, |stiffness| &change.stiffness[stiffness as usize]);
             let slopes = crate::model::derivatives(&basis, &sensor_vectors, &[0, 1, 4], change);
             for (slope, mode) in slopes.iter().zip([0, 1, 4]) {
                 let expected = (above[mode] / below[mode]).ln() / (2.0 * step);
