@@ -14,7 +14,9 @@ import pathlib
 import resource
 import subprocess
 import sys
-import venv
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+import environment  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 WORK = ROOT / "target" / "benchmark"
@@ -187,14 +189,7 @@ def main():
     if arguments.child:
         method, folder, case = arguments.child
         return pyoma(method, pathlib.Path(folder), case)
-    environment = WORK / "venv"
-    python = environment / "bin" / "python"
-    if not python.exists():
-        WORK.mkdir(parents=True, exist_ok=True)
-        venv.create(environment, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "pyOMA_2==1.4.3"], check=True)
-    if pathlib.Path(sys.prefix) != environment:
-        os.execv(python, [str(python), *sys.argv])
+    environment.enter(WORK, ["pyOMA_2==1.4.3"])
 
     import numpy as np
 

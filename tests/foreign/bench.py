@@ -20,7 +20,9 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+import environment  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 WORK = ROOT / "target" / "foreign"
@@ -305,14 +307,7 @@ def main():
     parser.add_argument("--only", metavar="KIND", help="hide nothing but this (an effect, an outsider, or `nothing`)")
     parser.add_argument("--json", type=pathlib.Path, metavar="FILE", help="default: target/foreign/results-SEED.json")
     arguments = parser.parse_args()
-    environment = WORK / "venv"
-    python = environment / "bin" / "python"
-    if not python.exists():
-        WORK.mkdir(parents=True, exist_ok=True)
-        venv.create(environment, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
-    if pathlib.Path(sys.prefix) != environment:
-        os.execv(python, [str(python), *sys.argv])
+    environment.enter(WORK, PACKAGES)
 
     if not arguments.belfry.exists():
         sys.exit("belfry is not built; run `cargo build --release` first, or name one with --belfry")

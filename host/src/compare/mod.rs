@@ -26,7 +26,7 @@ pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpai
 pub(crate) use result::{frequency_z, levels};
 pub use shape::mac;
 pub use tolerance::Tolerance;
-pub(crate) use tolerance::alike;
+pub(crate) use tolerance::one_factor_covariance;
 pub use view::{ModelView, ViewError};
 
 /// Compares a model with measured modes: pairs them, sums up where they disagree.

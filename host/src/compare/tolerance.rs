@@ -96,7 +96,7 @@ fn kernel(beam: &BeamTable, length_m: f64) -> DMatrix<f64> {
 
 /// Covariance of one relative factor a segment on all of its stiffnesses alike and of one on its mass, as a study states them: of what
 /// it does not trust, stiffness first; `None` where it trusts its model.
-pub(crate) fn alike(beam: &BeamTable, model: &Model) -> Option<DMatrix<f64>> {
+pub(crate) fn one_factor_covariance(beam: &BeamTable, model: &Model) -> Option<DMatrix<f64>> {
     let kernel = kernel(beam, correlation_length_m(beam, model));
     let deviations = deviations(model)?.into_iter().filter(|deviation| *deviation > 0.0);
     let parts: Vec<DMatrix<f64>> = deviations.map(|deviation| &kernel * deviation.powi(2)).collect();

@@ -32,10 +32,7 @@ impl State {
         let by_quantities: Vec<DMatrix<f64>> = problem.background.quantities().map(by_quantity).collect();
         let by_spread = column(&self.structure.spread_change());
         let mut by_numbers = problem.background.chain(&by_quantities, &by_spread, &self.numbers);
-        for mut column in by_numbers.column_iter_mut() {
-            let whitened = self.whiten(column.clone_owned());
-            column.copy_from(&whitened);
-        }
+        self.whiten_by(&self.factors, &mut by_numbers);
         // Scatter moves damping by next to nothing.
         by_numbers.resize_vertically(self.size(), 0.0)
     }

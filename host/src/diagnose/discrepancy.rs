@@ -11,7 +11,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::criteria::FAILS;
 use super::fit::{Fit, weighted};
-use super::misfit::Group;
+use super::misfit::Loss;
 use super::problem::Problem;
 use super::state::State;
 
@@ -175,19 +175,42 @@ impl Problem {
     }
 
     /// A fit again with the discrepancy that suits it best, and the problem with that; `None` where it has that already.
-    pub(super) fn settled(&self, fit: &Fit) -> Option<(Self, Fit)> {
-        let mut settled: Option<(Self, Fit)> = None;
-        for _ in 0..MOST_ROUNDS {
-            let (problem, fit) = settled.as_ref().map_or((self, fit), |(problem, fit)| (problem, fit));
-            let (discrepancy, _) = problem.best_discrepancy(fit);
+    pub(super) fn settled(&self, fit: &Fit) -> Settled {
+        self.settled_from(fit, self.best_discrepancy(fit).0)
+    }
+
+    /// The same where the best discrepancy near the fit is known.
+    pub(super) fn settled_from(&self, fit: &Fit, mut discrepancy: Discrepancy) -> Settled {
+        let mut settled: Settled = None;
+        for round in 1..=MOST_ROUNDS {
+            let (problem, fit) = here(&settled, self, fit);
             if discrepancy.is_like(&fit.discrepancy) {
                 break;
             }
             let next = problem.with_discrepancy(discrepancy);
             let Ok(refitted) = next.refitted(fit) else { break };
+            if round < MOST_ROUNDS {
+                discrepancy = next.best_discrepancy(&refitted).0;
+            }
             settled = Some((next, refitted));
         }
         settled
+    }
+
+    /// The same, where a model of the right kind can miss as much.
+    pub(super) fn settled_plausibly(&self, fit: &Fit) -> Settled {
+        self.settled(fit).filter(|(_, fit)| fit.discrepancy.is_plausible())
+    }
+
+    /// Logarithm of how much larger the determinants of a state's covariances are than without a discrepancy; `None` where one is not
+    /// positive definite.
+    pub(super) fn log_volume(&self, state: &State) -> Option<f64> {
+        if self.discrepancy == Discrepancy::NONE {
+            return Some(0.0);
+        }
+        let without = self.covariance_factors(&state.residual, &Discrepancy::NONE)?;
+        let volume = |factors: &[Cholesky<f64, Dyn>]| factors.iter().map(log_determinant).sum::<f64>();
+        Some(volume(&state.factors) - volume(&without))
     }
 
     /// A fit of the same problem with another discrepancy, again with that of this one.
@@ -196,10 +219,17 @@ impl Problem {
     }
 }
 
+/// A problem with another discrepancy, and a fit of it; `None` where that of the given problem stands.
+pub(super) type Settled = Option<(Problem, Fit)>;
+
+/// What stands: problem and fit with another discrepancy, or else the given ones.
+pub(super) fn here<'a>(settled: &'a Settled, problem: &'a Problem, fit: &'a Fit) -> (&'a Problem, &'a Fit) {
+    settled.as_ref().map_or((problem, fit), |(problem, fit)| (problem, fit))
+}
+
 /// A fit's differences, and how they follow what is fitted, before they are weighed.
 struct Near<'a> {
     fit: &'a Fit,
-    groups: Vec<Group>,
     residual: DVector<f64>,
     slopes: DMatrix<f64>,
     /// Knobs at a bound, which stay there.
@@ -221,21 +251,16 @@ impl<'a> Near<'a> {
             .iter()
             .map(|knob| knob.bounds.iter().any(|&bound| knob.is_at(state.value(knob), bound)))
             .collect();
-        Self { fit, groups: state.groups(), residual, slopes, frozen }
+        Self { fit, residual, slopes, frozen }
     }
 
     fn log_evidence(&self, problem: &Problem, sizes: &Discrepancy) -> Option<f64> {
         let (state, count) = (&self.fit.state, self.fit.knobs.len());
-        let factors: Option<Vec<Cholesky<f64, Dyn>>> =
-            state.residual.blocks().map(|(_, block)| Cholesky::new(problem.covariance(block, sizes))).collect();
-        let factors = factors?;
+        let factors = problem.covariance_factors(&state.residual, sizes)?;
         let (mut differences, mut slopes) = (self.residual.clone(), self.slopes.clone());
-        for ((first, block), factor) in state.residual.blocks().zip(&factors) {
-            let lower = factor.l_dirty();
-            lower.solve_lower_triangular_mut(&mut differences.rows_mut(first, block.size()));
-            lower.solve_lower_triangular_mut(&mut slopes.rows_mut(first, block.size()));
-        }
-        let weights = self.weights(state, &differences);
+        state.whiten_by(&factors, &mut differences);
+        state.whiten_by(&factors, &mut slopes);
+        let weights = state.weights_of(&differences, Loss::Robust);
         let jacobian = weighted(&slopes, &weights);
         let information = jacobian.tr_mul(&jacobian);
         let mut curvature = information.clone();
@@ -256,27 +281,8 @@ impl<'a> Near<'a> {
         let size = information.nrows();
         let posterior = log_determinant(&Cholesky::new(information + DMatrix::identity(size, size))?);
         let volume: f64 = factors.iter().map(log_determinant).sum();
-        let misfit = self.misfit(state, &differences);
+        let misfit = state.misfit_of(&differences, Loss::Robust);
         Some(-0.5 * (misfit + scatter + posterior + volume) + sizes.log_prior())
-    }
-
-    /// As [`State::weights`], of other differences.
-    fn weights(&self, state: &State, differences: &DVector<f64>) -> DVector<f64> {
-        let mut weights = state.weights(super::misfit::Loss::Robust);
-        for group in &self.groups {
-            let square = differences.rows(group.first, group.count).norm_squared();
-            weights.rows_mut(group.first, group.count).fill(group.misfit(square).1.sqrt());
-        }
-        weights
-    }
-
-    /// As [`State::misfit`], of other differences, but for what does not depend on the discrepancy.
-    fn misfit(&self, state: &State, differences: &DVector<f64>) -> f64 {
-        let of = |group: &Group| group.misfit(differences.rows(group.first, group.count).norm_squared()).0;
-        let phases = differences.rows(state.modes.len(), state.phases.len()).norm_squared();
-        let damping = differences.rows(state.modes.len() + state.phases.len(), state.damping.len());
-        let damping: f64 = damping.iter().map(|difference| Group::of_damping().misfit(difference * difference).0).sum();
-        self.groups.iter().map(of).sum::<f64>() + phases + damping
     }
 }
 

@@ -1,9 +1,9 @@
 //! From effects and background to a [`State`]: the structure with both is assembled, its modes are paired with the measured ones
 //! and the differences are whitened.
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::discrepancy::{Discrepancy, log_determinant};
+use super::discrepancy::Discrepancy;
 use super::problem::Problem;
 use super::state::State;
 use crate::compare::{Block, ModelView, Pair, Residual, pair_above};
@@ -74,17 +74,8 @@ impl Problem {
         };
         let residual = Residual::of(&view, measured, &pairs, &partners);
         let twins_left = self.measured.len() - measured.len();
-        let factors_with = |discrepancy: &Discrepancy| -> Result<Vec<_>, String> {
-            let factor = |block: &Block| Cholesky::new(self.covariance(block, discrepancy));
-            let factors: Option<Vec<_>> = residual.blocks().map(|(_, block)| factor(block)).collect();
-            factors.ok_or_else(|| "the covariance of a measured mode is not positive definite".to_owned())
-        };
-        let factors = factors_with(&self.discrepancy)?;
-        let volume = |factors: &[_]| factors.iter().map(log_determinant).sum::<f64>();
-        let log_volume = match self.discrepancy == Discrepancy::NONE {
-            true => 0.0,
-            false => volume(&factors) - volume(&factors_with(&Discrepancy::NONE)?),
-        };
+        let factors = self.covariance_factors(&residual, &self.discrepancy);
+        let factors = factors.ok_or("the covariance of a measured mode is not positive definite")?;
         let models = residual.models();
         let sensor_vectors = view.sensor_vectors();
         let mut state = State {
@@ -102,7 +93,6 @@ impl Problem {
             pairs,
             residual,
             factors,
-            log_volume,
             models,
             sensor_vectors,
         };
@@ -121,9 +111,18 @@ impl Problem {
         self.state(effects.to_vec(), DVector::zeros(self.background.size()), None)
     }
 
+    /// Cholesky factors of the blocks' covariances; `None` where one is not positive definite.
+    pub(super) fn covariance_factors(
+        &self,
+        residual: &Residual,
+        discrepancy: &Discrepancy,
+    ) -> Option<Vec<Cholesky<f64, Dyn>>> {
+        residual.blocks().map(|(_, block)| Cholesky::new(self.covariance(block, discrepancy))).collect()
+    }
+
     /// A block's covariance by the measurement and by a discrepancy of the model: of the frequency, of the shape at each sensor, and
     /// by how far neighbouring modes turn.
-    pub(super) fn covariance(&self, block: &Block, discrepancy: &Discrepancy) -> DMatrix<f64> {
+    fn covariance(&self, block: &Block, discrepancy: &Discrepancy) -> DMatrix<f64> {
         let mut covariance = &block.covariance * SCATTER_OF_VARIANCES;
         let mode = &self.measured[block.measured];
         let grown = discrepancy.grown(mode.frequency_hz, self.middle_hz);

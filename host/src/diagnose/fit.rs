@@ -189,7 +189,8 @@ impl Problem {
         let information = jacobian.tr_mul(&jacobian);
         let with_prior = &information + DMatrix::identity(size, size);
         let factor = Cholesky::new(with_prior).ok_or("the fit is not determined")?;
-        let volume = log_determinant(&factor) + state.log_volume;
+        let more_room = self.log_volume(&state).ok_or("the covariance of a measured mode is not positive definite")?;
+        let volume = log_determinant(&factor) + more_room;
         let mut posterior = information;
         for index in 0..size {
             // Effects are estimated without their prior; a trace of it keeps the matrix invertible where the data do not see a

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::candidates::Options;
 use super::criteria::{FAILS, STANDS_OUT};
-use super::discrepancy::Discrepancy;
+use super::discrepancy::{Discrepancy, Settled, here};
 use super::error::NoneFound;
 use super::fit::Fit;
 use super::found::{AtHeight, Found, NEAR, best_of};
@@ -17,9 +17,9 @@ use crate::model::effect::{EffectKind, Evidence, KINDS, Where};
 pub(super) struct Searched {
     /// The problem with the discrepancy that all of it was found with, and the present model there; `None` where it is that of the
     /// problem that was searched.
-    pub(super) settled: Option<(Problem, Fit)>,
+    pub(super) settled: Settled,
     /// The present model with the discrepancy that suits it best, where that is another.
-    pub(super) own: Option<(Problem, Fit)>,
+    pub(super) own: Settled,
     /// Kinds that explain anything, best first.
     pub(super) found: Vec<Found>,
     /// Kinds that would explain something with a value that is out of bounds: the best of each.
@@ -73,14 +73,14 @@ impl Problem {
         let discrepancy = self.settled(best).map(|(_, best)| best.discrepancy);
         let settled = discrepancy.filter(Discrepancy::is_plausible).and_then(|discrepancy| {
             let problem = self.with_discrepancy(discrepancy);
-            let here = problem.refitted(present).ok()?;
-            (found, rejected) = problem.search_all(&here, options);
-            Some((problem, here))
+            let present = problem.refitted(present).ok()?;
+            (found, rejected) = problem.search_all(&present, options);
+            Some((problem, present))
         });
-        let (problem, here) = settled.as_ref().map_or((self, present), |(problem, fit)| (problem, fit));
-        let fits = found.iter().any(|found| found.fit.explains(here));
-        if !fits && here.goodness_of_fit().p_value < FAILS {
-            for far in problem.search_far(here, options) {
+        let (problem, present) = here(&settled, self, present);
+        let fits = found.iter().any(|found| found.fit.explains(present));
+        if !fits && present.goodness_of_fit().p_value < FAILS {
+            for far in problem.search_far(present, options) {
                 match found.iter_mut().find(|near| near.kind == far.kind) {
                     Some(near) if near.log_bayes_factor >= far.log_bayes_factor - SAME => {}
                     Some(near) => *near = far,
@@ -90,24 +90,25 @@ impl Problem {
             sort(&mut found);
             problem.settle_heights(&mut found);
         }
-        let own = problem.weigh_each(here, &mut found);
+        let own = problem.weigh_each(present, &mut found);
         Searched { settled, own, found, rejected }
     }
 
     /// Weighs the present model and the best of what was found, each with the discrepancy that suits it best.
-    pub(super) fn weigh_each(&self, present: &Fit, found: &mut [Found]) -> Option<(Self, Fit)> {
+    pub(super) fn weigh_each(&self, present: &Fit, found: &mut [Found]) -> Settled {
         let own = self.settled(present);
         let raised = own.as_ref().map_or(0.0, |(_, own)| own.log_evidence() - present.log_evidence());
         let estimate = |found: &Found| match found.log_bayes_factor > 0.0 {
-            true => self.best_discrepancy(&found.fit).1,
-            false => 0.0,
+            true => self.best_discrepancy(&found.fit),
+            false => (self.discrepancy, 0.0),
         };
-        let gains: Vec<f64> = found.par_iter().map(estimate).collect();
-        let best = found.iter().zip(&gains).map(|(found, gain)| found.log_bayes_factor + gain).fold(0.0, f64::max);
-        found.par_iter_mut().zip(gains).for_each(|(found, gain)| {
+        let estimates: Vec<(Discrepancy, f64)> = found.par_iter().map(estimate).collect();
+        let gains = found.iter().zip(&estimates).map(|(found, (_, gain))| found.log_bayes_factor + gain);
+        let best = gains.fold(0.0, f64::max);
+        found.par_iter_mut().zip(estimates).for_each(|(found, (discrepancy, gain))| {
             let estimated = found.log_bayes_factor + gain;
             if gain > 0.0 && estimated > best - NEAR.max(CONTENDS * best) {
-                found.own = self.settled(&found.fit).map(|(_, own)| own);
+                found.own = self.settled_from(&found.fit, discrepancy).map(|(_, own)| own);
                 found.log_bayes_factor += found.own().log_evidence() - found.fit.log_evidence();
             } else {
                 found.log_bayes_factor = estimated;

@@ -3,7 +3,7 @@
 //! `evaluation` makes a state from effects and background; whitened differences, their weights and what they cost together
 //! flow out, to `derivatives` and `fit`.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, RowDVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dim, Dyn, Matrix, RowDVector, StorageMut};
 
 use super::knob::Knob;
 use super::misfit::{Group, Loss, TWIN, WRONG_BY};
@@ -35,8 +35,6 @@ pub(super) struct State {
     pub(super) residual: Residual,
     /// Cholesky factors of each block's covariance.
     pub(super) factors: Vec<Cholesky<f64, Dyn>>,
-    /// Logarithm of how much larger the determinants of the covariances are than without a discrepancy.
-    pub(super) log_volume: f64,
     /// Differences of modes in standard deviations.
     pub(super) modes: DVector<f64>,
     /// Differences of phases in standard deviations.
@@ -51,7 +49,7 @@ pub(super) struct State {
 
 impl State {
     /// Frequencies and shapes, mode by mode, and the phases of each mode.
-    pub(super) fn groups(&self) -> Vec<Group> {
+    fn groups(&self) -> Vec<Group> {
         let mut groups = Vec::new();
         let paired = self.pairs.len() - self.twins;
         for (first, block) in self.residual.blocks() {
@@ -69,8 +67,13 @@ impl State {
     /// contaminated normal distribution, 1960). One mode that identification got wrong then weighs less, and one that the
     /// model has wrong still weighs.
     pub(super) fn misfit(&self, loss: Loss) -> f64 {
+        self.misfit_of(&self.differences(), loss)
+    }
+
+    /// The same of other differences.
+    pub(super) fn misfit_of(&self, differences: &DVector<f64>, loss: Loss) -> f64 {
         let of = |group: Group| {
-            let square = self.modes.rows(group.first, group.count).norm_squared();
+            let square = differences.rows(group.first, group.count).norm_squared();
             match loss {
                 Loss::Squares => square,
                 Loss::Robust => group.misfit(square).0,
@@ -78,24 +81,29 @@ impl State {
         };
         // A false mode has its price too.
         let left = 2.0 * TWIN * self.twins_left as f64;
-        let damping: f64 =
-            self.damping.iter().map(|difference| Group::of_damping().misfit(difference * difference).0).sum();
-        self.groups().into_iter().map(of).sum::<f64>() + self.phases.norm_squared() + damping + left
+        let phases = differences.rows(self.modes.len(), self.phases.len()).norm_squared();
+        let damping = differences.rows(self.modes.len() + self.phases.len(), self.damping.len());
+        let damping: f64 = damping.iter().map(|difference| Group::of_damping().misfit(difference * difference).0).sum();
+        self.groups().into_iter().map(of).sum::<f64>() + phases + damping + left
     }
 
     /// Square roots of the weights with which differences count at this state, so that weighted squares have the gradient
     /// of [`State::misfit`].
     pub(super) fn weights(&self, loss: Loss) -> DVector<f64> {
+        self.weights_of(&self.differences(), loss)
+    }
+
+    /// The same of other differences.
+    pub(super) fn weights_of(&self, differences: &DVector<f64>, loss: Loss) -> DVector<f64> {
         let mut weights = DVector::from_element(self.size(), 1.0);
-        let damping = self.modes.len() + self.phases.len();
-        for (index, difference) in self.damping.iter().enumerate() {
-            weights[damping + index] = Group::of_damping().misfit(difference * difference).1.sqrt();
+        for index in self.modes.len() + self.phases.len()..self.size() {
+            weights[index] = Group::of_damping().misfit(differences[index] * differences[index]).1.sqrt();
         }
         if loss == Loss::Squares {
             return weights;
         }
         for group in self.groups() {
-            let square = self.modes.rows(group.first, group.count).norm_squared();
+            let square = differences.rows(group.first, group.count).norm_squared();
             weights.rows_mut(group.first, group.count).fill(group.misfit(square).1.sqrt());
         }
         weights
@@ -138,14 +146,21 @@ impl State {
         Some(self.view.modes.frequency_hz[self.pairs.get(measured)?.model])
     }
 
+    /// Differences of modes in standard deviations.
     pub(super) fn whiten(&self, mut vector: DVector<f64>) -> DVector<f64> {
-        for ((first, block), factor) in self.residual.blocks().zip(&self.factors) {
-            let mut part = vector.rows(first, block.size()).into_owned();
-            if factor.l_dirty().solve_lower_triangular_mut(&mut part) {
-                vector.rows_mut(first, block.size()).copy_from(&part);
-            }
-        }
+        self.whiten_by(&self.factors, &mut vector);
         vector
+    }
+
+    /// Brings differences of modes (rows) into the standard deviations of covariances with these Cholesky factors, block by block.
+    pub(super) fn whiten_by<C: Dim, S: StorageMut<f64, Dyn, C>>(
+        &self,
+        factors: &[Cholesky<f64, Dyn>],
+        differences: &mut Matrix<f64, Dyn, C, S>,
+    ) {
+        for ((first, block), factor) in self.residual.blocks().zip(factors) {
+            factor.l_dirty().solve_lower_triangular_mut(&mut differences.rows_mut(first, block.size()));
+        }
     }
 
     /// The value of a knob.

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::candidates::Options;
 use super::criteria::STANDS_OUT;
+use super::discrepancy::here;
 use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
 use super::found::{Found, best_of};
@@ -162,7 +163,7 @@ impl Setting<'_> {
             let problem = self.problem(&effects)?;
             let present = problem.fit_present(&effects)?;
             let searched = problem.search(&present, options);
-            let here = searched.settled.as_ref().map_or(&present, |(_, fit)| fit);
+            let (_, here) = here(&searched.settled, &problem, &present);
             let Some(best) = best_of(&searched.found, here) else { break };
             let before = effects;
             let mut action = format!("add {}", best.effect());
@@ -202,18 +203,19 @@ impl Setting<'_> {
             let (_, with) = problem.fit_settled(&effects)?;
             let mut fewer = effects.clone();
             let dropped = fewer.remove(index);
-            let Ok((_, without)) = problem.fit_settled(&fewer) else { continue };
+            let Ok(present) = problem.fit_present(&fewer) else { continue };
+            let settled = problem.settled_plausibly(&present);
+            let (_, without) = here(&settled, &problem, &present);
             let gain = with.log_evidence()
                 - without.log_evidence()
-                - (problem.hypotheses(dropped.of_kind(), &without) as f64).ln();
+                - (problem.hypotheses(dropped.of_kind(), without) as f64).ln();
             if gain < STANDS_OUT || !with.is_significant(index) {
                 effects = without.effects().to_vec();
                 action += &format!(", drop {dropped}");
                 continue;
             }
-            let Ok(present) = problem.fit_present(&fewer) else { continue };
             let searched = problem.search(&present, options);
-            let here = searched.settled.as_ref().map_or(&present, |(_, fit)| fit);
+            let (_, here) = here(&searched.settled, &problem, &present);
             let Some(other) =
                 best_of(&searched.found, here).filter(|found| found.effect().to_string() != dropped.to_string())
             else {
@@ -265,8 +267,7 @@ impl Problem {
     /// can miss as much.
     fn fit_settled(&self, effects: &[Effect]) -> Result<(Self, Fit), DiagnoseError> {
         let fit = self.fit_present(effects)?;
-        let settled = self.settled(&fit).filter(|(_, fit)| fit.discrepancy.is_plausible());
-        Ok(settled.unwrap_or_else(|| (self.clone(), fit)))
+        Ok(self.settled_plausibly(&fit).unwrap_or_else(|| (self.clone(), fit)))
     }
 
     /// An effect fitted at its best place, or at the one that is given, with the discrepancy that it leaves.
@@ -276,22 +277,18 @@ impl Problem {
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
     ) -> Result<Found, DiagnoseError> {
-        let found = self.search_kind(present, kind, place).map_err(|reason| DiagnoseError::NothingGained {
+        let mut found = self.search_kind(present, kind, place).map_err(|reason| DiagnoseError::NothingGained {
             effect: place.map_or_else(|| kind.name().to_owned(), |place| format!("{}@{place}", kind.name())),
             reason,
         })?;
-        let settled = self.settled(&found.fit).filter(|(_, fit)| fit.discrepancy.is_plausible());
-        let again = settled.and_then(|(problem, _)| {
+        let settled = self.settled_plausibly(&found.fit).and_then(|(problem, _)| {
             let present = problem.refitted(present).ok()?;
-            let mut found = problem.search_kind(&present, kind, place).ok()?;
-            problem.weigh_each(&present, std::slice::from_mut(&mut found));
-            Some(found)
+            found = problem.search_kind(&present, kind, place).ok()?;
+            Some((problem, present))
         });
-        Ok(again.unwrap_or_else(|| {
-            let mut found = found;
-            self.weigh_each(present, std::slice::from_mut(&mut found));
-            found
-        }))
+        let (problem, present) = here(&settled, self, present);
+        problem.weigh_each(present, std::slice::from_mut(&mut found));
+        Ok(found)
     }
 }
 

@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::candidates::Options;
 use super::criteria::{FAILS, STANDS_OUT};
+use super::discrepancy::here;
 use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
 use super::found::{Found, best_of};
@@ -38,7 +39,7 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let present = problem.fit_present(effects)?;
     let Searched { settled, own, found, rejected } = problem.search(&present, options);
-    let settled = settled.as_ref().map_or((problem, &present), |(problem, fit)| (problem, fit));
+    let settled = here(&settled, problem, &present);
     // Where an effect stands out, the present model is shown as that effect has it; else at its own best.
     let alone = own.as_ref().filter(|_| best_of(&found, settled.1).is_none());
     let (problem, present) = alone.map_or(settled, |(problem, fit)| (problem, fit));
@@ -152,11 +153,11 @@ fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) 
     }
     let strangers: Vec<usize> = shown_fit.strangers().into_iter().map(|mode| problem.measured[mode].number).collect();
     if !strangers.is_empty() {
-        let numbers = numbers_in_words(&strangers);
-        warnings.push(match strangers.len() {
-            1 => format!("measured mode {numbers} is like no mode of the model (MAC below 0.8), as of a floor or a wall; it does not count in the test of fit"),
-            _ => format!("measured modes {numbers} are like no mode of the model (MAC below 0.8), as of floors or walls; they do not count in the test of fit"),
-        });
+        warnings.push(told(
+            &strangers,
+            "measured mode {} is like no mode of the model (MAC below 0.8), as of a floor or a wall; it does not count in the test of fit",
+            "measured modes {} are like no mode of the model (MAC below 0.8), as of floors or walls; they do not count in the test of fit",
+        ));
     }
     if let (Some(signal), Some(named)) = (signal, named) {
         warnings.push(format!(
@@ -194,11 +195,11 @@ pub(super) fn spoils_all(problem: &Problem, present: &Fit, signal: &Signal) -> b
 fn unused_modes(problem: &Problem) -> Vec<String> {
     let mut warnings = Vec::new();
     if !problem.unpaired.is_empty() {
-        let (modes, numbers) = (&problem.unpaired, numbers_in_words(&problem.unpaired));
-        warnings.push(match modes.len() {
-            1 => format!("measured mode {numbers} has no partner in the model and does not count in the verdict"),
-            _ => format!("measured modes {numbers} have no partner in the model and do not count in the verdict"),
-        });
+        warnings.push(told(
+            &problem.unpaired,
+            "measured mode {} has no partner in the model and does not count in the verdict",
+            "measured modes {} have no partner in the model and do not count in the verdict",
+        ));
     }
     if problem.measured().iter().all(|mode| mode.shape.is_none()) {
         warnings.push(
@@ -207,21 +208,19 @@ fn unused_modes(problem: &Problem) -> Vec<String> {
         );
     }
     if !problem.complex.is_empty() {
-        let (modes, numbers) = (&problem.complex, numbers_in_words(&problem.complex));
-        warnings.push(match modes.len() {
-            1 => format!(
-                "the shape of measured mode {numbers} is complex, as if two modes were taken for one; it does not count in the verdict"
-            ),
-            _ => format!(
-                "the shapes of measured modes {numbers} are complex, each as if two modes were taken for one; they do not count in the verdict"
-            ),
-        });
+        warnings.push(told(
+            &problem.complex,
+            "the shape of measured mode {} is complex, as if two modes were taken for one; it does not count in the verdict",
+            "the shapes of measured modes {} are complex, each as if two modes were taken for one; they do not count in the verdict",
+        ));
     }
     warnings
 }
 
-fn numbers_in_words(numbers: &[usize]) -> String {
-    numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")
+/// What is said of one mode, or of several, with their numbers in the place of `{}`.
+fn told(numbers: &[usize], of_one: &str, of_several: &str) -> String {
+    let words = if numbers.len() == 1 { of_one } else { of_several };
+    words.replace("{}", &numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(", "))
 }
 
 /// Candidates by their evidence, the one that is named first before all others.

@@ -5,7 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::compare::alike;
+use crate::compare::one_factor_covariance;
 use crate::model::BeamTable;
 use crate::study::Model;
 
@@ -15,7 +15,7 @@ const LEAST_FACTOR: f64 = 0.2;
 /// The table with its segments' stiffness and mass scattered smoothly over the height, `share` times as far as `background_*`
 /// of the study allow in one standard deviation; the same seed gives the same structure.
 pub fn scattered(mut beam: BeamTable, model: &Model, share: f64, seed: u64) -> BeamTable {
-    let Some(covariance) = alike(&beam, model) else { return beam };
+    let Some(covariance) = one_factor_covariance(&beam, model) else { return beam };
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let eigen = covariance.symmetric_eigen();
     let mut normal = |variance: f64| {
