@@ -10,4 +10,7 @@ pub use eigen::{
     CholeskyFactor, EigenPairs, SingularTriplets, complex_product, general_eigen, general_eigen_complex,
     singular_triplets,
 };
-pub use fourier::{ForwardTransform, InverseTransform, forward_transform, inverse_transform};
+pub use fourier::{
+    ComplexTransform, ForwardTransform, InverseTransform, complex_transform, forward_transform,
+    inverse_complex_transform, inverse_transform,
+};

@@ -12,7 +12,7 @@ use super::resonance::Resonance;
 use super::shape::Shape;
 
 /// Modes nearer than this many bandwidths, or lines, to the next belong together.
-const CLOSE_BANDWIDTHS: f64 = 5.0;
+pub(super) const CLOSE_BANDWIDTHS: f64 = 5.0;
 const CLOSE_LINES: f64 = 3.0;
 /// Modes in one cluster, at most.
 const LARGEST: usize = 4;

@@ -18,6 +18,7 @@ const JOINED: f64 = 1.395;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Curve {
     lines: Vec<usize>,
+    frequency_hz: Vec<f64>,
     measured: Vec<f64>,
     /// Of the mode alone, and of everything; none where the fit was not asked.
     expected: Vec<[f64; 2]>,
@@ -33,6 +34,7 @@ impl Curve {
         };
         Self {
             lines: lines.to_vec(),
+            frequency_hz: seen.frequency_hz.clone(),
             measured: seen.matrices.iter().map(|matrix| matrix[(place, place)].re).collect(),
             expected: if with_fit { seen.frequency_hz.iter().map(expected).collect() } else { Vec::new() },
         }
@@ -40,13 +42,14 @@ impl Curve {
 
     /// What a mode that is fitted alone looks like.
     pub(super) fn of_bell(fit: &BellFit, bell: &Bell, lines: Vec<usize>) -> Self {
-        Self { lines, measured: bell.density.clone(), expected: fit.expected.clone() }
+        let (frequency_hz, measured) = (bell.frequency_hz.clone(), bell.density.clone());
+        Self { lines, frequency_hz, measured, expected: fit.expected.clone() }
     }
 
-    /// Its lines with what is measured and expected of everything there: (line, measured, expected).
-    pub(super) fn lines(&self) -> impl Iterator<Item = (usize, f64, f64)> {
-        let both = self.lines.iter().zip(&self.measured).zip(&self.expected);
-        both.map(|((line, measured), expected)| (*line, *measured, expected[1]))
+    /// Its lines in Hz with what is measured and expected of everything there: (frequency, measured, expected).
+    pub(super) fn lines(&self) -> impl Iterator<Item = (f64, f64, f64)> {
+        let both = self.frequency_hz.iter().zip(&self.measured).zip(&self.expected);
+        both.map(|((hz, measured), expected)| (*hz, *measured, expected[1]))
     }
 
     fn at(&self, line: usize) -> Option<f64> {
@@ -63,7 +66,8 @@ impl Curve {
             return None;
         }
         let (mut weights, mut weights_squared, mut away, mut scatter) = (0.0, 0.0, 0.0, 0.0);
-        for (index, (line, measured, expected)) in self.lines().enumerate() {
+        for (index, (_, measured, expected)) in self.lines().enumerate() {
+            let line = self.lines[index];
             let others: Vec<f64> = replicates.iter().filter_map(|replicate| replicate.at(line)).collect();
             if others.len() < groups || expected <= 0.0 {
                 continue;
@@ -108,13 +112,14 @@ mod tests {
         let bell = |index: usize| 1.0 / (1.0 + (index as f64 - 10.0).powi(2) / 9.0);
         let expected: Vec<[f64; 2]> = (0..21).map(|index| [bell(index), bell(index) + 0.01]).collect();
         let measured: Vec<f64> = expected.iter().enumerate().map(|(index, e)| e[1] * away(index)).collect();
-        let curve = Curve { lines: (50..71).collect(), measured, expected };
+        let frequency_hz: Vec<f64> = (50..71).map(|line| 0.1 * f64::from(line)).collect();
+        let curve = Curve { lines: (50..71).collect(), frequency_hz, measured, expected };
         // The jackknife over 20 groups makes 0.1 of that.
         let step = 0.1 / 19_f64.sqrt();
         let replicate = |group: usize| {
             let sign = if group.is_multiple_of(2) { 1.0 } else { -1.0 };
             let measured = curve.expected.iter().map(|e| e[1] * (1.0 + sign * step)).collect();
-            Curve { lines: (50..71).collect(), measured, expected: Vec::new() }
+            Curve { measured, expected: Vec::new(), ..curve.clone() }
         };
         let replicates = (0..20).map(replicate).collect();
         (curve, replicates)

@@ -7,13 +7,14 @@ use rayon::prelude::*;
 use super::bell::{BellFit, DAMPING_RANGE};
 use super::cluster::{Filters, clusters, noise_variance, regressed_shapes, seen};
 use super::curve::Curve;
+use super::finer;
 use super::joint::{JointFit, SlopePrior};
 use super::joint_fit::Certainty;
-use super::matrices::{LEAST_LINES, Matrices, bell};
+use super::matrices::{LEAST_LINES, Matrices, Source, bell};
 use super::pick::Pick;
 use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
-use super::scatter::{GroupChanges, ShapeScatter, changes, deviation, noise_outside, noise_share};
+use super::scatter::{GroupChanges, ShapeScatter, changes, deviation, noise_outside, noise_share, student};
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::{Shape, align, drop_scatter, modal_filter, normalise, phase_collinearity};
 use super::start::{first_bell, known_bell};
@@ -21,7 +22,7 @@ use crate::spectra::{CrossSpectrum, LineGrid};
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 
 /// Rounds of shapes and bells, each with the other's result.
-const ROUNDS: usize = 4;
+pub(super) const ROUNDS: usize = 4;
 /// Rounds of joint fits and shapes, and steps of each fit.
 const JOINT_ROUNDS: usize = 3;
 const WHOLE: Effort = Effort { steps: 30, certainty: true };
@@ -47,7 +48,7 @@ const TAIL_SHARE: f64 = 0.1;
 /// A mode whose distance from a cluster's lines is below this share of their width is not smooth there.
 const BESIDE: f64 = 0.5;
 /// Fewer channels cannot tell close modes from noise.
-const JOINT_CHANNELS: usize = 4;
+pub(super) const JOINT_CHANNELS: usize = 4;
 /// Neighbours that a modal filter stops, at most.
 const MAX_NEIGHBOURS: usize = 4;
 /// A neighbour is stopped when its response at the mode's resonance is more than this share of the mode's own, or when it is
@@ -68,11 +69,15 @@ const WIDEST: f64 = 0.16;
 
 /// The running state: all modes' shapes and bells.
 #[derive(Debug, Clone)]
-struct State {
+pub(super) struct State {
     picked_hz: Vec<f64>,
+    /// How far from there a mode may be whose bandwidth is next to nothing.
+    picked_within_hz: f64,
+    /// Which modes are to be estimated, with the clusters that they are in; the others stay as they are.
+    pub(super) wanted: Vec<bool>,
     shapes: Vec<Shape>,
-    fits: Vec<BellFit>,
-    curves: Vec<Curve>,
+    pub(super) fits: Vec<BellFit>,
+    pub(super) curves: Vec<Curve>,
     clusters: Vec<Cluster>,
     slope: SlopePrior,
 }
@@ -88,7 +93,6 @@ struct Cluster {
 
 /// Rounds of modes that few channels see, once they are near their place.
 const MIXED_ROUNDS: usize = 3;
-
 /// What a joint fit is worth.
 struct Effort {
     /// Steps, at most.
@@ -98,6 +102,7 @@ struct Effort {
 }
 
 /// Estimates every pick in one setup (`setup` is its index among the picks' shapes) from the lines that are not `taken` by tones.
+/// Modes that are narrow for these lines are estimated once more from finer ones.
 pub(super) fn estimate(
     spectrum: &CrossSpectrum,
     quantity: Quantity,
@@ -105,60 +110,62 @@ pub(super) fn estimate(
     picks: &[Pick],
     taken: &[usize],
 ) -> SetupModes {
-    let matrices = Matrices::new(spectrum, None, taken);
-    let mut state = State::start(spectrum, quantity, setup, picks, &matrices);
+    let source = Source::Averages(spectrum);
+    let matrices = Matrices::new(source, None, taken);
+    let mut state = State::start(quantity, setup, picks, &matrices);
     for _ in 0..ROUNDS {
-        state.improve(spectrum, &matrices);
+        state.improve(&matrices);
     }
-    state.fit_clusters(spectrum, &matrices);
-    let groups = if spectrum.group_count() > 1 { spectrum.group_count() } else { 0 };
-    let replicate = |group: usize| {
-        let matrices = Matrices::new(spectrum, Some(group), taken);
-        let mut replicate = state.clone();
-        replicate.refit_clusters(spectrum, &matrices, &REPLICATE);
-        replicate
-    };
-    let replicates: Vec<State> = (0..groups).into_par_iter().map(replicate).collect();
-    let modes = (0..picks.len()).map(|mode| state.conclude(mode, &replicates, spectrum.grid().spacing_hz())).collect();
-    SetupModes { modes }
+    state.fit_clusters(&matrices);
+    SetupModes { modes: finer::refined(state.concluded(source, taken), spectrum, &state, taken) }
 }
 
 impl State {
-    fn start(
-        spectrum: &CrossSpectrum,
-        quantity: Quantity,
-        setup: usize,
-        picks: &[Pick],
-        matrices: &Matrices<'_>,
-    ) -> Self {
-        let grid = spectrum.grid();
+    fn start(quantity: Quantity, setup: usize, picks: &[Pick], matrices: &Matrices<'_>) -> Self {
+        let grid = matrices.grid();
         let shapes: Vec<Shape> = picks.iter().map(|pick| pick.shapes[setup].clone()).collect();
         // Lines to the next pick.
         let apart = |line: usize| {
             let others = picks.iter().map(|other| other.line.abs_diff(line)).filter(|distance| *distance > 0);
             others.min().unwrap_or(grid.lines)
         };
-        let fits = picks.iter().zip(&shapes);
-        let fits = fits
+        let fits = picks
+            .iter()
+            .zip(&shapes)
             .map(|(pick, shape)| match pick.suggested {
                 Some((frequency_hz, damping_ratio)) => {
                     let resonance = Resonance { frequency_hz, damping_ratio, quantity };
-                    known_bell(spectrum, matrices, shape, pick.line, resonance)
+                    known_bell(matrices, shape, pick.line, resonance)
                 }
-                None => first_bell(spectrum, matrices, shape, pick.line, apart(pick.line), quantity),
+                None => first_bell(matrices, shape, pick.line, apart(pick.line), quantity),
             })
             .collect();
         let hz = |pick: &Pick| pick.suggested.map_or(grid.frequency_hz(pick.line), |(frequency_hz, _)| frequency_hz);
         let picked_hz = picks.iter().map(hz).collect();
         let curves = vec![Curve::default(); picks.len()];
-        Self { picked_hz, shapes, fits, curves, clusters: Vec::new(), slope: ANY_SLOPE }
+        let picked_within_hz = LEEWAY_LINES * grid.spacing_hz();
+        let wanted = vec![true; picks.len()];
+        Self { picked_hz, wanted, picked_within_hz, shapes, fits, curves, clusters: Vec::new(), slope: ANY_SLOPE }
+    }
+
+    /// What is estimated of all modes from these matrices, with the scatter from replicates that leave out a group each.
+    pub(super) fn concluded(&self, source: Source<'_>, taken: &[usize]) -> Vec<SetupMode> {
+        let replicate = |group: usize| {
+            let mut replicate = self.clone();
+            replicate.refit_clusters(&Matrices::new(source, Some(group), taken), &REPLICATE);
+            replicate
+        };
+        let replicates: Vec<Self> = (0..source.groups()).into_par_iter().map(replicate).collect();
+        let spacing_hz = source.grid().spacing_hz();
+        (0..self.fits.len()).map(|mode| self.conclude(mode, &replicates, spacing_hz)).collect()
     }
 
     /// One round: every mode's shape with the other modes' shapes, then its bell with the other modes' bells.
-    fn improve(&mut self, spectrum: &CrossSpectrum, matrices: &Matrices<'_>) {
-        let grid = spectrum.grid();
+    pub(super) fn improve(&mut self, matrices: &Matrices<'_>) {
+        let grid = matrices.grid();
         let before = self.shapes.clone();
-        for mode in 0..self.shapes.len() {
+        let wanted: Vec<usize> = (0..self.shapes.len()).filter(|&mode| self.wanted[mode]).collect();
+        for &mode in &wanted {
             let here = self.fits[mode].resonance;
             let mut stopped: Vec<&Shape> = vec![&before[mode]];
             stopped.extend(self.stopped_beside(mode, grid.spacing_hz()).iter().map(|&other| &before[other]));
@@ -176,7 +183,7 @@ impl State {
                 self.shapes[mode] = sum / Complex64::from(norm);
             }
         }
-        for mode in 0..self.shapes.len() {
+        for mode in wanted {
             // What few channels cannot stop stays in the spectrum, and is fitted with the mode.
             let is_mixed = self.shapes[mode].len() < JOINT_CHANNELS;
             let stopped_beside = self.stopped_beside(mode, grid.spacing_hz());
@@ -186,11 +193,11 @@ impl State {
             stopped.extend(stopped_beside.iter().map(|&other| &self.shapes[other]));
             let Some(filter) = modal_filter(&stopped) else { continue };
             let lines = matrices.free(first, last, LEAST_LINES);
-            let mut bell = bell(spectrum, matrices, &filter, &lines);
-            bell.mixed = is_mixed.then(|| spectrum.averages() as f64 / OVERLAP);
+            let mut bell = bell(matrices, &filter, &lines);
+            bell.mixed = is_mixed.then(|| matrices.source.averages() as f64 / OVERLAP);
             let others: Vec<Resonance> = neighbours.iter().map(|&other| self.fits[other].resonance).collect();
             let here = self.fits[mode].resonance;
-            if let Some(fit) = bell.fit(here, &others, self.limits_hz(mode, grid.spacing_hz())) {
+            if let Some(fit) = bell.fit(here, &others, self.limits_hz(mode)) {
                 self.curves[mode] = Curve::of_bell(&fit, &bell, lines);
                 self.fits[mode] = fit;
             }
@@ -199,9 +206,9 @@ impl State {
 
     /// Fits close modes together, from what is known of them one by one. With few channels there is nothing to tell them
     /// apart by, and no cluster.
-    fn fit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &Matrices<'_>) {
-        let grid = spectrum.grid();
-        let channels = spectrum.channels().len();
+    pub(super) fn fit_clusters(&mut self, matrices: &Matrices<'_>) {
+        let grid = matrices.grid();
+        let channels = matrices.source.channels();
         if channels < JOINT_CHANNELS {
             return;
         }
@@ -210,7 +217,7 @@ impl State {
         let is_resolved = |mode: &usize| resonances[*mode].bandwidth_hz() >= RESOLVED_LINES * spacing_hz;
         self.clusters = clusters(&resonances, spacing_hz, channels)
             .into_iter()
-            .filter(|modes| modes.iter().all(is_resolved))
+            .filter(|modes| modes.iter().all(is_resolved) && modes.iter().any(|&mode| self.wanted[mode]))
             .map(|modes| {
                 let fits = || modes.iter().map(|&mode| &self.fits[mode]);
                 let levels = fits().map(|fit| fit.level.max(f64::MIN_POSITIVE)).collect();
@@ -222,7 +229,7 @@ impl State {
             if round + 1 == JOINT_ROUNDS {
                 self.share_slope();
             }
-            self.refit_clusters(spectrum, matrices, &WHOLE);
+            self.refit_clusters(matrices, &WHOLE);
         }
     }
 
@@ -248,12 +255,12 @@ impl State {
     }
 
     /// Goes on from an earlier joint fit of the same clusters; modes without a cluster that can be fitted go on one by one.
-    fn refit_clusters(&mut self, spectrum: &CrossSpectrum, matrices: &Matrices<'_>, effort: &Effort) {
-        let grid = spectrum.grid();
+    fn refit_clusters(&mut self, matrices: &Matrices<'_>, effort: &Effort) {
+        let grid = matrices.grid();
         let spacing_hz = grid.spacing_hz();
         let before = self.clone();
         let mut failed: Vec<usize> = (0..self.fits.len())
-            .filter(|mode| self.clusters.iter().all(|cluster| !cluster.modes.contains(mode)))
+            .filter(|&mode| self.wanted[mode] && self.clusters.iter().all(|cluster| !cluster.modes.contains(&mode)))
             .collect();
         for cluster in &mut self.clusters {
             let modes = &cluster.modes;
@@ -273,9 +280,9 @@ impl State {
             let refit = || {
                 let filters = Filters::new(&own, &others, noise)?;
                 let frequency_hz = free.iter().map(|&line| grid.frequency_hz(line)).collect();
-                let averages = spectrum.averages() as f64 / OVERLAP;
+                let averages = matrices.source.averages() as f64 / OVERLAP;
                 let seen = seen(&filters, &lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
-                let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode, spacing_hz)).collect();
+                let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode)).collect();
                 let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
                 let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
                 let curve = |place| Curve::of_joint(&fit, &seen, place, &free, effort.certainty);
@@ -310,9 +317,9 @@ impl State {
         if !failed.is_empty() {
             let mut alone = before;
             // Few channels leave neighbours in each other's spectra, whose fits wait for each other.
-            let is_mixed = spectrum.channels().len() < JOINT_CHANNELS;
+            let is_mixed = matrices.source.channels() < JOINT_CHANNELS;
             for _ in 0..if is_mixed { MIXED_ROUNDS } else { 1 } {
-                alone.improve(spectrum, matrices);
+                alone.improve(matrices);
             }
             for mode in failed {
                 self.fits[mode] = alone.fits[mode].clone();
@@ -355,9 +362,9 @@ impl State {
     }
 
     /// Where the fit may take a mode.
-    fn limits_hz(&self, mode: usize, spacing_hz: f64) -> [f64; 2] {
+    fn limits_hz(&self, mode: usize) -> [f64; 2] {
         let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(WIDEST * self.picked_hz[mode]);
-        let leeway_hz = LEEWAY_LINES * spacing_hz + LEEWAY_BANDWIDTHS * bandwidth_hz;
+        let leeway_hz = self.picked_within_hz + LEEWAY_BANDWIDTHS * bandwidth_hz;
         [self.picked_hz[mode] - leeway_hz, self.picked_hz[mode] + leeway_hz]
     }
 
@@ -450,7 +457,7 @@ impl State {
         };
         let curve = self.curves[mode].clone();
         let misfit = curve.misfit(&replicates.iter().map(|replicate| &replicate.curves[mode]).collect::<Vec<_>>());
-        let [lowest, highest] = self.limits_hz(mode, spacing_hz);
+        let [lowest, highest] = self.limits_hz(mode);
         let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
         let fit = &self.fits[mode];
         // The jackknife sees what the model leaves out and changes from group to group, the likelihood what is the same in all
@@ -476,12 +483,13 @@ impl State {
                 .max(certainty.map_or(0.0, |certainty| certainty.frequency_std_hz)),
             damping_std: deviation(&changes.damping_ratio)
                 .max(certainty.map_or(0.0, |certainty| certainty.damping_std)),
-            shape_std: scatter.component,
+            shape_std: scatter.component.iter().map(|std| student(replicates.len()) * std).collect(),
             shape_noise,
             curve,
             misfit,
             changes,
             collinearity,
+            spacing_hz,
         }
     }
 }

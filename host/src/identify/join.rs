@@ -167,6 +167,7 @@ mod tests {
             changes: GroupChanges::unknown(3),
             collinearity: 1.0,
             shape_noise: 0.0,
+            spacing_hz: 0.01,
         }
     }
 

@@ -3,8 +3,8 @@
 //! Modes fitted one by one flow in; what modal filters are expected to make of all channels flows out: a matrix of as many rows
 //! as there are close modes. Its expectation is `S = A P Aᴴ + D V D`: P the modal spectra with the segment's leakage, A what
 //! the filters' shapes still mix (1 on its diagonal), V the noise as the filters pass it, D its size and colour: what is left
-//! beside the modes is mostly the tails of modes outside the band, which rise or fall across it. Correlated modal forces are
-//! in P. `joint_fit` fits it.
+//! beside the modes is mostly the tails of modes outside the band, which rise or fall across it, and which filters see together, so
+//! that V is correlated further. Correlated modal forces are in P. `joint_fit` fits it.
 
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -54,6 +54,8 @@ pub(super) struct JointFit {
     pub(super) noise: Vec<f64>,
     /// ...and its exponent over frequency.
     pub(super) noise_colours: Vec<f64>,
+    /// What is added to the correlations of V, Hermitian, 0 on its diagonal.
+    pub(super) noise_correlation: DMatrix<Complex64>,
     /// The modes' frequencies at the start, which the noise's colours refer to.
     pub(super) centres_hz: Vec<f64>,
 }
@@ -81,6 +83,7 @@ impl JointFit {
             slopes: vec![0.0; size],
             noise: vec![1.0; size],
             noise_colours: vec![0.0; size],
+            noise_correlation: DMatrix::zeros(size, size),
         }
     }
 
@@ -98,16 +101,27 @@ impl JointFit {
 
     /// D V D at a frequency, modes x modes.
     pub(super) fn noise_seen(&self, seen: &Seen, frequency_hz: f64) -> DMatrix<Complex64> {
-        let size: Vec<f64> = (0..self.noise.len())
-            .map(|i| self.noise[i] * (frequency_hz / self.centres_hz[i]).powf(self.noise_colours[i]))
-            .collect();
-        DMatrix::from_fn(size.len(), size.len(), |i, j| seen.noise[(i, j)] * (size[i] * size[j]))
+        let size: Vec<f64> = (0..self.noise.len()).map(|i| self.noise_size(i, frequency_hz)).collect();
+        DMatrix::from_fn(size.len(), size.len(), |i, j| {
+            let added = self.noise_correlation[(i, j)] * noise_scale(seen, i, j);
+            (seen.noise[(i, j)] + added) * (size[i] * size[j])
+        })
+    }
+
+    /// An entry of D at a frequency.
+    pub(super) fn noise_size(&self, mode: usize, frequency_hz: f64) -> f64 {
+        self.noise[mode] * (frequency_hz / self.centres_hz[mode]).powf(self.noise_colours[mode])
     }
 
     /// Cross amplitude of two modal forces.
     pub(super) fn amplitude(&self, i: usize, j: usize) -> Complex64 {
         self.correlation[(i, j)] * (self.levels[i] * self.levels[j]).sqrt()
     }
+}
+
+/// What a correlation of V is multiplied by.
+pub(super) fn noise_scale(seen: &Seen, i: usize, j: usize) -> f64 {
+    (seen.noise[(i, i)].re * seen.noise[(j, j)].re).sqrt()
 }
 
 /// The half density under a force of density f^slope, about the resonance's own.

@@ -3,13 +3,13 @@
 //! A [`JointFit`] to start from and the matrices that modal filters have [`Seen`] flow in; the fit flows out. The averaged
 //! matrix R is complex Wishart about its expectation S, so the least sum over lines of `ln det S + tr S⁻¹ R` is the Whittle
 //! estimate (Whittle 1953; for modes Au 2017, "Operational Modal Analysis", chapter 12). The forces' correlations have a mild
-//! prior that there are none.
+//! prior that there are none, and so has what is left beside the modes: that only noise correlates it.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use num_complex::Complex64;
 
 use super::bell::DAMPING_RANGE;
-use super::joint::{JointFit, Seen, half_density};
+use super::joint::{JointFit, Seen, half_density, noise_scale};
 use super::resonance::{LineShape, Resonance};
 use super::scoring::{Schedule, Slopes, fisher_scoring};
 
@@ -22,12 +22,16 @@ const NOISE_RANGE: [f64; 2] = [0.03, 30.0];
 /// 0 those of modes far below.
 const NOISE_COLOUR_PRIOR: f64 = 2.0;
 const STEEPEST_NOISE: f64 = 12.0;
+/// Standard deviation of what is added to the correlations of the noise, beforehand.
+const NOISE_CORRELATION_PRIOR: f64 = 0.3;
 /// Steps of Fisher scoring.
 const MAX_STEPS: usize = 40;
 /// The fit ends where a step gains less than this, a line and average.
 const LEAST_GAIN: f64 = 1e-9;
 /// The steepest exponent.
 const STEEPEST: f64 = 8.0;
+/// Correlations of forces, and what is added to those of the floor, keep below this.
+const MOST_CORRELATION: f64 = 0.95;
 /// The largest step in ln damping, in ln level and noise, in bandwidths, and in mixture and correlation.
 const LARGEST_STEP: [f64; 4] = [0.5, 1.5, 1.0, 0.5];
 
@@ -72,7 +76,7 @@ impl JointFit {
 
     fn unknowns(&self) -> usize {
         let size = self.resonances.len();
-        6 * size + 2 * size * (size - 1) + size * (size - 1)
+        6 * size + 2 * size * (size - 1) + 2 * size * (size - 1)
     }
 
     fn moved(&self, step: &DVector<f64>, limits_hz: &[[f64; 2]]) -> Self {
@@ -108,15 +112,17 @@ impl JointFit {
                 moved.mixture[(i, j)] += complex();
             }
         }
-        for i in 0..size {
-            for j in i + 1..size {
-                let mut value = moved.correlation[(i, j)] + complex();
-                let length = value.norm();
-                if length > 0.95 {
-                    value *= 0.95 / length;
+        for correlation in [&mut moved.correlation, &mut moved.noise_correlation] {
+            for i in 0..size {
+                for j in i + 1..size {
+                    let mut value = correlation[(i, j)] + complex();
+                    let length = value.norm();
+                    if length > MOST_CORRELATION {
+                        value *= MOST_CORRELATION / length;
+                    }
+                    correlation[(i, j)] = value;
+                    correlation[(j, i)] = value.conj();
                 }
-                moved.correlation[(i, j)] = value;
-                moved.correlation[(j, i)] = value.conj();
             }
         }
         moved
@@ -227,6 +233,15 @@ impl JointFit {
                     }
                 }
             }
+            let noise_size: Vec<f64> = (0..size).map(|mode| self.noise_size(mode, frequency_hz)).collect();
+            for i in 0..size {
+                for j in i + 1..size {
+                    let change = noise_size[i] * noise_size[j] * noise_scale(seen, i, j);
+                    for unit in [Complex64::ONE, Complex64::I] {
+                        put(&|k| inverse[(k, i)] * unit, &|l| inverse[(l, j)].conj() * change);
+                    }
+                }
+            }
             let mut excess = DVector::zeros(size * size);
             let mut place = 0;
             for k in 0..size {
@@ -262,16 +277,19 @@ impl JointFit {
             gradient[place] -= prior * colour;
             fisher[(place, place)] += prior;
         }
-        let prior = 1.0 / (CORRELATION_PRIOR * CORRELATION_PRIOR * seen.averages.max(1.0));
         let mut place = 6 * size + 2 * size * (size - 1);
-        for i in 0..size {
-            for j in i + 1..size {
-                let value = self.correlation[(i, j)];
-                objective += 0.5 * prior * value.norm_sqr();
-                for part in [value.re, value.im] {
-                    gradient[place] -= prior * part;
-                    fisher[(place, place)] += prior;
-                    place += 1;
+        let correlations = [(&self.correlation, CORRELATION_PRIOR), (&self.noise_correlation, NOISE_CORRELATION_PRIOR)];
+        for (correlation, std) in correlations {
+            let prior = 1.0 / (std * std * seen.averages.max(1.0));
+            for i in 0..size {
+                for j in i + 1..size {
+                    let value = correlation[(i, j)];
+                    objective += 0.5 * prior * value.norm_sqr();
+                    for part in [value.re, value.im] {
+                        gradient[place] -= prior * part;
+                        fisher[(place, place)] += prior;
+                        place += 1;
+                    }
                 }
             }
         }
@@ -344,6 +362,31 @@ mod tests {
     }
 
     #[test]
+    fn what_filters_see_together_of_other_modes_bends_no_mode() {
+        // Two filters see the floor a quarter of a turn apart.
+        let (mut truth, mut seen) = pair();
+        truth.resonances[1].frequency_hz = 1.05;
+        truth.noise = vec![4.0, 4.0];
+        truth.noise_correlation[(0, 1)] = Complex64::new(0.0, -0.5);
+        truth.noise_correlation[(1, 0)] = Complex64::new(0.0, 0.5);
+        let expected = |&hz: &f64| {
+            &truth.mixture * truth.modal_spectra(hz, seen.duration_s) * truth.mixture.adjoint()
+                + truth.noise_seen(&seen, hz)
+        };
+        let matrices: Vec<DMatrix<Complex64>> = seen.frequency_hz.iter().map(expected).collect();
+        seen.matrices = matrices;
+        let mut fit = JointFit::start(vec![resonance(0.998, 0.015), resonance(1.048, 0.01)], vec![1.0, 1.0]);
+        for _ in 0..3 {
+            fit = fit.fit(&seen, &[[0.98, 1.07]; 2], MAX_STEPS).unwrap();
+        }
+        for (found, made) in fit.resonances.iter().zip(&truth.resonances) {
+            assert!((found.damping_ratio / made.damping_ratio - 1.0).abs() < 5e-3, "{found:?} {made:?}");
+        }
+        let [found, made] = [&fit, &truth].map(|fit| fit.noise_correlation[(0, 1)]);
+        assert!((found - made).norm() < 0.02, "{found} {made}");
+    }
+
+    #[test]
     fn the_gradient_is_that_of_the_objective() {
         let (truth, mut seen) = pair();
         // Away from the optimum, with averages that make the priors count.
@@ -355,6 +398,8 @@ mod tests {
         here.noise = vec![1.5, 0.7];
         here.slopes = vec![-1.0, 0.5];
         here.noise_colours = vec![3.0, -0.5];
+        here.noise_correlation[(0, 1)] = Complex64::new(0.1, -0.3);
+        here.noise_correlation[(1, 0)] = Complex64::new(0.1, 0.3);
         let free = [[0.0, 10.0]; 2];
         let slopes = here.slopes(&seen).unwrap();
         for unknown in 0..here.unknowns() {

@@ -24,6 +24,9 @@ const DOUBLE_MAC: f64 = 0.5;
 /// Standard deviation of the frequency in lines, or in bandwidths where these are wider, at most.
 const MAX_FREQUENCY_LINES: f64 = 1.0;
 const MAX_FREQUENCY_BANDWIDTHS: f64 = 0.15;
+/// The same in bandwidths of one that was fitted to finer lines, which show how wide it is: its damping is then as large as its own
+/// deviation (Au 2014).
+const MAX_FINER_BANDWIDTHS: f64 = 0.5;
 
 /// Of the picks that may go, those that are no modes, and why: the least likely one, and with it those that are too far away to
 /// have been bent by it. Those that another method was asked for and does not have are doubted more.
@@ -109,7 +112,11 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
         return (f64::INFINITY, RejectedBecause::Frequency);
     }
     let bandwidth_hz = 2.0 * damping * frequency_hz;
-    let most_hz = (MAX_FREQUENCY_LINES * spacing_hz).max(MAX_FREQUENCY_BANDWIDTHS * bandwidth_hz);
+    let most_hz = if found.iter().all(|mode| mode.spacing_hz < spacing_hz) {
+        MAX_FINER_BANDWIDTHS * bandwidth_hz
+    } else {
+        (MAX_FREQUENCY_LINES * spacing_hz).max(MAX_FREQUENCY_BANDWIDTHS * bandwidth_hz)
+    };
     [
         (shape_noise / MAX_SHAPE_NOISE, RejectedBecause::Shape),
         (frequency_std_hz / most_hz, RejectedBecause::Frequency),
@@ -149,7 +156,22 @@ mod tests {
             misfit: None,
             changes: GroupChanges::unknown(4),
             collinearity: 1.0,
+            spacing_hz: SPACING_HZ,
         }
+    }
+
+    #[test]
+    fn a_frequency_known_within_a_line_but_not_within_its_bandwidth_is_no_modes() {
+        let wide = |mode: &mut SetupMode| {
+            mode.frequency_std_hz = 0.009;
+            mode.resonance.damping_ratio = 0.001;
+        };
+        assert!(judged(wide).is_empty(), "within a line");
+        let finer = |mode: &mut SetupMode| {
+            wide(mode);
+            mode.spacing_hz = 0.1 * SPACING_HZ;
+        };
+        assert!(matches!(judged(finer).as_slice(), [(1, RejectedBecause::Frequency)]));
     }
 
     /// Three sound modes, the second changed, and what is said of them.

@@ -1,6 +1,7 @@
 //! The matrices that a fit looks at, line by line.
 //!
-//! A setup's averages flow in, whole or without a group of windows; matrices, and spectra behind a filter, flow out.
+//! A setup's averages flow in, or the long windows that finer lines come from, whole or without a group of windows; matrices, and
+//! spectra behind a filter, flow out.
 
 use std::cell::OnceCell;
 
@@ -9,12 +10,62 @@ use num_complex::Complex64;
 
 use super::bell::Bell;
 use super::shape::{Shape, filtered};
-use crate::spectra::CrossSpectrum;
+use crate::spectra::{CrossSpectrum, FinerSpectrum, LineGrid};
 
-/// Cross-spectral matrices by line, with or without one group of windows, unpacked when they are asked for: modes need those
+/// Where matrices come from.
+#[derive(Clone, Copy)]
+pub(super) enum Source<'a> {
+    /// Averages, in groups of consecutive windows.
+    Averages(&'a CrossSpectrum),
+    /// Long windows, which are fewer.
+    Finer(&'a FinerSpectrum),
+}
+
+impl Source<'_> {
+    pub(super) fn grid(&self) -> &LineGrid {
+        match self {
+            Self::Averages(spectrum) => spectrum.grid(),
+            Self::Finer(spectrum) => spectrum.grid(),
+        }
+    }
+
+    pub(super) fn channels(&self) -> usize {
+        match self {
+            Self::Averages(spectrum) => spectrum.channels().len(),
+            Self::Finer(spectrum) => spectrum.channels(),
+        }
+    }
+
+    /// Windows at half overlap.
+    pub(super) fn averages(&self) -> usize {
+        match self {
+            Self::Averages(spectrum) => spectrum.averages(),
+            Self::Finer(spectrum) => spectrum.averages(),
+        }
+    }
+
+    /// Groups for the jackknife; one is none.
+    pub(super) fn groups(&self) -> usize {
+        let count = match self {
+            Self::Averages(spectrum) => spectrum.group_count(),
+            Self::Finer(spectrum) => spectrum.groups(),
+        };
+        if count > 1 { count } else { 0 }
+    }
+
+    fn matrix(&self, line: usize, without: Option<usize>) -> DMatrix<Complex64> {
+        match (self, without) {
+            (Self::Averages(spectrum), None) => spectrum.matrix(line),
+            (Self::Averages(spectrum), Some(group)) => spectrum.matrix_without(group, line),
+            (Self::Finer(spectrum), without) => spectrum.matrix(line, without),
+        }
+    }
+}
+
+/// Cross-spectral matrices by line, with or without one group of windows, made when they are asked for: modes need those
 /// near them only.
 pub(super) struct Matrices<'a> {
-    spectrum: &'a CrossSpectrum,
+    pub(super) source: Source<'a>,
     without: Option<usize>,
     /// Lines that a tone is in, in order.
     taken: &'a [usize],
@@ -25,8 +76,12 @@ pub(super) struct Matrices<'a> {
 pub(super) const LEAST_LINES: usize = 5;
 
 impl<'a> Matrices<'a> {
-    pub(super) fn new(spectrum: &'a CrossSpectrum, without: Option<usize>, taken: &'a [usize]) -> Self {
-        Self { spectrum, without, taken, lines: vec![OnceCell::new(); spectrum.grid().lines] }
+    pub(super) fn new(source: Source<'a>, without: Option<usize>, taken: &'a [usize]) -> Self {
+        Self { source, without, taken, lines: vec![OnceCell::new(); source.grid().lines] }
+    }
+
+    pub(super) fn grid(&self) -> &LineGrid {
+        self.source.grid()
     }
 
     /// The lines from `first` to `last` that no tone is in; all of them where that leaves fewer than `least`.
@@ -36,16 +91,13 @@ impl<'a> Matrices<'a> {
     }
 
     pub(super) fn at(&self, line: usize) -> &DMatrix<Complex64> {
-        self.lines[line].get_or_init(|| match self.without {
-            Some(group) => self.spectrum.matrix_without(group, line),
-            None => self.spectrum.matrix(line),
-        })
+        self.lines[line].get_or_init(|| self.source.matrix(line, self.without))
     }
 }
 
 /// The filtered spectrum of some lines.
-pub(super) fn bell(spectrum: &CrossSpectrum, matrices: &Matrices<'_>, filter: &Shape, lines: &[usize]) -> Bell {
-    let grid = spectrum.grid();
+pub(super) fn bell(matrices: &Matrices<'_>, filter: &Shape, lines: &[usize]) -> Bell {
+    let grid = matrices.grid();
     let density = |&line: &usize| filtered(filter, matrices.at(line)).max(f64::MIN_POSITIVE);
     Bell {
         frequency_hz: lines.iter().map(|&line| grid.frequency_hz(line)).collect(),

@@ -37,7 +37,7 @@ pub(super) fn merge(
         .map(|index| {
             let widened: Vec<SetupMode> = setups.iter().map(|setup| setup.modes[index].widened()).collect();
             let estimates: Vec<&SetupMode> = widened.iter().collect();
-            merged(&points, &estimates, measured, grid, duration_s, warnings)
+            merged(&points, &estimates, measured, duration_s, warnings)
         })
         .collect();
     merged.sort_by(|(a, _), (b, _)| a.frequency_hz.total_cmp(&b.frequency_hz));
@@ -132,7 +132,6 @@ fn merged(
     points: &[Point],
     estimates: &[&SetupMode],
     measured: &[MeasuredSetup<'_>],
-    grid: &LineGrid,
     duration_s: f64,
     warnings: &mut Vec<String>,
 ) -> (Mode, GroupChanges) {
@@ -152,8 +151,7 @@ fn merged(
             ));
         }
     }
-    let fitted: Vec<FittedSpectrum> =
-        measured.iter().zip(estimates).filter_map(|(m, mode)| fitted(m, mode, grid)).collect();
+    let fitted: Vec<FittedSpectrum> = measured.iter().zip(estimates).filter_map(|(m, mode)| fitted(m, mode)).collect();
     warnings.extend(misfits(frequency_hz, &fitted));
     if estimates.len() > 1 {
         warnings.extend(weak_references(points, estimates, measured, frequency_hz));
@@ -203,7 +201,8 @@ fn merged(
             .collect(),
         phase_collinearity,
         phase_collinearity_as_measured: found().map(|mode| mode.collinearity).fold(f64::INFINITY, f64::min),
-        lines_in_bandwidth: 2.0 * damping_ratio * frequency_hz / grid.spacing_hz(),
+        lines_in_bandwidth: 2.0 * damping_ratio * frequency_hz
+            / found().map(|mode| mode.spacing_hz).fold(0.0, f64::max),
         misfit: found().filter_map(|mode| mode.misfit).map(|misfit| misfit.ratio).reduce(f64::max),
         fitted,
         method: ModeMethod::Spectra,
@@ -215,11 +214,11 @@ fn merged(
 }
 
 /// A mode's spectrum in one setup; `None` where it was not fitted, or is not there.
-fn fitted(measured: &MeasuredSetup<'_>, mode: &SetupMode, grid: &LineGrid) -> Option<FittedSpectrum> {
-    let lines: Vec<(usize, f64, f64)> = mode.curve.lines().filter(|_| mode.found).collect();
+fn fitted(measured: &MeasuredSetup<'_>, mode: &SetupMode) -> Option<FittedSpectrum> {
+    let lines: Vec<(f64, f64, f64)> = mode.curve.lines().filter(|_| mode.found).collect();
     (!lines.is_empty()).then(|| FittedSpectrum {
         setup: measured.setup.name.clone(),
-        frequency_hz: lines.iter().map(|(line, ..)| grid.frequency_hz(*line)).collect(),
+        frequency_hz: lines.iter().map(|(hz, ..)| *hz).collect(),
         measured: lines.iter().map(|(_, measured, _)| *measured).collect(),
         fitted: lines.iter().map(|(.., fitted)| *fitted).collect(),
         scatter: mode.misfit.map_or(f64::NAN, |misfit| misfit.scatter),

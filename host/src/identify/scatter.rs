@@ -18,6 +18,13 @@ pub(super) fn deviation(changes: &[f64]) -> f64 {
     changes.iter().map(|change| change * change).sum::<f64>().sqrt()
 }
 
+/// By how much a standard deviation from so many replicates is widened: it is uncertain itself, so that errors divided by it follow
+/// Student's distribution, whose variance is larger than 1, and infinite for fewer than four, which count as four.
+pub(super) fn student(replicates: usize) -> f64 {
+    let freedom = (replicates as f64 - 1.0).max(3.0);
+    (freedom / (freedom - 2.0)).sqrt()
+}
+
 /// By how much each replicate differs from their mean, scaled so that the squares add up to the jackknife's variance.
 pub(super) fn changes(replicates: &[f64]) -> Vec<f64> {
     let count = replicates.len() as f64;
@@ -99,6 +106,26 @@ mod tests {
         let alone = noise_outside(&own, &[], &replicates);
         let as_pair = noise_outside(&own, &[&partner], &replicates);
         assert!((as_pair / alone - 0.01).abs() < 1e-5, "{as_pair} {alone}");
+    }
+
+    #[test]
+    fn errors_over_widened_deviations_have_unit_variance() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        for count in [8, 12, 24] {
+            const DRAWS: usize = 20_000;
+            let mut squares = 0.0;
+            for _ in 0..DRAWS {
+                let values: Vec<f64> = (0..count).map(|_| StandardNormal.sample(&mut random)).collect();
+                let total: f64 = values.iter().sum();
+                let replicates: Vec<f64> = values.iter().map(|value| (total - value) / (count as f64 - 1.0)).collect();
+                squares += (total / count as f64 / (student(count) * jackknife(&replicates))).powi(2);
+            }
+            assert!((squares / DRAWS as f64 - 1.0).abs() < 0.05, "{count} replicates: {}", squares / DRAWS as f64);
+        }
+        assert_eq!(student(1), student(4));
     }
 
     #[test]

@@ -32,9 +32,29 @@ pub(super) struct SetupMode {
     pub(super) changes: GroupChanges,
     /// The shape's phase collinearity before anything was taken for noise.
     pub(super) collinearity: f64,
+    /// Distance of the lines that it was fitted to.
+    pub(super) spacing_hz: f64,
 }
 
 impl SetupMode {
+    /// Whether there was a fit, and it has come to an end at the mode: where there was none no replicate differs.
+    pub(super) fn is_sound(&self) -> bool {
+        let is_known = |std: f64| std > 0.0 && std.is_finite();
+        self.found && is_known(self.frequency_std_hz) && is_known(self.damping_std) && self.shape_noise.is_finite()
+    }
+
+    /// With the shape of another estimate of the mode, and how the errors of its numbers go together there.
+    pub(super) fn with_shape_of(self, other: Self) -> Self {
+        Self {
+            shape: other.shape,
+            shape_std: other.shape_std,
+            shape_noise: other.shape_noise,
+            collinearity: other.collinearity,
+            changes: other.changes,
+            ..self
+        }
+    }
+
     /// With deviations that hold what the fit leaves unexplained too: it does not change from group to group, so it is not in the
     /// scatter. Whether there is a mode at all does not depend on it.
     pub(super) fn widened(&self) -> Self {

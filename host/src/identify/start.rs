@@ -8,7 +8,6 @@ use super::estimate::{LEEWAY_BANDWIDTHS, LEEWAY_LINES};
 use super::matrices::{LEAST_LINES, Matrices, bell};
 use super::resonance::{Quantity, Resonance};
 use super::shape::{Shape, filtered};
-use crate::spectra::CrossSpectrum;
 
 /// Damping ratio assumed before anything is known.
 const FIRST_DAMPING: f64 = 0.01;
@@ -24,34 +23,27 @@ const MOST_DAMPING: f64 = 0.15;
 
 /// The first fit of a mode that was picked at a line, `apart` lines from the next pick.
 pub(super) fn first_bell(
-    spectrum: &CrossSpectrum,
     matrices: &Matrices<'_>,
     shape: &Shape,
     line: usize,
     apart: usize,
     quantity: Quantity,
 ) -> BellFit {
-    let grid = spectrum.grid();
+    let grid = matrices.grid();
     let (first, last) = (line.saturating_sub(START_LINES), (line + START_LINES).min(grid.lines - 1));
     let guess = Resonance { frequency_hz: grid.frequency_hz(line), damping_ratio: FIRST_DAMPING, quantity };
     let lines = matrices.free(first, last, LEAST_LINES);
-    let resonance = bell(spectrum, matrices, shape, &lines)
+    let resonance = bell(matrices, shape, &lines)
         .from_autocorrelation(0, lines.len() - 1, quantity)
         .filter(|r| (r.frequency_hz - guess.frequency_hz).abs() < 2.0 * grid.spacing_hz())
         .unwrap_or(guess);
-    let narrow = known_bell(spectrum, matrices, shape, line, resonance);
-    wide_bell(spectrum, matrices, shape, line, apart, resonance).unwrap_or(narrow)
+    let narrow = known_bell(matrices, shape, line, resonance);
+    wide_bell(matrices, shape, line, apart, resonance).unwrap_or(narrow)
 }
 
 /// The bell of a mode whose resonance is known, with the level that its line has.
-pub(super) fn known_bell(
-    spectrum: &CrossSpectrum,
-    matrices: &Matrices<'_>,
-    shape: &Shape,
-    line: usize,
-    resonance: Resonance,
-) -> BellFit {
-    let duration_s = 1.0 / spectrum.grid().spacing_hz();
+pub(super) fn known_bell(matrices: &Matrices<'_>, shape: &Shape, line: usize, resonance: Resonance) -> BellFit {
+    let duration_s = 1.0 / matrices.grid().spacing_hz();
     let level = filtered(shape, matrices.at(line)) / resonance.peak_density(duration_s);
     let (neighbours, expected) = (Vec::new(), Vec::new());
     BellFit { resonance, level, floor: 0.0, neighbours, expected, objective: f64::INFINITY }
@@ -60,18 +52,11 @@ pub(super) fn known_bell(
 /// The bell of a mode that is damped so much that its top is many lines wide: among these, noise makes peaks of its own, which
 /// a search from the highest takes for the mode. `None` where the lines half-way to the next pick (`apart` lines away) are best
 /// fitted by a mode of few lines; `narrow` is the one found at the top.
-fn wide_bell(
-    spectrum: &CrossSpectrum,
-    matrices: &Matrices<'_>,
-    shape: &Shape,
-    line: usize,
-    apart: usize,
-    narrow: Resonance,
-) -> Option<BellFit> {
-    let grid = spectrum.grid();
+fn wide_bell(matrices: &Matrices<'_>, shape: &Shape, line: usize, apart: usize, narrow: Resonance) -> Option<BellFit> {
+    let grid = matrices.grid();
     let reach = (apart / 2).min(MOST_START_LINES);
     let (first, last) = (line.saturating_sub(reach), (line + reach).min(grid.lines - 1));
-    let bell = bell(spectrum, matrices, shape, &matrices.free(first, last, LEAST_LINES));
+    let bell = bell(matrices, shape, &matrices.free(first, last, LEAST_LINES));
     let here_hz = grid.frequency_hz(line);
     let fit = |lines: f64, damping_ratio: f64| {
         let leeway_hz = (LEEWAY_LINES + LEEWAY_BANDWIDTHS * lines) * grid.spacing_hz();

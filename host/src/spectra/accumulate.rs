@@ -1,7 +1,8 @@
 //! From windows to the averaged cross-spectral matrix.
 //!
 //! Windows flow in, sums of outer products grow in groups of consecutive windows (for the delete-a-group jackknife); memory
-//! does not grow with the record. Channels may be silent in some windows: sums are kept by the set of channels that are sound.
+//! does not grow with the record, beyond the windows of a short one. Channels may be silent in some windows: sums are kept by the set
+//! of channels that are sound.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -10,6 +11,7 @@ use num_complex::Complex32;
 use thiserror::Error;
 
 use super::cross_spectrum::CrossSpectrum;
+use super::finer::KeptWindows;
 use super::grid::{LineGrid, WindowLines};
 use super::sums::{ChannelSubset, Sums, Total, add_outer_products, triangle};
 use crate::processor::on_this_processor;
@@ -91,6 +93,8 @@ pub struct CrossSpectrumAccumulator {
     /// Windows that wait to be added together: the sums are larger than a cache, the windows of one line are not.
     waiting: Vec<(u128, Vec<Vec<Complex32>>)>,
     total: BTreeMap<u128, Total>,
+    /// All windows as they came, where it is known that they are not too many.
+    kept: Option<KeptWindows>,
 }
 
 impl CrossSpectrumAccumulator {
@@ -102,7 +106,8 @@ impl CrossSpectrumAccumulator {
         Self::expecting(grid, channels, 0)
     }
 
-    /// The same where it is known about how many windows will come, which saves memory on the way.
+    /// The same where it is known about how many windows will come, which saves memory on the way. Those of a short record are kept, so
+    /// that finer lines can be made of them.
     ///
     /// # Errors
     /// As [`CrossSpectrumAccumulator::new`].
@@ -121,7 +126,14 @@ impl CrossSpectrumAccumulator {
             open_windows: 0,
             waiting: Vec::new(),
             total: BTreeMap::new(),
+            kept: KeptWindows::expecting(grid, channels, windows),
         })
+    }
+
+    /// The same without keeping windows.
+    #[must_use]
+    pub fn keeping_none(self) -> Self {
+        Self { kept: None, ..self }
     }
 
     /// Adds a window.
@@ -135,6 +147,7 @@ impl CrossSpectrumAccumulator {
         if let Some(other) = window.channels.iter().flatten().find(|lines| lines.len() != self.grid.lines) {
             return Err(SpectraError::Shape { found: other.len(), expected: self.grid.lines });
         }
+        self.kept = self.kept.take().and_then(|kept| kept.with(&window));
         let mut mask = 0_u128;
         let mut sound = Vec::with_capacity(self.channels);
         for (channel, lines) in window.channels.into_iter().enumerate() {
@@ -289,7 +302,7 @@ impl CrossSpectrumAccumulator {
         if used < windows {
             warnings.push(SpectraWarning::WindowsLeftOut { left_out: windows - used, windows });
         }
-        Ok((CrossSpectrum { grid: self.grid, kept, groups, total }, warnings))
+        Ok((CrossSpectrum { grid: self.grid, kept, groups, total, windows: self.kept }, warnings))
     }
 }
 

@@ -8,6 +8,7 @@ use std::ops::Range;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
+use super::finer::{FinerSpectrum, KeptWindows};
 use super::grid::{LineGrid, around};
 use super::sums::{BAND_HALVES, ChannelSubset, MOMENTS, Sums, Total, packed, triangle};
 
@@ -20,6 +21,8 @@ pub struct CrossSpectrum {
     /// Sums of groups of consecutive windows.
     pub(super) groups: Vec<Sums<f32>>,
     pub(super) total: Total,
+    /// The windows of all channels, sound or not, where they are not too many.
+    pub(super) windows: Option<KeptWindows>,
 }
 
 impl CrossSpectrum {
@@ -43,7 +46,16 @@ impl CrossSpectrum {
             kept: subset.wanted.iter().map(|&index| self.kept[index]).collect(),
             groups: self.groups.into_iter().map(|group| group.restricted(&subset, lines)).collect(),
             total: self.total.restricted(&subset, lines),
+            windows: self.windows,
         }
+    }
+
+    /// The same channels in lines up to `most` times as fine: as fine as leaves `least_windows`; and how many times finer they are. `None`
+    /// where that is no finer, or the record too long for its windows to be kept.
+    pub(crate) fn finer(&self, most: usize, least_windows: usize) -> Option<(FinerSpectrum, usize)> {
+        let windows = self.windows.as_ref()?;
+        let times = (2..=most).rev().find(|&times| windows.finer_windows(&self.kept, times) >= least_windows)?;
+        Some((windows.finer(&self.kept, times)?, times))
     }
 
     /// The same averages without some of the channels.

@@ -3,12 +3,13 @@
 //! [`plan`] chooses decimation and segment, windows come from sensor nodes or straight from a recording ([`direct`]), in the
 //! same units and on the same grid either way; [`StandOut`] silences windows that are far off the others,
 //! [`CrossSpectrumAccumulator`] sums outer products, and [`CrossSpectrum`]
-//! is their average.
+//! is their average. [`FinerSpectrum`] has finer lines of a short record's windows.
 
 mod accumulate;
 mod cross_spectrum;
 pub mod direct;
 mod extent;
+mod finer;
 mod grid;
 mod noisy;
 pub mod plan;
@@ -19,6 +20,7 @@ pub use accumulate::{CrossSpectrumAccumulator, SpectraError, SpectraWarning};
 pub use cross_spectrum::CrossSpectrum;
 pub use extent::SetupExtent;
 pub(crate) use extent::rows_for;
+pub use finer::FinerSpectrum;
 pub(crate) use grid::around;
 pub use grid::{LineGrid, WindowLines};
 pub use plan::{PlanError, SpectralPlan};

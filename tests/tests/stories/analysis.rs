@@ -70,7 +70,7 @@ fn mac(a: &Value, b: &Value) -> f64 {
 }
 
 #[test]
-fn six_bits_a_component_keep_frequencies_within_a_twenty_thousandth_at_five_bytes_a_second() {
+fn six_bits_a_component_keep_frequencies_within_a_ten_thousandth_at_five_bytes_a_second() {
     let folder = study(|text| text);
     let direct = json(folder.path(), &["--direct"]);
     let nodes = json(folder.path(), &["--bits", "6"]);
@@ -79,7 +79,9 @@ fn six_bits_a_component_keep_frequencies_within_a_twenty_thousandth_at_five_byte
     assert_eq!(modes(&nodes).len(), modes(&direct).len());
     for (node, direct) in modes(&nodes).iter().zip(modes(&direct)) {
         let (a, b) = (number(&node["frequency_hz"]), number(&direct["frequency_hz"]));
-        assert!((a / b - 1.0).abs() < 5e-5, "{a} Hz through nodes, {b} Hz directly");
+        assert!((a / b - 1.0).abs() < 1e-4, "{a} Hz through nodes, {b} Hz directly");
+        // Far less than what is not known anyway.
+        assert!((a - b).abs() < 0.2 * number(&direct["frequency_std_hz"]), "{a} Hz through nodes, {b} Hz directly");
         assert!(mac(node, direct) > 1.0 - 1e-4, "{a} Hz: {}", mac(node, direct));
     }
 }

@@ -50,6 +50,7 @@ fn the_demo_finds_every_mode_of_the_tower_and_no_other_and_its_deviations_are_ho
     let parent = tempfile::tempdir().unwrap();
     let folder = parent.path().join("demo");
     let place = folder.to_str().unwrap();
+    let mut of_all = 0.0;
     for seed in ["1", "2", "3"] {
         let outcome = json(&["demo", place, "--paper", "--hours", "1", "--seed", seed]);
         assert_eq!(outcome["missed_hz"], Value::Array(vec![]), "seed {seed}");
@@ -68,11 +69,15 @@ fn the_demo_finds_every_mode_of_the_tower_and_no_other_and_its_deviations_are_ho
         // The mean square of 13 standardised errors is 1 with a deviation of 0.4, a jackknife over 22 groups adds 10 %.
         let rms = (squares / 13.0).sqrt();
         assert!((0.5..1.7).contains(&rms), "seed {seed}: errors over stated deviations have RMS {rms}");
+        of_all += squares;
         assert_eq!(outcome["link"]["lost_windows"], 0);
         assert!(number(&outcome["link"]["damaged_frames"]) > 50.0, "the link must have been a bad one");
         // 86 windows of 8 nodes, each exactly once.
         assert_eq!(outcome["link"]["windows"], 688);
     }
+    // Over 39 of them the root is 1 ± 0.11.
+    let rms = (of_all / 39.0).sqrt();
+    assert!((0.7..1.25).contains(&rms), "errors over stated deviations have RMS {rms}");
     let direct = json(&["identify", place, "--direct"]);
     let through_nodes = json(&["identify", place]);
     assert_routes_agree(&through_nodes, &direct);
@@ -108,17 +113,20 @@ fn heritage_court(folder: &Path) -> PathBuf {
 fn a_real_building_in_four_setups_gives_its_published_modes_through_nodes_and_a_bad_link() {
     let folder = tempfile::tempdir().unwrap();
     let study = heritage_court(folder.path());
+    // What else there is from 7 Hz on, near 7.5 Hz, is seen by some setups only.
+    let file = study.join("study.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, text.replace("band_hz = [0.5, 8.0]", "band_hz = [0.5, 7.0]")).unwrap();
     let study = study.to_str().unwrap();
     let report = json(&["identify", study, "--damaged-frames", "2"]);
     let found: Vec<f64> = modes(&report).iter().map(|mode| number(&mode["frequency_hz"])).collect();
-    let below_seven: Vec<f64> = found.iter().copied().filter(|frequency| *frequency < 7.0).collect();
     let published = [1.23, 1.28, 1.45, 3.86, 4.25, 5.35, 6.4];
-    assert_eq!(below_seven.len(), published.len(), "found {found:?}");
-    for (found, published) in below_seven.iter().zip(published) {
+    assert_eq!(found.len(), published.len(), "found {found:?}");
+    for (found, published) in found.iter().zip(published) {
         // The published values are rounded to about 0.5 %, and the building drifts by as much between setups.
         assert!((found / published - 1.0).abs() < 0.008, "{found} Hz for the published {published} Hz");
     }
-    for mode in &modes(&report)[..7] {
+    for mode in modes(&report) {
         // Four roving sensors in setup 1, six in each of the others, two references.
         assert_eq!(mode["shape"].as_array().unwrap().len(), 4 + 3 * 6 + 2);
         // A building's modes are nearly real; setups merged with wrong factors would not be in phase.
@@ -128,7 +136,10 @@ fn a_real_building_in_four_setups_gives_its_published_modes_through_nodes_and_a_
     }
     assert_eq!(report["link"]["lost_windows"], 0);
     assert!(number(&report["link"]["damaged_frames"]) > 0.0);
-    assert_eq!(report["warnings"], Value::Array(vec![]));
+    // The band ends in the flank of what there is near 7.5 Hz.
+    let warnings = report["warnings"].as_array().unwrap();
+    let is_of_the_last = |warning: &Value| warning.as_str().unwrap().starts_with("mode at 6.39");
+    assert!(warnings.len() <= 1 && warnings.iter().all(is_of_the_last), "{warnings:?}");
     assert_routes_agree(&report, &json(&["identify", study, "--direct"]));
 }
 

@@ -277,5 +277,6 @@ fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
         misfit: None,
         changes: GroupChanges::unknown(pole.shape.len()),
         collinearity: phase_collinearity(pole.shape.as_slice()),
+        spacing_hz: measured.spectrum.grid().spacing_hz(),
     }
 }

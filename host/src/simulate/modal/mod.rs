@@ -210,7 +210,8 @@ impl Truth {
         let decimation = plan.decimations.first().copied().unwrap_or(1);
         let no_window = || ModalError::Spectra(SpectraError::NoWindows);
         let mut welch = Welch::new(plan.grid, decimation, channels).ok_or_else(no_window)?;
-        let mut accumulator = CrossSpectrumAccumulator::new(plan.grid, channels)?;
+        let windows = plan.windows.first().copied().unwrap_or(0);
+        let mut accumulator = CrossSpectrumAccumulator::expecting(plan.grid, channels, windows)?;
         let mut refused = None;
         let mut row = vec![0.0; channels];
         for index in 0..rows {
