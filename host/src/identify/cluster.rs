@@ -9,7 +9,7 @@ use num_complex::Complex64;
 
 use super::joint::{JointFit, Seen, SlopePrior};
 use super::resonance::Resonance;
-use super::shape::Shape;
+use super::shape::{Shape, of_unit_length};
 
 /// Modes nearer than this many bandwidths, or lines, to the next belong together.
 pub(super) const CLOSE_BANDWIDTHS: f64 = 5.0;
@@ -158,11 +158,7 @@ pub(super) fn regressed_shapes(
         let mut unit = nalgebra::DVector::zeros(whole);
         unit[mode] = Complex64::ONE;
         let shape: Shape = cross * power.lu().solve(&unit)?;
-        let norm = shape.norm();
-        if !(norm.is_finite() && norm > 0.0) {
-            return None;
-        }
-        shapes.push((shape / Complex64::from(norm), norm * norm));
+        shapes.push(of_unit_length(shape)?);
     }
     Some(shapes)
 }

@@ -17,7 +17,6 @@ const JOINED: f64 = 1.395;
 /// A mode's spectrum at the lines of its fit.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Curve {
-    lines: Vec<usize>,
     frequency_hz: Vec<f64>,
     measured: Vec<f64>,
     /// Of the mode alone, and of everything; none where the fit was not asked.
@@ -26,14 +25,13 @@ pub(super) struct Curve {
 
 impl Curve {
     /// What a mode of a joint fit looks like; `with_fit` says whether to ask what the fit expects.
-    pub(super) fn of_joint(fit: &JointFit, seen: &Seen, place: usize, lines: &[usize], with_fit: bool) -> Self {
+    pub(super) fn of_joint(fit: &JointFit, seen: &Seen, place: usize, with_fit: bool) -> Self {
         let expected = |&hz: &f64| {
             let spectra = fit.modal_spectra(hz, seen.duration_s);
             let all = &fit.mixture * &spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz);
             [spectra[(place, place)].re, all[(place, place)].re]
         };
         Self {
-            lines: lines.to_vec(),
             frequency_hz: seen.frequency_hz.clone(),
             measured: seen.matrices.iter().map(|matrix| matrix[(place, place)].re).collect(),
             expected: if with_fit { seen.frequency_hz.iter().map(expected).collect() } else { Vec::new() },
@@ -41,9 +39,8 @@ impl Curve {
     }
 
     /// What a mode that is fitted alone looks like.
-    pub(super) fn of_bell(fit: &BellFit, bell: &Bell, lines: Vec<usize>) -> Self {
-        let (frequency_hz, measured) = (bell.frequency_hz.clone(), bell.density.clone());
-        Self { lines, frequency_hz, measured, expected: fit.expected.clone() }
+    pub(super) fn of_bell(fit: &BellFit, bell: Bell) -> Self {
+        Self { frequency_hz: bell.frequency_hz, measured: bell.density, expected: fit.expected.clone() }
     }
 
     /// Its lines in Hz with what is measured and expected of everything there: (frequency, measured, expected).
@@ -52,8 +49,10 @@ impl Curve {
         both.map(|((hz, measured), expected)| (*hz, *measured, expected[1]))
     }
 
-    fn at(&self, line: usize) -> Option<f64> {
-        self.measured.get(self.lines.binary_search(&line).ok()?).copied()
+    /// What is measured at a line of the same grid, which has the same frequency to the last bit.
+    fn at(&self, frequency_hz: f64) -> Option<f64> {
+        let line = self.frequency_hz.binary_search_by(|hz| hz.total_cmp(&frequency_hz));
+        self.measured.get(line.ok()?).copied()
     }
 
     /// How far the fit is from the measurement; `replicates` are the curves without one group of windows each, which say how
@@ -66,9 +65,8 @@ impl Curve {
             return None;
         }
         let (mut weights, mut weights_squared, mut away, mut scatter) = (0.0, 0.0, 0.0, 0.0);
-        for (index, (_, measured, expected)) in self.lines().enumerate() {
-            let line = self.lines[index];
-            let others: Vec<f64> = replicates.iter().filter_map(|replicate| replicate.at(line)).collect();
+        for (index, (hz, measured, expected)) in self.lines().enumerate() {
+            let others: Vec<f64> = replicates.iter().filter_map(|replicate| replicate.at(hz)).collect();
             if others.len() < groups || expected <= 0.0 {
                 continue;
             }
@@ -113,7 +111,7 @@ mod tests {
         let expected: Vec<[f64; 2]> = (0..21).map(|index| [bell(index), bell(index) + 0.01]).collect();
         let measured: Vec<f64> = expected.iter().enumerate().map(|(index, e)| e[1] * away(index)).collect();
         let frequency_hz: Vec<f64> = (50..71).map(|line| 0.1 * f64::from(line)).collect();
-        let curve = Curve { lines: (50..71).collect(), frequency_hz, measured, expected };
+        let curve = Curve { frequency_hz, measured, expected };
         // The jackknife over 20 groups makes 0.1 of that.
         let step = 0.1 / 19_f64.sqrt();
         let replicate = |group: usize| {

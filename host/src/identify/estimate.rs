@@ -16,7 +16,7 @@ use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
 use super::scatter::{GroupChanges, ShapeScatter, changes, deviation, noise_outside, noise_share, student};
 use super::setup_mode::{SetupMode, SetupModes};
-use super::shape::{Shape, align, drop_scatter, modal_filter, normalise, phase_collinearity};
+use super::shape::{Shape, align, drop_scatter, modal_filter, normalise, of_unit_length, phase_collinearity};
 use super::start::{first_bell, known_bell};
 use crate::spectra::{CrossSpectrum, LineGrid};
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
@@ -93,6 +93,7 @@ struct Cluster {
 
 /// Rounds of modes that few channels see, once they are near their place.
 const MIXED_ROUNDS: usize = 3;
+
 /// What a joint fit is worth.
 struct Effort {
     /// Steps, at most.
@@ -198,7 +199,7 @@ impl State {
             let others: Vec<Resonance> = neighbours.iter().map(|&other| self.fits[other].resonance).collect();
             let here = self.fits[mode].resonance;
             if let Some(fit) = bell.fit(here, &others, self.limits_hz(mode)) {
-                self.curves[mode] = Curve::of_bell(&fit, &bell, lines);
+                self.curves[mode] = Curve::of_bell(&fit, bell);
                 self.fits[mode] = fit;
             }
         }
@@ -285,7 +286,7 @@ impl State {
                 let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode)).collect();
                 let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
                 let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
-                let curve = |place| Curve::of_joint(&fit, &seen, place, &free, effort.certainty);
+                let curve = |place| Curve::of_joint(&fit, &seen, place, effort.certainty);
                 let curves: Vec<Curve> = (0..modes.len()).map(curve).collect();
                 let width_hz = range_hz[1] - range_hz[0];
                 let is_near = |other: &&usize| before.outside_hz(**other, range_hz) < BESIDE * width_hz;
@@ -492,10 +493,4 @@ impl State {
             spacing_hz,
         }
     }
-}
-
-/// A shape of unit length, and the factor on the mode's level that goes with it; `None` of nothing.
-fn of_unit_length(shape: Shape) -> Option<(Shape, f64)> {
-    let length = shape.norm();
-    (length.is_finite() && length > 0.0).then(|| (shape / Complex64::from(length), length * length))
 }

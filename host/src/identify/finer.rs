@@ -5,13 +5,14 @@
 //! (Au 2017, chapter 12, with a single one). A setup's windows and what is known of its modes flow in; the same modes from windows several
 //! times as long flow out.
 
+use super::bell::BellFit;
 use super::cluster::CLOSE_BANDWIDTHS;
 use super::curve::Curve;
 use super::estimate::{JOINT_CHANNELS, ROUNDS, State};
 use super::judge::MIN_DAMPING;
 use super::matrices::{Matrices, Source};
 use super::setup_mode::SetupMode;
-use crate::spectra::CrossSpectrum;
+use crate::spectra::{CrossSpectrum, LineGrid};
 
 /// Modes with as many lines in their bandwidth are as well known from these lines as from finer ones.
 const ENOUGH_LINES: f64 = 2.0;
@@ -49,37 +50,22 @@ pub(super) fn refined(
 /// The modes that are narrow for a setup's lines, with their places among all of them, from finer lines; without those whose fit comes to
 /// no end there.
 fn estimated(spectrum: &CrossSpectrum, state: &State, taken: &[usize]) -> Vec<(usize, SetupMode)> {
-    let spacing_hz = spectrum.grid().spacing_hz();
-    let hz = |mode: usize| state.fits[mode].resonance.frequency_hz;
     // What seems to have less damping than any structure is no reason for lines as fine as that.
-    let lines = |mode: usize| state.fits[mode].resonance.bandwidth_hz().max(2.0 * MIN_DAMPING * hz(mode)) / spacing_hz;
-    let is_beside_wide = |mode: usize| {
-        (0..state.fits.len()).any(|other| {
-            let reach_hz = CLOSE_BANDWIDTHS * state.fits[other].resonance.bandwidth_hz();
-            lines(other) > WIDE_LINES && (hz(other) - hz(mode)).abs() < reach_hz
-        })
+    let lines = |BellFit { resonance, .. }: &BellFit| {
+        resonance.bandwidth_hz().max(2.0 * MIN_DAMPING * resonance.frequency_hz) / spectrum.grid().spacing_hz()
     };
-    let grid = spectrum.grid();
-    let inside_hz = grid.frequency_hz(0) + END_LINES * spacing_hz
-        ..grid.frequency_hz(grid.lines.saturating_sub(1)) - END_LINES * spacing_hz;
-    let modes = 0..state.fits.len();
-    let is_narrow = |mode: usize| lines(mode) < ENOUGH_LINES && inside_hz.contains(&hz(mode)) && !is_beside_wide(mode);
-    let narrow: Vec<usize> = modes.clone().filter(|&mode| is_narrow(mode)).collect();
-    // Modes on one line are refined together.
-    let wanted: Vec<bool> = modes
-        .clone()
-        .map(|mode| narrow.iter().any(|&other| (hz(other) - hz(mode)).abs() < spacing_hz) && !is_beside_wide(mode))
-        .collect();
-    let narrowest = modes.filter(|&mode| wanted[mode]).map(lines).fold(f64::INFINITY, f64::min);
+    let lines: Vec<f64> = state.fits.iter().map(lines).collect();
+    let mut state = state.clone();
+    state.wanted = wanted(spectrum.grid(), &state, &lines);
+    let narrowest = lines.iter().zip(&state.wanted).filter(|(_, is_wanted)| **is_wanted);
+    let narrowest = narrowest.map(|(lines, _)| *lines).fold(f64::INFINITY, f64::min);
     let most = (WANTED_LINES / narrowest).ceil().min(spectrum.averages() as f64) as usize;
     let Some((finer, times)) = spectrum.finer(most, LEAST_WINDOWS) else { return Vec::new() };
     let taken = taken_of(taken, times, finer.grid().lines);
     let source = Source::Finer(&finer);
     let matrices = Matrices::new(source, None, &taken);
-    let mut state = state.clone();
     // Those that cannot be fitted to these lines have none.
     state.curves.fill(Curve::default());
-    state.wanted.clone_from(&wanted);
     if source.channels() < JOINT_CHANNELS {
         for _ in 0..ROUNDS {
             state.improve(&matrices);
@@ -87,7 +73,28 @@ fn estimated(spectrum: &CrossSpectrum, state: &State, taken: &[usize]) -> Vec<(u
     }
     state.fit_clusters(&matrices);
     let modes = state.concluded(source, &taken).into_iter().enumerate();
-    modes.filter(|(mode, finer)| wanted[*mode] && finer.is_sound()).collect()
+    modes.filter(|(mode, finer)| state.wanted[*mode] && finer.is_sound()).collect()
+}
+
+/// Which modes, of so many `lines` each, are to be fitted to finer ones.
+fn wanted(grid: &LineGrid, state: &State, lines: &[f64]) -> Vec<bool> {
+    let spacing_hz = grid.spacing_hz();
+    let hz = |mode: usize| state.fits[mode].resonance.frequency_hz;
+    let modes = 0..lines.len();
+    let is_beside_wide = |mode: usize| {
+        modes.clone().any(|other| {
+            let reach_hz = CLOSE_BANDWIDTHS * state.fits[other].resonance.bandwidth_hz();
+            lines[other] > WIDE_LINES && (hz(other) - hz(mode)).abs() < reach_hz
+        })
+    };
+    let end_hz = END_LINES * spacing_hz;
+    let inside_hz = grid.frequency_hz(0) + end_hz..grid.frequency_hz(grid.lines.saturating_sub(1)) - end_hz;
+    let is_narrow =
+        |mode: &usize| lines[*mode] < ENOUGH_LINES && inside_hz.contains(&hz(*mode)) && !is_beside_wide(*mode);
+    let narrow: Vec<usize> = modes.clone().filter(is_narrow).collect();
+    // Modes on one line are refined together.
+    let is_with_narrow = |mode: usize| narrow.iter().any(|&other| (hz(other) - hz(mode)).abs() < spacing_hz);
+    modes.clone().map(|mode| is_with_narrow(mode) && !is_beside_wide(mode)).collect()
 }
 
 /// Finer lines within the cells of those that tones have taken.

@@ -101,22 +101,31 @@ impl JointFit {
 
     /// D V D at a frequency, modes x modes.
     pub(super) fn noise_seen(&self, seen: &Seen, frequency_hz: f64) -> DMatrix<Complex64> {
-        let size: Vec<f64> = (0..self.noise.len()).map(|i| self.noise_size(i, frequency_hz)).collect();
-        DMatrix::from_fn(size.len(), size.len(), |i, j| {
-            let added = self.noise_correlation[(i, j)] * noise_scale(seen, i, j);
-            (seen.noise[(i, j)] + added) * (size[i] * size[j])
-        })
+        sized(&self.floor(seen), &self.noise_sizes(frequency_hz))
     }
 
-    /// An entry of D at a frequency.
-    pub(super) fn noise_size(&self, mode: usize, frequency_hz: f64) -> f64 {
-        self.noise[mode] * (frequency_hz / self.centres_hz[mode]).powf(self.noise_colours[mode])
+    /// V with what is added to its correlations, modes x modes.
+    pub(super) fn floor(&self, seen: &Seen) -> DMatrix<Complex64> {
+        let size = self.noise.len();
+        let added = |i: usize, j: usize| self.noise_correlation[(i, j)] * noise_scale(seen, i, j);
+        DMatrix::from_fn(size, size, |i, j| seen.noise[(i, j)] + added(i, j))
+    }
+
+    /// The diagonal of D at a frequency.
+    pub(super) fn noise_sizes(&self, frequency_hz: f64) -> Vec<f64> {
+        let at = |mode: usize| (frequency_hz / self.centres_hz[mode]).powf(self.noise_colours[mode]);
+        self.noise.iter().enumerate().map(|(mode, noise)| noise * at(mode)).collect()
     }
 
     /// Cross amplitude of two modal forces.
     pub(super) fn amplitude(&self, i: usize, j: usize) -> Complex64 {
         self.correlation[(i, j)] * (self.levels[i] * self.levels[j]).sqrt()
     }
+}
+
+/// D V D from V and the diagonal of D.
+pub(super) fn sized(floor: &DMatrix<Complex64>, sizes: &[f64]) -> DMatrix<Complex64> {
+    DMatrix::from_fn(sizes.len(), sizes.len(), |i, j| floor[(i, j)] * (sizes[i] * sizes[j]))
 }
 
 /// What a correlation of V is multiplied by.

@@ -9,7 +9,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use num_complex::Complex64;
 
 use super::bell::DAMPING_RANGE;
-use super::joint::{JointFit, Seen, half_density, noise_scale};
+use super::joint::{JointFit, Seen, half_density, noise_scale, sized};
 use super::resonance::{LineShape, Resonance};
 use super::scoring::{Schedule, Slopes, fisher_scoring};
 
@@ -157,6 +157,7 @@ impl JointFit {
         let mut jacobian = DMatrix::zeros(size * size, unknowns);
         let (mut u_here, mut q_here) = (vec![Complex64::ZERO; size], vec![Complex64::ZERO; size]);
         let identity: DMatrix<Complex64> = DMatrix::identity(size, size);
+        let floor = self.floor(seen);
         for (&frequency_hz, matrix) in seen.frequency_hz.iter().zip(&seen.matrices) {
             let density = |mode: usize, shape: &LineShape, slope: f64| {
                 half_density(shape, self.slopes[mode] + slope, frequency_hz)
@@ -164,7 +165,8 @@ impl JointFit {
             let halves: Vec<Complex64> = own.iter().enumerate().map(|(mode, here)| density(mode, here, 0.0)).collect();
             let spectra = DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()));
             let through = &self.mixture * &spectra;
-            let noise = self.noise_seen(seen, frequency_hz);
+            let noise_sizes = self.noise_sizes(frequency_hz);
+            let noise = sized(&floor, &noise_sizes);
             let expected = &through * self.mixture.adjoint() + &noise;
             let lower = lower_factor(&expected)?;
             let inverse = lower.solve_lower_triangular(&identity)?;
@@ -233,10 +235,9 @@ impl JointFit {
                     }
                 }
             }
-            let noise_size: Vec<f64> = (0..size).map(|mode| self.noise_size(mode, frequency_hz)).collect();
             for i in 0..size {
                 for j in i + 1..size {
-                    let change = noise_size[i] * noise_size[j] * noise_scale(seen, i, j);
+                    let change = noise_sizes[i] * noise_sizes[j] * noise_scale(seen, i, j);
                     for unit in [Complex64::ONE, Complex64::I] {
                         put(&|k| inverse[(k, i)] * unit, &|l| inverse[(l, j)].conj() * change);
                     }

@@ -77,7 +77,8 @@ pub struct Mode {
     /// The least of all setups before imaginary parts that are as large as their scatter were taken for noise.
     #[serde(default = "not_known")]
     pub phase_collinearity_as_measured: f64,
-    /// Spectral lines, of those that it was fitted to, in the half-power bandwidth: with less than one, damping is read from the window's own shape.
+    /// Spectral lines, of those that it was fitted to, in the half-power bandwidth: with less than one, damping is read from the
+    /// window's own shape.
     #[serde(default = "not_known")]
     pub lines_in_bandwidth: f64,
     /// How far the fit is from the measured spectrum, over what that scatters: about 1, or less, where nothing is missing in the

@@ -38,6 +38,12 @@ pub(super) fn normalise(shape: &mut Shape) {
     }
 }
 
+/// A shape of unit length, and the factor on the mode's level that goes with it; `None` of nothing.
+pub(super) fn of_unit_length(shape: Shape) -> Option<(Shape, f64)> {
+    let length = shape.norm();
+    (length.is_finite() && length > 0.0).then(|| (shape / Complex64::from(length), length * length))
+}
+
 /// Scales `shape` by the complex factor that brings it closest to `reference`.
 pub(super) fn align(shape: &mut Shape, reference: &Shape) {
     let norm = shape.norm_squared();

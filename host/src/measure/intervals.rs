@@ -95,7 +95,8 @@ pub fn measure_intervals(
         let number = interval_of(window.grid_index);
         if open.as_ref().is_none_or(|(current, _, _)| *current != number) {
             close(open.take());
-            // Whether a mode has changed is tested with deviations from as many groups in each interval, so that all take the same lines.
+            // Whether a mode has changed is tested with deviations from equally many groups, so that all intervals take the same
+            // lines.
             match CrossSpectrumAccumulator::expecting(grid, channels, fitting as usize) {
                 Ok(fresh) => open = Some((number, fresh.keeping_none(), 0)),
                 Err(error) => drop(broken_sender.send(error)),

@@ -53,9 +53,7 @@ impl CrossSpectrum {
     /// The same channels in lines up to `most` times as fine: as fine as leaves `least_windows`; and how many times finer they are. `None`
     /// where that is no finer, or the record too long for its windows to be kept.
     pub(crate) fn finer(&self, most: usize, least_windows: usize) -> Option<(FinerSpectrum, usize)> {
-        let windows = self.windows.as_ref()?;
-        let times = (2..=most).rev().find(|&times| windows.finer_windows(&self.kept, times) >= least_windows)?;
-        Some((windows.finer(&self.kept, times)?, times))
+        self.windows.as_ref()?.finest(&self.kept, most, least_windows)
     }
 
     /// The same averages without some of the channels.
@@ -188,7 +186,7 @@ fn add<T: Copy + Into<f64>>(sums: &mut [f64], parts: &[T], weight: f64) {
 }
 
 /// The Hermitian matrix of a packed upper triangle.
-fn hermitian(count: usize, value: impl Fn(usize) -> Complex64) -> DMatrix<Complex64> {
+pub(super) fn hermitian(count: usize, value: impl Fn(usize) -> Complex64) -> DMatrix<Complex64> {
     let mut matrix = DMatrix::zeros(count, count);
     let mut place = 0;
     for row in 0..count {

@@ -3,13 +3,11 @@
 //! Rows flow in one by one, windows flow out on the grid that nodes use, with the filter that nodes use; everything else
 //! (arithmetic, FFT, code) is independent of the firmware, so that one checks the other. Memory does not grow with the record.
 
-use std::f64::consts::TAU;
-
 use belfry_numerics::{ForwardTransform, forward_transform};
 use belfry_shared::decimation::{MAX_STAGES, Stages, fill_taps, tap_count};
 use num_complex::{Complex32, Complex64};
 
-use super::grid::{LineGrid, WindowLines};
+use super::grid::{LineGrid, WindowLines, hann};
 use crate::processor::{for_each_row, weighted_sum};
 
 /// Rows that a stage takes in before it moves the last ones to the front again, at least.
@@ -143,7 +141,7 @@ impl Welch {
             segment: vec![0.0; grid.segment * channels],
             filled: 0,
             windows: 0,
-            hann: (0..grid.segment).map(|n| 0.5 - 0.5 * (TAU * n as f64 / grid.segment as f64).cos()).collect(),
+            hann: hann(grid.segment),
             buffer: fft.make_input_vec(),
             spectrum: fft.make_output_vec(),
             scratch: fft.make_scratch_vec(),
@@ -231,6 +229,8 @@ impl Welch {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
 
     fn windows(welch: &mut Welch, rows: usize, value: impl Fn(usize, usize) -> f64) -> Vec<WindowLines> {

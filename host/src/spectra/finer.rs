@@ -5,7 +5,6 @@
 //! overlap-add; Allen and Rabiner 1977). It is the same whether a node or the host has made the windows. Where a channel was silent
 //! there is no signal, and no long window reaches over that place.
 
-use std::f64::consts::TAU;
 use std::ops::Range;
 
 use belfry_numerics::{ComplexTransform, complex_transform, inverse_complex_transform};
@@ -13,7 +12,9 @@ use nalgebra::DMatrix;
 use num_complex::{Complex32, Complex64};
 
 use super::accumulate::MAX_GROUPS;
-use super::grid::{LineGrid, WindowLines};
+use super::cross_spectrum::hermitian;
+use super::grid::{LineGrid, WindowLines, hann};
+use super::sums::triangle;
 
 /// Windows that take more than this are not kept: so long a record has fine lines as it is, or many averages. While long windows are made
 /// of them there are three times as many bytes.
@@ -41,20 +42,23 @@ impl KeptWindows {
         (self.windows.len() <= self.most).then_some(self)
     }
 
-    /// How many windows of `times` their length there are, of all these channels.
-    pub(super) fn finer_windows(&self, channels: &[usize], times: usize) -> usize {
-        self.runs(channels).iter().map(|run| long_windows(run.len(), times)).sum()
+    /// Windows of these channels as long as leaves `least`, half overlapping, up to `most` times; and how many times. `None` where they are
+    /// no longer.
+    pub(super) fn finest(&self, channels: &[usize], most: usize, least: usize) -> Option<(FinerSpectrum, usize)> {
+        let runs = self.runs(channels);
+        let count = |times: usize| runs.iter().map(|run| long_windows(run.len(), times)).sum::<usize>();
+        let times = (2..=most).rev().find(|&times| count(times) >= least)?;
+        Some((self.finer(channels, &runs, times)?, times))
     }
 
-    /// Windows of `times` their length of these channels, half overlapping; `None` where there is none.
-    pub(super) fn finer(&self, channels: &[usize], times: usize) -> Option<FinerSpectrum> {
+    /// Windows of `times` their length of these channels in runs of theirs; `None` where there is none.
+    fn finer(&self, channels: &[usize], runs: &[Range<usize>], times: usize) -> Option<FinerSpectrum> {
         let grid = LineGrid {
             segment: self.grid.segment * times,
             first_line: self.grid.first_line * times,
             lines: (self.grid.lines - 1) * times + 1,
             ..self.grid
         };
-        let runs = self.runs(channels);
         let stitcher = Stitcher::new(&self.grid, times);
         let mut windows: Vec<Vec<Vec<Complex32>>> = Vec::new();
         for run in runs.iter().filter(|run| long_windows(run.len(), times) > 0) {
@@ -129,7 +133,7 @@ impl Stitcher {
             samples,
             inverse: inverse_complex_transform(samples),
             forward: complex_transform(long),
-            hann: (0..long).map(|n| 0.5 - 0.5 * (TAU * n as f64 / long as f64).cos()).collect(),
+            hann: hann(long),
             scale,
         }
     }
@@ -200,7 +204,7 @@ impl FinerSpectrum {
     /// The matrix of a line, as [`CrossSpectrum::matrix`](super::CrossSpectrum::matrix); without one group of windows, where it is named.
     pub fn matrix(&self, line: usize, without: Option<usize>) -> DMatrix<Complex64> {
         let count = self.channels();
-        let mut sum = DMatrix::zeros(count, count);
+        let mut sums = vec![Complex64::ZERO; triangle(count)];
         let group = |window: usize| window * self.groups() / self.averages();
         let windows = self.windows.iter().enumerate().filter(|(window, _)| without != Some(group(*window)));
         let mut used = 0;
@@ -210,28 +214,33 @@ impl FinerSpectrum {
                 .iter()
                 .map(|lines| Complex64::new(f64::from(lines[line].re), f64::from(lines[line].im)))
                 .collect();
-            for column in 0..count {
-                let factor = values[column].conj();
-                for row in column..count {
-                    sum[(row, column)] += values[row] * factor;
+            let mut places = sums.iter_mut();
+            for (row, value) in values.iter().enumerate() {
+                for (other, place) in values[row..].iter().zip(&mut places) {
+                    *place += value * other.conj();
                 }
             }
         }
-        sum /= Complex64::from(f64::from(used.max(1)));
-        sum.fill_upper_triangle_with_lower_triangle();
-        for column in 1..count {
-            for row in 0..column {
-                sum[(row, column)] = sum[(row, column)].conj();
-            }
-        }
-        sum
+        hermitian(count, |place| sums[place] / f64::from(used.max(1)))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
     use crate::spectra::direct::Welch;
+
+    impl KeptWindows {
+        fn finer_windows(&self, channels: &[usize], times: usize) -> usize {
+            self.runs(channels).iter().map(|run| long_windows(run.len(), times)).sum()
+        }
+
+        fn all_finer(&self, channels: &[usize], times: usize) -> Option<FinerSpectrum> {
+            self.finer(channels, &self.runs(channels), times)
+        }
+    }
 
     const GRID: LineGrid = LineGrid { sampling_rate_hz: 4.0, segment: 256, first_line: 21, lines: 61 };
 
@@ -253,7 +262,7 @@ mod tests {
     fn long_windows_are_those_of_the_recording_itself() {
         const TIMES: usize = 3;
         let short = kept(12, GRID);
-        let finer = short.finer(&[0, 1], TIMES).unwrap();
+        let finer = short.all_finer(&[0, 1], TIMES).unwrap();
         let long_grid = LineGrid { segment: 256 * TIMES, first_line: 21 * TIMES, lines: 60 * TIMES + 1, ..GRID };
         assert_eq!(*finer.grid(), long_grid);
         assert_eq!(finer.averages(), short.finer_windows(&[0, 1], TIMES));
@@ -271,7 +280,12 @@ mod tests {
             }
         }
         let matrix = finer.matrix(50, None);
-        assert!((matrix[(0, 1)] - matrix[(1, 0)].conj()).norm() < 1e-9);
+        for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let values = finer.windows.iter().map(|window| (window[row][50], window[column][50]));
+            let sum: Complex32 = values.map(|(a, b)| a * b.conj()).sum();
+            let mean = Complex64::new(f64::from(sum.re), f64::from(sum.im)) / finer.averages() as f64;
+            assert!((matrix[(row, column)] - mean).norm() < 1e-5 * matrix[(0, 0)].norm(), "{row} {column}");
+        }
         assert_eq!(finer.groups(), finer.averages());
         let others = finer.matrix(50, Some(0)) * Complex64::from((finer.averages() - 1) as f64);
         let own = Complex64::from(f64::from(finer.windows[0][0][50].norm_sqr()));
@@ -281,7 +295,7 @@ mod tests {
 
     #[test]
     fn many_windows_are_left_out_in_groups() {
-        let finer = kept(60, GRID).finer(&[0], 1).unwrap();
+        let finer = kept(60, GRID).all_finer(&[0], 1).unwrap();
         assert_eq!((finer.averages(), finer.groups()), (117, MAX_GROUPS));
         let power = |line: &[Complex32]| f64::from(line[30].norm_sqr());
         let whole: f64 = finer.windows.iter().map(|window| power(&window[0])).sum();
@@ -301,7 +315,7 @@ mod tests {
         assert_eq!(short.finer_windows(&[0, 1], 2), (20 - 1 - 4) / 2 + 1 + (18 - 1 - 4) / 2 + 1);
         short.windows.remove(20);
         assert_eq!(short.finer_windows(&[0, 1], 2), (20 - 1 - 4) / 2 + 1 + (18 - 1 - 4) / 2 + 1);
-        assert!(short.finer(&[0, 1], 12).is_none());
+        assert!(short.all_finer(&[0, 1], 12).is_none());
     }
 
     #[test]

@@ -62,6 +62,11 @@ impl WindowLines {
     }
 }
 
+/// The periodic Hann window.
+pub(super) fn hann(length: usize) -> Vec<f64> {
+    (0..length).map(|n| 0.5 - 0.5 * (TAU * n as f64 / length as f64).cos()).collect()
+}
+
 /// The lines from `reach` below a line to `reach` above, of as many as there are.
 pub(crate) fn around(line: usize, reach: usize, lines: usize) -> std::ops::Range<usize> {
     line.saturating_sub(reach)..(line + reach + 1).min(lines)
