@@ -72,7 +72,7 @@ const WIDEST: f64 = 0.16;
 pub(super) struct State {
     picked_hz: Vec<f64>,
     /// How far from there a mode may be whose bandwidth is next to nothing.
-    picked_within_hz: f64,
+    picked_within_hz: Vec<f64>,
     /// Which modes are to be estimated, with the clusters that they are in; the others stay as they are.
     pub(super) wanted: Vec<bool>,
     shapes: Vec<Shape>,
@@ -144,7 +144,7 @@ impl State {
         let hz = |pick: &Pick| pick.suggested.map_or(grid.frequency_hz(pick.line), |(frequency_hz, _)| frequency_hz);
         let picked_hz = picks.iter().map(hz).collect();
         let curves = vec![Curve::default(); picks.len()];
-        let picked_within_hz = LEEWAY_LINES * grid.spacing_hz();
+        let picked_within_hz = picks.iter().map(|pick| pick.within_lines * grid.spacing_hz()).collect();
         let wanted = vec![true; picks.len()];
         Self { picked_hz, wanted, picked_within_hz, shapes, fits, curves, clusters: Vec::new(), slope: ANY_SLOPE }
     }
@@ -365,7 +365,7 @@ impl State {
     /// Where the fit may take a mode.
     fn limits_hz(&self, mode: usize) -> [f64; 2] {
         let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(WIDEST * self.picked_hz[mode]);
-        let leeway_hz = self.picked_within_hz + LEEWAY_BANDWIDTHS * bandwidth_hz;
+        let leeway_hz = self.picked_within_hz[mode] + LEEWAY_BANDWIDTHS * bandwidth_hz;
         [self.picked_hz[mode] - leeway_hz, self.picked_hz[mode] + leeway_hz]
     }
 

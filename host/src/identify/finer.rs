@@ -9,19 +9,20 @@ use super::bell::BellFit;
 use super::cluster::CLOSE_BANDWIDTHS;
 use super::curve::Curve;
 use super::estimate::{JOINT_CHANNELS, ROUNDS, State};
-use super::judge::MIN_DAMPING;
 use super::matrices::{Matrices, Source};
 use super::setup_mode::SetupMode;
 use crate::spectra::{CrossSpectrum, LineGrid};
 
 /// Modes with as many lines in their bandwidth are as well known from these lines as from finer ones.
-const ENOUGH_LINES: f64 = 2.0;
+pub(super) const ENOUGH_LINES: f64 = 2.0;
 /// A mode of more lines than these is left to them, and so is a narrow one within its bell, with which it is fitted.
 const WIDE_LINES: f64 = 8.0;
 /// At the band's ends, over so many lines, the sum of windows lacks what lies outside of the band.
 const END_LINES: f64 = 2.0;
 /// Lines in the narrowest mode's bandwidth that finer ones aim at.
-const WANTED_LINES: f64 = 4.0;
+pub(super) const WANTED_LINES: f64 = 4.0;
+/// The damping of a mode that finer lines aim at, at least: half of a stay cable's.
+const LEAST_DAMPING: f64 = 2e-4;
 /// Long windows, at least: the jackknife leaves out one after the other, and the record's ends are lost to all of them.
 const LEAST_WINDOWS: usize = 10;
 
@@ -50,9 +51,8 @@ pub(super) fn refined(
 /// The modes that are narrow for a setup's lines, with their places among all of them, from finer lines; without those whose fit comes to
 /// no end there.
 fn estimated(spectrum: &CrossSpectrum, state: &State, taken: &[usize]) -> Vec<(usize, SetupMode)> {
-    // What seems to have less damping than any structure is no reason for lines as fine as that.
-    let lines = |BellFit { resonance, .. }: &BellFit| {
-        resonance.bandwidth_hz().max(2.0 * MIN_DAMPING * resonance.frequency_hz) / spectrum.grid().spacing_hz()
+    let lines = |fit: &BellFit| {
+        bandwidth_hz(fit.resonance.frequency_hz, fit.resonance.damping_ratio) / spectrum.grid().spacing_hz()
     };
     let lines: Vec<f64> = state.fits.iter().map(lines).collect();
     let mut state = state.clone();
@@ -74,6 +74,11 @@ fn estimated(spectrum: &CrossSpectrum, state: &State, taken: &[usize]) -> Vec<(u
     state.fit_clusters(&matrices);
     let modes = state.concluded(source, &taken).into_iter().enumerate();
     modes.filter(|(mode, finer)| state.wanted[*mode] && finer.is_sound()).collect()
+}
+
+/// The bandwidth that counts of a mode: what seems to have next to no damping is no reason for lines as fine as that.
+pub(super) fn bandwidth_hz(frequency_hz: f64, damping_ratio: f64) -> f64 {
+    2.0 * damping_ratio.max(LEAST_DAMPING) * frequency_hz
 }
 
 /// Which modes, of so many `lines` each, are to be fitted to finer ones.

@@ -13,6 +13,11 @@ const MAX_SHAPE_NOISE: f64 = 0.5;
 /// No structure has damping ratios beyond these.
 const MAX_DAMPING: f64 = 0.2;
 pub(super) const MIN_DAMPING: f64 = 5e-4;
+/// Less is believed, as of a cable, where the lines that a mode was fitted to show its width: so many lie in its bandwidth, and its damping
+/// is so many of its standard deviations, and no less than of a taut string.
+const SHOWN_LINES: f64 = 0.5;
+const SHOWN_SIGMAS: f64 = 2.0;
+const MIN_SHOWN_DAMPING: f64 = 1e-4;
 /// Picks this far from each other, as a share of the frequency and in lines, do not bend each other.
 const FAR_SHARE: f64 = 0.1;
 const FAR_LINES: f64 = 20.0;
@@ -74,7 +79,15 @@ pub(super) fn is_doubtful(setups: &[SetupModes], spacing_hz: f64, pick: usize) -
 /// Whether a pick has less damping than any structure: the spectrum of a forced line is the window's own.
 pub(super) fn is_undamped(setups: &[SetupModes], pick: usize) -> bool {
     let estimates = setups.iter().filter_map(|setup| setup.modes.get(pick));
-    estimates.clone().count() > 0 && estimates.clone().all(|mode| mode.resonance.damping_ratio < MIN_DAMPING)
+    estimates.clone().count() > 0 && estimates.clone().all(has_no_width)
+}
+
+/// Whether a mode has less damping than any structure, unless its lines show that.
+fn has_no_width(mode: &SetupMode) -> bool {
+    let damping = mode.resonance.damping_ratio;
+    let is_shown =
+        damping > SHOWN_SIGMAS * mode.damping_std && mode.resonance.bandwidth_hz() > SHOWN_LINES * mode.spacing_hz;
+    damping < if is_shown { MIN_SHOWN_DAMPING } else { MIN_DAMPING }
 }
 
 /// Whether the estimates are a second, weaker sight of another pick's mode: at the same place and alike, or so alike that
@@ -104,7 +117,7 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
         combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
     let (damping, _) = combine(found.iter().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
     // No structure has so little damping: the fit took a line of noise for a resonance.
-    if damping < MIN_DAMPING {
+    if damping < MIN_DAMPING && found.iter().all(|mode| has_no_width(mode)) {
         return (f64::INFINITY, RejectedBecause::Undamped);
     }
     // A fit that does not move at all from replicate to replicate has run into a wall.
@@ -172,6 +185,28 @@ mod tests {
             mode.spacing_hz = 0.1 * SPACING_HZ;
         };
         assert!(matches!(judged(finer).as_slice(), [(1, RejectedBecause::Frequency)]));
+    }
+
+    #[test]
+    fn next_to_no_damping_is_believed_where_lines_show_it() {
+        let cable = |spacing_hz: f64, damping_std: f64| {
+            move |mode: &mut SetupMode| {
+                mode.resonance.damping_ratio = 3e-4;
+                mode.damping_std = damping_std;
+                mode.frequency_std_hz = 1e-4;
+                mode.spacing_hz = spacing_hz;
+            }
+        };
+        // Its bandwidth is 0.0012 Hz.
+        assert_eq!(judged(cable(0.001, 1e-4)), []);
+        assert_eq!(judged(cable(0.005, 1e-4)), [(1, RejectedBecause::Undamped)], "less than half a line");
+        assert_eq!(judged(cable(0.001, 2e-4)), [(1, RejectedBecause::Undamped)], "hardly known");
+        let string = |mode: &mut SetupMode| {
+            cable(1e-5, 1e-6)(mode);
+            mode.resonance.damping_ratio = 5e-5;
+            mode.frequency_std_hz = 1e-5;
+        };
+        assert_eq!(judged(string), [(1, RejectedBecause::Undamped)]);
     }
 
     /// Three sound modes, the second changed, and what is said of them.

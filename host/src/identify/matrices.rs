@@ -53,7 +53,8 @@ impl Source<'_> {
         if count > 1 { count } else { 0 }
     }
 
-    fn matrix(&self, line: usize, without: Option<usize>) -> DMatrix<Complex64> {
+    /// The matrix of a line; without one group of windows, where it is named.
+    pub(super) fn matrix(&self, line: usize, without: Option<usize>) -> DMatrix<Complex64> {
         match (self, without) {
             (Self::Averages(spectrum), None) => spectrum.matrix(line),
             (Self::Averages(spectrum), Some(group)) => spectrum.matrix_without(group, line),

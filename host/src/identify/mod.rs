@@ -3,11 +3,11 @@
 //! Per-setup cross-spectral matrices flow in; modes with frequency, damping, shape and the uncertainty of each flow out.
 //! `pick` finds modes in the singular values, `fit` estimates and judges them until all stand, `shape` filters each mode from its
 //! neighbours, [`bell`] reads frequency and damping from the filtered spectrum one by one; from there `cluster`, `joint` and
-//! `joint_fit` fit close modes together by maximum likelihood, and `finer` lines those that are narrow. The jackknife in `scatter`
-//! says how sure it all is, `judge` throws out what the data do not determine, and `merge` joins the setups, their shapes by `join`;
-//! `covariance` says how errors are correlated. `choice` applies the user's choice of modes; [`track`] follows known modes through
-//! parts of a record; [`accuracy`] tells how long a record must be for a given accuracy; `suspect` finds channels that the shapes
-//! contradict. [`ssi`] identifies the same spectra by another method, as a second opinion.
+//! `joint_fit` fit close modes together by maximum likelihood, and `finer` lines those that are narrow, which `finer_peaks` looks for
+//! beside each other. The jackknife in `scatter` says how sure it all is, `judge` throws out what the data do not determine, and `merge`
+//! joins the setups, their shapes by `join`; `covariance` says how errors are correlated. `choice` applies the user's choice of modes;
+//! [`track`] follows known modes through parts of a record; [`accuracy`] tells how long a record must be for a given accuracy; `suspect`
+//! finds channels that the shapes contradict. [`ssi`] identifies the same spectra by another method, as a second opinion.
 
 pub mod accuracy;
 pub mod bell;
@@ -17,6 +17,7 @@ mod covariance;
 mod curve;
 mod estimate;
 mod finer;
+mod finer_peaks;
 mod fit;
 mod join;
 mod joint;
@@ -42,10 +43,12 @@ pub mod track;
 
 use thiserror::Error;
 
-use crate::spectra::LineGrid;
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
+use crate::spectra::{LineGrid, around};
+use crate::statistics::median;
 use crate::study::ModeChoice;
 use fit::Basis;
+use pick::Pick;
 use shape::Shape;
 use singular::SingularValues;
 
@@ -56,6 +59,10 @@ pub use result::{
 };
 pub use setup::MeasuredSetup;
 pub use shape::{mac, phase_collinearity};
+
+/// A peak that is sharper than its lines may hide a mode, or several, where it is so many times the median of the lines about it.
+const FAR_OUT: f64 = 10.0;
+const FAR_OUT_LINES: usize = 32;
 
 /// Why there are no modes.
 #[derive(Debug, Error, PartialEq)]
@@ -122,20 +129,22 @@ pub enum IdentifyError {
 pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<Identification, IdentifyError> {
     let grid = same_lines(measured)?;
     check_averages(measured, &grid, choice)?;
-    let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
+    let singular: Vec<SingularValues> = pick::sources(measured).iter().map(SingularValues::of).collect();
     let mut warnings = Vec::new();
     let picks = if choice.only_hz.is_some() { Vec::new() } else { pick::pick(&grid, measured, &singular) };
-    let (harmonics, mut picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(|pick| pick.kurtosis.is_harmonics());
+    let (harmonics, mut picks): (Vec<_>, Vec<_>) = picks.into_iter().partition(Pick::is_harmonics);
     choice::drop_picks(&grid, &mut picks, choice, &mut warnings);
     choice::add_picks(&grid, measured, &singular, &mut picks, choice, &mut warnings);
     if picks.is_empty() && choice.only_hz.is_some() {
         return Err(none_in_band(&grid));
     }
     let spectra = measured.iter().zip(&singular).map(|(m, singular)| singular.spectrum(&grid, &m.setup.name)).collect();
-    Ok(fit::fit(measured, &grid, Basis { picks, harmonics, rejected: Vec::new(), warnings }, spectra))
+    let basis = Basis { picks, harmonics, rejected: Vec::new(), warnings };
+    let found = fit::fit(measured, &grid, basis, spectra);
+    Ok(if choice.only_hz.is_some() { found } else { finer_peaks::with_narrow_modes(measured, &grid, choice, found) })
 }
 
-/// A mode that another method suggests.
+/// A mode that another method suggests, or finer lines.
 #[derive(Debug, Clone)]
 pub(crate) struct Suggestion {
     frequency_hz: f64,
@@ -203,15 +212,31 @@ fn none_in_band(grid: &LineGrid) -> IdentifyError {
     IdentifyError::NoneInBand { low_hz: grid.frequency_hz(0), high_hz: grid.frequency_hz(last) }
 }
 
-/// Frequencies in Hz of the peaks that pass for modes at first sight, lowest first; none where the setups' lines differ or
-/// there are fewer averages than channels.
-pub fn picked_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
+/// Frequencies in Hz, lowest first, of what may be a mode once there are finer lines: modes, and peaks that are too sharp for these or too
+/// close to each other, where they stand far out. None where the setups' lines differ or there are fewer averages than channels.
+pub fn mode_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
     let Ok(grid) = same_lines(measured) else { return Vec::new() };
     if !measured.iter().all(|m| m.spectrum.averages() >= m.spectrum.channels().len()) {
         return Vec::new();
     }
-    let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
-    pick::pick(&grid, measured, &singular).iter().map(|pick| grid.frequency_hz(pick.line)).collect()
+    let singular: Vec<SingularValues> = pick::sources(measured).iter().map(SingularValues::of).collect();
+    let (harmonics, picks) = pick::pick(&grid, measured, &singular).into_iter().partition(Pick::is_harmonics);
+    let found = fit::fit(measured, &grid, Basis { picks, harmonics, ..Basis::default() }, Vec::new());
+    let stands_far_out = |frequency_hz: f64| {
+        let line = grid.nearest_line(frequency_hz);
+        singular.iter().any(|setup| {
+            let value = |line: usize| setup.at(line).value;
+            let mut about: Vec<f64> = around(line, FAR_OUT_LINES, grid.lines).map(value).collect();
+            median(&mut about).is_some_and(|median| value(line) > FAR_OUT * median)
+        })
+    };
+    let is_hidden = |peak: &&Rejected| {
+        matches!(peak.because, RejectedBecause::Undamped | RejectedBecause::Double) && stands_far_out(peak.frequency_hz)
+    };
+    let hidden = found.rejected.iter().filter(is_hidden).map(|peak| peak.frequency_hz);
+    let mut frequencies_hz: Vec<f64> = found.modes.iter().map(|mode| mode.frequency_hz).chain(hidden).collect();
+    frequencies_hz.sort_by(f64::total_cmp);
+    frequencies_hz
 }
 
 #[cfg(test)]

@@ -16,6 +16,8 @@ use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
 use super::Suggestion;
+use super::estimate::LEEWAY_LINES;
+use super::matrices::Source;
 use super::setup::MeasuredSetup;
 use super::shape::{Shape, mac};
 use super::singular::{Leading, NOISE_EDGE_CHANNELS, SingularValues, leading, noise_edge};
@@ -76,12 +78,27 @@ pub(super) struct Pick {
     pub(super) suggested: Option<(f64, f64)>,
     /// Whether another method was asked, and does not have the mode.
     pub(super) unseen: bool,
+    /// How far from there a mode may be whose bandwidth is next to nothing, in lines.
+    pub(super) within_lines: f64,
 }
 
 impl Pick {
     /// A mode at a line, of which nothing else is known.
     pub(super) fn new(line: usize, shapes: Vec<Shape>) -> Self {
-        Self { line, shapes, kurtosis: Kurtosis::OF_A_MODE, by_user: false, suggested: None, unseen: false }
+        Self {
+            line,
+            shapes,
+            kurtosis: Kurtosis::OF_A_MODE,
+            by_user: false,
+            suggested: None,
+            unseen: false,
+            within_lines: LEEWAY_LINES,
+        }
+    }
+
+    /// Whether it is so far from a mode's kurtosis that nothing else need be known.
+    pub(super) fn is_harmonics(&self) -> bool {
+        self.kurtosis.is_harmonics()
     }
 }
 
@@ -115,8 +132,23 @@ impl Kurtosis {
 
 /// Finds modes and harmonics, lowest first.
 pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[SingularValues]) -> Vec<Pick> {
-    let prominence = prominence(measured);
-    let whole = Layer::new(measured, singular, &[], 0..grid.lines);
+    let mut picks = peaks(&sources(measured), singular, 0..grid.lines);
+    for pick in &mut picks {
+        pick.kurtosis = kurtosis(measured, pick);
+    }
+    picks
+}
+
+/// Where the setups' matrices come from, unless they have finer lines.
+pub(super) fn sources<'a>(measured: &'a [MeasuredSetup<'_>]) -> Vec<Source<'a>> {
+    measured.iter().map(|m| Source::Averages(&m.spectrum)).collect()
+}
+
+/// The peaks of these lines that pass for modes, lowest first; `singular` has these lines at least.
+pub(super) fn peaks(sources: &[Source<'_>], singular: &[SingularValues], lines: Range<usize>) -> Vec<Pick> {
+    let Some(grid) = sources.first().map(Source::grid) else { return Vec::new() };
+    let prominence = prominence(sources);
+    let whole = Layer::new(sources, singular, &[], lines.clone());
     let mut picks = whole.modes(prominence, 1);
     // Below each mode, with the modes around it taken out, until nothing more is found.
     let mut next = 0;
@@ -125,12 +157,12 @@ pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[
         for _ in 0..MAX_LAYERS {
             let domain = domain_lines(grid, centre);
             let near: Vec<&Pick> = picks.iter().filter(|pick| pick.line.abs_diff(centre) <= 2 * domain).collect();
-            let channels = measured.iter().map(|m| m.spectrum.channels().len()).min().unwrap_or(0);
-            if 2 * near.len() > channels {
+            if 2 * near.len() > least_channels(sources) {
                 break;
             }
             let region = around(centre, domain, grid.lines);
-            let below = Layer::new(measured, singular, &near, region);
+            let region = region.start.max(lines.start)..region.end.min(lines.end);
+            let below = Layer::new(sources, singular, &near, region);
             let found = below
                 .modes(prominence, 2)
                 .into_iter()
@@ -140,11 +172,13 @@ pub(super) fn pick(grid: &LineGrid, measured: &[MeasuredSetup<'_>], singular: &[
         }
         next += 1;
     }
-    for pick in &mut picks {
-        pick.kurtosis = kurtosis(measured, pick);
-    }
     picks.sort_by_key(|pick| pick.line);
     picks
+}
+
+/// Channels of the setup that has fewest.
+fn least_channels(sources: &[Source<'_>]) -> usize {
+    sources.iter().map(Source::channels).min().unwrap_or(0)
 }
 
 /// The pick of a mode that another method suggests.
@@ -169,12 +203,12 @@ pub(super) fn peak_near(
 ) -> (Pick, bool) {
     let centre = grid.nearest_line(frequency_hz);
     let domain = domain_lines(grid, centre);
-    let channels = measured.iter().map(|m| m.spectrum.channels().len()).min().unwrap_or(0);
+    let sources = sources(measured);
     let mut near: Vec<&Pick> = picks.iter().filter(|pick| pick.line.abs_diff(centre) <= 2 * domain).collect();
     near.sort_by_key(|pick| pick.line.abs_diff(centre));
-    near.truncate(channels / 2);
+    near.truncate(least_channels(&sources) / 2);
     let region = around(centre, domain, grid.lines);
-    let layer = Layer::new(measured, singular, &near, region.clone());
+    let layer = Layer::new(&sources, singular, &near, region.clone());
     let reach = (leeway_hz / grid.spacing_hz()).round().max(1.0) as usize;
     let highest = region
         .filter(|line| line.abs_diff(centre) <= reach)
@@ -182,14 +216,14 @@ pub(super) fn peak_near(
         .max_by(|&a, &b| layer.log_first[a].total_cmp(&layer.log_first[b]))
         .unwrap_or(0);
     let pick = Pick { by_user: true, ..layer.pick(highest) };
-    let stands_out = layer.modes(prominence(measured), 1).iter().any(|mode| mode.line == pick.line);
+    let stands_out = layer.modes(prominence(&sources), 1).iter().any(|mode| mode.line == pick.line);
     (pick, stands_out)
 }
 
 /// How far a peak must stand out, in ln density.
-fn prominence(measured: &[MeasuredSetup<'_>]) -> f64 {
-    let averages: usize = measured.iter().map(|m| m.spectrum.averages()).sum();
-    let tells_noise = measured.iter().all(|m| m.spectrum.channels().len() >= NOISE_EDGE_CHANNELS);
+fn prominence(sources: &[Source<'_>]) -> f64 {
+    let averages: usize = sources.iter().map(Source::averages).sum();
+    let tells_noise = sources.iter().all(|source| source.channels() >= NOISE_EDGE_CHANNELS);
     let sigmas = if tells_noise { PROMINENCE_SIGMAS } else { PROMINENCE_SIGMAS_ALONE };
     sigmas * (2.0 * OVERLAP_VARIANCE / averages.max(1) as f64).sqrt()
 }
@@ -223,8 +257,8 @@ struct Layer {
 }
 
 impl Layer {
-    fn new(measured: &[MeasuredSetup<'_>], singular: &[SingularValues], out: &[&Pick], region: Range<usize>) -> Self {
-        let setups = measured.len().max(1) as f64;
+    fn new(sources: &[Source<'_>], singular: &[SingularValues], out: &[&Pick], region: Range<usize>) -> Self {
+        let setups = sources.len().max(1) as f64;
         let mean_log =
             |values: &mut dyn Iterator<Item = f64>| values.map(|v| v.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / setups;
         let mut layer = Self {
@@ -235,25 +269,25 @@ impl Layer {
             log_edge: Vec::new(),
         };
         for line in region {
-            let decompositions: Vec<Leading> = measured
+            let decompositions: Vec<Leading> = sources
                 .iter()
                 .zip(singular)
                 .enumerate()
-                .map(|(setup, (m, singular))| {
+                .map(|(setup, (source, singular))| {
                     if out.is_empty() {
-                        singular.lines[line].clone()
+                        singular.at(line).clone()
                     } else {
                         let shapes: Vec<&Shape> = out.iter().map(|pick| &pick.shapes[setup]).collect();
-                        leading(projected(m.spectrum.matrix(line), &shapes))
+                        leading(projected(source.matrix(line, None), &shapes))
                     }
                 })
                 .collect();
             layer.log_first.push(mean_log(&mut decompositions.iter().map(|d| d.value)));
-            layer.log_original.push(mean_log(&mut singular.iter().map(|s| s.lines[line].value)));
+            layer.log_original.push(mean_log(&mut singular.iter().map(|s| s.at(line).value)));
             let edges: Option<Vec<f64>> = decompositions
                 .iter()
-                .zip(measured)
-                .map(|(d, m)| noise_edge(&d.values, m.spectrum.averages()))
+                .zip(sources)
+                .map(|(d, source)| noise_edge(&d.values, source.averages()))
                 .collect();
             layer.log_edge.push(edges.map(|edges| mean_log(&mut edges.into_iter())));
             layer.lines.push(decompositions);

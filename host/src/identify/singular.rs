@@ -2,11 +2,14 @@
 //!
 //! G is Hermitian and positive semidefinite, so its singular value decomposition is its eigen-decomposition (paper, eq. 4).
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use num_complex::Complex64;
 
+use super::matrices::Source;
 use super::result::SingularSpectrum;
-use crate::spectra::{CrossSpectrum, LineGrid};
+use crate::spectra::LineGrid;
 use crate::statistics::largest_first;
 
 /// Ranks shown in pictures.
@@ -44,16 +47,28 @@ pub(super) fn leading(matrix: DMatrix<Complex64>) -> Leading {
     }
 }
 
-/// The decomposition of a setup's matrices at all lines.
+/// The decomposition of a setup's matrices at some lines.
 #[derive(Debug, Clone)]
 pub(super) struct SingularValues {
+    first_line: usize,
     /// One decomposition a line.
-    pub(super) lines: Vec<Leading>,
+    lines: Vec<Leading>,
 }
 
 impl SingularValues {
-    pub(super) fn of(spectrum: &CrossSpectrum) -> Self {
-        Self { lines: (0..spectrum.grid().lines).map(|line| leading(spectrum.matrix(line))).collect() }
+    /// Of all lines.
+    pub(super) fn of(source: &Source<'_>) -> Self {
+        Self::of_lines(source, 0..source.grid().lines)
+    }
+
+    /// Of these lines.
+    pub(super) fn of_lines(source: &Source<'_>, lines: Range<usize>) -> Self {
+        Self { first_line: lines.start, lines: lines.map(|line| leading(source.matrix(line, None))).collect() }
+    }
+
+    /// The decomposition at a line, which is one of those.
+    pub(super) fn at(&self, line: usize) -> &Leading {
+        &self.lines[line - self.first_line]
     }
 
     /// For pictures.

@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use crate::identify::{MeasuredSetup, picked_frequencies_hz};
+use crate::identify::{MeasuredSetup, mode_frequencies_hz};
 use crate::record::{Block, Recording};
 use crate::spectra::direct::Welch;
 use crate::spectra::plan::LOWEST_LINE;
@@ -25,6 +25,8 @@ const BELOW: f64 = 0.5;
 const ABOVE: f64 = 1.2;
 /// Where a look shows nothing, the next is taken at this share of its band.
 const NOTHING: f64 = 0.125;
+/// Share of the sampling rate up to which is looked: recorders have a filter above.
+const UP_TO: f64 = 0.4;
 /// A look that narrows the band less than this ends the scouting.
 const NARROWED: f64 = 0.9;
 
@@ -39,9 +41,11 @@ pub(super) fn band(
         .iter()
         .map(|extent| SetupExtent { rows: extent.rows.min((LOOK_S * extent.sampling_rate_hz) as u64), ..*extent })
         .collect();
-    let mut plan = SpectralPlan::choose(&looked, analysis).ok()?;
+    let rate_hz = extents.iter().map(|extent| extent.sampling_rate_hz).fold(f64::INFINITY, f64::min);
+    let mut plan =
+        finer(&looked, analysis, UP_TO * rate_hz).or_else(|| SpectralPlan::choose(&looked, analysis).ok())?;
     let mut found: Option<[f64; 2]> = None;
-    let mut peaks = 0;
+    let mut modes = 0;
     for _ in 0..LOOKS {
         let frequencies_hz = look(folder, setups, &looked, &plan);
         let lowest = &frequencies_hz[..frequencies_hz.len().min(MODES)];
@@ -50,7 +54,7 @@ pub(super) fn band(
             // Half-way to the next peak at most, so that no half mode stands at the end.
             let next_hz = frequencies_hz.get(lowest.len()).map_or(f64::INFINITY, |next| 0.5 * (last + next));
             let high_hz = (ABOVE * last).min(next_hz).min(whole_hz[1]);
-            peaks = lowest.len();
+            modes = lowest.len();
             found = Some([(BELOW * first).max(whole_hz[0]), high_hz]);
             high_hz
         } else {
@@ -66,7 +70,7 @@ pub(super) fn band(
     let minutes = looked.iter().map(|extent| extent.rows as f64 / extent.sampling_rate_hz / 60.0).sum::<f64>();
     found.map(|band_hz| {
         let reason = format!(
-            "Band: {:.4} to {:.4} Hz, around the lowest {peaks} peaks of a first look at {minutes:.0} min (band_hz in [analysis] fixes it).",
+            "Band: {:.4} to {:.4} Hz, around the lowest {modes} modes of a first look at {minutes:.0} min (band_hz in [analysis] fixes it).",
             band_hz[0], band_hz[1]
         );
         (band_hz, reason)
@@ -82,7 +86,7 @@ fn finer(looked: &[SetupExtent], analysis: &Analysis, high_hz: f64) -> Option<Sp
     up_to(LOWEST_LINE as f64 * spacing_hz)
 }
 
-/// Frequencies of the peaks that the looked-at rows show, lowest first; none where a recording cannot be read, which is told
+/// Frequencies of the modes that the looked-at rows show, lowest first; none where a recording cannot be read, which is told
 /// when it is measured.
 fn look(folder: &Path, setups: &[&Setup], extents: &[SetupExtent], plan: &SpectralPlan) -> Vec<f64> {
     let measured: Option<Vec<MeasuredSetup<'_>>> = setups
@@ -91,7 +95,7 @@ fn look(folder: &Path, setups: &[&Setup], extents: &[SetupExtent], plan: &Spectr
         .zip(&plan.decimations)
         .map(|((setup, extent), &decimation)| look_at(folder, setup, extent.rows, decimation, plan))
         .collect();
-    measured.map(|measured| picked_frequencies_hz(&measured)).unwrap_or_default()
+    measured.map(|measured| mode_frequencies_hz(&measured)).unwrap_or_default()
 }
 
 fn look_at<'a>(

@@ -14,7 +14,7 @@ use crate::identify::curve::Curve;
 use crate::identify::fit::Basis;
 use crate::identify::judge::MIN_DAMPING;
 use crate::identify::merge::{duration_s, merge, number};
-use crate::identify::pick::suggested;
+use crate::identify::pick::{sources, suggested};
 use crate::identify::resonance::Resonance;
 use crate::identify::result::{Harmonic, Identification, Mode, ModeMethod, Rejected};
 use crate::identify::scatter::{GroupChanges, noise_share};
@@ -64,7 +64,7 @@ pub fn identify_by_subspace(
         found.stable.iter().filter(|pole| !is_mode(pole)).map(|pole| pole.report(&m.setup.name)).collect::<Vec<_>>()
     });
     let other_poles = other_poles.collect();
-    let singular: Vec<SingularValues> = measured.iter().map(|m| SingularValues::of(&m.spectrum)).collect();
+    let singular: Vec<SingularValues> = sources(measured).iter().map(SingularValues::of).collect();
     Ok(Identification {
         modes: merged(&grid, measured, &modes, &mut warnings),
         averages: measured.iter().map(|m| m.spectrum.averages()).sum(),
