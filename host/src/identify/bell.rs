@@ -22,6 +22,8 @@ const MAX_STEPS: usize = 60;
 /// Standard deviation of a tilt beforehand: a neighbour of the same level and a force that is correlated with the mode's make
 /// about as much at most.
 const TILT_PRIOR: f64 = 0.5;
+/// What is added to the information, so that it has an inverse where a level is nothing.
+const RIDGE: f64 = 1e-9;
 /// A component's level may not fall below this share of the smallest density.
 const MIN_LEVEL: f64 = 1e-6;
 
@@ -53,6 +55,9 @@ pub struct BellFit {
     pub expected: Vec<[f64; 2]>,
     /// Negative logarithm of the likelihood, an average.
     pub objective: f64,
+    /// Standard deviations of frequency in Hz and damping ratio from the likelihood's curvature, where responses of neighbours are mixed in:
+    /// what is believed of their tilts beforehand is the same in all groups of windows, and not in the scatter between these.
+    pub certainty: Option<[f64; 2]>,
 }
 
 impl Bell {
@@ -108,7 +113,7 @@ impl Bell {
         let schedule = Schedule {
             damping: 1e-2,
             factors: [0.3, 8.0],
-            ridge: 1e-9,
+            ridge: RIDGE,
             most_steps: MAX_STEPS,
             least_gain: 1e-10 * self.density.len() as f64,
         };
@@ -278,7 +283,19 @@ impl<'a> Model<'a> {
             neighbours: self.levels[1..count - 1].to_vec(),
             expected: bell.frequency_hz.iter().map(expected).collect(),
             objective,
+            certainty: self.certainty(bell),
         }
+    }
+
+    fn certainty(&self, bell: &Bell) -> Option<[f64; 2]> {
+        let averages = bell.mixed?.max(1.0);
+        let mut fisher = self.slopes(bell)?.fisher;
+        for index in 0..fisher.nrows() {
+            fisher[(index, index)] += RIDGE;
+        }
+        let covariance = fisher.cholesky()?.inverse() / averages;
+        let std = |place: usize| covariance[(place, place)].max(0.0).sqrt();
+        Some([std(0) * self.resonance.bandwidth_hz(), std(1) * self.resonance.damping_ratio])
     }
 }
 
@@ -309,6 +326,27 @@ mod tests {
             assert!((fit.resonance.damping_ratio / damping_ratio - 1.0).abs() < 1e-3, "{fit:?}");
             assert!((fit.level / 3.0 - 1.0).abs() < 1e-3, "{fit:?}");
         }
+    }
+
+    #[test]
+    fn certainty_grows_with_averages_and_is_less_where_a_neighbour_is_mixed_in() {
+        let (truth, other) = (acceleration(1.0, 0.01), acceleration(1.03, 0.01));
+        let std = |averages: Option<f64>, neighbours: &[Resonance]| {
+            let mut bell = Bell { mixed: averages, ..exact_bell(truth, 100.0, 15, 1e-3) };
+            for (density, &f) in bell.density.iter_mut().zip(&bell.frequency_hz) {
+                *density += other.density(f, 100.0);
+            }
+            bell.fit(truth, neighbours, [0.9, 1.1]).unwrap().certainty
+        };
+        assert_eq!(std(None, &[other]), None, "filters stop neighbours");
+        let [few, many] = [50.0, 200.0].map(|averages| std(Some(averages), &[other]).unwrap());
+        for (few, many) in few.into_iter().zip(many) {
+            // What is believed beforehand counts for more where there is less data.
+            assert!((0.5..0.8).contains(&(many / few)), "{few} {many}");
+        }
+        // Whittle's bound of a single mode is about half a line's bandwidth over the root of the averages.
+        let alone = std(Some(50.0), &[]).unwrap();
+        assert!(alone[0] < few[0] && few[0] < 0.02, "{alone:?} {few:?}");
     }
 
     #[test]

@@ -464,11 +464,12 @@ impl State {
         // The jackknife sees what the model leaves out and changes from group to group, the likelihood what is the same in all
         // groups, as the prior's part in the slope: the wider counts.
         let place = |cluster: &Cluster| cluster.modes.iter().position(|&other| other == mode);
-        let certainty = self
-            .clusters
-            .iter()
-            .find_map(|cluster| cluster.certainty.get(place(cluster)?))
-            .filter(|_| !replicates.is_empty());
+        let of_cluster = |cluster: &Cluster| {
+            let certainty = cluster.certainty.get(place(cluster)?)?;
+            Some([certainty.frequency_std_hz, certainty.damping_std])
+        };
+        let certainty = self.clusters.iter().find_map(of_cluster).or(fit.certainty).filter(|_| !replicates.is_empty());
+        let [least_std_hz, least_damping_std] = certainty.unwrap_or_default();
         // At the end of its range a fit does not move from replicate to replicate, so its scatter means nothing.
         let [least, most] = DAMPING_RANGE;
         let is_bounded = !(1.001 * least..0.999 * most).contains(&fit.resonance.damping_ratio);
@@ -480,10 +481,8 @@ impl State {
             found: distance_hz < 0.48 * (highest - lowest),
             resonance: self.fits[mode].resonance,
             shape,
-            frequency_std_hz: deviation(&changes.frequency_hz)
-                .max(certainty.map_or(0.0, |certainty| certainty.frequency_std_hz)),
-            damping_std: deviation(&changes.damping_ratio)
-                .max(certainty.map_or(0.0, |certainty| certainty.damping_std)),
+            frequency_std_hz: deviation(&changes.frequency_hz).max(least_std_hz),
+            damping_std: deviation(&changes.damping_ratio).max(least_damping_std),
             shape_std: scatter.component.iter().map(|std| student(replicates.len()) * std).collect(),
             shape_noise,
             curve,

@@ -23,9 +23,12 @@ const FAR_SHARE: f64 = 0.1;
 const FAR_LINES: f64 = 20.0;
 /// A pick that another method does not have is this many times as doubtful.
 const UNSEEN: f64 = 2.0;
-/// Two estimates within this many lines and half a bandwidth, with a MAC above this, are one mode.
+/// Two estimates within this many lines and half a bandwidth are one mode with a MAC above the second of these; above the first where what
+/// differs between their shapes may be scatter, and is less than so many standard deviations. Modes of a pair have any directions in its
+/// plane, that may be alike; but the plane is known.
 const DOUBLE_LINES: f64 = 1.0;
-const DOUBLE_MAC: f64 = 0.5;
+const DOUBLE_MAC: [f64; 2] = [0.5, 0.9];
+const DOUBLE_SIGMAS: f64 = 5.0;
 /// Standard deviation of the frequency in lines, or in bandwidths where these are wider, at most.
 const MAX_FREQUENCY_LINES: f64 = 1.0;
 const MAX_FREQUENCY_BANDWIDTHS: f64 = 0.15;
@@ -101,7 +104,10 @@ fn is_double_of(estimates: &[&SetupMode], others: &[&SetupMode], spacing_hz: f64
     let alike = mean(&|a, b| mac(&a.shape, &b.shape));
     let stuck = mean(&|a, _| a.frequency_std_hz) == 0.0;
     let weaker = mean(&|a, b| (a.peak_density / b.peak_density).ln()) < 0.0;
-    weaker && distance_hz < DOUBLE_LINES * spacing_hz + 0.5 * width_hz && (alike > DOUBLE_MAC || stuck)
+    let scatter = mean(&|a, b| a.shape_noise.hypot(b.shape_noise));
+    let [may_be, is] = DOUBLE_MAC;
+    let is_alike = alike > is || (alike > may_be && (1.0 - alike).sqrt() < DOUBLE_SIGMAS * scatter);
+    weaker && distance_hz < DOUBLE_LINES * spacing_hz + 0.5 * width_hz && (is_alike || stuck)
 }
 
 /// How doubtful it is that the estimates are of a mode, and what raises the doubt; above 1 they are not. Unknown uncertainties
@@ -238,6 +244,17 @@ mod tests {
             mode.peak_density = 0.5;
         };
         assert_eq!(judged(double), [(1, RejectedBecause::Double)]);
+        // With the first mode's shape it has a MAC of 0.75.
+        let of_a_pair = |mode: &mut SetupMode| {
+            double(mode);
+            mode.shape[3] = Complex64::ZERO;
+        };
+        assert_eq!(judged(of_a_pair), []);
+        let scattered = |mode: &mut SetupMode| {
+            of_a_pair(mode);
+            mode.shape_noise = 0.1;
+        };
+        assert_eq!(judged(scattered), [(1, RejectedBecause::Double)]);
     }
 
     #[test]

@@ -46,7 +46,7 @@ pub(super) fn known_bell(matrices: &Matrices<'_>, shape: &Shape, line: usize, re
     let duration_s = 1.0 / matrices.grid().spacing_hz();
     let level = filtered(shape, matrices.at(line)) / resonance.peak_density(duration_s);
     let (neighbours, expected) = (Vec::new(), Vec::new());
-    BellFit { resonance, level, floor: 0.0, neighbours, expected, objective: f64::INFINITY }
+    BellFit { resonance, level, floor: 0.0, neighbours, expected, objective: f64::INFINITY, certainty: None }
 }
 
 /// The bell of a mode that is damped so much that its top is many lines wide: among these, noise makes peaks of its own, which

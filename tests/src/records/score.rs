@@ -179,6 +179,8 @@ struct Found {
     shape: Vec<(usize, Complex<f64>, f64)>,
     /// How its errors are correlated.
     scatter: Value,
+    /// Whether it is told as one of a pair of which only the plane is known.
+    is_paired: bool,
 }
 
 impl Found {
@@ -195,6 +197,7 @@ impl Found {
             damping_ratio_std: number("damping_ratio_std"),
             shape: mode["shape"].as_array().into_iter().flatten().filter_map(part).collect(),
             scatter: mode["covariance_factor"].clone(),
+            is_paired: !mode["pair_with"].is_null(),
         }
     }
 
@@ -210,6 +213,20 @@ impl Found {
         let whole: f64 = self.shape.iter().map(|(_, value, _)| value.norm_sqr()).sum();
         if whole > 0.0 { inside / whole } else { 0.0 }
     }
+
+    /// The share of the shape that lies in the plane of two true ones.
+    fn in_plane(&self, one: &DVector<f64>, other: &DVector<f64>) -> f64 {
+        let at_channels = |shape: &DVector<f64>| {
+            DVector::from_iterator(self.shape.len(), self.shape.iter().map(|(channel, _, _)| shape[*channel]))
+        };
+        let (one, other) = (at_channels(one).normalize(), at_channels(other));
+        let other = (&other - &one * one.dot(&other)).normalize();
+        let along = |direction: &DVector<f64>| {
+            self.shape.iter().zip(direction.iter()).map(|((_, value, _), part)| value * *part).sum::<Complex<f64>>()
+        };
+        let whole: f64 = self.shape.iter().map(|(_, value, _)| value.norm_sqr()).sum();
+        if whole > 0.0 { (along(&one).norm_sqr() + along(&other).norm_sqr()) / whole } else { 0.0 }
+    }
 }
 
 impl CaseScore {
@@ -224,7 +241,10 @@ impl CaseScore {
             let near_hz = (NEAR * hz).max(5.0 * bounds[0]);
             let best = (0..found.len())
                 .filter(|&at| !used[at] && (found[at].frequency_hz - hz).abs() < near_hz)
-                .filter(|&at| found[at].mac(&shape) > LEAST_MAC)
+                .filter(|&at| {
+                    let in_plane = || found[at].in_plane(&shape, &neighbour(structure, mode));
+                    found[at].mac(&shape) > LEAST_MAC || (found[at].is_paired && in_plane() > LEAST_MAC)
+                })
                 .max_by(|&a, &b| {
                     let likeness =
                         |at: usize| found[at].mac(&shape) - ((found[at].frequency_hz - hz) / near_hz).powi(2);
@@ -331,6 +351,14 @@ impl CaseScore {
             self.seconds[1]
         )
     }
+}
+
+/// The shape of the mode whose frequency is nearest to a mode's.
+fn neighbour(structure: &Structure, mode: usize) -> DVector<f64> {
+    let distance_hz = |other: &usize| (structure.frequencies_hz[*other] - structure.frequencies_hz[mode]).abs();
+    let others = (0..structure.frequencies_hz.len()).filter(|other| *other != mode);
+    let nearest = others.min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
+    structure.shapes.column(nearest.unwrap_or(mode)).into_owned()
 }
 
 /// Percent of magnitudes beyond a limit.
