@@ -344,7 +344,7 @@ mod tests {
             // What is believed beforehand counts for more where there is less data.
             assert!((0.5..0.8).contains(&(many / few)), "{few} {many}");
         }
-        // Whittle's bound of a single mode is about half a line's bandwidth over the root of the averages.
+        // A neighbour costs accuracy.
         let alone = std(Some(50.0), &[]).unwrap();
         assert!(alone[0] < few[0] && few[0] < 0.02, "{alone:?} {few:?}");
     }

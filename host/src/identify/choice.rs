@@ -23,13 +23,13 @@ pub(super) fn meant_hz(spacing_hz: f64, frequency_hz: f64) -> f64 {
 /// Takes out the automatic picks that the user drops; says where there was none.
 pub(super) fn drop_picks(grid: &LineGrid, picks: &mut Vec<Pick>, choice: &ModeChoice, warnings: &mut Vec<String>) {
     for &frequency_hz in &choice.drop_hz {
-        let distance_hz = |pick: &Pick| (grid.frequency_hz(pick.line) - frequency_hz).abs();
+        let distance_hz = |pick: &Pick| (pick.frequency_hz(grid) - frequency_hz).abs();
         let nearest = (0..picks.len()).min_by(|&a, &b| distance_hz(&picks[a]).total_cmp(&distance_hz(&picks[b])));
         match nearest.filter(|&pick| distance_hz(&picks[pick]) <= meant_hz(grid.spacing_hz(), frequency_hz)) {
             Some(pick) => drop(picks.remove(pick)),
             None => {
                 let nearest = nearest.map_or(String::new(), |pick| {
-                    format!("; the nearest is at {:.4} Hz", grid.frequency_hz(picks[pick].line))
+                    format!("; the nearest is at {:.4} Hz", picks[pick].frequency_hz(grid))
                 });
                 warnings.push(format!(
                     "drop_modes_hz: no mode was picked within {:.4} Hz of {frequency_hz} Hz, so none is dropped{nearest}",

@@ -141,8 +141,7 @@ impl State {
                 None => first_bell(matrices, shape, pick.line, apart(pick.line), quantity),
             })
             .collect();
-        let hz = |pick: &Pick| pick.suggested.map_or(grid.frequency_hz(pick.line), |(frequency_hz, _)| frequency_hz);
-        let picked_hz = picks.iter().map(hz).collect();
+        let picked_hz = picks.iter().map(|pick| pick.frequency_hz(grid)).collect();
         let curves = vec![Curve::default(); picks.len()];
         let picked_within_hz = picks.iter().map(|pick| pick.within_lines * grid.spacing_hz()).collect();
         let wanted = vec![true; picks.len()];

@@ -21,7 +21,7 @@ const WIDE_LINES: f64 = 8.0;
 const END_LINES: f64 = 2.0;
 /// Lines in the narrowest mode's bandwidth that finer ones aim at.
 pub(super) const WANTED_LINES: f64 = 4.0;
-/// The damping of a mode that finer lines aim at, at least: half of a stay cable's.
+/// The damping of a mode that finer lines aim at, at least.
 const LEAST_DAMPING: f64 = 2e-4;
 /// Long windows, at least: the jackknife leaves out one after the other, and the record's ends are lost to all of them.
 const LEAST_WINDOWS: usize = 10;
@@ -66,6 +66,7 @@ fn estimated(spectrum: &CrossSpectrum, state: &State, taken: &[usize]) -> Vec<(u
     let matrices = Matrices::new(source, None, &taken);
     // Those that cannot be fitted to these lines have none.
     state.curves.fill(Curve::default());
+    state.fits.iter_mut().for_each(|fit| fit.certainty = None);
     if source.channels() < JOINT_CHANNELS {
         for _ in 0..ROUNDS {
             state.improve(&matrices);

@@ -57,7 +57,7 @@ pub(super) fn fit(
         }
         worst.sort_by_key(|(pick, _)| std::cmp::Reverse(*pick));
         for (pick, because) in worst {
-            let frequency_hz = grid.frequency_hz(picks.remove(pick).line);
+            let frequency_hz = picks.remove(pick).frequency_hz(grid);
             rejected.push(Rejected { frequency_hz, because });
         }
     }
@@ -66,7 +66,7 @@ pub(super) fn fit(
         if pick.by_user && judge::is_doubtful(&setups, grid.spacing_hz(), index) {
             warnings.push(format!(
                 "the mode asked for near {:.4} Hz is hardly visible in the data: its values are mostly noise",
-                grid.frequency_hz(pick.line)
+                pick.frequency_hz(grid)
             ));
         }
     }

@@ -10,7 +10,7 @@ use super::shape::mac;
 
 /// Standard deviation of a shape over its length, at most.
 const MAX_SHAPE_NOISE: f64 = 0.5;
-/// No structure has damping ratios beyond these.
+/// No structure has more damping; and less only where its lines show that.
 const MAX_DAMPING: f64 = 0.2;
 pub(super) const MIN_DAMPING: f64 = 5e-4;
 /// Less is believed, as of a cable, where the lines that a mode was fitted to show its width: so many lie in its bandwidth, and its damping
@@ -29,6 +29,8 @@ const UNSEEN: f64 = 2.0;
 const DOUBLE_LINES: f64 = 1.0;
 const DOUBLE_MAC: [f64; 2] = [0.5, 0.9];
 const DOUBLE_SIGMAS: f64 = 5.0;
+/// A frequency that scatters by less than this share of it has run into a wall, or stands in another mode's way.
+const STUCK: f64 = 1e-9;
 /// Standard deviation of the frequency in lines, or in bandwidths where these are wider, at most.
 const MAX_FREQUENCY_LINES: f64 = 1.0;
 const MAX_FREQUENCY_BANDWIDTHS: f64 = 0.15;
@@ -102,12 +104,13 @@ fn is_double_of(estimates: &[&SetupMode], others: &[&SetupMode], spacing_hz: f64
     let distance_hz = mean(&|a, b| (a.resonance.frequency_hz - b.resonance.frequency_hz).abs());
     let width_hz = mean(&|a, b| a.resonance.bandwidth_hz().max(b.resonance.bandwidth_hz()));
     let alike = mean(&|a, b| mac(&a.shape, &b.shape));
-    let stuck = mean(&|a, _| a.frequency_std_hz) == 0.0;
+    let stuck = mean(&|a, _| a.frequency_std_hz) < STUCK * mean(&|a, _| a.resonance.frequency_hz);
     let weaker = mean(&|a, b| (a.peak_density / b.peak_density).ln()) < 0.0;
+    let line_hz = mean(&|a, b| a.spacing_hz.max(b.spacing_hz)).min(spacing_hz);
     let scatter = mean(&|a, b| a.shape_noise.hypot(b.shape_noise));
     let [may_be, is] = DOUBLE_MAC;
     let is_alike = alike > is || (alike > may_be && (1.0 - alike).sqrt() < DOUBLE_SIGMAS * scatter);
-    weaker && distance_hz < DOUBLE_LINES * spacing_hz + 0.5 * width_hz && (is_alike || stuck)
+    weaker && distance_hz < DOUBLE_LINES * line_hz + 0.5 * width_hz && (is_alike || stuck)
 }
 
 /// How doubtful it is that the estimates are of a mode, and what raises the doubt; above 1 they are not. Unknown uncertainties
@@ -123,11 +126,12 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
         combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
     let (damping, _) = combine(found.iter().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
     // No structure has so little damping: the fit took a line of noise for a resonance.
-    if damping < MIN_DAMPING && found.iter().all(|mode| has_no_width(mode)) {
+    let without_width = found.iter().filter(|mode| has_no_width(mode)).count();
+    if damping < MIN_DAMPING && 2 * without_width >= found.len() {
         return (f64::INFINITY, RejectedBecause::Undamped);
     }
     // A fit that does not move at all from replicate to replicate has run into a wall.
-    if frequency_std_hz == 0.0 {
+    if frequency_std_hz < STUCK * frequency_hz {
         return (f64::INFINITY, RejectedBecause::Frequency);
     }
     let bandwidth_hz = 2.0 * damping * frequency_hz;

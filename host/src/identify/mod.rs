@@ -153,21 +153,23 @@ pub(crate) struct Suggestion {
     shapes: Vec<Shape>,
 }
 
-/// Identifies once more, from the modes that were found and those that another method suggests: these are judged as all picks
-/// are. What was rejected stays out, so that it bends nothing.
+/// Identifies once more, from the modes that were found, but those of the numbers in `without`, and those that another method suggests:
+/// these are judged as all picks are. What was rejected stays out, so that it bends nothing.
 fn identify_again(
     measured: &[MeasuredSetup<'_>],
     found: &Identification,
+    without: &[usize],
     suggestions: &[Suggestion],
 ) -> Result<Identification, IdentifyError> {
     let grid = same_lines(measured)?;
     let mut basis = found.basis.clone();
-    for pick in &mut basis.picks {
-        let hz = grid.frequency_hz(pick.line);
+    basis.picks.retain_mut(|pick| {
+        let hz = pick.frequency_hz(&grid);
         let distance_hz = |mode: &Mode| (mode.frequency_hz - hz).abs();
         let nearest = found.modes.iter().min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
         pick.unseen = nearest.is_none_or(|mode| mode.second_opinion.is_none());
-    }
+        nearest.is_none_or(|mode| !without.contains(&mode.number))
+    });
     basis.picks.extend(suggestions.iter().map(|suggestion| pick::suggested(&grid, measured, suggestion)));
     basis.picks.sort_by_key(|pick| pick.line);
     Ok(fit::fit(measured, &grid, basis, found.singular_values.clone()))

@@ -78,7 +78,7 @@ pub(super) struct Pick {
     pub(super) suggested: Option<(f64, f64)>,
     /// Whether another method was asked, and does not have the mode.
     pub(super) unseen: bool,
-    /// How far from there a mode may be whose bandwidth is next to nothing, in lines.
+    /// How far from the pick a mode may be whose bandwidth is next to nothing, in lines.
     pub(super) within_lines: f64,
 }
 
@@ -94,6 +94,11 @@ impl Pick {
             unseen: false,
             within_lines: LEEWAY_LINES,
         }
+    }
+
+    /// Where it is in Hz.
+    pub(super) fn frequency_hz(&self, grid: &LineGrid) -> f64 {
+        self.suggested.map_or_else(|| grid.frequency_hz(self.line), |(frequency_hz, _)| frequency_hz)
     }
 
     /// Whether it is so far from a mode's kurtosis that nothing else need be known.

@@ -114,6 +114,11 @@ pub enum ModeMethod {
 }
 
 impl Mode {
+    /// Whether something else lies where the mode is, in any setup: it may be several in one.
+    pub fn is_misfit(&self) -> bool {
+        self.fitted.iter().any(|one| one.is_misfit)
+    }
+
     /// Half-power bandwidth 2 zeta f in Hz.
     pub fn bandwidth_hz(&self) -> f64 {
         2.0 * self.damping_ratio * self.frequency_hz

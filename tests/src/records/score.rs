@@ -24,6 +24,10 @@ const NOISE: f64 = 0.03;
 /// Found: within 2 % of the frequency or five times the lower bound, whichever is larger, with at least this MAC.
 const NEAR: f64 = 0.02;
 const LEAST_MAC: f64 = 0.5;
+/// A mode of a pair that is said to be known by its plane alone: with this share in the plane of the two true modes, which are less than a
+/// bandwidth apart, and enough channels for a plane to be seldom met by chance.
+const LEAST_IN_PLANE: f64 = 0.9;
+const PLANE_CHANNELS: usize = 6;
 /// A machine is told where a tone is listed within this share of its frequency.
 const MACHINE_NEAR: f64 = 0.005;
 /// A mode can be seen where the bound of its frequency and of its damping is below these shares.
@@ -238,12 +242,14 @@ impl CaseScore {
             let cycles = hz * case.seconds * case.roving.map_or(1.0, |roving| roving.setups as f64);
             let bounds = [hz * (zeta / (TAU * cycles)).sqrt(), (zeta / (TAU * cycles)).sqrt()];
             score.records += 1;
+            let (neighbour, neighbour_hz) = neighbour(structure, mode);
             let near_hz = (NEAR * hz).max(5.0 * bounds[0]);
             let best = (0..found.len())
                 .filter(|&at| !used[at] && (found[at].frequency_hz - hz).abs() < near_hz)
                 .filter(|&at| {
-                    let in_plane = || found[at].in_plane(&shape, &neighbour(structure, mode));
-                    found[at].mac(&shape) > LEAST_MAC || (found[at].is_paired && in_plane() > LEAST_MAC)
+                    let is_pair = found[at].shape.len() >= PLANE_CHANNELS && neighbour_hz < 2.0 * zeta * hz;
+                    let in_plane = || found[at].in_plane(&shape, &neighbour);
+                    found[at].mac(&shape) > LEAST_MAC || (found[at].is_paired && is_pair && in_plane() > LEAST_IN_PLANE)
                 })
                 .max_by(|&a, &b| {
                     let likeness =
@@ -353,12 +359,13 @@ impl CaseScore {
     }
 }
 
-/// The shape of the mode whose frequency is nearest to a mode's.
-fn neighbour(structure: &Structure, mode: usize) -> DVector<f64> {
-    let distance_hz = |other: &usize| (structure.frequencies_hz[*other] - structure.frequencies_hz[mode]).abs();
+/// The shape of the mode whose frequency is nearest to a mode's, and how far away it is in Hz.
+fn neighbour(structure: &Structure, mode: usize) -> (DVector<f64>, f64) {
+    let distance_hz = |other: usize| (structure.frequencies_hz[other] - structure.frequencies_hz[mode]).abs();
     let others = (0..structure.frequencies_hz.len()).filter(|other| *other != mode);
-    let nearest = others.min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
-    structure.shapes.column(nearest.unwrap_or(mode)).into_owned()
+    let nearest = others.min_by(|&a, &b| distance_hz(a).total_cmp(&distance_hz(b)));
+    let shape = structure.shapes.column(nearest.unwrap_or(mode)).into_owned();
+    (shape, nearest.map_or(f64::INFINITY, distance_hz))
 }
 
 /// Percent of magnitudes beyond a limit.

@@ -48,7 +48,7 @@ fn a_channel_that_is_reversed_and_two_that_are_exchanged_are_suspected_by_name_a
 /// Records of noise in which the fit of spectra alone takes a peak for a mode.
 #[test]
 fn a_structure_that_stands_still_has_no_modes_in_the_eyes_of_both_methods() {
-    for seed in [1_795_395_337, 1_795_395_482] {
+    for seed in [1_795_395_337, 1_795_395_482, 1_795_471_016, 1_795_471_150] {
         let folder = tempfile::tempdir().unwrap();
         let mut score = CaseScore::default();
         run(case("still").unwrap(), seed, "both", folder.path(), &mut score).unwrap();
@@ -90,6 +90,10 @@ fn cables_are_found_one_by_one_and_their_damping_is_believed() {
     assert_eq!(cables.invented_hz, [], "{}", cables.table());
     let missed: usize = cables.modes.iter().map(|mode| mode.missed).sum();
     assert!(missed <= 1, "{}", cables.table());
-    let over_bound: Vec<f64> = cables.modes.iter().flat_map(|mode| mode.frequency_over_bound.clone()).collect();
-    assert!(over_bound.iter().all(|error| error.abs() < 6.0), "{}", cables.table());
+    // Few modes of eight are further off than four times the bound of the best method; none has another's shape.
+    for mode in &cables.modes {
+        let errors = mode.frequency_over_bound.iter().chain(&mode.damping_over_bound);
+        assert!(errors.into_iter().all(|error| error.abs() < 6.0), "{}", cables.table());
+        assert!(mode.least_mac.is_none_or(|mac| mac > 0.95), "{}", cables.table());
+    }
 }

@@ -70,18 +70,51 @@ fn try_poles(
         opinions.filter(|opinion| opinion.agrees).count()
     };
     for _ in 0..MOST_TRIALS {
-        let suggestions = suggestions(setups, identification, grid);
-        if suggestions.is_empty() {
+        let left = suggestions(setups, identification, grid, &[]);
+        if left.is_empty() {
             break;
         }
-        let mut again = identify_again(measured, identification, &suggestions)?;
-        add_opinions(measured, setups, choice, &mut again);
-        if agreed(&again) <= agreed(identification) {
-            break;
+        let tried = |without: &[usize], suggestions: &[Suggestion]| -> Result<Option<Identification>, IdentifyError> {
+            let mut again = identify_again(measured, identification, without, suggestions)?;
+            add_opinions(measured, setups, choice, &mut again);
+            Ok(Some(again).filter(|again| agreed(again) > agreed(identification)))
+        };
+        // Beside the modes that stand; or else in the place of those that are doubtful, which may be two in one.
+        let mut better = tried(&[], &left)?;
+        let doubtful = doubtful(identification, choice);
+        if better.is_none() && !doubtful.is_empty() {
+            let theirs_hz = poles_of(measured, setups, identification, &doubtful);
+            better = tried(&doubtful, &suggestions(setups, identification, grid, &theirs_hz))?;
         }
-        *identification = again;
+        let Some(better) = better else { break };
+        *identification = better;
     }
     Ok(())
+}
+
+/// The numbers of the modes that the subspaces do not confirm, or beside which something else lies, but those that the user asked for.
+fn doubtful(identification: &Identification, choice: &ModeChoice) -> Vec<usize> {
+    let asked_for = asked_for(choice, &identification.modes);
+    let is_doubtful = |mode: &&Mode| {
+        let is_confirmed = mode.second_opinion.is_some_and(|opinion| opinion.agrees);
+        (!is_confirmed || mode.is_misfit()) && !asked_for.contains(&mode.number)
+    };
+    identification.modes.iter().filter(is_doubtful).map(|mode| mode.number).collect()
+}
+
+/// Frequencies in Hz of the poles that are those of the modes of these numbers, in any setup.
+fn poles_of(
+    measured: &[MeasuredSetup<'_>],
+    setups: &[SetupPoles],
+    identification: &Identification,
+    numbers: &[usize],
+) -> Vec<f64> {
+    let of_setup = |(m, found): (&MeasuredSetup<'_>, &SetupPoles)| {
+        let pairs = pairs(m, &identification.modes, &found.stable, identification.frequency_resolution_hz);
+        let theirs = pairs.into_iter().filter(|(mode, _, _)| numbers.contains(&identification.modes[*mode].number));
+        theirs.map(|(_, pole, _)| found.stable[pole].frequency_hz).collect::<Vec<f64>>()
+    };
+    measured.iter().zip(setups).flat_map(of_setup).collect()
 }
 
 /// A mode that was taken out for what the subspaces show instead.
@@ -172,11 +205,14 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
     let asked_for = asked_for(choice, &identification.modes);
     let is_asked_for = |mode: &Mode| asked_for.contains(&mode.number);
     let spacing_hz = identification.frequency_resolution_hz;
+    let is_any_seen = identification.modes.iter().any(|mode| mode.second_opinion.is_some());
     let is_unseen = |mode: &Mode| {
         let is_sharp = mode.damping_ratio < LEAST_DAMPING_SIGMAS * mode.damping_ratio_std
             && mode.damping_ratio_std > UNUSUAL * mode.damping_ratio_std_bound;
+        // Where nothing at all is confirmed, finer lines may have given a width to a peak of noise.
+        let is_lone_line = !is_any_seen && mode.bandwidth_hz() < spacing_hz;
         // Noise that is not white has wide bumps.
-        mode.second_opinion.is_none() && (is_sharp || mode.frequency_std_hz > spacing_hz)
+        mode.second_opinion.is_none() && (is_sharp || is_lone_line || mode.frequency_std_hz > spacing_hz)
     };
     let (unseen, seen): (Vec<Mode>, Vec<Mode>) = std::mem::take(&mut identification.modes)
         .into_iter()
@@ -189,15 +225,21 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
     identification.rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
 }
 
-/// Poles worth a trial that all setups show and that are none of the modes.
-fn suggestions(setups: &[SetupPoles], identification: &Identification, grid: &LineGrid) -> Vec<Suggestion> {
+/// Poles worth a trial that all setups show and that are none of the modes, or are at these frequencies.
+fn suggestions(
+    setups: &[SetupPoles],
+    identification: &Identification,
+    grid: &LineGrid,
+    and_hz: &[f64],
+) -> Vec<Suggestion> {
     let Some((first, others)) = setups.split_first() else { return Vec::new() };
     let spacing_hz = identification.frequency_resolution_hz;
     let is_other = |pole: &&StablePole| {
         let own = |other: &SubspacePole| other.frequency_hz == pole.frequency_hz;
         // Between several setups poles are brought together by little more than their frequency.
         let is_wanted = if others.is_empty() { pole.is_tried() } else { pole.is_clear() };
-        is_wanted && pole.is_inside(grid) && identification.other_poles.iter().any(own)
+        let is_free = identification.other_poles.iter().any(own) || and_hz.contains(&pole.frequency_hz);
+        is_wanted && pole.is_inside(grid) && is_free
     };
     let in_all = |pole: &StablePole| -> Option<Suggestion> {
         let mut shapes = vec![pole.shape.clone()];
