@@ -301,6 +301,7 @@ impl State {
                 Some((fit, shapes, certainty, curves))
             };
             let Some((fit, shapes, certainty, curves)) = refit() else {
+                cluster.certainty.clear();
                 failed.extend(modes);
                 continue;
             };

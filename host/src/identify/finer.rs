@@ -104,7 +104,7 @@ fn wanted(grid: &LineGrid, state: &State, lines: &[f64]) -> Vec<bool> {
 }
 
 /// Finer lines within the cells of those that tones have taken.
-fn taken_of(taken: &[usize], times: usize, lines: usize) -> Vec<usize> {
+pub(super) fn taken_of(taken: &[usize], times: usize, lines: usize) -> Vec<usize> {
     let cell = |&line: &usize| (line * times).saturating_sub(times / 2)..(line * times + times.div_ceil(2)).min(lines);
     let mut finer: Vec<usize> = taken.iter().flat_map(cell).collect();
     finer.dedup();

@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use super::Suggestion;
-use super::finer::{ENOUGH_LINES, WANTED_LINES, bandwidth_hz};
+use super::finer::{ENOUGH_LINES, WANTED_LINES, bandwidth_hz, taken_of};
 use super::fit::{self, Basis};
 use super::matrices::{Matrices, Source};
 use super::pick::{self, Pick, peaks};
@@ -16,6 +16,7 @@ use super::setup::{MeasuredSetup, quantity};
 use super::shape::filtered;
 use super::singular::SingularValues;
 use super::start::first_bell;
+use super::tone;
 use crate::spectra::{FinerSpectrum, LineGrid, around};
 use crate::study::ModeChoice;
 
@@ -25,8 +26,6 @@ const LEAST_WINDOWS: usize = 16;
 const REACH_LINES: usize = 8;
 /// Modes that were found let others be looked for beside them, so often at most.
 const MOST_ROUNDS: usize = 3;
-/// Lines to either side of a tone that are its own.
-const TONE_LINES: f64 = 2.0;
 /// How far from its peak a mode may be: in finer lines, and as a share of the frequency where setups follow each other and it changes.
 const WITHIN_FINER_LINES: f64 = 2.0;
 const CHANGE_BETWEEN_SETUPS: f64 = 3e-3;
@@ -117,7 +116,7 @@ impl<'a> Finer<'a> {
             let hz = finer_grid.frequency_hz(peak.line);
             let mut tones = self.found.harmonics.iter();
             let mut wide = self.found.modes.iter().filter(|mode| !is_narrow(mode, self.grid) && !mode.is_misfit());
-            !tones.any(|tone| (tone.frequency_hz - hz).abs() < TONE_LINES * spacing_hz + tone.wanders_hz)
+            !tones.any(|tone| tone.covers(hz, spacing_hz))
                 && !wide.any(|mode| (mode.frequency_hz - hz).abs() < spacing_hz + 0.5 * mode.bandwidth_hz())
         };
         let found_there = |region: Range<usize>| {
@@ -134,7 +133,9 @@ impl<'a> Finer<'a> {
         let density = |setup: usize| filtered(&peak.shapes[setup], &sources[setup].matrix(peak.line, None));
         let best = (0..sources.len()).max_by(|&a, &b| density(a).total_cmp(&density(b)))?;
         let quantity = quantity(self.measured[best].setup);
-        let matrices = Matrices::new(sources[best], None, &[]);
+        let tones = fit::tones(&self.found.basis.harmonics);
+        let taken = taken_of(&tone::lines(&self.measured[best].spectrum, &tones), self.times, finer_grid.lines);
+        let matrices = Matrices::new(sources[best], None, &taken);
         let start = first_bell(&matrices, &peak.shapes[best], peak.line, self.times, quantity).resonance;
         let peak_hz = finer_grid.frequency_hz(peak.line);
         let changes_hz = if sources.len() > 1 { CHANGE_BETWEEN_SETUPS * peak_hz } else { 0.0 };

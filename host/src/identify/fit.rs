@@ -8,6 +8,7 @@ use super::merge;
 use super::pick::Pick;
 use super::result::{Identification, Rejected, SingularSpectrum};
 use super::setup::{MeasuredSetup, quantity};
+use super::setup_mode::SetupModes;
 use super::tone::{self, Tone};
 use crate::spectra::LineGrid;
 
@@ -39,12 +40,13 @@ pub(super) fn fit(
     let mut setups = Vec::new();
     loop {
         tone::one_each(harmonics);
-        let tones: Vec<Tone> = harmonics.iter().map(as_tone).collect();
+        let tones = tones(harmonics);
         let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| {
             estimate::estimate(&m.spectrum, quantity(m.setup), index, picks, &tone::lines(&m.spectrum, &tones))
         };
         setups.splice(.., measured.iter().enumerate().map(estimate));
-        let is_forced = |pick: &usize| picks[*pick].kurtosis.is_low() && judge::is_undamped(&setups, *pick);
+        let estimates = |pick: usize| setups.iter().filter_map(move |setup: &SetupModes| setup.modes.get(pick));
+        let is_forced = |pick: &usize| judge::is_forced(&picks[*pick].kurtosis, estimates(*pick));
         let may_go = |pick: usize| !picks[pick].by_user;
         // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
         if let Some(pick) = (0..picks.len()).filter(|&pick| may_go(pick)).find(is_forced) {
@@ -94,6 +96,11 @@ pub(super) fn fit(
         singular_values: singular,
         basis,
     }
+}
+
+/// The tones of picks that are forced lines.
+pub(super) fn tones(harmonics: &[Pick]) -> Vec<Tone> {
+    harmonics.iter().map(as_tone).collect()
 }
 
 fn as_tone(pick: &Pick) -> Tone {

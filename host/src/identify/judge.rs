@@ -4,6 +4,7 @@
 //! shows. Estimates of all setups flow in; the pick to drop next, and why, flows out.
 
 use super::merge::combine;
+use super::pick::Kurtosis;
 use super::result::RejectedBecause;
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::mac;
@@ -12,25 +13,25 @@ use super::shape::mac;
 const MAX_SHAPE_NOISE: f64 = 0.5;
 /// No structure has more damping; and less only where its lines show that.
 const MAX_DAMPING: f64 = 0.2;
-pub(super) const MIN_DAMPING: f64 = 5e-4;
+const MIN_DAMPING: f64 = 5e-4;
 /// Less is believed, as of a cable, where the lines that a mode was fitted to show its width: so many lie in its bandwidth, and its damping
 /// is so many of its standard deviations, and no less than of a taut string.
 const SHOWN_LINES: f64 = 0.5;
 const SHOWN_SIGMAS: f64 = 2.0;
 const MIN_SHOWN_DAMPING: f64 = 1e-4;
+/// But not of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's.
+const FORCED_SIGMAS: f64 = 2.0;
 /// Picks this far from each other, as a share of the frequency and in lines, do not bend each other.
 const FAR_SHARE: f64 = 0.1;
 const FAR_LINES: f64 = 20.0;
 /// A pick that another method does not have is this many times as doubtful.
 const UNSEEN: f64 = 2.0;
-/// Two estimates within this many lines and half a bandwidth are one mode with a MAC above the second of these; above the first where what
-/// differs between their shapes may be scatter, and is less than so many standard deviations. Modes of a pair have any directions in its
-/// plane, that may be alike; but the plane is known.
+/// Two estimates within this many lines and half a bandwidth of each other are one mode where their MAC is above the second value; or above
+/// the first, and their shapes differ by less than so many standard deviations, which may be scatter. Two modes of a pair may be alike,
+/// too, as they have any directions in its plane; but the plane is known, and so they differ by more.
 const DOUBLE_LINES: f64 = 1.0;
 const DOUBLE_MAC: [f64; 2] = [0.5, 0.9];
 const DOUBLE_SIGMAS: f64 = 5.0;
-/// A frequency that scatters by less than this share of it has run into a wall, or stands in another mode's way.
-const STUCK: f64 = 1e-9;
 /// Standard deviation of the frequency in lines, or in bandwidths where these are wider, at most.
 const MAX_FREQUENCY_LINES: f64 = 1.0;
 const MAX_FREQUENCY_BANDWIDTHS: f64 = 0.15;
@@ -81,10 +82,12 @@ pub(super) fn is_doubtful(setups: &[SetupModes], spacing_hz: f64, pick: usize) -
     !worst(setups, spacing_hz, |other| other == pick, |_| false).is_empty()
 }
 
-/// Whether a pick has less damping than any structure: the spectrum of a forced line is the window's own.
-pub(super) fn is_undamped(setups: &[SetupModes], pick: usize) -> bool {
-    let estimates = setups.iter().filter_map(|setup| setup.modes.get(pick));
-    estimates.clone().count() > 0 && estimates.clone().all(has_no_width)
+/// Whether what was estimated in every setup is a forced line, whose spectrum is the window's own: it has a forced line's kurtosis, and less
+/// damping than any structure.
+pub(super) fn is_forced<'a>(kurtosis: &Kurtosis, mut estimates: impl Iterator<Item = &'a SetupMode>) -> bool {
+    let is_clear = kurtosis.sigmas_below > FORCED_SIGMAS;
+    let is_undamped = |mode: &SetupMode| has_no_width(mode) || (is_clear && mode.resonance.damping_ratio < MIN_DAMPING);
+    kurtosis.is_low() && estimates.all(is_undamped)
 }
 
 /// Whether a mode has less damping than any structure, unless its lines show that.
@@ -104,7 +107,7 @@ fn is_double_of(estimates: &[&SetupMode], others: &[&SetupMode], spacing_hz: f64
     let distance_hz = mean(&|a, b| (a.resonance.frequency_hz - b.resonance.frequency_hz).abs());
     let width_hz = mean(&|a, b| a.resonance.bandwidth_hz().max(b.resonance.bandwidth_hz()));
     let alike = mean(&|a, b| mac(&a.shape, &b.shape));
-    let stuck = mean(&|a, _| a.frequency_std_hz) < STUCK * mean(&|a, _| a.resonance.frequency_hz);
+    let stuck = estimates.iter().all(|mode| mode.is_stuck());
     let weaker = mean(&|a, b| (a.peak_density / b.peak_density).ln()) < 0.0;
     let line_hz = mean(&|a, b| a.spacing_hz.max(b.spacing_hz)).min(spacing_hz);
     let scatter = mean(&|a, b| a.shape_noise.hypot(b.shape_noise));
@@ -131,7 +134,7 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
         return (f64::INFINITY, RejectedBecause::Undamped);
     }
     // A fit that does not move at all from replicate to replicate has run into a wall.
-    if frequency_std_hz < STUCK * frequency_hz {
+    if found.iter().all(|mode| mode.is_stuck()) {
         return (f64::INFINITY, RejectedBecause::Frequency);
     }
     let bandwidth_hz = 2.0 * damping * frequency_hz;
@@ -279,7 +282,29 @@ mod tests {
 
     #[test]
     fn a_fit_that_never_moves_is_no_mode() {
-        assert_eq!(judged(|mode| mode.frequency_std_hz = 0.0), [(1, RejectedBecause::Frequency)]);
+        let moves_by = |change_hz: f64| move |mode: &mut SetupMode| mode.changes.frequency_hz = vec![change_hz; 10];
+        assert_eq!(judged(moves_by(1e-4)), []);
+        assert_eq!(judged(moves_by(0.0)), [(1, RejectedBecause::Frequency)]);
+    }
+
+    #[test]
+    fn a_forced_line_is_told_by_its_kurtosis_and_its_width() {
+        let of = |damping_ratio: f64| {
+            let mut mode = mode(2.0, 0);
+            mode.resonance.damping_ratio = damping_ratio;
+            (mode.damping_std, mode.spacing_hz) = (0.2 * damping_ratio, 1e-4);
+            mode
+        };
+        let kurtosis = |value: f64, sigmas_below: f64| Kurtosis { value, sigmas_below, ..Kurtosis::OF_A_MODE };
+        let is_forced = |kurtosis: Kurtosis, damping: &[f64]| {
+            let modes: Vec<SetupMode> = damping.iter().copied().map(of).collect();
+            super::is_forced(&kurtosis, modes.iter())
+        };
+        assert!(is_forced(kurtosis(1.6, 1.0), &[1e-5, 1e-5]));
+        assert!(!is_forced(kurtosis(1.6, 1.0), &[1e-5, 3e-4]), "wide in one setup, and the kurtosis may be chance");
+        assert!(is_forced(kurtosis(1.6, 2.5), &[1e-5, 3e-4]));
+        assert!(!is_forced(kurtosis(1.6, 2.5), &[1e-5, 1e-3]));
+        assert!(!is_forced(kurtosis(2.9, 0.3), &[1e-5, 1e-5]));
     }
 
     #[test]

@@ -200,6 +200,16 @@ pub struct OnInPart {
     pub on_share: f64,
 }
 
+impl Harmonic {
+    /// Lines to either side that are a forced line's own.
+    const OWN_LINES: f64 = 2.0;
+
+    /// Whether what is found at a frequency may be this forced line.
+    pub(super) fn covers(&self, frequency_hz: f64, spacing_hz: f64) -> bool {
+        (frequency_hz - self.frequency_hz).abs() < Self::OWN_LINES * spacing_hz + self.wanders_hz
+    }
+}
+
 fn always() -> f64 {
     1.0
 }

@@ -2,8 +2,11 @@
 
 use super::curve::{Curve, Misfit};
 use super::resonance::Resonance;
-use super::scatter::GroupChanges;
+use super::scatter::{GroupChanges, deviation};
 use super::shape::Shape;
+
+/// A frequency that scatters by less than this share of it is stuck.
+const STUCK: f64 = 1e-9;
 
 /// One mode in one setup.
 #[derive(Debug, Clone)]
@@ -40,7 +43,14 @@ impl SetupMode {
     /// Whether there was a fit, and it has come to an end at the mode: where there was none no replicate differs.
     pub(super) fn is_sound(&self) -> bool {
         let is_known = |std: f64| std > 0.0 && std.is_finite();
-        self.found && is_known(self.frequency_std_hz) && is_known(self.damping_std) && self.shape_noise.is_finite()
+        let is_certain = is_known(self.frequency_std_hz) && is_known(self.damping_std) && self.shape_noise.is_finite();
+        self.found && is_certain && !self.is_stuck()
+    }
+
+    /// Whether the frequency is the same in all replicates: the fit has run into a wall, or stands in another mode's way. What the
+    /// likelihood says of its deviation then means nothing.
+    pub(super) fn is_stuck(&self) -> bool {
+        deviation(&self.changes.frequency_hz) < STUCK * self.resonance.frequency_hz
     }
 
     /// With the shape of another estimate of the mode, and how the errors of its numbers go together there.

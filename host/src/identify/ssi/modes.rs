@@ -12,7 +12,7 @@ use crate::identify::accuracy::std_bounds;
 use crate::identify::choice::meant_hz;
 use crate::identify::curve::Curve;
 use crate::identify::fit::Basis;
-use crate::identify::judge::MIN_DAMPING;
+use crate::identify::judge;
 use crate::identify::merge::{duration_s, merge, number};
 use crate::identify::pick::{sources, suggested};
 use crate::identify::resonance::Resonance;
@@ -245,7 +245,6 @@ fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid
     let damping_ratio = poles.iter().map(|pole| pole.damping_ratio).sum::<f64>() / poles.len().max(1) as f64;
     let pick = suggested(grid, measured, &Suggestion { frequency_hz, damping_ratio, shapes });
     let kurtosis = pick.kurtosis;
-    let is_undamped = poles.iter().all(|pole| pole.damping_ratio < MIN_DAMPING);
     // Of a mode that random loads drive the frequency is never known better than Au's bound (2014). A machine that goes on and off
     // has a peak as wide as one of little damping, but keeps its frequency.
     let duration_s: f64 = measured.iter().map(|m| duration_s(m, grid)).sum();
@@ -253,7 +252,8 @@ fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid
     let known: f64 = poles.iter().map(|pole| pole.frequency_std_hz.powi(-2)).sum();
     let is_steady =
         known.powf(-0.5) < STEADY_SHARE * bound_hz && 2.0 * damping_ratio * frequency_hz < grid.spacing_hz();
-    let is_forced = kurtosis.is_harmonics() || (kurtosis.is_low() && is_undamped) || is_steady;
+    let modes: Vec<SetupMode> = measured.iter().zip(poles).map(|(m, pole)| setup_mode(m, pole)).collect();
+    let is_forced = kurtosis.is_harmonics() || judge::is_forced(&kurtosis, modes.iter()) || is_steady;
     is_forced.then(|| harmonic(measured, grid, &pick, frequency_hz))
 }
 

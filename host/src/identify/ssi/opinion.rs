@@ -22,15 +22,15 @@ use crate::study::ModeChoice;
 const DISAGREEMENT_SIGMAS: f64 = 3.0;
 /// The fit tries poles so often at most: modes that were found beside them let others stand.
 const MOST_TRIALS: usize = 3;
-/// A mode that the subspace does not have must have a damping of this many of its standard deviations.
+/// A mode that the subspace does not have must have a damping of this many of its standard deviations; and any mode of so many, where not
+/// one that the subspace has is known so well.
 const LEAST_DAMPING_SIGMAS: f64 = 2.0;
+const SURE_DAMPING_SIGMAS: f64 = 4.0;
 /// That counts where the deviation is this many times the lower bound: in a short record even a clear mode's damping is hardly known.
 const UNUSUAL: f64 = 2.0;
 /// Where the methods disagree the subspace is right if frequency and damping, each in units of its value, are known together this
 /// many times better than by the fit, which may have taken two modes for one.
 const MUCH_SURER: f64 = 3.0;
-/// A pole within so many lines of a forced line is of that line.
-const FORCED_LINES: f64 = 2.0;
 
 /// Adds a second opinion on every mode. Where the subspace has a pole and the fit no mode, the fit tries once more with that
 /// pole among its picks: picking is blind where modes lie close and move alike.
@@ -200,19 +200,20 @@ fn is_much_surer(opinion: &SecondOpinion, mode: &Mode) -> bool {
 }
 
 /// Takes out modes whose damping is hardly known and that the subspace does not have: a peak that chance makes of noise now and
-/// then is a line or two wide.
+/// then is a line or two wide. Where not one mode stands beyond doubt, the subspace is no witness of such a peak: it sees the same noise.
 fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
     let asked_for = asked_for(choice, &identification.modes);
     let is_asked_for = |mode: &Mode| asked_for.contains(&mode.number);
     let spacing_hz = identification.frequency_resolution_hz;
-    let is_any_seen = identification.modes.iter().any(|mode| mode.second_opinion.is_some());
+    let is_seen = |mode: &Mode| mode.second_opinion.is_some();
+    let is_any_seen = identification.modes.iter().any(is_seen);
+    let is_any_sure = identification.modes.iter().any(|mode| is_seen(mode) && !is_sharp(mode, SURE_DAMPING_SIGMAS));
     let is_unseen = |mode: &Mode| {
-        let is_sharp = mode.damping_ratio < LEAST_DAMPING_SIGMAS * mode.damping_ratio_std
-            && mode.damping_ratio_std > UNUSUAL * mode.damping_ratio_std_bound;
         // Where nothing at all is confirmed, finer lines may have given a width to a peak of noise.
         let is_lone_line = !is_any_seen && mode.bandwidth_hz() < spacing_hz;
         // Noise that is not white has wide bumps.
-        mode.second_opinion.is_none() && (is_sharp || is_lone_line || mode.frequency_std_hz > spacing_hz)
+        let is_weak = is_sharp(mode, LEAST_DAMPING_SIGMAS) || is_lone_line || mode.frequency_std_hz > spacing_hz;
+        (!is_seen(mode) && is_weak) || (!is_any_sure && is_sharp(mode, SURE_DAMPING_SIGMAS))
     };
     let (unseen, seen): (Vec<Mode>, Vec<Mode>) = std::mem::take(&mut identification.modes)
         .into_iter()
@@ -223,6 +224,12 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
         unseen.iter().map(|mode| Rejected { frequency_hz: mode.frequency_hz, because: RejectedBecause::Unseen });
     identification.rejected.extend(rejected);
     identification.rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
+}
+
+/// Whether a mode's damping is less than so many of its standard deviations, though the record would do.
+fn is_sharp(mode: &Mode, sigmas: f64) -> bool {
+    mode.damping_ratio < sigmas * mode.damping_ratio_std
+        && mode.damping_ratio_std > UNUSUAL * mode.damping_ratio_std_bound
 }
 
 /// Poles worth a trial that all setups show and that are none of the modes, or are at these frequencies.
@@ -271,10 +278,7 @@ pub(super) fn add_opinions(
             is_used[pole] = true;
         }
         let is_forced = |pole: &StablePole| {
-            identification.harmonics.iter().any(|forced| {
-                let distance_hz = (forced.frequency_hz - pole.frequency_hz).abs();
-                distance_hz < FORCED_LINES * spacing_hz + forced.wanders_hz
-            })
+            identification.harmonics.iter().any(|forced| forced.covers(pole.frequency_hz, spacing_hz))
         };
         let is_unwanted = |pole: &StablePole| {
             choice.drop_hz.iter().any(|hz| (hz - pole.frequency_hz).abs() < meant_hz(spacing_hz, *hz))
