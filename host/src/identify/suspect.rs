@@ -30,19 +30,19 @@ const EXPECTED: f64 = 0.1;
 const MOST_PAIRED: usize = 64;
 /// More faults than this are no slips of single channels.
 const MOST: usize = 3;
-/// Ratios of units that are mixed up, and what is meant.
-const UNITS: [(f64, &str); 4] = [
-    (9.806_65, "read 9.8 times too little, as numbers in g do"),
-    (1.0 / 9.806_65, "read 9.8 times too much"),
-    (1000.0, "read a thousand times too little"),
-    (0.001, "read a thousand times too much"),
-];
+/// A channel that reads so many times too much or too little has another unit or an amplifier's wrong step; less is a gain that belongs to
+/// the model's comparison.
+const SLIP: f64 = 5.0;
+/// Ratios of units that are mixed up, and within which factor (ln) the others' shapes show them.
+const UNITS: [f64; 4] = [9.806_65, 1.0 / 9.806_65, 1000.0, 0.001];
+const UNIT_NEAR: f64 = 0.25;
 
 /// What may be wrong.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     Reversed(usize),
-    Unit(usize, usize),
+    /// What it reads must be taken so many times.
+    Unit(usize, f64),
     Exchanged(usize, usize),
 }
 
@@ -83,7 +83,7 @@ fn suspected(channels: &[Channel<'_>], lines: &[Line]) -> Vec<Fault> {
     let (mut left, mut found) = (first, Vec::new());
     while found.len() < MOST && left > LEFT * ROUGH {
         let mended = |fault: Fault| (roughness(lines, &with(&values, fault)), fault);
-        let best = faults(channels, lines).into_iter().map(mended).min_by(|a, b| a.0.total_cmp(&b.0));
+        let best = faults(channels, lines, &values).into_iter().map(mended).min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((after, fault)) = best.filter(|(after, _)| *after < STEP * left) else { break };
         values = with(&values, fault);
         left = after;
@@ -201,30 +201,43 @@ fn roughness(lines: &[Line], values: &[Vec<f64>]) -> f64 {
     sums.iter().filter(|sum| sum.1 > 0.0).map(|(rough, whole)| rough / whole).sum::<f64>() / modes.max(1) as f64
 }
 
-/// Whether a channel moves as the others of its line let expect, and they let expect something.
-fn is_as_expected(lines: &[Line], values: &[Vec<f64>], at: usize) -> bool {
-    let Some((line, place)) = lines.iter().find_map(|line| {
+/// What a channel reads in each mode and what the others of its line let expect there, both in shares of the mode's length.
+fn against_others(lines: &[Line], values: &[Vec<f64>], at: usize) -> Option<Vec<[f64; 2]>> {
+    let (line, place) = lines.iter().find_map(|line| {
         let place = line.channels.iter().position(|(channel, ..)| *channel == at)?;
         Some((line, place))
-    }) else {
-        return false;
-    };
-    let Some(expected) = expected(line, values, place) else { return false };
+    })?;
     let sign = line.channels[place].1;
-    let whole = |mode: usize| values.iter().map(|channel| channel[mode].powi(2)).sum::<f64>().max(f64::MIN_POSITIVE);
-    let (mut off, mut size, mut modes) = (0.0, 0.0, 0);
-    for (mode, expected) in expected.iter().enumerate() {
-        off += (sign * values[at][mode] - expected).powi(2) / whole(mode);
-        size += expected * expected / whole(mode);
-        modes += 1;
-    }
-    off < AS_EXPECTED * AS_EXPECTED * size && size > EXPECTED * EXPECTED * f64::from(modes)
+    let of_mode = |(mode, expected): (usize, f64)| {
+        let whole: f64 = values.iter().map(|channel| channel[mode].powi(2)).sum();
+        let length = whole.max(f64::MIN_POSITIVE).sqrt();
+        [sign * values[at][mode] / length, expected / length]
+    };
+    Some(expected(line, values, place)?.into_iter().enumerate().map(of_mode).collect())
 }
 
-fn faults(channels: &[Channel<'_>], lines: &[Line]) -> Vec<Fault> {
+/// Whether a channel moves as the others of its line let expect, and they let expect something.
+fn is_as_expected(lines: &[Line], values: &[Vec<f64>], at: usize) -> bool {
+    let Some(pairs) = against_others(lines, values, at) else { return false };
+    let off: f64 = pairs.iter().map(|[value, expected]| (value - expected).powi(2)).sum();
+    let size: f64 = pairs.iter().map(|[_, expected]| expected.powi(2)).sum();
+    off < AS_EXPECTED * AS_EXPECTED * size && size > EXPECTED * EXPECTED * pairs.len() as f64
+}
+
+/// How many times too little a channel reads, by least squares over the modes, where that is no small matter.
+fn slip(lines: &[Line], values: &[Vec<f64>], at: usize) -> Option<f64> {
+    let pairs = against_others(lines, values, at)?;
+    let product: f64 = pairs.iter().map(|[value, expected]| value * expected).sum();
+    let square: f64 = pairs.iter().map(|[value, _]| value * value).sum();
+    let ratio = product / square;
+    let unit = UNITS.into_iter().find(|unit| (ratio / unit).ln().abs() < UNIT_NEAR);
+    (ratio.is_finite() && ratio > 0.0 && ratio.ln().abs() > SLIP.ln()).then(|| unit.unwrap_or(ratio))
+}
+
+fn faults(channels: &[Channel<'_>], lines: &[Line], values: &[Vec<f64>]) -> Vec<Fault> {
     let members: Vec<usize> = lines.iter().flat_map(|line| line.channels.iter().map(|(at, ..)| *at)).collect();
     let of_one = members.iter().flat_map(|&at| {
-        std::iter::once(Fault::Reversed(at)).chain((0..UNITS.len()).map(move |unit| Fault::Unit(at, unit)))
+        std::iter::once(Fault::Reversed(at)).chain(slip(lines, values, at).map(|ratio| Fault::Unit(at, ratio)))
     });
     // Pairs grow as the square of the channels, and each costs as much as all channels.
     let most = if members.len() > MOST_PAIRED { 0 } else { members.len() };
@@ -239,7 +252,7 @@ fn with(values: &[Vec<f64>], fault: Fault) -> Vec<Vec<f64>> {
     let mut values = values.to_vec();
     match fault {
         Fault::Reversed(at) => values[at].iter_mut().for_each(|value| *value = -*value),
-        Fault::Unit(at, unit) => values[at].iter_mut().for_each(|value| *value *= UNITS[unit].0),
+        Fault::Unit(at, ratio) => values[at].iter_mut().for_each(|value| *value *= ratio),
         Fault::Exchanged(one, other) => values.swap(one, other),
     }
     values
@@ -256,8 +269,8 @@ fn sentence(channels: &[Channel<'_>], fault: Fault, has_setups: bool) -> String 
             format!("channel {} seems to be reversed", name(at)),
             format!("sensor-polarity@{}", channels[at].sensor.channel),
         ),
-        Fault::Unit(at, unit) => (
-            format!("channel {} seems to {}", name(at), UNITS[unit].1),
+        Fault::Unit(at, ratio) => (
+            format!("channel {} seems to read {}", name(at), slipped(ratio)),
             format!("sensor-gain@{}", channels[at].sensor.channel),
         ),
         Fault::Exchanged(one, other) => (
@@ -268,6 +281,15 @@ fn sentence(channels: &[Channel<'_>], fault: Fault, has_setups: bool) -> String 
     format!(
         "{what}: only then are the lowest shapes smooth over the height. Check the cable and study.toml; belfry diagnose weighs {effect}"
     )
+}
+
+/// How wrong a channel reads, for one whose values must be taken `ratio` times.
+fn slipped(ratio: f64) -> String {
+    let times = ratio.max(1.0 / ratio);
+    let times = if times > 100.0 { format!("{times:.0}") } else { format!("{times:.1}") };
+    let how = if ratio > 1.0 { "too little" } else { "too much" };
+    let unit = if ratio == UNITS[0] { ", as numbers in g do" } else { "" };
+    format!("about {times} times {how}{unit}")
 }
 
 #[cfg(test)]
@@ -317,9 +339,14 @@ mod tests {
         assert_eq!(found(|_| ()), []);
         assert_eq!(found(|values| values[9].iter_mut().for_each(|value| *value = -*value)), [Fault::Reversed(9)]);
         assert_eq!(found(|values| values.swap(8, 13)), [Fault::Exchanged(8, 13)]);
-        for (unit, (ratio, _)) in UNITS.into_iter().enumerate() {
+        for ratio in UNITS {
             let misread = found(|values| values[10].iter_mut().for_each(|value| *value /= ratio));
-            assert_eq!(misread, [Fault::Unit(10, unit)], "{ratio}");
+            assert_eq!(misread, [Fault::Unit(10, ratio)], "{ratio}");
+        }
+        // A step of an amplifier.
+        for ratio in [100.0, 0.025] {
+            let misread = found(|values| values[10].iter_mut().for_each(|value| *value /= ratio));
+            assert!(matches!(misread.as_slice(), [Fault::Unit(10, found)] if (found / ratio).ln().abs() < 0.25));
         }
         let both = found(|values| {
             values[6].iter_mut().for_each(|value| *value = -*value);
@@ -339,8 +366,8 @@ mod tests {
         for wrong in [4, 5] {
             for (ratio, fault) in [
                 (-1.0, Fault::Reversed(wrong)),
-                (UNITS[0].0, Fault::Unit(wrong, 0)),
-                (UNITS[1].0, Fault::Unit(wrong, 1)),
+                (UNITS[0], Fault::Unit(wrong, UNITS[0])),
+                (UNITS[1], Fault::Unit(wrong, UNITS[1])),
             ] {
                 let channels: Vec<Channel<'_>> = sensors
                     .iter()
