@@ -21,6 +21,13 @@ const CORRELATED: f64 = 1.0;
 const CORRELATED_INSIDE: f64 = 0.4;
 /// Lines beyond as many as there are unknowns.
 const LEAST_SPARE_LINES: usize = 3;
+/// What modes outside leave is smooth: a constant and a slope, and one polynomial more for every so many bandwidths of the
+/// cluster's widest mode that its lines span.
+const BANDWIDTHS_OF_A_TERM: f64 = 5.0;
+/// Polynomials at most, and lines to spare that each one more asks for: where lines are few, it would take what tells the
+/// modes apart.
+const MOST_TERMS: usize = 8;
+const SPARE_LINES_OF_A_TERM: usize = 40;
 
 /// A mode whose pole lies near the lines and that filters stop.
 pub(super) struct Beside {
@@ -50,21 +57,24 @@ pub(super) fn residues(
         .map(|mode| (pole(&fit.resonances[mode], fit.slopes[mode], seen), fit.levels[mode]))
         .chain(beside.iter().map(|other| (pole(&other.resonance, seen.slope.mean, seen), other.level)))
         .collect();
-    let unknowns = 2 * poles.len() + 2;
-    if lines < unknowns + LEAST_SPARE_LINES {
-        return None;
-    }
     let middle_hz = 0.5 * (seen.frequency_hz[0] + seen.frequency_hz[lines - 1]);
     let half_width_hz = (0.5 * (seen.frequency_hz[lines - 1] - seen.frequency_hz[0])).max(f64::MIN_POSITIVE);
-    // Columns: the sum and the difference of each pole and its conjugate, a constant and a slope.
+    let widest_hz = fit.resonances.iter().map(Resonance::bandwidth_hz).fold(f64::MIN_POSITIVE, f64::max);
+    let more = (2.0 * half_width_hz / (BANDWIDTHS_OF_A_TERM * widest_hz)) as usize;
+    let spare = lines.checked_sub(2 * poles.len() + LEAST_SPARE_LINES)?;
+    if spare < 2 {
+        return None;
+    }
+    let terms = (2 + more).min(MOST_TERMS).min(2 + (spare - 2) / SPARE_LINES_OF_A_TERM);
+    let unknowns = 2 * poles.len() + terms;
+    // Columns: the sum and the difference of each pole and its conjugate, then the polynomials (Chebyshev's).
     let basis = DMatrix::from_fn(lines, unknowns, |line, column| {
         if let Some((pole, _)) = poles.get(column / 2) {
             let (half, other) = (pole[line], pole[line].conj());
             if column % 2 == 0 { half + other } else { half - other }
-        } else if column % 2 == 0 {
-            Complex64::ONE
         } else {
-            Complex64::from((seen.frequency_hz[line] - middle_hz) / half_width_hz)
+            let place = ((seen.frequency_hz[line] - middle_hz) / half_width_hz).clamp(-1.0, 1.0);
+            Complex64::from(((column - 2 * poles.len()) as f64 * place.acos()).cos())
         }
     });
     let channels = filters.ncols();
