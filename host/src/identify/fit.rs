@@ -11,6 +11,7 @@ use super::setup::{MeasuredSetup, quantity};
 use super::setup_mode::SetupModes;
 use super::tone::{self, Tone};
 use crate::spectra::LineGrid;
+use crate::statistics::median;
 
 /// A rejected peak within so many lines and this share of a mode's bandwidth together is that mode after all.
 const SAME_LINES: f64 = 1.0;
@@ -41,12 +42,21 @@ pub(super) fn fit(
     loop {
         tone::one_each(harmonics);
         let tones = tones(harmonics);
+        // The sidebands of what goes on and off reach as far as a resonance does, and have its form: they are fitted like one.
+        let fitted: Vec<Pick> =
+            picks.iter().chain(harmonics.iter().filter(|pick| goes_on_and_off(pick))).cloned().collect();
         let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| {
-            estimate::estimate(&m.spectrum, quantity(m.setup), index, picks, &tone::lines(&m.spectrum, &tones))
+            let taken = tone::lines(&m.spectrum, &tones);
+            let mut setup = estimate::estimate(&m.spectrum, quantity(m.setup), index, &fitted, &taken);
+            setup.modes.truncate(picks.len());
+            setup
         };
         setups.splice(.., measured.iter().enumerate().map(estimate));
         let estimates = |pick: usize| setups.iter().filter_map(move |setup: &SetupModes| setup.modes.get(pick));
-        let is_forced = |pick: &usize| judge::is_forced(&picks[*pick].kurtosis, estimates(*pick));
+        let mut damping: Vec<f64> =
+            (0..picks.len()).flat_map(estimates).map(|mode| mode.resonance.damping_ratio).collect();
+        let usual_damping = median(&mut damping).unwrap_or(0.0);
+        let is_forced = |pick: &usize| judge::is_forced(&picks[*pick].kurtosis, usual_damping, estimates(*pick));
         let may_go = |pick: usize| !picks[pick].by_user;
         // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
         if let Some(pick) = (0..picks.len()).filter(|&pick| may_go(pick)).find(is_forced) {
@@ -98,9 +108,15 @@ pub(super) fn fit(
     }
 }
 
-/// The tones of picks that are forced lines.
+/// The tones of picks that are forced lines, but those that go on and off.
 pub(super) fn tones(harmonics: &[Pick]) -> Vec<Tone> {
-    harmonics.iter().map(as_tone).collect()
+    harmonics.iter().filter(|pick| !goes_on_and_off(pick)).map(as_tone).collect()
+}
+
+/// A force of one frequency that goes on and off at random has the spectrum of a resonance, whose half width is the rate at which it
+/// does, over pi.
+fn goes_on_and_off(pick: &Pick) -> bool {
+    pick.kurtosis.on_share < 1.0
 }
 
 fn as_tone(pick: &Pick) -> Tone {

@@ -19,8 +19,11 @@ const MIN_DAMPING: f64 = 5e-4;
 const SHOWN_LINES: f64 = 0.5;
 const SHOWN_SIGMAS: f64 = 2.0;
 const MIN_SHOWN_DAMPING: f64 = 1e-4;
-/// But not of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's.
+/// But not of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's. Fewer do where the damping is
+/// this share of what the other picks have.
 const FORCED_SIGMAS: f64 = 2.0;
+pub(super) const SUSPECTED_SIGMAS: f64 = 1.5;
+const UNUSUAL_DAMPING: f64 = 0.1;
 /// Picks this far from each other, as a share of the frequency and in lines, do not bend each other.
 const FAR_SHARE: f64 = 0.1;
 const FAR_LINES: f64 = 20.0;
@@ -82,11 +85,21 @@ pub(super) fn is_doubtful(setups: &[SetupModes], spacing_hz: f64, pick: usize) -
     !worst(setups, spacing_hz, |other| other == pick, |_| false).is_empty()
 }
 
-/// Whether what was estimated in every setup is a forced line, whose spectrum is the window's own: it has a forced line's kurtosis, and less
-/// damping than any structure.
-pub(super) fn is_forced<'a>(kurtosis: &Kurtosis, mut estimates: impl Iterator<Item = &'a SetupMode>) -> bool {
-    let is_clear = kurtosis.sigmas_below > FORCED_SIGMAS;
-    let is_undamped = |mode: &SetupMode| has_no_width(mode) || (is_clear && mode.resonance.damping_ratio < MIN_DAMPING);
+/// Whether what was estimated in every setup is a forced line, whose spectrum is the window's own, or as narrow as the times are long for
+/// which it is on: it has a forced line's kurtosis, and less damping than any structure. `usual_damping` is the median of all picks'.
+pub(super) fn is_forced<'a>(
+    kurtosis: &Kurtosis,
+    usual_damping: f64,
+    mut estimates: impl Iterator<Item = &'a SetupMode>,
+) -> bool {
+    let is_unusual = |mode: &SetupMode| mode.resonance.damping_ratio < UNUSUAL_DAMPING * usual_damping;
+    let is_clear =
+        |mode: &SetupMode| kurtosis.sigmas_below > if is_unusual(mode) { SUSPECTED_SIGMAS } else { FORCED_SIGMAS };
+    // Any peak of noise may pass for a force that is there at times: that must be clear.
+    let is_steady = kurtosis.on_share >= 1.0;
+    let is_undamped = |mode: &SetupMode| {
+        (is_steady && has_no_width(mode)) || (mode.resonance.damping_ratio < MIN_DAMPING && is_clear(mode))
+    };
     kurtosis.is_low() && estimates.all(is_undamped)
 }
 
@@ -298,13 +311,20 @@ mod tests {
         let kurtosis = |value: f64, sigmas_below: f64| Kurtosis { value, sigmas_below, ..Kurtosis::OF_A_MODE };
         let is_forced = |kurtosis: Kurtosis, damping: &[f64]| {
             let modes: Vec<SetupMode> = damping.iter().copied().map(of).collect();
-            super::is_forced(&kurtosis, modes.iter())
+            super::is_forced(&kurtosis, 1e-3, modes.iter())
         };
         assert!(is_forced(kurtosis(1.6, 1.0), &[1e-5, 1e-5]));
         assert!(!is_forced(kurtosis(1.6, 1.0), &[1e-5, 3e-4]), "wide in one setup, and the kurtosis may be chance");
         assert!(is_forced(kurtosis(1.6, 2.5), &[1e-5, 3e-4]));
         assert!(!is_forced(kurtosis(1.6, 2.5), &[1e-5, 1e-3]));
+        let at_times = |sigmas_below: f64| Kurtosis { on_share: 0.5, ..kurtosis(3.0, sigmas_below) };
+        assert!(is_forced(at_times(2.5), &[1e-5]) && !is_forced(at_times(1.0), &[1e-5]));
         assert!(!is_forced(kurtosis(2.9, 0.3), &[1e-5, 1e-5]));
+        // Where all else is damped by 1 %, less evidence does.
+        let among_damped = |sigmas_below: f64, damping: f64| {
+            super::is_forced(&kurtosis(1.6, sigmas_below), 0.01, [of(damping)].iter())
+        };
+        assert!(among_damped(1.8, 3e-4) && !among_damped(1.2, 3e-4) && !among_damped(1.8, 2e-3));
     }
 
     #[test]

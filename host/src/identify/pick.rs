@@ -17,6 +17,7 @@ use num_complex::Complex64;
 
 use super::Suggestion;
 use super::estimate::LEEWAY_LINES;
+use super::judge::SUSPECTED_SIGMAS;
 use super::matrices::Source;
 use super::setup::MeasuredSetup;
 use super::shape::{Shape, mac};
@@ -408,10 +409,11 @@ pub(super) fn kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Kurtosis 
         return at_line;
     }
     let wandering = (0..BAND_HALVES.len()).filter_map(|width| wandering(measured, pick, width, effective));
-    wandering
+    let elsewhere = wandering
         .max_by(|a, b| a.sigmas_below.total_cmp(&b.sigmas_below))
-        .or_else(|| on_and_off(measured, pick, windows))
-        .unwrap_or(at_line)
+        .or_else(|| on_and_off(measured, pick, windows));
+    // What is no proof by itself may be one beside a width that no mode has.
+    elsewhere.filter(|found| found.is_harmonics() || !at_line.is_low()).unwrap_or(at_line)
 }
 
 /// Values of the channel that moves most at a pick, which carries least noise: the mean over the setups by their averages.
@@ -463,7 +465,8 @@ fn on_and_off(measured: &[MeasuredSetup<'_>], pick: &Pick, windows: f64) -> Opti
     let by_chance = CHANCE[0] * (windows / WINDOWS_A_VALUE).powf(CHANCE[1]);
     let sigmas_below = HARMONIC_SIGMAS * (GAUSSIAN_ENVELOPE - flat) / by_chance;
     let kurtosis = Kurtosis { value: 1.5 / on_share, sigmas_below, wanders_lines: ENVELOPE_HALF, on_share };
-    (kurtosis.is_harmonics() && is_among_strongest(measured, pick, ENVELOPE_HALF)).then_some(kurtosis)
+    let is_suspected = kurtosis.is_low() && sigmas_below > SUSPECTED_SIGMAS;
+    (is_suspected && is_among_strongest(measured, pick, ENVELOPE_HALF)).then_some(kurtosis)
 }
 
 #[cfg(test)]

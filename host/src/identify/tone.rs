@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use super::pick::Pick;
 use super::result::{Harmonic, OnInPart, SingularSpectrum};
 use super::setup::MeasuredSetup;
-use crate::spectra::{CrossSpectrum, LineGrid, around};
+use crate::spectra::{CrossSpectrum, ENVELOPE_HALF, LineGrid, around};
 
 /// Lines to either side that are a tone's whatever its size: the Hann window's main lobe.
 const LOBE_LINES: f64 = 2.0;
@@ -21,7 +21,8 @@ pub(super) type Tone = (usize, usize);
 
 /// A forced line's tone among other lines.
 pub(super) fn of(line: &Harmonic, grid: &LineGrid) -> Tone {
-    (grid.nearest_line(line.frequency_hz), (line.wanders_hz / grid.spacing_hz()).round() as usize)
+    let half = if line.on_share < 1.0 { ENVELOPE_HALF } else { (line.wanders_hz / grid.spacing_hz()).round() as usize };
+    (grid.nearest_line(line.frequency_hz), half)
 }
 
 /// The lines that tones are in, in order.
@@ -48,10 +49,12 @@ fn taken_by((line, wanders): Tone, lines: usize, power: impl Fn(usize) -> f64) -
 
 /// What is told of a pick that is a forced line.
 pub(super) fn harmonic(measured: &[MeasuredSetup<'_>], grid: &LineGrid, pick: &Pick, frequency_hz: f64) -> Harmonic {
+    // What goes on and off keeps its frequency: its band is that of its sidebands.
+    let wanders_lines = if pick.kurtosis.on_share < 1.0 { 0 } else { pick.kurtosis.wanders_lines };
     Harmonic {
         frequency_hz,
         kurtosis: pick.kurtosis.value,
-        wanders_hz: pick.kurtosis.wanders_lines as f64 * grid.spacing_hz(),
+        wanders_hz: wanders_lines as f64 * grid.spacing_hz(),
         on_share: pick.kurtosis.on_share,
         on_by_part: on_by_part(measured, pick),
     }

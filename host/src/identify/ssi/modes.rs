@@ -25,6 +25,7 @@ use crate::identify::singular::SingularValues;
 use crate::identify::tone::harmonic;
 use crate::identify::{IdentifyError, Suggestion, none_in_band, phase_collinearity, same_lines};
 use crate::spectra::LineGrid;
+use crate::statistics::median;
 use crate::study::ModeChoice;
 
 /// A pole in another setup may be this share of the frequency further away: structures change a little between setups.
@@ -53,8 +54,9 @@ pub fn identify_by_subspace(
     }
     let mut harmonics = Vec::new();
     let mut modes: Vec<Vec<&StablePole>> = Vec::new();
+    let usual_damping = usual_damping(chosen.iter().flatten().map(|pole| pole.damping_ratio));
     for poles in chosen {
-        match forced(measured, &poles, &grid) {
+        match forced(measured, &poles, usual_damping, &grid) {
             Some(harmonic) => harmonics.push(harmonic),
             None => modes.push(poles),
         }
@@ -130,8 +132,9 @@ pub(super) fn add_unresolved(
     let listed: Vec<f64> = unresolved.iter().flatten().map(|pole| pole.frequency_hz).collect();
     let is_listed = |other: &SubspacePole| listed.contains(&other.frequency_hz);
     let mut machines = Vec::new();
+    let usual_damping = usual_damping(identification.modes.iter().map(|mode| mode.damping_ratio));
     unresolved.retain(|poles| {
-        let machine = forced(measured, poles, grid);
+        let machine = forced(measured, poles, usual_damping, grid);
         let is_mode = machine.is_none();
         machines.extend(machine);
         is_mode
@@ -238,8 +241,18 @@ fn chosen<'a>(
     (0..poles.len()).filter(is_chosen).map(|at| poles[at].clone()).collect()
 }
 
+/// The median of damping ratios; 0 of none.
+fn usual_damping(all: impl Iterator<Item = f64>) -> f64 {
+    median(&mut all.collect::<Vec<f64>>()).unwrap_or(0.0)
+}
+
 /// The forced line that poles are of, where they have next to no damping and the response has the kurtosis of one.
-fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid) -> Option<Harmonic> {
+fn forced(
+    measured: &[MeasuredSetup<'_>],
+    poles: &[&StablePole],
+    usual_damping: f64,
+    grid: &LineGrid,
+) -> Option<Harmonic> {
     let frequency_hz = mean_hz(poles);
     let shapes = poles.iter().map(|pole| pole.shape.clone()).collect();
     let damping_ratio = poles.iter().map(|pole| pole.damping_ratio).sum::<f64>() / poles.len().max(1) as f64;
@@ -253,7 +266,7 @@ fn forced(measured: &[MeasuredSetup<'_>], poles: &[&StablePole], grid: &LineGrid
     let is_steady =
         known.powf(-0.5) < STEADY_SHARE * bound_hz && 2.0 * damping_ratio * frequency_hz < grid.spacing_hz();
     let modes: Vec<SetupMode> = measured.iter().zip(poles).map(|(m, pole)| setup_mode(m, pole)).collect();
-    let is_forced = kurtosis.is_harmonics() || judge::is_forced(&kurtosis, modes.iter()) || is_steady;
+    let is_forced = kurtosis.is_harmonics() || judge::is_forced(&kurtosis, usual_damping, modes.iter()) || is_steady;
     is_forced.then(|| harmonic(measured, grid, &pick, frequency_hz))
 }
 

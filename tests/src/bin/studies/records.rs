@@ -1,5 +1,7 @@
 //! How right and how honest modes are on recordings that Belfry's own simulation could not make.
 
+use std::path::PathBuf;
+
 use belfry_tests::records::{self, CASES, CaseScore, case};
 use clap::Args;
 
@@ -21,6 +23,9 @@ pub(super) struct Arguments {
     /// The method of `belfry identify` to judge; with `both` its modes, and how often the second opinion agrees
     #[arg(long, default_value = "both", value_parser = ["both", "spectra", "subspace"])]
     method: String,
+    /// Keep each record's study in a folder of this one, with the pictures and the JSON of its modes
+    #[arg(long, value_name = "FOLDER")]
+    keep: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
@@ -34,8 +39,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error
     for case in wanted.into_iter().filter_map(case) {
         let mut score = CaseScore::default();
         for seed in first..first + arguments.seeds {
-            let folder = tempfile::tempdir()?;
-            records::run(case, seed, &arguments.method, folder.path(), &mut score)?;
+            let scratch = tempfile::tempdir()?;
+            let kept = arguments.keep.as_ref().map(|keep| keep.join(format!("{}-{seed}", case.name)));
+            records::run(case, seed, &arguments.method, kept.as_deref().unwrap_or(scratch.path()), &mut score)?;
         }
         println!("{}: {} (seeds {first} to {})", case.name, case.what, first + arguments.seeds - 1);
         println!("{}", score.table());
