@@ -12,6 +12,7 @@ use super::joint::{JointFit, SlopePrior};
 use super::joint_fit::Certainty;
 use super::matrices::{LEAST_LINES, Matrices, Source, bell};
 use super::pick::Pick;
+use super::plane;
 use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
 use super::scatter::{GroupChanges, ShapeScatter, changes, deviation, noise_outside, noise_share, student};
@@ -118,7 +119,9 @@ pub(super) fn estimate(
         state.improve(&matrices);
     }
     state.fit_clusters(&matrices);
-    SetupModes { modes: finer::refined(state.concluded(source, taken), spectrum, &state, taken) }
+    let mut modes = finer::refined(state.concluded(source, taken), spectrum, &state, taken);
+    plane::widen_lone(&matrices, &mut modes);
+    SetupModes { modes }
 }
 
 impl State {
@@ -489,6 +492,7 @@ impl State {
             misfit,
             changes,
             collinearity,
+            in_plane: false,
             spacing_hz,
         }
     }

@@ -166,6 +166,7 @@ mod tests {
             misfit: None,
             changes: GroupChanges::unknown(3),
             collinearity: 1.0,
+            in_plane: false,
             shape_noise: 0.0,
             spacing_hz: 0.01,
         }

@@ -195,6 +195,7 @@ mod tests {
             misfit: None,
             changes: GroupChanges::unknown(4),
             collinearity: 1.0,
+            in_plane: false,
             spacing_hz: SPACING_HZ,
         }
     }

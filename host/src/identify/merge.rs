@@ -153,6 +153,11 @@ fn merged(
     }
     let fitted: Vec<FittedSpectrum> = measured.iter().zip(estimates).filter_map(|(m, mode)| fitted(m, mode)).collect();
     warnings.extend(misfits(frequency_hz, &fitted));
+    if found().any(|mode| mode.in_plane) {
+        warnings.push(format!(
+            "mode at {frequency_hz:.4} Hz: the structure moves in two directions there, but only one mode stands. Its shape is a direction in their plane, and its standard deviations say so; a longer record may tell two modes apart"
+        ));
+    }
     if estimates.len() > 1 {
         warnings.extend(weak_references(points, estimates, measured, frequency_hz));
     }

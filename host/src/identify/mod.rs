@@ -26,6 +26,7 @@ mod judge;
 mod matrices;
 mod merge;
 mod pick;
+mod plane;
 mod residue;
 pub mod resonance;
 mod result;

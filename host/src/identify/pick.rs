@@ -36,8 +36,8 @@ const LEAST_REMAINS: f64 = 1e-2;
 const COHERENT: f64 = 0.8;
 /// Two directions count as a pair where the second singular value is this share of the first, and there are channels enough for a
 /// plane to be seldom met by chance.
-const PAIR_SHARE: f64 = 0.1;
-const PAIR_CHANNELS: usize = 6;
+pub(super) const PAIR_SHARE: f64 = 0.1;
+pub(super) const PAIR_CHANNELS: usize = 6;
 /// MAC above which a peak belongs to a mode picked already, when it is within that mode's domain.
 const SAME_MODE: f64 = 0.8;
 /// A mode's domain to either side: this many lines or this share of its frequency (a dozen bandwidths of a structure of
@@ -235,7 +235,7 @@ fn prominence(sources: &[Source<'_>]) -> f64 {
 }
 
 /// A mode's domain in lines to either side.
-fn domain_lines(grid: &LineGrid, line: usize) -> usize {
+pub(super) fn domain_lines(grid: &LineGrid, line: usize) -> usize {
     DOMAIN_LINES.max((DOMAIN_SHARE * grid.frequency_hz(line) / grid.spacing_hz()).ceil() as usize)
 }
 
@@ -371,7 +371,7 @@ fn saddle(curve: &[f64], peak: usize) -> f64 {
 }
 
 /// The matrix without what moves in the given shapes: P G P, P = I - Q Q^H.
-fn projected(matrix: DMatrix<Complex64>, shapes: &[&Shape]) -> DMatrix<Complex64> {
+pub(super) fn projected(matrix: DMatrix<Complex64>, shapes: &[&Shape]) -> DMatrix<Complex64> {
     let mut basis: Vec<DVector<Complex64>> = Vec::new();
     for shape in shapes {
         let mut direction = (*shape).clone();

@@ -35,6 +35,8 @@ pub(super) struct SetupMode {
     pub(super) changes: GroupChanges,
     /// The shape's phase collinearity before anything was taken for noise.
     pub(super) collinearity: f64,
+    /// Whether it stands alone where the structure moves in two directions, so that its shape is any in their plane.
+    pub(super) in_plane: bool,
     /// Distance of the lines that it was fitted to.
     pub(super) spacing_hz: f64,
 }

@@ -19,11 +19,19 @@ pub(super) enum Load {
         /// Exponent of the density.
         colour: f64,
     },
+    /// Independent white forces on all modes, small but for bursts that they have in common, as where vehicles pass.
+    Bursts,
     /// Wind on all levels: the density of Davenport (1961), and the coherence exp(-C f dz / U) between two levels.
     Wind {
         /// Mean speed in m/s.
         speed_m_s: f64,
     },
+}
+
+impl Load {
+    pub(super) fn comes_in_bursts(self) -> bool {
+        self == Self::Bursts
+    }
 }
 
 /// Davenport's decay of coherence along the height, and the length of his spectrum in m.
@@ -60,6 +68,7 @@ impl<'a> Forces<'a> {
     pub(super) fn draw(&self, frequency_hz: f64, random: &mut impl Rng) -> DVector<Complex<f64>> {
         let modes = self.structure.frequencies_hz.len();
         match self.load {
+            Load::Bursts => DVector::from_fn(modes, |_, _| normal(random)),
             Load::Modal { colour, .. } => {
                 let amplitude = (frequency_hz / self.structure.frequencies_hz[0]).powf(0.5 * colour);
                 let white = DVector::from_fn(modes, |_, _| normal(random));

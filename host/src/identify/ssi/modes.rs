@@ -290,6 +290,7 @@ fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
         misfit: None,
         changes: GroupChanges::unknown(pole.shape.len()),
         collinearity: phase_collinearity(pole.shape.as_slice()),
+        in_plane: false,
         spacing_hz: measured.spectrum.grid().spacing_hz(),
     }
 }

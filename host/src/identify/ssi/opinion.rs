@@ -26,6 +26,8 @@ const MOST_TRIALS: usize = 3;
 /// one that the subspace has is known so well.
 const LEAST_DAMPING_SIGMAS: f64 = 2.0;
 const SURE_DAMPING_SIGMAS: f64 = 4.0;
+/// Two modes are twins within this share of the narrower one's bandwidth.
+const TWIN_BANDWIDTHS: f64 = 0.3;
 /// That counts where the deviation is this many times the lower bound: in a short record even a clear mode's damping is hardly known.
 const UNUSUAL: f64 = 2.0;
 /// Where the methods disagree the subspace is right if frequency and damping, each in units of its value, are known together this
@@ -208,6 +210,16 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
     let is_seen = |mode: &Mode| mode.second_opinion.is_some();
     let is_any_seen = identification.modes.iter().any(is_seen);
     let is_any_sure = identification.modes.iter().any(|mode| is_seen(mode) && !is_sharp(mode, SURE_DAMPING_SIGMAS));
+    // Of two modes at one frequency a subspace may have one pole: the other says nothing against either.
+    let all: Vec<(usize, f64, f64)> =
+        identification.modes.iter().map(|mode| (mode.number, mode.frequency_hz, mode.bandwidth_hz())).collect();
+    let is_twin = |mode: &Mode| {
+        let overlaps = |hz: f64, bandwidth_hz: f64| {
+            (hz - mode.frequency_hz).abs() < TWIN_BANDWIDTHS * bandwidth_hz.min(mode.bandwidth_hz())
+        };
+        mode.damping_ratio > mode.damping_ratio_std
+            && all.iter().any(|&(number, hz, bandwidth_hz)| number != mode.number && overlaps(hz, bandwidth_hz))
+    };
     let is_unseen = |mode: &Mode| {
         // Where nothing at all is confirmed, finer lines may have given a width to a peak of noise.
         let is_lone_line = !is_any_seen && mode.bandwidth_hz() < spacing_hz;
@@ -215,9 +227,10 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
         let is_weak = is_sharp(mode, LEAST_DAMPING_SIGMAS) || is_lone_line || mode.frequency_std_hz > spacing_hz;
         (!is_seen(mode) && is_weak) || (!is_any_sure && is_sharp(mode, SURE_DAMPING_SIGMAS))
     };
-    let (unseen, seen): (Vec<Mode>, Vec<Mode>) = std::mem::take(&mut identification.modes)
-        .into_iter()
-        .partition(|mode| mode.damping_ratio_std.is_finite() && is_unseen(mode) && !is_asked_for(mode));
+    let (unseen, seen): (Vec<Mode>, Vec<Mode>) =
+        std::mem::take(&mut identification.modes).into_iter().partition(|mode| {
+            mode.damping_ratio_std.is_finite() && is_unseen(mode) && !is_twin(mode) && !is_asked_for(mode)
+        });
     identification.modes = seen;
     number(&mut identification.modes);
     let rejected =
