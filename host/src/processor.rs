@@ -2,75 +2,134 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
+/// What a processor does with numbers.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Arithmetic {
+    /// Whether it multiplies and adds in one instruction; where it does not, rounding once is a slow function.
+    is_fused: bool,
+}
+
+impl Arithmetic {
+    /// `a b + c`.
+    #[inline(always)]
+    pub(crate) fn multiply_add(self, a: f64, b: f64, c: f64) -> f64 {
+        if self.is_fused { a.mul_add(b, c) } else { a * b + c }
+    }
+}
+
 /// Runs `work`, compiled once more for wide registers where the processor has them. Its closure, and the functions it calls that
 /// are worth it, must be `#[inline(always)]`: what is not inlined is compiled for every processor. The compiler does not inline all
-/// of the iterators' own functions there, so that the innermost loops go by an index.
+/// of the iterators' own functions there, so that the innermost loops go by an index, and are written for a fixed number of values:
+/// of any number, those that do not fill a register are done one by one.
 #[inline(always)]
-pub(crate) fn on_this_processor<R>(work: impl FnMut() -> R) -> R {
+pub(crate) fn on_this_processor<R>(work: impl FnMut(Arithmetic) -> R) -> R {
     /// pulp's own way for closures goes by `FnOnce`, whose shim is not inlined.
     struct Work<F>(F);
-    impl<R, F: FnMut() -> R> WithSimd for Work<F> {
+    impl<R, F: FnMut(Arithmetic) -> R> WithSimd for Work<F> {
         type Output = R;
 
         #[inline(always)]
         fn with_simd<S: Simd>(mut self, _: S) -> R {
-            (self.0)()
+            // Every processor whose wide registers pulp knows has the instruction for them.
+            (self.0)(Arithmetic { is_fused: size_of::<S::f64s>() > size_of::<f64>() })
         }
     }
     Arch::new().dispatch(Work(work))
 }
 
-/// Hands out rows of `channels` values one by one, as [`on_this_processor`] does work: `take` must be `#[inline(always)]`.
+/// What is done with each channel of a row, for `WIDTH` channels from `first` on. All that is read is to be [`loaded`] before
+/// anything is stored, so that the compiler need not ask whether one overlaps the other.
+pub(crate) trait OnChannels {
+    /// Does it; `#[inline(always)]`.
+    fn take<const WIDTH: usize>(&mut self, first: usize);
+}
+
+/// Does `work` with `count` channels: as many at a time as there are registers for.
 #[inline(always)]
-pub(crate) fn for_each_row(rows: &[f64], channels: usize, mut take: impl FnMut(&[f64])) {
-    on_this_processor(
-        #[inline(always)]
-        || {
-            for row in rows.chunks_exact(channels.max(1)) {
-                take(row);
-            }
-        },
-    );
+pub(crate) fn by_channels(count: usize, work: &mut impl OnChannels) {
+    let mut first = 0;
+    while first + 16 <= count {
+        work.take::<16>(first);
+        first += 16;
+    }
+    while first + 4 <= count {
+        work.take::<4>(first);
+        first += 4;
+    }
+    while first < count {
+        work.take::<1>(first);
+        first += 1;
+    }
+}
+
+/// `WIDTH` values from `first` on.
+#[expect(clippy::manual_memcpy, reason = "the library's own function is not inlined there")]
+#[inline(always)]
+pub(crate) fn loaded<T: Copy + Default, const WIDTH: usize>(values: &[T], first: usize) -> [T; WIDTH] {
+    let values = &values[first..first + WIDTH];
+    let mut copy = [T::default(); WIDTH];
+    for lane in 0..WIDTH {
+        copy[lane] = values[lane];
+    }
+    copy
+}
+
+/// Puts values back.
+#[expect(clippy::manual_memcpy, reason = "the library's own function is not inlined there")]
+#[inline(always)]
+pub(crate) fn store<T: Copy, const WIDTH: usize>(values: &mut [T], first: usize, new: &[T; WIDTH]) {
+    let values = &mut values[first..first + WIDTH];
+    for lane in 0..WIDTH {
+        values[lane] = new[lane];
+    }
 }
 
 /// The weighted sum of rows, of as many as there are weights and of as many channels as `sums` has.
 #[inline(always)]
-pub(crate) fn weighted_sum(weights: &[f64], rows: &[f64], sums: &mut [f64]) {
-    let mut first = 0;
-    while first < sums.len() {
-        // As many channels at a time as there are registers for.
-        first += match sums.len() - first {
-            16.. => of_channels::<16>(weights, rows, sums, first),
-            4.. => of_channels::<4>(weights, rows, sums, first),
-            _ => of_channels::<1>(weights, rows, sums, first),
-        };
+pub(crate) fn weighted_sum(arithmetic: Arithmetic, weights: &[f64], rows: &[f64], sums: &mut [f64]) {
+    by_channels(sums.len(), &mut WeightedSum { arithmetic, weights, rows, sums });
+}
+
+struct WeightedSum<'a> {
+    arithmetic: Arithmetic,
+    weights: &'a [f64],
+    rows: &'a [f64],
+    sums: &'a mut [f64],
+}
+
+impl OnChannels for WeightedSum<'_> {
+    #[inline(always)]
+    fn take<const WIDTH: usize>(&mut self, first: usize) {
+        // Rows that are added up each on their own, so that one addition need not wait for the other: as many as there are registers for.
+        let at_once = if WIDTH < 16 { 4 } else { 2 };
+        let (arithmetic, weights, rows, channels) = (self.arithmetic, self.weights, self.rows, self.sums.len());
+        let mut parts = [[0.0; WIDTH]; 4];
+        let (mut tap, mut from) = (0, first);
+        while tap + at_once <= weights.len() {
+            for at in 0..at_once {
+                add_weighted(arithmetic, weights[tap + at], &rows[from..from + WIDTH], &mut parts[at]);
+                from += channels;
+            }
+            tap += at_once;
+        }
+        while tap < weights.len() {
+            add_weighted(arithmetic, weights[tap], &rows[from..from + WIDTH], &mut parts[0]);
+            tap += 1;
+            from += channels;
+        }
+        let mut sums = parts[0];
+        for part in &parts[1..] {
+            for channel in 0..WIDTH {
+                sums[channel] += part[channel];
+            }
+        }
+        store(self.sums, first, &sums);
     }
 }
 
-/// [`weighted_sum`] of `WIDTH` channels from `first` on; how many channels that are.
 #[inline(always)]
-fn of_channels<const WIDTH: usize>(weights: &[f64], rows: &[f64], sums: &mut [f64], first: usize) -> usize {
-    // Of every other row, so that one addition need not wait for the other.
-    let (mut even, mut odd) = ([0.0; WIDTH], [0.0; WIDTH]);
-    let mut from = first;
-    let pairs = weights.chunks_exact(2);
-    let last = pairs.remainder();
-    for weights in pairs {
-        let (row, next) = (&rows[from..from + WIDTH], &rows[from + sums.len()..from + sums.len() + WIDTH]);
-        for channel in 0..WIDTH {
-            even[channel] += weights[0] * row[channel];
-            odd[channel] += weights[1] * next[channel];
-        }
-        from += 2 * sums.len();
-    }
-    for weight in last {
-        let row = &rows[from..from + WIDTH];
-        for channel in 0..WIDTH {
-            even[channel] += weight * row[channel];
-        }
-    }
+fn add_weighted<const WIDTH: usize>(arithmetic: Arithmetic, weight: f64, row: &[f64], sums: &mut [f64; WIDTH]) {
     for channel in 0..WIDTH {
-        sums[first + channel] = even[channel] + odd[channel];
+        sums[channel] = arithmetic.multiply_add(weight, row[channel], sums[channel]);
     }
-    WIDTH
 }

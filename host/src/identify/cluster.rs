@@ -4,6 +4,7 @@
 //! of its shapes the joint fit says how they mix; what leaves that span follows from the regression of all channels on
 //! the modal responses (a step of expectation and maximisation; Li and Au 2019).
 
+use belfry_numerics::complex_product;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
@@ -108,7 +109,8 @@ pub(super) fn seen(
     averages: f64,
     slope: SlopePrior,
 ) -> Seen {
-    let through = |matrix: &DMatrix<Complex64>| &filters.rows * matrix * filters.rows.adjoint();
+    let columns = filters.rows.adjoint();
+    let through = |matrix: &DMatrix<Complex64>| complex_product(&complex_product(&filters.rows, matrix), &columns);
     Seen {
         frequency_hz,
         matrices: matrices.iter().copied().map(through).collect(),

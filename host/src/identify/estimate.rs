@@ -265,7 +265,7 @@ impl State {
         let mut failed: Vec<usize> = (0..self.fits.len())
             .filter(|&mode| self.wanted[mode] && self.clusters.iter().all(|cluster| !cluster.modes.contains(&mode)))
             .collect();
-        for cluster in &mut self.clusters {
+        let refit = |cluster: &Cluster| {
             let modes = &cluster.modes;
             let ranges = modes.iter().map(|&mode| {
                 let inside: Vec<usize> = modes.iter().copied().filter(|&other| other != mode).collect();
@@ -280,30 +280,34 @@ impl State {
             let lines: Vec<&DMatrix<Complex64>> = free.iter().map(|&line| matrices.at(line)).collect();
             let all: Vec<&Shape> = own.iter().chain(&others).copied().collect();
             let noise = noise_variance(&all, &lines);
-            let refit = || {
-                let filters = Filters::new(&own, &others, noise)?;
-                let frequency_hz = free.iter().map(|&line| grid.frequency_hz(line)).collect();
-                let averages = matrices.source.averages() as f64 / OVERLAP;
-                let seen = seen(&filters, &lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
-                let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode)).collect();
-                let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
-                let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
-                let curve = |place| Curve::of_joint(&fit, &seen, place, effort.certainty);
-                let curves: Vec<Curve> = (0..modes.len()).map(curve).collect();
-                let width_hz = range_hz[1] - range_hz[0];
-                let is_near = |other: &&usize| before.outside_hz(**other, range_hz) < BESIDE * width_hz;
-                let beside: Vec<Beside> = stopped
-                    .iter()
-                    .filter(is_near)
-                    .map(|&other| Beside { resonance: before.fits[other].resonance, level: before.fits[other].level })
-                    .collect();
-                let shapes = match residues(&fit, &filters.rows, &beside, noise, &seen, &lines) {
-                    Some(shapes) => shapes.into_iter().map(of_unit_length).collect::<Option<Vec<_>>>()?,
-                    None => regressed_shapes(&fit, &filters, &seen, &lines)?,
-                };
-                Some((fit, shapes, certainty, curves))
+            let filters = Filters::new(&own, &others, noise)?;
+            let frequency_hz = free.iter().map(|&line| grid.frequency_hz(line)).collect();
+            let averages = matrices.source.averages() as f64 / OVERLAP;
+            let seen = seen(&filters, &lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
+            let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode)).collect();
+            let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
+            let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
+            let curve = |place| Curve::of_joint(&fit, &seen, place, effort.certainty);
+            let curves: Vec<Curve> = (0..modes.len()).map(curve).collect();
+            let width_hz = range_hz[1] - range_hz[0];
+            let is_near = |other: &&usize| before.outside_hz(**other, range_hz) < BESIDE * width_hz;
+            let beside: Vec<Beside> = stopped
+                .iter()
+                .filter(is_near)
+                .map(|&other| Beside { resonance: before.fits[other].resonance, level: before.fits[other].level })
+                .collect();
+            let shapes = match residues(&fit, &filters.rows, &beside, noise, &seen, &lines) {
+                Some(shapes) => shapes.into_iter().map(of_unit_length).collect::<Option<Vec<_>>>()?,
+                None => regressed_shapes(&fit, &filters, &seen, &lines)?,
             };
-            let Some((fit, shapes, certainty, curves)) = refit() else {
+            Some((fit, shapes, certainty, curves))
+        };
+        // One by one in replicates, which are made side by side already.
+        let at_least = if matrices.is_whole() { 1 } else { self.clusters.len() };
+        let refits: Vec<_> = self.clusters.par_iter().with_min_len(at_least).map(refit).collect();
+        for (cluster, refit) in self.clusters.iter_mut().zip(refits) {
+            let modes = &cluster.modes;
+            let Some((fit, shapes, certainty, curves)) = refit else {
                 cluster.certainty.clear();
                 failed.extend(modes);
                 continue;

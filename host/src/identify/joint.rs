@@ -101,7 +101,8 @@ impl JointFit {
 
     /// D V D at a frequency, modes x modes.
     pub(super) fn noise_seen(&self, seen: &Seen, frequency_hz: f64) -> DMatrix<Complex64> {
-        sized(&self.floor(seen), &self.noise_sizes(frequency_hz))
+        let (floor, sizes) = (self.floor(seen), self.noise_sizes(frequency_hz));
+        DMatrix::from_fn(sizes.len(), sizes.len(), |i, j| floor[(i, j)] * (sizes[i] * sizes[j]))
     }
 
     /// V with what is added to its correlations, modes x modes.
@@ -121,11 +122,6 @@ impl JointFit {
     pub(super) fn amplitude(&self, i: usize, j: usize) -> Complex64 {
         self.correlation[(i, j)] * (self.levels[i] * self.levels[j]).sqrt()
     }
-}
-
-/// D V D from V and the diagonal of D.
-pub(super) fn sized(floor: &DMatrix<Complex64>, sizes: &[f64]) -> DMatrix<Complex64> {
-    DMatrix::from_fn(sizes.len(), sizes.len(), |i, j| floor[(i, j)] * (sizes[i] * sizes[j]))
 }
 
 /// What a correlation of V is multiplied by.

@@ -5,11 +5,13 @@
 //! estimate (Whittle 1953; for modes Au 2017, "Operational Modal Analysis", chapter 12). The forces' correlations have a mild
 //! prior that there are none, and so has what is left beside the modes: that only noise correlates it.
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::allocator::Allocator;
+use nalgebra::{Cholesky, Const, DVector, DefaultAllocator, Dim, Dyn, OMatrix};
 use num_complex::Complex64;
 
 use super::bell::DAMPING_RANGE;
-use super::joint::{JointFit, Seen, half_density, noise_scale, sized};
+use super::information::{Derivatives, Information};
+use super::joint::{JointFit, Seen, half_density, noise_scale};
 use super::resonance::{LineShape, Resonance};
 use super::scoring::{Schedule, Slopes, fisher_scoring};
 
@@ -130,14 +132,28 @@ impl JointFit {
 
     /// The objective, its negative gradient and the Fisher information, an average; `None` where S is not positive
     /// definite at some line.
+    fn slopes(&self, seen: &Seen) -> Option<Slopes> {
+        // Matrices of a size that is known when this is compiled need not be allocated, which is most of the work.
+        match self.resonances.len() {
+            1 => self.slopes_of_size(seen, Const::<1>),
+            2 => self.slopes_of_size(seen, Const::<2>),
+            3 => self.slopes_of_size(seen, Const::<3>),
+            4 => self.slopes_of_size(seen, Const::<4>),
+            size => self.slopes_of_size(seen, Dyn(size)),
+        }
+    }
+
+    /// [`JointFit::slopes`] of `modes` modes.
     ///
     /// Every derivative of S is `u q + (u q)ᴴ`, u a column and q a row; with S = L Lᴴ, u and q come divided by L.
-    fn slopes(&self, seen: &Seen) -> Option<Slopes> {
-        let size = self.resonances.len();
+    fn slopes_of_size<D: Dim>(&self, seen: &Seen, modes: D) -> Option<Slopes>
+    where
+        DefaultAllocator: Allocator<D, D>,
+    {
+        let size = modes.value();
         let unknowns = self.unknowns();
         let mut objective = 0.0;
-        let mut gradient = DVector::zeros(unknowns);
-        let mut fisher = DMatrix::zeros(unknowns, unknowns);
+        let mut information = Information::zero(unknowns);
         let step = 1e-4;
         let own: Vec<LineShape> =
             self.resonances.iter().map(|resonance| resonance.line_shape(seen.duration_s)).collect();
@@ -154,76 +170,57 @@ impl JointFit {
                     .map(|resonance| resonance.line_shape(seen.duration_s))
             })
             .collect();
-        let mut jacobian = DMatrix::zeros(size * size, unknowns);
-        let (mut u_here, mut q_here) = (vec![Complex64::ZERO; size], vec![Complex64::ZERO; size]);
-        let identity: DMatrix<Complex64> = DMatrix::identity(size, size);
+        let mut derivatives = Derivatives::new(size, unknowns);
+        let mut excess = vec![0.0; size * size];
+        let identity = OMatrix::<Complex64, D, D>::identity_generic(modes, modes);
+        let mixture = square(modes, |i, j| self.mixture[(i, j)]);
+        let amplitude = square(modes, |i, j| self.amplitude(i, j));
         let floor = self.floor(seen);
         for (&frequency_hz, matrix) in seen.frequency_hz.iter().zip(&seen.matrices) {
-            let density = |mode: usize, shape: &LineShape, slope: f64| {
-                half_density(shape, self.slopes[mode] + slope, frequency_hz)
-            };
-            let halves: Vec<Complex64> = own.iter().enumerate().map(|(mode, here)| density(mode, here, 0.0)).collect();
-            let spectra = DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()));
-            let through = &self.mixture * &spectra;
+            let density = |mode: usize, shape: &LineShape| half_density(shape, self.slopes[mode], frequency_hz);
+            let halves: Vec<Complex64> = own.iter().enumerate().map(|(mode, here)| density(mode, here)).collect();
+            let spectra = square(modes, |i, j| amplitude[(i, j)] * (halves[i] + halves[j].conj()));
+            let through = &mixture * &spectra;
             let noise_sizes = self.noise_sizes(frequency_hz);
-            let noise = sized(&floor, &noise_sizes);
-            let expected = &through * self.mixture.adjoint() + &noise;
+            let noise = square(modes, |i, j| floor[(i, j)] * (noise_sizes[i] * noise_sizes[j]));
+            let expected = &through * mixture.adjoint() + &noise;
             let lower = lower_factor(&expected)?;
             let inverse = lower.solve_lower_triangular(&identity)?;
             objective += 2.0 * (0..size).map(|i| lower[(i, i)].re.ln()).sum::<f64>();
             // (R/S) and what every derivative is made of.
-            let ratio = &inverse * matrix * inverse.adjoint();
+            let ratio = &inverse * square(modes, |i, j| matrix[(i, j)]) * inverse.adjoint();
             objective += ratio.trace().re;
-            let mixed = &inverse * &self.mixture;
+            let mixed = &inverse * &mixture;
             let spectra_mixed = &spectra * mixed.adjoint();
             let noise_mixed = &noise * inverse.adjoint();
-            let mut column = 0;
-            let mut put = |u: &dyn Fn(usize) -> Complex64, q: &dyn Fn(usize) -> Complex64| {
-                for at in 0..size {
-                    (u_here[at], q_here[at]) = (u(at), q(at));
-                }
-                let mut target = jacobian.column_mut(column);
-                let mut place = 0;
-                for k in 0..size {
-                    target[place] = 2.0 * (u_here[k] * q_here[k]).re;
-                    place += 1;
-                    for l in k + 1..size {
-                        let value: Complex64 = u_here[k] * q_here[l] + (u_here[l] * q_here[k]).conj();
-                        target[place] = std::f64::consts::SQRT_2 * value.re;
-                        target[place + 1] = std::f64::consts::SQRT_2 * value.im;
-                        place += 2;
-                    }
-                }
-                column += 1;
-            };
+            derivatives.start();
             // Rows of C times conj(mixed), for changes of one mode's half density.
-            let amplitudes = DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j)) * mixed.adjoint();
+            let amplitudes = &amplitude * mixed.adjoint();
             for pair in 0..2 {
                 for mode in 0..size {
                     let (more, less) = (moved[mode][2 * pair], moved[mode][2 * pair + 1]);
-                    let change = (density(mode, &more, 0.0) - density(mode, &less, 0.0)) / (2.0 * step);
-                    put(&|k| mixed[(k, mode)], &|l| change * amplitudes[(mode, l)]);
+                    let change = (density(mode, &more) - density(mode, &less)) / (2.0 * step);
+                    derivatives.put(|k| mixed[(k, mode)], |l| change * amplitudes[(mode, l)]);
                 }
             }
             for mode in 0..size {
-                put(&|k| mixed[(k, mode)], &|l| spectra_mixed[(mode, l)] * 0.5);
+                derivatives.put(|k| mixed[(k, mode)], |l| spectra_mixed[(mode, l)] * 0.5);
             }
             for mode in 0..size {
-                put(&|k| inverse[(k, mode)], &|l| noise_mixed[(mode, l)]);
+                derivatives.put(|k| inverse[(k, mode)], |l| noise_mixed[(mode, l)]);
             }
             for mode in 0..size {
-                let here = &own[mode];
-                let change = (density(mode, here, step) - density(mode, here, -step)) / (2.0 * step);
-                put(&|k| mixed[(k, mode)], &|l| change * amplitudes[(mode, l)]);
+                let change = halves[mode] * (frequency_hz / self.resonances[mode].frequency_hz).ln();
+                derivatives.put(|k| mixed[(k, mode)], |l| change * amplitudes[(mode, l)]);
             }
             for mode in 0..size {
                 let change = (frequency_hz / self.centres_hz[mode]).ln();
-                put(&|k| inverse[(k, mode)], &|l| change * noise_mixed[(mode, l)]);
+                derivatives.put(|k| inverse[(k, mode)], |l| change * noise_mixed[(mode, l)]);
             }
             for i in 0..size {
                 for j in (0..size).filter(|&j| j != i) {
                     for unit in [Complex64::ONE, Complex64::I] {
-                        put(&|k| inverse[(k, i)] * unit, &|l| spectra_mixed[(j, l)]);
+                        derivatives.put(|k| inverse[(k, i)] * unit, |l| spectra_mixed[(j, l)]);
                     }
                 }
             }
@@ -231,7 +228,7 @@ impl JointFit {
                 for j in i + 1..size {
                     let change = (halves[i] + halves[j].conj()) * (self.levels[i] * self.levels[j]).sqrt();
                     for unit in [Complex64::ONE, Complex64::I] {
-                        put(&|k| mixed[(k, i)], &|l| unit * change * mixed[(l, j)].conj());
+                        derivatives.put(|k| mixed[(k, i)], |l| unit * change * mixed[(l, j)].conj());
                     }
                 }
             }
@@ -239,11 +236,10 @@ impl JointFit {
                 for j in i + 1..size {
                     let change = noise_sizes[i] * noise_sizes[j] * noise_scale(seen, i, j);
                     for unit in [Complex64::ONE, Complex64::I] {
-                        put(&|k| inverse[(k, i)] * unit, &|l| inverse[(l, j)].conj() * change);
+                        derivatives.put(|k| inverse[(k, i)] * unit, |l| inverse[(l, j)].conj() * change);
                     }
                 }
             }
-            let mut excess = DVector::zeros(size * size);
             let mut place = 0;
             for k in 0..size {
                 excess[place] = ratio[(k, k)].re - 1.0;
@@ -254,9 +250,9 @@ impl JointFit {
                     place += 2;
                 }
             }
-            gradient.gemv_tr(1.0, &jacobian, &excess, 1.0);
-            fisher.gemm_tr(1.0, &jacobian, &jacobian, 1.0);
+            information.add(&derivatives, &excess);
         }
+        let (mut gradient, mut fisher) = information.sums();
         let prior = 1.0 / (NOISE_PRIOR * NOISE_PRIOR * seen.averages.max(1.0));
         for (mode, noise) in self.noise.iter().enumerate() {
             let place = 3 * size + mode;
@@ -301,10 +297,21 @@ impl JointFit {
 /// A pivot below this share of its diagonal entry is zero up to rounding.
 const LEAST_PIVOT: f64 = 1e-14;
 
+/// A matrix, modes x modes.
+fn square<D: Dim>(modes: D, entry: impl FnMut(usize, usize) -> Complex64) -> OMatrix<Complex64, D, D>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
+    OMatrix::from_fn_generic(modes, modes, entry)
+}
+
 /// Lower Cholesky factor of a Hermitian matrix; `None` where it is not positive definite.
 ///
 /// The library takes the root of a negative pivot too, which is a complex number like any other, so pivots are checked here.
-fn lower_factor(matrix: &DMatrix<Complex64>) -> Option<DMatrix<Complex64>> {
+fn lower_factor<D: Dim>(matrix: &OMatrix<Complex64, D, D>) -> Option<OMatrix<Complex64, D, D>>
+where
+    DefaultAllocator: Allocator<D, D>,
+{
     let lower = Cholesky::new(matrix.clone())?.unpack();
     let is_positive = |i: usize| lower[(i, i)].re.powi(2) > LEAST_PIVOT * matrix[(i, i)].re;
     (0..matrix.nrows()).all(is_positive).then_some(lower)
@@ -312,6 +319,8 @@ fn lower_factor(matrix: &DMatrix<Complex64>) -> Option<DMatrix<Complex64>> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::DMatrix;
+
     use super::*;
     use crate::identify::joint::SlopePrior;
     use crate::identify::resonance::Quantity;

@@ -3,7 +3,7 @@
 //! A setup's averages flow in, or the long windows that finer lines come from, whole or without a group of windows; matrices, and
 //! spectra behind a filter, flow out.
 
-use std::cell::OnceCell;
+use std::sync::OnceLock;
 
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -70,7 +70,7 @@ pub(super) struct Matrices<'a> {
     without: Option<usize>,
     /// Lines that a tone is in, in order.
     taken: &'a [usize],
-    lines: Vec<OnceCell<DMatrix<Complex64>>>,
+    lines: Vec<OnceLock<DMatrix<Complex64>>>,
 }
 
 /// With fewer lines there is no fit.
@@ -78,11 +78,16 @@ pub(super) const LEAST_LINES: usize = 5;
 
 impl<'a> Matrices<'a> {
     pub(super) fn new(source: Source<'a>, without: Option<usize>, taken: &'a [usize]) -> Self {
-        Self { source, without, taken, lines: vec![OnceCell::new(); source.grid().lines] }
+        Self { source, without, taken, lines: vec![OnceLock::new(); source.grid().lines] }
     }
 
     pub(super) fn grid(&self) -> &LineGrid {
         self.source.grid()
+    }
+
+    /// Whether they are of all windows.
+    pub(super) fn is_whole(&self) -> bool {
+        self.without.is_none()
     }
 
     /// The lines from `first` to `last` that no tone is in; all of them where that leaves fewer than `least`.

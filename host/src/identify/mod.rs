@@ -3,7 +3,7 @@
 //! Per-setup cross-spectral matrices flow in; modes with frequency, damping, shape and the uncertainty of each flow out.
 //! `pick` finds modes in the singular values, `fit` estimates and judges them until all stand, `shape` filters each mode from its
 //! neighbours, [`bell`] reads frequency and damping from the filtered spectrum one by one; from there `cluster`, `joint` and
-//! `joint_fit` fit close modes together by maximum likelihood, and `finer` lines those that are narrow, which `finer_peaks` looks for
+//! `joint_fit` fit close modes together by maximum likelihood (with the sums of `information`), and `finer` lines those that are narrow, which `finer_peaks` looks for
 //! beside each other. The jackknife in `scatter` says how sure it all is, `judge` throws out what the data do not determine, and `merge`
 //! joins the setups, their shapes by `join`; `covariance` says how errors are correlated. `choice` applies the user's choice of modes;
 //! [`track`] follows known modes through parts of a record; [`accuracy`] tells how long a record must be for a given accuracy; `suspect`
@@ -19,6 +19,7 @@ mod estimate;
 mod finer;
 mod finer_peaks;
 mod fit;
+mod information;
 mod join;
 mod joint;
 mod joint_fit;

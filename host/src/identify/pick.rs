@@ -14,6 +14,7 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
+use rayon::prelude::*;
 
 use super::Suggestion;
 use super::estimate::LEEWAY_LINES;
@@ -274,20 +275,20 @@ impl Layer {
             log_original: Vec::new(),
             log_edge: Vec::new(),
         };
-        for line in region {
-            let decompositions: Vec<Leading> = sources
-                .iter()
-                .zip(singular)
-                .enumerate()
-                .map(|(setup, (source, singular))| {
-                    if out.is_empty() {
-                        singular.at(line).clone()
-                    } else {
-                        let shapes: Vec<&Shape> = out.iter().map(|pick| &pick.shapes[setup]).collect();
-                        leading(projected(source.matrix(line, None), &shapes))
-                    }
-                })
-                .collect();
+        let decomposed = |line: usize| -> Vec<Leading> {
+            let each = sources.iter().zip(singular).enumerate();
+            each.map(|(setup, (source, singular))| {
+                if out.is_empty() {
+                    singular.at(line).clone()
+                } else {
+                    let shapes: Vec<&Shape> = out.iter().map(|pick| &pick.shapes[setup]).collect();
+                    leading(projected(source.matrix(line, None), &shapes))
+                }
+            })
+            .collect()
+        };
+        let decomposed: Vec<Vec<Leading>> = region.clone().into_par_iter().map(decomposed).collect();
+        for (line, decompositions) in region.zip(decomposed) {
             layer.log_first.push(mean_log(&mut decompositions.iter().map(|d| d.value)));
             layer.log_original.push(mean_log(&mut singular.iter().map(|s| s.at(line).value)));
             let edges: Option<Vec<f64>> = decompositions

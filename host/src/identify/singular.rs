@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use num_complex::Complex64;
+use rayon::prelude::*;
 
 use super::matrices::Source;
 use super::result::SingularSpectrum;
@@ -63,7 +64,10 @@ impl SingularValues {
 
     /// Of these lines.
     pub(super) fn of_lines(source: &Source<'_>, lines: Range<usize>) -> Self {
-        Self { first_line: lines.start, lines: lines.map(|line| leading(source.matrix(line, None))).collect() }
+        Self {
+            first_line: lines.start,
+            lines: lines.into_par_iter().map(|line| leading(source.matrix(line, None))).collect(),
+        }
     }
 
     /// The decomposition at a line, which is one of those.

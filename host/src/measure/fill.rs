@@ -21,9 +21,8 @@ pub(super) struct Filled {
 /// Fills the rows of a recording.
 pub(super) struct Filler {
     channels: usize,
-    /// The last rows, and before them those that were handed out last.
+    /// The last rows, which are not handed out yet.
     held: Vec<f64>,
-    handed_out: usize,
     /// The recording's row that they begin with.
     first: u64,
     filled: Vec<Filled>,
@@ -31,45 +30,47 @@ pub(super) struct Filler {
 
 impl Filler {
     pub(super) fn new(channels: usize) -> Self {
-        Self { channels, held: Vec::new(), handed_out: 0, first: 0, filled: vec![Filled::default(); channels] }
+        Self { channels, held: Vec::new(), first: 0, filled: vec![Filled::default(); channels] }
     }
 
-    /// Takes rows, row-major, NaN where a sample is missing; hands out those that are complete with them.
-    pub(super) fn push(&mut self, rows: &[f64]) -> &[f64] {
-        self.first += (self.handed_out / self.channels.max(1)) as u64;
-        self.held.drain(..self.handed_out);
-        let new = self.held.len();
-        self.held.extend_from_slice(rows);
+    /// Takes rows, row-major, NaN where a sample is missing; puts those that are complete with them into `out`, and nothing else.
+    pub(super) fn push(&mut self, rows: &[f64], out: &mut Vec<f64>) {
+        out.clear();
+        out.extend_from_slice(&self.held);
+        out.extend_from_slice(rows);
         // Most recordings miss nothing: they are only passed on.
-        if self.held.iter().any(|value| value.is_nan()) {
-            for at in new.max(self.channels)..self.held.len() {
-                if self.held[at].is_finite() && self.held[at - self.channels].is_nan() {
-                    self.fill_before(at);
+        if is_any_missing(out) {
+            for at in self.held.len().max(self.channels)..out.len() {
+                if out[at].is_finite() && out[at - self.channels].is_nan() {
+                    self.fill_before(at, out);
                 }
             }
         }
-        self.handed_out = self.held.len().saturating_sub((MOST_IN_A_ROW + 1) * self.channels);
-        &self.held[..self.handed_out]
+        let complete = out.len().saturating_sub((MOST_IN_A_ROW + 1) * self.channels);
+        self.held.clear();
+        self.held.extend_from_slice(&out[complete..]);
+        out.truncate(complete);
+        self.first += (complete / self.channels.max(1)) as u64;
     }
 
-    /// Fills what is missing of a channel just before the sample `at`.
-    fn fill_before(&mut self, at: usize) {
+    /// Fills what is missing of a channel just before the sample `at` of `rows`.
+    fn fill_before(&mut self, at: usize, rows: &mut [f64]) {
         let (channel, row) = (at % self.channels, at / self.channels);
         let place = |row: usize| row * self.channels + channel;
-        let gap = (0..row).rev().take_while(|&row| self.held[place(row)].is_nan()).count();
+        let gap = (0..row).rev().take_while(|&row| rows[place(row)].is_nan()).count();
         // The recording's row.
         let here = self.first + row as u64;
         let filled = &mut self.filled[channel];
         if gap == row || gap > MOST_IN_A_ROW || filled.count as f64 >= MOST_SHARE * here as f64 + ALWAYS {
             return;
         }
-        let (before, after) = (self.held[place(row - gap - 1)], self.held[at]);
+        let (before, after) = (rows[place(row - gap - 1)], rows[at]);
         if !before.is_finite() {
             return;
         }
         for step in 1..=gap {
             let share = step as f64 / (gap + 1) as f64;
-            self.held[place(row - gap - 1 + step)] = before + share * (after - before);
+            rows[place(row - gap - 1 + step)] = before + share * (after - before);
         }
         if filled.count == 0 {
             filled.first_row = here - gap as u64;
@@ -78,10 +79,14 @@ impl Filler {
     }
 
     /// The last rows, and what was filled, channel by channel.
-    pub(super) fn finish(mut self) -> (Vec<f64>, Vec<Filled>) {
-        self.held.drain(..self.handed_out);
+    pub(super) fn finish(self) -> (Vec<f64>, Vec<Filled>) {
         (self.held, self.filled)
     }
+}
+
+/// Whether any value is NaN: without a branch a value, so that several are looked at at once.
+fn is_any_missing(values: &[f64]) -> bool {
+    values.iter().fold(false, |is_any, value| is_any | value.is_nan())
 }
 
 #[cfg(test)]
@@ -100,7 +105,11 @@ mod tests {
         (1500..1504).for_each(|row| samples[2 * row + 1] = f64::NAN);
         (1001..1500).for_each(|half| samples[2 * (2 * half) + 1] = f64::NAN);
         let mut filler = Filler::new(2);
-        let mut out: Vec<f64> = samples.chunks(2 * 700).flat_map(|part| filler.push(part).to_vec()).collect();
+        let (mut out, mut part_out) = (Vec::new(), Vec::new());
+        for part in samples.chunks(2 * 700) {
+            filler.push(part, &mut part_out);
+            out.extend_from_slice(&part_out);
+        }
         let (last, filled) = filler.finish();
         out.extend(last);
         assert_eq!(out.len(), samples.len());
@@ -110,7 +119,8 @@ mod tests {
         assert!((1500..1504).all(|row| out[2 * row + 1].is_nan()));
         assert!(filled[1].first_row == 2002 && (90..120).contains(&filled[1].count), "{filled:?}");
         let mut short = Filler::new(2);
-        assert!(short.push(&[1.0, 2.0]).is_empty());
+        short.push(&[1.0, 2.0], &mut part_out);
+        assert!(part_out.is_empty());
         assert_eq!(short.finish().0, [1.0, 2.0]);
     }
 }

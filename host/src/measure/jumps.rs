@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 
 use super::ring::Rows;
-use crate::processor::{for_each_row, weighted_sum};
+use crate::processor::{Arithmetic, on_this_processor, weighted_sum};
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 
 /// Rows of a window, and from one to the next. The window (three terms, Harris 1978, table 1: side lobes of -71 dB) passes what lies
@@ -91,21 +91,16 @@ impl JumpFinder {
 
     /// Takes rows, row-major, NaN where a sample is missing.
     pub(super) fn push(&mut self, rows: &[f64]) {
-        for_each_row(
-            rows,
-            self.rows.channels(),
+        self.rows.push(rows);
+        on_this_processor(
             #[inline(always)]
-            |row| self.push_row(row),
+            |arithmetic| {
+                while self.rows.end() >= self.next + WINDOW as u64 {
+                    self.take_window(arithmetic);
+                    self.next += HOP as u64;
+                }
+            },
         );
-    }
-
-    #[inline(always)]
-    fn push_row(&mut self, row: &[f64]) {
-        self.rows.push(row);
-        if self.rows.end() >= self.next + WINDOW as u64 {
-            self.take_window();
-            self.next += HOP as u64;
-        }
     }
 
     /// What was found.
@@ -115,9 +110,9 @@ impl JumpFinder {
     }
 
     #[inline(always)]
-    fn take_window(&mut self) {
+    fn take_window(&mut self, arithmetic: Arithmetic) {
         self.windows += 1;
-        let parts = self.parts(self.next);
+        let parts = self.parts(self.next, arithmetic);
         let [power, many] = self.power(&parts);
         let end = self.next + HOP as u64;
         self.event = match (self.event, power > HOT && many >= 0.5) {
@@ -157,9 +152,9 @@ impl JumpFinder {
 
     /// What each channel has just below half of the sampling rate in the window from a row on.
     #[inline(always)]
-    fn parts(&self, first: u64) -> Vec<f64> {
+    fn parts(&self, first: u64, arithmetic: Arithmetic) -> Vec<f64> {
         let mut parts = vec![0.0; self.rows.channels()];
-        weighted_sum(&self.window, self.rows.from(first), &mut parts);
+        weighted_sum(arithmetic, &self.window, self.rows.from(first), &mut parts);
         parts
     }
 
@@ -184,7 +179,13 @@ impl JumpFinder {
             return;
         }
         // The row after the jump is in all hot windows, and neither side has anything of it.
-        let power_from = |row: u64| self.power(&self.parts(row))[0];
+        let parts = |row: u64| {
+            on_this_processor(
+                #[inline(always)]
+                |arithmetic| self.parts(row, arithmetic),
+            )
+        };
+        let power_from = |row: u64| self.power(&parts(row))[0];
         let sides = |row: &u64| power_from(row - WINDOW as u64).max(power_from(*row));
         let from = end.saturating_sub(HOP as u64).max(self.rows.start() + WINDOW as u64);
         let to = (first + WINDOW as u64).min(self.rows.end() - WINDOW as u64);

@@ -3,7 +3,7 @@
 //! Rows flow in; which channels were cut off, how often and since when, flows out. The largest values of a signal that is not cut
 //! off are rarer than those a little smaller; where it is cut off, one value stands there again and again.
 
-use crate::processor::for_each_row;
+use crate::processor::{OnChannels, by_channels, loaded, on_this_processor, store};
 
 /// Visits of a channel's end that make it cut off...
 const LEAST_VISITS: u64 = 10;
@@ -90,35 +90,41 @@ impl Limits {
 
     /// Takes rows, row-major, NaN where a sample is missing.
     pub(super) fn push(&mut self, rows: &[f64]) {
-        for_each_row(
-            rows,
-            self.ends.len(),
+        let channels = self.ends.len();
+        on_this_processor(
             #[inline(always)]
-            |row| self.push_row(row),
+            |_| {
+                let mut at = 0;
+                while at < rows.len() {
+                    if self.matters(&rows[at..at + channels]) {
+                        self.take(rows, at);
+                    }
+                    self.rows += 1;
+                    at += channels;
+                }
+            },
         );
+        if let Some(last) = rows.len().checked_sub(channels) {
+            self.before.copy_from_slice(&rows[last..]);
+        }
     }
 
+    /// Whether a channel is near an end; counts what is there.
     #[inline(always)]
-    fn push_row(&mut self, row: &[f64]) {
-        let count = row.len();
-        let (upper, lower, samples) = (&self.from[0][..count], &self.from[1][..count], &mut self.samples[..count]);
-        let mut matters = false;
-        for channel in 0..count {
-            matters |= (row[channel] >= upper[channel]) | (row[channel] <= lower[channel]);
-            samples[channel] += u64::from(row[channel].is_finite());
-        }
-        if matters {
-            self.take(row);
-        }
-        self.before.copy_from_slice(row);
-        self.rows += 1;
+    fn matters(&mut self, row: &[f64]) -> bool {
+        let [upper, lower] = &self.from;
+        let mut look = Look { row, upper, lower, samples: &mut self.samples, near: 0 };
+        by_channels(row.len(), &mut look);
+        look.near != 0
     }
 
-    /// Takes a row in which a channel is near an end.
+    /// Takes the row that begins at `at`, in which a channel is near an end.
     #[cold]
-    fn take(&mut self, row: &[f64]) {
+    fn take(&mut self, rows: &[f64], at: usize) {
+        let channels = self.ends.len();
+        let before = if at == 0 { &self.before } else { &rows[at - channels..at] };
         let [upper, lower] = &mut self.from;
-        let each = self.ends.iter_mut().zip(&self.before).zip(row).zip(upper.iter_mut().zip(lower));
+        let each = self.ends.iter_mut().zip(before).zip(&rows[at..]).zip(upper.iter_mut().zip(lower));
         for (((ends, &before), &value), (upper, lower)) in each {
             ends[0].take(value, before, self.rows);
             ends[1].take(-value, -before, self.rows);
@@ -136,6 +142,30 @@ impl Limits {
             CutOff { samples: count, first_row: first.first_row, limit: sign * first.value, share }
         };
         self.ends.iter().zip(&self.samples).map(of).collect()
+    }
+}
+
+/// What [`Limits::matters`] does.
+struct Look<'a> {
+    row: &'a [f64],
+    upper: &'a [f64],
+    lower: &'a [f64],
+    samples: &'a mut [u64],
+    /// Other than 0 where any is near its end; as wide as a sample.
+    near: u64,
+}
+
+impl OnChannels for Look<'_> {
+    #[inline(always)]
+    fn take<const WIDTH: usize>(&mut self, first: usize) {
+        let row = loaded::<f64, WIDTH>(self.row, first);
+        let (upper, lower) = (loaded::<f64, WIDTH>(self.upper, first), loaded::<f64, WIDTH>(self.lower, first));
+        let mut samples = loaded::<u64, WIDTH>(self.samples, first);
+        for lane in 0..WIDTH {
+            self.near |= u64::from((row[lane] >= upper[lane]) | (row[lane] <= lower[lane]));
+            samples[lane] += u64::from(row[lane].is_finite());
+        }
+        store(self.samples, first, &samples);
     }
 }
 

@@ -19,13 +19,16 @@ impl Rows {
         self.channels
     }
 
-    pub(super) fn push(&mut self, row: &[f64]) {
-        // Twice as many rows are held, so that old ones need not go one by one.
-        if self.values.len() >= 2 * self.kept * self.channels {
-            self.values.drain(..self.kept * self.channels);
-            self.first += self.kept as u64;
+    /// Takes rows, row-major, behind those that are kept.
+    pub(super) fn push(&mut self, rows: &[f64]) {
+        // Twice as many rows are held before any go, so that single old ones need not go one by one.
+        let kept = self.kept * self.channels;
+        if self.values.len() >= 2 * kept {
+            let gone = self.values.len() - kept;
+            self.values.drain(..gone);
+            self.first += (gone / self.channels.max(1)) as u64;
         }
-        self.values.extend_from_slice(row);
+        self.values.extend_from_slice(rows);
     }
 
     /// Number of the first row that is kept, and of the one after the last.

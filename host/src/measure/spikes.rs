@@ -4,7 +4,7 @@
 //! neighbours is many times what is usual for the channel, and the neighbours agree with each other. Nothing that a structure does
 //! looks like that, for a recorder's own filter spreads it over several samples.
 
-use crate::processor::for_each_row;
+use crate::processor::{OnChannels, by_channels, loaded, on_this_processor, store};
 
 /// A spike is this many root mean squares of the usual distance away.
 const FAR: f64 = 12.0;
@@ -27,114 +27,100 @@ pub(super) struct Spikes {
 
 /// Replaces spikes in the rows of a recording.
 pub(super) struct SpikeFilter {
-    /// The last two rows, the later of which has not been handed out.
-    before: Vec<f64>,
-    last: Vec<f64>,
+    channels: usize,
+    /// The row before, then those that have not been handed out, and after a push those that it hands out.
+    held: Vec<f64>,
+    /// Rows that have been judged.
     rows: u64,
     /// Mean square of the distance from the mean of the neighbours.
     usual: Vec<f64>,
     /// The least step between two samples that was seen: distances of a few of them are how a converter counts.
     least_step: Vec<f64>,
     found: Vec<Spikes>,
-    out: Vec<f64>,
 }
 
 impl SpikeFilter {
     pub(super) fn new(channels: usize) -> Self {
         Self {
-            before: vec![f64::NAN; channels],
-            last: Vec::new(),
+            channels,
+            held: vec![f64::NAN; channels],
             rows: 0,
             usual: vec![0.0; channels],
             least_step: vec![f64::INFINITY; channels],
             found: vec![Spikes::default(); channels],
-            out: Vec::new(),
         }
     }
 
     /// Takes rows, row-major, NaN where a sample is missing; hands out those that are complete with them.
     pub(super) fn push(&mut self, rows: &[f64]) -> &[f64] {
-        self.out.clear();
-        for_each_row(
-            rows,
-            self.before.len(),
+        let channels = self.channels;
+        self.held.drain(..self.held.len().saturating_sub(2 * channels));
+        self.held.extend_from_slice(rows);
+        let end = self.held.len().saturating_sub(channels);
+        on_this_processor(
             #[inline(always)]
-            |row| self.push_row(row),
+            |_| {
+                let mut at = channels;
+                while at < end {
+                    self.judge(at);
+                    at += channels;
+                }
+            },
         );
-        &self.out
+        self.held.get(channels..end).unwrap_or_default()
     }
 
+    /// Judges the row that begins at `at`, between its neighbours.
     #[inline(always)]
-    fn push_row(&mut self, next: &[f64]) {
-        if self.rows > 0 {
-            // What is learnt from is not yet judged.
-            if self.is_any_far(next) && self.rows > LEARNT {
-                self.replace_spikes(next);
-            } else {
-                self.learn(next);
-            }
-            self.out.extend_from_slice(&self.last);
-            std::mem::swap(&mut self.before, &mut self.last);
-        }
-        self.last.clear();
-        self.last.extend_from_slice(next);
+    fn judge(&mut self, at: usize) {
         self.rows += 1;
+        // What is learnt from is not yet judged.
+        if self.is_any_far(at) && self.rows > LEARNT {
+            self.replace_spikes(at);
+        } else {
+            self.learn(at);
+        }
     }
 
     /// Whether any channel is far from the mean of its neighbours; takes note of the steps.
     #[inline(always)]
-    fn is_any_far(&mut self, next: &[f64]) -> bool {
-        let count = next.len();
-        let (before, here) = (&self.before[..count], &self.last[..count]);
-        let (usual, least_step) = (&self.usual[..count], &mut self.least_step[..count]);
-        let mut is_any_far = false;
-        for channel in 0..count {
-            let distance = here[channel] - 0.5 * (before[channel] + next[channel]);
-            let step = (here[channel] - before[channel]).abs();
-            // Where a sample is missing, nothing is known.
-            let is_least = (step > 0.0) & (step < least_step[channel]) & distance.is_finite();
-            least_step[channel] = if is_least { step } else { least_step[channel] };
-            is_any_far |= is_far(distance, usual[channel], least_step[channel]);
-        }
-        is_any_far
+    fn is_any_far(&mut self, at: usize) -> bool {
+        let rows = Triple::at(&self.held, at, self.channels);
+        let mut look = Look { rows, usual: &self.usual, least_step: &mut self.least_step, far: 0 };
+        by_channels(self.channels, &mut look);
+        look.far != 0
     }
 
-    /// Lets a row whose neighbours are `self.before` and `next` count for what is usual.
+    /// Lets a row count for what is usual.
     #[inline(always)]
-    fn learn(&mut self, next: &[f64]) {
+    fn learn(&mut self, at: usize) {
         let weight = 1.0 / MEMORY.min(self.rows as f64);
         let most = if self.rows > LEARNT { MOST } else { f64::INFINITY };
-        let count = next.len();
-        let (before, here, usual) = (&self.before[..count], &self.last[..count], &mut self.usual[..count]);
-        for channel in 0..count {
-            let distance = here[channel] - 0.5 * (before[channel] + next[channel]);
-            let square = distance * distance;
-            let counted = if square > most * usual[channel] { most * usual[channel] } else { square };
-            let change = weight * (counted - usual[channel]);
-            usual[channel] += if distance.is_finite() { change } else { 0.0 };
-        }
+        let rows = Triple::at(&self.held, at, self.channels);
+        by_channels(self.channels, &mut Learn { rows, weight, most, usual: &mut self.usual });
     }
 
     /// The same for a row with a sample that is far, and perhaps a spike.
     #[cold]
-    fn replace_spikes(&mut self, next: &[f64]) {
-        let spikes: Vec<Option<f64>> = (0..next.len()).map(|channel| self.spike(next, channel)).collect();
-        self.learn(next);
-        for ((spike, last), found) in spikes.iter().zip(&mut self.last).zip(&mut self.found) {
+    fn replace_spikes(&mut self, at: usize) {
+        let spikes: Vec<Option<f64>> = (0..self.channels).map(|channel| self.spike(at, channel)).collect();
+        self.learn(at);
+        for ((spike, here), found) in spikes.iter().zip(&mut self.held[at..]).zip(&mut self.found) {
             let Some(mean) = spike else { continue };
             if found.count == 0 {
                 found.first_row = self.rows - 1;
             }
             found.count += 1;
-            *last = *mean;
+            *here = *mean;
         }
     }
 
     /// The mean of a channel's neighbours, where its sample is a spike.
-    fn spike(&self, next: &[f64], channel: usize) -> Option<f64> {
-        let (before, after) = (self.before[channel], next[channel]);
+    fn spike(&self, at: usize, channel: usize) -> Option<f64> {
+        let rows = Triple::at(&self.held, at, self.channels);
+        let (before, after) = (rows.before[channel], rows.next[channel]);
         let mean = 0.5 * (before + after);
-        let distance = self.last[channel] - mean;
+        let distance = rows.here[channel] - mean;
         let is_spike = is_far(distance, self.usual[channel], self.least_step[channel])
             && (after - before).abs() < AGREE * distance.abs();
         is_spike.then_some(mean)
@@ -142,7 +128,83 @@ impl SpikeFilter {
 
     /// The last row, and what was replaced, channel by channel.
     pub(super) fn finish(self) -> (Vec<f64>, Vec<Spikes>) {
-        (self.last, self.found)
+        let last = self.held.len().saturating_sub(self.channels).max(self.channels);
+        (self.held.get(last..).unwrap_or_default().to_vec(), self.found)
+    }
+}
+
+/// A row between its neighbours.
+struct Triple<'a> {
+    before: &'a [f64],
+    here: &'a [f64],
+    next: &'a [f64],
+}
+
+impl<'a> Triple<'a> {
+    #[inline(always)]
+    fn at(held: &'a [f64], at: usize, channels: usize) -> Self {
+        Self {
+            before: &held[at - channels..at],
+            here: &held[at..at + channels],
+            next: &held[at + channels..at + 2 * channels],
+        }
+    }
+
+    #[inline(always)]
+    fn loaded<const WIDTH: usize>(&self, first: usize) -> ([f64; WIDTH], [f64; WIDTH], [f64; WIDTH]) {
+        (loaded(self.before, first), loaded(self.here, first), loaded(self.next, first))
+    }
+}
+
+/// What [`SpikeFilter::is_any_far`] does.
+struct Look<'a> {
+    rows: Triple<'a>,
+    usual: &'a [f64],
+    least_step: &'a mut [f64],
+    /// Other than 0 where any is far; as wide as a sample.
+    far: u64,
+}
+
+impl OnChannels for Look<'_> {
+    #[inline(always)]
+    fn take<const WIDTH: usize>(&mut self, first: usize) {
+        let (before, here, next) = self.rows.loaded::<WIDTH>(first);
+        let usual = loaded::<f64, WIDTH>(self.usual, first);
+        let mut least_step = loaded::<f64, WIDTH>(self.least_step, first);
+        for lane in 0..WIDTH {
+            let distance = here[lane] - 0.5 * (before[lane] + next[lane]);
+            let step = (here[lane] - before[lane]).abs();
+            // Where a sample is missing, nothing is known.
+            let is_least = (step > 0.0) & (step < least_step[lane]) & distance.is_finite();
+            least_step[lane] = if is_least { step } else { least_step[lane] };
+            self.far |= u64::from(is_far(distance, usual[lane], least_step[lane]));
+        }
+        store(self.least_step, first, &least_step);
+    }
+}
+
+/// What [`SpikeFilter::learn`] does.
+struct Learn<'a> {
+    rows: Triple<'a>,
+    weight: f64,
+    most: f64,
+    usual: &'a mut [f64],
+}
+
+impl OnChannels for Learn<'_> {
+    #[inline(always)]
+    fn take<const WIDTH: usize>(&mut self, first: usize) {
+        let (before, here, next) = self.rows.loaded::<WIDTH>(first);
+        let mut usual = loaded::<f64, WIDTH>(self.usual, first);
+        for lane in 0..WIDTH {
+            let distance = here[lane] - 0.5 * (before[lane] + next[lane]);
+            let square = distance * distance;
+            let most = self.most * usual[lane];
+            let counted = if square > most { most } else { square };
+            let change = self.weight * (counted - usual[lane]);
+            usual[lane] += if distance.is_finite() { change } else { 0.0 };
+        }
+        store(self.usual, first, &usual);
     }
 }
 

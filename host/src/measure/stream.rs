@@ -205,8 +205,7 @@ impl Checks {
         let rows = self.spikes.push(rows);
         self.limits.push(rows);
         self.jumps.push(rows);
-        sound.clear();
-        sound.extend_from_slice(self.filler.push(rows));
+        self.filler.push(rows, sound);
     }
 
     /// The last rows, and what was found.
@@ -214,7 +213,8 @@ impl Checks {
         let (last, spikes) = self.spikes.finish();
         self.limits.push(&last);
         self.jumps.push(&last);
-        let mut rows = self.filler.push(&last).to_vec();
+        let mut rows = Vec::new();
+        self.filler.push(&last, &mut rows);
         let (last, filled) = self.filler.finish();
         rows.extend(last);
         (rows, Faults { spikes, filled, cut_off: self.limits.finish(), jumps: self.jumps.finish() })

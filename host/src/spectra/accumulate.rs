@@ -87,7 +87,7 @@ pub struct CrossSpectrumAccumulator {
     sound: Vec<usize>,
     windows_a_group: usize,
     groups: Vec<Group>,
-    /// The sums of the group that windows are being added to, by their channels.
+    /// The sums of the group that windows are being added to, by their channels; of no windows where the group has none of them yet.
     open: BTreeMap<u128, Sums<f64>>,
     open_windows: usize,
     /// Windows that wait to be added together: the sums are larger than a cache, the windows of one line are not.
@@ -197,10 +197,12 @@ impl CrossSpectrumAccumulator {
             sums.windows += windows.len();
             on_this_processor(
                 #[inline(always)]
-                || add_outer_products(windows, count, lines, sums, &mut total.fourths),
+                |arithmetic| {
+                    add_outer_products(arithmetic, windows, count, lines, sums, &mut total.fourths);
+                    total.add_bands(windows, count, lines);
+                    total.add_envelopes(arithmetic, windows, count, lines);
+                },
             );
-            total.add_bands(windows, count, lines);
-            total.add_envelopes(windows, count, lines);
         }
         self.waiting.clear();
     }
@@ -234,11 +236,10 @@ impl CrossSpectrumAccumulator {
             return;
         }
         let mut group = Group::new();
-        for (mask, sums) in std::mem::take(&mut self.open) {
-            if let Some(total) = self.total.get_mut(&mask) {
-                total.sums.add(&sums);
+        for (mask, sums) in self.open.iter_mut().filter(|(_, sums)| sums.windows > 0) {
+            if let Some(total) = self.total.get_mut(mask) {
+                group.insert(*mask, sums.add_to(&mut total.sums));
             }
-            group.insert(mask, sums.narrowed());
         }
         self.groups.push(group);
         self.open_windows = 0;
@@ -265,6 +266,7 @@ impl CrossSpectrumAccumulator {
     /// When there is no window, or none is sound on these channels.
     pub fn finish(mut self) -> Result<(CrossSpectrum, Vec<SpectraWarning>), SpectraError> {
         self.close_group();
+        self.open.clear();
         let windows = self.windows;
         if windows == 0 {
             return Err(SpectraError::NoWindows);

@@ -145,7 +145,7 @@ impl CrossSpectrum {
         let densities: Vec<f64> = band.map(|line| self.density(line, channel)).collect();
         let power: f64 = densities.iter().sum();
         let mean_square =
-            self.total.bands[width][line * self.kept.len() + channel] / (self.averages() as f64 * power * power);
+            self.total.bands[width][channel * self.grid.lines + line] / (self.averages() as f64 * power * power);
         let of_noise: f64 = (0..densities.len())
             .flat_map(|a| (0..densities.len()).map(move |b| (a, b)))
             .filter_map(|(a, b)| Some(densities[a] * densities[b] * JOINED.get(a.abs_diff(b))?.powi(2)))
@@ -160,7 +160,7 @@ impl CrossSpectrum {
     /// and 1/2; with loads that come and go the first is larger. A force that is either there or not has 1, and the second is the
     /// share of the time that it is there.
     pub(crate) fn envelope(&self, line: usize, channel: usize) -> [f64; 2] {
-        let place = line * self.kept.len() + channel;
+        let place = channel * self.grid.lines + line;
         let samples = (self.averages() * MOMENTS.len()) as f64;
         let [first, second, third] = [0, 1, 2].map(|order: usize| self.total.envelope[order][place] / samples);
         [third * first / (second * second), first * first / second]

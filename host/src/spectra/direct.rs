@@ -8,7 +8,7 @@ use belfry_shared::decimation::{MAX_STAGES, Stages, fill_taps, tap_count};
 use num_complex::{Complex32, Complex64};
 
 use super::grid::{LineGrid, WindowLines, hann};
-use crate::processor::{for_each_row, weighted_sum};
+use crate::processor::{Arithmetic, OnChannels, by_channels, loaded, on_this_processor, store, weighted_sum};
 
 /// Rows that a stage takes in before it moves the last ones to the front again, at least.
 const STAGE_ROWS: usize = 256;
@@ -34,11 +34,11 @@ impl Stage {
         Self { ratio: usize::from(ratio), taps, rows, end: reach * channels, missing: reach + 1 }
     }
 
-    /// Adds a row in place of which, each `ratio` calls, an output row stands; returns whether it does.
+    /// Adds a row; whether an output row is complete with it, as each `ratio` calls one is.
     #[inline(always)]
-    fn push(&mut self, row: &mut [f64]) -> bool {
-        let reach = self.taps.len() * row.len();
+    fn is_complete_with(&mut self, row: &[f64]) -> bool {
         if self.end + row.len() > self.rows.len() {
+            let reach = self.taps.len() * row.len();
             self.rows.copy_within(self.end - reach..self.end, 0);
             self.end = reach;
         }
@@ -49,8 +49,13 @@ impl Stage {
             return false;
         }
         self.missing = self.ratio;
-        weighted_sum(&self.taps, &self.rows[self.end - reach..self.end], row);
         true
+    }
+
+    /// Puts the output row that is complete into `row`.
+    #[inline(always)]
+    fn output(&self, row: &mut [f64], arithmetic: Arithmetic) {
+        weighted_sum(arithmetic, &self.taps, &self.rows[self.end - self.taps.len() * row.len()..self.end], row);
     }
 }
 
@@ -72,31 +77,50 @@ impl Soundness {
     /// Takes a row; what is missing in it reaches the samples up to `spoilt`.
     #[inline(always)]
     fn take(&mut self, values: &[f64], row: u64, spoilt: impl Fn() -> u64) {
-        let count = values.len();
-        let (last, since) = (&mut self.last[..count], &mut self.unchanged_since[..count]);
-        let mut is_complete = true;
-        for value in values {
-            is_complete &= value.is_finite();
-        }
         // No branch a channel where none is missing: this is done for each sample of a recording.
-        if is_complete {
-            for channel in 0..count {
-                let is_other = (values[channel] != last[channel]) | (row == 0);
-                since[channel] = if is_other { row } else { since[channel] };
-                last[channel] = values[channel];
-            }
-            return;
+        let mut update =
+            Update { values, row, last: &mut self.last, unchanged_since: &mut self.unchanged_since, missing: 0 };
+        by_channels(values.len(), &mut update);
+        if update.missing != 0 {
+            self.spoil(values, spoilt());
         }
-        for channel in 0..count {
-            if !values[channel].is_finite() {
-                self.spoilt_until[channel] = spoilt();
-                continue;
+    }
+
+    #[cold]
+    fn spoil(&mut self, values: &[f64], spoilt: u64) {
+        for (until, value) in self.spoilt_until.iter_mut().zip(values) {
+            if !value.is_finite() {
+                *until = spoilt;
             }
-            if values[channel] != last[channel] || row == 0 {
-                since[channel] = row;
-            }
-            last[channel] = values[channel];
         }
+    }
+}
+
+/// What [`Soundness::take`] does with a row.
+struct Update<'a> {
+    values: &'a [f64],
+    row: u64,
+    last: &'a mut [f64],
+    unchanged_since: &'a mut [u64],
+    /// Other than 0 where any value is missing; as wide as a sample.
+    missing: u64,
+}
+
+impl OnChannels for Update<'_> {
+    #[inline(always)]
+    fn take<const WIDTH: usize>(&mut self, first: usize) {
+        let values = loaded::<f64, WIDTH>(self.values, first);
+        let mut last = loaded::<f64, WIDTH>(self.last, first);
+        let mut since = loaded::<u64, WIDTH>(self.unchanged_since, first);
+        for lane in 0..WIDTH {
+            let is_there = values[lane].is_finite();
+            let is_other = is_there & ((values[lane] != last[lane]) | (self.row == 0));
+            since[lane] = if is_other { self.row } else { since[lane] };
+            last[lane] = if is_there { values[lane] } else { last[lane] };
+            self.missing |= u64::from(!is_there);
+        }
+        store(self.last, first, &last);
+        store(self.unchanged_since, first, &since);
     }
 }
 
@@ -116,6 +140,8 @@ pub struct Welch {
     filled: usize,
     windows: u64,
     hann: Vec<f64>,
+    /// How far each point of a segment is from its middle.
+    from_middle: Vec<f64>,
     fft: ForwardTransform,
     buffer: Vec<f64>,
     spectrum: Vec<Complex64>,
@@ -142,6 +168,7 @@ impl Welch {
             filled: 0,
             windows: 0,
             hann: hann(grid.segment),
+            from_middle: (0..grid.segment).map(|n| n as f64 - (grid.segment as f64 - 1.0) / 2.0).collect(),
             buffer: fft.make_input_vec(),
             spectrum: fft.make_output_vec(),
             scratch: fft.make_scratch_vec(),
@@ -152,24 +179,34 @@ impl Welch {
     /// Takes rows (row-major, a value a channel, NaN where one is missing) and hands out the windows that are complete with
     /// them.
     pub fn push(&mut self, rows: &[f64], on_window: &mut dyn FnMut(WindowLines)) {
-        for_each_row(
-            rows,
-            self.row.len(),
+        let channels = self.row.len().max(1);
+        on_this_processor(
             #[inline(always)]
-            |row| self.push_row(row, on_window),
+            |arithmetic| {
+                let mut at = 0;
+                while at + channels <= rows.len() {
+                    self.push_row(&rows[at..at + channels], arithmetic, on_window);
+                    at += channels;
+                }
+            },
         );
     }
 
     #[inline(always)]
-    fn push_row(&mut self, values: &[f64], on_window: &mut dyn FnMut(WindowLines)) {
+    fn push_row(&mut self, values: &[f64], arithmetic: Arithmetic, on_window: &mut dyn FnMut(WindowLines)) {
         let row = self.rows;
         self.rows += 1;
-        self.soundness.take(values, row, || (row + self.reach_rows) / self.decimation + 1);
-        self.row.copy_from_slice(&self.soundness.last);
-        for stage in &mut self.stages {
-            if !stage.push(&mut self.row) {
+        let (reach_rows, decimation) = (self.reach_rows, self.decimation);
+        self.soundness.take(values, row, || (row + reach_rows) / decimation + 1);
+        if self.stages.is_empty() {
+            self.row.copy_from_slice(&self.soundness.last);
+        }
+        for stage in 0..self.stages.len() {
+            let row = if stage == 0 { &self.soundness.last } else { &self.row };
+            if !self.stages[stage].is_complete_with(row) {
                 return;
             }
+            self.stages[stage].output(&mut self.row, arithmetic);
         }
         self.samples += 1;
         if self.samples <= self.first_full {
@@ -210,21 +247,48 @@ impl Welch {
         let length = self.grid.segment;
         let samples = &self.segment[channel * length..(channel + 1) * length];
         let count = length as f64;
-        let centre = (count - 1.0) / 2.0;
-        let mean = samples.iter().sum::<f64>() / count;
-        let moment: f64 = samples.iter().enumerate().map(|(n, sample)| (n as f64 - centre) * (sample - mean)).sum();
-        let slope = moment / (count * (count * count - 1.0) / 12.0);
         // The sum over a periodic Hann window's squares is 3 N / 8.
         let scale = (2.0 / (self.grid.sampling_rate_hz * 0.375 * count)).sqrt();
-        for (n, (place, sample)) in self.buffer.iter_mut().zip(samples).enumerate() {
-            *place = (sample - mean - slope * (n as f64 - centre)) * self.hann[n] * scale;
-        }
+        let (hann, from_middle, buffer) =
+            (&self.hann[..length], &self.from_middle[..length], &mut self.buffer[..length]);
+        on_this_processor(
+            #[inline(always)]
+            |_| {
+                let mean = sum_over(length, |n| samples[n]) / count;
+                let moment = sum_over(length, |n| from_middle[n] * (samples[n] - mean));
+                let slope = moment / (count * (count * count - 1.0) / 12.0);
+                for n in 0..length {
+                    buffer[n] = (samples[n] - mean - slope * from_middle[n]) * hann[n] * scale;
+                }
+            },
+        );
         // Fails only for buffers of another length; these are the plan's own.
         let transformed = self.fft.process_with_scratch(&mut self.buffer, &mut self.spectrum, &mut self.scratch);
         debug_assert!(transformed.is_ok());
         let lines = self.spectrum.iter().skip(self.grid.first_line).take(self.grid.lines);
         lines.map(|line| Complex32::new(line.re as f32, line.im as f32)).collect()
     }
+}
+
+/// The sum of `term` from 0 to before `count`, in parts, so that one addition need not wait for the other.
+#[inline(always)]
+fn sum_over(count: usize, term: impl Fn(usize) -> f64) -> f64 {
+    const PARTS: usize = 16;
+    let mut parts = [0.0; PARTS];
+    let whole = count - count % PARTS;
+    let mut first = 0;
+    while first < whole {
+        let mut part = 0;
+        while part < PARTS {
+            parts[part] += term(first + part);
+            part += 1;
+        }
+        first += PARTS;
+    }
+    for n in whole..count {
+        parts[0] += term(n);
+    }
+    parts.iter().sum()
 }
 
 #[cfg(test)]

@@ -6,9 +6,9 @@
 use std::f64::consts::TAU;
 use std::ops::AddAssign;
 
-use num_complex::{Complex32, Complex64};
+use num_complex::Complex32;
 
-use super::grid::around;
+use crate::processor::{Arithmetic, loaded, store};
 
 /// Sums over windows in which the same channels are sound: upper triangles of the outer products, line by line. Real and
 /// imaginary parts lie apart, so that a row of a triangle is summed as one vector.
@@ -32,48 +32,71 @@ pub(super) const MOMENTS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
 pub(super) struct Total {
     pub(super) sums: Sums<f64>,
     pub(super) fourths: Vec<f64>,
-    /// The squares of the powers in bands about each line, by half-width as in [`BAND_HALVES`], line by line, channel by channel.
+    /// The squares of the powers in bands about each line, by half-width as in [`BAND_HALVES`], channel by channel, line by line.
     pub(super) bands: [Vec<f64>; BAND_HALVES.len()],
     /// The first three moments of the power at some moments of a window, of the band of [`ENVELOPE_HALF`] lines to either side of
-    /// each line, line by line, channel by channel; sums.
+    /// each line, channel by channel, line by line; sums.
     pub(super) envelope: [Vec<f64>; 3],
     /// Windows of the set, and the rank of the set that it replaced.
     pub(super) rank: usize,
 }
 
+/// Lines or columns that are worked out at once.
+const LANES: usize = 8;
+
 /// Adds the outer products of some windows (all of `count` channels) to `sums`, and their fourth powers to `fourths`.
 #[inline(always)]
 pub(super) fn add_outer_products(
+    arithmetic: Arithmetic,
     windows: &[(u128, Vec<Vec<Complex32>>)],
     count: usize,
     lines: usize,
     sums: &mut Sums<f64>,
     fourths: &mut [f64],
 ) {
-    let (mut re, mut im) = (vec![0.0; count], vec![0.0; count]);
+    // A line's values, window by window, and its triangle, both with room for what the last lanes have too many.
+    let wide = count + LANES;
+    let (mut re, mut im) = (vec![0.0; windows.len() * wide], vec![0.0; windows.len() * wide]);
+    let size = triangle(count);
+    let (mut sum_re, mut sum_im) = (vec![0.0; size + LANES], vec![0.0; size + LANES]);
     for line in 0..lines {
-        let triangles = line * triangle(count)..(line + 1) * triangle(count);
         let fourths = &mut fourths[line * count..(line + 1) * count];
-        for (_, channels) in windows {
-            for (channel, values) in channels.iter().enumerate() {
-                (re[channel], im[channel]) = (f64::from(values[line].re), f64::from(values[line].im));
+        for window in 0..windows.len() {
+            for channel in 0..count {
+                let value = windows[window].1[channel][line];
+                let (value_re, value_im) = (f64::from(value.re), f64::from(value.im));
+                let square = value_re * value_re + value_im * value_im;
+                fourths[channel] += square * square;
+                (re[window * wide + channel], im[window * wide + channel]) = (value_re, value_im);
             }
-            for (fourth, (re, im)) in fourths.iter_mut().zip(re.iter().zip(&im)) {
-                let square = re * re + im * im;
-                *fourth += square * square;
-            }
-            let (mut sums_re, mut sums_im) = (&mut sums.re[triangles.clone()], &mut sums.im[triangles.clone()]);
-            for row in 0..count {
-                let (row_re, rest_re) = sums_re.split_at_mut(count - row);
-                let (row_im, rest_im) = sums_im.split_at_mut(count - row);
-                let (a_re, a_im) = (re[row], im[row]);
-                let others = re[row..].iter().zip(&im[row..]);
-                for ((sum_re, sum_im), (b_re, b_im)) in row_re.iter_mut().zip(row_im).zip(others) {
-                    *sum_re += a_re * b_re + a_im * b_im;
-                    *sum_im += a_im * b_re - a_re * b_im;
+        }
+        let mut first = 0;
+        for row in 0..count {
+            let mut column = row;
+            while column < count {
+                let (mut part_re, mut part_im) = ([0.0; LANES], [0.0; LANES]);
+                for window in 0..windows.len() {
+                    let (own, others) = (window * wide + row, window * wide + column);
+                    let (a_re, a_im) = (re[own], im[own]);
+                    let (b_re, b_im) = (loaded::<f64, LANES>(&re, others), loaded::<f64, LANES>(&im, others));
+                    for lane in 0..LANES {
+                        let more_re = arithmetic.multiply_add(a_re, b_re[lane], part_re[lane]);
+                        part_re[lane] = arithmetic.multiply_add(a_im, b_im[lane], more_re);
+                        let more_im = arithmetic.multiply_add(a_im, b_re[lane], part_im[lane]);
+                        part_im[lane] = arithmetic.multiply_add(-a_re, b_im[lane], more_im);
+                    }
                 }
-                (sums_re, sums_im) = (rest_re, rest_im);
+                // What the last lanes have too many the next row writes over.
+                store(&mut sum_re, first + column - row, &part_re);
+                store(&mut sum_im, first + column - row, &part_im);
+                column += LANES;
             }
+            first += count - row;
+        }
+        let (re, im) = (&mut sums.re[line * size..(line + 1) * size], &mut sums.im[line * size..(line + 1) * size]);
+        for place in 0..size {
+            re[place] += sum_re[place];
+            im[place] += sum_im[place];
         }
     }
 }
@@ -90,43 +113,65 @@ impl Total {
     }
 
     /// Adds the squares of some windows' powers in bands.
+    #[inline(always)]
     pub(super) fn add_bands(&mut self, windows: &[(u128, Vec<Vec<Complex32>>)], count: usize, lines: usize) {
-        // Of all lines below one.
-        let mut below = vec![0.0; lines + 1];
-        let mut squares = vec![[0.0; BAND_HALVES.len()]; lines];
+        const WIDEST: usize = BAND_HALVES[BAND_HALVES.len() - 1];
+        // Of all lines below one; beyond the ends nothing is added.
+        let mut below = vec![0.0; lines + 1 + 2 * WIDEST];
         for channel in 0..count {
-            squares.fill([0.0; BAND_HALVES.len()]);
             for (_, channels) in windows {
-                for (line, value) in channels[channel].iter().enumerate() {
-                    below[line + 1] = below[line] + f64::from(value.norm_sqr());
+                let values = &channels[channel][..lines];
+                let mut sum = 0.0;
+                for line in 0..lines {
+                    sum += f64::from(values[line].norm_sqr());
+                    below[WIDEST + line + 1] = sum;
                 }
-                for (line, squares) in squares.iter_mut().enumerate() {
-                    for (half, square) in BAND_HALVES.into_iter().zip(squares) {
-                        let band = around(line, half, lines);
-                        *square += (below[band.end] - below[band.start]).powi(2);
+                below[WIDEST + lines + 1..].fill(sum);
+                for (half, squares) in BAND_HALVES.into_iter().zip(&mut self.bands) {
+                    let squares = &mut squares[channel * lines..(channel + 1) * lines];
+                    let (from, to) = (&below[WIDEST - half..][..lines], &below[WIDEST + half + 1..][..lines]);
+                    for line in 0..lines {
+                        let power = to[line] - from[line];
+                        squares[line] += power * power;
                     }
                 }
             }
-            add_channel(&mut self.bands, &squares, channel, count);
         }
     }
 
     /// Adds the moments of some windows' envelopes.
-    pub(super) fn add_envelopes(&mut self, windows: &[(u128, Vec<Vec<Complex32>>)], count: usize, lines: usize) {
+    #[inline(always)]
+    pub(super) fn add_envelopes(
+        &mut self,
+        arithmetic: Arithmetic,
+        windows: &[(u128, Vec<Vec<Complex32>>)],
+        count: usize,
+        lines: usize,
+    ) {
+        let turns = MOMENTS.map(EnvelopeTurns::at);
         // Lines that the band does not reach are zero.
-        let mut values = vec![Complex64::ZERO; lines + 2 * ENVELOPE_HALF + 1];
-        let mut moments = vec![[0.0; 3]; lines];
+        let wide = lines.next_multiple_of(LANES);
+        let length = wide + 2 * ENVELOPE_HALF;
+        let (mut re, mut im) = (vec![0.0; length], vec![0.0; length]);
+        let mut moments: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; wide]);
         for channel in 0..count {
-            moments.fill([0.0; 3]);
+            moments.iter_mut().for_each(|moments| moments.fill(0.0));
             for (_, channels) in windows {
-                for (value, line) in values[ENVELOPE_HALF..].iter_mut().zip(&channels[channel]) {
-                    *value = Complex64::new(line.re.into(), line.im.into());
+                let values = &channels[channel][..lines];
+                for line in 0..lines {
+                    re[ENVELOPE_HALF + line] = f64::from(values[line].re);
+                    im[ENVELOPE_HALF + line] = f64::from(values[line].im);
                 }
-                for moment in MOMENTS {
-                    add_envelope(&values, moment, &mut moments);
+                let mut line = 0;
+                while line < wide {
+                    add_envelope(arithmetic, &re, &im, &turns, line, &mut moments);
+                    line += LANES;
                 }
             }
-            add_channel(&mut self.envelope, &moments, channel, count);
+            for (sums, moments) in self.envelope.iter_mut().zip(&moments) {
+                let sums = &mut sums[channel * lines..(channel + 1) * lines];
+                sums.iter_mut().zip(moments).for_each(|(sum, moment)| *sum += moment);
+            }
         }
     }
 
@@ -144,44 +189,85 @@ impl Total {
         Self {
             sums: self.sums.restricted(subset, lines),
             fourths: subset.restricted_channels(self.fourths, lines),
-            bands: self.bands.map(|band| subset.restricted_channels(band, lines)),
-            envelope: self.envelope.map(|moments| subset.restricted_channels(moments, lines)),
+            bands: self.bands.map(|band| subset.restricted_rows(band, lines)),
+            envelope: self.envelope.map(|moments| subset.restricted_rows(moments, lines)),
             rank: self.rank,
         }
     }
 }
 
-/// Adds the moments of the envelope about each line at a moment of a window; `values` has [`ENVELOPE_HALF`] zeros before the first
-/// line, and one more after the last.
-fn add_envelope(values: &[Complex64], moment: f64, moments: &mut [[f64; 3]]) {
-    let turns = |lines: f64| Complex64::cis(TAU * moment * lines);
-    let (back, ahead, behind) = (turns(-1.0), turns(ENVELOPE_HALF as f64), turns(-(ENVELOPE_HALF as f64) - 1.0));
-    // The window's own weight at this moment.
-    let weight = (std::f64::consts::PI * moment).sin().powi(-4);
-    // The sum over the band, each line turned by its distance from the band's middle; from line to line one comes and one goes.
-    let first = values.iter().take(2 * ENVELOPE_HALF + 1).enumerate();
-    let mut sum: Complex64 = first.map(|(line, value)| value * turns(line as f64 - ENVELOPE_HALF as f64)).sum();
-    let moving = values.iter().zip(&values[2 * ENVELOPE_HALF + 1..]);
-    for ([first, second, third], (gone, new)) in moments.iter_mut().zip(moving) {
-        let power = weight * sum.norm_sqr();
-        *first += power;
-        *second += power * power;
-        *third += power * power * power;
-        sum = sum * back - gone * behind + new * ahead;
+/// By how much the lines beside one turn, up to the moment of a window at which the envelope is taken.
+#[derive(Clone, Copy)]
+struct EnvelopeTurns {
+    /// Cosine and sine for the lines 1, 2, ... above.
+    turns: [[f64; 2]; ENVELOPE_HALF],
+    /// What makes up for the window's own weight at this moment.
+    weight: f64,
+}
+
+impl EnvelopeTurns {
+    fn at(moment: f64) -> Self {
+        let turn = |line: usize| {
+            let (sine, cosine) = (TAU * moment * (line + 1) as f64).sin_cos();
+            [cosine, sine]
+        };
+        Self { turns: std::array::from_fn(turn), weight: (std::f64::consts::PI * moment).sin().powi(-4) }
     }
 }
 
-/// Adds what a channel has at each line.
-fn add_channel<const KINDS: usize>(
-    sums: &mut [Vec<f64>; KINDS],
-    values: &[[f64; KINDS]],
-    channel: usize,
-    count: usize,
+/// Adds the moments of the envelope about each of [`LANES`] lines from `first` on; `re` and `im` have [`ENVELOPE_HALF`] zeros before
+/// the first line and after the last.
+#[inline(always)]
+fn add_envelope(
+    arithmetic: Arithmetic,
+    re: &[f64],
+    im: &[f64],
+    turns: &[EnvelopeTurns; MOMENTS.len()],
+    first: usize,
+    moments: &mut [Vec<f64>; 3],
 ) {
-    for (line, values) in values.iter().enumerate() {
-        for (sums, value) in sums.iter_mut().zip(values) {
-            sums[line * count + channel] += value;
+    // Of the lines as far above as below a line, the sum turns as the cosine, and the difference as the sine.
+    let middle = first + ENVELOPE_HALF;
+    let (here_re, here_im) = (loaded::<f64, LANES>(re, middle), loaded::<f64, LANES>(im, middle));
+    let mut sums = [[[0.0; LANES]; 2]; ENVELOPE_HALF];
+    let mut differences = [[[0.0; LANES]; 2]; ENVELOPE_HALF];
+    for apart in 0..ENVELOPE_HALF {
+        let (above, below) = (middle + apart + 1, middle - apart - 1);
+        let (above_re, above_im) = (loaded::<f64, LANES>(re, above), loaded::<f64, LANES>(im, above));
+        let (below_re, below_im) = (loaded::<f64, LANES>(re, below), loaded::<f64, LANES>(im, below));
+        for lane in 0..LANES {
+            sums[apart][0][lane] = above_re[lane] + below_re[lane];
+            sums[apart][1][lane] = above_im[lane] + below_im[lane];
+            differences[apart][0][lane] = above_re[lane] - below_re[lane];
+            differences[apart][1][lane] = above_im[lane] - below_im[lane];
         }
+    }
+    let mut powers = [[0.0; LANES]; 3];
+    for moment in 0..MOMENTS.len() {
+        let EnvelopeTurns { turns, weight } = turns[moment];
+        let (mut sum_re, mut sum_im) = (here_re, here_im);
+        for apart in 0..ENVELOPE_HALF {
+            let [cosine, sine] = turns[apart];
+            for lane in 0..LANES {
+                let more_re = arithmetic.multiply_add(cosine, sums[apart][0][lane], sum_re[lane]);
+                sum_re[lane] = arithmetic.multiply_add(-sine, differences[apart][1][lane], more_re);
+                let more_im = arithmetic.multiply_add(cosine, sums[apart][1][lane], sum_im[lane]);
+                sum_im[lane] = arithmetic.multiply_add(sine, differences[apart][0][lane], more_im);
+            }
+        }
+        for lane in 0..LANES {
+            let power = weight * (sum_re[lane] * sum_re[lane] + sum_im[lane] * sum_im[lane]);
+            powers[0][lane] += power;
+            powers[1][lane] += power * power;
+            powers[2][lane] += power * power * power;
+        }
+    }
+    for order in 0..3 {
+        let mut sums = loaded::<f64, LANES>(&moments[order], first);
+        for lane in 0..LANES {
+            sums[lane] += powers[order][lane];
+        }
+        store(&mut moments[order], first, &sums);
     }
 }
 
@@ -217,9 +303,20 @@ impl<T: Copy + Default + AddAssign> Sums<T> {
 }
 
 impl Sums<f64> {
-    pub(super) fn narrowed(&self) -> Sums<f32> {
-        let narrow = |values: &[f64]| values.iter().map(|&value| value as f32).collect();
-        Sums { windows: self.windows, re: narrow(&self.re), im: narrow(&self.im) }
+    /// Adds the sums to those of more windows, and begins anew from nothing, in the same place: what has just been allocated has to be
+    /// mapped, page by page. Returns what they were.
+    pub(super) fn add_to(&mut self, more: &mut Self) -> Sums<f32> {
+        more.windows += self.windows;
+        let were = |values: &mut [f64], more: &mut [f64]| {
+            let each = values.iter_mut().zip(more);
+            each.map(|(value, more)| {
+                *more += *value;
+                std::mem::take(value) as f32
+            })
+            .collect()
+        };
+        let windows = std::mem::take(&mut self.windows);
+        Sums { windows, re: were(&mut self.re, &mut more.re), im: were(&mut self.im, &mut more.im) }
     }
 }
 
@@ -243,7 +340,8 @@ impl ChannelSubset {
         self.wanted.len() == self.count
     }
 
-    pub(super) fn restricted_channels(&self, values: Vec<f64>, lines: usize) -> Vec<f64> {
+    /// Of values line by line, channel by channel.
+    fn restricted_channels(&self, values: Vec<f64>, lines: usize) -> Vec<f64> {
         if self.are_all() {
             return values;
         }
@@ -251,6 +349,14 @@ impl ChannelSubset {
             .flat_map(|line| self.wanted.iter().map(move |place| line * self.count + place))
             .map(|at| values[at])
             .collect()
+    }
+
+    /// Of values channel by channel, line by line.
+    fn restricted_rows(&self, values: Vec<f64>, lines: usize) -> Vec<f64> {
+        if self.are_all() {
+            return values;
+        }
+        self.wanted.iter().flat_map(|place| &values[place * lines..(place + 1) * lines]).copied().collect()
     }
 }
 
