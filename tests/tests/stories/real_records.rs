@@ -71,17 +71,66 @@ fn weimar_frame(folder: &Path) -> String {
 #[test]
 #[cfg_attr(not(real_data), ignore = "needs ../shared/real")]
 fn a_frame_measured_by_velocities_in_oblique_directions_and_accelerations_shows_its_eleven_modes_and_no_other() {
-    // By its authors' own subspace identification.
-    let published_hz = [1.2283, 1.4358, 2.1000, 4.0175, 4.7704, 6.6824, 7.6157, 9.6653, 12.1663, 12.5979, 13.8545];
     let found = modes(&weimar_frame(&published("real/weimar-frame")));
-    assert_eq!(found.len(), published_hz.len(), "{:?}", found.iter().map(frequency_hz).collect::<Vec<_>>());
-    for (mode, hz) in found.iter().zip(published_hz) {
+    assert_eq!(found.len(), FRAME_HZ.len(), "{:?}", found.iter().map(frequency_hz).collect::<Vec<_>>());
+    for (mode, hz) in found.iter().zip(FRAME_HZ) {
         assert!((frequency_hz(mode) / hz - 1.0).abs() < 1e-3, "{} Hz for the published {hz} Hz", frequency_hz(mode));
         assert_eq!(mode["second_opinion"]["agrees"], true, "{hz} Hz");
         // Two accelerometers and three velocities at each node of five.
         assert_eq!(mode["shape"].as_array().unwrap().len(), 2 + 7 * 3);
         assert!(mode["phase_collinearity"].as_f64().unwrap() > 0.9, "{hz} Hz");
     }
+}
+
+/// The frame's modes by its authors' own subspace identification.
+const FRAME_HZ: [f64; 11] = [1.2283, 1.4358, 2.1000, 4.0175, 4.7704, 6.6824, 7.6157, 9.6653, 12.1663, 12.5979, 13.8545];
+
+/// Values of one mode in several setups, with their stated deviations.
+type Values = Vec<(f64, f64)>;
+
+/// The scatter of values between setups over their stated deviations, over all modes.
+fn scatter_over_stated(modes: &[Values]) -> f64 {
+    let (mut squares, mut freedom) = (0.0, 0.0);
+    for values in modes.iter().filter(|values| values.len() > 1) {
+        let weight: f64 = values.iter().map(|(_, std)| std.powi(-2)).sum();
+        let mean = values.iter().map(|(value, std)| value * std.powi(-2)).sum::<f64>() / weight;
+        squares += values.iter().map(|(value, std)| ((value - mean) / std).powi(2)).sum::<f64>();
+        freedom += values.len() as f64 - 1.0;
+    }
+    (squares / freedom).sqrt()
+}
+
+#[test]
+#[cfg_attr(not(real_data), ignore = "needs ../shared/real")]
+fn deviations_of_four_minutes_each_are_as_large_as_the_scatter_between_setups() {
+    let study = weimar_frame(&published("real/weimar-frame"));
+    let (head, setups) = study.split_once("[[setup]]").unwrap();
+    let (mut frequencies, mut damping) = (vec![Values::new(); 11], vec![Values::new(); 11]);
+    let mut invented = Vec::new();
+    for setup in setups.split("[[setup]]") {
+        for mode in modes(&format!("{head}[[setup]]{setup}")) {
+            let value = |name: &str| mode[name].as_f64().unwrap_or(f64::NAN);
+            match FRAME_HZ.iter().position(|hz| (frequency_hz(&mode) / hz - 1.0).abs() < 0.01) {
+                Some(place) => {
+                    frequencies[place].push((frequency_hz(&mode), value("frequency_std_hz")));
+                    damping[place].push((value("damping_ratio"), value("damping_ratio_std")));
+                }
+                None => invented.push(frequency_hz(&mode)),
+            }
+        }
+    }
+    let found: usize = frequencies.iter().map(Vec::len).sum();
+    let ratios = [scatter_over_stated(&frequencies), scatter_over_stated(&damping)];
+    println!("{found} of 77; scatter over stated deviation: frequency {:.2}, damping {:.2}", ratios[0], ratios[1]);
+    for (hz, (frequencies, damping)) in FRAME_HZ.iter().zip(frequencies.iter().zip(&damping)) {
+        let of = |values: &Values| scatter_over_stated(std::slice::from_ref(values));
+        println!("{hz} Hz: {} setups, {:.2}, {:.2}", frequencies.len(), of(frequencies), of(damping));
+    }
+    assert!(found >= 70, "{found}");
+    assert!(invented.is_empty(), "{invented:?}");
+    // With some 66 degrees of freedom honest deviations give 1 ± 0.09; the frame itself may change a little between setups.
+    assert!((0.8..1.3).contains(&ratios[0]), "{ratios:?}");
+    assert!(ratios[1] < 1.3, "{ratios:?}");
 }
 
 #[test]
