@@ -1,7 +1,7 @@
 //! Running average of power spectral densities, and the peaks in it.
 
 use belfry_kernels::add_power;
-use belfry_shared::message::{Configuration, MAX_CHANNELS, MAX_PEAKS, Peak};
+use belfry_shared::message::{Band, Configuration, MAX_CHANNELS, MAX_PEAKS, Peak};
 use heapless::Vec;
 use num_complex::Complex32;
 
@@ -11,22 +11,32 @@ const SURROUNDINGS: usize = 16;
 /// A peak's density over the mean of its surroundings, at least.
 const PROMINENCE: f32 = 3.0;
 
+/// A segment with so many times the power of those summed before it is no vibration but a blow or a spike, unless the one before it was
+/// like that too: then the load has changed.
+const FAR_OFF: f32 = 100.0;
+
 /// Counts the segments summed; the sums lie in memory that the caller owns, channel by channel.
 #[derive(Debug, Clone)]
 pub(crate) struct DensityAverage {
     segments: [u16; MAX_CHANNELS],
+    /// Mean power of the segments summed.
+    power: [f32; MAX_CHANNELS],
+    /// Whether the last segment was left out.
+    left_out: [bool; MAX_CHANNELS],
 }
 
 impl DensityAverage {
     /// Nothing summed.
-    pub(crate) const START: Self = Self { segments: [0; MAX_CHANNELS] };
+    pub(crate) const START: Self =
+        Self { segments: [0; MAX_CHANNELS], power: [0.0; MAX_CHANNELS], left_out: [false; MAX_CHANNELS] };
 
     /// Segments in a channel's average.
     pub(crate) fn segments(&self, channel: usize) -> u16 {
         self.segments.get(channel).copied().unwrap_or(0)
     }
 
-    /// Adds a segment's lines (all of them, from line 0) to a channel's sums.
+    /// Adds a segment's lines (all of them, from line 0) to a channel's sums; one segment that stands far off the others stays out, which
+    /// their number then shows.
     pub(crate) fn add(
         &mut self,
         configuration: &Configuration,
@@ -34,8 +44,20 @@ impl DensityAverage {
         channel: usize,
         lines: &[Complex32],
     ) {
-        let Some(segments) = self.segments.get_mut(channel) else { return };
+        let state = (self.segments.get_mut(channel), self.power.get_mut(channel), self.left_out.get_mut(channel));
+        let (Some(segments), Some(power), Some(left_out)) = state else { return };
+        let here = power_in_bands(configuration, lines);
+        if *segments > 0 && !*left_out && here > FAR_OFF * *power {
+            *left_out = true;
+            return;
+        }
+        *left_out = false;
+        // The only one before it was what stands off.
+        if *segments == 1 && *power > FAR_OFF * here {
+            *segments = 0;
+        }
         let fresh = *segments == 0;
+        *power = if fresh { here } else { *power + (here - *power) / (f32::from(*segments) + 1.0) };
         *segments = segments.saturating_add(1);
         let mut cells = channel_cells(configuration, cells, channel);
         if fresh {
@@ -62,6 +84,16 @@ impl DensityAverage {
         }
         cells
     }
+}
+
+/// The power of a segment's lines in all bands.
+fn power_in_bands(configuration: &Configuration, lines: &[Complex32]) -> f32 {
+    let of_band = |band: &Band| -> f32 {
+        let first = usize::from(band.first_line);
+        let lines = lines.get(first..first + usize::from(band.lines)).unwrap_or(&[]);
+        lines.iter().map(Complex32::norm_sqr).sum()
+    };
+    configuration.bands.iter().map(of_band).sum()
 }
 
 fn channel_cells<'a>(configuration: &Configuration, cells: &'a mut [f32], channel: usize) -> &'a mut [f32] {
@@ -114,7 +146,7 @@ fn insert(peaks: &mut Vec<Peak, MAX_PEAKS>, peak: Peak) {
 mod tests {
     use super::*;
     use crate::spectrum::transform;
-    use belfry_shared::message::{Band, Summary};
+    use belfry_shared::message::Summary;
     use std::vec;
 
     #[test]
@@ -145,6 +177,30 @@ mod tests {
         add_peaks(&mut peaks, &densities, 0, 1.0);
         let heights: std::vec::Vec<f32> = peaks.iter().map(|peak| peak.density).collect();
         assert_eq!(heights, [12.0, 11.0, 10.0, 9.0, 8.0, 7.0, 6.0, 5.0]);
+    }
+
+    /// Segments of some sizes, averaged: how many count, and their mean power in the only line.
+    fn averaged(sizes: &[f32]) -> (u16, f32) {
+        let mut bands = Vec::new();
+        bands.push(Band { first_line: 1, lines: 1 }).unwrap();
+        let summary = Summary::Psd { segments: 8 };
+        let configuration =
+            Configuration { channels: 1, sampling_rate_uhz: 1, decimation: 1, segment: 256, summary, bands };
+        let (mut cells, mut average) = ([0.0; 1], DensityAverage::START);
+        for &size in sizes {
+            average.add(&configuration, &mut cells, 0, &[Complex32::new(size, 0.0); 2]);
+        }
+        (average.segments(0), average.finish(&configuration, &mut cells, 0)[0])
+    }
+
+    #[test]
+    fn one_segment_with_a_blow_does_not_count_wherever_it_is_and_a_storm_does() {
+        assert_eq!(averaged(&[1.0, 3.0, 1.0]), (3, 11.0 / 3.0));
+        assert_eq!(averaged(&[1.0, 30.0, 1.0, 1.0]), (3, 1.0), "a blow amid calm");
+        assert_eq!(averaged(&[30.0, 1.0, 1.0]), (2, 1.0), "a blow at first");
+        assert_eq!(averaged(&[1.0, 1.0, 30.0]), (2, 1.0), "a blow at last");
+        assert_eq!(averaged(&[30.0, 30.0, 1.0, 1.0]), (4, 1802.0 / 4.0), "a storm that ends");
+        assert_eq!(averaged(&[1.0, 30.0, 30.0, 30.0]), (3, 1801.0 / 3.0), "a storm, but for its first segment");
     }
 
     #[test]
