@@ -73,14 +73,29 @@ fn of_group(modes: &[Numbers<'_>], rows: &[Option<DMatrix<f64>>], group: usize) 
     let stacked = DMatrix::from_rows(&stacked);
     let kept = beyond_chance(&(&stacked * stacked.transpose()), stacked.ncols(), true).sqrt();
     let turn = principal(&stacked) * kept;
-    let factor = |(mode, rows): (&Numbers<'_>, &Option<DMatrix<f64>>)| {
+    // What no group shows has columns of its own behind those of the groups, mode after mode.
+    let beside: usize = modes.iter().map(|mode| mode.changes.beside.ncols()).sum();
+    let mut first = 0;
+    let mut factor = |(mode, rows): (&Numbers<'_>, &Option<DMatrix<f64>>)| {
+        let own = &mode.changes.beside;
+        let columns = first..first + own.ncols();
+        first = columns.end;
         let rows = rows.as_ref()? * &turn;
-        let row =
-            |index: usize| rows.row(index).iter().map(|value| rounded(value * mode.stds[index])).collect::<Vec<f64>>();
+        let row = |index: usize| -> Vec<f64> {
+            let own = index.checked_sub(2).map(|component| own.row(component));
+            let own_square = own.map_or(0.0, |own| own.norm_squared());
+            let std = (mode.stds[index].powi(2) - own_square).max(0.0).sqrt();
+            let of_groups = rows.row(index).iter().map(|value| value * std).collect::<Vec<f64>>();
+            let at = |column: usize| match own {
+                Some(own) if columns.contains(&column) => own[column - columns.start],
+                _ => 0.0,
+            };
+            of_groups.into_iter().chain((0..beside).map(at)).map(rounded).collect()
+        };
         let shape = (2..rows.nrows()).map(row).collect();
         Some(CovarianceFactor { group, frequency_hz: row(0), damping_ratio: row(1), shape })
     };
-    modes.iter().zip(rows).map(factor).collect()
+    modes.iter().zip(rows).map(&mut factor).collect()
 }
 
 /// A mode's rows of unit length: their products are correlations. Zero for a number whose deviation is not known.
@@ -157,6 +172,7 @@ mod tests {
             }
         }
         rows.map(|rows| GroupChanges {
+            beside: DMatrix::zeros(2, 0),
             frequency_hz: rows[0].to_vec(),
             damping_ratio: rows[1].to_vec(),
             shape: DMatrix::from_fn(2, 24, |row, group| rows[2 + row][group]),
@@ -203,6 +219,31 @@ mod tests {
         assert!((0.6..0.95).contains(&between), "{between}");
         let [.., between] = means(0.9, 0.1);
         assert_eq!(between, 0.0, "their spectral lines are others");
+    }
+
+    #[test]
+    fn an_error_that_no_group_shows_has_a_column_of_its_own_and_keeps_deviations() {
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let [mut first, mut second] = changes(0.9, &mut random);
+        first.beside = DMatrix::from_column_slice(2, 1, &[3.0, -4.0]);
+        second.beside = DMatrix::from_column_slice(2, 1, &[1.0, 2.0]);
+        let numbers = |changes, frequency_hz, stds: [f64; 4]| Numbers {
+            frequency_hz,
+            bandwidth_hz: 0.1,
+            stds: stds.to_vec(),
+            changes,
+        };
+        let modes = [numbers(&first, 1.0, [1.0, 1.0, 5.0, 5.0]), numbers(&second, 1.01, [1.0, 1.0, 1.0, 3.0])];
+        let found = factors(&modes, 0.01);
+        let [Some(one), Some(other)] = found.as_slice() else { panic!("{found:?}") };
+        assert_eq!(one.group, other.group, "their groups' errors go together");
+        let [at_one, at_other] = [one, other].map(|factor| factor.shape.clone());
+        let count = at_one[0].len();
+        assert_eq!([at_one[0][count - 2], at_one[1][count - 2], at_one[0][count - 1]], [3.0, -4.0, 0.0]);
+        assert_eq!([at_other[0][count - 2], at_other[0][count - 1], at_other[1][count - 1]], [0.0, 1.0, 2.0]);
+        assert_eq!(one.frequency_hz[count - 2..], [0.0, 0.0]);
+        // A number's variance is the square of its deviation, and its column holds all of the second mode's first component.
+        assert!(product(&at_one[0], &at_one[0]) <= 25.0 && at_other[0][..count - 1].iter().all(|value| *value == 0.0));
     }
 
     #[test]

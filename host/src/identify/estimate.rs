@@ -74,6 +74,8 @@ pub(super) struct State {
     picked_hz: Vec<f64>,
     /// How far from there a mode may be whose bandwidth is next to nothing.
     picked_within_hz: Vec<f64>,
+    /// Which are machines, whose sidebands are fitted by themselves.
+    pub(super) is_machine: Vec<bool>,
     /// Which modes are to be estimated, with the clusters that they are in; the others stay as they are.
     pub(super) wanted: Vec<bool>,
     shapes: Vec<Shape>,
@@ -120,7 +122,7 @@ pub(super) fn estimate(
     }
     state.fit_clusters(&matrices);
     let mut modes = finer::refined(state.concluded(source, taken), spectrum, &state, taken);
-    plane::widen_lone(&matrices, &mut modes);
+    plane::widen_lone(&matrices, &mut modes[..picks.iter().filter(|pick| !pick.is_machine).count()]);
     SetupModes { modes }
 }
 
@@ -148,7 +150,18 @@ impl State {
         let curves = vec![Curve::default(); picks.len()];
         let picked_within_hz = picks.iter().map(|pick| pick.within_lines * grid.spacing_hz()).collect();
         let wanted = vec![true; picks.len()];
-        Self { picked_hz, wanted, picked_within_hz, shapes, fits, curves, clusters: Vec::new(), slope: ANY_SLOPE }
+        let is_machine = picks.iter().map(|pick| pick.is_machine).collect();
+        Self {
+            picked_hz,
+            is_machine,
+            wanted,
+            picked_within_hz,
+            shapes,
+            fits,
+            curves,
+            clusters: Vec::new(),
+            slope: ANY_SLOPE,
+        }
     }
 
     /// What is estimated of all modes from these matrices, with the scatter from replicates that leave out a group each.
@@ -215,11 +228,14 @@ impl State {
         if channels < JOINT_CHANNELS {
             return;
         }
-        let resonances: Vec<Resonance> = self.fits.iter().map(|fit| fit.resonance).collect();
+        // Another force shakes a machine's place, and its shape is no mode's.
+        let modes: Vec<usize> = (0..self.fits.len()).filter(|&mode| !self.is_machine[mode]).collect();
+        let resonances: Vec<Resonance> = modes.iter().map(|&mode| self.fits[mode].resonance).collect();
         let spacing_hz = grid.spacing_hz();
-        let is_resolved = |mode: &usize| resonances[*mode].bandwidth_hz() >= RESOLVED_LINES * spacing_hz;
+        let is_resolved = |mode: &usize| self.fits[*mode].resonance.bandwidth_hz() >= RESOLVED_LINES * spacing_hz;
         self.clusters = clusters(&resonances, spacing_hz, channels)
             .into_iter()
+            .map(|places| places.into_iter().map(|place| modes[place]).collect::<Vec<usize>>())
             .filter(|modes| modes.iter().all(is_resolved) && modes.iter().any(|&mode| self.wanted[mode]))
             .map(|modes| {
                 let fits = || modes.iter().map(|&mode| &self.fits[mode]);
@@ -461,6 +477,7 @@ impl State {
         let changes = GroupChanges {
             frequency_hz: of(&|state| state.fits[mode].resonance.frequency_hz),
             damping_ratio: of(&|state| state.fits[mode].resonance.damping_ratio),
+            beside: DMatrix::zeros(scatter.real_changes.nrows(), 0),
             shape: scatter.real_changes,
         };
         let curve = self.curves[mode].clone();

@@ -97,7 +97,7 @@ fn wanted(grid: &LineGrid, state: &State, lines: &[f64]) -> Vec<bool> {
     let inside_hz = grid.frequency_hz(0) + end_hz..grid.frequency_hz(grid.lines.saturating_sub(1)) - end_hz;
     let is_narrow =
         |mode: &usize| lines[*mode] < ENOUGH_LINES && inside_hz.contains(&hz(*mode)) && !is_beside_wide(*mode);
-    let narrow: Vec<usize> = modes.clone().filter(is_narrow).collect();
+    let narrow: Vec<usize> = modes.clone().filter(|&mode| !state.is_machine[mode]).filter(is_narrow).collect();
     // Modes on one line are refined together.
     let is_with_narrow = |mode: usize| narrow.iter().any(|&other| (hz(other) - hz(mode)).abs() < spacing_hz);
     modes.clone().map(|mode| is_with_narrow(mode) && !is_beside_wide(mode)).collect()

@@ -42,9 +42,10 @@ pub(super) fn fit(
     loop {
         tone::one_each(harmonics);
         let tones = tones(harmonics);
-        // The sidebands of what goes on and off reach as far as a resonance does, and have its form: they are fitted like one.
-        let fitted: Vec<Pick> =
-            picks.iter().chain(harmonics.iter().filter(|pick| goes_on_and_off(pick))).cloned().collect();
+        // The sidebands of what goes on and off at random reach as far as a resonance does: they are fitted like one.
+        let machines = harmonics.iter().filter(|pick| pick.kurtosis.is_at_times());
+        let machines = machines.map(|pick| Pick { is_machine: true, ..pick.clone() });
+        let fitted: Vec<Pick> = picks.iter().cloned().chain(machines).collect();
         let estimate = |(index, m): (usize, &MeasuredSetup<'_>)| {
             let taken = tone::lines(&m.spectrum, &tones);
             let mut setup = estimate::estimate(&m.spectrum, quantity(m.setup), index, &fitted, &taken);
@@ -53,10 +54,10 @@ pub(super) fn fit(
         };
         setups.splice(.., measured.iter().enumerate().map(estimate));
         let estimates = |pick: usize| setups.iter().filter_map(move |setup: &SetupModes| setup.modes.get(pick));
-        let mut damping: Vec<f64> =
-            (0..picks.len()).flat_map(estimates).map(|mode| mode.resonance.damping_ratio).collect();
-        let usual_damping = median(&mut damping).unwrap_or(0.0);
-        let is_forced = |pick: &usize| judge::is_forced(&picks[*pick].kurtosis, usual_damping, estimates(*pick));
+        let usual_damping =
+            usual_damping((0..picks.len()).flat_map(estimates).map(|mode| mode.resonance.damping_ratio));
+        let is_forced =
+            |pick: &usize| judge::is_forced(&picks[*pick].kurtosis, usual_damping, grid.spacing_hz(), estimates(*pick));
         let may_go = |pick: usize| !picks[pick].by_user;
         // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
         if let Some(pick) = (0..picks.len()).filter(|&pick| may_go(pick)).find(is_forced) {
@@ -108,17 +109,19 @@ pub(super) fn fit(
     }
 }
 
-/// The tones of picks that are forced lines, but those that go on and off.
+/// The median of damping ratios; 0 of none.
+pub(super) fn usual_damping(all: impl Iterator<Item = f64>) -> f64 {
+    median(&mut all.collect::<Vec<f64>>()).unwrap_or(0.0)
+}
+
+/// The tones of picks that are forced lines.
 pub(super) fn tones(harmonics: &[Pick]) -> Vec<Tone> {
-    harmonics.iter().filter(|pick| !goes_on_and_off(pick)).map(as_tone).collect()
+    harmonics.iter().map(as_tone).collect()
 }
 
-/// A force of one frequency that goes on and off at random has the spectrum of a resonance, whose half width is the rate at which it
-/// does, over pi.
-fn goes_on_and_off(pick: &Pick) -> bool {
-    pick.kurtosis.on_share < 1.0
-}
-
+/// A force that goes on and off at random times has a line of its own, where it keeps its phase, and the sidebands of a resonance: the
+/// spectrum of a random telegraph signal (Papoulis and Pillai 2002, "Probability, Random Variables, and Stochastic Processes", chapter 9),
+/// whose half width is the sum of the rates at which it goes on and off, over two pi. The line is a tone, the sidebands are fitted.
 fn as_tone(pick: &Pick) -> Tone {
-    (pick.line, pick.kurtosis.wanders_lines)
+    (pick.line, if pick.kurtosis.is_at_times() { 0 } else { pick.kurtosis.wanders_lines })
 }

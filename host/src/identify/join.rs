@@ -78,14 +78,20 @@ pub(super) fn variances(points: &[Point], estimates: &[&SetupMode], shapes: &[Sh
     variances
 }
 
-/// What each group of windows of each setup changes in the real parts of a joined shape (points x groups of all setups);
-/// `shape` has the scale and phase of the result.
-pub(super) fn changes(points: &[Point], estimates: &[&SetupMode], shapes: &[Shape], shape: &Shape) -> DMatrix<f64> {
-    let groups: usize = estimates.iter().map(|mode| mode.changes.groups()).sum();
+/// What changes `of` each setup's shape, as each group of its windows makes, change in the real parts of a joined shape (points x changes
+/// of all setups); `shape` has the scale and phase of the result.
+pub(super) fn changes(
+    points: &[Point],
+    estimates: &[&SetupMode],
+    shapes: &[Shape],
+    shape: &Shape,
+    of: impl Fn(&SetupMode) -> &DMatrix<f64>,
+) -> DMatrix<f64> {
+    let groups: usize = estimates.iter().map(|mode| of(mode).ncols()).sum();
     let mut all = DMatrix::zeros(points.len(), groups);
     let mut columns = all.column_iter_mut();
     for (setup, mode) in estimates.iter().enumerate() {
-        for (change, mut column) in mode.changes.shape.column_iter().zip(&mut columns) {
+        for (change, mut column) in of(mode).column_iter().zip(&mut columns) {
             let mut changed = shapes.to_vec();
             for (component, by) in changed[setup].iter_mut().zip(change.iter()) {
                 *component += Complex64::from(*by);

@@ -4,7 +4,7 @@
 //! shows. Estimates of all setups flow in; the pick to drop next, and why, flows out.
 
 use super::merge::combine;
-use super::pick::Kurtosis;
+use super::pick::{AT_TIMES_SIGMAS, CHANGING_LINES, Kurtosis, SUSPECTED_SIGMAS};
 use super::result::RejectedBecause;
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::mac;
@@ -19,10 +19,9 @@ const MIN_DAMPING: f64 = 5e-4;
 const SHOWN_LINES: f64 = 0.5;
 const SHOWN_SIGMAS: f64 = 2.0;
 const MIN_SHOWN_DAMPING: f64 = 1e-4;
-/// But not of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's. Fewer do where the damping is
-/// this share of what the other picks have.
+/// But not of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's.
 const FORCED_SIGMAS: f64 = 2.0;
-pub(super) const SUSPECTED_SIGMAS: f64 = 1.5;
+/// Less evidence of a force that is there at times will do where the damping is this share of what the other picks have.
 const UNUSUAL_DAMPING: f64 = 0.1;
 /// Picks this far from each other, as a share of the frequency and in lines, do not bend each other.
 const FAR_SHARE: f64 = 0.1;
@@ -85,20 +84,26 @@ pub(super) fn is_doubtful(setups: &[SetupModes], spacing_hz: f64, pick: usize) -
     !worst(setups, spacing_hz, |other| other == pick, |_| false).is_empty()
 }
 
-/// Whether what was estimated in every setup is a forced line, whose spectrum is the window's own, or as narrow as the times are long for
-/// which it is on: it has a forced line's kurtosis, and less damping than any structure. `usual_damping` is the median of all picks'.
+/// Whether what was estimated in every setup is a forced line: it has a forced line's kurtosis, and less damping than any structure, as its
+/// spectrum is the window's own, or has the sidebands of a force that is there at times. `usual_damping` is the median of all picks', and
+/// `spacing_hz` the distance of the lines that the kurtosis comes from.
 pub(super) fn is_forced<'a>(
     kurtosis: &Kurtosis,
     usual_damping: f64,
+    spacing_hz: f64,
     mut estimates: impl Iterator<Item = &'a SetupMode>,
 ) -> bool {
-    let is_unusual = |mode: &SetupMode| mode.resonance.damping_ratio < UNUSUAL_DAMPING * usual_damping;
-    let is_clear =
-        |mode: &SetupMode| kurtosis.sigmas_below > if is_unusual(mode) { SUSPECTED_SIGMAS } else { FORCED_SIGMAS };
-    // Any peak of noise may pass for a force that is there at times: that must be clear.
-    let is_steady = kurtosis.on_share >= 1.0;
+    let is_clear = kurtosis.sigmas_below > FORCED_SIGMAS;
     let is_undamped = |mode: &SetupMode| {
-        (is_steady && has_no_width(mode)) || (mode.resonance.damping_ratio < MIN_DAMPING && is_clear(mode))
+        let damping_ratio = mode.resonance.damping_ratio;
+        if !kurtosis.is_at_times() {
+            return has_no_width(mode) || (is_clear && damping_ratio < MIN_DAMPING);
+        }
+        // Chance has an envelope of few independent values, as of a cable, look like anything.
+        let has_many_values = mode.resonance.bandwidth_hz() > CHANGING_LINES * spacing_hz;
+        let is_unusual = damping_ratio < UNUSUAL_DAMPING * usual_damping;
+        let least_sigmas = if is_unusual { SUSPECTED_SIGMAS } else { AT_TIMES_SIGMAS };
+        damping_ratio < MIN_DAMPING && has_many_values && kurtosis.sigmas_below > least_sigmas
     };
     kurtosis.is_low() && estimates.all(is_undamped)
 }
@@ -312,20 +317,28 @@ mod tests {
         let kurtosis = |value: f64, sigmas_below: f64| Kurtosis { value, sigmas_below, ..Kurtosis::OF_A_MODE };
         let is_forced = |kurtosis: Kurtosis, damping: &[f64]| {
             let modes: Vec<SetupMode> = damping.iter().copied().map(of).collect();
-            super::is_forced(&kurtosis, 1e-3, modes.iter())
+            super::is_forced(&kurtosis, 1e-3, SPACING_HZ, modes.iter())
         };
         assert!(is_forced(kurtosis(1.6, 1.0), &[1e-5, 1e-5]));
         assert!(!is_forced(kurtosis(1.6, 1.0), &[1e-5, 3e-4]), "wide in one setup, and the kurtosis may be chance");
         assert!(is_forced(kurtosis(1.6, 2.5), &[1e-5, 3e-4]));
         assert!(!is_forced(kurtosis(1.6, 2.5), &[1e-5, 1e-3]));
-        let at_times = |sigmas_below: f64| Kurtosis { on_share: 0.5, ..kurtosis(3.0, sigmas_below) };
-        assert!(is_forced(at_times(2.5), &[1e-5]) && !is_forced(at_times(1.0), &[1e-5]));
         assert!(!is_forced(kurtosis(2.9, 0.3), &[1e-5, 1e-5]));
-        // Where all else is damped by 1 %, less evidence does.
-        let among_damped = |sigmas_below: f64, damping: f64| {
-            super::is_forced(&kurtosis(1.6, sigmas_below), 0.01, [of(damping)].iter())
+    }
+
+    #[test]
+    fn a_force_that_is_there_at_times_is_told_from_a_lightly_damped_mode() {
+        let kurtosis = |sigmas_below: f64| Kurtosis { value: 3.0, sigmas_below, on_share: 0.5, ..Kurtosis::OF_A_MODE };
+        let is_forced = |sigmas_below: f64, damping_ratio: f64, usual_damping: f64, spacing_hz: f64| {
+            let mut mode = mode(2.0, 0);
+            mode.resonance.damping_ratio = damping_ratio;
+            super::is_forced(&kurtosis(sigmas_below), usual_damping, spacing_hz, [mode].iter())
         };
-        assert!(among_damped(1.8, 3e-4) && !among_damped(1.2, 3e-4) && !among_damped(1.8, 2e-3));
+        // Its bandwidth is 0.0012 Hz.
+        assert!(is_forced(2.5, 3e-4, 3e-4, 0.002) && !is_forced(2.2, 3e-4, 3e-4, 0.002));
+        assert!(is_forced(2.2, 3e-4, 0.01, 0.002), "where all else is damped by 1 %, less evidence does");
+        assert!(!is_forced(1.5, 3e-4, 0.01, 0.002) && !is_forced(2.2, 2e-3, 0.01, 0.002));
+        assert!(!is_forced(3.0, 3e-4, 0.01, 0.01), "its envelope hardly changes during the record");
     }
 
     #[test]

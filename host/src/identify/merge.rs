@@ -155,7 +155,7 @@ fn merged(
     warnings.extend(misfits(frequency_hz, &fitted));
     if found().any(|mode| mode.in_plane) {
         warnings.push(format!(
-            "mode at {frequency_hz:.4} Hz: the structure moves in two directions there, but only one mode stands. Its shape is a direction in their plane, and its standard deviations say so; a longer record may tell two modes apart"
+            "mode at {frequency_hz:.4} Hz: the structure moves in two directions there, but only one mode was identified. Its shape may be any direction in their plane, and its standard deviations say so; a longer record may tell two modes apart"
         ));
     }
     if estimates.len() > 1 {
@@ -181,7 +181,8 @@ fn merged(
     let changes = GroupChanges {
         frequency_hz: of_means(|mode| mode.frequency_std_hz, |changes| &changes.frequency_hz),
         damping_ratio: of_means(|mode| mode.damping_std, |changes| &changes.damping_ratio),
-        shape: changes(points, estimates, &shapes, &shape),
+        shape: changes(points, estimates, &shapes, &shape, |mode| &mode.changes.shape),
+        beside: changes(points, estimates, &shapes, &shape, |mode| &mode.changes.beside),
     };
     let [frequency_std_bound_hz, damping_ratio_std_bound] = std_bounds(frequency_hz, damping_ratio, duration_s);
     let phase_collinearity = phase_collinearity(shape.as_slice());

@@ -18,7 +18,6 @@ use rayon::prelude::*;
 
 use super::Suggestion;
 use super::estimate::LEEWAY_LINES;
-use super::judge::SUSPECTED_SIGMAS;
 use super::matrices::Source;
 use super::setup::MeasuredSetup;
 use super::shape::{Shape, mac};
@@ -30,7 +29,7 @@ const PROMINENCE_SIGMAS: f64 = 4.0;
 /// The same with so few channels that nothing else separates noise from modes.
 const PROMINENCE_SIGMAS_ALONE: f64 = 5.0;
 /// How far a peak must be above the noise's largest singular value.
-const NOISE_FACTOR: f64 = 2.0;
+pub(super) const NOISE_FACTOR: f64 = 2.0;
 /// What is left below a mode must be at least this share of the mode itself: smaller remains can be its own distortion.
 const LEAST_REMAINS: f64 = 1e-2;
 /// MAC above which neighbouring lines count as moving alike.
@@ -64,6 +63,13 @@ const GAUSSIAN_ENVELOPE: f64 = 1.5;
 const CHANCE: [f64; 2] = [0.86, -0.23];
 /// Windows for one independent value: a lightly damped mode's envelope hardly changes from one window to the next.
 const WINDOWS_A_VALUE: f64 = 3.0;
+/// Weaker evidence of a force that is there at times, which counts only beside other evidence, in the same units. Drawn as above with three
+/// windows a value, a mode has more than 1.9 in 2 of 100 records, and more than 2.4 in 1 of 1000.
+pub(super) const SUSPECTED_SIGMAS: f64 = 1.9;
+pub(super) const AT_TIMES_SIGMAS: f64 = 2.4;
+/// A mode's envelope has one value in three windows or fewer where its bandwidth is this share of the lines' distance: it holds 1/(pi B)
+/// seconds, and windows follow each other by half the inverse of the distance.
+pub(super) const CHANGING_LINES: f64 = 0.21;
 
 /// A mode (or harmonic) found.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,6 +88,8 @@ pub(super) struct Pick {
     pub(super) unseen: bool,
     /// How far from the pick a mode may be whose bandwidth is next to nothing, in lines.
     pub(super) within_lines: f64,
+    /// Whether it is no mode but a machine, fitted beside the modes that its sidebands reach.
+    pub(super) is_machine: bool,
 }
 
 impl Pick {
@@ -95,6 +103,7 @@ impl Pick {
             suggested: None,
             unseen: false,
             within_lines: LEEWAY_LINES,
+            is_machine: false,
         }
     }
 
@@ -129,6 +138,11 @@ impl Kurtosis {
     /// Whether it is so far from a mode's that nothing else need be known.
     pub(super) fn is_harmonics(&self) -> bool {
         self.is_low() && self.sigmas_below > HARMONIC_SIGMAS
+    }
+
+    /// Whether it is that of a force which is there at times.
+    pub(super) fn is_at_times(&self) -> bool {
+        self.on_share < 1.0
     }
 
     /// Whether it is nearer to a harmonic's than to a mode's.

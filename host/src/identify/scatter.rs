@@ -40,12 +40,19 @@ pub(super) struct GroupChanges {
     pub(super) damping_ratio: Vec<f64>,
     /// Of the shape's real parts, components x groups.
     pub(super) shape: DMatrix<f64>,
+    /// Errors of the shape's real parts that no group shows, independent of these and of each other, components x errors.
+    pub(super) beside: DMatrix<f64>,
 }
 
 impl GroupChanges {
     /// Of a method that has no replicates.
     pub(super) fn unknown(components: usize) -> Self {
-        Self { frequency_hz: Vec::new(), damping_ratio: Vec::new(), shape: DMatrix::zeros(components, 0) }
+        Self {
+            frequency_hz: Vec::new(),
+            damping_ratio: Vec::new(),
+            shape: DMatrix::zeros(components, 0),
+            beside: DMatrix::zeros(components, 0),
+        }
     }
 
     pub(super) fn groups(&self) -> usize {

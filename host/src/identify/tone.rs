@@ -50,7 +50,7 @@ fn taken_by((line, wanders): Tone, lines: usize, power: impl Fn(usize) -> f64) -
 /// What is told of a pick that is a forced line.
 pub(super) fn harmonic(measured: &[MeasuredSetup<'_>], grid: &LineGrid, pick: &Pick, frequency_hz: f64) -> Harmonic {
     // What goes on and off keeps its frequency: its band is that of its sidebands.
-    let wanders_lines = if pick.kurtosis.on_share < 1.0 { 0 } else { pick.kurtosis.wanders_lines };
+    let wanders_lines = if pick.kurtosis.is_at_times() { 0 } else { pick.kurtosis.wanders_lines };
     Harmonic {
         frequency_hz,
         kurtosis: pick.kurtosis.value,
@@ -64,7 +64,7 @@ pub(super) fn harmonic(measured: &[MeasuredSetup<'_>], grid: &LineGrid, pick: &P
 /// while it is on. None of a tone that is always there.
 fn on_by_part(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Vec<OnInPart> {
     let mut all = Vec::new();
-    if pick.kurtosis.on_share >= 1.0 {
+    if !pick.kurtosis.is_at_times() {
         return all;
     }
     for (m, shape) in measured.iter().zip(&pick.shapes) {

@@ -76,6 +76,11 @@ const fn pairs(name: &'static str, what: &'static str, apart: f64) -> Case {
     Case { name, what, build, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None, roving: None }
 }
 
+const fn alike(name: &'static str, what: &'static str, apart: f64, alike: f64) -> Case {
+    let build = Build::Random { channels: 12, first_hz: 0.5, modes: 6, damping: [0.01, 0.01], apart, alike };
+    Case { name, what, build, load: WHITE, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None, roving: None }
+}
+
 const fn of_channels(name: &'static str, what: &'static str, channels: usize) -> Case {
     let build = Build::Tower { channels, first_hz: 0.4, modes: 6, damping: [0.006, 0.014], apart: 5.0 };
     Case { name, what, build, load: WIND, rate_hz: 20.0, seconds: 4.0 * HOUR_S, fault: None, roving: None }
@@ -101,26 +106,8 @@ pub const CASES: [Case; 34] = [
     correlated("correlated-0", "8 random modes, loads of f^(-5/3), modal forces uncorrelated, 4 h", 0.0),
     correlated("correlated-10", "the same with forces correlated by 0.1", 0.1),
     correlated("correlated-25", "the same with forces correlated by 0.25", 0.25),
-    Case {
-        name: "alike",
-        what: "6 modes 1.5 bandwidths apart whose neighbours' shapes have the correlation 0.5, 4 h",
-        build: Build::Random { channels: 12, first_hz: 0.5, modes: 6, damping: [0.01, 0.01], apart: 1.5, alike: 0.5 },
-        load: WHITE,
-        rate_hz: 20.0,
-        seconds: 4.0 * HOUR_S,
-        fault: None,
-        roving: None,
-    },
-    Case {
-        name: "alike-90",
-        what: "6 modes 6 bandwidths apart whose neighbours' shapes have the correlation 0.9, 4 h",
-        build: Build::Random { channels: 12, first_hz: 0.5, modes: 6, damping: [0.01, 0.01], apart: 6.0, alike: 0.9 },
-        load: WHITE,
-        rate_hz: 20.0,
-        seconds: 4.0 * HOUR_S,
-        fault: None,
-        roving: None,
-    },
+    alike("alike", "6 modes 1.5 bandwidths apart whose neighbours' shapes have the correlation 0.5, 4 h", 1.5, 0.5),
+    alike("alike-90", "6 modes 6 bandwidths apart whose neighbours' shapes have the correlation 0.9, 4 h", 6.0, 0.9),
     Case {
         name: "bursts",
         what: "8 random modes, loads in bursts of 15 s once a minute on average, 2 h",

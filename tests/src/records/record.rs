@@ -102,10 +102,9 @@ fn come_in_bursts(drawn: &mut [DVector<Complex<f64>>], length: usize, rate_hz: f
         let mut lines = vec![Complex::from(0.0); length / 2 + 1];
         lines[1..].iter_mut().zip(&*drawn).for_each(|(line, forces)| *line = forces[mode]);
         let mut samples = vec![0.0; length];
-        // Lengths match, and the ends are real: nothing that either refuses.
-        let _ = inverse.process(&mut lines, &mut samples);
+        inverse.process(&mut lines, &mut samples).expect("lengths match, and the ends are real");
         samples.iter_mut().zip(&envelope).for_each(|(sample, share)| *sample *= share / length as f64);
-        let _ = forward.process(&mut samples, &mut lines);
+        forward.process(&mut samples, &mut lines).expect("lengths match");
         drawn.iter_mut().zip(&lines[1..]).for_each(|(forces, line)| forces[mode] = *line);
     }
 }

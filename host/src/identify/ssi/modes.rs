@@ -11,7 +11,7 @@ use super::{SetupPoles, SubspacePole, reach_hz};
 use crate::identify::accuracy::std_bounds;
 use crate::identify::choice::meant_hz;
 use crate::identify::curve::Curve;
-use crate::identify::fit::Basis;
+use crate::identify::fit::{Basis, usual_damping};
 use crate::identify::judge;
 use crate::identify::merge::{duration_s, merge, number};
 use crate::identify::pick::{sources, suggested};
@@ -25,7 +25,6 @@ use crate::identify::singular::SingularValues;
 use crate::identify::tone::harmonic;
 use crate::identify::{IdentifyError, Suggestion, none_in_band, phase_collinearity, same_lines};
 use crate::spectra::LineGrid;
-use crate::statistics::median;
 use crate::study::ModeChoice;
 
 /// A pole in another setup may be this share of the frequency further away: structures change a little between setups.
@@ -241,11 +240,6 @@ fn chosen<'a>(
     (0..poles.len()).filter(is_chosen).map(|at| poles[at].clone()).collect()
 }
 
-/// The median of damping ratios; 0 of none.
-fn usual_damping(all: impl Iterator<Item = f64>) -> f64 {
-    median(&mut all.collect::<Vec<f64>>()).unwrap_or(0.0)
-}
-
 /// The forced line that poles are of, where they have next to no damping and the response has the kurtosis of one.
 fn forced(
     measured: &[MeasuredSetup<'_>],
@@ -266,7 +260,9 @@ fn forced(
     let is_steady =
         known.powf(-0.5) < STEADY_SHARE * bound_hz && 2.0 * damping_ratio * frequency_hz < grid.spacing_hz();
     let modes: Vec<SetupMode> = measured.iter().zip(poles).map(|(m, pole)| setup_mode(m, pole)).collect();
-    let is_forced = kurtosis.is_harmonics() || judge::is_forced(&kurtosis, usual_damping, modes.iter()) || is_steady;
+    let is_forced = kurtosis.is_harmonics()
+        || judge::is_forced(&kurtosis, usual_damping, grid.spacing_hz(), modes.iter())
+        || is_steady;
     is_forced.then(|| harmonic(measured, grid, &pick, frequency_hz))
 }
 

@@ -210,22 +210,25 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
     let is_seen = |mode: &Mode| mode.second_opinion.is_some();
     let is_any_seen = identification.modes.iter().any(is_seen);
     let is_any_sure = identification.modes.iter().any(|mode| is_seen(mode) && !is_sharp(mode, SURE_DAMPING_SIGMAS));
-    // Of two modes at one frequency a subspace may have one pole: the other says nothing against either.
-    let all: Vec<(usize, f64, f64)> =
-        identification.modes.iter().map(|mode| (mode.number, mode.frequency_hz, mode.bandwidth_hz())).collect();
-    let is_twin = |mode: &Mode| {
-        let overlaps = |hz: f64, bandwidth_hz: f64| {
-            (hz - mode.frequency_hz).abs() < TWIN_BANDWIDTHS * bandwidth_hz.min(mode.bandwidth_hz())
-        };
-        mode.damping_ratio > mode.damping_ratio_std
-            && all.iter().any(|&(number, hz, bandwidth_hz)| number != mode.number && overlaps(hz, bandwidth_hz))
-    };
     let is_unseen = |mode: &Mode| {
         // Where nothing at all is confirmed, finer lines may have given a width to a peak of noise.
         let is_lone_line = !is_any_seen && mode.bandwidth_hz() < spacing_hz;
         // Noise that is not white has wide bumps.
         let is_weak = is_sharp(mode, LEAST_DAMPING_SIGMAS) || is_lone_line || mode.frequency_std_hz > spacing_hz;
         (!is_seen(mode) && is_weak) || (!is_any_sure && is_sharp(mode, SURE_DAMPING_SIGMAS))
+    };
+    // Of two modes at one frequency a subspace may have one pole, or none that lasts: beside one that stands the other does too.
+    let standing: Vec<(f64, f64)> = identification
+        .modes
+        .iter()
+        .filter(|mode| !is_unseen(mode))
+        .map(|mode| (mode.frequency_hz, mode.bandwidth_hz()))
+        .collect();
+    let is_twin = |mode: &Mode| {
+        let overlaps = |&(hz, bandwidth_hz): &(f64, f64)| {
+            (hz - mode.frequency_hz).abs() < TWIN_BANDWIDTHS * bandwidth_hz.min(mode.bandwidth_hz())
+        };
+        mode.damping_ratio > mode.damping_ratio_std && standing.iter().any(overlaps)
     };
     let (unseen, seen): (Vec<Mode>, Vec<Mode>) =
         std::mem::take(&mut identification.modes).into_iter().partition(|mode| {
