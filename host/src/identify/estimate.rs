@@ -16,7 +16,7 @@ use super::plane;
 use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
 use super::scatter::{GroupChanges, ShapeScatter, changes, deviation, noise_outside, noise_share, student};
-use super::setup_mode::{SetupMode, SetupModes};
+use super::setup_mode::{SetupMode, SetupModes, is_stuck};
 use super::shape::{Shape, align, drop_scatter, modal_filter, normalise, of_unit_length, phase_collinearity};
 use super::start::{first_bell, known_bell};
 use crate::spectra::{CrossSpectrum, LineGrid};
@@ -502,7 +502,7 @@ impl State {
             // The fit's level is the power of the modal response along a shape of unit length.
             level: fit.level.max(0.0).sqrt() / shape.norm(),
             peak_density: fit.level * fit.resonance.peak_density(1.0 / spacing_hz),
-            found: distance_hz < 0.48 * (highest - lowest),
+            found: distance_hz < 0.48 * (highest - lowest) && !is_stuck(&fit.resonance, &changes),
             resonance: self.fits[mode].resonance,
             shape,
             frequency_std_hz: deviation(&changes.frequency_hz).max(least_std_hz),

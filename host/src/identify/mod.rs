@@ -38,6 +38,7 @@ mod setup_mode;
 mod shape;
 mod singular;
 pub mod ssi;
+mod standards;
 mod start;
 pub(crate) mod suspect;
 mod tone;
@@ -61,6 +62,7 @@ pub use result::{
 };
 pub use setup::MeasuredSetup;
 pub use shape::{mac, phase_collinearity};
+pub use standards::hold_to_standards;
 
 /// A peak that is sharper than its lines may hide a mode, or several, where it is so many times the median of the lines about it.
 const FAR_OUT: f64 = 10.0;

@@ -241,6 +241,10 @@ pub enum RejectedBecause {
     Frequency,
     /// Its damping is hardly known, and the subspace has no such mode.
     Unseen,
+    /// Its fit did not move with the data.
+    Stuck,
+    /// Its parts move at all phases.
+    Phases,
 }
 
 impl std::fmt::Display for RejectedBecause {
@@ -253,6 +257,8 @@ impl std::fmt::Display for RejectedBecause {
             Self::Shape => "its shape is mostly noise",
             Self::Frequency => "its frequency is mostly noise",
             Self::Unseen => "its damping is hardly known, and the subspace has no such mode",
+            Self::Stuck => "the fit there ran into a limit",
+            Self::Phases => "its parts move at all phases",
         })
     }
 }

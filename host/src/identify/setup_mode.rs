@@ -5,8 +5,8 @@ use super::resonance::Resonance;
 use super::scatter::{GroupChanges, deviation};
 use super::shape::Shape;
 
-/// A frequency that scatters by less than this share of it is stuck.
-const STUCK: f64 = 1e-9;
+/// A frequency or a damping ratio that scatters by less than this share of it is stuck: a day's record knows them a hundred times worse.
+const STUCK: [f64; 2] = [1e-7, 1e-4];
 
 /// One mode in one setup.
 #[derive(Debug, Clone)]
@@ -49,10 +49,9 @@ impl SetupMode {
         self.found && is_certain && !self.is_stuck()
     }
 
-    /// Whether the frequency is the same in all replicates: the fit has run into a wall, or stands in another mode's way. What the
-    /// likelihood says of its deviation then means nothing.
+    /// Whether the frequency or the damping is the same in all replicates.
     pub(super) fn is_stuck(&self) -> bool {
-        deviation(&self.changes.frequency_hz) < STUCK * self.resonance.frequency_hz
+        is_stuck(&self.resonance, &self.changes)
     }
 
     /// With the shape of another estimate of the mode, and how the errors of its numbers go together there.
@@ -78,6 +77,14 @@ impl SetupMode {
             ..self.clone()
         }
     }
+}
+
+/// Whether frequency or damping is the same in all replicates: the fit has run into a wall, or stands in another mode's way. What the
+/// likelihood says of its deviation then means nothing.
+pub(super) fn is_stuck(resonance: &Resonance, changes: &GroupChanges) -> bool {
+    let [frequency, damping] = STUCK;
+    deviation(&changes.frequency_hz) < frequency * resonance.frequency_hz
+        || deviation(&changes.damping_ratio) < damping * resonance.damping_ratio
 }
 
 /// The modes of one setup, in the order of the picks.

@@ -12,10 +12,11 @@ use crate::fleet::FleetReport;
 use crate::identify::accuracy::RecordNeeded;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
-use crate::identify::{Identification, identify as identify_setups};
+use crate::identify::{Identification, hold_to_standards, identify as identify_setups};
 use crate::measure::{Measurement, Route, measure};
 use crate::spectra::LineGrid;
-use crate::study::Study;
+use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
+use crate::study::{Analysis, Study};
 use crate::trend::Trend;
 
 /// How modes are identified from spectra.
@@ -120,7 +121,16 @@ pub fn identify(
         Route::Nodes(_) => "nodes and link",
         Route::Direct => "spectra",
     };
-    let measurement = measure(study, route, &mut rows_of(stage, on_progress))?;
+    let mut measurement = measure(study, route, &mut rows_of(stage, on_progress))?;
+    let shorter = shorter_segment(&measurement, &study.analysis).filter(|_| method != Method::Subspace);
+    let study_of_shorter = shorter.map(|segment| with_segment(study, segment));
+    if let Some(shorter) = &study_of_shorter {
+        let before = measurement.plan.grid.segment;
+        measurement = measure(shorter, route, &mut rows_of(stage, on_progress))?;
+        measurement
+            .reasons
+            .push(format!("Gaps cost too many segments of {before} points, so segments were made shorter."));
+    }
     let modes_start = Instant::now();
     let choice = &study.analysis.modes;
     let identified = match method {
@@ -136,12 +146,34 @@ pub fn identify(
     if method == Method::Both {
         add_second_opinion(&measurement.setups, choice, &mut identification)?;
     }
+    hold_to_standards(&mut identification, choice);
     let times = Times { modes, second_opinion: second_start.elapsed(), all: start.elapsed() };
     let mut warnings = measurement.warnings.clone();
     warnings.append(&mut identification.warnings);
     warnings.extend(suspicions(&identification.modes, &measurement.setups));
     identification.warnings = warnings;
     Ok(report(study, identification, &measurement, &times))
+}
+
+/// The segment that gaps leave enough windows of, where they do not of the segment that was chosen from the record's length.
+fn shorter_segment(measurement: &Measurement<'_>, analysis: &Analysis) -> Option<usize> {
+    let averages: usize = measurement.setups.iter().map(|setup| setup.spectrum.averages()).sum();
+    let channels = measurement.setups.iter().map(|setup| setup.spectrum.channels().len()).max()?;
+    let is_free = analysis.segment.is_none() && analysis.modes.only_hz.is_none();
+    let mut segment = measurement.plan.grid.segment;
+    let mut left = averages.max(1);
+    while left < AVERAGES_A_CHANNEL * channels && segment > SHORTEST_SEGMENT {
+        // Windows of half the length are twice as many, and more of them fit between gaps.
+        (segment, left) = (segment / 2, 2 * left);
+    }
+    (is_free && segment < measurement.plan.grid.segment).then_some(segment)
+}
+
+/// A study whose segments are given.
+fn with_segment(study: &Study, segment: usize) -> Study {
+    let mut study = study.clone();
+    study.analysis.segment = Some(segment);
+    study
 }
 
 /// How long identification took, and everything.
