@@ -37,6 +37,12 @@ pub(crate) fn on_this_processor<R>(work: impl FnMut(Arithmetic) -> R) -> R {
     Arch::new().dispatch(Work(work))
 }
 
+/// The whole rows among `values`: what is left of one at the end is no row, and without channels there is none.
+#[inline(always)]
+pub(crate) fn whole_rows(values: &[f64], channels: usize) -> &[f64] {
+    &values[..values.len().checked_div(channels).unwrap_or(0) * channels]
+}
+
 /// What is done with each channel of a row, for `WIDTH` channels from `first` on. All that is read is to be [`loaded`] before
 /// anything is stored, so that the compiler need not ask whether one overlaps the other.
 pub(crate) trait OnChannels {
@@ -131,5 +137,65 @@ impl OnChannels for WeightedSum<'_> {
 fn add_weighted<const WIDTH: usize>(arithmetic: Arithmetic, weight: f64, row: &[f64], sums: &mut [f64; WIDTH]) {
     for channel in 0..WIDTH {
         sums[channel] = arithmetic.multiply_add(weight, row[channel], sums[channel]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_channel_is_taken_once_as_many_at_a_time_as_fit() {
+        struct Taken(Vec<[usize; 2]>);
+        impl OnChannels for Taken {
+            fn take<const WIDTH: usize>(&mut self, first: usize) {
+                self.0.push([first, WIDTH]);
+            }
+        }
+        let taken = |count: usize| {
+            let mut taken = Taken(Vec::new());
+            by_channels(count, &mut taken);
+            taken.0
+        };
+        assert!(taken(0).is_empty());
+        assert_eq!(taken(16), [[0, 16]]);
+        assert_eq!(taken(23), [[0, 16], [16, 4], [20, 1], [21, 1], [22, 1]]);
+        assert_eq!(taken(37), [[0, 16], [16, 16], [32, 4], [36, 1]]);
+    }
+
+    #[test]
+    fn weighted_sums_are_the_plain_ones_whatever_the_number_of_channels_and_taps() {
+        for channels in [1, 3, 4, 5, 16, 23] {
+            for taps in [1, 2, 3, 64] {
+                // Whole numbers: no order of additions rounds.
+                let weights: Vec<f64> = (0..taps).map(|tap| (tap * 37 % 19) as f64 - 9.0).collect();
+                let mut rows: Vec<f64> = (0..taps * channels).map(|at| (at * at * 13 % 101) as f64 - 50.0).collect();
+                let plain: Vec<f64> = (0..channels)
+                    .map(|channel| (0..taps).map(|tap| weights[tap] * rows[tap * channels + channel]).sum())
+                    .collect();
+                // Rows behind the last tap do not count, nor what the sums were before.
+                rows.extend(vec![f64::NAN; channels]);
+                let mut here = vec![f64::NAN; channels];
+                on_this_processor(
+                    #[inline(always)]
+                    |arithmetic| weighted_sum(arithmetic, &weights, &rows, &mut here),
+                );
+                assert_eq!(here, plain, "{channels} channels, {taps} taps");
+                for is_fused in [false, true] {
+                    let mut sums = vec![f64::NAN; channels];
+                    weighted_sum(Arithmetic { is_fused }, &weights, &rows, &mut sums);
+                    assert_eq!(sums, plain, "{channels} channels, {taps} taps");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_part_of_a_row_is_no_row_and_without_channels_there_is_none() {
+        let values = [1.0, 2.0, 3.0, 4.0, 5.0];
+        assert_eq!(whole_rows(&values, 1), values);
+        assert_eq!(whole_rows(&values, 2), [1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(whole_rows(&values, 5), values);
+        assert!(whole_rows(&values, 6).is_empty() && whole_rows(&values, 0).is_empty());
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! Automatic picks flow in; the picks that the user wants, with warnings, flow out.
 
-use super::pick::{Pick, kurtosis, peak_near};
+use super::kurtosis::kurtosis;
+use super::pick::{Pick, peak_near};
 use super::setup::MeasuredSetup;
 use super::singular::SingularValues;
 use crate::spectra::LineGrid;

@@ -99,6 +99,11 @@ impl Misfit {
     pub(super) fn is_significant(&self) -> bool {
         self.by_chance < CHANCE && self.ratio > 1.0
     }
+
+    #[cfg(test)]
+    pub(super) fn of_ratio(ratio: f64) -> Self {
+        Self { ratio, scatter: 0.1, by_chance: if ratio > 2.0 { 0.0 } else { 1.0 } }
+    }
 }
 
 #[cfg(test)]

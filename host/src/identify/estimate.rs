@@ -1,11 +1,13 @@
 //! Estimating one setup's modes: shapes by modal filtering, frequency and damping from each mode's bell, and the jackknife.
 
+mod refit;
+
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
 use super::bell::{BellFit, DAMPING_RANGE};
-use super::cluster::{Filters, clusters, noise_variance, regressed_shapes, seen};
+use super::cluster::clusters;
 use super::curve::Curve;
 use super::finer;
 use super::joint::{JointFit, SlopePrior};
@@ -13,14 +15,14 @@ use super::joint_fit::Certainty;
 use super::matrices::{LEAST_LINES, Matrices, Source, bell};
 use super::pick::Pick;
 use super::plane;
-use super::residue::{Beside, residues};
 use super::resonance::{Quantity, Resonance};
 use super::scatter::{GroupChanges, ShapeScatter, changes, deviation, noise_outside, noise_share, student};
 use super::setup_mode::{SetupMode, SetupModes, is_stuck};
-use super::shape::{Shape, align, drop_scatter, modal_filter, normalise, of_unit_length, phase_collinearity};
+use super::shape::{Shape, align, drop_scatter, modal_filter, normalise, phase_collinearity};
 use super::start::{first_bell, known_bell};
 use crate::spectra::{CrossSpectrum, LineGrid};
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
+use refit::Refit;
 
 /// Rounds of shapes and bells, each with the other's result.
 pub(super) const ROUNDS: usize = 4;
@@ -46,8 +48,6 @@ const STOPPED_LINES: f64 = 4.0;
 /// So are those whose tails there are more than this share of the cluster's own: to stop more passes more of what no filter stops
 /// than it takes away.
 const TAIL_SHARE: f64 = 0.1;
-/// A mode whose distance from a cluster's lines is below this share of their width is not smooth there.
-const BESIDE: f64 = 0.5;
 /// Fewer channels cannot tell close modes from noise.
 pub(super) const JOINT_CHANNELS: usize = 4;
 /// Neighbours that a modal filter stops, at most.
@@ -275,55 +275,17 @@ impl State {
 
     /// Goes on from an earlier joint fit of the same clusters; modes without a cluster that can be fitted go on one by one.
     fn refit_clusters(&mut self, matrices: &Matrices<'_>, effort: &Effort) {
-        let grid = matrices.grid();
-        let spacing_hz = grid.spacing_hz();
         let before = self.clone();
         let mut failed: Vec<usize> = (0..self.fits.len())
             .filter(|&mode| self.wanted[mode] && self.clusters.iter().all(|cluster| !cluster.modes.contains(&mode)))
             .collect();
-        let refit = |cluster: &Cluster| {
-            let modes = &cluster.modes;
-            let ranges = modes.iter().map(|&mode| {
-                let inside: Vec<usize> = modes.iter().copied().filter(|&other| other != mode).collect();
-                before.range(mode, &inside, grid)
-            });
-            let (first, last) = ranges.fold((usize::MAX, 0), |(a, b), (first, last)| (a.min(first), b.max(last)));
-            let range_hz = [grid.frequency_hz(first), grid.frequency_hz(last)];
-            let stopped = before.stopped(modes, range_hz, grid);
-            let own: Vec<&Shape> = modes.iter().map(|&mode| &before.shapes[mode]).collect();
-            let others: Vec<&Shape> = stopped.iter().map(|&mode| &before.shapes[mode]).collect();
-            let free = matrices.free(first, last, LEAST_LINES);
-            let lines: Vec<&DMatrix<Complex64>> = free.iter().map(|&line| matrices.at(line)).collect();
-            let all: Vec<&Shape> = own.iter().chain(&others).copied().collect();
-            let noise = noise_variance(&all, &lines);
-            let filters = Filters::new(&own, &others, noise)?;
-            let frequency_hz = free.iter().map(|&line| grid.frequency_hz(line)).collect();
-            let averages = matrices.source.averages() as f64 / OVERLAP;
-            let seen = seen(&filters, &lines, frequency_hz, 1.0 / spacing_hz, averages, before.slope);
-            let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| before.limits_hz(mode)).collect();
-            let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
-            let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
-            let curve = |place| Curve::of_joint(&fit, &seen, place, effort.certainty);
-            let curves: Vec<Curve> = (0..modes.len()).map(curve).collect();
-            let width_hz = range_hz[1] - range_hz[0];
-            let is_near = |other: &&usize| before.outside_hz(**other, range_hz) < BESIDE * width_hz;
-            let beside: Vec<Beside> = stopped
-                .iter()
-                .filter(is_near)
-                .map(|&other| Beside { resonance: before.fits[other].resonance, level: before.fits[other].level })
-                .collect();
-            let shapes = match residues(&fit, &filters.rows, &beside, noise, &seen, &lines) {
-                Some(shapes) => shapes.into_iter().map(of_unit_length).collect::<Option<Vec<_>>>()?,
-                None => regressed_shapes(&fit, &filters, &seen, &lines)?,
-            };
-            Some((fit, shapes, certainty, curves))
-        };
+        let refit = |cluster: &Cluster| before.refit(cluster, matrices, effort);
         // One by one in replicates, which are made side by side already.
         let at_least = if matrices.is_whole() { 1 } else { self.clusters.len() };
         let refits: Vec<_> = self.clusters.par_iter().with_min_len(at_least).map(refit).collect();
         for (cluster, refit) in self.clusters.iter_mut().zip(refits) {
             let modes = &cluster.modes;
-            let Some((fit, shapes, certainty, curves)) = refit else {
+            let Some(Refit { fit, shapes, certainty, curves }) = refit else {
                 cluster.certainty.clear();
                 failed.extend(modes);
                 continue;

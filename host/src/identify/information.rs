@@ -123,11 +123,18 @@ mod tests {
 
     #[test]
     fn the_sums_are_those_of_the_products_of_whole_matrices() {
-        let (size, unknowns) = (3, 11);
+        // One mode with its 6 unknowns, and numbers of unknowns that are no multiple of the lanes, and are one.
+        for (size, unknowns) in [(1, 6), (2, 16), (3, 11), (4, 24)] {
+            compare_with_whole_matrices(size, unknowns);
+        }
+    }
+
+    fn compare_with_whole_matrices(size: usize, unknowns: usize) {
         let value = |seed: usize| Complex64::new((seed as f64 * 0.7).sin(), (seed as f64 * 1.3).cos());
         let mut information = Information::zero(unknowns);
         let mut derivatives = Derivatives::new(size, unknowns);
         let mut fisher: DMatrix<f64> = DMatrix::zeros(unknowns, unknowns);
+        let mut gradient: DVector<f64> = DVector::zeros(unknowns);
         for line in 0..4 {
             let column = |unknown: usize, at: usize| value(97 * line + 13 * unknown + at);
             let row = |unknown: usize, at: usize| value(89 * line + 17 * unknown + at + 7);
@@ -135,15 +142,25 @@ mod tests {
             for unknown in 0..unknowns {
                 derivatives.put(|k| column(unknown, k), |l| row(unknown, l));
             }
-            information.add(&derivatives, &vec![1.0; size * size]);
+            let half = DMatrix::from_fn(size, size, |k, l| value(71 * line + 5 * k + 3 * l + 1));
+            let excess = &half + half.adjoint();
+            let mut entries = Vec::new();
+            for k in 0..size {
+                entries.push(excess[(k, k)].re);
+                for l in k + 1..size {
+                    entries.extend([excess[(k, l)].re, excess[(k, l)].im].map(|part| std::f64::consts::SQRT_2 * part));
+                }
+            }
+            information.add(&derivatives, &entries);
             let whole = |unknown: usize| {
                 let half = DMatrix::from_fn(size, size, |k, l| column(unknown, k) * row(unknown, l));
                 &half + half.adjoint()
             };
             fisher += DMatrix::from_fn(unknowns, unknowns, |a, b| (whole(a) * whole(b)).trace().re);
+            gradient += DVector::from_fn(unknowns, |a, _| (whole(a) * &excess).trace().re);
         }
-        let (gradient, found) = information.sums();
-        assert!((found - &fisher).norm() < 1e-12 * fisher.norm());
-        assert_eq!(gradient.len(), unknowns);
+        let (found_gradient, found_fisher) = information.sums();
+        assert!((found_fisher - &fisher).norm() < 1e-12 * fisher.norm(), "{size}, {unknowns}");
+        assert!((found_gradient - &gradient).norm() < 1e-12 * gradient.norm(), "{size}, {unknowns}");
     }
 }

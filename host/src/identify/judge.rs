@@ -3,8 +3,9 @@
 //! A peak of noise passes the picking rules now and then; its estimate then depends on a few windows, which the jackknife
 //! shows. Estimates of all setups flow in; the pick to drop next, and why, flows out.
 
+use super::curve::Misfit;
+use super::kurtosis::{AT_TIMES_SIGMAS, CHANGING_LINES, Kurtosis, SUSPECTED_SIGMAS};
 use super::merge::combine;
-use super::pick::{AT_TIMES_SIGMAS, CHANGING_LINES, Kurtosis, SUSPECTED_SIGMAS};
 use super::result::RejectedBecause;
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::mac;
@@ -40,6 +41,10 @@ const MAX_FREQUENCY_BANDWIDTHS: f64 = 0.15;
 /// The same in bandwidths of one that was fitted to finer lines, which show how wide it is: its damping is then as large as its own
 /// deviation (Au 2014).
 const MAX_FINER_BANDWIDTHS: f64 = 0.5;
+
+/// A wide resonance that is so far from the measured spectrum, in units of its scatter, bridges several modes.
+const BRIDGING_DAMPING: f64 = 0.04;
+const MAX_MISFIT: f64 = 5.0;
 
 /// Of the picks that may go, those that are no modes, and why: the least likely one, and with it those that are too far away to
 /// have been bent by it. Those that another method was asked for and does not have are doubted more.
@@ -155,6 +160,8 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
     if found.iter().all(|mode| mode.is_stuck()) {
         return (f64::INFINITY, RejectedBecause::Frequency);
     }
+    let misfit = found.iter().filter_map(|mode| mode.misfit.filter(Misfit::is_significant)).map(|misfit| misfit.ratio);
+    let bridged = if damping > BRIDGING_DAMPING { misfit.fold(0.0, f64::max) / MAX_MISFIT } else { 0.0 };
     let bandwidth_hz = 2.0 * damping * frequency_hz;
     let most_hz = if found.iter().all(|mode| mode.spacing_hz < spacing_hz) {
         MAX_FINER_BANDWIDTHS * bandwidth_hz
@@ -165,6 +172,7 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
         (shape_noise / MAX_SHAPE_NOISE, RejectedBecause::Shape),
         (frequency_std_hz / most_hz, RejectedBecause::Frequency),
         (damping / MAX_DAMPING, RejectedBecause::Overdamped),
+        (bridged, RejectedBecause::Bridge),
     ]
     .into_iter()
     .filter(|(doubt, _)| doubt.is_finite())
@@ -262,6 +270,11 @@ mod tests {
         assert_eq!(judged(|mode| mode.resonance.damping_ratio = 1e-4), [(1, RejectedBecause::Undamped)]);
         assert_eq!(judged(|mode| mode.resonance.damping_ratio = 0.25), [(1, RejectedBecause::Overdamped)]);
         assert_eq!(judged(|mode| mode.shape_noise = 0.6), [(1, RejectedBecause::Shape)]);
+        let bridge = |mode: &mut SetupMode| {
+            mode.resonance.damping_ratio = 0.08;
+            mode.misfit = Some(Misfit::of_ratio(11.0));
+        };
+        assert_eq!(judged(bridge), [(1, RejectedBecause::Bridge)]);
         // A line and a half of a mode that is four lines wide.
         assert_eq!(judged(|mode| mode.frequency_std_hz = 0.015), [(1, RejectedBecause::Frequency)]);
         let double = |mode: &mut SetupMode| {

@@ -1,7 +1,7 @@
 //! Identification: from cross-spectral matrices to modes.
 //!
 //! Per-setup cross-spectral matrices flow in; modes with frequency, damping, shape and the uncertainty of each flow out.
-//! `pick` finds modes in the singular values, `fit` estimates and judges them until all stand, `shape` filters each mode from its
+//! `pick` finds modes in the singular values and `kurtosis` tells forced lines from them, `fit` estimates and judges them until all stand, `shape` filters each mode from its
 //! neighbours, [`bell`] reads frequency and damping from the filtered spectrum one by one; from there `cluster`, `joint` and
 //! `joint_fit` fit close modes together by maximum likelihood (with the sums of `information`), and `finer` lines those that are narrow, which `finer_peaks` looks for
 //! beside each other. The jackknife in `scatter` says how sure it all is, `judge` throws out what the data do not determine, and `merge`
@@ -24,6 +24,7 @@ mod join;
 mod joint;
 mod joint_fit;
 mod judge;
+mod kurtosis;
 mod matrices;
 mod merge;
 mod pick;

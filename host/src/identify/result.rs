@@ -241,6 +241,8 @@ pub enum RejectedBecause {
     Frequency,
     /// Its damping is hardly known, and the subspace has no such mode.
     Unseen,
+    /// It is wide and far from the measured spectrum: a resonance in the place of several.
+    Bridge,
     /// Its fit did not move with the data.
     Stuck,
     /// Its parts move at all phases.
@@ -257,6 +259,7 @@ impl std::fmt::Display for RejectedBecause {
             Self::Shape => "its shape is mostly noise",
             Self::Frequency => "its frequency is mostly noise",
             Self::Unseen => "its damping is hardly known, and the subspace has no such mode",
+            Self::Bridge => "it is wide and far from the measured spectrum, as of several modes in one",
             Self::Stuck => "the fit there ran into a limit",
             Self::Phases => "its parts move at all phases",
         })

@@ -2,6 +2,8 @@
 //!
 //! Rows flow in, rows flow out a few later, and a tally. A segment of some minutes would otherwise be lost for one sample.
 
+use crate::processor::whole_rows;
+
 /// Of a channel's samples, those that may be filled: a channel that misses more is recorded at another rate, or broken.
 const MOST_SHARE: f64 = 0.03;
 /// Some are filled whatever their share.
@@ -37,7 +39,7 @@ impl Filler {
     pub(super) fn push(&mut self, rows: &[f64], out: &mut Vec<f64>) {
         out.clear();
         out.extend_from_slice(&self.held);
-        out.extend_from_slice(rows);
+        out.extend_from_slice(whole_rows(rows, self.channels));
         // Most recordings miss nothing: they are only passed on.
         if is_any_missing(out) {
             for at in self.held.len().max(self.channels)..out.len() {

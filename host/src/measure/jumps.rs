@@ -316,4 +316,39 @@ mod tests {
         assert_eq!(found(std::iter::empty()), Jumps::default());
         assert_eq!(found(std::iter::repeat_n(vec![0.0; CHANNELS], 5000)), Jumps::default());
     }
+
+    #[test]
+    fn many_channels_are_learnt_as_each_alone_and_jump_as_few_do() {
+        const MANY: usize = 21;
+        let mut random = ChaCha8Rng::seed_from_u64(6);
+        let finder_of = |channels: usize, rows: &[f64]| {
+            let mut finder = JumpFinder::new(channels);
+            rows.chunks(700 * channels).for_each(|part| finder.push(part));
+            finder
+        };
+        // Noise of another size in each channel; some miss samples.
+        let rows: Vec<f64> = (0..4000 * MANY)
+            .map(|at| {
+                let (row, channel) = (at / MANY, at % MANY);
+                let is_missing = channel % 3 == 1 && (row + 50 * channel) % 500 == 7;
+                if is_missing { f64::NAN } else { (1 + channel) as f64 * random.random_range(-1.0..1.0) }
+            })
+            .collect();
+        for (channel, usual) in finder_of(MANY, &rows).usual.into_iter().enumerate() {
+            let samples: Vec<f64> = rows.iter().skip(channel).step_by(MANY).copied().collect();
+            let alone = finder_of(1, &samples).usual[0];
+            // The order of additions is another.
+            assert!((usual / alone - 1.0).abs() < 1e-9, "channel {channel}: {usual} {alone}");
+        }
+        // Each of three channels seven times.
+        let mut motion = Motion::new(7);
+        let rows: Vec<Vec<f64>> =
+            (0..20_000).filter(|row| row % 1500 != 1499).map(|row| motion.row(f64::from(row))).collect();
+        let jumps = |channels: usize| {
+            let flat: Vec<f64> = rows.iter().flat_map(|row| (0..channels).map(|channel| row[channel % 3])).collect();
+            finder_of(channels, &flat).finish()
+        };
+        assert!(jumps(3).places > 5, "{:?}", jumps(3));
+        assert_eq!(jumps(MANY), jumps(3));
+    }
 }

@@ -3,7 +3,7 @@
 //! Rows flow in; which channels were cut off, how often and since when, flows out. The largest values of a signal that is not cut
 //! off are rarer than those a little smaller; where it is cut off, one value stands there again and again.
 
-use crate::processor::{OnChannels, by_channels, loaded, on_this_processor, store};
+use crate::processor::{OnChannels, by_channels, loaded, on_this_processor, store, whole_rows};
 
 /// Visits of a channel's end that make it cut off...
 const LEAST_VISITS: u64 = 10;
@@ -91,6 +91,7 @@ impl Limits {
     /// Takes rows, row-major, NaN where a sample is missing.
     pub(super) fn push(&mut self, rows: &[f64]) {
         let channels = self.ends.len();
+        let rows = whole_rows(rows, channels);
         on_this_processor(
             #[inline(always)]
             |_| {
@@ -212,5 +213,36 @@ mod tests {
         });
         assert_eq!(switched_off.samples, 0, "{switched_off:?}");
         assert_eq!(of(|_| f64::NAN).samples, 0);
+    }
+
+    #[test]
+    fn many_channels_are_cut_off_as_each_alone() {
+        const CHANNELS: usize = 21;
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let mut motion = [0.0; CHANNELS];
+        let mut rows = Vec::new();
+        for row in 0..20_000 {
+            for (channel, motion) in motion.iter_mut().enumerate() {
+                *motion = 0.9 * *motion + (0..6).map(|_| random.random_range(-1.0..1.0)).sum::<f64>();
+                let limit = 5.0 + 0.2 * channel as f64;
+                let value = match channel % 4 {
+                    0 => *motion,
+                    1 => motion.min(limit),
+                    2 => motion.max(-limit),
+                    _ => motion.clamp(-limit, limit),
+                };
+                let is_missing = (row + 31 * channel) % 97 < channel % 5;
+                rows.push(if is_missing { f64::NAN } else { value });
+            }
+        }
+        let mut limits = Limits::new(CHANNELS);
+        rows.chunks(700 * CHANNELS).for_each(|part| limits.push(part));
+        for (channel, together) in limits.finish().into_iter().enumerate() {
+            let samples: Vec<f64> = rows.iter().skip(channel).step_by(CHANNELS).copied().collect();
+            let mut alone = Limits::new(1);
+            alone.push(&samples);
+            assert_eq!(alone.finish(), [together], "channel {channel}");
+            assert_eq!(together.samples > 0, channel % 4 != 0, "channel {channel}: {together:?}");
+        }
     }
 }

@@ -1,5 +1,7 @@
 //! The last rows of a recording.
 
+use crate::processor::whole_rows;
+
 /// Rows that are kept, by their number in the recording.
 pub(super) struct Rows {
     channels: usize,
@@ -28,7 +30,7 @@ impl Rows {
             self.values.drain(..gone);
             self.first += (gone / self.channels.max(1)) as u64;
         }
-        self.values.extend_from_slice(rows);
+        self.values.extend_from_slice(whole_rows(rows, self.channels));
     }
 
     /// Number of the first row that is kept, and of the one after the last.

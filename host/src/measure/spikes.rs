@@ -4,7 +4,7 @@
 //! neighbours is many times what is usual for the channel, and the neighbours agree with each other. Nothing that a structure does
 //! looks like that, for a recorder's own filter spreads it over several samples.
 
-use crate::processor::{OnChannels, by_channels, loaded, on_this_processor, store};
+use crate::processor::{OnChannels, by_channels, loaded, on_this_processor, store, whole_rows};
 
 /// A spike is this many root mean squares of the usual distance away.
 const FAR: f64 = 12.0;
@@ -55,7 +55,7 @@ impl SpikeFilter {
     pub(super) fn push(&mut self, rows: &[f64]) -> &[f64] {
         let channels = self.channels;
         self.held.drain(..self.held.len().saturating_sub(2 * channels));
-        self.held.extend_from_slice(rows);
+        self.held.extend_from_slice(whole_rows(rows, channels));
         let end = self.held.len().saturating_sub(channels);
         on_this_processor(
             #[inline(always)]
@@ -282,5 +282,33 @@ mod tests {
         let (out, found) = filtered(&rows, 512);
         assert!(found.iter().all(|found| found.count == 0), "{found:?}");
         assert!(out[2000][1].is_nan() && out[1999] == rows[1999]);
+    }
+
+    #[test]
+    fn many_channels_are_filtered_as_each_alone() {
+        const CHANNELS: usize = 21;
+        let noise: Vec<f64> = motion(3000 * CHANNELS).into_iter().map(|values| values[1] - 5.0).collect();
+        // Spikes, missing samples, a dead channel and one of coarse counts; each channel has its own size.
+        let value = |row: usize, channel: usize| {
+            let size = 1.0 + channel as f64;
+            match (row + 131 * channel) % 400 {
+                0 => size * 9.81,
+                17 if channel.is_multiple_of(3) => f64::NAN,
+                _ if channel == 6 => 0.0,
+                _ if channel == 17 => (4.0 * (0.3 * row as f64).sin()).round(),
+                _ => size * ((0.01 * (10 + channel) as f64 * row as f64).sin() + noise[row * CHANNELS + channel]),
+            }
+        };
+        let rows: Vec<Vec<f64>> =
+            (0..3000).map(|row| (0..CHANNELS).map(|channel| value(row, channel)).collect()).collect();
+        let (together, found) = filtered(&rows, 700);
+        for channel in 0..CHANNELS {
+            let of = |rows: &[Vec<f64>]| -> Vec<Vec<f64>> { rows.iter().map(|row| vec![row[channel]]).collect() };
+            let (alone, found_alone) = filtered(&of(&rows), 3000);
+            let bits = |rows: Vec<Vec<f64>>| -> Vec<u64> { rows.iter().map(|row| row[0].to_bits()).collect() };
+            assert_eq!(bits(of(&together)), bits(alone), "channel {channel}");
+            assert_eq!([found[channel]], found_alone[..], "channel {channel}");
+            assert!(found[channel].count > 0 || channel == 6, "channel {channel}");
+        }
     }
 }

@@ -279,3 +279,34 @@ impl Source {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_of_a_row_is_no_row_and_without_channels_there_is_none() {
+        let rows: Vec<f64> = (0..600).map(|at| f64::from(at * at % 83)).collect();
+        let checked = |channels: usize, rows: &[f64]| {
+            let (mut checks, mut sound) = (Checks::new(channels), Vec::new());
+            checks.push(rows, &mut sound);
+            let (last, faults) = checks.finish();
+            sound.extend(last);
+            (sound, format!("{faults:?}"))
+        };
+        assert_eq!(checked(3, &rows).0, rows);
+        assert_eq!(checked(3, &rows[..599]), checked(3, &rows[..597]));
+        assert!(checked(3, &rows[..2]).0.is_empty() && checked(0, &rows).0.is_empty());
+        // Each check alone, too.
+        let (mut whole, mut part, mut none) = (Limits::new(3), Limits::new(3), Limits::new(0));
+        whole.push(&rows[..597]);
+        part.push(&rows[..599]);
+        none.push(&rows);
+        assert_eq!((whole.finish(), none.finish()), (part.finish(), Vec::new()));
+        assert_eq!(SpikeFilter::new(3).push(&rows[..599]), &rows[..594]);
+        assert!(SpikeFilter::new(0).push(&rows).is_empty());
+        let mut filled = Vec::new();
+        Filler::new(3).push(&rows[..599], &mut filled);
+        assert_eq!(filled, rows[..585]);
+    }
+}

@@ -77,6 +77,17 @@ pub enum SpectraWarning {
 /// memory.
 type Group = BTreeMap<u128, Sums<f32>>;
 
+/// What is summed of the windows in which the same channels are sound.
+#[derive(Debug, Clone)]
+struct Set {
+    /// Its windows, and the rank of the set that it replaced.
+    rank: usize,
+    /// The sums of the group that windows are being added to; of no windows where the group has none of the set yet.
+    open: Sums<f64>,
+    /// Those of all closed groups, and what is kept of all windows.
+    total: Total,
+}
+
 /// Sums cross spectra window by window.
 #[derive(Debug, Clone)]
 pub struct CrossSpectrumAccumulator {
@@ -87,12 +98,12 @@ pub struct CrossSpectrumAccumulator {
     sound: Vec<usize>,
     windows_a_group: usize,
     groups: Vec<Group>,
-    /// The sums of the group that windows are being added to, by their channels; of no windows where the group has none of them yet.
-    open: BTreeMap<u128, Sums<f64>>,
+    /// Windows of the group that is not closed.
     open_windows: usize,
     /// Windows that wait to be added together: the sums are larger than a cache, the windows of one line are not.
     waiting: Vec<(u128, Vec<Vec<Complex32>>)>,
-    total: BTreeMap<u128, Total>,
+    /// By the channels that are sound.
+    sets: BTreeMap<u128, Set>,
     /// All windows as they came, where it is known that they are not too many.
     kept: Option<KeptWindows>,
 }
@@ -122,10 +133,9 @@ impl CrossSpectrumAccumulator {
             sound: vec![0; channels],
             windows_a_group: windows.div_ceil(MAX_GROUPS).max(1),
             groups: Vec::new(),
-            open: BTreeMap::new(),
             open_windows: 0,
             waiting: Vec::new(),
-            total: BTreeMap::new(),
+            sets: BTreeMap::new(),
             kept: KeptWindows::expecting(grid, channels, windows),
         })
     }
@@ -181,24 +191,24 @@ impl CrossSpectrumAccumulator {
             // rarest and inherits its rank (Space-Saving; Metwally et al. 2005): memory does not grow with the record, and a
             // set that becomes common stays, however late it comes.
             let mut inherited = 0;
-            if !self.total.contains_key(&mask) && self.total.len() >= MAX_SETS {
-                let rarest = self.total.iter().min_by_key(|(_, total)| total.rank).map(|(&rarest, _)| rarest);
-                if let Some(given_up) =
-                    rarest.and_then(|rarest| self.total.remove(&rarest).map(|set| (rarest, set.rank)))
-                {
-                    inherited = given_up.1;
-                    self.open.remove(&given_up.0);
-                    self.groups.iter_mut().for_each(|group| drop(group.remove(&given_up.0)));
+            if !self.sets.contains_key(&mask) && self.sets.len() >= MAX_SETS {
+                let rarest = self.sets.iter().min_by_key(|(_, set)| set.rank).map(|(&rarest, _)| rarest);
+                if let Some((rarest, set)) = rarest.and_then(|rarest| self.sets.remove_entry(&rarest)) {
+                    inherited = set.rank;
+                    self.groups.iter_mut().for_each(|group| drop(group.remove(&rarest)));
                 }
             }
-            let sums = self.open.entry(mask).or_insert_with(|| Sums::zero(lines * triangle(count)));
-            let total = self.total.entry(mask).or_insert_with(|| Total::zero(lines, count, inherited));
-            total.rank += windows.len();
-            sums.windows += windows.len();
+            let Set { rank, open, total } = self.sets.entry(mask).or_insert_with(|| Set {
+                rank: inherited,
+                open: Sums::zero(lines * triangle(count)),
+                total: Total::zero(lines, count),
+            });
+            *rank += windows.len();
+            open.windows += windows.len();
             on_this_processor(
                 #[inline(always)]
                 |arithmetic| {
-                    add_outer_products(arithmetic, windows, count, lines, sums, &mut total.fourths);
+                    add_outer_products(arithmetic, windows, count, lines, open, &mut total.fourths);
                     total.add_bands(windows, count, lines);
                     total.add_envelopes(arithmetic, windows, count, lines);
                 },
@@ -216,8 +226,8 @@ impl CrossSpectrumAccumulator {
         let mut kept: Vec<usize> = (0..self.channels).filter(is_sound).collect();
         let worth = |channels: &[usize]| {
             let wanted = set_of(channels);
-            let sums = self.total.iter().filter(|(mask, _)| *mask & wanted == wanted);
-            sums.map(|(_, total)| total.sums.windows).sum::<usize>() * channels.len()
+            let sets = self.sets.iter().filter(|(mask, _)| *mask & wanted == wanted);
+            sets.map(|(_, set)| set.total.sums.windows).sum::<usize>() * channels.len()
         };
         loop {
             let without = |out: usize| kept.iter().copied().filter(|&channel| channel != out).collect::<Vec<_>>();
@@ -236,10 +246,8 @@ impl CrossSpectrumAccumulator {
             return;
         }
         let mut group = Group::new();
-        for (mask, sums) in self.open.iter_mut().filter(|(_, sums)| sums.windows > 0) {
-            if let Some(total) = self.total.get_mut(mask) {
-                group.insert(*mask, sums.add_to(&mut total.sums));
-            }
+        for (mask, Set { open, total, .. }) in self.sets.iter_mut().filter(|(_, set)| set.open.windows > 0) {
+            group.insert(*mask, open.add_to(&mut total.sums));
         }
         self.groups.push(group);
         self.open_windows = 0;
@@ -266,7 +274,6 @@ impl CrossSpectrumAccumulator {
     /// When there is no window, or none is sound on these channels.
     pub fn finish(mut self) -> Result<(CrossSpectrum, Vec<SpectraWarning>), SpectraError> {
         self.close_group();
-        self.open.clear();
         let windows = self.windows;
         if windows == 0 {
             return Err(SpectraError::NoWindows);
@@ -278,8 +285,10 @@ impl CrossSpectrumAccumulator {
             .collect();
         let wanted = set_of(&kept);
         let lines = self.grid.lines;
+        // The open sums are gone before any set is copied.
+        let totals: Vec<(u128, Total)> = self.sets.into_iter().map(|(mask, set)| (mask, set.total)).collect();
         let (mut total, mut groups): (Option<Total>, Vec<Sums<f32>>) = (None, Vec::new());
-        for (mask, part) in self.total.into_iter().filter(|(mask, _)| mask & wanted == wanted) {
+        for (mask, part) in totals.into_iter().filter(|(mask, _)| mask & wanted == wanted) {
             let part = part.restricted(&ChannelSubset::new(mask, wanted), lines);
             match &mut total {
                 None => total = Some(part),
@@ -395,7 +404,7 @@ mod tests {
             |number: usize, channel: usize| !number.is_multiple_of(3) || ((number * 7919) >> (channel % 11)) & 3 != 0;
         for number in 0..400 {
             accumulator.add(window(number, 12, 2, |channel| is_sound(number, channel))).unwrap();
-            assert!(accumulator.total.len() <= MAX_SETS && accumulator.groups.len() <= MAX_GROUPS);
+            assert!(accumulator.sets.len() <= MAX_SETS && accumulator.groups.len() <= MAX_GROUPS);
         }
         let (spectrum, warnings) = accumulator.finish().unwrap();
         let whole: Vec<usize> = (0..400).filter(|&n| (0..12).all(|channel| is_sound(n, channel))).collect();
@@ -470,5 +479,19 @@ mod tests {
         assert!((kurtosis[0] - 1.5).abs() < 1e-5);
         // Standard deviation of <|X|^4>/<|X|^2>^2 over 4000 draws is sqrt(4/4000) = 0.03, times 1.5.
         assert!((kurtosis[1] - 3.0).abs() < 0.2, "{kurtosis:?}");
+    }
+
+    #[test]
+    fn a_set_that_gave_way_to_another_and_returns_begins_from_nothing() {
+        let mut accumulator = CrossSpectrumAccumulator::expecting(grid(1), 6, 480).unwrap();
+        // Each window lacks another channel than the last. All lines are 1, so that products and fourth powers count windows.
+        for number in 0..480 {
+            let channels = (0..6).map(|channel| (channel != number % 6).then(|| vec![Complex32::ONE])).collect();
+            accumulator.add(WindowLines { grid_index: number, channels }).unwrap();
+            for Set { open, total, .. } in accumulator.sets.values() {
+                let windows = (open.windows + total.sums.windows) as f64;
+                assert_eq!([total.fourths[0], total.sums.re[0] + open.re[0]], [windows; 2]);
+            }
+        }
     }
 }

@@ -266,4 +266,65 @@ mod tests {
         let [flat, _] = gusts.envelope(50, 0);
         assert!(flat > 1.4, "{flat}");
     }
+
+    /// The spectrum of some of three channels about the tones' line.
+    fn spectrum_of(channels: &[usize], rows: &[[f64; 3]]) -> CrossSpectrum {
+        let grid = LineGrid { first_line: 54, lines: 13, ..GRID };
+        let mut welch = Welch::new(grid, 1, channels.len()).unwrap();
+        let mut accumulator = CrossSpectrumAccumulator::new(grid, channels.len()).unwrap();
+        for row in rows {
+            let values: Vec<f64> = channels.iter().map(|&channel| row[channel]).collect();
+            welch.push(&values, &mut |window| accumulator.add(window).unwrap());
+        }
+        accumulator.finish().unwrap().0
+    }
+
+    /// Compares each channel with a spectrum of its own.
+    fn compare_with_channels_alone(spectrum: &CrossSpectrum, rows: &[[f64; 3]]) {
+        for (place, &channel) in spectrum.channels().iter().enumerate() {
+            let alone = spectrum_of(&[channel], rows);
+            assert_eq!(spectrum.averages(), alone.averages());
+            for line in 0..spectrum.grid().lines {
+                let mut pairs = vec![
+                    [spectrum.envelope(line, place), alone.envelope(line, 0)],
+                    [[spectrum.kurtosis(line)[place], 0.0], [alone.kurtosis(line)[0], 0.0]],
+                    [[spectrum.density(line, place), 0.0], [alone.density(line, 0), 0.0]],
+                ];
+                pairs.extend(
+                    (0..3).map(|width| [spectrum.variation(line, place, width), alone.variation(line, 0, width)]),
+                );
+                for [[a, b], [c, d]] in pairs {
+                    assert!((a - c).abs() < 1e-9 * (1.0 + c.abs()), "line {line}, channel {channel}: {a} {c}");
+                    assert!((b - d).abs() < 1e-9 * (1.0 + d.abs()), "line {line}, channel {channel}: {b} {d}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_channel_among_others_has_the_variation_and_envelope_that_it_has_alone() {
+        let mut random = ChaCha8Rng::seed_from_u64(8);
+        // A steady tone at the middle line, one that wanders, and one two lines higher that goes on and off.
+        let mut rows: Vec<[f64; 3]> = (0..20_000)
+            .map(|row| {
+                let time = row as f64;
+                let steady = 5.0 * (TAU * LINE_HZ * time).sin();
+                let wandering = 2.0 * (TAU * LINE_HZ * time + 7.0 * (time / 700.0).sin()).sin();
+                let on_and_off = if row % 1500 < 500 { (TAU * (LINE_HZ + 2.0 / 256.0) * time).sin() } else { 0.0 };
+                [steady, wandering, 3.0 * on_and_off].map(|tone| tone + random.random_range(-1.0..1.0))
+            })
+            .collect();
+        let whole = spectrum_of(&[0, 1, 2], &rows);
+        assert_eq!(whole.channels(), [0, 1, 2]);
+        assert!((whole.envelope(6, 0)[1] - whole.envelope(6, 2)[1]).abs() > 0.2);
+        compare_with_channels_alone(&whole, &rows);
+        let some = whole.restricted(&[2, 0]);
+        assert_eq!(some.channels(), [0, 2]);
+        compare_with_channels_alone(&some, &rows);
+        // A channel that comes late is left out: of some windows there are sums with it, of others without.
+        rows[..12_000].iter_mut().for_each(|row| row[1] = f64::NAN);
+        let late = spectrum_of(&[0, 1, 2], &rows);
+        assert_eq!(late.channels(), [0, 2]);
+        compare_with_channels_alone(&late, &rows);
+    }
 }

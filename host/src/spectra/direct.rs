@@ -8,7 +8,9 @@ use belfry_shared::decimation::{MAX_STAGES, Stages, fill_taps, tap_count};
 use num_complex::{Complex32, Complex64};
 
 use super::grid::{LineGrid, WindowLines, hann};
-use crate::processor::{Arithmetic, OnChannels, by_channels, loaded, on_this_processor, store, weighted_sum};
+use crate::processor::{
+    Arithmetic, OnChannels, by_channels, loaded, on_this_processor, store, weighted_sum, whole_rows,
+};
 
 /// Rows that a stage takes in before it moves the last ones to the front again, at least.
 const STAGE_ROWS: usize = 256;
@@ -179,12 +181,13 @@ impl Welch {
     /// Takes rows (row-major, a value a channel, NaN where one is missing) and hands out the windows that are complete with
     /// them.
     pub fn push(&mut self, rows: &[f64], on_window: &mut dyn FnMut(WindowLines)) {
-        let channels = self.row.len().max(1);
+        let channels = self.row.len();
+        let rows = whole_rows(rows, channels);
         on_this_processor(
             #[inline(always)]
             |arithmetic| {
                 let mut at = 0;
-                while at + channels <= rows.len() {
+                while at < rows.len() {
                     self.push_row(&rows[at..at + channels], arithmetic, on_window);
                     at += channels;
                 }
@@ -349,5 +352,61 @@ mod tests {
             assert_eq!(*sound, [true, expected(g as u64), false], "window {g}");
         }
         assert!(sound.len() > 5 && sound.iter().any(|s| !s[1]) && sound.iter().filter(|s| s[1]).count() > 3);
+    }
+
+    /// A sample of one of 21 channels: some miss samples, some stand still for a while.
+    fn sample(row: usize, channel: usize) -> f64 {
+        match (row + 613 * channel) % 9000 {
+            0..2 if channel.is_multiple_of(3) => f64::NAN,
+            2000..7000 if channel % 4 == 1 => 0.5,
+            _ => ((0.03 + 0.005 * channel as f64) * row as f64).sin(),
+        }
+    }
+
+    #[test]
+    fn many_channels_are_as_sound_as_each_alone() {
+        let mut together = Soundness::new(21);
+        let mut alone: Vec<Soundness> = (0..21).map(|_| Soundness::new(1)).collect();
+        for row in 0..10_000 {
+            let values: Vec<f64> = (0..21).map(|channel| sample(row, channel)).collect();
+            together.take(&values, row as u64, || row as u64 + 5);
+            for (channel, alone) in alone.iter_mut().enumerate() {
+                alone.take(&values[channel..=channel], row as u64, || row as u64 + 5);
+                assert_eq!(alone.last, [together.last[channel]], "row {row}, channel {channel}");
+                assert_eq!(alone.unchanged_since, [together.unchanged_since[channel]], "row {row}, channel {channel}");
+                assert_eq!(alone.spoilt_until, [together.spoilt_until[channel]], "row {row}, channel {channel}");
+            }
+        }
+        assert!(together.spoilt_until.iter().any(|&until| until > 0));
+    }
+
+    #[test]
+    fn many_channels_have_the_windows_that_each_has_alone() {
+        let together = windows(&mut Welch::new(grid(), 10, 21).unwrap(), 20_000, sample);
+        let mut silent = [0; 2];
+        for channel in 0..21 {
+            let mut welch = Welch::new(grid(), 10, 1).unwrap();
+            let alone = windows(&mut welch, 20_000, |row, _| sample(row, channel));
+            assert_eq!(together.len(), alone.len());
+            for (together, alone) in together.iter().zip(&alone) {
+                let (together, alone) = (&together.channels[channel], &alone.channels[0]);
+                silent[usize::from(together.is_none())] += 1;
+                assert_eq!(together.is_some(), alone.is_some(), "channel {channel}");
+                // In single precision, of additions in another order.
+                let mut pairs = together.iter().flatten().zip(alone.iter().flatten());
+                assert!(pairs.all(|(a, b)| (a - b).norm() < 1e-5), "channel {channel}");
+            }
+        }
+        assert!(silent.iter().all(|&count| count > 20), "{silent:?}");
+    }
+
+    #[test]
+    fn a_part_of_a_row_is_no_row_and_without_channels_there_is_none() {
+        let mut welch = Welch::new(grid(), 1, 3).unwrap();
+        welch.push(&[1.0; 8], &mut |_| {});
+        assert_eq!(welch.rows, 2);
+        let mut empty = Welch::new(grid(), 1, 0).unwrap();
+        empty.push(&[1.0; 8], &mut |_| {});
+        assert_eq!(empty.rows, 0);
     }
 }

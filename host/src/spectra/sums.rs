@@ -37,8 +37,6 @@ pub(super) struct Total {
     /// The first three moments of the power at some moments of a window, of the band of [`ENVELOPE_HALF`] lines to either side of
     /// each line, channel by channel, line by line; sums.
     pub(super) envelope: [Vec<f64>; 3],
-    /// Windows of the set, and the rank of the set that it replaced.
-    pub(super) rank: usize,
 }
 
 /// Lines or columns that are worked out at once.
@@ -102,13 +100,12 @@ pub(super) fn add_outer_products(
 }
 
 impl Total {
-    pub(super) fn zero(lines: usize, count: usize, rank: usize) -> Self {
+    pub(super) fn zero(lines: usize, count: usize) -> Self {
         Self {
             sums: Sums::zero(lines * triangle(count)),
             fourths: vec![0.0; lines * count],
             bands: std::array::from_fn(|_| vec![0.0; lines * count]),
             envelope: std::array::from_fn(|_| vec![0.0; lines * count]),
-            rank,
         }
     }
 
@@ -191,7 +188,6 @@ impl Total {
             fourths: subset.restricted_channels(self.fourths, lines),
             bands: self.bands.map(|band| subset.restricted_rows(band, lines)),
             envelope: self.envelope.map(|moments| subset.restricted_rows(moments, lines)),
-            rank: self.rank,
         }
     }
 }
@@ -367,4 +363,105 @@ pub(super) const fn triangle(count: usize) -> usize {
 /// Place of element (`row`, `column`), `row <= column`, in a packed upper triangle.
 pub(super) const fn packed(count: usize, row: usize, column: usize) -> usize {
     row * count - row * (row + 1) / 2 + column
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use num_complex::Complex64;
+
+    use super::*;
+    use crate::processor::on_this_processor;
+    use crate::spectra::grid::around;
+
+    const WINDOWS: usize = 7;
+    const LINES: usize = 13;
+
+    /// A number for a window, channel and line that is not rounded; of another size in each channel.
+    fn value(window: usize, channel: usize, line: usize) -> Complex32 {
+        let seed = window * 7919 + channel * 104_729 + line * 1_299_709;
+        let part = |most: usize| (seed * seed % most) as f32 / 128.0 - 0.75;
+        Complex32::new(part(199), part(211)) * (1 + channel) as f32
+    }
+
+    /// The sums of some channels.
+    fn summed(channels: &[usize]) -> Total {
+        let of = |window: usize| {
+            let lines = |&channel: &usize| (0..LINES).map(|line| value(window, channel, line)).collect();
+            (0, channels.iter().map(lines).collect())
+        };
+        let windows: Vec<(u128, Vec<Vec<Complex32>>)> = (0..WINDOWS).map(of).collect();
+        let mut total = Total::zero(LINES, channels.len());
+        on_this_processor(
+            #[inline(always)]
+            |arithmetic| {
+                let count = channels.len();
+                add_outer_products(arithmetic, &windows, count, LINES, &mut total.sums, &mut total.fourths);
+                total.add_bands(&windows, count, LINES);
+                total.add_envelopes(arithmetic, &windows, count, LINES);
+            },
+        );
+        total
+    }
+
+    #[test]
+    fn sums_of_several_channels_are_those_of_their_definitions() {
+        for count in [1, 3, 11] {
+            let total = summed(&(0..count).collect::<Vec<_>>());
+            for (channel, line) in (0..count).flat_map(|channel| (0..LINES).map(move |line| (channel, line))) {
+                let value = |window: usize, channel: usize, line: usize| {
+                    let value = value(window, channel, line);
+                    Complex64::new(f64::from(value.re), f64::from(value.im))
+                };
+                let check = |found: f64, plain: f64| {
+                    assert!(
+                        (found - plain).abs() < 1e-9 * plain.abs().max(1.0),
+                        "channel {channel}, line {line}: {found} {plain}"
+                    );
+                };
+                for other in channel..count {
+                    let product = |window| value(window, channel, line) * value(window, other, line).conj();
+                    let plain: Complex64 = (0..WINDOWS).map(product).sum();
+                    let place = line * triangle(count) + packed(count, channel, other);
+                    check(total.sums.re[place], plain.re);
+                    check(total.sums.im[place], plain.im);
+                }
+                let fourths = (0..WINDOWS).map(|window| value(window, channel, line).norm_sqr().powi(2)).sum();
+                check(total.fourths[line * count + channel], fourths);
+                let place = channel * LINES + line;
+                for (half, bands) in BAND_HALVES.into_iter().zip(&total.bands) {
+                    let power =
+                        |window| around(line, half, LINES).map(|line| value(window, channel, line).norm_sqr()).sum();
+                    check(bands[place], (0..WINDOWS).map(power).map(|power: f64| power * power).sum());
+                }
+                // The window's lines back in time, over Hann's weight there.
+                let power = |window: usize, moment: f64| {
+                    let part = |at: usize| {
+                        let angle = TAU * moment * (at as f64 - line as f64);
+                        value(window, channel, at) * Complex64::from_polar(1.0, angle)
+                    };
+                    let sum: Complex64 = around(line, ENVELOPE_HALF, LINES).map(part).sum();
+                    sum.norm_sqr() / (PI * moment).sin().powi(4)
+                };
+                for (order, sums) in (1..).zip(&total.envelope) {
+                    let of =
+                        |window: usize| MOMENTS.map(|moment| power(window, moment).powi(order)).iter().sum::<f64>();
+                    check(sums[place], (0..WINDOWS).map(of).sum());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn some_channels_of_a_set_have_the_sums_that_they_have_alone() {
+        // Of the channels 1, 2 and 4, the first and the last.
+        let subset = ChannelSubset::new(0b10110, 0b10010);
+        assert_eq!((subset.count, &subset.wanted[..]), (3, &[0, 2][..]));
+        let (some, alone) = (summed(&[1, 2, 4]).restricted(&subset, LINES), summed(&[1, 4]));
+        assert_eq!((some.sums.re, some.sums.im), (alone.sums.re, alone.sums.im));
+        assert_eq!((some.fourths, some.bands, some.envelope), (alone.fourths, alone.bands, alone.envelope));
+        let all = summed(&[1, 4]).restricted(&ChannelSubset::new(0b10010, 0b10010), LINES);
+        assert_eq!(all.bands, summed(&[1, 4]).bands);
+    }
 }
