@@ -11,8 +11,10 @@ use crate::processor::{OnChannels, by_channels, loaded, on_this_processor, store
 const FAR: f64 = 12.0;
 /// Of that distance, how much the neighbours may differ.
 const AGREE: f64 = 0.25;
-/// Samples over which the usual distance is averaged; a single one counts as no more than this many times the mean square.
-const MEMORY: f64 = 2048.0;
+/// Samples over which the usual distance is averaged; a single one counts as no more than this many times the mean square. Once it is
+/// learnt, every so many rows count, which is as good and costs less.
+const MEMORY: f64 = 512.0;
+const LEARN_EVERY: u64 = 4;
 const MOST: f64 = 25.0;
 /// Moving samples of a channel that are only learnt from, and rows after which a channel's weight is brought up to date.
 const LEARNT: f64 = 128.0;
@@ -91,7 +93,7 @@ impl SpikeFilter {
         }
         if self.is_any_far(at) {
             self.replace_spikes(at);
-        } else {
+        } else if self.rows < MEMORY as u64 || self.rows.is_multiple_of(LEARN_EVERY) {
             self.learn(at);
         }
     }
