@@ -93,7 +93,8 @@ impl SpikeFilter {
         }
         if self.is_any_far(at) {
             self.replace_spikes(at);
-        } else if self.rows < MEMORY as u64 || self.rows.is_multiple_of(LEARN_EVERY) {
+        }
+        if self.rows < MEMORY as u64 || self.rows.is_multiple_of(LEARN_EVERY) {
             self.learn(at);
         }
     }
@@ -123,11 +124,10 @@ impl SpikeFilter {
         by_channels(self.channels, &mut learn);
     }
 
-    /// The same for a row with a sample that is far, and perhaps a spike.
+    /// Replaces the spikes of a row with a sample that is far.
     #[cold]
     fn replace_spikes(&mut self, at: usize) {
         let spikes: Vec<Option<f64>> = (0..self.channels).map(|channel| self.spike(at, channel)).collect();
-        self.learn(at);
         for ((spike, here), found) in spikes.iter().zip(&mut self.held[at..]).zip(&mut self.found) {
             let Some(mean) = spike else { continue };
             if found.count == 0 {
@@ -355,5 +355,15 @@ mod tests {
         let (out, found) = filtered(&rows, 1000);
         assert_eq!(found, [Spikes::default(), Spikes { count: 1, first_row: 20_003 }]);
         assert_eq!(out.len(), rows.len());
+    }
+
+    #[test]
+    fn many_spikes_are_not_usual() {
+        let mut rows = motion(20_000);
+        for row in rows.iter_mut().skip(1000).step_by(100) {
+            row[1] += 3.0;
+        }
+        let (_, found) = filtered(&rows, 1000);
+        assert_eq!(found, [Spikes::default(), Spikes { count: 190, first_row: 1000 }]);
     }
 }
