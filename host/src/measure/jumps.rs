@@ -34,6 +34,14 @@ const KEPT: usize = 2 * WINDOW + 2 * (LONGEST + 2) * HOP;
 /// by chance once in 100 000.
 const LEAST_PLACES: f64 = 5.0;
 const CHANCE_A_WINDOW: f64 = 5e-5;
+/// Places that are kept to tell whether they come at one distance: so many, which this share of the distances from one to the next are
+/// whole multiples of, within rows of this number, which are at most this share of it.
+const PLACES_KEPT: usize = 4096;
+const AT_ONE_DISTANCE: f64 = 0.8;
+const NEAR: f64 = 2.0 * HOP as f64;
+const NEAR_SHARE: f64 = 0.04;
+/// Found places may all be several times the distance apart.
+const MOST_BETWEEN: usize = 3;
 /// Fewer channels cannot tell what happens to all of them.
 const LEAST_CHANNELS: f64 = 3.0;
 
@@ -44,6 +52,8 @@ pub(super) struct Jumps {
     pub(super) places: u64,
     /// The first: about the recording's row, from 0, before which it lies.
     pub(super) first_row: u64,
+    /// The number of rows from one to the next, or to one of the next, where that is always the same.
+    pub(super) every: Option<u64>,
 }
 
 /// Looks for jumps of all channels.
@@ -62,6 +72,8 @@ pub(super) struct JumpFinder {
     /// Events whose rows have not all come yet.
     ended: VecDeque<[u64; 2]>,
     found: Jumps,
+    /// The rows of the places.
+    places: Vec<u64>,
 }
 
 impl JumpFinder {
@@ -86,6 +98,7 @@ impl JumpFinder {
             event: None,
             ended: VecDeque::new(),
             found: Jumps::default(),
+            places: Vec::new(),
         }
     }
 
@@ -106,7 +119,10 @@ impl JumpFinder {
     /// What was found.
     pub(super) fn finish(self) -> Jumps {
         let least = LEAST_PLACES + CHANCE_A_WINDOW * self.windows as f64;
-        if self.found.places as f64 >= least { self.found } else { Jumps::default() }
+        if (self.found.places as f64) < least {
+            return Jumps::default();
+        }
+        Jumps { every: every(&self.places), ..self.found }
     }
 
     #[inline(always)]
@@ -195,8 +211,31 @@ impl JumpFinder {
                 self.found.first_row = row;
             }
             self.found.places += 1;
+            if self.places.len() < PLACES_KEPT {
+                self.places.push(row);
+            }
         }
     }
+}
+
+/// The distance that places come at, of which some are not found, and some may be others.
+fn every(places: &[u64]) -> Option<u64> {
+    let gaps: Vec<f64> = places.windows(2).map(|pair| pair[1].saturating_sub(pair[0]) as f64).collect();
+    let whole = |distance: f64| {
+        let fits = move |gap: &&f64| {
+            let times = (*gap / distance).round();
+            times >= 1.0 && (*gap - times * distance).abs() <= NEAR
+        };
+        gaps.iter().filter(fits)
+    };
+    // Many places make every candidate dear; the first of them will do.
+    let candidates = gaps.iter().take(64).flat_map(|gap| (1..=MOST_BETWEEN).map(move |parts| gap / parts as f64));
+    let is_one = |distance: &f64| {
+        NEAR <= NEAR_SHARE * distance && whole(*distance).count() as f64 >= AT_ONE_DISTANCE * gaps.len() as f64
+    };
+    let distance = candidates.filter(is_one).max_by(f64::total_cmp)?;
+    let times: f64 = whole(distance).map(|gap| (gap / distance).round()).sum();
+    Some((whole(distance).sum::<f64>() / times).round() as u64)
 }
 
 #[cfg(test)]
@@ -279,7 +318,7 @@ mod tests {
         let gone = [5003, 7777, 9000, 9001, 12_345, 15_000, 17_171];
         let jumps = found((0..20_000).filter(|row| !gone.contains(row)).map(|row| motion.row(f64::from(row))));
         assert!((5..=6).contains(&jumps.places), "{jumps:?}");
-        assert!(jumps.first_row.abs_diff(5003) <= HOP as u64, "{jumps:?}");
+        assert!(jumps.first_row.abs_diff(5003) <= HOP as u64 && jumps.every.is_none(), "{jumps:?}");
     }
 
     #[test]
@@ -288,6 +327,7 @@ mod tests {
         let jumps = found((0..20_000).map(|row| motion.row(f64::from(row) + 1234.5 * f64::from(row / 2048))));
         assert!(jumps.places >= 8, "{jumps:?}");
         assert!(jumps.first_row.abs_diff(2048) <= HOP as u64, "{jumps:?}");
+        assert!(jumps.every.is_some_and(|every| every.abs_diff(2048) <= 2), "{jumps:?}");
         let once = found((0..20_000).map(|row| motion.row(f64::from(row) + 1234.5 * f64::from(row / 12_048))));
         assert_eq!(once, Jumps::default());
     }
@@ -315,5 +355,14 @@ mod tests {
         assert!(found(rows).places >= 5);
         assert_eq!(found(std::iter::empty()), Jumps::default());
         assert_eq!(found(std::iter::repeat_n(vec![0.0; CHANNELS], 5000)), Jumps::default());
+    }
+
+    #[test]
+    fn places_at_one_distance_are_told_from_others() {
+        // Some are not found, and one is another.
+        let places = [9003, 27_000, 36_001, 62_996, 71_431, 71_999, 81_002, 90_000, 98_998, 117_001, 126_000, 134_999];
+        assert!(every(&places).is_some_and(|every| every.abs_diff(9000) <= 2));
+        assert_eq!(every(&[5003, 7777, 9000, 12_345, 15_000, 17_171]), None);
+        assert_eq!(every(&[]), None);
     }
 }

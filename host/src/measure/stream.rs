@@ -5,6 +5,7 @@ use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
 use super::fill::{Filled, Filler};
+use super::flat::{Flat, FlatFinder};
 use super::jumps::{JumpFinder, Jumps};
 use super::limits::{CutOff, Limits};
 use super::spikes::{SpikeFilter, Spikes};
@@ -48,6 +49,10 @@ pub(super) struct Faults {
     pub(super) spikes: Vec<Spikes>,
     /// Missing samples that were filled, channel by channel.
     pub(super) filled: Vec<Filled>,
+    /// Pieces of one value, which were taken as missing, channel by channel.
+    pub(super) flat: Vec<Flat>,
+    /// Rows of the recording.
+    pub(super) rows: u64,
     /// Ends of ranges that were reached, channel by channel.
     pub(super) cut_off: Vec<CutOff>,
     /// Places where all channels jump.
@@ -77,7 +82,7 @@ pub(super) fn stream(
     thread::scope(|scope| {
         let (rows_sender, sound_rows) = sync_channel(BLOCKS_AHEAD);
         let (used_sender, used) = channel();
-        let reader = scope.spawn(move || read_ahead(recording, setup.sensors.len(), &rows_sender, &used));
+        let reader = scope.spawn(move || read_ahead(recording, Checks::new(setup), &rows_sender, &used));
         let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
         let taker = scope.spawn(move || take_in(&windows, setup.sensors.len(), sink));
         let orders = setup.derivatives();
@@ -156,11 +161,10 @@ fn joined<T>(handle: ScopedJoinHandle<'_, T>) -> T {
 /// Reads to the recording's end, or until nobody takes the rows, which it mends; what it found, and how long it took.
 fn read_ahead(
     mut recording: Recording,
-    channels: usize,
+    mut checks: Checks,
     rows: &SyncSender<Vec<f64>>,
     used: &Receiver<Vec<f64>>,
 ) -> (Result<RecordReport, RecordError>, Faults, Duration) {
-    let mut checks = Checks::new(channels);
     let mut block = Block::new();
     let mut busy = Duration::ZERO;
     let read = loop {
@@ -191,12 +195,13 @@ struct Checks {
 }
 
 impl Checks {
-    fn new(channels: usize) -> Self {
+    fn new(setup: &Setup) -> Self {
+        let channels = setup.sensors.len();
         Self {
             spikes: SpikeFilter::new(channels),
             limits: Limits::new(channels),
             jumps: JumpFinder::new(channels),
-            filler: Filler::new(channels),
+            filler: Filler::new(FlatFinder::new(channels, setup.sampling_rate_hz)),
         }
     }
 
@@ -215,9 +220,11 @@ impl Checks {
         self.jumps.push(&last);
         let mut rows = Vec::new();
         self.filler.push(&last, &mut rows);
-        let (last, filled) = self.filler.finish();
+        let count = self.limits.rows();
+        let (last, filled, flat) = self.filler.finish();
         rows.extend(last);
-        (rows, Faults { spikes, filled, cut_off: self.limits.finish(), jumps: self.jumps.finish() })
+        let (cut_off, jumps) = (self.limits.finish(), self.jumps.finish());
+        (rows, Faults { spikes, filled, flat, rows: count, cut_off, jumps })
     }
 }
 
