@@ -136,7 +136,7 @@ fn jump_sentence(setup: &Setup, jumps: &Jumps) -> Option<String> {
 
 /// Whether a number is a whole one, as well as places of jumps are known.
 fn is_whole(value: f64) -> bool {
-    value.round() >= 1.0 && (value / value.round() - 1.0).abs() < 1e-3
+    value.round() >= 1.0 && (value / value.round() - 1.0).abs() < 2e-3
 }
 
 /// Which channels had spikes, how many, and the first.

@@ -34,12 +34,15 @@ const KEPT: usize = 2 * WINDOW + 2 * (LONGEST + 2) * HOP;
 /// by chance once in 100 000.
 const LEAST_PLACES: f64 = 5.0;
 const CHANCE_A_WINDOW: f64 = 5e-5;
-/// Places that are kept to tell whether they come at one distance: so many, which this share of the distances from one to the next are
-/// whole multiples of, within rows of this number, which are at most this share of it.
+/// Places that are kept to tell whether they come at one distance: so many; of the distances from one to the next so many at least, and
+/// this share, are whole multiples of it, within rows of this number, which are at most the last share of it.
 const PLACES_KEPT: usize = 4096;
-const AT_ONE_DISTANCE: f64 = 0.8;
+const LEAST_AT_ONE: f64 = 4.0;
+const AT_ONE_DISTANCE: f64 = 0.6;
 const NEAR: f64 = 2.0 * HOP as f64;
-const NEAR_SHARE: f64 = 0.04;
+const NEAR_SHARE: f64 = 0.02;
+/// Many places make every candidate dear; the first of them will do.
+const CANDIDATES: usize = 64;
 /// Found places may all be several times the distance apart.
 const MOST_BETWEEN: usize = 3;
 /// Fewer channels cannot tell what happens to all of them.
@@ -228,14 +231,23 @@ fn every(places: &[u64]) -> Option<u64> {
         };
         gaps.iter().filter(fits)
     };
-    // Many places make every candidate dear; the first of them will do.
-    let candidates = gaps.iter().take(64).flat_map(|gap| (1..=MOST_BETWEEN).map(move |parts| gap / parts as f64));
-    let is_one = |distance: &f64| {
-        NEAR <= NEAR_SHARE * distance && whole(*distance).count() as f64 >= AT_ONE_DISTANCE * gaps.len() as f64
-    };
+    let candidates =
+        gaps.iter().take(CANDIDATES).flat_map(|gap| (1..=MOST_BETWEEN).map(move |parts| gap / parts as f64));
+    let least = LEAST_AT_ONE.max(AT_ONE_DISTANCE * gaps.len() as f64);
+    let is_one = |distance: &f64| NEAR <= NEAR_SHARE * distance && whole(*distance).count() as f64 >= least;
     let distance = candidates.filter(is_one).max_by(f64::total_cmp)?;
-    let times: f64 = whole(distance).map(|gap| (gap / distance).round()).sum();
-    Some((whole(distance).sum::<f64>() / times).round() as u64)
+    // Places far apart tell it best.
+    let first = &places[..places.len().min(CANDIDATES)];
+    let pairs = first
+        .iter()
+        .enumerate()
+        .flat_map(|(at, one)| first[at + 1..].iter().map(move |other| other.saturating_sub(*one)));
+    let times = |apart: f64| (apart / distance).round();
+    let apart: Vec<f64> = pairs.map(|rows| rows as f64).filter(|apart| times(*apart) >= 1.0).collect();
+    let most = apart.iter().copied().map(times).fold(0.0, f64::max);
+    let mut of_each: Vec<f64> =
+        apart.into_iter().filter(|apart| 2.0 * times(*apart) >= most).map(|apart| apart / times(apart)).collect();
+    median(&mut of_each).map(|distance| distance.round() as u64)
 }
 
 #[cfg(test)]
