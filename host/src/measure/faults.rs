@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::epoch_s;
 use super::fill::Filled;
+use super::flat::Flat;
 use super::jumps::Jumps;
 use super::limits::{CutOff, MOST_CUT_OFF};
 use super::spikes::Spikes;
@@ -47,6 +48,7 @@ fn channels_by<K: Ord>(setup: &Setup, what: impl Iterator<Item = Option<K>>) -> 
 pub(super) fn fault_sentences(setup: &Setup, faults: &Faults, left_out: &[usize]) -> Vec<String> {
     let mut sentences = spike_sentences(setup, &faults.spikes);
     sentences.extend(filled_sentences(setup, &faults.filled));
+    sentences.extend(flat_sentences(setup, &faults.flat, faults.rows));
     let cut_off = setup.sensors.iter().zip(&faults.cut_off).enumerate().filter(|(_, (_, cut))| cut.samples > 0);
     sentences.extend(
         cut_off.map(|(channel, (sensor, cut))| cut_off_sentence(setup, sensor, cut, left_out.contains(&channel))),
@@ -91,15 +93,50 @@ fn filled_sentences(setup: &Setup, filled: &[Filled]) -> Vec<String> {
     alike.into_iter().map(sentence).collect()
 }
 
-/// Where all channels jump.
+/// Which channels hold one value at times: a line for all that do so in the same pieces.
+fn flat_sentences(setup: &Setup, flat: &[Flat], rows: u64) -> Vec<String> {
+    let alike = channels_by(setup, flat.iter().map(|one| (one.pieces > 0).then_some(*one)));
+    let sentence = |(flat, channels): (Flat, Vec<String>)| {
+        let at = time_of_day(flat.first_row as f64 / setup.sampling_rate_hz);
+        let (noun, verb) = if channels.len() == 1 { ("channel", "holds") } else { ("channels", "hold") };
+        let (pieces, which) = match flat.pieces {
+            1 => ("1 piece".to_owned(), "which begins"),
+            pieces => (format!("{pieces} pieces"), "the first"),
+        };
+        format!(
+            "{noun} {} {verb} one value in {pieces}, {:.1} % of the time, {which} {at} into the record: these samples are taken as missing; check the sensor, its cable and the recorder",
+            channels.join(", "),
+            100.0 * flat.samples as f64 / rows.max(1) as f64
+        )
+    };
+    alike.into_iter().map(sentence).collect()
+}
+
+/// Where all channels jump. Not where study.toml says so: at the joints of blocks.
 fn jump_sentence(setup: &Setup, jumps: &Jumps) -> Option<String> {
     let at = time_of_day(jumps.first_row as f64 / setup.sampling_rate_hz);
+    if let Some(every) = jumps.every {
+        let every_s = every as f64 / setup.sampling_rate_hz;
+        if setup.block_s.is_some_and(|block_s| is_whole(every_s / block_s)) {
+            return None;
+        }
+        let every_s = if is_whole(every_s) { every_s.round().to_string() } else { format!("{every_s:.2}") };
+        return Some(format!(
+            "all channels jump at once every {every_s} s, at {} places that were found, the first {at} into the record: blocks are joined that do not continue one another. If the recorder pauses between them, give block_s = {every_s} in [[setup]], and no segment reaches over a joint; if rows are lost there, put empty cells in their place",
+            jumps.places
+        ));
+    }
     (jumps.places > 0).then(|| {
         format!(
             "all channels jump at once at {} places, the first {at} into the record; more may be hidden. Rows may be missing, parts may be joined, or blows strike the structure. If 1 % of the rows are missing, frequencies come out 1 % too high and damping too large: put empty cells in their place, or give the file a column of times",
             jumps.places
         )
     })
+}
+
+/// Whether a number is a whole one, as well as places of jumps are known.
+fn is_whole(value: f64) -> bool {
+    value.round() >= 1.0 && (value / value.round() - 1.0).abs() < 2e-3
 }
 
 /// Which channels had spikes, how many, and the first.
@@ -128,6 +165,20 @@ pub(super) fn noisy_sentence(setup: &Setup, channel: usize) -> String {
         "channel \"{}\" is left out: it is loud, and has nothing in common with the other channels; check the sensor and its cable",
         name(setup, channel)
     )
+}
+
+/// Channels that have nothing in common with the others, and are not loud.
+pub(super) fn alone_sentence(setup: &Setup, channels: &[usize]) -> Option<String> {
+    let names: Vec<String> = channels.iter().map(|channel| format!("\"{}\"", name(setup, *channel))).collect();
+    let (noun, have, whose) = match names.len() {
+        0 => return None,
+        1 => ("channel", "has", "is its sensor connected? What it shows of the modes is"),
+        _ => ("channels", "have", "are their sensors connected? What they show of the modes is"),
+    };
+    Some(format!(
+        "{noun} {} {have} nothing in common with the others: {whose} noise, unless the structure does not move there",
+        names.join(", ")
+    ))
 }
 
 /// The name of a channel, by its index in the setup's order.

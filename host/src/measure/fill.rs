@@ -1,6 +1,9 @@
 //! Up to three samples that are missing are filled by a straight line between those beside them.
 //!
-//! Rows flow in, rows flow out a few later, and a tally. A segment of some minutes would otherwise be lost for one sample.
+//! Rows flow in, rows flow out some later, and a tally. A segment of some minutes would otherwise be lost for one sample. Pieces in
+//! which a channel holds one value become missing first, while the rows are held.
+
+use super::flat::{Flat, FlatFinder};
 
 use crate::processor::whole_rows;
 
@@ -27,12 +30,14 @@ pub(super) struct Filler {
     held: Vec<f64>,
     /// The recording's row that they begin with.
     first: u64,
+    flat: FlatFinder,
     filled: Vec<Filled>,
 }
 
 impl Filler {
-    pub(super) fn new(channels: usize) -> Self {
-        Self { channels, held: Vec::new(), first: 0, filled: vec![Filled::default(); channels] }
+    pub(super) fn new(flat: FlatFinder) -> Self {
+        let channels = flat.channels();
+        Self { channels, held: Vec::new(), first: 0, flat, filled: vec![Filled::default(); channels] }
     }
 
     /// Takes rows, row-major, NaN where a sample is missing; puts those that are complete with them into `out`, and nothing else.
@@ -40,6 +45,7 @@ impl Filler {
         out.clear();
         out.extend_from_slice(&self.held);
         out.extend_from_slice(whole_rows(rows, self.channels));
+        self.flat.mark(out, self.first);
         // Most recordings miss nothing: they are only passed on.
         if is_any_missing(out) {
             for at in self.held.len().max(self.channels)..out.len() {
@@ -48,7 +54,7 @@ impl Filler {
                 }
             }
         }
-        let complete = out.len().saturating_sub((MOST_IN_A_ROW + 1) * self.channels);
+        let complete = out.len().saturating_sub((MOST_IN_A_ROW + 1).max(self.flat.held()) * self.channels);
         self.held.clear();
         self.held.extend_from_slice(&out[complete..]);
         out.truncate(complete);
@@ -80,9 +86,10 @@ impl Filler {
         filled.count += gap as u64;
     }
 
-    /// The last rows, and what was filled, channel by channel.
-    pub(super) fn finish(self) -> (Vec<f64>, Vec<Filled>) {
-        (self.held, self.filled)
+    /// The last rows, and what was filled and what is flat, channel by channel.
+    pub(super) fn finish(self) -> (Vec<f64>, Vec<Filled>, Vec<Flat>) {
+        let rows = self.first + (self.held.len() / self.channels.max(1)) as u64;
+        (self.held, self.filled, self.flat.finish(rows))
     }
 }
 
@@ -106,13 +113,13 @@ mod tests {
         }
         (1500..1504).for_each(|row| samples[2 * row + 1] = f64::NAN);
         (1001..1500).for_each(|half| samples[2 * (2 * half) + 1] = f64::NAN);
-        let mut filler = Filler::new(2);
+        let mut filler = Filler::new(FlatFinder::new(2, 50.0));
         let (mut out, mut part_out) = (Vec::new(), Vec::new());
         for part in samples.chunks(2 * 700) {
             filler.push(part, &mut part_out);
             out.extend_from_slice(&part_out);
         }
-        let (last, filled) = filler.finish();
+        let (last, filled, _) = filler.finish();
         out.extend(last);
         assert_eq!(out.len(), samples.len());
         assert_eq!(out[2000], 0.5 * (value(999) + value(1001)));
@@ -120,7 +127,7 @@ mod tests {
         assert_eq!(filled[0], Filled { first_row: 1000, count: 4 });
         assert!((1500..1504).all(|row| out[2 * row + 1].is_nan()));
         assert!(filled[1].first_row == 2002 && (90..120).contains(&filled[1].count), "{filled:?}");
-        let mut short = Filler::new(2);
+        let mut short = Filler::new(FlatFinder::new(2, 50.0));
         short.push(&[1.0, 2.0], &mut part_out);
         assert!(part_out.is_empty());
         assert_eq!(short.finish().0, [1.0, 2.0]);

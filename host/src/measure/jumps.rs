@@ -34,6 +34,17 @@ const KEPT: usize = 2 * WINDOW + 2 * (LONGEST + 2) * HOP;
 /// by chance once in 100 000.
 const LEAST_PLACES: f64 = 5.0;
 const CHANCE_A_WINDOW: f64 = 5e-5;
+/// Places that are kept to tell whether they come at one distance: so many; of the distances from one to the next so many at least, and
+/// this share, are whole multiples of it, within rows of this number, which are at most the last share of it.
+const PLACES_KEPT: usize = 4096;
+const LEAST_AT_ONE: f64 = 4.0;
+const AT_ONE_DISTANCE: f64 = 0.6;
+const NEAR: f64 = 2.0 * HOP as f64;
+const NEAR_SHARE: f64 = 0.02;
+/// Many places make every candidate dear; the first of them will do.
+const CANDIDATES: usize = 64;
+/// Found places may all be several times the distance apart.
+const MOST_BETWEEN: usize = 3;
 /// Fewer channels cannot tell what happens to all of them.
 const LEAST_CHANNELS: f64 = 3.0;
 
@@ -44,6 +55,8 @@ pub(super) struct Jumps {
     pub(super) places: u64,
     /// The first: about the recording's row, from 0, before which it lies.
     pub(super) first_row: u64,
+    /// The number of rows from one to the next, or to one of the next, where that is always the same.
+    pub(super) every: Option<u64>,
 }
 
 /// Looks for jumps of all channels.
@@ -62,6 +75,8 @@ pub(super) struct JumpFinder {
     /// Events whose rows have not all come yet.
     ended: VecDeque<[u64; 2]>,
     found: Jumps,
+    /// The rows of the places.
+    places: Vec<u64>,
 }
 
 impl JumpFinder {
@@ -86,6 +101,7 @@ impl JumpFinder {
             event: None,
             ended: VecDeque::new(),
             found: Jumps::default(),
+            places: Vec::new(),
         }
     }
 
@@ -106,7 +122,10 @@ impl JumpFinder {
     /// What was found.
     pub(super) fn finish(self) -> Jumps {
         let least = LEAST_PLACES + CHANCE_A_WINDOW * self.windows as f64;
-        if self.found.places as f64 >= least { self.found } else { Jumps::default() }
+        if (self.found.places as f64) < least {
+            return Jumps::default();
+        }
+        Jumps { every: every(&self.places), ..self.found }
     }
 
     #[inline(always)]
@@ -195,8 +214,40 @@ impl JumpFinder {
                 self.found.first_row = row;
             }
             self.found.places += 1;
+            if self.places.len() < PLACES_KEPT {
+                self.places.push(row);
+            }
         }
     }
+}
+
+/// The distance that places come at, of which some are not found, and some may be others.
+fn every(places: &[u64]) -> Option<u64> {
+    let gaps: Vec<f64> = places.windows(2).map(|pair| pair[1].saturating_sub(pair[0]) as f64).collect();
+    let whole = |distance: f64| {
+        let fits = move |gap: &&f64| {
+            let times = (*gap / distance).round();
+            times >= 1.0 && (*gap - times * distance).abs() <= NEAR
+        };
+        gaps.iter().filter(fits)
+    };
+    let candidates =
+        gaps.iter().take(CANDIDATES).flat_map(|gap| (1..=MOST_BETWEEN).map(move |parts| gap / parts as f64));
+    let least = LEAST_AT_ONE.max(AT_ONE_DISTANCE * gaps.len() as f64);
+    let is_one = |distance: &f64| NEAR <= NEAR_SHARE * distance && whole(*distance).count() as f64 >= least;
+    let distance = candidates.filter(is_one).max_by(f64::total_cmp)?;
+    // Places far apart tell it best.
+    let first = &places[..places.len().min(CANDIDATES)];
+    let pairs = first
+        .iter()
+        .enumerate()
+        .flat_map(|(at, one)| first[at + 1..].iter().map(move |other| other.saturating_sub(*one)));
+    let times = |apart: f64| (apart / distance).round();
+    let apart: Vec<f64> = pairs.map(|rows| rows as f64).filter(|apart| times(*apart) >= 1.0).collect();
+    let most = apart.iter().copied().map(times).fold(0.0, f64::max);
+    let mut of_each: Vec<f64> =
+        apart.into_iter().filter(|apart| 2.0 * times(*apart) >= most).map(|apart| apart / times(apart)).collect();
+    median(&mut of_each).map(|distance| distance.round() as u64)
 }
 
 #[cfg(test)]
@@ -279,7 +330,7 @@ mod tests {
         let gone = [5003, 7777, 9000, 9001, 12_345, 15_000, 17_171];
         let jumps = found((0..20_000).filter(|row| !gone.contains(row)).map(|row| motion.row(f64::from(row))));
         assert!((5..=6).contains(&jumps.places), "{jumps:?}");
-        assert!(jumps.first_row.abs_diff(5003) <= HOP as u64, "{jumps:?}");
+        assert!(jumps.first_row.abs_diff(5003) <= HOP as u64 && jumps.every.is_none(), "{jumps:?}");
     }
 
     #[test]
@@ -288,6 +339,7 @@ mod tests {
         let jumps = found((0..20_000).map(|row| motion.row(f64::from(row) + 1234.5 * f64::from(row / 2048))));
         assert!(jumps.places >= 8, "{jumps:?}");
         assert!(jumps.first_row.abs_diff(2048) <= HOP as u64, "{jumps:?}");
+        assert!(jumps.every.is_some_and(|every| every.abs_diff(2048) <= 2), "{jumps:?}");
         let once = found((0..20_000).map(|row| motion.row(f64::from(row) + 1234.5 * f64::from(row / 12_048))));
         assert_eq!(once, Jumps::default());
     }
@@ -350,5 +402,14 @@ mod tests {
         };
         assert!(jumps(3).places > 5, "{:?}", jumps(3));
         assert_eq!(jumps(MANY), jumps(3));
+    }
+
+    #[test]
+    fn places_at_one_distance_are_told_from_others() {
+        // Some are not found, and one is another.
+        let places = [9003, 27_000, 36_001, 62_996, 71_431, 71_999, 81_002, 90_000, 98_998, 117_001, 126_000, 134_999];
+        assert!(every(&places).is_some_and(|every| every.abs_diff(9000) <= 2));
+        assert_eq!(every(&[5003, 7777, 9000, 12_345, 15_000, 17_171]), None);
+        assert_eq!(every(&[]), None);
     }
 }

@@ -110,6 +110,11 @@ impl Limits {
         }
     }
 
+    /// Rows that were taken.
+    pub(super) fn rows(&self) -> u64 {
+        self.rows
+    }
+
     /// Whether a channel is near an end; counts what is there.
     #[inline(always)]
     fn matters(&mut self, row: &[f64]) -> bool {

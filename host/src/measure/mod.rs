@@ -6,6 +6,7 @@
 
 mod faults;
 mod fill;
+mod flat;
 mod intervals;
 mod jumps;
 mod limits;
@@ -28,7 +29,7 @@ use crate::spectra::{
     rows_for,
 };
 use crate::study::{Analysis, Setup, Study};
-use faults::{fault_sentences, left_out_sentence, noisy_sentence, silenced_sentences};
+use faults::{alone_sentence, fault_sentences, left_out_sentence, noisy_sentence, silenced_sentences};
 use limits::{CutOff, MOST_CUT_OFF};
 use stream::{Streamed, Task};
 
@@ -459,8 +460,9 @@ fn measure_setup<'a>(
     warnings.extend(fault_sentences(setup, &faults, &cut_off).into_iter().map(several));
     warnings.extend(silenced_sentences(setup, &grid, &silenced).into_iter().map(several));
     warnings.extend(left_out.iter().map(|warning| several(left_out_sentence(setup, *warning))));
-    let (spectrum, noisy) = spectrum.without_noisy_channels();
-    warnings.extend(noisy.into_iter().map(|channel| several(noisy_sentence(setup, channel))));
+    let (spectrum, alone) = spectrum.without_noisy_channels();
+    warnings.extend(alone.loud.into_iter().map(|channel| several(noisy_sentence(setup, channel))));
+    warnings.extend(alone_sentence(setup, &alone.quiet).map(several));
     if let Some(fleet) = &fleet {
         let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();
         if lost > 0 {

@@ -1,8 +1,9 @@
 //! Spikes of single samples, as bad contacts and bit errors make them, are replaced by the mean of their neighbours.
 //!
-//! Rows flow in, rows flow out one later, and a tally. A sample is a spike where it alone is off: its distance from the mean of its
-//! neighbours is many times what is usual for the channel, and the neighbours agree with each other. Nothing that a structure does
-//! looks like that, for a recorder's own filter spreads it over several samples.
+//! Rows flow in, rows flow out some later, and a tally. A sample is a spike where it alone is off: its distance from the mean of its
+//! neighbours is many times what is usual for the channel, and what is usual just before and just after; and the neighbours agree
+//! with each other. Nothing that a structure does looks like that, for a recorder's own filter spreads it over several samples.
+//! Missing samples and those of a channel that stands still say nothing of what is usual.
 
 use crate::processor::{OnChannels, by_channels, loaded, on_this_processor, store, whole_rows};
 
@@ -10,11 +11,20 @@ use crate::processor::{OnChannels, by_channels, loaded, on_this_processor, store
 const FAR: f64 = 12.0;
 /// Of that distance, how much the neighbours may differ.
 const AGREE: f64 = 0.25;
-/// Samples over which the usual distance is averaged; a single one counts as no more than this many times the mean square.
-const MEMORY: f64 = 2048.0;
+/// Samples over which the usual distance is averaged; a single one counts as no more than this many times the mean square. Once it is
+/// learnt, every so many rows count, which is as good and costs less.
+const MEMORY: f64 = 512.0;
+const LEARN_EVERY: u64 = 4;
 const MOST: f64 = 25.0;
-/// Samples that are only learnt from.
-const LEARNT: u64 = 64;
+/// Moving samples of a channel that are only learnt from, and rows after which a channel's weight is brought up to date.
+const LEARNT: f64 = 128.0;
+const WEIGHED: u64 = 64;
+/// Rows on either side of a sample that is far: it must be this many times as far off as is usual on either side, so that a load that
+/// sets in is no spike.
+const BESIDE: usize = 12;
+const FAR_BESIDE: f64 = 8.0;
+/// Fewer known distances tell nothing of a side.
+const LEAST_BESIDE: usize = 5;
 
 /// What was replaced in one channel.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -28,12 +38,14 @@ pub(super) struct Spikes {
 /// Replaces spikes in the rows of a recording.
 pub(super) struct SpikeFilter {
     channels: usize,
-    /// The row before, then those that have not been handed out, and after a push those that it hands out.
+    /// Rows that have been handed out, then those that have been, or will be, judged, and those that have come since.
     held: Vec<f64>,
     /// Rows that have been judged.
     rows: u64,
-    /// Mean square of the distance from the mean of the neighbours.
+    /// Mean square of the distance from the mean of the neighbours, the samples that it was learnt from, and what the next counts.
     usual: Vec<f64>,
+    seen: Vec<f64>,
+    weight: Vec<f64>,
     /// The least step between two samples that was seen: distances of a few of them are how a converter counts.
     least_step: Vec<f64>,
     found: Vec<Spikes>,
@@ -43,9 +55,11 @@ impl SpikeFilter {
     pub(super) fn new(channels: usize) -> Self {
         Self {
             channels,
-            held: vec![f64::NAN; channels],
+            held: vec![f64::NAN; BESIDE * channels],
             rows: 0,
             usual: vec![0.0; channels],
+            seen: vec![0.0; channels],
+            weight: vec![1.0; channels],
             least_step: vec![f64::INFINITY; channels],
             found: vec![Spikes::default(); channels],
         }
@@ -53,31 +67,34 @@ impl SpikeFilter {
 
     /// Takes rows, row-major, NaN where a sample is missing; hands out those that are complete with them.
     pub(super) fn push(&mut self, rows: &[f64]) -> &[f64] {
-        let channels = self.channels;
-        self.held.drain(..self.held.len().saturating_sub(2 * channels));
+        let (channels, beside) = (self.channels, BESIDE * self.channels);
+        self.held.drain(..self.held.len().saturating_sub(2 * beside));
         self.held.extend_from_slice(whole_rows(rows, channels));
-        let end = self.held.len().saturating_sub(channels);
+        let end = self.held.len().saturating_sub(beside);
         on_this_processor(
             #[inline(always)]
             |_| {
-                let mut at = channels;
+                let mut at = beside;
                 while at < end {
                     self.judge(at);
                     at += channels;
                 }
             },
         );
-        self.held.get(channels..end).unwrap_or_default()
+        self.held.get(beside..end).unwrap_or_default()
     }
 
     /// Judges the row that begins at `at`, between its neighbours.
     #[inline(always)]
     fn judge(&mut self, at: usize) {
         self.rows += 1;
-        // What is learnt from is not yet judged.
-        if self.is_any_far(at) && self.rows > LEARNT {
+        if self.rows < WEIGHED || self.rows.is_multiple_of(WEIGHED) {
+            self.weigh();
+        }
+        if self.is_any_far(at) {
             self.replace_spikes(at);
-        } else {
+        }
+        if self.rows < MEMORY as u64 || self.rows.is_multiple_of(LEARN_EVERY) {
             self.learn(at);
         }
     }
@@ -91,20 +108,26 @@ impl SpikeFilter {
         look.far != 0
     }
 
+    /// What the next sample of each channel counts for what is usual.
+    #[inline(always)]
+    fn weigh(&mut self) {
+        for (weight, seen) in self.weight.iter_mut().zip(&self.seen) {
+            *weight = 1.0 / (seen + 1.0).min(MEMORY);
+        }
+    }
+
     /// Lets a row count for what is usual.
     #[inline(always)]
     fn learn(&mut self, at: usize) {
-        let weight = 1.0 / MEMORY.min(self.rows as f64);
-        let most = if self.rows > LEARNT { MOST } else { f64::INFINITY };
         let rows = Triple::at(&self.held, at, self.channels);
-        by_channels(self.channels, &mut Learn { rows, weight, most, usual: &mut self.usual });
+        let mut learn = Learn { rows, weight: &self.weight, usual: &mut self.usual, seen: &mut self.seen };
+        by_channels(self.channels, &mut learn);
     }
 
-    /// The same for a row with a sample that is far, and perhaps a spike.
+    /// Replaces the spikes of a row with a sample that is far.
     #[cold]
     fn replace_spikes(&mut self, at: usize) {
         let spikes: Vec<Option<f64>> = (0..self.channels).map(|channel| self.spike(at, channel)).collect();
-        self.learn(at);
         for ((spike, here), found) in spikes.iter().zip(&mut self.held[at..]).zip(&mut self.found) {
             let Some(mean) = spike else { continue };
             if found.count == 0 {
@@ -121,15 +144,33 @@ impl SpikeFilter {
         let (before, after) = (rows.before[channel], rows.next[channel]);
         let mean = 0.5 * (before + after);
         let distance = rows.here[channel] - mean;
-        let is_spike = is_far(distance, self.usual[channel], self.least_step[channel])
-            && (after - before).abs() < AGREE * distance.abs();
+        // What is still learnt from is not judged.
+        let is_spike = self.weight[channel] < 1.0 / LEARNT
+            && is_far(distance, self.usual[channel], self.least_step[channel])
+            && (after - before).abs() < AGREE * distance.abs()
+            && distance.abs() > FAR_BESIDE * self.usual_beside(at, channel);
         is_spike.then_some(mean)
     }
 
-    /// The last row, and what was replaced, channel by channel.
-    pub(super) fn finish(self) -> (Vec<f64>, Vec<Spikes>) {
-        let last = self.held.len().saturating_sub(self.channels).max(self.channels);
-        (self.held.get(last..).unwrap_or_default().to_vec(), self.found)
+    /// How far a channel's samples are usually from the mean of their neighbours just before a row, or just after: the larger.
+    fn usual_beside(&self, at: usize, channel: usize) -> f64 {
+        let row = at / self.channels;
+        let value = |row: usize| self.held.get(row * self.channels + channel).copied().unwrap_or(f64::NAN);
+        let distance = |row: usize| (value(row) - 0.5 * (value(row - 1) + value(row + 1))).abs();
+        let middle = |rows: std::ops::Range<usize>| {
+            let mut known: Vec<f64> = rows.map(distance).filter(|distance| distance.is_finite()).collect();
+            known.sort_by(f64::total_cmp);
+            // A spike is in three distances; one on either side changes nothing here.
+            if known.len() < LEAST_BESIDE { 0.0 } else { known[(known.len() - 1) / 2] }
+        };
+        middle(row + 1 - BESIDE..row - 1).max(middle(row + 2..row + BESIDE))
+    }
+
+    /// The last rows, and what was replaced, channel by channel.
+    pub(super) fn finish(mut self) -> (Vec<f64>, Vec<Spikes>) {
+        let behind_last = vec![f64::NAN; BESIDE * self.channels];
+        let last = self.push(&behind_last).to_vec();
+        (last, self.found)
     }
 }
 
@@ -186,25 +227,30 @@ impl OnChannels for Look<'_> {
 /// What [`SpikeFilter::learn`] does.
 struct Learn<'a> {
     rows: Triple<'a>,
-    weight: f64,
-    most: f64,
+    weight: &'a [f64],
     usual: &'a mut [f64],
+    seen: &'a mut [f64],
 }
 
 impl OnChannels for Learn<'_> {
     #[inline(always)]
     fn take<const WIDTH: usize>(&mut self, first: usize) {
         let (before, here, next) = self.rows.loaded::<WIDTH>(first);
+        let weight = loaded::<f64, WIDTH>(self.weight, first);
         let mut usual = loaded::<f64, WIDTH>(self.usual, first);
+        let mut seen = loaded::<f64, WIDTH>(self.seen, first);
         for lane in 0..WIDTH {
             let distance = here[lane] - 0.5 * (before[lane] + next[lane]);
             let square = distance * distance;
-            let most = self.most * usual[lane];
-            let counted = if square > most { most } else { square };
-            let change = self.weight * (counted - usual[lane]);
-            usual[lane] += if distance.is_finite() { change } else { 0.0 };
+            let most = MOST * usual[lane];
+            let counted = if (square > most) & (weight[lane] < 1.0 / LEARNT) { most } else { square };
+            let change = weight[lane] * (counted - usual[lane]);
+            let moves = square.is_finite() & (square > 0.0);
+            usual[lane] += if moves { change } else { 0.0 };
+            seen[lane] += if moves { 1.0 } else { 0.0 };
         }
         store(self.usual, first, &usual);
+        store(self.seen, first, &seen);
     }
 }
 
@@ -310,5 +356,42 @@ mod tests {
             assert_eq!([found[channel]], found_alone[..], "channel {channel}");
             assert!(found[channel].count > 0 || channel == 6, "channel {channel}");
         }
+    }
+
+    #[test]
+    fn gaps_zeros_and_flat_pieces_teach_nothing() {
+        for still in [f64::NAN, 0.0, 5.0] {
+            let mut rows = motion(12_000);
+            for (n, row) in rows.iter_mut().enumerate() {
+                // One channel begins late, the other stands still at times.
+                row[0] = if n < 9000 { still } else { row[0] };
+                row[1] = if n % 5000 > 4000 { still } else { row[1] };
+            }
+            let (out, found) = filtered(&rows, 777);
+            assert!(found.iter().all(|found| found.count == 0), "{still}: {found:?}");
+            assert_eq!(out.len(), rows.len());
+        }
+    }
+
+    #[test]
+    fn a_storm_has_no_spikes_until_one_comes() {
+        let mut rows = motion(30_000);
+        for row in &mut rows[10_000..] {
+            row.iter_mut().for_each(|value| *value *= 30.0);
+        }
+        rows[20_003][1] += 900.0;
+        let (out, found) = filtered(&rows, 1000);
+        assert_eq!(found, [Spikes::default(), Spikes { count: 1, first_row: 20_003 }]);
+        assert_eq!(out.len(), rows.len());
+    }
+
+    #[test]
+    fn many_spikes_are_not_usual() {
+        let mut rows = motion(20_000);
+        for row in rows.iter_mut().skip(1000).step_by(100) {
+            row[1] += 3.0;
+        }
+        let (_, found) = filtered(&rows, 1000);
+        assert_eq!(found, [Spikes::default(), Spikes { count: 190, first_row: 1000 }]);
     }
 }

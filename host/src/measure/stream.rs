@@ -5,6 +5,7 @@ use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
 use super::fill::{Filled, Filler};
+use super::flat::{Flat, FlatFinder};
 use super::jumps::{JumpFinder, Jumps};
 use super::limits::{CutOff, Limits};
 use super::spikes::{SpikeFilter, Spikes};
@@ -48,6 +49,10 @@ pub(super) struct Faults {
     pub(super) spikes: Vec<Spikes>,
     /// Missing samples that were filled, channel by channel.
     pub(super) filled: Vec<Filled>,
+    /// Pieces of one value, which were taken as missing, channel by channel.
+    pub(super) flat: Vec<Flat>,
+    /// Rows of the recording.
+    pub(super) rows: u64,
     /// Ends of ranges that were reached, channel by channel.
     pub(super) cut_off: Vec<CutOff>,
     /// Places where all channels jump.
@@ -77,7 +82,9 @@ pub(super) fn stream(
     thread::scope(|scope| {
         let (rows_sender, sound_rows) = sync_channel(BLOCKS_AHEAD);
         let (used_sender, used) = channel();
-        let reader = scope.spawn(move || read_ahead(recording, setup.sensors.len(), &rows_sender, &used));
+        let reader = scope.spawn(move || {
+            read_ahead(recording, Checks::new(setup.sensors.len(), setup.sampling_rate_hz), &rows_sender, &used)
+        });
         let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
         let taker = scope.spawn(move || take_in(&windows, setup.sensors.len(), sink));
         let orders = setup.derivatives();
@@ -156,11 +163,10 @@ fn joined<T>(handle: ScopedJoinHandle<'_, T>) -> T {
 /// Reads to the recording's end, or until nobody takes the rows, which it mends; what it found, and how long it took.
 fn read_ahead(
     mut recording: Recording,
-    channels: usize,
+    mut checks: Checks,
     rows: &SyncSender<Vec<f64>>,
     used: &Receiver<Vec<f64>>,
 ) -> (Result<RecordReport, RecordError>, Faults, Duration) {
-    let mut checks = Checks::new(channels);
     let mut block = Block::new();
     let mut busy = Duration::ZERO;
     let read = loop {
@@ -191,12 +197,12 @@ struct Checks {
 }
 
 impl Checks {
-    fn new(channels: usize) -> Self {
+    fn new(channels: usize, sampling_rate_hz: f64) -> Self {
         Self {
             spikes: SpikeFilter::new(channels),
             limits: Limits::new(channels),
             jumps: JumpFinder::new(channels),
-            filler: Filler::new(channels),
+            filler: Filler::new(FlatFinder::new(channels, sampling_rate_hz)),
         }
     }
 
@@ -215,9 +221,11 @@ impl Checks {
         self.jumps.push(&last);
         let mut rows = Vec::new();
         self.filler.push(&last, &mut rows);
-        let (last, filled) = self.filler.finish();
+        let count = self.limits.rows();
+        let (last, filled, flat) = self.filler.finish();
         rows.extend(last);
-        (rows, Faults { spikes, filled, cut_off: self.limits.finish(), jumps: self.jumps.finish() })
+        let (cut_off, jumps) = (self.limits.finish(), self.jumps.finish());
+        (rows, Faults { spikes, filled, flat, rows: count, cut_off, jumps })
     }
 }
 
@@ -288,7 +296,7 @@ mod tests {
     fn a_part_of_a_row_is_no_row_and_without_channels_there_is_none() {
         let rows: Vec<f64> = (0..600).map(|at| f64::from(at * at % 83)).collect();
         let checked = |channels: usize, rows: &[f64]| {
-            let (mut checks, mut sound) = (Checks::new(channels), Vec::new());
+            let (mut checks, mut sound) = (Checks::new(channels, 50.0), Vec::new());
             checks.push(rows, &mut sound);
             let (last, faults) = checks.finish();
             sound.extend(last);
@@ -303,10 +311,12 @@ mod tests {
         part.push(&rows[..599]);
         none.push(&rows);
         assert_eq!((whole.finish(), none.finish()), (part.finish(), Vec::new()));
-        assert_eq!(SpikeFilter::new(3).push(&rows[..599]), &rows[..594]);
+        assert!(SpikeFilter::new(3).push(&rows[..599]).len().is_multiple_of(3));
         assert!(SpikeFilter::new(0).push(&rows).is_empty());
         let mut filled = Vec::new();
-        Filler::new(3).push(&rows[..599], &mut filled);
-        assert_eq!(filled, rows[..585]);
+        let mut filler = Filler::new(FlatFinder::new(3, 50.0));
+        filler.push(&rows[..599], &mut filled);
+        filled.extend(filler.finish().0);
+        assert_eq!(filled, rows[..597]);
     }
 }

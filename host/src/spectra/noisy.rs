@@ -1,9 +1,9 @@
-//! Channels that are nothing but noise: their power is large, and no other channel knows of it.
+//! Channels that are nothing but noise: no other channel knows of what they show.
 //!
-//! An averaged cross-spectral matrix flows in; the channels to leave out flow out. What the other channels explain of a channel
-//! is its multiple coherence, `1 - 1 / (G_cc (G⁻¹)_cc)` (Bendat and Piersol 2010, "Random Data", section 7.3). A sensor that
-//! hardly moves is mostly noise as well, and stays: its noise is small beside the others' motion, and that it hardly moves is
-//! worth knowing.
+//! An averaged cross-spectral matrix flows in; the channels to leave out, and those to name, flow out. What the other channels
+//! explain of a channel is its multiple coherence, `1 - 1 / (G_cc (G⁻¹)_cc)` (Bendat and Piersol 2010, "Random Data", section 7.3).
+//! A loud one is left out. A sensor that hardly moves is mostly noise as well, and stays: its noise is small beside the others'
+//! motion, and that it hardly moves is worth knowing. It is named, for one that is not connected looks the same.
 
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -24,6 +24,20 @@ const COHERENT: f64 = 0.5;
 /// Its noise is this many times the power of the median channel there.
 const LOUD: f64 = 3.0;
 
+/// Lines side by side, of those that are looked at, over which a channel that has a mode of its own is coherent for once: it is named
+/// only where its coherence is below this in all such bands.
+const BAND: usize = 16;
+const INCOHERENT_IN_ALL: f64 = 0.35;
+
+/// Channels that have nothing in common with the others, as in `CrossSpectrum::channels`.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Alone {
+    /// Those that are louder than the others.
+    pub loud: Vec<usize>,
+    /// Those that are not.
+    pub quiet: Vec<usize>,
+}
+
 /// What one line says of every channel.
 struct Line {
     /// Share of its power that the others explain, free of what chance explains.
@@ -32,15 +46,21 @@ struct Line {
 }
 
 impl CrossSpectrum {
-    /// The channels that are loud and have nothing in common with the others, as in `CrossSpectrum::channels`.
-    fn noisy_channels(&self) -> Vec<usize> {
+    /// The channels that have nothing in common with the others.
+    fn alone(&self) -> Alone {
         let channels = self.channels().len();
         if channels < LEAST_CHANNELS || self.averages() < AVERAGES_FOR_COHERENCE * channels {
-            return Vec::new();
+            return Alone::default();
         }
         let step = self.grid().lines.div_ceil(LINES).max(1);
         let mut lines: Vec<Line> =
             (0..self.grid().lines).step_by(step).filter_map(|line| self.line(&self.matrix(line))).collect();
+        let in_band = |band: &[Line], channel: usize| {
+            band.iter().map(|line| line.coherence[channel]).sum::<f64>() / band.len() as f64
+        };
+        let is_nowhere_coherent: Vec<bool> = (0..channels)
+            .map(|channel| lines.chunks_exact(BAND).all(|band| in_band(band, channel) < INCOHERENT_IN_ALL))
+            .collect();
         let agreement = |line: &Line| middle_of(&line.coherence);
         lines.sort_by(|a, b| agreement(b).total_cmp(&agreement(a)));
         lines.truncate(((MOVING * lines.len() as f64) as usize).max(1));
@@ -48,17 +68,25 @@ impl CrossSpectrum {
         let coherence: Vec<f64> = (0..channels).map(|channel| mean(&|line| line.coherence[channel])).collect();
         let usual = mean(&|line| middle_of(&line.power));
         if middle_of(&coherence) < COHERENT {
-            return Vec::new();
+            return Alone::default();
         }
         let noise = |channel: usize| mean(&|line| line.power[channel] * (1.0 - line.coherence[channel]));
-        let is_noisy = |channel: &usize| coherence[*channel] < INCOHERENT && noise(*channel) > LOUD * usual;
-        (0..channels).filter(is_noisy).map(|channel| self.channels()[channel]).collect()
+        let mut alone = Alone::default();
+        for channel in (0..channels).filter(|channel| coherence[*channel] < INCOHERENT) {
+            if noise(channel) > LOUD * usual {
+                alone.loud.push(self.channels()[channel]);
+            } else if is_nowhere_coherent[channel] {
+                alone.quiet.push(self.channels()[channel]);
+            }
+        }
+        alone
     }
 
-    /// The same averages without the noisy channels, and which those were.
-    pub fn without_noisy_channels(self) -> (Self, Vec<usize>) {
-        let noisy = self.noisy_channels();
-        (self.without_channels(&noisy), noisy)
+    /// The same averages without the channels that are loud and have nothing in common with the others; which these were, and which
+    /// have nothing in common with the others and stay.
+    pub fn without_noisy_channels(self) -> (Self, Alone) {
+        let alone = self.alone();
+        (self.without_channels(&alone.loud), alone)
     }
 
     fn line(&self, matrix: &DMatrix<Complex64>) -> Option<Line> {
@@ -89,6 +117,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
+    use super::Alone;
     use crate::spectra::{CrossSpectrum, CrossSpectrumAccumulator, LineGrid, WindowLines};
 
     /// Motion that all channels share, of the given size in each, and noise of each channel's own.
@@ -118,10 +147,20 @@ mod tests {
     #[test]
     fn a_loud_channel_that_no_other_knows_of_is_noisy_and_a_quiet_one_is_not() {
         let motion = [1.0, 0.8, -0.6, 1.2, 0.9, 0.0];
-        assert_eq!(spectrum(&motion, &[0.1, 0.1, 0.1, 0.1, 9.0, 0.1]).noisy_channels(), [4]);
-        assert!(spectrum(&motion, &[0.1; 6]).noisy_channels().is_empty());
+        assert_eq!(spectrum(&motion, &[0.1, 0.1, 0.1, 0.1, 9.0, 0.1]).alone().loud, [4]);
+        assert!(spectrum(&motion, &[0.1; 6]).alone().loud.is_empty());
         // Where all are noise, none is to blame.
-        assert!(spectrum(&motion, &[9.0; 6]).noisy_channels().is_empty());
-        assert!(spectrum(&motion[..3], &[0.1, 9.0, 0.1]).noisy_channels().is_empty(), "two against one prove nothing");
+        assert!(spectrum(&motion, &[9.0; 6]).alone().loud.is_empty());
+        assert!(spectrum(&motion[..3], &[0.1, 9.0, 0.1]).alone().loud.is_empty(), "two against one prove nothing");
+    }
+
+    #[test]
+    fn a_channel_that_no_other_knows_of_is_named_however_quiet_it_is() {
+        let motion = [1.0, 0.8, -0.6, 1.2, 0.9, 0.0, 0.0];
+        let alone = spectrum(&motion, &[0.1, 0.1, 0.1, 0.1, 0.1, 0.001, 0.8]).alone();
+        assert_eq!((alone.loud, alone.quiet), (vec![], vec![5, 6]));
+        // One that moves a little is not.
+        let motion = [1.0, 0.8, -0.6, 1.2, 0.9, 0.1];
+        assert_eq!(spectrum(&motion, &[0.1; 6]).alone(), Alone::default());
     }
 }

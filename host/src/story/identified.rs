@@ -10,6 +10,7 @@ use super::inputs::Inputs;
 use super::progress::{OnProgress, rows_of};
 use crate::fleet::FleetReport;
 use crate::identify::accuracy::RecordNeeded;
+use crate::identify::phases::phase_suspicions;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
 use crate::identify::{Identification, hold_to_standards, identify as identify_setups};
@@ -151,6 +152,7 @@ pub fn identify(
     let mut warnings = measurement.warnings.clone();
     warnings.append(&mut identification.warnings);
     warnings.extend(suspicions(&identification.modes, &measurement.setups));
+    warnings.extend(phase_suspicions(&identification.modes, &measurement.setups));
     identification.warnings = warnings;
     Ok(report(study, identification, &measurement, &times))
 }
