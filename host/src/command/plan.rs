@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::Console;
 use super::diagnose::kind;
-use super::text::{Columns, in_shell, next_lines, short, unit_text, values_text};
+use super::text::{Columns, short, unit_text, values_text};
 use crate::diagnose::Estimate;
 use crate::model::effect::{Effect, named};
 use crate::plan::{Obstacle, Plan, SensorOption};
@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         seed: arguments.seed,
     };
     let plan = project.plan(&request)?;
-    let study = &project.study();
+    let study = project.study();
     if study.setups.len() > 1 {
         console.warn("the sensors of all setups are taken to record together");
     }
@@ -117,25 +117,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         ));
     }
     tell(&plan, &study.structure.name, console);
-    let effect = &arguments.effect;
-    let folder = in_shell(&study.folder);
-    console.say(next_lines(&[(
-        format!("simulate {folder} --effect {effect}{} --adopt", value_word(&plan.parameters)),
-        "a recording to try it on",
-    )]));
     console.json(&plan)
-}
-
-/// The value as it is typed.
-fn value_word(parameters: &[Estimate]) -> String {
-    match parameters {
-        [] => String::new(),
-        [only] => format!("={}", only.value),
-        several => {
-            let words: Vec<String> = several.iter().map(|one| format!("{}={}", one.name, one.value)).collect();
-            format!("={}", words.join(","))
-        }
-    }
 }
 
 fn percent(probability: f64) -> String {
@@ -212,12 +194,13 @@ fn conclusion(option: &SensorOption, plan: &Plan) -> String {
     };
     match &option.obstacle {
         Some(Obstacle::Twins { rival }) => {
-            format!("{none}: {rival} does the same to all modes at these sensors. Only another kind of measurement tells them apart.")
+            format!(
+                "{none}: {rival} does the same to all modes at these sensors. Only another kind of measurement tells them apart."
+            )
         }
-        Some(Obstacle::Tolerance { findable_share, findable: value }) => format!(
-            "{none}: so small an effect lies within the model's tolerance.{}",
-            findable(findable_share, value)
-        ),
+        Some(Obstacle::Tolerance { findable_share, findable: value }) => {
+            format!("{none}: so small an effect lies within the model's tolerance.{}", findable(findable_share, value))
+        }
         Some(Obstacle::Rival { rival, findable_share, findable: value }) => {
             format!("{none}: {rival} explains it too well.{}", findable(findable_share, value))
         }

@@ -139,16 +139,27 @@ impl Outlook {
         let expected = differences(&given.state);
         let slopes = problem.jacobian(&given.state, &given.knobs).map_err(failed)?;
         let slopes = slopes.rows(0, expected.len()).into_owned();
-        let mut outlook =
-            Self { problem, effects: effects.to_vec(), truth: truth.clone(), given, slopes, expected, groups: Vec::new() };
+        let mut outlook = Self {
+            problem,
+            effects: effects.to_vec(),
+            truth: truth.clone(),
+            given,
+            slopes,
+            expected,
+            groups: Vec::new(),
+        };
         let own_kind = truth.of_kind();
         // Against itself at another place, the effect is at its own.
         let is_placed = rivals.iter().any(|rival| rival.kind() == own_kind);
         let place = truth.place().cloned();
         let own = if is_placed { Rival::At(own_kind, place) } else { Rival::Kind(own_kind) };
         let others = rivals.iter().filter(|rival| !matches!(rival, Rival::Kind(kind) if *kind == own_kind));
-        let mut groups: Vec<Group> =
-            std::iter::once(&own).chain(others).collect::<Vec<_>>().into_par_iter().map(|rival| outlook.group(rival)).collect();
+        let mut groups: Vec<Group> = std::iter::once(&own)
+            .chain(others)
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .map(|rival| outlook.group(rival))
+            .collect();
         groups[0].members.insert(0, outlook.own_member());
         outlook.groups = groups;
         Ok(outlook)
@@ -213,9 +224,10 @@ impl Outlook {
         let member = candidates.iter().find_map(|candidate| {
             let values = shares(candidate);
             let mut member = self.member(candidate, &mut Vec::new())?;
-            let units = member.knobs.iter().map(|knob| {
-                values[knob.parameter].map_or(0.0, |value| (value - knob.neutral) / knob.scale)
-            });
+            let units = member
+                .knobs
+                .iter()
+                .map(|knob| values[knob.parameter].map_or(0.0, |value| (value - knob.neutral) / knob.scale));
             let units = DVector::from_iterator(member.knobs.len(), units);
             let square = units.norm_squared();
             (square > 0.0).then(|| {

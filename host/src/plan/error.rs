@@ -24,7 +24,9 @@ pub enum PlanError {
         band_hz: [f64; 2],
     },
     /// The effect shows elsewhere than in modes.
-    #[error("{kind} does not show in how frequencies and shapes follow it; what can be planned for are the other kinds of `belfry effects`")]
+    #[error(
+        "{kind} does not show in how frequencies and shapes follow it; what can be planned for are the other kinds of `belfry effects`"
+    )]
     NotInModes {
         /// The kind.
         kind: &'static str,

@@ -81,7 +81,9 @@ impl Responses {
         let loads = modal_loads(assembly, &view.modes.shapes.select_columns(&modes));
         // White noise of density S through a resonance has the variance S π f / 4ζ.
         let variance = |sensor: usize| -> f64 {
-            let of = |mode: usize| shapes[(sensor, mode)].powi(2) * loads[mode] * frequencies_hz[mode] / damping_ratios[mode];
+            let of = |mode: usize| {
+                shapes[(sensor, mode)].powi(2) * loads[mode] * frequencies_hz[mode] / damping_ratios[mode]
+            };
             0.25 * PI * (0..modes.len()).map(of).sum::<f64>()
         };
         let share = (0.01 * conditions.noise_percent).powi(2) / (high_hz - low_hz);
@@ -125,7 +127,8 @@ impl Responses {
             std::iter::once(DVector::zeros(direction.len())).chain(others).map(|column| column * scale).collect();
         let joint = DMatrix::from_columns(&columns);
         let noise = self.noise.map(|noise| scale * scale * 0.5 * noise / own / averages);
-        let stds = DVector::from_fn(direction.len(), |sensor, _| (joint.row(sensor).norm_squared() + noise[sensor]).sqrt());
+        let stds =
+            DVector::from_fn(direction.len(), |sensor, _| (joint.row(sensor).norm_squared() + noise[sensor]).sqrt());
         let mut frequency_row = RowDVector::zeros(joint.ncols());
         frequency_row[0] = frequency_std_hz;
         MeasuredMode {
@@ -134,13 +137,17 @@ impl Responses {
             frequency_std_hz: Some(frequency_std_hz),
             damping_ratio: Some(damping_ratio),
             // Errors of different modes are taken as independent.
-            covariance_factor: Some(MeasuredCovarianceFactor { group: number, frequency_hz: frequency_row, shape: joint }),
+            covariance_factor: Some(MeasuredCovarianceFactor {
+                group: number,
+                frequency_hz: frequency_row,
+                shape: joint,
+            }),
             shape: Some(MeasuredShape {
                 sensors: (0..direction.len()).collect(),
-                imaginary: Some(view.imaginary(self.modes[at]).map_or_else(
-                    || DVector::zeros(direction.len()),
-                    |imaginary| imaginary / largest,
-                )),
+                imaginary: Some(
+                    view.imaginary(self.modes[at])
+                        .map_or_else(|| DVector::zeros(direction.len()), |imaginary| imaginary / largest),
+                ),
                 values: shape / largest,
                 stds: Some(stds),
             }),
@@ -184,18 +191,19 @@ mod tests {
         }
     }
 
-    /// An hour of the simulated tower, 2 % noise: identification states shapes' deviations of 0.001 to 0.003 (of unit length) for
+    /// An hour of the simulated tower, 1 % damping, 2 % noise: identification states shapes' deviations of 0.001 to 0.003 (of unit length) for
     /// bending, 0.02 to 0.03 for torsion, which is loaded less and stands beside bending (`belfry identify`, seed 3).
     #[test]
     fn shapes_are_as_sure_as_identification_finds_them() {
-        let stated =
-            [0.0010, 0.0020, 0.0021, 0.0314, 0.0025, 0.0333, 0.0024, 0.0026, 0.0033, 0.0205, 0.0071, 0.0222, 0.0030, 0.0034];
+        let stated = [
+            0.0010, 0.0020, 0.0021, 0.0314, 0.0025, 0.0333, 0.0024, 0.0026, 0.0033, 0.0205, 0.0071, 0.0222, 0.0030,
+            0.0034,
+        ];
         let modes = tower(&TOWER, 1.0);
         assert_eq!(modes.len(), stated.len());
         for (mode, stated) in modes.iter().zip(stated) {
             let ratio = shape_std(mode) / stated;
-            eprintln!("{} {:.4} {:.5} {ratio:.2}", mode.number, mode.frequency_hz, shape_std(mode));
-            assert!((0.2..5.0).contains(&ratio), "mode {}: {ratio:.2} of what is stated", mode.number);
+            assert!((0.4..2.0).contains(&ratio), "mode {}: {ratio:.2} of what is stated", mode.number);
         }
     }
 

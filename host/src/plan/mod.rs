@@ -219,8 +219,12 @@ impl Search<'_> {
         // Where rivals are named, a twin among them is what the question is about.
         let is_catalogue = self.request.against.is_empty();
         let twins = weighed.last().filter(|_| is_catalogue).map_or_else(Vec::new, |weighed| twins_of(weighed));
-        let judged: Vec<Judged> =
-            self.hours.iter().zip(&weighed).filter_map(|(&hours, weighed)| Judged::of(hours, weighed, &twins)).collect();
+        let judged: Vec<Judged> = self
+            .hours
+            .iter()
+            .zip(&weighed)
+            .filter_map(|(&hours, weighed)| Judged::of(hours, weighed, &twins))
+            .collect();
         let mut contenders: Vec<(f64, Rival)> = Vec::new();
         for weighed in &weighed {
             let Some((own, rivals)) = weighed.split_first() else { continue };
@@ -347,9 +351,8 @@ impl Search<'_> {
             Ok(judged.map(|judged| (judged.record.probability_named, judged.margin)))
         };
         let judged = places.par_iter().map(judge).collect::<Result<Vec<_>, _>>()?;
-        let better = |a: &(usize, (f64, f64)), b: &(usize, (f64, f64))| {
-            a.1.0.total_cmp(&b.1.0).then(a.1.1.total_cmp(&b.1.1))
-        };
+        let better =
+            |a: &(usize, (f64, f64)), b: &(usize, (f64, f64))| a.1.0.total_cmp(&b.1.0).then(a.1.1.total_cmp(&b.1.1));
         let known = judged.into_iter().enumerate().filter_map(|(index, judged)| Some((index, judged?)));
         Ok(known.max_by(better).map(|(index, _)| index))
     }

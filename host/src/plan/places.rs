@@ -52,7 +52,8 @@ pub fn read_places(file: &Path, sensors: &[Sensor]) -> Result<Vec<Sensor>, Place
 
 /// Where each of [`COLUMNS`] stands.
 fn columns_of(file: &Path, header: &csv::StringRecord) -> Result<[Option<usize>; COLUMNS.len()], PlacesError> {
-    let wrong = |column: &str, problem| PlacesError::Column { file: file.to_owned(), column: column.to_owned(), problem };
+    let wrong =
+        |column: &str, problem| PlacesError::Column { file: file.to_owned(), column: column.to_owned(), problem };
     let mut columns = [None; COLUMNS.len()];
     for (position, name) in header.iter().enumerate() {
         let name = name.trim_start_matches('\u{feff}');

@@ -177,7 +177,8 @@ impl Judged {
         let is_found = |draw: usize| own.log_bayes_factors[draw] > STANDS_OUT;
         let over = |rival: &Weighed, draw: usize| own.log_bayes_factors[draw] - rival.log_bayes_factors[draw];
         let is_apart = |rival: &Weighed, draw: usize| over(rival, draw) >= STANDS_OUT && !rival.is_twin[draw];
-        let share = |is: &dyn Fn(usize) -> bool| (0..draws).filter(|&draw| is(draw)).count() as f64 / draws.max(1) as f64;
+        let share =
+            |is: &dyn Fn(usize) -> bool| (0..draws).filter(|&draw| is(draw)).count() as f64 / draws.max(1) as f64;
         // A hypothesis that cannot have the value that it needs has no evidence at all, so medians stand for what is expected.
         let middle = |values: &dyn Fn(usize) -> f64| {
             let mut values: Vec<f64> = (0..draws).map(|draw| values(draw).clamp(-MOST_LOG, MOST_LOG)).collect();
@@ -210,4 +211,3 @@ pub(super) fn twins_of(weighed: &[Weighed]) -> Vec<Rival> {
     let others = weighed.iter().skip(1);
     others.filter(|other| other.likeness > IDENTICAL).map(|other| other.rival.clone()).collect()
 }
-

@@ -65,19 +65,19 @@ impl Shaft {
 #[test]
 fn the_probability_grows_with_the_record_and_the_size() {
     let shaft = shaft(&HEIGHTS_M);
-    let hours = [0.2, 1.0, 4.0, 24.0];
     let mut shortest = f64::INFINITY;
-    for (effect, must_be_found) in [("added-mass@100m=2e4", false), ("added-mass@100m=8e4", true)] {
-        let plan = shaft.plan(&request(effect, &hours));
-        let found: Vec<f64> = plan.options[0].records.iter().map(|record| record.probability_named).collect();
-        // By the 200 draws a probability is known to 3.5 %.
-        assert!(found.windows(2).all(|pair| pair[1] > pair[0] - 0.035), "{effect}: {found:?}");
-        assert_eq!(plan.options[0].shortest_hours.is_some(), found[3] >= WANTED || must_be_found, "{effect}: {plan:?}");
+    for effect in ["added-mass@100m=6e3", "added-mass@100m=1.2e4", "added-mass@100m=8e4"] {
+        let plan = shaft.plan(&request(effect, &[0.2, 1.0, 4.0, 24.0]));
+        let named: Vec<f64> = plan.options[0].records.iter().map(|record| record.probability_named).collect();
+        println!("{effect}: {named:.2?} {:?}", plan.options[0].shortest_hours);
+        // The measurements that are drawn differ by how long they are, not by chance.
+        assert!(named.windows(2).all(|pair| pair[1] > pair[0] - 0.03), "{effect}: {named:?}");
         let hours = plan.options[0].shortest_hours.unwrap_or(f64::INFINITY);
-        assert!(hours <= shortest);
+        // Lengths are found to a tenth.
+        assert!(hours < 1.1 * shortest, "{effect}: {hours} h, less of it {shortest} h");
         shortest = hours;
     }
-    assert!(shortest < 24.0);
+    assert!(shortest < 1.0);
 }
 
 #[test]
@@ -140,8 +140,7 @@ fn what_cannot_be_planned_is_refused() {
 /// structure with scattered segments, and fitted in full.
 fn successes(shaft: &Shaft, effect: &str, hours: f64, conditions: &Conditions, draws: u64) -> [f64; 2] {
     let truth: Effect = effect.parse().unwrap();
-    let subject =
-        Subject { bare: &shaft.bare, model: &shaft.model, effects: &[], truth: &truth, conditions, seed: 77 };
+    let subject = Subject { bare: &shaft.bare, model: &shaft.model, effects: &[], truth: &truth, conditions, seed: 77 };
     let sight = Sight::new(subject, shaft.sensors.clone()).unwrap();
     let (outlook, _) = sight.outlook(hours, &[]).unwrap();
     let one = |index: u64| {
@@ -178,13 +177,43 @@ const LINEAR: f64 = 0.1;
 
 #[test]
 fn the_real_diagnosis_succeeds_as_often_as_predicted() {
-    let effects = ["added-mass@100m=2e4", "added-mass@100m=4e4", "stiffness-loss@45m=0.06", "base-rotation=2e-12"];
+    let effects = ["added-mass@100m=8e3", "stiffness-loss@45m=0.08"];
     assert_agreement(&shaft(&HEIGHTS_M), &effects, 2.0, &CONDITIONS, 24);
+}
+
+/// Where a diagnosis cannot tell two effects apart, the plan says which sensor or how long a record would.
+#[test]
+fn an_ambiguous_verdict_gets_the_best_line_of_a_plan() {
+    let shaft = shaft(&[60.0, 100.0]);
+    let effect: Effect = "stiffness-loss@45m=0.12".parse().unwrap();
+    let subject = Subject {
+        bare: &shaft.bare,
+        model: &shaft.model,
+        effects: &[],
+        truth: &effect,
+        conditions: &CONDITIONS,
+        seed: 5,
+    };
+    let sight = Sight::new(subject, shaft.sensors.clone()).unwrap();
+    let (outlook, _) = sight.outlook(1.0, &[]).unwrap();
+    let mut said = Vec::new();
+    for index in 0..12 {
+        let measured = sight.measured(&outlook, 1.0, index).unwrap();
+        let problem = Problem::new(shaft.bare.clone(), &[], &shaft.model, &shaft.sensors, &measured).unwrap();
+        let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
+        let line = advice(&shaft.site(), &measured, &diagnosis, Some(1.0));
+        println!("{:?} {:?}: {line:?}", diagnosis.verdict, diagnosis.ambiguous);
+        assert!(line.is_none() || diagnosis.verdict == Verdict::Ambiguous);
+        assert_eq!(advice(&shaft.site(), &measured, &diagnosis, None), None, "how long the record was is not known");
+        said.extend(line);
+    }
+    assert!(!said.is_empty());
+    assert!(said.iter().all(|line| line.contains("sensor") && line.contains("with a probability of")), "{said:?}");
 }
 
 /// The same on the tower of the template.
 #[test]
-#[ignore = "takes minutes"]
+#[ignore = "long: ./test --all runs it"]
 fn the_real_diagnosis_of_the_tower_succeeds_as_often_as_predicted() {
     let (bare, model, sensors) = crate::diagnose::testing::study();
     let tower = Shaft { bare, model, sensors };

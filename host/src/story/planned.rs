@@ -58,11 +58,7 @@ pub fn planned(study: &Study, request: &PlanRequest) -> Result<Plan, StoryError>
         hours: request.hours.clone(),
         places,
         add: request.add,
-        conditions: Conditions {
-            damping_ratio: request.damping_ratio,
-            noise_percent: request.noise_percent,
-            band_hz,
-        },
+        conditions: Conditions { damping_ratio: request.damping_ratio, noise_percent: request.noise_percent, band_hz },
         seed: request.seed,
     };
     Ok(plan(&site, &request)?)
