@@ -8,7 +8,7 @@ use super::Console;
 use super::diagnose::kind;
 use super::text::{Columns, short, unit_text, values_text};
 use crate::diagnose::Estimate;
-use crate::model::effect::{Effect, named};
+use crate::model::effect::{Effect, find, named};
 use crate::plan::{Obstacle, Plan, SensorOption};
 use crate::story::{PlanRequest, Project};
 
@@ -82,7 +82,8 @@ fn noise_percent(text: &str) -> Result<f64, String> {
 
 /// `KIND[@WHERE]`.
 fn rival(text: &str) -> Result<String, String> {
-    named(text).map(|_| text.to_owned()).map_err(|error| error.to_string())
+    let known = if text.contains('@') { named(text).map(drop) } else { find(text).map(drop) };
+    known.map(|()| text.to_owned()).map_err(|error| error.to_string())
 }
 
 /// Runs the command.
@@ -102,7 +103,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         noise_percent: arguments.noise_percent,
         seed: arguments.seed,
     };
-    let plan = project.plan(&request)?;
+    let plan = console.with_progress(|on_progress| project.plan(&request, on_progress))?;
     let study = project.study();
     if study.setups.len() > 1 {
         console.warn("the sensors of all setups are taken to record together");
@@ -132,8 +133,11 @@ fn hours_text(hours: f64) -> String {
 }
 
 fn tell(plan: &Plan, name: &str, console: &Console) {
-    let value = values_text(&plan.parameters).replace('\n', ", ");
-    console.say(format!("\n{name}: what will a measurement show of {} ({value})?", plan.effect));
+    let values = match values_text(&plan.parameters).replace('\n', ", ") {
+        values if values.is_empty() => values,
+        values => format!(" ({values})"),
+    };
+    console.say(format!("\n{name}: what will a measurement show of {}{values}?", plan.effect));
     let assumed = &plan.assumed;
     console.say(format!(
         "Expected: {} modes from {:.3} to {:.3} Hz, {} % damping, {} % noise.",

@@ -29,7 +29,6 @@ pub(crate) fn advice(
     let names = diagnosis.ambiguous.first()?;
     let effect = found(diagnosis, names.first()?, site.sensors)?;
     let rivals = names.get(1..)?.iter().map(|name| named_in_study(name, site.sensors).ok());
-    // Where a rival of the kind itself is, that is its place; others may be anywhere.
     let against = rivals.map(|rival| Some((rival?.0, None))).collect::<Option<Vec<_>>>()?;
     let lowest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(f64::INFINITY, f64::min);
     let highest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
@@ -49,7 +48,7 @@ pub(crate) fn advice(
         },
         seed: 0,
     };
-    sentence(&plan(site, &request).ok()?, hours, &names[1..])
+    sentence(&plan(site, &request, &mut |_, _| {}).ok()?, hours, &names[1..])
 }
 
 /// The effect that a diagnosis found, with its values.

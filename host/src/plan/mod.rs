@@ -74,11 +74,11 @@ const MOST_TIMES: f64 = 64.0;
 /// Rivals with which lengths, sizes and places are sought: those that were strongest among all.
 const CONTENDERS: usize = 4;
 
-/// What measurements will show.
+/// What measurements will show. `on_option` hears how many sets of sensors are done, of how many.
 ///
 /// # Errors
 /// [`PlanError`] where the effect cannot be planned for, or sensors and model do not go together.
-pub fn plan(site: &Site<'_>, request: &Request) -> Result<Plan, PlanError> {
+pub fn plan(site: &Site<'_>, request: &Request, on_option: &mut dyn FnMut(u64, u64)) -> Result<Plan, PlanError> {
     let rivals = check(site, request)?;
     let subject = Subject {
         bare: site.bare,
@@ -112,7 +112,9 @@ pub fn plan(site: &Site<'_>, request: &Request) -> Result<Plan, PlanError> {
     let twins = chosen.twins.iter().map(ToString::to_string).collect();
     let mut options = vec![first];
     let mut sensors = sight.sensors;
-    for _ in 0..request.add.min(left.len()) {
+    let more = request.add.min(left.len());
+    for _ in 0..more {
+        on_option(options.len() as u64, 1 + more as u64);
         let Some(best) = search.best_place(subject, &sensors, &left, &chosen)? else { break };
         let place = left.remove(best);
         added.push(place.channel.clone());

@@ -58,7 +58,7 @@ impl Shaft {
     }
 
     fn plan(&self, request: &Request) -> Plan {
-        plan(&self.site(), request).unwrap()
+        plan(&self.site(), request, &mut |_, _| {}).unwrap()
     }
 }
 
@@ -124,7 +124,7 @@ fn the_place_that_helps_most_comes_first() {
 #[test]
 fn what_cannot_be_planned_is_refused() {
     let shaft = shaft(&HEIGHTS_M);
-    let refused = |request: &Request| plan(&shaft.site(), request).unwrap_err().to_string();
+    let refused = |request: &Request| plan(&shaft.site(), request, &mut |_, _| {}).unwrap_err().to_string();
     assert!(refused(&request("tuned-mass-damper@100m=1e4,0.5,0.1", &[1.0])).contains("does not show"));
     assert!(refused(&request("mass-scale=0", &[1.0])).contains("it is not there"));
     assert!(refused(&request("added-mass@900m=1e4", &[1.0])).contains("from 0 m to 100 m"));
@@ -133,7 +133,12 @@ fn what_cannot_be_planned_is_refused() {
     let silent = Conditions { band_hz: [0.01, 0.02], ..CONDITIONS };
     assert!(refused(&Request { conditions: silent, ..request("mass-scale=0.1", &[1.0]) }).contains("no mode"));
     let nowhere = Site { sensors: &[], ..shaft.site() };
-    assert!(plan(&nowhere, &request("mass-scale=0.1", &[1.0])).unwrap_err().to_string().contains("no sensors"));
+    assert!(
+        plan(&nowhere, &request("mass-scale=0.1", &[1.0]), &mut |_, _| {})
+            .unwrap_err()
+            .to_string()
+            .contains("no sensors")
+    );
 }
 
 /// How often the real diagnosis finds and names the effect in measurements that are drawn as the plan draws them, but of the true

@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 
+use super::change::named;
 use super::error::StoryError;
-use crate::model::effect::{Effect, named_in_study};
+use super::progress::{OnProgress, Progress};
+use crate::model::effect::Effect;
 use crate::model::{Structure, load};
 use crate::plan::{Conditions, Plan, Request, Site, plan, read_places};
 use crate::study::{Sensor, Study};
@@ -35,7 +37,7 @@ pub struct PlanRequest {
 ///
 /// # Errors
 /// When the study has no model, a name is unknown, the table of places cannot be read, or the effect cannot be planned for.
-pub fn planned(study: &Study, request: &PlanRequest) -> Result<Plan, StoryError> {
+pub fn planned(study: &Study, request: &PlanRequest, on_progress: OnProgress<'_>) -> Result<Plan, StoryError> {
     let model = load(study)?;
     let sensors = study.sensors();
     let places = request.places.as_deref().map(|file| read_places(file, &sensors)).transpose();
@@ -46,7 +48,7 @@ pub fn planned(study: &Study, request: &PlanRequest) -> Result<Plan, StoryError>
         Some(band_hz) => band_hz,
         None => lowest_modes(&structure)?,
     };
-    let against = request.against.iter().map(|name| named_in_study(name, &sensors)).collect::<Result<Vec<_>, _>>()?;
+    let against = request.against.iter().map(|name| named(name, &sensors)).collect::<Result<Vec<_>, _>>()?;
     let bare = model.bare();
     let no_model = || crate::model::ModelError::NoModel { file: study.folder.join(crate::study::STUDY_FILE) };
     let section = study.model.as_ref().ok_or_else(no_model)?;
@@ -61,7 +63,8 @@ pub fn planned(study: &Study, request: &PlanRequest) -> Result<Plan, StoryError>
         conditions: Conditions { damping_ratio: request.damping_ratio, noise_percent: request.noise_percent, band_hz },
         seed: request.seed,
     };
-    Ok(plan(&site, &request)?)
+    let on_option = &mut |done, total| on_progress(Progress { stage: "sets of sensors", done, total });
+    Ok(plan(&site, &request, on_option)?)
 }
 
 /// Modes that are expected where the study names no band.

@@ -264,9 +264,9 @@ impl Project {
     ///
     /// # Errors
     /// As [`planned`], or when the result cannot be written.
-    pub fn plan(&self, request: &PlanRequest) -> Result<Plan, StoryError> {
+    pub fn plan(&self, request: &PlanRequest, on_progress: OnProgress<'_>) -> Result<Plan, StoryError> {
         self.results.make_ready()?;
-        let plan = planned(&self.study, request)?;
+        let plan = planned(&self.study, request, on_progress)?;
         self.results.write_json(PLAN_FILE, &plan)?;
         Ok(plan)
     }

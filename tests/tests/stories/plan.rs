@@ -69,7 +69,11 @@ fn a_measurement_is_planned_before_it_is_made() {
         serde_json::from_str(&fs::read_to_string(Path::new(&study).join("results/plan.json")).unwrap()).unwrap();
     assert_eq!(stored, plan);
 
-    let said = belfry_command().args(effect).args(["--against", "stiffness-loss@430m"]).assert().success();
+    let said = belfry_command()
+        .args(effect)
+        .args(["--against", "stiffness-loss@430m", "--against", "p-delta"])
+        .assert()
+        .success();
     let said = String::from_utf8(said.get_output().stdout.clone()).unwrap();
     assert!(said.contains("stiffness-loss@430m") && said.contains("With 20 sensors:"), "{said}");
     let tiny = json(&["plan", &study, "--effect", "added-mass@443.6m=1e4", "--hours", "1"]);
