@@ -14,6 +14,7 @@ use super::discrepancy::{Discrepancy, WORTH, log_determinant};
 use super::error::DiagnoseError;
 use super::fit::{Fit, log_one_sided};
 use super::knob::Knob;
+use super::misfit::Loss;
 use super::problem::Problem;
 use super::score::{LinearStep, is_admissible, is_seen, shows_by_derivative};
 use super::state::State;
@@ -102,6 +103,15 @@ struct Member {
     columns: DMatrix<f64>,
     /// What one that is there or not adds to the differences.
     shift: Option<DVector<f64>>,
+}
+
+impl Member {
+    /// What it does to the differences, a column for each of its values, or one where it is there or not.
+    fn directions(&self) -> DMatrix<f64> {
+        self.shift
+            .as_ref()
+            .map_or_else(|| self.columns.clone(), |shift| DMatrix::from_columns(std::slice::from_ref(shift)))
+    }
 }
 
 /// What the draws say of a hypothesis.
@@ -322,18 +332,32 @@ struct Part<'a> {
     factors: Vec<Cholesky<f64, nalgebra::Dyn>>,
     slopes: DMatrix<f64>,
     curvature: Cholesky<f64, nalgebra::Dyn>,
-    /// `P y` of each draw, a column each.
-    seen: DMatrix<f64>,
-    /// `yᵀ P y` of each draw.
+    /// The draws.
+    draws: Seen,
+    /// `yᵀ P y` of each draw: the squares of what is left and of the scatter that is needed for it.
     squares: Vec<f64>,
+    /// By how much the robust loss differs from them.
+    robust: Vec<f64>,
     /// Logarithm of the evidence for the model as it is, up to what all discrepancies have in common.
     present: Vec<f64>,
 }
 
-/// Columns as the covariances weigh them, and what of them is left when the scatter has done what it can.
+/// Differences, a column each, as the covariances weigh them.
 struct Seen {
     whole: DMatrix<f64>,
+    /// What is left of them when scatter and effects in the model have done what they can.
     left: DMatrix<f64>,
+    /// Values of these effects, then of the scatter, with which they did it.
+    bent: DMatrix<f64>,
+}
+
+/// What an effect at a place can do about the draws.
+struct Moved {
+    seen: Seen,
+    /// Its values for each draw, in units of their scales.
+    units: Vec<DVector<f64>>,
+    /// The gain in the logarithm of the evidence, by squares.
+    gains: Vec<f64>,
 }
 
 impl<'a> Part<'a> {
@@ -351,65 +375,80 @@ impl<'a> Part<'a> {
         }
         let volume: f64 = factors.iter().map(log_determinant).sum::<f64>()
             + log_determinant(&Cholesky::new(information + DMatrix::identity(size, size))?);
+        let draws = Seen { whole: DMatrix::zeros(0, 0), left: DMatrix::zeros(0, 0), bent: DMatrix::zeros(0, 0) };
         let curvature = Cholesky::new(curvature)?;
-        let mut part = Self {
-            outlook,
-            factors,
-            slopes,
-            curvature,
-            seen: DMatrix::zeros(0, 0),
-            squares: Vec::new(),
-            present: Vec::new(),
-        };
-        let Seen { whole, left } = part.seen(differences);
-        part.squares = whole.column_iter().zip(left.column_iter()).map(|(whole, left)| whole.dot(&left)).collect();
-        part.present = part.squares.iter().map(|square| sizes.log_prior() - 0.5 * (square + volume)).collect();
-        part.seen = left;
+        let (squares, robust, present) = (Vec::new(), Vec::new(), Vec::new());
+        let mut part = Self { outlook, factors, slopes, curvature, draws, squares, robust, present };
+        part.draws = part.seen(differences);
+        let columns = |at: usize| (part.draws.left.column(at).into_owned(), part.draws.bent.column(at).into_owned());
+        let costs: Vec<[f64; 2]> =
+            (0..differences.ncols()).map(columns).map(|(left, bent)| part.costs(left, &bent)).collect();
+        part.squares = costs.iter().map(|[squares, _]| *squares).collect();
+        part.robust = costs.iter().map(|[squares, robust]| robust - squares).collect();
+        part.present = costs.iter().map(|[_, robust]| sizes.log_prior() - 0.5 * (robust + volume)).collect();
         Some(part)
     }
 
     fn seen(&self, columns: &DMatrix<f64>) -> Seen {
         let mut whole = columns.clone();
         self.outlook.given.state.whiten_by(&self.factors, &mut whole);
-        let left = &whole - &self.slopes * self.curvature.solve(&self.slopes.tr_mul(&whole));
-        Seen { whole, left }
+        let bent = -self.curvature.solve(&self.slopes.tr_mul(&whole));
+        let left = &whole + &self.slopes * &bent;
+        Seen { whole, left, bent }
+    }
+
+    /// What differences and the scatter that left them cost: by squares, and by the robust loss.
+    fn costs(&self, left: DVector<f64>, bent: &DVector<f64>) -> [f64; 2] {
+        let state = &self.outlook.given.state;
+        let knobs = self.outlook.given.knobs.len();
+        let scatter = bent.rows(knobs, bent.len() - knobs).norm_squared();
+        let all = left.resize_vertically(state.size(), 0.0);
+        [Loss::Squares, Loss::Robust].map(|loss| scatter + state.misfit_of(&all, loss))
     }
 
     /// By how much a hypothesis gains on the model as it is in each draw: the logarithm of its evidence, averaged over its places.
+    /// What the robust loss takes from it is that at its best place.
     fn gains(&self, group: &Group) -> Vec<f64> {
-        let gains: Vec<Vec<f64>> = group.members.iter().filter_map(|member| self.member_gains(member)).collect();
+        let moved: Vec<Moved> = group.members.iter().filter_map(|member| self.moved(member)).collect();
         let mean = |draw: usize| {
-            let most = gains.iter().map(|gains| gains[draw]).fold(f64::NEG_INFINITY, f64::max);
+            let Some(best) = moved.iter().max_by(|a, b| a.gains[draw].total_cmp(&b.gains[draw])) else {
+                return f64::NEG_INFINITY;
+            };
+            let most = best.gains[draw];
             if most == f64::NEG_INFINITY {
                 return most;
             }
-            let sum: f64 = gains.iter().map(|gains| (gains[draw] - most).exp()).sum();
-            most + (sum / group.hypotheses as f64).ln()
+            let sum: f64 = moved.iter().map(|moved| (moved.gains[draw] - most).exp()).sum();
+            let left = self.draws.left.column(draw) + &best.seen.left * &best.units[draw];
+            let bent = self.draws.bent.column(draw) + &best.seen.bent * &best.units[draw];
+            let [squares, robust] = self.costs(left, &bent);
+            most + (sum / group.hypotheses as f64).ln() - 0.5 * (robust - squares - self.robust[draw])
         };
         (0..self.squares.len()).map(mean).collect()
     }
 
-    fn member_gains(&self, member: &Member) -> Option<Vec<f64>> {
-        if let Some(shift) = &member.shift {
-            let Seen { whole, left } = self.seen(&DMatrix::from_columns(std::slice::from_ref(shift)));
-            let own = whole.dot(&left);
-            let along = self.seen.tr_mul(&whole);
-            return Some(along.iter().map(|along| -along - 0.5 * own).collect());
+    fn moved(&self, member: &Member) -> Option<Moved> {
+        let seen = self.seen(&member.directions());
+        let gradients = seen.whole.tr_mul(&self.draws.left);
+        if member.shift.is_some() {
+            let own = seen.whole.dot(&seen.left);
+            let gains = gradients.iter().map(|along| -along - 0.5 * own).collect();
+            return Some(Moved { units: vec![DVector::from_element(1, 1.0); self.squares.len()], seen, gains });
         }
-        let Seen { whole, left } = self.seen(&member.columns);
-        let information = whole.tr_mul(&left);
-        if !is_seen(&information, &whole) {
+        let information = seen.whole.tr_mul(&seen.left);
+        if !is_seen(&information, &seen.whole) {
             return None;
         }
         let step = LinearStep::of(information)?;
-        let gradients = whole.tr_mul(&self.seen);
         let one_sided = log_one_sided(&member.knobs);
         let gain = |gradient: DVector<f64>| {
             let (units, gain) = step.against(&gradient);
             // A value that it cannot have explains nothing.
-            if is_admissible(&member.knobs, &units) { gain + one_sided } else { f64::NEG_INFINITY }
+            let gain = if is_admissible(&member.knobs, &units) { gain + one_sided } else { f64::NEG_INFINITY };
+            (units, gain)
         };
-        Some(gradients.column_iter().map(|gradient| gain(gradient.into_owned())).collect())
+        let (units, gains) = gradients.column_iter().map(|gradient| gain(gradient.into_owned())).unzip();
+        Some(Moved { seen, units, gains })
     }
 
     /// The squared cosine between what the effect does and what the hypothesis can do at its likest place, and the squared
@@ -417,15 +456,11 @@ impl<'a> Part<'a> {
     fn likeness(&self, group: &Group, effect: &Seen) -> (f64, Vec<f64>) {
         let square = effect.whole.dot(&effect.left);
         let of = |member: &Member| {
-            let columns = match &member.shift {
-                Some(shift) => DMatrix::from_columns(std::slice::from_ref(shift)),
-                None => member.columns.clone(),
-            };
-            let Seen { whole, left } = self.seen(&columns);
+            let Seen { whole, left, .. } = self.seen(&member.directions());
             let information = Cholesky::new(whole.tr_mul(&left))?;
             let explained = |gradient: DVector<f64>| gradient.dot(&information.solve(&gradient));
             let likeness = explained(whole.tr_mul(&effect.left).column(0).into_owned()) / square;
-            let gradients = whole.tr_mul(&self.seen);
+            let gradients = whole.tr_mul(&self.draws.left);
             let left = gradients.column_iter().zip(&self.squares);
             let left = left.map(|(gradient, square)| square - explained(gradient.into_owned()));
             likeness.is_finite().then(|| (likeness, left.collect::<Vec<f64>>()))

@@ -10,7 +10,7 @@ use crate::statistics::median;
 use crate::study::{Direction, Sensor};
 
 /// Heights at which one more sensor is tried, in both directions.
-const HEIGHTS: usize = 4;
+const HEIGHTS: usize = 3;
 /// The band of a plan is that of the measured modes, and this share more at both ends.
 const BEYOND: f64 = 0.05;
 /// Damping where none was measured.

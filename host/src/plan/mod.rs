@@ -80,14 +80,7 @@ const CONTENDERS: usize = 4;
 /// [`PlanError`] where the effect cannot be planned for, or sensors and model do not go together.
 pub fn plan(site: &Site<'_>, request: &Request, on_option: &mut dyn FnMut(u64, u64)) -> Result<Plan, PlanError> {
     let rivals = check(site, request)?;
-    let subject = Subject {
-        bare: site.bare,
-        model: site.model,
-        effects: site.effects,
-        truth: &request.effect,
-        conditions: &request.conditions,
-        seed: request.seed,
-    };
+    let subject = Subject { site: *site, truth: &request.effect, conditions: &request.conditions, seed: request.seed };
     let mut hours = request.hours.clone();
     hours.sort_by(f64::total_cmp);
     hours.dedup();

@@ -3,27 +3,24 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use super::Site;
 use super::error::PlanError;
 use super::law::{Conditions, expected_modes};
 use super::report::RecordOutlook;
 use crate::compare::ModelView;
 use crate::diagnose::steps::Setting;
 use crate::diagnose::{Discrepancy, Draw, Outlook, Rival, STANDS_OUT, Weighed};
+use crate::model::Assembly;
 use crate::model::effect::Effect;
-use crate::model::{Assembly, Structure};
 use crate::modes::{MeasuredMode, normals};
 use crate::statistics::median;
-use crate::study::{Model, Sensor};
+use crate::study::Sensor;
 
 /// What does not depend on sensors and records.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Subject<'a> {
-    /// The structure as first given.
-    pub(super) bare: &'a Structure,
-    /// How far it is trusted.
-    pub(super) model: &'a Model,
-    /// Effects in the model.
-    pub(super) effects: &'a [Effect],
+    /// The model; its sensors are those that stand already.
+    pub(super) site: Site<'a>,
     /// The effect that it lacks.
     pub(super) truth: &'a Effect,
     /// What the measurement is like.
@@ -35,15 +32,15 @@ pub(super) struct Subject<'a> {
 /// Measurements that are drawn: a probability of 95 % is then known to 1.5 %.
 pub(super) const DRAWS: usize = 200;
 /// Measurements from which the sizes of discrepancies are taken that a diagnosis may consider.
-const MEASURED_DRAWS: u64 = 3;
+const MEASURED_DRAWS: u64 = 6;
 /// They are considered at these shares.
-const SHARES: [f64; 3] = [1.0, 0.5, 0.25];
+const SHARES: [f64; 2] = [1.0, 0.5];
 /// With fewer averages than these deviations are no longer small.
 const LEAST_AVERAGES: f64 = 4.0;
 /// Streams of random numbers for each draw: scatter, then the modes.
 const STREAMS_A_DRAW: u64 = 1 << 16;
 
-/// A set of sensors before the structure with the effect.
+/// A set of sensors, and the structure with the effect.
 pub(super) struct Sight<'a> {
     subject: Subject<'a>,
     pub(super) sensors: Vec<Sensor>,
@@ -55,8 +52,8 @@ impl<'a> Sight<'a> {
     /// # Errors
     /// [`PlanError`] where sensors have no place, or the structure cannot have the effect.
     pub(super) fn new(subject: Subject<'a>, sensors: Vec<Sensor>) -> Result<Self, PlanError> {
-        let effects: Vec<Effect> = subject.effects.iter().chain([subject.truth]).cloned().collect();
-        let assembly = subject.bare.clone().and(&effects)?.assemble();
+        let effects: Vec<Effect> = subject.site.effects.iter().chain([subject.truth]).cloned().collect();
+        let assembly = subject.site.bare.clone().and(&effects)?.assemble();
         let view = ModelView::of(&assembly, &sensors)?;
         Ok(Self { subject, sensors, assembly, view })
     }
@@ -80,7 +77,7 @@ impl<'a> Sight<'a> {
     }
 
     pub(super) fn setting<'b>(&'b self, measured: &'b [MeasuredMode]) -> Setting<'b> {
-        let Subject { bare, model, .. } = self.subject;
+        let Site { bare, model, .. } = self.subject.site;
         Setting { bare, model, sensors: &self.sensors, measured }
     }
 
@@ -112,7 +109,7 @@ impl<'a> Sight<'a> {
     /// [`PlanError`] where no mode is expected, or none is like one of the model's.
     pub(super) fn outlook(&self, hours: f64, rivals: &[Rival]) -> Result<(Outlook, Vec<MeasuredMode>), PlanError> {
         let modes = self.modes(hours)?;
-        let outlook = Outlook::new(self.setting(&modes), self.subject.effects, self.subject.truth, rivals)?;
+        let outlook = Outlook::new(self.setting(&modes), self.subject.site.effects, self.subject.truth, rivals)?;
         Ok((outlook, modes))
     }
 

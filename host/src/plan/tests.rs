@@ -70,11 +70,11 @@ fn the_probability_grows_with_the_record_and_the_size() {
         let plan = shaft.plan(&request(effect, &[0.2, 1.0, 4.0, 24.0]));
         let named: Vec<f64> = plan.options[0].records.iter().map(|record| record.probability_named).collect();
         println!("{effect}: {named:.2?} {:?}", plan.options[0].shortest_hours);
-        // The measurements that are drawn differ by how long they are, not by chance.
-        assert!(named.windows(2).all(|pair| pair[1] > pair[0] - 0.03), "{effect}: {named:?}");
+        // Where the tolerance is what hides an effect, longer records change nothing but chance: 200 draws, two deviations.
+        assert!(named.windows(2).all(|pair| pair[1] > pair[0] - 0.06), "{effect}: {named:?}");
         let hours = plan.options[0].shortest_hours.unwrap_or(f64::INFINITY);
         // Lengths are found to a tenth.
-        assert!(hours < 1.1 * shortest, "{effect}: {hours} h, less of it {shortest} h");
+        assert!(hours <= 1.1 * shortest, "{effect}: {hours} h, less of it {shortest} h");
         shortest = hours;
     }
     assert!(shortest < 1.0);
@@ -145,7 +145,7 @@ fn what_cannot_be_planned_is_refused() {
 /// structure with scattered segments, and fitted in full.
 fn successes(shaft: &Shaft, effect: &str, hours: f64, conditions: &Conditions, draws: u64) -> [f64; 2] {
     let truth: Effect = effect.parse().unwrap();
-    let subject = Subject { bare: &shaft.bare, model: &shaft.model, effects: &[], truth: &truth, conditions, seed: 77 };
+    let subject = Subject { site: shaft.site(), truth: &truth, conditions, seed: 77 };
     let sight = Sight::new(subject, shaft.sensors.clone()).unwrap();
     let (outlook, _) = sight.outlook(hours, &[]).unwrap();
     let one = |index: u64| {
@@ -191,14 +191,7 @@ fn the_real_diagnosis_succeeds_as_often_as_predicted() {
 fn an_ambiguous_verdict_gets_the_best_line_of_a_plan() {
     let shaft = shaft(&[60.0, 100.0]);
     let effect: Effect = "stiffness-loss@45m=0.12".parse().unwrap();
-    let subject = Subject {
-        bare: &shaft.bare,
-        model: &shaft.model,
-        effects: &[],
-        truth: &effect,
-        conditions: &CONDITIONS,
-        seed: 5,
-    };
+    let subject = Subject { site: shaft.site(), truth: &effect, conditions: &CONDITIONS, seed: 5 };
     let sight = Sight::new(subject, shaft.sensors.clone()).unwrap();
     let (outlook, _) = sight.outlook(1.0, &[]).unwrap();
     let mut said = Vec::new();
