@@ -7,7 +7,8 @@
 //! [`collect`] does both live, and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of
 //! these. [`identify`] makes modes of it, and [`trend`] follows them over the hours. [`modes`] reads modes, its own or
 //! another tool's. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
-//! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks.
+//! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks. [`plan`] says before
+//! a measurement what it will show.
 //! [`results`] is the folder that all of this is written to, [`picture`] draws it, [`export`] writes it for other tools.
 //! [`simulate`] goes the other way and makes recordings of a structure whose truth is known. [`files`] writes files whole
 //! or not at all. [`command`] holds a file for each subcommand of the `belfry` program; nothing else prints.
@@ -27,6 +28,7 @@ pub mod measure;
 pub mod model;
 pub mod modes;
 pub mod picture;
+pub mod plan;
 mod processor;
 pub mod record;
 pub mod results;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, ports,
+    Console, add, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan, ports,
     remove, replay, simulate, update,
 };
 use clap::{Parser, Subcommand};
@@ -38,6 +38,7 @@ struct CommandLine {
 enum Command {
     Demo(demo::Arguments),
     Init(init::Arguments),
+    Plan(plan::Arguments),
     Simulate(simulate::Arguments),
     Ports(ports::Arguments),
     Collect(collect::Arguments),
@@ -60,6 +61,7 @@ fn main() -> ExitCode {
     let outcome = match &command {
         Command::Demo(arguments) => demo::run(arguments, &console),
         Command::Init(arguments) => init::run(arguments, &console),
+        Command::Plan(arguments) => plan::run(arguments, &console),
         Command::Simulate(arguments) => simulate::run(arguments, &console),
         Command::Ports(arguments) => ports::run(arguments, &console),
         Command::Collect(arguments) => collect::run(arguments, &console),

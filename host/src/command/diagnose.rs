@@ -40,7 +40,7 @@ pub struct Arguments {
 }
 
 /// The name of a kind.
-fn kind(text: &str) -> Result<String, String> {
+pub(super) fn kind(text: &str) -> Result<String, String> {
     effect::find(text).map(|kind| kind.name().to_owned()).map_err(|error| error.to_string())
 }
 

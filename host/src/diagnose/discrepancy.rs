@@ -109,8 +109,18 @@ impl Discrepancy {
         self.p_value().is_none_or(|p_value| p_value >= FAILS)
     }
 
+    /// With a share of its sizes.
+    pub(crate) fn times(&self, share: f64) -> Self {
+        Self {
+            frequency: share * self.frequency,
+            shape: share * self.shape,
+            coupling: (share * self.coupling).max(COUPLING.least),
+            ..*self
+        }
+    }
+
     /// Whether another is the same for all that follows from it.
-    pub(super) fn is_like(&self, other: &Self) -> bool {
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
         let (one, other) = (self.numbers(), other.numbers());
         one.iter().zip(other).all(|(one, other)| (one - other).abs() < ALIKE)
     }
@@ -119,7 +129,7 @@ impl Discrepancy {
 /// Sizes that differ by less than this (ln) are alike.
 const ALIKE: f64 = 0.3;
 /// A discrepancy that raises the logarithm of the evidence by less is left out.
-const WORTH: f64 = 1.0;
+pub(super) const WORTH: f64 = 1.0;
 /// Steps of the search for the best sizes (ln) and growth.
 const STEPS: [f64; 4] = [1.6, 0.8, 0.4, 0.2];
 /// Fits and sizes are settled in turn, so often at most.

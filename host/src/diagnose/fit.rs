@@ -120,6 +120,14 @@ impl Problem {
         self.finish(state, fit.knobs.clone(), jacobian)
     }
 
+    /// The model with effects as they are given, without scatter and without a fit.
+    pub(super) fn as_given(&self, effects: &[Effect]) -> Result<Fit, String> {
+        let state = self.state_without_scatter(effects)?;
+        let knobs = self.all_knobs(&state);
+        let jacobian = self.jacobian(&state, &knobs)?;
+        self.finish(state, knobs, jacobian)
+    }
+
     /// One step that lowers the cost; `None` where no step does.
     fn step(
         &self,
@@ -173,7 +181,7 @@ impl Problem {
         None
     }
 
-    fn jacobian(&self, state: &State, knobs: &[Knob]) -> Result<DMatrix<f64>, String> {
+    pub(super) fn jacobian(&self, state: &State, knobs: &[Knob]) -> Result<DMatrix<f64>, String> {
         let background = state.by_background(self);
         let mut jacobian = background.insert_columns(0, knobs.len(), 0.0);
         for (index, knob) in knobs.iter().enumerate() {
@@ -200,10 +208,7 @@ impl Problem {
         let covariance = Cholesky::new(posterior).ok_or("the fit is not determined")?.inverse();
         let units = knobs.iter().map(|knob| (state.value(knob) - knob.neutral) / knob.scale);
         let prior: f64 = units.map(prior_misfit).sum();
-        // A prior on one side only is twice as high there.
-        let one_sided = knobs.iter().filter(|knob| knob.bounds.contains(&knob.neutral)).count();
-        let log_evidence =
-            -0.5 * (cost(&state, Loss::Robust) + prior + volume) + one_sided as f64 * std::f64::consts::LN_2;
+        let log_evidence = -0.5 * (cost(&state, Loss::Robust) + prior + volume) + log_one_sided(&knobs);
         let discrepancy = self.discrepancy;
         let log_evidence = log_evidence + discrepancy.log_prior();
         Ok(Fit { state, knobs, slopes, jacobian, covariance, log_evidence, discrepancy })
@@ -219,6 +224,12 @@ pub(super) fn shows_in_modes(kind: &dyn EffectKind) -> bool {
 /// which large effects are not ruled out (Jeffreys 1961, "Theory of Probability", section 5.2).
 pub(super) fn prior_misfit(units: f64) -> f64 {
     2.0 * units.mul_add(units, 1.0).ln() + (0.5 * PI).ln()
+}
+
+/// By how much priors on one side only are higher there: twice each; the logarithm.
+pub(super) fn log_one_sided(knobs: &[Knob]) -> f64 {
+    let one_sided = knobs.iter().filter(|knob| knob.bounds.contains(&knob.neutral)).count();
+    one_sided as f64 * std::f64::consts::LN_2
 }
 
 /// What differences cost, and what the background's scatter does.

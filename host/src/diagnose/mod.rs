@@ -10,7 +10,7 @@
 //! effects and background, and `derivatives` and `scales` say how it follows them; `fit` finds the most probable values and
 //! `goodness` tests them. `candidates` lists what could be missing, `score` weighs each by one linear step, `search` refits the
 //! best (with `far`, `damper` and `height`), `verdict` weighs what was `found`, `report` is what it says, `settle` says what to
-//! measure next. Effects that show elsewhere than in modes are in `signals`.
+//! measure next. Effects that show elsewhere than in modes are in `signals`. `outlook` predicts verdicts before anything is measured.
 //!
 //! The statistics: with r the whitened differences of model and measurement, the fit minimises `|r|² + |b|²` over the
 //! effects' values and the background b, whose prior is standard normal (joint maximum a posteriori, so that the tolerance
@@ -36,6 +36,7 @@ mod height;
 pub mod held_out;
 mod knob;
 mod misfit;
+mod outlook;
 mod problem;
 mod report;
 mod scales;
@@ -46,7 +47,7 @@ mod signals;
 mod state;
 pub mod steps;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 mod verdict;
@@ -57,6 +58,7 @@ pub use discrepancy::Discrepancy;
 pub use error::{DiagnoseError, NoneFound};
 pub use fit::{Estimate, Fit};
 pub use goodness::Part;
+pub(crate) use outlook::{Draw, Outlook, Rival, Weighed};
 pub use problem::Problem;
 pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,

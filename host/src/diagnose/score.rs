@@ -2,10 +2,11 @@
 //!
 //! Candidates and a fit flow in; the gain in evidence of each, and the values it would have, flow out.
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::candidates::{Candidate, Options};
+use super::discrepancy::log_determinant;
 use super::fit::{Fit, Marginal, prior_misfit};
 use super::knob::{Knob, with_values};
 use super::misfit::Loss;
@@ -65,8 +66,40 @@ impl Problem {
         candidate: Candidate,
         guesses: &mut Vec<f64>,
     ) -> Option<Scored> {
-        let neutral = candidate.neutral();
-        let effect = candidate.effect(&neutral)?;
+        let (knobs, columns) = self.columns_of(present, &candidate, guesses)?;
+        let columns = marginal.weigh(&columns);
+        let projected = marginal.project(&columns);
+        let information = columns.tr_mul(&projected);
+        if !is_seen(&information, &columns) {
+            return None;
+        }
+        let gradient = columns.tr_mul(differences);
+        let (units, gain) = LinearStep::of(information)?.against(&gradient);
+        if !units.iter().all(|units| units.is_finite()) {
+            return None;
+        }
+        let admissible = is_admissible(&knobs, &units);
+        let values = knobs
+            .iter()
+            .zip(units.iter())
+            .map(|(knob, units)| (knob.neutral + units * knob.scale, knob.bounds))
+            .map(|(value, bounds)| if admissible { value.clamp(bounds[0], bounds[1]) } else { value });
+        let mut all = candidate.neutral();
+        for (knob, value) in knobs.iter().zip(values) {
+            all[knob.parameter] = value;
+        }
+        Some(Scored { candidate, gain, knobs, values: all, admissible })
+    }
+
+    /// The numbers of a candidate that are fitted, and how the differences follow them at the present state (in units of their
+    /// scale). `guesses` are steps that served a neighbour; those that serve this candidate take their place.
+    pub(super) fn columns_of(
+        &self,
+        present: &Fit,
+        candidate: &Candidate,
+        guesses: &mut Vec<f64>,
+    ) -> Option<(Vec<Knob>, DMatrix<f64>)> {
+        let effect = candidate.effect(&candidate.neutral())?;
         let mut effects = present.state.effects.clone();
         effects.push(effect);
         let index = effects.len() - 1;
@@ -84,40 +117,7 @@ impl Problem {
             })
             .collect();
         *guesses = knobs.iter().map(|knob| knob.step).collect();
-        let columns = marginal.weigh(&DMatrix::from_columns(&columns?));
-        let projected = marginal.project(&columns);
-        let information = columns.tr_mul(&projected);
-        // The background, or effects in the model, explain the same: the data cannot see this candidate.
-        if (0..knobs.len()).any(|at| information[(at, at)] < SEPARATE * columns.column(at).norm_squared()) {
-            return None;
-        }
-        let gradient = columns.tr_mul(differences);
-        let admissible = |units: &DVector<f64>| {
-            knobs.iter().zip(units.iter()).all(|(knob, units)| {
-                let value = knob.neutral + units * knob.scale;
-                value >= knob.bounds[0]
-            })
-        };
-        let units = Cholesky::new(information.clone())?.solve(&-&gradient);
-        if !units.iter().all(|units| units.is_finite()) {
-            return None;
-        }
-        let admissible = admissible(&units);
-        let with_prior = &information + DMatrix::identity(knobs.len(), knobs.len());
-        let log_determinant: f64 =
-            Cholesky::new(with_prior)?.l_dirty().diagonal().iter().map(|value| 2.0 * value.ln()).sum();
-        let prior: f64 = units.iter().map(|&units| prior_misfit(units)).sum();
-        let gain = 0.5 * (-gradient.dot(&units) - log_determinant - prior);
-        let values = knobs
-            .iter()
-            .zip(units.iter())
-            .map(|(knob, units)| (knob.neutral + units * knob.scale, knob.bounds))
-            .map(|(value, bounds)| if admissible { value.clamp(bounds[0], bounds[1]) } else { value });
-        let mut all = neutral;
-        for (knob, value) in knobs.iter().zip(values) {
-            all[knob.parameter] = value;
-        }
-        Some(Scored { candidate, gain, knobs, values: all, admissible })
+        Some((knobs, DMatrix::from_columns(&columns?)))
     }
 
     /// An effect that is there or not.
@@ -129,6 +129,40 @@ impl Problem {
         let gain = 0.5 * (before - state.misfit(Loss::Robust));
         Some(Scored { candidate, gain, knobs: Vec::new(), values: Vec::new(), admissible: true })
     }
+}
+
+/// What one linear step along some directions gains.
+pub(super) struct LinearStep {
+    information: Cholesky<f64, Dyn>,
+    /// Of the information with that of the prior.
+    log_determinant: f64,
+}
+
+impl LinearStep {
+    /// Along directions with this information, in units of their scales; `None` where they are not independent.
+    pub(super) fn of(information: DMatrix<f64>) -> Option<Self> {
+        let size = information.nrows();
+        let with_prior = Cholesky::new(&information + DMatrix::identity(size, size))?;
+        Some(Self { log_determinant: log_determinant(&with_prior), information: Cholesky::new(information)? })
+    }
+
+    /// The values that the step leads to, and the gain in the logarithm of the evidence, where the misfit has this gradient.
+    pub(super) fn against(&self, gradient: &DVector<f64>) -> (DVector<f64>, f64) {
+        let units = self.information.solve(&-gradient);
+        let prior: f64 = units.iter().map(|&units| prior_misfit(units)).sum();
+        let gain = 0.5 * (-gradient.dot(&units) - self.log_determinant - prior);
+        (units, gain)
+    }
+}
+
+/// Whether the data see a candidate of this information behind background and other effects; `columns` by weight are what it does.
+pub(super) fn is_seen(information: &DMatrix<f64>, columns: &DMatrix<f64>) -> bool {
+    (0..columns.ncols()).all(|at| information[(at, at)] >= SEPARATE * columns.column(at).norm_squared())
+}
+
+/// Whether values (in units of their scales) are not below their bounds.
+pub(super) fn is_admissible(knobs: &[Knob], units: &DVector<f64>) -> bool {
+    knobs.iter().zip(units.iter()).all(|(knob, units)| knob.neutral + units * knob.scale >= knob.bounds[0])
 }
 
 /// Keeps the better score of each candidate.

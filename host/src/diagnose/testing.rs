@@ -11,7 +11,7 @@ use crate::model::{BeamTable, Structure};
 use crate::modes::{MeasuredMode, MeasuredShape};
 use crate::study::{Model, Sensor, Study, template};
 
-pub(super) fn study() -> (Structure, Model, Vec<Sensor>) {
+pub(crate) fn study() -> (Structure, Model, Vec<Sensor>) {
     let beam = BeamTable::from_reader(template::CANTON_BEAM.as_bytes(), Path::new("beam.csv")).unwrap();
     let study = Study::from_text(template::CANTON_STUDY, Path::new("canton")).unwrap();
     (Structure::new(beam), study.model.clone().unwrap(), study.sensors())
@@ -55,7 +55,7 @@ pub(super) fn measured(
 }
 
 /// A tower whose segments scatter, in units of what the study allows.
-pub(super) fn scattered(structure: &Structure, model: &Model, scatter: f64, seed: u64) -> Structure {
+pub(crate) fn scattered(structure: &Structure, model: &Model, scatter: f64, seed: u64) -> Structure {
     let crate::model::Body::Beam(beam) = structure.body.clone() else { panic!("a beam was given") };
     Structure::new(crate::simulate::scattered(beam, model, scatter, seed))
 }

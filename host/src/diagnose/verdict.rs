@@ -25,7 +25,7 @@ use crate::model::effect::{Effect, Where};
 use crate::modes::MeasuredMode;
 
 /// Effects whose predictions have this squared cosine are twins.
-const TWINS: f64 = 0.99;
+pub(super) const TWINS: f64 = 0.99;
 
 /// Diagnoses the model with the effects that it has.
 ///

@@ -9,7 +9,7 @@ use super::result::{Identification, Mode};
 
 /// The lower bounds of the standard deviations of frequency (Hz) and damping ratio on a record (Au 2014): coefficients of variation
 /// sqrt(zeta / (2 pi N)) and 1 / sqrt(2 pi zeta N), N cycles in the record.
-pub(super) fn std_bounds(frequency_hz: f64, damping_ratio: f64, duration_s: f64) -> [f64; 2] {
+pub(crate) fn std_bounds(frequency_hz: f64, damping_ratio: f64, duration_s: f64) -> [f64; 2] {
     let cycles = frequency_hz * duration_s;
     [
         frequency_hz * (damping_ratio / (std::f64::consts::TAU * cycles)).sqrt(),

@@ -5,6 +5,7 @@
 
 mod channel;
 mod csv_table;
+mod drawn;
 mod error;
 mod json;
 mod measured;
@@ -17,6 +18,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use crate::study::Sensor;
+pub use drawn::DrawnErrors;
+pub(crate) use drawn::normals;
 pub use error::MeasuredError;
 pub use measured::{MeasuredCovarianceFactor, MeasuredMode, MeasuredModes, MeasuredShape};
 use shape::RawMode;

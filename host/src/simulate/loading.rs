@@ -15,7 +15,7 @@ use crate::model::{Assembly, DOFS_A_NODE};
 const TORSION_SHARE: f64 = 0.3;
 
 /// Coherent loads on the degrees of freedom.
-pub(super) struct Loading {
+pub(crate) struct Loading {
     /// The loaded DOFs.
     dofs: Vec<usize>,
     /// Forces a sample in N or N m from independent unit normals, DOFs x normals.
@@ -25,7 +25,7 @@ pub(super) struct Loading {
 impl Loading {
     /// Loads at `level` in m/s²/√Hz, held for one sample each, coherent over `length_m`; independent where that is 0, or where
     /// nodes have no heights.
-    pub(super) fn new(assembly: &Assembly, level: f64, length_m: f64, sampling_rate_hz: f64) -> Self {
+    pub(crate) fn new(assembly: &Assembly, level: f64, length_m: f64, sampling_rate_hz: f64) -> Self {
         let inertia = assembly.mass.diagonal();
         let along = |dof: usize| inertia.iter().copied().enumerate().skip(dof).step_by(DOFS_A_NODE);
         let total_mass_kg: f64 = along(0).map(|(_, mass)| mass).sum();
@@ -52,7 +52,7 @@ impl Loading {
     }
 
     /// Modal forces from unit normals, modes x normals.
-    pub(super) fn on_modes(&self, shapes: &DMatrix<f64>) -> DMatrix<f64> {
+    pub(crate) fn on_modes(&self, shapes: &DMatrix<f64>) -> DMatrix<f64> {
         shapes.select_rows(&self.dofs).tr_mul(&self.factor)
     }
 }

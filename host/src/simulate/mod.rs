@@ -33,7 +33,7 @@ use crate::model::effect::{Effect, EffectError, EffectKind, Evidence, Where};
 use crate::model::{Assembly, BeamTable, EigenError, SensorError, Structure};
 use crate::study::{Motion, STANDARD_GRAVITY_M_S2, Setup, Unit};
 use late::LateChannels;
-use loading::Loading;
+pub(crate) use loading::Loading;
 use oscillator::{OscillatorBank, Quantity};
 pub use plan::{AdoptError, PlanError, PlannedRecording, adopt, plan};
 pub use scatter::scattered;
@@ -162,7 +162,8 @@ pub enum SimulationError {
 /// 400 m.
 const COHERENT_SHARE: f64 = 0.1;
 
-fn default_coherence_length_m(assembly: &Assembly) -> f64 {
+/// The distance over which loads are coherent where nothing else is said.
+pub(crate) fn default_coherence_length_m(assembly: &Assembly) -> f64 {
     assembly.node_elevations_m().last().map_or(0.0, |top_m| COHERENT_SHARE * (top_m - assembly.z_base_m()))
 }
 

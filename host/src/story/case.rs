@@ -13,6 +13,7 @@ use crate::diagnose::{Diagnosis, Options, Signals, diagnose};
 use crate::model::effect::Effect;
 use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load};
 use crate::modes::{MeasuredError, MeasuredModes, read};
+use crate::plan::{Site, advice};
 use crate::results::{MODES_FILE, Results};
 use crate::study::{STUDY_FILE, Sensor, Study};
 
@@ -117,7 +118,22 @@ impl Case {
     pub fn diagnose(&self, without: &[String]) -> Result<Diagnosis, StoryError> {
         let effects = &self.model.effects;
         let options = Options { without: without.to_vec() };
-        Ok(diagnose(&self.setting()?.problem(effects)?, effects, &self.signals()?, &options)?)
+        let setting = self.setting()?;
+        let mut diagnosis = diagnose(&setting.problem(effects)?, effects, &self.signals()?, &options)?;
+        let Setting { bare, model, sensors, measured } = setting;
+        let planned = advice(&Site { bare, model, effects, sensors }, measured, &diagnosis, self.record_hours());
+        diagnosis.next_measurement = planned.or(diagnosis.next_measurement);
+        Ok(diagnosis)
+    }
+
+    /// Length of the record that the modes were identified from, where their file tells.
+    fn record_hours(&self) -> Option<f64> {
+        #[derive(Deserialize)]
+        struct Record {
+            record_s: f64,
+        }
+        let text = std::fs::read_to_string(&self.measured.file).ok()?;
+        serde_json::from_str::<Record>(&text).ok().map(|record| record.record_s / 3600.0)
     }
 
     /// What a diagnosis and fits of effects start from.

@@ -160,7 +160,7 @@ pub fn add_until_nothing_gains(
 }
 
 /// `KIND[@WHERE]` with the study's names, where a located kind may leave its place open.
-fn named(head: &str, sensors: &[Sensor]) -> Result<(&'static dyn EffectKind, Option<Where>), EffectError> {
+pub(super) fn named(head: &str, sensors: &[Sensor]) -> Result<(&'static dyn EffectKind, Option<Where>), EffectError> {
     if !head.contains('@') {
         let kind = effect::find(head.trim())?;
         if matches!(kind.evidence(), Evidence::Modes | Evidence::Phases | Evidence::TwinPeaks)

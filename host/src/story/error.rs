@@ -13,6 +13,7 @@ use crate::model::effect::EffectError;
 use crate::model::{EigenError, ModelError};
 use crate::modes::MeasuredError;
 use crate::picture::PictureError;
+use crate::plan::PlanError;
 use crate::results::ResultsError;
 use crate::study::StudyError;
 use crate::trend::TrendError;
@@ -62,6 +63,9 @@ pub enum StoryError {
     /// The diagnosis, or the fit of effects.
     #[error(transparent)]
     Diagnose(Box<DiagnoseError>),
+    /// The plan of a measurement.
+    #[error(transparent)]
+    Plan(Box<PlanError>),
     /// A picture.
     #[error(transparent)]
     Picture(Box<PictureError>),
@@ -189,6 +193,7 @@ passes_on! {
     Covalidate(CovalidateError),
     Predict(PredictError),
     Diagnose(DiagnoseError),
+    Plan(PlanError),
     Picture(PictureError),
     Results(ResultsError),
 }

@@ -52,6 +52,7 @@ mod identified;
 mod inputs;
 mod left_out;
 mod motion;
+mod planned;
 mod progress;
 mod project;
 mod shapes;
@@ -69,6 +70,7 @@ pub use identified::{LinkReport, Method, ModesReport, SegmentReport, TimingRepor
 pub use inputs::Inputs;
 pub use left_out::MOST_NOISE_GAIN;
 pub use motion::Stretch;
+pub use planned::{PlanRequest, planned};
 pub use progress::{OnProgress, Progress};
 pub use project::{Compared, IdentifyRequest, Project};
 pub use shapes::BySource;

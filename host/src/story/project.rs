@@ -9,6 +9,7 @@ use super::covalidated::{CURVES_FILE, CovalidationReport, CovalidationRequest, c
 use super::error::StoryError;
 use super::identified::{Method, ModesReport, identify, interval_for_temperatures};
 use super::motion::curves_csv;
+use super::planned::{PlanRequest, planned};
 use super::progress::{OnProgress, rows_of};
 use super::trends;
 use super::updated::{UpdateReport, update};
@@ -19,9 +20,10 @@ use crate::identify::accuracy::{Wish, record_needed};
 use crate::measure::Route;
 use crate::model::{Assembly, Body, matrix_market, npy};
 use crate::picture;
+use crate::plan::Plan;
 use crate::results::{
-    COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, MODES_FILE, Results, ResultsError, STABILISATION_FILE,
-    UPDATE_FILE,
+    COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, MODES_FILE, PLAN_FILE, Results, ResultsError,
+    STABILISATION_FILE, UPDATE_FILE,
 };
 use crate::study::Study;
 use crate::trend::follow;
@@ -256,6 +258,17 @@ impl Project {
         let diagnosis = self.case()?.diagnose(without)?;
         self.results.write_json(DIAGNOSIS_FILE, &diagnosis)?;
         Ok(diagnosis)
+    }
+
+    /// Says before a measurement what it will show of an effect. Writes `plan.json`.
+    ///
+    /// # Errors
+    /// As [`planned`], or when the result cannot be written.
+    pub fn plan(&self, request: &PlanRequest, on_progress: OnProgress<'_>) -> Result<Plan, StoryError> {
+        self.results.make_ready()?;
+        let plan = planned(&self.study, request, on_progress)?;
+        self.results.write_json(PLAN_FILE, &plan)?;
+        Ok(plan)
     }
 
     /// Puts an effect (`KIND[@WHERE][=VALUE]`) into the model and refits all of them together, in `study.toml` and the history.

@@ -17,5 +17,6 @@ mod link;
 mod model;
 mod next;
 mod outcome;
+mod plan;
 mod published;
 mod real_records;

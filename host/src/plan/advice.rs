@@ -1,0 +1,106 @@
+//! What to measure next, where a diagnosis could not tell effects apart: one more sensor, or a longer record.
+
+use super::law::Conditions;
+use super::places::sensor_at;
+use super::{LONGEST_HOURS, Plan, Request, Site, WANTED, plan};
+use crate::diagnose::Diagnosis;
+use crate::model::effect::{Effect, Where, named_in_study};
+use crate::modes::MeasuredMode;
+use crate::statistics::median;
+use crate::study::{Direction, Sensor};
+
+/// Heights at which one more sensor is tried, in both directions.
+const HEIGHTS: usize = 3;
+/// The band of a plan is that of the measured modes, and this share more at both ends.
+const BEYOND: f64 = 0.05;
+/// Damping where none was measured.
+const ORDINARY_DAMPING: f64 = 0.01;
+/// Noise as `belfry plan` assumes it.
+const NOISE_PERCENT: f64 = 2.0;
+
+/// The best line of a plan for the effects that a diagnosis named together; `None` where it has nothing to say: twins, or a record
+/// and sensors that should have told them apart. `record_hours` is how long the record was.
+pub(crate) fn advice(
+    site: &Site<'_>,
+    measured: &[MeasuredMode],
+    diagnosis: &Diagnosis,
+    record_hours: Option<f64>,
+) -> Option<String> {
+    let names = diagnosis.ambiguous.first()?;
+    let effect = found(diagnosis, names.first()?, site.sensors)?;
+    let rivals = names.get(1..)?.iter().map(|name| named_in_study(name, site.sensors).ok());
+    let against = rivals.map(|rival| Some((rival?.0, None))).collect::<Option<Vec<_>>>()?;
+    let lowest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(f64::INFINITY, f64::min);
+    let highest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
+    let mut damping: Vec<f64> = measured.iter().filter_map(|mode| mode.damping_ratio).collect();
+    let hours = record_hours?;
+    let request = Request {
+        effect,
+        against,
+        without: Vec::new(),
+        hours: vec![hours],
+        places: possible_places(site),
+        add: 1,
+        conditions: Conditions {
+            damping_ratio: median(&mut damping).unwrap_or(ORDINARY_DAMPING),
+            noise_percent: NOISE_PERCENT,
+            band_hz: [lowest_hz * (1.0 - BEYOND), highest_hz * (1.0 + BEYOND)],
+        },
+        seed: 0,
+    };
+    sentence(&plan(site, &request, &mut |_, _| {}).ok()?, hours, &names[1..])
+}
+
+/// The effect that a diagnosis found, with its values.
+fn found(diagnosis: &Diagnosis, name: &str, sensors: &[Sensor]) -> Option<Effect> {
+    let candidate = diagnosis.candidates.iter().find(|candidate| candidate.name() == *name)?;
+    let (kind, place) = named_in_study(name, sensors).ok()?;
+    let values: Vec<f64> = candidate.parameters.iter().map(|parameter| parameter.value).collect();
+    let is_it = |set: &&&'static [crate::model::effect::Parameter]| {
+        set.len() == values.len() && set.iter().zip(&candidate.parameters).all(|(a, b)| a.name == b.name)
+    };
+    let parameters = kind.parameter_sets().iter().find(is_it)?;
+    Effect::with_parameters(kind, place, parameters, &values).ok()
+}
+
+/// Places over the height of the structure, in both directions.
+fn possible_places(site: &Site<'_>) -> Vec<Sensor> {
+    let Some([z_base_m, z_top_m]) = site.bare.z_range_m() else { return Vec::new() };
+    let at = |step: usize| {
+        let z_m = (z_base_m + (z_top_m - z_base_m) * step as f64 / HEIGHTS as f64).round().clamp(z_base_m, z_top_m);
+        [("X", 0.0), ("Y", 90.0)].map(|(axis, azimuth_deg)| {
+            let place = Where::Height(z_m);
+            sensor_at(format!("{place} along {axis}"), z_m, Direction::AzimuthDeg(azimuth_deg), [0.0; 2])
+        })
+    };
+    (1..=HEIGHTS).flat_map(at).collect()
+}
+
+fn sentence(plan: &Plan, hours: f64, rivals: &[String]) -> Option<String> {
+    let probability = |value: f64| format!("{:.0} %", 100.0 * value);
+    let apart = format!("tell {} from {} with a probability of", plan.effect, rivals.join(", "));
+    let [first, more @ ..] = plan.options.as_slice() else { return None };
+    let longer = first.shortest_hours.filter(|&shortest| shortest > hours && shortest <= LONGEST_HOURS);
+    let of = |option: &super::SensorOption| option.records.first().map_or(0.0, |record| record.probability_named);
+    let one_more = more.first().filter(|option| of(option) >= WANTED || option.shortest_hours.is_some());
+    match (longer, one_more) {
+        // The sensors at hand should have told them apart already: the plan's assumptions do not hold here.
+        _ if of(first) >= WANTED => None,
+        (_, Some(option)) if of(option) >= WANTED => Some(format!(
+            "one more sensor at {}, for {hours:.1} h, would {apart} {}",
+            option.added.join(", "),
+            probability(of(option))
+        )),
+        (Some(longer), _) => {
+            Some(format!("a record of {longer:.1} h with the same sensors would {apart} {}", probability(WANTED)))
+        }
+        (None, Some(option)) => option.shortest_hours.map(|shortest| {
+            format!(
+                "one more sensor at {}, for {shortest:.1} h, would {apart} {}",
+                option.added.join(", "),
+                probability(WANTED)
+            )
+        }),
+        (None, None) => None,
+    }
+}
