@@ -13,12 +13,12 @@ import world
 from world import RX, RY, RZ, STIFF, X, Y, Z
 
 EFFECTS = ["stiffness-loss", "added-mass", "base-rotation", "base-translation", "p-delta", "stiffness-scale",
-           "mass-eccentricity", "connection-flexibility"]
+           "mass-eccentricity", "connection-flexibility", "base-torsion"]
 CHANNELS = ["sensor-gain", "sensor-polarity", "sensor-swap"]
 OUTSIDERS = {
-    "lattice": ["one-leg-springs", "one-direction-loss", "guy-cable", "twisting-base"],
-    "frame": ["one-direction-loss", "guy-cable", "twisting-base"],
-    "tube": ["one-direction-loss", "guy-cable", "twisting-base"],
+    "lattice": ["one-leg-springs", "one-direction-loss", "guy-cable"],
+    "frame": ["one-direction-loss", "guy-cable"],
+    "tube": ["one-direction-loss", "guy-cable"],
 }
 SHIFT = 0.015, 0.10
 MODES = 26
@@ -172,6 +172,15 @@ def hide_effect(kind, body, sound, random):
         result = sized(body, sound, soften, 1.0, 1e4, random)
         x, y = result[0] / along_x, result[0] / along_y
         truth.values = {"flexibility": (min(x, y), max(x, y)), "flexibility_x": (x, x), "flexibility_y": (y, y)}
+    elif kind == "base-torsion":
+        turn = 10 * stiff * height_m**2
+        truth.detail = "a mat that only twists"
+
+        def soften(b, size):
+            b.mat = {X: STIFF, Y: STIFF, Z: STIFF, RX: 1e4 * STIFF, RY: 1e4 * STIFF, RZ: turn / size}
+
+        result = sized(body, sound, soften, 1.0, 1e5, random)
+        truth.values = {"flexibility": (result[0] / turn, result[0] / turn)}
     elif kind == "p-delta":
         changed = copy.deepcopy(body)
         changed.weight_acts = True
@@ -231,7 +240,7 @@ def hide_outsider(kind, body, sound, random):
         named = families[body.kind]
         truth.detail = f"{named[0]} over the {'lower' if lower else 'upper'} half"
         change, guess, limit = lambda b, size: scale(b, bays, named, 1 - size), 0.3, 0.8
-    elif kind == "guy-cable":
+    else:
         level = int(count * random.uniform(0.4, 0.7))
         dof = int(random.choice([X, Y]))
         tags = body.level_nodes[level]
@@ -241,14 +250,6 @@ def hide_outsider(kind, body, sound, random):
             b.stays.extend((tag, dof, size * stiff / len(tags)) for tag in tags)
 
         guess, limit = 0.1, 10.0
-    else:
-        turn = 10 * stiff * height_m**2
-        truth.detail = "a mat that only twists"
-
-        def change(b, size):
-            b.mat = {X: STIFF, Y: STIFF, Z: STIFF, RX: 1e4 * STIFF, RY: 1e4 * STIFF, RZ: turn / size}
-
-        guess, limit = 1.0, 1e5
     _, changed, modes, reached = sized(body, sound, change, guess, limit, random)
     truth.shift_percent = 100 * reached
     return truth, changed, modes

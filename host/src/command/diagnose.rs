@@ -141,6 +141,16 @@ fn tell(diagnosis: &Diagnosis, effects: &[String], study: &Study, console: &Cons
             ]);
         }
         console.say(table);
+        for candidate in shown(diagnosis) {
+            for estimate in candidate.parameters.iter().filter(|estimate| estimate.is_unusual()) {
+                let sizes = estimate.typical_sizes.map_or_else(String::new, |sizes| format!("{sizes:.0} times "));
+                console.say(format!(
+                    "{}: {} is {sizes}what is usual for such an effect; check whether it can be true.",
+                    candidate.name(),
+                    estimate.name
+                ));
+            }
+        }
         for candidate in diagnosis.candidates.iter().filter(|candidate| !candidate.admissible) {
             console.say(format!(
                 "{} would need an impossible value ({}).",

@@ -14,7 +14,7 @@ use super::problem::Problem;
 use super::score::shows_by_derivative;
 use super::state::State;
 use crate::compare::pair_above;
-use crate::model::effect::{EffectKind, KINDS, Parameter, PlaceKind, Prior, Where};
+use crate::model::effect::{EffectKind, Evidence, KINDS, Parameter, PlaceKind, Prior, Where};
 use crate::statistics::median;
 
 /// Values whose typical size depends on the structure are tried at these multiples of it.
@@ -22,6 +22,9 @@ const MULTIPLES: [f64; 4] = [4.0, 20.0, 200.0, 5000.0];
 /// Values with bounds are tried at so many places between them, where those are far apart in units of what is typical.
 const BETWEEN_BOUNDS: usize = 12;
 const FAR_APART: f64 = 6.0;
+/// Delays are tried at quarters of the shortest period, the phase being the same again after a whole one; so many to each side.
+const PERIOD_SHARE: f64 = 0.25;
+const DELAYS: i32 = 60;
 /// Heights that are tried.
 const HEIGHTS: usize = 10;
 /// Kinds that are fitted, from the best start of each.
@@ -154,6 +157,12 @@ impl Problem {
             return factor.filter(|factor| factor.ln().abs() > NEAR_ONE).into_iter().collect();
         }
         let parameter = &candidate.parameters[at];
+        if candidate.kind.evidence() == Evidence::Phases {
+            let highest_hz = self.measured().iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
+            let step = PERIOD_SHARE / highest_hz;
+            let values = (-DELAYS..=DELAYS).filter(|turns| *turns != 0).map(|turns| f64::from(turns) * step);
+            return values.filter(|value| (parameter.least..=parameter.greatest).contains(value)).collect();
+        }
         match parameter.prior {
             Prior::FrequencyShift(_) => {
                 let nothing = candidate.effect(&candidate.neutral());

@@ -39,7 +39,20 @@ pub struct Estimate {
     pub std: Option<f64>,
     /// The unit of both; `-` for a pure number.
     pub unit: String,
+    /// How far it is from no effect, in units of what is typical; null where nothing is.
+    #[serde(default)]
+    pub typical_sizes: Option<f64>,
 }
+
+impl Estimate {
+    /// Whether an engineer would ask whether it can be true.
+    pub fn is_unusual(&self) -> bool {
+        self.typical_sizes.is_some_and(|sizes| sizes > UNUSUAL)
+    }
+}
+
+/// Cauchy's prior, whose unit is what is typical, has 6 % of its probability beyond so many.
+const UNUSUAL: f64 = 10.0;
 
 const MOST_ITERATIONS: usize = 25;
 /// A value that chance makes as large with a higher probability than this is not significant.
@@ -288,9 +301,12 @@ impl Fit {
     /// The values of an effect, with their standard deviations.
     pub fn estimates(&self, effect: usize) -> Vec<Estimate> {
         let Some(fitted) = self.state.effects.get(effect) else { return Vec::new() };
-        let std = |parameter: usize| {
-            let at = self.knobs.iter().position(|knob| (knob.effect, knob.parameter) == (effect, parameter))?;
-            Some(self.covariance[(at, at)].max(0.0).sqrt() * self.knobs[at].scale)
+        let knob =
+            |parameter: usize| self.knobs.iter().position(|knob| (knob.effect, knob.parameter) == (effect, parameter));
+        let std = |at: usize| self.covariance[(at, at)].max(0.0).sqrt() * self.knobs[at].scale;
+        let sizes = |at: usize| {
+            let knob = &self.knobs[at];
+            ((self.state.value(knob) - knob.neutral) / knob.scale).abs()
         };
         fitted
             .parameters()
@@ -298,8 +314,9 @@ impl Fit {
             .map(|(index, (parameter, value))| Estimate {
                 name: parameter.name.to_owned(),
                 value,
-                std: std(index),
+                std: knob(index).map(std),
                 unit: parameter.unit.to_owned(),
+                typical_sizes: knob(index).map(sizes),
             })
             .collect()
     }

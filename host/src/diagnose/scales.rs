@@ -64,7 +64,7 @@ impl State {
                 Prior::FrequencyShift(share) => match self.step_that_shifts(problem, effects, &knob, value) {
                     Some((step, shift)) => {
                         let typical = problem.typical(&effects[effect], index);
-                        (knob.scale, knob.step) = (typical.unwrap_or(share * step / shift), step);
+                        (knob.scale, knob.step) = (typical.unwrap_or(parameter.enlarged(step, share / shift)), step);
                     }
                     None => {
                         knobs.push(None);
@@ -114,19 +114,20 @@ impl Problem {
     /// The typical size of a parameter that depends on the structure: of the structure as first given, so that an effect weighs
     /// the same wherever a fit starts. `None` where it does nothing there.
     pub(super) fn typical(&self, effect: &Effect, parameter: usize) -> Option<f64> {
-        let Prior::FrequencyShift(share) = effect.parameters().nth(parameter)?.0.prior else { return None };
+        let known = effect.parameters().nth(parameter)?.0;
+        let Prior::FrequencyShift(share) = known.prior else { return None };
         let reference = self.reference()?;
         let name = format!("{effect} {parameter} {}", effect.parameters().len());
-        if let Some(known) = reference.typical.lock().ok()?.get(&name) {
-            return *known;
+        if let Some(size) = reference.typical.lock().ok()?.get(&name) {
+            return *size;
         }
         let neutral: Vec<f64> = effect.parameters().map(|(parameter, _)| parameter.neutral).collect();
         let alone = [effect.with_values(&neutral)];
         let value = neutral[parameter];
         let bounds = [f64::NEG_INFINITY, f64::INFINITY];
         let knob = Knob { effect: 0, parameter, neutral: value, scale: 1.0, step: 1.0, bounds };
-        let found =
-            reference.state.step_that_shifts(self, &alone, &knob, value).map(|(step, shift)| share * step / shift);
+        let step = reference.state.step_that_shifts(self, &alone, &knob, value);
+        let found = step.map(|(step, shift)| known.enlarged(step, share / shift));
         reference.typical.lock().ok()?.insert(name, found);
         found
     }

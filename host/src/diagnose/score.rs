@@ -74,10 +74,19 @@ impl Problem {
             return None;
         }
         let gradient = columns.tr_mul(differences);
-        let (units, gain) = LinearStep::of(information)?.against(&gradient);
+        let (linear, gain) = LinearStep::of(information.clone())?.against(&gradient);
+        let (units, steeper) = enlarged(&candidate, &knobs, &linear, information);
         if !units.iter().all(|units| units.is_finite()) {
             return None;
         }
+        let gain = match steeper {
+            Some(steeper) => {
+                let with_prior = Cholesky::new(&steeper + DMatrix::identity(knobs.len(), knobs.len()))?;
+                let prior: f64 = units.iter().map(|&units| prior_misfit(units)).sum();
+                0.5 * (-gradient.dot(&linear) - log_determinant(&with_prior) - prior)
+            }
+            None => gain,
+        };
         let admissible = is_admissible(&knobs, &units);
         let values = knobs
             .iter()
@@ -129,6 +138,28 @@ impl Problem {
         let gain = 0.5 * (before - state.misfit(Loss::Robust));
         Some(Scored { candidate, gain, knobs: Vec::new(), values: Vec::new(), admissible: true })
     }
+}
+
+/// Where parameters act by a power of themselves: the values that a linear step stands for, and the information there. The step stands for
+/// a slope that is zero where the effect is not there: so far does the same change take the value, and there the slope is as much steeper.
+fn enlarged(
+    candidate: &Candidate,
+    knobs: &[Knob],
+    linear: &DVector<f64>,
+    mut information: DMatrix<f64>,
+) -> (DVector<f64>, Option<DMatrix<f64>>) {
+    let mut units = linear.clone();
+    let mut is_enlarged = false;
+    for (at, knob) in knobs.iter().enumerate().filter(|(_, knob)| candidate.parameters[knob.parameter].power > 1) {
+        is_enlarged = true;
+        let step = knob.step / knob.scale;
+        let parameter = &candidate.parameters[knob.parameter];
+        units[at] = units[at].signum() * parameter.enlarged(step, units[at] / step);
+        let steeper = f64::from(parameter.power) * (units[at] / step).abs().powi(i32::from(parameter.power) - 1);
+        information.row_mut(at).scale_mut(steeper);
+        information.column_mut(at).scale_mut(steeper);
+    }
+    (units, is_enlarged.then_some(information))
 }
 
 /// What one linear step along some directions gains.

@@ -453,3 +453,21 @@ mod long {
         assert!(diagnosis.best.iter().all(|best| best != "base-translation"));
     }
 }
+
+/// Inertia grows with the square of its radius: the typical radius moves a frequency by as much as an effect is expected to, not by
+/// the square of what one small step promises.
+#[test]
+fn a_typical_radius_moves_a_frequency_as_expected() {
+    let (structure, model, sensors) = study();
+    let modes = measured(&structure, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(1));
+    let problem = Problem::new(structure.clone(), &[], &model, &sensors, &modes).unwrap();
+    let effect: Effect = "rotary-inertia=radius=1".parse().unwrap();
+    let typical = problem.typical(&effect, 0).unwrap();
+    let frequencies = |structure: &Structure| structure.assemble().modes().unwrap().frequency_hz;
+    let (sound, heavy) =
+        (frequencies(&structure), frequencies(&structure.clone().and(&[effect.with_values(&[typical])]).unwrap()));
+    let measured = problem.reference.get().unwrap().as_ref().unwrap().state.models.clone();
+    let most = measured.iter().map(|&mode| (sound[mode] / heavy[mode]).ln()).fold(0.0, f64::max);
+    // 5 % by the slope at nothing; less by the whole of it.
+    assert!((0.02..0.08).contains(&most), "{typical} m moves a frequency by {most}");
+}

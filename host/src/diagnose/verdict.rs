@@ -275,6 +275,7 @@ fn rejected_report(present: &Fit, scored: &Scored) -> CandidateReport {
                 value: *value,
                 std: None,
                 unit: parameter.unit.to_owned(),
+                typical_sizes: None,
             })
             .collect(),
         log_bayes_factor: None,
@@ -292,6 +293,7 @@ fn signal_report(signal: &Signal) -> CandidateReport {
         value,
         std: signal.std,
         unit: parameter.unit.to_owned(),
+        typical_sizes: None,
     };
     CandidateReport {
         effect: signal.effect.kind().to_owned(),

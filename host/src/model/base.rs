@@ -1,11 +1,11 @@
 //! The base of a beam on springs: flexibilities flow in, the condensed stiffness and the motion of the base flow out.
 //!
-//! The base node carries no mass, so its springs are condensed without approximation: with flexibilities C on the base DOFs
+//! The base node carries no mass, so its springs are condensed without approximation: with the flexibility C of the base DOFs
 //! b, `x_b = -(I + C K_bb)⁻¹ C K_bf x_f` and `K = K_ff + K_fb x_b/x_f`. C = 0 is the clamped base, so a flexibility acts
 //! smoothly from zero on and M stays positive definite. (I + C K_bb has eigenvalues of 1 and more for flexibilities of 0
 //! and more, so it always has an inverse.)
 
-use nalgebra::{DMatrix, SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix};
 
 use super::DOFS_A_NODE;
 
@@ -16,6 +16,10 @@ pub struct BaseFlexibility {
     pub translation_m_n: [f64; 2],
     /// About X and Y in rad/(N m).
     pub rotation_rad_n_m: [f64; 2],
+    /// About Z in rad/(N m).
+    pub torsion_rad_n_m: f64,
+    /// Translation along X by a unit moment about Y, and along Y by one about X, in 1/N: sway and rocking are coupled.
+    pub coupling_per_n: [f64; 2],
 }
 
 impl BaseFlexibility {
@@ -24,12 +28,42 @@ impl BaseFlexibility {
         for axis in 0..2 {
             self.translation_m_n[axis] += more.translation_m_n[axis];
             self.rotation_rad_n_m[axis] += more.rotation_rad_n_m[axis];
+            self.coupling_per_n[axis] += more.coupling_per_n[axis];
+        }
+        self.torsion_rad_n_m += more.torsion_rad_n_m;
+    }
+
+    /// A base that rotates about X and Y around a point `depth_m` below it, as a foundation does that is embedded or stands on
+    /// piles (Gazetas 1991): where it turns by ry, the base moves by ux = depth ry.
+    pub(super) fn rocking(rotation_rad_n_m: [f64; 2], depth_m: f64) -> Self {
+        let [about_x, about_y] = rotation_rad_n_m;
+        Self {
+            rotation_rad_n_m,
+            translation_m_n: [about_y, about_x].map(|flexibility| flexibility * depth_m * depth_m),
+            coupling_per_n: [about_y * depth_m, -about_x * depth_m],
+            torsion_rad_n_m: 0.0,
         }
     }
 
-    fn diagonal(&self) -> SVector<f64, DOFS_A_NODE> {
+    /// All of it times a factor.
+    pub(super) fn times(&self, factor: f64) -> Self {
+        let both = |pair: [f64; 2]| pair.map(|value| value * factor);
+        Self {
+            translation_m_n: both(self.translation_m_n),
+            rotation_rad_n_m: both(self.rotation_rad_n_m),
+            torsion_rad_n_m: self.torsion_rad_n_m * factor,
+            coupling_per_n: both(self.coupling_per_n),
+        }
+    }
+
+    /// C over `ux, uy, rx, ry, rz`.
+    fn matrix(&self) -> SMatrix<f64, DOFS_A_NODE, DOFS_A_NODE> {
         let ([along_x, along_y], [about_x, about_y]) = (self.translation_m_n, self.rotation_rad_n_m);
-        SVector::from([along_x, along_y, about_x, about_y, 0.0])
+        let mut matrix = SMatrix::from_diagonal(&[along_x, along_y, about_x, about_y, self.torsion_rad_n_m].into());
+        for ((one, other), coupling) in [(0, 3), (1, 2)].into_iter().zip(self.coupling_per_n) {
+            (matrix[(one, other)], matrix[(other, one)]) = (coupling, coupling);
+        }
+        matrix
     }
 
     /// Motion of the base node that follows from the free DOFs, 5 x free; `whole` is K with the base's DOFs first.
@@ -37,7 +71,7 @@ impl BaseFlexibility {
         let free = whole.nrows() - DOFS_A_NODE;
         let base_base: SMatrix<f64, DOFS_A_NODE, DOFS_A_NODE> =
             whole.fixed_view::<DOFS_A_NODE, DOFS_A_NODE>(0, 0).into();
-        let flexibility = SMatrix::from_diagonal(&self.diagonal());
+        let flexibility = self.matrix();
         let soft = SMatrix::<f64, DOFS_A_NODE, DOFS_A_NODE>::identity() + flexibility * base_base;
         soft.lu().solve(&flexibility).map_or_else(
             || DMatrix::zeros(DOFS_A_NODE, free),

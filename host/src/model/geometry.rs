@@ -234,8 +234,15 @@ impl LocalMotion {
     /// Adds `factor * sum nᵀ n` over two of the motion's rows, from `first_row` on, to a matrix over all DOFs: what a mass (or
     /// a spring) of that size, alike in both directions, adds to M (or K).
     pub(super) fn add_square(&self, total: &mut DMatrix<f64>, first_row: usize, factor: f64) {
+        self.add_squares(total, first_row, [factor; 2]);
+    }
+
+    /// The same with a factor for each of the two rows.
+    pub(super) fn add_squares(&self, total: &mut DMatrix<f64>, first_row: usize, factors: [f64; 2]) {
         let rows = self.motion.rows(first_row, 2);
-        let part = rows.tr_mul(&rows) * factor;
+        let mut weighted = rows.into_owned();
+        weighted.row_iter_mut().zip(factors).for_each(|(mut row, factor)| row *= factor);
+        let part = rows.tr_mul(&weighted);
         for (i, &row) in self.dofs.iter().enumerate() {
             for (j, &column) in self.dofs.iter().enumerate() {
                 total[(row, column)] += part[(i, j)];

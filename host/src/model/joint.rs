@@ -39,19 +39,19 @@ impl Element {
         Self { stiffness: stiffness(&segment), segment, kinks: Vec::new() }
     }
 
-    /// Puts a rotational joint in at `z_m`, alike in all directions; leaves an element alone that does not reach there. A
-    /// joint between two segments belongs to the upper one.
+    /// Puts a rotational joint in at `z_m` with its flexibilities about X and Y; leaves an element alone that does not reach
+    /// there. A joint between two segments belongs to the upper one.
     ///
     /// It is eliminated without approximation: a kink of the unit angle with both ends held needs the end forces v = K u, u
     /// the motion that the kink gives the top node. With end motions d the angle is `c vᵀ d / (1 + c uᵀ K u)` for a
     /// flexibility c, and `K - c v vᵀ / (1 + c uᵀ K u)` is what is left.
-    pub(super) fn hinge(&mut self, z_m: f64, flexibility_rad_n_m: f64) {
+    pub(super) fn hinge(&mut self, z_m: f64, [about_x, about_y]: [f64; 2]) {
         if !(self.segment.z_bottom_m..self.segment.z_top_m).contains(&z_m) {
             return;
         }
         let lever_m = self.segment.z_top_m - z_m;
         // Slopes along X and Y are ry and -rx.
-        for (dofs, sign) in [([0, 3], 1.0), ([1, 2], -1.0)] {
+        for (dofs, sign, flexibility_rad_n_m) in [([0, 3], 1.0, about_y), ([1, 2], -1.0, about_x)] {
             let mut motion = SVector::<f64, DOFS_A_SEGMENT>::zeros();
             motion[DOFS_A_NODE + dofs[0]] = lever_m;
             motion[DOFS_A_NODE + dofs[1]] = sign;

@@ -174,12 +174,14 @@ impl Structure {
         compressions
     }
 
+    /// The springs under the base. K of the beam and what hangs on it is multiplied with a factor afterwards; soil does not get
+    /// stiffer with the modulus of the structure, so springs are as much softer before.
     fn base(&self) -> BaseFlexibility {
         let mut base = BaseFlexibility::default();
         for contribution in &self.contributions {
             base.add(&contribution.base_flexibility());
         }
-        base
+        base.times(self.factors().stiffness)
     }
 
     fn factors(&self) -> Factors {

@@ -179,6 +179,7 @@ fn estimates(effect: &Effect, share: f64) -> Vec<Estimate> {
             name: parameter.name.to_owned(),
             value: parameter.neutral + share * (value - parameter.neutral),
             std: None,
+            typical_sizes: None,
             unit: parameter.unit.to_owned(),
         })
         .collect()

@@ -91,6 +91,8 @@ pub struct Options {
     pub hours: f64,
     /// Loads that drive modes together, as wind does, and not each by itself.
     pub uneven: bool,
+    /// How far segments scatter, in units of the 2 to 3 % (mass: 1 %) that the study is right about at 1.
+    pub scatter: f64,
 }
 
 /// A structure with what is hidden in it.
@@ -134,7 +136,7 @@ impl Case {
         for offset in 0..NAMES.len() {
             let name = options.structure.as_deref().unwrap_or(NAMES[(turn + offset) % NAMES.len()]);
             let structure = Structure::named(name)?;
-            let sound = sound(&structure, &mut random);
+            let sound = sound(&structure, options.scatter, &mut random);
             let defect = hidden(category, &options.kinds, &sound, &structure, &mut random);
             if let Some((body, effects, outside)) = defect {
                 let damping_ratios = (0..MODES).map(|_| log_uniform(&mut random, [0.005, 0.02])).collect();
@@ -205,10 +207,10 @@ fn categories() -> [Category; 20] {
     })
 }
 
-fn sound(structure: &Structure, random: &mut impl Rng) -> Body {
+fn sound(structure: &Structure, times: f64, random: &mut impl Rng) -> Body {
     let mut body = Body::fine(structure);
     let stiffness = random.random_range(0.02..0.03);
-    scatter(&mut body, stiffness, 0.01, structure.correlation_length_m(), random);
+    scatter(&mut body, times * stiffness, times * 0.01, structure.correlation_length_m(), random);
     body
 }
 
@@ -267,7 +269,7 @@ mod tests {
     use super::*;
 
     fn options(kinds: Kinds) -> Options {
-        Options { seed: 3, structure: None, kinds, hours: 12.0, uneven: false }
+        Options { seed: 3, structure: None, kinds, hours: 12.0, uneven: false, scatter: 1.0 }
     }
 
     #[test]

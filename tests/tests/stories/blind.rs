@@ -16,7 +16,8 @@ fn run(cases: &[(u64, Kinds)]) -> Vec<CaseRecord> {
         let program = belfry_command().get_program().into();
         let mut bench = Bench { program, folder, keep: false, diagnoses: true, leaves_out: false };
         let run = |(index, kinds): &(u64, Kinds)| {
-            let options = Options { seed: SEED, structure: None, kinds: kinds.clone(), hours: 12.0, uneven: false };
+            let kinds = kinds.clone();
+            let options = Options { seed: SEED, structure: None, kinds, hours: 12.0, uneven: false, scatter: 1.0 };
             let record = bench.run(&Case::draw(*index, &options).unwrap()).unwrap();
             println!("{}", line(&record));
             record

@@ -16,7 +16,13 @@ fn candidate(name: &str, log_bayes_factor: f64, p_value: f64) -> CandidateReport
     CandidateReport {
         effect: effect.to_owned(),
         r#where: place,
-        parameters: vec![Estimate { name: "mass".to_owned(), value: 7.9e6, std: Some(2e5), unit: "kg".to_owned() }],
+        parameters: vec![Estimate {
+            name: "mass".to_owned(),
+            value: 7.9e6,
+            std: Some(2e5),
+            unit: "kg".to_owned(),
+            typical_sizes: None,
+        }],
         log_bayes_factor: Some(log_bayes_factor),
         chi_squared: 100.0,
         p_value,

@@ -1,4 +1,4 @@
-//! What effects that put the base of a beam on springs have in common: one flexibility for both axes, or one each.
+//! What effects that put the base of a beam on springs have in common: one flexibility for all axes, or one each.
 
 use std::sync::Arc;
 
@@ -9,13 +9,14 @@ use crate::model::base::BaseFlexibility;
 use crate::model::contribution::Contribution;
 use crate::model::structure::Structure;
 
-/// A kind of effect on the base. Its parameters are `flexibility`, or `flexibility_x` and `flexibility_y`.
+/// A kind of effect on the base. Its parameters are `flexibility`, or `flexibility_x` and `flexibility_y`; one may have a
+/// `depth` besides.
 #[derive(Debug)]
 pub(super) struct BaseSprings {
     pub(super) about: &'static About,
     pub(super) parameter_sets: &'static [&'static [Parameter]],
-    /// The base with these flexibilities of X and Y.
-    pub(super) base: fn([f64; 2]) -> BaseFlexibility,
+    /// The base with these flexibilities of X and Y, and this depth in m.
+    pub(super) base: fn([f64; 2], f64) -> BaseFlexibility,
 }
 
 impl EffectKind for BaseSprings {
@@ -29,9 +30,8 @@ impl EffectKind for BaseSprings {
 
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
         given.check_beam(self, structure)?;
-        let both = given.value("flexibility");
-        let each = ["flexibility_x", "flexibility_y"].map(|name| given.value(name).or(both).unwrap_or(0.0));
-        Ok(Arc::new((self.base)(each)))
+        let each = given.of_axes("flexibility", ["flexibility_x", "flexibility_y"]);
+        Ok(Arc::new((self.base)(each, given.or_zero("depth"))))
     }
 }
 

@@ -8,9 +8,10 @@ use crate::model::base::BaseFlexibility;
 const ABOUT: About = About {
     name: "base-rotation",
     physics: "The foundation rotates under the overturning moment because soil and piles give way; the model is \
-         clamped. One value applies to both axes.",
+         clamped. One value applies to both axes. An embedded foundation, or one on piles, turns about a point below the \
+         base, so that it sways as it rocks.",
     formula: "a rotational spring under the base: x_b = -(I + C K_bb)^-1 C K_bf x_f with C the flexibility; springs in \
-         series add",
+         series add; about a point below the base C = flexibility [depth^2, depth; depth, 1] of translation and rotation",
     fingerprint: "the lowest modes are too low and move at the base; high modes hardly change",
     look_alikes: &[
         LookAlike {
@@ -27,8 +28,21 @@ const ABOUT: About = About {
     ],
     source: "G. Gazetas (1991), Formulas and charts for impedances of surface and embedded foundations, J. Geotech. Eng. \
          117",
-    examples: &["base-rotation=7.2e-15", "base-rotation=flexibility_x=7e-15,flexibility_y=9e-15"],
+    examples: &[
+        "base-rotation=7.2e-15",
+        "base-rotation=flexibility_x=7e-15,flexibility_y=9e-15",
+        "base-rotation=flexibility=7e-15,depth=6",
+    ],
 };
+
+/// The centre of rotation of piles and caissons is down to some ten metres below the base.
+const DEPTH: Parameter = Parameter::ranged(
+    "depth",
+    "m",
+    [-50.0, 50.0],
+    5.0,
+    "depth below the base of the point about which the foundation turns",
+);
 
 const fn flexibility(name: &'static str, meaning: &'static str) -> Parameter {
     Parameter::positive(name, "rad/(N m)", meaning)
@@ -43,6 +57,7 @@ pub(super) const KIND: BaseSprings = BaseSprings {
             flexibility("flexibility_x", "the same about X (motion along Y)"),
             flexibility("flexibility_y", "the same about Y (motion along X)"),
         ],
+        &[flexibility("flexibility", "rotation of the base under a unit moment about X or Y"), DEPTH],
     ],
-    base: |rotation_rad_n_m| BaseFlexibility { rotation_rad_n_m, translation_m_n: [0.0; 2] },
+    base: BaseFlexibility::rocking,
 };

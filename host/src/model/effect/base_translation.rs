@@ -39,5 +39,5 @@ pub(super) const KIND: BaseSprings = BaseSprings {
         &[flexibility("flexibility", "translation of the base under a unit force along X or Y")],
         &[flexibility("flexibility_x", "the same along X"), flexibility("flexibility_y", "the same along Y")],
     ],
-    base: |translation_m_n| BaseFlexibility { translation_m_n, rotation_rad_n_m: [0.0; 2] },
+    base: |translation_m_n, _| BaseFlexibility { translation_m_n, ..BaseFlexibility::default() },
 };

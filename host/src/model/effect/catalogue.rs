@@ -3,10 +3,10 @@
 use super::error::EffectError;
 use super::kind::EffectKind;
 use super::{
-    added_mass, amplitude_stiffness, axis_rotation, base_rotation, base_translation, clock_offset,
-    connection_flexibility, custom, harmonic, mass_eccentricity, mass_scale, outrigger, p_delta, rotary_inertia,
-    sensor_gain, sensor_polarity, sensor_rotation, sensor_swap, shear_flexibility, stiffness_loss, stiffness_scale,
-    temperature_stiffness, tuned_mass_damper,
+    added_mass, amplitude_stiffness, axis_rotation, base_rotation, base_torsion, base_translation, clock_offset,
+    connection_flexibility, custom, foundation_mass, harmonic, mass_eccentricity, mass_scale, outrigger, p_delta,
+    rotary_inertia, sensor_gain, sensor_polarity, sensor_rotation, sensor_swap, shear_flexibility, stiffness_loss,
+    stiffness_scale, temperature_stiffness, tuned_mass_damper,
 };
 
 /// Every kind there is.
@@ -15,6 +15,8 @@ pub const KINDS: &[&dyn EffectKind] = &[
     &mass_scale::KIND,
     &base_rotation::KIND,
     &base_translation::KIND,
+    &base_torsion::KIND,
+    &foundation_mass::FoundationMass,
     &shear_flexibility::ShearFlexibility,
     &rotary_inertia::RotaryInertia,
     &p_delta::PDelta,

@@ -25,7 +25,11 @@ const ABOUT: About = About {
     examples: &["clock-offset@node3=0.05"],
 };
 
-const DELAY: Parameter = Parameter::ranged("delay", "s", [-1e4, 1e4], 0.02, "positive: the node's samples come late");
+/// A minute is what a crystal of 50 ppm drifts by in two weeks. Clocks that are further off take the lines of two nodes from other
+/// minutes, whose coherence is gone; there is no shape to turn back.
+const LONGEST_S: f64 = 60.0;
+const DELAY: Parameter =
+    Parameter::ranged("delay", "s", [-LONGEST_S, LONGEST_S], 0.02, "positive: the node's samples come late");
 
 /// See [`ABOUT`].
 #[derive(Debug)]

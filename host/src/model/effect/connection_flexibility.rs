@@ -25,10 +25,23 @@ const ABOUT: About = About {
         LookAlike { kind: "base-rotation", separated_by: "for a joint near the base: a sensor between the two" },
     ],
     source: "M. A. Monforton, T. S. Wu (1963), Matrix analysis of semi-rigidly connected frames, J. Struct. Div. ASCE 89",
-    examples: &["connection-flexibility@443.6m=1e-12"],
+    examples: &[
+        "connection-flexibility@443.6m=1e-12",
+        "connection-flexibility@443.6m=flexibility_x=1e-12,flexibility_y=3e-12",
+    ],
 };
 
-const FLEXIBILITY: Parameter = Parameter::positive("flexibility", "rad/(N m)", "kink of the joint under a unit moment");
+const fn flexibility(name: &'static str, meaning: &'static str) -> Parameter {
+    Parameter::positive(name, "rad/(N m)", meaning)
+}
+
+const SETS: &[&[Parameter]] = &[
+    &[flexibility("flexibility", "kink of the joint under a unit moment about X or Y")],
+    &[
+        flexibility("flexibility_x", "the same about X (motion along Y)"),
+        flexibility("flexibility_y", "the same about Y (motion along X)"),
+    ],
+];
 
 /// See [`ABOUT`].
 #[derive(Debug)]
@@ -44,22 +57,24 @@ impl EffectKind for ConnectionFlexibility {
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        &[&[FLEXIBILITY]]
+        SETS
     }
 
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
         let z_m = given.height_m(self, structure)?;
         // Only a beam can be cut.
         given.check_beam(self, structure)?;
-        Ok(Arc::new(Joint { z_m, flexibility_rad_n_m: given.or_zero(FLEXIBILITY.name) }))
+        let flexibility_rad_n_m = given.of_axes("flexibility", ["flexibility_x", "flexibility_y"]);
+        Ok(Arc::new(Joint { z_m, flexibility_rad_n_m }))
     }
 }
 
-/// A rotational joint: the beam kinks there under moment, alike in all directions.
+/// A rotational joint: the beam kinks there under moment.
 #[derive(Debug)]
 struct Joint {
     z_m: f64,
-    flexibility_rad_n_m: f64,
+    /// About X and Y.
+    flexibility_rad_n_m: [f64; 2],
 }
 
 impl Contribution for Joint {

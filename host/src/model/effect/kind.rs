@@ -118,6 +118,11 @@ impl<'a> Given<'a> {
         self.value(name).unwrap_or(0.0)
     }
 
+    /// The values of X and Y, of which each has its own or both have one.
+    pub(super) fn of_axes(&self, both: &str, each: [&str; 2]) -> [f64; 2] {
+        each.map(|name| self.value(name).unwrap_or_else(|| self.or_zero(both)))
+    }
+
     /// Where the effect acts.
     pub(super) fn place(&self) -> Option<&'a Where> {
         self.place

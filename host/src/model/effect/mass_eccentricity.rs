@@ -15,7 +15,7 @@ const ABOUT: About = About {
     name: "mass-eccentricity",
     physics: "Cores and plant stand to one side, so the centre of mass of the floors lies off the axis about which the \
          structure twists. Bending and torsion then couple.",
-    formula: "M[uy,rz] += m x, M[ux,rz] -= m y, M[rz,rz] += m (x^2 + y^2) at the nodes of the main body",
+    formula: "M[uy,rz] += m x, M[ux,rz] -= m y, M[rz,rz] += m (x^2 + y^2) at all nodes below a mast",
     fingerprint: "torsion in the bending modes, bending in the torsional ones",
     look_alikes: &[
         LookAlike { kind: "axis-rotation", separated_by: "sensors at one level on opposite sides, which see torsion" },
@@ -25,8 +25,12 @@ const ABOUT: About = About {
     examples: &["mass-eccentricity=x=0.8,y=-0.3"],
 };
 
-const X: Parameter = Parameter::ranged("x", "m", [-1e3, 1e3], 1.0, "centre of mass from the beam axis along X");
-const Y: Parameter = Parameter::ranged("y", "m", [-1e3, 1e3], 1.0, "centre of mass from the beam axis along Y");
+/// A centre of mass lies inside the plan: half of the widest towers' sides.
+const FARTHEST_M: f64 = 30.0;
+const X: Parameter =
+    Parameter::ranged("x", "m", [-FARTHEST_M, FARTHEST_M], 1.0, "centre of mass from the beam axis along X");
+const Y: Parameter =
+    Parameter::ranged("y", "m", [-FARTHEST_M, FARTHEST_M], 1.0, "centre of mass from the beam axis along Y");
 
 /// See [`ABOUT`].
 #[derive(Debug)]
@@ -47,10 +51,13 @@ impl EffectKind for MassEccentricity {
     }
 }
 
-/// Nodes with less than this share of the largest radius of gyration belong to a mast, not to the main body.
+/// Where the radius of gyration falls to less than this share from one node to the next, and stays below, a mast begins.
 const SLENDER: f64 = 0.5;
 
-/// The centre of mass of the main body's nodes, off the axis.
+/// And what stands above has less than this share of the mass.
+const LIGHT: f64 = 0.1;
+
+/// The centre of mass of the nodes below a mast, off the axis.
 #[derive(Debug)]
 struct Eccentricity {
     offset_m: [f64; 2],
@@ -60,8 +67,8 @@ impl Contribution for Eccentricity {
     /// `M[uy,rz] = m x`, `M[ux,rz] = -m y`, and `M[rz,rz] += m (x² + y²)` as the inertia stays what it is about the centre
     /// of mass.
     ///
-    /// The main body are the nodes whose radius of gyration about Z is at least [`SLENDER`] of the largest: a mast on top
-    /// has its own axis.
+    /// A mast on top has its own axis: it stands on the highest node above which the radius of gyration about Z falls at once to less
+    /// than [`SLENDER`], and with it next to nothing of the mass. A waist, or a top that tapers, is as eccentric as the rest.
     fn rearrange(&self, assembly: &mut Assembly) {
         if self.offset_m == [0.0; 2] {
             return;
@@ -73,16 +80,21 @@ impl Contribution for Eccentricity {
         let gyration_square = |mass: &DMatrix<f64>, &[ux, _, rz]: &[usize; 3]| {
             if mass[(ux, ux)] > 0.0 { mass[(rz, rz)] / mass[(ux, ux)] } else { 0.0 }
         };
-        let largest = nodes.iter().map(|node| gyration_square(mass, node)).fold(0.0, f64::max);
-        let is_body = |node: &&[usize; 3]| gyration_square(mass, node) >= SLENDER * SLENDER * largest;
-        let body: Vec<[usize; 3]> = nodes.iter().filter(is_body).copied().collect();
+        let squares: Vec<f64> = nodes.iter().map(|node| gyration_square(mass, node)).collect();
+        let mass_kg = |nodes: &[[usize; 3]]| nodes.iter().map(|[ux, ..]| mass[(*ux, *ux)]).sum::<f64>();
+        let is_foot = |at: &usize| {
+            squares[at + 1..].iter().all(|above| *above < SLENDER * SLENDER * squares[*at])
+                && mass_kg(&nodes[at + 1..]) < LIGHT * mass_kg(&nodes)
+        };
+        let foot = (0..nodes.len().saturating_sub(1)).find(is_foot);
+        let body = &nodes[..foot.map_or(nodes.len(), |foot| foot + 1)];
         // Motion of the centres of mass: M becomes Sᵀ M S, with S adding the rotation's share to each node's ux and uy.
-        for &[ux, uy, rz] in &body {
+        for &[ux, uy, rz] in body {
             let moved = mass.column(ux) * -y + mass.column(uy) * x;
             let mut column = mass.column_mut(rz);
             column += moved;
         }
-        for &[ux, uy, rz] in &body {
+        for &[ux, uy, rz] in body {
             let moved = mass.row(ux) * -y + mass.row(uy) * x;
             let mut row = mass.row_mut(rz);
             row += moved;

@@ -10,12 +10,16 @@ mod amplitude_stiffness;
 mod axis_rotation;
 mod base;
 mod base_rotation;
+mod base_torsion;
 mod base_translation;
 mod catalogue;
 mod clock_offset;
 mod connection_flexibility;
 mod custom;
 mod error;
+mod foundation_mass;
+#[cfg(test)]
+mod foundation_tests;
 mod given;
 mod harmonic;
 mod kind;

@@ -24,10 +24,20 @@ const ABOUT: About = About {
         },
     ],
     source: "B. S. Smith, A. Coull (1991), Tall Building Structures, chapter 14",
-    examples: &["outrigger@300m=1e12"],
+    examples: &["outrigger@300m=1e12", "outrigger@300m=stiffness_x=1e12,stiffness_y=3e11"],
 };
 
-const STIFFNESS: Parameter = Parameter::positive("stiffness", "N m/rad", "moment to the ground for a unit rotation");
+const fn stiffness(name: &'static str, meaning: &'static str) -> Parameter {
+    Parameter::positive(name, "N m/rad", meaning)
+}
+
+const SETS: &[&[Parameter]] = &[
+    &[stiffness("stiffness", "moment to the ground for a unit rotation about X or Y")],
+    &[
+        stiffness("stiffness_x", "the same about X (motion along Y)"),
+        stiffness("stiffness_y", "the same about Y (motion along X)"),
+    ],
+];
 
 /// See [`ABOUT`].
 #[derive(Debug)]
@@ -43,26 +53,27 @@ impl EffectKind for Outrigger {
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        &[&[STIFFNESS]]
+        SETS
     }
 
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
         let z_m = given.height_m(self, structure)?;
-        Ok(Arc::new(GroundSpring { z_m, stiffness_n_m: given.or_zero(STIFFNESS.name) }))
+        Ok(Arc::new(GroundSpring { z_m, stiffness_n_m: given.of_axes("stiffness", ["stiffness_x", "stiffness_y"]) }))
     }
 }
 
-/// A rotational spring to the ground, alike about X and Y.
+/// A rotational spring to the ground.
 #[derive(Debug)]
 struct GroundSpring {
     z_m: f64,
-    stiffness_n_m: f64,
+    /// About X and Y.
+    stiffness_n_m: [f64; 2],
 }
 
 impl Contribution for GroundSpring {
     fn attach(&self, assembly: &mut Assembly) {
         if let Some(motion) = assembly.local_motion(self.z_m) {
-            motion.add_square(&mut assembly.stiffness, 2, self.stiffness_n_m);
+            motion.add_squares(&mut assembly.stiffness, 2, self.stiffness_n_m);
         }
     }
 }

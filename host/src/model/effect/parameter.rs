@@ -20,6 +20,8 @@ pub struct Parameter {
     pub meaning: &'static str,
     /// Its typical distance from the neutral value.
     pub prior: Prior,
+    /// What it changes grows with this power of its distance from the neutral value.
+    pub power: u8,
 }
 
 /// The typical size of a parameter: one standard deviation of what is expected before anything is measured.
@@ -48,7 +50,12 @@ impl Parameter {
     /// A number of zero or more whose typical size depends on the structure.
     pub(super) const fn positive(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
         let prior = Prior::FrequencyShift(TYPICAL_SHIFT);
-        Self { name, unit, least: 0.0, greatest: f64::INFINITY, neutral: 0.0, meaning, prior }
+        Self { name, unit, least: 0.0, greatest: f64::INFINITY, neutral: 0.0, meaning, prior, power: 1 }
+    }
+
+    /// The same of a number whose square is what counts, up to a greatest.
+    pub(super) const fn squared(name: &'static str, unit: &'static str, greatest: f64, meaning: &'static str) -> Self {
+        Self { greatest, power: 2, ..Self::positive(name, unit, meaning) }
     }
 
     /// A number between bounds, of a typical size.
@@ -59,7 +66,7 @@ impl Parameter {
         typical: f64,
         meaning: &'static str,
     ) -> Self {
-        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Value(typical) }
+        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Value(typical), power: 1 }
     }
 
     /// A factor, which is not there at 1.
@@ -79,7 +86,12 @@ impl Parameter {
         [least, greatest]: [f64; 2],
         meaning: &'static str,
     ) -> Self {
-        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Given }
+        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Given, power: 1 }
+    }
+
+    /// The value that changes `times` as much as `small` does, both as distances from the neutral value.
+    pub fn enlarged(&self, small: f64, times: f64) -> f64 {
+        if self.power == 1 { small * times } else { small * times.abs().powf(1.0 / f64::from(self.power)) }
     }
 
     /// Whether it is fitted.

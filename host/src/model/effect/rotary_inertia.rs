@@ -24,15 +24,18 @@ const ABOUT: About = About {
     examples: &["rotary-inertia=0.5", "rotary-inertia=radius=2"],
 };
 
-const RELATIVE: Parameter = Parameter::ranged(
-    "relative",
-    "-",
-    [0.0, 1000.0],
-    1.0,
-    "rotary inertias are those of the table times (1 + relative)",
+/// Tables count the inertia of sections and leave out that of floors, which is some times as large.
+const MOST: f64 = 10.0;
+/// Half of the width of the widest floors.
+const GREATEST_RADIUS_M: f64 = 50.0;
+const RELATIVE: Parameter =
+    Parameter::ranged("relative", "-", [0.0, MOST], 1.0, "rotary inertias are those of the table times (1 + relative)");
+const RADIUS: Parameter = Parameter::squared(
+    "radius",
+    "m",
+    GREATEST_RADIUS_M,
+    "radius of gyration: mass times radius squared is added at every node",
 );
-const RADIUS: Parameter =
-    Parameter::positive("radius", "m", "radius of gyration: mass times radius squared is added at every node");
 
 /// See [`ABOUT`].
 #[derive(Debug)]

@@ -8,7 +8,7 @@ const ABOUT: About = About {
     name: "stiffness-scale",
     physics: "All of the structure is stiffer or softer than modelled by one factor, for instance because the modulus of \
          elasticity of the concrete was taken from a standard. Every frequency moves alike and no shape changes.",
-    formula: "K becomes (1 + relative) K",
+    formula: "K becomes (1 + relative) K; springs under the base (base-rotation and its like) are soil, and stay as they are",
     fingerprint: "all frequencies off by the same percentage, shapes right",
     look_alikes: &[
         LookAlike {

@@ -36,6 +36,9 @@ pub(super) struct Arguments {
     /// Whether all modes are driven alike
     #[arg(long, value_enum, default_value_t = Loads::Even)]
     loads: Loads,
+    /// How far segments scatter, in units of what the study states
+    #[arg(long, default_value_t = 1.0, value_parser = scatter)]
+    scatter: f64,
     /// The program to judge [default: this workspace's]
     #[arg(long, value_name = "PROGRAM")]
     belfry: Option<PathBuf>,
@@ -59,6 +62,11 @@ fn hours(text: &str) -> Result<f64, String> {
     hours.ok_or_else(|| "expected 0.1 to 100 hours".to_owned())
 }
 
+fn scatter(text: &str) -> Result<f64, String> {
+    let scatter = text.parse().ok().filter(|scatter| (0.0..=5.0).contains(scatter));
+    scatter.ok_or_else(|| "expected 0 to 5".to_owned())
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     let program = arguments.belfry.clone().unwrap_or_else(|| belfry_command().get_program().into());
     let options = Options {
@@ -67,6 +75,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error
         kinds: arguments.only.clone(),
         hours: arguments.hours,
         uneven: arguments.loads == Loads::Uneven,
+        scatter: arguments.scatter,
     };
     let scratch = tempfile::tempdir()?;
     let folder = arguments.keep.clone().unwrap_or_else(|| scratch.path().to_owned());
