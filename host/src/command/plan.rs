@@ -9,7 +9,7 @@ use super::diagnose::kind;
 use super::text::{Columns, short, unit_text, values_text};
 use crate::diagnose::Estimate;
 use crate::model::effect::{Effect, find, named};
-use crate::plan::{Obstacle, Plan, SensorOption};
+use crate::plan::{ORDINARY_DAMPING, ORDINARY_NOISE_PERCENT, Obstacle, Plan, SensorOption};
 use crate::story::{PlanRequest, Project};
 
 const EXAMPLES: &str = "Examples:
@@ -52,10 +52,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1, requires = "places")]
     add: usize,
     /// Damping ratio of every mode
-    #[arg(long, default_value_t = 0.01, value_parser = damping_ratio)]
+    #[arg(long, default_value_t = ORDINARY_DAMPING, value_parser = damping_ratio)]
     damping_ratio: f64,
     /// White noise of each sensor in percent of its RMS response, both within the band
-    #[arg(long, default_value_t = 2.0, value_parser = noise_percent)]
+    #[arg(long, default_value_t = ORDINARY_NOISE_PERCENT, value_parser = noise_percent)]
     noise_percent: f64,
     /// Seed of what is drawn
     #[arg(long, default_value_t = 1)]

@@ -1,8 +1,8 @@
 //! What to measure next, where a diagnosis could not tell effects apart: one more sensor, or a longer record.
 
-use super::law::Conditions;
+use super::law::{Conditions, ORDINARY_DAMPING, ORDINARY_NOISE_PERCENT};
 use super::places::sensor_at;
-use super::{LONGEST_HOURS, Plan, Request, Site, WANTED, plan};
+use super::{Plan, Request, SensorOption, Site, WANTED, plan};
 use crate::diagnose::Diagnosis;
 use crate::model::effect::{Effect, Where, named_in_study};
 use crate::modes::MeasuredMode;
@@ -13,11 +13,6 @@ use crate::study::{Direction, Sensor};
 const HEIGHTS: usize = 3;
 /// The band of a plan is that of the measured modes, and this share more at both ends.
 const BEYOND: f64 = 0.05;
-/// Damping where none was measured.
-const ORDINARY_DAMPING: f64 = 0.01;
-/// Noise as `belfry plan` assumes it.
-const NOISE_PERCENT: f64 = 2.0;
-
 /// The best line of a plan for the effects that a diagnosis named together; `None` where it has nothing to say: twins, or a record
 /// and sensors that should have told them apart. `record_hours` is how long the record was.
 pub(crate) fn advice(
@@ -43,7 +38,7 @@ pub(crate) fn advice(
         add: 1,
         conditions: Conditions {
             damping_ratio: median(&mut damping).unwrap_or(ORDINARY_DAMPING),
-            noise_percent: NOISE_PERCENT,
+            noise_percent: ORDINARY_NOISE_PERCENT,
             band_hz: [lowest_hz * (1.0 - BEYOND), highest_hz * (1.0 + BEYOND)],
         },
         seed: 0,
@@ -77,30 +72,25 @@ fn possible_places(site: &Site<'_>) -> Vec<Sensor> {
 }
 
 fn sentence(plan: &Plan, hours: f64, rivals: &[String]) -> Option<String> {
-    let probability = |value: f64| format!("{:.0} %", 100.0 * value);
-    let apart = format!("tell {} from {} with a probability of", plan.effect, rivals.join(", "));
+    let that = |what: String, probability: f64| {
+        let rivals = rivals.join(", ");
+        let percent = 100.0 * probability;
+        Some(format!("{what}; that would tell {} from {rivals} with a probability of {percent:.0} %", plan.effect))
+    };
+    let with = |hours: f64, option: &SensorOption| {
+        format!("{hours:.1} h with one more sensor, at {}", option.added.join(", "))
+    };
     let [first, more @ ..] = plan.options.as_slice() else { return None };
-    let longer = first.shortest_hours.filter(|&shortest| shortest > hours && shortest <= LONGEST_HOURS);
-    let of = |option: &super::SensorOption| option.records.first().map_or(0.0, |record| record.probability_named);
-    let one_more = more.first().filter(|option| of(option) >= WANTED || option.shortest_hours.is_some());
-    match (longer, one_more) {
-        // The sensors at hand should have told them apart already: the plan's assumptions do not hold here.
-        _ if of(first) >= WANTED => None,
-        (_, Some(option)) if of(option) >= WANTED => Some(format!(
-            "one more sensor at {}, for {hours:.1} h, would {apart} {}",
-            option.added.join(", "),
-            probability(of(option))
-        )),
-        (Some(longer), _) => {
-            Some(format!("a record of {longer:.1} h with the same sensors would {apart} {}", probability(WANTED)))
-        }
-        (None, Some(option)) => option.shortest_hours.map(|shortest| {
-            format!(
-                "one more sensor at {}, for {shortest:.1} h, would {apart} {}",
-                option.added.join(", "),
-                probability(WANTED)
-            )
-        }),
+    let now = |option: &SensorOption| option.records.first().map_or(0.0, |record| record.probability_named);
+    // The sensors at hand should have told them apart already: the plan's assumptions do not hold here.
+    if now(first) >= WANTED {
+        return None;
+    }
+    let longer = first.shortest_hours.filter(|&shortest| shortest > hours);
+    match (longer, more.first()) {
+        (_, Some(option)) if now(option) >= WANTED => that(with(hours, option), now(option)),
+        (Some(longer), _) => that(format!("{longer:.1} h with the same sensors"), WANTED),
+        (None, Some(option)) => that(with(option.shortest_hours?, option), WANTED),
         (None, None) => None,
     }
 }

@@ -31,6 +31,10 @@ pub struct Conditions {
     pub band_hz: [f64; 2],
 }
 
+/// The damping ratio where nothing is known of it.
+pub const ORDINARY_DAMPING: f64 = 0.01;
+/// Noise in percent of the response where nothing is known of it.
+pub const ORDINARY_NOISE_PERCENT: f64 = 2.0;
 /// Standard deviations of frequencies that identification attains, in shares of the lower bound: on simulated records of 1 and 6 h of
 /// the Canton Tower (14 modes, 1 % damping) 1.2 to 1.6, in the mean 1.4.
 pub(crate) const OVER_BOUND: f64 = 1.4;
