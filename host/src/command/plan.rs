@@ -20,7 +20,7 @@ const EXAMPLES: &str = "Examples:
 
 The study needs a model and sensors, but no recording and no modes. Modes are expected as the model has them with the effect, loads as those of `belfry simulate`. Deviations of frequencies are 1.4 times the lower bound of any method (Au 2014); those of shapes follow from noise, neighbouring modes and the number of averages. 200 measurements are drawn, with the scatter that background_stiffness and background_mass in [model] allow, and diagnosed in the linear approximation of `belfry diagnose`.
 
-`found` is the probability that the effect stands out by 20 to 1 from the model as it is; `named` that it also does from every rival, so that the verdict is this effect. Without --against every kind of the catalogue is a rival.
+`found` is the probability that the effect stands out by 20 to 1 from the model as it is; `named` that it also does from every rival, so that the verdict is this effect. Without --against every kind of the catalogue is a rival. Both are upper bounds: a mode that is identified wrongly is not foreseen.
 
 places.csv has a row for each place where a sensor could stand: channel,elevation_m,azimuth_deg and, off the axis, offset_x_m,offset_y_m.
 
