@@ -4,6 +4,7 @@
 
 use super::kurtosis::kurtosis;
 use super::pick::{Pick, peak_near};
+use super::result::Mode;
 use super::setup::MeasuredSetup;
 use super::singular::SingularValues;
 use crate::spectra::LineGrid;
@@ -91,4 +92,13 @@ pub(super) fn add_picks(
         picks.push(pick);
     }
     picks.sort_by_key(|pick| pick.line);
+}
+
+/// Numbers of the modes that the user asked for: the one next to what was asked for is the one that was made for it.
+pub(super) fn asked_for(choice: &ModeChoice, modes: &[Mode]) -> Vec<usize> {
+    let nearest = |hz: &f64| {
+        let of = |mode: &Mode| (mode.frequency_hz - hz).abs();
+        modes.iter().min_by(|a, b| of(a).total_cmp(&of(b))).map(|mode| mode.number)
+    };
+    choice.add_hz.iter().filter_map(nearest).collect()
 }

@@ -5,8 +5,10 @@ use super::resonance::Resonance;
 use super::scatter::{GroupChanges, deviation};
 use super::shape::Shape;
 
-/// A frequency or a damping ratio that scatters by less than this share of it is stuck: a day's record knows them a hundred times worse.
-const STUCK: [f64; 2] = [1e-7, 1e-4];
+/// A frequency or a damping ratio that scatters by less than this share of it is stuck: a day's record knows them far worse.
+const STUCK: [f64; 2] = [1e-9, 1e-4];
+/// Of less damping than this, damping says nothing of it.
+const WIDE: f64 = 0.04;
 
 /// One mode in one setup.
 #[derive(Debug, Clone)]
@@ -83,8 +85,10 @@ impl SetupMode {
 /// likelihood says of its deviation then means nothing.
 pub(super) fn is_stuck(resonance: &Resonance, changes: &GroupChanges) -> bool {
     let [frequency, damping] = STUCK;
+    // Narrow for its lines, a mode may have the same damping in all replicates: finer lines tell. A wide one is a fit at a limit.
+    let is_wide = resonance.damping_ratio > WIDE;
     deviation(&changes.frequency_hz) < frequency * resonance.frequency_hz
-        || deviation(&changes.damping_ratio) < damping * resonance.damping_ratio
+        || (is_wide && deviation(&changes.damping_ratio) < damping * resonance.damping_ratio)
 }
 
 /// The modes of one setup, in the order of the picks.

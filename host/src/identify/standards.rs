@@ -4,6 +4,7 @@
 //! parts move at all phases, which stand among the rejected, and with deviations that are no smaller than any method can reach, and wide
 //! enough for what the second method found.
 
+use super::choice::asked_for;
 use super::merge::number;
 use super::result::{Identification, Mode, ModeMethod, Rejected, RejectedBecause};
 use crate::study::ModeChoice;
@@ -19,10 +20,8 @@ const DIFFERENT_SIGMAS: f64 = 2.0;
 
 /// Takes out what is no mode, and widens deviations that are too small.
 pub fn hold_to_standards(identification: &mut Identification, choice: &ModeChoice) {
-    let is_asked_for = |mode: &Mode| {
-        let asked = choice.add_hz.iter().chain(choice.only_hz.iter().flatten());
-        asked.into_iter().any(|hz| (hz - mode.frequency_hz).abs() < mode.bandwidth_hz().max(mode.frequency_std_hz))
-    };
+    let asked_for = asked_for(choice, &identification.modes);
+    let is_asked_for = |mode: &Mode| choice.only_hz.is_some() || asked_for.contains(&mode.number);
     let mut kept = Vec::new();
     for mut mode in std::mem::take(&mut identification.modes) {
         match fault(&mode).filter(|_| !is_asked_for(&mode)) {

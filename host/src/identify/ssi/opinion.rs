@@ -9,7 +9,7 @@ use super::likeness::{NEAR_MAC, shape_in};
 use super::modes::{add_unresolved, is_known};
 use super::stabilisation::StablePole;
 use super::{SecondOpinion, SetupPoles, SubspacePole, reach_hz};
-use crate::identify::choice::meant_hz;
+use crate::identify::choice::{asked_for, meant_hz};
 use crate::identify::merge::{combine, number};
 use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause};
 use crate::identify::setup::MeasuredSetup;
@@ -179,15 +179,6 @@ fn settle(given_up: Vec<GivenUp>, identification: &mut Identification) {
         ));
     }
     number(&mut identification.modes);
-}
-
-/// Numbers of the modes that the user asked for: the one next to what was asked for is the one that was made for it.
-fn asked_for(choice: &ModeChoice, modes: &[Mode]) -> Vec<usize> {
-    let nearest = |hz: &f64| {
-        let of = |mode: &Mode| (mode.frequency_hz - hz).abs();
-        modes.iter().min_by(|a, b| of(a).total_cmp(&of(b))).map(|mode| mode.number)
-    };
-    choice.add_hz.iter().filter_map(nearest).collect()
 }
 
 /// Whether frequency and damping of the subspace are known so much better that the fit is wrong.
