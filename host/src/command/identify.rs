@@ -235,16 +235,11 @@ fn needs(report: &ModesReport, wish: Wish) -> Vec<String> {
     let say = |what: &str, share: Option<f64>, of: fn(&RecordNeeded) -> (Option<f64>, Option<f64>)| {
         let percent = 100.0 * share?;
         let most = |a: &&RecordNeeded, b: &&RecordNeeded| of(a).0.unwrap_or(0.0).total_cmp(&of(b).0.unwrap_or(0.0));
-        // Of a mode whose damping is as uncertain as it is large, no record's length can be told.
-        let is_known = |needed: &&RecordNeeded| {
-            let mode = report.identification.modes.iter().find(|mode| mode.number == needed.mode);
-            of(needed).0.is_some() && mode.is_some_and(|mode| mode.damping_ratio_std < 0.5 * mode.damping_ratio)
-        };
-        let worst = needed.iter().filter(is_known).max_by(most)?;
+        let worst = needed.iter().filter(|mode| of(mode).0.is_some()).max_by(most)?;
         let (needed_h, best_h) = of(worst);
         let needed_h = needed_h?;
         let unknown: Vec<String> =
-            needed.iter().filter(|mode| !is_known(mode)).map(|mode| mode.mode.to_string()).collect();
+            needed.iter().filter(|mode| of(mode).0.is_none()).map(|mode| mode.mode.to_string()).collect();
         Some(if needed_h <= hours && unknown.is_empty() {
             format!("Every {what} is determined within {percent} %.")
         } else if needed_h <= hours {

@@ -17,6 +17,9 @@ pub(crate) fn std_bounds(frequency_hz: f64, damping_ratio: f64, duration_s: f64)
     ]
 }
 
+/// A damping ratio is determined where its standard deviation is below this share of it.
+const DETERMINED: f64 = 0.5;
+
 /// Standard deviations to reach, relative to frequency and damping ratio.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wish {
@@ -35,7 +38,7 @@ pub struct RecordNeeded {
     pub frequency_h: Option<f64>,
     /// The fewest hours that any method needs for it (Au 2014).
     pub frequency_best_h: Option<f64>,
-    /// The same of the damping ratio.
+    /// The same of the damping ratio; `None` as well where its deviation is half of it or more.
     pub damping_h: Option<f64>,
     /// The fewest hours for the damping ratio.
     pub damping_best_h: Option<f64>,
@@ -47,12 +50,15 @@ pub fn record_needed(found: &Identification, wish: Wish) -> Vec<RecordNeeded> {
         let hours = found.record_s / 3600.0 * (std / value / wish?).powi(2);
         hours.is_finite().then_some(hours)
     };
+    // Of a damping ratio that is nearly as uncertain as it is large, no record's length can be told.
+    let is_determined = |mode: &Mode| mode.damping_ratio_std < DETERMINED * mode.damping_ratio;
     // A deviation is an estimate itself; where chance made it less than any method could have, the bound says more.
     let of = |mode: &Mode| RecordNeeded {
         mode: mode.number,
         frequency_h: needed(wish.frequency, mode.frequency_hz, mode.frequency_std_hz.max(mode.frequency_std_bound_hz)),
         frequency_best_h: needed(wish.frequency, mode.frequency_hz, mode.frequency_std_bound_hz),
-        damping_h: needed(wish.damping, mode.damping_ratio, mode.damping_ratio_std.max(mode.damping_ratio_std_bound)),
+        damping_h: needed(wish.damping, mode.damping_ratio, mode.damping_ratio_std.max(mode.damping_ratio_std_bound))
+            .filter(|_| is_determined(mode)),
         damping_best_h: needed(wish.damping, mode.damping_ratio, mode.damping_ratio_std_bound),
     };
     found.modes.iter().map(of).collect()

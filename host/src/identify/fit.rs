@@ -123,5 +123,5 @@ pub(super) fn tones(harmonics: &[Pick]) -> Vec<Tone> {
 /// spectrum of a random telegraph signal (Papoulis and Pillai 2002, "Probability, Random Variables, and Stochastic Processes", chapter 9),
 /// whose half width is the sum of the rates at which it goes on and off, over two pi. The line is a tone, the sidebands are fitted.
 fn as_tone(pick: &Pick) -> Tone {
-    (pick.line, if pick.kurtosis.is_at_times() { 0 } else { pick.kurtosis.wanders_lines })
+    (pick.line, pick.kurtosis.frequency_lines())
 }

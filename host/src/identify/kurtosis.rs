@@ -54,6 +54,11 @@ impl Kurtosis {
         self.on_share < 1.0
     }
 
+    /// Lines to either side over which the frequency itself goes: what is there at times keeps it, and its band is that of its sidebands.
+    pub(super) fn frequency_lines(&self) -> usize {
+        if self.is_at_times() { 0 } else { self.wanders_lines }
+    }
+
     /// Whether it is nearer to a harmonic's than to a mode's.
     pub(super) fn is_low(&self) -> bool {
         self.value * self.on_share < HARMONIC_KURTOSIS

@@ -49,12 +49,10 @@ fn taken_by((line, wanders): Tone, lines: usize, power: impl Fn(usize) -> f64) -
 
 /// What is told of a pick that is a forced line.
 pub(super) fn harmonic(measured: &[MeasuredSetup<'_>], grid: &LineGrid, pick: &Pick, frequency_hz: f64) -> Harmonic {
-    // What goes on and off keeps its frequency: its band is that of its sidebands.
-    let wanders_lines = if pick.kurtosis.is_at_times() { 0 } else { pick.kurtosis.wanders_lines };
     Harmonic {
         frequency_hz,
         kurtosis: pick.kurtosis.value,
-        wanders_hz: wanders_lines as f64 * grid.spacing_hz(),
+        wanders_hz: pick.kurtosis.frequency_lines() as f64 * grid.spacing_hz(),
         on_share: pick.kurtosis.on_share,
         on_by_part: on_by_part(measured, pick),
     }
