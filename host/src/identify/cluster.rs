@@ -143,8 +143,10 @@ pub(super) fn regressed_shapes(
         let mut power: DMatrix<Complex64> = DMatrix::zeros(whole, whole);
         let reach_hz = (RESONANCE * resonance.bandwidth_hz()).max(1.5 / seen.duration_s);
         let near = |hz: f64| (hz - resonance.frequency_hz).abs() <= reach_hz;
-        for (&frequency_hz, &matrix) in seen.frequency_hz.iter().zip(matrices).filter(|(hz, _)| near(**hz)) {
-            let spectra = fit.modal_spectra(frequency_hz, seen.duration_s);
+        let (near_hz, matrices): (Vec<f64>, Vec<&DMatrix<Complex64>>) =
+            seen.frequency_hz.iter().zip(matrices).filter(|(hz, _)| near(**hz)).unzip();
+        let spectra = fit.modal_spectra(&near_hz, seen.duration_s);
+        for ((&frequency_hz, matrix), spectra) in near_hz.iter().zip(matrices).zip(spectra) {
             let gain = &spectra * fit.mixture.adjoint();
             let expected = &fit.mixture * &gain + fit.noise_seen(seen, frequency_hz);
             // eta = P Aᴴ S⁻¹ W y

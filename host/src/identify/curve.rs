@@ -2,6 +2,8 @@
 //!
 //! The last fit of a mode flows in, and what its replicates measure; the curves, and how far they are from each other, flow out.
 
+use nalgebra::DMatrix;
+use num_complex::Complex64;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::bell::{Bell, BellFit};
@@ -26,15 +28,19 @@ pub(super) struct Curve {
 impl Curve {
     /// What a mode of a joint fit looks like; `with_fit` says whether to ask what the fit expects.
     pub(super) fn of_joint(fit: &JointFit, seen: &Seen, place: usize, with_fit: bool) -> Self {
-        let expected = |&hz: &f64| {
-            let spectra = fit.modal_spectra(hz, seen.duration_s);
+        let expected = |(&hz, spectra): (&f64, DMatrix<Complex64>)| {
             let all = &fit.mixture * &spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz);
             [spectra[(place, place)].re, all[(place, place)].re]
         };
         Self {
             frequency_hz: seen.frequency_hz.clone(),
             measured: seen.matrices.iter().map(|matrix| matrix[(place, place)].re).collect(),
-            expected: if with_fit { seen.frequency_hz.iter().map(expected).collect() } else { Vec::new() },
+            expected: if with_fit {
+                let spectra = fit.modal_spectra(&seen.frequency_hz, seen.duration_s);
+                seen.frequency_hz.iter().zip(spectra).map(expected).collect()
+            } else {
+                Vec::new()
+            },
         }
     }
 

@@ -9,7 +9,8 @@
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
-use super::resonance::{LineShape, Resonance};
+use super::crossing::{At, rows};
+use super::resonance::Resonance;
 
 /// What is known beforehand of the exponent of the force's density over frequency, near a mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +49,7 @@ pub(super) struct JointFit {
     pub(super) slopes: Vec<f64>,
     /// A, modes x modes, 1 on its diagonal.
     pub(super) mixture: DMatrix<Complex64>,
-    /// Correlation of the modal forces, Hermitian, 1 on its diagonal.
+    /// Coherence of the modal forces with its phase, Hermitian, 1 on its diagonal.
     pub(super) correlation: DMatrix<Complex64>,
     /// The diagonal of D at each mode's frequency...
     pub(super) noise: Vec<f64>,
@@ -87,16 +88,16 @@ impl JointFit {
         }
     }
 
-    /// P at a frequency, modes x modes.
-    pub(super) fn modal_spectra(&self, frequency_hz: f64, duration_s: f64) -> DMatrix<Complex64> {
-        let halves: Vec<Complex64> = self
-            .resonances
-            .iter()
-            .zip(&self.slopes)
-            .map(|(resonance, &slope)| half_density(&resonance.line_shape(duration_s), slope, frequency_hz))
-            .collect();
-        let size = halves.len();
-        DMatrix::from_fn(size, size, |i, j| self.amplitude(i, j) * (halves[i] + halves[j].conj()))
+    /// P at each of some frequencies, modes x modes.
+    pub(super) fn modal_spectra(&self, frequency_hz: &[f64], duration_s: f64) -> Vec<DMatrix<Complex64>> {
+        let rows = rows(&self.resonances, duration_s);
+        let size = rows.len();
+        let at_line = |&hz: &f64| {
+            let at: Vec<At> = rows.iter().zip(&self.slopes).map(|(row, &slope)| row.at(hz, slope)).collect();
+            let entry = |i: usize, j: usize| self.amplitude(i, j) * rows[i].entry([i, j], at[i], &at, hz);
+            DMatrix::from_fn(size, size, entry)
+        };
+        frequency_hz.iter().map(at_line).collect()
     }
 
     /// D V D at a frequency, modes x modes.
@@ -127,14 +128,4 @@ impl JointFit {
 /// What a correlation of V is multiplied by.
 pub(super) fn noise_scale(seen: &Seen, i: usize, j: usize) -> f64 {
     (seen.noise[(i, i)].re * seen.noise[(j, j)].re).sqrt()
-}
-
-/// The half density under a force of density f^slope, about the resonance's own.
-///
-/// The colour multiplies the whole density, not the pole's phase alone: far from a resonance that is damped a lot its tilt would make
-/// the density negative.
-pub(super) fn half_density(shape: &LineShape, slope: f64, frequency_hz: f64) -> Complex64 {
-    let half = shape.half_density(frequency_hz);
-    let colour = (frequency_hz / shape.resonance().frequency_hz).powf(slope);
-    Complex64::new(half.re.max(0.0), half.im) * colour
 }

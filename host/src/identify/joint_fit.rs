@@ -10,8 +10,9 @@ use nalgebra::{Cholesky, Const, DVector, DefaultAllocator, Dim, Dyn, OMatrix};
 use num_complex::Complex64;
 
 use super::bell::DAMPING_RANGE;
+use super::crossing::{At, Row, rows};
 use super::information::{Derivatives, Information};
-use super::joint::{JointFit, Seen, half_density, noise_scale};
+use super::joint::{JointFit, Seen, noise_scale};
 use super::resonance::{LineShape, Resonance};
 use super::scoring::{Schedule, Slopes, fisher_scoring};
 
@@ -155,21 +156,26 @@ impl JointFit {
         let mut objective = 0.0;
         let mut information = Information::zero(unknowns);
         let step = 1e-4;
-        let own: Vec<LineShape> =
+        let own = rows(&self.resonances, seen.duration_s);
+        let shapes: Vec<LineShape> =
             self.resonances.iter().map(|resonance| resonance.line_shape(seen.duration_s)).collect();
-        let moved: Vec<[LineShape; 4]> = self
+        // Each mode with its frequency and its damping a little more and less.
+        let moved: Vec<[[Row; 2]; 2]> = self
             .resonances
             .iter()
             .map(|here| {
-                let at = |bandwidths: f64, log: f64| Resonance {
-                    frequency_hz: here.frequency_hz + bandwidths * here.bandwidth_hz(),
-                    damping_ratio: here.damping_ratio * log.exp(),
-                    ..*here
+                let at = |bandwidths: f64, log: f64| {
+                    let resonance = Resonance {
+                        frequency_hz: here.frequency_hz + bandwidths * here.bandwidth_hz(),
+                        damping_ratio: here.damping_ratio * log.exp(),
+                        ..*here
+                    };
+                    Row::new(resonance.line_shape(seen.duration_s), &shapes)
                 };
-                [at(step, 0.0), at(-step, 0.0), at(0.0, step), at(0.0, -step)]
-                    .map(|resonance| resonance.line_shape(seen.duration_s))
+                [[at(step, 0.0), at(-step, 0.0)], [at(0.0, step), at(0.0, -step)]]
             })
             .collect();
+        let mut change = vec![Complex64::ZERO; size];
         let mut derivatives = Derivatives::new(size, unknowns);
         let mut excess = vec![0.0; size * size];
         let identity = OMatrix::<Complex64, D, D>::identity_generic(modes, modes);
@@ -177,9 +183,15 @@ impl JointFit {
         let amplitude = square(modes, |i, j| self.amplitude(i, j));
         let floor = self.floor(seen);
         for (&frequency_hz, matrix) in seen.frequency_hz.iter().zip(&seen.matrices) {
-            let density = |mode: usize, shape: &LineShape| half_density(shape, self.slopes[mode], frequency_hz);
-            let halves: Vec<Complex64> = own.iter().enumerate().map(|(mode, here)| density(mode, here)).collect();
-            let spectra = square(modes, |i, j| amplitude[(i, j)] * (halves[i] + halves[j].conj()));
+            let at: Vec<At> = own.iter().zip(&self.slopes).map(|(row, &slope)| row.at(frequency_hz, slope)).collect();
+            let mut unit = square(modes, |_, _| Complex64::ZERO);
+            for i in 0..size {
+                for j in i..size {
+                    unit[(i, j)] = own[i].entry([i, j], at[i], &at, frequency_hz);
+                    unit[(j, i)] = unit[(i, j)].conj();
+                }
+            }
+            let spectra = amplitude.component_mul(&unit);
             let through = &mixture * &spectra;
             let noise_sizes = self.noise_sizes(frequency_hz);
             let noise = square(modes, |i, j| floor[(i, j)] * (noise_sizes[i] * noise_sizes[j]));
@@ -194,13 +206,20 @@ impl JointFit {
             let spectra_mixed = &spectra * mixed.adjoint();
             let noise_mixed = &noise * inverse.adjoint();
             derivatives.start();
-            // Rows of C times conj(mixed), for changes of one mode's half density.
-            let amplitudes = &amplitude * mixed.adjoint();
             for pair in 0..2 {
                 for mode in 0..size {
-                    let (more, less) = (moved[mode][2 * pair], moved[mode][2 * pair + 1]);
-                    let change = (density(mode, &more) - density(mode, &less)) / (2.0 * step);
-                    derivatives.put(|k| mixed[(k, mode)], |l| change * amplitudes[(mode, l)]);
+                    // What the mode's row of P changes by; half of it on the diagonal, which its column has as well.
+                    let [more, less] = &moved[mode][pair];
+                    let [at_more, at_less] = [more, less].map(|row| row.at(frequency_hz, self.slopes[mode]));
+                    for (other, change) in change.iter_mut().enumerate() {
+                        let place = [mode, other];
+                        let difference = more.entry(place, at_more, &at, frequency_hz)
+                            - less.entry(place, at_less, &at, frequency_hz);
+                        let share = if other == mode { 0.25 } else { 0.5 };
+                        *change = amplitude[(mode, other)] * difference * (share / step);
+                    }
+                    let row = |l: usize| (0..size).map(|other| change[other] * mixed[(l, other)].conj()).sum();
+                    derivatives.put(|k| mixed[(k, mode)], row);
                 }
             }
             for mode in 0..size {
@@ -210,8 +229,8 @@ impl JointFit {
                 derivatives.put(|k| inverse[(k, mode)], |l| noise_mixed[(mode, l)]);
             }
             for mode in 0..size {
-                let change = halves[mode] * (frequency_hz / self.resonances[mode].frequency_hz).ln();
-                derivatives.put(|k| mixed[(k, mode)], |l| change * amplitudes[(mode, l)]);
+                let change = 0.5 * (frequency_hz / self.resonances[mode].frequency_hz).ln();
+                derivatives.put(|k| mixed[(k, mode)], |l| spectra_mixed[(mode, l)] * change);
             }
             for mode in 0..size {
                 let change = (frequency_hz / self.centres_hz[mode]).ln();
@@ -226,7 +245,7 @@ impl JointFit {
             }
             for i in 0..size {
                 for j in i + 1..size {
-                    let change = (halves[i] + halves[j].conj()) * (self.levels[i] * self.levels[j]).sqrt();
+                    let change = unit[(i, j)] * (self.levels[i] * self.levels[j]).sqrt();
                     for unit in [Complex64::ONE, Complex64::I] {
                         derivatives.put(|k| mixed[(k, i)], |l| unit * change * mixed[(l, j)].conj());
                     }
@@ -339,9 +358,8 @@ mod tests {
         let duration_s = 200.0;
         let frequency_hz: Vec<f64> = (0..40).map(|line| 0.9 + f64::from(line) / duration_s).collect();
         let noise = DMatrix::from_row_slice(2, 2, &[1e-3, 2e-4, 2e-4, 2e-3]).map(Complex64::from);
-        let expected =
-            |&hz: &f64| &truth.mixture * truth.modal_spectra(hz, duration_s) * truth.mixture.adjoint() + &noise;
-        let matrices = frequency_hz.iter().map(expected).collect();
+        let expected = |spectra| &truth.mixture * spectra * truth.mixture.adjoint() + &noise;
+        let matrices = truth.modal_spectra(&frequency_hz, duration_s).into_iter().map(expected).collect();
         (
             truth.clone(),
             Seen {
@@ -379,11 +397,11 @@ mod tests {
         truth.noise = vec![4.0, 4.0];
         truth.noise_correlation[(0, 1)] = Complex64::new(0.0, -0.5);
         truth.noise_correlation[(1, 0)] = Complex64::new(0.0, 0.5);
-        let expected = |&hz: &f64| {
-            &truth.mixture * truth.modal_spectra(hz, seen.duration_s) * truth.mixture.adjoint()
-                + truth.noise_seen(&seen, hz)
+        let expected = |(&hz, spectra): (&f64, DMatrix<Complex64>)| {
+            &truth.mixture * spectra * truth.mixture.adjoint() + truth.noise_seen(&seen, hz)
         };
-        let matrices: Vec<DMatrix<Complex64>> = seen.frequency_hz.iter().map(expected).collect();
+        let spectra = truth.modal_spectra(&seen.frequency_hz, seen.duration_s);
+        let matrices: Vec<DMatrix<Complex64>> = seen.frequency_hz.iter().zip(spectra).map(expected).collect();
         seen.matrices = matrices;
         let mut fit = JointFit::start(vec![resonance(0.998, 0.015), resonance(1.048, 0.01)], vec![1.0, 1.0]);
         for _ in 0..3 {

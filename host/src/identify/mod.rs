@@ -14,6 +14,7 @@ pub mod bell;
 mod choice;
 mod cluster;
 mod covariance;
+mod crossing;
 mod curve;
 mod estimate;
 mod finer;

@@ -79,10 +79,12 @@ pub(super) fn residues(
     });
     let channels = filters.ncols();
     // What the filters should see of the modes, line by line.
-    let expected = seen.frequency_hz.iter().map(|&hz| {
-        let spectra = fit.modal_spectra(hz, seen.duration_s);
-        &fit.mixture * spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz)
-    });
+    let spectra = fit.modal_spectra(&seen.frequency_hz, seen.duration_s);
+    let expected = seen
+        .frequency_hz
+        .iter()
+        .zip(spectra)
+        .map(|(&hz, spectra)| &fit.mixture * spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz));
     let expected: Vec<DMatrix<Complex64>> = expected.collect();
     let of_mode = |mode: usize| -> Option<Shape> {
         let row = filters.rows(mode, 1).adjoint();

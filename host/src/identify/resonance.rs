@@ -105,17 +105,16 @@ impl LineShape {
     /// that turns with the frequency is closed (the integral of r_hann(t) exp(-q t) over the segment, q = 2 pi i f - p);
     /// the part that turns against it, and what the force adds to an acceleration at once, are smooth in frequency.
     pub fn density(&self, frequency_hz: f64) -> f64 {
-        2.0 * self.half_density(frequency_hz).re
+        self.density_of(self.symmetric_half(frequency_hz), frequency_hz)
     }
 
-    /// What positive lags contribute to [`LineShape::density`]; the cross density of two modes i and j, of unit
-    /// amplitude, is half_i + half_j* .
-    pub(super) fn half_density(&self, frequency_hz: f64) -> Complex64 {
-        self.pole(frequency_hz, 0.0) + 0.5 * self.background(frequency_hz)
+    /// [`LineShape::density`] where [`LineShape::symmetric_half`] is known.
+    pub(super) fn density_of(&self, half: Complex64, frequency_hz: f64) -> f64 {
+        2.0 * (Complex64::new(1.0, self.tilt) * half).re + self.background(frequency_hz)
     }
 
-    /// [`LineShape::half_density`] without its smooth part: what the pole itself contributes under a force whose density goes as f
-    /// to the power of `colour`.
+    /// What the pole itself contributes to half of [`LineShape::density`] under a force whose density goes as f to the power of
+    /// `colour`.
     pub(super) fn pole(&self, frequency_hz: f64, colour: f64) -> Complex64 {
         let tilt = self.tilt + colour * self.resonance.damping_ratio;
         Complex64::new(1.0, tilt) * self.symmetric_half(frequency_hz)
@@ -126,8 +125,8 @@ impl LineShape {
         -2.0 * self.symmetric_half(frequency_hz).im
     }
 
-    /// Half density without its tilt and the smooth part.
-    fn symmetric_half(&self, frequency_hz: f64) -> Complex64 {
+    /// Half density without its tilt and the smooth part: what the window makes of 1 / (s - p).
+    pub(super) fn symmetric_half(&self, frequency_hz: f64) -> Complex64 {
         let turns = frequency_hz * self.duration_s;
         let is_line = (turns - turns.round()).abs() < WHOLE;
         let falls = if is_line { self.falls } else { self.falls * Complex64::cis(-TAU * turns) };

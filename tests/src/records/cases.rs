@@ -101,7 +101,7 @@ const fn machine(name: &'static str, what: &'static str, bandwidths: f64, runs: 
 }
 
 /// All cases.
-pub const CASES: [Case; 34] = [
+pub const CASES: [Case; 35] = [
     wind("wind", "a tower of 20 channels and 10 modes under wind that is coherent up its height, 6 h at 20 Hz", None),
     correlated("correlated-0", "8 random modes, loads of f^(-5/3), modal forces uncorrelated, 4 h", 0.0),
     correlated("correlated-10", "the same with forces correlated by 0.1", 0.1),
@@ -144,6 +144,16 @@ pub const CASES: [Case; 34] = [
     pairs("pairs-3", "pairs 3 bandwidths apart", 3.0),
     damped("damped-4", "8 modes of 3 to 5 % damping, an hour at 50 Hz", [0.03, 0.05], HOUR_S),
     damped("damped-8", "8 modes of 0.3 to 8 % damping, an hour at 50 Hz", [0.003, 0.08], HOUR_S),
+    Case {
+        name: "damped-correlated",
+        what: "8 modes of 3 to 8 % damping, forces correlated by 0.3, 12 channels, an hour at 50 Hz",
+        build: Build::Random { channels: 12, first_hz: 0.6, modes: 8, damping: [0.03, 0.08], apart: 3.5, alike: 0.3 },
+        load: Load::Modal { correlation: 0.3, colour: 0.0 },
+        rate_hz: 50.0,
+        seconds: HOUR_S,
+        fault: None,
+        roving: None,
+    },
     damped("cables", "8 modes of 0.02 to 0.1 % damping, four hours at 50 Hz", [2e-4, 1e-3], 4.0 * HOUR_S),
     damped("ten-minutes", "8 modes of 1 to 2 % damping, ten minutes at 50 Hz", [0.01, 0.02], 600.0),
     of_channels("one-channel", "one channel of a tower under wind, 4 h", 1),
