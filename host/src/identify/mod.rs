@@ -131,7 +131,7 @@ pub enum IdentifyError {
 /// Identifies the modes that all setups show, picked automatically but for what `choice` says.
 ///
 /// # Errors
-/// When there are fewer than four averages a channel (fewer than channels, where `choice` names all modes), or the setups'
+/// When there are fewer than two averages a channel (fewer than channels, where `choice` names all modes), or the setups'
 /// lines differ.
 pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<Identification, IdentifyError> {
     let grid = same_lines(measured)?;

@@ -205,15 +205,15 @@ fn too_little_record_is_refused_with_what_it_takes() {
 }
 
 #[test]
-fn below_four_averages_a_channel_modes_are_not_picked_but_can_be_named() {
-    let (truth, setup, spectrum) = brief_tower(0.6);
+fn below_two_averages_a_channel_modes_are_not_picked_but_can_be_named() {
+    let (truth, setup, spectrum) = brief_tower(0.25);
     let measured = [MeasuredSetup { setup: &setup, spectrum }];
     let error = identify(&measured, &ModeChoice::default()).unwrap_err();
-    let IdentifyError::TooFewAverages { averages, channels: 20, wanted: 80, missing_min } = error else {
+    let IdentifyError::TooFewAverages { averages, channels: 20, wanted: 40, missing_min } = error else {
         panic!("{error}")
     };
     // A window more every half segment of 40.96 s.
-    assert_eq!(missing_min, ((80 - averages) as f64 * 40.96 / 60.0).ceil());
+    assert_eq!(missing_min, ((40 - averages) as f64 * 40.96 / 60.0).ceil());
     assert!(error.to_string().contains("modes_hz"), "{error}");
     let outside = ModeChoice { only_hz: Some(vec![7.0]), ..ModeChoice::default() };
     assert!(matches!(identify(&measured, &outside), Err(IdentifyError::NoneInBand { .. })));

@@ -27,8 +27,8 @@ const ABOVE: f64 = 1.2;
 const NOTHING: f64 = 0.125;
 /// Share of the sampling rate up to which is looked: recorders have a filter above.
 const UP_TO: f64 = 0.4;
-/// A look that narrows the band less than this ends the scouting.
-const NARROWED: f64 = 0.9;
+/// A narrower band is worth what it hides where its lines are this many times as fine.
+const FINER: f64 = 2.0;
 
 /// The band chosen and why, or `None` where nothing stands out.
 pub(super) fn band(
@@ -46,31 +46,49 @@ pub(super) fn band(
         finer(&looked, analysis, UP_TO * rate_hz).or_else(|| SpectralPlan::choose(&looked, analysis).ok())?;
     let mut found: Option<[f64; 2]> = None;
     let mut modes = 0;
+    // What looks showed above the band.
+    let mut above_hz: Vec<f64> = Vec::new();
     for _ in 0..LOOKS {
         let frequencies_hz = look(folder, setups, &looked, &plan);
         let lowest = &frequencies_hz[..frequencies_hz.len().min(MODES)];
         let whole_hz = [plan.grid.frequency_hz(0), plan.grid.frequency_hz(plan.grid.lines - 1)];
+        let is_all = lowest.len() == frequencies_hz.len();
         let high_hz = if let (Some(first), Some(last)) = (lowest.first(), lowest.last()) {
             // Half-way to the next peak at most, so that no half mode stands at the end.
             let next_hz = frequencies_hz.get(lowest.len()).map_or(f64::INFINITY, |next| 0.5 * (last + next));
             let high_hz = (ABOVE * last).min(next_hz).min(whole_hz[1]);
             modes = lowest.len();
             found = Some([(BELOW * first).max(whole_hz[0]), high_hz]);
+            above_hz.retain(|hz| *hz > whole_hz[1]);
+            above_hz.extend(&frequencies_hz[modes..]);
             high_hz
         } else {
             NOTHING * whole_hz[1]
         };
         // The finer lines of a narrower band show what lies below the first look's lowest, too.
-        let Some(next) = finer(&looked, analysis, high_hz) else { break };
-        if high_hz > NARROWED * whole_hz[1] || next.grid.spacing_hz() >= plan.grid.spacing_hz() {
+        let next = finer(&looked, analysis, high_hz);
+        let is_finer = |next: &SpectralPlan| FINER * next.grid.spacing_hz() <= plan.grid.spacing_hz();
+        let Some(next) = next.filter(is_finer) else {
+            // Where the record's length limits the lines, a narrower band hides modes that are not seen yet, and gains nothing.
+            if let Some([_, high_hz]) = found.as_mut().filter(|_| is_all) {
+                *high_hz = whole_hz[1];
+            }
             break;
-        }
+        };
         plan = next;
     }
     let minutes = looked.iter().map(|extent| extent.rows as f64 / extent.sampling_rate_hz / 60.0).sum::<f64>();
+    above_hz.sort_by(f64::total_cmp);
     found.map(|band_hz| {
+        let above = match above_hz.as_slice() {
+            [] => String::new(),
+            [one_hz] => format!("; a peak at {one_hz:.4} Hz stands above"),
+            [first_hz, .., last_hz] => {
+                format!("; {} peaks from {first_hz:.4} to {last_hz:.4} Hz stand above", above_hz.len())
+            }
+        };
         let reason = format!(
-            "Band: {:.4} to {:.4} Hz, around the lowest {modes} modes of a first look at {minutes:.0} min (band_hz in [analysis] fixes it).",
+            "Band: {:.4} to {:.4} Hz, around the lowest {modes} modes of a first look at {minutes:.0} min{above} (band_hz in [analysis] fixes it).",
             band_hz[0], band_hz[1]
         );
         (band_hz, reason)

@@ -1,7 +1,7 @@
 //! The plan: how far to decimate, and how long a segment is.
 //!
 //! Long segments resolve close modes, many segments make the average trustworthy. Where the study leaves the choice open,
-//! the plan takes the finest line spacing that still leaves four averages a channel (and 32 in all): with fewer the
+//! the plan takes the finest line spacing that still leaves two averages a channel (and 32 in all): with fewer the
 //! cross-spectral matrix nears rank deficiency, and modal coherence loses its meaning (Brincker, Andersen, Jacobsen 2007).
 //! What the host transforms itself may have longer segments than what nodes transform, as far as memory goes.
 
@@ -14,8 +14,9 @@ use super::grid::LineGrid;
 use super::sums::triangle;
 use crate::study::Analysis;
 
-/// Averages a channel that picking modes by coherence needs.
-pub const AVERAGES_A_CHANNEL: usize = 4;
+/// Averages a channel that picking modes by coherence needs. Twice as many would make lines twice as coarse, which join close modes of a
+/// short record, and pick no less from noise: nothing (`records --case still-short`).
+pub const AVERAGES_A_CHANNEL: usize = 2;
 /// Averages that a chosen segment leaves at least, however few channels there are: with 32 a spectrum scatters by 18 %.
 const LEAST_AVERAGES: usize = 32;
 /// The first line where the band is open: below, the Hann window's main lobe mixes with what is left of mean and drift.

@@ -101,7 +101,7 @@ const fn machine(name: &'static str, what: &'static str, bandwidths: f64, runs: 
 }
 
 /// All cases.
-pub const CASES: [Case; 35] = [
+pub const CASES: [Case; 36] = [
     wind("wind", "a tower of 20 channels and 10 modes under wind that is coherent up its height, 6 h at 20 Hz", None),
     correlated("correlated-0", "8 random modes, loads of f^(-5/3), modal forces uncorrelated, 4 h", 0.0),
     correlated("correlated-10", "the same with forces correlated by 0.1", 0.1),
@@ -177,6 +177,16 @@ pub const CASES: [Case; 35] = [
         load: WHITE,
         rate_hz: 20.0,
         seconds: HOUR_S,
+        fault: Some(Fault::StandsStill),
+        roving: None,
+    },
+    Case {
+        name: "still-short",
+        what: "ten minutes of 20 channels of noise at 50 Hz, as few averages a channel as are taken",
+        build: Build::Tower { channels: 20, first_hz: 0.4, modes: 1, damping: [0.01, 0.01], apart: 1.0 },
+        load: WHITE,
+        rate_hz: 50.0,
+        seconds: 600.0,
         fault: Some(Fault::StandsStill),
         roving: None,
     },
