@@ -221,8 +221,8 @@ fn none_in_band(grid: &LineGrid) -> IdentifyError {
     IdentifyError::NoneInBand { low_hz: grid.frequency_hz(0), high_hz: grid.frequency_hz(last) }
 }
 
-/// Frequencies in Hz, lowest first, of what may be a mode once there are finer lines: modes, and peaks that are too sharp for these or too
-/// close to each other, where they stand far out. None where the setups' lines differ or there are fewer averages than channels.
+/// Frequencies in Hz, lowest first, of what may be a mode once there are finer lines or a second opinion: modes, and peaks that stand far
+/// out, whatever these lines make of them. None where the setups' lines differ or there are fewer averages than channels.
 pub fn mode_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
     let Ok(grid) = same_lines(measured) else { return Vec::new() };
     if !measured.iter().all(|m| m.spectrum.averages() >= m.spectrum.channels().len()) {
@@ -239,10 +239,7 @@ pub fn mode_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
             median(&mut about).is_some_and(|median| value(line) > FAR_OUT * median)
         })
     };
-    let is_hidden = |peak: &&Rejected| {
-        matches!(peak.because, RejectedBecause::Undamped | RejectedBecause::Double) && stands_far_out(peak.frequency_hz)
-    };
-    let hidden = found.rejected.iter().filter(is_hidden).map(|peak| peak.frequency_hz);
+    let hidden = found.rejected.iter().map(|peak| peak.frequency_hz).filter(|&hz| stands_far_out(hz));
     let mut frequencies_hz: Vec<f64> = found.modes.iter().map(|mode| mode.frequency_hz).chain(hidden).collect();
     frequencies_hz.sort_by(f64::total_cmp);
     frequencies_hz

@@ -27,7 +27,7 @@ const ABOVE: f64 = 1.2;
 const NOTHING: f64 = 0.125;
 /// Share of the sampling rate up to which is looked: recorders have a filter above.
 const UP_TO: f64 = 0.4;
-/// A narrower band is worth what it hides where its lines are this many times as fine.
+/// The next look is taken where its lines are this many times as fine.
 const FINER: f64 = 2.0;
 
 /// The band chosen and why, or `None` where nothing stands out.
@@ -45,18 +45,18 @@ pub(super) fn band(
     let mut plan =
         finer(&looked, analysis, UP_TO * rate_hz).or_else(|| SpectralPlan::choose(&looked, analysis).ok())?;
     let mut found: Option<[f64; 2]> = None;
-    let mut modes = 0;
+    let (mut modes, mut most_hz) = (0, f64::INFINITY);
     // What looks showed above the band.
     let mut above_hz: Vec<f64> = Vec::new();
-    for _ in 0..LOOKS {
+    for number in 0..LOOKS {
         let frequencies_hz = look(folder, setups, &looked, &plan);
         let lowest = &frequencies_hz[..frequencies_hz.len().min(MODES)];
         let whole_hz = [plan.grid.frequency_hz(0), plan.grid.frequency_hz(plan.grid.lines - 1)];
-        let is_all = lowest.len() == frequencies_hz.len();
         let high_hz = if let (Some(first), Some(last)) = (lowest.first(), lowest.last()) {
             // Half-way to the next peak at most, so that no half mode stands at the end.
             let next_hz = frequencies_hz.get(lowest.len()).map_or(f64::INFINITY, |next| 0.5 * (last + next));
-            let high_hz = (ABOVE * last).min(next_hz).min(whole_hz[1]);
+            most_hz = next_hz.min(whole_hz[1]);
+            let high_hz = (ABOVE * last).min(most_hz);
             modes = lowest.len();
             found = Some([(BELOW * first).max(whole_hz[0]), high_hz]);
             above_hz.retain(|hz| *hz > whole_hz[1]);
@@ -69,9 +69,10 @@ pub(super) fn band(
         let next = finer(&looked, analysis, high_hz);
         let is_finer = |next: &SpectralPlan| FINER * next.grid.spacing_hz() <= plan.grid.spacing_hz();
         let Some(next) = next.filter(is_finer) else {
-            // Where the record's length limits the lines, a narrower band hides modes that are not seen yet, and gains nothing.
-            if let Some([_, high_hz]) = found.as_mut().filter(|_| is_all) {
-                *high_hz = whole_hz[1];
+            // Where the record is so short that its length limits even the whole band's lines, a narrower one gains nothing, and hides
+            // modes that this look does not see.
+            if let (0, Some([_, high_hz])) = (number, &mut found) {
+                *high_hz = most_hz;
             }
             break;
         };
