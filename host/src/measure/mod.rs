@@ -29,7 +29,9 @@ use crate::spectra::{
     rows_for,
 };
 use crate::study::{Analysis, Setup, Study};
-use faults::{alone_sentence, fault_sentences, left_out_sentence, noisy_sentence, silenced_sentences};
+use faults::{
+    alone_sentence, fault_sentences, left_out_sentences, noisy_sentence, reader_sentences, silenced_sentences,
+};
 use limits::{CutOff, MOST_CUT_OFF};
 use stream::{Streamed, Task};
 
@@ -446,8 +448,8 @@ fn measure_setup<'a>(
         return Err(spectra(error));
     }
     let several = |warning: String| format!("setup \"{}\": {warning}", setup.name);
-    let of_recording = report.iter().flat_map(|report| &report.warnings);
-    let mut warnings: Vec<String> = of_recording.map(|warning| several(warning.to_string())).collect();
+    let of_recording = report.map(|report| reader_sentences(setup, &report.warnings, &faults.filled));
+    let mut warnings: Vec<String> = of_recording.unwrap_or_default().into_iter().map(several).collect();
     let (spectrum, left_out) = accumulator.finish().map_err(|error| match error {
         SpectraError::NoSoundWindows { sound, windows } => {
             let each = setup.sensors.iter().zip(&sound);
@@ -459,9 +461,9 @@ fn measure_setup<'a>(
     let (spectrum, cut_off) = without_cut_off(spectrum, &faults.cut_off);
     warnings.extend(fault_sentences(setup, &faults, &cut_off).into_iter().map(several));
     warnings.extend(silenced_sentences(setup, &grid, &silenced).into_iter().map(several));
-    warnings.extend(left_out.iter().map(|warning| several(left_out_sentence(setup, *warning))));
+    warnings.extend(left_out_sentences(setup, &left_out).into_iter().map(several));
     let (spectrum, alone) = spectrum.without_noisy_channels();
-    warnings.extend(alone.loud.into_iter().map(|channel| several(noisy_sentence(setup, channel))));
+    warnings.extend(noisy_sentence(setup, &alone.loud).map(several));
     warnings.extend(alone_sentence(setup, &alone.quiet).map(several));
     if let Some(fleet) = &fleet {
         let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();
