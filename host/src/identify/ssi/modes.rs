@@ -6,6 +6,7 @@
 use rayon::prelude::*;
 
 use super::likeness::{NEAR_MAC, shape_in};
+use super::rejected::rejected;
 use super::stabilisation::StablePole;
 use super::{SetupPoles, SubspacePole, reach_hz};
 use crate::identify::accuracy::std_bounds;
@@ -47,10 +48,12 @@ pub fn identify_by_subspace(
     let grid = same_lines(measured)?;
     let setups: Vec<SetupPoles> = measured.par_iter().map(SetupPoles::of).collect();
     let mut warnings = Vec::new();
-    let chosen = chosen(&common(&setups, &grid), choice, &grid, &mut warnings);
+    let common = common(&setups, &grid);
+    let chosen = chosen(&common, choice, &grid, &mut warnings);
     if chosen.is_empty() && choice.only_hz.is_some() {
         return Err(none_in_band(&grid));
     }
+    let rejected = rejected(&setups, &common, &chosen, choice, grid.spacing_hz());
     let mut harmonics = Vec::new();
     let mut modes: Vec<Vec<&StablePole>> = Vec::new();
     let usual_damping = usual_damping(chosen.iter().flatten().map(|pole| pole.damping_ratio));
@@ -72,7 +75,7 @@ pub fn identify_by_subspace(
         record_s: measured.iter().map(|m| duration_s(m, &grid)).sum(),
         frequency_resolution_hz: grid.spacing_hz(),
         harmonics,
-        rejected: Vec::new(),
+        rejected,
         warnings,
         other_poles,
         stabilisation: measured.iter().zip(&setups).map(|(m, found)| found.diagram(&m.setup.name)).collect(),
@@ -201,7 +204,7 @@ fn common<'a>(setups: &'a [SetupPoles], grid: &LineGrid) -> Vec<Vec<&'a StablePo
     modes
 }
 
-fn mean_hz(poles: &[&StablePole]) -> f64 {
+pub(super) fn mean_hz(poles: &[&StablePole]) -> f64 {
     poles.iter().map(|pole| pole.frequency_hz).sum::<f64>() / poles.len().max(1) as f64
 }
 
