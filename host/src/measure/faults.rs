@@ -145,7 +145,7 @@ fn jump_sentence(setup: &Setup, jumps: &Jumps) -> Option<String> {
     }
     (jumps.places > 0).then(|| {
         format!(
-            "all channels jump at once at {} places, the first {at} into the record; more may be hidden. Rows may be missing, parts may be joined, or blows strike the structure. If 1 % of the rows are missing, frequencies come out 1 % too high and damping too large: put empty cells in their place, or give the file a column of times",
+            "all channels jump at once at {} places, the first {at} into the record; more may be hidden. Rows may be missing, parts may be joined, or blows strike the structure. If 1 % of the rows are missing, frequencies come out 1 % too high and damping too large: put empty cells in their place, or give the file a column of times in seconds, named time_s",
             jumps.places
         )
     })
@@ -202,9 +202,12 @@ pub(super) fn left_out_sentences(setup: &Setup, warnings: &[SpectraWarning]) -> 
             SpectraWarning::ChannelLeftOut { channel, sound, windows } => {
                 left_out.entry((sound, windows)).or_default().push(channel);
             }
-            SpectraWarning::WindowsLeftOut { left_out, windows } => sentences.push(format!(
-                "{left_out} of {windows} windows are left out: a channel has gaps, clipped or constant samples in them, or stands far off what is usual"
-            )),
+            SpectraWarning::WindowsLeftOut { left_out, windows } => {
+                let joints = if setup.block_s.is_some() { "they reach over a joint of blocks, or " } else { "" };
+                sentences.push(format!(
+                    "{left_out} of {windows} windows are left out: {joints}a channel has gaps, clipped or constant samples in them, or stands far off what is usual"
+                ));
+            }
         }
     }
     let of_channels = left_out.into_iter().map(|((sound, windows), channels)| {

@@ -54,7 +54,7 @@ pub fn measure_intervals(
         averages,
         needed_s: ((LEAST_AVERAGES + 2) as f64 * 0.5 * segment_s).ceil(),
     };
-    let plan = match route.plan(&[extent], analysis) {
+    let plan = match route.plan(&[extent], analysis, None) {
         Err(PlanError::TooShort { segment, decimated_rate_hz, .. }) if interval_rows < rows => {
             return Err(too_short(0, segment as f64 / decimated_rate_hz));
         }

@@ -25,8 +25,8 @@ use crate::fleet::{FleetError, FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
 use crate::record::{RecordError, Recording};
 use crate::spectra::{
-    CrossSpectrum, CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines,
-    rows_for,
+    AfterGaps, CrossSpectrum, CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan,
+    WindowLines, rows_for,
 };
 use crate::study::{Analysis, Setup, Study};
 use faults::{
@@ -48,10 +48,16 @@ pub enum Route {
 
 impl Route {
     /// Decimation, segment and lines by this route.
-    fn plan(self, setups: &[SetupExtent], analysis: &Analysis) -> Result<SpectralPlan, PlanError> {
-        match self {
-            Self::Nodes(_) => SpectralPlan::choose(setups, analysis),
-            Self::Direct => SpectralPlan::choose_direct(setups, analysis),
+    fn plan(
+        self,
+        setups: &[SetupExtent],
+        analysis: &Analysis,
+        after_gaps: Option<AfterGaps>,
+    ) -> Result<SpectralPlan, PlanError> {
+        match (self, after_gaps) {
+            (_, Some(after_gaps)) => SpectralPlan::choose_after_gaps(setups, analysis, after_gaps),
+            (Self::Nodes(_), None) => SpectralPlan::choose(setups, analysis),
+            (Self::Direct, None) => SpectralPlan::choose_direct(setups, analysis),
         }
     }
 }
@@ -195,6 +201,19 @@ pub fn measure<'a>(study: &'a Study, route: Route, progress: Progress<'_>) -> Re
     measure_observed(study, route, progress, &mut |_, _, _| {})
 }
 
+/// As [`measure`], with segments no longer than gaps were found to leave enough of.
+///
+/// # Errors
+/// As [`measure`].
+pub fn measure_after_gaps<'a>(
+    study: &'a Study,
+    route: Route,
+    after_gaps: AfterGaps,
+    progress: Progress<'_>,
+) -> Result<Measurement<'a>, MeasureError> {
+    measure_prepared(prepare_with(study, route, Some(after_gaps))?, route, progress, &mut |_, _, _| {})
+}
+
 /// As [`measure`], and lets `observer` see the windows.
 ///
 /// # Errors
@@ -205,7 +224,16 @@ pub fn measure_observed<'a>(
     progress: Progress<'_>,
     observer: Observer<'_>,
 ) -> Result<Measurement<'a>, MeasureError> {
-    let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepare(study, route)?;
+    measure_prepared(prepare(study, route)?, route, progress, observer)
+}
+
+fn measure_prepared<'a>(
+    prepared: Prepared<'a>,
+    route: Route,
+    progress: Progress<'_>,
+    observer: Observer<'_>,
+) -> Result<Measurement<'a>, MeasureError> {
+    let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepared;
     let mut timings = Timings { counting, ..Timings::default() };
     let total_rows: u64 = opened.iter().map(|opened| opened.rows).sum();
     let mut done_rows = 0;
@@ -309,6 +337,10 @@ pub struct Prepared<'a> {
 /// # Errors
 /// When no setup can be measured.
 pub fn prepare(study: &Study, route: Route) -> Result<Prepared<'_>, MeasureError> {
+    prepare_with(study, route, None)
+}
+
+fn prepare_with(study: &Study, route: Route, after_gaps: Option<AfterGaps>) -> Result<Prepared<'_>, MeasureError> {
     let mut warnings: Vec<String> = Vec::new();
     let start = Instant::now();
     let mut failure = None;
@@ -346,9 +378,11 @@ pub fn prepare(study: &Study, route: Route) -> Result<Prepared<'_>, MeasureError
         if extents.is_empty() {
             return Err(failure.unwrap_or(MeasureError::NoSetups));
         }
-        match route.plan(&extents, &analysis) {
+        match route.plan(&extents, &analysis, after_gaps) {
             Ok(plan) => break plan,
-            Err(source @ PlanError::TooShort { setup, .. }) if opened.len() > 1 => {
+            Err(source @ (PlanError::TooShort { setup, .. } | PlanError::BlocksTooShort { setup, .. }))
+                if opened.len() > 1 =>
+            {
                 let Opened { setup, .. } = opened.remove(setup);
                 leave_out(&mut warnings, &mut failure, MeasureError::TooShort { setup: setup.name.clone(), source });
             }
