@@ -143,7 +143,7 @@ pub enum MeasureError {
     },
     /// No window of a setup can be used.
     #[error(
-        "setup \"{setup}\": none of {windows} windows is sound on all live channels at once. Sound are: {channels}"
+        "setup \"{setup}\": none of {windows} windows of {segment} points is sound on all live channels at once. Sound are: {channels}"
     )]
     NoSound {
         /// The setup.
@@ -152,6 +152,8 @@ pub enum MeasureError {
         channels: String,
         /// All windows.
         windows: usize,
+        /// Points of a window.
+        segment: usize,
     },
 }
 
@@ -488,7 +490,8 @@ fn measure_setup<'a>(
         SpectraError::NoSoundWindows { sound, windows } => {
             let each = setup.sensors.iter().zip(&sound);
             let each = each.map(|(sensor, sound)| format!("\"{}\" in {sound}", sensor.channel));
-            MeasureError::NoSound { setup: setup.name.clone(), channels: each.collect::<Vec<_>>().join(", "), windows }
+            let (channels, segment) = (each.collect::<Vec<_>>().join(", "), grid.segment);
+            MeasureError::NoSound { setup: setup.name.clone(), channels, windows, segment }
         }
         error => spectra(error),
     })?;

@@ -33,9 +33,10 @@ impl<'a> Limit<'a> {
         (is_joined && limit.block_for(2 * grid.segment) > block_s).then_some(limit)
     }
 
-    /// The length of block in s that segments of so many points need: two of them, half over each other.
+    /// The length of block in s that segments of so many points need: three of them, half over each other. In shorter blocks most windows
+    /// are lost at joints, as windows do not begin anew in a block.
     fn block_for(&self, segment: usize) -> f64 {
-        rows_for(2, self.decimation, segment) as f64 / self.setup.sampling_rate_hz
+        rows_for(3, self.decimation, segment) as f64 / self.setup.sampling_rate_hz
     }
 
     fn warning(&self, modes: &[Mode]) -> Option<String> {
@@ -68,7 +69,7 @@ impl<'a> Limit<'a> {
             count => format!("; {} other modes are too narrow, too", count - 1),
         };
         Some(format!(
-            "setup \"{}\": its blocks of {} s (block_s) allow segments of {segment_s:.1} s at most. {what} is {bandwidth_hz:.4} Hz wide, which takes segments of {:.0} s and blocks of {:.0} s{others}. Damping may be far off, and modes may be missing: join longer blocks, or take block_s out if no time is missing between them",
+            "setup \"{}\": its blocks of {} s (block_s) leave room for segments of {segment_s:.1} s. {what} is {bandwidth_hz:.4} Hz wide, which takes segments of {:.0} s and blocks of {:.0} s{others}. Damping may be far off, and modes may be missing: join longer blocks, or take block_s out if no time is missing between them",
             self.setup.name,
             self.block_s,
             1.0 / bandwidth_hz,
@@ -106,7 +107,7 @@ mod tests {
         // Segments of 41 s; the modes are 0.0022, 0.008 and 0.028 Hz wide.
         let text = said(100.0, 256, &modes).unwrap();
         assert!(
-            text.contains("segments of 41.0 s at most. The mode at 0.1100 Hz with 1.00 % of damping is 0.0022 Hz"),
+            text.contains("segments of 41.0 s. The mode at 0.1100 Hz with 1.00 % of damping is 0.0022 Hz"),
             "{text}"
         );
         assert!(

@@ -16,7 +16,7 @@ use crate::identify::phases::phase_suspicions;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
 use crate::identify::{Identification, hold_to_standards, identify as identify_setups};
-use crate::measure::{Measurement, Route, measure, measure_after_gaps};
+use crate::measure::{MeasureError, Measurement, Progress, Route, measure, measure_after_gaps};
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
 use crate::spectra::{AfterGaps, LineGrid};
 use crate::study::Study;
@@ -124,11 +124,7 @@ pub fn identify(
         Route::Nodes(_) => "nodes and link",
         Route::Direct => "spectra",
     };
-    let mut measurement = measure(study, route, &mut rows_of(stage, on_progress))?;
-    let after_gaps = after_gaps(&measurement, study).filter(|_| method != Method::Subspace);
-    if let Some(after_gaps) = after_gaps {
-        measurement = measure_after_gaps(study, route, after_gaps, &mut rows_of(stage, on_progress))?;
-    }
+    let measurement = measure_between_gaps(study, route, method, &mut rows_of(stage, on_progress))?;
     let modes_start = Instant::now();
     let choice = &study.analysis.modes;
     let identified = match method {
@@ -157,14 +153,44 @@ pub fn identify(
     Ok(report(study, identification, &measurement, &times))
 }
 
+/// Measures, with shorter segments where gaps leave too few windows, or none.
+fn measure_between_gaps<'a>(
+    study: &'a Study,
+    route: Route,
+    method: Method,
+    progress: Progress<'_>,
+) -> Result<Measurement<'a>, MeasureError> {
+    let mut shorter: Option<AfterGaps> = None;
+    loop {
+        let measured = match shorter {
+            Some(after_gaps) => measure_after_gaps(study, route, after_gaps, progress),
+            None => measure(study, route, progress),
+        };
+        shorter = match &measured {
+            // The subspace needs no more averages than there are.
+            Ok(measurement) if method != Method::Subspace => after_gaps(measurement, study),
+            Err(MeasureError::NoSound { segment, .. }) if is_segment_free(study) && *segment > SHORTEST_SEGMENT => {
+                Some(AfterGaps { too_long: *segment, longest: segment / 2 })
+            }
+            _ => None,
+        };
+        if shorter.is_none() {
+            return measured;
+        }
+    }
+}
+
+/// Whether the program may choose how long segments are: what nodes have sent is cut already.
+fn is_segment_free(study: &Study) -> bool {
+    study.analysis.segment.is_none() && !study.setups.iter().any(|setup| setup.live)
+}
+
 /// The segments that gaps leave enough windows of, where they do not of those that were chosen from the record's length.
 fn after_gaps(measurement: &Measurement<'_>, study: &Study) -> Option<AfterGaps> {
     let averages: usize = measurement.setups.iter().map(|setup| setup.spectrum.averages()).sum();
     let channels = measurement.setups.iter().map(|setup| setup.spectrum.channels().len()).max()?;
-    let analysis = &study.analysis;
-    let is_free = analysis.segment.is_none() && analysis.modes.only_hz.is_none();
-    // What nodes have sent is cut already.
-    let is_free = is_free && !study.setups.iter().any(|setup| setup.live);
+    // Who names all modes gets them from fewer averages, too.
+    let is_free = is_segment_free(study) && study.analysis.modes.only_hz.is_none();
     let too_long = measurement.plan.grid.segment;
     let (mut longest, mut left) = (too_long, averages.max(1));
     while left < AVERAGES_A_CHANNEL * channels && longest > SHORTEST_SEGMENT {
