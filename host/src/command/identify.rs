@@ -13,7 +13,7 @@ use super::text::{Columns, in_shell, next_lines};
 use super::trends;
 use crate::identify::accuracy::{RecordNeeded, Wish};
 use crate::identify::ssi::SecondOpinion;
-use crate::identify::{Identification, ModeMethod, OnInPart};
+use crate::identify::{Harmonic, Identification, ModeMethod, OnInPart};
 use crate::statistics::places;
 use crate::story::{IdentifyRequest, Method, ModesReport, Project};
 
@@ -102,6 +102,24 @@ impl Arguments {
     }
 }
 
+/// What a forced line is, and how it is told from a mode.
+fn forced(harmonic: &Harmonic) -> String {
+    let how = if harmonic.on_share < 1.0 {
+        format!(", there {:.0} % of the time{}", 100.0 * harmonic.on_share, when(&harmonic.on_by_part))
+    } else if harmonic.wanders_hz > 0.0 {
+        format!(", wandering within ± {:.4} Hz", harmonic.wanders_hz)
+    } else {
+        String::new()
+    };
+    let (hz, what) = (harmonic.frequency_hz, "machinery or vortices, not a mode");
+    if harmonic.is_told_by_kurtosis() {
+        return format!("Forced line at {hz:.4} Hz{how} (kurtosis {:.2}; a mode has 3): {what}.", harmonic.kurtosis);
+    }
+    format!(
+        "Forced line at {hz:.4} Hz{how} (steadier than a mode's frequency can be): {what}. If it is one, name it: add_modes_hz = [{hz:.4}] in [analysis]."
+    )
+}
+
 /// When a forced line was there most: the parts of the record with at least half of the largest share, joined.
 fn when(parts: &[OnInPart]) -> String {
     let most = parts.iter().map(|part| part.on_share).fold(0.0, f64::max);
@@ -139,17 +157,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.json(&report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification, method == Method::Both)));
     for harmonic in &report.identification.harmonics {
-        let how = if harmonic.on_share < 1.0 {
-            format!(", there {:.0} % of the time{}", 100.0 * harmonic.on_share, when(&harmonic.on_by_part))
-        } else if harmonic.wanders_hz > 0.0 {
-            format!(", wandering within ± {:.4} Hz", harmonic.wanders_hz)
-        } else {
-            String::new()
-        };
-        console.say(format!(
-            "Forced line at {:.4} Hz{how} (kurtosis {:.2}; a mode has 3): machinery or vortices, not a mode.",
-            harmonic.frequency_hz, harmonic.kurtosis
-        ));
+        console.say(forced(harmonic));
     }
     if let Some(sentence) = report.identification.rejected_in_words() {
         console.say(sentence);
@@ -307,6 +315,17 @@ pub(super) fn summary(report: &ModesReport) -> String {
 mod tests {
     use super::*;
     use crate::identify::accuracy::tests::found;
+
+    #[test]
+    fn a_forced_line_says_what_tells_it_from_a_mode() {
+        let line = |kurtosis: f64, on_share: f64| {
+            forced(&Harmonic { frequency_hz: 2.5, kurtosis, wanders_hz: 0.0, on_share, on_by_part: Vec::new() })
+        };
+        assert!(line(1.5, 1.0).contains("(kurtosis 1.50; a mode has 3)"), "{}", line(1.5, 1.0));
+        assert!(line(4.4, 0.34).contains("there 34 % of the time"), "{}", line(4.4, 0.34));
+        let steady = line(3.2, 1.0);
+        assert!(!steady.contains("kurtosis") && steady.contains("add_modes_hz = [2.5000]"), "{steady}");
+    }
 
     #[test]
     fn deviations_have_two_figures_and_none_is_printed_as_nothing() {

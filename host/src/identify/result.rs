@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::covariance::CovarianceFactor;
 use super::fit::Basis;
+use super::kurtosis::HARMONIC_KURTOSIS;
 use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
 
 /// The modes of a structure, with how much data stands behind them.
@@ -213,6 +214,11 @@ pub struct OnInPart {
 impl Harmonic {
     /// Lines to either side that are a forced line's own.
     const OWN_LINES: f64 = 2.0;
+
+    /// Whether its kurtosis tells it from a mode; otherwise its frequency is known better than that of any mode could be.
+    pub fn is_told_by_kurtosis(&self) -> bool {
+        self.kurtosis * self.on_share < HARMONIC_KURTOSIS
+    }
 
     /// Whether what is found at a frequency may be this forced line.
     pub(super) fn covers(&self, frequency_hz: f64, spacing_hz: f64) -> bool {

@@ -204,8 +204,9 @@ pub(super) fn left_out_sentences(setup: &Setup, warnings: &[SpectraWarning]) -> 
             }
             SpectraWarning::WindowsLeftOut { left_out, windows } => {
                 let joints = if setup.block_s.is_some() { "they reach over a joint of blocks, or " } else { "" };
+                let are = if left_out == 1 { "is" } else { "are" };
                 sentences.push(format!(
-                    "{left_out} of {windows} windows are left out: {joints}a channel has gaps, clipped or constant samples in them, or stands far off what is usual"
+                    "{left_out} of {windows} windows {are} left out: {joints}a channel has gaps, clipped or constant samples in them, or stands far off what is usual"
                 ));
             }
         }

@@ -11,6 +11,8 @@ const PANEL: (u32, u32) = (320, 300);
 /// Height of the part of a panel that shows what the fit leaves.
 const RESIDUAL: u32 = 82;
 const TITLE: u32 = 70;
+/// Numbers at the axes.
+const LABEL: (&str, u32) = ("sans-serif", 11);
 /// What stands left of a panel's axis.
 const LABELS: u32 = 52;
 /// Standard deviations that hold 95 % of all lines.
@@ -90,6 +92,7 @@ fn draw(area: &Area<'_>, mode: &Mode, spectrum: &FittedSpectrum) -> DrawResult {
         .disable_mesh()
         .x_labels(0)
         .y_labels(4)
+        .label_style(LABEL)
         .y_label_formatter(&|value| format!("{value:.0e}"))
         .axis_style(FRAME)
         .draw()?;
@@ -127,6 +130,7 @@ fn draw_residuals(area: &Area<'_>, spectrum: &FittedSpectrum, band_hz: std::ops:
         .disable_mesh()
         .x_labels(4)
         .y_labels(3)
+        .label_style(LABEL)
         .y_label_formatter(&|value| if *value == 0.0 { "0".to_owned() } else { format!("{value:+.0}") })
         .axis_style(FRAME)
         .draw()?;

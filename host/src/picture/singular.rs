@@ -94,15 +94,13 @@ pub fn singular_values(structure: &str, identification: &Identification) -> Resu
 fn draw_legend(root: &Area<'_>, identification: &Identification) -> DrawResult {
     let is_several = identification.singular_values.len() > 1;
     let ranks = identification.singular_values.iter().map(|spectrum| spectrum.values.len()).max().unwrap_or(0);
-    let mut entries: Vec<(String, RGBColor)> = ["Lines: first", "second", "third", "fourth"]
+    let first = if is_several { "Lines of each setup: first" } else { "Lines: first" };
+    let mut entries: Vec<(String, RGBColor)> = [first, "second", "third", "fourth"]
         .iter()
         .zip(RANKS)
         .take(ranks)
         .map(|(rank, color)| ((*rank).to_owned(), color))
         .collect();
-    if let (true, Some((last, _))) = (is_several, entries.last_mut()) {
-        last.push_str(" of each setup");
-    }
     let marks = [
         (!identification.modes.is_empty(), "1, 2, ... modes", MODE),
         (!identification.harmonics.is_empty(), "F forced lines: machinery or vortices", FORCED),

@@ -57,8 +57,10 @@ pub fn identify_by_subspace(
     let mut harmonics = Vec::new();
     let mut modes: Vec<Vec<&StablePole>> = Vec::new();
     let usual_damping = usual_damping(chosen.iter().flatten().map(|pole| pole.damping_ratio));
-    for poles in chosen {
-        match forced(measured, &poles, usual_damping, &grid) {
+    let asked_for = asked_for(&chosen, choice, grid.spacing_hz());
+    for (number, poles) in chosen.into_iter().enumerate() {
+        // What the user names is a mode whatever it looks like.
+        match forced(measured, &poles, usual_damping, &grid).filter(|_| !asked_for.contains(&number)) {
             Some(harmonic) => harmonics.push(harmonic),
             None => modes.push(poles),
         }
@@ -241,6 +243,16 @@ fn chosen<'a>(
         None => !dropped.contains(at) && (is_clear(at) || added.contains(at)),
     };
     (0..poles.len()).filter(is_chosen).map(|at| poles[at].clone()).collect()
+}
+
+/// The places of the poles that the user names.
+fn asked_for(chosen: &[Vec<&StablePole>], choice: &ModeChoice, spacing_hz: f64) -> Vec<usize> {
+    let nearest = |&asked_hz: &f64| {
+        let distance_hz = |at: &usize| (mean_hz(&chosen[*at]) - asked_hz).abs();
+        let nearest = (0..chosen.len()).min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
+        nearest.filter(|at| distance_hz(at) <= meant_hz(spacing_hz, asked_hz))
+    };
+    choice.only_hz.iter().flatten().chain(&choice.add_hz).filter_map(nearest).collect()
 }
 
 /// The forced line that poles are of, where they have next to no damping and the response has the kurtosis of one.
