@@ -22,7 +22,7 @@ const LEGEND_AT: (i32, i32) = (12, 34);
 const LETTER: i32 = 6;
 
 /// Singular values over frequency (one thin line a setup and rank); modes are marked by their numbers, forced lines by F, rejected
-/// peaks at the bottom.
+/// peaks by crosses below.
 ///
 /// # Errors
 /// When nothing was measured, or drawing fails.
@@ -76,7 +76,7 @@ pub fn singular_values(structure: &str, identification: &Identification) -> Resu
                 chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
             }
         }
-        let rejected = identification.rejected.iter().map(|peak| (peak.frequency_hz, bottom * 1.3));
+        let rejected = identification.rejected.iter().map(|peak| (peak.frequency_hz, top * 0.4));
         chart.draw_series(rejected.map(|at| Cross::new(at, 3, REJECTED)))?;
         let mode_labels = identification.modes.iter().map(|mode| (mode.number.to_string(), mode.frequency_hz, MODE));
         let forced_labels = identification.harmonics.iter().map(|forced| ("F".to_owned(), forced.frequency_hz, FORCED));
