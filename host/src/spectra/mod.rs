@@ -13,8 +13,6 @@ mod finer;
 mod grid;
 mod noisy;
 pub mod plan;
-mod plan_error;
-mod reason;
 mod stand_out;
 mod sums;
 
@@ -26,7 +24,6 @@ pub use finer::FinerSpectrum;
 pub(crate) use grid::around;
 pub use grid::{LineGrid, WindowLines};
 pub use noisy::Alone;
-pub use plan::{AfterGaps, SpectralPlan};
-pub use plan_error::{FewAverages, PlanError};
+pub use plan::{AfterGaps, PlanError, SpectralPlan};
 pub use stand_out::{Silenced, StandOut};
 pub(crate) use sums::{BAND_HALVES, ENVELOPE_HALF};

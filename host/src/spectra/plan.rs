@@ -5,14 +5,14 @@
 //! cross-spectral matrix nears rank deficiency, and modal coherence loses its meaning (Brincker, Andersen, Jacobsen 2007).
 //! What the host transforms itself may have longer segments than what nodes transform, as far as memory goes.
 
+use belfry_shared::decimation::{Stages, USABLE_FRACTION};
+use thiserror::Error;
+
 use super::accumulate::MAX_GROUPS;
 use super::extent::{SetupExtent, rows_for};
 use super::grid::LineGrid;
-use super::plan_error::{FewAverages, PlanError};
-use super::reason::{Limits, reason};
 use super::sums::triangle;
 use crate::study::Analysis;
-use belfry_shared::decimation::{Stages, USABLE_FRACTION};
 
 /// Averages a channel that picking modes by coherence needs.
 pub const AVERAGES_A_CHANNEL: usize = 4;
@@ -23,7 +23,7 @@ pub(crate) const LOWEST_LINE: usize = 4;
 /// The shortest segment that a node can transform.
 pub(crate) const SHORTEST_SEGMENT: usize = 256;
 /// The longest.
-pub(super) const LONGEST_OF_NODES: usize = 4096;
+const LONGEST_OF_NODES: usize = 4096;
 /// The longest that the host transforms.
 const LONGEST_SEGMENT: usize = 65_536;
 /// Bytes that the sums over windows may take where segments are longer than a node's: a value and its groups for the jackknife.
@@ -35,6 +35,108 @@ const MAX_DECIMATION: u32 = 1000;
 const USABLE_OF_RAW: f64 = 0.49;
 /// Relative difference below which a ratio of sampling rates counts as whole.
 const RATIO_TOLERANCE: f64 = 1e-4;
+
+/// Why there is no plan.
+#[derive(Debug, Error, PartialEq)]
+pub enum PlanError {
+    /// No segment fits into the recording.
+    #[error(
+        "the recording of {seconds:.1} s is too short: a segment of {segment} points at {decimated_rate_hz} Hz and the filter need {needed_s:.1} s; record longer or choose a shorter segment in [analysis]"
+    )]
+    TooShort {
+        /// Which of the setups.
+        setup: usize,
+        /// Duration of the shortest setup.
+        seconds: f64,
+        /// Points of the shortest segment possible.
+        segment: usize,
+        /// Decimated sampling rate.
+        decimated_rate_hz: f64,
+        /// Duration needed.
+        needed_s: f64,
+    },
+    /// No segment fits into the blocks that a recording is joined of.
+    #[error(
+        "the blocks of {block_s:.1} s (block_s in [[setup]]) are too short: two segments of {segment} points at {decimated_rate_hz} Hz, half over each other, and the filter need {needed_s:.1} s; join longer blocks, or take block_s out if no time is missing between them"
+    )]
+    BlocksTooShort {
+        /// Which of the setups.
+        setup: usize,
+        /// Duration of a block.
+        block_s: f64,
+        /// Points of the shortest segment possible.
+        segment: usize,
+        /// Decimated sampling rate.
+        decimated_rate_hz: f64,
+        /// Duration needed.
+        needed_s: f64,
+    },
+    /// The band leaves no lines.
+    #[error(
+        "no spectral line lies in band_hz = [{low_hz}, {high_hz}] at a spacing of {spacing_hz:.4} Hz: widen the band or lengthen the segment in [analysis]"
+    )]
+    EmptyBand {
+        /// Lower edge.
+        low_hz: f64,
+        /// Upper edge.
+        high_hz: f64,
+        /// Line spacing.
+        spacing_hz: f64,
+    },
+    /// The segment is longer than what nodes transform.
+    #[error(
+        "segment = {0} in [analysis] is for recordings that the host transforms itself: nodes transform {LONGEST_OF_NODES} points at most; add --direct or choose a shorter segment"
+    )]
+    TooLongForNodes(usize),
+    /// No decimation serves the band and all setups.
+    #[error(
+        "no decimation of {rates} Hz reaches decimated_rate_hz = {wanted}: it must divide every sampling rate by a product of at most three numbers from 2 to 10"
+    )]
+    NoDecimation {
+        /// The setups' sampling rates.
+        rates: String,
+        /// The rate wanted, or the one that the band needs.
+        wanted: String,
+    },
+    /// The band reaches too high.
+    #[error(
+        "band_hz ends at {high_hz} Hz, but at {rate_hz} Hz only {usable_hz:.3} Hz are free of aliases: lower the band or raise the rate in [analysis]"
+    )]
+    BandTooHigh {
+        /// Upper edge.
+        high_hz: f64,
+        /// Sampling rate after decimation.
+        rate_hz: f64,
+        /// Highest usable frequency.
+        usable_hz: f64,
+    },
+}
+
+/// Too few averages for the number of channels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FewAverages {
+    /// Averages of all setups together.
+    pub averages: usize,
+    /// Averages wanted.
+    pub wanted: usize,
+    /// Channels of the largest setup.
+    pub channels: usize,
+    /// Minutes of recording that are missing at this line spacing.
+    pub missing_min: f64,
+}
+
+impl std::fmt::Display for FewAverages {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{} averages for {} channels, {} are needed for modes to be told from noise with confidence: record {:.0} min more, or shorten the segment in [analysis]",
+            self.averages,
+            self.channels,
+            self.wanted,
+            self.missing_min.ceil()
+        )
+    }
+}
 
 /// What gaps in the recordings were found to leave, once windows were made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -150,6 +252,62 @@ impl SpectralPlan {
     }
 }
 
+/// What limits the choice of a segment.
+struct Limits {
+    longest: usize,
+    /// Averages that are wanted.
+    enough: usize,
+    after_gaps: Option<AfterGaps>,
+}
+
+/// Why the best candidate is the best, for the user.
+fn reason(setups: &[SetupExtent], analysis: &Analysis, best: &Candidate, grid: &LineGrid, limits: Limits) -> String {
+    let Limits { longest, enough, after_gaps } = limits;
+    let rate = if best.decimations.iter().all(|&decimation| decimation == 1) {
+        format!("{} Hz, as recorded", short(best.rate_hz))
+    } else {
+        let mut ways: Vec<String> = setups
+            .iter()
+            .zip(&best.decimations)
+            .map(|(setup, decimation)| format!("{} / {decimation}", short(setup.sampling_rate_hz)))
+            .collect();
+        ways.dedup();
+        let why =
+            if analysis.decimated_rate_hz.is_some() { "as [analysis] says" } else { "free of aliases in the band" };
+        format!("{} Hz ({}), {why}", short(best.rate_hz), ways.join(", "))
+    };
+    let averages: usize = best.windows.iter().sum();
+    let why = if analysis.segment.is_some() {
+        format!("as [analysis] says; {averages} averages")
+    } else if let Some(AfterGaps { too_long, .. }) = after_gaps {
+        format!("as gaps cost too many segments of {too_long}; {averages} averages, less what gaps cost of these")
+    } else if averages < enough {
+        format!("the most averages that this record gives, {averages}")
+    } else if best.segment == longest && longest == LONGEST_OF_NODES {
+        let finer = if averages >= 2 * enough { "; --direct has longer ones" } else { "" };
+        format!("the longest that a node has; {averages} averages{finer}")
+    } else {
+        format!("the finest lines that leave {enough} averages; {averages} here")
+    };
+    let last_hz = grid.frequency_hz(grid.lines - 1);
+    format!(
+        "Rate: {rate}. Segments: {} points, {:.1} s, {why}. Lines: {} from {} to {} Hz, every {} Hz.",
+        grid.segment,
+        1.0 / grid.spacing_hz(),
+        grid.lines,
+        short(grid.frequency_hz(0)),
+        short(last_hz),
+        short(grid.spacing_hz()),
+    )
+}
+
+/// A number in at most five digits.
+fn short(value: f64) -> String {
+    let digits = (4 - value.abs().max(1e-12).log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{value:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
 /// A decimated rate and how each setup reaches it.
 #[derive(Debug, Clone)]
 struct Rate {
@@ -157,14 +315,12 @@ struct Rate {
     decimations: Vec<u32>,
 }
 
-/// A choice of rate and segment.
 #[derive(Debug)]
-pub(super) struct Candidate {
-    pub(super) rate_hz: f64,
-    pub(super) decimations: Vec<u32>,
-    pub(super) segment: usize,
-    /// Windows that each setup's recording gives.
-    pub(super) windows: Vec<usize>,
+struct Candidate {
+    rate_hz: f64,
+    decimations: Vec<u32>,
+    segment: usize,
+    windows: Vec<usize>,
 }
 
 impl Candidate {
