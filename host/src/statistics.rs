@@ -9,6 +9,13 @@ pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
+/// Decimal places that show each of these deviations with two significant figures at least, from `least` to `most` of them; deviations
+/// that are 0 or not known say nothing.
+pub(crate) fn places(deviations: &[f64], least: usize, most: usize) -> usize {
+    let smallest = deviations.iter().copied().filter(|value| value.is_finite() && *value > 0.0).reduce(f64::min);
+    smallest.map_or(least, |smallest| (1.0 - smallest.log10().floor()).clamp(least as f64, most as f64) as usize)
+}
+
 /// Indices of values, the largest value first.
 pub(crate) fn largest_first(values: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..values.len()).collect();
@@ -22,6 +29,14 @@ mod tests {
     fn indices_go_from_the_largest_value_to_the_least_and_equal_ones_stay_in_order() {
         assert_eq!(super::largest_first(&[1.0, 3.0, -2.0, 3.0]), [1, 3, 0, 2]);
         assert!(super::largest_first(&[]).is_empty());
+    }
+
+    #[test]
+    fn two_figures_of_the_smallest_deviation_are_shown() {
+        let shown = |deviations: &[f64]| super::places(deviations, 2, 6);
+        assert_eq!([shown(&[0.25]), shown(&[0.25, 0.093]), shown(&[0.0031])], [2, 3, 4]);
+        assert_eq!([shown(&[12.0]), shown(&[1e-9])], [2, 6], "within reason");
+        assert_eq!([shown(&[f64::INFINITY, 0.02]), shown(&[f64::NAN, 0.0]), shown(&[])], [3, 2, 2]);
     }
 
     #[test]

@@ -13,7 +13,8 @@ use super::text::{Columns, in_shell, next_lines};
 use super::trends;
 use crate::identify::accuracy::{RecordNeeded, Wish};
 use crate::identify::ssi::SecondOpinion;
-use crate::identify::{Identification, Mode, ModeMethod, OnInPart};
+use crate::identify::{Harmonic, Identification, ModeMethod, OnInPart};
+use crate::statistics::places;
 use crate::story::{IdentifyRequest, Method, ModesReport, Project};
 
 const EXAMPLES: &str = "Examples:
@@ -101,6 +102,24 @@ impl Arguments {
     }
 }
 
+/// What a forced line is, and how it is told from a mode.
+fn forced(harmonic: &Harmonic) -> String {
+    let how = if harmonic.on_share < 1.0 {
+        format!(", there {:.0} % of the time{}", 100.0 * harmonic.on_share, when(&harmonic.on_by_part))
+    } else if harmonic.wanders_hz > 0.0 {
+        format!(", wandering within ± {:.4} Hz", harmonic.wanders_hz)
+    } else {
+        String::new()
+    };
+    let (hz, what) = (harmonic.frequency_hz, "machinery or vortices, not a mode");
+    if harmonic.is_told_by_kurtosis() {
+        return format!("Forced line at {hz:.4} Hz{how} (kurtosis {:.2}; a mode has 3): {what}.", harmonic.kurtosis);
+    }
+    format!(
+        "Forced line at {hz:.4} Hz{how} (steadier than a mode's frequency can be): {what}. If it is one, name it: add_modes_hz = [{hz:.4}] in [analysis]."
+    )
+}
+
 /// When a forced line was there most: the parts of the record with at least half of the largest share, joined.
 fn when(parts: &[OnInPart]) -> String {
     let most = parts.iter().map(|part| part.on_share).fold(0.0, f64::max);
@@ -138,17 +157,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.json(&report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification, method == Method::Both)));
     for harmonic in &report.identification.harmonics {
-        let how = if harmonic.on_share < 1.0 {
-            format!(", there {:.0} % of the time{}", 100.0 * harmonic.on_share, when(&harmonic.on_by_part))
-        } else if harmonic.wanders_hz > 0.0 {
-            format!(", wandering within ± {:.4} Hz", harmonic.wanders_hz)
-        } else {
-            String::new()
-        };
-        console.say(format!(
-            "Forced line at {:.4} Hz{how} (kurtosis {:.2}; a mode has 3): machinery or vortices, not a mode.",
-            harmonic.frequency_hz, harmonic.kurtosis
-        ));
+        console.say(forced(harmonic));
     }
     if let Some(sentence) = report.identification.rejected_in_words() {
         console.say(sentence);
@@ -176,6 +185,11 @@ pub(super) fn tell_warnings(report: &ModesReport, console: &Console) {
     }
 }
 
+/// Decimal places that a table shows at most.
+const MOST_PLACES: usize = 9;
+/// Of what is as many times as large two figures are shown, and one of itself.
+const ONE_FIGURE: f64 = 10.0;
+
 /// The modes as a table; `best` is what no method can go below on the record at hand, `agrees` what a second method says.
 fn modes_table(identification: &Identification, has_second_opinion: bool) -> Columns {
     let mut headings = vec![
@@ -197,14 +211,17 @@ fn modes_table(identification: &Identification, has_second_opinion: bool) -> Col
     let mut table = Columns::new(headings).expendable(&[6, 3, 9, 10, 7, 8]);
     for mode in &identification.modes {
         let most = mode.shape.iter().max_by(|a, b| a.re.hypot(a.im).total_cmp(&b.re.hypot(b.im)));
+        let of_frequency = places(&[mode.frequency_std_hz, ONE_FIGURE * mode.frequency_std_bound_hz], 3, MOST_PLACES);
+        let (damping_std, damping_bound) = (100.0 * mode.damping_ratio_std, 100.0 * mode.damping_ratio_std_bound);
+        let of_damping = places(&[damping_std, ONE_FIGURE * damping_bound], 2, MOST_PLACES);
         let mut row = vec![
             mode.number.to_string(),
-            format!("{:.*}", frequency_digits(mode), mode.frequency_hz),
-            deviation(mode.frequency_std_hz, frequency_digits(mode)),
-            deviation(mode.frequency_std_bound_hz, frequency_digits(mode)),
-            format!("{:.2}", 100.0 * mode.damping_ratio),
-            deviation(100.0 * mode.damping_ratio_std, 2),
-            deviation(100.0 * mode.damping_ratio_std_bound, 2),
+            format!("{:.of_frequency$}", mode.frequency_hz),
+            deviation(mode.frequency_std_hz, of_frequency),
+            deviation(mode.frequency_std_bound_hz, of_frequency),
+            format!("{:.of_damping$}", 100.0 * mode.damping_ratio),
+            deviation(damping_std, of_damping),
+            deviation(damping_bound, of_damping),
             format!("{:.1}", mode.lines_in_bandwidth),
             mode.misfit.map_or("-".to_owned(), |misfit| format!("{misfit:.1}")),
             format!("{:.3}", mode.phase_collinearity),
@@ -220,12 +237,6 @@ fn modes_table(identification: &Identification, has_second_opinion: bool) -> Col
         table.row(row);
     }
     table
-}
-
-/// Digits that show the deviation of a frequency with two places, between four and seven.
-fn frequency_digits(mode: &Mode) -> usize {
-    let places = 1.0 - mode.frequency_std_hz.min(mode.frequency_std_bound_hz).log10().floor();
-    if places.is_finite() { places.clamp(4.0, 7.0) as usize } else { 4 }
 }
 
 /// How much more record a wish takes, a sentence a wish.
@@ -298,4 +309,39 @@ pub(super) fn summary(report: &ModesReport) -> String {
         t.second_opinion_s
     );
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::accuracy::tests::found;
+
+    #[test]
+    fn a_forced_line_says_what_tells_it_from_a_mode() {
+        let line = |kurtosis: f64, on_share: f64| {
+            forced(&Harmonic { frequency_hz: 2.5, kurtosis, wanders_hz: 0.0, on_share, on_by_part: Vec::new() })
+        };
+        assert!(line(1.5, 1.0).contains("(kurtosis 1.50; a mode has 3)"), "{}", line(1.5, 1.0));
+        assert!(line(4.4, 0.34).contains("there 34 % of the time"), "{}", line(4.4, 0.34));
+        let steady = line(3.2, 1.0);
+        assert!(!steady.contains("kurtosis") && steady.contains("add_modes_hz = [2.5000]"), "{steady}");
+    }
+
+    #[test]
+    fn deviations_have_two_figures_and_none_is_printed_as_nothing() {
+        let mut identification = found();
+        let mode = &mut identification.modes[0];
+        (mode.frequency_hz, mode.frequency_std_hz, mode.frequency_std_bound_hz) = (3.123_456_789, 3.2e-6, 9e-7);
+        (mode.damping_ratio, mode.damping_ratio_std, mode.damping_ratio_std_bound) = (2.5e-4, 2.3e-6, 1.9e-7);
+        let row = |identification: &Identification| -> Vec<String> {
+            let table = modes_table(identification, false).to_string();
+            let row = table.lines().find(|line| line.contains("│    1 ┆")).unwrap();
+            row.split('┆').map(|cell| cell.trim().to_owned()).skip(1).take(6).collect()
+        };
+        assert_eq!(row(&identification), ["3.1234568", "0.0000032", "0.0000009", "0.02500", "0.00023", "0.00002"]);
+        let mode = &mut identification.modes[0];
+        (mode.frequency_std_hz, mode.damping_ratio_std, mode.damping_ratio) = (0.012, f64::INFINITY, 0.012);
+        (mode.frequency_std_bound_hz, mode.damping_ratio_std_bound) = (0.004, 0.001);
+        assert_eq!(row(&identification), ["3.123", "0.012", "0.004", "1.20", "unknown", "0.10"]);
+    }
 }

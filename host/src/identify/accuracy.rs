@@ -65,13 +65,13 @@ pub fn record_needed(found: &Identification, wish: Wish) -> Vec<RecordNeeded> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::identify::ModeMethod;
     use crate::identify::fit::Basis;
 
     /// One mode of an hour.
-    pub(in crate::identify) fn found() -> Identification {
+    pub(crate) fn found() -> Identification {
         // The tower's first mode after an hour (methods: 0.22 % on f, 22 % on damping by Au's law).
         let (frequency_hz, damping_ratio) = (0.094, 0.01);
         let cycles = frequency_hz * 3600.0;

@@ -156,10 +156,6 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
     if damping < MIN_DAMPING && 2 * without_width >= found.len() {
         return (f64::INFINITY, RejectedBecause::Undamped);
     }
-    // A fit that does not move at all from replicate to replicate has run into a wall.
-    if found.iter().all(|mode| mode.is_stuck()) {
-        return (f64::INFINITY, RejectedBecause::Frequency);
-    }
     let misfit = found.iter().filter_map(|mode| mode.misfit.filter(Misfit::is_significant)).map(|misfit| misfit.ratio);
     let bridged = if damping > BRIDGING_DAMPING { misfit.fold(0.0, f64::max) / MAX_MISFIT } else { 0.0 };
     let bandwidth_hz = 2.0 * damping * frequency_hz;
@@ -310,13 +306,6 @@ mod tests {
         };
         assert_eq!(judged(wider), []);
         assert_eq!(judged_with(wider, |pick| pick == 1), [(1, RejectedBecause::Frequency)]);
-    }
-
-    #[test]
-    fn a_fit_that_never_moves_is_no_mode() {
-        let moves_by = |change_hz: f64| move |mode: &mut SetupMode| mode.changes.frequency_hz = vec![change_hz; 10];
-        assert_eq!(judged(moves_by(1e-4)), []);
-        assert_eq!(judged(moves_by(0.0)), [(1, RejectedBecause::Frequency)]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::setup::MeasuredSetup;
 use crate::spectra::{BAND_HALVES, CrossSpectrum, ENVELOPE_HALF, around};
 
 /// A harmonic's kurtosis is below this; where it is also this many standard deviations below a mode's, it is a harmonic.
-const HARMONIC_KURTOSIS: f64 = 2.25;
+pub(super) const HARMONIC_KURTOSIS: f64 = 2.25;
 const HARMONIC_SIGMAS: f64 = 3.5;
 /// Where a force's frequency wanders, the power in a band about it varies by less than this share of what noise has at least...
 const STEADY_SHARE: f64 = 0.4;

@@ -7,7 +7,7 @@
 //! beside each other. The jackknife in `scatter` says how sure it all is, `judge` throws out what the data do not determine, and `merge`
 //! joins the setups, their shapes by `join`; `covariance` says how errors are correlated. `choice` applies the user's choice of modes;
 //! [`track`] follows known modes through parts of a record; [`accuracy`] tells how long a record must be for a given accuracy; `suspect`
-//! finds channels that the shapes contradict, `phases` those that their phases do. [`ssi`] identifies the same spectra by another method, as a second opinion.
+//! finds channels that the shapes contradict, `phases` those that their phases do, `lean` reversed inclinometers. [`ssi`] identifies the same spectra by another method, as a second opinion.
 
 pub mod accuracy;
 pub mod bell;
@@ -26,6 +26,7 @@ mod joint;
 mod joint_fit;
 mod judge;
 mod kurtosis;
+pub(crate) mod lean;
 mod matrices;
 mod merge;
 pub(crate) mod phases;

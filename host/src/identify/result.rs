@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::covariance::CovarianceFactor;
 use super::fit::Basis;
+use super::kurtosis::HARMONIC_KURTOSIS;
 use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
 
 /// The modes of a structure, with how much data stands behind them.
@@ -41,15 +42,25 @@ pub struct Identification {
 }
 
 impl Identification {
-    /// The rejected peaks with their reasons, and how to keep one; `None` where there are none.
+    /// What was rejected with the reasons, and how to keep one; `None` where there is nothing.
     pub fn rejected_in_words(&self) -> Option<String> {
-        let first = self.rejected.first()?;
-        let each = self.rejected.iter().map(|one| format!("{:.4} Hz ({})", one.frequency_hz, one.because));
-        Some(format!(
-            "Rejected peaks: {}. To keep one, name it: add_modes_hz = [{:.4}] in [analysis].",
-            each.collect::<Vec<_>>().join("; "),
-            first.frequency_hz
-        ))
+        let mut reasons: Vec<(RejectedBecause, Vec<String>)> = Vec::new();
+        for one in &self.rejected {
+            let hz = format!("{:.4}", one.frequency_hz);
+            match reasons.iter_mut().find(|(because, _)| *because == one.because) {
+                Some((_, all)) => all.push(hz),
+                None => reasons.push((one.because, vec![hz])),
+            }
+        }
+        let each: Vec<String> =
+            reasons.iter().map(|(because, all)| format!("{} Hz ({because})", all.join(", "))).collect();
+        if each.is_empty() {
+            return None;
+        }
+        let keep = self.rejected.iter().find(|one| one.because != RejectedBecause::NotInAllSetups);
+        let keep =
+            keep.map(|one| format!(" To keep one, name it: add_modes_hz = [{:.4}] in [analysis].", one.frequency_hz));
+        Some(format!("Rejected: {}.{}", each.join("; "), keep.unwrap_or_default()))
     }
 }
 
@@ -204,6 +215,11 @@ impl Harmonic {
     /// Lines to either side that are a forced line's own.
     const OWN_LINES: f64 = 2.0;
 
+    /// Whether its kurtosis tells it from a mode; otherwise its frequency is known better than that of any mode could be.
+    pub fn is_told_by_kurtosis(&self) -> bool {
+        self.kurtosis * self.on_share < HARMONIC_KURTOSIS
+    }
+
     /// Whether what is found at a frequency may be this forced line.
     pub(super) fn covers(&self, frequency_hz: f64, spacing_hz: f64) -> bool {
         (frequency_hz - self.frequency_hz).abs() < Self::OWN_LINES * spacing_hz + self.wanders_hz
@@ -247,6 +263,14 @@ pub enum RejectedBecause {
     Stuck,
     /// Its parts move at all phases.
     Phases,
+    /// The pole explains too little of the response at its frequency.
+    Weak,
+    /// The pole returns at too few orders.
+    Unstable,
+    /// The pole's damping is mostly noise.
+    Damping,
+    /// Not all setups have the pole.
+    NotInAllSetups,
 }
 
 impl std::fmt::Display for RejectedBecause {
@@ -262,6 +286,10 @@ impl std::fmt::Display for RejectedBecause {
             Self::Bridge => "it is wide and far from the measured spectrum, as of several modes in one",
             Self::Stuck => "the fit there ran into a limit",
             Self::Phases => "its parts move at all phases",
+            Self::Weak => "it explains less than half of the response there",
+            Self::Unstable => "it returns at too few orders",
+            Self::Damping => "its damping is mostly noise",
+            Self::NotInAllSetups => "not all setups have it, so that it cannot be added",
         })
     }
 }

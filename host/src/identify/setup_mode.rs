@@ -44,11 +44,11 @@ pub(super) struct SetupMode {
 }
 
 impl SetupMode {
-    /// Whether there was a fit, and it has come to an end at the mode: where there was none no replicate differs.
+    /// Whether the fit has come to an end at the mode, with deviations.
     pub(super) fn is_sound(&self) -> bool {
         let is_known = |std: f64| std > 0.0 && std.is_finite();
         let is_certain = is_known(self.frequency_std_hz) && is_known(self.damping_std) && self.shape_noise.is_finite();
-        self.found && is_certain && !self.is_stuck()
+        self.found && is_certain
     }
 
     /// Whether the frequency or the damping is the same in all replicates.
@@ -95,4 +95,21 @@ pub(super) fn is_stuck(resonance: &Resonance, changes: &GroupChanges) -> bool {
 #[derive(Debug, Clone)]
 pub(super) struct SetupModes {
     pub(super) modes: Vec<SetupMode>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::resonance::Quantity;
+
+    #[test]
+    fn a_fit_that_never_moves_is_stuck() {
+        let resonance = Resonance { frequency_hz: 1.0, damping_ratio: 0.01, quantity: Quantity::Acceleration };
+        let moves_by = |change_hz: f64| {
+            let changes = GroupChanges { frequency_hz: vec![change_hz, -change_hz], ..GroupChanges::unknown(2) };
+            is_stuck(&resonance, &changes)
+        };
+        assert!(moves_by(0.0) && !moves_by(1e-4));
+        assert!(!is_stuck(&resonance, &GroupChanges::unknown(2)), "a method without replicates says nothing");
+    }
 }

@@ -9,6 +9,7 @@ use super::jumps::Jumps;
 use super::limits::{CutOff, MOST_CUT_OFF};
 use super::spikes::Spikes;
 use super::stream::Faults;
+use crate::record::{Affected, RecordWarning, time_of_day};
 use crate::spectra::{LineGrid, Silenced, SpectraWarning};
 use crate::study::{Sensor, Setup};
 
@@ -18,30 +19,35 @@ pub(super) fn silenced_sentences(setup: &Setup, grid: &LineGrid, silenced: &[Sil
     let at = |window: u64| time_of_day(epoch_s(setup, grid) + window as f64 * hop_s);
     let when = |silenced: &Silenced| (silenced.first, silenced.last, silenced.windows);
     let alike = channels_by(setup, silenced.iter().map(|one| (one.windows > 0).then(|| when(one))));
-    let sentence = |((first, last, windows), channels): ((u64, u64, usize), Vec<String>)| {
-        let (noun, verb) = if channels.len() == 1 { ("channel", "stands") } else { ("channels", "stand") };
+    let sentence = |((first, last, windows), channels): ((u64, u64, usize), Affected)| {
         let when = if windows == 1 {
             format!("in one window, {} into the record", at(first))
         } else {
             format!("in {windows} windows, from {} to {} into the record", at(first), at(last + 2))
         };
         format!(
-            "{noun} {} {verb} far off what is usual {when}: left out there; look for spikes, steps, blows or a loose cable",
-            channels.join(", ")
+            "{channels} {} far off what is usual {when}: left out there; look for spikes, steps, blows or a loose cable",
+            channels.verb("stands", "stand")
         )
     };
     alike.into_iter().map(sentence).collect()
 }
 
-/// The names of channels, in quotes, that have the same in common; those with nothing are left out.
-fn channels_by<K: Ord>(setup: &Setup, what: impl Iterator<Item = Option<K>>) -> BTreeMap<K, Vec<String>> {
-    let mut alike: BTreeMap<K, Vec<String>> = BTreeMap::new();
+/// Channels that have the same in common; those with nothing are left out.
+fn channels_by<K: Ord>(setup: &Setup, what: impl Iterator<Item = Option<K>>) -> BTreeMap<K, Affected> {
+    let mut alike: BTreeMap<K, Vec<&str>> = BTreeMap::new();
     for (sensor, what) in setup.sensors.iter().zip(what) {
         if let Some(what) = what {
-            alike.entry(what).or_default().push(format!("\"{}\"", sensor.channel));
+            alike.entry(what).or_default().push(&sensor.channel);
         }
     }
-    alike
+    alike.into_iter().map(|(what, names)| (what, Affected::new(names, setup.sensors.len()))).collect()
+}
+
+/// Channels by their indices in the setup's order.
+fn channels_at(setup: &Setup, indices: &[usize]) -> Affected {
+    let name = |index: &usize| setup.sensors.get(*index).map_or("?", |sensor| sensor.channel.as_str());
+    Affected::new(indices.iter().map(name), setup.sensors.len())
 }
 
 /// What was found in the rows. Channels in `left_out` are cut off so often that they are.
@@ -75,20 +81,31 @@ fn cut_off_sentence(setup: &Setup, sensor: &Sensor, cut: &CutOff, is_left_out: b
     )
 }
 
+/// What the recording's reader has to say, but of gaps that were filled.
+pub(super) fn reader_sentences(setup: &Setup, warnings: &[RecordWarning], filled: &[Filled]) -> Vec<String> {
+    let is_filled = |name: &String, samples: u64| {
+        let channel = setup.sensors.iter().position(|sensor| sensor.channel == *name);
+        channel.and_then(|channel| filled.get(channel)).is_some_and(|filled| filled.count == samples)
+    };
+    let is_told = |warning: &&RecordWarning| match warning {
+        RecordWarning::MissingSamples { channels, samples, .. } => {
+            !channels.names().iter().all(|name| is_filled(name, *samples))
+        }
+        _ => true,
+    };
+    warnings.iter().filter(is_told).map(ToString::to_string).collect()
+}
+
 /// Which channels had missing samples that were filled: a line for all that had the same.
 fn filled_sentences(setup: &Setup, filled: &[Filled]) -> Vec<String> {
     let alike = channels_by(setup, filled.iter().map(|one| (one.count > 0).then_some(*one)));
-    let sentence = |(filled, channels): (Filled, Vec<String>)| {
+    let sentence = |(filled, channels): (Filled, Affected)| {
         let at = time_of_day(filled.first_row as f64 / setup.sampling_rate_hz);
-        let who = match channels.len() {
-            all if all == setup.sensors.len() => "all channels".to_owned(),
-            1 => format!("channel {}", channels[0]),
-            _ => format!("channels {}", channels.join(", ")),
+        let (samples, gaps, are) = match filled.count {
+            1 => ("1 missing sample".to_owned(), "", "is"),
+            count => (format!("{count} missing samples"), " in short gaps, the first", "are"),
         };
-        format!(
-            "{who}: {} missing samples in short gaps, the first {at} into the record, are filled by straight lines",
-            filled.count
-        )
+        format!("{channels}: {samples}{gaps} {at} into the record, {are} filled by straight lines")
     };
     alike.into_iter().map(sentence).collect()
 }
@@ -96,17 +113,17 @@ fn filled_sentences(setup: &Setup, filled: &[Filled]) -> Vec<String> {
 /// Which channels hold one value at times: a line for all that do so in the same pieces.
 fn flat_sentences(setup: &Setup, flat: &[Flat], rows: u64) -> Vec<String> {
     let alike = channels_by(setup, flat.iter().map(|one| (one.pieces > 0).then_some(*one)));
-    let sentence = |(flat, channels): (Flat, Vec<String>)| {
+    let sentence = |(flat, channels): (Flat, Affected)| {
         let at = time_of_day(flat.first_row as f64 / setup.sampling_rate_hz);
-        let (noun, verb) = if channels.len() == 1 { ("channel", "holds") } else { ("channels", "hold") };
         let (pieces, which) = match flat.pieces {
             1 => ("1 piece".to_owned(), "which begins"),
             pieces => (format!("{pieces} pieces"), "the first"),
         };
         format!(
-            "{noun} {} {verb} one value in {pieces}, {:.1} % of the time, {which} {at} into the record: these samples are taken as missing; check the sensor, its cable and the recorder",
-            channels.join(", "),
-            100.0 * flat.samples as f64 / rows.max(1) as f64
+            "{channels} {} one value in {pieces}, {:.1} % of the time, {which} {at} into the record: these samples are taken as missing; check {} and the recorder",
+            channels.verb("holds", "hold"),
+            100.0 * flat.samples as f64 / rows.max(1) as f64,
+            channels.verb("the sensor, its cable", "the sensors, their cables")
         )
     };
     alike.into_iter().map(sentence).collect()
@@ -128,7 +145,7 @@ fn jump_sentence(setup: &Setup, jumps: &Jumps) -> Option<String> {
     }
     (jumps.places > 0).then(|| {
         format!(
-            "all channels jump at once at {} places, the first {at} into the record; more may be hidden. Rows may be missing, parts may be joined, or blows strike the structure. If 1 % of the rows are missing, frequencies come out 1 % too high and damping too large: put empty cells in their place, or give the file a column of times",
+            "all channels jump at once at {} places, the first {at} into the record; more may be hidden. Rows may be missing, parts may be joined, or blows strike the structure. If 1 % of the rows are missing, frequencies come out 1 % too high and damping too large: put empty cells in their place, or give the file a column of times in seconds, named time_s",
             jumps.places
         )
     })
@@ -139,62 +156,126 @@ fn is_whole(value: f64) -> bool {
     value.round() >= 1.0 && (value / value.round() - 1.0).abs() < 2e-3
 }
 
-/// Which channels had spikes, how many, and the first.
+/// Which channels had spikes, how many, and the first: a line for all that had them at once.
 fn spike_sentences(setup: &Setup, spikes: &[Spikes]) -> Vec<String> {
-    let with_spikes = setup.sensors.iter().zip(spikes).filter(|(_, spikes)| spikes.count > 0);
-    let sentence = |(sensor, spikes): (&Sensor, &Spikes)| {
-        let at = time_of_day(spikes.first_row as f64 / setup.sampling_rate_hz);
-        let (noun, which) = if spikes.count == 1 { ("spike", "") } else { ("spikes", ", the first") };
+    let when = |spikes: &Spikes| (spikes.first_row, spikes.count);
+    let alike = channels_by(setup, spikes.iter().map(|one| (one.count > 0).then(|| when(one))));
+    let sentence = |((first_row, count), channels): ((u64, u64), Affected)| {
+        let at = time_of_day(first_row as f64 / setup.sampling_rate_hz);
+        let (noun, which) = if count == 1 { ("spike", "") } else { ("spikes", ", the first") };
         format!(
-            "channel \"{}\": {} {noun} of a single sample{which} {at} into the record, replaced by the mean of the samples beside; check the cable",
-            sensor.channel, spikes.count
+            "{channels}: {count} {noun} of a single sample{which} {at} into the record, replaced by the mean of the samples beside; check {}",
+            channels.verb("the cable", "the cables and the recorder")
         )
     };
-    with_spikes.map(sentence).collect()
+    alike.into_iter().map(sentence).collect()
 }
 
-/// Hours, minutes and seconds.
-fn time_of_day(seconds: f64) -> String {
-    let seconds = seconds.round() as u64;
-    format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
-}
-
-/// A channel that has nothing in common with the others.
-pub(super) fn noisy_sentence(setup: &Setup, channel: usize) -> String {
-    format!(
-        "channel \"{}\" is left out: it is loud, and has nothing in common with the other channels; check the sensor and its cable",
-        name(setup, channel)
-    )
+/// Channels that are loud and have nothing in common with the others.
+pub(super) fn noisy_sentence(setup: &Setup, channels: &[usize]) -> Option<String> {
+    let channels = (!channels.is_empty()).then(|| channels_at(setup, channels))?;
+    Some(format!(
+        "{channels} {} left out: {} loud, and {} nothing in common with the other channels; check {}",
+        channels.verb("is", "are"),
+        channels.verb("it is", "they are"),
+        channels.verb("has", "have"),
+        channels.verb("the sensor and its cable", "the sensors and their cables")
+    ))
 }
 
 /// Channels that have nothing in common with the others, and are not loud.
 pub(super) fn alone_sentence(setup: &Setup, channels: &[usize]) -> Option<String> {
-    let names: Vec<String> = channels.iter().map(|channel| format!("\"{}\"", name(setup, *channel))).collect();
-    let (noun, have, whose) = match names.len() {
-        0 => return None,
-        1 => ("channel", "has", "is its sensor connected? What it shows of the modes is"),
-        _ => ("channels", "have", "are their sensors connected? What they show of the modes is"),
-    };
+    let channels = (!channels.is_empty()).then(|| channels_at(setup, channels))?;
     Some(format!(
-        "{noun} {} {have} nothing in common with the others: {whose} noise, unless the structure does not move there",
-        names.join(", ")
+        "{channels} {} nothing in common with the others: {} of the modes is noise, unless the structure does not move there",
+        channels.verb("has", "have"),
+        channels.verb("is its sensor connected? What it shows", "are their sensors connected? What they show")
     ))
 }
 
-/// The name of a channel, by its index in the setup's order.
-fn name(setup: &Setup, channel: usize) -> &str {
-    setup.sensors.get(channel).map_or("?", |sensor| sensor.channel.as_str())
+/// What was left out, with the channels' names: a line for all that are sound in as many windows.
+pub(super) fn left_out_sentences(setup: &Setup, warnings: &[SpectraWarning]) -> Vec<String> {
+    let mut left_out: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+    let mut sentences = Vec::new();
+    for warning in warnings {
+        match *warning {
+            SpectraWarning::ChannelLeftOut { channel, sound, windows } => {
+                left_out.entry((sound, windows)).or_default().push(channel);
+            }
+            SpectraWarning::WindowsLeftOut { left_out, windows } => {
+                let joints = if setup.block_s.is_some() { "they reach over a joint of blocks, or " } else { "" };
+                let are = if left_out == 1 { "is" } else { "are" };
+                sentences.push(format!(
+                    "{left_out} of {windows} windows {are} left out: {joints}a channel has gaps, clipped or constant samples in them, or stands far off what is usual"
+                ));
+            }
+        }
+    }
+    let of_channels = left_out.into_iter().map(|((sound, windows), channels)| {
+        let channels = channels_at(setup, &channels);
+        format!(
+            "{channels} {} left out: {} sound in {sound} of {windows} windows; check {}",
+            channels.verb("is", "are"),
+            channels.verb("it is", "they are"),
+            channels.verb("the sensor and its cable", "the sensors and their cables")
+        )
+    });
+    of_channels.chain(sentences).collect()
 }
 
-/// What was left out, with the channel's name.
-pub(super) fn left_out_sentence(setup: &Setup, warning: SpectraWarning) -> String {
-    match warning {
-        SpectraWarning::ChannelLeftOut { channel, sound, windows } => format!(
-            "channel \"{}\" is left out: it is sound in {sound} of {windows} windows; check the sensor and its cable",
-            name(setup, channel)
-        ),
-        SpectraWarning::WindowsLeftOut { left_out, windows } => format!(
-            "{left_out} of {windows} windows are left out: a channel has gaps, clipped or constant samples in them, or stands far off what is usual"
-        ),
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{At, FilePosition};
+    use crate::study::Study;
+
+    fn setup() -> Setup {
+        let sensor = |name: &str| {
+            format!("[[setup.sensor]]\nchannel = \"{name}\"\nnode = 1\nelevation_m = 1.0\nazimuth_deg = 0.0\n")
+        };
+        let sensors: String = ["a", "b", "c"].into_iter().map(sensor).collect();
+        let text = format!(
+            "[structure]\nname = \"T\"\n[[setup]]\nname = \"s\"\nfiles = [\"a.csv\"]\nsampling_rate_hz = 50.0\nunit = \"g\"\n{sensors}"
+        );
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("study.toml"), text).unwrap();
+        Study::load(folder.path()).unwrap().setups.remove(0)
+    }
+
+    #[test]
+    fn what_hits_channels_at_once_is_said_once() {
+        let spikes = |first_row, count| Spikes { first_row, count };
+        let told = spike_sentences(&setup(), &[spikes(3000, 1), spikes(3000, 1), spikes(9000, 2)]);
+        assert_eq!(told.len(), 2, "{told:?}");
+        assert!(
+            told[0].starts_with("2 of 3 channels (\"a\", \"b\"): 1 spike of a single sample 0:01:00 into"),
+            "{told:?}"
+        );
+        let out = |channel| SpectraWarning::ChannelLeftOut { channel, sound: 3, windows: 40 };
+        let told = left_out_sentences(
+            &setup(),
+            &[out(0), out(2), SpectraWarning::WindowsLeftOut { left_out: 1, windows: 40 }],
+        );
+        assert_eq!(told.len(), 2, "{told:?}");
+        assert!(
+            told[0].starts_with("2 of 3 channels (\"a\", \"c\") are left out: they are sound in 3 of 40"),
+            "{told:?}"
+        );
+    }
+
+    #[test]
+    fn a_gap_that_is_filled_is_not_said_to_cost_segments() {
+        let gap = |channels: &[&str], samples| RecordWarning::MissingSamples {
+            channels: Affected::new(channels.iter().copied(), 3),
+            samples,
+            seconds: 0.02 * samples as f64,
+            gap_count: 1,
+            first: FilePosition { file: "a.csv".into(), at: At::Line(4) },
+            first_s: 0.04,
+        };
+        let filled = [2, 2, 0].map(|count| Filled { first_row: 2, count });
+        let told = reader_sentences(&setup(), &[gap(&["a", "b"], 2), gap(&["c"], 50)], &filled);
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(told[0].starts_with("channel \"c\" has a gap of 50 samples"), "{told:?}");
     }
 }

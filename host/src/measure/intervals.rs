@@ -2,7 +2,7 @@
 
 use std::sync::mpsc::channel;
 
-use super::faults::left_out_sentence;
+use super::faults::left_out_sentences;
 use super::stream::{self, Task};
 use super::{Material, MeasureError, Opened, Progress, Route, Timings, as_collected};
 use crate::spectra::{
@@ -54,7 +54,7 @@ pub fn measure_intervals(
         averages,
         needed_s: ((LEAST_AVERAGES + 2) as f64 * 0.5 * segment_s).ceil(),
     };
-    let plan = match route.plan(&[extent], analysis) {
+    let plan = match route.plan(&[extent], analysis, None) {
         Err(PlanError::TooShort { segment, decimated_rate_hz, .. }) if interval_rows < rows => {
             return Err(too_short(0, segment as f64 / decimated_rate_hz));
         }
@@ -85,7 +85,7 @@ pub fn measure_intervals(
             Ok((spectrum, left_out)) => (Ok(spectrum), left_out),
             Err(error) => (Err(error), Vec::new()),
         };
-        let warnings = warnings.into_iter().map(|warning| left_out_sentence(setup, warning)).collect();
+        let warnings = left_out_sentences(setup, &warnings);
         let (start_s, end_s) = (number as f64 * every_s, (number + 1) as f64 * every_s);
         on_interval(Interval { origin_s, start_s, end_s, spectrum, warnings });
     };

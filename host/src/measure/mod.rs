@@ -4,6 +4,7 @@
 //! A study flows in; averaged cross spectra flow out, with what was left out, what the link did and where the time went. A
 //! setup that cannot be measured is left out with a warning as long as another can.
 
+mod error;
 mod faults;
 mod fill;
 mod flat;
@@ -18,21 +19,22 @@ mod stream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use thiserror::Error;
-
-use crate::archive::{Archive, ArchiveError, Collected};
-use crate::fleet::{FleetError, FleetOptions, FleetReport};
+use crate::archive::{Archive, Collected};
+use crate::fleet::{FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
-use crate::record::{RecordError, Recording};
+use crate::record::Recording;
 use crate::spectra::{
-    CrossSpectrum, CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines,
-    rows_for,
+    AfterGaps, CrossSpectrum, CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan,
+    WindowLines, rows_for,
 };
 use crate::study::{Analysis, Setup, Study};
-use faults::{alone_sentence, fault_sentences, left_out_sentence, noisy_sentence, silenced_sentences};
+use faults::{
+    alone_sentence, fault_sentences, left_out_sentences, noisy_sentence, reader_sentences, silenced_sentences,
+};
 use limits::{CutOff, MOST_CUT_OFF};
 use stream::{Streamed, Task};
 
+pub use error::MeasureError;
 pub use intervals::{Interval, measure_intervals};
 
 /// How spectra are made.
@@ -46,105 +48,18 @@ pub enum Route {
 
 impl Route {
     /// Decimation, segment and lines by this route.
-    fn plan(self, setups: &[SetupExtent], analysis: &Analysis) -> Result<SpectralPlan, PlanError> {
-        match self {
-            Self::Nodes(_) => SpectralPlan::choose(setups, analysis),
-            Self::Direct => SpectralPlan::choose_direct(setups, analysis),
+    fn plan(
+        self,
+        setups: &[SetupExtent],
+        analysis: &Analysis,
+        after_gaps: Option<AfterGaps>,
+    ) -> Result<SpectralPlan, PlanError> {
+        match (self, after_gaps) {
+            (_, Some(after_gaps)) => SpectralPlan::choose_after_gaps(setups, analysis, after_gaps),
+            (Self::Nodes(_), None) => SpectralPlan::choose(setups, analysis),
+            (Self::Direct, None) => SpectralPlan::choose_direct(setups, analysis),
         }
     }
-}
-
-/// Why a study could not be measured.
-#[derive(Debug, Error)]
-pub enum MeasureError {
-    /// The study has no setups.
-    #[error("the study has no [[setup]] to measure: describe the recording and its sensors in study.toml")]
-    NoSetups,
-    /// A setup's recording cannot be read.
-    #[error("setup \"{setup}\": {source}")]
-    Record {
-        /// The setup.
-        setup: String,
-        /// Why.
-        source: Box<RecordError>,
-    },
-    /// A setup's archive cannot be read.
-    #[error("setup \"{setup}\": {source}")]
-    Archive {
-        /// The setup.
-        setup: String,
-        /// Why.
-        source: Box<ArchiveError>,
-    },
-    /// Nothing has been collected of a live setup.
-    #[error(
-        "setup \"{setup}\" is collected live, and no window has come yet: run `belfry collect` and wait for the first, which takes a segment's length"
-    )]
-    NothingCollected {
-        /// The setup.
-        setup: String,
-    },
-    /// Live setups were collected with different lines.
-    #[error(
-        "setup \"{setup}\" was collected with other lines than setup \"{first}\": they cannot be analysed together; collect it again with the same [analysis]"
-    )]
-    OtherLines {
-        /// The setup.
-        setup: String,
-        /// The one whose lines count.
-        first: String,
-    },
-    /// A setup's recording is too short for the others' analysis.
-    #[error("setup \"{setup}\": {source}")]
-    TooShort {
-        /// The setup.
-        setup: String,
-        /// What it would need.
-        source: PlanError,
-    },
-    /// An interval of a recording has too few averages.
-    #[error(
-        "an interval of {every_s} s gives {averages} averages, too few to say how sure they are; take intervals of {needed_s} s at least"
-    )]
-    IntervalTooShort {
-        /// The interval.
-        every_s: f64,
-        /// Its averages.
-        averages: usize,
-        /// What would do.
-        needed_s: f64,
-    },
-    /// There is no way to analyse the setups.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    /// The simulated nodes failed.
-    #[error("setup \"{setup}\": {source}")]
-    Fleet {
-        /// The setup.
-        setup: String,
-        /// Why.
-        source: FleetError,
-    },
-    /// No spectrum came of a setup.
-    #[error("setup \"{setup}\": {source}")]
-    Spectra {
-        /// The setup.
-        setup: String,
-        /// Why.
-        source: SpectraError,
-    },
-    /// No window of a setup can be used.
-    #[error(
-        "setup \"{setup}\": none of {windows} windows is sound on all live channels at once. Sound are: {channels}"
-    )]
-    NoSound {
-        /// The setup.
-        setup: String,
-        /// In how many windows each channel is sound.
-        channels: String,
-        /// All windows.
-        windows: usize,
-    },
 }
 
 /// Where the time went. Reading, spectra and averaging run side by side, so their times do not add up.
@@ -193,6 +108,19 @@ pub fn measure<'a>(study: &'a Study, route: Route, progress: Progress<'_>) -> Re
     measure_observed(study, route, progress, &mut |_, _, _| {})
 }
 
+/// As [`measure`], with segments no longer than gaps were found to leave enough of.
+///
+/// # Errors
+/// As [`measure`].
+pub fn measure_after_gaps<'a>(
+    study: &'a Study,
+    route: Route,
+    after_gaps: AfterGaps,
+    progress: Progress<'_>,
+) -> Result<Measurement<'a>, MeasureError> {
+    measure_prepared(prepare_with(study, route, Some(after_gaps))?, route, progress, &mut |_, _, _| {})
+}
+
 /// As [`measure`], and lets `observer` see the windows.
 ///
 /// # Errors
@@ -203,7 +131,16 @@ pub fn measure_observed<'a>(
     progress: Progress<'_>,
     observer: Observer<'_>,
 ) -> Result<Measurement<'a>, MeasureError> {
-    let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepare(study, route)?;
+    measure_prepared(prepare(study, route)?, route, progress, observer)
+}
+
+fn measure_prepared<'a>(
+    prepared: Prepared<'a>,
+    route: Route,
+    progress: Progress<'_>,
+    observer: Observer<'_>,
+) -> Result<Measurement<'a>, MeasureError> {
+    let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepared;
     let mut timings = Timings { counting, ..Timings::default() };
     let total_rows: u64 = opened.iter().map(|opened| opened.rows).sum();
     let mut done_rows = 0;
@@ -307,6 +244,10 @@ pub struct Prepared<'a> {
 /// # Errors
 /// When no setup can be measured.
 pub fn prepare(study: &Study, route: Route) -> Result<Prepared<'_>, MeasureError> {
+    prepare_with(study, route, None)
+}
+
+fn prepare_with(study: &Study, route: Route, after_gaps: Option<AfterGaps>) -> Result<Prepared<'_>, MeasureError> {
     let mut warnings: Vec<String> = Vec::new();
     let start = Instant::now();
     let mut failure = None;
@@ -344,9 +285,11 @@ pub fn prepare(study: &Study, route: Route) -> Result<Prepared<'_>, MeasureError
         if extents.is_empty() {
             return Err(failure.unwrap_or(MeasureError::NoSetups));
         }
-        match route.plan(&extents, &analysis) {
+        match route.plan(&extents, &analysis, after_gaps) {
             Ok(plan) => break plan,
-            Err(source @ PlanError::TooShort { setup, .. }) if opened.len() > 1 => {
+            Err(source @ (PlanError::TooShort { setup, .. } | PlanError::BlocksTooShort { setup, .. }))
+                if opened.len() > 1 =>
+            {
                 let Opened { setup, .. } = opened.remove(setup);
                 leave_out(&mut warnings, &mut failure, MeasureError::TooShort { setup: setup.name.clone(), source });
             }
@@ -446,22 +389,23 @@ fn measure_setup<'a>(
         return Err(spectra(error));
     }
     let several = |warning: String| format!("setup \"{}\": {warning}", setup.name);
-    let of_recording = report.iter().flat_map(|report| &report.warnings);
-    let mut warnings: Vec<String> = of_recording.map(|warning| several(warning.to_string())).collect();
+    let of_recording = report.map(|report| reader_sentences(setup, &report.warnings, &faults.filled));
+    let mut warnings: Vec<String> = of_recording.unwrap_or_default().into_iter().map(several).collect();
     let (spectrum, left_out) = accumulator.finish().map_err(|error| match error {
         SpectraError::NoSoundWindows { sound, windows } => {
             let each = setup.sensors.iter().zip(&sound);
             let each = each.map(|(sensor, sound)| format!("\"{}\" in {sound}", sensor.channel));
-            MeasureError::NoSound { setup: setup.name.clone(), channels: each.collect::<Vec<_>>().join(", "), windows }
+            let (channels, segment) = (each.collect::<Vec<_>>().join(", "), grid.segment);
+            MeasureError::NoSound { setup: setup.name.clone(), channels, windows, segment }
         }
         error => spectra(error),
     })?;
     let (spectrum, cut_off) = without_cut_off(spectrum, &faults.cut_off);
     warnings.extend(fault_sentences(setup, &faults, &cut_off).into_iter().map(several));
     warnings.extend(silenced_sentences(setup, &grid, &silenced).into_iter().map(several));
-    warnings.extend(left_out.iter().map(|warning| several(left_out_sentence(setup, *warning))));
+    warnings.extend(left_out_sentences(setup, &left_out).into_iter().map(several));
     let (spectrum, alone) = spectrum.without_noisy_channels();
-    warnings.extend(alone.loud.into_iter().map(|channel| several(noisy_sentence(setup, channel))));
+    warnings.extend(noisy_sentence(setup, &alone.loud).map(several));
     warnings.extend(alone_sentence(setup, &alone.quiet).map(several));
     if let Some(fleet) = &fleet {
         let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();

@@ -1,16 +1,20 @@
 //! Where the degrees of freedom of matrices stand: `nodes.csv` or `dofs.csv` flows in, places of matrix rows flow out.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
 use super::DOFS_A_NODE;
+use crate::table::{Table, TableError};
 
 /// Rotations and translations of a node, in the order of [`LayoutNode::rows`].
 const DOF_NAMES: [&str; 6] = ["ux", "uy", "rx", "ry", "rz", "uz"];
 /// Nodes whose plan positions differ by less (in m) stand above each other.
 const PLAN_TOLERANCE_M: f64 = 1e-6;
+/// What names the tables.
+const NAMED_BY: &str = "[model] matrices in study.toml";
+/// What the cells of a position are.
+const METRES: &str = "a number in metres";
 
 /// A node of a model that is given as matrices.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,48 +32,9 @@ pub struct LayoutNode {
 /// Why a layout was refused.
 #[derive(Debug, Error)]
 pub enum LayoutError {
-    /// The file cannot be opened.
-    #[error("{}: cannot be read ({source}); [model] matrices in study.toml names it", file.display())]
-    Unreadable {
-        /// The file.
-        file: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// The text is not CSV.
-    #[error("{}, line {line}: not a CSV row like its header ({reason})", file.display())]
-    NotCsv {
-        /// The file.
-        file: PathBuf,
-        /// 1-based line.
-        line: u64,
-        /// What the reader said.
-        reason: String,
-    },
-    /// The header lacks a column.
-    #[error("{}, line 1: the column `{column}` is missing; expected {expected}", file.display())]
-    MissingColumn {
-        /// The file.
-        file: PathBuf,
-        /// The column.
-        column: &'static str,
-        /// What a header looks like.
-        expected: &'static str,
-    },
-    /// A cell cannot be meant.
-    #[error("{}, line {line}, column `{column}`: `{value}` where {expected} was expected", file.display())]
-    Value {
-        /// The file.
-        file: PathBuf,
-        /// 1-based line.
-        line: u64,
-        /// The column.
-        column: &'static str,
-        /// The cell's text.
-        value: String,
-        /// What would have been right.
-        expected: String,
-    },
+    /// The table itself.
+    #[error(transparent)]
+    Table(#[from] TableError),
     /// The nodes and the matrices do not go together.
     #[error(
         "{}: {nodes} nodes, but matrices of {dofs} rows have {} nodes of 5 DOFs (with the fixed base first, {}); a different layout needs `dofs` instead of `nodes`",
@@ -88,7 +53,7 @@ pub enum LayoutError {
 /// Reads `node,z_m` (further columns are read over): five DOFs a node, lowest first; one node more than the matrices hold
 /// is the fixed base.
 pub(super) fn read_nodes(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, LayoutError> {
-    let table = Table::read(path)?;
+    let table = Table::read(path, NAMED_BY)?;
     let expected = "node,z_m";
     let (name, height) = (table.column("node", expected)?, table.column("z_m", expected)?);
     let nodes = table.rows.len();
@@ -99,9 +64,9 @@ pub(super) fn read_nodes(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, La
     };
     let mut layout: Vec<LayoutNode> = Vec::new();
     for (index, row) in table.rows.iter().enumerate() {
-        let z_m = table.number(row, height, "z_m")?;
+        let z_m = table.number(row, height, "z_m", METRES)?;
         if layout.last().is_some_and(|below| below.position_m[2] >= z_m) {
-            return Err(table.value(row, height, "z_m", "a height above the node before".to_owned()));
+            return Err(table.value(row, height, "z_m", "a height above the node before").into());
         }
         let mut node = LayoutNode {
             name: table.text(row, name).to_owned(),
@@ -122,7 +87,7 @@ pub(super) fn read_nodes(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, La
 
 /// Reads `row,node,dof` and the position as `z_m` or `x_m,y_m,z_m`; `row` counts from 1 and is empty for a fixed DOF.
 pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, LayoutError> {
-    let table = Table::read(path)?;
+    let table = Table::read(path, NAMED_BY)?;
     let expected = "row,node,dof,x_m,y_m,z_m (x_m and y_m may be absent)";
     let (row_column, node_column) = (table.column("row", expected)?, table.column("node", expected)?);
     let (dof_column, z_column) = (table.column("dof", expected)?, table.column("z_m", expected)?);
@@ -130,16 +95,16 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
     let mut layout: Vec<LayoutNode> = Vec::new();
     let mut taken = vec![false; dofs];
     for row in &table.rows {
-        let mut position_m = [0.0, 0.0, table.number(row, z_column, "z_m")?];
+        let mut position_m = [0.0, 0.0, table.number(row, z_column, "z_m", METRES)?];
         for ((slot, column), name) in position_m.iter_mut().zip(plan_columns).zip(["x_m", "y_m"]) {
             if let Some(column) = column {
-                *slot = table.number(row, column, name)?;
+                *slot = table.number(row, column, name, METRES)?;
             }
         }
         let dof = DOF_NAMES
             .iter()
             .position(|name| *name == table.text(row, dof_column))
-            .ok_or_else(|| table.value(row, dof_column, "dof", format!("one of {}", DOF_NAMES.join(", "))))?;
+            .ok_or_else(|| table.value(row, dof_column, "dof", &format!("one of {}", DOF_NAMES.join(", "))))?;
         let matrix_row = match table.text(row, row_column) {
             "" => None,
             text => {
@@ -150,7 +115,7 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
                     .filter(|&index| taken.get(index) == Some(&false));
                 let index = free.ok_or_else(|| {
                     let expected = format!("a row of the matrices, 1 to {dofs}, that no other line has");
-                    table.value(row, row_column, "row", expected)
+                    table.value(row, row_column, "row", &expected)
                 })?;
                 taken[index] = true;
                 Some(index)
@@ -161,7 +126,7 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
             Some(node) if node.position_m != position_m => {
                 let [x, y, z] = node.position_m;
                 let expected = format!("the position ({x}, {y}, {z}) that the node has in an earlier line");
-                return Err(table.value(row, z_column, "z_m", expected));
+                return Err(table.value(row, z_column, "z_m", &expected).into());
             }
             Some(node) => node,
             None => {
@@ -172,7 +137,7 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
         };
         if node.rows[dof].is_some() || node.fixed[dof] {
             let expected = format!("a DOF that node {name} has not had yet");
-            return Err(table.value(row, dof_column, "dof", expected));
+            return Err(table.value(row, dof_column, "dof", &expected).into());
         }
         node.rows[dof] = matrix_row;
         node.fixed[dof] = matrix_row.is_none();
@@ -191,54 +156,4 @@ pub(super) fn is_line(nodes: &[LayoutNode]) -> bool {
             }
             _ => true,
         })
-}
-
-/// A CSV file with a header, for errors that name line and column.
-struct Table<'a> {
-    file: &'a Path,
-    header: csv::StringRecord,
-    rows: Vec<csv::StringRecord>,
-}
-
-impl<'a> Table<'a> {
-    fn read(file: &'a Path) -> Result<Self, LayoutError> {
-        let source = File::open(file).map_err(|source| LayoutError::Unreadable { file: file.to_owned(), source })?;
-        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(source);
-        let not_csv = |error: csv::Error| LayoutError::NotCsv {
-            file: file.to_owned(),
-            line: error.position().map_or(1, csv::Position::line),
-            reason: error.to_string(),
-        };
-        let header = reader.headers().map_err(not_csv)?.clone();
-        let rows = reader.records().collect::<Result<_, _>>().map_err(not_csv)?;
-        Ok(Self { file, header, rows })
-    }
-
-    fn find(&self, column: &str) -> Option<usize> {
-        self.header.iter().position(|name| name.trim_start_matches('\u{feff}') == column)
-    }
-
-    fn column(&self, column: &'static str, expected: &'static str) -> Result<usize, LayoutError> {
-        let missing = || LayoutError::MissingColumn { file: self.file.to_owned(), column, expected };
-        self.find(column).ok_or_else(missing)
-    }
-
-    fn text<'r>(&self, row: &'r csv::StringRecord, column: usize) -> &'r str {
-        row.get(column).unwrap_or("")
-    }
-
-    fn number(&self, row: &csv::StringRecord, column: usize, name: &'static str) -> Result<f64, LayoutError> {
-        let number = self.text(row, column).parse::<f64>().ok().filter(|number| number.is_finite());
-        number.ok_or_else(|| self.value(row, column, name, "a number in metres".to_owned()))
-    }
-
-    fn value(&self, row: &csv::StringRecord, column: usize, name: &'static str, expected: String) -> LayoutError {
-        LayoutError::Value {
-            file: self.file.to_owned(),
-            line: row.position().map_or(0, csv::Position::line),
-            column: name,
-            value: self.text(row, column).to_owned(),
-            expected,
-        }
-    }
 }

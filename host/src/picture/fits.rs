@@ -1,4 +1,5 @@
-//! Every mode's spectrum behind its modal filter: measured, fitted, and how much the measured one scatters by chance.
+//! Every mode's spectrum behind its modal filter: measured, fitted, how much the measured one scatters by chance, and what the fit
+//! leaves of it.
 
 use plotters::prelude::*;
 
@@ -6,10 +7,19 @@ use super::canvas::{Area, BESIDE, DrawResult, FRAME, MODE, PictureError, picture
 use crate::identify::{FittedSpectrum, Identification, Mode};
 
 const COLUMNS: usize = 3;
-const PANEL: (u32, u32) = (320, 230);
-const TITLE: u32 = 52;
+const PANEL: (u32, u32) = (320, 300);
+/// Height of the part of a panel that shows what the fit leaves.
+const RESIDUAL: u32 = 82;
+const TITLE: u32 = 70;
+/// Numbers at the axes.
+const LABEL: (&str, u32) = ("sans-serif", 11);
+/// What stands left of a panel's axis.
+const LABELS: u32 = 52;
 /// Standard deviations that hold 95 % of all lines.
 const BAND: f64 = 1.96;
+/// What is left is drawn up to so many standard deviations at least, and at most: dots beyond stand at the edge.
+const LEAST_DRAWN: f64 = 3.0;
+const MOST_DRAWN: f64 = 9.0;
 
 /// Draws a panel a mode: the setup that fits worst where there are several. `None` where no spectrum was fitted.
 ///
@@ -25,8 +35,13 @@ pub fn fits(structure: &str, identification: &Identification) -> Result<Option<S
     let size = (PANEL.0 * COLUMNS as u32, TITLE + PANEL.1 * rows as u32);
     picture("the fits", size, |root| {
         root.draw(&Text::new(format!("{structure}: modes as fitted"), (12, 8), ("sans-serif", 18)))?;
-        let legend = "Dots: measured density behind the mode's filter. Line: the fit. Grey: where 95 % of the dots lie if nothing is missing in the fit.";
-        root.draw(&Text::new(legend, (12, 32), ("sans-serif", 12)))?;
+        let legend = [
+            "Dots: measured density in (m/s²)²/Hz over frequency in Hz, behind the mode's filter. Line: the fit. Grey: where 95 % of the dots lie if the fit lacks nothing.",
+            "Below: what the fit leaves of the measured density, in standard deviations. Red dots lie outside of the grey; one of twenty does by chance.",
+        ];
+        for (line, text) in (0..).zip(legend) {
+            root.draw(&Text::new(text, (12, 32 + 16 * line), ("sans-serif", 12)))?;
+        }
         let (_, below) = root.split_vertically(TITLE);
         for (area, (mode, spectrum)) in below.split_evenly((rows, COLUMNS)).iter().zip(&panels) {
             draw(area, mode, spectrum)?;
@@ -64,17 +79,20 @@ fn draw(area: &Area<'_>, mode: &Mode, spectrum: &FittedSpectrum) -> DrawResult {
         (14, 6),
         ("sans-serif", 13).into_font().color(if spectrum.is_misfit { &MODE } else { &BLACK }),
     ))?;
-    let mut chart = ChartBuilder::on(area)
+    let (upper, lower) = area.split_vertically(PANEL.1 - RESIDUAL);
+    draw_residuals(&lower, spectrum, first_hz..last_hz)?;
+    let mut chart = ChartBuilder::on(&upper)
         .margin(6)
         .margin_top(24)
-        .x_label_area_size(22)
-        .y_label_area_size(52)
+        .margin_bottom(2)
+        .y_label_area_size(LABELS)
         .build_cartesian_2d(first_hz..last_hz, (low..high).log_scale())?;
     chart
         .configure_mesh()
         .disable_mesh()
-        .x_labels(4)
+        .x_labels(0)
         .y_labels(4)
+        .label_style(LABEL)
         .y_label_formatter(&|value| format!("{value:.0e}"))
         .axis_style(FRAME)
         .draw()?;
@@ -94,4 +112,84 @@ fn draw(area: &Area<'_>, mode: &Mode, spectrum: &FittedSpectrum) -> DrawResult {
     let dots = spectrum.frequency_hz.iter().copied().zip(spectrum.measured.iter().copied());
     chart.draw_series(dots.filter(|(_, density)| *density > 0.0).map(|at| Circle::new(at, 2, BESIDE.filled())))?;
     Ok(())
+}
+
+/// Draws what the fit leaves, line by line, in standard deviations of a measured density.
+fn draw_residuals(area: &Area<'_>, spectrum: &FittedSpectrum, band_hz: std::ops::Range<f64>) -> DrawResult {
+    let residuals = residuals(spectrum);
+    let largest = residuals.iter().map(|(_, residual)| residual.abs()).fold(0.0, f64::max);
+    let reach = (1.1 * largest).clamp(LEAST_DRAWN, MOST_DRAWN);
+    let mut chart = ChartBuilder::on(area)
+        .margin(6)
+        .margin_top(2)
+        .x_label_area_size(22)
+        .y_label_area_size(LABELS)
+        .build_cartesian_2d(band_hz.clone(), -reach..reach)?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .x_labels(4)
+        .y_labels(3)
+        .label_style(LABEL)
+        .y_label_formatter(&|value| if *value == 0.0 { "0".to_owned() } else { format!("{value:+.0}") })
+        .axis_style(FRAME)
+        .draw()?;
+    if residuals.is_empty() {
+        let text = Text::new("too few windows for a standard deviation", (LABELS as i32 + 14, 22), ("sans-serif", 11));
+        area.draw(&text)?;
+        return Ok(());
+    }
+    let corners = [(band_hz.start, -BAND), (band_hz.end, BAND)];
+    chart.draw_series(std::iter::once(Rectangle::new(corners, FRAME.mix(0.6).filled())))?;
+    chart.draw_series(LineSeries::new([(band_hz.start, 0.0), (band_hz.end, 0.0)], MODE.stroke_width(1)))?;
+    chart.draw_series(residuals.into_iter().map(|(hz, residual)| {
+        let color = if residual.abs() > BAND { MODE } else { BESIDE };
+        Circle::new((hz, residual.clamp(-reach, reach)), 2, color.filled())
+    }))?;
+    Ok(())
+}
+
+/// Frequency in Hz of each line, and measured less fitted density there in standard deviations; none where these are not known.
+fn residuals(spectrum: &FittedSpectrum) -> Vec<(f64, f64)> {
+    let lines = spectrum.frequency_hz.iter().zip(&spectrum.measured).zip(&spectrum.fitted);
+    let residual = |((hz, measured), fitted): ((&f64, &f64), &f64)| (*hz, (measured / fitted - 1.0) / spectrum.scatter);
+    lines.map(residual).filter(|(_, residual)| residual.is_finite()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::accuracy::tests::found;
+
+    fn spectrum(scatter: f64) -> FittedSpectrum {
+        FittedSpectrum {
+            setup: "first".to_owned(),
+            frequency_hz: vec![1.0, 1.1, 1.2],
+            measured: vec![1.1, 4.0, 0.7],
+            fitted: vec![1.0, 4.0, 1.0],
+            scatter,
+            is_misfit: false,
+        }
+    }
+
+    #[test]
+    fn what_is_left_is_drawn_in_standard_deviations_and_red_where_chance_seldom_leaves_it() {
+        let expected = [(1.0, 1.0), (1.1, 0.0), (1.2, -3.0)];
+        for (found, expected) in residuals(&spectrum(0.1)).into_iter().zip(expected) {
+            assert!((found.0 - expected.0).abs() < 1e-12 && (found.1 - expected.1).abs() < 1e-9, "{found:?}");
+        }
+        assert!(residuals(&spectrum(f64::NAN)).is_empty());
+        let mut identification = found();
+        identification.modes.truncate(1);
+        let drawn = |scatter: f64, identification: &mut Identification| {
+            identification.modes[0].fitted = vec![spectrum(scatter)];
+            fits("Tower", identification).unwrap().unwrap()
+        };
+        let circles = |svg: &str| svg.matches("<circle").count();
+        let red = |svg: &str| svg.lines().filter(|line| line.contains("<circle") && line.contains("#BE2828")).count();
+        let svg = drawn(0.1, &mut identification);
+        assert_eq!((circles(&svg), red(&svg)), (6, 1), "three dots above and three below");
+        let svg = drawn(f64::NAN, &mut identification);
+        assert!(circles(&svg) == 3 && svg.contains("too few windows"), "{svg}");
+    }
 }

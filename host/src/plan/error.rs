@@ -1,12 +1,11 @@
 //! Why there is no plan.
 
-use std::path::PathBuf;
-
 use thiserror::Error;
 
 use crate::compare::ViewError;
 use crate::diagnose::DiagnoseError;
 use crate::model::effect::EffectError;
+use crate::table::TableError;
 
 /// Why there is no plan.
 #[derive(Debug, Error)]
@@ -60,61 +59,5 @@ pub enum PlanError {
     Diagnose(#[from] DiagnoseError),
     /// The table of places.
     #[error(transparent)]
-    Places(#[from] PlacesError),
-}
-
-/// Why a table of places cannot be used.
-#[derive(Debug, Error)]
-pub enum PlacesError {
-    /// The file cannot be read.
-    #[error("{}: cannot be read ({source})", file.display())]
-    Unreadable {
-        /// The file.
-        file: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A line is no CSV.
-    #[error("{}, line {line}: not a CSV row like its header ({reason})", file.display())]
-    NotCsv {
-        /// The file.
-        file: PathBuf,
-        /// 1-based line.
-        line: u64,
-        /// What the reader said.
-        reason: String,
-    },
-    /// A column is missing, unknown or there twice.
-    #[error(
-        "{}, line 1: the column `{column}` {problem}; expected channel,elevation_m,azimuth_deg and, where a place is not on the axis, offset_x_m,offset_y_m",
-        file.display()
-    )]
-    Column {
-        /// The file.
-        file: PathBuf,
-        /// The column.
-        column: String,
-        /// What is wrong with it.
-        problem: &'static str,
-    },
-    /// A cell cannot be meant.
-    #[error("{}, line {line}, column `{column}`: `{value}` where {expected} was expected", file.display())]
-    Value {
-        /// The file.
-        file: PathBuf,
-        /// 1-based line.
-        line: u64,
-        /// The column.
-        column: &'static str,
-        /// The cell's text.
-        value: String,
-        /// What would have been right.
-        expected: String,
-    },
-    /// No rows.
-    #[error("{}: no places; expected one row per possible sensor", file.display())]
-    Empty {
-        /// The file.
-        file: PathBuf,
-    },
+    Places(#[from] TableError),
 }

@@ -18,7 +18,7 @@ mod tests;
 use rayon::prelude::*;
 
 pub(crate) use advice::advice;
-pub use error::{PlacesError, PlanError};
+pub use error::PlanError;
 pub use law::{Conditions, ORDINARY_DAMPING, ORDINARY_NOISE_PERCENT};
 pub use places::read_places;
 pub use report::{Assumed, Obstacle, Plan, RecordOutlook, SensorOption};

@@ -3,10 +3,11 @@
 
 use std::path::Path;
 
-use super::error::PlacesError;
 use crate::study::{Direction, Sensor};
+use crate::table::{Table, TableError};
 
 const COLUMNS: [&str; 5] = ["channel", "elevation_m", "azimuth_deg", "offset_x_m", "offset_y_m"];
+const HEADER: &str = "channel,elevation_m,azimuth_deg and, where a place is not on the axis, offset_x_m,offset_y_m";
 /// So many of them must be there.
 const NEEDED: usize = 3;
 
@@ -29,53 +30,42 @@ pub(crate) fn sensor_at(channel: String, elevation_m: f64, direction: Direction,
 /// Reads a table of places; `sensors` are there already, and no place may have the channel of one.
 ///
 /// # Errors
-/// [`PlacesError`] names the file, the line and the column.
-pub fn read_places(file: &Path, sensors: &[Sensor]) -> Result<Vec<Sensor>, PlacesError> {
-    let unreadable = |source| PlacesError::Unreadable { file: file.to_owned(), source };
-    let text = std::fs::read_to_string(file).map_err(unreadable)?;
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
-    let not_csv = |error: csv::Error| PlacesError::NotCsv {
-        file: file.to_owned(),
-        line: error.position().map_or(1, csv::Position::line),
-        reason: error.to_string(),
-    };
-    let header = reader.headers().map_err(not_csv)?.clone();
-    let columns = columns_of(file, &header)?;
+/// [`TableError`] names the file, the line and the column.
+pub fn read_places(file: &Path, sensors: &[Sensor]) -> Result<Vec<Sensor>, TableError> {
+    let table = Table::read(file, "--places")?;
+    let columns = columns_of(&table)?;
     let mut places: Vec<Sensor> = Vec::new();
-    for record in reader.records() {
-        let row = Row { file, columns, record: record.map_err(not_csv)? };
+    for row in &table.rows {
         let taken: Vec<&str> = sensors.iter().chain(&places).map(|sensor| sensor.channel.as_str()).collect();
-        places.push(row.place(&taken)?);
+        places.push(Row { table: &table, columns, row }.place(&taken)?);
     }
-    if places.is_empty() { Err(PlacesError::Empty { file: file.to_owned() }) } else { Ok(places) }
+    if places.is_empty() { Err(table.empty("places")) } else { Ok(places) }
 }
 
 /// Where each of [`COLUMNS`] stands.
-fn columns_of(file: &Path, header: &csv::StringRecord) -> Result<[Option<usize>; COLUMNS.len()], PlacesError> {
-    let wrong =
-        |column: &str, problem| PlacesError::Column { file: file.to_owned(), column: column.to_owned(), problem };
+fn columns_of(table: &Table<'_>) -> Result<[Option<usize>; COLUMNS.len()], TableError> {
     let mut columns = [None; COLUMNS.len()];
-    for (position, name) in header.iter().enumerate() {
-        let name = name.trim_start_matches('\u{feff}');
-        let at = COLUMNS.iter().position(|column| *column == name).ok_or_else(|| wrong(name, "is unknown"))?;
+    for (position, name) in table.names().enumerate() {
+        let at = COLUMNS.iter().position(|column| *column == name);
+        let at = at.ok_or_else(|| table.wrong_column(name, "is unknown", HEADER))?;
         if columns[at].replace(position).is_some() {
-            return Err(wrong(name, "stands twice"));
+            return Err(table.wrong_column(name, "stands twice", HEADER));
         }
     }
     match (0..NEEDED).find(|&at| columns[at].is_none()) {
-        Some(missing) => Err(wrong(COLUMNS[missing], "is missing")),
+        Some(missing) => Err(table.wrong_column(COLUMNS[missing], "is missing", HEADER)),
         None => Ok(columns),
     }
 }
 
 struct Row<'a> {
-    file: &'a Path,
+    table: &'a Table<'a>,
     columns: [Option<usize>; COLUMNS.len()],
-    record: csv::StringRecord,
+    row: &'a csv::StringRecord,
 }
 
 impl Row<'_> {
-    fn place(&self, taken: &[&str]) -> Result<Sensor, PlacesError> {
+    fn place(&self, taken: &[&str]) -> Result<Sensor, TableError> {
         let channel = self.cell(0);
         if channel.is_empty() || taken.contains(&channel) {
             return Err(self.value(0, "a name that no sensor and no other place has"));
@@ -93,21 +83,15 @@ impl Row<'_> {
     }
 
     fn cell(&self, column: usize) -> &str {
-        self.columns[column].and_then(|position| self.record.get(position)).unwrap_or("")
+        self.columns[column].map_or("", |position| self.table.text(self.row, position))
     }
 
-    fn number(&self, column: usize, expected: &str) -> Result<f64, PlacesError> {
-        let number = self.cell(column).parse::<f64>().ok().filter(|number| number.is_finite());
-        number.ok_or_else(|| self.value(column, expected))
+    fn number(&self, column: usize, expected: &str) -> Result<f64, TableError> {
+        let position = self.columns[column].unwrap_or(usize::MAX);
+        self.table.number(self.row, position, COLUMNS[column], expected)
     }
 
-    fn value(&self, column: usize, expected: &str) -> PlacesError {
-        PlacesError::Value {
-            file: self.file.to_owned(),
-            line: self.record.position().map_or(0, csv::Position::line),
-            column: COLUMNS[column],
-            value: self.cell(column).to_owned(),
-            expected: expected.to_owned(),
-        }
+    fn value(&self, column: usize, expected: &str) -> TableError {
+        self.table.value(self.row, self.columns[column].unwrap_or(usize::MAX), COLUMNS[column], expected)
     }
 }

@@ -22,6 +22,7 @@ mod row_reader;
 mod source_file;
 mod text;
 mod uff;
+mod warning;
 
 #[cfg(test)]
 mod tests;
@@ -31,7 +32,9 @@ use std::path::Path;
 pub use block::Block;
 pub use error::{At, FilePosition, MatError, RecordError};
 pub(crate) use files::matching_files;
-pub use report::{ChannelReport, Gap, RecordReport, RecordWarning};
+pub use report::{ChannelReport, Gap, RecordReport};
+pub(crate) use warning::time_of_day;
+pub use warning::{Affected, RecordWarning};
 
 use crate::study::Setup;
 use clock::Clock;

@@ -1,11 +1,10 @@
 //! What was read: rows, missing samples, gaps, dead channels and levels, gathered block by block.
 
-use std::fmt;
-
 use super::block::Block;
 use super::clock::{Clock, TimeGap};
 use super::columns::Selection;
 use super::error::{FilePosition, RecordError};
+use super::warning::{Affected, RecordWarning};
 
 /// Gaps that are kept one by one for each channel.
 const GAPS_KEPT: usize = 5;
@@ -53,59 +52,6 @@ pub struct Gap {
     pub row: u64,
     /// Its length in rows.
     pub rows: u64,
-}
-
-/// What a user should know before trusting a recording.
-#[derive(Debug, Clone, PartialEq)]
-#[allow(missing_docs)] // the messages say what each field is
-pub enum RecordWarning {
-    /// The time column says that rows are missing.
-    TimeGap { position: FilePosition, rows: u64, seconds: f64 },
-    /// More gaps than are worth listing; the figures are for all of them.
-    TimeGaps { count: u64, rows: u64, seconds: f64 },
-    /// Samples of one channel are missing from rows that are there.
-    MissingSamples { channel: String, samples: u64, seconds: f64, gap_count: u64, first: FilePosition },
-    /// More than half of a channel's samples are missing.
-    MostlyMissing { channel: String, percent: f64 },
-    /// A channel does not move at all.
-    Constant { channel: String, value: f64 },
-}
-
-impl fmt::Display for RecordWarning {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            RecordWarning::TimeGap { position, rows, seconds } => {
-                write!(
-                    formatter,
-                    "{position}: gap in time: {rows} rows ({seconds:.3} s) are missing in all channels before it; they count as missing samples"
-                )
-            }
-            RecordWarning::TimeGaps { count, rows, seconds } => {
-                write!(
-                    formatter,
-                    "{count} gaps in time altogether: {rows} rows ({seconds:.3} s) are missing in all channels"
-                )
-            }
-            RecordWarning::MissingSamples { channel, samples, seconds, gap_count, first } => {
-                write!(
-                    formatter,
-                    "channel `{channel}`: {samples} samples ({seconds:.3} s) are missing in {gap_count} gaps, the first at {first}; the analysis leaves out the segments they touch"
-                )
-            }
-            RecordWarning::MostlyMissing { channel, percent } => {
-                write!(
-                    formatter,
-                    "channel `{channel}`: {percent:.1} % of the samples are missing; consider leaving the sensor out of the setup"
-                )
-            }
-            RecordWarning::Constant { channel, value } => {
-                write!(
-                    formatter,
-                    "channel `{channel}` is dead: every sample is {value}; check the sensor and its cable, or leave the sensor out of the setup"
-                )
-            }
-        }
-    }
 }
 
 /// The sums behind a [`RecordReport`].
@@ -210,26 +156,41 @@ impl Statistics {
                 seconds: seconds(clock.missing_rows),
             });
         }
-        for report in &channels {
-            let channel = report.channel.clone();
-            if let Some(first) = report.gaps.first().filter(|_| report.missing > filled_rows) {
-                warnings.push(RecordWarning::MissingSamples {
-                    channel: channel.clone(),
-                    samples: report.missing,
-                    seconds: seconds(report.missing),
-                    gap_count: report.gap_count,
-                    first: first.position.clone(),
-                });
-            }
-            if report.missing as f64 > MOSTLY_MISSING * rows as f64 {
-                let percent = 100.0 * report.missing as f64 / rows as f64;
-                warnings.push(RecordWarning::MostlyMissing { channel, percent });
-            } else if report.constant && rows > 0 {
-                warnings.push(RecordWarning::Constant { channel, value: report.mean });
-            }
-        }
+        let warnings_of_channels = alike(&channels, |report| {
+            let first = report.gaps.first().filter(|_| report.missing > filled_rows)?;
+            Some((report.missing, report.gap_count, report.gaps.as_slice(), first))
+        });
+        warnings.extend(warnings_of_channels.into_iter().map(|((missing, gap_count, _, first), channels)| {
+            let (samples, first_s, first) = (missing, seconds(first.row), first.position.clone());
+            RecordWarning::MissingSamples { channels, samples, seconds: seconds(missing), gap_count, first, first_s }
+        }));
+        let mostly_missing = |report: &ChannelReport| report.missing as f64 > MOSTLY_MISSING * rows as f64;
+        let few = alike(&channels, |report| mostly_missing(report).then_some(report.missing));
+        warnings.extend(few.into_iter().map(|(missing, channels)| RecordWarning::MostlyMissing {
+            channels,
+            percent: 100.0 * missing as f64 / rows as f64,
+        }));
+        let dead =
+            alike(&channels, |report| (report.constant && rows > 0 && !mostly_missing(report)).then_some(report.mean));
+        warnings.extend(dead.into_iter().map(|(value, channels)| RecordWarning::Constant { channels, value }));
         RecordReport { rows, filled_rows, channels, warnings }
     }
+}
+
+/// What is so in some channels, once for all that have the same in common, in the order of the first of them.
+fn alike<'a, T: PartialEq>(
+    channels: &'a [ChannelReport],
+    what: impl Fn(&'a ChannelReport) -> Option<T>,
+) -> Vec<(T, Affected)> {
+    let mut groups: Vec<(T, Vec<&str>)> = Vec::new();
+    for report in channels {
+        let Some(here) = what(report) else { continue };
+        match groups.iter_mut().find(|(other, _)| *other == here) {
+            Some((_, names)) => names.push(&report.channel),
+            None => groups.push((here, vec![&report.channel])),
+        }
+    }
+    groups.into_iter().map(|(what, names)| (what, Affected::new(names, channels.len()))).collect()
 }
 
 impl ChannelSums {

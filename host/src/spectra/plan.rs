@@ -9,7 +9,7 @@ use belfry_shared::decimation::{Stages, USABLE_FRACTION};
 use thiserror::Error;
 
 use super::accumulate::MAX_GROUPS;
-use super::extent::SetupExtent;
+use super::extent::{SetupExtent, rows_for};
 use super::grid::LineGrid;
 use super::sums::triangle;
 use crate::study::Analysis;
@@ -49,6 +49,22 @@ pub enum PlanError {
         setup: usize,
         /// Duration of the shortest setup.
         seconds: f64,
+        /// Points of the shortest segment possible.
+        segment: usize,
+        /// Decimated sampling rate.
+        decimated_rate_hz: f64,
+        /// Duration needed.
+        needed_s: f64,
+    },
+    /// No segment fits into the blocks that a recording is joined of.
+    #[error(
+        "the blocks of {block_s:.1} s (block_s in [[setup]]) are too short: two segments of {segment} points at {decimated_rate_hz} Hz, half over each other, and the filter need {needed_s:.1} s; join longer blocks, or take block_s out if no time is missing between them"
+    )]
+    BlocksTooShort {
+        /// Which of the setups.
+        setup: usize,
+        /// Duration of a block.
+        block_s: f64,
         /// Points of the shortest segment possible.
         segment: usize,
         /// Decimated sampling rate.
@@ -123,6 +139,15 @@ impl std::fmt::Display for FewAverages {
     }
 }
 
+/// What gaps in the recordings were found to leave, once windows were made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AfterGaps {
+    /// Points of the segments that too few were left of.
+    pub too_long: usize,
+    /// Points of the longest segment that probably leaves enough.
+    pub longest: usize,
+}
+
 /// Decimation, segment and lines for all setups of a study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpectralPlan {
@@ -146,7 +171,7 @@ impl SpectralPlan {
     pub fn choose(setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
         match analysis.segment {
             Some(segment) if segment > LONGEST_OF_NODES => Err(PlanError::TooLongForNodes(segment)),
-            _ => Self::choose_up_to(LONGEST_OF_NODES, setups, analysis),
+            _ => Self::choose_up_to(LONGEST_OF_NODES, setups, analysis, None),
         }
     }
 
@@ -155,10 +180,27 @@ impl SpectralPlan {
     /// # Errors
     /// As [`SpectralPlan::choose`].
     pub fn choose_direct(setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
-        Self::choose_up_to(LONGEST_SEGMENT, setups, analysis)
+        Self::choose_up_to(LONGEST_SEGMENT, setups, analysis, None)
     }
 
-    fn choose_up_to(longest: usize, setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
+    /// The same by either route, with segments that gaps leave enough of.
+    ///
+    /// # Errors
+    /// As [`SpectralPlan::choose`].
+    pub fn choose_after_gaps(
+        setups: &[SetupExtent],
+        analysis: &Analysis,
+        after_gaps: AfterGaps,
+    ) -> Result<Self, PlanError> {
+        Self::choose_up_to(after_gaps.longest, setups, analysis, Some(after_gaps))
+    }
+
+    fn choose_up_to(
+        longest: usize,
+        setups: &[SetupExtent],
+        analysis: &Analysis,
+        after_gaps: Option<AfterGaps>,
+    ) -> Result<Self, PlanError> {
         let rates = decimations(setups, analysis)?;
         let powers = std::iter::successors(Some(SHORTEST_SEGMENT), |segment| Some(2 * segment));
         let segments: Vec<usize> = match analysis.segment {
@@ -199,7 +241,8 @@ impl SpectralPlan {
             channels,
             missing_min: (wanted - averages) as f64 * grid.segment as f64 / 2.0 / grid.sampling_rate_hz / 60.0,
         });
-        let reason = reason(setups, analysis, best, &grid, longest, wanted.max(LEAST_AVERAGES));
+        let limits = Limits { longest, enough: wanted.max(LEAST_AVERAGES), after_gaps };
+        let reason = reason(setups, analysis, best, &grid, limits);
         Ok(Self { grid, decimations: best.decimations.clone(), windows: best.windows.clone(), few_averages, reason })
     }
 
@@ -210,15 +253,17 @@ impl SpectralPlan {
     }
 }
 
-/// Why the best candidate is the best, for the user.
-fn reason(
-    setups: &[SetupExtent],
-    analysis: &Analysis,
-    best: &Candidate,
-    grid: &LineGrid,
+/// What limits the choice of a segment.
+struct Limits {
     longest: usize,
+    /// Averages that are wanted.
     enough: usize,
-) -> String {
+    after_gaps: Option<AfterGaps>,
+}
+
+/// Why the best candidate is the best, for the user.
+fn reason(setups: &[SetupExtent], analysis: &Analysis, best: &Candidate, grid: &LineGrid, limits: Limits) -> String {
+    let Limits { longest, enough, after_gaps } = limits;
     let rate = if best.decimations.iter().all(|&decimation| decimation == 1) {
         format!("{} Hz, as recorded", short(best.rate_hz))
     } else {
@@ -235,6 +280,8 @@ fn reason(
     let averages: usize = best.windows.iter().sum();
     let why = if analysis.segment.is_some() {
         format!("as [analysis] says; {averages} averages")
+    } else if let Some(AfterGaps { too_long, .. }) = after_gaps {
+        format!("as gaps cost too many segments of {too_long}; {averages} averages, less what gaps cost of these")
     } else if averages < enough {
         format!("the most averages that this record gives, {averages}")
     } else if best.segment == longest && longest == LONGEST_OF_NODES {
@@ -368,7 +415,23 @@ fn too_short(setups: &[SetupExtent], candidates: &[Candidate]) -> PlanError {
         let reach = Stages::of(decimation).map_or(0, |stages| 2 * stages.reach_rows());
         f64::from(reach) / setup.sampling_rate_hz + segment as f64 / decimated_rate_hz
     };
-    let seconds = |setup: &SetupExtent| setup.rows as f64 / setup.sampling_rate_hz;
+    let of_rows = |rows: u64, setup: &SetupExtent| rows as f64 / setup.sampling_rate_hz;
+    // In a block there must be two windows, see `SetupExtent::windows`.
+    let in_blocks = setups.iter().zip(decimations).enumerate().find_map(|(setup, (extent, &decimation))| {
+        let block = extent.block_rows.filter(|&block| block < extent.rows)?;
+        let needed = rows_for(2, decimation, segment);
+        (block < needed).then(|| PlanError::BlocksTooShort {
+            setup,
+            block_s: of_rows(block, extent),
+            segment,
+            decimated_rate_hz,
+            needed_s: of_rows(needed, extent),
+        })
+    });
+    if let Some(error) = in_blocks {
+        return error;
+    }
+    let seconds = |setup: &SetupExtent| of_rows(setup.rows, setup);
     let shortest = (0..setups.len()).min_by(|&a, &b| seconds(&setups[a]).total_cmp(&seconds(&setups[b]))).unwrap_or(0);
     PlanError::TooShort {
         setup: shortest,
@@ -443,11 +506,27 @@ mod tests {
     }
 
     #[test]
+    fn where_gaps_make_segments_shorter_the_reason_says_so_and_not_that_the_study_does() {
+        let hour = SetupExtent { sampling_rate_hz: 50.0, rows: 180_000, channels: 20, block_rows: None };
+        let after_gaps = AfterGaps { too_long: 512, longest: 256 };
+        let plan = SpectralPlan::choose_after_gaps(&[hour], &analysis([0.05, 1.5]), after_gaps).unwrap();
+        assert_eq!(plan.grid.segment, 256);
+        assert!(plan.reason.contains("256 points, 61.4 s, as gaps cost too many segments of 512"), "{}", plan.reason);
+        assert!(!plan.reason.contains("[analysis]"), "{}", plan.reason);
+    }
+
+    #[test]
     fn impossible_wishes_are_named() {
         let short = SetupExtent { sampling_rate_hz: 50.0, rows: 250, channels: 2, block_rows: None };
         let error = SpectralPlan::choose(&[short], &analysis([0.5, 10.0])).unwrap_err();
         assert!(matches!(error, PlanError::TooShort { seconds, .. } if seconds == 5.0), "{error}");
         let hour = SetupExtent { rows: 180_000, ..short };
+        let joined = SetupExtent { block_rows: Some(300), ..hour };
+        let error = SpectralPlan::choose(&[hour, joined], &analysis([0.5, 10.0])).unwrap_err();
+        assert!(matches!(error, PlanError::BlocksTooShort { setup: 1, block_s: 6.0, .. }), "{error}");
+        let PlanError::BlocksTooShort { needed_s, .. } = error else { unreachable!() };
+        let enough = SetupExtent { block_rows: Some((needed_s * 50.0).round() as u64), ..hour };
+        assert!(SpectralPlan::choose(&[hour, enough], &analysis([0.5, 10.0])).is_ok(), "{needed_s} s");
         let error = SpectralPlan::choose(&[hour], &analysis([0.5, 24.9])).unwrap_err();
         assert!(matches!(error, PlanError::BandTooHigh { .. }), "{error}");
         let odd = Analysis { decimated_rate_hz: Some(50.0 / 13.0), ..analysis([0.05, 1.0]) };

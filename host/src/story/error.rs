@@ -44,7 +44,7 @@ pub enum StoryError {
     #[error(transparent)]
     Identify(Box<IdentifyError>),
     /// Identification, of recordings in which there are faults.
-    #[error("{source}. What was found in the recordings may be why:\n- {}", warnings.join("\n- "))]
+    #[error("{source}{}", may_be_why(warnings))]
     Faulty {
         /// What failed.
         source: Box<IdentifyError>,
@@ -73,7 +73,10 @@ pub enum StoryError {
     #[error(transparent)]
     Results(Box<ResultsError>),
     /// Identification found no modes.
-    #[error("no modes were found from {:.4} to {:.4} Hz: {reason} The spectra are drawn in {}", band_hz[0], band_hz[1], picture.display())]
+    #[error(
+        "no modes were found from {:.4} to {:.4} Hz: {reason} The spectra are drawn in {}{}",
+        band_hz[0], band_hz[1], picture.display(), may_be_why(warnings)
+    )]
     NoModes {
         /// The band that was searched.
         band_hz: [f64; 2],
@@ -81,6 +84,8 @@ pub enum StoryError {
         reason: String,
         /// The picture of the singular values.
         picture: PathBuf,
+        /// What was found in the recordings.
+        warnings: Vec<String>,
     },
     /// The modes cannot be followed over the hours.
     #[error("the modes are identified, but cannot be followed")]
@@ -281,4 +286,12 @@ pub enum CovalidateError {
         /// The setup.
         setup: String,
     },
+}
+
+/// What was found in the recordings, after an error that it may explain.
+fn may_be_why(warnings: &[String]) -> String {
+    if warnings.is_empty() {
+        return String::new();
+    }
+    format!(". What was found in the recordings may be why:\n- {}", warnings.join("\n- "))
 }

@@ -5,19 +5,21 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
+use super::blocks::block_warnings;
 use super::error::StoryError;
 use super::inputs::Inputs;
 use super::progress::{OnProgress, rows_of};
 use crate::fleet::FleetReport;
 use crate::identify::accuracy::RecordNeeded;
+use crate::identify::lean::lean_suspicions;
 use crate::identify::phases::phase_suspicions;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
 use crate::identify::{Identification, hold_to_standards, identify as identify_setups};
-use crate::measure::{Measurement, Route, measure};
-use crate::spectra::LineGrid;
+use crate::measure::{MeasureError, Measurement, Progress, Route, measure, measure_after_gaps};
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
-use crate::study::{Analysis, Study};
+use crate::spectra::{AfterGaps, LineGrid};
+use crate::study::Study;
 use crate::trend::Trend;
 
 /// How modes are identified from spectra.
@@ -122,25 +124,17 @@ pub fn identify(
         Route::Nodes(_) => "nodes and link",
         Route::Direct => "spectra",
     };
-    let mut measurement = measure(study, route, &mut rows_of(stage, on_progress))?;
-    let shorter = shorter_segment(&measurement, &study.analysis).filter(|_| method != Method::Subspace);
-    let study_of_shorter = shorter.map(|segment| with_segment(study, segment));
-    if let Some(shorter) = &study_of_shorter {
-        let before = measurement.plan.grid.segment;
-        measurement = measure(shorter, route, &mut rows_of(stage, on_progress))?;
-        measurement
-            .reasons
-            .push(format!("Gaps cost too many segments of {before} points, so segments were made shorter."));
-    }
+    let measurement = measure_between_gaps(study, route, method, &mut rows_of(stage, on_progress))?;
     let modes_start = Instant::now();
     let choice = &study.analysis.modes;
     let identified = match method {
         Method::Both | Method::Spectra => identify_setups(&measurement.setups, choice),
         Method::Subspace => identify_by_subspace(&measurement.setups, choice),
     };
-    let mut identification = identified.map_err(|error| match measurement.warnings.as_slice() {
-        [] => StoryError::from(error),
-        warnings => StoryError::Faulty { source: Box::new(error), warnings: warnings.to_vec() },
+    let mut identification = identified.map_err(|error| {
+        let of_blocks = block_warnings(&[], &measurement.setups);
+        let warnings: Vec<String> = measurement.warnings.iter().cloned().chain(of_blocks).collect();
+        if warnings.is_empty() { error.into() } else { StoryError::Faulty { source: Box::new(error), warnings } }
     })?;
     let modes = modes_start.elapsed();
     let second_start = Instant::now();
@@ -150,32 +144,60 @@ pub fn identify(
     hold_to_standards(&mut identification, choice);
     let times = Times { modes, second_opinion: second_start.elapsed(), all: start.elapsed() };
     let mut warnings = measurement.warnings.clone();
+    warnings.extend(block_warnings(&identification.modes, &measurement.setups));
     warnings.append(&mut identification.warnings);
     warnings.extend(suspicions(&identification.modes, &measurement.setups));
     warnings.extend(phase_suspicions(&identification.modes, &measurement.setups));
+    warnings.extend(lean_suspicions(&identification.modes, &measurement.setups));
     identification.warnings = warnings;
     Ok(report(study, identification, &measurement, &times))
 }
 
-/// The segment that gaps leave enough windows of, where they do not of the segment that was chosen from the record's length.
-fn shorter_segment(measurement: &Measurement<'_>, analysis: &Analysis) -> Option<usize> {
-    let averages: usize = measurement.setups.iter().map(|setup| setup.spectrum.averages()).sum();
-    let channels = measurement.setups.iter().map(|setup| setup.spectrum.channels().len()).max()?;
-    let is_free = analysis.segment.is_none() && analysis.modes.only_hz.is_none();
-    let mut segment = measurement.plan.grid.segment;
-    let mut left = averages.max(1);
-    while left < AVERAGES_A_CHANNEL * channels && segment > SHORTEST_SEGMENT {
-        // Windows of half the length are twice as many, and more of them fit between gaps.
-        (segment, left) = (segment / 2, 2 * left);
+/// Measures, with shorter segments where gaps leave too few windows, or none.
+fn measure_between_gaps<'a>(
+    study: &'a Study,
+    route: Route,
+    method: Method,
+    progress: Progress<'_>,
+) -> Result<Measurement<'a>, MeasureError> {
+    let mut shorter: Option<AfterGaps> = None;
+    loop {
+        let measured = match shorter {
+            Some(after_gaps) => measure_after_gaps(study, route, after_gaps, progress),
+            None => measure(study, route, progress),
+        };
+        shorter = match &measured {
+            // The subspace needs no more averages than there are.
+            Ok(measurement) if method != Method::Subspace => after_gaps(measurement, study),
+            Err(MeasureError::NoSound { segment, .. }) if is_segment_free(study) && *segment > SHORTEST_SEGMENT => {
+                Some(AfterGaps { too_long: *segment, longest: segment / 2 })
+            }
+            _ => None,
+        };
+        if shorter.is_none() {
+            return measured;
+        }
     }
-    (is_free && segment < measurement.plan.grid.segment).then_some(segment)
 }
 
-/// A study whose segments are given.
-fn with_segment(study: &Study, segment: usize) -> Study {
-    let mut study = study.clone();
-    study.analysis.segment = Some(segment);
-    study
+/// Whether the program may choose how long segments are: what nodes have sent is cut already.
+fn is_segment_free(study: &Study) -> bool {
+    study.analysis.segment.is_none() && !study.setups.iter().any(|setup| setup.live)
+}
+
+/// The segments that gaps leave enough windows of, where they do not of those that were chosen from the record's length.
+fn after_gaps(measurement: &Measurement<'_>, study: &Study) -> Option<AfterGaps> {
+    let averages: usize = measurement.setups.iter().map(|setup| setup.spectrum.averages()).sum();
+    let channels = measurement.setups.iter().map(|setup| setup.spectrum.channels().len()).max()?;
+    // Who names all modes gets them from fewer averages, too.
+    let is_free = is_segment_free(study) && study.analysis.modes.only_hz.is_none();
+    let too_long = measurement.plan.grid.segment;
+    let (mut longest, mut left) = (too_long, averages.max(1));
+    while left < AVERAGES_A_CHANNEL * channels && longest > SHORTEST_SEGMENT {
+        // Windows of half the length are twice as many, and more of them fit between gaps.
+        (longest, left) = (longest / 2, 2 * left);
+    }
+    (is_free && longest < too_long).then_some(AfterGaps { too_long, longest })
 }
 
 /// How long identification took, and everything.
@@ -260,7 +282,7 @@ impl ModesReport {
         if let Some(earlier) = earlier {
             reason += &format!(" {} keeps the modes of an earlier run.", earlier.display());
         }
-        Some(StoryError::NoModes { band_hz, reason, picture })
+        Some(StoryError::NoModes { band_hz, reason, picture, warnings: found.warnings.clone() })
     }
 }
 

@@ -44,6 +44,7 @@
 //! # }
 //! ```
 
+mod blocks;
 mod case;
 mod change;
 mod covalidated;

@@ -119,6 +119,33 @@ fn modes_are_added_dropped_and_fixed_in_the_study() {
 }
 
 #[test]
+fn the_subspace_alone_says_which_poles_it_rejects_and_one_is_kept_by_its_name() {
+    let study = study(|text| text);
+    let report = json(study.path(), &["--direct", "--method", "subspace"]);
+    let rejected = report["rejected"].as_array().unwrap();
+    let reasons = ["weak", "unstable", "damping"];
+    assert!(
+        !rejected.is_empty() && rejected.iter().all(|one| reasons.contains(&one["because"].as_str().unwrap())),
+        "{rejected:?}"
+    );
+    let first_hz = number(&rejected[0]["frequency_hz"]);
+    let before = frequencies(&report);
+    let mut command = belfry_command();
+    command.arg("identify").arg(study.path()).args(["--direct", "--method", "subspace"]);
+    let keep = format!("To keep one, name it: add_modes_hz = [{first_hz:.4}] in [analysis].");
+    command.assert().success().stdout(contains(keep).and(contains("Rejected: ")));
+    let file = study.path().join("study.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    let band = "band_hz = [0.05, 1.5]";
+    fs::write(&file, text.replace(band, &format!("{band}\nadd_modes_hz = [{first_hz:.4}]"))).unwrap();
+    let kept = json(study.path(), &["--direct", "--method", "subspace"]);
+    assert_eq!(frequencies(&kept).len(), before.len() + 1);
+    assert!(frequencies(&kept).iter().any(|hz| (hz - first_hz).abs() < 1e-9), "{kept}");
+    let left = kept["rejected"].as_array().unwrap();
+    assert!(!left.iter().any(|one| one["frequency_hz"] == rejected[0]["frequency_hz"]), "{left:?}");
+}
+
+#[test]
 fn modes_that_are_older_than_their_study_are_told_where_they_are_used() {
     let folder = study(|text| text);
     let found = frequencies(&json(folder.path(), &["--direct"]));

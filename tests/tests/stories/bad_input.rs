@@ -203,9 +203,58 @@ fn gaps_cost_their_windows_and_are_named_by_channel_and_row() {
     });
     let (status, error, report) = identify("data.csv", &text, 20.0, CHANNELS);
     assert_eq!(status, 0, "{error}");
-    for part in ["north", "west", "windows are left out", "data.csv"] {
+    for part in
+        ["channel \"north\" has a gap of 20 samples", "\"west\": 3 missing samples", "windows are left out", "data.csv"]
+    {
         assert!(error.contains(part), "\"{part}\" is not in: {error}");
     }
+    assert_both_modes(&report);
+}
+
+#[test]
+fn a_gap_in_all_channels_is_told_once_and_gaps_and_not_the_study_are_why_segments_are_shorter() {
+    // A second is missing every 50 s.
+    let text = csv(&recording(), |row, column, value| match row % 1000 {
+        500..520 => "NaN".into(),
+        _ => plain(row, column, value),
+    });
+    let (status, error, report) = identify("data.csv", &text, 20.0, CHANNELS);
+    assert_eq!(status, 0, "{error}");
+    assert!(error.contains("all 4 channels have 24 gaps, 480 samples (24.000 s) in all, the first at"), "{error}");
+    assert!(error.contains("data.csv, line 502, 0:00:25 into the record"), "{error}");
+    assert_eq!(error.matches(" 24 gaps").count(), 1, "{error}");
+    assert_both_modes(&report);
+    let reasons = report.unwrap()["segments"]["reasons"].to_string();
+    assert!(reasons.contains("as gaps cost too many segments of") && !reasons.contains("[analysis]"), "{reasons}");
+}
+
+#[test]
+fn blocks_that_are_too_short_for_a_mode_are_told_with_what_would_do() {
+    let in_blocks = |block_s: f64| {
+        let folder = tempfile::tempdir().unwrap();
+        study(folder.path(), &[("first", "data.csv", 20.0)], CHANNELS);
+        fs::write(folder.path().join("data.csv"), csv(&recording(), plain)).unwrap();
+        let file = folder.path().join("study.toml");
+        let text = fs::read_to_string(&file).unwrap();
+        let rate = "sampling_rate_hz = 20\n";
+        assert!(text.contains(rate), "{text}");
+        fs::write(&file, text.replace(rate, &format!("{rate}block_s = {block_s:.1}\n"))).unwrap();
+        run(folder.path())
+    };
+    assert_fails(&in_blocks(10.0), &["the blocks of 10.0 s (block_s in [[setup]]) are too short", "need "]);
+    let (status, error, _) = in_blocks(40.0);
+    assert_eq!(status, 0, "{error}");
+    for part in [
+        "its blocks of 40 s (block_s) leave room for segments of",
+        "% of damping is 0.0",
+        "and blocks of",
+        "Damping may be far off",
+    ] {
+        assert!(error.contains(part), "\"{part}\" is not in: {error}");
+    }
+    let (status, error, report) = in_blocks(400.0);
+    assert_eq!(status, 0, "{error}");
+    assert!(!error.contains("(block_s)"), "{error}");
     assert_both_modes(&report);
 }
 

@@ -14,6 +14,7 @@ mod covariance;
 mod likeness;
 mod modes;
 mod opinion;
+mod rejected;
 mod stabilisation;
 mod subspace;
 #[cfg(test)]
@@ -24,6 +25,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::resonance::{Quantity, Resonance};
+use super::result::RejectedBecause;
 use super::setup::{MeasuredSetup, quantity};
 use super::shape::mac;
 use crate::spectra::{CrossSpectrum, LineGrid};
@@ -199,9 +201,25 @@ impl StablePole {
     }
 
     fn is_known_with(&self, share: f64) -> bool {
-        self.share >= share
-            && self.orders.len() >= CLEAR_ORDERS
-            && self.damping_ratio_std < CLEAR_DAMPING_STD * self.damping_ratio
+        self.lacks(share).is_none()
+    }
+
+    /// Why it is not clear; `None` where it is.
+    fn unclear_because(&self) -> Option<RejectedBecause> {
+        self.lacks(CLEAR_SHARE)
+    }
+
+    /// What it lacks to be known, if it should explain this share of the response.
+    fn lacks(&self, share: f64) -> Option<RejectedBecause> {
+        if self.orders.len() < CLEAR_ORDERS {
+            Some(RejectedBecause::Unstable)
+        } else if self.share.is_nan() || self.share < share {
+            Some(RejectedBecause::Weak)
+        } else if self.damping_ratio_std.is_nan() || self.damping_ratio_std >= CLEAR_DAMPING_STD * self.damping_ratio {
+            Some(RejectedBecause::Damping)
+        } else {
+            None
+        }
     }
 
     fn report(&self, setup: &str) -> SubspacePole {

@@ -6,6 +6,7 @@
 use rayon::prelude::*;
 
 use super::likeness::{NEAR_MAC, shape_in};
+use super::rejected::rejected;
 use super::stabilisation::StablePole;
 use super::{SetupPoles, SubspacePole, reach_hz};
 use crate::identify::accuracy::std_bounds;
@@ -47,15 +48,19 @@ pub fn identify_by_subspace(
     let grid = same_lines(measured)?;
     let setups: Vec<SetupPoles> = measured.par_iter().map(SetupPoles::of).collect();
     let mut warnings = Vec::new();
-    let chosen = chosen(&common(&setups, &grid), choice, &grid, &mut warnings);
+    let common = common(&setups, &grid);
+    let chosen = chosen(&common, choice, &grid, &mut warnings);
     if chosen.is_empty() && choice.only_hz.is_some() {
         return Err(none_in_band(&grid));
     }
+    let rejected = rejected(&setups, &common, &chosen, choice, grid.spacing_hz());
     let mut harmonics = Vec::new();
     let mut modes: Vec<Vec<&StablePole>> = Vec::new();
     let usual_damping = usual_damping(chosen.iter().flatten().map(|pole| pole.damping_ratio));
-    for poles in chosen {
-        match forced(measured, &poles, usual_damping, &grid) {
+    let asked_for = asked_for(&chosen, choice, grid.spacing_hz());
+    for (number, poles) in chosen.into_iter().enumerate() {
+        // What the user names is a mode whatever it looks like.
+        match forced(measured, &poles, usual_damping, &grid).filter(|_| !asked_for.contains(&number)) {
             Some(harmonic) => harmonics.push(harmonic),
             None => modes.push(poles),
         }
@@ -72,7 +77,7 @@ pub fn identify_by_subspace(
         record_s: measured.iter().map(|m| duration_s(m, &grid)).sum(),
         frequency_resolution_hz: grid.spacing_hz(),
         harmonics,
-        rejected: Vec::new(),
+        rejected,
         warnings,
         other_poles,
         stabilisation: measured.iter().zip(&setups).map(|(m, found)| found.diagram(&m.setup.name)).collect(),
@@ -201,7 +206,7 @@ fn common<'a>(setups: &'a [SetupPoles], grid: &LineGrid) -> Vec<Vec<&'a StablePo
     modes
 }
 
-fn mean_hz(poles: &[&StablePole]) -> f64 {
+pub(super) fn mean_hz(poles: &[&StablePole]) -> f64 {
     poles.iter().map(|pole| pole.frequency_hz).sum::<f64>() / poles.len().max(1) as f64
 }
 
@@ -238,6 +243,16 @@ fn chosen<'a>(
         None => !dropped.contains(at) && (is_clear(at) || added.contains(at)),
     };
     (0..poles.len()).filter(is_chosen).map(|at| poles[at].clone()).collect()
+}
+
+/// The places of the poles that the user names.
+fn asked_for(chosen: &[Vec<&StablePole>], choice: &ModeChoice, spacing_hz: f64) -> Vec<usize> {
+    let nearest = |&asked_hz: &f64| {
+        let distance_hz = |at: &usize| (mean_hz(&chosen[*at]) - asked_hz).abs();
+        let nearest = (0..chosen.len()).min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
+        nearest.filter(|at| distance_hz(at) <= meant_hz(spacing_hz, asked_hz))
+    };
+    choice.only_hz.iter().flatten().chain(&choice.add_hz).filter_map(nearest).collect()
 }
 
 /// The forced line that poles are of, where they have next to no damping and the response has the kurtosis of one.

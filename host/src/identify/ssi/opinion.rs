@@ -17,6 +17,7 @@ use crate::identify::setup::MeasuredSetup;
 use crate::identify::shape::mac;
 use crate::identify::{IdentifyError, Suggestion, identify_again, same_lines};
 use crate::spectra::LineGrid;
+use crate::statistics::places;
 use crate::study::ModeChoice;
 
 /// The methods disagree where they differ by more than this many of their standard deviations together.
@@ -37,6 +38,8 @@ const UNUSUAL: f64 = 2.0;
 /// Where the methods disagree the subspace is right if frequency and damping, each in units of its value, are known together this
 /// many times better than by the fit, which may have taken two modes for one.
 const MUCH_SURER: f64 = 3.0;
+/// Decimal places in sentences, at most.
+const MOST_PLACES: usize = 7;
 
 /// Adds a second opinion on every mode. Where the subspace has a pole and the fit no mode, the fit tries once more with that
 /// pole among its picks: picking is blind where modes lie close and move alike.
@@ -380,15 +383,19 @@ fn disagreement(mode: &Mode) -> Option<String> {
 /// What either method has.
 fn both(mode: &Mode, other: &SecondOpinion) -> String {
     format!(
-        "The fit of spectra has {:.5} ± {:.5} Hz and {:.2} ± {:.2} % damping, the subspace has {:.5} ± {:.5} Hz and {:.2} ± {:.2} %",
-        mode.frequency_hz,
-        mode.frequency_std_hz,
-        100.0 * mode.damping_ratio,
-        100.0 * mode.damping_ratio_std,
-        other.frequency_hz,
-        other.frequency_std_hz,
-        100.0 * other.damping_ratio,
-        100.0 * other.damping_ratio_std
+        "The fit of spectra has {}, the subspace has {}",
+        in_words(mode.frequency_hz, mode.frequency_std_hz, mode.damping_ratio, mode.damping_ratio_std),
+        in_words(other.frequency_hz, other.frequency_std_hz, other.damping_ratio, other.damping_ratio_std)
+    )
+}
+
+/// A frequency and a damping ratio with their deviations, each to two figures of the deviation.
+fn in_words(frequency_hz: f64, frequency_std_hz: f64, damping_ratio: f64, damping_ratio_std: f64) -> String {
+    let (percent, percent_std) = (100.0 * damping_ratio, 100.0 * damping_ratio_std);
+    let (of_frequency, of_damping) =
+        (places(&[frequency_std_hz], 3, MOST_PLACES), places(&[percent_std], 2, MOST_PLACES));
+    format!(
+        "{frequency_hz:.of_frequency$} ± {frequency_std_hz:.of_frequency$} Hz and {percent:.of_damping$} ± {percent_std:.of_damping$} % damping"
     )
 }
 
@@ -413,11 +420,8 @@ fn missing(identification: &Identification, setups: usize) -> Vec<String> {
                 .min_by(|a, b| (a - pole.frequency_hz).abs().total_cmp(&(b - pole.frequency_hz).abs()));
             let nearest = nearest.map_or(String::new(), |hz| format!("; its nearest mode is at {hz:.5} Hz"));
             warnings.push(format!(
-                "the subspace has a stable pole at {:.5} ± {:.5} Hz with {:.2} ± {:.2} % damping where the fit of spectra has no mode{nearest}. If it is a mode, add it with add_modes_hz in [analysis]",
-                pole.frequency_hz,
-                pole.frequency_std_hz,
-                100.0 * pole.damping_ratio,
-                100.0 * pole.damping_ratio_std
+                "the subspace has a stable pole at {} where the fit of spectra has no mode{nearest}. If it is a mode, add it with add_modes_hz in [analysis]",
+                in_words(pole.frequency_hz, pole.frequency_std_hz, pole.damping_ratio, pole.damping_ratio_std)
             ));
         }
     }

@@ -19,7 +19,7 @@ fn levels_are_those_of_the_samples() {
     assert_eq!((report.channels[1].mean, report.channels[1].rms), (5.0, 0.0));
     assert_eq!(report.warnings.len(), 1);
     let text = report.warnings[0].to_string();
-    assert!(text.contains("channel `2` is dead: every sample is 5"), "{text}");
+    assert!(text.contains("channel \"2\" is dead: every sample is 5"), "{text}");
 }
 
 #[test]
@@ -35,7 +35,11 @@ fn gaps_are_counted_over_blocks_and_files() {
     assert_eq!((channel.gaps[0].row, channel.gaps[0].rows, channel.gaps[0].position.at), (10, 1, At::Line(12)));
     assert_eq!((channel.gaps[1].row, channel.gaps[1].rows, channel.gaps[1].position.at), (4000, 200, At::Line(4002)));
     let text = report.warnings[0].to_string();
-    for part in ["channel `2`", "201 samples (4.020 s)", "2 gaps", "1.txt, line 12"] {
+    for part in [
+        "channel \"2\" has 2 gaps, 201 samples (4.020 s) in all",
+        "the first at",
+        "1.txt, line 12, 0:00:00 into the record",
+    ] {
         assert!(text.contains(part), "{text}");
     }
     assert_eq!(report.warnings.len(), 1);
@@ -60,6 +64,29 @@ fn between_joined_blocks_rows_are_missing_and_nothing_is_lost() {
 }
 
 #[test]
+fn a_gap_that_several_channels_share_is_told_once() {
+    let row = |row: u64| match row {
+        3000..3025 => "NaN NaN NaN NaN\n".to_owned(),
+        7000..7002 => format!("{row} NaN NaN 1\n"),
+        _ => format!("{row} {row} {row} {row}\n"),
+    };
+    let text: String = (0..9000).map(row).collect();
+    let folder = folder(&[("a.txt", text.as_bytes())]);
+    let texts = |channels: &[&str]| -> Vec<String> {
+        let (_, report) = read(&setup(channels, &["a.txt"]), folder.path()).unwrap();
+        report.warnings.iter().map(ToString::to_string).collect()
+    };
+    let told = texts(&["1", "4"]);
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].starts_with("both channels have a gap of 25 samples (0.500 s) at "), "{told:?}");
+    assert!(told[0].contains("a.txt, line 3001, 0:01:00 into the record"), "{told:?}");
+    let told = texts(&["1", "2", "3", "4"]);
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(told[0].starts_with("2 of 4 channels (\"1\", \"4\") have a gap of 25 samples"), "{told:?}");
+    assert!(told[1].starts_with("2 of 4 channels (\"2\", \"3\") have 2 gaps, 27 samples (0.540 s) in all"), "{told:?}");
+}
+
+#[test]
 fn many_gaps_keep_the_first_few() {
     let text: String = (0..100).map(|row| if row % 2 == 0 { "nan\n".into() } else { format!("{row}\n") }).collect();
     let folder = folder(&[("a.txt", text.as_bytes())]);
@@ -75,7 +102,7 @@ fn mostly_missing_channels_are_warned_of() {
     let (_, report) = read(&setup(&["1", "2", "3"], &["a.txt"]), folder.path()).unwrap();
     let texts: Vec<String> = report.warnings.iter().map(ToString::to_string).collect();
     assert_eq!(texts.len(), 4, "{texts:?}");
-    assert!(texts[1].contains("channel `2`: 66.7 %") && texts[3].contains("channel `3`: 100.0 %"), "{texts:?}");
+    assert!(texts[2].contains("channel \"2\": 66.7 %") && texts[3].contains("channel \"3\": 100.0 %"), "{texts:?}");
     assert!(report.channels[2].constant && report.channels[2].rms.is_nan());
     assert!(!report.channels[1].constant, "one sample has nothing to differ from");
 }

@@ -11,10 +11,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use thiserror::Error;
 
-use crate::spectra::SetupExtent;
 use crate::spectra::direct::Welch;
-use crate::spectra::plan::{PlanError, SpectralPlan};
-use crate::spectra::{CrossSpectrum, CrossSpectrumAccumulator, SpectraError};
+use crate::spectra::{CrossSpectrum, CrossSpectrumAccumulator, PlanError, SetupExtent, SpectraError, SpectralPlan};
 use crate::study::{Analysis, Sensor, Setup, Unit};
 
 /// Why there is no spectrum of a recording.

@@ -1,0 +1,124 @@
+//! What a user should know of a recording before trusting it, in sentences.
+
+use std::fmt;
+
+use super::error::FilePosition;
+
+/// Channels of a setup that have something in common.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Affected {
+    names: Vec<String>,
+    of: usize,
+}
+
+impl Affected {
+    /// Of the `of` channels of a setup, those of these names.
+    pub fn new(names: impl IntoIterator<Item = impl Into<String>>, of: usize) -> Self {
+        Self { names: names.into_iter().map(Into::into).collect(), of }
+    }
+
+    /// Their names.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// The word for one of them, or for several.
+    pub(crate) fn verb(&self, one: &'static str, several: &'static str) -> &'static str {
+        if self.names.len() == 1 { one } else { several }
+    }
+}
+
+impl fmt::Display for Affected {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names: Vec<String> = self.names.iter().map(|name| format!("\"{name}\"")).collect();
+        let names = names.join(", ");
+        match self.names.len() {
+            1 => write!(formatter, "channel {names}"),
+            2 if self.of == 2 => write!(formatter, "both channels"),
+            all if all == self.of => write!(formatter, "all {all} channels"),
+            some => write!(formatter, "{some} of {} channels ({names})", self.of),
+        }
+    }
+}
+
+/// What a user should know before trusting a recording.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs)] // the messages say what each field is
+pub enum RecordWarning {
+    /// The time column says that rows are missing.
+    TimeGap { position: FilePosition, rows: u64, seconds: f64 },
+    /// More gaps than are worth listing; the figures are for all of them.
+    TimeGaps { count: u64, rows: u64, seconds: f64 },
+    /// The same samples of these channels are missing from rows that are there.
+    MissingSamples { channels: Affected, samples: u64, seconds: f64, gap_count: u64, first: FilePosition, first_s: f64 },
+    /// More than half of the samples of these channels are missing.
+    MostlyMissing { channels: Affected, percent: f64 },
+    /// These channels do not move at all.
+    Constant { channels: Affected, value: f64 },
+}
+
+impl fmt::Display for RecordWarning {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TimeGap { position, rows, seconds } => write!(
+                formatter,
+                "{position}: gap in time: {rows} rows ({seconds:.3} s) are missing in all channels before it; they count as missing samples"
+            ),
+            Self::TimeGaps { count, rows, seconds } => write!(
+                formatter,
+                "{count} gaps in time altogether: {rows} rows ({seconds:.3} s) are missing in all channels"
+            ),
+            Self::MissingSamples { channels, samples, seconds, gap_count, first, first_s } => {
+                let have = channels.verb("has", "have");
+                let noun = if *samples == 1 { "sample" } else { "samples" };
+                let (gaps, which, they) = match gap_count {
+                    1 => (format!("a gap of {samples} {noun} ({seconds:.3} s)"), "", "it touches"),
+                    count => {
+                        (format!("{count} gaps, {samples} {noun} ({seconds:.3} s) in all"), ", the first", "they touch")
+                    }
+                };
+                let into = time_of_day(*first_s);
+                write!(
+                    formatter,
+                    "{channels} {have} {gaps}{which} at {first}, {into} into the record; the analysis leaves out the segments that {they}"
+                )
+            }
+            Self::MostlyMissing { channels, percent } => {
+                let sensors = channels.verb("the sensor", "these sensors");
+                let of_each = channels.verb("", " of each");
+                write!(
+                    formatter,
+                    "{channels}: {percent:.1} % of the samples{of_each} are missing; consider leaving {sensors} out of the setup"
+                )
+            }
+            Self::Constant { channels, value } => write!(
+                formatter,
+                "{channels} {}: every sample is {value}; check {}, or leave {} out of the setup",
+                channels.verb("is dead", "are dead"),
+                channels.verb("the sensor and its cable", "the sensors and their cables"),
+                channels.verb("the sensor", "them")
+            ),
+        }
+    }
+}
+
+/// Hours, minutes and seconds.
+pub(crate) fn time_of_day(seconds: f64) -> String {
+    let seconds = seconds.round() as u64;
+    format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_are_named_unless_all_are_meant() {
+        let some = |names: &[&str], of: usize| Affected::new(names.iter().copied(), of).to_string();
+        assert_eq!(some(&["a"], 1), "channel \"a\"");
+        assert_eq!(some(&["a"], 20), "channel \"a\"");
+        assert_eq!(some(&["a", "b"], 2), "both channels");
+        assert_eq!(some(&["a", "b"], 3), "2 of 3 channels (\"a\", \"b\")");
+        assert_eq!(some(&["a", "b", "c"], 3), "all 3 channels");
+    }
+}
