@@ -1,8 +1,8 @@
 //! Modes that are narrow for the lines at hand, from finer ones.
 //!
-//! A cross-spectral matrix of all channels wants two averages a channel, and so leaves short segments and coarse lines. A mode that is
-//! found already wants far fewer: behind its filter there is a matrix of one or a few modes, whose likelihood takes any number of averages
-//! (Au 2017, chapter 12, with a single one). A setup's windows and what is known of its modes flow in; the same modes from windows several
+//! A cross-spectral matrix of all channels wants four averages a channel, or two at least, and so leaves short segments and coarse lines. A
+//! mode that is found already wants far fewer: behind its filter there is a matrix of one or a few modes, whose likelihood takes any number
+//! of averages (Au 2017, chapter 12, with a single one). A setup's windows and what is known of its modes flow in; the same modes from windows several
 //! times as long flow out.
 
 use super::bell::BellFit;

@@ -1,8 +1,9 @@
 //! The plan: how far to decimate, and how long a segment is.
 //!
 //! Long segments resolve close modes, many segments make the average trustworthy. Where the study leaves the choice open,
-//! the plan takes the finest line spacing that still leaves two averages a channel (and 32 in all): with fewer the
-//! cross-spectral matrix nears rank deficiency, and modal coherence loses its meaning (Brincker, Andersen, Jacobsen 2007).
+//! the plan takes the finest line spacing that still leaves four averages a channel (and 32 in all), or two where these lines
+//! are coarse for the lowest modes: with fewer the cross-spectral matrix nears rank deficiency, and modal coherence loses
+//! its meaning (Brincker, Andersen, Jacobsen 2007).
 //! What the host transforms itself may have longer segments than what nodes transform, as far as memory goes.
 
 use belfry_shared::decimation::{Stages, USABLE_FRACTION};
@@ -14,9 +15,12 @@ use super::grid::LineGrid;
 use super::sums::triangle;
 use crate::study::Analysis;
 
-/// Averages a channel that picking modes by coherence needs. Twice as many would make lines twice as coarse, which join close modes of a
-/// short record, and pick no less from noise: nothing (`records --case still-short`).
+/// Averages a channel that picking modes by coherence needs: in noise alone nothing is picked with so few (`records --case still-short`).
 pub const AVERAGES_A_CHANNEL: usize = 2;
+/// Averages a channel that a chosen segment leaves where its lines are fine enough even so, which is less work for the same modes.
+const PREFERRED_A_CHANNEL: usize = 4;
+/// Lines are fine enough at this share of the lowest frequency: one lies in the bandwidth of a mode of 1 % damping there.
+const FINE_SHARE: f64 = 0.02;
 /// Averages that a chosen segment leaves at least, however few channels there are: with 32 a spectrum scatters by 18 %.
 const LEAST_AVERAGES: usize = 32;
 /// The first line where the band is open: below, the Hann window's main lobe mixes with what is left of mean and drift.
@@ -218,8 +222,9 @@ impl SpectralPlan {
         let averages = |candidate: &&Candidate| -> usize { candidate.windows.iter().sum() };
         // Every setup by itself needs a matrix of full rank, with room for a few windows that gaps may cost.
         let full = |(windows, setup): (&usize, &SetupExtent)| *windows >= setup.channels + setup.channels / 4;
-        let enough = |candidate: &&Candidate| {
-            averages(candidate) >= wanted.max(LEAST_AVERAGES) && candidate.windows.iter().zip(setups).all(full)
+        let enough = |candidate: &&Candidate, a_channel: usize| {
+            averages(candidate) >= (a_channel * channels).max(LEAST_AVERAGES)
+                && candidate.windows.iter().zip(setups).all(full)
         };
         let complete = |candidate: &&Candidate| candidate.windows.iter().all(|&windows| windows > 0);
         let fits = |candidate: &&Candidate| {
@@ -227,10 +232,20 @@ impl SpectralPlan {
                 || candidate.segment <= LONGEST_OF_NODES
                 || candidate.grid(analysis).is_ok_and(|grid| bytes(setups, grid.lines) <= MOST_BYTES)
         };
-        let best = candidates
-            .iter()
-            .filter(|candidate| complete(candidate) && fits(candidate))
-            .find(enough)
+        let finest = |a_channel: usize| {
+            let mut possible = candidates.iter().filter(|candidate| complete(candidate) && fits(candidate));
+            possible.find(|candidate| enough(candidate, a_channel)).map(|candidate| (candidate, a_channel))
+        };
+        let is_fine = |candidate: &Candidate| {
+            let lowest_hz = analysis.band_hz.map_or(0.0, |[low_hz, _]| low_hz);
+            candidate.spacing_hz() <= FINE_SHARE * lowest_hz
+        };
+        let chosen = finest(PREFERRED_A_CHANNEL)
+            .filter(|(candidate, _)| is_fine(candidate))
+            .or_else(|| finest(AVERAGES_A_CHANNEL));
+        let a_channel = chosen.map_or(AVERAGES_A_CHANNEL, |(_, a_channel)| a_channel);
+        let best = chosen
+            .map(|(candidate, _)| candidate)
             .or_else(|| candidates.iter().filter(complete).max_by_key(averages))
             .ok_or_else(|| too_short(setups, &candidates))?;
         let grid = best.grid(analysis)?;
@@ -241,7 +256,7 @@ impl SpectralPlan {
             channels,
             missing_min: (wanted - averages) as f64 * grid.segment as f64 / 2.0 / grid.sampling_rate_hz / 60.0,
         });
-        let limits = Limits { longest, enough: wanted.max(LEAST_AVERAGES), after_gaps };
+        let limits = Limits { longest, enough: (a_channel * channels).max(LEAST_AVERAGES), after_gaps };
         let reason = reason(setups, analysis, best, &grid, limits);
         Ok(Self { grid, decimations: best.decimations.clone(), windows: best.windows.clone(), few_averages, reason })
     }
@@ -451,14 +466,14 @@ mod tests {
     }
 
     #[test]
-    fn an_hour_of_twenty_channels_gets_the_finest_spacing_with_eighty_averages() {
+    fn an_hour_of_twenty_channels_gets_the_finest_spacing_with_forty_averages() {
         let hour = SetupExtent { sampling_rate_hz: 50.0, rows: 180_000, channels: 20, block_rows: None };
         let plan = SpectralPlan::choose(&[hour], &analysis([0.05, 1.5])).unwrap();
-        assert_eq!((plan.decimations[0], plan.grid.segment), (8, 512));
-        assert_eq!((plan.windows[0], plan.few_averages), (86, None));
+        assert_eq!((plan.decimations[0], plan.grid.segment), (8, 1024));
+        assert_eq!((plan.windows[0], plan.few_averages), (42, None));
         assert_eq!(
             plan.reason,
-            "Rate: 6.25 Hz (50 / 8), free of aliases in the band. Segments: 512 points, 81.9 s, the finest lines that leave 80 averages; 86 here. Lines: 118 from 0.061035 to 1.4893 Hz, every 0.012207 Hz."
+            "Rate: 6.25 Hz (50 / 8), free of aliases in the band. Segments: 1024 points, 163.8 s, the finest lines that leave 40 averages; 42 here. Lines: 237 from 0.054932 to 1.4954 Hz, every 0.0061035 Hz."
         );
         assert!(plan.grid.frequency_hz(0) >= 0.05 && plan.grid.frequency_hz(plan.grid.lines - 1) <= 1.5);
     }
@@ -499,9 +514,9 @@ mod tests {
         let plan = SpectralPlan::choose(&[ten_minutes], &fixed).unwrap();
         assert_eq!((plan.decimations[0], plan.grid.segment, plan.windows[0]), (10, 512, 10));
         let few = plan.few_averages.unwrap();
-        // 70 more windows of 51.2 s.
-        assert!((few.missing_min - 70.0 * 51.2 / 60.0).abs() < 0.01);
-        assert!(few.to_string().contains("record 60 min more"), "{few}");
+        // 30 more windows of 51.2 s.
+        assert!((few.missing_min - 30.0 * 51.2 / 60.0).abs() < 0.01);
+        assert!(few.to_string().contains("record 26 min more"), "{few}");
         assert!(plan.reason.contains("5 Hz (50 / 10), as [analysis] says. Segments: 512 points"), "{}", plan.reason);
     }
 
