@@ -19,8 +19,9 @@ use crate::study::Analysis;
 pub const AVERAGES_A_CHANNEL: usize = 2;
 /// Averages a channel that a chosen segment leaves where its lines are fine enough even so, which is less work for the same modes.
 const PREFERRED_A_CHANNEL: usize = 4;
-/// Lines are fine enough at this share of the lowest frequency: one lies in the bandwidth of a mode of 1 % damping there.
-const FINE_SHARE: f64 = 0.02;
+/// Lines are fine enough at this share of the band's lowest frequency: a band begins at half of the lowest mode's or so, and then one line
+/// lies in that mode's bandwidth if its damping is 1.25 %.
+const FINE_SHARE: f64 = 0.05;
 /// Averages that a chosen segment leaves at least, however few channels there are: with 32 a spectrum scatters by 18 %.
 const LEAST_AVERAGES: usize = 32;
 /// The first line where the band is open: below, the Hann window's main lobe mixes with what is left of mean and drift.
