@@ -9,6 +9,9 @@ use crate::spectra::{BAND_HALVES, CrossSpectrum, ENVELOPE_HALF, around};
 /// A harmonic's kurtosis is below this; where it is also this many standard deviations below a mode's, it is a harmonic.
 pub(super) const HARMONIC_KURTOSIS: f64 = 2.25;
 const HARMONIC_SIGMAS: f64 = 3.5;
+/// Of fewer windows than this a tone would not be so far from 3, as the standard deviation grows; but a Gaussian's estimates hardly go
+/// further down for it: of 40 independent windows 1 in 4000 has less than 2.03, of 13 less than 1.71.
+const TAIL_WINDOWS: f64 = 80.0;
 /// Where a force's frequency wanders, the power in a band about it varies by less than this share of what noise has at least...
 const STEADY_SHARE: f64 = 0.4;
 /// ...and the pick's line is one of the band's strongest: it has this share of the most.
@@ -17,6 +20,8 @@ const OWN_SHARE: f64 = 0.1;
 /// less [`CHANCE`] n to the power of -0.23 once in 10 000 times (found by drawing it, for 20 to 300 values).
 const GAUSSIAN_ENVELOPE: f64 = 1.5;
 const CHANCE: [f64; 2] = [0.86, -0.23];
+/// Lines to either side of a tone that are its own: the Hann window's main lobe.
+const LOBE_LINES: usize = 2;
 /// Windows for one independent value: a lightly damped mode's envelope hardly changes from one window to the next.
 const WINDOWS_A_VALUE: f64 = 3.0;
 /// Weaker evidence of a force that is there at times, which counts only beside other evidence, in the same units. Drawn as above with three
@@ -67,23 +72,36 @@ impl Kurtosis {
 
 /// The kurtosis of the response at a pick, or in a band about it where that is a harmonic's.
 pub(super) fn kurtosis(measured: &[MeasuredSetup<'_>], pick: &Pick) -> Kurtosis {
-    let at_pick = |spectrum: &CrossSpectrum, channel: usize| [spectrum.kurtosis(pick.line)[channel]];
-    let [value] = pooled(measured, pick, at_pick);
     let windows = measured.iter().map(|m| m.spectrum.averages() as f64).sum::<f64>();
     let effective = windows / OVERLAP_VARIANCE;
-    // Mean and standard deviation of 1.5 <|X|^4>/<|X|^2>^2 for a Gaussian response.
-    let expected = 3.0 * effective / (effective + measured.len() as f64);
-    let deviation = 3.0 / effective.sqrt();
-    let at_line = Kurtosis { value, sigmas_below: (expected - value) / deviation, wanders_lines: 0, on_share: 1.0 };
+    let at_line = at_line(measured, pick, pick.line, effective);
     if at_line.is_harmonics() {
         return at_line;
     }
     let wandering = (0..BAND_HALVES.len()).filter_map(|width| wandering(measured, pick, width, effective));
+    let wandering = wandering.filter(|found| !is_beside_steady(measured, pick, found.wanders_lines, effective));
     let elsewhere = wandering
         .max_by(|a, b| a.sigmas_below.total_cmp(&b.sigmas_below))
         .or_else(|| on_and_off(measured, pick, windows));
     // What is no proof by itself may be one beside a width that no mode has.
     elsewhere.filter(|found| found.is_harmonics() || !at_line.is_low()).unwrap_or(at_line)
+}
+
+/// The kurtosis at a line, where a pick moves most.
+fn at_line(measured: &[MeasuredSetup<'_>], pick: &Pick, line: usize, effective: f64) -> Kurtosis {
+    let [value] = pooled(measured, pick, |spectrum, channel| [spectrum.kurtosis(line)[channel]]);
+    // Mean and standard deviation of 1.5 <|X|^4>/<|X|^2>^2 for a Gaussian response.
+    let expected = 3.0 * effective / (effective + measured.len() as f64);
+    let deviation = 3.0 / effective.max(TAIL_WINDOWS).sqrt();
+    Kurtosis { value, sigmas_below: (expected - value) / deviation, wanders_lines: 0, on_share: 1.0 }
+}
+
+/// Whether it is a force of one frequency beside the pick that keeps the power of the band steady: no line of one that wanders is steady
+/// by itself.
+fn is_beside_steady(measured: &[MeasuredSetup<'_>], pick: &Pick, half: usize, effective: f64) -> bool {
+    let lines = measured.first().map_or(0, |m| m.spectrum.grid().lines);
+    let is_beside = |line: &usize| line.abs_diff(pick.line) > LOBE_LINES;
+    around(pick.line, half, lines).filter(is_beside).any(|line| at_line(measured, pick, line, effective).is_harmonics())
 }
 
 /// Values of the channel that moves most at a pick, which carries least noise: the mean over the setups by their averages.

@@ -19,9 +19,9 @@ use crate::study::Analysis;
 pub const AVERAGES_A_CHANNEL: usize = 2;
 /// Averages a channel that a chosen segment leaves where its lines are fine enough even so, which is less work for the same modes.
 const PREFERRED_A_CHANNEL: usize = 4;
-/// Lines are fine enough at this share of the band's lowest frequency: a band begins at half of the lowest mode's or so, and then one line
-/// lies in that mode's bandwidth if its damping is 1.25 %.
-const FINE_SHARE: f64 = 0.05;
+/// Lines are fine enough at this share of the band's lowest frequency, which is half of the lowest mode's or so. More lines would cost
+/// averages, which tell machines from modes by how steady they are.
+const FINE_SHARE: f64 = 0.5;
 /// Averages that a chosen segment leaves at least, however few channels there are: with 32 a spectrum scatters by 18 %.
 const LEAST_AVERAGES: usize = 32;
 /// The first line where the band is open: below, the Hann window's main lobe mixes with what is left of mean and drift.
@@ -467,16 +467,24 @@ mod tests {
     }
 
     #[test]
-    fn an_hour_of_twenty_channels_gets_the_finest_spacing_with_forty_averages() {
+    fn an_hour_of_twenty_channels_gets_the_finest_spacing_with_eighty_averages() {
         let hour = SetupExtent { sampling_rate_hz: 50.0, rows: 180_000, channels: 20, block_rows: None };
         let plan = SpectralPlan::choose(&[hour], &analysis([0.05, 1.5])).unwrap();
-        assert_eq!((plan.decimations[0], plan.grid.segment), (8, 1024));
-        assert_eq!((plan.windows[0], plan.few_averages), (42, None));
+        assert_eq!((plan.decimations[0], plan.grid.segment), (8, 512));
+        assert_eq!((plan.windows[0], plan.few_averages), (86, None));
         assert_eq!(
             plan.reason,
-            "Rate: 6.25 Hz (50 / 8), free of aliases in the band. Segments: 1024 points, 163.8 s, the finest lines that leave 40 averages; 42 here. Lines: 237 from 0.054932 to 1.4954 Hz, every 0.0061035 Hz."
+            "Rate: 6.25 Hz (50 / 8), free of aliases in the band. Segments: 512 points, 81.9 s, the finest lines that leave 80 averages; 86 here. Lines: 118 from 0.061035 to 1.4893 Hz, every 0.012207 Hz."
         );
         assert!(plan.grid.frequency_hz(0) >= 0.05 && plan.grid.frequency_hz(plan.grid.lines - 1) <= 1.5);
+    }
+
+    #[test]
+    fn ten_minutes_have_two_averages_a_channel_where_four_would_join_the_lowest_modes() {
+        let ten_minutes = SetupExtent { sampling_rate_hz: 50.0, rows: 30_000, channels: 20, block_rows: None };
+        let windows = |band_hz| SpectralPlan::choose(&[ten_minutes], &analysis(band_hz)).unwrap().windows[0];
+        assert!((40..80).contains(&windows([0.05, 1.5])), "{}", windows([0.05, 1.5]));
+        assert!(windows([1.0, 10.0]) >= 80, "{}", windows([1.0, 10.0]));
     }
 
     #[test]

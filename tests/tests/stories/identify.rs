@@ -76,8 +76,8 @@ fn the_demo_finds_every_mode_of_the_tower_and_no_other_and_its_deviations_are_ho
         of_all += squares;
         assert_eq!(outcome["link"]["lost_windows"], 0);
         assert!(number(&outcome["link"]["damaged_frames"]) > 50.0, "the link must have been a bad one");
-        // 42 windows of 8 nodes, each exactly once.
-        assert_eq!(outcome["link"]["windows"], 336);
+        // 86 windows of 8 nodes, each exactly once.
+        assert_eq!(outcome["link"]["windows"], 688);
     }
     // Over 39 of them the root is 1 ± 0.11.
     let rms = (of_all / 39.0).sqrt();

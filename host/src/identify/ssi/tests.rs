@@ -164,8 +164,8 @@ fn the_subspace_alone_finds_the_modes_of_a_tower_with_honest_deviations() {
         damping_z.extend(score.damping_z);
         shape_z.extend(score.shape_z);
     }
-    // 48 modes, the closest 3.3 % apart; a weak one hides from the subspace in one of twenty (14 of 288 over 24 seeds).
-    assert!(missed <= 4 && spurious <= 1, "{missed} missed, {spurious} spurious");
+    // 48 modes, the closest 3.3 % apart; a weak one may hide.
+    assert!(missed <= 1 && spurious <= 1, "{missed} missed, {spurious} spurious");
     // The rms of 47 standard normal numbers is 1 ± 0.1; deviations from some twenty groups make it 1.05.
     for z in [frequency_z, damping_z, shape_z] {
         assert!((0.7..1.4).contains(&rms(&z)), "{}", rms(&z));
