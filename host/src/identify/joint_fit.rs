@@ -206,10 +206,11 @@ impl JointFit {
             let spectra_mixed = &spectra * mixed.adjoint();
             let noise_mixed = &noise * inverse.adjoint();
             derivatives.start();
-            for pair in 0..2 {
-                for mode in 0..size {
+            // First all frequencies, then all dampings.
+            for unknown in 0..2 {
+                for (mode, moved) in moved.iter().enumerate() {
                     // What the mode's row of P changes by; half of it on the diagonal, which its column has as well.
-                    let [more, less] = &moved[mode][pair];
+                    let [more, less] = &moved[unknown];
                     let [at_more, at_less] = [more, less].map(|row| row.at(frequency_hz, self.slopes[mode]));
                     for (other, change) in change.iter_mut().enumerate() {
                         let place = [mode, other];
