@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 use num_complex::Complex64;
 
-use super::resonance::{LineShape, Quantity, Resonance};
+use super::resonance::{LineShape, Resonance};
 
 /// A mode's transfer function s^n / ((s - p)(s - p*)): n is 2 where force makes acceleration, 1 where it makes velocity.
 #[derive(Debug, Clone, Copy)]
@@ -23,11 +23,7 @@ impl Transfer {
         let resonance = shape.resonance();
         let zeta = resonance.damping_ratio;
         let pole = Complex64::new(-zeta, (1.0 - zeta * zeta).sqrt()) * (TAU * resonance.frequency_hz);
-        let zeros = match resonance.quantity {
-            Quantity::Acceleration => 2,
-            Quantity::Velocity => 1,
-        };
-        Self { pole, zeros }
+        Self { pole, zeros: resonance.quantity.derivatives() }
     }
 
     fn at(self, s: Complex64) -> Complex64 {
@@ -44,31 +40,26 @@ impl Transfer {
     }
 }
 
-/// Two modes, ready to be asked at many frequencies.
+/// Two modes: what their cross density has of either pole.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Crossing {
-    transfers: [Transfer; 2],
-    /// What the density has of each pole.
+struct Crossing {
     residues: [Complex64; 2],
     scale: f64,
 }
 
 impl Crossing {
     /// The density of `first` times that of `second`, conjugate.
-    pub(super) fn new(first: &LineShape, second: &LineShape) -> Self {
-        let [a, b] = [first, second].map(Transfer::of);
-        let scale = 1.0 / (a.own() * b.own()).sqrt();
-        Self { transfers: [a, b], residues: [a.residue() * b.at(-a.pole), b.residue() * a.at(-b.pole)], scale }
+    fn new(first: Transfer, second: Transfer) -> Self {
+        let scale = 1.0 / (first.own() * second.own()).sqrt();
+        let residues = [first.residue() * second.at(-first.pole), second.residue() * first.at(-second.pole)];
+        Self { residues, scale }
     }
 
-    /// The expected cross density of modes of unit level under forces of coherence 1 and phase 0. `halves` are the two modes'
-    /// [`LineShape::symmetric_half`] there.
-    pub(super) fn density(&self, frequency_hz: f64, halves: [Complex64; 2]) -> Complex64 {
-        let s = Complex64::new(0.0, TAU * frequency_hz);
-        let [a, b] = self.transfers;
-        let [of_a, of_b] = self.residues;
-        let smeared = of_a * (halves[0] - 1.0 / (s - a.pole)) + (of_b * (halves[1] - 1.0 / (s - b.pole))).conj();
-        self.scale * (a.at(s) * b.at(s).conj() + smeared)
+    /// The expected cross density of modes of unit level under white forces of coherence 1 and phase 0.
+    fn density(&self, first: At, second: At) -> Complex64 {
+        let [of_first, of_second] = self.residues;
+        let smeared = of_first * first.smeared + (of_second * second.smeared).conj();
+        self.scale * (first.transfer * second.transfer.conj() + smeared)
     }
 }
 
@@ -76,23 +67,24 @@ impl Crossing {
 #[derive(Debug, Clone)]
 pub(super) struct Row {
     shape: LineShape,
+    transfer: Transfer,
     crossings: Vec<Crossing>,
 }
 
 impl Row {
     pub(super) fn new(shape: LineShape, all: &[LineShape]) -> Self {
-        Self { crossings: all.iter().map(|other| Crossing::new(&shape, other)).collect(), shape }
+        let transfer = Transfer::of(&shape);
+        let crossings = all.iter().map(|other| Crossing::new(transfer, Transfer::of(other))).collect();
+        Self { shape, transfer, crossings }
     }
 
-    /// The entry with mode `other`, the row being mode `mode`, of unit level. `own` and `others` are what is the same for a whole line.
-    pub(super) fn entry(&self, place: [usize; 2], own: At, others: &[At], frequency_hz: f64) -> Complex64 {
-        let [mode, other] = place;
+    /// The entry with mode `other` of unit level, the row being mode `mode`; `own` and `others` are the modes at the same line.
+    pub(super) fn entry(&self, [mode, other]: [usize; 2], own: At, others: &[At]) -> Complex64 {
         if mode == other {
-            // Rounding must not make a density negative where next to nothing is left of it.
-            return Complex64::from(self.shape.density_of(own.half, frequency_hz).max(0.0) * own.colour * own.colour);
+            return Complex64::from(own.density * own.colour * own.colour);
         }
         let there = others[other];
-        self.crossings[other].density(frequency_hz, [own.half, there.half]) * (own.colour * there.colour)
+        self.crossings[other].density(own, there) * (own.colour * there.colour)
     }
 
     /// The mode at a line, under a force whose density goes as f to the power of `slope`.
@@ -100,15 +92,27 @@ impl Row {
     /// The colour multiplies the whole density, not the pole's phase alone: far from a resonance that is damped a lot its tilt would make
     /// the density negative.
     pub(super) fn at(&self, frequency_hz: f64, slope: f64) -> At {
+        let half = self.shape.symmetric_half(frequency_hz);
+        let s = Complex64::new(0.0, TAU * frequency_hz);
         let ratio = frequency_hz / self.shape.resonance().frequency_hz;
-        At { half: self.shape.symmetric_half(frequency_hz), colour: ratio.powf(0.5 * slope) }
+        At {
+            transfer: self.transfer.at(s),
+            smeared: half - 1.0 / (s - self.transfer.pole),
+            // Rounding must not make a density negative where next to nothing is left of it.
+            density: self.shape.density_of(half, frequency_hz).max(0.0),
+            colour: ratio.powf(0.5 * slope),
+        }
     }
 }
 
 /// A mode at a line.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct At {
-    half: Complex64,
+    transfer: Complex64,
+    /// What the window adds to 1 / (s - p).
+    smeared: Complex64,
+    /// The mode's own density under a white force.
+    density: f64,
     /// The root of the force's colour, 1 at the mode's own frequency.
     colour: f64,
 }
@@ -122,14 +126,16 @@ pub(super) fn rows(resonances: &[Resonance], duration_s: f64) -> Vec<Row> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identify::resonance::Quantity;
 
     fn shape(frequency_hz: f64, damping_ratio: f64, quantity: Quantity, duration_s: f64) -> LineShape {
         Resonance { frequency_hz, damping_ratio, quantity }.line_shape(duration_s)
     }
 
     fn density(first: &LineShape, second: &LineShape, frequency_hz: f64) -> Complex64 {
-        let halves = [first, second].map(|shape| shape.symmetric_half(frequency_hz));
-        Crossing::new(first, second).density(frequency_hz, halves)
+        let all = [*first, *second];
+        let [a, b] = all.map(|shape| Row::new(shape, &all));
+        a.crossings[1].density(a.at(frequency_hz, 0.0), b.at(frequency_hz, 0.0))
     }
 
     #[test]

@@ -7,7 +7,7 @@ use num_complex::Complex64;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::bell::{Bell, BellFit};
-use super::joint::{JointFit, Seen};
+use super::joint::Seen;
 use super::scatter::jackknife;
 
 /// Chance makes fits look as bad as this once in so many modes; what is worse is something that the model of the spectrum lacks.
@@ -26,21 +26,19 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    /// What a mode of a joint fit looks like; `with_fit` says whether to ask what the fit expects.
-    pub(super) fn of_joint(fit: &JointFit, seen: &Seen, place: usize, with_fit: bool) -> Self {
-        let expected = |(&hz, spectra): (&f64, DMatrix<Complex64>)| {
-            let all = &fit.mixture * &spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz);
-            [spectra[(place, place)].re, all[(place, place)].re]
-        };
+    /// What a mode of a joint fit looks like, where it is at `place`; `expected` has P and S at each line, if the fit was asked.
+    pub(super) fn of_joint(
+        seen: &Seen,
+        expected: Option<(&[DMatrix<Complex64>], &[DMatrix<Complex64>])>,
+        place: usize,
+    ) -> Self {
+        let own = |matrix: &DMatrix<Complex64>| matrix[(place, place)].re;
+        let expected =
+            expected.map(|(alone, all)| alone.iter().zip(all).map(|(alone, all)| [own(alone), own(all)]).collect());
         Self {
             frequency_hz: seen.frequency_hz.clone(),
-            measured: seen.matrices.iter().map(|matrix| matrix[(place, place)].re).collect(),
-            expected: if with_fit {
-                let spectra = fit.modal_spectra(&seen.frequency_hz, seen.duration_s);
-                seen.frequency_hz.iter().zip(spectra).map(expected).collect()
-            } else {
-                Vec::new()
-            },
+            measured: seen.matrices.iter().map(own).collect(),
+            expected: expected.unwrap_or_default(),
         }
     }
 

@@ -94,10 +94,18 @@ impl JointFit {
         let size = rows.len();
         let at_line = |&hz: &f64| {
             let at: Vec<At> = rows.iter().zip(&self.slopes).map(|(row, &slope)| row.at(hz, slope)).collect();
-            let entry = |i: usize, j: usize| self.amplitude(i, j) * rows[i].entry([i, j], at[i], &at, hz);
+            let entry = |i: usize, j: usize| self.amplitude(i, j) * rows[i].entry([i, j], at[i], &at);
             DMatrix::from_fn(size, size, entry)
         };
         frequency_hz.iter().map(at_line).collect()
+    }
+
+    /// S at each of the lines, from P there.
+    pub(super) fn expected(&self, spectra: &[DMatrix<Complex64>], seen: &Seen) -> Vec<DMatrix<Complex64>> {
+        let at_line = |(&hz, spectra): (&f64, &DMatrix<Complex64>)| {
+            &self.mixture * spectra * self.mixture.adjoint() + self.noise_seen(seen, hz)
+        };
+        seen.frequency_hz.iter().zip(spectra).map(at_line).collect()
     }
 
     /// D V D at a frequency, modes x modes.

@@ -187,7 +187,7 @@ impl JointFit {
             let mut unit = square(modes, |_, _| Complex64::ZERO);
             for i in 0..size {
                 for j in i..size {
-                    unit[(i, j)] = own[i].entry([i, j], at[i], &at, frequency_hz);
+                    unit[(i, j)] = own[i].entry([i, j], at[i], &at);
                     unit[(j, i)] = unit[(i, j)].conj();
                 }
             }
@@ -214,8 +214,7 @@ impl JointFit {
                     let [at_more, at_less] = [more, less].map(|row| row.at(frequency_hz, self.slopes[mode]));
                     for (other, change) in change.iter_mut().enumerate() {
                         let place = [mode, other];
-                        let difference = more.entry(place, at_more, &at, frequency_hz)
-                            - less.entry(place, at_less, &at, frequency_hz);
+                        let difference = more.entry(place, at_more, &at) - less.entry(place, at_less, &at);
                         let share = if other == mode { 0.25 } else { 0.5 };
                         *change = amplitude[(mode, other)] * difference * (share / step);
                     }
@@ -398,12 +397,7 @@ mod tests {
         truth.noise = vec![4.0, 4.0];
         truth.noise_correlation[(0, 1)] = Complex64::new(0.0, -0.5);
         truth.noise_correlation[(1, 0)] = Complex64::new(0.0, 0.5);
-        let expected = |(&hz, spectra): (&f64, DMatrix<Complex64>)| {
-            &truth.mixture * spectra * truth.mixture.adjoint() + truth.noise_seen(&seen, hz)
-        };
-        let spectra = truth.modal_spectra(&seen.frequency_hz, seen.duration_s);
-        let matrices: Vec<DMatrix<Complex64>> = seen.frequency_hz.iter().zip(spectra).map(expected).collect();
-        seen.matrices = matrices;
+        seen.matrices = truth.expected(&truth.modal_spectra(&seen.frequency_hz, seen.duration_s), &seen);
         let mut fit = JointFit::start(vec![resonance(0.998, 0.015), resonance(1.048, 0.01)], vec![1.0, 1.0]);
         for _ in 0..3 {
             fit = fit.fit(&seen, &[[0.98, 1.07]; 2], MAX_STEPS).unwrap();

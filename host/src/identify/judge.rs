@@ -23,7 +23,7 @@ const MIN_SHOWN_DAMPING: f64 = 1e-4;
 /// But not of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's.
 const FORCED_SIGMAS: f64 = 2.0;
 /// Less evidence of a force that is there at times will do where the damping is this share of what the other picks have.
-const UNUSUAL_DAMPING: f64 = 0.1;
+pub(super) const UNUSUAL_DAMPING: f64 = 0.1;
 /// Picks this far from each other, as a share of the frequency and in lines, do not bend each other.
 const FAR_SHARE: f64 = 0.1;
 const FAR_LINES: f64 = 20.0;

@@ -4,6 +4,7 @@
 
 use super::pick::{OVERLAP_VARIANCE, Pick};
 use super::setup::MeasuredSetup;
+use super::tone::LOBE_LINES;
 use crate::spectra::{BAND_HALVES, CrossSpectrum, ENVELOPE_HALF, around};
 
 /// A harmonic's kurtosis is below this; where it is also this many standard deviations below a mode's, it is a harmonic.
@@ -20,8 +21,6 @@ const OWN_SHARE: f64 = 0.1;
 /// less [`CHANCE`] n to the power of -0.23 once in 10 000 times (found by drawing it, for 20 to 300 values).
 const GAUSSIAN_ENVELOPE: f64 = 1.5;
 const CHANCE: [f64; 2] = [0.86, -0.23];
-/// Lines to either side of a tone that are its own: the Hann window's main lobe.
-const LOBE_LINES: usize = 2;
 /// Windows for one independent value: a lightly damped mode's envelope hardly changes from one window to the next.
 const WINDOWS_A_VALUE: f64 = 3.0;
 /// Weaker evidence of a force that is there at times, which counts only beside other evidence, in the same units. Drawn as above with three
@@ -100,7 +99,7 @@ fn at_line(measured: &[MeasuredSetup<'_>], pick: &Pick, line: usize, effective: 
 /// by itself.
 fn is_beside_steady(measured: &[MeasuredSetup<'_>], pick: &Pick, half: usize, effective: f64) -> bool {
     let lines = measured.first().map_or(0, |m| m.spectrum.grid().lines);
-    let is_beside = |line: &usize| line.abs_diff(pick.line) > LOBE_LINES;
+    let is_beside = |line: &usize| line.abs_diff(pick.line) as f64 > LOBE_LINES;
     around(pick.line, half, lines).filter(is_beside).any(|line| at_line(measured, pick, line, effective).is_harmonics())
 }
 

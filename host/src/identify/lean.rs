@@ -5,7 +5,7 @@
 //! one has the other sign in all modes. Nothing is asked of its size.
 
 use super::result::Mode;
-use super::setup::MeasuredSetup;
+use super::setup::{MeasuredSetup, each_once, of_setup};
 use super::ssi::component_of;
 use crate::study::{Motion, Sensor, Setup, Unit};
 
@@ -28,29 +28,21 @@ pub(crate) fn lean_suspicions(modes: &[Mode], measured: &[MeasuredSetup<'_>]) ->
 }
 
 fn suspicions(modes: &[Mode], setups: &[&Setup]) -> Vec<String> {
-    let mut sentences = Vec::new();
-    let mut points: Vec<&str> = Vec::new();
-    for setup in setups {
-        for sensor in setup.sensors.iter().filter(|sensor| is_tilt(sensor)) {
-            if sensor.reference && points.contains(&sensor.point.as_str()) {
-                continue;
-            }
-            points.push(&sensor.point);
-            let reversed = reversed_in(modes, setups, &setup.name, sensor);
-            if reversed.is_empty() {
-                continue;
-            }
-            let of = if setups.len() > 1 { format!(" of setup \"{}\"", setup.name) } else { String::new() };
-            let hz: Vec<String> = reversed.iter().map(|hz| format!("{hz:.4}")).collect();
-            sentences.push(format!(
-                "channel \"{}\"{of} seems to be reversed: in {} at {} Hz it leans to one side, and the sensors of its direction show a lean to the other. Turn its azimuth_deg in study.toml by 180 degrees, unless these are reversed",
+    let tilts = setups
+        .iter()
+        .flat_map(|setup| setup.sensors.iter().filter(|sensor| is_tilt(sensor)).map(|sensor| (*setup, sensor)));
+    let sentence = |(setup, sensor): (&Setup, &Sensor)| {
+        let reversed = reversed_in(modes, setups, &setup.name, sensor);
+        let hz: Vec<String> = reversed.iter().map(|hz| format!("{hz:.4}")).collect();
+        (!hz.is_empty()).then(|| format!(
+                "channel \"{}\"{} seems to be reversed: in {} at {} Hz it leans to one side, and the sensors of its direction show a lean to the other. Turn its azimuth_deg in study.toml by 180 degrees, unless these are reversed",
                 sensor.channel,
+                of_setup(&setup.name, setups.len() > 1),
                 if hz.len() == 1 { "the mode" } else { "the modes" },
                 hz.join(", ")
-            ));
-        }
-    }
-    sentences
+            ))
+    };
+    each_once(tilts).filter_map(sentence).collect()
 }
 
 fn is_tilt(sensor: &Sensor) -> bool {

@@ -10,10 +10,10 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use num_complex::Complex64;
 
 use super::result::Mode;
-use super::setup::MeasuredSetup;
+use super::setup::{MeasuredSetup, each_once, of_setup};
 use super::shape::phase_collinearity;
 use super::ssi::component_of;
-use crate::study::Sensor;
+use crate::study::{Sensor, Setup};
 
 /// A component counts where it is this share of the mode's largest, and its phase is known within so many radians.
 const LARGE: f64 = 0.03;
@@ -53,19 +53,12 @@ struct Channel {
 
 /// Says which channels are recorded as another quantity than study.toml says, or late.
 pub(crate) fn phase_suspicions(modes: &[Mode], measured: &[MeasuredSetup<'_>]) -> Vec<String> {
-    let mut channels: Vec<Channel> = Vec::new();
-    let mut points: Vec<&str> = Vec::new();
-    for m in measured {
-        let setup = if measured.len() > 1 { format!(" of setup \"{}\"", m.setup.name) } else { String::new() };
-        for sensor in &m.setup.sensors {
-            if sensor.reference && points.contains(&sensor.point.as_str()) {
-                continue;
-            }
-            points.push(&sensor.point);
-            let values = modes.iter().map(|mode| counted(mode, &m.setup.name, sensor)).collect();
-            channels.push(Channel { name: format!("\"{}\"{setup}", sensor.channel), values });
-        }
-    }
+    let sensors = measured.iter().flat_map(|m| m.setup.sensors.iter().map(|sensor| (m.setup, sensor)));
+    let channel = |(setup, sensor): (&Setup, &Sensor)| Channel {
+        name: format!("\"{}\"{}", sensor.channel, of_setup(&setup.name, measured.len() > 1)),
+        values: modes.iter().map(|mode| counted(mode, &setup.name, sensor)).collect(),
+    };
+    let channels: Vec<Channel> = each_once(sensors).map(channel).collect();
     let frequencies_hz: Vec<f64> = modes.iter().map(|mode| mode.frequency_hz).collect();
     sentences(&channels, &suspected(&frequencies_hz, &channels))
 }

@@ -39,13 +39,14 @@ pub(super) struct Beside {
 
 /// The motion of all channels with the pole of each of the cluster's modes, so that what its filter (a row of `filters`,
 /// modes x channels) makes of it is 1; `None` where there are too few lines to tell it from the rest. `beside` has the nearest
-/// first, `noise` is a channel's density beside the modes.
+/// first, `noise` is a channel's density beside the modes, and `expected` what the filters should see of everything, line by line.
 pub(super) fn residues(
     fit: &JointFit,
     filters: &DMatrix<Complex64>,
     beside: &[Beside],
     noise: f64,
     seen: &Seen,
+    expected: &[DMatrix<Complex64>],
     matrices: &[&DMatrix<Complex64>],
 ) -> Option<Vec<Shape>> {
     let size = fit.resonances.len();
@@ -78,14 +79,6 @@ pub(super) fn residues(
         }
     });
     let channels = filters.ncols();
-    // What the filters should see of the modes, line by line.
-    let spectra = fit.modal_spectra(&seen.frequency_hz, seen.duration_s);
-    let expected = seen
-        .frequency_hz
-        .iter()
-        .zip(spectra)
-        .map(|(&hz, spectra)| &fit.mixture * spectra * fit.mixture.adjoint() + fit.noise_seen(seen, hz));
-    let expected: Vec<DMatrix<Complex64>> = expected.collect();
     let of_mode = |mode: usize| -> Option<Shape> {
         let row = filters.rows(mode, 1).adjoint();
         // Variance of the cross spectrum with noise on the channel.

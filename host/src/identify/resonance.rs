@@ -19,9 +19,14 @@ impl Quantity {
     /// How many times the angle asin zeta, by which the pole leans, an autocorrelation's phase at lag 0 is: that of the
     /// displacement is -1, and every derivative of both responses adds 2.
     fn turns(self) -> f64 {
+        f64::from(2 * self.derivatives() - 1)
+    }
+
+    /// How many times the displacement is derived.
+    pub(super) fn derivatives(self) -> i32 {
         match self {
-            Self::Acceleration => 3.0,
-            Self::Velocity => 1.0,
+            Self::Acceleration => 2,
+            Self::Velocity => 1,
         }
     }
 }

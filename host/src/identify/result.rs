@@ -7,6 +7,7 @@ use super::covariance::CovarianceFactor;
 use super::fit::Basis;
 use super::kurtosis::HARMONIC_KURTOSIS;
 use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
+use super::tone::LOBE_LINES;
 
 /// The modes of a structure, with how much data stands behind them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -212,9 +213,6 @@ pub struct OnInPart {
 }
 
 impl Harmonic {
-    /// Lines to either side that are a forced line's own.
-    const OWN_LINES: f64 = 2.0;
-
     /// Whether its kurtosis tells it from a mode; otherwise its frequency is known better than that of any mode could be.
     pub fn is_told_by_kurtosis(&self) -> bool {
         self.kurtosis * self.on_share < HARMONIC_KURTOSIS
@@ -222,7 +220,7 @@ impl Harmonic {
 
     /// Whether what is found at a frequency may be this forced line.
     pub(super) fn covers(&self, frequency_hz: f64, spacing_hz: f64) -> bool {
-        (frequency_hz - self.frequency_hz).abs() < Self::OWN_LINES * spacing_hz + self.wanders_hz
+        (frequency_hz - self.frequency_hz).abs() < LOBE_LINES * spacing_hz + self.wanders_hz
     }
 }
 

@@ -4,7 +4,7 @@
 //! the height, so a channel that is wrong makes them rough, and what mends it makes them smooth again. No model is needed.
 
 use super::result::Mode;
-use super::setup::MeasuredSetup;
+use super::setup::{MeasuredSetup, of_setup};
 use super::ssi::component_of;
 use crate::study::Sensor;
 
@@ -261,8 +261,7 @@ fn with(values: &[Vec<f64>], fault: Fault) -> Vec<Vec<f64>> {
 fn sentence(channels: &[Channel<'_>], fault: Fault, has_setups: bool) -> String {
     let name = |at: usize| {
         let channel = &channels[at];
-        let setup = if has_setups { format!(" of setup \"{}\"", channel.setup) } else { String::new() };
-        format!("{}{setup}", channel.sensor.channel)
+        format!("{}{}", channel.sensor.channel, of_setup(channel.setup, has_setups))
     };
     let (what, effect) = match fault {
         Fault::Reversed(at) => (

@@ -10,7 +10,7 @@ use super::setup::MeasuredSetup;
 use crate::spectra::{CrossSpectrum, ENVELOPE_HALF, LineGrid, around};
 
 /// Lines to either side that are a tone's whatever its size: the Hann window's main lobe.
-const LOBE_LINES: f64 = 2.0;
+pub(super) const LOBE_LINES: f64 = 2.0;
 /// Of a line's power, how much may be a tone's where modes are fitted.
 const LEAST_SHARE: f64 = 0.03;
 /// Lines to either side that a tone takes at most.

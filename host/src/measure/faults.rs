@@ -33,15 +33,12 @@ pub(super) fn silenced_sentences(setup: &Setup, grid: &LineGrid, silenced: &[Sil
     alike.into_iter().map(sentence).collect()
 }
 
-/// Channels that have the same in common; those with nothing are left out.
-fn channels_by<K: Ord>(setup: &Setup, what: impl Iterator<Item = Option<K>>) -> BTreeMap<K, Affected> {
-    let mut alike: BTreeMap<K, Vec<&str>> = BTreeMap::new();
-    for (sensor, what) in setup.sensors.iter().zip(what) {
-        if let Some(what) = what {
-            alike.entry(what).or_default().push(&sensor.channel);
-        }
-    }
-    alike.into_iter().map(|(what, names)| (what, Affected::new(names, setup.sensors.len()))).collect()
+/// Channels that have the same in common, in its order; those with nothing are left out.
+fn channels_by<K: Ord>(setup: &Setup, what: impl Iterator<Item = Option<K>>) -> Vec<(K, Affected)> {
+    let names = setup.sensors.iter().map(|sensor| sensor.channel.as_str());
+    let mut alike = Affected::alike(names.zip(what));
+    alike.sort_by(|(a, _), (b, _)| a.cmp(b));
+    alike
 }
 
 /// Channels by their indices in the setup's order.

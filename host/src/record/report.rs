@@ -177,20 +177,12 @@ impl Statistics {
     }
 }
 
-/// What is so in some channels, once for all that have the same in common, in the order of the first of them.
+/// [`Affected::alike`] of channels' reports.
 fn alike<'a, T: PartialEq>(
     channels: &'a [ChannelReport],
     what: impl Fn(&'a ChannelReport) -> Option<T>,
 ) -> Vec<(T, Affected)> {
-    let mut groups: Vec<(T, Vec<&str>)> = Vec::new();
-    for report in channels {
-        let Some(here) = what(report) else { continue };
-        match groups.iter_mut().find(|(other, _)| *other == here) {
-            Some((_, names)) => names.push(&report.channel),
-            None => groups.push((here, vec![&report.channel])),
-        }
-    }
-    groups.into_iter().map(|(what, names)| (what, Affected::new(names, channels.len()))).collect()
+    Affected::alike(channels.iter().map(|report| (report.channel.as_str(), what(report))))
 }
 
 impl ChannelSums {

@@ -17,6 +17,22 @@ impl Affected {
         Self { names: names.into_iter().map(Into::into).collect(), of }
     }
 
+    /// What is so in some of a setup's channels, once for all that have the same in common, in the order of the first of them; the
+    /// channels come with their names.
+    pub(crate) fn alike<'a, T: PartialEq>(channels: impl Iterator<Item = (&'a str, Option<T>)>) -> Vec<(T, Self)> {
+        let mut of = 0;
+        let mut groups: Vec<(T, Vec<&str>)> = Vec::new();
+        for (name, what) in channels {
+            of += 1;
+            let Some(here) = what else { continue };
+            match groups.iter_mut().find(|(other, _)| *other == here) {
+                Some((_, names)) => names.push(name),
+                None => groups.push((here, vec![name])),
+            }
+        }
+        groups.into_iter().map(|(what, names)| (what, Self::new(names, of))).collect()
+    }
+
     /// Their names.
     pub fn names(&self) -> &[String] {
         &self.names

@@ -223,9 +223,8 @@ impl SpectralPlan {
         let averages = |candidate: &&Candidate| -> usize { candidate.windows.iter().sum() };
         // Every setup by itself needs a matrix of full rank, with room for a few windows that gaps may cost.
         let full = |(windows, setup): (&usize, &SetupExtent)| *windows >= setup.channels + setup.channels / 4;
-        let enough = |candidate: &&Candidate, a_channel: usize| {
-            averages(candidate) >= (a_channel * channels).max(LEAST_AVERAGES)
-                && candidate.windows.iter().zip(setups).all(full)
+        let has = |candidate: &&Candidate, enough: usize| {
+            averages(candidate) >= enough && candidate.windows.iter().zip(setups).all(full)
         };
         let complete = |candidate: &&Candidate| candidate.windows.iter().all(|&windows| windows > 0);
         let fits = |candidate: &&Candidate| {
@@ -233,21 +232,20 @@ impl SpectralPlan {
                 || candidate.segment <= LONGEST_OF_NODES
                 || candidate.grid(analysis).is_ok_and(|grid| bytes(setups, grid.lines) <= MOST_BYTES)
         };
-        let finest = |a_channel: usize| {
+        let finest = |enough: usize| {
             let mut possible = candidates.iter().filter(|candidate| complete(candidate) && fits(candidate));
-            possible.find(|candidate| enough(candidate, a_channel)).map(|candidate| (candidate, a_channel))
+            possible.find(|candidate| has(candidate, enough)).map(|candidate| (candidate, enough))
         };
+        let [preferred, least] =
+            [PREFERRED_A_CHANNEL, AVERAGES_A_CHANNEL].map(|a_channel| (a_channel * channels).max(LEAST_AVERAGES));
         let is_fine = |candidate: &Candidate| {
             let lowest_hz = analysis.band_hz.map_or(0.0, |[low_hz, _]| low_hz);
             candidate.spacing_hz() <= FINE_SHARE * lowest_hz
         };
-        let chosen = finest(PREFERRED_A_CHANNEL)
+        let (best, enough) = finest(preferred)
             .filter(|(candidate, _)| is_fine(candidate))
-            .or_else(|| finest(AVERAGES_A_CHANNEL));
-        let a_channel = chosen.map_or(AVERAGES_A_CHANNEL, |(_, a_channel)| a_channel);
-        let best = chosen
-            .map(|(candidate, _)| candidate)
-            .or_else(|| candidates.iter().filter(complete).max_by_key(averages))
+            .or_else(|| finest(least))
+            .or_else(|| Some((candidates.iter().filter(complete).max_by_key(averages)?, least)))
             .ok_or_else(|| too_short(setups, &candidates))?;
         let grid = best.grid(analysis)?;
         let averages: usize = best.windows.iter().sum();
@@ -257,7 +255,7 @@ impl SpectralPlan {
             channels,
             missing_min: (wanted - averages) as f64 * grid.segment as f64 / 2.0 / grid.sampling_rate_hz / 60.0,
         });
-        let limits = Limits { longest, enough: (a_channel * channels).max(LEAST_AVERAGES), after_gaps };
+        let limits = Limits { longest, enough, after_gaps };
         let reason = reason(setups, analysis, best, &grid, limits);
         Ok(Self { grid, decimations: best.decimations.clone(), windows: best.windows.clone(), few_averages, reason })
     }

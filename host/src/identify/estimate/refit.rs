@@ -53,8 +53,10 @@ impl State {
         let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| self.limits_hz(mode)).collect();
         let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
         let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
-        let curve = |place| Curve::of_joint(&fit, &seen, place, effort.certainty);
-        let curves: Vec<Curve> = (0..modes.len()).map(curve).collect();
+        let spectra = fit.modal_spectra(&seen.frequency_hz, seen.duration_s);
+        let expected = fit.expected(&spectra, &seen);
+        let of_curves = effort.certainty.then_some((spectra.as_slice(), expected.as_slice()));
+        let curves: Vec<Curve> = (0..modes.len()).map(|place| Curve::of_joint(&seen, of_curves, place)).collect();
         let width_hz = range_hz[1] - range_hz[0];
         let is_near = |other: &&usize| self.outside_hz(**other, range_hz) < BESIDE * width_hz;
         let beside: Vec<Beside> = stopped
@@ -62,7 +64,7 @@ impl State {
             .filter(is_near)
             .map(|&other| Beside { resonance: self.fits[other].resonance, level: self.fits[other].level })
             .collect();
-        let shapes = match residues(&fit, &filters.rows, &beside, noise, &seen, &lines) {
+        let shapes = match residues(&fit, &filters.rows, &beside, noise, &seen, &expected, &lines) {
             Some(shapes) => shapes.into_iter().map(of_unit_length).collect::<Option<Vec<_>>>()?,
             None => regressed_shapes(&fit, &filters, &seen, &lines)?,
         };

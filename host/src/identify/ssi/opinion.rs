@@ -11,6 +11,7 @@ use super::stabilisation::StablePole;
 use super::{SecondOpinion, SetupPoles, SubspacePole, reach_hz};
 use crate::identify::choice::{asked_for, meant_hz};
 use crate::identify::fit::usual_damping;
+use crate::identify::judge::UNUSUAL_DAMPING;
 use crate::identify::merge::{combine, number};
 use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause};
 use crate::identify::setup::MeasuredSetup;
@@ -28,9 +29,8 @@ const MOST_TRIALS: usize = 3;
 /// one that the subspace has is known so well.
 const LEAST_DAMPING_SIGMAS: f64 = 2.0;
 const SURE_DAMPING_SIGMAS: f64 = 4.0;
-/// Of so many where it is less than this share of what the other modes have: of thousands of lines of noise one is that high now and then.
+/// Of so many where it is unusually little beside the other modes': of thousands of lines of noise one is that high now and then.
 const NARROW_DAMPING_SIGMAS: f64 = 3.0;
-const NARROW: f64 = 0.1;
 /// Two modes are twins within this share of the narrower one's bandwidth.
 const TWIN_BANDWIDTHS: f64 = 0.3;
 /// That counts where the deviation is this many times the lower bound: in a short record even a clear mode's damping is hardly known.
@@ -210,7 +210,7 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
     let is_any_sure = identification.modes.iter().any(|mode| is_seen(mode) && !is_sharp(mode, SURE_DAMPING_SIGMAS));
     let usual_damping = usual_damping(identification.modes.iter().map(|mode| mode.damping_ratio));
     let is_unseen = |mode: &Mode| {
-        let is_narrow = mode.damping_ratio < NARROW * usual_damping && is_sharp(mode, NARROW_DAMPING_SIGMAS);
+        let is_narrow = mode.damping_ratio < UNUSUAL_DAMPING * usual_damping && is_sharp(mode, NARROW_DAMPING_SIGMAS);
         // Where nothing at all is confirmed, finer lines may have given a width to a peak of noise.
         let is_lone_line = !is_any_seen && mode.bandwidth_hz() < spacing_hz;
         // Noise that is not white has wide bumps.
