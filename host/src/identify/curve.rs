@@ -27,14 +27,10 @@ pub(super) struct Curve {
 
 impl Curve {
     /// What a mode of a joint fit looks like, where it is at `place`; `expected` has P and S at each line, if the fit was asked.
-    pub(super) fn of_joint(
-        seen: &Seen,
-        expected: Option<(&[DMatrix<Complex64>], &[DMatrix<Complex64>])>,
-        place: usize,
-    ) -> Self {
+    pub(super) fn of_joint(seen: &Seen, expected: Option<[&[DMatrix<Complex64>]; 2]>, place: usize) -> Self {
         let own = |matrix: &DMatrix<Complex64>| matrix[(place, place)].re;
         let expected =
-            expected.map(|(alone, all)| alone.iter().zip(all).map(|(alone, all)| [own(alone), own(all)]).collect());
+            expected.map(|[alone, all]| alone.iter().zip(all).map(|(alone, all)| [own(alone), own(all)]).collect());
         Self {
             frequency_hz: seen.frequency_hz.clone(),
             measured: seen.matrices.iter().map(own).collect(),

@@ -55,7 +55,7 @@ impl State {
         let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
         let spectra = fit.modal_spectra(&seen.frequency_hz, seen.duration_s);
         let expected = fit.expected(&spectra, &seen);
-        let of_curves = effort.certainty.then_some((spectra.as_slice(), expected.as_slice()));
+        let of_curves = effort.certainty.then_some([spectra.as_slice(), expected.as_slice()]);
         let curves: Vec<Curve> = (0..modes.len()).map(|place| Curve::of_joint(&seen, of_curves, place)).collect();
         let width_hz = range_hz[1] - range_hz[0];
         let is_near = |other: &&usize| self.outside_hz(**other, range_hz) < BESIDE * width_hz;
