@@ -207,7 +207,7 @@ def main():
                     command = [BELFRY, "identify", folder, "--direct"]
                     found = belfry(folder)
                 else:
-                    command = [python, __file__, "--child", method, folder, case]
+                    command = [sys.executable, __file__, "--child", method, folder, case]
                     found = json.loads(run(command)[0].splitlines()[-1])
                 _, cpu = run(command)
                 rows.append((cpu, peak_mb(command), score(found, frequencies, shapes)))
