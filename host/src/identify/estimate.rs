@@ -117,9 +117,12 @@ pub(super) fn estimate(
     let source = Source::Averages(spectrum);
     let matrices = Matrices::new(source, None, taken);
     let mut state = State::start(quantity, setup, picks, &matrices);
+    // One by one, close modes would leave the place where all were seen together.
+    state.wanted = picks.iter().map(|pick| !pick.is_known).collect();
     for _ in 0..ROUNDS {
         state.improve(&matrices);
     }
+    state.wanted.fill(true);
     state.fit_clusters(&matrices);
     let mut modes = finer::refined(state.concluded(source, taken), spectrum, &state, taken);
     plane::widen_lone(&matrices, &mut modes[..picks.iter().filter(|pick| !pick.is_machine).count()]);

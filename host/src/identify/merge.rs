@@ -5,6 +5,9 @@
 //! combined by their variances. What is uncertain of the references makes the scales uncertain, and with them all points of a setup.
 
 use std::collections::BTreeMap;
+use std::f64::consts::FRAC_1_SQRT_2;
+
+use nalgebra::{DMatrix, DVector};
 
 use super::accuracy::std_bounds;
 use super::covariance::{self, Numbers};
@@ -20,6 +23,10 @@ use crate::spectra::LineGrid;
 const MIN_REFERENCE_SHARE: f64 = 0.05;
 /// A shape that is uncertain by this share has no direction of its own among close modes.
 const PAIR_NOISE: f64 = 0.25;
+/// Poles closer than this many of their standard deviations, in frequency and damping together, are not told apart.
+const TWIN_SIGMAS: f64 = 3.0;
+/// The root mean square of the sine of an angle that may be any.
+const ANY_DIRECTION: f64 = FRAC_1_SQRT_2;
 /// Setups disagree when their frequencies differ by this many standard deviations.
 const DISAGREEMENT_SIGMAS: f64 = 4.0;
 
@@ -41,6 +48,7 @@ pub(super) fn merge(
         })
         .collect();
     merged.sort_by(|(a, _), (b, _)| a.frequency_hz.total_cmp(&b.frequency_hz));
+    widen_twins(&mut merged);
     let (mut modes, changes): (Vec<Mode>, Vec<GroupChanges>) = merged.into_iter().unzip();
     let factors = covariance::factors(&modes.iter().zip(&changes).map(numbers).collect::<Vec<_>>(), grid.spacing_hz());
     modes.iter_mut().zip(factors).for_each(|(mode, factor)| mode.covariance_factor = factor);
@@ -56,6 +64,37 @@ fn numbers<'a>((mode, changes): (&Mode, &'a GroupChanges)) -> Numbers<'a> {
         bandwidth_hz: mode.bandwidth_hz(),
         stds: stds.chain(mode.shape.iter().map(|component| component.std)).collect(),
         changes,
+    }
+}
+
+/// Gives two modes whose poles the record does not tell apart any direction in the plane of both: all that a spectrum shows of such twins
+/// is the sum of what they do. The replicates turn together with the whole record, so that their scatter does not show it. Of poles that are
+/// further apart the scatter shows what is linear, and what it leaves out falls with the square of their distance.
+fn widen_twins(modes: &mut [(Mode, GroupChanges)]) {
+    let real = |mode: &Mode| DVector::from_iterator(mode.shape.len(), mode.shape.iter().map(|part| part.re));
+    for upper in 1..modes.len() {
+        let [(a, of_a), (b, of_b)] = &mut modes[upper - 1..=upper] else { continue };
+        let apart = |a: f64, b: f64, stds: [f64; 2]| (b - a) / stds[0].hypot(stds[1]);
+        let sigmas = apart(a.frequency_hz, b.frequency_hz, [a.frequency_std_hz, b.frequency_std_hz]).hypot(apart(
+            a.damping_ratio,
+            b.damping_ratio,
+            [a.damping_ratio_std, b.damping_ratio_std],
+        ));
+        let overlap = b.frequency_hz - a.frequency_hz < a.bandwidth_hz().max(b.bandwidth_hz());
+        if !overlap || sigmas.is_nan() {
+            continue;
+        }
+        let share = ANY_DIRECTION * (TWIN_SIGMAS / sigmas).min(1.0).powi(2);
+        let (shape_a, shape_b) = (real(a), real(b));
+        for (mode, changes, own, other) in [(a, of_a, &shape_a, &shape_b), (b, of_b, &shape_b, &shape_a)] {
+            let beside = other - own * (own.dot(other) / own.norm_squared());
+            let length = beside.norm();
+            if length > 0.0 && changes.beside.ncols() == 0 {
+                let direction = beside * (share * own.norm() / length);
+                mode.shape.iter_mut().zip(direction.iter()).for_each(|(part, error)| part.std = part.std.hypot(*error));
+                changes.beside = DMatrix::from_columns(&[direction]);
+            }
+        }
     }
 }
 

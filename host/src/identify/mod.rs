@@ -178,7 +178,8 @@ fn identify_again(
         pick.unseen = nearest.is_none_or(|mode| mode.second_opinion.is_none());
         nearest.is_none_or(|mode| !without.contains(&mode.number))
     });
-    basis.picks.extend(suggestions.iter().map(|suggestion| pick::suggested(&grid, measured, suggestion)));
+    let suggested = |suggestion| Pick { is_known: true, ..pick::suggested(&grid, measured, suggestion) };
+    basis.picks.extend(suggestions.iter().map(suggested));
     basis.picks.sort_by_key(|pick| pick.line);
     Ok(fit::fit(measured, &grid, basis, found.singular_values.clone()))
 }
@@ -232,15 +233,22 @@ pub fn mode_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
     let singular: Vec<SingularValues> = pick::sources(measured).iter().map(SingularValues::of).collect();
     let (harmonics, picks) = pick::pick(&grid, measured, &singular).into_iter().partition(Pick::is_harmonics);
     let found = fit::fit(measured, &grid, Basis { picks, harmonics, ..Basis::default() }, Vec::new());
-    let stands_far_out = |frequency_hz: f64| {
-        let line = grid.nearest_line(frequency_hz);
+    // Where many modes share a few lines, their shapes change from line to line, and nothing there passes for a mode.
+    let stands_far_out = |line: &usize| {
+        let line = *line;
         singular.iter().any(|setup| {
             let value = |line: usize| setup.at(line).value;
-            let mut about: Vec<f64> = around(line, FAR_OUT_LINES, grid.lines).map(value).collect();
-            median(&mut about).is_some_and(|median| value(line) > FAR_OUT * median)
+            let is_peak = value(line) > value(line - 1) && value(line) >= value(line + 1);
+            let about = || around(line, FAR_OUT_LINES, grid.lines).map(value).collect::<Vec<f64>>();
+            is_peak && median(&mut about()).is_some_and(|median| value(line) > FAR_OUT * median)
         })
     };
-    let hidden = found.rejected.iter().map(|peak| peak.frequency_hz).filter(|&hz| stands_far_out(hz));
+    let is_told = |hz: &f64| {
+        let is_mode = |mode: &Mode| (mode.frequency_hz - hz).abs() < grid.spacing_hz() + 0.5 * mode.bandwidth_hz();
+        found.harmonics.iter().any(|tone| tone.covers(*hz, grid.spacing_hz())) || found.modes.iter().any(is_mode)
+    };
+    let hidden = (1..grid.lines.saturating_sub(1)).filter(stands_far_out);
+    let hidden = hidden.map(|line| grid.frequency_hz(line)).filter(|hz| !is_told(hz));
     let mut frequencies_hz: Vec<f64> = found.modes.iter().map(|mode| mode.frequency_hz).chain(hidden).collect();
     frequencies_hz.sort_by(f64::total_cmp);
     frequencies_hz

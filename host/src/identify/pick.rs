@@ -21,8 +21,8 @@ use super::estimate::LEEWAY_LINES;
 use super::kurtosis::{Kurtosis, kurtosis};
 use super::matrices::Source;
 use super::setup::MeasuredSetup;
-use super::shape::{Shape, mac};
-use super::singular::{Leading, NOISE_EDGE_CHANNELS, SingularValues, leading, noise_edge};
+use super::shape::{Shape, filtered, mac};
+use super::singular::{Leading, NOISE_EDGE_CHANNELS, SingularValues, edge_over_density, leading, noise_edge};
 use crate::spectra::{LineGrid, around};
 
 /// How many standard deviations (of the difference of two pooled log spectra) a peak must stand out by.
@@ -33,6 +33,12 @@ const PROMINENCE_SIGMAS_ALONE: f64 = 5.0;
 pub(super) const NOISE_FACTOR: f64 = 2.0;
 /// What is left below a mode must be at least this share of the mode itself: smaller remains can be its own distortion.
 const LEAST_REMAINS: f64 = 1e-2;
+/// A peak is so many standard deviations above what lies about it: of thousands of lines, one of noise is in one record of a thousand.
+const CHANCE_SIGMAS: f64 = 5.0;
+/// Lines of a peak that are looked at together, at most.
+const WIDEST_PEAK: usize = 64;
+/// So many neighbouring lines of Hann's window hold as much as one: squares of their correlations, 2/3 and 1/6, on either side.
+const JOINED_LINES: f64 = 1.94;
 /// MAC above which neighbouring lines count as moving alike.
 const COHERENT: f64 = 0.8;
 /// Two directions count as a pair where the second singular value is this share of the first, and there are channels enough for a
@@ -64,6 +70,8 @@ pub(super) struct Pick {
     pub(super) by_user: bool,
     /// Frequency in Hz and damping ratio, where another method suggests the mode.
     pub(super) suggested: Option<(f64, f64)>,
+    /// Whether the suggestion has seen all modes about, so that a joint fit may start from it.
+    pub(super) is_known: bool,
     /// Whether another method was asked, and does not have the mode.
     pub(super) unseen: bool,
     /// How far from the pick a mode may be whose bandwidth is next to nothing, in lines.
@@ -81,6 +89,7 @@ impl Pick {
             kurtosis: Kurtosis::OF_A_MODE,
             by_user: false,
             suggested: None,
+            is_known: false,
             unseen: false,
             within_lines: LEEWAY_LINES,
             is_machine: false,
@@ -212,7 +221,10 @@ fn pooled_mac(a: &[Shape], b: &[Shape]) -> f64 {
 }
 
 /// The pooled spectrum of some lines, with some picks taken out.
-struct Layer {
+struct Layer<'a> {
+    sources: &'a [Source<'a>],
+    /// The whole matrices' decomposition.
+    singular: &'a [SingularValues],
     first_line: usize,
     /// One decomposition a line and setup: `lines[line][setup]`.
     lines: Vec<Vec<Leading>>,
@@ -224,12 +236,14 @@ struct Layer {
     log_edge: Vec<Option<f64>>,
 }
 
-impl Layer {
-    fn new(sources: &[Source<'_>], singular: &[SingularValues], out: &[&Pick], region: Range<usize>) -> Self {
+impl<'a> Layer<'a> {
+    fn new(sources: &'a [Source<'a>], singular: &'a [SingularValues], out: &[&Pick], region: Range<usize>) -> Self {
         let setups = sources.len().max(1) as f64;
         let mean_log =
             |values: &mut dyn Iterator<Item = f64>| values.map(|v| v.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / setups;
         let mut layer = Self {
+            sources,
+            singular,
             first_line: region.start,
             lines: Vec::with_capacity(region.len()),
             log_first: Vec::new(),
@@ -272,7 +286,11 @@ impl Layer {
             .filter(|&line| curve[line] > curve[line - 1] && curve[line] >= curve[line + 1])
             .map(|line| (curve[line] - saddle(curve, line), line))
             .filter(|&(height, line)| {
-                height >= prominence && self.is_significant(line) && self.coherence(line, sides) >= COHERENT
+                height >= prominence
+                    && self.is_significant(line)
+                    && self.coherence(line, sides) >= COHERENT
+                    && self.is_above_own_noise(line)
+                    && self.is_beyond_chance(line)
             })
             .collect();
         peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -282,6 +300,56 @@ impl Layer {
     fn is_significant(&self, line: usize) -> bool {
         let above_noise = self.log_edge[line].is_none_or(|edge| self.log_first[line] >= edge + NOISE_FACTOR.ln());
         above_noise && self.log_first[line] >= self.log_original[line] + LEAST_REMAINS.ln()
+    }
+
+    /// Whether a line is above the noise of the channels that move there: where channels have noise of different size, the largest one's is
+    /// always far above the mean of all.
+    fn is_above_own_noise(&self, line: usize) -> bool {
+        let excess = |((here, source), singular): ((&Leading, &Source<'_>), &SingularValues)| -> Option<f64> {
+            let whole = self.first_line + line;
+            let near = around(whole, domain_lines(source.grid(), whole), source.grid().lines);
+            let noise = singular.noise(near, source.averages()).filter(|noise| noise.len() >= NOISE_EDGE_CHANNELS)?;
+            let density: f64 = here.vector.iter().zip(&noise).map(|(part, noise)| part.norm_sqr() * noise).sum();
+            Some((here.value / (density * edge_over_density(noise.len(), source.averages()))).ln())
+        };
+        let excesses: Option<Vec<f64>> =
+            self.lines[line].iter().zip(self.sources).zip(self.singular).map(excess).collect();
+        excesses.is_none_or(|all| all.iter().sum::<f64>() >= all.len() as f64 * NOISE_FACTOR.ln())
+    }
+
+    /// Whether a peak is more than chance makes of what lies about it, over one line or several: between peaks of noise, too, the ground
+    /// is as low as a saddle beside a mode. What moves as the peak does is looked at, in lines of the peak against as many on either side.
+    fn is_beyond_chance(&self, line: usize) -> bool {
+        let Some(last) = self.sources.iter().map(|source| source.grid().lines - 1).min() else { return false };
+        let centre = self.first_line + line;
+        let largest = WIDEST_PEAK.min(last);
+        let lines = around(centre, largest + 2 * largest, last + 1);
+        // Mean over setups of ln of the density that moves as the peak does, line by line.
+        let log_mean = |lines: Range<usize>| -> Option<f64> {
+            let of_setup = |(here, source): (&Leading, &Source<'_>)| {
+                let densities = lines.clone().map(|at| filtered(&here.vector, &source.matrix(at, None)));
+                (densities.sum::<f64>() / lines.len() as f64).max(f64::MIN_POSITIVE).ln()
+            };
+            let sum: f64 = self.lines[line].iter().zip(self.sources).map(of_setup).sum();
+            (!lines.is_empty()).then(|| sum / self.sources.len() as f64)
+        };
+        let averages: usize = self.sources.iter().map(Source::averages).sum();
+        let variance =
+            |lines: usize| OVERLAP_VARIANCE / averages.max(1) as f64 * (JOINED_LINES / lines as f64).min(1.0);
+        let is_beyond = |half: usize| -> Option<bool> {
+            let (first, after) = (centre.checked_sub(half)?, centre + half + 1);
+            let wide = (after - first).max(2);
+            let [below, above] = [
+                first.checked_sub(1 + wide).filter(|from| *from >= lines.start).map(|from| from..first - 1),
+                Some(after + 1..after + 1 + wide).filter(|range| range.end <= lines.end),
+            ];
+            let sides: Vec<f64> = [below, above].into_iter().flatten().filter_map(&log_mean).collect();
+            let level = sides.iter().sum::<f64>() / sides.len() as f64;
+            let std = (variance(after - first) + variance(wide) / sides.len() as f64).sqrt();
+            (!sides.is_empty()).then_some(log_mean(first..after)? - level > CHANCE_SIGMAS * std)
+        };
+        let halves = std::iter::successors(Some(0), |half| Some(2 * half + 1));
+        halves.take_while(|half| 2 * half < largest).any(|half| is_beyond(half) == Some(true))
     }
 
     /// Modal coherence: how alike in shape a line is to its more alike (one side) or less alike (both sides) neighbour.

@@ -43,6 +43,13 @@ pub struct Identification {
 }
 
 impl Identification {
+    /// Whether most modes, with peaks that may be some, are narrower than a line: finer lines would show more of them.
+    pub fn has_narrow_modes(&self) -> bool {
+        let narrow = self.modes.iter().filter(|mode| mode.bandwidth_hz() < self.frequency_resolution_hz).count();
+        let peaks = self.rejected.iter().filter(|peak| peak.because == RejectedBecause::Undamped).count();
+        narrow > 0 && 2 * (narrow + peaks) > self.modes.len() + peaks
+    }
+
     /// What was rejected with the reasons, and how to keep one; `None` where there is nothing.
     pub fn rejected_in_words(&self) -> Option<String> {
         let mut reasons: Vec<(RejectedBecause, Vec<String>)> = Vec::new();

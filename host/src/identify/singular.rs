@@ -4,14 +4,14 @@
 
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, Dyn, SymmetricEigen};
 use num_complex::Complex64;
 use rayon::prelude::*;
 
 use super::matrices::Source;
 use super::result::SingularSpectrum;
 use crate::spectra::LineGrid;
-use crate::statistics::largest_first;
+use crate::statistics::{largest_first, median};
 
 /// Ranks shown in pictures.
 const SHOWN: usize = 4;
@@ -32,6 +32,8 @@ pub(super) struct Leading {
     pub(super) second: Option<DVector<Complex64>>,
     /// Singular values, descending.
     pub(super) values: Vec<f64>,
+    /// Channel by channel, the density that no other channel explains, 1 / (G^-1)_ii; 0 with fewer averages than channels.
+    unexplained: Vec<f64>,
 }
 
 /// Decomposes a Hermitian matrix.
@@ -44,8 +46,19 @@ pub(super) fn leading(matrix: DMatrix<Complex64>) -> Leading {
         value: values.first().copied().unwrap_or(0.0),
         vector: eigen.eigenvectors.column(first).into_owned(),
         second: order.get(1).map(|&second| eigen.eigenvectors.column(second).into_owned()),
+        unexplained: unexplained(&eigen),
         values,
     }
+}
+
+/// 1 / (G^-1)_ii of every channel i.
+fn unexplained(eigen: &SymmetricEigen<Complex64, Dyn>) -> Vec<f64> {
+    let mut inverse = vec![0.0; eigen.eigenvalues.len()];
+    for (vector, value) in eigen.eigenvectors.column_iter().zip(&eigen.eigenvalues) {
+        let value = value.max(0.0);
+        inverse.iter_mut().zip(vector.iter()).for_each(|(sum, part)| *sum += part.norm_sqr() / value);
+    }
+    inverse.into_iter().map(f64::recip).collect()
 }
 
 /// The decomposition of a setup's matrices at some lines.
@@ -75,6 +88,22 @@ impl SingularValues {
         &self.lines[line - self.first_line]
     }
 
+    /// The noise of every channel near a line: the median, over lines, of what no other channel explains there. A mode is in few lines, or
+    /// is explained by what other channels see of it. `None` where the matrices have too few averages to tell.
+    ///
+    /// A channel's unexplained density of a complex Wishart matrix of n channels over M averages has the mean (M - n + 1) / M of the noise
+    /// (Muirhead 1982, theorem 3.2.10, for complex numbers).
+    pub(super) fn noise(&self, lines: Range<usize>, averages: usize) -> Option<Vec<f64>> {
+        let channels = self.lines.first()?.unexplained.len();
+        let free = (averages + 1).checked_sub(channels).filter(|free| *free > 1)?;
+        let inside = lines.start.max(self.first_line)..lines.end.min(self.first_line + self.lines.len());
+        let of_channel = |channel: usize| {
+            let mut values: Vec<f64> = inside.clone().map(|line| self.at(line).unexplained[channel]).collect();
+            median(&mut values).map(|noise| noise * averages as f64 / free as f64)
+        };
+        (0..channels).map(of_channel).collect()
+    }
+
     /// For pictures.
     pub(super) fn spectrum(&self, grid: &LineGrid, setup: &str) -> SingularSpectrum {
         let ranks = self.lines.first().map_or(0, |line| line.values.len()).min(SHOWN);
@@ -94,5 +123,10 @@ impl SingularValues {
 pub(super) fn noise_edge(values: &[f64], averages: usize) -> Option<f64> {
     let rest = values.get(RANKS_OF_MODES..).filter(|_| values.len() >= NOISE_EDGE_CHANNELS)?;
     let floor = rest.iter().sum::<f64>() / rest.len() as f64;
-    Some(floor * (1.0 + (values.len() as f64 / averages.max(1) as f64).sqrt()).powi(2))
+    Some(floor * edge_over_density(values.len(), averages))
+}
+
+/// How far the largest singular value of noise is above its density.
+pub(super) fn edge_over_density(channels: usize, averages: usize) -> f64 {
+    (1.0 + (channels as f64 / averages.max(1) as f64).sqrt()).powi(2)
 }

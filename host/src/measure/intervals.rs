@@ -6,7 +6,7 @@ use super::faults::left_out_sentences;
 use super::stream::{self, Task};
 use super::{Material, MeasureError, Opened, Progress, Route, Timings, as_collected};
 use crate::spectra::{
-    CrossSpectrum, CrossSpectrumAccumulator, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines,
+    CrossSpectrum, CrossSpectrumAccumulator, Lines, PlanError, SetupExtent, SpectraError, SpectralPlan, WindowLines,
 };
 use crate::study::{Analysis, Setup, Study};
 
@@ -54,7 +54,7 @@ pub fn measure_intervals(
         averages,
         needed_s: ((LEAST_AVERAGES + 2) as f64 * 0.5 * segment_s).ceil(),
     };
-    let plan = match route.plan(&[extent], analysis, None) {
+    let plan = match route.plan(&[extent], analysis, Lines::Enough) {
         Err(PlanError::TooShort { segment, decimated_rate_hz, .. }) if interval_rows < rows => {
             return Err(too_short(0, segment as f64 / decimated_rate_hz));
         }

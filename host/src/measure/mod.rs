@@ -24,7 +24,7 @@ use crate::fleet::{FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
 use crate::record::Recording;
 use crate::spectra::{
-    AfterGaps, CrossSpectrum, CrossSpectrumAccumulator, LineGrid, PlanError, SetupExtent, SpectraError, SpectralPlan,
+    CrossSpectrum, CrossSpectrumAccumulator, LineGrid, Lines, PlanError, SetupExtent, SpectraError, SpectralPlan,
     WindowLines, rows_for,
 };
 use crate::study::{Analysis, Setup, Study};
@@ -48,17 +48,8 @@ pub enum Route {
 
 impl Route {
     /// Decimation, segment and lines by this route.
-    fn plan(
-        self,
-        setups: &[SetupExtent],
-        analysis: &Analysis,
-        after_gaps: Option<AfterGaps>,
-    ) -> Result<SpectralPlan, PlanError> {
-        match (self, after_gaps) {
-            (_, Some(after_gaps)) => SpectralPlan::choose_after_gaps(setups, analysis, after_gaps),
-            (Self::Nodes(_), None) => SpectralPlan::choose(setups, analysis),
-            (Self::Direct, None) => SpectralPlan::choose_direct(setups, analysis),
-        }
+    fn plan(self, setups: &[SetupExtent], analysis: &Analysis, lines: Lines) -> Result<SpectralPlan, PlanError> {
+        SpectralPlan::choose_lines(setups, analysis, lines, matches!(self, Self::Nodes(_)))
     }
 }
 
@@ -108,17 +99,17 @@ pub fn measure<'a>(study: &'a Study, route: Route, progress: Progress<'_>) -> Re
     measure_observed(study, route, progress, &mut |_, _, _| {})
 }
 
-/// As [`measure`], with segments no longer than gaps were found to leave enough of.
+/// As [`measure`], with these lines.
 ///
 /// # Errors
 /// As [`measure`].
-pub fn measure_after_gaps<'a>(
+pub fn measure_lines<'a>(
     study: &'a Study,
     route: Route,
-    after_gaps: AfterGaps,
+    lines: Lines,
     progress: Progress<'_>,
 ) -> Result<Measurement<'a>, MeasureError> {
-    measure_prepared(prepare_with(study, route, Some(after_gaps))?, route, progress, &mut |_, _, _| {})
+    measure_prepared(prepare_lines(study, route, lines)?, route, progress, &mut |_, _, _| {})
 }
 
 /// As [`measure`], and lets `observer` see the windows.
@@ -244,10 +235,14 @@ pub struct Prepared<'a> {
 /// # Errors
 /// When no setup can be measured.
 pub fn prepare(study: &Study, route: Route) -> Result<Prepared<'_>, MeasureError> {
-    prepare_with(study, route, None)
+    prepare_lines(study, route, Lines::Enough)
 }
 
-fn prepare_with(study: &Study, route: Route, after_gaps: Option<AfterGaps>) -> Result<Prepared<'_>, MeasureError> {
+/// As [`prepare`], with these lines.
+///
+/// # Errors
+/// As [`prepare`].
+pub fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'_>, MeasureError> {
     let mut warnings: Vec<String> = Vec::new();
     let start = Instant::now();
     let mut failure = None;
@@ -285,7 +280,7 @@ fn prepare_with(study: &Study, route: Route, after_gaps: Option<AfterGaps>) -> R
         if extents.is_empty() {
             return Err(failure.unwrap_or(MeasureError::NoSetups));
         }
-        match route.plan(&extents, &analysis, after_gaps) {
+        match route.plan(&extents, &analysis, lines) {
             Ok(plan) => break plan,
             Err(source @ (PlanError::TooShort { setup, .. } | PlanError::BlocksTooShort { setup, .. }))
                 if opened.len() > 1 =>

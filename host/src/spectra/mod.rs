@@ -24,6 +24,6 @@ pub use finer::FinerSpectrum;
 pub(crate) use grid::around;
 pub use grid::{LineGrid, WindowLines};
 pub use noisy::Alone;
-pub use plan::{AfterGaps, PlanError, SpectralPlan};
+pub use plan::{AfterGaps, Lines, PlanError, SpectralPlan};
 pub use stand_out::{Silenced, StandOut};
 pub(crate) use sums::{BAND_HALVES, ENVELOPE_HALF};

@@ -2,7 +2,7 @@
 //!
 //! Long segments resolve close modes, many segments make the average trustworthy. Where the study leaves the choice open,
 //! the plan takes the finest line spacing that still leaves four averages a channel (and 32 in all), or two where these lines
-//! are coarse for the lowest modes: with fewer the cross-spectral matrix nears rank deficiency, and modal coherence loses
+//! are coarse for the lowest modes, or modes turn out to be narrower than they: with fewer the cross-spectral matrix nears rank deficiency, and modal coherence loses
 //! its meaning (Brincker, Andersen, Jacobsen 2007).
 //! What the host transforms itself may have longer segments than what nodes transform, as far as memory goes.
 
@@ -153,6 +153,18 @@ pub struct AfterGaps {
     pub longest: usize,
 }
 
+/// Which lines are wanted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Lines {
+    /// Fine enough for the band's lowest modes, of as many averages as that leaves.
+    #[default]
+    Enough,
+    /// As fine as the fewest averages allow, for modes that are narrow.
+    Finest,
+    /// Of segments that gaps leave enough of.
+    AfterGaps(AfterGaps),
+}
+
 /// Decimation, segment and lines for all setups of a study.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpectralPlan {
@@ -176,7 +188,7 @@ impl SpectralPlan {
     pub fn choose(setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
         match analysis.segment {
             Some(segment) if segment > LONGEST_OF_NODES => Err(PlanError::TooLongForNodes(segment)),
-            _ => Self::choose_up_to(LONGEST_OF_NODES, setups, analysis, None),
+            _ => Self::choose_up_to(LONGEST_OF_NODES, setups, analysis, Lines::Enough),
         }
     }
 
@@ -185,26 +197,33 @@ impl SpectralPlan {
     /// # Errors
     /// As [`SpectralPlan::choose`].
     pub fn choose_direct(setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
-        Self::choose_up_to(LONGEST_SEGMENT, setups, analysis, None)
+        Self::choose_up_to(LONGEST_SEGMENT, setups, analysis, Lines::Enough)
     }
 
-    /// The same by either route, with segments that gaps leave enough of.
+    /// The same by either route, with these lines.
     ///
     /// # Errors
     /// As [`SpectralPlan::choose`].
-    pub fn choose_after_gaps(
+    pub fn choose_lines(
         setups: &[SetupExtent],
         analysis: &Analysis,
-        after_gaps: AfterGaps,
+        lines: Lines,
+        by_nodes: bool,
     ) -> Result<Self, PlanError> {
-        Self::choose_up_to(after_gaps.longest, setups, analysis, Some(after_gaps))
+        match lines {
+            Lines::AfterGaps(AfterGaps { longest, .. }) => Self::choose_up_to(longest, setups, analysis, lines),
+            Lines::Finest if by_nodes => Self::choose_up_to(LONGEST_OF_NODES, setups, analysis, lines),
+            Lines::Finest => Self::choose_up_to(LONGEST_SEGMENT, setups, analysis, lines),
+            Lines::Enough if by_nodes => Self::choose(setups, analysis),
+            Lines::Enough => Self::choose_direct(setups, analysis),
+        }
     }
 
     fn choose_up_to(
         longest: usize,
         setups: &[SetupExtent],
         analysis: &Analysis,
-        after_gaps: Option<AfterGaps>,
+        lines: Lines,
     ) -> Result<Self, PlanError> {
         let rates = decimations(setups, analysis)?;
         let powers = std::iter::successors(Some(SHORTEST_SEGMENT), |segment| Some(2 * segment));
@@ -240,7 +259,7 @@ impl SpectralPlan {
             [PREFERRED_A_CHANNEL, AVERAGES_A_CHANNEL].map(|a_channel| (a_channel * channels).max(LEAST_AVERAGES));
         let is_fine = |candidate: &Candidate| {
             let lowest_hz = analysis.band_hz.map_or(0.0, |[low_hz, _]| low_hz);
-            candidate.spacing_hz() <= FINE_SHARE * lowest_hz
+            lines != Lines::Finest && candidate.spacing_hz() <= FINE_SHARE * lowest_hz
         };
         let (best, enough) = finest(preferred)
             .filter(|(candidate, _)| is_fine(candidate))
@@ -255,7 +274,7 @@ impl SpectralPlan {
             channels,
             missing_min: (wanted - averages) as f64 * grid.segment as f64 / 2.0 / grid.sampling_rate_hz / 60.0,
         });
-        let limits = Limits { longest, enough, after_gaps };
+        let limits = Limits { longest, enough, lines };
         let reason = reason(setups, analysis, best, &grid, limits);
         Ok(Self { grid, decimations: best.decimations.clone(), windows: best.windows.clone(), few_averages, reason })
     }
@@ -272,12 +291,12 @@ struct Limits {
     longest: usize,
     /// Averages that are wanted.
     enough: usize,
-    after_gaps: Option<AfterGaps>,
+    lines: Lines,
 }
 
 /// Why the best candidate is the best, for the user.
 fn reason(setups: &[SetupExtent], analysis: &Analysis, best: &Candidate, grid: &LineGrid, limits: Limits) -> String {
-    let Limits { longest, enough, after_gaps } = limits;
+    let Limits { longest, enough, lines } = limits;
     let rate = if best.decimations.iter().all(|&decimation| decimation == 1) {
         format!("{} Hz, as recorded", short(best.rate_hz))
     } else {
@@ -294,7 +313,7 @@ fn reason(setups: &[SetupExtent], analysis: &Analysis, best: &Candidate, grid: &
     let averages: usize = best.windows.iter().sum();
     let why = if analysis.segment.is_some() {
         format!("as [analysis] says; {averages} averages")
-    } else if let Some(AfterGaps { too_long, .. }) = after_gaps {
+    } else if let Lines::AfterGaps(AfterGaps { too_long, .. }) = lines {
         format!("as gaps cost too many segments of {too_long}; {averages} averages, less what gaps cost of these")
     } else if averages < enough {
         format!("the most averages that this record gives, {averages}")
@@ -302,7 +321,8 @@ fn reason(setups: &[SetupExtent], analysis: &Analysis, best: &Candidate, grid: &
         let finer = if averages >= 2 * enough { "; --direct has longer ones" } else { "" };
         format!("the longest that a node has; {averages} averages{finer}")
     } else {
-        format!("the finest lines that leave {enough} averages; {averages} here")
+        let narrow = if lines == Lines::Finest { ", as modes are narrow" } else { "" };
+        format!("the finest lines that leave {enough} averages{narrow}; {averages} here")
     };
     let last_hz = grid.frequency_hz(grid.lines - 1);
     format!(

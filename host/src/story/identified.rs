@@ -16,9 +16,9 @@ use crate::identify::phases::phase_suspicions;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
 use crate::identify::{Identification, hold_to_standards, identify as identify_setups};
-use crate::measure::{MeasureError, Measurement, Progress, Route, measure, measure_after_gaps};
+use crate::measure::{MeasureError, Measurement, Progress, Route, measure_lines, prepare_lines};
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
-use crate::spectra::{AfterGaps, LineGrid};
+use crate::spectra::{AfterGaps, LineGrid, Lines};
 use crate::study::Study;
 use crate::trend::Trend;
 
@@ -120,11 +120,34 @@ pub fn identify(
     on_progress: OnProgress<'_>,
 ) -> Result<ModesReport, StoryError> {
     let start = Instant::now();
+    let found = identify_lines(study, route, method, Lines::Enough, start, on_progress)?;
+    let has_narrow_modes = is_segment_free(study) && found.identification.has_narrow_modes();
+    if has_narrow_modes && prepare_lines(study, route, Lines::Finest)?.plan.grid.spacing_hz() < found.grid.spacing_hz()
+    {
+        // Fewer averages may be too few, once gaps have cost some.
+        if let Ok(finer) = identify_lines(study, route, method, Lines::Finest, start, on_progress)
+            && finer.identification.modes.len() >= found.identification.modes.len()
+        {
+            return Ok(finer);
+        }
+    }
+    Ok(found)
+}
+
+/// The same with these lines, at first; `start` is when all began.
+fn identify_lines(
+    study: &Study,
+    route: Route,
+    method: Method,
+    lines: Lines,
+    start: Instant,
+    on_progress: OnProgress<'_>,
+) -> Result<ModesReport, StoryError> {
     let stage = match route {
         Route::Nodes(_) => "nodes and link",
         Route::Direct => "spectra",
     };
-    let measurement = measure_between_gaps(study, route, method, &mut rows_of(stage, on_progress))?;
+    let measurement = measure_between_gaps(study, route, method, lines, &mut rows_of(stage, on_progress))?;
     let modes_start = Instant::now();
     let choice = &study.analysis.modes;
     let identified = match method {
@@ -158,15 +181,12 @@ fn measure_between_gaps<'a>(
     study: &'a Study,
     route: Route,
     method: Method,
+    mut lines: Lines,
     progress: Progress<'_>,
 ) -> Result<Measurement<'a>, MeasureError> {
-    let mut shorter: Option<AfterGaps> = None;
     loop {
-        let measured = match shorter {
-            Some(after_gaps) => measure_after_gaps(study, route, after_gaps, progress),
-            None => measure(study, route, progress),
-        };
-        shorter = match &measured {
+        let measured = measure_lines(study, route, lines, progress);
+        let shorter = match &measured {
             // The subspace needs no more averages than there are.
             Ok(measurement) if method != Method::Subspace => after_gaps(measurement, study),
             Err(MeasureError::NoSound { segment, .. }) if is_segment_free(study) && *segment > SHORTEST_SEGMENT => {
@@ -174,9 +194,8 @@ fn measure_between_gaps<'a>(
             }
             _ => None,
         };
-        if shorter.is_none() {
-            return measured;
-        }
+        let Some(after_gaps) = shorter else { return measured };
+        lines = Lines::AfterGaps(after_gaps);
     }
 }
 

@@ -10,6 +10,7 @@ use super::modes::{add_unresolved, is_known};
 use super::stabilisation::StablePole;
 use super::{SecondOpinion, SetupPoles, SubspacePole, reach_hz};
 use crate::identify::choice::{asked_for, meant_hz};
+use crate::identify::cluster::CLOSE_BANDWIDTHS;
 use crate::identify::fit::usual_damping;
 use crate::identify::judge::UNUSUAL_DAMPING;
 use crate::identify::merge::{combine, number};
@@ -88,12 +89,20 @@ fn try_poles(
             add_opinions(measured, setups, choice, &mut again);
             Ok(Some(again).filter(|again| agreed(again) > agreed(identification)))
         };
+        let instead = |numbers: &[usize]| {
+            let theirs_hz = poles_of(measured, setups, identification, numbers);
+            suggestions(setups, identification, grid, &theirs_hz)
+        };
         // Beside the modes that stand; or else in the place of those that are doubtful, which may be two in one.
         let mut better = tried(&[], &left)?;
         let doubtful = doubtful(identification, choice);
         if better.is_none() && !doubtful.is_empty() {
-            let theirs_hz = poles_of(measured, setups, identification, &doubtful);
-            better = tried(&doubtful, &suggestions(setups, identification, grid, &theirs_hz))?;
+            better = tried(&doubtful, &instead(&doubtful))?;
+        }
+        // Or else from the poles of all modes beside: what was fitted without a neighbour may start from a shape that is two in one.
+        let beside = beside(identification, choice, &left, grid.spacing_hz());
+        if better.is_none() && !beside.iter().all(|mode| doubtful.contains(mode)) {
+            better = tried(&beside, &instead(&beside))?;
         }
         let Some(better) = better else { break };
         *identification = better;
@@ -109,6 +118,40 @@ fn doubtful(identification: &Identification, choice: &ModeChoice) -> Vec<usize> 
         (!is_confirmed || mode.is_misfit()) && !asked_for.contains(&mode.number)
     };
     identification.modes.iter().filter(is_doubtful).map(|mode| mode.number).collect()
+}
+
+/// The numbers of the modes that have a pole and lie so near to what is suggested that one bends the other's fit, from one to the next,
+/// but those that the user asked for.
+fn beside(
+    identification: &Identification,
+    choice: &ModeChoice,
+    suggestions: &[Suggestion],
+    spacing_hz: f64,
+) -> Vec<usize> {
+    let asked_for = asked_for(choice, &identification.modes);
+    let mut places: Vec<(f64, f64)> =
+        suggestions.iter().map(|pole| (pole.frequency_hz, 2.0 * pole.damping_ratio * pole.frequency_hz)).collect();
+    let mut left: Vec<&Mode> = identification
+        .modes
+        .iter()
+        .filter(|mode| mode.second_opinion.is_some() && !asked_for.contains(&mode.number))
+        .collect();
+    let mut numbers = Vec::new();
+    loop {
+        let is_near = |mode: &&Mode| {
+            places.iter().any(|&(hz, bandwidth_hz)| {
+                let reach_hz = (CLOSE_BANDWIDTHS * mode.bandwidth_hz().max(bandwidth_hz)).max(spacing_hz);
+                (mode.frequency_hz - hz).abs() < reach_hz
+            })
+        };
+        let (near, others): (Vec<&Mode>, Vec<&Mode>) = left.into_iter().partition(is_near);
+        if near.is_empty() {
+            return numbers;
+        }
+        numbers.extend(near.iter().map(|mode| mode.number));
+        places.extend(near.iter().map(|mode| (mode.frequency_hz, mode.bandwidth_hz())));
+        left = others;
+    }
 }
 
 /// Frequencies in Hz of the poles that are those of the modes of these numbers, in any setup.
