@@ -324,6 +324,41 @@ pub(super) fn combine(values: impl Iterator<Item = (f64, f64)> + Clone) -> (f64,
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::identify::accuracy::tests::found;
+
+    /// Two modes so many deviations apart in frequency, both known to 0.1 in each part of their shapes.
+    fn twins(sigmas: f64) -> Vec<(Mode, GroupChanges)> {
+        let mode = |frequency_hz: f64, shape: [f64; 2]| {
+            let part = |re: f64| ShapeComponent { channel: String::new(), point: String::new(), re, im: 0.0, std: 0.1 };
+            Mode {
+                frequency_hz,
+                frequency_std_hz: 1e-4,
+                damping_ratio_std: 1e-3,
+                shape: shape.map(part).to_vec(),
+                ..found().modes[0].clone()
+            }
+        };
+        let first_hz = 0.5;
+        let modes = [mode(first_hz, [1.0, 0.0]), mode(first_hz + sigmas * 2_f64.sqrt() * 1e-4, [1.0, 1.0])];
+        let mut modes: Vec<(Mode, GroupChanges)> =
+            modes.into_iter().map(|mode| (mode, GroupChanges::unknown(2))).collect();
+        widen_twins(&mut modes);
+        modes
+    }
+
+    #[test]
+    fn twins_have_any_direction_in_their_plane_and_modes_whose_poles_are_apart_their_own() {
+        let stds = |sigmas: f64| twins(sigmas)[0].0.shape.iter().map(|part| part.std).collect::<Vec<f64>>();
+        let near = stds(1.0);
+        assert!(near[0] == 0.1 && (near[1] - 0.1_f64.hypot(FRAC_1_SQRT_2)).abs() < 1e-12, "{near:?}");
+        let beside = &twins(1.0)[0].1.beside;
+        assert!(beside.ncols() == 1 && (beside[(1, 0)] - FRAC_1_SQRT_2).abs() < 1e-12);
+        assert!(stds(12.0)[1] < 0.11 && stds(12.0)[1] > 0.1, "{:?}", stds(12.0));
+        // Further apart than they are wide.
+        assert_eq!(stds(200.0), [0.1, 0.1]);
+    }
+
     #[test]
     fn setups_are_weighted_by_what_they_know_and_disagreement_is_not_averaged_away() {
         let combine = |values: &[(f64, f64)]| super::combine(values.iter().copied());

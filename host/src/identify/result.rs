@@ -309,3 +309,23 @@ pub struct SingularSpectrum {
     /// Singular values in (m/s²)²/Hz, largest first: one vector a rank (at most four).
     pub values: Vec<Vec<f64>>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::accuracy::tests::found;
+
+    #[test]
+    fn finer_lines_are_wanted_where_most_modes_and_sharp_peaks_are_narrower_than_a_line() {
+        let sharp = Rejected { frequency_hz: 0.2, because: RejectedBecause::Undamped };
+        let with = |spacing_hz: f64, rejected: Vec<Rejected>| Identification {
+            frequency_resolution_hz: spacing_hz,
+            rejected,
+            ..found()
+        };
+        // The mode's bandwidth is 0.0019 Hz.
+        assert!(with(0.01, Vec::new()).has_narrow_modes());
+        assert!(!with(0.001, Vec::new()).has_narrow_modes());
+        assert!(!with(0.001, vec![sharp; 3]).has_narrow_modes(), "peaks of noise alone are no reason");
+    }
+}

@@ -89,7 +89,7 @@ impl SingularValues {
     }
 
     /// The noise of every channel near a line: the median, over lines, of what no other channel explains there. A mode is in few lines, or
-    /// is explained by what other channels see of it. `None` where the matrices have too few averages to tell.
+    /// is explained by what other channels see of it, but for what their noise hides. `None` where the matrices have too few averages to tell.
     ///
     /// A channel's unexplained density of a complex Wishart matrix of n channels over M averages has the mean (M - n + 1) / M of the noise
     /// (Muirhead 1982, theorem 3.2.10, for complex numbers).
@@ -129,4 +129,45 @@ pub(super) fn noise_edge(values: &[f64], averages: usize) -> Option<f64> {
 /// How far the largest singular value of noise is above its density.
 pub(super) fn edge_over_density(channels: usize, averages: usize) -> f64 {
     (1.0 + (channels as f64 / averages.max(1) as f64).sqrt()).powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    use super::*;
+
+    #[test]
+    fn each_channels_noise_is_known_beside_a_mode_that_all_share() {
+        let (averages, lines) = (24_u32, 33);
+        let noise = [1.0_f64, 4.0, 0.25, 1.0, 2.0, 1.0];
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut normal = || Complex64::new(random.sample(StandardNormal), random.sample(StandardNormal)) / 2_f64.sqrt();
+        let mut line = || {
+            let mut sum = DMatrix::zeros(noise.len(), noise.len());
+            for _ in 0..averages {
+                let mode = normal() * 30.0;
+                let window =
+                    DVector::from_iterator(noise.len(), noise.iter().map(|noise| mode + normal() * noise.sqrt()));
+                sum += &window * window.adjoint() / Complex64::from(f64::from(averages));
+            }
+            leading(sum)
+        };
+        let singular = SingularValues { first_line: 100, lines: (0..lines).map(|_| line()).collect() };
+        let found = singular.noise(0..4000, averages as usize).unwrap();
+        // A channel's own noise, and what the noise of the others leaves unknown of the mode.
+        let expected = |channel: usize| {
+            let others = noise.iter().enumerate().filter(|(other, _)| *other != channel);
+            noise[channel] + others.map(|(_, noise)| noise.recip()).sum::<f64>().recip()
+        };
+        let ratios: Vec<f64> = found.iter().enumerate().map(|(channel, found)| found / expected(channel)).collect();
+        assert!(ratios.iter().all(|ratio| (0.75..1.25).contains(ratio)), "{ratios:?}");
+        assert_eq!(
+            singular.noise(0..4000, noise.len()),
+            None,
+            "with as many averages as channels nothing is left to tell"
+        );
+    }
 }

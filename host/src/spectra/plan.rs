@@ -551,10 +551,20 @@ mod tests {
     fn where_gaps_make_segments_shorter_the_reason_says_so_and_not_that_the_study_does() {
         let hour = SetupExtent { sampling_rate_hz: 50.0, rows: 180_000, channels: 20, block_rows: None };
         let after_gaps = AfterGaps { too_long: 512, longest: 256 };
-        let plan = SpectralPlan::choose_after_gaps(&[hour], &analysis([0.05, 1.5]), after_gaps).unwrap();
+        let plan =
+            SpectralPlan::choose_lines(&[hour], &analysis([0.05, 1.5]), Lines::AfterGaps(after_gaps), true).unwrap();
         assert_eq!(plan.grid.segment, 256);
         assert!(plan.reason.contains("256 points, 61.4 s, as gaps cost too many segments of 512"), "{}", plan.reason);
         assert!(!plan.reason.contains("[analysis]"), "{}", plan.reason);
+    }
+
+    #[test]
+    fn narrow_modes_get_lines_twice_as_fine_and_the_reason_says_why() {
+        let four_hours = SetupExtent { sampling_rate_hz: 50.0, rows: 720_000, channels: 16, block_rows: None };
+        let plan = |lines| SpectralPlan::choose_lines(&[four_hours], &analysis([0.4, 0.98]), lines, false).unwrap();
+        let (enough, finest) = (plan(Lines::Enough), plan(Lines::Finest));
+        assert!((finest.grid.spacing_hz() / enough.grid.spacing_hz() - 0.5).abs() < 1e-9, "{}", finest.reason);
+        assert!(finest.windows[0] >= 32 && finest.reason.contains(", as modes are narrow;"), "{}", finest.reason);
     }
 
     #[test]
