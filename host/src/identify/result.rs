@@ -9,6 +9,9 @@ use super::kurtosis::HARMONIC_KURTOSIS;
 use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
 use super::tone::LOBE_LINES;
 
+/// A mode whose bandwidth is less than so many lines may hide others on the same line.
+const NARROW_LINES: f64 = 0.5;
+
 /// The modes of a structure, with how much data stands behind them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identification {
@@ -43,9 +46,10 @@ pub struct Identification {
 }
 
 impl Identification {
-    /// Whether most modes, with peaks that may be some, are narrower than a line: finer lines would show more of them.
+    /// Whether most modes, with peaks that may be some, are far narrower than a line: finer lines would show more of them.
     pub fn has_narrow_modes(&self) -> bool {
-        let narrow = self.modes.iter().filter(|mode| mode.bandwidth_hz() < self.frequency_resolution_hz).count();
+        let narrow_hz = NARROW_LINES * self.frequency_resolution_hz;
+        let narrow = self.modes.iter().filter(|mode| mode.bandwidth_hz() < narrow_hz).count();
         let peaks = self.rejected.iter().filter(|peak| peak.because == RejectedBecause::Undamped).count();
         narrow > 0 && 2 * (narrow + peaks) > self.modes.len() + peaks
     }
@@ -325,7 +329,7 @@ mod tests {
         };
         // The mode's bandwidth is 0.0019 Hz.
         assert!(with(0.01, Vec::new()).has_narrow_modes());
-        assert!(!with(0.001, Vec::new()).has_narrow_modes());
+        assert!(!with(0.003, Vec::new()).has_narrow_modes());
         assert!(!with(0.001, vec![sharp; 3]).has_narrow_modes(), "peaks of noise alone are no reason");
     }
 }
