@@ -10,6 +10,7 @@
 //! Close modes hide below a stronger one's bell. So the picked shapes near by are projected out of the matrices, and the
 //! first singular value of what remains is searched in the same way.
 
+use std::cell::OnceCell;
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
@@ -324,14 +325,19 @@ impl<'a> Layer<'a> {
         let centre = self.first_line + line;
         let largest = WIDEST_PEAK.min(last);
         let lines = around(centre, largest + 2 * largest, last + 1);
-        // Mean over setups of ln of the density that moves as the peak does, line by line.
-        let log_mean = |lines: Range<usize>| -> Option<f64> {
-            let of_setup = |(here, source): (&Leading, &Source<'_>)| {
-                let densities = lines.clone().map(|at| filtered(&here.vector, &source.matrix(at, None)));
-                (densities.sum::<f64>() / lines.len() as f64).max(f64::MIN_POSITIVE).ln()
+        // The density that moves as the peak does, setup by setup and line by line, each worked out once.
+        let densities = vec![vec![OnceCell::new(); lines.len()]; self.sources.len()];
+        // Mean over setups of the logarithm of its mean over lines.
+        let log_mean = |range: Range<usize>| -> Option<f64> {
+            let of_setup = |((here, source), known): ((&Leading, &Source<'_>), &Vec<OnceCell<f64>>)| {
+                let density = |at: usize| {
+                    *known[at - lines.start].get_or_init(|| filtered(&here.vector, &source.matrix(at, None)))
+                };
+                let sum: f64 = range.clone().map(density).sum();
+                (sum / range.len() as f64).max(f64::MIN_POSITIVE).ln()
             };
-            let sum: f64 = self.lines[line].iter().zip(self.sources).map(of_setup).sum();
-            (!lines.is_empty()).then(|| sum / self.sources.len() as f64)
+            let setups = self.lines[line].iter().zip(self.sources).zip(&densities);
+            (!range.is_empty()).then(|| setups.map(of_setup).sum::<f64>() / self.sources.len() as f64)
         };
         let averages: usize = self.sources.iter().map(Source::averages).sum();
         let variance =
