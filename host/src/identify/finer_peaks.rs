@@ -43,9 +43,7 @@ pub(super) fn with_narrow_modes(
         };
         let again = fit::fit(measured, grid, Basis { picks, ..found.basis.clone() }, found.singular_values.clone());
         let is_still_there = |mode: &Mode| {
-            let reach_hz = grid.spacing_hz() + 0.5 * mode.bandwidth_hz();
-            mode.is_misfit()
-                || again.modes.iter().any(|other| (other.frequency_hz - mode.frequency_hz).abs() < reach_hz)
+            mode.is_misfit() || again.modes.iter().any(|other| mode.covers(other.frequency_hz, grid.spacing_hz()))
         };
         if again.modes.len() <= found.modes.len() || !found.modes.iter().all(is_still_there) {
             break;
@@ -116,8 +114,7 @@ impl<'a> Finer<'a> {
             let hz = finer_grid.frequency_hz(peak.line);
             let mut tones = self.found.harmonics.iter();
             let mut wide = self.found.modes.iter().filter(|mode| !is_narrow(mode, self.grid) && !mode.is_misfit());
-            !tones.any(|tone| tone.covers(hz, spacing_hz))
-                && !wide.any(|mode| (mode.frequency_hz - hz).abs() < spacing_hz + 0.5 * mode.bandwidth_hz())
+            !tones.any(|tone| tone.covers(hz, spacing_hz)) && !wide.any(|mode| mode.covers(hz, spacing_hz))
         };
         let found_there = |region: Range<usize>| {
             let of_region = |source| SingularValues::of_lines(source, region.clone());

@@ -13,10 +13,6 @@ use super::tone::{self, Tone};
 use crate::spectra::LineGrid;
 use crate::statistics::median;
 
-/// A rejected peak within so many lines and this share of a mode's bandwidth together is that mode after all.
-const SAME_LINES: f64 = 1.0;
-const SAME_OF_BANDWIDTH: f64 = 0.5;
-
 /// What a fit stands on.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Basis {
@@ -84,12 +80,7 @@ pub(super) fn fit(
         }
     }
     let modes = merge::merge(grid, measured, &setups, &mut warnings);
-    let is_mode = |peak: &Rejected| {
-        modes.iter().any(|mode| {
-            let reach_hz = SAME_LINES * grid.spacing_hz() + SAME_OF_BANDWIDTH * mode.bandwidth_hz();
-            (mode.frequency_hz - peak.frequency_hz).abs() < reach_hz
-        })
-    };
+    let is_mode = |peak: &Rejected| modes.iter().any(|mode| mode.covers(peak.frequency_hz, grid.spacing_hz()));
     let mut rejected: Vec<Rejected> = basis.rejected.iter().copied().filter(|peak| !is_mode(peak)).collect();
     rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
     let harmonic =

@@ -67,6 +67,11 @@ fn numbers<'a>((mode, changes): (&Mode, &'a GroupChanges)) -> Numbers<'a> {
     }
 }
 
+/// Whether the resonances of a mode and of the next one overlap.
+fn overlap(a: &Mode, b: &Mode) -> bool {
+    b.frequency_hz - a.frequency_hz < a.bandwidth_hz().max(b.bandwidth_hz())
+}
+
 /// Gives two modes whose poles the record does not tell apart any direction in the plane of both: all that a spectrum shows of such twins
 /// is the sum of what they do. The replicates turn together with the whole record, so that their scatter does not show it. Of poles that are
 /// further apart the scatter shows what is linear, and what it leaves out falls with the square of their distance.
@@ -74,14 +79,10 @@ fn widen_twins(modes: &mut [(Mode, GroupChanges)]) {
     let real = |mode: &Mode| DVector::from_iterator(mode.shape.len(), mode.shape.iter().map(|part| part.re));
     for upper in 1..modes.len() {
         let [(a, of_a), (b, of_b)] = &mut modes[upper - 1..=upper] else { continue };
-        let apart = |a: f64, b: f64, stds: [f64; 2]| (b - a) / stds[0].hypot(stds[1]);
-        let sigmas = apart(a.frequency_hz, b.frequency_hz, [a.frequency_std_hz, b.frequency_std_hz]).hypot(apart(
-            a.damping_ratio,
-            b.damping_ratio,
-            [a.damping_ratio_std, b.damping_ratio_std],
-        ));
-        let overlap = b.frequency_hz - a.frequency_hz < a.bandwidth_hz().max(b.bandwidth_hz());
-        if !overlap || sigmas.is_nan() {
+        let frequency_sigmas = (b.frequency_hz - a.frequency_hz) / a.frequency_std_hz.hypot(b.frequency_std_hz);
+        let damping_sigmas = (b.damping_ratio - a.damping_ratio) / a.damping_ratio_std.hypot(b.damping_ratio_std);
+        let sigmas = frequency_sigmas.hypot(damping_sigmas);
+        if !overlap(a, b) || sigmas.is_nan() {
             continue;
         }
         let share = ANY_DIRECTION * (TWIN_SIGMAS / sigmas).min(1.0).powi(2);
@@ -108,8 +109,7 @@ fn pairs(modes: &mut [Mode]) -> Vec<String> {
     let mut sentences = Vec::new();
     for upper in 1..modes.len() {
         let (a, b) = (&modes[upper - 1], &modes[upper]);
-        let overlap = b.frequency_hz - a.frequency_hz < a.bandwidth_hz().max(b.bandwidth_hz());
-        if overlap && a.pair_with.is_none() && noise(a).max(noise(b)) > PAIR_NOISE {
+        if overlap(a, b) && a.pair_with.is_none() && noise(a).max(noise(b)) > PAIR_NOISE {
             sentences.push(format!(
                 "the modes at {:.4} and {:.4} Hz are a pair: the record tells the plane in which they move, but not the direction of each in it. Their standard deviations say so; a longer record tells them apart",
                 a.frequency_hz, b.frequency_hz

@@ -234,8 +234,7 @@ pub fn mode_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
     let (harmonics, picks) = pick::pick(&grid, measured, &singular).into_iter().partition(Pick::is_harmonics);
     let found = fit::fit(measured, &grid, Basis { picks, harmonics, ..Basis::default() }, Vec::new());
     // Where many modes share a few lines, their shapes change from line to line, and nothing there passes for a mode.
-    let stands_far_out = |line: &usize| {
-        let line = *line;
+    let stands_far_out = |&line: &usize| {
         singular.iter().any(|setup| {
             let value = |line: usize| setup.at(line).value;
             let is_peak = value(line) > value(line - 1) && value(line) >= value(line + 1);
@@ -243,9 +242,9 @@ pub fn mode_frequencies_hz(measured: &[MeasuredSetup<'_>]) -> Vec<f64> {
             is_peak && median(&mut about()).is_some_and(|median| value(line) > FAR_OUT * median)
         })
     };
-    let is_told = |hz: &f64| {
-        let is_mode = |mode: &Mode| (mode.frequency_hz - hz).abs() < grid.spacing_hz() + 0.5 * mode.bandwidth_hz();
-        found.harmonics.iter().any(|tone| tone.covers(*hz, grid.spacing_hz())) || found.modes.iter().any(is_mode)
+    let is_told = |&hz: &f64| {
+        found.harmonics.iter().any(|tone| tone.covers(hz, grid.spacing_hz()))
+            || found.modes.iter().any(|mode| mode.covers(hz, grid.spacing_hz()))
     };
     let hidden = (1..grid.lines.saturating_sub(1)).filter(stands_far_out);
     let hidden = hidden.map(|line| grid.frequency_hz(line)).filter(|hz| !is_told(hz));

@@ -324,7 +324,7 @@ impl<'a> Layer<'a> {
         let Some(last) = self.sources.iter().map(|source| source.grid().lines - 1).min() else { return false };
         let centre = self.first_line + line;
         let largest = WIDEST_PEAK.min(last);
-        let lines = around(centre, largest + 2 * largest, last + 1);
+        let lines = around(centre, 3 * largest, last + 1);
         // The density that moves as the peak does, setup by setup and line by line, each worked out once.
         let densities = vec![vec![OnceCell::new(); lines.len()]; self.sources.len()];
         // Mean over setups of the logarithm of its mean over lines.

@@ -9,6 +9,9 @@ use super::kurtosis::HARMONIC_KURTOSIS;
 use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
 use super::tone::LOBE_LINES;
 
+/// What is found within so many lines and this share of a mode's bandwidth together is that mode.
+const SAME_LINES: f64 = 1.0;
+const SAME_OF_BANDWIDTH: f64 = 0.5;
 /// A mode whose bandwidth is less than so many lines may hide others on the same line.
 const NARROW_LINES: f64 = 0.5;
 
@@ -140,6 +143,11 @@ impl Mode {
     /// Whether something else lies where the mode is, in any setup: it may be several in one.
     pub fn is_misfit(&self) -> bool {
         self.fitted.iter().any(|one| one.is_misfit)
+    }
+
+    /// Whether what is found at a frequency is this mode.
+    pub(super) fn covers(&self, frequency_hz: f64, spacing_hz: f64) -> bool {
+        (frequency_hz - self.frequency_hz).abs() < SAME_LINES * spacing_hz + SAME_OF_BANDWIDTH * self.bandwidth_hz()
     }
 
     /// Half-power bandwidth 2 zeta f in Hz.
@@ -320,7 +328,7 @@ mod tests {
     use crate::identify::accuracy::tests::found;
 
     #[test]
-    fn finer_lines_are_wanted_where_most_modes_and_sharp_peaks_are_narrower_than_a_line() {
+    fn finer_lines_are_wanted_where_most_modes_and_sharp_peaks_are_narrower_than_half_a_line() {
         let sharp = Rejected { frequency_hz: 0.2, because: RejectedBecause::Undamped };
         let with = |spacing_hz: f64, rejected: Vec<Rejected>| Identification {
             frequency_resolution_hz: spacing_hz,

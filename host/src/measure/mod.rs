@@ -95,15 +95,7 @@ pub type Observer<'a> = &'a mut dyn FnMut(&Setup, &LineGrid, &WindowLines);
 ///
 /// # Errors
 /// When no setup can be measured; what is wrong with a single one among others becomes a warning.
-pub fn measure<'a>(study: &'a Study, route: Route, progress: Progress<'_>) -> Result<Measurement<'a>, MeasureError> {
-    measure_observed(study, route, progress, &mut |_, _, _| {})
-}
-
-/// As [`measure`], with these lines.
-///
-/// # Errors
-/// As [`measure`].
-pub fn measure_lines<'a>(
+pub fn measure<'a>(
     study: &'a Study,
     route: Route,
     lines: Lines,
@@ -112,7 +104,7 @@ pub fn measure_lines<'a>(
     measure_prepared(prepare_lines(study, route, lines)?, route, progress, &mut |_, _, _| {})
 }
 
-/// As [`measure`], and lets `observer` see the windows.
+/// As [`measure`] with lines that are fine enough, and lets `observer` see the windows.
 ///
 /// # Errors
 /// As [`measure`].
@@ -238,11 +230,7 @@ pub fn prepare(study: &Study, route: Route) -> Result<Prepared<'_>, MeasureError
     prepare_lines(study, route, Lines::Enough)
 }
 
-/// As [`prepare`], with these lines.
-///
-/// # Errors
-/// As [`prepare`].
-pub fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'_>, MeasureError> {
+fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'_>, MeasureError> {
     let mut warnings: Vec<String> = Vec::new();
     let start = Instant::now();
     let mut failure = None;

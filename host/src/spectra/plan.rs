@@ -2,8 +2,8 @@
 //!
 //! Long segments resolve close modes, many segments make the average trustworthy. Where the study leaves the choice open,
 //! the plan takes the finest line spacing that still leaves four averages a channel (and 32 in all), or two where these lines
-//! are coarse for the lowest modes, or modes turn out to be narrower than they: with fewer the cross-spectral matrix nears rank deficiency, and modal coherence loses
-//! its meaning (Brincker, Andersen, Jacobsen 2007).
+//! are coarse for the lowest modes, or modes turn out to be narrower than they: with fewer the cross-spectral matrix nears
+//! rank deficiency, and modal coherence loses its meaning (Brincker, Andersen, Jacobsen 2007).
 //! What the host transforms itself may have longer segments than what nodes transform, as far as memory goes.
 
 use belfry_shared::decimation::{Stages, USABLE_FRACTION};
@@ -154,10 +154,9 @@ pub struct AfterGaps {
 }
 
 /// Which lines are wanted.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lines {
     /// Fine enough for the band's lowest modes, of as many averages as that leaves.
-    #[default]
     Enough,
     /// As fine as the fewest averages allow, for modes that are narrow.
     Finest,
@@ -174,6 +173,8 @@ pub struct SpectralPlan {
     pub decimations: Vec<u32>,
     /// Windows that each setup's recording gives.
     pub windows: Vec<usize>,
+    /// Whether fewer averages a channel would leave finer lines.
+    pub has_finer_lines: bool,
     /// Set where the averages are too few.
     pub few_averages: Option<FewAverages>,
     /// Why this rate and this segment, in one line.
@@ -186,10 +187,7 @@ impl SpectralPlan {
     /// # Errors
     /// Where no segment fits into the recordings, or the band into the lines; a segment that no node transforms.
     pub fn choose(setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
-        match analysis.segment {
-            Some(segment) if segment > LONGEST_OF_NODES => Err(PlanError::TooLongForNodes(segment)),
-            _ => Self::choose_up_to(LONGEST_OF_NODES, setups, analysis, Lines::Enough),
-        }
+        Self::choose_lines(setups, analysis, Lines::Enough, true)
     }
 
     /// The same where the host makes the windows.
@@ -197,7 +195,7 @@ impl SpectralPlan {
     /// # Errors
     /// As [`SpectralPlan::choose`].
     pub fn choose_direct(setups: &[SetupExtent], analysis: &Analysis) -> Result<Self, PlanError> {
-        Self::choose_up_to(LONGEST_SEGMENT, setups, analysis, Lines::Enough)
+        Self::choose_lines(setups, analysis, Lines::Enough, false)
     }
 
     /// The same by either route, with these lines.
@@ -210,21 +208,14 @@ impl SpectralPlan {
         lines: Lines,
         by_nodes: bool,
     ) -> Result<Self, PlanError> {
-        match lines {
-            Lines::AfterGaps(AfterGaps { longest, .. }) => Self::choose_up_to(longest, setups, analysis, lines),
-            Lines::Finest if by_nodes => Self::choose_up_to(LONGEST_OF_NODES, setups, analysis, lines),
-            Lines::Finest => Self::choose_up_to(LONGEST_SEGMENT, setups, analysis, lines),
-            Lines::Enough if by_nodes => Self::choose(setups, analysis),
-            Lines::Enough => Self::choose_direct(setups, analysis),
-        }
-    }
-
-    fn choose_up_to(
-        longest: usize,
-        setups: &[SetupExtent],
-        analysis: &Analysis,
-        lines: Lines,
-    ) -> Result<Self, PlanError> {
+        let longest = match (lines, analysis.segment) {
+            (_, Some(segment)) if by_nodes && segment > LONGEST_OF_NODES => {
+                return Err(PlanError::TooLongForNodes(segment));
+            }
+            (Lines::AfterGaps(AfterGaps { longest, .. }), _) => longest,
+            _ if by_nodes => LONGEST_OF_NODES,
+            _ => LONGEST_SEGMENT,
+        };
         let rates = decimations(setups, analysis)?;
         let powers = std::iter::successors(Some(SHORTEST_SEGMENT), |segment| Some(2 * segment));
         let segments: Vec<usize> = match analysis.segment {
@@ -267,6 +258,7 @@ impl SpectralPlan {
             .or_else(|| Some((candidates.iter().filter(complete).max_by_key(averages)?, least)))
             .ok_or_else(|| too_short(setups, &candidates))?;
         let grid = best.grid(analysis)?;
+        let has_finer_lines = finest(least).is_some_and(|(finer, _)| finer.spacing_hz() < best.spacing_hz());
         let averages: usize = best.windows.iter().sum();
         let few_averages = (averages < wanted).then(|| FewAverages {
             averages,
@@ -276,7 +268,14 @@ impl SpectralPlan {
         });
         let limits = Limits { longest, enough, lines };
         let reason = reason(setups, analysis, best, &grid, limits);
-        Ok(Self { grid, decimations: best.decimations.clone(), windows: best.windows.clone(), few_averages, reason })
+        Ok(Self {
+            grid,
+            decimations: best.decimations.clone(),
+            windows: best.windows.clone(),
+            has_finer_lines,
+            few_averages,
+            reason,
+        })
     }
 
     /// Rows of a setup before the first decimated sample whose filter support lies within the recording; that sample is at

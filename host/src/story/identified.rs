@@ -16,7 +16,7 @@ use crate::identify::phases::phase_suspicions;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
 use crate::identify::{Identification, hold_to_standards, identify as identify_setups};
-use crate::measure::{MeasureError, Measurement, Progress, Route, measure_lines, prepare_lines};
+use crate::measure::{MeasureError, Measurement, Progress, Route, measure};
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
 use crate::spectra::{AfterGaps, LineGrid, Lines};
 use crate::study::Study;
@@ -58,6 +58,9 @@ pub struct ModesReport {
     /// The lines of the spectra.
     #[serde(skip)]
     pub(super) grid: LineGrid,
+    /// Whether there are finer ones, of fewer averages.
+    #[serde(skip)]
+    has_finer_lines: bool,
 }
 
 /// How the recordings were cut.
@@ -121,15 +124,14 @@ pub fn identify(
 ) -> Result<ModesReport, StoryError> {
     let start = Instant::now();
     let found = identify_lines(study, route, method, Lines::Enough, start, on_progress)?;
-    let has_narrow_modes = is_segment_free(study) && found.identification.has_narrow_modes();
-    if has_narrow_modes && prepare_lines(study, route, Lines::Finest)?.plan.grid.spacing_hz() < found.grid.spacing_hz()
+    // Fewer averages may be too few, once gaps have cost some.
+    if is_segment_free(study)
+        && found.has_finer_lines
+        && found.identification.has_narrow_modes()
+        && let Ok(finer) = identify_lines(study, route, method, Lines::Finest, start, on_progress)
+        && finer.identification.modes.len() >= found.identification.modes.len()
     {
-        // Fewer averages may be too few, once gaps have cost some.
-        if let Ok(finer) = identify_lines(study, route, method, Lines::Finest, start, on_progress)
-            && finer.identification.modes.len() >= found.identification.modes.len()
-        {
-            return Ok(finer);
-        }
+        return Ok(finer);
     }
     Ok(found)
 }
@@ -185,7 +187,7 @@ fn measure_between_gaps<'a>(
     progress: Progress<'_>,
 ) -> Result<Measurement<'a>, MeasureError> {
     loop {
-        let measured = measure_lines(study, route, lines, progress);
+        let measured = measure(study, route, lines, progress);
         let shorter = match &measured {
             // The subspace needs no more averages than there are.
             Ok(measurement) if method != Method::Subspace => after_gaps(measurement, study),
@@ -241,6 +243,7 @@ fn report(study: &Study, identification: Identification, measurement: &Measureme
         trends: None,
         inputs: Inputs::of(study),
         grid,
+        has_finer_lines: measurement.plan.has_finer_lines,
         link: link_report(&measurement.fleets),
         timings: TimingReport {
             recorded_s: measurement.duration_s,

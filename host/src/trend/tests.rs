@@ -8,6 +8,7 @@ use crate::measure::measure;
 use crate::model::BeamTable;
 use crate::model::effect::Effect;
 use crate::simulate::{Options, Simulation};
+use crate::spectra::Lines;
 use crate::study::template;
 
 const HALF_HOURS: usize = 8;
@@ -56,7 +57,7 @@ fn write_study(folder: &Path, temperatures: bool, per_kelvin: f64) {
 
 fn followed(folder: &Path, every_s: f64) -> Result<Trend, TrendError> {
     let study = Study::load(folder).unwrap();
-    let measurement = measure(&study, Route::Direct, &mut |_, _| ()).unwrap();
+    let measurement = measure(&study, Route::Direct, Lines::Enough, &mut |_, _| ()).unwrap();
     let found = identify(&measurement.setups, &study.analysis.modes).unwrap();
     follow(&study, &found, &measurement.plan.grid, every_s, Route::Direct, &mut |_, _| ())
 }
