@@ -15,7 +15,7 @@ const EXAMPLES: &str = "Examples:
   belfry compare bridge                        a study with [measured] modes of another tool
   belfry compare canton --json
 
-Modes are paired by shape and frequency together. z is the frequency's error in standard deviations of the measurement (at least 0.02 %). Misfit is the difference of the shapes in shares of their RMS component. COMAC is 1 where a sensor fits in all modes. chi-squared weighs every difference by the measurement's deviations and, with background_stiffness and background_mass in [model], by the model's own tolerance.
+Modes are paired by shape and frequency together. z is the frequency's error in standard deviations of the measurement. Misfit is the difference of the shapes in shares of their RMS component. COMAC is 1 where a sensor fits in all modes. chi-squared weighs every difference by the measurement's deviations and, with background_stiffness and background_mass in [model], by the model's own tolerance.
 
 Writes comparison.json and comparison.svg into `results`.";
 

@@ -7,7 +7,7 @@ use clap::Args;
 use super::Console;
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_text};
 use crate::diagnose::steps::Step;
-use crate::diagnose::{CandidateReport, Diagnosis, Discrepancy, FAILS, Part, STANDS_OUT, Verdict};
+use crate::diagnose::{CandidateReport, Diagnosis, FAILS, Part, Probabilities, STANDS_OUT, Verdict};
 use crate::model::effect::{self, Evidence};
 use crate::story::{AutoEnd, Project};
 use crate::study::Study;
@@ -18,9 +18,9 @@ const EXAMPLES: &str = "Examples:
   belfry diagnose canton --without p-delta     as if there were no such effect
   belfry diagnose canton --json
 
-Every effect of the catalogue (belfry effects), at every height, channel or node, is scored by how much of the difference between model and measurement it explains beyond what measurement noise and the model's own tolerance (background_stiffness and background_mass in [model]) allow. The best are refitted. ln B is the logarithm of the evidence over the present model: 3 is 20 to 1. p is the probability of as much misfit as is left, were the effect all that is missing.
+Every effect of the catalogue (belfry effects), at every height, channel or node, is scored by how much of the difference between model and measurement it explains beyond what measurement noise and the model's own tolerance (background_stiffness and background_mass in [model]) allow. The best are refitted. Probabilities sum to one over the model as it is, every effect, and something else; they follow from the evidence (log_bayes_factor in --json) and from odds before anything is measured (prior_odds in [model]). p is the probability of as much misfit as is left, were the effect all that is missing.
 
-With --auto the best effect is added, those that it makes needless are dropped, and so on until nothing gains 20 to 1. study.toml and the history change as with `belfry add`, and what is printed is the final state.
+With --auto the best effect is added, those that it makes needless are dropped, and so on until nothing more is called for. study.toml and the history change as with `belfry add`, and what is printed is the final state.
 
 Writes diagnosis.json into `results`.";
 
@@ -69,7 +69,7 @@ fn auto(project: &mut Project, without: &[String], console: &Console) -> anyhow:
         ));
     })?;
     match end {
-        AutoEnd::NothingGained => console.say("No effect gains 20 to 1; the model stays as it is."),
+        AutoEnd::NothingGained => console.say("No effect is called for; the model stays as it is."),
         AutoEnd::FrequenciesAlone => console.warn(
             "frequencies alone do not say which mode is which, let alone tell several effects apart; nothing was added. `belfry add` puts one in all the same",
         ),
@@ -129,18 +129,7 @@ fn tell(diagnosis: &Diagnosis, effects: &[String], study: &Study, console: &Cons
         if test.p_value < FAILS { worst_text(test.worst) } else { "" }
     ));
     if !diagnosis.candidates.is_empty() {
-        let mut table = Columns::new(["effect", "value", "ln B", "chi-squared left", "p"]);
-        for candidate in shown(diagnosis) {
-            let place_std = candidate.where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
-            table.row([
-                candidate.name() + &place_std,
-                values_text(&candidate.parameters),
-                candidate.log_bayes_factor.map_or_else(|| "-".to_owned(), |gain| format!("{gain:+.1}")),
-                if in_modes(candidate) { format!("{:.0}", candidate.chi_squared) } else { "-".to_owned() },
-                p_text(candidate.p_value),
-            ]);
-        }
-        console.say(table);
+        tell_table(diagnosis, console);
         for candidate in shown(diagnosis) {
             for estimate in candidate.parameters.iter().filter(|estimate| estimate.is_unusual()) {
                 let sizes = estimate.typical_sizes.map_or_else(String::new, |sizes| format!("{sizes:.0} times "));
@@ -167,11 +156,52 @@ fn tell(diagnosis: &Diagnosis, effects: &[String], study: &Study, console: &Cons
     tell_verdict(diagnosis, console);
 }
 
+/// Hypotheses by their probability.
+fn tell_table(diagnosis: &Diagnosis, console: &Console) {
+    let of_candidate = |candidate: &CandidateReport| {
+        let place_std = candidate.where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
+        let left = if in_modes(candidate) { format!("{:.0}", candidate.chi_squared) } else { "-".to_owned() };
+        let name = candidate.name() + &place_std;
+        let probability = candidate.probability.unwrap_or(0.0);
+        (
+            probability,
+            [name, values_text(&candidate.parameters), probability_text(probability), left, p_text(candidate.p_value)],
+        )
+    };
+    let Probabilities { adequate, something_else } = diagnosis.probabilities;
+    let (dash, test) = (|| "-".to_owned(), diagnosis.present);
+    let as_it_is = [
+        "none".to_owned(),
+        dash(),
+        probability_text(adequate),
+        format!("{:.0}", test.chi_squared),
+        p_text(test.p_value),
+    ];
+    let other = ["something else".to_owned(), dash(), probability_text(something_else), dash(), dash()];
+    let mut rows: Vec<(f64, [String; 5])> = shown(diagnosis).into_iter().map(of_candidate).collect();
+    rows.extend([(adequate, as_it_is), (something_else, other)]);
+    rows.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut table = Columns::new(["effect", "value", "probability", "chi-squared left", "p"]);
+    for (_, row) in rows {
+        table.row(row);
+    }
+    console.say(table);
+}
+
+/// A probability in percent.
+fn probability_text(probability: f64) -> String {
+    match 100.0 * probability {
+        little if little < 0.1 => "< 0.1 %".to_owned(),
+        most if most > 99.9 => "> 99.9 %".to_owned(),
+        percent => format!("{percent:.1} %"),
+    }
+}
+
 fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
     let best = diagnosis.best.first().cloned().unwrap_or_default();
     match diagnosis.verdict {
         Verdict::Adequate => {
-            console.say("Verdict: adequate. The model explains the measurement within its tolerance, and no effect gains 20 to 1.");
+            console.say("Verdict: adequate. The model explains the measurement within its tolerance, and no effect is called for.");
         }
         Verdict::Effect => {
             match &diagnosis.reason {
@@ -201,12 +231,15 @@ fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
 
 /// What the model misses besides, where that is anything.
 fn tell_discrepancy(diagnosis: &Diagnosis, console: &Console) {
-    let Discrepancy { frequency, shape, .. } = diagnosis.discrepancy;
-    let parts = [("frequencies", frequency), ("shapes", shape)].into_iter().filter(|(_, size)| *size > 0.0);
-    let parts: Vec<String> = parts.map(|(what, size)| format!("{what} by about {} %", short(100.0 * size))).collect();
-    if !parts.is_empty() && diagnosis.verdict != Verdict::Unknown {
-        let which = if diagnosis.best.is_empty() { "The model" } else { "With it the model" };
-        console.say(format!("{which} misses {} for reasons that no effect explains.", parts.join(" and ")));
+    if diagnosis.verdict == Verdict::Unknown {
+        return;
+    }
+    if let Some(missed) = diagnosis.discrepancy.missed_in_words() {
+        let which = if diagnosis.best.is_empty() { "Your model" } else { "With it your model" };
+        console.say(format!("{which} misses {missed}, for reasons that no effect explains."));
+    }
+    if let Some(scatter) = diagnosis.discrepancy.scatter_in_words() {
+        console.say(format!("Its {scatter}."));
     }
 }
 

@@ -20,13 +20,13 @@ use crate::study::Sensor;
 pub(crate) use deviation::shape_deviations;
 pub(crate) use pairing::pair_above;
 pub use pairing::{Pair, pair};
-pub(crate) use residual::{Block, Residual, complement, exceeding};
+pub(crate) use residual::{Block, Residual, ShapeBlock, complement, exceeding};
 pub use residual::{ChiSquared, chi_squared};
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};
 pub(crate) use result::{frequency_z, levels};
 pub use shape::mac;
 pub use tolerance::Tolerance;
-pub(crate) use tolerance::one_factor_covariance;
+pub(crate) use tolerance::{correlation_length_m, one_factor_covariance};
 pub use view::{ModelView, ViewError};
 
 /// Compares a model with measured modes: pairs them, sums up where they disagree.

@@ -113,6 +113,13 @@ impl Residual {
         self.blocks().find(|(_, block)| block.measured == measured)
     }
 
+    /// Adds to the differences of ln f, a number for each block.
+    pub(crate) fn shift_frequencies(&mut self, by: &DVector<f64>) {
+        for (block, by) in self.blocks.iter_mut().zip(by.iter()) {
+            block.residual[0] += by;
+        }
+    }
+
     /// Numbers compared.
     pub(crate) fn size(&self) -> usize {
         self.blocks.iter().map(Block::size).sum()

@@ -49,7 +49,7 @@ pub struct PairReport {
     pub model_hz: f64,
     /// The model's frequency against the measured one.
     pub frequency_error_percent: f64,
-    /// The same in standard deviations of the measurement (at least 0.02 %); null where its deviation is unknown.
+    /// The same in standard deviations of the measurement; null where its deviation is unknown.
     pub frequency_z: Option<f64>,
     /// Modal assurance criterion; null where no shape was measured.
     pub mac: Option<f64>,

@@ -36,7 +36,7 @@ impl Tolerance {
     pub fn of(structure: &Structure, model: &Model) -> Option<Self> {
         let Body::Beam(beam) = &structure.body else { return None };
         let [by_stiffness, by_mass] = deviations(model)?;
-        let length_m = correlation_length_m(beam, model);
+        let length_m = correlation_length_m([beam.z_base_m(), beam.z_top_m()], model);
         let has_shear = beam.segments().iter().any(|segment| segment.shear_n.iter().any(Option::is_some));
         let is_there = |stiffness: &Stiffness| *stiffness != Stiffness::Shear || has_shear;
         let stiffnesses = Stiffness::ALL.into_iter().filter(|stiffness| by_stiffness > 0.0 && is_there(stiffness));
@@ -80,8 +80,9 @@ fn deviations(model: &Model) -> Option<[f64; 2]> {
     (deviations != [0.0; 2]).then_some(deviations)
 }
 
-fn correlation_length_m(beam: &BeamTable, model: &Model) -> f64 {
-    model.correlation_length_m.unwrap_or(DEFAULT_CORRELATION * (beam.z_top_m() - beam.z_base_m()))
+/// Over which height errors go together: as a study states it, or else a share of the structure's height.
+pub(crate) fn correlation_length_m([z_base_m, z_top_m]: [f64; 2], model: &Model) -> f64 {
+    model.correlation_length_m.unwrap_or(DEFAULT_CORRELATION * (z_top_m - z_base_m))
 }
 
 /// Correlation between segments: a Gaussian kernel over the heights of their middles.
@@ -97,7 +98,7 @@ fn kernel(beam: &BeamTable, length_m: f64) -> DMatrix<f64> {
 /// Covariance of one relative factor a segment on all of its stiffnesses alike and of one on its mass, as a study states them: of what
 /// it does not trust, stiffness first; `None` where it trusts its model.
 pub(crate) fn one_factor_covariance(beam: &BeamTable, model: &Model) -> Option<DMatrix<f64>> {
-    let kernel = kernel(beam, correlation_length_m(beam, model));
+    let kernel = kernel(beam, correlation_length_m([beam.z_base_m(), beam.z_top_m()], model));
     let deviations = deviations(model)?.into_iter().filter(|deviation| *deviation > 0.0);
     let parts: Vec<DMatrix<f64>> = deviations.map(|deviation| &kernel * deviation.powi(2)).collect();
     let size = kernel.nrows();

@@ -1,4 +1,4 @@
-//! When evidence is enough: the two numbers that decide between verdicts.
+//! When evidence is enough: the numbers that decide between verdicts.
 
 /// Evidence of 20 to 1 makes an effect stand out: its natural logarithm.
 pub const STANDS_OUT: f64 = 2.995_732_273_553_991;

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use super::criteria::{FAILS, STANDS_OUT};
+use super::criteria::STANDS_OUT;
 use super::fit::Fit;
 use super::found::{AtHeight, Found, HeightSpread, NEAR};
 use super::knob::Knob;
@@ -71,20 +71,22 @@ const STEPS: usize = 4;
 const ALIKE: f64 = 0.1;
 
 impl Problem {
-    /// The damper that explains most, at its best place or at `height`; `None` where nothing hints at one.
+    /// The damper that explains most, at its best place or at `height`; `None` where nothing hints at one, or no twin does where only
+    /// those count.
     pub(super) fn search_damper(
         &self,
         present: &Fit,
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
+        by_twins_only: bool,
     ) -> Option<Found> {
-        let found =
-            self.clues(present).into_iter().filter_map(|clue| Hanging::of(self, present, kind, clue, place)?.found());
+        let clues = self.clues(present, by_twins_only).into_iter();
+        let found = clues.filter_map(|clue| Hanging::of(self, present, kind, clue, place)?.found());
         found.max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor))
     }
 
     /// Twins first, then pairs that are too far apart, then modes with much damping.
-    fn clues(&self, present: &Fit) -> Vec<Clue> {
+    fn clues(&self, present: &Fit, by_twins_only: bool) -> Vec<Clue> {
         let mut clues: Vec<Clue> = Vec::new();
         let mut add = |clue: Clue| {
             if clues.iter().all(|other| (clue.frequency_hz / other.frequency_hz).ln().abs() > SAME) {
@@ -103,6 +105,10 @@ impl Problem {
                 add(Clue::of_twins(mode, self.measured[mode].frequency_hz, twin.frequency_hz));
             }
         }
+        if by_twins_only {
+            clues.truncate(MOST_CLUES);
+            return clues;
+        }
         // Identification may merge the two modes of a pair on either side of the split; then every mode has a partner.
         for mode in 0..self.paired {
             for other in 0..mode {
@@ -116,7 +122,8 @@ impl Problem {
             }
         }
         // A damper moves modes as well as damping them: where all modes are where they should be, there is no damper.
-        if present.goodness_of_fit().p_value >= FAILS {
+        if present.passes() {
+            clues.truncate(MOST_CLUES);
             return clues;
         }
         let ratio = |mode: usize| self.measured[mode].damping_ratio.unwrap_or(0.0);
@@ -310,6 +317,8 @@ impl<'a> Hanging<'a> {
             kind: self.kind,
             fit: best,
             log_bayes_factor: reached - self.present.log_evidence() + (sum / self.heights as f64).ln(),
+            hypotheses: self.heights,
+            log_share: (sum / self.heights as f64).ln(),
             near,
             height: (self.places.len() > 1).then_some(HeightSpread { std_m, values }),
             known: Vec::new(),

@@ -9,14 +9,25 @@ use super::knob::{Knob, with_values};
 use super::problem::Problem;
 use super::state::State;
 use crate::compare::ModelView;
-use crate::model::{Change, ModeDerivative, SegmentChange, Stiffness, Structure};
+use crate::model::{Change, ModeDerivative, SegmentChange, Stiffness, Structure, eccentricity_changes};
 
 impl State {
     /// Derivatives of [`State::differences`] by the background's numbers.
     pub(super) fn by_background(&self, problem: &Problem) -> DMatrix<f64> {
+        let (first, all) = (problem.background.first_of_families(), problem.background.size());
+        let mut by_numbers = self.by_scatter(problem).unwrap_or_else(|| DMatrix::zeros(self.modes.len(), first));
+        by_numbers.resize_horizontally_mut(all, 0.0);
+        problem.set_families(&self.residual, &problem.discrepancy, first, &mut by_numbers);
+        self.whiten_by(&self.factors, &mut by_numbers);
+        // Scatter moves damping by next to nothing.
+        by_numbers.resize_vertically(self.size(), 0.0)
+    }
+
+    /// Of the differences of modes before they are weighed, by the numbers of segments and masses; `None` where there are none.
+    fn by_scatter(&self, problem: &Problem) -> Option<DMatrix<f64>> {
         let changes = if problem.background.is_none() { Vec::new() } else { self.structure.segment_changes() };
         if changes.is_empty() {
-            return DMatrix::zeros(self.size(), problem.background.size());
+            return None;
         }
         let column = |change: &Change| {
             let derivatives = self.view.derivatives(&self.sensor_vectors, &self.models, change);
@@ -30,14 +41,13 @@ impl State {
             DMatrix::from_columns(&changes.iter().map(change).collect::<Vec<_>>())
         };
         let by_quantities: Vec<DMatrix<f64>> = problem.background.quantities().map(by_quantity).collect();
-        let by_spread = column(&self.structure.spread_change());
-        let mut by_numbers = problem.background.chain(&by_quantities, &by_spread, &self.numbers);
-        self.whiten_by(&self.factors, &mut by_numbers);
-        // Scatter moves damping by next to nothing.
-        by_numbers.resize_vertically(self.size(), 0.0)
+        let [along_x, along_y] = eccentricity_changes(&self.assembly);
+        let by_masses = [&self.structure.spread_change(), &along_x, &along_y].map(column);
+        Some(problem.background.chain(&by_quantities, &by_masses, &self.numbers))
     }
 
-    /// The derivative of [`State::differences`] by what takes the structure to `structure` in a step of the size `step`.
+    /// The derivative of the differences by what takes the structure to `structure` in a step of the size `step`; those of modes
+    /// before they are weighed.
     pub(super) fn towards(&self, problem: &Problem, structure: &Structure, step: f64) -> Option<DVector<f64>> {
         let there = structure.assemble();
         if there.dofs() != self.assembly.dofs() {
@@ -60,7 +70,7 @@ impl State {
             }
             phases = (problem.phase_differences(self, &view) - &self.phases) / step;
         }
-        let modes = self.whiten(self.residual.slope(&self.models, &slopes));
+        let modes = self.residual.slope(&self.models, &slopes);
         let damping = DVector::from_fn(self.damping.len(), |mode, _| {
             let pair = self.pairs.get(mode);
             let at = pair.and_then(|pair| Some((pair.model, self.models.binary_search(&pair.model).ok()?)));
@@ -74,12 +84,13 @@ impl State {
         all.iter().all(|value| value.is_finite()).then_some(all)
     }
 
-    /// The derivative by a knob.
+    /// The derivative of [`State::differences`] by a knob.
     pub(super) fn by_knob(&self, problem: &Problem, knob: &Knob) -> Option<DVector<f64>> {
         let value = self.value(knob);
         // Inwards where the bound is near.
         let step = if value + knob.step <= knob.bounds[1] { knob.step } else { -knob.step };
         let effects = with_values(&self.effects, std::slice::from_ref(knob), &[value + step]);
-        Some(self.towards(problem, &problem.structure_with(&effects, &self.numbers)?, step)? * knob.scale)
+        let along = self.towards(problem, &problem.structure_with(&effects, &self.numbers)?, step)? * knob.scale;
+        Some(self.whiten(along))
     }
 }

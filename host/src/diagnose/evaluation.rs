@@ -1,30 +1,47 @@
 //! From effects and background to a [`State`]: the structure with both is assembled, its modes are paired with the measured ones
 //! and the differences are whitened.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn};
 
 use super::discrepancy::Discrepancy;
 use super::problem::Problem;
 use super::state::State;
-use crate::compare::{Block, ModelView, Pair, Residual, pair_above};
+use crate::compare::{Block, ModelView, Pair, Residual, ShapeBlock, pair_above};
 use crate::model::Structure;
 use crate::model::effect::Effect;
+use crate::modes::MeasuredMode;
 
 /// Least likeness of a pair. Every measured mode must find a partner, or effects could take values that make the modes that
 /// they do not explain disappear.
 pub(super) const LEAST_LIKENESS: f64 = 1e-6;
 /// Modes further apart than this (ln f) do not mix.
 const FAR: f64 = 0.25;
-/// Whatever makes the peak of a mode lean (neighbours, the colour of the load, damping that is no constant) moves its
-/// frequency by a share of its bandwidth, however long the record: of the damping ratio, in ln f.
-const BIAS_OF_BANDWIDTH: f64 = 0.03;
-/// Deviations from some twelve groups of a jackknife scatter themselves: squares in units of them have the mean
-/// 11/9 (Student's t with eleven degrees of freedom).
-const SCATTER_OF_VARIANCES: f64 = 11.0 / 9.0;
 /// A mode whose damping a dashpot raises by this share is one that it moves.
 const DAMPED: f64 = 0.3;
 /// Damping of a structure's modes scatters by this factor (standard deviation of its logarithm).
 pub(super) const SCATTER_OF_DAMPING: f64 = 0.5;
+
+/// What the shape of a block may have wrong.
+pub(super) struct ShapeErrors {
+    turns: Vec<Turn>,
+    /// Covariance of a smooth error of unit size along the block's directions.
+    smooth: DMatrix<f64>,
+}
+
+/// How a block changes where its mode turns towards a neighbour.
+pub(super) struct Turn {
+    /// How far apart the two frequencies are (ln f).
+    apart: f64,
+    /// The neighbour's shape along the block's numbers.
+    along: DVector<f64>,
+}
+
+impl Turn {
+    /// By a coupling of this size.
+    fn by(&self, coupling: f64) -> DVector<f64> {
+        &self.along * (0.5 * coupling / self.apart).min(1.0)
+    }
+}
 
 impl Problem {
     /// The model with effects and background, compared with the measurement; eigenvectors are reused from `previous` where
@@ -72,7 +89,10 @@ impl Problem {
             models.dedup();
             models
         };
-        let residual = Residual::of(&view, measured, &pairs, &partners);
+        let mut residual = Residual::of(&view, measured, &pairs, &partners);
+        if self.discrepancy.family > 0.0 {
+            residual.shift_frequencies(&(self.by_families(&residual, &self.discrepancy) * self.of_families(&numbers)));
+        }
         let twins_left = self.measured.len() - measured.len();
         let factors = self.covariance_factors(&residual, &self.discrepancy);
         let factors = factors.ok_or("the covariance of a measured mode is not positive definite")?;
@@ -111,41 +131,129 @@ impl Problem {
         self.state(effects.to_vec(), DVector::zeros(self.background.size()), None)
     }
 
+    /// The numbers of families of modes.
+    pub(super) fn of_families<'a>(&self, numbers: &'a DVector<f64>) -> DVectorView<'a, f64> {
+        numbers.rows(self.background.first_of_families(), self.families.ncols())
+    }
+
+    /// How the difference of ln f of each block follows these numbers, with a discrepancy.
+    pub(super) fn by_families(&self, residual: &Residual, discrepancy: &Discrepancy) -> DMatrix<f64> {
+        let modes: Vec<usize> = residual.blocks().map(|(_, block)| block.measured).collect();
+        let mut shares = self.families.select_rows(&modes);
+        for (mut row, &mode) in shares.row_iter_mut().zip(&modes) {
+            row *= discrepancy.family * discrepancy.grown(self.measured[mode].frequency_hz, self.middle_hz);
+        }
+        shares
+    }
+
+    /// Writes that into columns of derivatives, before they are weighed.
+    pub(super) fn set_families(
+        &self,
+        residual: &Residual,
+        discrepancy: &Discrepancy,
+        first_column: usize,
+        slopes: &mut DMatrix<f64>,
+    ) {
+        let by_families = self.by_families(residual, discrepancy);
+        for ((first, _), row) in residual.blocks().zip(by_families.row_iter()) {
+            slopes.view_mut((first, first_column), (1, row.len())).copy_from(&row);
+        }
+    }
+
     /// Cholesky factors of the blocks' covariances; `None` where one is not positive definite.
     pub(super) fn covariance_factors(
         &self,
         residual: &Residual,
         discrepancy: &Discrepancy,
     ) -> Option<Vec<Cholesky<f64, Dyn>>> {
-        residual.blocks().map(|(_, block)| Cholesky::new(self.covariance(block, discrepancy))).collect()
+        self.factors_of(residual, &self.errors(residual), discrepancy)
     }
 
-    /// A block's covariance by the measurement and by a discrepancy of the model: of the frequency, of the shape at each sensor, and
-    /// by how far neighbouring modes turn.
-    fn covariance(&self, block: &Block, discrepancy: &Discrepancy) -> DMatrix<f64> {
-        let mut covariance = &block.covariance * SCATTER_OF_VARIANCES;
+    /// The same where the errors that blocks may have are known.
+    pub(super) fn factors_of(
+        &self,
+        residual: &Residual,
+        errors: &[ShapeErrors],
+        discrepancy: &Discrepancy,
+    ) -> Option<Vec<Cholesky<f64, Dyn>>> {
+        let factor = |((_, block), errors): ((usize, &Block), &ShapeErrors)| {
+            Cholesky::new(self.covariance(block, errors, discrepancy))
+        };
+        residual.blocks().zip(errors).map(factor).collect()
+    }
+
+    /// A block's covariance by the measurement and by a discrepancy of the model: of the frequency, of the shape at each sensor and
+    /// smoothly over the height, and by how far neighbouring modes turn.
+    fn covariance(&self, block: &Block, errors: &ShapeErrors, discrepancy: &Discrepancy) -> DMatrix<f64> {
+        let mut covariance = block.covariance.clone();
         let mode = &self.measured[block.measured];
         let grown = discrepancy.grown(mode.frequency_hz, self.middle_hz);
-        covariance[(0, 0)] +=
-            (BIAS_OF_BANDWIDTH * mode.damping_ratio.unwrap_or(0.0)).powi(2) + (grown * discrepancy.frequency).powi(2);
+        covariance[(0, 0)] += (grown * discrepancy.frequency).powi(2);
         let Some(shape) = &block.shape else { return covariance };
         // Directions are of unit length and at right angles, so what is independent at sensors is independent along them.
         let local = (grown * discrepancy.shape * shape.largest()).powi(2);
         for index in 1..block.size() {
             covariance[(index, index)] += local;
         }
-        for (index, other) in self.measured.iter().enumerate() {
-            let apart = (mode.frequency_hz / other.frequency_hz).ln().abs();
-            let Some(other) = &other.shape else { continue };
-            if self.close[block.measured].contains(&index) || apart > FAR || other.sensors != shape.sensors {
-                continue;
-            }
-            let angle = (0.5 * discrepancy.coupling / apart).min(1.0);
-            let along = shape.directions.tr_mul(&other.values.normalize()) * angle;
-            let mut part = covariance.view_mut((1, 1), (along.len(), along.len()));
-            part += &along * along.transpose();
+        if discrepancy.smooth > 0.0 {
+            let size = (grown * discrepancy.smooth * shape.largest()).powi(2);
+            let mut of_shape = covariance.view_mut((1, 1), (block.size() - 1, block.size() - 1));
+            of_shape += &errors.smooth * size;
+        }
+        let turns = &errors.turns;
+        if !turns.is_empty() {
+            let turned: Vec<DVector<f64>> = turns.iter().map(|turn| turn.by(discrepancy.coupling)).collect();
+            let turned = DMatrix::from_columns(&turned);
+            covariance += &turned * turned.transpose();
         }
         covariance
+    }
+
+    /// How each block's mode turns towards its neighbours, and how its shape may err smoothly.
+    pub(super) fn errors(&self, residual: &Residual) -> Vec<ShapeErrors> {
+        let of_block = |(_, block): (usize, &Block)| match &block.shape {
+            Some(shape) => ShapeErrors { turns: self.turns_of(block, shape), smooth: self.smooth_of(shape) },
+            None => ShapeErrors { turns: Vec::new(), smooth: DMatrix::zeros(0, 0) },
+        };
+        residual.blocks().map(of_block).collect()
+    }
+
+    /// Covariance of a smooth error of unit size along a block's directions.
+    fn smooth_of(&self, shape: &ShapeBlock) -> DMatrix<f64> {
+        let at_sensors = self.smooth.select_rows(&shape.sensors).select_columns(&shape.sensors);
+        shape.directions.transpose() * at_sensors * &shape.directions
+    }
+
+    fn turns_of(&self, block: &Block, shape: &ShapeBlock) -> Vec<Turn> {
+        let mode = &self.measured[block.measured];
+        let towards = |(index, other): (usize, &MeasuredMode)| {
+            let apart = (mode.frequency_hz / other.frequency_hz).ln().abs();
+            let other = other.shape.as_ref().filter(|other| other.sensors == shape.sensors)?;
+            if self.close[block.measured].contains(&index) || apart > FAR {
+                return None;
+            }
+            let along = shape.directions.tr_mul(&other.values.normalize()).insert_row(0, 0.0);
+            Some(Turn { apart, along })
+        };
+        self.measured.iter().enumerate().filter_map(towards).collect()
+    }
+
+    /// How much smaller the squared differences of each block of a fit are to be expected than the numbers compared: the coupling that
+    /// is always allowed is a bound for what directions and supports do, not what they do. Of `E q = tr(P S)`, P what a fit leaves
+    /// (`slopes` with the `covariance` of what is fitted), S without that coupling.
+    pub(super) fn allowed(&self, state: &State, slopes: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Vec<f64> {
+        let of_block = |((first, block), factor): ((usize, &Block), &Cholesky<f64, Dyn>)| {
+            let Some(shape) = &block.shape else { return 0.0 };
+            let slopes = slopes.rows(first, block.size());
+            let left = |turned: DVector<f64>| {
+                let turned = factor.l_dirty().solve_lower_triangular(&turned).unwrap_or(turned);
+                let followed = slopes.tr_mul(&turned);
+                (turned.norm_squared() - followed.dot(&(covariance * &followed))).max(0.0)
+            };
+            let turns = self.turns_of(block, shape);
+            turns.iter().map(|turn| left(turn.by(Discrepancy::NONE.coupling))).sum()
+        };
+        state.residual.blocks().zip(&state.factors).map(of_block).collect()
     }
 
     /// Logarithms of predicted over measured damping ratios. The model does not know a structure's own damping: that of the

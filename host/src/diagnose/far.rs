@@ -107,10 +107,14 @@ impl<'a> Far<'a> {
     fn fit(&self, start: &Start, hypotheses: usize) -> Option<Found> {
         let fit = self.problem.fit_with_one_more(self.present, &start.state, &|_| {})?;
         let gain = fit.log_evidence() - self.present.log_evidence();
+        let hypotheses = hypotheses.max(1);
+        let log_share = -(hypotheses as f64).ln();
         Some(Found {
             kind: start.kind,
             fit,
-            log_bayes_factor: gain - (hypotheses.max(1) as f64).ln(),
+            log_bayes_factor: gain + log_share,
+            hypotheses,
+            log_share,
             near: Vec::new(),
             height: None,
             known: Vec::new(),
@@ -166,7 +170,7 @@ impl Problem {
         match parameter.prior {
             Prior::FrequencyShift(_) => {
                 let nothing = candidate.effect(&candidate.neutral());
-                let unit = nothing.and_then(|effect| self.typical(&effect, at));
+                let unit = nothing.and_then(|effect| Some(self.typical(&effect, at, 1.0)?.size));
                 let multiples = |unit: f64| MULTIPLES.map(|multiple| parameter.neutral + multiple * unit).to_vec();
                 unit.map_or_else(Vec::new, multiples)
             }

@@ -2,12 +2,13 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use serde::{Deserialize, Serialize};
 
 use super::discrepancy::{Discrepancy, log_determinant};
 use super::knob::{Knob, with_values};
 use super::misfit::Loss;
+use super::near::squares;
 use super::problem::Problem;
 use super::state::State;
 use crate::compare::exceeding;
@@ -23,6 +24,8 @@ pub struct Fit {
     pub(super) jacobian: DMatrix<f64>,
     /// Covariance of knobs (in units of their scale) and background.
     covariance: DMatrix<f64>,
+    /// See [`Problem::allowed`], block by block.
+    pub(super) allowed: Vec<f64>,
     log_evidence: f64,
     /// What the model was taken to miss besides.
     pub(super) discrepancy: Discrepancy,
@@ -77,10 +80,14 @@ impl Problem {
         numbers: &DVector<f64>,
         previous: Option<&State>,
     ) -> Result<Fit, String> {
-        let mut state = self.state(effects, numbers.clone(), previous)?;
-        let mut jacobian = self.jacobian(&state, knobs)?;
         // The robust loss lets go of what is far off, wherever it starts; squares bring it near first.
-        for loss in [Loss::Squares, Loss::Robust] {
+        self.fit_by(&[Loss::Squares, Loss::Robust], self.state(effects, numbers.clone(), previous)?, knobs)
+    }
+
+    /// The same of a state by one loss after the other.
+    pub(super) fn fit_by(&self, losses: &[Loss], mut state: State, knobs: &[Knob]) -> Result<Fit, String> {
+        let mut jacobian = self.jacobian(&state, knobs)?;
+        for &loss in losses {
             let mut damping = 1e-3;
             for _ in 0..MOST_ITERATIONS {
                 let Some(moved) = self.step(&state, knobs, &jacobian, loss, &mut damping) else { break };
@@ -155,7 +162,7 @@ impl Problem {
         let weights = state.weights(loss);
         let weighted = weighted(jacobian, &weights);
         let mut gradient = weighted.tr_mul(&state.differences().component_mul(&weights));
-        let mut curvature = weighted.tr_mul(&weighted);
+        let mut curvature = squares(&weighted);
         for index in count..size {
             gradient[index] += state.numbers[index - count];
             curvature[(index, index)] += 1.0;
@@ -207,7 +214,7 @@ impl Problem {
     fn finish(&self, state: State, knobs: Vec<Knob>, slopes: DMatrix<f64>) -> Result<Fit, String> {
         let (count, size) = (knobs.len(), slopes.ncols());
         let jacobian = weighted(&slopes, &state.weights(Loss::Robust));
-        let information = jacobian.tr_mul(&jacobian);
+        let information = squares(&jacobian);
         let with_prior = &information + DMatrix::identity(size, size);
         let factor = Cholesky::new(with_prior).ok_or("the fit is not determined")?;
         let more_room = self.log_volume(&state).ok_or("the covariance of a measured mode is not positive definite")?;
@@ -224,7 +231,8 @@ impl Problem {
         let log_evidence = -0.5 * (cost(&state, Loss::Robust) + prior + volume) + log_one_sided(&knobs);
         let discrepancy = self.discrepancy;
         let log_evidence = log_evidence + discrepancy.log_prior();
-        Ok(Fit { state, knobs, slopes, jacobian, covariance, log_evidence, discrepancy })
+        let allowed = self.allowed(&state, &slopes, &covariance);
+        Ok(Fit { state, knobs, slopes, jacobian, covariance, allowed, log_evidence, discrepancy })
     }
 }
 
@@ -325,41 +333,38 @@ impl Fit {
     pub fn place(&self, effect: usize) -> Option<&Where> {
         self.state.effects.get(effect).and_then(Effect::place)
     }
-
-    /// What of the differences neither the background nor the other effects explain: projects vectors of differences
-    /// (columns) off them, so that lengths are in standard deviations of all that is uncertain. Differences are weighted as
-    /// in the fit.
-    pub(super) fn marginal(&self) -> Marginal {
-        let count = self.knobs.len();
-        let mut curvature = self.jacobian.tr_mul(&self.jacobian);
-        for index in 0..curvature.nrows() {
-            curvature[(index, index)] += if index < count { 1e-12 } else { 1.0 };
-        }
-        Marginal {
-            factor: Cholesky::new(curvature),
-            jacobian: self.jacobian.clone(),
-            weights: self.state.weights(Loss::Robust),
-        }
-    }
 }
 
-/// Differences seen through what else is uncertain.
+/// Differences seen through what else is uncertain: background and effects in the model.
 pub(super) struct Marginal {
+    /// Of what is uncertain, by weight.
     jacobian: DMatrix<f64>,
+    curvature: Cholesky<f64, Dyn>,
     /// Square roots of the weights of differences.
     pub(super) weights: DVector<f64>,
-    factor: Option<Cholesky<f64, nalgebra::Dyn>>,
+    /// Cholesky factors of the modes' covariances.
+    pub(super) factors: Vec<Cholesky<f64, Dyn>>,
+    /// What is left of the differences, by weight, where all that is uncertain does what it can.
+    pub(super) left: DVector<f64>,
 }
 
 impl Marginal {
-    /// What of a state's differences is left where background and other effects do what they can, by weight: at a fit it is
-    /// the differences themselves.
-    pub(super) fn left(&self, state: &State) -> DVector<f64> {
-        let weighted = state.differences().component_mul(&self.weights);
-        if state.numbers.iter().all(|number| *number == 0.0) {
-            return self.project(&DMatrix::from_columns(&[weighted])).column(0).into_owned();
+    /// From derivatives by weight, of which the first `count` are by knobs, and differences without scatter.
+    pub(super) fn of(
+        jacobian: DMatrix<f64>,
+        count: usize,
+        weights: DVector<f64>,
+        factors: Vec<Cholesky<f64, Dyn>>,
+        straight: &DVector<f64>,
+    ) -> Option<Self> {
+        let mut curvature = squares(&jacobian);
+        for index in 0..curvature.nrows() {
+            curvature[(index, index)] += if index < count { 1e-12 } else { 1.0 };
         }
-        weighted
+        let left = straight.component_mul(&weights);
+        let mut marginal = Self { jacobian, curvature: Cholesky::new(curvature)?, weights, factors, left };
+        marginal.left = marginal.project(&DMatrix::from_columns(&[marginal.left.clone()])).column(0).into_owned();
+        Some(marginal)
     }
 
     /// Columns by weight.
@@ -370,9 +375,6 @@ impl Marginal {
     /// `P g`, P = I - J (JᵀJ + D)⁻¹ Jᵀ with D the prior's precision, of columns by weight: whitened by measurement,
     /// background and other effects.
     pub(super) fn project(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
-        match &self.factor {
-            Some(factor) => columns - &self.jacobian * factor.solve(&self.jacobian.tr_mul(columns)),
-            None => columns.clone(),
-        }
+        columns - &self.jacobian * self.curvature.solve(&self.jacobian.tr_mul(columns))
     }
 }

@@ -17,6 +17,9 @@ pub(super) struct Found {
     pub(super) fit: Fit,
     /// The logarithm of the evidence over that of the present model, averaged over the places of the kind.
     pub(super) log_bayes_factor: f64,
+    /// How many places and sets of parameters the evidence was averaged over, and the logarithm of what that left of the best's.
+    pub(super) hypotheses: usize,
+    pub(super) log_share: f64,
     /// Other places that explain nearly as much: the logarithm of their evidence below that of the best.
     pub(super) near: Vec<(Where, f64)>,
     /// How well its height is known, for effects that may be at any height.
@@ -81,18 +84,3 @@ impl Found {
         self.fit.state.effects.len() - 1
     }
 }
-
-/// The effect that stands out most of those that explain everything; where none does, the one that stands out most.
-///
-/// An effect that leaves a few modes far off, as if they had been identified wrongly, may gain more than one that explains them
-/// all.
-pub(super) fn best_of<'a>(found: &'a [Found], present: &Fit) -> Option<&'a Found> {
-    let standing: Vec<&Found> = found.iter().filter(|found| found.stands_out()).collect();
-    let first = *standing.first()?;
-    let explains =
-        |found: &&&Found| found.log_bayes_factor > EXPLAINS * first.log_bayes_factor && found.fit.explains(present);
-    Some(standing.iter().find(explains).copied().unwrap_or(first))
-}
-
-/// An effect that explains everything may gain less than another, down to this share.
-const EXPLAINS: f64 = 0.5;

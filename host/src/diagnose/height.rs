@@ -33,6 +33,11 @@ impl Problem {
             around.insert(z_m, fit);
         }
         found.height = around.spread();
+        let log_share = found.height.as_ref().and_then(|height| self.log_share(found.hypotheses, height.std_m));
+        if let Some(log_share) = log_share {
+            found.log_bayes_factor += log_share - found.log_share;
+            found.log_share = log_share;
+        }
         let (z_m, best) = around.best;
         let gain = best.log_evidence() - before;
         if gain > 0.0 {
@@ -42,6 +47,16 @@ impl Problem {
             found.near = std::mem::take(&mut found.near).into_iter().filter_map(moved).collect();
             found.near.retain(|(place, _)| *place != Where::Height(z_m));
         }
+    }
+
+    /// Logarithm of the mean evidence over the height against that at the best height, for an effect that may be at any and whose
+    /// evidence falls from there as a Gaussian of this standard deviation: `ln(sqrt(2 pi) std / height)`, the look-elsewhere
+    /// factor; divided by the sets of parameters that were tried at each place. `None` where nothing is known of the height.
+    fn log_share(&self, hypotheses: usize, std_m: f64) -> Option<f64> {
+        let [z_base_m, z_top_m] = self.bare.z_range_m()?;
+        let share = (std::f64::consts::TAU.sqrt() * std_m / (z_top_m - z_base_m)).min(1.0);
+        let sets = (hypotheses as f64 / self.heights_m().len().max(1) as f64).max(1.0);
+        (share > 0.0).then(|| (share / sets).ln())
     }
 
     /// A fit with its last effect at another height.

@@ -2,6 +2,19 @@
 //!
 //! Squared differences of the numbers of one mode flow in; twice the negative logarithm of their likelihood, and its slope,
 //! flow out.
+//!
+//! What is robust here and elsewhere, with what was measured on 243 modes of 24 cases of the blind bench against their exact modes:
+//!
+//! | allowance | measurement |
+//! |---|---|
+//! | one mode in ten has deviations that are wrong by 5 (frequency) or 3 (shape) | 0.8 % of frequencies are off by more than 3 deviations, none by 4; 2 % of whole modes have more than twice the squares. The share is kept above that for records that are not simulated. |
+//! | damping scatters by a factor of 1.65 (`evaluation`) | dampings of the bench are drawn from 0.5 to 2 %, 0.40 in the logarithm |
+//! | phases at least 1.4 times as large as most sensors of the mode show (`problem`) | without the 1.4 squares have a mean of 0.29 where clocks are right, but a tower with a clock 0.1 s late fails |
+//! | phases no surer than 0.2 % of the shape's length (`problem`) | without it the delay of a clock 0.1 s late is 5.6 deviations off |
+//! | 2 % of a number's variance is its own (`compare`) | keeps covariances invertible; squares of whole modes have a mean of 0.77 |
+//!
+//! Gone are floors of 0.02 % and 0.2 % (squares 0.20 with them), 3 % of the bandwidth (frequencies are off by 0.91 deviations rms without),
+//! and 11/9 for scattering variances.
 
 /// Share of modes whose deviations are wrong, and by what factor: those of a frequency, those of a shape.
 const WRONG: f64 = 0.1;
@@ -34,6 +47,11 @@ impl Group {
     /// A mode's damping.
     pub(super) fn of_damping() -> Self {
         Self { first: 0, count: 1, wrong_by: WRONG_BY[0], is_twin: false }
+    }
+
+    /// Twice the negative logarithm of the likelihood at zero, over that of deviations that are never wrong.
+    pub(super) fn offset(&self) -> f64 {
+        -2.0 * (1.0 - WRONG + WRONG * self.wrong_by.powi(-(self.count as i32))).ln()
     }
 
     /// Twice the negative logarithm of the likelihood of squared differences, zero at zero, and its derivative.

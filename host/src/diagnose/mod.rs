@@ -10,7 +10,8 @@
 //! effects and background, and `derivatives` and `scales` say how it follows them; `fit` finds the most probable values and
 //! `goodness` tests them. `candidates` lists what could be missing, `score` weighs each by one linear step, `search` refits the
 //! best (with `far`, `damper` and `height`), `verdict` weighs what was `found`, `report` is what it says, `settle` says what to
-//! measure next. Effects that show elsewhere than in modes are in `signals`. `outlook` predicts verdicts before anything is measured.
+//! measure next; `prior` and `posterior` say how probable each hypothesis is, `elsewise` what the verdict would be with another
+//! tolerance. Effects that show elsewhere than in modes are in `signals`. `outlook` predicts verdicts before anything is measured.
 //!
 //! The statistics: with r the whitened differences of model and measurement, the fit minimises `|r|² + |b|²` over the
 //! effects' values and the background b, whose prior is standard normal (joint maximum a posteriori, so that the tolerance
@@ -26,17 +27,24 @@ mod derivatives;
 mod discrepancy;
 #[cfg(test)]
 mod discrepancy_tests;
+mod elsewise;
 mod error;
 mod evaluation;
+mod families;
 mod far;
 mod fit;
 mod found;
 mod goodness;
+#[cfg(test)]
+mod goodness_tests;
 mod height;
 pub mod held_out;
 mod knob;
 mod misfit;
+mod near;
 mod outlook;
+mod posterior;
+mod prior;
 mod problem;
 mod report;
 mod scales;
@@ -44,6 +52,7 @@ mod score;
 mod search;
 mod settle;
 mod signals;
+mod smooth;
 mod state;
 pub mod steps;
 #[cfg(test)]
@@ -55,10 +64,12 @@ mod verdict;
 pub use candidates::Options;
 pub use criteria::{FAILS, STANDS_OUT};
 pub use discrepancy::Discrepancy;
+pub use elsewise::Elsewise;
 pub use error::{DiagnoseError, NoneFound};
 pub use fit::{Estimate, Fit};
-pub use goodness::Part;
+pub use goodness::{Part, fit_as_given};
 pub(crate) use outlook::{Draw, Outlook, Rival, Weighed};
+pub use posterior::Probabilities;
 pub use problem::Problem;
 pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::candidates::{Candidate, Options};
 use super::criteria::FAILS;
-use super::discrepancy::{Discrepancy, WORTH, log_determinant};
+use super::discrepancy::{Discrepancy, log_determinant};
 use super::error::DiagnoseError;
 use super::fit::{Fit, log_one_sided};
 use super::knob::Knob;
@@ -209,7 +209,7 @@ impl Outlook {
     fn member(&self, candidate: &Candidate, guesses: &mut Vec<f64>) -> Option<Member> {
         let size = self.expected.len();
         if candidate.parameters.iter().any(crate::model::effect::Parameter::is_fitted) {
-            let (knobs, columns) = self.problem.columns_of(&self.given, candidate, guesses)?;
+            let (knobs, columns) = self.problem.columns_of(&self.given, candidate, None, guesses)?;
             return Some(Member { knobs, columns: columns.rows(0, size).into_owned(), shift: None });
         }
         let state = &self.given.state;
@@ -295,12 +295,8 @@ impl Outlook {
         let sizes = std::iter::once(&Discrepancy::NONE).chain(discrepancies);
         let parts: Vec<Part<'_>> = sizes.filter_map(|sizes| Part::of(self, sizes, &differences)).collect();
         let Some(plain) = parts.first() else { return Vec::new() };
-        // What hardly adds to the evidence is none.
-        let best = |log_evidence: &dyn Fn(usize) -> f64| {
-            let none = log_evidence(0);
-            let more = (1..parts.len()).map(log_evidence).fold(f64::NEG_INFINITY, f64::max);
-            if more > none + WORTH { more } else { none }
-        };
+        let best =
+            |log_evidence: &dyn Fn(usize) -> f64| (0..parts.len()).map(log_evidence).fold(f64::NEG_INFINITY, f64::max);
         let whole = plain.seen(&DMatrix::from_columns(&[-&self.expected]));
         let weigh = |group: &Group| {
             let gains: Vec<Vec<f64>> = parts.par_iter().map(|part| part.gains(group)).collect();
@@ -366,6 +362,11 @@ impl<'a> Part<'a> {
         let knobs = outlook.given.knobs.len();
         let factors = outlook.problem.covariance_factors(&state.residual, sizes)?;
         let mut slopes = outlook.slopes.clone();
+        // Numbers of the scatter are in units of how far segments scatter.
+        let mut by_scatter = slopes.columns_mut(knobs, outlook.slopes.ncols() - knobs);
+        by_scatter *= sizes.scatter;
+        let first = knobs + outlook.problem.background.first_of_families();
+        outlook.problem.set_families(&state.residual, sizes, first, &mut slopes);
         state.whiten_by(&factors, &mut slopes);
         let information = slopes.tr_mul(&slopes);
         let size = information.nrows();
@@ -403,7 +404,7 @@ impl<'a> Part<'a> {
         let knobs = self.outlook.given.knobs.len();
         let scatter = bent.rows(knobs, bent.len() - knobs).norm_squared();
         let all = left.resize_vertically(state.size(), 0.0);
-        [Loss::Squares, Loss::Robust].map(|loss| scatter + state.misfit_of(&all, loss))
+        [Loss::Squares, Loss::Robust].map(|loss| scatter + state.misfit_of(&all, &self.factors, loss))
     }
 
     /// By how much a hypothesis gains on the model as it is in each draw: the logarithm of its evidence, averaged over its places.

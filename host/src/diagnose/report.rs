@@ -5,8 +5,10 @@
 use serde::Serialize;
 
 use super::discrepancy::Discrepancy;
+use super::elsewise::Elsewise;
 use super::fit::Estimate;
 use super::goodness::{Part, Tests};
+use super::posterior::Probabilities;
 use crate::compare::ChiSquared;
 
 /// How model and data agree.
@@ -46,6 +48,10 @@ pub struct Diagnosis {
     pub unexplained: Unexplained,
     /// What the best effect explains, mode by mode; the present model's misfit where no effect is named.
     pub explained: Vec<Explained>,
+    /// How probable it is that the model lacks nothing, or something that is no candidate. With the candidates' they sum to one.
+    pub probabilities: Probabilities,
+    /// Where half or double of the stated tolerance leads to another verdict.
+    pub elsewise: Vec<Elsewise>,
     /// Effects that the model has, refitted.
     pub effects: Vec<CandidateReport>,
     /// What shows the best effect, where that is not in the modes.
@@ -65,6 +71,10 @@ pub struct CandidateReport {
     pub parameters: Vec<Estimate>,
     /// Natural logarithm of the evidence over that of the present model; null for effects in the model.
     pub log_bayes_factor: Option<f64>,
+    /// Odds of its kind before anything was measured, against 20 for a model that lacks nothing; null for effects in the model.
+    pub prior_odds: Option<f64>,
+    /// Probability that it is what the model lacks; null for effects in the model.
+    pub probability: Option<f64>,
     /// Squared deviations of what is left.
     pub chi_squared: f64,
     /// Probability of as much, were the effect all that is missing.

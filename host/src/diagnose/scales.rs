@@ -6,7 +6,7 @@
 use std::sync::Mutex;
 
 use super::knob::{Knob, with_values};
-use super::problem::{Problem, Reference};
+use super::problem::{Problem, Reference, Typical};
 use super::state::State;
 use crate::model::effect::{Effect, Prior, Where};
 
@@ -61,16 +61,21 @@ impl State {
                     (knob.neutral, knob.scale, knob.step) = (value, share * value, SHARE_OF_STEP * value);
                 }
                 Prior::Value(typical) => (knob.scale, knob.step) = (typical, SHARE_OF_STEP * typical),
-                Prior::FrequencyShift(share) => match self.step_that_shifts(problem, effects, &knob, value) {
-                    Some((step, shift)) => {
-                        let typical = problem.typical(&effects[effect], index);
-                        (knob.scale, knob.step) = (typical.unwrap_or(parameter.enlarged(step, share / shift)), step);
-                    }
-                    None => {
+                Prior::FrequencyShift(share) => {
+                    let typical = problem.typical(&effects[effect], index, guess);
+                    // Where an effect is the only one and not there yet, a step that serves the structure as first given serves here, too.
+                    let served = typical.filter(|_| effects.len() == 1 && value == parameter.neutral);
+                    let found = match served {
+                        Some(typical) => Some((typical.step, typical.shift)),
+                        None => self.step_that_shifts(problem, effects, &knob, value),
+                    };
+                    let Some((step, shift)) = found else {
                         knobs.push(None);
                         continue;
-                    }
-                },
+                    };
+                    let size = typical.map_or_else(|| parameter.enlarged(step, share / shift), |typical| typical.size);
+                    (knob.scale, knob.step) = (size, step);
+                }
             }
             knobs.push(Some(knob));
         }
@@ -112,22 +117,22 @@ impl State {
 
 impl Problem {
     /// The typical size of a parameter that depends on the structure: of the structure as first given, so that an effect weighs
-    /// the same wherever a fit starts. `None` where it does nothing there.
-    pub(super) fn typical(&self, effect: &Effect, parameter: usize) -> Option<f64> {
+    /// the same wherever a fit starts. `None` where it does nothing there. `guess` is a step that may serve.
+    pub(super) fn typical(&self, effect: &Effect, parameter: usize, guess: f64) -> Option<Typical> {
         let known = effect.parameters().nth(parameter)?.0;
         let Prior::FrequencyShift(share) = known.prior else { return None };
         let reference = self.reference()?;
         let name = format!("{effect} {parameter} {}", effect.parameters().len());
-        if let Some(size) = reference.typical.lock().ok()?.get(&name) {
-            return *size;
+        if let Some(typical) = reference.typical.lock().ok()?.get(&name) {
+            return *typical;
         }
         let neutral: Vec<f64> = effect.parameters().map(|(parameter, _)| parameter.neutral).collect();
         let alone = [effect.with_values(&neutral)];
         let value = neutral[parameter];
         let bounds = [f64::NEG_INFINITY, f64::INFINITY];
-        let knob = Knob { effect: 0, parameter, neutral: value, scale: 1.0, step: 1.0, bounds };
+        let knob = Knob { effect: 0, parameter, neutral: value, scale: 1.0, step: guess, bounds };
         let step = reference.state.step_that_shifts(self, &alone, &knob, value);
-        let found = step.map(|(step, shift)| known.enlarged(step, share / shift));
+        let found = step.map(|(step, shift)| Typical { size: known.enlarged(step, share / shift), step, shift });
         reference.typical.lock().ok()?.insert(name, found);
         found
     }

@@ -10,7 +10,9 @@ use super::discrepancy::log_determinant;
 use super::fit::{Fit, Marginal, prior_misfit};
 use super::knob::{Knob, with_values};
 use super::misfit::Loss;
+use super::near::Near;
 use super::problem::Problem;
+use super::state::State;
 use crate::model::effect::{EffectKind, Evidence, KINDS, Parameter};
 
 /// A candidate and what it would explain, by one linear step from the present model.
@@ -25,87 +27,105 @@ pub(super) struct Scored {
     pub(super) admissible: bool,
 }
 
+/// A candidate at a fit: the numbers of it that are fitted, and how the differences follow them (in units of their scale), before they
+/// are weighed; `None` for one that is there or not.
+struct Direction {
+    candidate: Candidate,
+    shown: Option<(Vec<Knob>, DMatrix<f64>)>,
+}
+
+/// Candidates at a fit, kind by kind. They can be scored with any discrepancy.
+pub(super) struct Sighting<'a> {
+    near: Near<'a>,
+    kinds: Vec<Vec<Direction>>,
+}
+
+/// The candidates of one kind after the other, for a fit.
+pub(super) type CandidatesOf<'a> = dyn Fn(&Fit) -> Vec<Vec<Candidate>> + Sync + 'a;
+
 impl Problem {
-    /// Scores from the fit, and from the model as given: where the background was bent far to make up for an effect, the
-    /// effect may seem to have the wrong sign. The better of the two counts.
-    pub(super) fn scored_twice(&self, present: &Fit, score: impl Fn(&Fit) -> Vec<Scored>) -> Vec<Scored> {
-        let mut scored = score(present);
-        if let Ok(given) = self.without_scatter(present) {
-            merge(&mut scored, score(&given));
+    /// Every candidate that derivatives lead to.
+    pub(super) fn all_candidates(&self, present: &Fit, options: &Options) -> Vec<Vec<Candidate>> {
+        let kinds: Vec<&'static dyn EffectKind> =
+            KINDS.iter().copied().filter(|kind| shows_by_derivative(*kind) && !options.leaves_out(*kind)).collect();
+        kinds.par_iter().map(|kind| self.candidates(*kind, present)).collect()
+    }
+
+    /// Candidates at a fit, and at the model as it is `given` without scatter: where the background was bent far to make up for an
+    /// effect, the effect may seem to have the wrong sign.
+    pub(super) fn sightings<'a>(
+        &self,
+        present: &'a Fit,
+        given: Option<&'a Fit>,
+        candidates: &CandidatesOf<'_>,
+    ) -> Vec<Sighting<'a>> {
+        let mut sightings: Vec<Sighting<'a>> = vec![self.sighting(present, candidates(present), None)];
+        if let Some(given) = given {
+            sightings.push(self.sighting(given, candidates(given), sightings.first()));
+        }
+        sightings
+    }
+
+    /// Candidates at a fit; steps and scales are those that are `known` from another.
+    fn sighting<'a>(
+        &self,
+        fit: &'a Fit,
+        candidates: Vec<Vec<Candidate>>,
+        known: Option<&Sighting<'_>>,
+    ) -> Sighting<'a> {
+        // Neighbours after each other.
+        let of_kind = |(kind, candidates): (usize, Vec<Candidate>)| -> Vec<Direction> {
+            let mut guesses: Vec<f64> = Vec::new();
+            let known = known.and_then(|known| known.kinds.get(kind)).map_or(&[][..], Vec::as_slice);
+            let direction = |candidate: Candidate| {
+                let known = known.iter().find(|known| known.candidate.is_same(&candidate));
+                let knobs = known.and_then(|known| known.shown.as_ref()).map(|(knobs, _)| knobs.as_slice());
+                let shown = match candidate.parameters.iter().any(Parameter::is_fitted) {
+                    true => Some(self.columns_of(fit, &candidate, knobs, &mut guesses)?),
+                    false => None,
+                };
+                Some(Direction { candidate, shown })
+            };
+            candidates.into_iter().filter_map(direction).collect()
+        };
+        let kinds = candidates.into_par_iter().enumerate().map(of_kind).collect();
+        Sighting { near: Near::of(fit), kinds }
+    }
+
+    /// Scores every candidate by one linear step, `T = gᵀ P r` over `gᵀ P g` in several dimensions, with this problem's discrepancy. The
+    /// better score of those from several fits counts.
+    pub(super) fn scored(&self, sightings: &[Sighting<'_>]) -> Vec<Scored> {
+        let mut scored = Vec::new();
+        for sighting in sightings {
+            merge(&mut scored, self.score(sighting));
         }
         scored
     }
 
-    /// Scores every candidate by one linear step: `T = gᵀ P r` over `gᵀ P g` in several dimensions.
-    pub(super) fn score(&self, present: &Fit, options: &Options) -> Vec<Scored> {
-        let marginal = present.marginal();
-        let kinds: Vec<&'static dyn EffectKind> =
-            KINDS.iter().copied().filter(|kind| shows_by_derivative(*kind) && !options.leaves_out(*kind)).collect();
-        let of_kind = |kind: &&'static dyn EffectKind| -> Vec<Scored> {
-            self.score_all(present, &marginal, self.candidates(*kind, present))
-        };
-        kinds.par_iter().flat_map(of_kind).collect()
-    }
-
-    /// Scores candidates of one kind, neighbours after each other.
-    pub(super) fn score_all(&self, present: &Fit, marginal: &Marginal, candidates: Vec<Candidate>) -> Vec<Scored> {
-        let differences = marginal.left(&present.state);
-        let mut guesses: Vec<f64> = Vec::new();
-        let score = |candidate: Candidate| match candidate.parameters.iter().any(Parameter::is_fitted) {
-            true => self.score_one(present, marginal, &differences, candidate, &mut guesses),
-            false => self.score_discrete(present, candidate),
-        };
-        candidates.into_iter().filter_map(score).collect()
-    }
-
-    fn score_one(
-        &self,
-        present: &Fit,
-        marginal: &Marginal,
-        differences: &DVector<f64>,
-        candidate: Candidate,
-        guesses: &mut Vec<f64>,
-    ) -> Option<Scored> {
-        let (knobs, columns) = self.columns_of(present, &candidate, guesses)?;
-        let columns = marginal.weigh(&columns);
-        let projected = marginal.project(&columns);
-        let information = columns.tr_mul(&projected);
-        if !is_seen(&information, &columns) {
-            return None;
-        }
-        let gradient = columns.tr_mul(differences);
-        let (linear, gain) = LinearStep::of(information.clone())?.against(&gradient);
-        let (units, steeper) = enlarged(&candidate, &knobs, &linear, information);
-        if !units.iter().all(|units| units.is_finite()) {
-            return None;
-        }
-        let gain = match steeper {
-            Some(steeper) => {
-                let with_prior = Cholesky::new(&steeper + DMatrix::identity(knobs.len(), knobs.len()))?;
-                let prior: f64 = units.iter().map(|&units| prior_misfit(units)).sum();
-                0.5 * (-gradient.dot(&linear) - log_determinant(&with_prior) - prior)
+    fn score(&self, sighting: &Sighting<'_>) -> Vec<Scored> {
+        let (near, fit) = (&sighting.near, sighting.near.fit);
+        let Some(marginal) = near.marginal(self) else { return Vec::new() };
+        let numbers = self.carried(fit);
+        let Ok(here) = self.state(fit.state.effects.clone(), numbers, Some(&fit.state)) else { return Vec::new() };
+        let of_candidate = |direction: &Direction| match &direction.shown {
+            Some((knobs, columns)) => {
+                let mut columns = columns.clone();
+                fit.state.whiten_by(&marginal.factors, &mut columns);
+                score_one(&marginal, &direction.candidate, knobs, &columns)
             }
-            None => gain,
+            None => self.score_discrete(&here, &direction.candidate),
         };
-        let admissible = is_admissible(&knobs, &units);
-        let values = knobs
-            .iter()
-            .zip(units.iter())
-            .map(|(knob, units)| (knob.neutral + units * knob.scale, knob.bounds))
-            .map(|(value, bounds)| if admissible { value.clamp(bounds[0], bounds[1]) } else { value });
-        let mut all = candidate.neutral();
-        for (knob, value) in knobs.iter().zip(values) {
-            all[knob.parameter] = value;
-        }
-        Some(Scored { candidate, gain, knobs, values: all, admissible })
+        sighting.kinds.par_iter().flatten().filter_map(of_candidate).collect()
     }
 
-    /// The numbers of a candidate that are fitted, and how the differences follow them at the present state (in units of their
-    /// scale). `guesses` are steps that served a neighbour; those that serve this candidate take their place.
+    /// The numbers of a candidate that are fitted (those that are `known`, or else found), and how the differences follow them at the
+    /// present state, in units of their scale and before they are weighed. `guesses` are steps that served a neighbour; those that serve
+    /// this candidate take their place.
     pub(super) fn columns_of(
         &self,
         present: &Fit,
         candidate: &Candidate,
+        known: Option<&[Knob]>,
         guesses: &mut Vec<f64>,
     ) -> Option<(Vec<Knob>, DMatrix<f64>)> {
         let effect = candidate.effect(&candidate.neutral())?;
@@ -113,7 +133,10 @@ impl Problem {
         effects.push(effect);
         let index = effects.len() - 1;
         // At its neutral values the effect changes nothing, so the present state serves.
-        let knobs = present.state.knobs(self, &effects, index, guesses)?;
+        let knobs = match known {
+            Some(knobs) => knobs.to_vec(),
+            None => present.state.knobs(self, &effects, index, guesses)?,
+        };
         let structure_at = |knob: &Knob, value: f64| {
             let effects = with_values(&effects, std::slice::from_ref(knob), &[value]);
             self.structure_with(&effects, &present.state.numbers)
@@ -129,15 +152,48 @@ impl Problem {
         Some((knobs, DMatrix::from_columns(&columns?)))
     }
 
-    /// An effect that is there or not.
-    fn score_discrete(&self, present: &Fit, candidate: Candidate) -> Option<Scored> {
-        let mut effects = present.state.effects.clone();
+    /// An effect that is there or not, at a state.
+    fn score_discrete(&self, here: &State, candidate: &Candidate) -> Option<Scored> {
+        let mut effects = here.effects.clone();
         effects.push(candidate.effect(&[])?);
-        let before = present.state.misfit(Loss::Robust);
-        let state = self.state(effects, present.state.numbers.clone(), Some(&present.state)).ok()?;
-        let gain = 0.5 * (before - state.misfit(Loss::Robust));
-        Some(Scored { candidate, gain, knobs: Vec::new(), values: Vec::new(), admissible: true })
+        let there = self.state(effects, here.numbers.clone(), Some(here)).ok()?;
+        let gain = 0.5 * (here.misfit(Loss::Robust) - there.misfit(Loss::Robust));
+        Some(Scored { candidate: candidate.clone(), gain, knobs: Vec::new(), values: Vec::new(), admissible: true })
     }
+}
+
+fn score_one(marginal: &Marginal, candidate: &Candidate, knobs: &[Knob], columns: &DMatrix<f64>) -> Option<Scored> {
+    let columns = marginal.weigh(columns);
+    let projected = marginal.project(&columns);
+    let information = columns.tr_mul(&projected);
+    if !is_seen(&information, &columns) {
+        return None;
+    }
+    let gradient = columns.tr_mul(&marginal.left);
+    let (linear, gain) = LinearStep::of(information.clone())?.against(&gradient);
+    let (units, steeper) = enlarged(candidate, knobs, &linear, information);
+    if !units.iter().all(|units| units.is_finite()) {
+        return None;
+    }
+    let gain = match steeper {
+        Some(steeper) => {
+            let with_prior = Cholesky::new(&steeper + DMatrix::identity(knobs.len(), knobs.len()))?;
+            let prior: f64 = units.iter().map(|&units| prior_misfit(units)).sum();
+            0.5 * (-gradient.dot(&linear) - log_determinant(&with_prior) - prior)
+        }
+        None => gain,
+    };
+    let admissible = is_admissible(knobs, &units);
+    let values = knobs
+        .iter()
+        .zip(units.iter())
+        .map(|(knob, units)| (knob.neutral + units * knob.scale, knob.bounds))
+        .map(|(value, bounds)| if admissible { value.clamp(bounds[0], bounds[1]) } else { value });
+    let mut all = candidate.neutral();
+    for (knob, value) in knobs.iter().zip(values) {
+        all[knob.parameter] = value;
+    }
+    Some(Scored { candidate: candidate.clone(), gain, knobs: knobs.to_vec(), values: all, admissible })
 }
 
 /// Where parameters act by a power of themselves: the values that a linear step stands for, and the information there. The step stands for
@@ -198,6 +254,10 @@ pub(super) fn is_admissible(knobs: &[Knob], units: &DVector<f64>) -> bool {
 
 /// Keeps the better score of each candidate.
 fn merge(scored: &mut Vec<Scored>, others: Vec<Scored>) {
+    if scored.is_empty() {
+        *scored = others;
+        return;
+    }
     for other in others {
         match scored.iter_mut().find(|one| one.candidate.is_same(&other.candidate)) {
             Some(one) if (one.admissible, one.gain) >= (other.admissible, other.gain) => {}

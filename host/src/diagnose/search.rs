@@ -4,13 +4,14 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::candidates::Options;
-use super::criteria::{FAILS, STANDS_OUT};
+use super::criteria::STANDS_OUT;
 use super::discrepancy::{Discrepancy, Settled, here};
 use super::error::NoneFound;
 use super::fit::Fit;
-use super::found::{AtHeight, Found, NEAR, best_of};
+use super::found::{AtHeight, Found, NEAR};
+use super::misfit::Loss;
 use super::problem::Problem;
-use super::score::Scored;
+use super::score::{Scored, Sighting};
 use crate::model::effect::{EffectKind, Evidence, KINDS, Where};
 
 /// What a search has found.
@@ -24,6 +25,15 @@ pub(super) struct Searched {
     pub(super) found: Vec<Found>,
     /// Kinds that would explain something with a value that is out of bounds: the best of each.
     pub(super) rejected: Vec<Scored>,
+}
+
+/// How closely a candidate is fitted.
+#[derive(Debug, Clone, Copy)]
+enum Effort {
+    /// One start, and no further than what is far off is brought near: for one that others are far above.
+    Little,
+    /// Several starts, until nothing changes.
+    Full,
 }
 
 /// Scores of each kind, best first; the kind with the best first.
@@ -51,6 +61,15 @@ fn sort(found: &mut [Found]) {
 const SETTLED: usize = 2;
 /// A far start that gains no more than this has found the same optimum.
 const SAME: f64 = 1.0;
+/// A discrepancy that raises the evidence by this makes everything be looked at anew: 20 to 1.
+const ANEW: f64 = STANDS_OUT;
+/// Kinds that are looked at before, and how often everything is looked at.
+const LOOKS: usize = 3;
+const MOST_SEARCHES: usize = 2;
+/// One that passes and gains this more than another makes that one impossible.
+const CLEAR: f64 = 50.0;
+/// Effects that are fitted once more from the start in the end, where they do not pass.
+const AFRESH: usize = 2;
 /// Kinds that are refitted.
 const REFITTED: usize = 10;
 /// Places of a kind that are refitted.
@@ -65,21 +84,40 @@ const HOPELESS: f64 = 0.1;
 impl Problem {
     /// Every kind that explains anything, refitted at its best place; best first.
     ///
-    /// At first as if the model missed nothing else, then with the discrepancy that the best of them leaves, as long as a model of the
-    /// right kind can miss as much. In the end the present model and each effect are weighed with what suits each best.
+    /// All of it with the discrepancy that the best leaves, as long as a model of the right kind can miss as much: at first what the kinds
+    /// that promise most leave by a first look. In the end the present model and each effect are weighed with what suits each best.
     pub(super) fn search(&self, present: &Fit, options: &Options) -> Searched {
-        let (mut found, mut rejected) = self.search_all(present, options);
-        let best = best_of(&found, present).map_or(present, |best| &best.fit);
-        let discrepancy = self.settled(best).map(|(_, best)| best.discrepancy);
-        let settled = discrepancy.filter(Discrepancy::is_plausible).and_then(|discrepancy| {
-            let problem = self.with_discrepancy(discrepancy);
-            let present = problem.refitted(present).ok()?;
-            (found, rejected) = problem.search_all(&present, options);
-            Some((problem, present))
-        });
+        let given = self.without_scatter(present).ok();
+        let sightings = self.sightings(present, given.as_ref(), &|fit| self.all_candidates(fit, options));
+        let mut anew = self.first_look(present, &sightings);
+        let mut settled: Settled = None;
+        let (mut found, mut rejected) = (Vec::new(), Vec::new());
+        for search in 1..=MOST_SEARCHES {
+            if let Some(discrepancy) = anew {
+                let problem = self.with_discrepancy(discrepancy);
+                settled = problem.refitted(present).ok().map(|present| (problem, present)).or(settled);
+            }
+            let (problem, present) = here(&settled, self, present);
+            (found, rejected) = problem.search_all(present, &sightings);
+            let best = problem.leading(&found).map_or(present, |best| &best.fit);
+            anew = if search < MOST_SEARCHES { problem.to_look_anew(best) } else { None };
+            if anew.is_none() {
+                break;
+            }
+        }
         let (problem, present) = here(&settled, self, present);
-        let fits = found.iter().any(|found| found.fit.explains(present));
-        if !fits && present.goodness_of_fit().p_value < FAILS {
+        // What was found with the discrepancy of another hypothesis may pass with its own.
+        if let Some(first) = found.first_mut().filter(|first| !first.fit.passes()) {
+            first.own = problem.afresh(&first.fit, problem.settled(&first.fit)).map(|(_, own)| own);
+        }
+        let is_explained = |found: &[Found]| present.passes() || found.iter().any(|found| found.own().passes());
+        let twins = KINDS.iter().copied().filter(|kind| kind.evidence() == Evidence::TwinPeaks);
+        let twins = twins.filter(|kind| !options.leaves_out(*kind));
+        // Dampers take long to fit: without twins they are tried where nothing else explains.
+        let by_twins_only = is_explained(&found);
+        found.extend(twins.filter_map(|kind| problem.search_damper(present, kind, None, by_twins_only)));
+        sort(&mut found);
+        if !is_explained(&found) {
             for far in problem.search_far(present, options) {
                 match found.iter_mut().find(|near| near.kind == far.kind) {
                     Some(near) if near.log_bayes_factor >= far.log_bayes_factor - SAME => {}
@@ -94,35 +132,85 @@ impl Problem {
         Searched { settled, own, found, rejected }
     }
 
+    /// The discrepancy that the best of a few kinds leaves, at the places that promise most.
+    fn first_look(&self, present: &Fit, sightings: &[Sighting<'_>]) -> Option<Discrepancy> {
+        let scored = self.scored(sightings).into_iter().filter(|one| one.admissible).collect();
+        let kinds = by_kind(scored);
+        let look = |kind: &Vec<Scored>| self.refit_one(present, &kind[0], None, Effort::Full);
+        let looks: Vec<Fit> = kinds[..kinds.len().min(LOOKS)].par_iter().filter_map(look).collect();
+        let best = looks.iter().max_by(|a, b| a.log_evidence().total_cmp(&b.log_evidence()));
+        let best = best.filter(|best| best.log_evidence() - present.log_evidence() > STANDS_OUT);
+        self.to_look_anew(best.unwrap_or(present))
+    }
+
+    /// The discrepancy that suits a fit, where it makes a difference. What changes the evidence by less changes no order; each effect
+    /// gets what suits it in the end.
+    fn to_look_anew(&self, fit: &Fit) -> Option<Discrepancy> {
+        let (near, gain) = self.best_discrepancy(fit);
+        let settled = if gain < ANEW { None } else { self.settled_from(fit, near) };
+        settled.map(|(_, fit)| fit.discrepancy).filter(Discrepancy::is_plausible)
+    }
+
     /// Weighs the present model and the best of what was found, each with the discrepancy that suits it best.
     pub(super) fn weigh_each(&self, present: &Fit, found: &mut [Found]) -> Settled {
-        let own = self.settled(present);
-        let raised = own.as_ref().map_or(0.0, |(_, own)| own.log_evidence() - present.log_evidence());
-        let estimate = |found: &Found| match found.log_bayes_factor > 0.0 {
-            true => self.best_discrepancy(&found.fit),
-            false => (self.discrepancy, 0.0),
+        // Where an effect leaves the present model that far behind, lesser effects need not be weighed closely.
+        let own_gain = |found: &Found| found.own().log_evidence() - found.fit.log_evidence();
+        let passing = found.first().filter(|first| first.own().passes());
+        let leads_by = passing.map_or(0.0, |first| first.log_bayes_factor + own_gain(first));
+        let about = if leads_by > CLEAR { self.best_discrepancy(present).1 } else { f64::INFINITY };
+        let is_clear = leads_by - about > CLEAR;
+        let settled = if is_clear { None } else { self.settled(present) };
+        let own = self.afresh(present, settled);
+        let reference = own.as_ref().map_or(present.log_evidence(), |(_, own)| own.log_evidence());
+        let raised = reference - present.log_evidence();
+        let estimate = |found: &Found| match &found.own {
+            Some(own) => (own.discrepancy, own_gain(found)),
+            None if found.log_bayes_factor <= if is_clear { leads_by - CLEAR } else { 0.0 } => (self.discrepancy, 0.0),
+            None => self.best_discrepancy(&found.fit),
         };
         let estimates: Vec<(Discrepancy, f64)> = found.par_iter().map(estimate).collect();
         let gains = found.iter().zip(&estimates).map(|(found, (_, gain))| found.log_bayes_factor + gain);
         let best = gains.fold(0.0, f64::max);
         found.par_iter_mut().zip(estimates).for_each(|(found, (discrepancy, gain))| {
             let estimated = found.log_bayes_factor + gain;
-            if gain > 0.0 && estimated > best - NEAR.max(CONTENDS * best) {
+            if found.own.is_none() && gain > 0.0 && estimated > best - NEAR.max(CONTENDS * best) {
                 found.own = self.settled_from(&found.fit, discrepancy).map(|(_, own)| own);
-                found.log_bayes_factor += found.own().log_evidence() - found.fit.log_evidence();
+                found.log_bayes_factor += own_gain(found);
             } else {
                 found.log_bayes_factor = estimated;
             }
             found.log_bayes_factor -= raised;
         });
         sort(found);
+        if !is_clear {
+            found.iter_mut().take(AFRESH).for_each(|found| {
+                let Some((_, afresh)) = self.afresh(found.own(), None) else { return };
+                found.log_bayes_factor = afresh.log_evidence() - reference + found.log_share;
+                found.own = Some(afresh);
+            });
+            sort(found);
+        }
         own
     }
 
+    /// A fit that does not pass, from a straight background and without a discrepancy at first, where that has the higher evidence: what
+    /// was bent to stand in for an effect may stay bent with it. `settled` is what stands until now.
+    fn afresh(&self, fit: &Fit, settled: Settled) -> Settled {
+        let (_, stands) = here(&settled, self, fit);
+        if stands.passes() {
+            return settled;
+        }
+        let given = self.stated(self.discrepancy.expected_scatter);
+        let straight = DVector::zeros(self.background.size());
+        let Ok(first) = given.fit(fit.state.effects.clone(), &fit.knobs, &straight, None) else { return settled };
+        let afresh = given.settled(&first).unwrap_or((given, first));
+        if afresh.1.log_evidence() > stands.log_evidence() { Some(afresh) } else { settled }
+    }
+
     /// Every kind near the present model, with this discrepancy.
-    fn search_all(&self, present: &Fit, options: &Options) -> (Vec<Found>, Vec<Scored>) {
-        let scored = self.scored_twice(present, |from| self.score(from, options));
-        let (scored, rejected): (Vec<Scored>, Vec<Scored>) = scored.into_iter().partition(|one| one.admissible);
+    fn search_all(&self, present: &Fit, sightings: &[Sighting<'_>]) -> (Vec<Found>, Vec<Scored>) {
+        let (scored, rejected): (Vec<Scored>, Vec<Scored>) =
+            self.scored(sightings).into_iter().partition(|one| one.admissible);
         let kinds = by_kind(scored);
         let rejected: Vec<Scored> = by_kind(rejected)
             .into_iter()
@@ -131,10 +219,6 @@ impl Problem {
             .filter(|one| kinds.iter().all(|kind| kind[0].candidate.kind != one.candidate.kind))
             .collect();
         let mut found = self.search_near(present, &kinds);
-        let twins = KINDS.iter().copied().filter(|kind| kind.evidence() == Evidence::TwinPeaks);
-        let twins = twins.filter(|kind| !options.leaves_out(*kind));
-        found.extend(twins.filter_map(|kind| self.search_damper(present, kind, None)));
-        sort(&mut found);
         self.settle_heights(&mut found);
         (found, rejected)
     }
@@ -143,22 +227,26 @@ impl Problem {
     /// can still be the best.
     fn search_near(&self, present: &Fit, kinds: &[Vec<Scored>]) -> Vec<Found> {
         let kinds = &kinds[..kinds.len().min(REFITTED)];
-        // A kind that promises next to nothing compared with the best gets a single start.
-        let promised = kinds.first().map_or(0.0, |kind| kind[0].gain);
-        let look = |kind: &Vec<Scored>| {
-            let most = if kind[0].gain > HOPELESS * promised { usize::MAX } else { 1 };
-            self.refit_one(present, &kind[0], None, most)
-        };
-        let looks: Vec<Option<Fit>> = kinds.par_iter().map(look).collect();
         let gain = |look: &Option<Fit>| {
             look.as_ref().map_or(f64::NEG_INFINITY, |fit| fit.log_evidence() - present.log_evidence())
         };
+        // A kind that promises next to nothing compared with the best gets a single start, and one that promises far less than what passes.
+        let promised = kinds.first().map_or(0.0, |kind| kind[0].gain);
+        let look = |kind: &Vec<Scored>, reached: f64| {
+            let is_hopeless = kind[0].gain < HOPELESS * promised || kind[0].gain < reached - CLEAR;
+            self.refit_one(present, &kind[0], None, if is_hopeless { Effort::Little } else { Effort::Full })
+        };
+        let (likeliest, rest) = kinds.split_at(kinds.len().min(LOOKS));
+        let mut looks: Vec<Option<Fit>> = likeliest.par_iter().map(|kind| look(kind, f64::NEG_INFINITY)).collect();
+        let passing = looks.iter().filter(|look| look.as_ref().is_some_and(Fit::passes));
+        let reached = passing.map(gain).fold(f64::NEG_INFINITY, f64::max);
+        looks.par_extend(rest.par_iter().map(|kind| look(kind, reached)));
         let best = looks.iter().map(gain).fold(0.0, f64::max);
-        let fits = looks.iter().flatten().any(|fit| fit.goodness_of_fit().p_value >= FAILS);
-        // Where something fits already, a kind that promises far less needs no second look.
-        let contends = |kind: &[Scored], look: &Option<Fit>| {
-            let promised = kind[0].gain.max(gain(look));
-            if fits { promised > best - NEAR.max(CONTENDS * best) } else { promised > HOPELESS * best }
+        let fits = looks.iter().flatten().any(Fit::passes);
+        // Where something fits already, a kind that reaches far less, or nothing, needs no second look.
+        let contends = |kind: &[Scored], look: &Option<Fit>| match fits {
+            true => gain(look) > (best - NEAR.max(CONTENDS * best)).max(0.0),
+            false => kind[0].gain.max(gain(look)) > HOPELESS * best,
         };
         let refit = |(kind, look): (&Vec<Scored>, Option<Fit>)| {
             let further = contends(kind, &look);
@@ -167,11 +255,11 @@ impl Problem {
         kinds.par_iter().zip(looks).filter_map(refit).collect()
     }
 
-    /// Settles where the best of those at a height are.
+    /// Settles where the best of those at a height are, where they gain anything.
     fn settle_heights(&self, found: &mut [Found]) {
         let best = found.first().map_or(0.0, |best| best.log_bayes_factor);
-        let contends =
-            |found: &&mut Found| found.height.is_none() && found.log_bayes_factor > best - NEAR.max(CONTENDS * best);
+        let least = (best - NEAR.max(CONTENDS * best)).max(0.0);
+        let contends = |found: &&mut Found| found.height.is_none() && found.log_bayes_factor > least;
         found.iter_mut().filter(contends).take(SETTLED).collect::<Vec<_>>().into_par_iter().for_each(|found| {
             if found.kind.evidence() != Evidence::TwinPeaks {
                 self.settle_height(found);
@@ -191,23 +279,23 @@ impl Problem {
         place: Option<&Where>,
     ) -> Result<Found, NoneFound> {
         if kind.evidence() == Evidence::TwinPeaks {
-            return self.search_damper(present, kind, place).ok_or(NoneFound::Unseen);
+            return self.search_damper(present, kind, place, false).ok_or(NoneFound::Unseen);
         }
         let candidates = match place {
             Some(place) => self.candidates_at(kind, vec![Some(place.clone())], present),
             None => self.candidates(kind, present),
         };
         let hypotheses = if place.is_some() { 1 } else { self.hypotheses(kind, present) };
-        let score = |from: &Fit| self.score_all(from, &from.marginal(), candidates.clone());
-        let scored = self.scored_twice(present, score);
+        let given = self.without_scatter(present).ok();
+        let scored = self.scored(&self.sightings(present, given.as_ref(), &|_| vec![candidates.clone()]));
         let is_seen = !scored.is_empty();
         let (mut scored, rejected): (Vec<Scored>, Vec<Scored>) = scored.into_iter().partition(|one| one.admissible);
         scored.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let near = scored.first().and_then(|first| {
-            let look = self.refit_one(present, first, None, usize::MAX);
+            let look = self.refit_one(present, first, None, Effort::Full);
             self.refit(present, &scored, look, true, hypotheses)
         });
-        let is_enough = |found: &Found| found.stands_out() && found.fit.goodness_of_fit().p_value >= FAILS;
+        let is_enough = |found: &Found| found.stands_out() && found.fit.passes();
         let far = match &near {
             Some(near) if is_enough(near) => None,
             _ => self.far_of_kind(present, kind, candidates.clone()),
@@ -253,7 +341,7 @@ impl Problem {
         }
         for start in starts.into_iter().filter(|start| *start > 0 && further) {
             tried[start] = true;
-            if let Some(fit) = self.refit_one(present, &scored[start], None, usize::MAX) {
+            if let Some(fit) = self.refit_one(present, &scored[start], None, Effort::Full) {
                 fits.push((start, fit));
             }
         }
@@ -268,7 +356,7 @@ impl Problem {
             for other in neighbours {
                 tried[other] = true;
                 let from = fits.iter().find(|(index, _)| *index == best).map(|(_, fit)| fit);
-                if let Some(fit) = self.refit_one(present, &scored[other], from, usize::MAX) {
+                if let Some(fit) = self.refit_one(present, &scored[other], from, Effort::Full) {
                     fits.push((other, fit));
                 }
             }
@@ -284,7 +372,9 @@ impl Problem {
             })
             .collect();
         let sum: f64 = gains.iter().map(|gain| (gain - (best - reference)).exp()).sum();
-        let log_bayes_factor = best - reference + (sum / hypotheses.max(scored.len()) as f64).ln();
+        let hypotheses = hypotheses.max(scored.len());
+        let log_share = (sum / hypotheses as f64).ln();
+        let log_bayes_factor = best - reference + log_share;
         let near = fits[1..]
             .iter()
             .filter(|(_, fit)| best - fit.log_evidence() < NEAR)
@@ -296,11 +386,16 @@ impl Problem {
             .filter_map(|(_, fit)| AtHeight::of(fit))
             .collect();
         let fit = fits.swap_remove(0).1;
-        Some(Found { kind: scored[0].candidate.kind, fit, log_bayes_factor, near, height: None, known, own: None })
+        let kind = scored[0].candidate.kind;
+        Some(Found { kind, fit, log_bayes_factor, hypotheses, log_share, near, height: None, known, own: None })
     }
 
-    /// Refits one candidate, from the values of the linear step and from those of a fit near by, from `most` starts.
-    fn refit_one(&self, present: &Fit, scored: &Scored, near: Option<&Fit>, most: usize) -> Option<Fit> {
+    /// Refits one candidate, from the values of the linear step and from those of a fit near by.
+    fn refit_one(&self, present: &Fit, scored: &Scored, near: Option<&Fit>, effort: Effort) -> Option<Fit> {
+        let (most, losses): (usize, &[Loss]) = match effort {
+            Effort::Little => (1, &[Loss::Squares]),
+            Effort::Full => (usize::MAX, &[Loss::Squares, Loss::Robust]),
+        };
         let index = present.state.effects.len();
         let mut knobs = present.knobs.clone();
         knobs.extend(scored.knobs.iter().copied());
@@ -313,11 +408,13 @@ impl Problem {
             if values.len() == linear.len() {
                 starts.insert(0, (scored.candidate.like(&values), bent));
             }
-        } else if !scored.knobs.is_empty() {
+        } else {
             // The present background was bent to stand in for the effect. Where the linear step overshoots, start nearer to
-            // the present model.
+            // the present model; an effect that is there or not has no such step.
             starts.push((linear, &straight));
-            starts.push((scored.candidate.start(&scored.knobs, &scored.values, SHORTER_START), &straight));
+            if !scored.knobs.is_empty() {
+                starts.push((scored.candidate.start(&scored.knobs, &scored.values, SHORTER_START), &straight));
+            }
         }
         let fit = |(values, numbers): &(Vec<f64>, &DVector<f64>)| {
             let effect = scored.candidate.effect(values)?;
@@ -326,7 +423,8 @@ impl Problem {
                 None => present.state.effects.clone(),
             };
             effects.push(effect);
-            self.fit(effects, &knobs, numbers, None).ok()
+            let state = self.state(effects, (*numbers).clone(), None).ok()?;
+            self.fit_by(losses, state, &knobs).ok()
         };
         let mut best: Option<Fit> = None;
         for start in starts.iter().take(most) {

@@ -48,15 +48,24 @@ pub(super) struct State {
 }
 
 impl State {
-    /// Frequencies and shapes, mode by mode, and the phases of each mode.
-    fn groups(&self) -> Vec<Group> {
+    /// Frequencies and shapes, mode by mode, where these are the factors of the blocks' covariances: identification may have deviations
+    /// wrong, but not what the model misses.
+    fn groups(&self, factors: &[Cholesky<f64, Dyn>]) -> Vec<Group> {
         let mut groups = Vec::new();
         let paired = self.pairs.len() - self.twins;
-        for (first, block) in self.residual.blocks() {
+        for ((first, block), factor) in self.residual.blocks().zip(factors) {
             let is_twin = block.measured >= paired;
-            groups.push(Group { first, count: 1, wrong_by: WRONG_BY[0], is_twin });
-            if block.size() > 1 {
-                groups.push(Group { first: first + 1, count: block.size() - 1, wrong_by: WRONG_BY[1], is_twin });
+            // The part of a number's variance that the measurement makes.
+            let measured = |row: usize| {
+                let all = factor.l_dirty().row(row).columns(0, row + 1).norm_squared();
+                (block.covariance[(row, row)] / all).min(1.0)
+            };
+            let wrong_by = |by: f64, measured: f64| (by.mul_add(by, -1.0)).mul_add(measured, 1.0).sqrt();
+            groups.push(Group { first, count: 1, wrong_by: wrong_by(WRONG_BY[0], measured(0)), is_twin });
+            let count = block.size() - 1;
+            if count > 0 {
+                let mean = (1..=count).map(measured).sum::<f64>() / count as f64;
+                groups.push(Group { first: first + 1, count, wrong_by: wrong_by(WRONG_BY[1], mean), is_twin });
             }
         }
         groups
@@ -67,16 +76,16 @@ impl State {
     /// contaminated normal distribution, 1960). One mode that identification got wrong then weighs less, and one that the
     /// model has wrong still weighs.
     pub(super) fn misfit(&self, loss: Loss) -> f64 {
-        self.misfit_of(&self.differences(), loss)
+        self.misfit_of(&self.differences(), &self.factors, loss)
     }
 
-    /// The same of other differences.
-    pub(super) fn misfit_of(&self, differences: &DVector<f64>, loss: Loss) -> f64 {
+    /// The same of other differences, with other covariances.
+    pub(super) fn misfit_of(&self, differences: &DVector<f64>, factors: &[Cholesky<f64, Dyn>], loss: Loss) -> f64 {
         let of = |group: Group| {
             let square = differences.rows(group.first, group.count).norm_squared();
             match loss {
                 Loss::Squares => square,
-                Loss::Robust => group.misfit(square).0,
+                Loss::Robust => group.misfit(square).0 + group.offset(),
             }
         };
         // A false mode has its price too.
@@ -84,17 +93,22 @@ impl State {
         let phases = differences.rows(self.modes.len(), self.phases.len()).norm_squared();
         let damping = differences.rows(self.modes.len() + self.phases.len(), self.damping.len());
         let damping: f64 = damping.iter().map(|difference| Group::of_damping().misfit(difference * difference).0).sum();
-        self.groups().into_iter().map(of).sum::<f64>() + phases + damping + left
+        self.groups(factors).into_iter().map(of).sum::<f64>() + phases + damping + left
     }
 
     /// Square roots of the weights with which differences count at this state, so that weighted squares have the gradient
     /// of [`State::misfit`].
     pub(super) fn weights(&self, loss: Loss) -> DVector<f64> {
-        self.weights_of(&self.differences(), loss)
+        self.weights_of(&self.differences(), &self.factors, loss)
     }
 
-    /// The same of other differences.
-    pub(super) fn weights_of(&self, differences: &DVector<f64>, loss: Loss) -> DVector<f64> {
+    /// The same of other differences, with other covariances.
+    pub(super) fn weights_of(
+        &self,
+        differences: &DVector<f64>,
+        factors: &[Cholesky<f64, Dyn>],
+        loss: Loss,
+    ) -> DVector<f64> {
         let mut weights = DVector::from_element(self.size(), 1.0);
         for index in self.modes.len() + self.phases.len()..self.size() {
             weights[index] = Group::of_damping().misfit(differences[index] * differences[index]).1.sqrt();
@@ -102,7 +116,7 @@ impl State {
         if loss == Loss::Squares {
             return weights;
         }
-        for group in self.groups() {
+        for group in self.groups(factors) {
             let square = differences.rows(group.first, group.count).norm_squared();
             weights.rows_mut(group.first, group.count).fill(group.misfit(square).1.sqrt());
         }
@@ -159,7 +173,19 @@ impl State {
         differences: &mut Matrix<f64, Dyn, C, S>,
     ) {
         for ((first, block), factor) in self.residual.blocks().zip(factors) {
-            factor.l_dirty().solve_lower_triangular_mut(&mut differences.rows_mut(first, block.size()));
+            let mut part = differences.rows_mut(first, block.size());
+            // Columns are solved for one after the other; of many, as many as the block has rows, and a fast product, are less.
+            let whitens = (part.ncols() > block.size())
+                .then(|| factor.l_dirty().solve_lower_triangular(&DMatrix::identity(block.size(), block.size())));
+            match whitens.flatten() {
+                Some(whitens) => {
+                    let whitened = whitens * &part;
+                    part.copy_from(&whitened);
+                }
+                None => {
+                    factor.l_dirty().solve_lower_triangular_mut(&mut part);
+                }
+            }
         }
     }
 

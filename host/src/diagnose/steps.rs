@@ -9,7 +9,7 @@ use super::criteria::STANDS_OUT;
 use super::discrepancy::here;
 use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
-use super::found::{Found, best_of};
+use super::found::Found;
 use super::held_out::held_out;
 use super::problem::Problem;
 use super::signals::{Signals, shown};
@@ -145,7 +145,7 @@ impl Setting<'_> {
         Ok(step)
     }
 
-    /// Adds and drops effects until nothing is gained: the best addition that gains 20 to 1, then drops what has become
+    /// Adds and drops effects until nothing is gained: the best addition, where one is called for, then drops what has become
     /// needless, then tries to replace each by another. `tell` hears of every step.
     ///
     /// # Errors
@@ -163,8 +163,7 @@ impl Setting<'_> {
             let problem = self.problem(&effects)?;
             let present = problem.fit_present(&effects)?;
             let searched = problem.search(&present, options);
-            let (_, here) = here(&searched.settled, &problem, &present);
-            let Some(best) = best_of(&searched.found, here) else { break };
+            let Some(best) = problem.leading(&searched.found) else { break };
             let before = effects;
             let mut action = format!("add {}", best.effect());
             effects = best.fit.effects().to_vec();
@@ -215,13 +214,11 @@ impl Setting<'_> {
                 continue;
             }
             let searched = problem.search(&present, options);
-            let (_, here) = here(&searched.settled, &problem, &present);
-            let Some(other) =
-                best_of(&searched.found, here).filter(|found| found.effect().to_string() != dropped.to_string())
-            else {
+            let other = problem.leading(&searched.found);
+            let Some(other) = other.filter(|found| found.effect().to_string() != dropped.to_string()) else {
                 continue;
             };
-            if other.stands_out() && other.log_bayes_factor - gain > STANDS_OUT {
+            if other.log_bayes_factor - gain > STANDS_OUT {
                 action += &format!(", replace {dropped} by {}", other.effect());
                 effects = other.fit.effects().to_vec();
             }

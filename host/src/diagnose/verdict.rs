@@ -8,9 +8,12 @@ use nalgebra::{DMatrix, DVector};
 use super::candidates::Options;
 use super::criteria::{FAILS, STANDS_OUT};
 use super::discrepancy::here;
+use super::elsewise::Elsewise;
 use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
-use super::found::{Found, best_of};
+use super::found::Found;
+use super::near::Near;
+use super::posterior::{Hypothesis, Probabilities, posterior};
 use super::problem::Problem;
 use super::report::{
     CandidateReport, Diagnosis, Explained, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit, Unexplained, Verdict,
@@ -39,22 +42,201 @@ pub fn diagnose(
 ) -> Result<Diagnosis, DiagnoseError> {
     let present = problem.fit_present(effects)?;
     let Searched { settled, own, found, rejected } = problem.search(&present, options);
-    let settled = here(&settled, problem, &present);
-    // Where an effect stands out, the present model is shown as that effect has it; else at its own best.
-    let alone = own.as_ref().filter(|_| best_of(&found, settled.1).is_none());
-    let (problem, present) = alone.map_or(settled, |(problem, fit)| (problem, fit));
+    let (searched, settled) = here(&settled, problem, &present);
+    let at_its_own = own.as_ref().map_or(settled, |(_, fit)| fit);
     let considered = shown(signals, effects, &options.without);
-    let mut diagnosis = weigh(problem, present, &found, &considered);
+    let weighed = Weighed::of(searched, settled, at_its_own, &found, &considered);
+    // Where an effect leads, the present model is shown as that effect has it; else at its own best.
+    let is_led = matches!(weighed.leads, Leads::Effect(_) | Leads::Twins(..));
+    let alone = own.as_ref().filter(|_| !is_led);
+    let (problem, present) = alone.map_or((searched, settled), |(problem, fit)| (problem, fit));
+    let mut diagnosis = weighed.told(problem, present);
+    if !matches!(weighed.leads, Leads::Signal(_)) {
+        let best = diagnosis.best.first().map(String::as_str);
+        diagnosis.elsewise = problem.elsewise(at_its_own, &found, diagnosis.verdict, best);
+        diagnosis.warnings.extend(diagnosis.elsewise.iter().map(Elsewise::told));
+    }
     diagnosis.candidates.extend(rejected.iter().map(|one| rejected_report(present, one)));
-    let all = all_shown(signals, effects);
-    let stands_out = |signal: &&Signal| signal.log_bayes_factor > STANDS_OUT;
-    if diagnosis.verdict == Verdict::Adequate && all.iter().any(|signal| stands_out(&signal)) {
+    let is_left_out = |signal: &Signal| options.without.iter().any(|kind| kind == signal.effect.kind());
+    let left_out = all_shown(signals, effects).into_iter().filter(is_left_out);
+    let names: Vec<String> =
+        left_out.filter(|signal| signal.log_bayes_factor > STANDS_OUT).map(|signal| signal.effect.to_string()).collect();
+    if diagnosis.verdict == Verdict::Adequate && !names.is_empty() {
         // A signal stands out that none of the effects considered explains.
         diagnosis.verdict = Verdict::Unknown;
-        let names: Vec<String> = all.iter().filter(stands_out).map(|signal| signal.effect.to_string()).collect();
         diagnosis.warnings.push(format!("{} shows outside the modes, but is not considered here", names.join(", ")));
     }
     Ok(diagnosis)
+}
+
+/// What is most probable.
+enum Leads<'a> {
+    /// The model lacks nothing.
+    Nothing,
+    /// An effect.
+    Effect(&'a Found),
+    /// An effect, and others that the data cannot tell from it.
+    Twins(&'a Found, Vec<&'a Found>),
+    /// An effect that shows outside the modes.
+    Signal(&'a Signal),
+    /// Something else.
+    SomethingElse,
+}
+
+/// All hypotheses with their probabilities, and which is the most probable.
+struct Weighed<'a> {
+    probabilities: Probabilities,
+    /// Effects, with odds before and probability.
+    found: Vec<(&'a Found, f64, f64)>,
+    signals: Vec<(&'a Signal, f64, f64)>,
+    leads: Leads<'a>,
+}
+
+impl<'a> Weighed<'a> {
+    /// `at_its_own` is the present model with the discrepancy that suits it best; `problem` and `present` have that of the search.
+    fn of(
+        problem: &Problem,
+        present: &Fit,
+        at_its_own: &Fit,
+        found: &'a [Found],
+        signals: &'a [Signal],
+    ) -> Self {
+        let odds = &problem.prior_odds;
+        let p_value = at_its_own.goodness_of_fit().p_value;
+        let mut hypotheses = vec![odds.of_adequate(p_value)];
+        hypotheses.extend(found.iter().map(|one| odds.of_found(one, one.own().goodness_of_fit().p_value)));
+        hypotheses.extend(signals.iter().map(|signal| Hypothesis {
+            prior_odds: odds.kind(signal.effect.of_kind()),
+            log_bayes_factor: signal.log_bayes_factor,
+            // Beside a signal the modes are as the present model has them, but for those that a forced line is in.
+            p_value: if p_value < FAILS { without_spoilt(problem, present, signal).unwrap_or(p_value) } else { p_value },
+        }));
+        let (each, something_else) = posterior(&hypotheses, odds.something_else());
+        let probabilities = Probabilities { adequate: each[0], something_else };
+        let of = |at: usize| (hypotheses[at].prior_odds, each[at]);
+        let mut weighed_found: Vec<(&Found, f64, f64)> =
+            found.iter().enumerate().map(|(at, one)| (one, of(1 + at).0, of(1 + at).1)).collect();
+        let first_signal = 1 + found.len();
+        let mut weighed_signals: Vec<(&Signal, f64, f64)> =
+            signals.iter().enumerate().map(|(at, one)| (one, of(first_signal + at).0, of(first_signal + at).1)).collect();
+        weighed_found.sort_by(|a, b| b.2.total_cmp(&a.2));
+        weighed_signals.sort_by(|a, b| b.2.total_cmp(&a.2));
+        let mut leads = vec![(Leads::Nothing, probabilities.adequate), (Leads::SomethingElse, something_else)];
+        if let Some(&(signal, _, probability)) = weighed_signals.first() {
+            leads.push((Leads::Signal(signal), probability));
+        }
+        // What the data cannot tell apart counts as one.
+        if let Some(&(best, _, probability)) = weighed_found.first() {
+            let twins = twins(problem, present, best, &weighed_found);
+            let together = probability + twins.iter().map(|(_, probability)| probability).sum::<f64>();
+            let twins: Vec<&Found> = twins.into_iter().map(|(twin, _)| twin).collect();
+            let leading = if twins.is_empty() { Leads::Effect(best) } else { Leads::Twins(best, twins) };
+            leads.push((leading, together));
+        }
+        let leads = leads.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(Leads::SomethingElse, |(leads, _)| leads);
+        Self { probabilities, found: weighed_found, signals: weighed_signals, leads }
+    }
+
+    /// As a diagnosis, beside this present model.
+    fn told(&self, problem: &Problem, present: &Fit) -> Diagnosis {
+        let mut warnings = unused_modes(problem);
+        let first = self.found.first().map(|(best, ..)| *best);
+        let name = |found: &Found| found.effect().to_string();
+        let (verdict, best, ambiguous, next) = match &self.leads {
+            Leads::Nothing => (Verdict::Adequate, Vec::new(), Vec::new(), None),
+            Leads::SomethingElse => (Verdict::Unknown, Vec::new(), Vec::new(), None),
+            Leads::Effect(best) => (Verdict::Effect, vec![name(best)], Vec::new(), None),
+            Leads::Signal(signal) => (Verdict::Effect, vec![signal.effect.to_string()], Vec::new(), None),
+            Leads::Twins(best, twins) => {
+                let names = std::iter::once(best).chain(twins).map(|found| name(found)).collect();
+                let next = twins.first().map(|twin| next_measurement(problem, (best.kind, &best.fit), (twin.kind, &twin.fit)));
+                (Verdict::Ambiguous, vec![name(best)], vec![names], next)
+            }
+        };
+        let strong = self.signals.iter().any(|(signal, ..)| signal.log_bayes_factor > STANDS_OUT);
+        if verdict == Verdict::Unknown && strong {
+            warnings.push("forced lines or trends point to an effect as well; see the candidates".to_owned());
+        }
+        // The unexplained part is that of the best fit, even where that fails.
+        let shown_fit = match (&self.leads, first) {
+            (Leads::Effect(best) | Leads::Twins(best, _), _) => best.own(),
+            (Leads::SomethingElse, Some(best)) if best.log_bayes_factor > STANDS_OUT => best.own(),
+            _ => present,
+        };
+        if verdict != Verdict::Unknown {
+            warnings.extend(wrong_modes(problem, shown_fit));
+        }
+        let strangers: Vec<usize> = shown_fit.strangers().into_iter().map(|mode| problem.measured[mode].number).collect();
+        if !strangers.is_empty() {
+            warnings.push(told(
+                &strangers,
+                "measured mode {} is like no mode of the model (MAC below 0.8), as of a floor or a wall; it does not count in the test of fit",
+                "measured modes {} are like no mode of the model (MAC below 0.8), as of floors or walls; they do not count in the test of fit",
+            ));
+        }
+        if let (Leads::Signal(signal), Some(other)) = (&self.leads, first.filter(|found| found.stands_out())) {
+            warnings.push(format!(
+                "{} stands out as well, in the modes; add {} and diagnose again",
+                other.effect(),
+                signal.effect
+            ));
+        }
+        let reason = match &self.leads {
+            Leads::Signal(signal) => Some(signal.reason.clone()),
+            _ => None,
+        };
+        Diagnosis {
+            verdict,
+            candidates: self.candidate_reports(best.first()),
+            best,
+            ambiguous,
+            next_measurement: next,
+            goodness_of_fit: shown_fit.goodness_of_fit().into(),
+            discrepancy: shown_fit.discrepancy,
+            probabilities: self.probabilities,
+            elsewise: Vec::new(),
+            present: present.goodness_of_fit().into(),
+            unexplained: unexplained(problem, shown_fit),
+            explained: explained(problem, present, shown_fit),
+            effects: (0..present.state.effects.len()).map(|effect| report(present, effect, None)).collect(),
+            reason,
+            warnings,
+        }
+    }
+
+    /// Candidates by their probability, the one that is named first before all others.
+    fn candidate_reports(&self, first: Option<&String>) -> Vec<CandidateReport> {
+        let near =
+            |(place, below): &(Where, f64)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below };
+        let of_found = |(found, prior_odds, probability): &(&Found, f64, f64)| {
+            let mut candidate = CandidateReport {
+                near: found.near.iter().map(near).collect(),
+                where_std_m: found.height.as_ref().map(|height| height.std_m),
+                prior_odds: Some(*prior_odds),
+                probability: Some(*probability),
+                ..report(found.own(), found.index(), Some(found.log_bayes_factor))
+            };
+            // Elsewhere it would have other values.
+            let spread = found.height.as_ref().map_or(&[][..], |height| &height.values);
+            for (parameter, spread) in candidate.parameters.iter_mut().zip(spread) {
+                parameter.std = parameter.std.map(|std| std.hypot(*spread));
+            }
+            candidate
+        };
+        let of_signal = |(signal, prior_odds, probability): &(&Signal, f64, f64)| CandidateReport {
+            prior_odds: Some(*prior_odds),
+            probability: Some(*probability),
+            ..signal_report(signal)
+        };
+        let mut candidates: Vec<CandidateReport> =
+            self.found.iter().map(of_found).chain(self.signals.iter().map(of_signal)).collect();
+        let by = |candidate: &CandidateReport| {
+            (candidate.probability.unwrap_or(0.0), candidate.log_bayes_factor.unwrap_or(f64::NEG_INFINITY))
+        };
+        candidates.sort_by(|a, b| by(b).0.total_cmp(&by(a).0).then(by(b).1.total_cmp(&by(a).1)));
+        candidates.sort_by_key(|candidate| first.is_some_and(|first| candidate.name() != *first));
+        candidates
+    }
 }
 
 impl Problem {
@@ -100,95 +282,26 @@ impl Problem {
 /// Directions that differ by less than this squared sine are one.
 const IDENTICAL: f64 = 1e-6;
 
-fn weigh(problem: &Problem, present: &Fit, found: &[Found], signals: &[Signal]) -> Diagnosis {
-    let test = present.goodness_of_fit();
-    let best = best_of(found, present);
-    let fails = test.p_value < FAILS;
-    let modal = match best {
-        None if fails => Verdict::Unknown,
-        None => Verdict::Adequate,
-        Some(best) if !best.fit.explains(present) => Verdict::Unknown,
-        Some(_) => Verdict::Effect,
-    };
-    let named = best.filter(|_| modal == Verdict::Effect);
-    let twins = named.map_or_else(Vec::new, |best| twins(present, best, found));
-    let strongest = signals.iter().max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
-    let strongest = strongest.filter(|signal| signal.log_bayes_factor > STANDS_OUT);
-    let above_modes = |signal: &&Signal| match modal {
-        Verdict::Adequate => true,
-        Verdict::Unknown => spoils_all(problem, present, signal),
-        Verdict::Effect | Verdict::Ambiguous => {
-            named.is_none_or(|named| signal.log_bayes_factor > named.log_bayes_factor)
-        }
-    };
-    let signal = strongest.filter(above_modes);
-    let mut warnings = unused_modes(problem);
-    let (verdict, best_names, ambiguous, next) = match (signal, named) {
-        (Some(signal), _) => (Verdict::Effect, vec![signal.effect.to_string()], Vec::new(), None),
-        (None, Some(best)) if twins.is_empty() => (modal, vec![best.effect().to_string()], Vec::new(), None),
-        (None, Some(best)) => {
-            let names = std::iter::once(best).chain(twins.iter().copied()).map(|found| found.effect().to_string());
-            let next =
-                twins.first().map(|twin| next_measurement(problem, (best.kind, &best.fit), (twin.kind, &twin.fit)));
-            (Verdict::Ambiguous, vec![best.effect().to_string()], vec![names.collect()], next)
-        }
-        (None, None) => (modal, Vec::new(), Vec::new(), None),
-    };
-    if verdict == Verdict::Unknown && strongest.is_some() {
-        warnings.push("forced lines or trends point to an effect as well; see the candidates".to_owned());
-    }
-    // The unexplained part is that of the best fit, even where that fails.
-    let shown_fit = match (modal, best) {
-        // A signal shows outside the modes.
-        _ if signal.is_some() => present,
-        (Verdict::Effect | Verdict::Unknown, Some(best)) => &best.fit,
-        _ => present,
-    };
-    if let Some(odd) = named.and_then(|named| named.fit.odd_one(present)) {
-        let mode = &problem.measured[odd];
-        warnings.push(format!(
-            "measured mode {} at {:.4} Hz is the only one that stays far off; is it a single mode, and well identified?",
-            mode.number, mode.frequency_hz
-        ));
-    }
-    let strangers: Vec<usize> = shown_fit.strangers().into_iter().map(|mode| problem.measured[mode].number).collect();
-    if !strangers.is_empty() {
-        warnings.push(told(
-            &strangers,
-            "measured mode {} is like no mode of the model (MAC below 0.8), as of a floor or a wall; it does not count in the test of fit",
-            "measured modes {} are like no mode of the model (MAC below 0.8), as of floors or walls; they do not count in the test of fit",
-        ));
-    }
-    if let (Some(signal), Some(named)) = (signal, named) {
-        warnings.push(format!(
-            "{} stands out as well, in the modes; add {} and diagnose again",
-            named.effect(),
-            signal.effect
-        ));
-    }
-    Diagnosis {
-        verdict,
-        candidates: candidate_reports(found, signals, best_names.first()),
-        best: best_names,
-        ambiguous,
-        next_measurement: next,
-        goodness_of_fit: shown_fit.goodness_of_fit().into(),
-        discrepancy: shown_fit.discrepancy,
-        present: test.into(),
-        unexplained: unexplained(problem, shown_fit),
-        explained: explained(problem, present, shown_fit),
-        effects: (0..present.state.effects.len()).map(|effect| report(present, effect, None)).collect(),
-        reason: signal.map(|signal| signal.reason.clone()),
-        warnings,
-    }
+/// Probability of the misfit that is left without the modes in whose peaks a forced line is; `None` where it is in none.
+pub(super) fn without_spoilt(problem: &Problem, present: &Fit, signal: &Signal) -> Option<f64> {
+    let Some(Where::Frequency(forced_hz)) = signal.effect.place() else { return None };
+    let fit = problem.without_forced(*forced_hz)?.present(present.effects()).ok()?;
+    Some(fit.goodness_of_fit().p_value)
 }
 
-/// Whether a forced line is what is wrong: without the modes whose peaks it is in, the model fits.
-pub(super) fn spoils_all(problem: &Problem, present: &Fit, signal: &Signal) -> bool {
-    let Some(Where::Frequency(forced_hz)) = signal.effect.place() else { return false };
-    let rest = problem.without_forced(*forced_hz);
-    let fit = rest.and_then(|rest| rest.present(present.effects()).ok());
-    fit.is_some_and(|fit| fit.goodness_of_fit().p_value >= FAILS)
+/// A warning about modes that stay far off, where the others fit.
+fn wrong_modes(problem: &Problem, fit: &Fit) -> Option<String> {
+    let wrong = fit.wrong_modes();
+    let of = |&mode: &usize| {
+        let mode: &MeasuredMode = &problem.measured[mode];
+        format!("{} at {:.4} Hz", mode.number, mode.frequency_hz)
+    };
+    let names = wrong.iter().map(of).collect::<Vec<_>>().join(" and ");
+    match wrong.len() {
+        0 => None,
+        1 => Some(format!("measured mode {names} is the only one that stays far off; is it a single mode, and well identified?")),
+        _ => Some(format!("measured modes {names} are the only ones that stay far off; are they single modes, and well identified?")),
+    }
 }
 
 /// Warnings about measured modes, or parts of them, that the verdict does not rest on.
@@ -214,6 +327,23 @@ fn unused_modes(problem: &Problem) -> Vec<String> {
             "the shapes of measured modes {} are complex, each as if two modes were taken for one; they do not count in the verdict",
         ));
     }
+    if problem.lacks_tolerance {
+        warnings.push(
+            "study.toml states no background_stiffness and background_mass, so the table is taken to be exact and its errors may pass for effects; 0.03 and 0.01 are usual"
+                .to_owned(),
+        );
+    }
+    let assumed = |mode: &&MeasuredMode| {
+        mode.frequency_std_hz.is_none() || mode.shape.as_ref().is_some_and(|shape| shape.stds.is_none())
+    };
+    let assumed: Vec<usize> = problem.measured().iter().filter(assumed).map(|mode| mode.number).collect();
+    if !assumed.is_empty() {
+        warnings.push(told(
+            &assumed,
+            "the file of modes states no deviations for measured mode {}; 0.5 % of the frequency and 2 % of the shape are assumed, and the verdict rests on that",
+            "the file of modes states no deviations for measured modes {}; 0.5 % of frequencies and 2 % of shapes are assumed, and the verdict rests on that",
+        ));
+    }
     warnings
 }
 
@@ -223,30 +353,6 @@ fn told(numbers: &[usize], of_one: &str, of_several: &str) -> String {
     words.replace("{}", &numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(", "))
 }
 
-/// Candidates by their evidence, the one that is named first before all others.
-fn candidate_reports(found: &[Found], signals: &[Signal], first: Option<&String>) -> Vec<CandidateReport> {
-    let near =
-        |(place, below): &(Where, f64)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below };
-    let of_found = |found: &Found| {
-        let mut candidate = CandidateReport {
-            near: found.near.iter().map(near).collect(),
-            where_std_m: found.height.as_ref().map(|height| height.std_m),
-            ..report(found.own(), found.index(), Some(found.log_bayes_factor))
-        };
-        // Elsewhere it would have other values.
-        let spread = found.height.as_ref().map_or(&[][..], |height| &height.values);
-        for (parameter, spread) in candidate.parameters.iter_mut().zip(spread) {
-            parameter.std = parameter.std.map(|std| std.hypot(*spread));
-        }
-        candidate
-    };
-    let mut candidates: Vec<CandidateReport> =
-        found.iter().map(of_found).chain(signals.iter().map(signal_report)).collect();
-    candidates.sort_by(|a, b| b.log_bayes_factor.unwrap_or(0.0).total_cmp(&a.log_bayes_factor.unwrap_or(0.0)));
-    candidates.sort_by_key(|candidate| first.is_some_and(|first| candidate.name() != *first));
-    candidates
-}
-
 fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateReport {
     let test = fit.goodness_of_fit();
     CandidateReport {
@@ -254,6 +360,8 @@ fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateR
         r#where: fit.place(effect).map(ToString::to_string),
         parameters: fit.estimates(effect),
         log_bayes_factor,
+        prior_odds: None,
+        probability: None,
         chi_squared: test.all.chi_squared,
         p_value: test.p_value,
         admissible: true,
@@ -279,6 +387,8 @@ fn rejected_report(present: &Fit, scored: &Scored) -> CandidateReport {
             })
             .collect(),
         log_bayes_factor: None,
+        prior_odds: None,
+        probability: None,
         chi_squared: test.all.chi_squared,
         p_value: test.p_value,
         admissible: false,
@@ -300,6 +410,8 @@ fn signal_report(signal: &Signal) -> CandidateReport {
         r#where: signal.effect.place().map(ToString::to_string),
         parameters: signal.effect.parameters().map(estimate).collect(),
         log_bayes_factor: Some(signal.log_bayes_factor),
+        prior_odds: None,
+        probability: None,
         chi_squared: signal.chi_squared,
         p_value: exceeding(signal.chi_squared, signal.degrees_of_freedom as f64),
         admissible: true,
@@ -308,10 +420,15 @@ fn signal_report(signal: &Signal) -> CandidateReport {
     }
 }
 
-/// Effects that the data cannot tell from the best: within 20 to 1 of its evidence, or predicting the same and not
+/// Effects that the data cannot tell from the best, with their probabilities: within 20 to 1 of its own, or predicting the same and not
 /// refuted by the test of fit.
-fn twins<'a>(present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found> {
-    let marginal = present.marginal();
+fn twins<'a>(
+    problem: &Problem,
+    present: &Fit,
+    best: &Found,
+    others: &[(&'a Found, f64, f64)],
+) -> Vec<(&'a Found, f64)> {
+    let Some(marginal) = Near::of(present).marginal(problem) else { return Vec::new() };
     let single: Vec<bool> = rows_of_single_modes(present);
     let direction = |fit: &Fit| {
         // Twins stand beside no mode of the present model.
@@ -327,16 +444,15 @@ fn twins<'a>(present: &Fit, best: &Found, others: &'a [Found]) -> Vec<&'a Found>
         marginal.project(&columns).column(0).into_owned()
     };
     let along = direction(&best.fit);
-    others
-        .iter()
-        .filter(|other| other.kind != best.kind && other.fit.is_significant(other.index()))
-        .filter(|other| {
-            let within = best.log_bayes_factor - other.log_bayes_factor < STANDS_OUT;
-            let there = direction(&other.fit);
-            let cosine_squared = along.dot(&there).powi(2) / (along.norm_squared() * there.norm_squared());
-            (within || cosine_squared > TWINS) && other.fit.explains(present)
-        })
-        .collect()
+    let log_odds = |found: &Found| problem.prior_odds.kind(found.kind).ln() + found.log_bayes_factor;
+    let is_twin = |other: &Found| {
+        let within = log_odds(best) - log_odds(other) < STANDS_OUT;
+        let there = direction(&other.fit);
+        let cosine_squared = along.dot(&there).powi(2) / (along.norm_squared() * there.norm_squared());
+        (within || cosine_squared > TWINS) && other.fit.passes()
+    };
+    let others = others.iter().filter(|(other, ..)| other.kind != best.kind && other.fit.is_significant(other.index()));
+    others.filter(|(other, ..)| is_twin(other)).map(|(other, _, probability)| (*other, *probability)).collect()
 }
 
 /// Differences of shapes in a span of close modes stand along directions of their own in every state.

@@ -1,6 +1,6 @@
 //! Mass and stiffness matrices with what places them in space.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVectorView};
 
 use super::DOFS_A_NODE;
 use super::beam::Segment;
@@ -156,6 +156,21 @@ impl Assembly {
     /// taken to be straight.
     pub fn guessed_spans_m(&self) -> &[[f64; 2]] {
         self.line().map_or(&[], Line::guessed_m)
+    }
+
+    /// Parts of a motion's kinetic energy, times two and a frequency squared: along X, along Y, of both together (negative where they go
+    /// against each other), and of turning about Z. `None` where the nodes do not stand above each other.
+    pub(crate) fn energies(&self, motion: DVectorView<'_, f64>) -> Option<[f64; 4]> {
+        let nodes = self.node_rows();
+        let rows = |dof: usize| nodes.iter().filter_map(move |rows| rows[dof]).collect::<Vec<usize>>();
+        let [along_x, along_y, turning] = [0, 1, 4].map(rows);
+        let product = |one: &[usize], mass: &[usize], other: &[usize]| -> f64 {
+            let masses = |row: usize| mass.iter().zip(other).map(move |(&column, &other)| self.mass[(row, column)] * motion[other]);
+            one.iter().zip(mass).map(|(&one, &row)| motion[one] * masses(row).sum::<f64>()).sum()
+        };
+        let both = if along_x.len() == along_y.len() { product(&along_x, &along_x, &along_y) } else { 0.0 };
+        let of = |rows: &[usize]| product(rows, rows, rows);
+        (!nodes.is_empty()).then(|| [of(&along_x), of(&along_y), both, of(&turning)])
     }
 
     /// The structure's modes without its dashpots, lowest frequency first.

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use belfry_numerics::{CholeskyFactor, EigenPairs};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVectorView};
 use thiserror::Error;
 
 /// Modes of a structure, lowest frequency first.
@@ -22,6 +22,8 @@ pub struct ModalBasis {
     pub inverse_lambda: Vec<f64>,
     /// The vectors, DOFs x DOFs, `xᵀ K x = 1` and `xᵀ M x = inverse_lambda`.
     pub vectors: DMatrix<f64>,
+    /// The sign that makes each vector's largest component positive.
+    signs: Vec<f64>,
 }
 
 /// Why there are no modes.
@@ -123,13 +125,14 @@ impl ModalBasis {
         }
         let inverse_lambda = ascending.iter().rev().map(|&mu| if mu > NEGLIGIBLE * greatest { mu } else { 0.0 });
         let descending: Vec<_> = (0..ascending.len()).rev().map(|index| vectors.column(index)).collect();
-        Ok(Self { inverse_lambda: inverse_lambda.collect(), vectors: DMatrix::from_columns(&descending) })
+        let sign = |vector: &DVectorView<'_, f64>| if vector[vector.icamax()] < 0.0 { -1.0 } else { 1.0 };
+        let signs = descending.iter().map(sign).collect();
+        Ok(Self { inverse_lambda: inverse_lambda.collect(), vectors: DMatrix::from_columns(&descending), signs })
     }
 
     /// The sign that makes a vector's largest component positive.
     pub(super) fn sign(&self, mode: usize) -> f64 {
-        let vector = self.vectors.column(mode);
-        if vector[vector.icamax()] < 0.0 { -1.0 } else { 1.0 }
+        self.signs[mode]
     }
 
     /// The lowest modes that have mass, at most `most` of them.

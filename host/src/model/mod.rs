@@ -39,6 +39,7 @@ pub use beam::{BeamError, BeamTable, Segment, Stiffness};
 pub use contribution::{Contribution, Factors, MassAbove, PointMass};
 pub use custom::{Custom, CustomError};
 pub use damped::DampedModes;
+pub use effect::mass_eccentricity::eccentricity_changes;
 pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use element::Compression;
 pub use joint::Element;

@@ -10,6 +10,7 @@ use super::base::BaseFlexibility;
 use super::beam::{BeamTable, Segment, Stiffness};
 use super::contribution::{Contribution, Factors, MassAbove};
 use super::custom::Custom;
+use super::effect::mass_eccentricity::Eccentricity;
 use super::element::{Compression, DOFS_A_SEGMENT, scatter};
 use super::joint::Element;
 use super::mass_spread::{MassSpread, spread};
@@ -63,6 +64,11 @@ impl Structure {
     /// lumps all of it at the nodes. Leaves imported matrices as they are.
     pub fn spread_masses(&mut self, share: f64) {
         self.push(Arc::new(MassSpread(share)));
+    }
+
+    /// Moves the centres of mass of all nodes below a mast off the axis, along X and Y in m.
+    pub fn shift_masses(&mut self, offset_m: [f64; 2]) {
+        self.push(Arc::new(Eccentricity { offset_m }));
     }
 
     /// How many contributions are dampers.

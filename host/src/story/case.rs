@@ -9,7 +9,7 @@ use super::error::StoryError;
 use super::inputs::Inputs;
 use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, compare, pair};
 use crate::diagnose::steps::Setting;
-use crate::diagnose::{Diagnosis, Options, Signals, diagnose};
+use crate::diagnose::{Diagnosis, Options, Signals, diagnose, fit_as_given};
 use crate::model::effect::Effect;
 use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load};
 use crate::modes::{MeasuredError, MeasuredModes, read};
@@ -96,7 +96,38 @@ impl Case {
 
     /// Model against measurement.
     pub fn compare(&self) -> Comparison {
-        compare(&self.view, &self.measured.modes, &self.sensors, self.tolerance.as_ref())
+        let comparison = compare(&self.view, &self.measured.modes, &self.sensors, self.tolerance.as_ref());
+        self.tested(comparison, &self.model.effects)
+    }
+
+    /// A comparison with the test of a diagnosis in the place of its own, which takes the tolerance for linear: so all commands
+    /// state one chi-squared of one model.
+    fn tested(&self, comparison: Comparison, effects: &[Effect]) -> Comparison {
+        let problem = self.setting().ok().and_then(|setting| setting.problem(effects).ok());
+        let Some((test, allowed)) = problem.and_then(|problem| fit_as_given(&problem, effects)) else {
+            return comparison;
+        };
+        let mut warnings = comparison.warnings;
+        let allowed: Vec<String> = [
+            allowed.missed_in_words().map(|missed| format!("the model misses {missed}")),
+            allowed.scatter_in_words(),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        if !allowed.is_empty() {
+            warnings.push(format!(
+                "chi-squared allows that {}; `belfry diagnose` weighs that against effects that could be missing",
+                allowed.join(" and ")
+            ));
+        }
+        Comparison {
+            warnings,
+            chi_squared: Some(test.chi_squared),
+            degrees_of_freedom: Some(test.degrees_of_freedom),
+            p_value: Some(test.p_value),
+            ..comparison
+        }
     }
 
     /// The model with other effects against the measurement.
@@ -108,7 +139,7 @@ impl Case {
         let sensors = self.seen_sensors();
         let view = ModelView::of(&structure.assemble(), sensors)?;
         let tolerance = self.study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
-        Ok(compare(&view, &self.measured.modes, sensors, tolerance.as_ref()))
+        Ok(self.tested(compare(&view, &self.measured.modes, sensors, tolerance.as_ref()), effects))
     }
 
     /// Which effect the model lacks; kinds named in `without` are left out.

@@ -47,7 +47,7 @@ pub struct EffectReport {
 /// How adding and dropping effects until nothing is gained ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AutoEnd {
-    /// No effect gains 20 to 1; the model stays as it is.
+    /// No effect is called for; the model stays as it is.
     NothingGained,
     /// Only frequencies were measured, which cannot tell several effects apart; nothing was written.
     FrequenciesAlone,

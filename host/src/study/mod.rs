@@ -15,7 +15,7 @@ use std::path::Path;
 pub use error::{FilePosition, StudyError};
 pub use types::{
     Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
-    ModelSource, Motion, STANDARD_GRAVITY_M_S2, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
+    ModelSource, Motion, NO_KINDS, STANDARD_GRAVITY_M_S2, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
 };
 
 impl Study {

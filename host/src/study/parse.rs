@@ -1,6 +1,7 @@
 //! From the text of `study.toml` to its types: every key read once, every single value checked on the way.
 
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use toml::de::DeTable;
 
@@ -9,8 +10,9 @@ use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
 use super::types::{
     Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
-    ModelSource, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
+    ModelSource, NO_KINDS, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
 };
+use crate::model::effect::KINDS;
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
 const STRUCTURE_KEYS: &[&str] = &["name"];
@@ -34,8 +36,16 @@ const ANALYSIS_KEYS: &[&str] =
 const MEASURED_KEYS: &[&str] = &["modes"];
 const MATRICES_KEYS: &[&str] = &["file", "stiffness", "mass", "nodes", "dofs"];
 const CUSTOM_KEYS: &[&str] = &["name", "file", "stiffness", "mass", "segments", "least", "greatest", "typical"];
-const MODEL_KEYS: &[&str] =
-    &["beam", "matrices", "background_stiffness", "background_mass", "correlation_length_m", "effect", "custom"];
+const MODEL_KEYS: &[&str] = &[
+    "beam",
+    "matrices",
+    "background_stiffness",
+    "background_mass",
+    "correlation_length_m",
+    "effect",
+    "custom",
+    "prior_odds",
+];
 
 /// Reads and checks a whole study.
 pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
@@ -352,7 +362,21 @@ fn model(section: &Section<'_>) -> Result<Model, StudyError> {
         correlation_length_m: optional_positive("correlation_length_m", LENGTH)?,
         effects: section.tables("effect")?.iter().map(effect).collect::<Result<Vec<_>, _>>()?,
         customs: customs(section)?,
+        prior_odds: section.get("prior_odds").map_or(Ok(Vec::new()), |entry| prior_odds(&entry))?,
     })
+}
+
+/// Odds by the name of a kind, of a sound model (`adequate`) or of something else.
+fn prior_odds(entry: &Entry<'_>) -> Result<Vec<(String, f64)>, StudyError> {
+    static NAMES: LazyLock<Vec<&'static str>> =
+        LazyLock::new(|| KINDS.iter().map(|kind| kind.name()).chain(NO_KINDS).collect());
+    const TABLE: &str =
+        "a table of odds such as { base-rotation = 4, outrigger = 0.1, adequate = 20, something-else = 0.05 }";
+    const ODDS: &str = "odds, a number above 0 such as 0.1";
+    let section = entry.section(TABLE)?;
+    section.allow_only(NAMES.as_slice())?;
+    let odds = |name: &&'static str| section.get(name).map(|entry| Ok(((*name).to_owned(), entry.positive(ODDS)?)));
+    NAMES.iter().filter_map(odds).collect()
 }
 
 fn matrix_source(section: &Section<'_>) -> Result<MatrixSource, StudyError> {

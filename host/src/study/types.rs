@@ -256,7 +256,12 @@ pub struct Model {
     pub effects: Vec<Effect>,
     /// Hypotheses of the user's own.
     pub customs: Vec<CustomSource>,
+    /// Odds of kinds of effects before anything is measured, where they are others than usual.
+    pub prior_odds: Vec<(String, f64)>,
 }
+
+/// Names among the prior odds that are no kinds of effects: of a model that lacks nothing, and of something else.
+pub const NO_KINDS: [&str; 2] = ["adequate", "something-else"];
 
 /// What a model is read from; paths are relative to the study's folder.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,6 +9,7 @@ use super::kind::{About, EffectKind, Given, LookAlike};
 use super::parameter::Parameter;
 use crate::model::assembly::Assembly;
 use crate::model::contribution::Contribution;
+use crate::model::sensitivity::Change;
 use crate::model::structure::Structure;
 
 const ABOUT: About = About {
@@ -59,45 +60,68 @@ const LIGHT: f64 = 0.1;
 
 /// The centre of mass of the nodes below a mast, off the axis.
 #[derive(Debug)]
-struct Eccentricity {
-    offset_m: [f64; 2],
+pub(in crate::model) struct Eccentricity {
+    /// Along X and Y in m.
+    pub(in crate::model) offset_m: [f64; 2],
 }
 
 impl Contribution for Eccentricity {
     /// `M[uy,rz] = m x`, `M[ux,rz] = -m y`, and `M[rz,rz] += m (x² + y²)` as the inertia stays what it is about the centre
     /// of mass.
-    ///
-    /// A mast on top has its own axis: it stands on the highest node above which the radius of gyration about Z falls at once to less
-    /// than [`SLENDER`], and with it next to nothing of the mass. A waist, or a top that tapers, is as eccentric as the rest.
     fn rearrange(&self, assembly: &mut Assembly) {
         if self.offset_m == [0.0; 2] {
             return;
         }
         let [x, y] = self.offset_m;
-        let nodes: Vec<[usize; 3]> =
-            assembly.node_rows().iter().filter_map(|rows| Some([rows[0]?, rows[1]?, rows[4]?])).collect();
+        let body = body(assembly);
         let mass = &mut assembly.mass;
-        let gyration_square = |mass: &DMatrix<f64>, &[ux, _, rz]: &[usize; 3]| {
-            if mass[(ux, ux)] > 0.0 { mass[(rz, rz)] / mass[(ux, ux)] } else { 0.0 }
-        };
-        let squares: Vec<f64> = nodes.iter().map(|node| gyration_square(mass, node)).collect();
-        let mass_kg = |nodes: &[[usize; 3]]| nodes.iter().map(|[ux, ..]| mass[(*ux, *ux)]).sum::<f64>();
-        let is_foot = |at: &usize| {
-            squares[at + 1..].iter().all(|above| *above < SLENDER * SLENDER * squares[*at])
-                && mass_kg(&nodes[at + 1..]) < LIGHT * mass_kg(&nodes)
-        };
-        let foot = (0..nodes.len().saturating_sub(1)).find(is_foot);
-        let body = &nodes[..foot.map_or(nodes.len(), |foot| foot + 1)];
         // Motion of the centres of mass: M becomes Sᵀ M S, with S adding the rotation's share to each node's ux and uy.
-        for &[ux, uy, rz] in body {
+        for &[ux, uy, rz] in &body {
             let moved = mass.column(ux) * -y + mass.column(uy) * x;
             let mut column = mass.column_mut(rz);
             column += moved;
         }
-        for &[ux, uy, rz] in body {
+        for &[ux, uy, rz] in &body {
             let moved = mass.row(ux) * -y + mass.row(uy) * x;
             let mut row = mass.row_mut(rz);
             row += moved;
         }
     }
+}
+
+/// Rows of `ux, uy, rz` of the nodes below a mast.
+///
+/// A mast on top has its own axis: it stands on the highest node above which the radius of gyration about Z falls at once to less
+/// than [`SLENDER`], and with it next to nothing of the mass. A waist, or a top that tapers, is as eccentric as the rest.
+fn body(assembly: &Assembly) -> Vec<[usize; 3]> {
+    let mut nodes: Vec<[usize; 3]> =
+        assembly.node_rows().iter().filter_map(|rows| Some([rows[0]?, rows[1]?, rows[4]?])).collect();
+    let mass = &assembly.mass;
+    let gyration_square = |&[ux, _, rz]: &[usize; 3]| {
+        if mass[(ux, ux)] > 0.0 { mass[(rz, rz)] / mass[(ux, ux)] } else { 0.0 }
+    };
+    let squares: Vec<f64> = nodes.iter().map(gyration_square).collect();
+    let mass_kg = |nodes: &[[usize; 3]]| nodes.iter().map(|[ux, ..]| mass[(*ux, *ux)]).sum::<f64>();
+    let is_foot = |at: &usize| {
+        squares[at + 1..].iter().all(|above| *above < SLENDER * SLENDER * squares[*at])
+            && mass_kg(&nodes[at + 1..]) < LIGHT * mass_kg(&nodes)
+    };
+    let foot = (0..nodes.len().saturating_sub(1)).find(is_foot);
+    nodes.truncate(foot.map_or(nodes.len(), |foot| foot + 1));
+    nodes
+}
+
+/// What a metre of eccentricity along X, and one along Y, does to M, by the slope at the masses as they are.
+pub fn eccentricity_changes(assembly: &Assembly) -> [Change; 2] {
+    let (body, mass) = (body(assembly), &assembly.mass);
+    let none = DMatrix::zeros(mass.nrows(), mass.ncols());
+    let along = |row: usize, sign: f64| {
+        let mut moved = none.clone();
+        for node in &body {
+            let mut column = moved.column_mut(node[2]);
+            column += mass.column(node[row]) * sign;
+        }
+        Change::of(&none, &(&moved + moved.transpose()), None)
+    };
+    [along(1, 1.0), along(0, -1.0)]
 }

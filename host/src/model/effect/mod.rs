@@ -23,7 +23,7 @@ mod foundation_tests;
 mod given;
 mod harmonic;
 mod kind;
-mod mass_eccentricity;
+pub(super) mod mass_eccentricity;
 mod mass_scale;
 mod outrigger;
 mod p_delta;

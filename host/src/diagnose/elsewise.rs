@@ -1,0 +1,107 @@
+//! What the verdict would be, had the study stated another tolerance.
+//!
+//! How far segments scatter is fitted, about what the study states. So the verdict holds where that is somewhat wrong; where it is
+//! not, the reader is told. The fits of the search flow in; a verdict for half and for double of the stated tolerance flows out.
+
+use serde::Serialize;
+
+use super::discrepancy::Discrepancy;
+use super::fit::Fit;
+use super::found::Found;
+use super::posterior::{Hypothesis, posterior};
+use super::problem::Problem;
+use super::report::Verdict;
+
+/// What the tolerance is multiplied with.
+const TIMES: [f64; 2] = [0.5, 2.0];
+/// Effects that could be named then.
+const CONTEND: usize = 3;
+
+/// Effects that gain less than the best by this are not.
+const CLEAR: f64 = 50.0;
+
+/// A verdict that is another with another tolerance.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Elsewise {
+    /// What the stated tolerance would be multiplied with.
+    pub tolerance_times: f64,
+    /// The verdict then.
+    pub verdict: Verdict,
+    /// The effect that would be named.
+    pub best: Option<String>,
+}
+
+impl Elsewise {
+    /// In words.
+    pub(super) fn told(&self) -> String {
+        let much = if self.tolerance_times < 1.0 { "half" } else { "twice" };
+        let verdict = match (&self.best, self.verdict) {
+            (Some(best), _) => best.as_str(),
+            (None, Verdict::Adequate) => "adequate",
+            (None, _) => "unknown",
+        };
+        format!(
+            "the verdict rests on the model's tolerance: with {much} of background_stiffness and background_mass it would be: {verdict}"
+        )
+    }
+}
+
+impl Problem {
+    /// Where half or double of the stated tolerance leads to another verdict than `verdict`, with another effect named than `best`.
+    pub(super) fn elsewise(
+        &self,
+        present: &Fit,
+        found: &[Found],
+        verdict: Verdict,
+        best: Option<&str>,
+    ) -> Vec<Elsewise> {
+        if self.background.is_none() {
+            return Vec::new();
+        }
+        let verdict = if verdict == Verdict::Ambiguous { Verdict::Effect } else { verdict };
+        let kind = |name: &str| name.split('@').next().map(str::to_owned);
+        let there = |times: f64| self.verdict_at(times, present, found);
+        let differs = |other: &Elsewise| {
+            other.verdict != verdict
+                || (verdict == Verdict::Effect && other.best.as_deref().and_then(kind) != best.and_then(kind))
+        };
+        TIMES.into_iter().filter_map(there).filter(differs).collect()
+    }
+
+    /// The verdict with this many times the stated tolerance: evidence near the fits that were found, and two fits to test.
+    fn verdict_at(&self, times: f64, present: &Fit, found: &[Found]) -> Option<Elsewise> {
+        let problem = self.stated(times);
+        // Evidence there, and the discrepancy that suits best.
+        let there = |fit: &Fit| -> (Discrepancy, f64) {
+            let (discrepancy, gain) = problem.best_discrepancy(fit);
+            let start = Discrepancy { expected_scatter: times, ..fit.discrepancy };
+            (discrepancy, fit.log_evidence() - fit.discrepancy.log_prior() + start.log_prior() + gain)
+        };
+        let (own, evidence) = there(present);
+        let odds = &self.prior_odds;
+        // How badly the best fits there bounds how probable something else is, so only the best is fitted there.
+        let mut weighed: Vec<(Hypothesis, Option<&Found>, &Fit, Discrepancy)> =
+            vec![(odds.of_adequate(0.0), None, present, own)];
+        let most = found.first().map_or(0.0, |first| first.log_bayes_factor);
+        let contend = found.iter().take(CONTEND).filter(|found| found.log_bayes_factor > most - CLEAR);
+        weighed.extend(contend.map(|found| {
+            let (discrepancy, with) = there(found.own());
+            let log_bayes_factor = with - evidence + found.log_share;
+            let hypothesis = Hypothesis { log_bayes_factor, ..odds.of_found(found, 0.0) };
+            (hypothesis, Some(found), found.own(), discrepancy)
+        }));
+        let log_weight = |at: &usize| weighed[*at].0.log_weight();
+        let best = (0..weighed.len()).max_by(|a, b| log_weight(a).total_cmp(&log_weight(b)))?;
+        let (_, leading, fit, discrepancy) = &weighed[best];
+        let (leading, refitted) = (*leading, problem.with_discrepancy(*discrepancy).refitted(fit).ok()?);
+        weighed[best].0.p_value = refitted.goodness_of_fit().p_value;
+        let hypotheses: Vec<Hypothesis> = weighed.iter().map(|(hypothesis, ..)| *hypothesis).collect();
+        let (each, something_else) = posterior(&hypotheses, odds.something_else());
+        let (verdict, best) = match leading {
+            _ if something_else > each[best] => (Verdict::Unknown, None),
+            Some(found) => (Verdict::Effect, Some(found.effect().to_string())),
+            None => (Verdict::Adequate, None),
+        };
+        Some(Elsewise { tolerance_times: times, verdict, best })
+    }
+}

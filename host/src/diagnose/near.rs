@@ -1,0 +1,135 @@
+//! The differences near a fit, as another discrepancy weighs them.
+//!
+//! A [`Fit`] flows in; its differences and how they follow what is fitted, before they are weighed, are kept, as they hang on no
+//! discrepancy. With one, the evidence near the fit (Laplace's approximation) or a [`Marginal`] flows out, without another fit.
+
+use std::sync::OnceLock;
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+use super::discrepancy::{Discrepancy, log_determinant};
+use super::evaluation::ShapeErrors;
+use super::fit::{Fit, Marginal, weighted};
+use super::misfit::Loss;
+use super::problem::Problem;
+
+/// A fit's differences, and how they follow what is fitted, before they are weighed.
+pub(super) struct Near<'a> {
+    pub(super) fit: &'a Fit,
+    residual: DVector<f64>,
+    slopes: DMatrix<f64>,
+    /// Knobs at a bound, which stay there.
+    frozen: Vec<bool>,
+    /// What shapes may have wrong, made when first asked for.
+    errors: OnceLock<Vec<ShapeErrors>>,
+}
+
+/// The same in standard deviations of measurement and discrepancy.
+struct Weighed {
+    factors: Vec<Cholesky<f64, Dyn>>,
+    differences: DVector<f64>,
+    slopes: DMatrix<f64>,
+    /// The background's numbers, in units of how far segments scatter.
+    numbers: DVector<f64>,
+    /// Square roots of the weights of differences.
+    weights: DVector<f64>,
+}
+
+impl<'a> Near<'a> {
+    pub(super) fn of(fit: &'a Fit) -> Self {
+        let state = &fit.state;
+        let mut slopes = fit.slopes.clone();
+        for ((first, block), factor) in state.residual.blocks().zip(&state.factors) {
+            let part = factor.l() * slopes.rows(first, block.size());
+            slopes.rows_mut(first, block.size()).copy_from(&part);
+        }
+        let mut residual = state.differences();
+        residual.rows_mut(0, state.modes.len()).copy_from(&state.residual.vector());
+        let frozen = fit
+            .knobs
+            .iter()
+            .map(|knob| knob.bounds.iter().any(|&bound| knob.is_at(state.value(knob), bound)))
+            .collect();
+        Self { fit, residual, slopes, frozen, errors: OnceLock::new() }
+    }
+
+    fn weighed(&self, problem: &Problem, sizes: &Discrepancy) -> Option<Weighed> {
+        let (state, scatter) = (&self.fit.state, problem.background.scatter());
+        let errors = self.errors.get_or_init(|| problem.errors(&state.residual));
+        let factors = problem.factors_of(&state.residual, errors, sizes)?;
+        let (mut differences, mut slopes) = (self.residual.clone(), self.slopes.clone());
+        let (mut numbers, times) = (state.numbers.clone(), sizes.scatter / self.fit.discrepancy.scatter);
+        let mut of_scatter = numbers.rows_mut(0, scatter);
+        of_scatter /= times;
+        let mut by_scatter = slopes.columns_mut(self.fit.knobs.len(), scatter);
+        by_scatter *= times;
+        self.change_family(problem, sizes, &mut differences, &mut numbers, &mut slopes);
+        state.whiten_by(&factors, &mut differences);
+        state.whiten_by(&factors, &mut slopes);
+        let weights = state.weights_of(&differences, &factors, Loss::Robust);
+        Some(Weighed { factors, differences, slopes, numbers, weights })
+    }
+
+    /// What families of modes have in common, with another size: in units of it.
+    fn change_family(
+        &self,
+        problem: &Problem,
+        sizes: &Discrepancy,
+        differences: &mut DVector<f64>,
+        numbers: &mut DVector<f64>,
+        slopes: &mut DMatrix<f64>,
+    ) {
+        let (state, first) = (&self.fit.state, problem.background.first_of_families());
+        let mut of_families = numbers.rows_mut(first, problem.families.ncols());
+        let shift = problem.by_families(&state.residual, &self.fit.discrepancy) * &of_families;
+        of_families *= self.fit.discrepancy.family_in_units_of(sizes);
+        let shift = problem.by_families(&state.residual, sizes) * of_families - shift;
+        for ((row, _), by) in state.residual.blocks().zip(shift.iter()) {
+            differences[row] += by;
+        }
+        problem.set_families(&state.residual, sizes, self.fit.knobs.len() + first, slopes);
+    }
+
+    /// Logarithm of the evidence, up to what all discrepancies have in common: effects and background at their best, one step away.
+    pub(super) fn log_evidence(&self, problem: &Problem, sizes: &Discrepancy) -> Option<f64> {
+        let (state, count) = (&self.fit.state, self.fit.knobs.len());
+        let Weighed { factors, mut differences, slopes, numbers, weights } = self.weighed(problem, sizes)?;
+        let jacobian = weighted(&slopes, &weights);
+        let information = squares(&jacobian);
+        let mut curvature = information.clone();
+        for index in 0..curvature.nrows() {
+            let is_frozen = self.frozen.get(index) == Some(&true);
+            curvature[(index, index)] += match index < count {
+                true if is_frozen => 1e12 * (1.0 + information[(index, index)]),
+                true => 1e-12 + 1e-9 * information[(index, index)],
+                false => 1.0,
+            };
+        }
+        let mut gradient = jacobian.tr_mul(&differences.component_mul(&weights));
+        let mut by_numbers = gradient.rows_mut(count, numbers.len());
+        by_numbers += &numbers;
+        let step = -Cholesky::new(curvature)?.solve(&gradient);
+        differences += slopes * &step;
+        let scatter = (&numbers + step.rows(count, numbers.len())).norm_squared();
+        let size = information.nrows();
+        let posterior = log_determinant(&Cholesky::new(information + DMatrix::identity(size, size))?);
+        let volume: f64 = factors.iter().map(log_determinant).sum();
+        let misfit = state.misfit_of(&differences, &factors, Loss::Robust);
+        Some(-0.5 * (misfit + scatter + posterior + volume) + sizes.log_prior())
+    }
+
+    /// The differences seen through what else is uncertain, and what is left of them, by weight, where the background does what it can;
+    /// with a problem's discrepancy.
+    pub(super) fn marginal(&self, problem: &Problem) -> Option<Marginal> {
+        let Weighed { factors, differences, slopes, numbers, weights } = self.weighed(problem, &problem.discrepancy)?;
+        let count = self.fit.knobs.len();
+        // Without the scatter, which the projection finds again.
+        let straight = differences - slopes.columns(count, numbers.len()) * &numbers;
+        Marginal::of(weighted(&slopes, &weights), count, weights, factors, &straight)
+    }
+}
+
+/// `AᵀA`: nalgebra's `tr_mul` does not go through the fast product.
+pub(super) fn squares(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    matrix.transpose() * matrix
+}
