@@ -48,7 +48,14 @@ impl Background {
             Body::Matrices(_) => 0,
         };
         let Some(tolerance) = Tolerance::of(structure, model) else {
-            return Self { parts: Vec::new(), scatter: 0, size: 1.0, moves_masses: false, eccentricity_m: 0.0, families: 0 };
+            return Self {
+                parts: Vec::new(),
+                scatter: 0,
+                size: 1.0,
+                moves_masses: false,
+                eccentricity_m: 0.0,
+                families: 0,
+            };
         };
         let eigen = tolerance.covariance.clone().symmetric_eigen();
         let order = largest_first(eigen.eigenvalues.as_slice());

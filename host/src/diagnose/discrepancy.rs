@@ -84,8 +84,7 @@ impl Range {
 
 impl Discrepancy {
     /// Of a model that is as good as its tolerance says.
-    pub(super) const NONE: Self =
-        Self {
+    pub(super) const NONE: Self = Self {
         frequency: 0.0,
         shape: 0.0,
         coupling: COUPLING.least,
@@ -181,8 +180,7 @@ impl Discrepancy {
     pub fn missed_in_words(&self) -> Option<String> {
         let sizes = [("frequencies", self.frequency.hypot(self.family)), ("shapes", self.shape.hypot(self.smooth))];
         let missed = sizes.into_iter().filter(|(_, size)| *size > 0.0);
-        let parts: Vec<String> =
-            missed.map(|(what, size)| format!("{what} by about {:.2} %", 100.0 * size)).collect();
+        let parts: Vec<String> = missed.map(|(what, size)| format!("{what} by about {:.2} %", 100.0 * size)).collect();
         (!parts.is_empty()).then(|| parts.join(" and "))
     }
 

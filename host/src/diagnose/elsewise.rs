@@ -105,3 +105,46 @@ impl Problem {
         Some(Elsewise { tolerance_times: times, verdict, best })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::testing::{measured, scattered, study};
+    use super::super::{Options, Signals, diagnose};
+    use super::*;
+    use crate::model::effect::Effect;
+
+    /// What would be with another tolerance, of a tower with an effect.
+    fn others(word: &str) -> (Verdict, Vec<Elsewise>) {
+        let (structure, model, sensors) = study();
+        let effects: Vec<Effect> = vec![word.parse().unwrap()];
+        let truth = scattered(&structure, &model, 0.5, 41).and(&effects).unwrap();
+        let modes = measured(&truth, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(41));
+        let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
+        let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
+        (diagnosis.verdict, diagnosis.elsewise)
+    }
+
+    /// A mass far beyond any tolerance is one at half and at double of it.
+    #[test]
+    fn a_strong_effect_rests_on_no_tolerance() {
+        assert_eq!(others("added-mass@443.6m=4e6"), (Verdict::Effect, Vec::new()));
+    }
+
+    #[test]
+    fn what_would_be_is_told_in_words() {
+        let told = |tolerance_times: f64, verdict: Verdict, best: Option<&str>| {
+            Elsewise { tolerance_times, verdict, best: best.map(str::to_owned) }.told()
+        };
+        assert!(
+            told(0.5, Verdict::Effect, Some("p-delta"))
+                .ends_with("with half of background_stiffness and background_mass it would be: p-delta")
+        );
+        assert!(
+            told(2.0, Verdict::Adequate, None)
+                .ends_with("with twice of background_stiffness and background_mass it would be: adequate")
+        );
+    }
+}

@@ -76,8 +76,12 @@ impl Fit {
     /// The mode whose frequency is an outlier: a t-test of the largest of n differences against the others, at 1 % for all of them (Grubbs
     /// 1969, Technometrics 11, 1).
     fn outlier(&self) -> Option<usize> {
-        let squares: Vec<(usize, f64)> =
-            self.state.residual.blocks().map(|(first, block)| (block.measured, self.state.modes[first].powi(2))).collect();
+        let squares: Vec<(usize, f64)> = self
+            .state
+            .residual
+            .blocks()
+            .map(|(first, block)| (block.measured, self.state.modes[first].powi(2)))
+            .collect();
         let others = squares.len().checked_sub(1).filter(|_| squares.len() >= LEAST_MODES)? as f64;
         let (mode, largest) = squares.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let mean = (squares.iter().map(|(_, square)| square).sum::<f64>() - largest) / others;

@@ -133,3 +133,35 @@ impl<'a> Near<'a> {
 pub(super) fn squares(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     matrix.transpose() * matrix
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::testing::{measured, scattered, study};
+    use super::*;
+
+    /// The evidence of another discrepancy near a fit is that of a fit with it, but for what another step moves.
+    #[test]
+    fn evidence_near_a_fit_is_that_of_another_fit() {
+        let (structure, model, sensors) = study();
+        let truth = scattered(&structure, &model, 1.0, 3);
+        let modes = measured(&truth, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(3));
+        let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
+        let fit = problem.present(&[]).unwrap();
+        let near = Near::of(&fit);
+        let here = near.log_evidence(&problem, &fit.discrepancy).unwrap();
+        let others = [
+            Discrepancy { frequency: 0.003, shape: 0.005, ..fit.discrepancy },
+            Discrepancy { family: 0.01, smooth: 0.004, growth: 1.0, ..fit.discrepancy },
+            Discrepancy { scatter: 1.5, coupling: 0.006, ..fit.discrepancy },
+        ];
+        for sizes in others {
+            let refitted = problem.with_discrepancy(sizes).refitted(&fit).unwrap();
+            let exact = refitted.log_evidence() - fit.log_evidence();
+            let close = near.log_evidence(&problem, &sizes).unwrap() - here;
+            assert!((close - exact).abs() < 0.3 + 0.02 * exact.abs(), "{sizes:?}: {close} near, {exact} by a fit");
+        }
+    }
+}

@@ -362,8 +362,8 @@ impl<'a> Part<'a> {
         let knobs = outlook.given.knobs.len();
         let factors = outlook.problem.covariance_factors(&state.residual, sizes)?;
         let mut slopes = outlook.slopes.clone();
-        // Numbers of the scatter are in units of how far segments scatter.
-        let mut by_scatter = slopes.columns_mut(knobs, outlook.slopes.ncols() - knobs);
+        // Numbers of the scatter are in units of how far segments scatter; where masses are has a scale of its own.
+        let mut by_scatter = slopes.columns_mut(knobs, outlook.problem.background.scatter());
         by_scatter *= sizes.scatter;
         let first = knobs + outlook.problem.background.first_of_families();
         outlook.problem.set_families(&state.residual, sizes, first, &mut slopes);

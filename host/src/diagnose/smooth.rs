@@ -33,3 +33,43 @@ pub(super) fn smooth_covariance(sensors: &[Sensor], length_m: f64) -> DMatrix<f6
         _ => 0.0,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::study;
+    use super::*;
+
+    fn sensor(elevation_m: f64, azimuth_deg: f64, offset_m: [f64; 2]) -> Sensor {
+        let any = study().2.remove(0);
+        Sensor { elevation_m: Some(elevation_m), direction: Some(Direction::AzimuthDeg(azimuth_deg)), offset_m, ..any }
+    }
+
+    /// A ring moves, turns and becomes an oval: what opposite sensors on it have in common follows from that.
+    #[test]
+    fn sensors_of_a_ring_err_as_a_ring_moves() {
+        // Along Y, at both ends of a diameter along X; one at the same place as the first; along X; and one correlation length above.
+        let sensors = [
+            sensor(100.0, 90.0, [5.0, 0.0]),
+            sensor(100.0, 90.0, [-5.0, 0.0]),
+            sensor(100.0, 90.0, [5.0, 0.0]),
+            sensor(100.0, 0.0, [5.0, 0.0]),
+            sensor(130.0, 90.0, [5.0, 0.0]),
+        ];
+        let covariance = smooth_covariance(&sensors, 30.0);
+        // By moving, turning and distorting alike.
+        assert!((covariance[(0, 0)] - 3.0).abs() < 1e-12 && (covariance[(0, 2)] - 3.0).abs() < 1e-12);
+        // Opposite ends move together, and turn and distort against each other.
+        assert!((covariance[(0, 1)] + 1.0).abs() < 1e-12, "{covariance}");
+        // Along X, on the X axis, neither turning nor distortion shows.
+        assert!((covariance[(3, 3)] - 1.0).abs() < 1e-12 && covariance[(0, 3)].abs() < 1e-12);
+        assert!((covariance[(0, 4)] - 3.0 * (-0.5f64).exp()).abs() < 1e-12);
+        assert!(covariance.symmetric_eigenvalues().min() > -1e-12);
+    }
+
+    #[test]
+    fn vertical_sensors_have_no_part() {
+        let vertical = Sensor { direction: Some(Direction::Up), ..sensor(100.0, 0.0, [0.0; 2]) };
+        let covariance = smooth_covariance(&[sensor(100.0, 0.0, [0.0; 2]), vertical], 30.0);
+        assert_eq!((covariance[(0, 0)], covariance[(1, 1)], covariance[(0, 1)]), (1.0, 0.0, 0.0));
+    }
+}

@@ -59,8 +59,10 @@ pub fn diagnose(
     diagnosis.candidates.extend(rejected.iter().map(|one| rejected_report(present, one)));
     let is_left_out = |signal: &Signal| options.without.iter().any(|kind| kind == signal.effect.kind());
     let left_out = all_shown(signals, effects).into_iter().filter(is_left_out);
-    let names: Vec<String> =
-        left_out.filter(|signal| signal.log_bayes_factor > STANDS_OUT).map(|signal| signal.effect.to_string()).collect();
+    let names: Vec<String> = left_out
+        .filter(|signal| signal.log_bayes_factor > STANDS_OUT)
+        .map(|signal| signal.effect.to_string())
+        .collect();
     if diagnosis.verdict == Verdict::Adequate && !names.is_empty() {
         // A signal stands out that none of the effects considered explains.
         diagnosis.verdict = Verdict::Unknown;
@@ -94,13 +96,7 @@ struct Weighed<'a> {
 
 impl<'a> Weighed<'a> {
     /// `at_its_own` is the present model with the discrepancy that suits it best; `problem` and `present` have that of the search.
-    fn of(
-        problem: &Problem,
-        present: &Fit,
-        at_its_own: &Fit,
-        found: &'a [Found],
-        signals: &'a [Signal],
-    ) -> Self {
+    fn of(problem: &Problem, present: &Fit, at_its_own: &Fit, found: &'a [Found], signals: &'a [Signal]) -> Self {
         let odds = &problem.prior_odds;
         let p_value = at_its_own.goodness_of_fit().p_value;
         let mut hypotheses = vec![odds.of_adequate(p_value)];
@@ -109,7 +105,11 @@ impl<'a> Weighed<'a> {
             prior_odds: odds.kind(signal.effect.of_kind()),
             log_bayes_factor: signal.log_bayes_factor,
             // Beside a signal the modes are as the present model has them, but for those that a forced line is in.
-            p_value: if p_value < FAILS { without_spoilt(problem, present, signal).unwrap_or(p_value) } else { p_value },
+            p_value: if p_value < FAILS {
+                without_spoilt(problem, present, signal).unwrap_or(p_value)
+            } else {
+                p_value
+            },
         }));
         let (each, something_else) = posterior(&hypotheses, odds.something_else());
         let probabilities = Probabilities { adequate: each[0], something_else };
@@ -117,8 +117,11 @@ impl<'a> Weighed<'a> {
         let mut weighed_found: Vec<(&Found, f64, f64)> =
             found.iter().enumerate().map(|(at, one)| (one, of(1 + at).0, of(1 + at).1)).collect();
         let first_signal = 1 + found.len();
-        let mut weighed_signals: Vec<(&Signal, f64, f64)> =
-            signals.iter().enumerate().map(|(at, one)| (one, of(first_signal + at).0, of(first_signal + at).1)).collect();
+        let mut weighed_signals: Vec<(&Signal, f64, f64)> = signals
+            .iter()
+            .enumerate()
+            .map(|(at, one)| (one, of(first_signal + at).0, of(first_signal + at).1))
+            .collect();
         weighed_found.sort_by(|a, b| b.2.total_cmp(&a.2));
         weighed_signals.sort_by(|a, b| b.2.total_cmp(&a.2));
         let mut leads = vec![(Leads::Nothing, probabilities.adequate), (Leads::SomethingElse, something_else)];
@@ -133,7 +136,8 @@ impl<'a> Weighed<'a> {
             let leading = if twins.is_empty() { Leads::Effect(best) } else { Leads::Twins(best, twins) };
             leads.push((leading, together));
         }
-        let leads = leads.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(Leads::SomethingElse, |(leads, _)| leads);
+        let leads =
+            leads.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(Leads::SomethingElse, |(leads, _)| leads);
         Self { probabilities, found: weighed_found, signals: weighed_signals, leads }
     }
 
@@ -149,7 +153,8 @@ impl<'a> Weighed<'a> {
             Leads::Signal(signal) => (Verdict::Effect, vec![signal.effect.to_string()], Vec::new(), None),
             Leads::Twins(best, twins) => {
                 let names = std::iter::once(best).chain(twins).map(|found| name(found)).collect();
-                let next = twins.first().map(|twin| next_measurement(problem, (best.kind, &best.fit), (twin.kind, &twin.fit)));
+                let next =
+                    twins.first().map(|twin| next_measurement(problem, (best.kind, &best.fit), (twin.kind, &twin.fit)));
                 (Verdict::Ambiguous, vec![name(best)], vec![names], next)
             }
         };
@@ -166,7 +171,8 @@ impl<'a> Weighed<'a> {
         if verdict != Verdict::Unknown {
             warnings.extend(wrong_modes(problem, shown_fit));
         }
-        let strangers: Vec<usize> = shown_fit.strangers().into_iter().map(|mode| problem.measured[mode].number).collect();
+        let strangers: Vec<usize> =
+            shown_fit.strangers().into_iter().map(|mode| problem.measured[mode].number).collect();
         if !strangers.is_empty() {
             warnings.push(told(
                 &strangers,
@@ -299,8 +305,12 @@ fn wrong_modes(problem: &Problem, fit: &Fit) -> Option<String> {
     let names = wrong.iter().map(of).collect::<Vec<_>>().join(" and ");
     match wrong.len() {
         0 => None,
-        1 => Some(format!("measured mode {names} is the only one that stays far off; is it a single mode, and well identified?")),
-        _ => Some(format!("measured modes {names} are the only ones that stay far off; are they single modes, and well identified?")),
+        1 => Some(format!(
+            "measured mode {names} is the only one that stays far off; is it a single mode, and well identified?"
+        )),
+        _ => Some(format!(
+            "measured modes {names} are the only ones that stay far off; are they single modes, and well identified?"
+        )),
     }
 }
 

@@ -165,7 +165,9 @@ impl Assembly {
         let rows = |dof: usize| nodes.iter().filter_map(move |rows| rows[dof]).collect::<Vec<usize>>();
         let [along_x, along_y, turning] = [0, 1, 4].map(rows);
         let product = |one: &[usize], mass: &[usize], other: &[usize]| -> f64 {
-            let masses = |row: usize| mass.iter().zip(other).map(move |(&column, &other)| self.mass[(row, column)] * motion[other]);
+            let masses = |row: usize| {
+                mass.iter().zip(other).map(move |(&column, &other)| self.mass[(row, column)] * motion[other])
+            };
             one.iter().zip(mass).map(|(&one, &row)| motion[one] * masses(row).sum::<f64>()).sum()
         };
         let both = if along_x.len() == along_y.len() { product(&along_x, &along_x, &along_y) } else { 0.0 };

@@ -108,13 +108,11 @@ impl Case {
             return comparison;
         };
         let mut warnings = comparison.warnings;
-        let allowed: Vec<String> = [
-            allowed.missed_in_words().map(|missed| format!("the model misses {missed}")),
-            allowed.scatter_in_words(),
-        ]
-        .into_iter()
-        .flatten()
-        .collect();
+        let allowed: Vec<String> =
+            [allowed.missed_in_words().map(|missed| format!("the model misses {missed}")), allowed.scatter_in_words()]
+                .into_iter()
+                .flatten()
+                .collect();
         if !allowed.is_empty() {
             warnings.push(format!(
                 "chi-squared allows that {}; `belfry diagnose` weighs that against effects that could be missing",
