@@ -177,6 +177,7 @@ fn the_models_tolerance_explains_what_it_allows() {
         correlation_length_m: Some(100.0),
         effects: Vec::new(),
         customs: Vec::new(),
+        prior_odds: Vec::new(),
     };
     let tolerance = Tolerance::of(&structure, &model).unwrap();
     let segments = beam.segments().len();

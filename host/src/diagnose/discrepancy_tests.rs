@@ -8,7 +8,7 @@ use super::*;
 use crate::model::effect::Effect;
 
 /// The tower's modes, where the structure misses its model's frequencies and shapes by these shares at random, and has an effect.
-fn missed(word: Option<&str>, [by_frequency, by_shape]: [f64; 2], seed: u64) -> (Problem, Diagnosis) {
+fn missed(word: Option<&str>, [by_frequency, by_shape]: [f64; 2], seed: u64) -> Diagnosis {
     let (structure, model, sensors) = study();
     let effects: Vec<Effect> = word.iter().map(|word| word.parse().unwrap()).collect();
     let truth = scattered(&structure, &model, 0.5, seed).and(&effects).unwrap();
@@ -21,14 +21,13 @@ fn missed(word: Option<&str>, [by_frequency, by_shape]: [f64; 2], seed: u64) -> 
         shape.values.iter_mut().for_each(|value| *value += by_shape * largest * normal(&mut random));
     }
     let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
-    let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
-    (problem, diagnosis)
+    diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap()
 }
 
 #[test]
 fn what_a_model_misses_is_found_and_is_no_effect() {
     for seed in 1..4 {
-        let (_, diagnosis) = missed(None, [0.008, 0.01], seed);
+        let diagnosis = missed(None, [0.008, 0.01], seed);
         assert!(diagnosis.best.is_empty(), "seed {seed}: {:?}", diagnosis.candidates.first());
         let Discrepancy { frequency, shape, .. } = diagnosis.discrepancy;
         assert!((0.0005..0.02).contains(&frequency) && (0.006..0.015).contains(&shape), "{:?}", diagnosis.discrepancy);
@@ -37,7 +36,7 @@ fn what_a_model_misses_is_found_and_is_no_effect() {
 
 #[test]
 fn an_effect_beats_what_the_model_misses() {
-    let (_, diagnosis) = missed(Some("added-mass@443.6m=5e6"), [0.004, 0.01], 5);
+    let diagnosis = missed(Some("added-mass@443.6m=5e6"), [0.004, 0.01], 5);
     assert_eq!(diagnosis.verdict, Verdict::Effect, "{:?}", diagnosis.candidates.first());
     assert!(diagnosis.best[0].starts_with("added-mass@4"), "{:?}", diagnosis.best);
     let mass = &diagnosis.candidates[0].parameters[0];
@@ -47,16 +46,16 @@ fn an_effect_beats_what_the_model_misses() {
 
 #[test]
 fn more_than_a_model_of_its_kind_can_miss_is_unknown() {
-    let (_, diagnosis) = missed(None, [0.06, 0.1], 6);
+    let diagnosis = missed(None, [0.06, 0.1], 6);
     assert_eq!(diagnosis.verdict, Verdict::Unknown);
 }
 
-/// Where nothing is missed, nothing changes: the evidence near a fit is that of the fit.
+/// Where nothing is missed, nothing is found missing; that segments scatter half as far as stated is.
 #[test]
 fn without_a_discrepancy_none_is_found() {
-    let (problem, diagnosis) = missed(None, [0.0, 0.0], 7);
+    let diagnosis = missed(None, [0.0, 0.0], 7);
     assert_eq!(diagnosis.verdict, Verdict::Adequate);
-    assert_eq!(diagnosis.discrepancy, Discrepancy::NONE);
-    let present = problem.fit_present(&[]).unwrap();
-    assert!(problem.settled(&present).is_none());
+    let scatter = diagnosis.discrepancy.scatter;
+    assert_eq!(diagnosis.discrepancy, Discrepancy { scatter, ..Discrepancy::NONE });
+    assert!((0.4..0.9).contains(&scatter), "{scatter}");
 }

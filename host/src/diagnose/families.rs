@@ -61,14 +61,15 @@ mod tests {
         Problem::new(structure.clone(), &[], &model, &sensors, &modes).unwrap().families
     }
 
-    /// The template's tower bends along X and along Y and twists; no two of them go together, so every mode is of one family.
+    /// The template's tower bends along X and along Y and twists. Its axes turn a little with the height, so a mode has a few hundredths of
+    /// another family.
     #[test]
     fn modes_of_a_straight_tower_are_of_one_family_each() {
         let (structure, ..) = study();
         let shares = shares(&structure);
         assert_eq!(shares.ncols(), FAMILIES);
         for row in shares.row_iter() {
-            assert!((row.sum() - 1.0).abs() < 1e-9 && row.max() > 0.99, "{row}");
+            assert!((row.sum() - 1.0).abs() < 1e-9 && row.max() > 0.95, "{row}");
         }
     }
 

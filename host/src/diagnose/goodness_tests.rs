@@ -17,15 +17,15 @@ fn fitted(wrong: &[(usize, f64)], seed: u64) -> Fit {
     Problem::new(structure, &[], &model, &sensors, &modes).unwrap().present(&[]).unwrap()
 }
 
-/// One in fifty modes is identified wrongly: of thirteen one is with 23 %, three are with 0.2 %.
+/// One in fifty modes is identified wrongly: of thirteen one is with 23 %, three are with 0.2 %. Wrong by 1 % is twenty deviations.
 #[test]
 fn one_wrong_mode_is_named_and_three_fail() {
     let sound = fitted(&[], 21);
     assert!(sound.passes() && sound.wrong_modes().is_empty(), "{:?}", sound.goodness_of_fit());
-    let one = fitted(&[(6, 1.05)], 21);
+    let one = fitted(&[(6, 1.01)], 21);
     assert!(one.passes(), "{:?}", one.goodness_of_fit());
     assert_eq!(one.wrong_modes(), [6]);
-    let three = fitted(&[(4, 0.95), (6, 1.05), (9, 0.95)], 21);
+    let three = fitted(&[(4, 0.99), (6, 1.01), (9, 0.99)], 21);
     assert!(!three.passes() && three.wrong_modes().is_empty(), "{:?}", three.goodness_of_fit());
 }
 

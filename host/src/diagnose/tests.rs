@@ -367,7 +367,7 @@ fn a_forced_line_explains_the_mode_in_whose_peak_it_is() {
     let present = problem.fit_present(&[]).unwrap();
     let without = |hz: f64| without_spoilt(&problem, &present, &shown(&line(hz), &[], &[])[0]);
     assert!(without(line_hz).unwrap() >= FAILS);
-    assert_eq!(without(1.2 * line_hz), None, "a line elsewhere explains nothing here");
+    assert!(without(1.2 * line_hz).is_none_or(|p_value| p_value < FAILS), "a line elsewhere explains nothing here");
 }
 
 #[test]

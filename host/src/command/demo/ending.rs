@@ -236,7 +236,7 @@ fn unknown_because(diagnosis: &Diagnosis, first: &CandidateReport) -> String {
         );
     }
     if first.p_value >= FAILS {
-        return "the data do not determine its value well enough".to_owned();
+        return format!("something else is more probable ({} with it)", p_is(first.p_value));
     }
     // What is left is that of the fit which was judged.
     let is_judged = diagnosis.goodness_of_fit.p_value == first.p_value;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::diagnose::{Discrepancy, Estimate, GoodnessOfFit, ModeMisfit, Part, Unexplained};
+use crate::diagnose::{Discrepancy, Estimate, GoodnessOfFit, ModeMisfit, Part, Probabilities, Unexplained};
 use crate::study::template;
 
 fn beam() -> BeamTable {
@@ -24,6 +24,8 @@ fn candidate(name: &str, log_bayes_factor: f64, p_value: f64) -> CandidateReport
             typical_sizes: None,
         }],
         log_bayes_factor: Some(log_bayes_factor),
+        prior_odds: Some(1.0),
+        probability: None,
         chi_squared: 100.0,
         p_value,
         admissible: true,
@@ -44,7 +46,9 @@ fn diagnosis(verdict: Verdict, best: &[&str], ambiguous: &[&str], candidates: Ve
         ambiguous: if ambiguous.is_empty() { Vec::new() } else { vec![names(ambiguous)] },
         next_measurement: None,
         goodness_of_fit: test,
-        discrepancy: Discrepancy { frequency: 0.0, shape: 0.0, coupling: 0.0, growth: 0.0 },
+        discrepancy: Discrepancy::default(),
+        probabilities: Probabilities::default(),
+        elsewise: Vec::new(),
         present: test,
         unexplained: Unexplained { by_mode: vec![odd], by_sensor: Vec::new(), by_height: Vec::new() },
         explained: Vec::new(),
