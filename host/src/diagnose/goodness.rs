@@ -51,14 +51,25 @@ pub fn fit_as_given(problem: &Problem, effects: &[Effect]) -> Option<(GoodnessOf
     let numbers = DVector::zeros(problem.background.size());
     let fit = problem.fit(effects.to_vec(), &[], &numbers, None).ok()?;
     let settled = problem.settled_plausibly(&fit);
-    let (_, fit) = here(&settled, problem, &fit);
-    Some((fit.goodness_of_fit().into(), fit.discrepancy))
+    let (problem, fit) = here(&settled, problem, &fit);
+    Some((fit.goodness_as_stated(problem).into(), fit.discrepancy))
 }
 
 impl Fit {
     /// The tests of this fit.
     pub fn goodness_of_fit(&self) -> Tests {
         self.tests_but_for_wrong().0
+    }
+
+    /// The same, and whether segments scatter no further than the study states: a diagnosis asks what is most probable and lets them, a
+    /// reader asks whether the model is as good as it claims to be.
+    pub(super) fn goodness_as_stated(&self, problem: &Problem) -> Tests {
+        let tests = self.goodness_of_fit();
+        let beyond = self.scatter_beyond(problem.background.scatter());
+        match beyond.map(|p_value| sidak(p_value, PARTS)) {
+            Some(p_value) if p_value < tests.p_value => Tests { worst: Part::Scatter, p_value, ..tests },
+            _ => tests,
+        }
     }
 
     /// Modes (indices into the measured ones) that identification may have got wrong: without them the fit passes, and so many happen; or
@@ -161,8 +172,7 @@ impl Fit {
         let tested = parts.iter().filter(|part| part.1.is_some()).count();
         let worst = parts.into_iter().filter_map(|(part, p_value)| Some((part, p_value?)));
         let (worst, p_value) = worst.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((Part::All, all.p_value));
-        // 1 - (1 - p)^n, also where p is tiny.
-        Tests { all, worst, p_value: -f64::exp_m1(tested as f64 * f64::ln_1p(-p_value.min(1.0))) }
+        Tests { all, worst, p_value: sidak(p_value, tested) }
     }
 
     /// Derivatives without the weights of the robust loss, by knobs and by the background.
@@ -210,6 +220,35 @@ impl Fit {
         let scale = square / mean;
         Some(exceeding(numbers.norm_squared() / scale, mean / scale))
     }
+
+    /// Probability that segments which scatter as far as the study states are fitted with as large a scatter, by the first `count` numbers;
+    /// `None` where they are fitted with no more than it states. With s the fitted size, numbers have the prior variance s², so what data of
+    /// the information v say of a number of variance 1 has the variance `v (1 + v) / (v + 1/s²)²`.
+    fn scatter_beyond(&self, count: usize) -> Option<f64> {
+        let times = self.discrepancy.scatter;
+        if times <= self.discrepancy.expected_scatter || count == 0 {
+            return None;
+        }
+        let (by_knobs, by_background) = self.derivatives();
+        let (seen, _) = without_span(&by_background.columns(0, count).into_owned(), &by_knobs);
+        let variance = |squared: f64| {
+            let information = squared.max(0.0) / (times * times);
+            information * (1.0 + information) / (information + times.powi(-2)).powi(2)
+        };
+        let variances = seen.tr_mul(&seen).symmetric_eigenvalues().map(variance);
+        let (mean, square) = (variances.sum(), variances.norm_squared());
+        let scale = square / mean;
+        let numbers = self.state.numbers.rows(0, count).norm_squared() * times * times;
+        (mean >= LEAST_SCATTER).then(|| exceeding(numbers / scale, mean / scale))
+    }
+}
+
+/// How many parts a fit is tested by.
+const PARTS: usize = 5;
+
+/// Probability that the least of so many p-values is as small: `1 - (1 - p)^n`, also where p is tiny.
+fn sidak(p_value: f64, tested: usize) -> f64 {
+    -f64::exp_m1(tested as f64 * f64::ln_1p(-p_value.min(1.0)))
 }
 
 /// A mode that has less of its shape in common with the model's is like none of them (a MAC).

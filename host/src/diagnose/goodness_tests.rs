@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::testing::{measured, scattered, study};
 use super::*;
+use crate::model::Structure;
 
 /// The tower's model fitted to its modes, of which some have another frequency.
 fn fitted(wrong: &[(usize, f64)], seed: u64) -> Fit {
@@ -38,4 +39,20 @@ fn chi_squared_of_sound_towers_is_one_a_degree_of_freedom() {
     });
     // The robust loss takes no part; what segments scatter by half as far as stated leaves a little less.
     assert!((0.85..1.1).contains(&(square / freedom)), "{square} on {freedom}");
+}
+
+/// A mass of 2000 t bends the segments far beyond their tolerance. A diagnosis may ask how far they scatter; whether the model is as good as
+/// it says is answered by what it says.
+#[test]
+fn segments_bent_beyond_the_stated_tolerance_fail() {
+    let (structure, model, sensors) = study();
+    let given = |truth: &Structure| {
+        let modes = measured(truth, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(5));
+        let problem = Problem::new(structure.clone(), &[], &model, &sensors, &modes).unwrap();
+        fit_as_given(&problem, &[]).unwrap().0
+    };
+    let heavy = given(&structure.clone().and(&["added-mass@443.6m=2e6".parse().unwrap()]).unwrap());
+    assert!(heavy.p_value < 1e-4, "{heavy:?}");
+    let sound = given(&scattered(&structure, &model, 1.0, 5));
+    assert!(sound.p_value > FAILS, "{sound:?}");
 }

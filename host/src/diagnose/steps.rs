@@ -232,7 +232,7 @@ impl Setting<'_> {
         let view = ModelView::of(&structure.assemble(), self.sensors)?;
         let comparison = compare(&view, problem.measured(), self.sensors, None);
         let scattered = compare(&fit.state.view, problem.measured(), self.sensors, None);
-        let test = fit.goodness_of_fit();
+        let test = fit.goodness_as_stated(problem);
         let held_out = held_out(problem, fit);
         let record = StepRecord {
             step: 0,

@@ -108,11 +108,11 @@ impl Case {
             return comparison;
         };
         let mut warnings = comparison.warnings;
-        let allowed: Vec<String> =
-            [allowed.missed_in_words().map(|missed| format!("the model misses {missed}")), allowed.scatter_in_words()]
-                .into_iter()
-                .flatten()
-                .collect();
+        let wide = allowed.scatter_in_words().filter(|_| allowed.scatter > 1.0);
+        let allowed: Vec<String> = [allowed.missed_in_words().map(|missed| format!("the model misses {missed}")), wide]
+            .into_iter()
+            .flatten()
+            .collect();
         if !allowed.is_empty() {
             warnings.push(format!(
                 "chi-squared allows that {}; `belfry diagnose` weighs that against effects that could be missing",
