@@ -47,6 +47,7 @@ mod start;
 pub(crate) mod suspect;
 mod tone;
 pub mod track;
+mod twins;
 
 use thiserror::Error;
 
@@ -147,13 +148,17 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
         return Err(none_in_band(&grid));
     }
     let spectra = measured.iter().zip(&singular).map(|(m, singular)| singular.spectrum(&grid, &m.setup.name)).collect();
-    let basis = Basis { picks, harmonics, rejected: Vec::new(), warnings };
+    let basis = Basis { picks, harmonics, warnings, ..Basis::default() };
     let found = fit::fit(measured, &grid, basis, spectra);
-    Ok(if choice.only_hz.is_some() { found } else { finer_peaks::with_narrow_modes(measured, &grid, choice, found) })
+    if choice.only_hz.is_some() {
+        return Ok(found);
+    }
+    let found = finer_peaks::with_narrow_modes(measured, &grid, choice, found);
+    Ok(twins::with_twins(measured, &grid, found))
 }
 
 /// A mode that another method suggests, or finer lines.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Suggestion {
     frequency_hz: f64,
     damping_ratio: f64,

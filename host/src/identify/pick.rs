@@ -73,6 +73,8 @@ pub(super) struct Pick {
     pub(super) suggested: Option<(f64, f64)>,
     /// Whether the suggestion has seen all modes about, so that a joint fit may start from it.
     pub(super) is_known: bool,
+    /// Whether it is one of two in a plane of which the record need not tell the directions.
+    pub(super) is_twin: bool,
     /// Whether another method was asked, and does not have the mode.
     pub(super) unseen: bool,
     /// How far from the pick a mode may be whose bandwidth is next to nothing, in lines.
@@ -91,6 +93,7 @@ impl Pick {
             by_user: false,
             suggested: None,
             is_known: false,
+            is_twin: false,
             unseen: false,
             within_lines: LEEWAY_LINES,
             is_machine: false,

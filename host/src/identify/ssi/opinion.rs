@@ -17,6 +17,7 @@ use crate::identify::merge::{combine, number};
 use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause};
 use crate::identify::setup::MeasuredSetup;
 use crate::identify::shape::mac;
+use crate::identify::twins::with_twins;
 use crate::identify::{IdentifyError, Suggestion, identify_again, same_lines};
 use crate::spectra::LineGrid;
 use crate::statistics::places;
@@ -85,7 +86,7 @@ fn try_poles(
             break;
         }
         let tried = |without: &[usize], suggestions: &[Suggestion]| -> Result<Option<Identification>, IdentifyError> {
-            let mut again = identify_again(measured, identification, without, suggestions)?;
+            let mut again = with_twins(measured, grid, identify_again(measured, identification, without, suggestions)?);
             add_opinions(measured, setups, choice, &mut again);
             Ok(Some(again).filter(|again| agreed(again) > agreed(identification)))
         };

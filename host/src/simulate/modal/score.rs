@@ -4,7 +4,8 @@ use nalgebra::DVector;
 use num_complex::Complex64;
 
 use super::{Truth, points, setup};
-use crate::identify::{self, Identification, IdentifyError, MeasuredSetup, Mode};
+use crate::identify::ssi::add_second_opinion;
+use crate::identify::{self, Identification, IdentifyError, MeasuredSetup, Mode, hold_to_standards};
 use crate::spectra::CrossSpectrum;
 use crate::statistics::median;
 use crate::study::ModeChoice;
@@ -16,6 +17,19 @@ use crate::study::ModeChoice;
 pub fn identified(truth: &Truth, spectrum: CrossSpectrum) -> Result<Identification, IdentifyError> {
     let setup = setup("one", &points(truth.shapes.nrows()), &[]);
     identify::identify(&[MeasuredSetup { setup: &setup, spectrum }], &ModeChoice::default())
+}
+
+/// The same with the second opinion, as `belfry identify` does it.
+///
+/// # Errors
+/// As [`identified`].
+pub fn identified_by_both(truth: &Truth, spectrum: CrossSpectrum) -> Result<Identification, IdentifyError> {
+    let (setup, choice) = (setup("one", &points(truth.shapes.nrows()), &[]), ModeChoice::default());
+    let measured = [MeasuredSetup { setup: &setup, spectrum }];
+    let mut found = identify::identify(&measured, &choice)?;
+    add_second_opinion(&measured, &choice, &mut found)?;
+    hold_to_standards(&mut found, &choice);
+    Ok(found)
 }
 
 /// Modal assurance criterion of a mode and a true shape.
