@@ -99,9 +99,14 @@ mod tests {
         let wave = |channel: usize, order: usize| (0.4 * (order * (channel + 1)) as f64).sin();
         // Two modes are alike by a half.
         let other = |channel: usize| 0.5 * wave(channel, 1) + 0.8 * wave(channel, 2);
-        let shapes = DMatrix::from_fn(8, frequencies_hz.len(), |channel, mode| {
-            if mode == 0 { wave(channel, 1) } else { other(channel) }
-        });
+        let shapes =
+            DMatrix::from_fn(
+                8,
+                frequencies_hz.len(),
+                |channel, mode| {
+                    if mode == 0 { wave(channel, 1) } else { other(channel) }
+                },
+            );
         let truth = Truth { frequencies_hz: frequencies_hz.to_vec(), damping_ratio: 0.01, shapes };
         let spectrum = truth.recorded(&Recording { band_hz: [0.3, 1.0], ..Recording::of(5.0, 4.0, seed) }).unwrap();
         let grid = *spectrum.grid();

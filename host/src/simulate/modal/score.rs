@@ -42,10 +42,10 @@ pub fn mac(mode: &Mode, truth: &Truth, at: usize) -> f64 {
 /// How an identification stands to its truth.
 #[derive(Debug, Default)]
 pub struct Score {
-    /// True modes that were not found.
-    pub missed: usize,
-    /// Modes that are none.
-    pub spurious: usize,
+    /// True modes that were not found, in Hz.
+    pub missed_hz: Vec<f64>,
+    /// Modes that are none, in Hz.
+    pub spurious_hz: Vec<f64>,
     /// Errors of the frequencies in percent.
     pub frequency_errors: Vec<f64>,
     /// Damping ratios over the truth.
@@ -69,7 +69,7 @@ pub fn score(found: &Identification, truth: &Truth) -> Score {
             .filter(|&m| !used[m] && (found.modes[m].frequency_hz / f - 1.0).abs() < 0.02)
             .max_by(|&a, &b| mac(&found.modes[a], truth, at).total_cmp(&mac(&found.modes[b], truth, at)));
         let Some(m) = best.filter(|&m| mac(&found.modes[m], truth, at) > 0.8) else {
-            score.missed += 1;
+            score.missed_hz.push(f);
             continue;
         };
         used[m] = true;
@@ -88,7 +88,8 @@ pub fn score(found: &Identification, truth: &Truth) -> Score {
             score.shape_z.push((part.re - truth.shapes[(row, at)] * product / power) / part.std);
         }
     }
-    score.spurious = used.iter().filter(|used| !**used).count();
+    let unused = found.modes.iter().zip(&used).filter(|(_, used)| !**used);
+    score.spurious_hz = unused.map(|(mode, _)| mode.frequency_hz).collect();
     score
 }
 
@@ -115,8 +116,8 @@ impl Score {
         let damping = range(&self.damping);
         format!(
             "missed {} spurious {} | f err % median {:.4} max {:.3} | damping {:.3}-{:.3} | min MAC {:.5} | z rms f {:.2} damping {:.2} shape {:.2}",
-            self.missed,
-            self.spurious,
+            self.missed_hz.len(),
+            self.spurious_hz.len(),
             median_of_magnitudes(&self.frequency_errors),
             worst_high.max(-worst_low),
             damping[0],
@@ -130,8 +131,8 @@ impl Score {
 
     /// Takes another score's figures in.
     pub fn absorb(&mut self, other: Score) {
-        self.missed += other.missed;
-        self.spurious += other.spurious;
+        self.missed_hz.extend(other.missed_hz);
+        self.spurious_hz.extend(other.spurious_hz);
         self.frequency_errors.extend(other.frequency_errors);
         self.damping.extend(other.damping);
         self.macs.extend(other.macs);

@@ -63,6 +63,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error
             let elapsed_s = start.elapsed().as_secs_f64();
             let score = score(&found, &truth);
             println!("{case} seed {seed}: {elapsed_s:.2} s | {}", score.line());
+            for (what, all_hz) in [("missed", &score.missed_hz), ("no mode", &score.spurious_hz)] {
+                all_hz.iter().for_each(|hz| println!("    {what}: {hz:.4} Hz"));
+            }
             all.absorb(score);
         }
         println!("{case}, {seeds} seeds: {}", all.line());
