@@ -47,8 +47,7 @@ const BRIDGING_DAMPING: f64 = 0.04;
 const MAX_MISFIT: f64 = 5.0;
 
 /// Of the picks that may go, those that are no modes, and why: the least likely one, and with it those that are too far away to
-/// have been bent by it. Those that another method was asked for and does not have are doubted more;
-/// twins may be alike.
+/// have been bent by it. Those that another method was asked for and does not have are doubted more, and twins may be alike.
 pub(super) fn worst(
     setups: &[SetupModes],
     spacing_hz: f64,
@@ -61,8 +60,8 @@ pub(super) fn worst(
     let doubt_of = |pick: usize| {
         let here = estimates(pick);
         let is_double = |other: usize| {
-            let may_be_alike = is_twin(pick) && is_twin(other);
-            is_double_of(&here, &estimates(other), spacing_hz, may_be_alike)
+            let are_twins = is_twin(pick) && is_twin(other);
+            is_double_of(&here, &estimates(other), spacing_hz, are_twins)
         };
         let doubled = (0..picks).any(|other| other != pick && is_double(other));
         let (doubt, because) =

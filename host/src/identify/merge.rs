@@ -24,8 +24,9 @@ const MIN_REFERENCE_SHARE: f64 = 0.05;
 const PAIR_NOISE: f64 = 0.25;
 /// Poles closer than this many of their standard deviations, in frequency and damping together, are not told apart.
 const TWIN_SIGMAS: f64 = 3.0;
-/// The mean square of the sine of an angle that may be any.
+/// The mean square of the sine of an angle that may be any, and the mean of its fourth power over the square of that.
 const ANY_DIRECTION: f64 = 0.5;
+const FOURTH_OVER_SQUARE: f64 = 1.5;
 /// Setups disagree when their frequencies differ by this many standard deviations.
 const DISAGREEMENT_SIGMAS: f64 = 4.0;
 
@@ -87,9 +88,9 @@ fn widen_twins(modes: &mut [(Mode, GroupChanges)]) {
         if !overlap(a, b) || sigmas.is_nan() {
             continue;
         }
-        // The square of the angle's sine.
+        // The mean square of the angle's sine.
         let turned = ANY_DIRECTION * (TWIN_SIGMAS / sigmas).min(1.0).powi(4);
-        let along = 1.5 * turned.powi(2);
+        let along = FOURTH_OVER_SQUARE * turned.powi(2);
         let across = turned - along;
         let (shape_a, shape_b) = (real(a), real(b));
         for (mode, changes, own, other) in [(a, of_a, &shape_a, &shape_b), (b, of_b, &shape_b, &shape_a)] {

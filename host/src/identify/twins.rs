@@ -48,6 +48,9 @@ impl Lone {
 /// The identification with the modes beside those that stand alone in a plane: all of them, or else those that stand by themselves.
 pub(super) fn with_twins(measured: &[MeasuredSetup<'_>], grid: &LineGrid, found: Identification) -> Identification {
     let lone = found.basis.lone.clone();
+    if lone.is_empty() {
+        return found;
+    }
     if let Some(all) = with(measured, grid, &found, &lone) {
         return all;
     }
@@ -81,34 +84,20 @@ fn with(
     };
     let is_still_there = |mode: &Mode| near(&again, mode) >= near(found, mode);
     let stand = again.modes.len() == found.modes.len() + lone.len() && found.modes.iter().all(is_still_there);
-    (!lone.is_empty() && stand).then_some(again)
+    stand.then_some(again)
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::DMatrix;
-
     use super::*;
     use crate::identify::matrices::Source;
+    use crate::identify::plane::tests::{recorded, two_modes};
     use crate::identify::singular::leading;
-    use crate::simulate::modal::{Recording, Truth, points, setup};
+    use crate::simulate::modal::{Truth, points, setup};
 
-    /// The fit of one pick at 0.5 Hz to a structure of eight channels that has modes at these frequencies, before and after twins were looked
-    /// for.
-    fn fitted(frequencies_hz: &[f64], seed: u64) -> [Identification; 2] {
-        let wave = |channel: usize, order: usize| (0.4 * (order * (channel + 1)) as f64).sin();
-        // Two modes are alike by a half.
-        let other = |channel: usize| 0.5 * wave(channel, 1) + 0.8 * wave(channel, 2);
-        let shapes =
-            DMatrix::from_fn(
-                8,
-                frequencies_hz.len(),
-                |channel, mode| {
-                    if mode == 0 { wave(channel, 1) } else { other(channel) }
-                },
-            );
-        let truth = Truth { frequencies_hz: frequencies_hz.to_vec(), damping_ratio: 0.01, shapes };
-        let spectrum = truth.recorded(&Recording { band_hz: [0.3, 1.0], ..Recording::of(5.0, 4.0, seed) }).unwrap();
+    /// The fit of one pick at 0.5 Hz to a structure of eight channels, before and after twins were looked for.
+    fn fitted(truth: &Truth, seed: u64) -> [Identification; 2] {
+        let spectrum = recorded(truth, seed);
         let grid = *spectrum.grid();
         let line = grid.nearest_line(0.5);
         let pick = Pick::new(line, vec![leading(Source::Averages(&spectrum).matrix(line, None)).vector]);
@@ -123,7 +112,7 @@ mod tests {
     fn the_other_mode_of_one_frequency_is_found_and_told_as_a_pair() {
         let (mut found, mut sigmas) = (0, Vec::new());
         for seed in 0..10 {
-            let [before, after] = fitted(&[0.5, 0.5], seed);
+            let [before, after] = fitted(&two_modes(0.5), seed);
             assert_eq!(before.modes.len(), 1, "seed {seed}");
             if let [a, b] = after.modes.as_slice() {
                 found += 1;
@@ -138,8 +127,10 @@ mod tests {
 
     #[test]
     fn one_mode_stays_one() {
+        let both = two_modes(0.5);
+        let one = Truth { frequencies_hz: vec![0.5], shapes: both.shapes.columns(0, 1).into_owned(), ..both };
         for seed in 0..3 {
-            let [before, after] = fitted(&[0.5], seed);
+            let [before, after] = fitted(&one, seed);
             assert_eq!(before, after);
         }
     }
