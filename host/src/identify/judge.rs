@@ -20,7 +20,7 @@ const MIN_DAMPING: f64 = 5e-4;
 const SHOWN_LINES: f64 = 0.5;
 const SHOWN_SIGMAS: f64 = 2.0;
 const MIN_SHOWN_DAMPING: f64 = 1e-4;
-/// But not of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's.
+/// So little is not believed of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's.
 const FORCED_SIGMAS: f64 = 2.0;
 /// Less evidence of a force that is there at times will do where the damping is this share of what the other picks have.
 pub(super) const UNUSUAL_DAMPING: f64 = 0.1;
@@ -153,8 +153,8 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
     if 2 * found.len() < estimates.len() || found.is_empty() {
         return (f64::INFINITY, RejectedBecause::NotShown);
     }
-    let shape_noise = estimates.iter().map(|mode| mode.shape_noise).sum::<f64>();
-    let shape_noise = shape_noise / estimates.len() as f64;
+    // A setup that does not show the mode says nothing of it.
+    let shape_noise = found.iter().map(|mode| mode.shape_noise).sum::<f64>() / found.len() as f64;
     let (frequency_hz, frequency_std_hz) =
         combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
     let (damping, _) = combine(found.iter().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));

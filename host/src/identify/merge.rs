@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 use super::accuracy::std_bounds;
 use super::covariance::{self, Numbers};
 use super::join::{Point, changes, joined, references, variances};
-use super::result::{FittedSpectrum, Mode, ModeMethod, ShapeComponent};
+use super::result::{FittedSpectrum, Mode, ModeMethod, ShapeComponent, pair_of, place};
 use super::scatter::{GroupChanges, noise_share};
 use super::setup::MeasuredSetup;
 use super::setup_mode::{SetupMode, SetupModes};
@@ -44,7 +44,8 @@ pub(super) fn merge(
         .map(|index| {
             let widened: Vec<SetupMode> = setups.iter().map(|setup| setup.modes[index].widened()).collect();
             let estimates: Vec<&SetupMode> = widened.iter().collect();
-            merged(&points, &estimates, measured, duration_s, warnings)
+            let (mode, changes) = merged(&points, &estimates, measured, duration_s, warnings);
+            (Mode { pick: Some(index), ..mode }, changes)
         })
         .collect();
     merged.sort_by(|(a, _), (b, _)| a.frequency_hz.total_cmp(&b.frequency_hz));
@@ -119,8 +120,8 @@ fn pairs(modes: &mut [Mode]) -> Vec<String> {
         let (a, b) = (&modes[upper - 1], &modes[upper]);
         if overlap(a, b) && a.pair_with.is_none() && noise(a).max(noise(b)) > PAIR_NOISE {
             sentences.push(format!(
-                "the modes at {:.4} and {:.4} Hz are a pair: the record tells the plane in which they move, but not the direction of each in it. Their standard deviations say so; a longer record tells them apart",
-                a.frequency_hz, b.frequency_hz
+                "{} are a pair: the record tells the plane in which they move, but not the direction of each in it. Their standard deviations say so; a longer record tells them apart",
+                pair_of(a.frequency_hz, b.frequency_hz)
             ));
             let (first, second) = (a.number, b.number);
             modes[upper - 1].pair_with = Some(second);
@@ -193,8 +194,10 @@ fn merged(
         let difference = (mode.resonance.frequency_hz - frequency_hz).abs();
         if mode.found && difference > DISAGREEMENT_SIGMAS * mode.frequency_std_hz.hypot(frequency_std_hz) {
             warnings.push(format!(
-                "mode at {frequency_hz:.3} Hz: setup \"{}\" has it at {:.3} Hz; the structure or the load changed between setups",
-                m.setup.name, mode.resonance.frequency_hz
+                "{}: setup \"{}\" has it at {:.4} Hz; the structure or the load changed between setups",
+                place(frequency_hz),
+                m.setup.name,
+                mode.resonance.frequency_hz
             ));
         }
     }
@@ -202,7 +205,8 @@ fn merged(
     warnings.extend(misfits(frequency_hz, &fitted));
     if found().any(|mode| mode.in_plane) {
         warnings.push(format!(
-            "mode at {frequency_hz:.4} Hz: the structure moves in two directions there, but only one mode was identified. Its shape may be any direction in their plane, and its standard deviations say so; a longer record may tell two modes apart"
+            "{}: the structure moves in two directions there, but only one mode was identified. Its shape may be any direction in their plane, and its standard deviations say so; a longer record may tell two modes apart",
+            place(frequency_hz)
         ));
     }
     if estimates.len() > 1 {
@@ -262,6 +266,7 @@ fn merged(
         pair_with: None,
         second_opinion: None,
         covariance_factor: None,
+        pick: None,
     };
     (mode, changes)
 }
@@ -289,7 +294,8 @@ fn misfits(frequency_hz: f64, fitted: &[FittedSpectrum]) -> Option<String> {
         _ => format!("setups {}", setups.join(", ")),
     };
     Some(format!(
-        "mode at {frequency_hz:.4} Hz: its spectrum in {where_seen} is not that of the modes alone; something else lies there, such as a tone or a mode that is not listed. Its standard deviations are widened by what is left; fits.svg shows it"
+        "{}: its spectrum in {where_seen} is not that of the modes alone; something else lies there, such as a tone or a mode that is not listed. Its standard deviations are widened by what is left; fits.svg shows it",
+        place(frequency_hz)
     ))
 }
 
@@ -305,7 +311,8 @@ fn weak_references(
         let norm: f64 = own.map(|&(_, place)| mode.shape[place].norm_sqr()).sum();
         (norm.sqrt() < MIN_REFERENCE_SHARE * mode.shape.norm()).then(|| {
             format!(
-                "mode at {frequency_hz:.3} Hz: the references hardly move in setup \"{}\", so the scale of its other points is uncertain",
+                "{}: the references hardly move in setup \"{}\", so the scale of its other points is uncertain",
+                place(frequency_hz),
                 m.setup.name
             )
         })
