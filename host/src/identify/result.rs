@@ -282,7 +282,7 @@ pub struct Rejected {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RejectedBecause {
-    /// It is the stronger mode beside it, seen twice.
+    /// It is a second sight of the stronger mode beside it.
     Double,
     /// In most setups the fit finds no resonance near it.
     NotShown,
