@@ -46,7 +46,7 @@ pub struct Arguments {
     /// Say how long a record must be to determine every frequency within PERCENT (one standard deviation)
     #[arg(long, value_name = "PERCENT", value_parser = share)]
     pub frequency_within: Option<f64>,
-    /// Say how long a record must be to determine every damping ratio within PERCENT [default: 10]
+    /// Say how long a record must be to determine every damping ratio within PERCENT [default: 10 without --frequency-within]
     #[arg(long, value_name = "PERCENT", value_parser = share)]
     pub damping_within: Option<f64>,
     /// How spectra are made of the recordings

@@ -93,6 +93,7 @@ pub(crate) mod tests {
             pair_with: None,
             second_opinion: None,
             covariance_factor: None,
+            pick: None,
         };
         Identification {
             modes: vec![mode],

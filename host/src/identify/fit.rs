@@ -10,6 +10,7 @@ use super::result::{Identification, Rejected, SingularSpectrum};
 use super::setup::{MeasuredSetup, quantity};
 use super::setup_mode::SetupModes;
 use super::tone::{self, Tone};
+use super::twins::Lone;
 use crate::spectra::LineGrid;
 use crate::statistics::median;
 
@@ -24,6 +25,8 @@ pub(super) struct Basis {
     pub(super) rejected: Vec<Rejected>,
     /// What is to be said of the picks.
     pub(super) warnings: Vec<String>,
+    /// Picks that the fit leaves alone where the structure moves in two directions.
+    pub(super) lone: Vec<Lone>,
 }
 
 /// Fits the picks and takes out what is no mode.
@@ -60,7 +63,8 @@ pub(super) fn fit(
             harmonics.push(picks.remove(pick));
             continue;
         }
-        let mut worst = judge::worst(&setups, grid.spacing_hz(), may_go, |pick| picks[pick].unseen);
+        let mut worst =
+            judge::worst(&setups, grid.spacing_hz(), may_go, |pick| picks[pick].unseen, |pick| picks[pick].is_twin);
         if worst.is_empty() {
             break;
         }
@@ -79,6 +83,7 @@ pub(super) fn fit(
             ));
         }
     }
+    basis.lone = Lone::all(&setups);
     let modes = merge::merge(grid, measured, &setups, &mut warnings);
     let is_mode = |peak: &Rejected| modes.iter().any(|mode| mode.covers(peak.frequency_hz, grid.spacing_hz()));
     let mut rejected: Vec<Rejected> = basis.rejected.iter().copied().filter(|peak| !is_mode(peak)).collect();

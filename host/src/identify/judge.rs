@@ -20,7 +20,7 @@ const MIN_DAMPING: f64 = 5e-4;
 const SHOWN_LINES: f64 = 0.5;
 const SHOWN_SIGMAS: f64 = 2.0;
 const MIN_SHOWN_DAMPING: f64 = 1e-4;
-/// But not of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's.
+/// So little is not believed of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's.
 const FORCED_SIGMAS: f64 = 2.0;
 /// Less evidence of a force that is there at times will do where the damping is this share of what the other picks have.
 pub(super) const UNUSUAL_DAMPING: f64 = 0.1;
@@ -47,18 +47,23 @@ const BRIDGING_DAMPING: f64 = 0.04;
 const MAX_MISFIT: f64 = 5.0;
 
 /// Of the picks that may go, those that are no modes, and why: the least likely one, and with it those that are too far away to
-/// have been bent by it. Those that another method was asked for and does not have are doubted more.
+/// have been bent by it. Those that another method was asked for and does not have are doubted more, and twins may be alike.
 pub(super) fn worst(
     setups: &[SetupModes],
     spacing_hz: f64,
     may_go: impl Fn(usize) -> bool,
     is_unseen: impl Fn(usize) -> bool,
+    is_twin: impl Fn(usize) -> bool,
 ) -> Vec<(usize, RejectedBecause)> {
     let picks = setups.iter().map(|setup| setup.modes.len()).min().unwrap_or(0);
     let estimates = |pick: usize| setups.iter().map(|setup| &setup.modes[pick]).collect::<Vec<_>>();
     let doubt_of = |pick: usize| {
         let here = estimates(pick);
-        let doubled = (0..picks).any(|other| other != pick && is_double_of(&here, &estimates(other), spacing_hz));
+        let is_double = |other: usize| {
+            let are_twins = is_twin(pick) && is_twin(other);
+            is_double_of(&here, &estimates(other), spacing_hz, are_twins)
+        };
+        let doubled = (0..picks).any(|other| other != pick && is_double(other));
         let (doubt, because) =
             if doubled { (f64::INFINITY, RejectedBecause::Double) } else { doubt(&here, spacing_hz) };
         (if is_unseen(pick) { UNSEEN * doubt } else { doubt }, because)
@@ -86,7 +91,7 @@ pub(super) fn worst(
 
 /// Whether the data do not determine a pick as a mode.
 pub(super) fn is_doubtful(setups: &[SetupModes], spacing_hz: f64, pick: usize) -> bool {
-    !worst(setups, spacing_hz, |other| other == pick, |_| false).is_empty()
+    !worst(setups, spacing_hz, |other| other == pick, |_| false, |_| false).is_empty()
 }
 
 /// Whether what was estimated in every setup is a forced line: it has a forced line's kurtosis, and less damping than any structure, as its
@@ -122,8 +127,9 @@ fn has_no_width(mode: &SetupMode) -> bool {
 }
 
 /// Whether the estimates are a second, weaker sight of another pick's mode: at the same place and alike, or so alike that
-/// the jackknife could not tell them apart (it then leaves both as they are, without any scatter).
-fn is_double_of(estimates: &[&SetupMode], others: &[&SetupMode], spacing_hz: f64) -> bool {
+/// the jackknife could not tell them apart (it then leaves both as they are, without any scatter). Of twins, whose plane was seen before
+/// they were fitted, any two directions in it are an answer, and only scatter makes one of two.
+fn is_double_of(estimates: &[&SetupMode], others: &[&SetupMode], spacing_hz: f64, are_twins: bool) -> bool {
     let count = estimates.len().max(1) as f64;
     let pairs = || estimates.iter().zip(others);
     let mean = |of: &dyn Fn(&SetupMode, &SetupMode) -> f64| pairs().map(|(a, b)| of(a, b)).sum::<f64>() / count;
@@ -135,7 +141,8 @@ fn is_double_of(estimates: &[&SetupMode], others: &[&SetupMode], spacing_hz: f64
     let line_hz = mean(&|a, b| a.spacing_hz.max(b.spacing_hz)).min(spacing_hz);
     let scatter = mean(&|a, b| a.shape_noise.hypot(b.shape_noise));
     let [may_be, is] = DOUBLE_MAC;
-    let is_alike = alike > is || (alike > may_be && (1.0 - alike).sqrt() < DOUBLE_SIGMAS * scatter);
+    let is_scatter = (1.0 - alike).sqrt() < DOUBLE_SIGMAS * scatter;
+    let is_alike = if are_twins { is_scatter } else { alike > is || (alike > may_be && is_scatter) };
     weaker && distance_hz < DOUBLE_LINES * line_hz + 0.5 * width_hz && (is_alike || stuck)
 }
 
@@ -146,8 +153,8 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
     if 2 * found.len() < estimates.len() || found.is_empty() {
         return (f64::INFINITY, RejectedBecause::NotShown);
     }
-    let shape_noise = estimates.iter().map(|mode| mode.shape_noise).sum::<f64>();
-    let shape_noise = shape_noise / estimates.len() as f64;
+    // A setup that does not show the mode says nothing of it.
+    let shape_noise = found.iter().map(|mode| mode.shape_noise).sum::<f64>() / found.len() as f64;
     let (frequency_hz, frequency_std_hz) =
         combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
     let (damping, _) = combine(found.iter().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
@@ -256,7 +263,7 @@ mod tests {
     ) -> Vec<(usize, RejectedBecause)> {
         let mut modes = vec![mode(1.0, 0), mode(2.0, 1), mode(4.0, 0)];
         change(&mut modes[1]);
-        worst(&[SetupModes { modes }], SPACING_HZ, |_| true, is_unseen)
+        worst(&[SetupModes { modes }], SPACING_HZ, |_| true, is_unseen, |_| false)
     }
 
     #[test]
@@ -347,7 +354,7 @@ mod tests {
     fn what_nobody_else_has_goes_first_and_far_ones_go_with_it() {
         let lost = |frequency_hz| SetupMode { found: false, ..mode(frequency_hz, 0) };
         let modes = vec![lost(1.0), lost(1.1), lost(2.0), mode(4.0, 0)];
-        let went = worst(&[SetupModes { modes }], SPACING_HZ, |_| true, |pick| pick == 1);
+        let went = worst(&[SetupModes { modes }], SPACING_HZ, |_| true, |pick| pick == 1, |_| false);
         // The first is within twenty lines of the second and waits.
         assert_eq!(went.iter().map(|(pick, _)| *pick).collect::<Vec<_>>(), [1, 2]);
     }

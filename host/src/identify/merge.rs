@@ -5,14 +5,13 @@
 //! combined by their variances. What is uncertain of the references makes the scales uncertain, and with them all points of a setup.
 
 use std::collections::BTreeMap;
-use std::f64::consts::FRAC_1_SQRT_2;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::accuracy::std_bounds;
 use super::covariance::{self, Numbers};
 use super::join::{Point, changes, joined, references, variances};
-use super::result::{FittedSpectrum, Mode, ModeMethod, ShapeComponent};
+use super::result::{FittedSpectrum, Mode, ModeMethod, ShapeComponent, pair_of, place};
 use super::scatter::{GroupChanges, noise_share};
 use super::setup::MeasuredSetup;
 use super::setup_mode::{SetupMode, SetupModes};
@@ -25,8 +24,9 @@ const MIN_REFERENCE_SHARE: f64 = 0.05;
 const PAIR_NOISE: f64 = 0.25;
 /// Poles closer than this many of their standard deviations, in frequency and damping together, are not told apart.
 const TWIN_SIGMAS: f64 = 3.0;
-/// The root mean square of the sine of an angle that may be any.
-const ANY_DIRECTION: f64 = FRAC_1_SQRT_2;
+/// The mean square of the sine of an angle that may be any, and the mean of its fourth power over the square of that.
+const ANY_DIRECTION: f64 = 0.5;
+const FOURTH_OVER_SQUARE: f64 = 1.5;
 /// Setups disagree when their frequencies differ by this many standard deviations.
 const DISAGREEMENT_SIGMAS: f64 = 4.0;
 
@@ -44,7 +44,8 @@ pub(super) fn merge(
         .map(|index| {
             let widened: Vec<SetupMode> = setups.iter().map(|setup| setup.modes[index].widened()).collect();
             let estimates: Vec<&SetupMode> = widened.iter().collect();
-            merged(&points, &estimates, measured, duration_s, warnings)
+            let (mode, changes) = merged(&points, &estimates, measured, duration_s, warnings);
+            (Mode { pick: Some(index), ..mode }, changes)
         })
         .collect();
     merged.sort_by(|(a, _), (b, _)| a.frequency_hz.total_cmp(&b.frequency_hz));
@@ -75,6 +76,9 @@ fn overlap(a: &Mode, b: &Mode) -> bool {
 /// Gives two modes whose poles the record does not tell apart any direction in the plane of both: all that a spectrum shows of such twins
 /// is the sum of what they do. The replicates turn together with the whole record, so that their scatter does not show it. Of poles that are
 /// further apart the scatter shows what is linear, and what it leaves out falls with the square of their distance.
+///
+/// A shape that is turned by an angle a in the plane and scaled to fit is off by sin(a)^2 along itself and by sin(a) cos(a) across: over all
+/// angles their squares are 3/8 and 1/8 on average.
 fn widen_twins(modes: &mut [(Mode, GroupChanges)]) {
     let real = |mode: &Mode| DVector::from_iterator(mode.shape.len(), mode.shape.iter().map(|part| part.re));
     for upper in 1..modes.len() {
@@ -85,15 +89,20 @@ fn widen_twins(modes: &mut [(Mode, GroupChanges)]) {
         if !overlap(a, b) || sigmas.is_nan() {
             continue;
         }
-        let share = ANY_DIRECTION * (TWIN_SIGMAS / sigmas).min(1.0).powi(2);
+        // The mean square of the angle's sine.
+        let turned = ANY_DIRECTION * (TWIN_SIGMAS / sigmas).min(1.0).powi(4);
+        let along = FOURTH_OVER_SQUARE * turned.powi(2);
+        let across = turned - along;
         let (shape_a, shape_b) = (real(a), real(b));
         for (mode, changes, own, other) in [(a, of_a, &shape_a, &shape_b), (b, of_b, &shape_b, &shape_a)] {
             let beside = other - own * (own.dot(other) / own.norm_squared());
             let length = beside.norm();
             if length > 0.0 && changes.beside.ncols() == 0 {
-                let direction = beside * (share * own.norm() / length);
-                mode.shape.iter_mut().zip(direction.iter()).for_each(|(part, error)| part.std = part.std.hypot(*error));
-                changes.beside = DMatrix::from_columns(&[direction]);
+                let errors = [own * along.sqrt(), beside * (across.sqrt() * own.norm() / length)];
+                for error in &errors {
+                    mode.shape.iter_mut().zip(error.iter()).for_each(|(part, error)| part.std = part.std.hypot(*error));
+                }
+                changes.beside = DMatrix::from_columns(&errors);
             }
         }
     }
@@ -111,8 +120,8 @@ fn pairs(modes: &mut [Mode]) -> Vec<String> {
         let (a, b) = (&modes[upper - 1], &modes[upper]);
         if overlap(a, b) && a.pair_with.is_none() && noise(a).max(noise(b)) > PAIR_NOISE {
             sentences.push(format!(
-                "the modes at {:.4} and {:.4} Hz are a pair: the record tells the plane in which they move, but not the direction of each in it. Their standard deviations say so; a longer record tells them apart",
-                a.frequency_hz, b.frequency_hz
+                "{} are a pair: the record tells the plane in which they move, but not the direction of each in it. Their standard deviations say so; a longer record tells them apart",
+                pair_of(a.frequency_hz, b.frequency_hz)
             ));
             let (first, second) = (a.number, b.number);
             modes[upper - 1].pair_with = Some(second);
@@ -185,8 +194,10 @@ fn merged(
         let difference = (mode.resonance.frequency_hz - frequency_hz).abs();
         if mode.found && difference > DISAGREEMENT_SIGMAS * mode.frequency_std_hz.hypot(frequency_std_hz) {
             warnings.push(format!(
-                "mode at {frequency_hz:.3} Hz: setup \"{}\" has it at {:.3} Hz; the structure or the load changed between setups",
-                m.setup.name, mode.resonance.frequency_hz
+                "{}: setup \"{}\" has it at {:.4} Hz; the structure or the load changed between setups",
+                place(frequency_hz),
+                m.setup.name,
+                mode.resonance.frequency_hz
             ));
         }
     }
@@ -194,7 +205,8 @@ fn merged(
     warnings.extend(misfits(frequency_hz, &fitted));
     if found().any(|mode| mode.in_plane) {
         warnings.push(format!(
-            "mode at {frequency_hz:.4} Hz: the structure moves in two directions there, but only one mode was identified. Its shape may be any direction in their plane, and its standard deviations say so; a longer record may tell two modes apart"
+            "{}: the structure moves in two directions there, but only one mode was identified. Its shape may be any direction in their plane, and its standard deviations say so; a longer record may tell two modes apart",
+            place(frequency_hz)
         ));
     }
     if estimates.len() > 1 {
@@ -254,6 +266,7 @@ fn merged(
         pair_with: None,
         second_opinion: None,
         covariance_factor: None,
+        pick: None,
     };
     (mode, changes)
 }
@@ -281,7 +294,8 @@ fn misfits(frequency_hz: f64, fitted: &[FittedSpectrum]) -> Option<String> {
         _ => format!("setups {}", setups.join(", ")),
     };
     Some(format!(
-        "mode at {frequency_hz:.4} Hz: its spectrum in {where_seen} is not that of the modes alone; something else lies there, such as a tone or a mode that is not listed. Its standard deviations are widened by what is left; fits.svg shows it"
+        "{}: its spectrum in {where_seen} is not that of the modes alone; something else lies there, such as a tone or a mode that is not listed. Its standard deviations are widened by what is left; fits.svg shows it",
+        place(frequency_hz)
     ))
 }
 
@@ -297,7 +311,8 @@ fn weak_references(
         let norm: f64 = own.map(|&(_, place)| mode.shape[place].norm_sqr()).sum();
         (norm.sqrt() < MIN_REFERENCE_SHARE * mode.shape.norm()).then(|| {
             format!(
-                "mode at {frequency_hz:.3} Hz: the references hardly move in setup \"{}\", so the scale of its other points is uncertain",
+                "{}: the references hardly move in setup \"{}\", so the scale of its other points is uncertain",
+                place(frequency_hz),
                 m.setup.name
             )
         })
@@ -350,10 +365,19 @@ mod tests {
     #[test]
     fn twins_have_any_direction_in_their_plane_and_modes_whose_poles_are_apart_their_own() {
         let stds = |sigmas: f64| twins(sigmas)[0].0.shape.iter().map(|part| part.std).collect::<Vec<f64>>();
+        // What is left of a shape that is scaled to fit one that is turned by any angle.
+        let errors = |place: usize| {
+            let all = (0..360).map(|degrees| {
+                let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
+                [1.0 - cos * cos, -cos * sin][place].powi(2)
+            });
+            (all.sum::<f64>() / 360.0).sqrt()
+        };
         let near = stds(1.0);
-        assert!(near[0] == 0.1 && (near[1] - 0.1_f64.hypot(FRAC_1_SQRT_2)).abs() < 1e-12, "{near:?}");
+        assert!((0..2).all(|place| (near[place] - 0.1_f64.hypot(errors(place))).abs() < 1e-12), "{near:?}");
         let beside = &twins(1.0)[0].1.beside;
-        assert!(beside.ncols() == 1 && (beside[(1, 0)] - FRAC_1_SQRT_2).abs() < 1e-12);
+        let of_errors = |place: usize| (beside.row(place).norm() - errors(place)).abs();
+        assert!(of_errors(0) < 1e-12 && of_errors(1) < 1e-12, "{beside}");
         assert!(stds(12.0)[1] < 0.11 && stds(12.0)[1] > 0.1, "{:?}", stds(12.0));
         // Further apart than they are wide.
         assert_eq!(stds(200.0), [0.1, 0.1]);

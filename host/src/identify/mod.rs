@@ -47,6 +47,7 @@ mod start;
 pub(crate) mod suspect;
 mod tone;
 pub mod track;
+mod twins;
 
 use thiserror::Error;
 
@@ -80,9 +81,9 @@ pub enum IdentifyError {
     NoSetup,
     /// The average is rank-deficient.
     #[error(
-        "setup \"{setup}\": {} for {channels} channels: a cross-spectral matrix averaged over fewer segments than channels cannot tell modes from noise; record {} times as long, {needed_min:.0} min{}",
+        "setup \"{setup}\": {} for {channels} channels: a cross-spectral matrix averaged over fewer segments than channels cannot tell modes from noise; record {:.1} times as long, {needed_min:.0} min{}",
         if *averages == 1 { "1 average".to_owned() } else { format!("{averages} averages") },
-        channels.div_ceil(*averages.max(&1)) * 4,
+        needed_min / present_min,
         if *is_shortest { "" } else { ", or shorten the segment in [analysis]" }
     )]
     RankDeficient {
@@ -92,6 +93,8 @@ pub enum IdentifyError {
         averages: usize,
         /// Its channels.
         channels: usize,
+        /// What the averages cover, in minutes.
+        present_min: f64,
         /// The record that would do, in minutes.
         needed_min: f64,
         /// Whether segments are the shortest there are.
@@ -147,13 +150,17 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
         return Err(none_in_band(&grid));
     }
     let spectra = measured.iter().zip(&singular).map(|(m, singular)| singular.spectrum(&grid, &m.setup.name)).collect();
-    let basis = Basis { picks, harmonics, rejected: Vec::new(), warnings };
+    let basis = Basis { picks, harmonics, warnings, ..Basis::default() };
     let found = fit::fit(measured, &grid, basis, spectra);
-    Ok(if choice.only_hz.is_some() { found } else { finer_peaks::with_narrow_modes(measured, &grid, choice, found) })
+    if choice.only_hz.is_some() {
+        return Ok(found);
+    }
+    let found = finer_peaks::with_narrow_modes(measured, &grid, choice, found);
+    Ok(twins::with_twins(measured, &grid, found))
 }
 
 /// A mode that another method suggests, or finer lines.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Suggestion {
     frequency_hz: f64,
     damping_ratio: f64,
@@ -161,8 +168,8 @@ pub(crate) struct Suggestion {
     shapes: Vec<Shape>,
 }
 
-/// Identifies once more, from the modes that were found, but those of the numbers in `without`, and those that another method suggests:
-/// these are judged as all picks are. What was rejected stays out, so that it bends nothing.
+/// Identifies once more, from the picks of the modes that were found, but those of the numbers in `without`, and those that another method
+/// suggests: these are judged as all picks are. What was rejected stays out, so that it bends nothing.
 fn identify_again(
     measured: &[MeasuredSetup<'_>],
     found: &Identification,
@@ -171,13 +178,12 @@ fn identify_again(
 ) -> Result<Identification, IdentifyError> {
     let grid = same_lines(measured)?;
     let mut basis = found.basis.clone();
-    basis.picks.retain_mut(|pick| {
-        let hz = pick.frequency_hz(&grid);
-        let distance_hz = |mode: &Mode| (mode.frequency_hz - hz).abs();
-        let nearest = found.modes.iter().min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
-        pick.unseen = nearest.is_none_or(|mode| mode.second_opinion.is_none());
-        nearest.is_none_or(|mode| !without.contains(&mode.number))
-    });
+    let kept = found.modes.iter().filter(|mode| !without.contains(&mode.number));
+    let pick = |mode: &Mode| {
+        let pick = found.basis.picks.get(mode.pick?)?;
+        Some(Pick { unseen: mode.second_opinion.is_none(), ..pick.clone() })
+    };
+    basis.picks = kept.filter_map(pick).collect();
     let suggested = |suggestion| Pick { is_known: true, ..pick::suggested(&grid, measured, suggestion) };
     basis.picks.extend(suggestions.iter().map(suggested));
     basis.picks.sort_by_key(|pick| pick.line);
@@ -191,9 +197,17 @@ fn check_averages(measured: &[MeasuredSetup<'_>], grid: &LineGrid, choice: &Mode
     for m in measured {
         let (setup, averages, channels) = (m.setup.name.clone(), m.spectrum.averages(), m.spectrum.channels().len());
         if averages < channels {
-            let needed_min = ((AVERAGES_A_CHANNEL * channels + 1) as f64 * 0.5 / grid.spacing_hz() / 60.0).ceil();
+            let covered_min = |averages: usize| (averages + 1) as f64 * 0.5 / grid.spacing_hz() / 60.0;
+            let (present_min, needed_min) = (covered_min(averages), covered_min(AVERAGES_A_CHANNEL * channels).ceil());
             let is_shortest = grid.segment <= SHORTEST_SEGMENT;
-            return Err(IdentifyError::RankDeficient { setup, averages, channels, needed_min, is_shortest });
+            return Err(IdentifyError::RankDeficient {
+                setup,
+                averages,
+                channels,
+                present_min,
+                needed_min,
+                is_shortest,
+            });
         }
     }
     let wanted = AVERAGES_A_CHANNEL * channels;

@@ -86,24 +86,33 @@ fn most_real(vector: &Shape) -> DVector<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::identify::estimate::estimate;
     use crate::identify::matrices::Source;
     use crate::identify::pick::Pick;
     use crate::identify::resonance::Quantity;
     use crate::simulate::modal::{Recording, Truth};
+    use crate::spectra::CrossSpectrum;
 
-    /// The modes picked at these frequencies, of a structure of eight channels that has two modes: at 0.5 Hz and at another frequency, the
-    /// second at rest in channel 1. And the first one's shape.
-    fn modes(other_hz: f64, picked_hz: &[f64], taken_lines: usize, seed: u64) -> (Vec<SetupMode>, Shape) {
+    /// A structure of eight channels that has two modes: at 0.5 Hz and at another frequency, the second at rest in channel 1.
+    pub(in crate::identify) fn two_modes(other_hz: f64) -> Truth {
         let wave = |channel: usize, order: usize| (0.4 * (order * (channel + 1)) as f64).sin();
         // The two are alike by a half: loads that are correlated do the same to those that are not.
         let other = |channel: usize| if channel == 0 { 0.0 } else { 0.5 * wave(channel, 1) + 0.8 * wave(channel, 2) };
         let shapes = DMatrix::from_fn(8, 2, |channel, mode| if mode == 0 { wave(channel, 1) } else { other(channel) });
-        let shape = shapes.column(0).map(Complex64::from);
-        let truth = Truth { frequencies_hz: vec![0.5, other_hz], damping_ratio: 0.01, shapes };
-        let spectrum = truth.recorded(&Recording { band_hz: [0.3, 1.0], ..Recording::of(5.0, 4.0, seed) }).unwrap();
+        Truth { frequencies_hz: vec![0.5, other_hz], damping_ratio: 0.01, shapes }
+    }
+
+    pub(in crate::identify) fn recorded(truth: &Truth, seed: u64) -> CrossSpectrum {
+        truth.recorded(&Recording { band_hz: [0.3, 1.0], ..Recording::of(5.0, 4.0, seed) }).unwrap()
+    }
+
+    /// The modes picked at these frequencies, of a structure of two modes, and the first one's shape.
+    fn modes(other_hz: f64, picked_hz: &[f64], taken_lines: usize, seed: u64) -> (Vec<SetupMode>, Shape) {
+        let truth = two_modes(other_hz);
+        let shape = truth.shapes.column(0).map(Complex64::from);
+        let spectrum = recorded(&truth, seed);
         let source = Source::Averages(&spectrum);
         let pick = |&hz: &f64| {
             let line = source.grid().nearest_line(hz);

@@ -57,6 +57,15 @@ impl Identification {
         narrow > 0 && 2 * (narrow + peaks) > self.modes.len() + peaks
     }
 
+    /// Takes back what the warnings say of a mode that is no longer listed.
+    pub(super) fn say_no_more_of(&mut self, mode: &Mode) {
+        let other = self.modes.iter().find(|other| Some(other.number) == mode.pair_with);
+        let others_hz = other.map_or(mode.frequency_hz, |other| other.frequency_hz);
+        let pair = pair_of(mode.frequency_hz.min(others_hz), mode.frequency_hz.max(others_hz));
+        let place = place(mode.frequency_hz);
+        self.warnings.retain(|warning| !warning.starts_with(&place) && !warning.starts_with(&pair));
+    }
+
     /// What was rejected with the reasons, and how to keep one; `None` where there is nothing.
     pub fn rejected_in_words(&self) -> Option<String> {
         let mut reasons: Vec<(RejectedBecause, Vec<String>)> = Vec::new();
@@ -126,6 +135,19 @@ pub struct Mode {
     /// How the errors of its numbers are correlated; none where the method does not tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub covariance_factor: Option<CovarianceFactor>,
+    /// The pick of the fit's basis that it comes from.
+    #[serde(skip)]
+    pub(crate) pick: Option<usize>,
+}
+
+/// How sentences begin that say something of a mode.
+pub(super) fn place(frequency_hz: f64) -> String {
+    format!("mode at {frequency_hz:.4} Hz")
+}
+
+/// The same of two.
+pub(super) fn pair_of(lower_hz: f64, upper_hz: f64) -> String {
+    format!("the modes at {lower_hz:.4} and {upper_hz:.4} Hz")
 }
 
 /// The method that a mode's values come from.
@@ -189,7 +211,7 @@ pub struct ShapeComponent {
     pub re: f64,
     /// Imaginary part.
     pub im: f64,
-    /// Standard deviation of the component (along its own phase).
+    /// Standard deviation of the component's real part: of what scatters, half the variance of both parts.
     pub std: f64,
 }
 
@@ -260,7 +282,7 @@ pub struct Rejected {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RejectedBecause {
-    /// It is the stronger mode beside it, seen twice.
+    /// It is a second sight of the stronger mode beside it.
     Double,
     /// In most setups the fit finds no resonance near it.
     NotShown,
@@ -274,6 +296,8 @@ pub enum RejectedBecause {
     Frequency,
     /// Its damping is hardly known, and the subspace has no such mode.
     Unseen,
+    /// Its damping is hardly known, and no mode of the record is known well.
+    Uncertain,
     /// It is wide and far from the measured spectrum: a resonance in the place of several.
     Bridge,
     /// Its fit did not move with the data.
@@ -293,13 +317,14 @@ pub enum RejectedBecause {
 impl std::fmt::Display for RejectedBecause {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         formatter.write_str(match self {
-            Self::Double => "it is the stronger mode beside it, seen twice",
+            Self::Double => "it is a second sight of the stronger mode beside it",
             Self::NotShown => "the fit finds no resonance near it",
             Self::Undamped => "it is sharper than any structure's resonance",
             Self::Overdamped => "it is wider than any structure's resonance",
             Self::Shape => "its shape is mostly noise",
             Self::Frequency => "its frequency is mostly noise",
             Self::Unseen => "its damping is hardly known, and the subspace has no such mode",
+            Self::Uncertain => "its damping is hardly known, and no mode of the record is known well",
             Self::Bridge => "it is wide and far from the measured spectrum, as of several modes in one",
             Self::Stuck => "the fit there ran into a limit",
             Self::Phases => "its parts move at all phases",

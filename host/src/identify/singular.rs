@@ -54,8 +54,10 @@ pub(super) fn leading(matrix: DMatrix<Complex64>) -> Leading {
 /// 1 / (G^-1)_ii of every channel i.
 fn unexplained(eigen: &SymmetricEigen<Complex64, Dyn>) -> Vec<f64> {
     let mut inverse = vec![0.0; eigen.eigenvalues.len()];
+    // Of two channels that are alike one value is nothing but rounding, of either sign.
+    let least = f64::EPSILON * eigen.eigenvalues.max().max(f64::MIN_POSITIVE);
     for (vector, value) in eigen.eigenvectors.column_iter().zip(&eigen.eigenvalues) {
-        let value = value.max(0.0);
+        let value = value.max(least);
         inverse.iter_mut().zip(vector.iter()).for_each(|(sum, part)| *sum += part.norm_sqr() / value);
     }
     inverse.into_iter().map(f64::recip).collect()
@@ -91,15 +93,15 @@ impl SingularValues {
     /// The noise of every channel near a line: the median, over lines, of what no other channel explains there. A mode is in few lines, or
     /// is explained by what other channels see of it, but for what their noise hides. `None` where the matrices have too few averages to tell.
     ///
-    /// A channel's unexplained density of a complex Wishart matrix of n channels over M averages has the mean (M - n + 1) / M of the noise
-    /// (Muirhead 1982, theorem 3.2.10, for complex numbers).
+    /// A channel's unexplained density of a complex Wishart matrix of n channels over M averages is the noise times a gamma variable of
+    /// M - n + 1 degrees over M (Muirhead 1982, theorem 3.2.10, for complex numbers), whose median is a third less than its degrees.
     pub(super) fn noise(&self, lines: Range<usize>, averages: usize) -> Option<Vec<f64>> {
         let channels = self.lines.first()?.unexplained.len();
         let free = (averages + 1).checked_sub(channels).filter(|free| *free > 1)?;
         let inside = lines.start.max(self.first_line)..lines.end.min(self.first_line + self.lines.len());
         let of_channel = |channel: usize| {
             let mut values: Vec<f64> = inside.clone().map(|line| self.at(line).unexplained[channel]).collect();
-            median(&mut values).map(|noise| noise * averages as f64 / free as f64)
+            median(&mut values).map(|noise| noise * averages as f64 / (free as f64 - 1.0 / 3.0))
         };
         (0..channels).map(of_channel).collect()
     }

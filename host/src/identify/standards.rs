@@ -6,7 +6,7 @@
 
 use super::choice::asked_for;
 use super::merge::number;
-use super::result::{Identification, Mode, ModeMethod, Rejected, RejectedBecause};
+use super::result::{Identification, Mode, ModeMethod, Rejected, RejectedBecause, place};
 use crate::study::ModeChoice;
 
 /// A deviation below this share of the lower bound says that the fit ran into a wall: chance alone halves it now and then.
@@ -23,15 +23,14 @@ const DIFFERENT_SIGMAS: f64 = 2.0;
 
 /// Takes out what is no mode, and widens deviations that are too small.
 pub fn hold_to_standards(identification: &mut Identification, choice: &ModeChoice) {
-    let asked_for = asked_for(choice, &identification.modes);
+    let asked_for = asked_for(choice, identification);
     let is_asked_for = |mode: &Mode| choice.only_hz.is_some() || asked_for.contains(&mode.number);
     let mut kept = Vec::new();
     for mut mode in std::mem::take(&mut identification.modes) {
         match fault(&mode).filter(|_| !is_asked_for(&mode)) {
             Some(because) => {
                 identification.rejected.push(Rejected { frequency_hz: mode.frequency_hz, because });
-                let place = format!("mode at {:.4} Hz", mode.frequency_hz);
-                identification.warnings.retain(|warning| !warning.starts_with(&place));
+                identification.say_no_more_of(&mode);
             }
             None => {
                 widen(&mut mode);
@@ -45,8 +44,9 @@ pub fn hold_to_standards(identification: &mut Identification, choice: &ModeChoic
     let of_no_line = |mode: &&Mode| mode.pair_with.is_none() && mode.phase_collinearity_as_measured < COLLINEAR;
     let warnings = identification.modes.iter().filter(of_no_line).map(|mode| {
         format!(
-            "mode at {:.4} Hz: its parts do not move in phase (collinearity {:.2}); it may be two modes, or sensors or a machine may bend it",
-            mode.frequency_hz, mode.phase_collinearity_as_measured
+            "{}: its parts do not move in phase (collinearity {:.2}); it may be two modes, or sensors or a machine may bend it",
+            place(mode.frequency_hz),
+            mode.phase_collinearity_as_measured
         )
     });
     identification.warnings.extend(warnings.collect::<Vec<_>>());

@@ -29,7 +29,7 @@ fn a_day_of_close_modes_is_found_whole_and_as_precisely_as_the_record_allows() {
     let found = identified(&truth, spectrum).unwrap();
     let score = score(&found, &truth);
     println!("{}", score.line());
-    assert_eq!((score.missed, score.spurious), (0, 0));
+    assert_eq!((score.missed_hz.len(), score.spurious_hz.len()), (0, 0));
     // Au's bound for 10 h is 0.03 to 0.08 % on f and 3 to 7 % on damping; of 12 modes the worst may be 3.5 of them off.
     assert!(median_of_magnitudes(&score.frequency_errors) < 0.06);
     assert!(score.damping.iter().all(|ratio| (ratio - 1.0).abs() < 0.25));
@@ -46,7 +46,7 @@ fn an_hour_of_a_tower_shows_all_twelve_modes_and_nothing_else() {
         let found = identified(&truth, spectrum).unwrap();
         let score = score(&found, &truth);
         println!("{}", score.line());
-        assert_eq!((score.missed, score.spurious), (0, 0), "{}", score.line());
+        assert_eq!((score.missed_hz.len(), score.spurious_hz.len()), (0, 0), "{}", score.line());
         assert!(score.macs.iter().all(|&mac| mac > 0.99), "{}", score.line());
         assert!(found.harmonics.is_empty(), "{:?}", found.harmonics);
         assert!(found.modes.iter().all(|mode| mode.phase_collinearity > 0.98));
@@ -61,7 +61,7 @@ fn an_hours_narrow_modes_are_fitted_to_finer_lines() {
         let spacing_hz = spectrum.grid().spacing_hz();
         let found = identified(&truth, spectrum).unwrap();
         let score = score(&found, &truth);
-        assert_eq!((score.missed, score.spurious), (0, 0), "{}", score.line());
+        assert_eq!((score.missed_hz.len(), score.spurious_hz.len()), (0, 0), "{}", score.line());
         // The first mode's bandwidth is a sixth of the distance between the spectrum's lines.
         let first = &found.modes[0];
         assert!(first.lines_in_bandwidth > 3.0 * first.bandwidth_hz() / spacing_hz, "{}", first.lines_in_bandwidth);
@@ -86,7 +86,7 @@ fn a_machine_is_reported_as_a_harmonic_and_costs_no_mode() {
     assert!((found.harmonics[0].frequency_hz - 0.633).abs() < 0.1 * found.frequency_resolution_hz);
     assert!((found.harmonics[0].kurtosis - 1.5).abs() < 0.1);
     let score = score(&found, &truth);
-    assert_eq!((score.missed, score.spurious), (0, 0), "{}", score.line());
+    assert_eq!((score.missed_hz.len(), score.spurious_hz.len()), (0, 0), "{}", score.line());
 }
 
 #[test]
@@ -140,7 +140,7 @@ fn a_recorded_velocity_gives_the_same_modes() {
     velocity.unit = crate::study::Unit::MetrePerSecond;
     let found = identify(&[MeasuredSetup { setup: &velocity, spectrum }], &ModeChoice::default()).unwrap();
     let score = score(&found, &truth);
-    assert_eq!((score.missed, score.spurious), (0, 0), "{}", score.line());
+    assert_eq!((score.missed_hz.len(), score.spurious_hz.len()), (0, 0), "{}", score.line());
     // As with acceleration: no bias beyond the stated scatter.
     assert!(rms(&score.frequency_z) < 1.7, "{}", score.line());
 }
@@ -172,7 +172,7 @@ fn setups_merge_through_their_references() {
         Truth { shapes: truth.shapes.select_rows(&[rows[0].clone(), rows[1][3..].to_vec()].concat()), ..truth.clone() };
     let score = score(&found, &by_point);
     println!("{}", score.line());
-    assert_eq!((score.missed, score.spurious), (0, 0), "{}", score.line());
+    assert_eq!((score.missed_hz.len(), score.spurious_hz.len()), (0, 0), "{}", score.line());
     // Torsion moves the references as little as anything here; its scale is the least certain.
     assert!(score.macs.iter().all(|&mac| mac > 0.97), "{}", score.line());
     assert!(found.modes.iter().all(|mode| mode.shape.len() == 20));

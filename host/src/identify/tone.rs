@@ -128,15 +128,16 @@ fn offset(here: f64, left: f64, right: f64) -> f64 {
 pub(super) fn frequency_hz(grid: &LineGrid, singular: &[SingularSpectrum], (line, wanders): Tone) -> f64 {
     let power = |line: usize| {
         let values = singular.iter().filter_map(|setup| setup.values.first()?.get(line));
-        let mean = values.map(|value| value.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / singular.len().max(1) as f64;
-        mean.exp()
+        let (count, sum) = values.fold((0, 0.0), |(count, sum), value| (count + 1, sum + value.max(f64::MIN_POSITIVE).ln()));
+        // Nothing is known of a line beyond the band.
+        if count == 0 { 0.0 } else { (sum / f64::from(count)).exp() }
     };
     if wanders > 0 {
         let band = around(line, wanders, grid.lines);
         let (sum, moment) = band.fold((0.0, 0.0), |(sum, moment), line| {
             (sum + power(line), moment + power(line) * grid.frequency_hz(line))
         });
-        return moment / sum;
+        return if sum > 0.0 { moment / sum } else { grid.frequency_hz(line) };
     }
     grid.frequency_hz(line) + offset(power(line), power(line.saturating_sub(1)), power(line + 1)) * grid.spacing_hz()
 }
@@ -177,6 +178,20 @@ mod tests {
         assert!((11..=13).contains(&wandering.len()), "{wandering:?}");
         // At the band's end.
         assert!(taken_by((0, 0), 100, tone(0.2)).contains(&0));
+    }
+
+    #[test]
+    fn where_nothing_is_known_of_the_spectrum_a_tone_is_at_its_line() {
+        let grid = LineGrid { sampling_rate_hz: 5.0, segment: 256, first_line: 5, lines: 70 };
+        let tone_hz = |values: Vec<Vec<f64>>, wanders: usize| {
+            let spectrum = SingularSpectrum { setup: "wind".to_owned(), frequency_hz: Vec::new(), values };
+            frequency_hz(&grid, &[spectrum], (40, wanders)) - grid.frequency_hz(40)
+        };
+        assert_eq!([tone_hz(Vec::new(), 0), tone_hz(Vec::new(), 3)], [0.0; 2]);
+        // Three lines of the band's end: the tone is above the middle one.
+        let tone = tone(40.3);
+        let values: Vec<f64> = (0..42).map(|line| 1e-9 + tone(line)).collect();
+        assert!((tone_hz(vec![values], 0) / grid.spacing_hz() - 0.3).abs() < 1e-3);
     }
 
     #[test]

@@ -14,9 +14,10 @@ use crate::identify::cluster::CLOSE_BANDWIDTHS;
 use crate::identify::fit::usual_damping;
 use crate::identify::judge::UNUSUAL_DAMPING;
 use crate::identify::merge::{combine, number};
-use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause};
+use crate::identify::result::{Identification, Mode, Rejected, RejectedBecause, place};
 use crate::identify::setup::MeasuredSetup;
 use crate::identify::shape::mac;
+use crate::identify::twins::with_twins;
 use crate::identify::{IdentifyError, Suggestion, identify_again, same_lines};
 use crate::spectra::LineGrid;
 use crate::statistics::places;
@@ -34,7 +35,8 @@ const SURE_DAMPING_SIGMAS: f64 = 4.0;
 const NARROW_DAMPING_SIGMAS: f64 = 3.0;
 /// Two modes are twins within this share of the narrower one's bandwidth.
 const TWIN_BANDWIDTHS: f64 = 0.3;
-/// That counts where the deviation is this many times the lower bound: in a short record even a clear mode's damping is hardly known.
+/// A damping that is hardly known counts where its deviation is this many times the lower bound: in a short record even a clear mode's is
+/// not known better.
 const UNUSUAL: f64 = 2.0;
 /// Where the methods disagree the subspace is right if frequency and damping, each in units of its value, are known together this
 /// many times better than by the fit, which may have taken two modes for one.
@@ -85,7 +87,7 @@ fn try_poles(
             break;
         }
         let tried = |without: &[usize], suggestions: &[Suggestion]| -> Result<Option<Identification>, IdentifyError> {
-            let mut again = identify_again(measured, identification, without, suggestions)?;
+            let mut again = with_twins(measured, grid, identify_again(measured, identification, without, suggestions)?);
             add_opinions(measured, setups, choice, &mut again);
             Ok(Some(again).filter(|again| agreed(again) > agreed(identification)))
         };
@@ -112,7 +114,7 @@ fn try_poles(
 
 /// The numbers of the modes that the subspaces do not confirm, or beside which something else lies, but those that the user asked for.
 fn doubtful(identification: &Identification, choice: &ModeChoice) -> Vec<usize> {
-    let asked_for = asked_for(choice, &identification.modes);
+    let asked_for = asked_for(choice, identification);
     let is_doubtful = |mode: &&Mode| {
         let is_confirmed = mode.second_opinion.is_some_and(|opinion| opinion.agrees);
         (!is_confirmed || mode.is_misfit()) && !asked_for.contains(&mode.number)
@@ -128,7 +130,7 @@ fn beside(
     suggestions: &[Suggestion],
     spacing_hz: f64,
 ) -> Vec<usize> {
-    let asked_for = asked_for(choice, &identification.modes);
+    let asked_for = asked_for(choice, identification);
     let mut places: Vec<(f64, f64)> =
         suggestions.iter().map(|pole| (pole.frequency_hz, 2.0 * pole.damping_ratio * pole.frequency_hz)).collect();
     let mut left: Vec<&Mode> = identification
@@ -185,7 +187,7 @@ fn give_up_contradicted(
     identification: &mut Identification,
 ) -> Vec<GivenUp> {
     let spacing_hz = identification.frequency_resolution_hz;
-    let asked_for = asked_for(choice, &identification.modes);
+    let asked_for = asked_for(choice, identification);
     let modes = std::mem::take(&mut identification.modes);
     let mut poles: Vec<Vec<SubspacePole>> = vec![Vec::new(); modes.len()];
     for (m, found) in measured.iter().zip(setups) {
@@ -220,8 +222,7 @@ fn settle(given_up: Vec<GivenUp>, identification: &mut Identification) {
             identification.modes.push(Mode { number, ..mode });
             continue;
         }
-        let told = disagreement(&mode);
-        identification.warnings.retain(|warning| Some(warning) != told.as_ref());
+        identification.say_no_more_of(&mode);
         identification.warnings.push(format!(
             "the two methods disagree near {:.4} Hz. {}, and is much surer: its values are listed",
             opinion.frequency_hz,
@@ -245,7 +246,7 @@ fn is_much_surer(opinion: &SecondOpinion, mode: &Mode) -> bool {
 /// Takes out modes whose damping is hardly known and that the subspace does not have: a peak that chance makes of noise now and
 /// then is a line or two wide. Where not one mode stands beyond doubt, the subspace is no witness of such a peak: it sees the same noise.
 fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
-    let asked_for = asked_for(choice, &identification.modes);
+    let asked_for = asked_for(choice, identification);
     let is_asked_for = |mode: &Mode| asked_for.contains(&mode.number);
     let spacing_hz = identification.frequency_resolution_hz;
     let is_seen = |mode: &Mode| mode.second_opinion.is_some();
@@ -279,10 +280,12 @@ fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
             mode.damping_ratio_std.is_finite() && is_unseen(mode) && !is_twin(mode) && !is_asked_for(mode)
         });
     identification.modes = seen;
+    for mode in unseen {
+        let because = if is_seen(&mode) { RejectedBecause::Uncertain } else { RejectedBecause::Unseen };
+        identification.rejected.push(Rejected { frequency_hz: mode.frequency_hz, because });
+        identification.say_no_more_of(&mode);
+    }
     number(&mut identification.modes);
-    let rejected =
-        unseen.iter().map(|mode| Rejected { frequency_hz: mode.frequency_hz, because: RejectedBecause::Unseen });
-    identification.rejected.extend(rejected);
     identification.rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));
 }
 
@@ -417,8 +420,8 @@ fn pooled(mode: &Mode, opinions: &[(&StablePole, f64)]) -> Option<SecondOpinion>
 fn disagreement(mode: &Mode) -> Option<String> {
     let other = mode.second_opinion.filter(|opinion| !opinion.agrees)?;
     Some(format!(
-        "mode at {:.4} Hz: the two methods disagree. {}: trust neither further than their difference",
-        mode.frequency_hz,
+        "{}: the two methods disagree. {}: trust neither further than their difference",
+        place(mode.frequency_hz),
         both(mode, &other)
     ))
 }

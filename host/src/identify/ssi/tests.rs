@@ -158,8 +158,8 @@ fn the_subspace_alone_finds_the_modes_of_a_tower_with_honest_deviations() {
         let (truth, spectrum) = tower_hour(seed, &(0..20).collect::<Vec<_>>());
         let score = score(&by_subspace(&truth, spectrum), &truth);
         println!("{}", score.line());
-        missed += score.missed;
-        spurious += score.spurious;
+        missed += score.missed_hz.len();
+        spurious += score.spurious_hz.len();
         frequency_z.extend(score.frequency_z);
         damping_z.extend(score.damping_z);
         shape_z.extend(score.shape_z);

@@ -4,7 +4,8 @@ use nalgebra::DVector;
 use num_complex::Complex64;
 
 use super::{Truth, points, setup};
-use crate::identify::{self, Identification, IdentifyError, MeasuredSetup, Mode};
+use crate::identify::ssi::add_second_opinion;
+use crate::identify::{self, Identification, IdentifyError, MeasuredSetup, Mode, hold_to_standards};
 use crate::spectra::CrossSpectrum;
 use crate::statistics::median;
 use crate::study::ModeChoice;
@@ -18,6 +19,19 @@ pub fn identified(truth: &Truth, spectrum: CrossSpectrum) -> Result<Identificati
     identify::identify(&[MeasuredSetup { setup: &setup, spectrum }], &ModeChoice::default())
 }
 
+/// The same with the second opinion, as `belfry identify` does it.
+///
+/// # Errors
+/// As [`identified`].
+pub fn identified_by_both(truth: &Truth, spectrum: CrossSpectrum) -> Result<Identification, IdentifyError> {
+    let (setup, choice) = (setup("one", &points(truth.shapes.nrows()), &[]), ModeChoice::default());
+    let measured = [MeasuredSetup { setup: &setup, spectrum }];
+    let mut found = identify::identify(&measured, &choice)?;
+    add_second_opinion(&measured, &choice, &mut found)?;
+    hold_to_standards(&mut found, &choice);
+    Ok(found)
+}
+
 /// Modal assurance criterion of a mode and a true shape.
 pub fn mac(mode: &Mode, truth: &Truth, at: usize) -> f64 {
     let found =
@@ -28,10 +42,10 @@ pub fn mac(mode: &Mode, truth: &Truth, at: usize) -> f64 {
 /// How an identification stands to its truth.
 #[derive(Debug, Default)]
 pub struct Score {
-    /// True modes that were not found.
-    pub missed: usize,
-    /// Modes that are none.
-    pub spurious: usize,
+    /// True modes that were not found, in Hz.
+    pub missed_hz: Vec<f64>,
+    /// Modes that are none, in Hz.
+    pub spurious_hz: Vec<f64>,
     /// Errors of the frequencies in percent.
     pub frequency_errors: Vec<f64>,
     /// Damping ratios over the truth.
@@ -55,7 +69,7 @@ pub fn score(found: &Identification, truth: &Truth) -> Score {
             .filter(|&m| !used[m] && (found.modes[m].frequency_hz / f - 1.0).abs() < 0.02)
             .max_by(|&a, &b| mac(&found.modes[a], truth, at).total_cmp(&mac(&found.modes[b], truth, at)));
         let Some(m) = best.filter(|&m| mac(&found.modes[m], truth, at) > 0.8) else {
-            score.missed += 1;
+            score.missed_hz.push(f);
             continue;
         };
         used[m] = true;
@@ -74,7 +88,8 @@ pub fn score(found: &Identification, truth: &Truth) -> Score {
             score.shape_z.push((part.re - truth.shapes[(row, at)] * product / power) / part.std);
         }
     }
-    score.spurious = used.iter().filter(|used| !**used).count();
+    let unused = found.modes.iter().zip(&used).filter(|(_, used)| !**used);
+    score.spurious_hz = unused.map(|(mode, _)| mode.frequency_hz).collect();
     score
 }
 
@@ -101,8 +116,8 @@ impl Score {
         let damping = range(&self.damping);
         format!(
             "missed {} spurious {} | f err % median {:.4} max {:.3} | damping {:.3}-{:.3} | min MAC {:.5} | z rms f {:.2} damping {:.2} shape {:.2}",
-            self.missed,
-            self.spurious,
+            self.missed_hz.len(),
+            self.spurious_hz.len(),
             median_of_magnitudes(&self.frequency_errors),
             worst_high.max(-worst_low),
             damping[0],
@@ -116,8 +131,8 @@ impl Score {
 
     /// Takes another score's figures in.
     pub fn absorb(&mut self, other: Score) {
-        self.missed += other.missed;
-        self.spurious += other.spurious;
+        self.missed_hz.extend(other.missed_hz);
+        self.spurious_hz.extend(other.spurious_hz);
         self.frequency_errors.extend(other.frequency_errors);
         self.damping.extend(other.damping);
         self.macs.extend(other.macs);

@@ -6,7 +6,7 @@
 
 use std::time::Instant;
 
-use belfry_host::simulate::modal::score::{Score, identified, score};
+use belfry_host::simulate::modal::score::{Score, identified, identified_by_both, score};
 use belfry_host::simulate::modal::{ModalError, Recording, Truth};
 use belfry_host::spectra::{CrossSpectrum, SpectralPlan};
 use belfry_host::study::Analysis;
@@ -27,6 +27,9 @@ pub(super) struct Arguments {
     /// A case; repeat for more [default: all]
     #[arg(long = "case", value_name = "NAME", value_parser = CASES.map(|(name, _)| name))]
     cases: Vec<String>,
+    /// By the fit of spectra alone, without the second opinion that `belfry identify` asks
+    #[arg(long)]
+    without_opinion: bool,
 }
 
 /// A case: its name and what it is.
@@ -52,10 +55,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error
         for seed in first..first + seeds {
             let (truth, spectrum) = record(case, seed)?;
             let start = Instant::now();
-            let found = identified(&truth, spectrum)?;
+            let found = if arguments.without_opinion {
+                identified(&truth, spectrum)?
+            } else {
+                identified_by_both(&truth, spectrum)?
+            };
             let elapsed_s = start.elapsed().as_secs_f64();
             let score = score(&found, &truth);
             println!("{case} seed {seed}: {elapsed_s:.2} s | {}", score.line());
+            for (what, all_hz) in [("missed", &score.missed_hz), ("no mode", &score.spurious_hz)] {
+                all_hz.iter().for_each(|hz| println!("    {what}: {hz:.4} Hz"));
+            }
             all.absorb(score);
         }
         println!("{case}, {seeds} seeds: {}", all.line());
