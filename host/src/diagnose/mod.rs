@@ -46,6 +46,7 @@ mod outlook;
 mod posterior;
 mod prior;
 mod problem;
+mod relief;
 mod report;
 mod scales;
 mod score;

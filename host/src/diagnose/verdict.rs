@@ -123,6 +123,10 @@ impl<'a> Weighed<'a> {
             .map(|(at, one)| (one, of(first_signal + at).0, of(first_signal + at).1))
             .collect();
         weighed_found.sort_by(|a, b| b.2.total_cmp(&a.2));
+        for (one, _, probability) in weighed_found.iter().take(5) {
+            eprintln!("RELIEF {} {probability:.4} {:?}", one.effect(), problem.left_with(present, one));
+        }
+        eprintln!("PROB {:?} p {p_value}", probabilities);
         weighed_signals.sort_by(|a, b| b.2.total_cmp(&a.2));
         let mut leads = vec![(Leads::Nothing, probabilities.adequate), (Leads::SomethingElse, something_else)];
         if let Some(&(signal, _, probability)) = weighed_signals.first() {
