@@ -351,6 +351,9 @@ impl<'a> Layer<'a> {
             |lines: usize| OVERLAP_VARIANCE / averages.max(1) as f64 * (JOINED_LINES / lines as f64).min(1.0);
         let is_beyond = |half: usize| -> Option<bool> {
             let (first, after) = (centre.checked_sub(half)?, centre + half + 1);
+            if first < lines.start || after > lines.end {
+                return None;
+            }
             let wide = (after - first).max(2);
             let [below, above] = [
                 first.checked_sub(1 + wide).filter(|from| *from >= lines.start).map(|from| from..first - 1),

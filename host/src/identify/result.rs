@@ -298,6 +298,8 @@ pub enum RejectedBecause {
     Unseen,
     /// Its damping is hardly known, and no mode of the record is known well.
     Uncertain,
+    /// It is narrower than a line, with a small share of the other modes' damping: a machine's, or a cable's.
+    Narrow,
     /// It is wide and far from the measured spectrum: a resonance in the place of several.
     Bridge,
     /// Its fit did not move with the data.
@@ -325,6 +327,7 @@ impl std::fmt::Display for RejectedBecause {
             Self::Frequency => "its frequency is mostly noise",
             Self::Unseen => "its damping is hardly known, and the subspace has no such mode",
             Self::Uncertain => "its damping is hardly known, and no mode of the record is known well",
+            Self::Narrow => "it is narrower than a line and has less than a tenth of the other modes' damping, as of a machine, or a cable",
             Self::Bridge => "it is wide and far from the measured spectrum, as of several modes in one",
             Self::Stuck => "the fit there ran into a limit",
             Self::Phases => "its parts move at all phases",

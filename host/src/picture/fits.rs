@@ -67,7 +67,7 @@ fn draw(area: &Area<'_>, mode: &Mode, spectrum: &FittedSpectrum) -> DrawResult {
     let positive = || spectrum.measured.iter().chain(&spectrum.fitted).copied().filter(|value| *value > 0.0);
     let (low, high) = positive().fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
     let (low, high) = (0.6 * low, 1.6 * high);
-    let warning = if spectrum.is_misfit { ", not explained whole" } else { "" };
+    let warning = if spectrum.is_misfit { ", something else lies here" } else { "" };
     let caption = format!(
         "mode {}: {:.4} Hz, damping {:.2} %{warning}",
         mode.number,

@@ -15,6 +15,7 @@ mod likeness;
 mod modes;
 mod opinion;
 mod rejected;
+mod shapes;
 mod stabilisation;
 mod subspace;
 #[cfg(test)]
