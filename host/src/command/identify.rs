@@ -26,7 +26,7 @@ const EXAMPLES: &str = "Examples:
   belfry identify canton --frequency-within 0.05 --damping-within 5
   belfry identify canton --method subspace     modes by the second method alone
 
-Modes are picked automatically. In [analysis] of study.toml, add_modes_hz and drop_modes_hz change the choice, modes_hz makes it. `best` in the table is the lower bound of the standard deviation on this record (Au 2014). `lines` are spectral lines in the mode's bandwidth, with less than one damping is hardly resolved. `misfit` is about 1, or less, where nothing is missing in the fit. `agrees` says whether subspace identification, a method with other assumptions, has the same mode within the standard deviations of both (`-`: it has no such mode; `alone`: it alone has the mode, and the values are its own). Where a setup has temperatures, modes are followed over the hours without --every.
+Modes are picked automatically. In [analysis] of study.toml, add_modes_hz and drop_modes_hz change the choice, modes_hz makes it. `best` in the table is the lower bound of the standard deviation on this record (Au 2014). `lines` are spectral lines in the mode's bandwidth, with less than one damping is hardly resolved. `misfit` is about 1, or less, where nothing is missing in the fit. `agrees` says whether subspace identification, a method with other assumptions, has the same mode within the standard deviations of both (`-`: it has no such mode; `end`: the mode is too near to the band's end to ask; `alone`: it alone has the mode, and the values are its own). Where a setup has temperatures, modes are followed over the hours without --every.
 
 Writes modes.json, singular_values.svg, mode_shapes.svg, fits.svg (every mode measured and fitted), stabilisation.svg and stabilisation.json (with --every also trends.csv and trends.svg) into the study's folder `results`.";
 
@@ -235,7 +235,10 @@ fn modes_table(identification: &Identification, has_second_opinion: bool) -> Col
         if has_second_opinion {
             let agrees = |opinion: &SecondOpinion| if opinion.agrees { "yes" } else { "no" };
             row.push(match mode.method {
-                ModeMethod::Spectra => mode.second_opinion.as_ref().map_or("-", agrees).to_owned(),
+                ModeMethod::Spectra => {
+                    let none = if identification.is_at_end(mode) { "end" } else { "-" };
+                    mode.second_opinion.as_ref().map_or(none, agrees).to_owned()
+                }
                 ModeMethod::Subspace => "alone".to_owned(),
             });
         }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::covariance::CovarianceFactor;
 use super::fit::Basis;
 use super::kurtosis::HARMONIC_KURTOSIS;
+use super::ssi::covariance::OUTER_MARGIN_LINES;
 use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
 use super::tone::LOBE_LINES;
 
@@ -55,6 +56,14 @@ impl Identification {
         let narrow = self.modes.iter().filter(|mode| mode.bandwidth_hz() < narrow_hz).count();
         let peaks = self.rejected.iter().filter(|peak| peak.because == RejectedBecause::Undamped).count();
         narrow > 0 && 2 * (narrow + peaks) > self.modes.len() + peaks
+    }
+
+    /// Whether a mode is so near to an end of the band that the subspace cannot be asked.
+    pub fn is_at_end(&self, mode: &Mode) -> bool {
+        let margin_hz = OUTER_MARGIN_LINES * self.frequency_resolution_hz;
+        let of = |setup: &SingularSpectrum| Some([*setup.frequency_hz.first()?, *setup.frequency_hz.last()?]);
+        let ends_hz = self.singular_values.first().and_then(of);
+        ends_hz.is_some_and(|[low, high]| mode.frequency_hz < low + margin_hz || mode.frequency_hz > high - margin_hz)
     }
 
     /// Takes back what the warnings say of a mode that is no longer listed.

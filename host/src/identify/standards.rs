@@ -58,8 +58,8 @@ pub fn hold_to_standards(identification: &mut Identification) {
 fn fault(mode: &Mode, usual_damping: f64) -> Option<RejectedBecause> {
     let is_stuck = mode.frequency_std_hz < LEAST_OF_BOUND * mode.frequency_std_bound_hz
         || mode.damping_ratio_std < LEAST_OF_BOUND * mode.damping_ratio_std_bound;
-    let is_narrow = mode.lines_in_bandwidth < 1.0
-        && mode.damping_ratio < MIN_DAMPING.min(UNUSUAL_DAMPING * usual_damping);
+    let is_narrow =
+        mode.lines_in_bandwidth < 1.0 && mode.damping_ratio < MIN_DAMPING.min(UNUSUAL_DAMPING * usual_damping);
     let has_no_shape = mode.phase_collinearity_as_measured < LEAST_COLLINEARITY && mode.pair_with.is_none();
     if is_stuck {
         Some(RejectedBecause::Stuck)

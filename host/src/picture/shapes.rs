@@ -112,10 +112,8 @@ fn draw_header(
             }
             Some(Direction::Up) | None => None,
         };
-        if let Some(label) = label {
-            if !legend.iter().any(|(other, _)| *other == label) {
-                legend.push((label, point.color));
-            }
+        if let Some(label) = label.filter(|label| !legend.iter().any(|(other, _)| other == label)) {
+            legend.push((label, point.color));
         }
     }
     let mut x = 14;

@@ -154,6 +154,8 @@ mod tests {
         assert!(spectrum(&motion, &[0.1; 6]).alone().loud.is_empty());
         // Where all are noise, none is to blame.
         assert!(spectrum(&motion, &[9.0; 6]).alone().loud.is_empty());
+        // As loud as the others over all lines, and nowhere coherent.
+        assert_eq!(spectrum(&motion, &[0.1, 0.1, 0.1, 0.1, 0.1, 1.5]).alone().loud, [5]);
         assert!(spectrum(&motion[..3], &[0.1, 9.0, 0.1]).alone().loud.is_empty(), "two against one prove nothing");
     }
 

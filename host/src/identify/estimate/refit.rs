@@ -76,8 +76,7 @@ impl State {
     /// How far the exponent of each mode's force may differ from the others', since forces on modes that no filter stops may be correlated
     /// with its own: one standard deviation, in the order of the cluster.
     fn skewed(&self, modes: &[usize], stopped: &[usize], filters: &DMatrix<Complex64>, grid: &LineGrid) -> Vec<f64> {
-        let passes =
-            |place: usize, other: usize| (filters.row(place) * &self.shapes[other])[(0, 0)].norm();
+        let passes = |place: usize, other: usize| (filters.row(place) * &self.shapes[other])[(0, 0)].norm();
         let outside = |other: &usize| !modes.contains(other) && !stopped.contains(other) && !self.is_machine[*other];
         let of_mode = |(place, &mode): (usize, &usize)| {
             let tails = (0..self.fits.len()).filter(outside);

@@ -10,7 +10,7 @@
 //! It shares the spectra with the first method and nothing else. It assumes no shape of a resonance, no white or smooth force and
 //! no uncorrelated modes: the covariances of any linear structure under any broad-band load decay exponentially.
 
-mod covariance;
+pub(in crate::identify) mod covariance;
 mod likeness;
 mod modes;
 mod opinion;
