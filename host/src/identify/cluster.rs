@@ -108,7 +108,6 @@ pub(super) fn seen(
     duration_s: f64,
     averages: f64,
     slope: SlopePrior,
-    skewed: Vec<f64>,
 ) -> Seen {
     let columns = filters.rows.adjoint();
     let through = |matrix: &DMatrix<Complex64>| complex_product(&complex_product(&filters.rows, matrix), &columns);
@@ -119,7 +118,6 @@ pub(super) fn seen(
         duration_s,
         averages,
         slope,
-        skewed,
     }
 }
 

@@ -48,9 +48,6 @@ const STOPPED_LINES: f64 = 4.0;
 /// So are those whose tails there are more than this share of the cluster's own: to stop more passes more of what no filter stops
 /// than it takes away.
 const TAIL_SHARE: f64 = 0.1;
-/// And those that skew its modes' resonances by more than this, an exponent of the force: the usual deviation of that beforehand, and half
-/// as much.
-const MOST_SKEW: f64 = 3.0;
 /// Fewer channels cannot tell close modes from noise.
 pub(super) const JOINT_CHANNELS: usize = 4;
 /// Neighbours that a modal filter stops, at most.
@@ -99,9 +96,6 @@ struct Cluster {
 
 /// Rounds of modes that few channels see, once they are near their place.
 const MIXED_ROUNDS: usize = 3;
-
-/// A usual correlation of the forces on two modes: wind that pushes all of a tower at once.
-const USUAL_CORRELATION: f64 = 0.5;
 
 /// What a joint fit is worth.
 struct Effort {
@@ -324,8 +318,8 @@ impl State {
         }
     }
 
-    /// The modes that filters of a cluster stop: those that reach into its modes' bells or skew them, and those near its lines; of
-    /// these, and then of those that skew most, as many as the channels can tell apart.
+    /// The modes that filters of a cluster stop: those that reach into its modes' bells, and those near its lines; the
+    /// nearest, as many as the channels can tell apart.
     fn stopped(&self, cluster: &[usize], [lowest_hz, highest_hz]: [f64; 2], grid: &LineGrid) -> Vec<usize> {
         let spacing_hz = grid.spacing_hz();
         let outside_hz = |other: usize| self.outside_hz(other, [lowest_hz, highest_hz]);
@@ -342,36 +336,12 @@ impl State {
         stopped.extend(
             (0..self.fits.len()).filter(|&other| outside_hz(other) < STOPPED_LINES * spacing_hz || reaches_in(other)),
         );
-        let skew = |other: usize| {
-            let overlap = |mode: usize| self.shapes[mode].dotc(&self.shapes[other]).norm();
-            let of = |&mode: &usize| overlap(mode) * self.skew(mode, other, spacing_hz);
-            cluster.iter().map(of).fold(0.0, f64::max)
-        };
-        stopped.extend((0..self.fits.len()).filter(|&other| !self.is_machine[other] && skew(other) > MOST_SKEW));
-        stopped.sort_unstable();
+        stopped.sort_by(|&a, &b| outside_hz(a).total_cmp(&outside_hz(b)).then(a.cmp(&b)));
         stopped.dedup();
         stopped.retain(|other| !cluster.contains(other));
-        let is_near = |other: usize| outside_hz(other) < STOPPED_LINES * spacing_hz;
-        stopped.sort_by(|&a, &b| is_near(b).cmp(&is_near(a)).then(skew(b).total_cmp(&skew(a))));
         let channels = self.shapes.first().map_or(0, Shape::len);
         stopped.truncate((channels / 2).saturating_sub(cluster.len()));
         stopped
-    }
-
-    /// By how much another mode, as far as a filter lets it pass, skews a mode's resonance where the forces on the two are as correlated as
-    /// is usual: an exponent of the mode's force.
-    ///
-    /// At the mode's resonance the other one responds with a smooth tail t, as a share of the mode's own peak. With a correlation r of the
-    /// forces the mode's density is multiplied by 1 + 2 r t (f - f0) / (zeta f0), to first order in t, where (f / f0)^s is
-    /// 1 + s (f - f0) / f0: the exponent s is 2 r t / zeta.
-    fn skew(&self, mode: usize, other: usize, spacing_hz: f64) -> f64 {
-        let here = self.fits[mode].resonance;
-        let amplitude = |of: usize| {
-            let fit = &self.fits[of];
-            (fit.level * fit.resonance.density(here.frequency_hz, 1.0 / spacing_hz)).max(0.0).sqrt()
-        };
-        let skew = 2.0 * USUAL_CORRELATION * amplitude(other) / amplitude(mode) / here.damping_ratio;
-        if skew.is_finite() { skew } else { 0.0 }
     }
 
     /// How far a mode's frequency is outside of a range.

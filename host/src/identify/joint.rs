@@ -36,16 +36,6 @@ pub(super) struct Seen {
     pub(super) averages: f64,
     /// The force's colour.
     pub(super) slope: SlopePrior,
-    /// How far the exponent of each mode's force may be from that besides (one standard deviation); see [`Seen::slope_std`].
-    pub(super) skewed: Vec<f64>,
-}
-
-impl Seen {
-    /// Standard deviation of the exponent of a mode's force beforehand: of the force's colour, and of what modes that no filter stops do
-    /// with it.
-    pub(super) fn slope_std(&self, mode: usize) -> f64 {
-        self.slope.std.hypot(self.skewed[mode])
-    }
 }
 
 /// Close modes and how they are seen.

@@ -31,8 +31,8 @@ const NOISE_CORRELATION_PRIOR: f64 = 0.3;
 const MAX_STEPS: usize = 40;
 /// The fit ends where a step gains less than this, a line and average.
 const LEAST_GAIN: f64 = 1e-9;
-/// The steepest exponent: that of a mode of 1 % damping beside a fully correlated tail of 8 % of its peak.
-const STEEPEST: f64 = 16.0;
+/// The steepest exponent.
+const STEEPEST: f64 = 8.0;
 /// Correlations of forces, and what is added to those of the floor, keep below this.
 const MOST_CORRELATION: f64 = 0.95;
 /// The largest step in ln damping, in ln level and noise, in bandwidths, and in mixture and correlation.
@@ -279,8 +279,8 @@ impl JointFit {
             gradient[place] -= prior * noise.ln();
             fisher[(place, place)] += prior;
         }
+        let prior = 1.0 / (seen.slope.std * seen.slope.std * seen.averages.max(1.0));
         for (mode, slope) in self.slopes.iter().enumerate() {
-            let prior = seen.slope_std(mode).powi(-2) / seen.averages.max(1.0);
             let (place, away) = (4 * size + mode, slope - seen.slope.mean);
             objective += 0.5 * prior * away * away;
             gradient[place] -= prior * away;
@@ -369,7 +369,6 @@ mod tests {
                 duration_s,
                 averages: 1e9,
                 slope: SlopePrior { mean: 0.0, std: 2.0 },
-                skewed: vec![0.0; 2],
             },
         )
     }

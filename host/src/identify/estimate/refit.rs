@@ -14,7 +14,6 @@ use crate::identify::joint_fit::Certainty;
 use crate::identify::matrices::{LEAST_LINES, Matrices};
 use crate::identify::residue::{Beside, residues};
 use crate::identify::shape::{Shape, of_unit_length};
-use crate::spectra::LineGrid;
 
 /// A mode whose distance from a cluster's lines is below this share of their width is not smooth there.
 const BESIDE: f64 = 0.5;
@@ -50,8 +49,7 @@ impl State {
         let filters = Filters::new(&own, &others, noise)?;
         let frequency_hz = free.iter().map(|&line| grid.frequency_hz(line)).collect();
         let averages = matrices.source.averages() as f64 / OVERLAP;
-        let skewed = self.skewed(modes, &stopped, &filters.rows, grid);
-        let seen = seen(&filters, &lines, frequency_hz, 1.0 / grid.spacing_hz(), averages, self.slope, skewed);
+        let seen = seen(&filters, &lines, frequency_hz, 1.0 / grid.spacing_hz(), averages, self.slope);
         let limits: Vec<[f64; 2]> = modes.iter().map(|&mode| self.limits_hz(mode)).collect();
         let fit = cluster.fit.fit(&seen, &limits, effort.steps)?;
         let certainty = if effort.certainty { fit.certainty(&seen) } else { None };
@@ -71,18 +69,5 @@ impl State {
             None => regressed_shapes(&fit, &filters, &seen, &lines)?,
         };
         Some(Refit { fit, shapes, certainty, curves })
-    }
-
-    /// How far the exponent of each mode's force may differ from the others', since forces on modes that no filter stops may be correlated
-    /// with its own: one standard deviation, in the order of the cluster.
-    fn skewed(&self, modes: &[usize], stopped: &[usize], filters: &DMatrix<Complex64>, grid: &LineGrid) -> Vec<f64> {
-        let passes = |place: usize, other: usize| (filters.row(place) * &self.shapes[other])[(0, 0)].norm();
-        let outside = |other: &usize| !modes.contains(other) && !stopped.contains(other) && !self.is_machine[*other];
-        let of_mode = |(place, &mode): (usize, &usize)| {
-            let tails = (0..self.fits.len()).filter(outside);
-            let square = |other: usize| (passes(place, other) * self.skew(mode, other, grid.spacing_hz())).powi(2);
-            tails.map(square).sum::<f64>().sqrt()
-        };
-        modes.iter().enumerate().map(of_mode).collect()
     }
 }
