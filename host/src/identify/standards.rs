@@ -78,11 +78,9 @@ fn widen(mode: &mut Mode) {
     let other = mode.second_opinion.as_ref().filter(|_| mode.method == ModeMethod::Spectra);
     let other = other
         .map(|other| [(other.frequency_hz, other.frequency_std_hz), (other.damping_ratio, other.damping_ratio_std)]);
-    // Where the window hides a mode's width, groups of segments all show the window's, and scatter too little.
-    let least = if mode.lines_in_bandwidth < 1.0 { 1.0 } else { BELOW_BOUND };
     let own = [(mode.frequency_hz, &mut mode.frequency_std_hz), (mode.damping_ratio, &mut mode.damping_ratio_std)];
     for (place, (value, std)) in own.into_iter().enumerate() {
-        *std = std.max(least * bounds[place]);
+        *std = std.max(BELOW_BOUND * bounds[place]);
         let Some((other, other_std)) = other.map(|other| other[place]) else { continue };
         let (difference, chance) = (value - other, other_std.max(bounds[place]));
         if difference.abs() > DIFFERENT_SIGMAS * chance {
@@ -150,8 +148,6 @@ mod tests {
         assert_eq!(kept(mode()).frequency_std_hz, 1e-3);
         assert_eq!(kept(Mode { frequency_std_hz: 2e-4, ..mode() }).frequency_std_hz, 4.7e-4);
         assert_eq!(kept(Mode { frequency_std_hz: 6e-4, ..mode() }).frequency_std_hz, 6e-4);
-        let narrow = Mode { frequency_std_hz: 2e-4, lines_in_bandwidth: 0.7, ..mode() };
-        assert_eq!(kept(narrow).frequency_std_hz, 9.4e-4, "read from the window's own shape");
         let with = |frequency_hz: f64| {
             let opinion = SecondOpinion {
                 frequency_hz,
