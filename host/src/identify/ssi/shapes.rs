@@ -34,3 +34,51 @@ pub(super) fn hold_difference(measured: &MeasuredSetup<'_>, mode: &mut Mode, pol
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use num_complex::Complex64;
+
+    use super::*;
+    use crate::identify::identify;
+    use crate::identify::plane::tests::{recorded, two_modes};
+    use crate::identify::shape::Shape;
+    use crate::simulate::modal::{points, setup};
+    use crate::study::ModeChoice;
+
+    #[test]
+    fn a_shape_that_the_subspace_contradicts_is_uncertain_by_the_difference_where_they_differ() {
+        let truth = two_modes(0.53);
+        let setup = setup("one", &points(8), &[]);
+        let measured = MeasuredSetup { setup: &setup, spectrum: recorded(&truth, 1) };
+        let mode = identify(std::slice::from_ref(&measured), &ModeChoice::default()).unwrap().modes.remove(0);
+        let shape = shape_in(&measured, &mode).unwrap();
+        // Where it moves least, so that the scale takes next to nothing of the difference.
+        let least = shape.map(|part| part.norm()).imin();
+        let with = |off: f64, std: f64| {
+            let mut theirs = shape.clone();
+            theirs[least] += off;
+            let pole = StablePole {
+                order: 8,
+                orders: vec![6, 8],
+                frequency_hz: mode.frequency_hz,
+                frequency_std_hz: 1e-4,
+                damping_ratio: 0.01,
+                damping_ratio_std: 1e-3,
+                // In another phase, and of another size.
+                shape: Shape::from_iterator(8, theirs.iter().map(|part| part * Complex64::new(0.0, -2.0))),
+                shape_std: vec![2.0 * std; 8],
+                power: 1.0,
+                share: 1.0,
+            };
+            let mut held = mode.clone();
+            hold_difference(&measured, &mut held, &pole);
+            held.shape.iter().map(|part| part.std).collect::<Vec<f64>>()
+        };
+        let before: Vec<f64> = mode.shape.iter().map(|part| part.std).collect();
+        assert_eq!(with(0.2, 0.1), before, "chance explains it");
+        let after = with(0.2, 0.01);
+        assert!((after[least] / before[least].hypot(0.2) - 1.0).abs() < 0.1, "{after:?} {before:?}");
+        assert!((0..8).filter(|&at| at != least).all(|at| after[at] < 0.05), "{after:?}");
+    }
+}
