@@ -135,7 +135,7 @@ fn draw_residuals(area: &Area<'_>, spectrum: &FittedSpectrum, band_hz: std::ops:
         .axis_style(FRAME)
         .draw()?;
     if residuals.is_empty() {
-        let text = Text::new("too few windows for a standard deviation", (LABELS as i32 + 14, 22), ("sans-serif", 11));
+        let text = Text::new("the standard deviation of a line is not known", (LABELS as i32 + 14, 22), ("sans-serif", 11));
         area.draw(&text)?;
         return Ok(());
     }
