@@ -135,7 +135,8 @@ fn draw_residuals(area: &Area<'_>, spectrum: &FittedSpectrum, band_hz: std::ops:
         .axis_style(FRAME)
         .draw()?;
     if residuals.is_empty() {
-        let text = Text::new("the standard deviation of a line is not known", (LABELS as i32 + 14, 22), ("sans-serif", 11));
+        let text =
+            Text::new("the standard deviation of a line is not known", (LABELS as i32 + 14, 22), ("sans-serif", 11));
         area.draw(&text)?;
         return Ok(());
     }
@@ -190,6 +191,6 @@ mod tests {
         let svg = drawn(0.1, &mut identification);
         assert_eq!((circles(&svg), red(&svg)), (6, 1), "three dots above and three below");
         let svg = drawn(f64::NAN, &mut identification);
-        assert!(circles(&svg) == 3 && svg.contains("too few windows"), "{svg}");
+        assert!(circles(&svg) == 3 && svg.contains("the standard deviation of a line is not known"), "{svg}");
     }
 }
