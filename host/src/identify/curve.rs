@@ -2,6 +2,8 @@
 //!
 //! The last fit of a mode flows in, and what its replicates measure; the curves, and how far they are from each other, flow out.
 
+use std::ops::Range;
+
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
@@ -47,19 +49,19 @@ impl Curve {
         Self { frequency_hz: bell.frequency_hz, measured: bell.density, expected: fit.expected.clone() }
     }
 
-    /// What a pole looks like that explains `level` of the response along a shape of unit length, in the lines `first` to `last`; what lies
-    /// beside it is taken for a floor.
+    /// What a pole looks like that explains `level` of the response along a shape of unit length, in these lines; what lies beside it is
+    /// taken for a floor.
     pub(super) fn of_pole(
         spectrum: &CrossSpectrum,
         shape: &Shape,
         resonance: &Resonance,
         level: f64,
-        [first, last]: [usize; 2],
+        lines: Range<usize>,
     ) -> Self {
         let grid = spectrum.grid();
         let line_shape = resonance.line_shape(1.0 / grid.spacing_hz());
-        let frequency_hz: Vec<f64> = (first..=last).map(|line| grid.frequency_hz(line)).collect();
-        let measured: Vec<f64> = (first..=last).map(|line| filtered(shape, &spectrum.matrix(line))).collect();
+        let frequency_hz: Vec<f64> = lines.clone().map(|line| grid.frequency_hz(line)).collect();
+        let measured: Vec<f64> = lines.map(|line| filtered(shape, &spectrum.matrix(line))).collect();
         let alone: Vec<f64> = frequency_hz.iter().map(|&hz| level * line_shape.density(hz)).collect();
         let mut left: Vec<f64> = measured.iter().zip(&alone).map(|(measured, alone)| measured - alone).collect();
         let floor = median(&mut left).unwrap_or(0.0).max(0.0);

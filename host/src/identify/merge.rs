@@ -145,7 +145,12 @@ pub(super) fn number(modes: &mut [Mode]) {
 
 /// What a setup's averages cover, in s.
 pub(super) fn duration_s(measured: &MeasuredSetup<'_>, grid: &LineGrid) -> f64 {
-    (measured.spectrum.averages() + 1) as f64 * 0.5 / grid.spacing_hz()
+    covered_s(measured.spectrum.averages(), grid)
+}
+
+/// What so many averages cover, in s.
+pub(super) fn covered_s(averages: usize, grid: &LineGrid) -> f64 {
+    (averages + 1) as f64 * 0.5 / grid.spacing_hz()
 }
 
 fn points(measured: &[MeasuredSetup<'_>]) -> Vec<Point> {
@@ -331,21 +336,29 @@ fn weak_references(
 
 /// The deviation of a mean by inverse variance that the values' own deviations give it; infinite where none is known.
 pub(super) fn own_deviation(stds: impl Iterator<Item = f64>) -> f64 {
-    let weight: f64 = stds.filter(|std| std.is_finite() && *std > 0.0).map(|std| std.powi(-2)).sum();
-    weight.powf(-0.5)
+    weight(stds.filter(|std| is_known(*std))).powf(-0.5)
+}
+
+fn is_known(std: f64) -> bool {
+    std.is_finite() && std > 0.0
+}
+
+/// That of a mean by inverse variance.
+fn weight(stds: impl Iterator<Item = f64>) -> f64 {
+    stds.map(|std| std.powi(-2)).sum()
 }
 
 /// Mean by inverse variance and its deviation, which grows where the values scatter more than their deviations explain. Values
 /// without a known deviation count only where no deviation is known.
 pub(super) fn combine(values: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
-    let known = values.clone().filter(|(_, std)| std.is_finite() && *std > 0.0);
+    let known = values.clone().filter(|(_, std)| is_known(*std));
     let count = known.clone().count();
     if count == 0 {
         let count = values.clone().count().max(1) as f64;
         let std = values.clone().map(|(_, std)| std).fold(0.0, f64::max);
         return (values.map(|(value, _)| value).sum::<f64>() / count, std / count.sqrt());
     }
-    let weight: f64 = known.clone().map(|(_, std)| std.powi(-2)).sum();
+    let weight = weight(known.clone().map(|(_, std)| std));
     let mean = known.clone().map(|(value, std)| value * std.powi(-2)).sum::<f64>() / weight;
     let scatter: f64 = known.map(|(value, std)| ((value - mean) / std).powi(2)).sum();
     let excess = (scatter / (count.max(2) - 1) as f64).max(1.0);

@@ -274,8 +274,7 @@ impl<'a> Layer<'a> {
             let edges: Option<Vec<f64>> = decompositions
                 .iter()
                 .zip(sources)
-                // As many values as shapes are taken out are nothing.
-                .map(|(d, source)| noise_edge(&d.values[..d.values.len().saturating_sub(out.len())], source.averages()))
+                .map(|(d, source)| noise_edge(&d.values, out.len(), source.averages()))
                 .collect();
             layer.log_edge.push(edges.map(|edges| mean_log(&mut edges.into_iter())));
             layer.lines.push(decompositions);

@@ -63,7 +63,7 @@ impl CrossSpectrum {
             .map(|channel| lines.chunks_exact(BAND).all(|band| in_band(band, channel) < INCOHERENT_IN_ALL))
             .collect();
         let all: Vec<f64> = (0..channels).map(|channel| lines.iter().map(|line| line.power[channel]).sum()).collect();
-        let is_as_loud: Vec<bool> = all.iter().map(|power| *power > middle_of(&all)).collect();
+        let usual_in_all = middle_of(&all);
         let agreement = |line: &Line| middle_of(&line.coherence);
         lines.sort_by(|a, b| agreement(b).total_cmp(&agreement(a)));
         lines.truncate(((MOVING * lines.len() as f64) as usize).max(1));
@@ -76,7 +76,7 @@ impl CrossSpectrum {
         let noise = |channel: usize| mean(&|line| line.power[channel] * (1.0 - line.coherence[channel]));
         let mut alone = Alone::default();
         for channel in (0..channels).filter(|channel| coherence[*channel] < INCOHERENT) {
-            if noise(channel) > LOUD * usual || (is_nowhere_coherent[channel] && is_as_loud[channel]) {
+            if noise(channel) > LOUD * usual || (is_nowhere_coherent[channel] && all[channel] > usual_in_all) {
                 alone.loud.push(self.channels()[channel]);
             } else if is_nowhere_coherent[channel] {
                 alone.quiet.push(self.channels()[channel]);

@@ -264,7 +264,7 @@ fn p_value_of_no_change(seen: &[(&TrendInterval, &IntervalMode)]) -> Option<f64>
 /// Standard deviation of the level's logarithm over the intervals, in decades, from which on its effect is asked for: a sixth more or less.
 const LEAST_SPREAD: f64 = 0.07;
 
-/// Change with temperature and with the level: together over the intervals that have a temperature, where both vary by
+/// Change with temperature and with the level, if that varies: together over the intervals that have a temperature, where both vary by
 /// themselves, else with the level alone. Of several setups the one with the most intervals is used: in another the level is
 /// that of other sensors.
 fn dependences(seen: &[(&TrendInterval, &IntervalMode)]) -> [Option<Slope>; 2] {

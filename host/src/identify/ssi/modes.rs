@@ -26,7 +26,7 @@ use crate::identify::shape::mac;
 use crate::identify::singular::SingularValues;
 use crate::identify::tone::harmonic;
 use crate::identify::{IdentifyError, Suggestion, none_in_band, phase_collinearity, same_lines};
-use crate::spectra::LineGrid;
+use crate::spectra::{LineGrid, around};
 use crate::study::ModeChoice;
 
 /// A pole in another setup may be this share of the frequency further away: structures change a little between setups.
@@ -105,7 +105,8 @@ fn merged(
     warnings: &mut Vec<String>,
 ) -> Vec<Mode> {
     let of_setup = |(setup, m): (usize, &MeasuredSetup<'_>)| {
-        let modes = modes.iter().map(|poles| setup_mode(m, poles[setup])).collect();
+        let shown = |pole: &StablePole| SetupMode { curve: curve(m, pole), ..setup_mode(m, pole) };
+        let modes = modes.iter().map(|poles| shown(poles[setup])).collect();
         SetupModes { modes }
     };
     let per_setup: Vec<SetupModes> = measured.iter().enumerate().map(of_setup).collect();
@@ -293,17 +294,25 @@ fn forced(
     is_forced.then(|| harmonic(measured, grid, &pick, frequency_hz))
 }
 
-/// A pole as the first method would give it.
-fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
+fn resonance(measured: &MeasuredSetup<'_>, pole: &StablePole) -> Resonance {
     let quantity = quantity(measured.setup);
-    let resonance = Resonance { frequency_hz: pole.frequency_hz, damping_ratio: pole.damping_ratio, quantity };
+    Resonance { frequency_hz: pole.frequency_hz, damping_ratio: pole.damping_ratio, quantity }
+}
+
+/// What a pole looks like in a setup's spectrum.
+fn curve(measured: &MeasuredSetup<'_>, pole: &StablePole) -> Curve {
+    let (grid, resonance) = (measured.spectrum.grid(), resonance(measured, pole));
+    let reach = (SHOWN_BANDWIDTHS * resonance.bandwidth_hz() / grid.spacing_hz()).max(SHOWN_LINES) as usize;
+    let lines = around(grid.nearest_line(pole.frequency_hz), reach, grid.lines);
+    let unit = &pole.shape / Complex64::from(pole.shape.norm());
+    Curve::of_pole(&measured.spectrum, &unit, &resonance, pole.power, lines)
+}
+
+/// A pole as the first method would give it, but for what it looks like.
+fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
+    let resonance = resonance(measured, pole);
     // The shape's largest component is 1.
     let largest = pole.power / pole.shape.norm_squared();
-    let grid = measured.spectrum.grid();
-    let centre = grid.nearest_line(pole.frequency_hz);
-    let reach = (SHOWN_BANDWIDTHS * resonance.bandwidth_hz() / grid.spacing_hz()).max(SHOWN_LINES) as usize;
-    let lines = [centre.saturating_sub(reach), (centre + reach).min(grid.lines.saturating_sub(1))];
-    let unit = &pole.shape / Complex64::from(pole.shape.norm());
     SetupMode {
         resonance,
         shape: pole.shape.clone(),
@@ -314,7 +323,7 @@ fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
         peak_density: pole.power * resonance.peak_density(1.0 / measured.spectrum.grid().spacing_hz()),
         level: largest.sqrt(),
         found: true,
-        curve: Curve::of_pole(&measured.spectrum, &unit, &resonance, pole.power, lines),
+        curve: Curve::default(),
         misfit: None,
         changes: GroupChanges::unknown(pole.shape.len()),
         collinearity: phase_collinearity(pole.shape.as_slice()),
