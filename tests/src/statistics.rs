@@ -1,8 +1,40 @@
 //! Statistics that the studies share.
 
+/// An error in units of its stated standard deviation; NaN where none is stated that it could be held against: null in JSON (infinite,
+/// or undetermined), or 0.
+pub(crate) fn z(error: f64, std: f64) -> f64 {
+    if std.is_finite() && std > 0.0 { error / std } else { f64::NAN }
+}
+
+/// How many values of [`z`] have no deviation behind them; [`rms`] and [`beyond`] leave these out.
+pub(crate) fn unknown(values: &[f64]) -> usize {
+    values.iter().filter(|value| value.is_nan()).count()
+}
+
 /// Root mean square of the finite ones; NaN where there are none.
 pub(crate) fn rms(values: &[f64]) -> f64 {
     let finite = values.iter().filter(|value| value.is_finite());
     let (sum, count) = finite.fold((0.0, 0), |(sum, count), value| (sum + value * value, count + 1));
     (sum / f64::from(count)).sqrt()
+}
+
+/// Percent of magnitudes beyond a limit.
+pub(crate) fn beyond(values: &[f64], limit: f64) -> f64 {
+    let known = values.len() - unknown(values);
+    100.0 * values.iter().filter(|value| value.abs() > limit).count() as f64 / known.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_has_no_deviation_is_counted_and_weighs_nothing() {
+        let values = [z(3.0, 1.0), z(2.0, 0.5), z(9.0, f64::NAN), z(9.0, f64::INFINITY), z(9.0, 0.0)];
+        assert_eq!(unknown(&values), 3);
+        // (3² + 4²) / 2 = 12.5.
+        assert!((rms(&values) - 12.5_f64.sqrt()).abs() < 1e-12);
+        assert_eq!((beyond(&values, 3.5), beyond(&values, 5.0)), (50.0, 0.0));
+        assert!(rms(&values[2..]).is_nan());
+    }
 }

@@ -26,7 +26,7 @@ const EXAMPLES: &str = "Examples:
   belfry identify canton --frequency-within 0.05 --damping-within 5
   belfry identify canton --method subspace     modes by the second method alone
 
-Modes are picked automatically. In [analysis] of study.toml, add_modes_hz and drop_modes_hz change the choice, modes_hz makes it. `best` in the table is the lower bound of the standard deviation on this record (Au 2014). `lines` are spectral lines in the mode's bandwidth, with less than one damping is hardly resolved. `misfit` is about 1, or less, where nothing is missing in the fit. `agrees` says whether subspace identification, a method with other assumptions, has the same mode within the standard deviations of both (`-`: it has no such mode; `alone`: it alone has the mode, and the values are its own). Where a setup has temperatures, modes are followed over the hours without --every.
+Modes are picked automatically. In [analysis] of study.toml, add_modes_hz and drop_modes_hz change the choice, modes_hz makes it. `best` in the table is the lower bound of the standard deviation on this record (Au 2014). `lines` are spectral lines in the mode's bandwidth, with less than one damping is hardly resolved. `misfit` is about 1, or less, where nothing is missing in the fit. `agrees` says whether subspace identification, a method with other assumptions, has the same mode within the standard deviations of both (`-`: it has no such mode; `end`: the mode is too near to the band's end to ask; `alone`: it alone has the mode, and the values are its own). Where a setup has temperatures, modes are followed over the hours without --every.
 
 Writes modes.json, singular_values.svg, mode_shapes.svg, fits.svg (every mode measured and fitted), stabilisation.svg and stabilisation.json (with --every also trends.csv and trends.svg) into the study's folder `results`.";
 
@@ -62,6 +62,7 @@ pub enum MethodArgument {
     /// The fit of the spectra alone
     Spectra,
     /// Covariance-driven subspace identification (SSI-cov) alone
+    #[value(alias = "ssi")]
     Subspace,
 }
 
@@ -115,9 +116,7 @@ fn forced(harmonic: &Harmonic) -> String {
     if harmonic.is_told_by_kurtosis() {
         return format!("Forced line at {hz:.4} Hz{how} (kurtosis {:.2}; a mode has 3): {what}.", harmonic.kurtosis);
     }
-    format!(
-        "Forced line at {hz:.4} Hz{how} (steadier than a mode's frequency can be): {what}. If it is one, name it: add_modes_hz = [{hz:.4}] in [analysis]."
-    )
+    format!("Forced line at {hz:.4} Hz{how} (steadier than a mode's frequency can be): {what}.")
 }
 
 /// When a forced line was there most: the parts of the record with at least half of the largest share, joined.
@@ -158,6 +157,12 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.say(format!("\n{}\n", modes_table(&report.identification, method == Method::Both)));
     for harmonic in &report.identification.harmonics {
         console.say(forced(harmonic));
+    }
+    if let Some(first) = report.identification.harmonics.first() {
+        console.say(format!(
+            "A mode of next to no damping looks like one in a short record: to have it as a mode, name it: add_modes_hz = [{:.4}] in [analysis].",
+            first.frequency_hz
+        ));
     }
     if let Some(sentence) = report.identification.rejected_in_words() {
         console.say(sentence);
@@ -230,7 +235,10 @@ fn modes_table(identification: &Identification, has_second_opinion: bool) -> Col
         if has_second_opinion {
             let agrees = |opinion: &SecondOpinion| if opinion.agrees { "yes" } else { "no" };
             row.push(match mode.method {
-                ModeMethod::Spectra => mode.second_opinion.as_ref().map_or("-", agrees).to_owned(),
+                ModeMethod::Spectra => {
+                    let none = if identification.is_at_end(mode) { "end" } else { "-" };
+                    mode.second_opinion.as_ref().map_or(none, agrees).to_owned()
+                }
                 ModeMethod::Subspace => "alone".to_owned(),
             });
         }
@@ -324,7 +332,7 @@ mod tests {
         assert!(line(1.5, 1.0).contains("(kurtosis 1.50; a mode has 3)"), "{}", line(1.5, 1.0));
         assert!(line(4.4, 0.34).contains("there 34 % of the time"), "{}", line(4.4, 0.34));
         let steady = line(3.2, 1.0);
-        assert!(!steady.contains("kurtosis") && steady.contains("add_modes_hz = [2.5000]"), "{steady}");
+        assert!(!steady.contains("kurtosis") && steady.contains("steadier than a mode's"), "{steady}");
     }
 
     #[test]

@@ -2,7 +2,6 @@
 //!
 //! Automatic picks flow in; the picks that the user wants, with warnings, flow out.
 
-use super::estimate::LEEWAY_LINES;
 use super::kurtosis::kurtosis;
 use super::pick::{Pick, peak_near};
 use super::result::{Identification, Mode};
@@ -95,15 +94,11 @@ pub(super) fn add_picks(
     picks.sort_by_key(|pick| pick.line);
 }
 
-/// Numbers of the modes that the user asked for: the one next to what was asked for, no further than a fit goes from the peak that was
-/// meant, is the one that was made for it.
-pub(super) fn asked_for(choice: &ModeChoice, identification: &Identification) -> Vec<usize> {
-    let spacing_hz = identification.frequency_resolution_hz;
-    let nearest = |hz: &f64| {
-        let distance_hz = |mode: &&Mode| (mode.frequency_hz - hz).abs();
-        let nearest = identification.modes.iter().min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
-        let reach_hz = meant_hz(spacing_hz, *hz) + LEEWAY_LINES * spacing_hz;
-        nearest.filter(|mode| distance_hz(mode) <= reach_hz.max(mode.bandwidth_hz())).map(|mode| mode.number)
+/// Numbers of the modes that the user asked for.
+pub(super) fn asked_for(identification: &Identification) -> Vec<usize> {
+    let is_by_user = |mode: &&Mode| {
+        let pick = mode.pick.and_then(|pick| identification.basis.picks.get(pick));
+        pick.is_some_and(|pick| pick.by_user)
     };
-    choice.add_hz.iter().filter_map(nearest).collect()
+    identification.modes.iter().filter(is_by_user).map(|mode| mode.number).collect()
 }

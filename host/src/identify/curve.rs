@@ -2,13 +2,19 @@
 //!
 //! The last fit of a mode flows in, and what its replicates measure; the curves, and how far they are from each other, flow out.
 
+use std::ops::Range;
+
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::bell::{Bell, BellFit};
 use super::joint::Seen;
+use super::resonance::Resonance;
 use super::scatter::jackknife;
+use super::shape::{Shape, filtered};
+use crate::spectra::CrossSpectrum;
+use crate::statistics::median;
 
 /// Chance makes fits look as bad as this once in so many modes; what is worse is something that the model of the spectrum lacks.
 const CHANCE: f64 = 1e-4;
@@ -41,6 +47,26 @@ impl Curve {
     /// What a mode that is fitted alone looks like.
     pub(super) fn of_bell(fit: &BellFit, bell: Bell) -> Self {
         Self { frequency_hz: bell.frequency_hz, measured: bell.density, expected: fit.expected.clone() }
+    }
+
+    /// What a pole looks like that explains `level` of the response along a shape of unit length, in these lines; what lies beside it is
+    /// taken for a floor.
+    pub(super) fn of_pole(
+        spectrum: &CrossSpectrum,
+        shape: &Shape,
+        resonance: &Resonance,
+        level: f64,
+        lines: Range<usize>,
+    ) -> Self {
+        let grid = spectrum.grid();
+        let line_shape = resonance.line_shape(1.0 / grid.spacing_hz());
+        let frequency_hz: Vec<f64> = lines.clone().map(|line| grid.frequency_hz(line)).collect();
+        let measured: Vec<f64> = lines.map(|line| filtered(shape, &spectrum.matrix(line))).collect();
+        let alone: Vec<f64> = frequency_hz.iter().map(|&hz| level * line_shape.density(hz)).collect();
+        let mut left: Vec<f64> = measured.iter().zip(&alone).map(|(measured, alone)| measured - alone).collect();
+        let floor = median(&mut left).unwrap_or(0.0).max(0.0);
+        let expected = alone.iter().map(|alone| [*alone, alone + floor]).collect();
+        Self { frequency_hz, measured, expected }
     }
 
     /// Its lines in Hz with what is measured and expected of everything there: (frequency, measured, expected).

@@ -77,9 +77,11 @@ pub(super) fn fit(
     let mut warnings = basis.warnings.clone();
     for (index, pick) in basis.picks.iter().enumerate() {
         if pick.by_user && judge::is_doubtful(&setups, grid.spacing_hz(), index) {
+            let at_hz = setups.first().and_then(|setup| setup.modes.get(index)).map(|mode| mode.resonance.frequency_hz);
             warnings.push(format!(
-                "the mode asked for near {:.4} Hz is hardly visible in the data: its values are mostly noise",
-                pick.frequency_hz(grid)
+                "the mode asked for near {:.4} Hz is hardly visible in the data: its fit is at {:.4} Hz, and its values are mostly noise",
+                pick.frequency_hz(grid),
+                at_hz.unwrap_or(f64::NAN)
             ));
         }
     }

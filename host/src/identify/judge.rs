@@ -5,7 +5,7 @@
 
 use super::curve::Misfit;
 use super::kurtosis::{AT_TIMES_SIGMAS, CHANGING_LINES, Kurtosis, SUSPECTED_SIGMAS};
-use super::merge::combine;
+use super::merge::{combine, own_deviation};
 use super::result::RejectedBecause;
 use super::setup_mode::{SetupMode, SetupModes};
 use super::shape::mac;
@@ -14,7 +14,7 @@ use super::shape::mac;
 const MAX_SHAPE_NOISE: f64 = 0.5;
 /// No structure has more damping; and less only where its lines show that.
 const MAX_DAMPING: f64 = 0.2;
-const MIN_DAMPING: f64 = 5e-4;
+pub(super) const MIN_DAMPING: f64 = 5e-4;
 /// Less is believed, as of a cable, where the lines that a mode was fitted to show its width: so many lie in its bandwidth, and its damping
 /// is so many of its standard deviations, and no less than of a taut string.
 const SHOWN_LINES: f64 = 0.5;
@@ -61,7 +61,9 @@ pub(super) fn worst(
         let here = estimates(pick);
         let is_double = |other: usize| {
             let are_twins = is_twin(pick) && is_twin(other);
-            is_double_of(&here, &estimates(other), spacing_hz, are_twins)
+            // What the user asked for stays, but where it is nothing it takes no mode's place.
+            let is_anything = estimates(other).iter().any(|mode| mode.found);
+            is_anything && is_double_of(&here, &estimates(other), spacing_hz, are_twins)
         };
         let doubled = (0..picks).any(|other| other != pick && is_double(other));
         let (doubt, because) =
@@ -155,8 +157,9 @@ fn doubt(estimates: &[&SetupMode], spacing_hz: f64) -> (f64, RejectedBecause) {
     }
     // A setup that does not show the mode says nothing of it.
     let shape_noise = found.iter().map(|mode| mode.shape_noise).sum::<f64>() / found.len() as f64;
-    let (frequency_hz, frequency_std_hz) =
-        combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
+    let (frequency_hz, _) = combine(found.iter().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
+    // How sure each setup is: a structure that changed between setups has the mode all the same.
+    let frequency_std_hz = own_deviation(found.iter().map(|mode| mode.frequency_std_hz));
     let (damping, _) = combine(found.iter().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
     // No structure has so little damping: the fit took a line of noise for a resonance.
     let without_width = found.iter().filter(|mode| has_no_width(mode)).count();

@@ -27,8 +27,10 @@ const TWIN_SIGMAS: f64 = 3.0;
 /// The mean square of the sine of an angle that may be any, and the mean of its fourth power over the square of that.
 const ANY_DIRECTION: f64 = 0.5;
 const FOURTH_OVER_SQUARE: f64 = 1.5;
-/// Setups disagree when their frequencies differ by this many standard deviations.
+/// Setups disagree when their frequencies differ by this many standard deviations, and by this share from the mean: the wind of an hour
+/// makes less.
 const DISAGREEMENT_SIGMAS: f64 = 4.0;
+const NO_CHANGE: f64 = 1e-3;
 
 /// Merges all setups' estimates.
 pub(super) fn merge(
@@ -143,7 +145,12 @@ pub(super) fn number(modes: &mut [Mode]) {
 
 /// What a setup's averages cover, in s.
 pub(super) fn duration_s(measured: &MeasuredSetup<'_>, grid: &LineGrid) -> f64 {
-    (measured.spectrum.averages() + 1) as f64 * 0.5 / grid.spacing_hz()
+    covered_s(measured.spectrum.averages(), grid)
+}
+
+/// What so many averages cover, in s.
+pub(super) fn covered_s(averages: usize, grid: &LineGrid) -> f64 {
+    (averages + 1) as f64 * 0.5 / grid.spacing_hz()
 }
 
 fn points(measured: &[MeasuredSetup<'_>]) -> Vec<Point> {
@@ -190,16 +197,23 @@ fn merged(
         combine(found().map(|mode| (mode.resonance.frequency_hz, mode.frequency_std_hz)));
     let (damping_ratio, damping_ratio_std) =
         combine(found().map(|mode| (mode.resonance.damping_ratio, mode.damping_std)));
-    for (mode, m) in estimates.iter().zip(measured) {
+    let own_std_hz = own_deviation(found().map(|mode| mode.frequency_std_hz));
+    let is_elsewhere = |mode: &SetupMode| {
         let difference = (mode.resonance.frequency_hz - frequency_hz).abs();
-        if mode.found && difference > DISAGREEMENT_SIGMAS * mode.frequency_std_hz.hypot(frequency_std_hz) {
-            warnings.push(format!(
-                "{}: setup \"{}\" has it at {:.4} Hz; the structure or the load changed between setups",
-                place(frequency_hz),
-                m.setup.name,
-                mode.resonance.frequency_hz
-            ));
-        }
+        // The mean holds the setup's own value, and is that much nearer to it.
+        let std_hz = (mode.frequency_std_hz.powi(2) - own_std_hz.powi(2)).max(0.0).sqrt();
+        mode.found && difference > DISAGREEMENT_SIGMAS * std_hz && difference > NO_CHANGE * frequency_hz
+    };
+    let elsewhere = estimates.iter().zip(measured).filter(|(mode, _)| is_elsewhere(mode));
+    let elsewhere: Vec<String> = elsewhere
+        .map(|(mode, m)| format!("setup \"{}\" has it at {:.4} Hz", m.setup.name, mode.resonance.frequency_hz))
+        .collect();
+    if !elsewhere.is_empty() {
+        warnings.push(format!(
+            "{}: {}; the structure or the load changed between setups",
+            place(frequency_hz),
+            elsewhere.join(", ")
+        ));
     }
     let fitted: Vec<FittedSpectrum> = measured.iter().zip(estimates).filter_map(|(m, mode)| fitted(m, mode)).collect();
     warnings.extend(misfits(frequency_hz, &fitted));
@@ -320,17 +334,31 @@ fn weak_references(
     estimates.iter().zip(measured).enumerate().filter_map(warning).collect()
 }
 
+/// The deviation of a mean by inverse variance that the values' own deviations give it; infinite where none is known.
+pub(super) fn own_deviation(stds: impl Iterator<Item = f64>) -> f64 {
+    weight(stds.filter(|std| is_known(*std))).powf(-0.5)
+}
+
+fn is_known(std: f64) -> bool {
+    std.is_finite() && std > 0.0
+}
+
+/// That of a mean by inverse variance.
+fn weight(stds: impl Iterator<Item = f64>) -> f64 {
+    stds.map(|std| std.powi(-2)).sum()
+}
+
 /// Mean by inverse variance and its deviation, which grows where the values scatter more than their deviations explain. Values
 /// without a known deviation count only where no deviation is known.
 pub(super) fn combine(values: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
-    let known = values.clone().filter(|(_, std)| std.is_finite() && *std > 0.0);
+    let known = values.clone().filter(|(_, std)| is_known(*std));
     let count = known.clone().count();
     if count == 0 {
         let count = values.clone().count().max(1) as f64;
         let std = values.clone().map(|(_, std)| std).fold(0.0, f64::max);
         return (values.map(|(value, _)| value).sum::<f64>() / count, std / count.sqrt());
     }
-    let weight: f64 = known.clone().map(|(_, std)| std.powi(-2)).sum();
+    let weight = weight(known.clone().map(|(_, std)| std));
     let mean = known.clone().map(|(value, std)| value * std.powi(-2)).sum::<f64>() / weight;
     let scatter: f64 = known.map(|(value, std)| ((value - mean) / std).powi(2)).sum();
     let excess = (scatter / (count.max(2) - 1) as f64).max(1.0);

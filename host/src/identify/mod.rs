@@ -56,6 +56,7 @@ use crate::spectra::{LineGrid, around};
 use crate::statistics::median;
 use crate::study::ModeChoice;
 use fit::Basis;
+use merge::covered_s;
 use pick::Pick;
 use shape::Shape;
 use singular::SingularValues;
@@ -197,7 +198,7 @@ fn check_averages(measured: &[MeasuredSetup<'_>], grid: &LineGrid, choice: &Mode
     for m in measured {
         let (setup, averages, channels) = (m.setup.name.clone(), m.spectrum.averages(), m.spectrum.channels().len());
         if averages < channels {
-            let covered_min = |averages: usize| (averages + 1) as f64 * 0.5 / grid.spacing_hz() / 60.0;
+            let covered_min = |averages: usize| covered_s(averages, grid) / 60.0;
             let (present_min, needed_min) = (covered_min(averages), covered_min(AVERAGES_A_CHANNEL * channels).ceil());
             let is_shortest = grid.segment <= SHORTEST_SEGMENT;
             return Err(IdentifyError::RankDeficient {

@@ -274,10 +274,7 @@ impl<'a> Layer<'a> {
             let edges: Option<Vec<f64>> = decompositions
                 .iter()
                 .zip(sources)
-                // As many values as shapes are taken out are nothing.
-                .map(|(d, source)| {
-                    noise_edge(&d.values[..d.values.len().saturating_sub(out.len())], source.averages())
-                })
+                .map(|(d, source)| noise_edge(&d.values, out.len(), source.averages()))
                 .collect();
             layer.log_edge.push(edges.map(|edges| mean_log(&mut edges.into_iter())));
             layer.lines.push(decompositions);
@@ -351,6 +348,9 @@ impl<'a> Layer<'a> {
             |lines: usize| OVERLAP_VARIANCE / averages.max(1) as f64 * (JOINED_LINES / lines as f64).min(1.0);
         let is_beyond = |half: usize| -> Option<bool> {
             let (first, after) = (centre.checked_sub(half)?, centre + half + 1);
+            if first < lines.start || after > lines.end {
+                return None;
+            }
             let wide = (after - first).max(2);
             let [below, above] = [
                 first.checked_sub(1 + wide).filter(|from| *from >= lines.start).map(|from| from..first - 1),
@@ -441,6 +441,7 @@ pub(super) fn projected(matrix: DMatrix<Complex64>, shapes: &[&Shape]) -> DMatri
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identify::plane::tests::{recorded, two_modes};
 
     #[test]
     fn the_saddle_is_the_higher_of_the_two_valleys_beside_a_peak() {
@@ -448,6 +449,23 @@ mod tests {
         assert_eq!(saddle(&curve, 2), 1.0);
         assert_eq!(saddle(&curve, 4), 1.5);
         assert_eq!(saddle(&curve, 6), 9.0, "nothing to the right: the edge is ground");
+    }
+
+    #[test]
+    fn lines_at_the_ends_of_the_band_are_looked_at_as_far_as_there_are_lines() {
+        let spectrum = recorded(&two_modes(0.53), 1);
+        let sources = [Source::Averages(&spectrum)];
+        let singular = [SingularValues::of(&sources[0])];
+        let lines = sources[0].grid().lines;
+        let whole = Layer::new(&sources, &singular, &[], 0..lines);
+        let beyond: Vec<usize> = (0..lines).filter(|&line| whole.is_beyond_chance(line)).collect();
+        let hz = |line: usize| sources[0].grid().frequency_hz(line);
+        assert!(beyond.iter().any(|&line| (hz(line) - 0.5).abs() < 0.01), "the mode itself");
+        assert!(
+            beyond.iter().all(|&line| (0.4..0.65).contains(&hz(line))),
+            "{:?}",
+            beyond.iter().map(|&line| hz(line)).collect::<Vec<_>>()
+        );
     }
 
     #[test]

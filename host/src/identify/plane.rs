@@ -61,9 +61,7 @@ fn other_direction(matrices: &Matrices<'_>, modes: &[SetupMode], mode: usize) ->
         return None;
     }
     let (whole, other) = (leading(matrices.at(line).clone()).value, beside(line));
-    // As many values as shapes are taken out are nothing.
-    let left = other.values.get(..other.values.len().saturating_sub(shapes.len()))?;
-    let edge = noise_edge(left, matrices.source.averages())?;
+    let edge = noise_edge(&other.values, shapes.len(), matrices.source.averages())?;
     if other.value < PAIR_SHARE * whole || other.value < NOISE_FACTOR * edge {
         return None;
     }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::covariance::CovarianceFactor;
 use super::fit::Basis;
 use super::kurtosis::HARMONIC_KURTOSIS;
-use super::ssi::{SecondOpinion, StabilisationDiagram, SubspacePole};
+use super::ssi::{OUTER_MARGIN_LINES, SecondOpinion, StabilisationDiagram, SubspacePole};
 use super::tone::LOBE_LINES;
 
 /// What is found within so many lines and this share of a mode's bandwidth together is that mode.
@@ -57,13 +57,22 @@ impl Identification {
         narrow > 0 && 2 * (narrow + peaks) > self.modes.len() + peaks
     }
 
+    /// Whether a mode is so near to an end of the band that the subspace cannot be asked.
+    pub fn is_at_end(&self, mode: &Mode) -> bool {
+        let margin_hz = OUTER_MARGIN_LINES * self.frequency_resolution_hz;
+        let of = |setup: &SingularSpectrum| Some([*setup.frequency_hz.first()?, *setup.frequency_hz.last()?]);
+        let ends_hz = self.singular_values.first().and_then(of);
+        ends_hz.is_some_and(|[low, high]| mode.frequency_hz < low + margin_hz || mode.frequency_hz > high - margin_hz)
+    }
+
     /// Takes back what the warnings say of a mode that is no longer listed.
     pub(super) fn say_no_more_of(&mut self, mode: &Mode) {
-        let other = self.modes.iter().find(|other| Some(other.number) == mode.pair_with);
-        let others_hz = other.map_or(mode.frequency_hz, |other| other.frequency_hz);
-        let pair = pair_of(mode.frequency_hz.min(others_hz), mode.frequency_hz.max(others_hz));
-        let place = place(mode.frequency_hz);
-        self.warnings.retain(|warning| !warning.starts_with(&place) && !warning.starts_with(&pair));
+        let (place, hz) = (place(mode.frequency_hz), in_hz(mode.frequency_hz));
+        let is_of_pair = |warning: &str| {
+            let names = warning.strip_prefix(PAIR).and_then(|rest| rest.split(" Hz").next());
+            names.is_some_and(|names| names.split(' ').any(|name| name == hz))
+        };
+        self.warnings.retain(|warning| !warning.starts_with(&place) && !is_of_pair(warning));
     }
 
     /// What was rejected with the reasons, and how to keep one; `None` where there is nothing.
@@ -142,12 +151,19 @@ pub struct Mode {
 
 /// How sentences begin that say something of a mode.
 pub(super) fn place(frequency_hz: f64) -> String {
-    format!("mode at {frequency_hz:.4} Hz")
+    format!("mode at {} Hz", in_hz(frequency_hz))
 }
 
 /// The same of two.
 pub(super) fn pair_of(lower_hz: f64, upper_hz: f64) -> String {
-    format!("the modes at {lower_hz:.4} and {upper_hz:.4} Hz")
+    format!("{PAIR}{} and {} Hz", in_hz(lower_hz), in_hz(upper_hz))
+}
+
+const PAIR: &str = "the modes at ";
+
+/// A frequency as sentences have it.
+fn in_hz(frequency_hz: f64) -> String {
+    format!("{frequency_hz:.4}")
 }
 
 /// The method that a mode's values come from.
@@ -298,6 +314,8 @@ pub enum RejectedBecause {
     Unseen,
     /// Its damping is hardly known, and no mode of the record is known well.
     Uncertain,
+    /// It is narrower than a line, with a small share of the other modes' damping: a machine's, or a cable's.
+    Narrow,
     /// It is wide and far from the measured spectrum: a resonance in the place of several.
     Bridge,
     /// Its fit did not move with the data.
@@ -325,6 +343,7 @@ impl std::fmt::Display for RejectedBecause {
             Self::Frequency => "its frequency is mostly noise",
             Self::Unseen => "its damping is hardly known, and the subspace has no such mode",
             Self::Uncertain => "its damping is hardly known, and no mode of the record is known well",
+            Self::Narrow => "it is narrower than a line and has less than a tenth of the other modes' damping, as of a machine, or a cable",
             Self::Bridge => "it is wide and far from the measured spectrum, as of several modes in one",
             Self::Stuck => "the fit there ran into a limit",
             Self::Phases => "its parts move at all phases",
@@ -351,6 +370,15 @@ pub struct SingularSpectrum {
 mod tests {
     use super::*;
     use crate::identify::accuracy::tests::found;
+
+    #[test]
+    fn what_is_said_of_a_mode_goes_with_it_and_what_is_said_of_others_stays() {
+        let said = [place(1.25), pair_of(1.25, 1.26), pair_of(1.2, 1.25), place(1.2501), pair_of(0.25, 11.25)];
+        let mut identification = Identification { warnings: said.to_vec(), ..found() };
+        let gone = Mode { frequency_hz: 1.25, ..identification.modes.remove(0) };
+        identification.say_no_more_of(&gone);
+        assert_eq!(identification.warnings, said[3..]);
+    }
 
     #[test]
     fn finer_lines_are_wanted_where_most_modes_and_sharp_peaks_are_narrower_than_half_a_line() {

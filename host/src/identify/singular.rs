@@ -120,9 +120,11 @@ impl SingularValues {
 /// The level that noise alone would give the largest singular value, from the small ones.
 ///
 /// The mean of the values beyond the modes' is the noise density nu; the largest value of a matrix of pure noise of n
-/// channels over M averages then lies near nu (1 + sqrt(n / M))^2 (Marchenko & Pastur 1967). `None` with fewer than
-/// [`NOISE_EDGE_CHANNELS`].
-pub(super) fn noise_edge(values: &[f64], averages: usize) -> Option<f64> {
+/// channels over M averages then lies near nu (1 + sqrt(n / M))^2 (Marchenko & Pastur 1967). Of channels with as many shapes
+/// `taken_out` n is what is left. `None` where that is fewer than [`NOISE_EDGE_CHANNELS`].
+pub(super) fn noise_edge(values: &[f64], taken_out: usize, averages: usize) -> Option<f64> {
+    // As many values as shapes are taken out are nothing.
+    let values = &values[..values.len().saturating_sub(taken_out)];
     let rest = values.get(RANKS_OF_MODES..).filter(|_| values.len() >= NOISE_EDGE_CHANNELS)?;
     let floor = rest.iter().sum::<f64>() / rest.len() as f64;
     Some(floor * edge_over_density(values.len(), averages))

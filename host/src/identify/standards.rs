@@ -5,9 +5,10 @@
 //! enough for what the second method found.
 
 use super::choice::asked_for;
+use super::fit::usual_damping;
+use super::judge::{MIN_DAMPING, UNUSUAL_DAMPING};
 use super::merge::number;
 use super::result::{Identification, Mode, ModeMethod, Rejected, RejectedBecause, place};
-use crate::study::ModeChoice;
 
 /// A deviation below this share of the lower bound says that the fit ran into a wall: chance alone halves it now and then.
 const LEAST_OF_BOUND: f64 = 0.1;
@@ -22,12 +23,13 @@ const COLLINEAR: f64 = 0.6;
 const DIFFERENT_SIGMAS: f64 = 2.0;
 
 /// Takes out what is no mode, and widens deviations that are too small.
-pub fn hold_to_standards(identification: &mut Identification, choice: &ModeChoice) {
-    let asked_for = asked_for(choice, identification);
-    let is_asked_for = |mode: &Mode| choice.only_hz.is_some() || asked_for.contains(&mode.number);
+pub fn hold_to_standards(identification: &mut Identification) {
+    let asked_for = asked_for(identification);
+    let usual_damping = usual_damping(identification.modes.iter().map(|mode| mode.damping_ratio));
+    let is_asked_for = |mode: &Mode| asked_for.contains(&mode.number);
     let mut kept = Vec::new();
     for mut mode in std::mem::take(&mut identification.modes) {
-        match fault(&mode).filter(|_| !is_asked_for(&mode)) {
+        match fault(&mode, usual_damping).filter(|_| !is_asked_for(&mode)) {
             Some(because) => {
                 identification.rejected.push(Rejected { frequency_hz: mode.frequency_hz, because });
                 identification.say_no_more_of(&mode);
@@ -52,13 +54,17 @@ pub fn hold_to_standards(identification: &mut Identification, choice: &ModeChoic
     identification.warnings.extend(warnings.collect::<Vec<_>>());
 }
 
-/// Why a mode is none.
-fn fault(mode: &Mode) -> Option<RejectedBecause> {
+/// Why a mode is none. `usual_damping` is the median of all modes'.
+fn fault(mode: &Mode, usual_damping: f64) -> Option<RejectedBecause> {
     let is_stuck = mode.frequency_std_hz < LEAST_OF_BOUND * mode.frequency_std_bound_hz
         || mode.damping_ratio_std < LEAST_OF_BOUND * mode.damping_ratio_std_bound;
+    let is_narrow =
+        mode.lines_in_bandwidth < 1.0 && mode.damping_ratio < MIN_DAMPING.min(UNUSUAL_DAMPING * usual_damping);
     let has_no_shape = mode.phase_collinearity_as_measured < LEAST_COLLINEARITY && mode.pair_with.is_none();
     if is_stuck {
         Some(RejectedBecause::Stuck)
+    } else if is_narrow {
+        Some(RejectedBecause::Narrow)
     } else if has_no_shape {
         Some(RejectedBecause::Phases)
     } else {
@@ -88,6 +94,7 @@ fn widen(mode: &mut Mode) {
 mod tests {
     use super::*;
     use crate::identify::accuracy::tests::found;
+    use crate::identify::pick::Pick;
     use crate::identify::ssi::SecondOpinion;
 
     /// A mode at 2 Hz of 1 % damping, an hour of record: the bounds are 0.00094 Hz and 0.047 %.
@@ -100,13 +107,16 @@ mod tests {
             frequency_std_bound_hz: 9.4e-4,
             damping_ratio_std_bound: 4.7e-4,
             phase_collinearity_as_measured: 0.99,
+            lines_in_bandwidth: 8.0,
             ..found().modes.remove(0)
         }
     }
 
-    fn held(mode: Mode, choice: &ModeChoice) -> Identification {
-        let mut identification = Identification { modes: vec![mode], ..found() };
-        hold_to_standards(&mut identification, choice);
+    /// A mode that the user asked for or not.
+    fn held(mode: Mode, by_user: bool) -> Identification {
+        let mut identification = Identification { modes: vec![Mode { pick: Some(0), ..mode }], ..found() };
+        identification.basis.picks = vec![Pick { by_user, ..Pick::new(0, Vec::new()) }];
+        hold_to_standards(&mut identification);
         identification
     }
 
@@ -115,22 +125,26 @@ mod tests {
         let stuck = Mode { damping_ratio_std: 1e-9, ..mode() };
         let phases = Mode { phase_collinearity_as_measured: 0.05, ..mode() };
         for (bad, because) in [(stuck.clone(), RejectedBecause::Stuck), (phases, RejectedBecause::Phases)] {
-            let held = held(bad, &ModeChoice::default());
+            let held = held(bad, false);
             assert!(held.modes.is_empty());
             assert_eq!(held.rejected, [Rejected { frequency_hz: 2.0, because }]);
         }
-        let asked_for = ModeChoice { add_hz: vec![2.001], ..ModeChoice::default() };
-        assert_eq!(held(stuck, &asked_for).modes.len(), 1, "the user's word counts");
+        assert_eq!(held(stuck, true).modes.len(), 1, "the user's word counts");
+        let sharp = |mode: Mode| Mode { lines_in_bandwidth: 0.5, damping_ratio: 3e-4, ..mode };
+        let mut beside = Identification { modes: vec![mode(), mode(), sharp(mode())], ..found() };
+        hold_to_standards(&mut beside);
+        assert_eq!(beside.rejected, [Rejected { frequency_hz: 2.0, because: RejectedBecause::Narrow }]);
+        assert_eq!(held(sharp(mode()), false).modes.len(), 1, "where all modes are as sharp, as of cables");
         let of_a_pair = Mode { phase_collinearity_as_measured: 0.05, pair_with: Some(2), ..mode() };
-        assert_eq!(held(of_a_pair, &ModeChoice::default()).modes.len(), 1);
-        assert_eq!(held(mode(), &ModeChoice::default()).warnings, Vec::<String>::new());
+        assert_eq!(held(of_a_pair, false).modes.len(), 1);
+        assert_eq!(held(mode(), false).warnings, Vec::<String>::new());
         let doubtful = Mode { phase_collinearity_as_measured: 0.5, ..mode() };
-        assert_eq!(held(doubtful, &ModeChoice::default()).warnings.len(), 1);
+        assert_eq!(held(doubtful, false).warnings.len(), 1);
     }
 
     #[test]
     fn deviations_are_not_far_below_the_bound_and_hold_what_the_second_method_found() {
-        let kept = |mode: Mode| held(mode, &ModeChoice::default()).modes.remove(0);
+        let kept = |mode: Mode| held(mode, false).modes.remove(0);
         assert_eq!(kept(mode()).frequency_std_hz, 1e-3);
         assert_eq!(kept(Mode { frequency_std_hz: 2e-4, ..mode() }).frequency_std_hz, 4.7e-4);
         assert_eq!(kept(Mode { frequency_std_hz: 6e-4, ..mode() }).frequency_std_hz, 6e-4);

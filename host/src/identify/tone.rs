@@ -128,7 +128,8 @@ fn offset(here: f64, left: f64, right: f64) -> f64 {
 pub(super) fn frequency_hz(grid: &LineGrid, singular: &[SingularSpectrum], (line, wanders): Tone) -> f64 {
     let power = |line: usize| {
         let values = singular.iter().filter_map(|setup| setup.values.first()?.get(line));
-        let (count, sum) = values.fold((0, 0.0), |(count, sum), value| (count + 1, sum + value.max(f64::MIN_POSITIVE).ln()));
+        let (count, sum) =
+            values.fold((0, 0.0), |(count, sum), value| (count + 1, sum + value.max(f64::MIN_POSITIVE).ln()));
         // Nothing is known of a line beyond the band.
         if count == 0 { 0.0 } else { (sum / f64::from(count)).exp() }
     };

@@ -142,7 +142,7 @@ fn jump_sentence(setup: &Setup, jumps: &Jumps) -> Option<String> {
     }
     (jumps.places > 0).then(|| {
         format!(
-            "all channels jump at once at {} places, the first {at} into the record; more may be hidden. Rows may be missing, parts may be joined, or blows strike the structure. If 1 % of the rows are missing, frequencies come out 1 % too high and damping too large: put empty cells in their place, or give the file a column of times in seconds, named time_s",
+            "all channels jump at once at {} places, the first {at} into the record; more may be hidden. Rows may be missing, parts may be joined, a machine may go on or off, or blows strike the structure. If single rows are missing here and there, 1 % of all, frequencies come out 1 % too high and damping too large: put empty cells in their place, or give the file a column of times in seconds, named time_s",
             jumps.places
         )
     })

@@ -67,7 +67,7 @@ fn draw(area: &Area<'_>, mode: &Mode, spectrum: &FittedSpectrum) -> DrawResult {
     let positive = || spectrum.measured.iter().chain(&spectrum.fitted).copied().filter(|value| *value > 0.0);
     let (low, high) = positive().fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
     let (low, high) = (0.6 * low, 1.6 * high);
-    let warning = if spectrum.is_misfit { ", not explained whole" } else { "" };
+    let warning = if spectrum.is_misfit { ", something else lies here" } else { "" };
     let caption = format!(
         "mode {}: {:.4} Hz, damping {:.2} %{warning}",
         mode.number,
@@ -135,7 +135,8 @@ fn draw_residuals(area: &Area<'_>, spectrum: &FittedSpectrum, band_hz: std::ops:
         .axis_style(FRAME)
         .draw()?;
     if residuals.is_empty() {
-        let text = Text::new("too few windows for a standard deviation", (LABELS as i32 + 14, 22), ("sans-serif", 11));
+        let text =
+            Text::new("the standard deviation of a line is not known", (LABELS as i32 + 14, 22), ("sans-serif", 11));
         area.draw(&text)?;
         return Ok(());
     }
@@ -190,6 +191,6 @@ mod tests {
         let svg = drawn(0.1, &mut identification);
         assert_eq!((circles(&svg), red(&svg)), (6, 1), "three dots above and three below");
         let svg = drawn(f64::NAN, &mut identification);
-        assert!(circles(&svg) == 3 && svg.contains("too few windows"), "{svg}");
+        assert!(circles(&svg) == 3 && svg.contains("the standard deviation of a line is not known"), "{svg}");
     }
 }

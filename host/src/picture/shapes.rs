@@ -24,7 +24,7 @@ struct MeasuredPoint<'a> {
 
 /// Draws the shapes of all modes; dots with bars of two standard deviations are measured, thin lines join the points of
 /// one vertical and direction, open circles are the truth (one entry a mode, in the modes' order). `None` where no sensor
-/// has a height and a horizontal direction.
+/// has a height and a direction that is not upwards.
 ///
 /// # Errors
 /// When drawing fails.
@@ -75,18 +75,16 @@ pub fn mode_shapes(
 }
 
 fn points_by_name(setups: &[Setup]) -> BTreeMap<&str, MeasuredPoint<'_>> {
-    let mut azimuths: Vec<f64> = Vec::new();
+    let mut directions: Vec<Direction> = Vec::new();
     let mut points_by_name = BTreeMap::new();
     for sensor in setups.iter().flat_map(|setup| &setup.sensors) {
-        let (Some(elevation_m), Some(Direction::AzimuthDeg(azimuth))) = (sensor.elevation_m, sensor.direction) else {
-            continue;
-        };
-        if !sensor.is_of_a_point() {
+        let (Some(elevation_m), Some(direction)) = (sensor.elevation_m, sensor.direction) else { continue };
+        if !sensor.is_of_a_point() || direction == Direction::Up {
             continue;
         }
-        let index = azimuths.iter().position(|other| *other == azimuth).unwrap_or_else(|| {
-            azimuths.push(azimuth);
-            azimuths.len() - 1
+        let index = directions.iter().position(|other| *other == direction).unwrap_or_else(|| {
+            directions.push(direction);
+            directions.len() - 1
         });
         let color = DIRECTIONS[index % DIRECTIONS.len()];
         points_by_name.insert(sensor.point.as_str(), MeasuredPoint { sensor, elevation_m, color });
@@ -107,17 +105,21 @@ fn draw_header(
     header.draw(&text(&format!("{structure}: mode shapes"), 12, 10, 20, &black))?;
     let mut legend: Vec<(String, RGBColor)> = Vec::new();
     for point in points_by_name.values() {
-        if let Some(Direction::AzimuthDeg(azimuth)) = point.sensor.direction {
-            let label = format!("● towards {azimuth}°");
-            if !legend.iter().any(|(other, _)| *other == label) {
-                legend.push((label, point.color));
+        let label = match point.sensor.direction {
+            Some(Direction::AzimuthDeg(azimuth)) => Some(format!("● towards {azimuth}°")),
+            Some(Direction::Inclined { azimuth_deg, inclination_deg }) => {
+                Some(format!("● towards {azimuth_deg}°, {inclination_deg}° up"))
             }
+            Some(Direction::Up) | None => None,
+        };
+        if let Some(label) = label.filter(|label| !legend.iter().any(|(other, _)| other == label)) {
+            legend.push((label, point.color));
         }
     }
     let mut x = 14;
     for (label, color) in &legend {
         header.draw(&text(label, x, 40, 13, color))?;
-        x += 130;
+        x += if label.contains(',') { 190 } else { 130 };
     }
     let rest = if truth { "bars: two standard deviations; circles: truth" } else { "bars: two standard deviations" };
     header.draw(&text(rest, x, 40, 13, &black))?;

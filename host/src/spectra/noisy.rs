@@ -2,8 +2,9 @@
 //!
 //! An averaged cross-spectral matrix flows in; the channels to leave out, and those to name, flow out. What the other channels
 //! explain of a channel is its multiple coherence, `1 - 1 / (G_cc (G⁻¹)_cc)` (Bendat and Piersol 2010, "Random Data", section 7.3).
-//! A loud one is left out. A sensor that hardly moves is mostly noise as well, and stays: its noise is small beside the others'
-//! motion, and that it hardly moves is worth knowing. It is named, for one that is not connected looks the same.
+//! A loud one is left out: where the structure moves its noise is more than the others' motion, or it shows as much as they do over all
+//! lines and nowhere anything of theirs. A sensor that hardly moves is mostly noise as well, and stays: its noise is small beside the
+//! others' motion, and that it hardly moves is worth knowing. It is named, for one that is not connected looks the same.
 
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -61,6 +62,8 @@ impl CrossSpectrum {
         let is_nowhere_coherent: Vec<bool> = (0..channels)
             .map(|channel| lines.chunks_exact(BAND).all(|band| in_band(band, channel) < INCOHERENT_IN_ALL))
             .collect();
+        let all: Vec<f64> = (0..channels).map(|channel| lines.iter().map(|line| line.power[channel]).sum()).collect();
+        let usual_in_all = middle_of(&all);
         let agreement = |line: &Line| middle_of(&line.coherence);
         lines.sort_by(|a, b| agreement(b).total_cmp(&agreement(a)));
         lines.truncate(((MOVING * lines.len() as f64) as usize).max(1));
@@ -73,7 +76,7 @@ impl CrossSpectrum {
         let noise = |channel: usize| mean(&|line| line.power[channel] * (1.0 - line.coherence[channel]));
         let mut alone = Alone::default();
         for channel in (0..channels).filter(|channel| coherence[*channel] < INCOHERENT) {
-            if noise(channel) > LOUD * usual {
+            if noise(channel) > LOUD * usual || (is_nowhere_coherent[channel] && all[channel] > usual_in_all) {
                 alone.loud.push(self.channels()[channel]);
             } else if is_nowhere_coherent[channel] {
                 alone.quiet.push(self.channels()[channel]);
@@ -151,6 +154,8 @@ mod tests {
         assert!(spectrum(&motion, &[0.1; 6]).alone().loud.is_empty());
         // Where all are noise, none is to blame.
         assert!(spectrum(&motion, &[9.0; 6]).alone().loud.is_empty());
+        // As loud as the others over all lines, and nowhere coherent.
+        assert_eq!(spectrum(&motion, &[0.1, 0.1, 0.1, 0.1, 0.1, 1.5]).alone().loud, [5]);
         assert!(spectrum(&motion[..3], &[0.1, 9.0, 0.1]).alone().loud.is_empty(), "two against one prove nothing");
     }
 

@@ -166,7 +166,7 @@ fn identify_lines(
     if method == Method::Both {
         add_second_opinion(&measurement.setups, choice, &mut identification)?;
     }
-    hold_to_standards(&mut identification, choice);
+    hold_to_standards(&mut identification);
     let times = Times { modes, second_opinion: second_start.elapsed(), all: start.elapsed() };
     let mut warnings = measurement.warnings.clone();
     warnings.extend(block_warnings(&identification.modes, &measurement.setups));

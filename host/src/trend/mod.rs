@@ -261,7 +261,10 @@ fn p_value_of_no_change(seen: &[(&TrendInterval, &IntervalMode)]) -> Option<f64>
     Some(distribution.sf(statistic.max(0.0)))
 }
 
-/// Change with temperature and with the level: together over the intervals that have a temperature, where both vary by
+/// Standard deviation of the level's logarithm over the intervals, in decades, from which on its effect is asked for: a sixth more or less.
+const LEAST_SPREAD: f64 = 0.07;
+
+/// Change with temperature and with the level, if that varies: together over the intervals that have a temperature, where both vary by
 /// themselves, else with the level alone. Of several setups the one with the most intervals is used: in another the level is
 /// that of other sensors.
 fn dependences(seen: &[(&TrendInterval, &IntervalMode)]) -> [Option<Slope>; 2] {
@@ -269,23 +272,32 @@ fn dependences(seen: &[(&TrendInterval, &IntervalMode)]) -> [Option<Slope>; 2] {
     let setup = seen.iter().map(|(interval, _)| interval.setup.as_str()).max_by_key(|setup| count(setup));
     let of_setup: Vec<_> = seen.iter().filter(|(interval, _)| Some(interval.setup.as_str()) == setup).collect();
     let percent = |slope: Slope| Slope { value: 100.0 * slope.value, std: 100.0 * slope.std };
-    let fit = |chosen: &[&&(&TrendInterval, &IntervalMode)], with_temperature: bool| {
+    let fit = |chosen: &[&&(&TrendInterval, &IntervalMode)], with_temperature: bool| -> Option<[Option<Slope>; 2]> {
         let column =
             |of: fn(&(&TrendInterval, &IntervalMode)) -> f64| chosen.iter().map(|seen| of(seen)).collect::<Vec<f64>>();
         let y = column(|(_, mode)| mode.frequency_hz.ln());
         let std = column(|(_, mode)| mode.frequency_std_hz / mode.frequency_hz);
         let level = column(|(_, mode)| mode.response_rms.max(f64::MIN_POSITIVE).log10());
         let temperature = column(|(interval, _)| interval.temperature_degc.unwrap_or(f64::NAN));
-        let regressors = if with_temperature { vec![temperature, level] } else { vec![level] };
-        slopes(&y, &std, &regressors)
+        // With a level that hardly varies everything would change that drifts.
+        let with_level = spread(&level) > LEAST_SPREAD;
+        let regressors = [(temperature, with_temperature), (level, with_level)];
+        let regressors: Vec<Vec<f64>> =
+            regressors.into_iter().filter(|(_, is_wanted)| *is_wanted).map(|(values, _)| values).collect();
+        let mut found = slopes(&y, &std, &regressors)?.into_iter().map(percent);
+        Some([with_temperature, with_level].map(|is_wanted| if is_wanted { found.next() } else { None }))
     };
     let all: Vec<&&(&TrendInterval, &IntervalMode)> = of_setup.iter().collect();
     let with_temperature: Vec<_> =
         all.iter().copied().filter(|(interval, _)| interval.temperature_degc.is_some()).collect();
-    if let Some(found) = fit(&with_temperature, true) {
-        return [Some(percent(found[0])), Some(percent(found[1]))];
-    }
-    [None, fit(&all, false).map(|found| percent(found[0]))]
+    fit(&with_temperature, true).or_else(|| fit(&all, false)).unwrap_or_default()
+}
+
+/// Standard deviation of some numbers; 0 of none.
+fn spread(values: &[f64]) -> f64 {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt()
 }
 
 #[cfg(test)]

@@ -119,12 +119,27 @@ fn modes_that_drift_further_than_they_are_wide_are_followed_and_do_not_hop() {
     assert!(far <= 1, "{far} estimates are more than 1 % off");
 }
 
+/// Doubles what a NumPy file of single precision holds.
+fn double(file: &Path) {
+    let mut bytes = std::fs::read(file).unwrap();
+    let data = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    assert!(String::from_utf8_lossy(&bytes[..data]).contains("<f4"));
+    for value in bytes[data..].chunks_exact_mut(4) {
+        let doubled = 2.0 * f32::from_le_bytes([value[0], value[1], value[2], value[3]]);
+        value.copy_from_slice(&doubled.to_le_bytes());
+    }
+    std::fs::write(file, bytes).unwrap();
+}
+
 #[test]
 fn without_temperatures_the_level_alone_is_held_against_the_frequencies() {
     let folder = tempfile::tempdir().unwrap();
     write_study(folder.path(), false, PER_KELVIN);
     let trend = followed(folder.path(), 1800.0).unwrap();
     assert!(trend.modes.iter().all(|mode| mode.percent_per_kelvin.is_none()));
+    assert!(trend.modes.iter().all(|mode| mode.percent_per_decade.is_none()), "the level hardly varies");
+    (0..HALF_HOURS).step_by(2).for_each(|half_hour| double(&folder.path().join(format!("part_{half_hour}.npy"))));
+    let trend = followed(folder.path(), 1800.0).unwrap();
     assert!(trend.modes.iter().any(|mode| mode.percent_per_decade.is_some()));
     assert!(trend.intervals.iter().all(|interval| interval.temperature_degc.is_none()));
     // Two minutes hold a handful of the shortest segments.

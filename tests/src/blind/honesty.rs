@@ -3,7 +3,7 @@
 use nalgebra::Complex;
 
 use super::answer::IdentifiedMode;
-use crate::statistics::rms;
+use crate::statistics::{rms, unknown, z};
 
 /// Farther apart in frequency, modes are not the same.
 const SAME_FREQUENCY: f64 = 0.02;
@@ -55,12 +55,12 @@ pub(super) fn honesty(identified: &[IdentifiedMode], exact: &[ExactMode], band_h
         let found = &identified[at];
         sum.macs.push(likeness(at));
         sum.frequency_errors_percent.push(100.0 * (found.frequency_hz / mode.frequency_hz - 1.0));
-        sum.frequency_z.push((found.frequency_hz - mode.frequency_hz) / found.frequency_std_hz);
+        sum.frequency_z.push(z(found.frequency_hz - mode.frequency_hz, found.frequency_std_hz));
         let power: f64 = mode.shape.iter().map(Complex::norm_sqr).sum();
         let scale: Complex<f64> =
             mode.shape.iter().zip(&shapes[at]).map(|(t, f)| t.conj() * f).sum::<Complex<f64>>() / power;
         let differences = shapes[at].iter().zip(&mode.shape).map(|(found, truth)| (found - truth * scale).re);
-        sum.shape_z.extend(differences.zip(&found.shape).map(|(difference, part)| difference / part[2]));
+        sum.shape_z.extend(differences.zip(&found.shape).map(|(difference, part)| z(difference, part[2])));
     }
     sum.invented = used.iter().filter(|used| !**used).count();
     sum
@@ -79,8 +79,12 @@ impl Honesty {
 
     pub(super) fn line(&self) -> String {
         let worst = self.macs.iter().copied().fold(1.0, f64::min);
+        let unknown = match unknown(&self.frequency_z) + unknown(&self.shape_z) {
+            0 => String::new(),
+            count => format!(" | {count} of unknown deviation"),
+        };
         format!(
-            "modes found {} missed {} invented {} | z rms f {:.2} shape {:.2} | f error rms {:.4} % | least MAC {worst:.4}",
+            "modes found {} missed {} invented {} | z rms f {:.2} shape {:.2} | f error rms {:.4} % | least MAC {worst:.4}{unknown}",
             self.found,
             self.missed,
             self.invented,

@@ -95,3 +95,71 @@ impl<'a> Forces<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix2;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    /// Products of two modes' forces, averaged over so many draws that they scatter by a hundredth.
+    const DRAWS: usize = 10_000;
+    const SCATTER: f64 = 0.01;
+
+    /// Modes at 0.5 and 1 Hz; wind moves the first at the ground alone and the second at `z_m` alone.
+    fn structure(z_m: f64) -> Structure {
+        let [first, second, none] =
+            [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]].map(|along| DVector::from_column_slice(&along));
+        Structure {
+            frequencies_hz: vec![0.5, 1.0],
+            damping: vec![0.01, 0.01],
+            shapes: DMatrix::identity(2, 2),
+            places: vec![(10.0, 0.0), (20.0, 0.0)],
+            levels: vec![(0.0, [first, none.clone()]), (z_m, [second, none])],
+        }
+    }
+
+    /// The modal forces' powers and the magnitude of their correlation.
+    fn drawn(load: Load, structure: &Structure, frequency_hz: f64) -> ([f64; 2], f64) {
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        let forces = Forces::new(load, structure, &mut random);
+        let mut sum = Matrix2::from_element(Complex::from(0.0));
+        for _ in 0..DRAWS {
+            let force = forces.draw(frequency_hz, &mut random);
+            sum += &force * force.adjoint() / Complex::from(DRAWS as f64);
+        }
+        let powers = [sum[(0, 0)].re, sum[(1, 1)].re];
+        (powers, sum[(0, 1)].norm() / (powers[0] * powers[1]).sqrt())
+    }
+
+    fn is_near(value: f64, wanted: f64) -> bool {
+        (value - wanted).abs() < 5.0 * SCATTER * wanted.max(1.0)
+    }
+
+    #[test]
+    fn modal_forces_have_the_density_and_the_correlation_of_their_case() {
+        for correlation in [0.0, 0.3] {
+            let load = Load::Modal { correlation, colour: -5.0 / 3.0 };
+            let (powers, found) = drawn(load, &structure(1.0), 0.5);
+            assert!(powers.iter().all(|power| is_near(*power, 1.0)), "{powers:?}");
+            assert!(is_near(found, correlation), "{found}");
+            // 8^(-5/3) = 1/32 at eight times the first frequency.
+            let (powers, _) = drawn(load, &structure(1.0), 4.0);
+            assert!(powers.iter().all(|power| is_near(32.0 * power, 1.0)), "{powers:?}");
+        }
+    }
+
+    #[test]
+    fn wind_has_davenports_density_and_loses_its_correlation_with_height() {
+        // At 0.01 Hz and 12 m/s 1200 f / U is 1, and 10 f / U is 1/120 for each metre.
+        let wind = Load::Wind { speed_m_s: 12.0 };
+        let density = 100.0 / 2.0_f64.powf(4.0 / 3.0);
+        for (z_m, correlation) in [(120.0 * 2.0_f64.ln(), 0.5), (120.0 * 4.0_f64.ln(), 0.25)] {
+            let (powers, found) = drawn(wind, &structure(z_m), 0.01);
+            assert!(powers.iter().all(|power| is_near(power / density, 1.0)), "{powers:?}");
+            assert!(is_near(found, correlation), "{found}");
+        }
+    }
+}

@@ -7,11 +7,13 @@
 
 mod cases;
 mod fault;
+mod found;
 mod load;
 mod machine;
 mod record;
 mod score;
 mod structure;
+mod study;
 mod whole_mode;
 
 pub use cases::{CASES, Case, case};

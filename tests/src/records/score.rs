@@ -2,25 +2,22 @@
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
-use std::fs;
 use std::path::Path;
 
-use crate::npy::write_npy;
-use nalgebra::{Complex, DVector};
+use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use super::cases::Case;
-use super::fault::Fault;
-use super::record::record;
+use super::fault::{Fault, Sign, is_reported};
+use super::found::Found;
 use super::structure::Structure;
+use super::study::write_study;
 use super::whole_mode::{self, WholeMode};
 use crate::belfry_command;
-use crate::statistics::rms;
+use crate::statistics::{beyond, rms, unknown, z};
 
-/// Share of each channel's root mean square that is sensor noise.
-const NOISE: f64 = 0.03;
 /// Found: within 2 % of the frequency or five times the lower bound, whichever is larger, with at least this MAC.
 const NEAR: f64 = 0.02;
 const LEAST_MAC: f64 = 0.5;
@@ -40,7 +37,7 @@ pub struct ModeScore {
     pub records: usize,
     /// In how many it can be seen and is not found.
     pub missed: usize,
-    /// (estimate - truth) / stated deviation of the frequency...
+    /// (estimate - truth) / stated deviation of the frequency, NaN where no deviation is stated...
     pub frequency_z: Vec<f64>,
     /// ...of the damping ratio...
     pub damping_z: Vec<f64>,
@@ -63,12 +60,14 @@ pub struct CaseScore {
     pub modes: Vec<ModeScore>,
     /// Modes found that are none, seed by seed: frequency in Hz.
     pub invented_hz: Vec<(u64, f64)>,
-    /// Records that were refused: seed and reason.
+    /// Records that were refused and should not have been: seed and reason. Their modes are missed.
     pub refused: Vec<(u64, String)>,
     /// What was said of faults and doubts.
     pub warnings: Vec<String>,
     /// Records in which a machine is told, and records with one.
     pub machines: [usize; 2],
+    /// Records in which a fault of a sensor or recorder is told, and records with one.
+    pub faults: [usize; 2],
     /// Modes of which the second opinion says that it agrees, that it differs, and that it has none such.
     pub opinions: [usize; 3],
     /// Seconds that the first method took, and the second opinion.
@@ -83,207 +82,161 @@ pub struct CaseScore {
 pub fn run(case: &Case, seed: u64, method: &str, folder: &Path, into: &mut CaseScore) -> Result<(), String> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let structure = case.build.structure(&mut random);
-    let channels = structure.places.len();
     let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
-    fs::create_dir_all(folder).map_err(failed)?;
-    for (setup, kept) in setups(case, channels).iter().enumerate() {
-        let mut samples = record(&structure, case.load, case.rate_hz, case.seconds, NOISE, &mut random);
-        if let Some(fault) = case.fault {
-            fault.damage(&mut samples, &structure, case.rate_hz, &mut random);
-        }
-        let rows = samples.chunks(channels);
-        let samples: Vec<f32> = rows.flat_map(|row| kept.iter().map(|&channel| row[channel])).collect();
-        write_npy(&folder.join(format!("{}.npy", name(setup))), &samples, kept.len()).map_err(failed)?;
-    }
-    fs::write(folder.join("study.toml"), study_toml(case, &structure)).map_err(failed)?;
+    let signs = write_study(case, &structure, folder, &mut random).map_err(failed)?;
     let options = ["--direct", "--json", "--method", method];
     let output = belfry_command().arg("identify").arg(folder).args(options).output().map_err(failed)?;
-    // Nothing that stands still has a mode to find.
-    let stands_still = case.fault == Some(Fault::StandsStill);
-    let modes = if stands_still { 0 } else { structure.frequencies_hz.len() };
-    into.modes.resize(modes, ModeScore::default());
-    if !output.status.success() {
-        let error = String::from_utf8_lossy(&output.stderr);
-        if !(stands_still && error.contains("no modes were found")) {
-            into.refused.push((seed, error.trim().to_owned()));
+    let recorded = Recorded { case, seed, structure: &structure, signs: &signs };
+    if output.status.success() {
+        let report: Value = serde_json::from_slice(&output.stdout).map_err(|error| error.to_string())?;
+        into.judge(&recorded, Ok(&report));
+        if method == "both" {
+            into.count_opinions(&report);
         }
-        return Ok(());
+    } else {
+        into.judge(&recorded, Err(String::from_utf8_lossy(&output.stderr).trim()));
     }
-    let report: Value = serde_json::from_slice(&output.stdout).map_err(|error| error.to_string())?;
-    for warning in report["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str) {
-        into.warnings.push(format!("seed {seed}: {warning}"));
-    }
-    let timings = &report["timings"];
-    for (seconds, key) in into.seconds.iter_mut().zip(["modes_s", "second_opinion_s"]) {
-        *seconds += timings[key].as_f64().unwrap_or(0.0);
-    }
-    if let Some(Fault::Machine(machine)) = case.fault {
-        let hz = machine.frequency_hz(&structure);
-        let told =
-            report["harmonics"].as_array().into_iter().flatten().filter_map(|tone| tone["frequency_hz"].as_f64());
-        into.machines[0] += usize::from(told.into_iter().any(|found| (found / hz - 1.0).abs() < MACHINE_NEAR));
-        into.machines[1] += 1;
-    }
-    if method == "both" {
-        for mode in report["modes"].as_array().into_iter().flatten() {
-            let place = mode["second_opinion"]["agrees"].as_bool().map_or(2, |agrees| usize::from(!agrees));
-            into.opinions[place] += 1;
-        }
-    }
-    let found: Vec<Found> = report["modes"].as_array().into_iter().flatten().map(Found::of).collect();
-    into.add(case, seed, &structure, &found);
     Ok(())
 }
 
-/// The channels of each setup, the references first.
-fn setups(case: &Case, channels: usize) -> Vec<Vec<usize>> {
-    let Some(roving) = case.roving else { return vec![(0..channels).collect()] };
-    let others: Vec<usize> = (0..channels).filter(|channel| !roving.references.contains(channel)).collect();
-    let each = others.len().div_ceil(roving.setups);
-    others.chunks(each).map(|others| [&roving.references[..], others].concat()).collect()
+/// A record and what is true of it.
+struct Recorded<'a> {
+    case: &'a Case,
+    seed: u64,
+    structure: &'a Structure,
+    /// What warnings have to say of its fault.
+    signs: &'a [Sign],
 }
 
-fn name(setup: usize) -> String {
-    format!("setup-{}", setup + 1)
-}
-
-fn study_toml(case: &Case, structure: &Structure) -> String {
-    let mut text = format!("[structure]\nname = {:?}\n", case.name);
-    for (setup, kept) in setups(case, structure.places.len()).iter().enumerate() {
-        // Writing to a string cannot fail.
-        let _ = writeln!(
-            text,
-            "\n[[setup]]\nname = {0:?}\nfiles = [\"{0}.npy\"]\nsampling_rate_hz = {1:?}\nunit = \"m/s2\"",
-            name(setup),
-            case.rate_hz
-        );
-        for (column, &channel) in kept.iter().enumerate() {
-            let (z_m, azimuth_deg) = structure.places[channel];
-            let reference = case.roving.is_some_and(|roving| roving.references.contains(&channel));
-            // A column is a channel, whose point says where it is on the structure.
-            let _ = writeln!(
-                text,
-                "\n[[setup.sensor]]\nchannel = \"{:02}\"\npoint = \"{}\"\nnode = {}\nelevation_m = {z_m:?}\nazimuth_deg = {azimuth_deg:?}\nreference = {reference}",
-                column + 1,
-                channel + 1,
-                column / 4 + 1
-            );
-        }
-    }
-    text
-}
-
-/// A mode as it was found.
-struct Found {
+/// A true mode.
+struct TrueMode {
     frequency_hz: f64,
-    frequency_std_hz: f64,
     damping_ratio: f64,
-    damping_ratio_std: f64,
-    /// By the structure's channel, counted from 0.
-    shape: Vec<(usize, Complex<f64>, f64)>,
-    /// How its errors are correlated.
-    scatter: Value,
-    /// Whether it is told as one of a pair of which only the plane is known.
-    is_paired: bool,
+    shape: DVector<f64>,
+    /// Least deviation possible of the frequency in Hz and of the damping ratio (Au 2014).
+    bounds: [f64; 2],
+    /// The shape of the mode that is nearest in frequency, and how far away it is in Hz.
+    neighbour: (DVector<f64>, f64),
 }
 
-impl Found {
-    fn of(mode: &Value) -> Self {
-        let number = |name: &str| mode[name].as_f64().unwrap_or(f64::NAN);
-        let part = |part: &Value| {
-            let channel = part["point"].as_str()?.parse::<usize>().ok()?.checked_sub(1)?;
-            Some((channel, Complex::new(part["re"].as_f64()?, part["im"].as_f64()?), part["std"].as_f64()?))
-        };
+impl TrueMode {
+    fn of(case: &Case, structure: &Structure, mode: usize) -> Self {
+        let (hz, zeta) = (structure.frequencies_hz[mode], structure.damping[mode]);
+        let cycles = hz * case.seconds * case.roving.map_or(1.0, |roving| roving.setups as f64);
         Self {
-            frequency_hz: number("frequency_hz"),
-            frequency_std_hz: number("frequency_std_hz"),
-            damping_ratio: number("damping_ratio"),
-            damping_ratio_std: number("damping_ratio_std"),
-            shape: mode["shape"].as_array().into_iter().flatten().filter_map(part).collect(),
-            scatter: mode["covariance_factor"].clone(),
-            is_paired: !mode["pair_with"].is_null(),
+            frequency_hz: hz,
+            damping_ratio: zeta,
+            shape: structure.shapes.column(mode).into_owned(),
+            bounds: [hz * (zeta / (TAU * cycles)).sqrt(), (zeta / (TAU * cycles)).sqrt()],
+            neighbour: neighbour(structure, mode),
         }
     }
 
-    /// The true shape at the channels that were kept, of the length and phase of the estimate (least squares).
-    fn truth(&self, truth: &DVector<f64>) -> Vec<Complex<f64>> {
-        let power: f64 = self.shape.iter().map(|(channel, _, _)| truth[*channel].powi(2)).sum();
-        let along: Complex<f64> = self.shape.iter().map(|(channel, value, _)| value * truth[*channel]).sum();
-        self.shape.iter().map(|(channel, _, _)| along / power * truth[*channel]).collect()
+    fn can_be_seen(&self, rate_hz: f64) -> bool {
+        self.bounds[0] < SEEN[0] * self.frequency_hz
+            && self.bounds[1] < SEEN[1] * self.damping_ratio
+            && self.frequency_hz < 0.4 * rate_hz
     }
 
-    fn mac(&self, truth: &DVector<f64>) -> f64 {
-        let inside: f64 = self.truth(truth).iter().map(|value| value.norm_sqr()).sum();
-        let whole: f64 = self.shape.iter().map(|(_, value, _)| value.norm_sqr()).sum();
-        if whole > 0.0 { inside / whole } else { 0.0 }
+    /// How like it a found mode is; `None` where that is another one.
+    fn likeness(&self, found: &Found) -> Option<f64> {
+        let near_hz = (NEAR * self.frequency_hz).max(5.0 * self.bounds[0]);
+        let off_hz = found.frequency_hz - self.frequency_hz;
+        let mac = found.mac(&self.shape);
+        let (neighbour, neighbour_hz) = &self.neighbour;
+        let is_pair = found.is_paired
+            && found.shape.len() >= PLANE_CHANNELS
+            && *neighbour_hz < 2.0 * self.damping_ratio * self.frequency_hz;
+        let is_alike = || mac > LEAST_MAC || (is_pair && found.in_plane(&self.shape, neighbour) > LEAST_IN_PLANE);
+        (off_hz.abs() < near_hz && is_alike()).then(|| mac - (off_hz / near_hz).powi(2))
     }
+}
 
-    /// The share of the shape that lies in the plane of two true ones.
-    fn in_plane(&self, one: &DVector<f64>, other: &DVector<f64>) -> f64 {
-        let at_channels = |shape: &DVector<f64>| {
-            DVector::from_iterator(self.shape.len(), self.shape.iter().map(|(channel, _, _)| shape[*channel]))
-        };
-        let (one, other) = (at_channels(one).normalize(), at_channels(other));
-        let other = (&other - &one * one.dot(&other)).normalize();
-        let along = |direction: &DVector<f64>| {
-            self.shape.iter().zip(direction.iter()).map(|((_, value, _), part)| value * *part).sum::<Complex<f64>>()
-        };
-        let whole: f64 = self.shape.iter().map(|(_, value, _)| value.norm_sqr()).sum();
-        if whole > 0.0 { (along(&one).norm_sqr() + along(&other).norm_sqr()) / whole } else { 0.0 }
+impl ModeScore {
+    /// Holds an estimate against the truth.
+    fn hold(&mut self, truth: &TrueMode, estimate: &Found) {
+        let off_hz = estimate.frequency_hz - truth.frequency_hz;
+        let damping_off = estimate.damping_ratio - truth.damping_ratio;
+        self.frequency_z.push(z(off_hz, estimate.frequency_std_hz));
+        self.damping_z.push(z(damping_off, estimate.damping_ratio_std));
+        self.frequency_over_bound.push(off_hz / truth.bounds[0]);
+        self.damping_over_bound.push(damping_off / truth.bounds[1]);
+        let mac = estimate.mac(&truth.shape);
+        self.least_mac = Some(self.least_mac.map_or(mac, |least| least.min(mac)));
+        let shape = estimate.truth(&truth.shape);
+        let mut errors = vec![off_hz];
+        errors.extend(estimate.shape.iter().zip(&shape).map(|((_, value, _), truth)| (value - truth).re));
+        let mut stds = vec![estimate.frequency_std_hz];
+        stds.extend(estimate.shape.iter().map(|(_, _, std)| *std));
+        let largest = estimate.shape.iter().map(|(_, value, _)| value.norm()).fold(0.0, f64::max);
+        for ((_, value, std), error) in estimate.shape.iter().zip(&errors[1..]) {
+            // The largest component is 1 by definition.
+            if value.norm() < largest {
+                self.shape_z.push(z(*error, *std));
+            }
+        }
+        let along = DVector::from_iterator(shape.len(), shape.iter().map(|value| value.re));
+        let (errors, stds) = (DVector::from_vec(errors), DVector::from_vec(stds));
+        self.whole.extend(WholeMode::of(&errors, &stds, &estimate.scatter, &along));
     }
 }
 
 impl CaseScore {
+    /// Takes in what belfry says of a record: its report, or why it refuses.
+    fn judge(&mut self, recorded: &Recorded<'_>, answer: Result<&Value, &str>) {
+        let &Recorded { case, seed, structure, signs } = recorded;
+        // Nothing that stands still has a mode to find, and to say so is right.
+        let stands_still = case.fault == Some(Fault::StandsStill);
+        let modes = if stands_still { 0 } else { structure.frequencies_hz.len() };
+        self.modes.resize(modes, ModeScore::default());
+        let list = |key: &str| answer.ok().and_then(|report| report[key].as_array()).into_iter().flatten();
+        let warnings: Vec<&str> = match answer {
+            Ok(_) => list("warnings").filter_map(Value::as_str).collect(),
+            Err(error) => error.lines().collect(),
+        };
+        match answer {
+            Ok(report) => {
+                self.warnings.extend(warnings.iter().map(|warning| format!("seed {seed}: {warning}")));
+                for (seconds, key) in self.seconds.iter_mut().zip(["modes_s", "second_opinion_s"]) {
+                    *seconds += report["timings"][key].as_f64().unwrap_or(0.0);
+                }
+            }
+            Err(error) if stands_still && error.contains("no modes were found") => {}
+            Err(error) => self.refused.push((seed, error.to_owned())),
+        }
+        if let Some(Fault::Machine(machine)) = case.fault {
+            let hz = machine.frequency_hz(structure);
+            let mut tones = list("harmonics").filter_map(|tone| tone["frequency_hz"].as_f64());
+            self.machines[0] += usize::from(tones.any(|found| (found / hz - 1.0).abs() < MACHINE_NEAR));
+            self.machines[1] += 1;
+        }
+        if !signs.is_empty() {
+            self.faults[0] += usize::from(is_reported(signs, &warnings));
+            self.faults[1] += 1;
+        }
+        self.add(case, seed, structure, &list("modes").map(Found::of).collect::<Vec<_>>());
+    }
+
+    fn count_opinions(&mut self, report: &Value) {
+        for mode in report["modes"].as_array().into_iter().flatten() {
+            let place = mode["second_opinion"]["agrees"].as_bool().map_or(2, |agrees| usize::from(!agrees));
+            self.opinions[place] += 1;
+        }
+    }
+
     fn add(&mut self, case: &Case, seed: u64, structure: &Structure, found: &[Found]) {
         let mut used = vec![false; found.len()];
         for (mode, score) in self.modes.iter_mut().enumerate() {
-            let (hz, zeta) = (structure.frequencies_hz[mode], structure.damping[mode]);
-            let shape = structure.shapes.column(mode).into_owned();
-            let cycles = hz * case.seconds * case.roving.map_or(1.0, |roving| roving.setups as f64);
-            let bounds = [hz * (zeta / (TAU * cycles)).sqrt(), (zeta / (TAU * cycles)).sqrt()];
+            let truth = TrueMode::of(case, structure, mode);
             score.records += 1;
-            let (neighbour, neighbour_hz) = neighbour(structure, mode);
-            let near_hz = (NEAR * hz).max(5.0 * bounds[0]);
-            let best = (0..found.len())
-                .filter(|&at| !used[at] && (found[at].frequency_hz - hz).abs() < near_hz)
-                .filter(|&at| {
-                    let is_pair = found[at].shape.len() >= PLANE_CHANNELS && neighbour_hz < 2.0 * zeta * hz;
-                    let in_plane = || found[at].in_plane(&shape, &neighbour);
-                    found[at].mac(&shape) > LEAST_MAC || (found[at].is_paired && is_pair && in_plane() > LEAST_IN_PLANE)
-                })
-                .max_by(|&a, &b| {
-                    let likeness =
-                        |at: usize| found[at].mac(&shape) - ((found[at].frequency_hz - hz) / near_hz).powi(2);
-                    likeness(a).total_cmp(&likeness(b))
-                });
-            let Some(at) = best else {
-                let can_be_seen = bounds[0] < SEEN[0] * hz && bounds[1] < SEEN[1] * zeta && hz < 0.4 * case.rate_hz;
-                score.missed += usize::from(can_be_seen);
+            let unused = (0..found.len()).filter(|&at| !used[at]);
+            let alike = unused.filter_map(|at| Some((at, truth.likeness(&found[at])?)));
+            let Some((at, _)) = alike.max_by(|(_, a), (_, b)| a.total_cmp(b)) else {
+                score.missed += usize::from(truth.can_be_seen(case.rate_hz));
                 continue;
             };
             used[at] = true;
-            let estimate = &found[at];
-            score.frequency_z.push((estimate.frequency_hz - hz) / estimate.frequency_std_hz);
-            score.damping_z.push((estimate.damping_ratio - zeta) / estimate.damping_ratio_std);
-            score.frequency_over_bound.push((estimate.frequency_hz - hz) / bounds[0]);
-            score.damping_over_bound.push((estimate.damping_ratio - zeta) / bounds[1]);
-            let mac = estimate.mac(&shape);
-            score.least_mac = Some(score.least_mac.map_or(mac, |least| least.min(mac)));
-            let truth = estimate.truth(&shape);
-            let mut errors = vec![estimate.frequency_hz - hz];
-            errors.extend(estimate.shape.iter().zip(&truth).map(|((_, value, _), truth)| (value - truth).re));
-            let mut stds = vec![estimate.frequency_std_hz];
-            stds.extend(estimate.shape.iter().map(|(_, _, std)| *std));
-            let real_truth = DVector::from_iterator(truth.len(), truth.iter().map(|value| value.re));
-            let (errors, stds) = (DVector::from_vec(errors), DVector::from_vec(stds));
-            score.whole.extend(WholeMode::of(&errors, &stds, &estimate.scatter, &real_truth));
-            let largest = estimate.shape.iter().map(|(_, value, _)| value.norm()).fold(0.0, f64::max);
-            for ((_, value, std), truth) in estimate.shape.iter().zip(&truth) {
-                // The largest component is 1 by definition.
-                if value.norm() < largest {
-                    score.shape_z.push((value - truth).re / std);
-                }
-            }
+            score.hold(&truth, &found[at]);
         }
         let invented = found.iter().zip(&used).filter(|(_, used)| !**used);
         self.invented_hz.extend(invented.map(|(mode, _)| (seed, mode.frequency_hz)));
@@ -331,17 +284,23 @@ impl CaseScore {
         let all = |of: fn(&ModeScore) -> &Vec<f64>| self.modes.iter().flat_map(of).copied().collect::<Vec<f64>>();
         let (frequency_z, damping_z) = (all(|mode| &mode.frequency_z), all(|mode| &mode.damping_z));
         let [agree, differ, without] = self.opinions;
-        let machines = match self.machines {
-            [_, 0] => String::new(),
-            [told, records] => format!("; machines told in {told} of {records} records"),
+        let in_records = |what: &str, [told, records]: [usize; 2]| match records {
+            0 => String::new(),
+            _ => format!("; {what} told in {told} of {records} records"),
         };
+        let (machines, faults) = (in_records("machines", self.machines), in_records("fault", self.faults));
+        let any = |count: usize, what: &str| if count > 0 { format!("; {count} {what}") } else { String::new() };
+        let refused = any(self.refused.len(), "refused");
+        let shape_z = all(|mode| &mode.shape_z);
+        let unknown =
+            any([&frequency_z, &damping_z, &shape_z].map(|z| unknown(z)).iter().sum(), "of unknown deviation");
         let opinions = if agree + differ + without > 0 {
             format!("; second opinion: agrees on {agree}, differs on {differ}, has none on {without}")
         } else {
             String::new()
         };
         format!(
-            "all: {} found, {} missed, {} invented; z rms f {:.2} ({:.0} % beyond 3), damping {:.2} ({:.0} %), shape {:.2}; error/bound f {:.2}, damping {:.2}; {}{opinions}{machines}; {:.2} s and {:.2} s",
+            "all: {} found, {} missed, {} invented; z rms f {:.2} ({:.0} % beyond 3), damping {:.2} ({:.0} %), shape {:.2}; error/bound f {:.2}, damping {:.2}; {}{opinions}{machines}{faults}{refused}{unknown}; {:.2} s and {:.2} s",
             frequency_z.len(),
             self.modes.iter().map(|mode| mode.missed).sum::<usize>(),
             self.invented_hz.len(),
@@ -349,7 +308,7 @@ impl CaseScore {
             beyond(&frequency_z, 3.0),
             rms(&damping_z),
             beyond(&damping_z, 3.0),
-            rms(&all(|mode| &mode.shape_z)),
+            rms(&shape_z),
             rms(&all(|mode| &mode.frequency_over_bound)),
             rms(&all(|mode| &mode.damping_over_bound)),
             whole_mode::in_words(&self.modes.iter().flat_map(|mode| mode.whole.iter().copied()).collect::<Vec<_>>()),
@@ -368,7 +327,6 @@ fn neighbour(structure: &Structure, mode: usize) -> (DVector<f64>, f64) {
     (shape, nearest.map_or(f64::INFINITY, distance_hz))
 }
 
-/// Percent of magnitudes beyond a limit.
-fn beyond(values: &[f64], limit: f64) -> f64 {
-    100.0 * values.iter().filter(|value| value.abs() > limit).count() as f64 / values.len().max(1) as f64
-}
+#[cfg(test)]
+#[path = "score_tests.rs"]
+mod tests;

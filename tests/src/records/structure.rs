@@ -19,6 +19,11 @@ pub(super) struct Structure {
     pub(super) levels: Vec<(f64, [DVector<f64>; 2])>,
 }
 
+/// The name of the channel in a column of the recording, counted from 0.
+pub(super) fn channel_name(column: usize) -> String {
+    format!("{:02}", column + 1)
+}
+
 /// Frequency in Hz, damping ratio and shape.
 type Mode = (f64, f64, DVector<f64>);
 

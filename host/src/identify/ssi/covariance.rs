@@ -28,7 +28,7 @@ const OUTER_FLANK_LINES: usize = 6;
 /// Where modes count: this share of the sub-band away from its inner edges, so many lines from the grid's ends. Nearer to these the
 /// taper's kernel is as long as all lags that are read, and frequency and damping come out wrong by some standard deviations.
 const INNER_MARGIN: f64 = 0.25;
-const OUTER_MARGIN_LINES: f64 = OUTER_FLANK_LINES as f64;
+pub(in crate::identify) const OUTER_MARGIN_LINES: f64 = OUTER_FLANK_LINES as f64;
 /// The first lag that is read: the taper's kernel has died out there.
 const FIRST_LAG: usize = 2;
 /// The last lag as a share of the segment: beyond, the window's autocorrelation at the segment's length less the lag, which the

@@ -30,8 +30,22 @@ pub(in crate::identify) fn component_of<'a>(
     setup: &str,
     sensor: &Sensor,
 ) -> Option<&'a ShapeComponent> {
+    shape.get(place_of(shape, setup, sensor)?)
+}
+
+/// The same, to be changed.
+pub(super) fn component_of_mut<'a>(
+    shape: &'a mut [ShapeComponent],
+    setup: &str,
+    sensor: &Sensor,
+) -> Option<&'a mut ShapeComponent> {
+    let place = place_of(shape, setup, sensor)?;
+    shape.get_mut(place)
+}
+
+fn place_of(shape: &[ShapeComponent], setup: &str, sensor: &Sensor) -> Option<usize> {
     let own = format!("{setup}/{}", sensor.channel);
-    let named = |name: &str| shape.iter().find(|component| component.channel == name);
-    let at_point = || shape.iter().find(|component| component.point == sensor.point);
+    let named = |name: &str| shape.iter().position(|component| component.channel == name);
+    let at_point = || shape.iter().position(|component| component.point == sensor.point);
     if sensor.reference { at_point() } else { named(&own).or_else(|| named(&sensor.channel)) }
 }

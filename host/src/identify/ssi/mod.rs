@@ -7,7 +7,7 @@
 //! `modes` makes modes of them alone. Out flow what the method says of each known mode, the stable poles that are none of them,
 //! and the stabilisation diagram.
 //!
-//! It shares the spectra with the first method and nothing else. It assumes no shape of a resonance, no white or smooth force and
+//! It shares the spectra with the first method, which may start from its poles. It assumes no shape of a resonance, no white or smooth force and
 //! no uncorrelated modes: the covariances of any linear structure under any broad-band load decay exponentially.
 
 mod covariance;
@@ -15,6 +15,7 @@ mod likeness;
 mod modes;
 mod opinion;
 mod rejected;
+mod shapes;
 mod stabilisation;
 mod subspace;
 #[cfg(test)]
@@ -31,6 +32,7 @@ use super::shape::mac;
 use crate::spectra::{CrossSpectrum, LineGrid};
 use stabilisation::{Diagram, StablePole};
 
+pub(in crate::identify) use covariance::OUTER_MARGIN_LINES;
 pub(super) use likeness::component_of;
 pub use modes::identify_by_subspace;
 pub use opinion::add_second_opinion;

@@ -3,6 +3,7 @@
 //! Setups and the user's choice of modes flow in; modes as the first method gives them, with shapes of all setups merged, flow
 //! out. A mode is a clear pole that every setup shows, or one that the user asked for.
 
+use num_complex::Complex64;
 use rayon::prelude::*;
 
 use super::likeness::{NEAR_MAC, shape_in};
@@ -15,7 +16,7 @@ use crate::identify::curve::Curve;
 use crate::identify::fit::{Basis, usual_damping};
 use crate::identify::judge;
 use crate::identify::merge::{duration_s, merge, number};
-use crate::identify::pick::{sources, suggested};
+use crate::identify::pick::{Pick, sources, suggested};
 use crate::identify::resonance::Resonance;
 use crate::identify::result::{Harmonic, Identification, Mode, ModeMethod, Rejected};
 use crate::identify::scatter::{GroupChanges, noise_share};
@@ -25,7 +26,7 @@ use crate::identify::shape::mac;
 use crate::identify::singular::SingularValues;
 use crate::identify::tone::harmonic;
 use crate::identify::{IdentifyError, Suggestion, none_in_band, phase_collinearity, same_lines};
-use crate::spectra::LineGrid;
+use crate::spectra::{LineGrid, around};
 use crate::study::ModeChoice;
 
 /// A pole in another setup may be this share of the frequency further away: structures change a little between setups.
@@ -33,6 +34,10 @@ const NEAR_OF_FREQUENCY: f64 = 0.003;
 
 /// A frequency that is known within this share of the least that a mode's can be, of a peak narrower than a line, is a machine's.
 const STEADY_SHARE: f64 = 0.6;
+
+/// How much of a spectrum is shown about a pole, to either side.
+const SHOWN_BANDWIDTHS: f64 = 3.0;
+const SHOWN_LINES: f64 = 5.0;
 
 /// A mode that the fit does not resolve counts where its damping is known within this share.
 const ALONE_DAMPING_STD: f64 = 0.25;
@@ -56,13 +61,19 @@ pub fn identify_by_subspace(
     let rejected = rejected(&setups, &common, &chosen, choice, grid.spacing_hz());
     let mut harmonics = Vec::new();
     let mut modes: Vec<Vec<&StablePole>> = Vec::new();
+    let mut picks = Vec::new();
     let usual_damping = usual_damping(chosen.iter().flatten().map(|pole| pole.damping_ratio));
-    let asked_for = asked_for(&chosen, choice, grid.spacing_hz());
+    let asked_for = poles_asked_for(&chosen, choice, grid.spacing_hz());
     for (number, poles) in chosen.into_iter().enumerate() {
         // What the user names is a mode whatever it looks like.
         match forced(measured, &poles, usual_damping, &grid).filter(|_| !asked_for.contains(&number)) {
             Some(harmonic) => harmonics.push(harmonic),
-            None => modes.push(poles),
+            None => {
+                let shapes = poles.iter().map(|pole| pole.shape.clone()).collect();
+                let pick = Pick::new(grid.nearest_line(mean_hz(&poles)), shapes);
+                picks.push(Pick { by_user: asked_for.contains(&number), ..pick });
+                modes.push(poles);
+            }
         }
     }
     let other_poles = measured.iter().zip(&setups).flat_map(|(m, found)| {
@@ -82,7 +93,7 @@ pub fn identify_by_subspace(
         other_poles,
         stabilisation: measured.iter().zip(&setups).map(|(m, found)| found.diagram(&m.setup.name)).collect(),
         singular_values: measured.iter().zip(&singular).map(|(m, s)| s.spectrum(&grid, &m.setup.name)).collect(),
-        basis: Basis::default(),
+        basis: Basis { picks, ..Basis::default() },
     })
 }
 
@@ -94,7 +105,8 @@ fn merged(
     warnings: &mut Vec<String>,
 ) -> Vec<Mode> {
     let of_setup = |(setup, m): (usize, &MeasuredSetup<'_>)| {
-        let modes = modes.iter().map(|poles| setup_mode(m, poles[setup])).collect();
+        let shown = |pole: &StablePole| SetupMode { curve: curve(m, pole), ..setup_mode(m, pole) };
+        let modes = modes.iter().map(|poles| shown(poles[setup])).collect();
         SetupModes { modes }
     };
     let per_setup: Vec<SetupModes> = measured.iter().enumerate().map(of_setup).collect();
@@ -153,6 +165,7 @@ pub(super) fn add_unresolved(
     // Numbers of their own, until all are counted anew.
     let first = identification.modes.len();
     for mode in &mut modes {
+        mode.pick = None;
         mode.number += first;
         mode.pair_with = mode.pair_with.map(|other| other + first);
     }
@@ -246,7 +259,7 @@ fn chosen<'a>(
 }
 
 /// The places of the poles that the user names.
-fn asked_for(chosen: &[Vec<&StablePole>], choice: &ModeChoice, spacing_hz: f64) -> Vec<usize> {
+fn poles_asked_for(chosen: &[Vec<&StablePole>], choice: &ModeChoice, spacing_hz: f64) -> Vec<usize> {
     let nearest = |&asked_hz: &f64| {
         let distance_hz = |at: &usize| (mean_hz(&chosen[*at]) - asked_hz).abs();
         let nearest = (0..chosen.len()).min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
@@ -281,10 +294,23 @@ fn forced(
     is_forced.then(|| harmonic(measured, grid, &pick, frequency_hz))
 }
 
-/// A pole as the first method would give it.
-fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
+fn resonance(measured: &MeasuredSetup<'_>, pole: &StablePole) -> Resonance {
     let quantity = quantity(measured.setup);
-    let resonance = Resonance { frequency_hz: pole.frequency_hz, damping_ratio: pole.damping_ratio, quantity };
+    Resonance { frequency_hz: pole.frequency_hz, damping_ratio: pole.damping_ratio, quantity }
+}
+
+/// What a pole looks like in a setup's spectrum.
+fn curve(measured: &MeasuredSetup<'_>, pole: &StablePole) -> Curve {
+    let (grid, resonance) = (measured.spectrum.grid(), resonance(measured, pole));
+    let reach = (SHOWN_BANDWIDTHS * resonance.bandwidth_hz() / grid.spacing_hz()).max(SHOWN_LINES) as usize;
+    let lines = around(grid.nearest_line(pole.frequency_hz), reach, grid.lines);
+    let unit = &pole.shape / Complex64::from(pole.shape.norm());
+    Curve::of_pole(&measured.spectrum, &unit, &resonance, pole.power, lines)
+}
+
+/// A pole as the first method would give it, but for what it looks like.
+fn setup_mode(measured: &MeasuredSetup<'_>, pole: &StablePole) -> SetupMode {
+    let resonance = resonance(measured, pole);
     // The shape's largest component is 1.
     let largest = pole.power / pole.shape.norm_squared();
     SetupMode {

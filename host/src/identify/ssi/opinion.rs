@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::likeness::{NEAR_MAC, shape_in};
 use super::modes::{add_unresolved, is_known};
+use super::shapes::hold_difference;
 use super::stabilisation::StablePole;
 use super::{SecondOpinion, SetupPoles, SubspacePole, reach_hz};
 use crate::identify::choice::{asked_for, meant_hz};
@@ -59,9 +60,14 @@ pub fn add_second_opinion(
     if choice.only_hz.is_none() {
         let grid = same_lines(measured)?;
         try_poles(measured, &setups, choice, &grid, identification)?;
-        let given_up = give_up_contradicted(measured, &setups, choice, identification);
+        let given_up = give_up_contradicted(measured, &setups, identification);
         add_unresolved(measured, &setups, &grid, identification);
         settle(given_up, identification);
+    }
+    for (m, found) in measured.iter().zip(&setups) {
+        for (mode, pole, _) in pairs(m, &identification.modes, &found.stable, identification.frequency_resolution_hz) {
+            hold_difference(m, &mut identification.modes[mode], &found.stable[pole]);
+        }
     }
     let missing = missing(identification, measured.len());
     identification.warnings.extend(missing);
@@ -97,12 +103,12 @@ fn try_poles(
         };
         // Beside the modes that stand; or else in the place of those that are doubtful, which may be two in one.
         let mut better = tried(&[], &left)?;
-        let doubtful = doubtful(identification, choice);
+        let doubtful = doubtful(identification);
         if better.is_none() && !doubtful.is_empty() {
             better = tried(&doubtful, &instead(&doubtful))?;
         }
         // Or else from the poles of all modes beside: what was fitted without a neighbour may start from a shape that is two in one.
-        let beside = beside(identification, choice, &left, grid.spacing_hz());
+        let beside = beside(identification, &left, grid.spacing_hz());
         if better.is_none() && !beside.iter().all(|mode| doubtful.contains(mode)) {
             better = tried(&beside, &instead(&beside))?;
         }
@@ -113,8 +119,8 @@ fn try_poles(
 }
 
 /// The numbers of the modes that the subspaces do not confirm, or beside which something else lies, but those that the user asked for.
-fn doubtful(identification: &Identification, choice: &ModeChoice) -> Vec<usize> {
-    let asked_for = asked_for(choice, identification);
+fn doubtful(identification: &Identification) -> Vec<usize> {
+    let asked_for = asked_for(identification);
     let is_doubtful = |mode: &&Mode| {
         let is_confirmed = mode.second_opinion.is_some_and(|opinion| opinion.agrees);
         (!is_confirmed || mode.is_misfit()) && !asked_for.contains(&mode.number)
@@ -124,13 +130,8 @@ fn doubtful(identification: &Identification, choice: &ModeChoice) -> Vec<usize> 
 
 /// The numbers of the modes that have a pole and lie so near to what is suggested that one bends the other's fit, from one to the next,
 /// but those that the user asked for.
-fn beside(
-    identification: &Identification,
-    choice: &ModeChoice,
-    suggestions: &[Suggestion],
-    spacing_hz: f64,
-) -> Vec<usize> {
-    let asked_for = asked_for(choice, identification);
+fn beside(identification: &Identification, suggestions: &[Suggestion], spacing_hz: f64) -> Vec<usize> {
+    let asked_for = asked_for(identification);
     let mut places: Vec<(f64, f64)> =
         suggestions.iter().map(|pole| (pole.frequency_hz, 2.0 * pole.damping_ratio * pole.frequency_hz)).collect();
     let mut left: Vec<&Mode> = identification
@@ -183,11 +184,10 @@ struct GivenUp {
 fn give_up_contradicted(
     measured: &[MeasuredSetup<'_>],
     setups: &[SetupPoles],
-    choice: &ModeChoice,
     identification: &mut Identification,
 ) -> Vec<GivenUp> {
     let spacing_hz = identification.frequency_resolution_hz;
-    let asked_for = asked_for(choice, identification);
+    let asked_for = asked_for(identification);
     let modes = std::mem::take(&mut identification.modes);
     let mut poles: Vec<Vec<SubspacePole>> = vec![Vec::new(); modes.len()];
     for (m, found) in measured.iter().zip(setups) {
@@ -245,8 +245,8 @@ fn is_much_surer(opinion: &SecondOpinion, mode: &Mode) -> bool {
 
 /// Takes out modes whose damping is hardly known and that the subspace does not have: a peak that chance makes of noise now and
 /// then is a line or two wide. Where not one mode stands beyond doubt, the subspace is no witness of such a peak: it sees the same noise.
-fn reject_unseen(choice: &ModeChoice, identification: &mut Identification) {
-    let asked_for = asked_for(choice, identification);
+fn reject_unseen(identification: &mut Identification) {
+    let asked_for = asked_for(identification);
     let is_asked_for = |mode: &Mode| asked_for.contains(&mode.number);
     let spacing_hz = identification.frequency_resolution_hz;
     let is_seen = |mode: &Mode| mode.second_opinion.is_some();
@@ -355,7 +355,7 @@ pub(super) fn add_opinions(
     }
     // A subspace that shows nothing at all is no witness.
     if choice.only_hz.is_none() && setups.iter().any(|setup| !setup.dots.is_empty()) {
-        reject_unseen(choice, identification);
+        reject_unseen(identification);
     }
     let disagreements = identification.modes.iter().filter_map(disagreement);
     identification.warnings.extend(disagreements);

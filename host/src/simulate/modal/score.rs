@@ -28,7 +28,7 @@ pub fn identified_by_both(truth: &Truth, spectrum: CrossSpectrum) -> Result<Iden
     let measured = [MeasuredSetup { setup: &setup, spectrum }];
     let mut found = identify::identify(&measured, &choice)?;
     add_second_opinion(&measured, &choice, &mut found)?;
-    hold_to_standards(&mut found, &choice);
+    hold_to_standards(&mut found);
     Ok(found)
 }
 
