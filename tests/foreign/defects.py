@@ -13,12 +13,12 @@ import world
 from world import RX, RY, RZ, STIFF, X, Y, Z
 
 EFFECTS = ["stiffness-loss", "added-mass", "base-rotation", "base-translation", "p-delta", "stiffness-scale",
-           "mass-eccentricity", "connection-flexibility", "base-torsion"]
+           "mass-eccentricity", "connection-flexibility", "base-torsion", "lateral-support"]
 CHANNELS = ["sensor-gain", "sensor-polarity", "sensor-swap"]
 OUTSIDERS = {
-    "lattice": ["one-leg-springs", "one-direction-loss", "guy-cable"],
-    "frame": ["one-direction-loss", "guy-cable"],
-    "tube": ["one-direction-loss", "guy-cable"],
+    "lattice": ["one-leg-springs", "one-direction-loss"],
+    "frame": ["one-direction-loss"],
+    "tube": ["one-direction-loss"],
 }
 SHIFT = 0.015, 0.10
 MODES = 26
@@ -190,6 +190,19 @@ def hide_effect(kind, body, sound, random):
             raise ValueError(f"weight moves frequencies by {100 * reached:.2f} %")
         result = 1.0, changed, modes, reached
         truth.values = {"factor": (1.0, 1.0)}
+    elif kind == "lateral-support":
+        level = int(count * random.uniform(0.4, 0.7))
+        truth.place_m = levels[level]
+        dof = int(random.choice([X, Y]))
+        tags = body.level_nodes[level]
+        truth.detail = f"guys along {'XY'[dof - 1]}"
+
+        def hold(b, size):
+            b.stays.extend((tag, dof, size * stiff / len(tags)) for tag in tags)
+
+        result = sized(body, sound, hold, 0.1, 10.0, random)
+        along = [result[0] * stiff * (dof == axis) for axis in (X, Y)]
+        truth.values = {f"stiffness_{name}": (value, value) for name, value in zip("xy", along)}
     elif kind == "stiffness-scale":
         sign = random.choice([-1, 1])
         result = sized(body, sound, lambda b, size: rescale(b, sign * size), 0.1, 0.3, random)
@@ -232,7 +245,7 @@ def hide_outsider(kind, body, sound, random):
         leg = int(random.choice(body.level_nodes[0]))
         foot = 40 * stiff * (height_m / 2) ** 2 / levers(body, 0)[0]
         change, guess, limit = lambda b, size: b.feet_n_m.update({leg: foot / size}), 1.0, 1e4
-    elif kind == "one-direction-loss":
+    else:
         axis = str(random.choice(["x", "y"]))
         lower = bool(random.random() < 0.5)
         bays = set(range(count // 2)) if lower else set(range(count // 2, count))
@@ -240,16 +253,6 @@ def hide_outsider(kind, body, sound, random):
         named = families[body.kind]
         truth.detail = f"{named[0]} over the {'lower' if lower else 'upper'} half"
         change, guess, limit = lambda b, size: scale(b, bays, named, 1 - size), 0.3, 0.8
-    else:
-        level = int(count * random.uniform(0.4, 0.7))
-        dof = int(random.choice([X, Y]))
-        tags = body.level_nodes[level]
-        truth.detail = f"a spring to ground along {'XY'[dof - 1]} at {levels[level]:.1f} m"
-
-        def change(b, size):
-            b.stays.extend((tag, dof, size * stiff / len(tags)) for tag in tags)
-
-        guess, limit = 0.1, 10.0
     _, changed, modes, reached = sized(body, sound, change, guess, limit, random)
     truth.shift_percent = 100 * reached
     return truth, changed, modes

@@ -323,6 +323,8 @@ impl<'a> Hanging<'a> {
             height: (self.places.len() > 1).then_some(HeightSpread { std_m, values }),
             known: Vec::new(),
             own: None,
+            left: None,
+            helps: true,
         })
     }
 }

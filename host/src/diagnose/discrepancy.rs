@@ -66,8 +66,8 @@ const FACTOR: f64 = 2.0;
 /// A stated tolerance is an engineer's estimate: half as large, or larger by this factor, is one standard deviation less likely. A
 /// sound structure that scatters twice as far was called unknown in 5 of 12 cases where the tolerance was taken for exact.
 const SCATTER_FACTOR: f64 = 1.6;
-/// Nobody misjudges tables further.
-const SCATTER: [f64; 2] = [0.5, 3.0];
+/// A model whose segments scatter further from what the study states is not as good as it claims to be.
+const SCATTER: [f64; 2] = [0.5, 2.0];
 
 impl Default for Discrepancy {
     fn default() -> Self {

@@ -119,6 +119,8 @@ impl<'a> Far<'a> {
             height: None,
             known: Vec::new(),
             own: None,
+            left: None,
+            helps: true,
         })
     }
 }

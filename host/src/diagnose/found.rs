@@ -4,6 +4,7 @@
 
 use super::criteria::STANDS_OUT;
 use super::fit::Fit;
+use super::relief::Left;
 use crate::model::effect::{Effect, EffectKind, Where};
 
 /// Places that are named beside the best.
@@ -28,6 +29,10 @@ pub(super) struct Found {
     pub(super) known: Vec<AtHeight>,
     /// The fit with the discrepancy that suits it best, where that is another.
     pub(super) own: Option<Fit>,
+    /// What it leaves of the present model's differences, once the search has ended.
+    pub(super) left: Option<Left>,
+    /// Whether the model's errors fall with it, as far as is known.
+    pub(super) helps: bool,
 }
 
 /// How well a height is known, and how that spreads to the values.

@@ -72,6 +72,7 @@ pub use goodness::{Part, fit_as_given};
 pub(crate) use outlook::{Draw, Outlook, Rival, Weighed};
 pub use posterior::Probabilities;
 pub use problem::Problem;
+pub use relief::Left;
 pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,
     Unexplained, Verdict,

@@ -190,7 +190,9 @@ impl Outlook {
     pub(crate) fn discrepancy(&self, setting: Setting<'_>) -> Option<Discrepancy> {
         let problem = setting.problem(&self.effects).ok()?;
         let fit = problem.as_given(&self.effects).ok()?;
-        Some(problem.best_discrepancy(&fit).0)
+        let best = problem.best_discrepancy(&fit).0;
+        // These modes have no scatter, those that will be measured have what the study states.
+        Some(Discrepancy { scatter: best.scatter.max(1.0), ..best })
     }
 
     fn group(&self, rival: &Rival) -> Group {

@@ -47,9 +47,11 @@ impl PriorOdds {
         Hypothesis { prior_odds: self.adequate(), log_bayes_factor: 0.0, p_value }
     }
 
-    /// That it lacks what was found.
+    /// That it lacks what was found. What makes the model no better is not what it lacks, however well it fits beside a scatter that
+    /// stands against it.
     pub(super) fn of_found(&self, found: &Found, p_value: f64) -> Hypothesis {
-        Hypothesis { prior_odds: self.kind(found.kind), log_bayes_factor: found.log_bayes_factor, p_value }
+        let prior_odds = if found.helps { self.kind(found.kind) } else { 0.0 };
+        Hypothesis { prior_odds, log_bayes_factor: found.log_bayes_factor, p_value }
     }
 }
 

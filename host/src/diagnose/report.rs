@@ -9,6 +9,7 @@ use super::elsewise::Elsewise;
 use super::fit::Estimate;
 use super::goodness::{Part, Tests};
 use super::posterior::Probabilities;
+use super::relief::Left;
 use crate::compare::ChiSquared;
 
 /// How model and data agree.
@@ -79,6 +80,8 @@ pub struct CandidateReport {
     pub chi_squared: f64,
     /// Probability of as much, were the effect all that is missing.
     pub p_value: f64,
+    /// What it leaves of the model's differences, no segment adjusted; null where that was not asked.
+    pub errors_left: Option<Left>,
     /// Whether its values are inside their bounds.
     pub admissible: bool,
     /// Standard deviation of its height in m, where that was fitted.

@@ -129,6 +129,11 @@ impl Problem {
             problem.settle_heights(&mut found);
         }
         let own = problem.weigh_each(present, &mut found);
+        let passes = own.as_ref().map_or(present, |(_, own)| own).passes();
+        found.par_iter_mut().for_each(|found| {
+            found.left = problem.left_with(present, found);
+            found.helps = found.left.is_none_or(|left| left.is_relief(passes));
+        });
         Searched { settled, own, found, rejected }
     }
 
@@ -387,7 +392,7 @@ impl Problem {
             .collect();
         let fit = fits.swap_remove(0).1;
         let kind = scored[0].candidate.kind;
-        Some(Found { kind, fit, log_bayes_factor, hypotheses, log_share, near, height: None, known, own: None })
+        Some(Found { kind, fit, log_bayes_factor, hypotheses, log_share, near, height: None, known, own: None, left: None, helps: true })
     }
 
     /// Refits one candidate, from the values of the linear step and from those of a fit near by.

@@ -123,10 +123,6 @@ impl<'a> Weighed<'a> {
             .map(|(at, one)| (one, of(first_signal + at).0, of(first_signal + at).1))
             .collect();
         weighed_found.sort_by(|a, b| b.2.total_cmp(&a.2));
-        for (one, _, probability) in weighed_found.iter().take(5) {
-            eprintln!("RELIEF {} {probability:.4} {:?}", one.effect(), problem.left_with(present, one));
-        }
-        eprintln!("PROB {:?} p {p_value}", probabilities);
         weighed_signals.sort_by(|a, b| b.2.total_cmp(&a.2));
         let mut leads = vec![(Leads::Nothing, probabilities.adequate), (Leads::SomethingElse, something_else)];
         if let Some(&(signal, _, probability)) = weighed_signals.first() {
@@ -184,6 +180,7 @@ impl<'a> Weighed<'a> {
                 "measured modes {} are like no mode of the model (MAC below 0.8), as of floors or walls; they do not count in the test of fit",
             ));
         }
+        warnings.extend(self.no_help(problem));
         if let (Leads::Signal(signal), Some(other)) = (&self.leads, first.filter(|found| found.stands_out())) {
             warnings.push(format!(
                 "{} stands out as well, in the modes; add {} and diagnose again",
@@ -214,6 +211,22 @@ impl<'a> Weighed<'a> {
         }
     }
 
+    /// A warning about the effect that would be the most probable, had it made the model better.
+    fn no_help(&self, problem: &Problem) -> Option<String> {
+        let log_weight = |found: &Found| problem.prior_odds.kind(found.kind).ln() + found.log_bayes_factor;
+        let helps = self.found.iter().filter(|(found, ..)| found.helps).map(|(found, ..)| log_weight(found));
+        let most = helps.fold(problem.prior_odds.adequate().ln(), f64::max);
+        let useless = self.found.iter().filter(|(found, ..)| !found.helps && log_weight(found) > most);
+        let (found, ..) = useless.max_by(|a, b| log_weight(a.0).total_cmp(&log_weight(b.0)))?;
+        let left = found.left?;
+        let how = match (left.misfit, left.frequency) {
+            (1.0.., _) => "the model's errors rise with it",
+            (_, 1.0..) => "frequencies are further off with it",
+            _ => "the model's errors hardly fall with it",
+        };
+        Some(format!("{} is not counted: {how}. It fits only beside segments that are off the other way", found.effect()))
+    }
+
     /// Candidates by their probability, the one that is named first before all others.
     fn candidate_reports(&self, first: Option<&String>) -> Vec<CandidateReport> {
         let near =
@@ -224,6 +237,7 @@ impl<'a> Weighed<'a> {
                 where_std_m: found.height.as_ref().map(|height| height.std_m),
                 prior_odds: Some(*prior_odds),
                 probability: Some(*probability),
+                errors_left: found.left,
                 ..report(found.own(), found.index(), Some(found.log_bayes_factor))
             };
             // Elsewhere it would have other values.
@@ -378,6 +392,7 @@ fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateR
         probability: None,
         chi_squared: test.all.chi_squared,
         p_value: test.p_value,
+        errors_left: None,
         admissible: true,
         where_std_m: None,
         near: Vec::new(),
@@ -405,6 +420,7 @@ fn rejected_report(present: &Fit, scored: &Scored) -> CandidateReport {
         probability: None,
         chi_squared: test.all.chi_squared,
         p_value: test.p_value,
+        errors_left: None,
         admissible: false,
         where_std_m: None,
         near: Vec::new(),
@@ -428,6 +444,7 @@ fn signal_report(signal: &Signal) -> CandidateReport {
         probability: None,
         chi_squared: signal.chi_squared,
         p_value: exceeding(signal.chi_squared, signal.degrees_of_freedom as f64),
+        errors_left: None,
         admissible: true,
         where_std_m: None,
         near: Vec::new(),

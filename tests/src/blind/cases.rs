@@ -12,7 +12,7 @@ use super::scatter::scatter;
 use super::structures::{NAMES, Structure};
 
 /// Kinds that stand in the matrices.
-const STRUCTURAL: [&str; 14] = [
+const STRUCTURAL: [&str; 15] = [
     "stiffness-scale",
     "mass-scale",
     "base-rotation",
@@ -27,6 +27,7 @@ const STRUCTURAL: [&str; 14] = [
     "mass-eccentricity",
     "axis-rotation",
     "outrigger",
+    "lateral-support",
 ];
 /// Kinds that stand in the sensors.
 const SENSORS: [&str; 5] = ["sensor-gain", "sensor-polarity", "sensor-swap", "sensor-rotation", "clock-offset"];

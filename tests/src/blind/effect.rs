@@ -44,6 +44,11 @@ pub(super) enum Effect {
         z_m: f64,
         stiffness: f64,
     },
+    /// Along X and Y.
+    LateralSupport {
+        z_m: f64,
+        stiffness: [f64; 2],
+    },
     SensorGain {
         channel: usize,
         factor: f64,
@@ -93,6 +98,7 @@ impl Effect {
             Self::MassEccentricity(_) => "mass-eccentricity",
             Self::AxisRotation(_) => "axis-rotation",
             Self::Outrigger { .. } => "outrigger",
+            Self::LateralSupport { .. } => "lateral-support",
             Self::SensorGain { .. } => "sensor-gain",
             Self::SensorPolarity(_) => "sensor-polarity",
             Self::SensorSwap(_) => "sensor-swap",
@@ -109,6 +115,7 @@ impl Effect {
             | Self::StiffnessLoss { z_m, .. }
             | Self::Connection { z_m, .. }
             | Self::TunedMassDamper { z_m, .. }
+            | Self::LateralSupport { z_m, .. }
             | Self::Outrigger { z_m, .. } => Place::Height(*z_m),
             Self::SensorGain { channel, .. } | Self::SensorPolarity(channel) => {
                 Place::Label(format!("ch{}", channel_name(*channel)))
@@ -146,6 +153,8 @@ impl Effect {
             Self::MassEccentricity([x, y]) => vec![("x", x), ("y", y)],
             Self::AxisRotation(angle) | Self::SensorRotation { angle_deg: angle, .. } => vec![("angle", angle)],
             Self::Outrigger { stiffness, .. } => vec![("stiffness", stiffness)],
+            Self::LateralSupport { stiffness: [x, y], .. } if x == y => vec![("stiffness", x)],
+            Self::LateralSupport { stiffness: [x, y], .. } => vec![("stiffness_x", x), ("stiffness_y", y)],
             Self::SensorGain { factor, .. } => vec![("factor", factor)],
             Self::ClockOffset { delay_s, .. } => vec![("delay", delay_s)],
             Self::Harmonic(frequency_hz) => vec![("frequency", frequency_hz)],
@@ -204,6 +213,10 @@ impl Effect {
             Self::Outrigger { z_m, stiffness } => {
                 let node = body.nearest_node(z_m);
                 body.springs.extend([(node, 2, stiffness), (node, 3, stiffness)]);
+            }
+            Self::LateralSupport { z_m, stiffness: [x, y] } => {
+                let node = body.nearest_node(z_m);
+                body.springs.extend([(node, 0, x), (node, 1, y)]);
             }
             Self::SensorGain { channel, factor } => body.sensors[channel].factor *= factor,
             Self::SensorPolarity(channel) => body.sensors[channel].factor *= -1.0,

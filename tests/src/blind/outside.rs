@@ -7,22 +7,21 @@ use super::magnitude::{Band, SHIFT, Wanted, sized};
 use super::structures::Structure;
 
 /// Their names.
-pub(super) const NAMES: [&str; 5] =
-    ["guy-cable", "one-axis-bending", "jumping-storeys", "secondary-structure", "soil-springs"];
+pub(super) const NAMES: [&str; 4] =
+    ["one-axis-bending", "jumping-storeys", "secondary-structure", "soil-springs"];
 
 /// Puts a defect into a structure; `None` where this draw cannot be seen.
 pub(super) fn put(name: &str, sound: &Body, structure: &Structure, random: &mut impl Rng) -> Option<Body> {
     let mut body = sound.clone();
     let before = Band::of(sound, structure, None)?;
     let stiff = structure.total_mass_kg() * (std::f64::consts::TAU * before.frequencies_hz[0]).powi(2);
-    let springs = |nodes: Vec<usize>, share: f64| {
+    let springs = |nodes: Vec<usize>| {
         move |body: &mut Body, size: f64| {
-            let both = nodes.iter().flat_map(|&node| [(node, 0, size), (node, 1, share * size)]);
-            body.springs.extend(both);
+            body.springs.extend(nodes.iter().flat_map(|&node| [(node, 0, size), (node, 1, size)]));
         }
     };
-    let supported = |nodes: Vec<usize>, share: f64, random: &mut _| {
-        let change = springs(nodes, share);
+    let supported = |nodes: Vec<usize>, random: &mut _| {
+        let change = springs(nodes);
         let wanted = Wanted { bounds: [1e-4 * stiff, 1e3 * stiff], change: &change, by_shape: false };
         let size = sized(sound, structure, &wanted, random)?;
         let mut body = sound.clone();
@@ -30,15 +29,10 @@ pub(super) fn put(name: &str, sound: &Body, structure: &Structure, random: &mut 
         Some(body)
     };
     match name {
-        "guy-cable" => {
-            let z_m = structure.base_m() + structure.height_m() * random.random_range(0.4..0.6);
-            let share = random.random_range(0.2..1.0);
-            return supported(vec![sound.nearest_node(z_m)], share, random);
-        }
         "soil-springs" => {
             let below_m = structure.base_m() + 0.2 * structure.height_m();
             let nodes = (1..sound.nodes.len()).filter(|&node| sound.nodes[node].z_m < below_m);
-            return supported(nodes.collect(), 1.0, random);
+            return supported(nodes.collect(), random);
         }
         "one-axis-bending" => {
             let left = 1.0 - random.random_range(0.15..0.3);

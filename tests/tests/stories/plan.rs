@@ -79,7 +79,8 @@ fn a_measurement_is_planned_before_it_is_made() {
     let tiny = json(&["plan", &study, "--effect", "added-mass@443.6m=1e4", "--hours", "1"]);
     let obstacle = &tiny["options"][0]["obstacle"];
     assert_eq!(obstacle["kind"], "tolerance", "{tiny}");
-    assert!(number(&obstacle["findable"]["value"]) > 1e5, "{obstacle}");
+    // The longest record, of a month, is thirty times as long as one that finds 500 t.
+    assert!(number(&obstacle["findable"]["value"]) > 3e4, "{obstacle}");
     let twins = json(&["plan", &study, "--effect", "mass-scale=-0.1", "--hours", "1", "--against", "stiffness-scale"]);
     assert_eq!(twins["options"][0]["obstacle"]["kind"], "twins", "{twins}");
 }

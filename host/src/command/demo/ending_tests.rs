@@ -28,6 +28,7 @@ fn candidate(name: &str, log_bayes_factor: f64, p_value: f64) -> CandidateReport
         probability: None,
         chi_squared: 100.0,
         p_value,
+        errors_left: None,
         admissible: true,
         where_std_m: None,
         near: Vec::new(),

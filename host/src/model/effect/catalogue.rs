@@ -4,7 +4,7 @@ use super::error::EffectError;
 use super::kind::EffectKind;
 use super::{
     added_mass, amplitude_stiffness, axis_rotation, base_rotation, base_torsion, base_translation, clock_offset,
-    connection_flexibility, custom, foundation_mass, harmonic, mass_eccentricity, mass_scale, outrigger, p_delta,
+    connection_flexibility, custom, foundation_mass, harmonic, lateral_support, mass_eccentricity, mass_scale, outrigger, p_delta,
     rotary_inertia, sensor_gain, sensor_polarity, sensor_rotation, sensor_swap, shear_flexibility, stiffness_loss,
     stiffness_scale, temperature_stiffness, tuned_mass_damper,
 };
@@ -27,6 +27,7 @@ pub const KINDS: &[&dyn EffectKind] = &[
     &mass_eccentricity::MassEccentricity,
     &axis_rotation::AxisRotation,
     &outrigger::Outrigger,
+    &lateral_support::LateralSupport,
     &temperature_stiffness::KIND,
     &amplitude_stiffness::KIND,
     &sensor_gain::SensorGain,

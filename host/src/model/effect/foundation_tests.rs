@@ -92,7 +92,11 @@ fn outriggers_and_joints_have_axes() {
     };
     let sound = frequencies(table(), &[]);
     for (kind, name, value) in
-        [("outrigger@60m", "stiffness", 1e10), ("connection-flexibility@57m", "flexibility", 1e-10)]
+        [
+            ("outrigger@60m", "stiffness", 1e10),
+            ("lateral-support@60m", "stiffness", 1e7),
+            ("connection-flexibility@57m", "flexibility", 1e-10),
+        ]
     {
         let both = frequencies(table(), &[&format!("{kind}={value:e}")]);
         let each = frequencies(table(), &[&format!("{kind}={name}_x={value:e},{name}_y={value:e}")]);

@@ -21,8 +21,10 @@ mod foundation_mass;
 #[cfg(test)]
 mod foundation_tests;
 mod given;
+mod ground_spring;
 mod harmonic;
 mod kind;
+mod lateral_support;
 pub(super) mod mass_eccentricity;
 mod mass_scale;
 mod outrigger;

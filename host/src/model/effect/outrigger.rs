@@ -1,23 +1,23 @@
-//! `outrigger@z`: arms to outer columns, or cables, hold the structure upright at a height.
+//! `outrigger@z`: arms to outer columns hold the structure upright at a height.
 
 use std::sync::Arc;
 
 use super::error::EffectError;
+use super::ground_spring::GroundSpring;
 use super::kind::{About, EffectKind, Given, LookAlike};
 use super::parameter::Parameter;
 use super::place::PlaceKind;
-use crate::model::assembly::Assembly;
 use crate::model::contribution::Contribution;
 use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "outrigger",
-    physics: "Stiff arms to outer columns, or stays, resist the rotation of the core at one height. The model leaves them \
-         out.",
+    physics: "Stiff arms to outer columns resist the rotation of the core at one height. The model leaves them out.",
     formula: "K += k (n_rx^T n_rx + n_ry^T n_ry), n the rotation of the axis at z",
     fingerprint: "frequencies too high, most in modes that turn at z; rank one in each direction",
     look_alikes: &[
         LookAlike { kind: "stiffness-scale", separated_by: "modes that hardly turn at z" },
+        LookAlike { kind: "lateral-support", separated_by: "which modes rise: a support holds those that move at z" },
         LookAlike {
             kind: "base-rotation",
             separated_by: "a base that is stiffer than modelled cannot raise frequencies above those of a clamped one",
@@ -57,23 +57,7 @@ impl EffectKind for Outrigger {
     }
 
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
-        let z_m = given.height_m(self, structure)?;
-        Ok(Arc::new(GroundSpring { z_m, stiffness_n_m: given.of_axes("stiffness", ["stiffness_x", "stiffness_y"]) }))
-    }
-}
-
-/// A rotational spring to the ground.
-#[derive(Debug)]
-struct GroundSpring {
-    z_m: f64,
-    /// About X and Y.
-    stiffness_n_m: [f64; 2],
-}
-
-impl Contribution for GroundSpring {
-    fn attach(&self, assembly: &mut Assembly) {
-        if let Some(motion) = assembly.local_motion(self.z_m) {
-            motion.add_squares(&mut assembly.stiffness, 2, self.stiffness_n_m);
-        }
+        let stiffness = given.of_axes("stiffness", ["stiffness_x", "stiffness_y"]);
+        Ok(Arc::new(GroundSpring::rotational(given.height_m(self, structure)?, stiffness)))
     }
 }

@@ -237,6 +237,22 @@ fn weight_softens_torsion_by_its_radius_of_gyration() {
     assert!(((torsion_hz(1.0) / torsion_hz(0.0)).powi(2) - expected).abs() < 1e-9);
 }
 
+/// A small spring adds its share of a mode's stiffness: k phi(z)² for a mode of modal mass one (Rayleigh's quotient).
+#[test]
+fn a_lateral_support_holds_a_mode_by_how_far_it_moves_there() {
+    let assembly = Structure::new(beam()).assemble();
+    let modes = assembly.modes().unwrap();
+    let motion = assembly.axis_motion(60.0) * &modes.shapes;
+    let (sound, stiffness) = (frequencies(&[]), 1e3);
+    let held = frequencies(&["lateral-support@60m=1e3"]);
+    for mode in 0..6 {
+        let square = motion[(0, mode)].powi(2) + motion[(1, mode)].powi(2);
+        let expected = stiffness * square / (std::f64::consts::TAU * sound[mode]).powi(2);
+        let found = (held[mode] / sound[mode]).powi(2) - 1.0;
+        assert!((found - expected).abs() < 1e-3 * expected + 1e-11, "mode {mode}: {found} where {expected}");
+    }
+}
+
 /// With everything rigid but one rotational spring at the top, a stiff mast is an inverted pendulum.
 #[test]
 fn an_outrigger_holds_and_a_tuned_mass_splits() {
