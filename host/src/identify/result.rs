@@ -1,6 +1,7 @@
 //! The result of an identification, as it is printed and stored.
 
 use num_complex::Complex64;
+use serde::ser::SerializeStruct;
 use serde::{Deserialize, Serialize};
 
 use super::covariance::CovarianceFactor;
@@ -286,12 +287,23 @@ fn always() -> f64 {
 }
 
 /// A peak that was picked and is no mode.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct Rejected {
     /// Where it was picked, or fitted, in Hz.
     pub frequency_hz: f64,
     /// Why it is no mode.
     pub because: RejectedBecause,
+}
+
+impl Serialize for Rejected {
+    /// Writes the reason in words as well, for those who read the file and not these names.
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut fields = serializer.serialize_struct("Rejected", 3)?;
+        fields.serialize_field("frequency_hz", &self.frequency_hz)?;
+        fields.serialize_field("because", &self.because)?;
+        fields.serialize_field("in_words", &self.because.to_string())?;
+        fields.end()
+    }
 }
 
 /// Why a peak is no mode.
@@ -370,6 +382,15 @@ pub struct SingularSpectrum {
 mod tests {
     use super::*;
     use crate::identify::accuracy::tests::found;
+
+    #[test]
+    fn a_rejected_peak_is_written_with_its_reason_in_words_and_read_back() {
+        let narrow = Rejected { frequency_hz: 2.5, because: RejectedBecause::Narrow };
+        let json = serde_json::to_value(narrow).expect("it is plain data");
+        assert_eq!(json["because"], "narrow");
+        assert_eq!(json["in_words"], RejectedBecause::Narrow.to_string());
+        assert_eq!(serde_json::from_value::<Rejected>(json).expect("it is what was written"), narrow);
+    }
 
     #[test]
     fn what_is_said_of_a_mode_goes_with_it_and_what_is_said_of_others_stays() {
