@@ -55,9 +55,8 @@ impl Problem {
         let solved = |effects: &[Effect]| problem.state_without_scatter(effects).ok();
         let (with, without) = (solved(own.effects())?, solved(present.effects())?);
         let misfit = |state: &State| state.misfit(Loss::Robust);
-        let frequency = |state: &State| -> f64 {
-            state.residual.blocks().map(|(first, _)| state.modes[first].powi(2)).sum()
-        };
+        let frequency =
+            |state: &State| -> f64 { state.residual.blocks().map(|(first, _)| state.modes[first].powi(2)).sum() };
         let (one, other) = (&with.view.modes.frequency_hz, &without.view.modes.frequency_hz);
         let moves = one.iter().zip(other).any(|(one, other)| (one - other).abs() > SAME * other.abs());
         Some(Left {

@@ -392,7 +392,19 @@ impl Problem {
             .collect();
         let fit = fits.swap_remove(0).1;
         let kind = scored[0].candidate.kind;
-        Some(Found { kind, fit, log_bayes_factor, hypotheses, log_share, near, height: None, known, own: None, left: None, helps: true })
+        Some(Found {
+            kind,
+            fit,
+            log_bayes_factor,
+            hypotheses,
+            log_share,
+            near,
+            height: None,
+            known,
+            own: None,
+            left: None,
+            helps: true,
+        })
     }
 
     /// Refits one candidate, from the values of the linear step and from those of a fit near by.

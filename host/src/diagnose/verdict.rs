@@ -224,7 +224,10 @@ impl<'a> Weighed<'a> {
             (_, 1.0..) => "frequencies are further off with it",
             _ => "the model's errors hardly fall with it",
         };
-        Some(format!("{} is not counted: {how}. It fits only beside segments that are off the other way", found.effect()))
+        Some(format!(
+            "{} is not counted: {how}. It fits only beside segments that are off the other way",
+            found.effect()
+        ))
     }
 
     /// Candidates by their probability, the one that is named first before all others.

@@ -139,10 +139,9 @@ pub(super) fn draw(kind: &str, sound: &Body, structure: &Structure, random: &mut
             ([1e-4 * joint, 1e2 * joint], Box::new(move |flexibility| Effect::Connection { z_m, flexibility }))
         }
         "outrigger" => ([1e-3 / joint, 1e3 / joint], Box::new(move |stiffness| Effect::Outrigger { z_m, stiffness })),
-        "lateral-support" => (
-            [1e-4 * stiff, 1e3 * stiff],
-            Box::new(move |v| Effect::LateralSupport { z_m, stiffness: [v, v * ratio] }),
-        ),
+        "lateral-support" => {
+            ([1e-4 * stiff, 1e3 * stiff], Box::new(move |v| Effect::LateralSupport { z_m, stiffness: [v, v * ratio] }))
+        }
         "mass-eccentricity" => {
             ([0.01 * gyration, 0.5 * gyration], Box::new(move |v| Effect::MassEccentricity([v * cos, v * sin])))
         }

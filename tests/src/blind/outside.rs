@@ -7,8 +7,7 @@ use super::magnitude::{Band, SHIFT, Wanted, sized};
 use super::structures::Structure;
 
 /// Their names.
-pub(super) const NAMES: [&str; 4] =
-    ["one-axis-bending", "jumping-storeys", "secondary-structure", "soil-springs"];
+pub(super) const NAMES: [&str; 4] = ["one-axis-bending", "jumping-storeys", "secondary-structure", "soil-springs"];
 
 /// Puts a defect into a structure; `None` where this draw cannot be seen.
 pub(super) fn put(name: &str, sound: &Body, structure: &Structure, random: &mut impl Rng) -> Option<Body> {

@@ -91,13 +91,11 @@ fn outriggers_and_joints_have_axes() {
         BeamTable::from_reader(text.as_bytes(), Path::new("beam.csv")).unwrap()
     };
     let sound = frequencies(table(), &[]);
-    for (kind, name, value) in
-        [
-            ("outrigger@60m", "stiffness", 1e10),
-            ("lateral-support@60m", "stiffness", 1e7),
-            ("connection-flexibility@57m", "flexibility", 1e-10),
-        ]
-    {
+    for (kind, name, value) in [
+        ("outrigger@60m", "stiffness", 1e10),
+        ("lateral-support@60m", "stiffness", 1e7),
+        ("connection-flexibility@57m", "flexibility", 1e-10),
+    ] {
         let both = frequencies(table(), &[&format!("{kind}={value:e}")]);
         let each = frequencies(table(), &[&format!("{kind}={name}_x={value:e},{name}_y={value:e}")]);
         assert_alike(&both, &each, 10, 1e-9);
