@@ -190,6 +190,11 @@ impl Discrepancy {
         is_other.then(|| format!("segments scatter {:.1} times as far as study.toml states", self.scatter))
     }
 
+    /// Whether a model misses more than the study says that it may.
+    pub(super) fn misses_more(&self) -> bool {
+        self.missed_in_words().is_some() || self.scatter > self.expected_scatter
+    }
+
     /// Whether a model of the right kind can miss as much.
     pub(super) fn is_plausible(&self) -> bool {
         self.p_value().is_none_or(|p_value| p_value >= FAILS)

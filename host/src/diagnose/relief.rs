@@ -15,8 +15,8 @@ use super::state::State;
 use crate::model::effect::{Effect, Evidence};
 
 /// An effect that leaves more of the differences than this share has not explained them. Measured on 24 truths of another finite element
-/// code: effects that were there left 0 to 0.56 of them; others that fitted by the scatter 0.82 and more, but for one, with which
-/// frequencies were worse.
+/// code, before and after the effect was added: effects that were there left 0 to 0.56 of them (one of them 0.95); others that fitted
+/// beside a scatter 0.74 to 1.8, but for one, with which frequencies were worse.
 const LEFT_OVER: f64 = 2.0 / 3.0;
 /// Frequencies of models that differ by less are the same, to rounding.
 const SAME: f64 = 1e-9;
@@ -34,9 +34,8 @@ pub struct Left {
 }
 
 impl Left {
-    /// Whether the model's errors fall. Where the model `passes` as it is, they must fall clearly, and not at the price of frequencies; where
-    /// it does not, they may not rise. A fault of a sensor is part of the measurement and no remedy for the model's
-    /// errors: for that the answer is yes.
+    /// Whether the model's errors fall. Where the model `passes` as it is, they must fall clearly, and not at the price of frequencies. A
+    /// fault of a sensor is part of the measurement and no remedy for the model's errors: for that the answer is yes.
     pub(super) fn is_relief(&self, passes: bool) -> bool {
         let falls = if passes { self.misfit <= LEFT_OVER && self.frequency < 1.0 } else { self.misfit < 1.0 };
         !self.moves || falls
@@ -72,11 +71,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_must_fall_clearly_where_the_model_passes_and_may_not_rise_where_it_does_not() {
+    fn errors_must_fall_and_clearly_where_the_model_passes() {
         let left = |misfit: f64, frequency: f64| Left { misfit, frequency, moves: true };
         assert!(left(0.5, 0.6).is_relief(true));
         assert!([left(0.9, 0.6), left(0.5, 1.05)].iter().all(|left| !left.is_relief(true) && left.is_relief(false)));
-        assert!(!left(1.1, 0.9).is_relief(false));
+        assert!(!left(1.1, 0.9).is_relief(false) && !left(1.1, 0.9).is_relief(true));
         // A fault of a sensor does not move the structure's frequencies.
         assert!(Left { moves: false, ..left(1.0, 1.0) }.is_relief(true));
     }

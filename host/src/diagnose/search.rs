@@ -132,7 +132,9 @@ impl Problem {
         let passes = own.as_ref().map_or(present, |(_, own)| own).passes();
         found.par_iter_mut().for_each(|found| {
             found.left = problem.left_with(present, found);
-            found.helps = found.left.is_none_or(|left| left.is_relief(passes));
+            // Where the tolerance accounts for all that is left, the evidence is right about what scatter can do.
+            let is_accounted_for = !found.own().discrepancy.misses_more();
+            found.helps = is_accounted_for || found.left.is_none_or(|left| left.is_relief(passes));
         });
         Searched { settled, own, found, rejected }
     }

@@ -219,9 +219,9 @@ impl<'a> Weighed<'a> {
         let useless = self.found.iter().filter(|(found, ..)| !found.helps && log_weight(found) > most);
         let (found, ..) = useless.max_by(|a, b| log_weight(a.0).total_cmp(&log_weight(b.0)))?;
         let left = found.left?;
-        let how = match (left.misfit, left.frequency) {
-            (1.0.., _) => "the model's errors rise with it",
-            (_, 1.0..) => "frequencies are further off with it",
+        let how = match (left.misfit < 1.0, left.frequency < 1.0) {
+            (false, _) => "the model's errors rise with it",
+            (_, false) => "frequencies are further off with it",
             _ => "the model's errors hardly fall with it",
         };
         Some(format!(
