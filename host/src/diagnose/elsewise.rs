@@ -34,14 +34,14 @@ pub struct Elsewise {
 impl Elsewise {
     /// In words.
     pub(super) fn told(&self) -> String {
-        let much = if self.tolerance_times < 1.0 { "half" } else { "twice" };
+        let much = if self.tolerance_times < 1.0 { "half of" } else { "twice" };
         let verdict = match (&self.best, self.verdict) {
             (Some(best), _) => best.as_str(),
             (None, Verdict::Adequate) => "adequate",
             (None, _) => "unknown",
         };
         format!(
-            "the verdict rests on the model's tolerance: with {much} of background_stiffness and background_mass it would be: {verdict}"
+            "the verdict rests on the model's tolerance: with {much} background_stiffness and background_mass it would be: {verdict}"
         )
     }
 }
@@ -68,7 +68,7 @@ impl Problem {
         TIMES.into_iter().filter_map(there).filter(differs).collect()
     }
 
-    /// The verdict with this many times the stated tolerance: evidence near the fits that were found, and two fits to test.
+    /// The verdict with this many times the stated tolerance: evidence near the fits that were found, and a fit to test.
     fn verdict_at(&self, times: f64, present: &Fit, found: &[Found]) -> Option<Elsewise> {
         let problem = self.stated(times);
         // Evidence there, and the discrepancy that suits best.
@@ -82,8 +82,9 @@ impl Problem {
         // How badly the best fits there bounds how probable something else is, so only the best is fitted there.
         let mut weighed: Vec<(Hypothesis, Option<&Found>, &Fit, Discrepancy)> =
             vec![(odds.of_adequate(0.0), None, present, own)];
-        let most = found.first().map_or(0.0, |first| first.log_bayes_factor);
-        let contend = found.iter().take(CONTEND).filter(|found| found.log_bayes_factor > most - CLEAR);
+        let helpful = || found.iter().filter(|found| found.helps);
+        let most = helpful().next().map_or(0.0, |first| first.log_bayes_factor);
+        let contend = helpful().take(CONTEND).filter(|found| found.log_bayes_factor > most - CLEAR);
         weighed.extend(contend.map(|found| {
             let (discrepancy, with) = there(found.own());
             let log_bayes_factor = with - evidence + found.log_share;
@@ -144,7 +145,7 @@ mod tests {
         );
         assert!(
             told(2.0, Verdict::Adequate, None)
-                .ends_with("with twice of background_stiffness and background_mass it would be: adequate")
+                .ends_with("with twice background_stiffness and background_mass it would be: adequate")
         );
     }
 }

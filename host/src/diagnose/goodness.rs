@@ -96,9 +96,12 @@ impl Fit {
         let others = squares.len().checked_sub(1).filter(|_| squares.len() >= LEAST_MODES)? as f64;
         let (mode, largest) = squares.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let mean = (squares.iter().map(|(_, square)| square).sum::<f64>() - largest) / others;
+        if mean <= 0.0 {
+            return None;
+        }
         let student = StudentsT::new(0.0, 1.0, others).ok()?;
         let chance = 2.0 * student.sf((largest / mean).sqrt());
-        (mean > 0.0 && chance * (others + 1.0) < FAILS).then_some(mode)
+        (chance * (others + 1.0) < FAILS).then_some(mode)
     }
 
     /// The tests with the highest probability over how many modes are wrong, and which: that so many are, times that of what the others

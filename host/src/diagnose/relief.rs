@@ -44,7 +44,8 @@ impl Left {
 
 impl Problem {
     /// What is left of the differences with an effect as it was found. `None` for what splits a peak in two, of which the present
-    /// model has the one, and where one of the models cannot be solved.
+    /// model has the one, where one of the models cannot be
+    /// solved, and where the present one differs in nothing.
     pub(super) fn left_with(&self, present: &Fit, found: &Found) -> Option<Left> {
         if found.kind.evidence() == Evidence::TwinPeaks {
             return None;
@@ -58,11 +59,10 @@ impl Problem {
             |state: &State| -> f64 { state.residual.blocks().map(|(first, _)| state.modes[first].powi(2)).sum() };
         let (one, other) = (&with.view.modes.frequency_hz, &without.view.modes.frequency_hz);
         let moves = one.iter().zip(other).any(|(one, other)| (one - other).abs() > SAME * other.abs());
-        Some(Left {
-            misfit: misfit(&with) / misfit(&without),
-            frequency: frequency(&with) / frequency(&without),
-            moves,
-        })
+        let left =
+            Left { misfit: misfit(&with) / misfit(&without), frequency: frequency(&with) / frequency(&without), moves };
+        // A model that misses nothing has no differences to share.
+        (left.misfit.is_finite() && left.frequency.is_finite()).then_some(left)
     }
 }
 

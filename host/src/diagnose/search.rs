@@ -143,8 +143,11 @@ impl Problem {
     fn first_look(&self, present: &Fit, sightings: &[Sighting<'_>]) -> Option<Discrepancy> {
         let scored = self.scored(sightings).into_iter().filter(|one| one.admissible).collect();
         let kinds = by_kind(scored);
-        let look = |kind: &Vec<Scored>| self.refit_one(present, &kind[0], None, Effort::Full);
-        let looks: Vec<Fit> = kinds[..kinds.len().min(LOOKS)].par_iter().filter_map(look).collect();
+        // Linear steps promise more than they keep; what an effect that is there or not gains is what it gains.
+        let (likeliest, rest) = kinds.split_at(kinds.len().min(LOOKS));
+        let looked_at = likeliest.par_iter().chain(rest.par_iter().filter(|kind| kind[0].knobs.is_empty()));
+        let looks: Vec<Fit> =
+            looked_at.filter_map(|kind| self.refit_one(present, &kind[0], None, Effort::Full)).collect();
         let best = looks.iter().max_by(|a, b| a.log_evidence().total_cmp(&b.log_evidence()));
         let best = best.filter(|best| best.log_evidence() - present.log_evidence() > STANDS_OUT);
         self.to_look_anew(best.unwrap_or(present))
@@ -448,9 +451,10 @@ impl Problem {
         let mut best: Option<Fit> = None;
         for start in starts.iter().take(most) {
             if let Some(fit) = fit(start) {
-                // The linear step promised as much.
+                // The linear step promised as much. Where there is none, a background that was bent to stand in for the effect may hold the
+                // fit back, however much it gains.
                 let gain = fit.log_evidence() - present.log_evidence();
-                let settled = near.is_some() || gain > DISAPPOINTS * scored.gain;
+                let settled = near.is_some() || (!scored.knobs.is_empty() && gain > DISAPPOINTS * scored.gain);
                 if best.as_ref().is_none_or(|best| fit.log_evidence() > best.log_evidence()) {
                     best = Some(fit);
                 }

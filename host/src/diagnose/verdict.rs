@@ -483,7 +483,7 @@ fn twins<'a>(
         let within = log_odds(best) - log_odds(other) < STANDS_OUT;
         let there = direction(&other.fit);
         let cosine_squared = along.dot(&there).powi(2) / (along.norm_squared() * there.norm_squared());
-        (within || cosine_squared > TWINS) && other.fit.passes()
+        other.helps && (within || cosine_squared > TWINS) && other.fit.passes()
     };
     let others = others.iter().filter(|(other, ..)| other.kind != best.kind && other.fit.is_significant(other.index()));
     others.filter(|(other, ..)| is_twin(other)).map(|(other, _, probability)| (*other, *probability)).collect()
