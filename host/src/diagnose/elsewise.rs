@@ -11,14 +11,12 @@ use super::found::Found;
 use super::posterior::{Hypothesis, posterior};
 use super::problem::Problem;
 use super::report::Verdict;
+use super::search::CLEAR;
 
 /// What the tolerance is multiplied with.
 const TIMES: [f64; 2] = [0.5, 2.0];
 /// Effects that could be named then.
 const CONTEND: usize = 3;
-
-/// Effects that gain less than the best by this are not.
-const CLEAR: f64 = 50.0;
 
 /// A verdict that is another with another tolerance.
 #[derive(Debug, Clone, PartialEq, Serialize)]

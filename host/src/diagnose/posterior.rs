@@ -47,6 +47,11 @@ impl PriorOdds {
         Hypothesis { prior_odds: self.adequate(), log_bayes_factor: 0.0, p_value }
     }
 
+    /// Logarithm of the odds after of what was found, against a model of odds 1 without an effect, whether or not it helps.
+    pub(super) fn log_odds_of(&self, found: &Found) -> f64 {
+        self.kind(found.kind).ln() + found.log_bayes_factor
+    }
+
     /// That it lacks what was found. What makes the model no better is not what it lacks, however well it fits beside a scatter that
     /// stands against it.
     pub(super) fn of_found(&self, found: &Found, p_value: f64) -> Hypothesis {

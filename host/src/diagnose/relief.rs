@@ -7,12 +7,11 @@
 
 use serde::Serialize;
 
-use super::fit::Fit;
 use super::found::Found;
 use super::misfit::Loss;
 use super::problem::Problem;
 use super::state::State;
-use crate::model::effect::{Effect, Evidence};
+use crate::model::effect::Evidence;
 
 /// An effect that leaves more of the differences than this share has not explained them. Measured on 24 truths of another finite element
 /// code, before and after the effect was added: effects that were there left 0 to 0.56 of them (one of them 0.95); others that fitted
@@ -43,24 +42,27 @@ impl Left {
 }
 
 impl Problem {
-    /// What is left of the differences with an effect as it was found. `None` for what splits a peak in two, of which the present
-    /// model has the one, where one of the models cannot be
-    /// solved, and where the present one differs in nothing.
-    pub(super) fn left_with(&self, present: &Fit, found: &Found) -> Option<Left> {
+    /// What is left of the differences with an effect as it was found, where `without` is the present model without scatter. `None` for
+    /// what splits a peak in two, of which the present model has the one, where the model with it cannot be solved, and where the present
+    /// one differs in nothing.
+    pub(super) fn left_with(&self, without: &State, found: &Found) -> Option<Left> {
         if found.kind.evidence() == Evidence::TwinPeaks {
             return None;
         }
-        let own = found.own();
-        let problem = self.with_discrepancy(own.discrepancy);
-        let solved = |effects: &[Effect]| problem.state_without_scatter(effects).ok();
-        let (with, without) = (solved(own.effects())?, solved(present.effects())?);
-        let misfit = |state: &State| state.misfit(Loss::Robust);
-        let frequency =
-            |state: &State| -> f64 { state.residual.blocks().map(|(first, _)| state.modes[first].powi(2)).sum() };
+        let with = self.state_without_scatter(found.own().effects()).ok()?;
+        // Both are weighed with the discrepancy that suits the effect.
+        let weighed = |state: &State| -> Option<(f64, f64)> {
+            let factors = self.covariance_factors(&state.residual, &found.own().discrepancy)?;
+            let mut modes = state.residual.vector();
+            state.whiten_by(&factors, &mut modes);
+            let of_frequencies = state.residual.blocks().map(|(first, _)| modes[first].powi(2)).sum();
+            let differences = state.joined(modes, &state.phases, &state.damping);
+            Some((state.misfit_of(&differences, &factors, Loss::Robust), of_frequencies))
+        };
+        let ((misfit, frequency), (misfit_before, frequency_before)) = (weighed(&with)?, weighed(without)?);
         let (one, other) = (&with.view.modes.frequency_hz, &without.view.modes.frequency_hz);
         let moves = one.iter().zip(other).any(|(one, other)| (one - other).abs() > SAME * other.abs());
-        let left =
-            Left { misfit: misfit(&with) / misfit(&without), frequency: frequency(&with) / frequency(&without), moves };
+        let left = Left { misfit: misfit / misfit_before, frequency: frequency / frequency_before, moves };
         // A model that misses nothing has no differences to share.
         (left.misfit.is_finite() && left.frequency.is_finite()).then_some(left)
     }

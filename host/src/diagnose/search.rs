@@ -67,7 +67,7 @@ const ANEW: f64 = STANDS_OUT;
 const LOOKS: usize = 3;
 const MOST_SEARCHES: usize = 2;
 /// One that passes and gains this more than another makes that one impossible.
-const CLEAR: f64 = 50.0;
+pub(super) const CLEAR: f64 = 50.0;
 /// Effects that are fitted once more from the start in the end, where they do not pass.
 const AFRESH: usize = 2;
 /// Kinds that are refitted.
@@ -129,9 +129,10 @@ impl Problem {
             problem.settle_heights(&mut found);
         }
         let own = problem.weigh_each(present, &mut found);
+        let without = problem.state_without_scatter(present.effects()).ok();
         let passes = own.as_ref().map_or(present, |(_, own)| own).passes();
         found.par_iter_mut().for_each(|found| {
-            found.left = problem.left_with(present, found);
+            found.left = without.as_ref().and_then(|without| problem.left_with(without, found));
             // Where the tolerance accounts for all that is left, the evidence is right about what scatter can do.
             let is_accounted_for = !found.own().discrepancy.misses_more();
             found.helps = is_accounted_for || found.left.is_none_or(|left| left.is_relief(passes));

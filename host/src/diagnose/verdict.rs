@@ -213,11 +213,11 @@ impl<'a> Weighed<'a> {
 
     /// A warning about the effect that would be the most probable, had it made the model better.
     fn no_help(&self, problem: &Problem) -> Option<String> {
-        let log_weight = |found: &Found| problem.prior_odds.kind(found.kind).ln() + found.log_bayes_factor;
-        let helps = self.found.iter().filter(|(found, ..)| found.helps).map(|(found, ..)| log_weight(found));
+        let log_odds = |found: &Found| problem.prior_odds.log_odds_of(found);
+        let helps = self.found.iter().filter(|(found, ..)| found.helps).map(|(found, ..)| log_odds(found));
         let most = helps.fold(problem.prior_odds.adequate().ln(), f64::max);
-        let useless = self.found.iter().filter(|(found, ..)| !found.helps && log_weight(found) > most);
-        let (found, ..) = useless.max_by(|a, b| log_weight(a.0).total_cmp(&log_weight(b.0)))?;
+        let useless = self.found.iter().filter(|(found, ..)| !found.helps && log_odds(found) > most);
+        let (found, ..) = useless.max_by(|a, b| log_odds(a.0).total_cmp(&log_odds(b.0)))?;
         let left = found.left?;
         let how = match (left.misfit < 1.0, left.frequency < 1.0) {
             (false, _) => "the model's errors rise with it",
@@ -478,7 +478,7 @@ fn twins<'a>(
         marginal.project(&columns).column(0).into_owned()
     };
     let along = direction(&best.fit);
-    let log_odds = |found: &Found| problem.prior_odds.kind(found.kind).ln() + found.log_bayes_factor;
+    let log_odds = |found: &Found| problem.prior_odds.log_odds_of(found);
     let is_twin = |other: &Found| {
         let within = log_odds(best) - log_odds(other) < STANDS_OUT;
         let there = direction(&other.fit);

@@ -79,17 +79,16 @@ const NO_SCATTER: f64 = 3.0;
 /// shapes that are nearly real, so phases that the data do not determine are noise. What stands out by itself, as of a channel whose clock
 /// is late, stays as it is: shrunk with the others, it would be late by less.
 pub(super) fn drop_scatter(shape: &mut Shape, imaginary_std: &[f64]) {
-    let is_scatter = |(component, std): &(&Complex64, &f64)| component.im.abs() < NO_SCATTER * **std;
-    let ordinary = || shape.iter().zip(imaginary_std).filter(is_scatter);
-    let power: f64 = ordinary().map(|(component, _)| component.im * component.im).sum();
-    let scatter: f64 = ordinary().map(|(_, std)| std * std).sum();
+    let mut ordinary: Vec<(&mut Complex64, f64)> = shape
+        .iter_mut()
+        .zip(imaginary_std.iter().copied())
+        .filter(|(component, std)| component.im.abs() < NO_SCATTER * std)
+        .collect();
+    let power: f64 = ordinary.iter().map(|(component, _)| component.im * component.im).sum();
+    let scatter: f64 = ordinary.iter().map(|(_, std)| std * std).sum();
     if power > 0.0 && scatter.is_finite() {
         let kept = (1.0 - scatter / power).max(0.0);
-        for (component, std) in shape.iter_mut().zip(imaginary_std) {
-            if is_scatter(&(component, std)) {
-                component.im *= kept;
-            }
-        }
+        ordinary.iter_mut().for_each(|(component, _)| component.im *= kept);
     }
 }
 

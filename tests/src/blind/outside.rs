@@ -13,25 +13,17 @@ pub(super) const NAMES: [&str; 4] = ["one-axis-bending", "jumping-storeys", "sec
 pub(super) fn put(name: &str, sound: &Body, structure: &Structure, random: &mut impl Rng) -> Option<Body> {
     let mut body = sound.clone();
     let before = Band::of(sound, structure, None)?;
-    let stiff = structure.total_mass_kg() * (std::f64::consts::TAU * before.frequencies_hz[0]).powi(2);
-    let springs = |nodes: Vec<usize>| {
-        move |body: &mut Body, size: f64| {
-            body.springs.extend(nodes.iter().flat_map(|&node| [(node, 0, size), (node, 1, size)]));
-        }
-    };
-    let supported = |nodes: Vec<usize>, random: &mut _| {
-        let change = springs(nodes);
-        let wanted = Wanted { bounds: [1e-4 * stiff, 1e3 * stiff], change: &change, by_shape: false };
-        let size = sized(sound, structure, &wanted, random)?;
-        let mut body = sound.clone();
-        change(&mut body, size);
-        Some(body)
-    };
     match name {
         "soil-springs" => {
             let below_m = structure.base_m() + 0.2 * structure.height_m();
             let nodes = (1..sound.nodes.len()).filter(|&node| sound.nodes[node].z_m < below_m);
-            return supported(nodes.collect(), random);
+            let springs = |size: f64| nodes.clone().flat_map(move |node| [(node, 0, size), (node, 1, size)]);
+            let stiff = structure.total_mass_kg() * (std::f64::consts::TAU * before.frequencies_hz[0]).powi(2);
+            let change = |body: &mut Body, size: f64| body.springs.extend(springs(size));
+            let wanted = Wanted { bounds: [1e-4 * stiff, 1e3 * stiff], change: &change, by_shape: false };
+            let size = sized(sound, structure, &wanted, random)?;
+            change(&mut body, size);
+            return Some(body);
         }
         "one-axis-bending" => {
             let left = 1.0 - random.random_range(0.15..0.3);

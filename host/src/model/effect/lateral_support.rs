@@ -1,14 +1,8 @@
 //! `lateral-support@z`: guys, a tie to a neighbour or a floor that leans on one hold the structure at a height.
 
-use std::sync::Arc;
-
-use super::error::EffectError;
-use super::ground_spring::GroundSpring;
-use super::kind::{About, EffectKind, Given, LookAlike};
+use super::ground_springs::{GroundSprings, Motion};
+use super::kind::{About, LookAlike};
 use super::parameter::Parameter;
-use super::place::PlaceKind;
-use crate::model::contribution::Contribution;
-use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "lateral-support",
@@ -27,30 +21,12 @@ const fn stiffness(name: &'static str, meaning: &'static str) -> Parameter {
     Parameter::positive(name, "N/m", meaning)
 }
 
-const SETS: &[&[Parameter]] = &[
-    &[stiffness("stiffness", "force to the ground for a unit displacement along X or Y")],
-    &[stiffness("stiffness_x", "the same along X"), stiffness("stiffness_y", "the same along Y")],
-];
-
 /// See [`ABOUT`].
-#[derive(Debug)]
-pub(super) struct LateralSupport;
-
-impl EffectKind for LateralSupport {
-    fn about(&self) -> &'static About {
-        &ABOUT
-    }
-
-    fn place(&self) -> PlaceKind {
-        PlaceKind::Height
-    }
-
-    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        SETS
-    }
-
-    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
-        let stiffness = given.of_axes("stiffness", ["stiffness_x", "stiffness_y"]);
-        Ok(Arc::new(GroundSpring::lateral(given.height_m(self, structure)?, stiffness)))
-    }
-}
+pub(super) const KIND: GroundSprings = GroundSprings {
+    about: &ABOUT,
+    parameter_sets: &[
+        &[stiffness("stiffness", "force to the ground for a unit displacement along X or Y")],
+        &[stiffness("stiffness_x", "the same along X"), stiffness("stiffness_y", "the same along Y")],
+    ],
+    resisted: Motion::Sway,
+};

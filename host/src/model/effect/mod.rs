@@ -21,7 +21,7 @@ mod foundation_mass;
 #[cfg(test)]
 mod foundation_tests;
 mod given;
-mod ground_spring;
+mod ground_springs;
 mod harmonic;
 mod kind;
 mod lateral_support;

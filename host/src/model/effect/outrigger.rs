@@ -1,14 +1,8 @@
 //! `outrigger@z`: arms to outer columns hold the structure upright at a height.
 
-use std::sync::Arc;
-
-use super::error::EffectError;
-use super::ground_spring::GroundSpring;
-use super::kind::{About, EffectKind, Given, LookAlike};
+use super::ground_springs::{GroundSprings, Motion};
+use super::kind::{About, LookAlike};
 use super::parameter::Parameter;
-use super::place::PlaceKind;
-use crate::model::contribution::Contribution;
-use crate::model::structure::Structure;
 
 const ABOUT: About = About {
     name: "outrigger",
@@ -31,33 +25,15 @@ const fn stiffness(name: &'static str, meaning: &'static str) -> Parameter {
     Parameter::positive(name, "N m/rad", meaning)
 }
 
-const SETS: &[&[Parameter]] = &[
-    &[stiffness("stiffness", "moment to the ground for a unit rotation about X or Y")],
-    &[
-        stiffness("stiffness_x", "the same about X (motion along Y)"),
-        stiffness("stiffness_y", "the same about Y (motion along X)"),
-    ],
-];
-
 /// See [`ABOUT`].
-#[derive(Debug)]
-pub(super) struct Outrigger;
-
-impl EffectKind for Outrigger {
-    fn about(&self) -> &'static About {
-        &ABOUT
-    }
-
-    fn place(&self) -> PlaceKind {
-        PlaceKind::Height
-    }
-
-    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
-        SETS
-    }
-
-    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
-        let stiffness = given.of_axes("stiffness", ["stiffness_x", "stiffness_y"]);
-        Ok(Arc::new(GroundSpring::rotational(given.height_m(self, structure)?, stiffness)))
-    }
-}
+pub(super) const KIND: GroundSprings = GroundSprings {
+    about: &ABOUT,
+    parameter_sets: &[
+        &[stiffness("stiffness", "moment to the ground for a unit rotation about X or Y")],
+        &[
+            stiffness("stiffness_x", "the same about X (motion along Y)"),
+            stiffness("stiffness_y", "the same about Y (motion along X)"),
+        ],
+    ],
+    resisted: Motion::Rotation,
+};

@@ -1,0 +1,65 @@
+//! What effects that hold a structure at a height by springs to the ground have in common: one stiffness for both axes, or one each.
+
+use std::sync::Arc;
+
+use super::error::EffectError;
+use super::kind::{About, EffectKind, Given};
+use super::parameter::Parameter;
+use super::place::PlaceKind;
+use crate::model::assembly::Assembly;
+use crate::model::contribution::Contribution;
+use crate::model::structure::Structure;
+
+/// What springs resist, by the first of its two rows in the axis' motion at a height.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Motion {
+    /// Sway along X and Y.
+    Sway = 0,
+    /// Rotation about X and Y.
+    Rotation = 2,
+}
+
+/// A kind of springs to the ground. Its parameters are `stiffness`, or `stiffness_x` and `stiffness_y`.
+#[derive(Debug)]
+pub(super) struct GroundSprings {
+    pub(super) about: &'static About,
+    pub(super) parameter_sets: &'static [&'static [Parameter]],
+    pub(super) resisted: Motion,
+}
+
+impl EffectKind for GroundSprings {
+    fn about(&self) -> &'static About {
+        self.about
+    }
+
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Height
+    }
+
+    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
+        self.parameter_sets
+    }
+
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        let z_m = given.height_m(self, structure)?;
+        let stiffness = given.of_axes("stiffness", ["stiffness_x", "stiffness_y"]);
+        Ok(Arc::new(GroundSpring { z_m, resisted: self.resisted, stiffness }))
+    }
+}
+
+/// A spring to the ground.
+#[derive(Debug)]
+struct GroundSpring {
+    z_m: f64,
+    resisted: Motion,
+    /// Along X and Y in N/m, or about X and Y in N m/rad.
+    stiffness: [f64; 2],
+}
+
+impl Contribution for GroundSpring {
+    fn attach(&self, assembly: &mut Assembly) {
+        if let Some(motion) = assembly.local_motion(self.z_m) {
+            motion.add_squares(&mut assembly.stiffness, self.resisted as usize, self.stiffness);
+        }
+    }
+}
