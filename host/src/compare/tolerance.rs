@@ -20,10 +20,13 @@ pub struct Tolerance {
 const DEFAULT_CORRELATION: f64 = 1.0 / 6.0;
 /// Stiffnesses have this part of their scatter in common: materials, and what stands on the drawings.
 const IN_COMMON: f64 = 0.866;
-/// What each has of its own, in shares of the tolerance. A section's bending follows from its drawing; shear areas and torsion of
-/// lattices, frames and thin walls are estimates.
+/// What each has of its own, in shares of the tolerance. A section's bending follows from its drawing; torsion of lattices, frames and
+/// thin walls is an estimate, and their shear even more: by formula or by unit loads, which leave out how joints and ends deform, it is off
+/// by a tenth. With as much for shear as for torsion, sound lattice towers of another finite element code, whose frequencies a table meets
+/// to 0.2 %, need up to 25 % more shear stiffness, and fail the test of fit.
 const BENDING_ITS_OWN: f64 = 0.5;
-const SHEAR_AND_TORSION_THEIR_OWN: f64 = 1.0;
+const TORSION_ITS_OWN: f64 = 1.0;
+const SHEAR_ITS_OWN: f64 = 3.0;
 /// That varies over the height as the kind of section does: over this many correlation lengths.
 const OF_A_KIND: f64 = 3.0;
 
@@ -56,7 +59,8 @@ impl Tolerance {
         for (row, one) in quantities.iter().enumerate() {
             for (column, other) in quantities.iter().enumerate() {
                 let own = match one {
-                    Some(Stiffness::Shear | Stiffness::Torsion) => SHEAR_AND_TORSION_THEIR_OWN,
+                    Some(Stiffness::Shear) => SHEAR_ITS_OWN,
+                    Some(Stiffness::Torsion) => TORSION_ITS_OWN,
                     _ => BENDING_ITS_OWN,
                 };
                 let part = match (one, other) {

@@ -10,21 +10,23 @@ use crate::statistics::largest_first;
 /// standard normal numbers (Karhunen-Loève).
 #[derive(Debug, Clone)]
 pub(super) struct Background {
-    /// Relative changes of what is not trusted, segments x numbers: a stiffness, or the mass where it is none.
+    /// Relative changes of what is not trusted, segments x numbers: a stiffness, or the mass where it is none. The last number is that
+    /// of the foot.
     parts: Vec<(Option<Stiffness>, DMatrix<f64>)>,
     /// How many numbers scatter segments.
     scatter: usize,
     /// How large the scatter is, in units of what the study states.
     size: f64,
-    /// Whether the last three numbers say how far masses are spread between the nodes, and how far their centres are off the axis.
-    moves_masses: bool,
+    /// Whether numbers say how the foot is held, how far masses are spread between the nodes, and how far their centres are off the axis.
+    has_details: bool,
     /// One standard deviation of the latter, in m.
     eccentricity_m: f64,
     /// How many numbers, after all others, say what families of modes have in common.
     families: usize,
 }
 
-/// How many numbers say where masses are.
+/// How many numbers say how the foot is held, and how many where masses are.
+const OF_FOOT: usize = 1;
 const OF_MASSES: usize = 3;
 
 /// Share of the scatter's variance that is neglected.
@@ -33,6 +35,11 @@ const LEFT_OUT: f64 = 1e-4;
 /// [`Structure::spread_masses`]). Without it a table's own coarseness would look like masses and losses at its longest
 /// segments.
 const SPREAD: f64 = 0.5;
+/// A table has the stiffness of lengths whose sections are free to warp and to shear. Where a structure is clamped they are not, and where
+/// its footing gives a little it bends below: it bends as if it were longer or shorter by this share of the radius of gyration (one
+/// standard deviation). Without it, three of three sound lattice towers of another finite element code, which bend as if they were shorter
+/// by a sixth of it, had an outrigger at their foot.
+const AT_THE_FOOT: f64 = 0.2;
 /// Centres of mass are on the axis of a table to within this share of the radius of gyration: 0.15 m for a tower of 20 m. Closer no
 /// drawing tells where plant and finishes are, and without it eccentricities of some centimetres, which turn neighbouring modes a
 /// little, would be effects.
@@ -52,7 +59,7 @@ impl Background {
                 parts: Vec::new(),
                 scatter: 0,
                 size: 1.0,
-                moves_masses: false,
+                has_details: false,
                 eccentricity_m: 0.0,
                 families: 0,
             };
@@ -73,15 +80,21 @@ impl Background {
         for (mut column, &index) in directions.column_iter_mut().zip(&kept) {
             column *= eigen.eigenvalues[index].max(0.0).sqrt();
         }
+        let radius_m = radius_of_gyration_m(structure);
+        let foot = foot(structure, radius_m);
         let part = |(index, quantity): (usize, &Option<Stiffness>)| {
-            (*quantity, directions.rows(index * segments, segments).into_owned())
+            let mut part = directions.rows(index * segments, segments).into_owned().insert_column(kept.len(), 0.0);
+            if matches!(quantity, Some(Stiffness::Bending1 | Stiffness::Bending2)) {
+                part.column_mut(kept.len()).rows_mut(0, foot.len()).copy_from(&foot);
+            }
+            (*quantity, part)
         };
         Self {
             parts: tolerance.quantities.iter().enumerate().map(part).collect(),
             scatter: kept.len(),
             size: 1.0,
-            moves_masses: true,
-            eccentricity_m: ECCENTRICITY * radius_of_gyration_m(structure),
+            has_details: true,
+            eccentricity_m: ECCENTRICITY * radius_m,
             families: 0,
         }
     }
@@ -94,7 +107,10 @@ impl Background {
     /// The same, where segments scatter this many times as far as the study states.
     pub(super) fn sized(&self, size: f64) -> Self {
         let mut other = self.clone();
-        other.parts.iter_mut().for_each(|(_, part)| *part *= size / self.size);
+        for (_, part) in &mut other.parts {
+            let mut by_scatter = part.columns_mut(0, self.scatter);
+            by_scatter *= size / self.size;
+        }
         other.size = size;
         other
     }
@@ -111,7 +127,12 @@ impl Background {
 
     /// The place of the first number of a family of modes.
     pub(super) fn first_of_families(&self) -> usize {
-        self.scatter + if self.moves_masses { OF_MASSES } else { 0 }
+        self.scatter + if self.has_details { OF_FOOT + OF_MASSES } else { 0 }
+    }
+
+    /// The place of the first number of masses.
+    pub(super) fn first_of_masses(&self) -> usize {
+        self.scatter + OF_FOOT
     }
 
     /// Whether segments scatter not at all.
@@ -140,9 +161,10 @@ impl Background {
                     }
                 }
             }
-            if self.moves_masses {
-                structure.spread_masses(SPREAD * numbers[self.scatter]);
-                structure.shift_masses([1, 2].map(|at| self.eccentricity_m * numbers[self.scatter + at]));
+            if self.has_details {
+                let first = self.first_of_masses();
+                structure.spread_masses(SPREAD * numbers[first]);
+                structure.shift_masses([1, 2].map(|at| self.eccentricity_m * numbers[first + at]));
             }
         }
     }
@@ -156,7 +178,8 @@ impl Background {
         by_masses: &[DVector<f64>; OF_MASSES],
         numbers: &DVector<f64>,
     ) -> DMatrix<f64> {
-        let mut scattered = DMatrix::zeros(by_masses[0].len(), self.scatter);
+        let by_segments = if self.has_details { self.first_of_masses() } else { self.scatter };
+        let mut scattered = DMatrix::zeros(by_masses[0].len(), by_segments);
         for ((_, part), by_quantity) in self.parts.iter().zip(by_quantities) {
             let mut relative = part.clone();
             for (mut row, factor) in relative.row_iter_mut().zip(Self::factors(part, numbers).iter()) {
@@ -164,16 +187,26 @@ impl Background {
             }
             scattered += by_quantity * relative;
         }
-        if !self.moves_masses {
+        if !self.has_details {
             return scattered;
         }
-        let mut chained = scattered.insert_columns(self.scatter, OF_MASSES, 0.0);
+        let mut chained = scattered.insert_columns(by_segments, OF_MASSES, 0.0);
         let units = [SPREAD, self.eccentricity_m, self.eccentricity_m];
         for (at, (by_mass, unit)) in by_masses.iter().zip(units).enumerate() {
-            chained.set_column(self.scatter + at, &(by_mass * unit));
+            chained.set_column(by_segments + at, &(by_mass * unit));
         }
         chained
     }
+}
+
+/// One standard deviation of the relative change of bending stiffness, of the lowest segments as far up as the radius of gyration.
+fn foot(structure: &Structure, radius_m: f64) -> DVector<f64> {
+    let segments = structure.segments().unwrap_or_default();
+    let Some(base_m) = segments.first().map(|first| first.z_bottom_m) else { return DVector::zeros(0) };
+    let count = segments.iter().take_while(|segment| segment.z_top_m - base_m < radius_m).count();
+    let lowest = &segments[..segments.len().min(count.max(1))];
+    let length_m: f64 = lowest.iter().map(Segment::length_m).sum();
+    DVector::repeat(lowest.len(), AT_THE_FOOT * radius_m / length_m)
 }
 
 /// Of all masses of a table about Z.

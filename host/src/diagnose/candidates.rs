@@ -102,7 +102,12 @@ impl Problem {
         let nodes = nodes.into_iter().map(|node| Some(Where::Node(node)));
         match kind.place() {
             PlaceKind::Nowhere => vec![None],
-            PlaceKind::Height => self.heights_m().into_iter().map(|z_m| Some(Where::Height(z_m))).collect(),
+            PlaceKind::Height => {
+                let [z_base_m, z_top_m] = self.bare.z_range_m().unwrap_or_default();
+                let lowest_m = z_base_m + kind.looked_for_above() * (z_top_m - z_base_m);
+                let heights = self.heights_m().into_iter().filter(|z_m| *z_m >= lowest_m);
+                heights.map(|z_m| Some(Where::Height(z_m))).collect()
+            }
             PlaceKind::Channel => channels().map(|channel| Some(Where::Channels(vec![channel]))).collect(),
             PlaceKind::TwoChannels => self.likely_swaps(present).into_iter().map(Some).collect(),
             // With one node only, its clock and its azimuth are those of all.

@@ -67,7 +67,7 @@ const FACTOR: f64 = 2.0;
 /// sound structure that scatters twice as far was called unknown in 5 of 12 cases where the tolerance was taken for exact.
 const SCATTER_FACTOR: f64 = 1.6;
 /// A model whose segments scatter further from what the study states is not as good as it claims to be.
-const SCATTER: [f64; 2] = [0.5, 2.0];
+pub(super) const SCATTER: [f64; 2] = [0.5, 2.0];
 
 impl Default for Discrepancy {
     fn default() -> Self {
@@ -257,11 +257,16 @@ impl Problem {
     /// The sizes of the discrepancy with the highest evidence, near a fit, and by how much they raise its logarithm: the differences
     /// follow effects and background as they do there (Laplace's approximation).
     pub(super) fn best_discrepancy(&self, fit: &Fit) -> (Discrepancy, f64) {
+        self.better_discrepancy(fit, &STARTS)
+    }
+
+    /// The same, beside that of the fit from these growths.
+    fn better_discrepancy(&self, fit: &Fit, growths: &[f64]) -> (Discrepancy, f64) {
         // A dozen frequencies alone do not tell what a model misses from what it lacks.
         if self.measured.iter().all(|mode| mode.shape.is_none()) {
             return (fit.discrepancy, 0.0);
         }
-        let near = Near::of(fit);
+        let near = Near::of_seen(self, fit);
         let expected = self.discrepancy.expected_scatter;
         let of_numbers = |numbers| Discrepancy::of_numbers(numbers, expected);
         // Steps do not lead over what a number costs once it is in use: that is counted in the end.
@@ -280,15 +285,15 @@ impl Problem {
         let family = if self.families.ncols() == 0 { [family[0]; 2] } else { family };
         let ranges = [frequency, shape, coupling, GROWTH, scatter, family, shape];
         let mut start = (present, before);
-        for growth in STARTS {
+        for growth in growths {
             let mut there = present;
-            there[AT_GROWTH] = growth;
+            there[AT_GROWTH] = *growth;
             let Some(evidence) = evidence_of(there) else { continue };
             let found = climb((there, evidence), &COARSE, &SIZES, &ranges, &evidence_of);
             if found.1 > start.1 {
                 start = found;
             }
-            if of_numbers(found.0).growth == 0.0 && growth > 0.0 {
+            if of_numbers(found.0).growth == 0.0 && *growth > 0.0 {
                 break;
             }
         }
@@ -334,7 +339,8 @@ impl Problem {
             let next = problem.with_discrepancy(discrepancy);
             let Ok(refitted) = next.refitted(fit) else { break };
             if round < MOST_ROUNDS {
-                discrepancy = next.best_discrepancy(&refitted).0;
+                // The fit has moved by little, and the best sizes with it.
+                discrepancy = next.better_discrepancy(&refitted, &[]).0;
             }
             settled = Some((next, refitted));
         }

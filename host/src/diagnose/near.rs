@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::discrepancy::{Discrepancy, log_determinant};
+use super::discrepancy::{Discrepancy, SCATTER, log_determinant};
 use super::evaluation::ShapeErrors;
 use super::fit::{Fit, Marginal, weighted};
 use super::misfit::Loss;
@@ -18,6 +18,9 @@ pub(super) struct Near<'a> {
     pub(super) fit: &'a Fit,
     residual: DVector<f64>,
     slopes: DMatrix<f64>,
+    /// The background's numbers, of which the first so many scatter segments.
+    numbers: DVector<f64>,
+    scatter: usize,
     /// Knobs at a bound, which stay there.
     frozen: Vec<bool>,
     /// What shapes may have wrong, made when first asked for.
@@ -35,8 +38,11 @@ struct Weighed {
     weights: DVector<f64>,
 }
 
+/// Directions of the scatter that move what is measured by less than this many of its standard deviations are not seen.
+const UNSEEN: f64 = 0.03;
+
 impl<'a> Near<'a> {
-    pub(super) fn of(fit: &'a Fit) -> Self {
+    pub(super) fn of(problem: &Problem, fit: &'a Fit) -> Self {
         let state = &fit.state;
         let mut slopes = fit.slopes.clone();
         for ((first, block), factor) in state.residual.blocks().zip(&state.factors) {
@@ -50,15 +56,49 @@ impl<'a> Near<'a> {
             .iter()
             .map(|knob| knob.bounds.iter().any(|&bound| knob.is_at(state.value(knob), bound)))
             .collect();
-        Self { fit, residual, slopes, frozen, errors: OnceLock::new() }
+        let (numbers, scatter) = (state.numbers.clone(), problem.background.scatter());
+        Self { fit, residual, slopes, numbers, scatter, frozen, errors: OnceLock::new() }
+    }
+
+    /// The same without directions of the scatter that the measurement does not see, with whatever discrepancy: where evidence is asked
+    /// for often.
+    pub(super) fn of_seen(problem: &Problem, fit: &'a Fit) -> Self {
+        let mut near = Self::of(problem, fit);
+        if let Some(directions) = near.seen(problem) {
+            let (first, scatter) = (fit.knobs.len(), near.scatter);
+            let rest = near.slopes.ncols() - first - scatter;
+            let mut slopes = near.slopes.columns(0, first).into_owned();
+            let seen = near.slopes.columns(first, scatter) * &directions;
+            slopes.resize_horizontally_mut(first + directions.ncols() + rest, 0.0);
+            slopes.columns_mut(first, directions.ncols()).copy_from(&seen);
+            slopes.columns_mut(first + directions.ncols(), rest).copy_from(&near.slopes.columns(first + scatter, rest));
+            let numbers = directions.tr_mul(&near.numbers.rows(0, scatter));
+            near.numbers = concatenated(&numbers, &near.numbers.rows(scatter, rest).into_owned());
+            near.scatter = directions.ncols();
+            near.slopes = slopes;
+        }
+        near
+    }
+
+    /// Directions of the scatter's numbers that the measurement sees: numbers x directions, at right angles.
+    fn seen(&self, problem: &Problem) -> Option<DMatrix<f64>> {
+        let state = &self.fit.state;
+        let errors = self.errors.get_or_init(|| problem.errors(&state.residual));
+        let factors = problem.factors_of(&state.residual, errors, &Discrepancy::NONE)?;
+        let mut by_scatter = self.slopes.columns(self.fit.knobs.len(), self.scatter).into_owned();
+        state.whiten_by(&factors, &mut by_scatter);
+        let eigen = squares(&by_scatter).symmetric_eigen();
+        let least = (UNSEEN * self.fit.discrepancy.scatter / SCATTER[1]).powi(2);
+        let seen: Vec<usize> = (0..self.scatter).filter(|&at| eigen.eigenvalues[at] > least).collect();
+        Some(eigen.eigenvectors.select_columns(&seen))
     }
 
     fn weighed(&self, problem: &Problem, sizes: &Discrepancy) -> Option<Weighed> {
-        let (state, scatter) = (&self.fit.state, problem.background.scatter());
+        let (state, scatter) = (&self.fit.state, self.scatter);
         let errors = self.errors.get_or_init(|| problem.errors(&state.residual));
         let factors = problem.factors_of(&state.residual, errors, sizes)?;
         let (mut differences, mut slopes) = (self.residual.clone(), self.slopes.clone());
-        let (mut numbers, times) = (state.numbers.clone(), sizes.scatter / self.fit.discrepancy.scatter);
+        let (mut numbers, times) = (self.numbers.clone(), sizes.scatter / self.fit.discrepancy.scatter);
         let mut of_scatter = numbers.rows_mut(0, scatter);
         of_scatter /= times;
         let mut by_scatter = slopes.columns_mut(self.fit.knobs.len(), scatter);
@@ -79,8 +119,9 @@ impl<'a> Near<'a> {
         numbers: &mut DVector<f64>,
         slopes: &mut DMatrix<f64>,
     ) {
-        let (state, first) = (&self.fit.state, problem.background.first_of_families());
-        let mut of_families = numbers.rows_mut(first, problem.families.ncols());
+        let (state, families) = (&self.fit.state, problem.families.ncols());
+        let first = numbers.len() - families;
+        let mut of_families = numbers.rows_mut(first, families);
         let shift = problem.by_families(&state.residual, &self.fit.discrepancy) * &of_families;
         of_families *= self.fit.discrepancy.family_in_units_of(sizes);
         let shift = problem.by_families(&state.residual, sizes) * of_families - shift;
@@ -129,6 +170,10 @@ impl<'a> Near<'a> {
     }
 }
 
+fn concatenated(one: &DVector<f64>, other: &DVector<f64>) -> DVector<f64> {
+    DVector::from_iterator(one.len() + other.len(), one.iter().chain(other.iter()).copied())
+}
+
 /// `AᵀA`: nalgebra's `tr_mul` does not go through the fast product.
 pub(super) fn squares(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     matrix.transpose() * matrix
@@ -150,7 +195,7 @@ mod tests {
         let modes = measured(&truth, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(3));
         let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
         let fit = problem.present(&[]).unwrap();
-        let near = Near::of(&fit);
+        let near = Near::of_seen(&problem, &fit);
         let here = near.log_evidence(&problem, &fit.discrepancy).unwrap();
         let others = [
             Discrepancy { frequency: 0.003, shape: 0.005, ..fit.discrepancy },

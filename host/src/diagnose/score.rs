@@ -89,7 +89,7 @@ impl Problem {
             candidates.into_iter().filter_map(direction).collect()
         };
         let kinds = candidates.into_par_iter().enumerate().map(of_kind).collect();
-        Sighting { near: Near::of(fit), kinds }
+        Sighting { near: Near::of(self, fit), kinds }
     }
 
     /// Scores every candidate by one linear step, `T = gᵀ P r` over `gᵀ P g` in several dimensions, with this problem's discrepancy. The

@@ -66,7 +66,7 @@ fn derivatives_are_those_of_the_differences() {
         if slope.norm() > 1e-2 {
             checked_columns += 1;
             // Spreading masses changes an eccentric mass' coupling as well, which the derivative leaves out.
-            let spread = index == problem.background.scatter();
+            let spread = index == problem.background.first_of_masses();
             close(&slope, &by_background.column(index).into_owned(), if spread { "spread" } else { "scatter" });
         }
     }
@@ -470,4 +470,26 @@ fn a_typical_radius_moves_a_frequency_as_expected() {
     let most = measured.iter().map(|&mode| (sound[mode] / heavy[mode]).ln()).fold(0.0, f64::max);
     // 5 % by the slope at nothing; less by the whole of it.
     assert!((0.02..0.08).contains(&most), "{typical} m moves a frequency by {most}");
+}
+
+/// What holds a structure near its foot is how it is founded, which the tolerance has: an outrigger is looked for higher up.
+#[test]
+fn an_outrigger_is_looked_for_above_the_foot() {
+    let (structure, model, sensors) = study();
+    let modes = measured(&structure, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(1));
+    let [z_base_m, z_top_m] = structure.z_range_m().unwrap();
+    let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
+    let present = problem.present(&[]).unwrap();
+    let lowest_m = |name: &str| {
+        let candidates = problem.candidates(crate::model::effect::find(name).unwrap(), &present);
+        let height_m = |candidate: &super::candidates::Candidate| match candidate.place {
+            Some(Where::Height(z_m)) => z_m,
+            _ => f64::NAN,
+        };
+        candidates.iter().map(height_m).fold(f64::INFINITY, f64::min)
+    };
+    let share = |z_m: f64| (z_m - z_base_m) / (z_top_m - z_base_m);
+    assert!((0.2..0.3).contains(&share(lowest_m("outrigger"))));
+    assert!((0.1..0.2).contains(&share(lowest_m("lateral-support"))));
+    assert!(share(lowest_m("added-mass")) < 0.1);
 }

@@ -3,7 +3,7 @@
 //! What the search found flows in; a [`Diagnosis`] flows out: the verdict, the effect that it names, and what is still
 //! unexplained.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::candidates::Options;
 use super::criteria::{FAILS, STANDS_OUT};
@@ -462,7 +462,7 @@ fn twins<'a>(
     best: &Found,
     others: &[(&'a Found, f64, f64)],
 ) -> Vec<(&'a Found, f64)> {
-    let Some(marginal) = Near::of(present).marginal(problem) else { return Vec::new() };
+    let Some(marginal) = Near::of(problem, present).marginal(problem) else { return Vec::new() };
     let single: Vec<bool> = rows_of_single_modes(present);
     let direction = |fit: &Fit| {
         // Twins stand beside no mode of the present model.
@@ -504,7 +504,7 @@ fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
     let state = &fit.state;
     let mut sensors = vec![(0.0, 0usize); problem.sensors.len()];
     let mut by_mode = Vec::new();
-    for (first, block) in state.residual.blocks() {
+    for ((first, block), factor) in state.residual.blocks().zip(&state.factors) {
         let mode = &problem.measured[block.measured];
         let part = state.modes.rows(first, block.size());
         by_mode.push(ModeMisfit {
@@ -513,7 +513,7 @@ fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
             frequency_error_percent: error_percent(state.view.modes.frequency_hz[block.model], mode),
             mean_square: part.norm_squared() / block.size() as f64,
         });
-        for (sensor, square) in sensor_squares(problem, block) {
+        for (sensor, square) in sensor_squares(block, factor) {
             sensors[sensor].0 += square;
             sensors[sensor].1 += 1;
         }
@@ -550,19 +550,15 @@ fn error_percent(frequency_hz: f64, mode: &MeasuredMode) -> f64 {
     100.0 * (frequency_hz / mode.frequency_hz - 1.0)
 }
 
-/// Squared deviations of a shape sensor by sensor.
-fn sensor_squares(problem: &Problem, block: &crate::compare::Block) -> Vec<(usize, f64)> {
-    let (Some(shape), Some(measured)) = (&block.shape, &problem.measured[block.measured].shape) else {
-        return Vec::new();
-    };
-    let left = &shape.directions * block.residual.rows(1, block.size() - 1);
-    let deviations = crate::compare::shape_deviations(measured);
-    shape
-        .sensors
-        .iter()
-        .zip(left.iter().zip(deviations))
-        .map(|(&sensor, (left, std))| (sensor, (left / std).powi(2)))
-        .collect()
+/// Squared differences of a shape sensor by sensor, in standard deviations of measurement and discrepancy. `factor` is the Cholesky
+/// factor of the block's covariance.
+fn sensor_squares(block: &crate::compare::Block, factor: &Cholesky<f64, Dyn>) -> Vec<(usize, f64)> {
+    let Some(shape) = &block.shape else { return Vec::new() };
+    let rows = block.size() - 1;
+    let left = &shape.directions * block.residual.rows(1, rows);
+    let scatter = &shape.directions * factor.l().rows(1, rows);
+    let squares = left.iter().zip(scatter.row_iter()).map(|(left, scatter)| left * left / scatter.norm_squared());
+    shape.sensors.iter().copied().zip(squares).collect()
 }
 
 fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
@@ -570,8 +566,10 @@ fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
     let plain = |fit: &Fit| problem.state_without_scatter(&fit.state.effects).ok();
     let (plain_present, plain_best) = (plain(present), plain(best));
     let block_of = |fit: &Fit, measured: usize| -> (f64, Vec<(usize, f64)>) {
-        fit.state.residual.block_of(measured).map_or((0.0, Vec::new()), |(first, block)| {
-            (fit.state.modes.rows(first, block.size()).norm_squared(), sensor_squares(problem, block))
+        let mut blocks = fit.state.residual.blocks().zip(&fit.state.factors);
+        let block = blocks.find(|((_, block), _)| block.measured == measured);
+        block.map_or((0.0, Vec::new()), |((first, block), factor)| {
+            (fit.state.modes.rows(first, block.size()).norm_squared(), sensor_squares(block, factor))
         })
     };
     problem

@@ -25,6 +25,8 @@ pub(super) struct GroundSprings {
     pub(super) about: &'static About,
     pub(super) parameter_sets: &'static [&'static [Parameter]],
     pub(super) resisted: Motion,
+    /// See [`EffectKind::looked_for_above`].
+    pub(super) looked_for_above: f64,
 }
 
 impl EffectKind for GroundSprings {
@@ -34,6 +36,10 @@ impl EffectKind for GroundSprings {
 
     fn place(&self) -> PlaceKind {
         PlaceKind::Height
+    }
+
+    fn looked_for_above(&self) -> f64 {
+        self.looked_for_above
     }
 
     fn parameter_sets(&self) -> &'static [&'static [Parameter]] {

@@ -71,6 +71,11 @@ pub trait EffectKind: fmt::Debug + Send + Sync {
         true
     }
 
+    /// From which share of a structure's height upwards one at a height is looked for. What is nearer to the foot is the foot.
+    fn looked_for_above(&self) -> f64 {
+        0.0
+    }
+
     /// Where it can be seen.
     fn evidence(&self) -> Evidence {
         Evidence::Modes

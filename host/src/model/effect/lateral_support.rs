@@ -29,4 +29,5 @@ pub(super) const KIND: GroundSprings = GroundSprings {
         &[stiffness("stiffness_x", "the same along X"), stiffness("stiffness_y", "the same along Y")],
     ],
     resisted: Motion::Sway,
+    looked_for_above: 0.1,
 };

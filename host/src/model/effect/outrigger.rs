@@ -36,4 +36,6 @@ pub(super) const KIND: GroundSprings = GroundSprings {
         ],
     ],
     resisted: Motion::Rotation,
+    // They are built where the structure turns: at half of the height and above (Smith and Coull, chapter 14).
+    looked_for_above: 0.2,
 };
