@@ -23,6 +23,20 @@ pub(crate) fn largest_first(values: &[f64]) -> Vec<usize> {
     order
 }
 
+/// Which of `count` belong together, for each of them: chains of what is near.
+pub(crate) fn groups(count: usize, near: &dyn Fn(usize, usize) -> bool) -> Vec<Vec<usize>> {
+    let mut label: Vec<usize> = (0..count).collect();
+    for a in 0..count {
+        for b in 0..a {
+            if near(a, b) && label[a] != label[b] {
+                let (from, to) = (label[a], label[b]);
+                label.iter_mut().filter(|label| **label == from).for_each(|label| *label = to);
+            }
+        }
+    }
+    (0..count).map(|a| (0..count).filter(|&b| label[a] == label[b]).collect()).collect()
+}
+
 #[cfg(test)]
 mod tests {
     #[test]

@@ -11,7 +11,7 @@
 //! `goodness` tests them. `candidates` lists what could be missing, `score` weighs each by one linear step, `search` refits the
 //! best (with `far`, `damper` and `height`), `verdict` weighs what was `found`, `report` is what it says, `settle` says what to
 //! measure next; `prior` and `posterior` say how probable each hypothesis is, `elsewise` what the verdict would be with another
-//! tolerance. Effects that show elsewhere than in modes are in `signals`. `outlook` predicts verdicts before anything is measured.
+//! tolerance. Effects that show elsewhere than in modes are in `signals`. `since` says what has changed since an earlier measurement. `outlook` predicts verdicts before anything is measured.
 //!
 //! The statistics: with r the whitened differences of model and measurement, the fit minimises `|r|² + |b|²` over the
 //! effects' values and the background b, whose prior is standard normal (joint maximum a posteriori, so that the tolerance
@@ -52,6 +52,9 @@ mod scales;
 mod score;
 mod search;
 mod settle;
+mod since;
+#[cfg(test)]
+mod since_tests;
 mod signals;
 mod smooth;
 mod state;
@@ -77,5 +80,6 @@ pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,
     Unexplained, Verdict,
 };
+pub use since::{ChangeDiagnosis, ChangeProbabilities, ChangeVerdict, Direction, Predicted, diagnose_change};
 pub use signals::{Signals, shown_effects};
 pub use verdict::diagnose;

@@ -47,6 +47,7 @@
 mod blocks;
 mod case;
 mod change;
+mod climate;
 mod covalidated;
 mod error;
 mod identified;
@@ -57,6 +58,7 @@ mod planned;
 mod progress;
 mod project;
 mod shapes;
+mod since;
 mod trends;
 mod updated;
 
@@ -74,5 +76,7 @@ pub use motion::Stretch;
 pub use planned::{PlanRequest, planned};
 pub use progress::{OnProgress, Progress};
 pub use project::{Compared, IdentifyRequest, Project};
+pub use climate::Climate;
 pub use shapes::BySource;
+pub use since::{SinceReport, SinceRequest};
 pub use updated::{BeforeAfter, OtherMode, PairState, PsiExplained, Update, UpdateReport, UpdatedPair, update};

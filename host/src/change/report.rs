@@ -1,0 +1,206 @@
+//! What has changed between two measurements, as it is printed and stored.
+
+use serde::Serialize;
+
+use super::difference::Difference;
+use super::pairing::mac_of;
+use crate::compare::{ChiSquared, exceeding};
+use crate::modes::MeasuredMode;
+
+/// What has changed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Changes {
+    /// Modes that both measurements have, in the order of now's.
+    pub modes: Vec<ModeChange>,
+    /// Modes that only the measurement before has.
+    pub only_before: Vec<LonelyMode>,
+    /// Modes that only the measurement of now has.
+    pub only_now: Vec<LonelyMode>,
+    /// Whether anything has changed; null where the measurements have no mode in common.
+    pub test: Option<Test>,
+    /// The change of all frequencies alike that fits them best, in percent, by inverse variance.
+    pub common_percent: Option<f64>,
+    /// Its standard deviation.
+    pub common_percent_std: Option<f64>,
+    /// Probability of as much difference between the modes, had all frequencies changed alike and nothing else.
+    pub p_value_of_common: Option<f64>,
+}
+
+/// A mode in both measurements.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ModeChange {
+    /// Its number before.
+    pub before: usize,
+    /// Its number now.
+    pub now: usize,
+    /// Its frequency before.
+    pub before_hz: f64,
+    /// And now.
+    pub now_hz: f64,
+    /// By how much that has changed.
+    pub change_percent: f64,
+    /// The standard deviation of this, by both measurements.
+    pub change_percent_std: f64,
+    /// The damping ratio before, where it is known.
+    pub damping_before: Option<f64>,
+    /// And now.
+    pub damping_now: Option<f64>,
+    /// The difference of damping ratios in standard deviations; null where these are unknown.
+    pub damping_z: Option<f64>,
+    /// Modal assurance criterion of both shapes; null where one is not known.
+    pub mac: Option<f64>,
+    /// Numbers before of the close modes whose span its shape is compared with; empty for a mode that stands alone.
+    pub close_to: Vec<usize>,
+    /// Probability of as much change of its frequency by errors of the measurements alone.
+    pub p_value_of_frequency: f64,
+    /// The same of its shape.
+    pub p_value_of_shape: Option<f64>,
+    /// The same of both together.
+    pub p_value: f64,
+}
+
+/// A mode that only one of the measurements has.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LonelyMode {
+    /// Its number.
+    pub number: usize,
+    /// Its frequency.
+    pub frequency_hz: f64,
+}
+
+/// A test whether anything has changed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Test {
+    /// Squared differences in standard deviations, of all frequencies and shapes.
+    pub chi_squared: f64,
+    /// How many numbers these are.
+    pub degrees_of_freedom: usize,
+    /// Probability of as much by errors of the measurements alone: of all frequencies or of all shapes, whichever is less, twice.
+    pub p_value: f64,
+    /// The number (now) of the one mode without which nothing would have changed.
+    pub rests_on: Option<usize>,
+}
+
+/// Below this probability something has changed.
+pub(super) const CHANGED: f64 = 0.01;
+
+impl Test {
+    /// Of all differences.
+    fn of(differences: &[Difference], now: &[MeasuredMode]) -> Option<Self> {
+        let (chi_squared, p_value) = p_value(differences.iter())?;
+        let without = |at: usize| {
+            let others = differences.iter().enumerate().filter(|(other, _)| *other != at);
+            p_value_of(others.map(|(_, difference)| difference)) >= CHANGED
+        };
+        let alone = || (0..differences.len()).find(|&at| differences.len() > 1 && without(at));
+        Some(Self {
+            chi_squared: chi_squared.chi_squared,
+            degrees_of_freedom: chi_squared.degrees_of_freedom,
+            p_value,
+            rests_on: if p_value < CHANGED { alone().map(|at| now[differences[at].now].number) } else { None },
+        })
+    }
+
+    /// Whether anything has changed.
+    pub fn has_changed(&self) -> bool {
+        self.p_value < CHANGED
+    }
+}
+
+/// Hundreds of components of shapes would hide what a dozen frequencies say, so each is tested by itself (Bonferroni).
+fn p_value<'a>(differences: impl Iterator<Item = &'a Difference> + Clone) -> Option<(ChiSquared, f64)> {
+    let frequencies = differences.clone().fold((0.0, 0), |sum, one| (sum.0 + one.of_frequency(), sum.1 + 1));
+    let shapes = differences
+        .filter_map(Difference::of_shape)
+        .fold((0.0, 0), |sum, (square, count)| (sum.0 + square, sum.1 + count));
+    (frequencies.1 > 0).then_some(())?;
+    let all = ChiSquared::of(frequencies.0 + shapes.0, frequencies.1 + shapes.1);
+    let of = |(square, count): (f64, usize)| exceeding(square, count as f64);
+    let p_value = if shapes.1 == 0 { of(frequencies) } else { (2.0 * of(frequencies).min(of(shapes))).min(1.0) };
+    Some((all, p_value))
+}
+
+fn p_value_of<'a>(differences: impl Iterator<Item = &'a Difference> + Clone) -> f64 {
+    p_value(differences).map_or(1.0, |(_, p_value)| p_value)
+}
+
+impl Changes {
+    pub(super) fn of(before: &[MeasuredMode], now: &[MeasuredMode], differences: &[Difference]) -> Self {
+        let lonely = |mode: &MeasuredMode| LonelyMode { number: mode.number, frequency_hz: mode.frequency_hz };
+        let lonely = |modes: &[MeasuredMode], is_paired: &dyn Fn(usize) -> bool| -> Vec<LonelyMode> {
+            modes.iter().enumerate().filter(|(index, _)| !is_paired(*index)).map(|(_, mode)| lonely(mode)).collect()
+        };
+        let common = Common::of(differences);
+        Self {
+            modes: differences.iter().map(|difference| ModeChange::of(before, now, difference)).collect(),
+            only_before: lonely(before, &|index| differences.iter().any(|one| one.before == index)),
+            only_now: lonely(now, &|index| differences.iter().any(|one| one.now == index)),
+            test: Test::of(differences, now),
+            common_percent: common.map(|common| 100.0 * common.mean),
+            common_percent_std: common.map(|common| 100.0 * common.std),
+            p_value_of_common: common.map(|common| common.p_value),
+        }
+    }
+
+    /// Whether anything has changed; `None` without a mode in common.
+    pub fn has_changed(&self) -> Option<bool> {
+        self.test.map(|test| test.has_changed())
+    }
+
+    /// Whether all frequencies have changed alike, as temperature changes them.
+    pub fn is_common(&self) -> bool {
+        let stands_out = |mean: f64, std: f64| mean.abs() > COMMON * std;
+        self.modes.len() > 2
+            && self.p_value_of_common.is_some_and(|p_value| p_value >= CHANGED)
+            && self.common_percent.zip(self.common_percent_std).is_some_and(|(mean, std)| stands_out(mean, std))
+    }
+}
+
+/// A common change stands out at so many deviations.
+const COMMON: f64 = 3.0;
+
+/// The change that all frequencies have in common.
+#[derive(Clone, Copy)]
+struct Common {
+    mean: f64,
+    std: f64,
+    p_value: f64,
+}
+
+impl Common {
+    fn of(differences: &[Difference]) -> Option<Self> {
+        let weight = |one: &Difference| one.frequency_std().powi(-2);
+        let total: f64 = differences.iter().map(weight).sum();
+        let mean = differences.iter().map(|one| weight(one) * one.numbers[0]).sum::<f64>() / total;
+        let left: f64 = differences.iter().map(|one| weight(one) * (one.numbers[0] - mean).powi(2)).sum();
+        let freedom = differences.len().checked_sub(1).filter(|freedom| *freedom > 0)?;
+        Some(Self { mean, std: total.sqrt().recip(), p_value: exceeding(left, freedom as f64) })
+    }
+}
+
+impl ModeChange {
+    fn of(before: &[MeasuredMode], now: &[MeasuredMode], difference: &Difference) -> Self {
+        let (one, other) = (&before[difference.before], &now[difference.now]);
+        let ratio = other.frequency_hz / one.frequency_hz;
+        let spanning = difference.shape.iter().flat_map(|shape| &shape.spanned_by);
+        let close_to: Vec<usize> = spanning.map(|(index, _)| before[*index].number).collect();
+        let damping = one.damping_ratio.zip(other.damping_ratio).map(|(one, other)| other - one);
+        let damping_std = one.damping_ratio_std.zip(other.damping_ratio_std).map(|(one, other)| one.hypot(other));
+        Self {
+            before: one.number,
+            now: other.number,
+            before_hz: one.frequency_hz,
+            now_hz: other.frequency_hz,
+            change_percent: 100.0 * (ratio - 1.0),
+            change_percent_std: 100.0 * ratio * difference.frequency_std(),
+            damping_before: one.damping_ratio,
+            damping_now: other.damping_ratio,
+            damping_z: damping.zip(damping_std).map(|(damping, std)| damping / std),
+            mac: mac_of(one, other),
+            close_to: if close_to.len() > 1 { close_to } else { Vec::new() },
+            p_value_of_frequency: exceeding(difference.of_frequency(), 1.0),
+            p_value_of_shape: difference.of_shape().map(|(square, count)| exceeding(square, count as f64)),
+            p_value: difference.test().p_value,
+        }
+    }
+}
