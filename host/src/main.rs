@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan, ports,
-    remove, replay, simulate, update,
+    Console, add, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan,
+    ports, remove, replay, simulate, update,
 };
 use clap::{Parser, Subcommand};
 

@@ -37,7 +37,12 @@ pub(crate) struct ShapeDifference {
 }
 
 /// Whether two pairs (indices before and now) are of close modes, in either measurement.
-pub(super) fn is_close(before: &[MeasuredMode], now: &[MeasuredMode], one: (usize, usize), other: (usize, usize)) -> bool {
+pub(super) fn is_close(
+    before: &[MeasuredMode],
+    now: &[MeasuredMode],
+    one: (usize, usize),
+    other: (usize, usize),
+) -> bool {
     let near = |a: &MeasuredMode, b: &MeasuredMode| (a.frequency_hz / b.frequency_hz).ln().abs() < CLOSE;
     near(&before[one.0], &before[other.0]) || near(&now[one.1], &now[other.1])
 }
@@ -69,7 +74,8 @@ impl Difference {
                 of_shape.copy_from(&(across.transpose() * by_shape));
             }
             let joint = &follows * &errors.joint;
-            covariance += &follows * DMatrix::from_diagonal(&errors.own) * follows.transpose() + &joint * joint.transpose();
+            covariance +=
+                &follows * DMatrix::from_diagonal(&errors.own) * follows.transpose() + &joint * joint.transpose();
         };
         match &shape {
             Some(shape) => {
@@ -129,7 +135,9 @@ impl Difference {
             covariance_factor: None,
             number: now.number,
         };
-        let Some(shape) = self.shape.as_ref().filter(|shape| shape.spanned_by.len() == images.len()) else { return mode };
+        let Some(shape) = self.shape.as_ref().filter(|shape| shape.spanned_by.len() == images.len()) else {
+            return mode;
+        };
         let by = || shape.combination.iter();
         let mut values = shape.moved.clone();
         for (image, by) in images.iter().zip(by()) {
@@ -171,7 +179,8 @@ impl ShapeDifference {
         let has = |mode: &MeasuredMode, sensor: usize| mode.shape.as_ref().is_some_and(|s| s.sensors.contains(&sensor));
         let is_common = |sensor: usize| has(now, sensor) && spanning.iter().all(|&index| has(&before[index], sensor));
         let now = unit_length(now.at_sensors(&is_common))?;
-        let spanned_by = spanning.iter().map(|&index| Some((index, unit_length(before[index].at_sensors(&is_common))?)));
+        let spanned_by =
+            spanning.iter().map(|&index| Some((index, unit_length(before[index].at_sensors(&is_common))?)));
         let spanned_by: Vec<(usize, MeasuredMode)> = spanned_by.collect::<Option<_>>()?;
         let shape = now.shape.as_ref()?;
         let (sensors, values) = (shape.sensors.clone(), shape.values.clone());

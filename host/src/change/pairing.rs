@@ -38,11 +38,6 @@ pub(super) fn mac_of(one: &MeasuredMode, other: &MeasuredMode) -> Option<f64> {
         }
     }
     let rows: Vec<usize> = (0..one.sensors.len()).filter(|&row| has(other, &one.sensors[row])).collect();
-    let seen = MeasuredShape {
-        sensors: common,
-        values: one.values.select_rows(&rows),
-        imaginary: None,
-        stds: None,
-    };
+    let seen = MeasuredShape { sensors: common, values: one.values.select_rows(&rows), imaginary: None, stds: None };
     Some(mac(&along, &seen))
 }

@@ -5,7 +5,8 @@ use serde::Serialize;
 use super::difference::Difference;
 use super::pairing::mac_of;
 use crate::compare::{ChiSquared, exceeding};
-use crate::modes::MeasuredMode;
+use crate::modes::{MeasuredMode, WRONG_BY, WRONGLY_IDENTIFIED};
+use crate::statistics::at_least;
 
 /// What has changed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -69,16 +70,17 @@ pub struct LonelyMode {
 }
 
 /// A test whether anything has changed.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Test {
     /// Squared differences in standard deviations, of all frequencies and shapes.
     pub chi_squared: f64,
     /// How many numbers these are.
     pub degrees_of_freedom: usize,
-    /// Probability of as much by errors of the measurements alone: of all frequencies or of all shapes, whichever is less, twice.
+    /// Probability of as much by errors of the measurements alone: of all frequencies or of all shapes, whichever is less, twice; the highest
+    /// over how many modes identification may have got wrong, times that it does so.
     pub p_value: f64,
-    /// The number (now) of the one mode without which nothing would have changed.
-    pub rests_on: Option<usize>,
+    /// Numbers (now) of the modes that it may have got wrong, where nothing counts as changed for that.
+    pub may_be_wrong: Vec<usize>,
 }
 
 /// Below this probability something has changed.
@@ -87,17 +89,29 @@ pub(super) const CHANGED: f64 = 0.01;
 impl Test {
     /// Of all differences.
     fn of(differences: &[Difference], now: &[MeasuredMode]) -> Option<Self> {
-        let (chi_squared, p_value) = p_value(differences.iter())?;
-        let without = |at: usize| {
-            let others = differences.iter().enumerate().filter(|(other, _)| *other != at);
-            p_value_of(others.map(|(_, difference)| difference)) >= CHANGED
-        };
-        let alone = || (0..differences.len()).find(|&at| differences.len() > 1 && without(at));
+        let (all, p_value) = tested(differences, &[])?;
+        let mut best = (p_value, 0);
+        let mut worst: Vec<(usize, f64)> = differences.iter().map(|one| one.test().p_value).enumerate().collect();
+        worst.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let worst: Vec<usize> = worst.into_iter().map(|(at, _)| at).collect();
+        for count in 1..=worst.len() {
+            let chance = at_least(count, worst.len(), 2.0 * WRONGLY_IDENTIFIED);
+            if chance < CHANGED.max(best.0) {
+                break;
+            }
+            let p_value = chance * tested(differences, &worst[..count]).map_or(1.0, |(_, p_value)| p_value);
+            if p_value > best.0 {
+                best = (p_value, count);
+            }
+        }
+        let excused = if best.0 < CHANGED { 0 } else { best.1 };
+        let mut may_be_wrong: Vec<usize> = worst[..excused].iter().map(|&at| now[differences[at].now].number).collect();
+        may_be_wrong.sort_unstable();
         Some(Self {
-            chi_squared: chi_squared.chi_squared,
-            degrees_of_freedom: chi_squared.degrees_of_freedom,
-            p_value,
-            rests_on: if p_value < CHANGED { alone().map(|at| now[differences[at].now].number) } else { None },
+            chi_squared: all.chi_squared,
+            degrees_of_freedom: all.degrees_of_freedom,
+            p_value: best.0,
+            may_be_wrong,
         })
     }
 
@@ -107,21 +121,22 @@ impl Test {
     }
 }
 
-/// Hundreds of components of shapes would hide what a dozen frequencies say, so each is tested by itself (Bonferroni).
-fn p_value<'a>(differences: impl Iterator<Item = &'a Difference> + Clone) -> Option<(ChiSquared, f64)> {
-    let frequencies = differences.clone().fold((0.0, 0), |sum, one| (sum.0 + one.of_frequency(), sum.1 + 1));
-    let shapes = differences
-        .filter_map(Difference::of_shape)
-        .fold((0.0, 0), |sum, (square, count)| (sum.0 + square, sum.1 + count));
+/// All squared differences, where some modes (indices) have deviations that are wrong as [`WRONG_BY`] says. Hundreds of components of shapes
+/// would hide what a dozen frequencies say, so each is tested by itself (Bonferroni).
+fn tested(differences: &[Difference], wrong: &[usize]) -> Option<(ChiSquared, f64)> {
+    let (mut frequencies, mut shapes) = ((0.0, 0), (0.0, 0));
+    for (at, difference) in differences.iter().enumerate() {
+        let [by_frequency, by_shape] = if wrong.contains(&at) { WRONG_BY } else { [1.0; 2] };
+        frequencies = (frequencies.0 + difference.of_frequency() * by_frequency.powi(-2), frequencies.1 + 1);
+        if let Some((square, count)) = difference.of_shape() {
+            shapes = (shapes.0 + square * by_shape.powi(-2), shapes.1 + count);
+        }
+    }
     (frequencies.1 > 0).then_some(())?;
     let all = ChiSquared::of(frequencies.0 + shapes.0, frequencies.1 + shapes.1);
     let of = |(square, count): (f64, usize)| exceeding(square, count as f64);
     let p_value = if shapes.1 == 0 { of(frequencies) } else { (2.0 * of(frequencies).min(of(shapes))).min(1.0) };
     Some((all, p_value))
-}
-
-fn p_value_of<'a>(differences: impl Iterator<Item = &'a Difference> + Clone) -> f64 {
-    p_value(differences).map_or(1.0, |(_, p_value)| p_value)
 }
 
 impl Changes {
@@ -144,7 +159,7 @@ impl Changes {
 
     /// Whether anything has changed; `None` without a mode in common.
     pub fn has_changed(&self) -> Option<bool> {
-        self.test.map(|test| test.has_changed())
+        self.test.as_ref().map(Test::has_changed)
     }
 
     /// Whether all frequencies have changed alike, as temperature changes them.
@@ -174,7 +189,10 @@ impl Common {
         let mean = differences.iter().map(|one| weight(one) * one.numbers[0]).sum::<f64>() / total;
         let left: f64 = differences.iter().map(|one| weight(one) * (one.numbers[0] - mean).powi(2)).sum();
         let freedom = differences.len().checked_sub(1).filter(|freedom| *freedom > 0)?;
-        Some(Self { mean, std: total.sqrt().recip(), p_value: exceeding(left, freedom as f64) })
+        let of_shapes = differences.iter().filter_map(Difference::of_shape);
+        let shapes = of_shapes.fold((0.0, 0), |sum, (square, count)| (sum.0 + square, sum.1 + count));
+        let p_values = [exceeding(left, freedom as f64), exceeding(shapes.0, shapes.1 as f64)];
+        Some(Self { mean, std: total.sqrt().recip(), p_value: (2.0 * p_values[0].min(p_values[1])).min(1.0) })
     }
 }
 

@@ -113,19 +113,25 @@ fn modes_keep_their_partner_and_those_without_one_are_listed() {
 fn changes_are_stated_with_the_deviations_of_both() {
     let frequencies = [1.0, 2.0, 4.0];
     let at = |factors: [f64; 3]| -> Vec<MeasuredMode> {
-        (1..).zip(frequencies.iter().zip(factors)).map(|(number, (hz, factor))| mode(number, hz * factor, &[])).collect()
+        (1..)
+            .zip(frequencies.iter().zip(factors))
+            .map(|(number, (hz, factor))| mode(number, hz * factor, &[]))
+            .collect()
     };
     let before = at([1.0; 3]);
     let alike = changes(&before, &at([0.99; 3]));
     assert!((alike.modes[0].change_percent + 1.0).abs() < 1e-9);
     assert!((alike.modes[0].change_percent_std - 0.99 * 0.1 * f64::sqrt(2.0)).abs() < 1e-9);
     assert_eq!(alike.modes[0].damping_z, Some(0.0));
-    assert!(alike.is_common() && alike.has_changed() == Some(true) && alike.test.unwrap().rests_on.is_none());
+    assert!(alike.is_common() && alike.has_changed() == Some(true));
     let one = changes(&before, &at([1.0, 0.99, 1.0]));
-    assert!(!one.is_common() && one.has_changed() == Some(true));
-    assert_eq!(one.test.unwrap().rests_on, Some(2));
+    // Seven deviations of one mode of three: identification gets as many wrong, so it may have been this one.
+    assert!(!one.is_common() && one.has_changed() == Some(false), "{one:?}");
+    assert_eq!(one.test.unwrap().may_be_wrong, [2]);
+    let further = changes(&before, &at([1.0, 0.97, 1.0]));
+    assert_eq!(further.has_changed(), Some(true), "wrong by so much is none: {further:?}");
     let none = changes(&before, &at([1.0005, 0.9995, 1.0]));
-    assert!(!none.is_common() && none.has_changed() == Some(false) && none.test.unwrap().rests_on.is_none());
+    assert!(!none.is_common() && none.has_changed() == Some(false) && none.test.unwrap().may_be_wrong.is_empty());
 }
 
 /// A model that is right before shows what was measured now; one that is 3 % too stiff shows it 3 % higher.

@@ -94,7 +94,11 @@ fn tell_modes(changes: &Changes, console: &Console) {
     console.say(table);
     for mode in changes.modes.iter().filter(|mode| !mode.close_to.is_empty()) {
         let span: Vec<String> = mode.close_to.iter().map(usize::to_string).collect();
-        console.say(format!("Mode {} is one of close ones; its p compares it with modes {} before together.", mode.now, span.join(", ")));
+        console.say(format!(
+            "Mode {} is one of close ones; its p compares it with modes {} before together.",
+            mode.now,
+            span.join(", ")
+        ));
     }
     let damped = |mode: &&ModeChange| mode.damping_z.is_some_and(|z| z.abs() > DAMPING_STANDS_OUT);
     for mode in changes.modes.iter().filter(damped) {
@@ -126,11 +130,11 @@ fn tell_lonely(modes: &[LonelyMode], when: &str, console: &Console) {
 
 fn tell_test(report: &SinceReport, console: &Console) {
     let changes = &report.changes;
-    let Some(test) = changes.test else { return };
+    let Some(test) = &changes.test else { return };
     let verdict = if test.has_changed() {
         "The structure, or its measurement, has changed"
     } else {
-        "Nothing has changed beyond the errors of both measurements"
+        "All numbers together differ by no more than the errors of both measurements make"
     };
     console.say(format!(
         "{verdict}: chi-squared {:.0} over {} numbers, {}.",
@@ -138,7 +142,8 @@ fn tell_test(report: &SinceReport, console: &Console) {
         test.degrees_of_freedom,
         p_is(test.p_value)
     ));
-    if let (true, Some(percent), Some(std)) = (changes.is_common(), changes.common_percent, changes.common_percent_std) {
+    if let (true, Some(percent), Some(std)) = (changes.is_common(), changes.common_percent, changes.common_percent_std)
+    {
         console.say(format!(
             "All frequencies have changed alike, by {percent:+.2} ± {std:.2} %: that is what temperature does, or stiffness or mass as a whole."
         ));
@@ -173,8 +178,7 @@ fn tell_diagnosis(diagnosis: &ChangeDiagnosis, has_changed: bool, console: &Cons
         .collect();
     let dash = || "-".to_owned();
     let probabilities = diagnosis.probabilities;
-    for (what, probability) in
-        [("nothing", probabilities.unchanged), ("something else", probabilities.something_else)]
+    for (what, probability) in [("nothing", probabilities.unchanged), ("something else", probabilities.something_else)]
     {
         rows.push((probability, [what.to_owned(), dash(), probability_text(probability)]));
     }
@@ -206,7 +210,8 @@ fn tell_verdict(diagnosis: &ChangeDiagnosis, has_changed: bool, console: &Consol
         ),
         ChangeVerdict::Unchanged => console.say("Verdict: unchanged. Nothing needs to have happened to the structure."),
         ChangeVerdict::Effect => {
-            console.say(format!("Verdict: {best} {has}. It explains the change."));
+            let why = if has_changed { "It explains the change." } else { "All numbers together hide it, but what there is points to it." };
+            console.say(format!("Verdict: {best} {has}. {why}"));
             tell_near(diagnosis, console);
         }
         ChangeVerdict::Ambiguous => {

@@ -18,8 +18,8 @@ use crate::modes::MeasuredMode;
 use crate::study::Sensor;
 
 pub(crate) use deviation::{Errors, shape_deviations};
-pub(crate) use pairing::{assigned, pair_above};
 pub use pairing::{Pair, pair};
+pub(crate) use pairing::{assigned, pair_above};
 pub(crate) use residual::{Block, Residual, ShapeBlock, complement, exceeding};
 pub use residual::{ChiSquared, chi_squared};
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};

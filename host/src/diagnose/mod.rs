@@ -52,10 +52,10 @@ mod scales;
 mod score;
 mod search;
 mod settle;
+mod signals;
 mod since;
 #[cfg(test)]
 mod since_tests;
-mod signals;
 mod smooth;
 mod state;
 pub mod steps;
@@ -80,6 +80,6 @@ pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,
     Unexplained, Verdict,
 };
-pub use since::{ChangeDiagnosis, ChangeProbabilities, ChangeVerdict, Direction, Predicted, diagnose_change};
 pub use signals::{Signals, shown_effects};
+pub use since::{ChangeDiagnosis, ChangeProbabilities, ChangeVerdict, Direction, Predicted, diagnose_change};
 pub use verdict::diagnose;

@@ -14,6 +14,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
 use super::candidates::Options;
+use super::criteria::{FAILS, STANDS_OUT};
 use super::discrepancy::{Discrepancy, here};
 use super::error::DiagnoseError;
 use super::fit::Fit;
@@ -110,7 +111,8 @@ const OTHERWISE: f64 = 1.0;
 /// What has changed from the modes of `setting` to those of `now`, where `p_value` is the probability of as much difference by the errors of
 /// both measurements alone. The model has `effects`; kinds in `options` are left out.
 ///
-/// What has gone is looked for where nothing that could have come explains the change: from now to before it comes.
+/// What has gone comes from now to before, so it is looked for that way round. Both ways round the evidence is that over the same differences
+/// without a cause.
 ///
 /// # Errors
 /// [`DiagnoseError`] where the model cannot be fitted to one of the measurements, or they have no mode in common.
@@ -127,25 +129,54 @@ pub fn diagnose_change(
     };
     let kinds = KINDS.iter().filter(|kind| never(kind.name(), kind.evidence()));
     options.without.extend(kinds.map(|kind| kind.name().to_owned()));
-    let come = one_way(setting, effects, now, p_value, &options)?;
-    if come.verdict != ChangeVerdict::Unknown {
+    let mut come = one_way(setting, effects, now, p_value, &options)?;
+    if come.verdict == ChangeVerdict::Unchanged && p_value >= FAILS {
         return Ok(come);
     }
     let back = Setting { measured: now, ..*setting };
-    match one_way(&back, effects, setting.measured, p_value, &options) {
-        Ok(gone) if !gone.best.is_empty() => {
-            let change = |predicted: &Predicted| {
-                let back = |percent: f64| 100.0 * ((1.0 + percent / 100.0).recip() - 1.0);
-                Predicted {
-                    change_percent: back(predicted.change_percent),
-                    predicted_percent: predicted.predicted_percent.map(back),
-                    ..*predicted
-                }
-            };
-            let predicted = gone.predicted.iter().map(change).collect();
-            Ok(ChangeDiagnosis { direction: Direction::Gone, predicted, ..gone })
+    let Ok(gone) = one_way(&back, effects, setting.measured, p_value, &options) else { return Ok(come) };
+    let mut gone = gone.turned();
+    let ahead = gone.log_odds() - come.log_odds();
+    let alike = |one: &ChangeDiagnosis, other: &ChangeDiagnosis| {
+        let kind = |diagnosis: &ChangeDiagnosis| diagnosis.candidates.first().map(|candidate| candidate.effect.clone());
+        let name = other.best.first().filter(|_| kind(one) != kind(other) && ahead.abs() < STANDS_OUT)?;
+        let how = if other.direction == Direction::Come { "had it come" } else { "had it been there before and gone" };
+        Some(format!("{name} would explain the change as well, {how}"))
+    };
+    // What can be more or less, such as a mass as a whole, explains the same both ways round: it has come.
+    if !gone.best.is_empty() && ahead > BOTH_WAYS {
+        gone.warnings.extend(alike(&gone, &come));
+        return Ok(gone);
+    }
+    come.warnings.extend(alike(&come, &gone));
+    Ok(come)
+}
+
+/// Evidence (ln) by which what has gone must be ahead of what has come.
+const BOTH_WAYS: f64 = 1.0;
+
+impl ChangeDiagnosis {
+    /// Logarithm of the odds of the best candidate over those that nothing has changed.
+    fn log_odds(&self) -> f64 {
+        let of = |candidate: &CandidateReport| {
+            let odds = candidate.prior_odds.filter(|_| candidate.probability > Some(0.0))?;
+            Some(odds.ln() + candidate.log_bayes_factor?)
+        };
+        self.candidates.iter().filter_map(of).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// What has come from now to before has gone from before to now.
+    fn turned(mut self) -> Self {
+        let back = |percent: f64| 100.0 * ((1.0 + percent / 100.0).recip() - 1.0);
+        for mode in &mut self.predicted {
+            mode.change_percent = back(mode.change_percent);
+            mode.predicted_percent = mode.predicted_percent.map(back);
         }
-        _ => Ok(come),
+        self.direction = match self.direction {
+            Direction::Come => Direction::Gone,
+            Direction::Gone => Direction::Come,
+        };
+        self
     }
 }
 
@@ -168,14 +199,19 @@ fn one_way(
         log_bayes_factor: present.log_evidence() - otherwise.log_evidence(),
         p_value,
     };
-    let otherwise = Hypothesis {
-        prior_odds: OTHERWISE,
-        log_bayes_factor: 0.0,
-        p_value: otherwise.goodness_of_fit().p_value,
-    };
-    let weighed = Weighed::of(searched, searched_present, &[unchanged, otherwise], &found, &[]);
+    let otherwise =
+        Hypothesis { prior_odds: OTHERWISE, log_bayes_factor: 0.0, p_value: otherwise.goodness_of_fit().p_value };
+    // Where the test of all differences sees no change, nothing but an effect, which gathers what is spread over hundreds of numbers, can show
+    // one.
+    let is_seen = p_value < FAILS;
+    let without = if is_seen { &[unchanged, otherwise][..] } else { &[unchanged] };
+    let weighed = Weighed::of(searched, searched_present, without, &found, &[]);
     let mut diagnosis = weighed.told(searched, searched_present);
     diagnosis.candidates.extend(rejected.iter().map(|one| rejected_report(searched_present, one)));
+    // The evidence is stated over that of no change.
+    for evidence in diagnosis.candidates.iter_mut().filter_map(|candidate| candidate.log_bayes_factor.as_mut()) {
+        *evidence -= unchanged.log_bayes_factor;
+    }
     Ok(of_change(diagnosis, fitted.goodness_of_fit().into()))
 }
 
@@ -190,12 +226,8 @@ fn changed(
     let differences = differences(setting.measured, now);
     let moved: Vec<MeasuredMode> =
         differences.iter().filter_map(|one| moved_with(setting.measured, before, fitted, one, now)).collect();
-    let model = Model {
-        background_stiffness: None,
-        background_mass: None,
-        effects: Vec::new(),
-        ..setting.model.clone()
-    };
+    let model =
+        Model { background_stiffness: None, background_mass: None, effects: Vec::new(), ..setting.model.clone() };
     let mut problem = Problem::new(fitted.state.structure.clone(), &[], &model, setting.sensors, &moved)?;
     problem.lacks_tolerance = false;
     Ok(problem)
@@ -249,7 +281,10 @@ fn of_change(diagnosis: Diagnosis, model_before: GoodnessOfFit) -> ChangeDiagnos
         Some(Predicted {
             now: mode.measured,
             change_percent: 100.0 * (before.recip() - 1.0),
-            predicted_percent: mode.after_percent.filter(|_| is_named).map(|after| 100.0 * (share(after) / before - 1.0)),
+            predicted_percent: mode
+                .after_percent
+                .filter(|_| is_named)
+                .map(|after| 100.0 * (share(after) / before - 1.0)),
         })
     });
     ChangeDiagnosis {

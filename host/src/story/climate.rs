@@ -58,7 +58,9 @@ impl Known {
         let mut corrected = Vec::new();
         for (trend, slope) in trends.filter_map(|trend| Some((trend, trend.percent_per_kelvin?))) {
             let Some(mode) = modes.iter_mut().find(|mode| mode.number == trend.number) else { continue };
-            if let Some(std) = mode.frequency_std_hz.as_mut().filter(|_| slope.value.is_finite() && slope.std.is_finite()) {
+            if let Some(std) =
+                mode.frequency_std_hz.as_mut().filter(|_| slope.value.is_finite() && slope.std.is_finite())
+            {
                 *std = std.hypot(mode.frequency_hz * slope.std * by_kelvin / 100.0);
                 mode.frequency_hz *= 1.0 + slope.value * by_kelvin / 100.0;
                 corrected.push(mode.number);
@@ -73,8 +75,7 @@ pub(super) fn at_one_temperature(before: &mut MeasuredModes, now: &mut MeasuredM
     let (known_before, known_now) = (Known::of(before)?, Known::of(now)?);
     let warmer = known_now.mean_degc - known_before.mean_degc;
     let corrected_before = known_before.warm(&mut before.modes, warmer);
-    let corrected_now =
-        if corrected_before.is_empty() { known_now.warm(&mut now.modes, -warmer) } else { Vec::new() };
+    let corrected_now = if corrected_before.is_empty() { known_now.warm(&mut now.modes, -warmer) } else { Vec::new() };
     Some(Climate {
         before_degc: known_before.mean_degc,
         now_degc: known_now.mean_degc,

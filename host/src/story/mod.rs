@@ -65,6 +65,7 @@ mod updated;
 pub use crate::measure::Route;
 pub use case::Case;
 pub use change::{AutoEnd, ChangeReport, EffectReport, add, add_until_nothing_gains, remove};
+pub use climate::Climate;
 pub use covalidated::{
     ChannelReport, Covalidation, CovalidationReport, CovalidationRequest, covalidate, worst_channel,
 };
@@ -76,7 +77,6 @@ pub use motion::Stretch;
 pub use planned::{PlanRequest, planned};
 pub use progress::{OnProgress, Progress};
 pub use project::{Compared, IdentifyRequest, Project};
-pub use climate::Climate;
 pub use shapes::BySource;
 pub use since::{SinceReport, SinceRequest};
 pub use updated::{BeforeAfter, OtherMode, PairState, PsiExplained, Update, UpdateReport, UpdatedPair, update};

@@ -60,14 +60,17 @@ pub(super) fn since(study: &Study, request: &SinceRequest) -> Result<SinceReport
     let climate = at_one_temperature(&mut before, &mut now);
     warnings.extend(assumed(&before).into_iter().chain(assumed(&now)));
     let changes = changes(&before.modes, &now.modes);
-    let Some(test) = changes.test else {
+    let Some(test) = &changes.test else {
         return Err(StoryError::NoCommonModes { before: before.file, now: now.file });
     };
-    if let Some(number) = test.rests_on {
+    if !test.may_be_wrong.is_empty() {
+        let numbers: Vec<String> = test.may_be_wrong.iter().map(usize::to_string).collect();
         warnings.push(format!(
-            "the change rests on mode {number} alone; is it a single mode, and well identified in both measurements?"
+            "all that differs is in mode {}: so many are identified wrongly, and nothing counts as changed for that; is each a single mode, and well identified in both measurements?",
+            numbers.join(", ")
         ));
     }
+    let p_value = test.p_value;
     let (before_file, now_file) = (before.file.clone(), now.file.clone());
     let (mut diagnosis, mut z_range_m) = (None, None);
     if study.model.is_some() {
@@ -76,7 +79,7 @@ pub(super) fn since(study: &Study, request: &SinceRequest) -> Result<SinceReport
         warnings.extend(more.collect::<Vec<_>>());
         let options = Options { without: request.without.clone() };
         z_range_m = case.model.bare().z_range_m();
-        match diagnose_change(&case.setting()?, &case.model.effects, &now.modes, test.p_value, &options) {
+        match diagnose_change(&case.setting()?, &case.model.effects, &now.modes, p_value, &options) {
             Ok(mut found) => {
                 warnings.append(&mut found.warnings);
                 diagnosis = Some(found);
@@ -124,7 +127,9 @@ fn check_sensor(sensor: &Sensor, other: &Study, study: &Study, sensors: &[Sensor
         study: study.folder.clone(),
         reason,
     };
-    let own = sensors.iter().find(|own| own.channel == sensor.channel);
+    // Files of modes name the point besides, which is the same whatever the setups are called.
+    let by_channel = sensors.iter().find(|own| own.channel == sensor.channel);
+    let own = by_channel.or_else(|| sensors.iter().find(|own| own.point == sensor.point));
     let Some(own) = own else { return Err(differs("the latter has no such channel".to_owned())) };
     let height = |sensor: &Sensor| sensor.elevation_m.map_or_else(|| "no height".to_owned(), |z_m| format!("{z_m} m"));
     let apart = |a: Option<f64>, b: Option<f64>| match (a, b) {
@@ -149,9 +154,10 @@ fn check_sensor(sensor: &Sensor, other: &Study, study: &Study, sensors: &[Sensor
 
 /// A warning where a file states no deviations.
 fn assumed(modes: &MeasuredModes) -> Option<String> {
-    let is_assumed = modes.modes.iter().any(|mode| {
-        mode.frequency_std_hz.is_none() || mode.shape.as_ref().is_some_and(|shape| shape.stds.is_none())
-    });
+    let is_assumed = modes
+        .modes
+        .iter()
+        .any(|mode| mode.frequency_std_hz.is_none() || mode.shape.as_ref().is_some_and(|shape| shape.stds.is_none()));
     is_assumed.then(|| {
         format!(
             "{} does not state all deviations; 0.5 % of frequencies and 2 % of shapes are assumed, and whether anything has changed rests on that",
