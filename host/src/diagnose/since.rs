@@ -5,7 +5,7 @@
 //! measured ones have, with the deviations of both measurements. So what the model has wrong is wrong before and now, and cancels to first
 //! order.
 //!
-//! Between two states of one structure segments do not scatter anew: who builds does not build twice. So they have no tolerance here, and
+//! Between two states of one structure segments do not scatter anew: it was built once. So they have no tolerance here, and
 //! nothing but an effect explains a change. A wrong model predicts a change wrongly by a share. What it misses of a change is a
 //! [`Discrepancy`] whose size the evidence settles, for each effect and for a change that no effect makes; only a structure that has not
 //! changed has none.
