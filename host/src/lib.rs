@@ -6,7 +6,7 @@
 //! measured. [`window`] is what a node sends of it, [`link`] talks to the nodes, [`archive`] keeps their windows,
 //! [`collect`] does both live, and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of
 //! these. [`identify`] makes modes of it, and [`trend`] follows them over the hours. [`modes`] reads modes, its own or
-//! another tool's. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
+//! another tool's. [`change`] compares two measurements of one structure. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
 //! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks. [`plan`] says before
 //! a measurement what it will show.
 //! [`results`] is the folder that all of this is written to, [`picture`] draws it, [`export`] writes it for other tools.
@@ -14,6 +14,7 @@
 //! or not at all, and [`table`] reads small CSV tables. [`command`] holds a file for each subcommand of the `belfry` program; nothing else prints.
 
 pub mod archive;
+pub mod change;
 pub mod collect;
 pub mod command;
 pub mod compare;

@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan, ports,
-    remove, replay, simulate, update,
+    Console, add, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan,
+    ports, remove, replay, simulate, update,
 };
 use clap::{Parser, Subcommand};
 
@@ -48,6 +48,7 @@ enum Command {
     Update(update::Arguments),
     Covalidate(covalidate::Arguments),
     Diagnose(diagnose::Arguments),
+    Change(change::Arguments),
     Add(add::Arguments),
     Remove(remove::Arguments),
     History(history::Arguments),
@@ -71,6 +72,7 @@ fn main() -> ExitCode {
         Command::Update(arguments) => update::run(arguments, &console),
         Command::Covalidate(arguments) => covalidate::run(arguments, &console),
         Command::Diagnose(arguments) => diagnose::run(arguments, &console),
+        Command::Change(arguments) => change::run(arguments, &console),
         Command::Add(arguments) => add::run(arguments, &console),
         Command::Remove(arguments) => remove::run(arguments, &console),
         Command::History(arguments) => history::run(arguments, &console),

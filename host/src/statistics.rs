@@ -23,6 +23,30 @@ pub(crate) fn largest_first(values: &[f64]) -> Vec<usize> {
     order
 }
 
+/// Probability that at least `count` of some things happen, each with a probability by itself.
+pub(crate) fn at_least(count: usize, of: usize, probability: f64) -> f64 {
+    let (mut of_fewer, mut exactly) = (0.0, (1.0 - probability).powi(of as i32));
+    for fewer in 0..count.min(of) {
+        of_fewer += exactly;
+        exactly *= (of - fewer) as f64 / (fewer + 1) as f64 * probability / (1.0 - probability);
+    }
+    1.0 - of_fewer
+}
+
+/// Which of `count` belong together, for each of them: chains of what is near.
+pub(crate) fn groups(count: usize, near: &dyn Fn(usize, usize) -> bool) -> Vec<Vec<usize>> {
+    let mut label: Vec<usize> = (0..count).collect();
+    for a in 0..count {
+        for b in 0..a {
+            if near(a, b) && label[a] != label[b] {
+                let (from, to) = (label[a], label[b]);
+                label.iter_mut().filter(|label| **label == from).for_each(|label| *label = to);
+            }
+        }
+    }
+    (0..count).map(|a| (0..count).filter(|&b| label[a] == label[b]).collect()).collect()
+}
+
 #[cfg(test)]
 mod tests {
     #[test]

@@ -189,7 +189,7 @@ fn tell_table(diagnosis: &Diagnosis, console: &Console) {
 }
 
 /// A probability in percent.
-fn probability_text(probability: f64) -> String {
+pub(super) fn probability_text(probability: f64) -> String {
     match 100.0 * probability {
         little if little < 0.1 => "< 0.1 %".to_owned(),
         most if most > 99.9 => "> 99.9 %".to_owned(),

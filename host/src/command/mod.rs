@@ -3,6 +3,7 @@
 //! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
 
 pub mod add;
+pub mod change;
 pub mod collect;
 pub mod compare;
 pub mod covalidate;

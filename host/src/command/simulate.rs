@@ -46,6 +46,9 @@ pub struct Arguments {
     /// Scatter the segments smoothly over the height, by this many standard deviations of background_stiffness and background_mass
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = scatter)]
     scatter: f64,
+    /// Seed of that scatter, for one structure under several loads [default: --seed]
+    #[arg(long, value_name = "SEED", requires = "scatter")]
+    scatter_seed: Option<u64>,
     /// Damping ratio of every mode
     #[arg(long, default_value_t = Options::default().damping_ratio)]
     damping_ratio: f64,
@@ -129,7 +132,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if arguments.scatter > 0.0 {
         let model = study.model.as_ref().filter(|model| model.background_stiffness.or(model.background_mass).is_some());
         let model = model.context("--scatter needs background_stiffness or background_mass in [model]")?;
-        beam = scattered(beam, model, arguments.scatter, arguments.seed);
+        beam = scattered(beam, model, arguments.scatter, arguments.scatter_seed.unwrap_or(arguments.seed));
     }
     let sensors = study.sensors();
     let effects = arguments.effects.iter().map(|effect| effect.in_study(&sensors)).collect::<Result<Vec<_>, _>>()?;

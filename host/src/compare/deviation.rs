@@ -29,16 +29,16 @@ pub(super) fn frequency_deviation(mode: &MeasuredMode) -> f64 {
 }
 
 /// How the errors of a mode are correlated, after its frequency is relative and its shape of unit length.
-pub(super) struct Errors {
+pub(crate) struct Errors {
     /// The part of each number's variance that is its own: the frequency, then the shape's components.
-    pub(super) own: DVector<f64>,
+    pub(crate) own: DVector<f64>,
     /// Rows whose products are the covariances; no columns where they are not known.
-    pub(super) joint: DMatrix<f64>,
+    pub(crate) joint: DMatrix<f64>,
 }
 
 impl Errors {
     /// Of a mode and, where it is compared, its shape.
-    pub(super) fn of(mode: &MeasuredMode, shape: Option<&MeasuredShape>) -> Self {
+    pub(crate) fn of(mode: &MeasuredMode, shape: Option<&MeasuredShape>) -> Self {
         let mut deviations = vec![frequency_deviation(mode)];
         deviations.extend(shape.map(shape_deviations).unwrap_or_default());
         let is_known = |scatter: &&MeasuredCovarianceFactor| {

@@ -17,9 +17,9 @@ mod view;
 use crate::modes::MeasuredMode;
 use crate::study::Sensor;
 
-pub(crate) use deviation::shape_deviations;
-pub(crate) use pairing::pair_above;
+pub(crate) use deviation::{Errors, shape_deviations};
 pub use pairing::{Pair, pair};
+pub(crate) use pairing::{assigned, pair_above};
 pub(crate) use residual::{Block, Residual, ShapeBlock, complement, exceeding};
 pub use residual::{ChiSquared, chi_squared};
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};

@@ -55,16 +55,8 @@ pub(crate) fn pair_above(view: &ModelView, measured: &[MeasuredMode], least_like
         let likeness = shape * (-0.5 * ratio * ratio).exp();
         if likeness < least_likeness { 0.0 } else { likeness }
     };
-    // A column for every measured mode that stays without a partner: the assignment wants no fewer columns than rows.
-    let columns = candidates + measured.len();
-    let weights = Matrix::from_fn(measured.len(), columns, |(row, column)| {
-        if column < candidates { (likeness(&measured[row], column) * WHOLE) as i64 } else { 0 }
-    });
-    let (_, assignment) = kuhn_munkres(&weights);
-    let mut pairs: Vec<Pair> = assignment
+    let mut pairs: Vec<Pair> = assigned(measured.len(), candidates, &|index, model| likeness(&measured[index], model))
         .into_iter()
-        .enumerate()
-        .filter(|&(index, model)| model < candidates && weights[(index, model)] > 0)
         .map(|(index, model)| {
             let mac = measured[index].shape.as_ref().map(|shape| mac(view.shape(model), shape));
             Pair { measured: index, model, mac, subspace_mac: None }
@@ -79,6 +71,21 @@ pub(crate) fn pair_above(view: &ModelView, measured: &[MeasuredMode], least_like
         }
     }
     pairs
+}
+
+/// Pairs of rows and columns, each in one pair at most, so that the sum of likeness is the largest; what has none is no pair. In the order of
+/// the rows.
+pub(crate) fn assigned(rows: usize, columns: usize, likeness: &dyn Fn(usize, usize) -> f64) -> Vec<(usize, usize)> {
+    if rows == 0 || columns == 0 {
+        return Vec::new();
+    }
+    // A column for every row that stays without a partner: the assignment wants no fewer columns than rows.
+    let weights = Matrix::from_fn(rows, columns + rows, |(row, column)| {
+        if column < columns { (likeness(row, column) * WHOLE) as i64 } else { 0 }
+    });
+    let (_, assignment) = kuhn_munkres(&weights);
+    let is_pair = |&(row, column): &(usize, usize)| column < columns && weights[(row, column)] > 0;
+    assignment.into_iter().enumerate().filter(is_pair).collect()
 }
 
 /// The paired model modes that stand close together with `model`, itself included.

@@ -39,6 +39,7 @@ fn measure(view: &ModelView, modes: impl IntoIterator<Item = usize>, random: &mu
             frequency_hz: frequency_hz * (1.0 + deviates(1e-3, random)),
             frequency_std_hz: Some(1e-3 * frequency_hz),
             damping_ratio: None,
+            damping_ratio_std: None,
             shape: Some(MeasuredShape {
                 imaginary: None,
                 sensors: (0..values.len()).collect(),
@@ -86,6 +87,7 @@ fn a_measured_mode_that_the_model_lacks_stays_alone_and_is_named() {
         frequency_hz: 0.37,
         frequency_std_hz: None,
         damping_ratio: None,
+        damping_ratio_std: None,
         shape: Some(shape),
     });
     let comparison = compare(&view, &measured, &sensors, None);
@@ -106,6 +108,7 @@ fn frequencies_alone_pair_by_nearness() {
             frequency_hz: view.modes.frequency_hz[mode] * 1.02,
             frequency_std_hz: Some(1e-3),
             damping_ratio: None,
+            damping_ratio_std: None,
             shape: None,
         })
         .collect();

@@ -13,6 +13,8 @@ use super::problem::Problem;
 use super::report::GoodnessOfFit;
 use crate::compare::{Block, ChiSquared, exceeding};
 use crate::model::effect::Effect;
+use crate::modes::WRONGLY_IDENTIFIED;
+use crate::statistics::at_least;
 
 /// What a test looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -121,7 +123,7 @@ impl Fit {
         worst.retain(|(mode, _)| !strangers.contains(mode));
         worst.sort_by(|a, b| b.1.total_cmp(&a.1));
         for count in 1..=worst.len() {
-            let chance = at_least(count, modes);
+            let chance = at_least(count, modes, WRONGLY_IDENTIFIED);
             if chance < FAILS.max(best.0.p_value) {
                 break;
             }
@@ -260,18 +262,6 @@ const ALIKE: f64 = 0.8;
 const MOST_STRANGERS: usize = 5;
 /// With fewer modes than this none may stay unexplained.
 const LEAST_MODES: usize = 8;
-/// One mode of so many is identified wrongly: as many of 243 on the blind bench (`misfit`).
-const WRONG: f64 = 0.02;
-
-/// Probability that at least `count` of some modes are wrong.
-fn at_least(count: usize, modes: usize) -> f64 {
-    let (mut of_fewer, mut exactly) = (0.0, (1.0 - WRONG).powi(modes as i32));
-    for fewer in 0..count.min(modes) {
-        of_fewer += exactly;
-        exactly *= (modes - fewer) as f64 / (fewer + 1) as f64 * WRONG / (1.0 - WRONG);
-    }
-    1.0 - of_fewer
-}
 
 /// Where the data determine less than this of the scatter's variance there is nothing to test.
 const LEAST_SCATTER: f64 = 0.5;

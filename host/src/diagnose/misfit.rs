@@ -16,9 +16,10 @@
 //! Gone are floors of 0.02 % and 0.2 % (squares 0.20 with them), 3 % of the bandwidth (frequencies are off by 0.91 deviations rms without),
 //! and 11/9 for scattering variances.
 
-/// Share of modes whose deviations are wrong, and by what factor: those of a frequency, those of a shape.
+use crate::modes::WRONG_BY;
+
+/// Share of modes whose deviations are wrong.
 const WRONG: f64 = 0.1;
-pub(super) const WRONG_BY: [f64; 2] = [5.0, 3.0];
 
 /// Twice the logarithm of how much likelier a measured mode of its frequency, or of its shape, is where the model has such a
 /// mode than where identification made it up: one in a hundred is made up, with a frequency anywhere within a third.

@@ -11,7 +11,7 @@
 //! `goodness` tests them. `candidates` lists what could be missing, `score` weighs each by one linear step, `search` refits the
 //! best (with `far`, `damper` and `height`), `verdict` weighs what was `found`, `report` is what it says, `settle` says what to
 //! measure next; `prior` and `posterior` say how probable each hypothesis is, `elsewise` what the verdict would be with another
-//! tolerance. Effects that show elsewhere than in modes are in `signals`. `outlook` predicts verdicts before anything is measured.
+//! tolerance. Effects that show elsewhere than in modes are in `signals`. `since` says what has changed since an earlier measurement. `outlook` predicts verdicts before anything is measured.
 //!
 //! The statistics: with r the whitened differences of model and measurement, the fit minimises `|r|² + |b|²` over the
 //! effects' values and the background b, whose prior is standard normal (joint maximum a posteriori, so that the tolerance
@@ -53,6 +53,9 @@ mod score;
 mod search;
 mod settle;
 mod signals;
+mod since;
+#[cfg(test)]
+mod since_tests;
 mod smooth;
 mod state;
 pub mod steps;
@@ -78,4 +81,5 @@ pub use report::{
     Unexplained, Verdict,
 };
 pub use signals::{Signals, shown_effects};
+pub use since::{ChangeDiagnosis, ChangeProbabilities, ChangeVerdict, Direction, Predicted, diagnose_change};
 pub use verdict::diagnose;

@@ -18,8 +18,8 @@ use super::state::State;
 use crate::compare::{ModelView, Tolerance, complement, correlation_length_m, pair, shape_deviations};
 use crate::model::effect::Effect;
 use crate::model::{Body, Structure};
-use crate::modes::MeasuredMode;
-use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
+use crate::modes::{CLOSE, MeasuredMode};
+use crate::statistics::{MEDIAN_OF_ABSOLUTE, groups, median};
 use crate::study::{Model, Sensor};
 
 /// A structure without its effects, the modes that it is compared with, and how far it is trusted.
@@ -97,9 +97,7 @@ pub(super) struct MeasuredPhases {
     pub(super) deviations: DVector<f64>,
 }
 
-/// Measured modes whose frequencies differ by less than this share turn within their span at the slightest change.
-const CLOSE: f64 = 0.015;
-/// And model modes that differ by less than this: their shapes in the model are arbitrary within the span.
+/// Model modes that differ by less than this: their shapes in the model are arbitrary within the span.
 const DEGENERATE: f64 = 0.005;
 
 impl Problem {
@@ -223,28 +221,15 @@ impl Problem {
     /// The same without what certain sensors saw.
     pub(super) fn without_sensors(&self, sensors: &[usize]) -> Self {
         let mut other = self.clone();
-        let kept = |shape: &crate::modes::MeasuredShape| -> Vec<usize> {
-            (0..shape.sensors.len()).filter(|&row| !sensors.contains(&shape.sensors[row])).collect()
-        };
+        let is_kept = |sensor: usize| !sensors.contains(&sensor);
         for phases in &mut other.phases {
             if let Some(shape) = &self.measured[phases.mode].shape {
-                let rows = kept(shape);
+                let rows: Vec<usize> = (0..shape.sensors.len()).filter(|&row| is_kept(shape.sensors[row])).collect();
                 phases.imaginary = phases.imaginary.select_rows(&rows);
                 phases.deviations = phases.deviations.select_rows(&rows);
             }
         }
-        for mode in &mut other.measured {
-            if let Some(shape) = &mut mode.shape {
-                let rows = kept(shape);
-                if let Some(factor) = &mut mode.covariance_factor {
-                    factor.shape = factor.shape.select_rows(&rows);
-                }
-                shape.sensors = rows.iter().map(|&row| shape.sensors[row]).collect();
-                shape.values = shape.values.select_rows(&rows);
-                shape.imaginary = shape.imaginary.as_ref().map(|imaginary| imaginary.select_rows(&rows));
-                shape.stds = shape.stds.as_ref().map(|stds| stds.select_rows(&rows));
-            }
-        }
+        other.measured.iter_mut().for_each(|mode| *mode = mode.at_sensors(&is_kept));
         other
     }
 }
@@ -300,20 +285,6 @@ const FORCED: f64 = 0.05;
 
 fn is_forced(mode: &MeasuredMode, forced_hz: f64) -> bool {
     (mode.frequency_hz / forced_hz - 1.0).abs() < FORCED
-}
-
-/// Which of `count` belong together: chains of what is near.
-fn groups(count: usize, near: &dyn Fn(usize, usize) -> bool) -> Vec<Vec<usize>> {
-    let mut label: Vec<usize> = (0..count).collect();
-    for a in 0..count {
-        for b in 0..a {
-            if near(a, b) && label[a] != label[b] {
-                let (from, to) = (label[a], label[b]);
-                label.iter_mut().filter(|label| **label == from).for_each(|label| *label = to);
-            }
-        }
-    }
-    (0..count).map(|a| (0..count).filter(|&b| label[a] == label[b]).collect()).collect()
 }
 
 /// Phases scatter with longer tails than their median tells, where a late clock takes the lines of a node from other moments: with it in

@@ -6,10 +6,11 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dim, Dyn, Matrix, RowDVector, StorageMut};
 
 use super::knob::Knob;
-use super::misfit::{Group, Loss, TWIN, WRONG_BY};
+use super::misfit::{Group, Loss, TWIN};
 use crate::compare::{ModelView, Pair, Residual};
 use crate::model::effect::Effect;
 use crate::model::{Assembly, Structure};
+use crate::modes::WRONG_BY;
 
 /// A model compared with the measurement.
 pub(super) struct State {

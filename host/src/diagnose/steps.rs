@@ -262,7 +262,7 @@ impl Setting<'_> {
 impl Problem {
     /// The model with its effects at their most probable values and the discrepancy that suits it best, if a model of the right kind
     /// can miss as much.
-    fn fit_settled(&self, effects: &[Effect]) -> Result<(Self, Fit), DiagnoseError> {
+    pub(super) fn fit_settled(&self, effects: &[Effect]) -> Result<(Self, Fit), DiagnoseError> {
         let fit = self.fit_present(effects)?;
         Ok(self.settled_plausibly(&fit).unwrap_or_else(|| (self.clone(), fit)))
     }

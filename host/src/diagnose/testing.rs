@@ -23,7 +23,7 @@ pub(super) fn normal(random: &mut ChaCha8Rng) -> f64 {
 
 /// The first modes of a structure with effects, measured with relative deviations of 0.05 % on frequencies and 0.3 % of
 /// the length on shapes.
-pub(super) fn measured(
+pub(crate) fn measured(
     structure: &Structure,
     sensors: &[Sensor],
     modes: usize,
@@ -43,6 +43,7 @@ pub(super) fn measured(
             frequency_hz: frequency_hz * (1.0 + 5e-4 * normal(random)),
             frequency_std_hz: Some(5e-4 * frequency_hz),
             damping_ratio: Some(0.01 + view.damping_ratio(mode)),
+            damping_ratio_std: None,
             shape: Some(MeasuredShape {
                 sensors: (0..shape.len()).collect(),
                 imaginary: Some(imaginary.map(|value| value + 3e-3 * normal(random))),

@@ -45,12 +45,14 @@ pub fn diagnose(
     let (searched, settled) = here(&settled, problem, &present);
     let at_its_own = own.as_ref().map_or(settled, |(_, fit)| fit);
     let considered = shown(signals, effects, &options.without);
-    let weighed = Weighed::of(searched, settled, at_its_own, &found, &considered);
+    let none = problem.prior_odds.of_adequate(at_its_own.goodness_of_fit().p_value);
+    let weighed = Weighed::of(searched, settled, &[none], &found, &considered);
     // Where an effect leads, the present model is shown as that effect has it; else at its own best.
     let is_led = matches!(weighed.leads, Leads::Effect(_) | Leads::Twins(..));
     let alone = own.as_ref().filter(|_| !is_led);
     let (problem, present) = alone.map_or((searched, settled), |(problem, fit)| (problem, fit));
     let mut diagnosis = weighed.told(problem, present);
+    diagnosis.warnings.extend(weighed.no_help(problem));
     if !matches!(weighed.leads, Leads::Signal(_)) {
         let best = diagnosis.best.first().map(String::as_str);
         diagnosis.elsewise = problem.elsewise(at_its_own, &found, diagnosis.verdict, best);
@@ -72,7 +74,7 @@ pub fn diagnose(
 }
 
 /// What is most probable.
-enum Leads<'a> {
+pub(super) enum Leads<'a> {
     /// The model lacks nothing.
     Nothing,
     /// An effect.
@@ -86,20 +88,27 @@ enum Leads<'a> {
 }
 
 /// All hypotheses with their probabilities, and which is the most probable.
-struct Weighed<'a> {
+pub(super) struct Weighed<'a> {
     probabilities: Probabilities,
     /// Effects, with odds before and probability.
     found: Vec<(&'a Found, f64, f64)>,
     signals: Vec<(&'a Signal, f64, f64)>,
-    leads: Leads<'a>,
+    pub(super) leads: Leads<'a>,
 }
 
 impl<'a> Weighed<'a> {
-    /// `at_its_own` is the present model with the discrepancy that suits it best; `problem` and `present` have that of the search.
-    fn of(problem: &Problem, present: &Fit, at_its_own: &Fit, found: &'a [Found], signals: &'a [Signal]) -> Self {
+    /// `without` are hypotheses without an effect: first that the model lacks nothing, then what counts as something else. `problem` and
+    /// `present` are those of the search.
+    pub(super) fn of(
+        problem: &Problem,
+        present: &Fit,
+        without: &[Hypothesis],
+        found: &'a [Found],
+        signals: &'a [Signal],
+    ) -> Self {
         let odds = &problem.prior_odds;
-        let p_value = at_its_own.goodness_of_fit().p_value;
-        let mut hypotheses = vec![odds.of_adequate(p_value)];
+        let p_value = without.first().map_or(0.0, |none| none.p_value);
+        let mut hypotheses = without.to_vec();
         hypotheses.extend(found.iter().map(|one| odds.of_found(one, one.own().goodness_of_fit().p_value)));
         hypotheses.extend(signals.iter().map(|signal| Hypothesis {
             prior_odds: odds.kind(signal.effect.of_kind()),
@@ -112,11 +121,14 @@ impl<'a> Weighed<'a> {
             },
         }));
         let (each, something_else) = posterior(&hypotheses, odds.something_else());
-        let probabilities = Probabilities { adequate: each[0], something_else };
-        let of = |at: usize| (hypotheses[at].prior_odds, each[at]);
+        let (alone, each_effect) = each.split_at(without.len());
+        let something_else = something_else + alone.iter().skip(1).sum::<f64>();
+        let probabilities = Probabilities { adequate: alone.first().copied().unwrap_or(0.0), something_else };
+        let hypotheses = &hypotheses[without.len()..];
+        let of = |at: usize| (hypotheses[at].prior_odds, each_effect[at]);
         let mut weighed_found: Vec<(&Found, f64, f64)> =
-            found.iter().enumerate().map(|(at, one)| (one, of(1 + at).0, of(1 + at).1)).collect();
-        let first_signal = 1 + found.len();
+            found.iter().enumerate().map(|(at, one)| (one, of(at).0, of(at).1)).collect();
+        let first_signal = found.len();
         let mut weighed_signals: Vec<(&Signal, f64, f64)> = signals
             .iter()
             .enumerate()
@@ -142,7 +154,7 @@ impl<'a> Weighed<'a> {
     }
 
     /// As a diagnosis, beside this present model.
-    fn told(&self, problem: &Problem, present: &Fit) -> Diagnosis {
+    pub(super) fn told(&self, problem: &Problem, present: &Fit) -> Diagnosis {
         let mut warnings = unused_modes(problem);
         let first = self.found.first().map(|(best, ..)| *best);
         let name = |found: &Found| found.effect().to_string();
@@ -180,7 +192,6 @@ impl<'a> Weighed<'a> {
                 "measured modes {} are like no mode of the model (MAC below 0.8), as of floors or walls; they do not count in the test of fit",
             ));
         }
-        warnings.extend(self.no_help(problem));
         if let (Leads::Signal(signal), Some(other)) = (&self.leads, first.filter(|found| found.stands_out())) {
             warnings.push(format!(
                 "{} stands out as well, in the modes; add {} and diagnose again",
@@ -403,7 +414,7 @@ fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateR
 }
 
 /// A kind that would explain something with a value that it cannot have; the value is that of one linear step.
-fn rejected_report(present: &Fit, scored: &Scored) -> CandidateReport {
+pub(super) fn rejected_report(present: &Fit, scored: &Scored) -> CandidateReport {
     let test = present.goodness_of_fit();
     let values = scored.candidate.parameters.iter().zip(&scored.values);
     CandidateReport {

@@ -18,6 +18,7 @@ enum Column {
     Frequency,
     FrequencyStd,
     Damping,
+    DampingStd,
     /// Of later use, or of other tools: what identify prints beside.
     Ignored,
     Component(usize),
@@ -52,7 +53,8 @@ fn column(path: &Path, name: &str, sensors: &[Sensor]) -> Result<Column, Measure
         "frequency_hz" | "measured_hz" => Column::Frequency,
         "frequency_std_hz" => Column::FrequencyStd,
         "damping_ratio" => Column::Damping,
-        "damping_ratio_std" | "phase_collinearity" | "type" => Column::Ignored,
+        "damping_ratio_std" => Column::DampingStd,
+        "phase_collinearity" | "type" => Column::Ignored,
         _ => match (sensor_named(sensors, name), name.strip_suffix("_std")) {
             (Some(sensor), _) => Column::Component(sensor),
             (None, Some(channel)) if sensor_named(sensors, channel).is_some() => {
@@ -83,6 +85,7 @@ impl Row<'_> {
             frequency_hz: f64::NAN,
             frequency_std_hz: None,
             damping_ratio: None,
+            damping_ratio_std: None,
             components: Vec::new(),
         };
         let mut stds = Vec::new();
@@ -100,6 +103,7 @@ impl Row<'_> {
                 }
                 Column::FrequencyStd => mode.frequency_std_hz = self.number(index, cell, "a standard deviation")?,
                 Column::Damping => mode.damping_ratio = self.number(index, cell, "a damping ratio")?,
+                Column::DampingStd => mode.damping_ratio_std = self.number(index, cell, "a standard deviation")?,
                 Column::Ignored => {}
                 Column::Component(sensor) => {
                     let value = self.component(index, cell)?;

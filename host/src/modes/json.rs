@@ -22,6 +22,7 @@ struct Mode {
     frequency_hz: f64,
     frequency_std_hz: Option<f64>,
     damping_ratio: Option<f64>,
+    damping_ratio_std: Option<f64>,
     #[serde(default)]
     shape: Vec<Component>,
     covariance_factor: Option<Factor>,
@@ -80,6 +81,7 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
             frequency_hz: mode.frequency_hz,
             frequency_std_hz: mode.frequency_std_hz,
             damping_ratio: mode.damping_ratio,
+            damping_ratio_std: mode.damping_ratio_std,
             scatter: of_frequency,
             components: mode.shape.into_iter().zip(of_shape).map(component).collect::<Result<_, _>>()?,
         })

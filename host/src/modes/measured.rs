@@ -28,6 +28,8 @@ pub struct MeasuredMode {
     pub frequency_std_hz: Option<f64>,
     /// Damping ratio (1 is critical), where known.
     pub damping_ratio: Option<f64>,
+    /// Its standard deviation, where known and above 0.
+    pub damping_ratio_std: Option<f64>,
     /// Its shape; `None` where only the frequency is known.
     pub shape: Option<MeasuredShape>,
     /// How the errors of its numbers are correlated; `None` where the file does not tell.
@@ -45,6 +47,35 @@ pub struct MeasuredCovarianceFactor {
     pub frequency_hz: RowDVector<f64>,
     /// Of the shape, a row for each of its sensors.
     pub shape: DMatrix<f64>,
+}
+
+/// Measured modes whose frequencies differ by less than this share turn within their span at the slightest change.
+pub(crate) const CLOSE: f64 = 0.015;
+
+/// One mode of so many is identified wrongly: as many of 243 on the blind bench (`diagnose::misfit`).
+pub(crate) const WRONGLY_IDENTIFIED: f64 = 0.02;
+/// By what factor the deviations of such a mode are wrong: those of its frequency, those of its shape.
+pub(crate) const WRONG_BY: [f64; 2] = [5.0, 3.0];
+
+impl MeasuredMode {
+    /// The same with its shape at some of its sensors only; without a shape where it is known at none of them.
+    #[must_use]
+    pub(crate) fn at_sensors(&self, keep: &dyn Fn(usize) -> bool) -> Self {
+        let mut other = self.clone();
+        let Some(shape) = &mut other.shape else { return other };
+        let rows: Vec<usize> = (0..shape.sensors.len()).filter(|&row| keep(shape.sensors[row])).collect();
+        if let Some(factor) = other.covariance_factor.as_mut().filter(|factor| factor.shape.nrows() > 0) {
+            factor.shape = factor.shape.select_rows(&rows);
+        }
+        shape.sensors = rows.iter().map(|&row| shape.sensors[row]).collect();
+        shape.values = shape.values.select_rows(&rows);
+        shape.imaginary = shape.imaginary.as_ref().map(|imaginary| imaginary.select_rows(&rows));
+        shape.stds = shape.stds.as_ref().map(|stds| stds.select_rows(&rows));
+        if rows.is_empty() {
+            other.shape = None;
+        }
+        other
+    }
 }
 
 /// A real mode shape at some of the study's sensors.

@@ -21,6 +21,7 @@ use crate::study::Sensor;
 pub use drawn::DrawnErrors;
 pub(crate) use drawn::normals;
 pub use error::MeasuredError;
+pub(crate) use measured::{CLOSE, WRONG_BY, WRONGLY_IDENTIFIED};
 pub use measured::{MeasuredCovarianceFactor, MeasuredMode, MeasuredModes, MeasuredShape};
 use shape::RawMode;
 pub(crate) use uff::node_and_direction;

@@ -16,6 +16,7 @@ pub(super) struct RawMode {
     pub(super) frequency_hz: f64,
     pub(super) frequency_std_hz: Option<f64>,
     pub(super) damping_ratio: Option<f64>,
+    pub(super) damping_ratio_std: Option<f64>,
     pub(super) components: Vec<RawComponent>,
     /// Its group and the frequency's row, where the file tells how errors are correlated.
     pub(super) scatter: Option<(usize, Vec<f64>)>,
@@ -62,6 +63,7 @@ impl RawMode {
             frequency_hz: self.frequency_hz,
             frequency_std_hz: known(self.frequency_std_hz),
             damping_ratio: known(self.damping_ratio),
+            damping_ratio_std: known(self.damping_ratio_std),
             shape,
             covariance_factor: self.scatter.map(|(group, row)| MeasuredCovarianceFactor {
                 group,

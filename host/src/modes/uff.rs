@@ -80,6 +80,7 @@ pub(super) fn modes(
                 frequency_hz: mode.frequency_hz,
                 frequency_std_hz: None,
                 damping_ratio: Some(mode.damping_ratio),
+                damping_ratio_std: None,
                 components,
             })
         })

@@ -3,6 +3,7 @@
 //! What was identified, compared, predicted or added flows in; one SVG a picture flows out.
 
 mod canvas;
+mod change;
 mod comparison;
 mod covalidation;
 mod fits;
@@ -13,6 +14,7 @@ mod stabilisation;
 mod trends;
 
 pub use canvas::PictureError;
+pub use change::change;
 pub use comparison::comparison;
 pub use covalidation::{Curves, Prediction, covalidation};
 pub use fits::fits;

@@ -140,6 +140,7 @@ impl Responses {
             frequency_hz,
             frequency_std_hz: Some(frequency_std_hz),
             damping_ratio: Some(damping_ratio),
+            damping_ratio_std: None,
             // Errors of different modes are taken as independent.
             covariance_factor: Some(MeasuredCovarianceFactor {
                 group: number,

@@ -26,6 +26,8 @@ pub const UPDATE_FILE: &str = "update.json";
 pub const COVALIDATION_FILE: &str = "covalidation.json";
 /// The last diagnosis.
 pub const DIAGNOSIS_FILE: &str = "diagnosis.json";
+/// The last comparison with an earlier measurement.
+pub const CHANGE_FILE: &str = "change.json";
 /// The last plan of a measurement.
 pub const PLAN_FILE: &str = "plan.json";
 /// The steps of the model, a JSON object a line.

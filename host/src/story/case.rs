@@ -46,9 +46,17 @@ impl Case {
     /// # Errors
     /// When the study has no model or no modes, one of them cannot be read, or they do not go together.
     pub fn load(study: Study) -> Result<Self, StoryError> {
+        let measured = measured_modes(&study, &study.sensors())?;
+        Self::of(study, measured)
+    }
+
+    /// A study's model and measured modes that may be others than its own.
+    ///
+    /// # Errors
+    /// When the study has no model, it cannot be read, or it does not go with the modes.
+    pub(super) fn of(study: Study, measured: MeasuredModes) -> Result<Self, StoryError> {
         let model = load(&study)?;
         let sensors = study.sensors();
-        let measured = measured_modes(&study, &sensors)?;
         let mut warnings = measured.warnings.clone();
         let structure = model.structure()?;
         let assembly = structure.assemble();
@@ -227,8 +235,8 @@ fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, senso
     warnings
 }
 
-/// The modes that a study has: those of `[measured]`, else what `belfry identify` has found.
-fn measured_modes(study: &Study, sensors: &[Sensor]) -> Result<MeasuredModes, StoryError> {
+/// The modes that a study has, at the sensors of the same or of another study: those of `[measured]`, else what `belfry identify` has found.
+pub(super) fn measured_modes(study: &Study, sensors: &[Sensor]) -> Result<MeasuredModes, StoryError> {
     if let Some(measured) = &study.measured {
         return Ok(read(&study.folder.join(&measured.modes), sensors)?);
     }

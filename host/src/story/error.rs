@@ -98,6 +98,32 @@ pub enum StoryError {
         /// The study's folder.
         study: PathBuf,
     },
+    /// A sensor of another study is not where this study has it.
+    #[error(
+        "channel {channel} of {} is not that of {}: {reason}; both measurements need the same sensors, or leave the channel out of one study",
+        other.display(), study.display()
+    )]
+    OtherSensors {
+        /// The channel.
+        channel: String,
+        /// The other study's folder.
+        other: PathBuf,
+        /// This study's folder.
+        study: PathBuf,
+        /// What differs.
+        reason: String,
+    },
+    /// Two measurements of which no mode is the same.
+    #[error(
+        "no mode of {} resembles one of {}: are both of the same structure, with the same channels and units?",
+        before.display(), now.display()
+    )]
+    NoCommonModes {
+        /// The modes before.
+        before: PathBuf,
+        /// Those of now.
+        now: PathBuf,
+    },
     /// There is no measured mode of that number.
     #[error("there is no measured mode {number}; {} has {known}", file.display())]
     UnknownMode {

@@ -47,6 +47,7 @@
 mod blocks;
 mod case;
 mod change;
+mod climate;
 mod covalidated;
 mod error;
 mod identified;
@@ -57,12 +58,14 @@ mod planned;
 mod progress;
 mod project;
 mod shapes;
+mod since;
 mod trends;
 mod updated;
 
 pub use crate::measure::Route;
 pub use case::Case;
 pub use change::{AutoEnd, ChangeReport, EffectReport, add, add_until_nothing_gains, remove};
+pub use climate::Climate;
 pub use covalidated::{
     ChannelReport, Covalidation, CovalidationReport, CovalidationRequest, covalidate, worst_channel,
 };
@@ -75,4 +78,5 @@ pub use planned::{PlanRequest, planned};
 pub use progress::{OnProgress, Progress};
 pub use project::{Compared, IdentifyRequest, Project};
 pub use shapes::BySource;
+pub use since::{SinceReport, SinceRequest};
 pub use updated::{BeforeAfter, OtherMode, PairState, PsiExplained, Update, UpdateReport, UpdatedPair, update};

@@ -11,6 +11,7 @@ use super::identified::{Method, ModesReport, identify, interval_for_temperatures
 use super::motion::curves_csv;
 use super::planned::{PlanRequest, planned};
 use super::progress::{OnProgress, rows_of};
+use super::since::{SinceReport, SinceRequest, since};
 use super::trends;
 use super::updated::{UpdateReport, update};
 use crate::compare::Comparison;
@@ -22,7 +23,7 @@ use crate::model::{Assembly, Body, matrix_market, npy};
 use crate::picture;
 use crate::plan::Plan;
 use crate::results::{
-    COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, MODES_FILE, PLAN_FILE, Results, ResultsError,
+    CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, MODES_FILE, PLAN_FILE, Results, ResultsError,
     STABILISATION_FILE, UPDATE_FILE,
 };
 use crate::study::Study;
@@ -258,6 +259,21 @@ impl Project {
         let diagnosis = self.case()?.diagnose(without)?;
         self.results.write_json(DIAGNOSIS_FILE, &diagnosis)?;
         Ok(diagnosis)
+    }
+
+    /// Compares two measurements of the structure, and says with a model what has changed between them. Writes `change.json` and a
+    /// picture, whose path is returned.
+    ///
+    /// # Errors
+    /// When modes or the model cannot be read, sensors of the two differ, they have no mode in common, or a result cannot be written.
+    pub fn since(&self, request: &SinceRequest) -> Result<(SinceReport, PathBuf), StoryError> {
+        self.results.make_ready()?;
+        let report = since(&self.study, request)?;
+        self.results.write_json(CHANGE_FILE, &report)?;
+        let height = report.height_m().zip(report.z_range_m);
+        let predicted = report.diagnosis.as_ref().map_or(&[][..], |diagnosis| &diagnosis.predicted);
+        let picture = picture::change(&self.study.structure.name, &report.changes.modes, predicted, height)?;
+        Ok((report, self.results.write("change.svg", picture.as_bytes())?))
     }
 
     /// Says before a measurement what it will show of an effect. Writes `plan.json`.

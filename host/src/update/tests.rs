@@ -65,6 +65,7 @@ fn measured(structure: &Structure, sensors: &[Sensor], modes: usize, seed: u64) 
                 frequency_hz: view.modes.frequency_hz[mode],
                 frequency_std_hz: Some(1e-4),
                 damping_ratio: None,
+                damping_ratio_std: None,
                 shape: Some(MeasuredShape {
                     imaginary: None,
                     sensors: (0..sensors.len()).collect(),

@@ -56,6 +56,7 @@ fn update(criterion: &mut Criterion) {
                 frequency_hz: field.modes.frequency_hz[mode],
                 frequency_std_hz: Some(1e-3 * field.modes.frequency_hz[mode]),
                 damping_ratio: None,
+                damping_ratio_std: None,
                 shape: Some(MeasuredShape { imaginary: None, sensors: (0..values.len()).collect(), values, stds }),
             }
         })
