@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use belfry_host::command::{
     Console, add, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan, ports,
-    remove, replay, simulate, update,
+    profile, remove, replay, simulate, update,
 };
 use clap::{Parser, Subcommand};
 
@@ -48,6 +48,7 @@ enum Command {
     Update(update::Arguments),
     Covalidate(covalidate::Arguments),
     Diagnose(diagnose::Arguments),
+    Profile(profile::Arguments),
     Add(add::Arguments),
     Remove(remove::Arguments),
     History(history::Arguments),
@@ -71,6 +72,7 @@ fn main() -> ExitCode {
         Command::Update(arguments) => update::run(arguments, &console),
         Command::Covalidate(arguments) => covalidate::run(arguments, &console),
         Command::Diagnose(arguments) => diagnose::run(arguments, &console),
+        Command::Profile(arguments) => profile::run(arguments, &console),
         Command::Add(arguments) => add::run(arguments, &console),
         Command::Remove(arguments) => remove::run(arguments, &console),
         Command::History(arguments) => history::run(arguments, &console),

@@ -124,8 +124,19 @@ impl Background {
         self.parts.iter().map(|(quantity, _)| *quantity)
     }
 
+    /// What is not trusted, with the relative changes of segments by each number, segments x numbers.
+    pub(super) fn parts(&self) -> impl Iterator<Item = (Option<Stiffness>, &DMatrix<f64>)> {
+        self.parts.iter().map(|(quantity, part)| (*quantity, part))
+    }
+
+    /// How far masses are spread and off the axis, in units of their numbers: a share of what a table lumps, then along X and Y in m.
+    /// `None` where nothing is said of masses.
+    pub(super) fn units_of_masses(&self) -> Option<[f64; OF_MASSES]> {
+        self.moves_masses.then_some([SPREAD, self.eccentricity_m, self.eccentricity_m])
+    }
+
     /// Factors on each segment's part.
-    fn factors(part: &DMatrix<f64>, numbers: &DVector<f64>) -> DVector<f64> {
+    pub(super) fn factors(part: &DMatrix<f64>, numbers: &DVector<f64>) -> DVector<f64> {
         (part * numbers.rows(0, part.ncols())).map(|change| (1.0 + change).max(LEAST_FACTOR))
     }
 
@@ -140,9 +151,10 @@ impl Background {
                     }
                 }
             }
-            if self.moves_masses {
-                structure.spread_masses(SPREAD * numbers[self.scatter]);
-                structure.shift_masses([1, 2].map(|at| self.eccentricity_m * numbers[self.scatter + at]));
+            if let Some(units) = self.units_of_masses() {
+                let [share, x_m, y_m] = [0, 1, 2].map(|at| units[at] * numbers[self.scatter + at]);
+                structure.spread_masses(share);
+                structure.shift_masses([x_m, y_m]);
             }
         }
     }
@@ -164,11 +176,8 @@ impl Background {
             }
             scattered += by_quantity * relative;
         }
-        if !self.moves_masses {
-            return scattered;
-        }
+        let Some(units) = self.units_of_masses() else { return scattered };
         let mut chained = scattered.insert_columns(self.scatter, OF_MASSES, 0.0);
-        let units = [SPREAD, self.eccentricity_m, self.eccentricity_m];
         for (at, (by_mass, unit)) in by_masses.iter().zip(units).enumerate() {
             chained.set_column(self.scatter + at, &(by_mass * unit));
         }
