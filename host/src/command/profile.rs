@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
-use super::text::{Columns, in_shell, next_lines, p_is, values_text};
+use super::text::{Columns, in_shell, next_lines, p_is, unit_text, values_text, with_std};
 use crate::diagnose::steps::Profiles;
-use crate::diagnose::{Profile, ProfileSegment};
+use crate::diagnose::{Profile, ProfileSegment, QuantityProfile};
 use crate::story::Project;
 
 const EXAMPLES: &str = "Examples:
@@ -15,7 +15,7 @@ const EXAMPLES: &str = "Examples:
   belfry profile canton --with added-mass@442.7m       if the model had this effect
   belfry profile canton --json
 
-The segments of a beam table are fitted together with the effects in the model, within the tolerance that the study states (background_stiffness and background_mass in [model]). Changes are in percent of the table, with one standard deviation; the last row is that deviation before anything was measured. In brackets stands what the measurement says next to nothing of: a deviation that it lowers by less than a tenth.
+The segments of a beam table are fitted together with the effects in the model, within the tolerance that the study states (background_stiffness and background_mass in [model]). Changes are in percent of the table, with one standard deviation; the last rows are that deviation before anything was measured, as stated and, where the data ask for another, as fitted. In brackets stands what the measurement says next to nothing of: a deviation that it lowers by less than a tenth.
 
 Writes profile.json, profile.csv (factors of every segment, with and without effects) and profile.svg into `results`. The study stays as it is.";
 
@@ -58,24 +58,21 @@ fn tell(profiles: &Profiles, project: &Project, console: &Console) {
         console.say(format!("Centres of mass off the axis: {} along X, {} along Y.", text(x), text(y)));
     }
     for value in profile.joint.iter().flat_map(|joint| &joint.values) {
-        let estimate = super::text::with_std(value.value, value.std);
-        let unit = super::text::unit_text(&value.unit);
-        console.say(format!("{}: {} {estimate}{unit}", value.effect, value.parameter));
+        let estimate = with_std(value.value, value.std);
+        console.say(format!("{}: {} {estimate}{}", value.effect, value.parameter, unit_text(&value.unit)));
     }
     profile.joint.iter().flat_map(|joint| joint.in_words()).for_each(|sentence| console.say(sentence + "."));
-    let test = profile.goodness_of_fit;
+    let (test, discrepancy) = (profile.goodness_of_fit, profile.discrepancy);
+    let missed = discrepancy.missed_in_words().map(|missed| format!("the model misses {missed}"));
+    let allowed: Vec<String> = [discrepancy.scatter_in_words(), missed].into_iter().flatten().collect();
     console.say(format!(
-        "Chi-squared {:.0} over {} numbers ({}).",
+        "Chi-squared {:.0} over {} numbers, {}{}{}.",
         test.chi_squared,
         test.degrees_of_freedom,
-        p_is(test.p_value)
+        p_is(test.p_value),
+        if allowed.is_empty() { "" } else { "; that allows that " },
+        allowed.join(" and ")
     ));
-    let discrepancy = profile.discrepancy;
-    for words in
-        [discrepancy.scatter_in_words(), discrepancy.missed_in_words().map(|it| format!("the model misses {it}"))]
-    {
-        words.into_iter().for_each(|words| console.say(format!("That allows that {words}.")));
-    }
     console.say(format!("Picture: {}", project.results().path("profile.svg").display()));
     if profiles.with_effects.is_none() {
         let folder = in_shell(&study.folder);
@@ -103,11 +100,15 @@ fn table(profile: &Profile) -> Columns {
         let cells = profile.quantities.iter().map(|one| one.segments.get(index).map_or_else(dash, cell));
         table.row(std::iter::once(height).chain(cells));
     }
-    let before = profile.quantities.iter().map(|one| {
-        let most = one.segments.iter().map(|segment| segment.prior_std).fold(0.0, f64::max);
-        format!("± {:.1}", 100.0 * most)
-    });
-    table.row(std::iter::once("before".to_owned()).chain(before));
+    let scatter = profile.discrepancy.scatter;
+    let before = |times: f64| -> Vec<String> {
+        let most = |one: &QuantityProfile| one.segments.iter().map(|segment| segment.prior_std).fold(0.0, f64::max);
+        profile.quantities.iter().map(|one| format!("± {:.1}", 100.0 * most(one) * times / scatter)).collect()
+    };
+    table.row(std::iter::once("study.toml".to_owned()).chain(before(1.0)));
+    if profile.discrepancy.scatter_in_words().is_some() {
+        table.row(std::iter::once(format!("{scatter:.1} times that")).chain(before(scatter)));
+    }
     table
 }
 

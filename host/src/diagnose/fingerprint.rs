@@ -204,3 +204,54 @@ impl White {
         &self.root * differences.component_div(&self.scales)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::testing::{measured, scattered, study};
+    use super::super::{Options, Signals, diagnose};
+    use super::*;
+
+    fn problem(word: &str) -> Problem {
+        let (structure, model, sensors) = study();
+        let truth = scattered(&structure, &model, 0.5, 2).and(&[word.parse().unwrap()]).unwrap();
+        let modes = measured(&truth, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(2));
+        Problem::new(structure, &[], &model, &sensors, &modes).unwrap()
+    }
+
+    /// Squares of whitened differences are those of the generalised distance, which Woodbury's identity gives without a root.
+    #[test]
+    fn squares_are_those_of_measurement_and_tolerance_together() {
+        let problem = problem("base-rotation=8e-15");
+        let straight = problem.without_scatter(&problem.present(&[]).unwrap()).unwrap();
+        let white = White::of(&straight).unwrap();
+        let squares = white.whiten(straight.state.residual.vector()).norm_squared();
+        let slopes = straight.slopes.rows(0, straight.state.modes.len()).into_owned();
+        let along = slopes.tr_mul(&straight.state.modes);
+        let prior = DMatrix::identity(along.len(), along.len());
+        let moved = (slopes.transpose() * &slopes + prior).try_inverse().unwrap() * &along;
+        let expected = straight.state.modes.norm_squared() - along.dot(&moved);
+        assert!((squares / expected - 1.0).abs() < 1e-6, "{squares} {expected}");
+    }
+
+    /// What the true effect would do is what is missed; what rivals would do is not.
+    #[test]
+    fn the_true_effect_explains_and_rivals_do_not() {
+        let diagnosis =
+            diagnose(&problem("added-mass@443.6m=4e6"), &[], &Signals::default(), &Options::default()).unwrap();
+        let prints = diagnosis.fingerprints.unwrap();
+        let (best, rivals) = prints.candidates.split_first().unwrap();
+        assert!(best.effect.starts_with("added-mass") && best.explained > 0.8, "{} {}", best.effect, best.explained);
+        assert!(!rivals.is_empty() && rivals.iter().all(|rival| rival.explained < best.explained));
+        // A mass makes every mode that it moves with slower, as measured.
+        let slowest = |print: &Fingerprint| print.frequency.iter().copied().fold(0.0, f64::min);
+        assert!(slowest(&prints.measured) < -3.0 && slowest(&best.fingerprint) < -3.0);
+        assert!(best.fingerprint.frequency.iter().all(|change| *change < 1.0));
+        // Heights ascend, and every mode has a number at every sensor.
+        let heights: Vec<f64> = prints.sensors.iter().filter_map(|sensor| sensor.elevation_m).collect();
+        assert!(heights.len() == 20 && heights.is_sorted());
+        assert!(prints.measured.shape.iter().all(|row| row.iter().all(Option::is_some)));
+    }
+}

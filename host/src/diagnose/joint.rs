@@ -57,10 +57,12 @@ impl Fit {
             (0..count).map(|row| (0..count).map(|column| of(row, column)).collect()).collect()
         };
         let scale = |at: usize| self.knobs[at].scale;
-        let covariance = table(&|row, column| self.covariance[(row, column)] * scale(row) * scale(column));
+        // Mirror images differ by rounding.
+        let of_units = |row: usize, column: usize| self.covariance[(row.max(column), row.min(column))];
+        let covariance = table(&|row, column| of_units(row, column) * (scale(row) * scale(column)));
         let size = |at: usize| self.covariance[(at, at)].max(0.0).sqrt();
         let correlation = table(&|row, column| match size(row) * size(column) {
-            product if product > 0.0 => (self.covariance[(row, column)] / product).clamp(-1.0, 1.0),
+            product if product > 0.0 => (of_units(row, column) / product).clamp(-1.0, 1.0),
             _ => 0.0,
         });
         Some(Joint { values, covariance, correlation })
@@ -92,5 +94,27 @@ impl JointValue {
     /// `value of effect`.
     fn name(&self) -> String {
         format!("{} of {}", self.parameter, self.effect)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn value(effect: &str, parameter: &str) -> JointValue {
+        let (effect, parameter) = (effect.to_owned(), parameter.to_owned());
+        JointValue { effect, parameter, value: 1.0, std: 0.1, unit: "-".to_owned() }
+    }
+
+    /// Two values of one effect may go together as they like; two effects that do are told, with what is known of them.
+    #[test]
+    fn effects_that_go_together_are_told() {
+        let values = vec![value("base-rotation", "x"), value("base-rotation", "y"), value("p-delta", "factor")];
+        let correlation = vec![vec![1.0, 0.99, -0.95], vec![0.99, 1.0, 0.5], vec![-0.95, 0.5, 1.0]];
+        let covariance = correlation.iter().map(|row: &Vec<f64>| row.iter().map(|one| 0.01 * one).collect()).collect();
+        let words = Joint { values, covariance, correlation }.in_words();
+        assert_eq!(words.len(), 1);
+        assert!(words[0].starts_with("x of base-rotation and factor of p-delta go together (correlation -0.95)"), "{words:?}");
+        assert!(words[0].contains("their sum"), "{words:?}");
     }
 }

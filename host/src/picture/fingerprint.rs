@@ -6,9 +6,9 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::canvas::{Area, BESIDE, DrawResult, FRAME, PictureError, picture};
 use crate::diagnose::{Fingerprint, Fingerprints};
 
-const HEADER: u32 = 62;
+const HEADER: u32 = 82;
 /// Above each panel: the name of the effect and what it explains.
-const NAMES: u32 = 52;
+const NAMES: u32 = 50;
 const FREQUENCIES: u32 = 150;
 /// Room for heights and scales left of the first panel, for the last panel's edge, and for the numbers of the modes.
 const LEFT: u32 = 92;
@@ -39,7 +39,7 @@ pub fn fingerprints(structure: &str, prints: &Fingerprints) -> Result<String, Pi
     picture("the fingerprints", layout.size(), |root| {
         let title = format!("{structure}: what the model misses, and what effects would do");
         root.draw(&Text::new(title, (12, 8), ("sans-serif", 16)))?;
-        layout.legend(root)?;
+        layout.legend(root, prints)?;
         let columns = std::iter::once(None).chain(prints.candidates.iter().map(Some));
         for (index, candidate) in columns.enumerate() {
             let left = (LEFT + index as u32 * (layout.panel + GAP)) as i32;
@@ -60,13 +60,18 @@ pub fn fingerprints(structure: &str, prints: &Fingerprints) -> Result<String, Pi
             let change = candidate.map(|one| &one.fingerprint);
             layout.frequencies(root, left, &prints.measured, change)?;
             layout.shapes(root, left, change.unwrap_or(&prints.measured), prints)?;
+            layout.numbers(root, left, prints)?;
         }
         layout.scales(root, prints)
     })
 }
 
 fn probability(probability: f64) -> String {
-    if probability < 0.001 { "p < 0.1 %".to_owned() } else { format!("p = {:.1} %", 100.0 * probability) }
+    if probability < 0.001 {
+        "probability < 0.1 %".to_owned()
+    } else {
+        format!("probability {:.1} %", 100.0 * probability)
+    }
 }
 
 /// `KIND@PLACE` in at most two lines.
@@ -154,14 +159,29 @@ impl Layout {
         (share * f64::from(FREQUENCIES / 2)).round() as i32
     }
 
-    fn legend(&self, root: &Area<'_>) -> DrawResult {
-        let words = |x: i32, y: i32, text: String| Text::new(text, (x, y), ("sans-serif", 12));
-        root.draw(&words(
-            12,
-            32,
-            "All in standard deviations of measurement, tolerance and discrepancy, after what segments could do."
-                .to_owned(),
-        ))?;
+    /// What the units and the marks are.
+    fn legend(&self, root: &Area<'_>, prints: &Fingerprints) -> DrawResult {
+        let mut units = "In standard deviations of measurement, tolerance and discrepancy together: what a scatter of segments could make counts little.".to_owned();
+        if self.sensors.len() == MOST_SENSORS && prints.sensors.len() > MOST_SENSORS {
+            units += &format!(" Shapes at the {MOST_SENSORS} sensors of the greatest misfit.");
+        }
+        let words = |x: i32, y: i32, text: String| Text::new(text, (x, y - 6), ("sans-serif", 12));
+        root.draw(&words(12, 40, units))?;
+        let (mut x, y) = (12, 62);
+        root.draw(&Rectangle::new([(x, y - 6), (x + 10, y + 6)], MISFIT.mix(0.35).filled()))?;
+        root.draw(&words(x + 16, y, "frequency: measured - model".to_owned()))?;
+        x += 210;
+        root.draw(&PathElement::new([(x + 3, y + 6), (x + 3, y - 3)], BESIDE))?;
+        root.draw(&Circle::new((x + 3, y - 3), 3, BESIDE.filled()))?;
+        root.draw(&words(x + 14, y, "what the effect would do".to_owned()))?;
+        x += 190;
+        for (value, text) in [(self.shape, "moves more"), (-self.shape, "moves less")] {
+            if !self.sensors.is_empty() {
+                self.dot(root, (x + 6, y), value)?;
+                root.draw(&words(x + 20, y, format!("{text}, by {:.1}", self.shape)))?;
+            }
+            x += 150;
+        }
         Ok(())
     }
 
@@ -203,6 +223,12 @@ impl Layout {
             return Ok(());
         }
         let width = self.x(left, prints.modes.len()) - self.column as i32 / 2 - left;
+        // Sensors at one height stand together.
+        let height = |row: usize| self.sensors.get(row).and_then(|&sensor| prints.sensors.get(sensor)?.elevation_m);
+        for row in (1..self.sensors.len()).filter(|&row| height(row) != height(row - 1)) {
+            let y = self.y(row) + self.row as i32 / 2;
+            root.draw(&PathElement::new([(left, y), (left + width, y)], FRAME.mix(0.6)))?;
+        }
         root.draw(&Rectangle::new([(left, self.above_shapes()), (left + width, self.below_shapes())], FRAME))?;
         for (mode, values) in print.shape.iter().enumerate() {
             for (row, &sensor) in self.sensors.iter().enumerate() {
@@ -210,12 +236,17 @@ impl Layout {
                 self.dot(root, (self.x(left, mode), self.y(row)), value)?;
             }
         }
+        Ok(())
+    }
+
+    /// Numbers of the modes.
+    fn numbers(&self, root: &Area<'_>, left: i32, prints: &Fingerprints) -> DrawResult {
         let every = if self.column < 14 { 2 } else { 1 };
         for (mode, known) in prints.modes.iter().enumerate().filter(|(mode, _)| mode % every == 0) {
             let at = (self.x(left, mode), self.below_shapes() + 5);
             root.draw(&Text::new(known.measured.to_string(), at, centred(10)))?;
         }
-        let middle = left + width / 2;
+        let middle = left + (self.column as usize * prints.modes.len()) as i32 / 2;
         root.draw(&Text::new("measured mode", (middle, self.below_shapes() + 19), centred(11)))?;
         Ok(())
     }
@@ -236,7 +267,7 @@ impl Layout {
         Ok(())
     }
 
-    /// Names of the scales, left of the first panel, and what dots mean.
+    /// Names of the scales, left of the first panel.
     fn scales(&self, root: &Area<'_>, prints: &Fingerprints) -> DrawResult {
         let right = ("sans-serif", 10).into_font().color(&BLACK).pos(Pos::new(HPos::Right, VPos::Center));
         let middle = self.middle_of_frequencies();
@@ -244,7 +275,8 @@ impl Layout {
             let deviations = share * self.frequency;
             let y = middle - self.rise(deviations);
             root.draw(&PathElement::new([(LEFT as i32 - 4, y), (LEFT as i32, y)], BLACK))?;
-            root.draw(&Text::new(format!("{deviations:+.1}"), (LEFT as i32 - 7, y), right.clone()))?;
+            let text = if share == 0.0 { "0".to_owned() } else { format!("{deviations:+.1}") };
+            root.draw(&Text::new(text, (LEFT as i32 - 7, y), right.clone()))?;
         }
         let title = |text: &str, y: i32| Text::new(text.to_owned(), (12, y), ("sans-serif", 11));
         root.draw(&title("frequency", middle - (FREQUENCIES / 2) as i32 + 4))?;
@@ -263,20 +295,6 @@ impl Layout {
             last = sensor.elevation_m;
             root.draw(&Text::new(text, (LEFT as i32 - 7, self.y(row)), right.clone()))?;
         }
-        // In the legend, what dots mean.
-        let (mut x, y) = (12, 52);
-        let words = |x: i32, text: String| Text::new(text, (x, y - 6), ("sans-serif", 12));
-        for (value, text) in [(self.shape, "moves more"), (-self.shape, "moves less")] {
-            self.dot(root, (x + 6, y), value)?;
-            root.draw(&words(x + 18, format!("{text}, by {:.1}", self.shape)))?;
-            x += 150;
-        }
-        root.draw(&Rectangle::new([(x, y - 6), (x + 10, y + 6)], MISFIT.mix(0.35).filled()))?;
-        root.draw(&words(x + 16, "frequency: measured - model".to_owned()))?;
-        x += 210;
-        root.draw(&PathElement::new([(x + 3, y + 6), (x + 3, y - 3)], BESIDE))?;
-        root.draw(&Circle::new((x + 3, y - 3), 3, BESIDE.filled()))?;
-        root.draw(&words(x + 14, "what the effect would do".to_owned()))?;
         Ok(())
     }
 }
@@ -300,4 +318,62 @@ fn end_of_scale(values: impl Iterator<Item = f64>) -> f64 {
     let greatest = sizes.last().copied().unwrap_or(0.0);
     let most = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(0.0);
     greatest.min(BEYOND * most).max(2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::{CandidateFingerprint, FingerprintMode, FingerprintSensor};
+
+    fn prints(shape: &[Vec<Option<f64>>]) -> Fingerprints {
+        let print = |frequency: [f64; 2]| Fingerprint { frequency: frequency.to_vec(), shape: shape.to_vec() };
+        let sensor = |channel: &str, z_m: f64| FingerprintSensor {
+            channel: channel.to_owned(),
+            elevation_m: Some(z_m),
+            azimuth_deg: Some(0.0),
+        };
+        Fingerprints {
+            modes: [1, 2].map(|measured| FingerprintMode { measured, measured_hz: 0.1 * measured as f64 }).to_vec(),
+            sensors: vec![sensor("low", 10.0), sensor("high", 55.5)],
+            measured: print([-3.0, 1.0]),
+            candidates: vec![CandidateFingerprint {
+                effect: "connection-flexibility@443.6m".to_owned(),
+                probability: 0.95,
+                explained: 0.84,
+                fingerprint: print([-2.5, 0.5]),
+            }],
+        }
+    }
+
+    /// A dot a number that matters, full or a ring by its sign, in both panels; marks of frequencies in the candidate's alone.
+    #[test]
+    fn every_number_has_its_mark() {
+        let svg = fingerprints("Mast", &prints(&[vec![Some(2.0), Some(-1.0)], vec![Some(0.1), None]])).unwrap();
+        let full = format!("fill=\"{}\"", "#1F5793");
+        let circles =
+            |what: &str| svg.lines().filter(|line| line.starts_with("<circle") && line.contains(what)).count();
+        // Two panels and the legend; the legend's and two frequencies' marks of the candidate.
+        assert_eq!((circles(&full), circles("#D67C26")), (2 + 1 + 1 + 2, 2 + 1));
+        for text in
+            ["connection-flexibility", "@443.6m", "probability 95.0 %, explains 84 %", "55.5 m", "measured mode"]
+        {
+            assert!(svg.contains(text), "{text}");
+        }
+    }
+
+    #[test]
+    fn frequencies_alone_are_drawn_too() {
+        let none = vec![vec![None, None], vec![None, None]];
+        let svg = fingerprints("Mast", &prints(&none)).unwrap();
+        assert!(svg.contains("measured mode") && !svg.contains("shape, at") && !svg.contains("NaN"));
+    }
+
+    /// One number that is far off does not make all others small.
+    #[test]
+    fn a_number_far_off_is_cut() {
+        let mut values: Vec<f64> = (0..40).map(|at| f64::from(at) / 10.0).collect();
+        values.push(80.0);
+        let end = end_of_scale(values.into_iter());
+        assert!((8.0..13.0).contains(&end), "{end}");
+    }
 }

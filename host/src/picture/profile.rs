@@ -40,7 +40,8 @@ pub fn profile(structure: &str, profiles: &Profiles) -> Result<String, PictureEr
         .iter()
         .flat_map(|band| &band.profile.quantities)
         .flat_map(|quantity| quantity.segments.iter().filter(|segment| segment.given.is_some()))
-        .map(|segment| ((segment.factor - 1.0).abs() + segment.std).max(segment.prior_std))
+        .map(|segment| (segment.factor - 1.0).abs() + segment.std)
+        .chain(present.quantities.iter().flat_map(|one| &one.segments).map(|segment| stated(present, segment)))
         .fold(0.0, f64::max);
     let scale = 1.05 * (100.0 * greatest).max(LEAST_PERCENT);
     let count = present.quantities.len().max(1);
@@ -67,7 +68,7 @@ fn legend(header: &Area<'_>, bands: &[Band<'_>]) -> DrawResult {
     let y = 36;
     let words = |x: i32, text: &str| Text::new(text.to_owned(), (x, y - 6), ("sans-serif", 12));
     header.draw(&Rectangle::new([(12, y - 5), (34, y + 5)], TOLERANCE.filled()))?;
-    header.draw(&words(40, "tolerance of the study, before measuring"))?;
+    header.draw(&words(40, "tolerance that study.toml states"))?;
     for (index, band) in bands.iter().enumerate() {
         let x = 300 + 190 * index as i32;
         header.draw(&Rectangle::new([(x, y - 5), (x + 22, y + 5)], band.color.mix(0.25).filled()))?;
@@ -79,6 +80,11 @@ fn legend(header: &Area<'_>, bands: &[Band<'_>]) -> DrawResult {
     }
     header.draw(&words(300 + 190 * bands.len() as i32, "bands: ± one standard deviation"))?;
     Ok(())
+}
+
+/// The deviation that the study states, however far segments of the fit scatter.
+fn stated(profile: &Profile, segment: &ProfileSegment) -> f64 {
+    segment.prior_std / profile.discrepancy.scatter
 }
 
 /// What a quantity is called above its panel.
@@ -119,7 +125,7 @@ fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawR
         .y_labels(6)
         .x_desc("% of the table")
         .y_desc(if index == 0 { "height in m" } else { "" })
-        .x_label_formatter(&|percent| format!("{percent:+.0}"))
+        .x_label_formatter(&|percent| if *percent == 0.0 { "0".to_owned() } else { format!("{percent:+.0}") })
         .y_label_formatter(&|z_m| format!("{z_m:.0}"))
         .label_style(("sans-serif", 11))
         .axis_style(FRAME)
