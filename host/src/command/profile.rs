@@ -49,9 +49,7 @@ fn tell(profiles: &Profiles, project: &Project, console: &Console) {
     let with = if profile.effects.is_empty() { String::new() } else { format!(" with {}", profile.effects.join(", ")) };
     console.say(format!("\n{}: stiffness and mass over the height, as fitted{with}", study.structure.name));
     console.say(table(profile));
-    console.say(
-        "In % of the table, ± one standard deviation; before: the model's tolerance. In brackets: hardly measured.",
-    );
+    console.say("In % of the table, ± one standard deviation. In brackets: hardly measured.");
     if let Some(masses) = &profile.masses {
         let [x, y] = &masses.offset;
         let text = |estimate: &_| values_text(std::slice::from_ref(estimate));
@@ -120,6 +118,8 @@ fn cell(segment: &ProfileSegment) -> String {
     if segment.given.is_none() {
         return dash();
     }
-    let text = format!("{:+.1} ± {:.1}", 100.0 * (segment.factor - 1.0), 100.0 * segment.std);
+    let percent = 100.0 * (segment.factor - 1.0);
+    let change = if percent.abs() < 0.05 { "0.0".to_owned() } else { format!("{percent:+.1}") };
+    let text = format!("{change} ± {:.1}", 100.0 * segment.std);
     if segment.std > (1.0 - HARDLY) * segment.prior_std { format!("({text})") } else { text }
 }

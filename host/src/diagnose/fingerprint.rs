@@ -5,6 +5,7 @@
 //! can tell. The nearer an effect's fingerprint is to the misfit, the more it explains: squares of the difference are what is left of
 //! chi-squared, but for the step from a straight line.
 
+use belfry_numerics::{CholeskyFactor, EigenPairs};
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
@@ -192,12 +193,16 @@ impl White {
         for (row, column) in (0..size).flat_map(|row| (0..size).map(move |column| (row, column))) {
             covariance[(row, column)] /= scales[row] * scales[column];
         }
-        let eigen = covariance.symmetric_eigen();
-        if eigen.eigenvalues.iter().any(|value| !value.is_finite() || *value <= 0.0) {
+        let EigenPairs { values, vectors } =
+            CholeskyFactor::of(&DMatrix::identity(size, size), 0.0)?.generalised_eigen(&covariance)?;
+        if values.iter().any(|value| !value.is_finite() || *value <= 0.0) {
             return None;
         }
-        let roots = DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.sqrt()));
-        Some(Self { scales, root: &eigen.eigenvectors * roots * eigen.eigenvectors.transpose() })
+        let mut halves = vectors.clone();
+        for (mut half, value) in halves.column_iter_mut().zip(&values) {
+            half /= value.sqrt();
+        }
+        Some(Self { scales, root: halves * vectors.transpose() })
     }
 
     fn whiten(&self, differences: DVector<f64>) -> DVector<f64> {

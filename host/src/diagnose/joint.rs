@@ -114,7 +114,10 @@ mod tests {
         let covariance = correlation.iter().map(|row: &Vec<f64>| row.iter().map(|one| 0.01 * one).collect()).collect();
         let words = Joint { values, covariance, correlation }.in_words();
         assert_eq!(words.len(), 1);
-        assert!(words[0].starts_with("x of base-rotation and factor of p-delta go together (correlation -0.95)"), "{words:?}");
+        assert!(
+            words[0].starts_with("x of base-rotation and factor of p-delta go together (correlation -0.95)"),
+            "{words:?}"
+        );
         assert!(words[0].contains("their sum"), "{words:?}");
     }
 }

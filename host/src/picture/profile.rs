@@ -113,10 +113,8 @@ fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawR
         .x_label_area_size(34)
         .y_label_area_size(if index == 0 { 44 } else { 30 })
         .build_cartesian_2d(-scale..scale, lowest.z_bottom_m..highest.z_top_m)?;
-    let tolerance: Vec<ProfileSegment> = of(&bands[bands.len() - 1])
-        .into_iter()
-        .map(|one| ProfileSegment { factor: 1.0, std: one.prior_std, ..one })
-        .collect();
+    let before = |one: ProfileSegment| ProfileSegment { factor: 1.0, std: stated(bands[0].profile, &one), ..one };
+    let tolerance: Vec<ProfileSegment> = of(&bands[0]).into_iter().map(before).collect();
     chart.draw_series(std::iter::once(Polygon::new(outline(&tolerance), TOLERANCE.filled())))?;
     chart
         .configure_mesh()
