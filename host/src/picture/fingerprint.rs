@@ -128,7 +128,7 @@ impl Layout {
 
     fn size(&self) -> (u32, u32) {
         let width = LEFT + self.panels * (self.panel + GAP) + RIGHT;
-        (width.max(640), self.below_shapes() as u32 + BELOW)
+        (width.max(760), self.below_shapes() as u32 + BELOW)
     }
 
     fn middle_of_frequencies(&self) -> i32 {
@@ -161,7 +161,7 @@ impl Layout {
 
     /// What the units and the marks are.
     fn legend(&self, root: &Area<'_>, prints: &Fingerprints) -> DrawResult {
-        let mut units = "In standard deviations of measurement, tolerance and discrepancy together: what a scatter of segments could make counts little.".to_owned();
+        let mut units = "In standard deviations by measurement, tolerance and discrepancy; what modes have in common, as segments could make it, counts little.".to_owned();
         if self.sensors.len() == MOST_SENSORS && prints.sensors.len() > MOST_SENSORS {
             units += &format!(" Shapes at the {MOST_SENSORS} sensors of the greatest misfit.");
         }
