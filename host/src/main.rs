@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use belfry_host::command::{
     Console, add, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan,
-    ports, remove, replay, simulate, update,
+    ports, profile, remove, replay, simulate, update,
 };
 use clap::{Parser, Subcommand};
 
@@ -49,6 +49,7 @@ enum Command {
     Covalidate(covalidate::Arguments),
     Diagnose(diagnose::Arguments),
     Change(change::Arguments),
+    Profile(profile::Arguments),
     Add(add::Arguments),
     Remove(remove::Arguments),
     History(history::Arguments),
@@ -73,6 +74,7 @@ fn main() -> ExitCode {
         Command::Covalidate(arguments) => covalidate::run(arguments, &console),
         Command::Diagnose(arguments) => diagnose::run(arguments, &console),
         Command::Change(arguments) => change::run(arguments, &console),
+        Command::Profile(arguments) => profile::run(arguments, &console),
         Command::Add(arguments) => add::run(arguments, &console),
         Command::Remove(arguments) => remove::run(arguments, &console),
         Command::History(arguments) => history::run(arguments, &console),

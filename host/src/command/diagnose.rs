@@ -9,6 +9,7 @@ use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_tex
 use crate::diagnose::steps::Step;
 use crate::diagnose::{CandidateReport, Diagnosis, FAILS, Part, Probabilities, STANDS_OUT, Verdict};
 use crate::model::effect::{self, Evidence};
+use crate::results::FINGERPRINTS_PICTURE;
 use crate::story::{AutoEnd, Project};
 use crate::study::Study;
 
@@ -22,7 +23,7 @@ Every effect of the catalogue (belfry effects), at every height, channel or node
 
 With --auto the best effect is added, those that it makes needless are dropped, and so on until nothing more is called for. study.toml and the history change as with `belfry add`, and what is printed is the final state.
 
-Writes diagnosis.json into `results`.";
+Writes diagnosis.json into `results`, and fingerprints.json and fingerprints.svg: what the model misses, number by number, beside what each of the first effects would do.";
 
 /// Rank the physical effects that the model could lack
 #[derive(Debug, Args)]
@@ -55,6 +56,10 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         auto(&mut project, &arguments.without, console)?;
     }
     let diagnosis = diagnose_project(&mut project, &arguments.without, console)?;
+    if diagnosis.fingerprints.is_some() {
+        let picture = project.results().path(FINGERPRINTS_PICTURE);
+        console.say(format!("Picture: {}, why these effects fit or do not", picture.display()));
+    }
     tell_next(&diagnosis, arguments.auto, project.study(), console);
     console.json(&diagnosis)
 }
@@ -224,6 +229,7 @@ fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
         }
     }
     tell_discrepancy(diagnosis, console);
+    diagnosis.joint.iter().flat_map(|joint| joint.in_words()).for_each(|sentence| console.say(sentence + "."));
     if let Some(next) = &diagnosis.next_measurement {
         console.say(format!("To settle it, measure: {next}."));
     }

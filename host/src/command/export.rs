@@ -1,4 +1,6 @@
-//! `belfry export`: modes, spectra and spectral lines as files for other tools.
+//! `belfry export`: modes, spectra, spectral lines and the model as files for other tools.
+
+mod model;
 
 use std::path::{Path, PathBuf};
 
@@ -24,25 +26,32 @@ const EXAMPLES: &str = "Examples:
   belfry export canton --of psd --direct         averaged spectra as Parquet
   belfry export canton --of psd --format csv
   belfry export canton --of lines                every window's complex lines
+  belfry export canton --of model                matrices with effects, and its modes
+  belfry export canton --of model --fitted-background --format npy
 
-Modes are those that `belfry identify` found; spectra are measured anew. Files go into the study's folder `results/export`: modes.uff, modes.csv, modes.json, psd.parquet, lines.parquet. Columns are named with their units.";
+Modes are those that `belfry identify` found; spectra are measured anew. Files go into the study's folder `results/export`: modes.uff, modes.csv, modes.json, psd.parquet, lines.parquet. Columns are named with their units.
 
-/// Write modes as UFF 55, CSV and JSON, or spectra as Parquet
+A model is written as stiffness.mtx and mass.mtx (damping.mtx where it has dashpots), dofs.csv (where each row of the matrices stands), model_shapes.csv (its modes at every degree of freedom, of unit modal mass) and model_modes.uff and .csv (the same at the sensors). [model] matrices in a study.toml reads it. Effects that are no part of stiffness and mass, such as faults of sensors, are named and left out.";
+
+/// Write modes, spectra, or the model with its effects, for other tools
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
     /// The study's folder
     #[arg(value_name = "STUDY")]
     pub study: PathBuf,
-    /// The files' format [default: uff55, csv and json for modes; parquet otherwise]
+    /// The files' format [default: uff55, csv and json for modes; mtx for the model; parquet otherwise]
     #[arg(long, value_enum)]
     pub format: Option<Format>,
     /// What to export
     #[arg(long = "of", value_enum, default_value_t = Content::Modes)]
     pub content: Content,
-    /// The file to write; its ending says the format where --format does not
+    /// The file to write, for a model the folder; a file's ending says the format where --format does not
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// Write the model with its segments as they fit the measured modes best, within the tolerance
+    #[arg(long)]
+    pub fitted_background: bool,
     /// How spectra are made of the recordings
     #[command(flatten)]
     pub route: RouteArguments,
@@ -58,6 +67,8 @@ pub enum Content {
     Psd,
     /// The complex spectral lines of every window
     Lines,
+    /// Mass and stiffness with the effects in the model, and its modes
+    Model,
 }
 
 /// Formats of exported files.
@@ -72,6 +83,10 @@ pub enum Format {
     Json,
     /// A table as Apache Parquet
     Parquet,
+    /// Matrices as Matrix Market files
+    Mtx,
+    /// Matrices as NumPy files
+    Npy,
 }
 
 impl Content {
@@ -81,6 +96,7 @@ impl Content {
             Self::Modes => &[Format::Uff55, Format::Csv, Format::Json],
             Self::Psd => &[Format::Parquet, Format::Csv],
             Self::Lines => &[Format::Parquet],
+            Self::Model => &[Format::Mtx, Format::Npy],
         }
     }
 
@@ -89,6 +105,7 @@ impl Content {
         match self {
             Self::Modes => self.formats(),
             Self::Psd | Self::Lines => &[Format::Parquet],
+            Self::Model => &[Format::Mtx],
         }
     }
 
@@ -97,6 +114,7 @@ impl Content {
             Self::Modes => "modes",
             Self::Psd => "psd",
             Self::Lines => "lines",
+            Self::Model => "model",
         }
     }
 }
@@ -108,6 +126,8 @@ impl Format {
             Self::Csv => "csv",
             Self::Json => "json",
             Self::Parquet => "parquet",
+            Self::Mtx => "mtx",
+            Self::Npy => "npy",
         }
     }
 
@@ -117,6 +137,8 @@ impl Format {
             Self::Csv => "csv",
             Self::Json => "json",
             Self::Parquet => "parquet",
+            Self::Mtx => "mtx",
+            Self::Npy => "npy",
         }
     }
 
@@ -126,6 +148,8 @@ impl Format {
             "csv" => Some(Self::Csv),
             "json" => Some(Self::Json),
             "parquet" => Some(Self::Parquet),
+            "mtx" => Some(Self::Mtx),
+            "npy" => Some(Self::Npy),
             _ => None,
         }
     }
@@ -136,6 +160,9 @@ impl Format {
 pub struct Report {
     /// The files that were written.
     pub files: Vec<WrittenFile>,
+    /// Effects that are no part of a model's matrices.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<String>,
 }
 
 /// A file that was written.
@@ -147,7 +174,7 @@ pub struct WrittenFile {
     pub of: Content,
     /// Its format.
     pub format: Format,
-    /// Modes, or rows of the table.
+    /// Modes, or rows of the table or matrix.
     pub rows: u64,
 }
 
@@ -160,6 +187,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     // What clap's attributes cannot say; it exits as for any wrong usage.
     let formats =
         formats(arguments).unwrap_or_else(|usage| clap::Error::raw(ErrorKind::ArgumentConflict, usage).exit());
+    if let (Content::Model, [format]) = (arguments.content, &formats[..]) {
+        return model::run(arguments, *format, console);
+    }
     let study = Study::load(&arguments.study)?;
     let results = Results::of(&study);
     let content = arguments.content;
@@ -194,6 +224,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             }
             rows
         }
+        Content::Model => Vec::new(),
     };
     let files: Vec<WrittenFile> = targets
         .into_iter()
@@ -204,7 +235,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         let what = if content == Content::Modes { "modes" } else { "rows" };
         console.say(format!("{}: {rows} {what}", file.display()));
     }
-    console.json(&Report { files })
+    console.json(&Report { files, left_out: Vec::new() })
 }
 
 /// Makes sure that a file can be written there.
@@ -216,8 +247,12 @@ fn ready_for(path: &Path) -> anyhow::Result<()> {
 /// The formats asked for; the sentence that says what is wrong with the usage.
 fn formats(arguments: &Arguments) -> Result<Vec<Format>, String> {
     let content = arguments.content;
+    if arguments.fitted_background && content != Content::Model {
+        return Err("--fitted-background goes with --of model\n".to_owned());
+    }
     let by_ending = || match &arguments.output {
         None => Ok(None),
+        Some(_) if content == Content::Model => Ok(None),
         Some(path) => Format::of_ending(path).map(Some).ok_or_else(|| {
             format!("--output {}: the ending says nothing about the format; give --format too\n", path.display())
         }),
@@ -255,7 +290,7 @@ fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console)
                 }
                 write_file(path, &text)?;
             }
-            Format::Json | Format::Parquet => write_file(path, &modes.json)?,
+            Format::Json | Format::Parquet | Format::Mtx | Format::Npy => write_file(path, &modes.json)?,
         }
     }
     Ok(vec![modes.modes.len() as u64; targets.len()])

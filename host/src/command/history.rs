@@ -77,4 +77,6 @@ fn tell_history(steps: &[StepRecord], console: &Console) {
         ]);
     }
     console.say(table);
+    let joint = steps.last().and_then(|step| step.joint.as_ref());
+    joint.iter().flat_map(|joint| joint.in_words()).for_each(|sentence| console.say(sentence + "."));
 }

@@ -18,6 +18,7 @@ mod interrupt;
 pub mod paper;
 pub mod plan;
 pub mod ports;
+pub mod profile;
 pub mod remove;
 pub mod replay;
 mod route;

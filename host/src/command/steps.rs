@@ -48,6 +48,7 @@ pub(super) fn tell_change(report: &ChangeReport, study: &Study, console: &Consol
             change(before.and_then(|step| step.held_out_mode_error_percent), now.held_out_mode_error_percent, " %")
         ));
     }
+    now.joint.iter().flat_map(|joint| joint.in_words()).for_each(|sentence| console.say(sentence + "."));
     if let Some(gain) = now.log_bayes_factor {
         console.say(gain_text(gain, now, study));
     }

@@ -249,9 +249,14 @@ impl ShapeBlock {
         Some(Self { sensors: shape.sensors.clone(), models, shapes, combination, measured, directions })
     }
 
+    /// The model's shape at the sensors that is nearest to the measured one, which is of unit length.
+    pub(crate) fn nearest(&self) -> DVector<f64> {
+        &self.shapes * &self.combination
+    }
+
     /// How much of the measured shape is in the span of the model's: the MAC of the two where that is a single mode.
     pub(crate) fn likeness(&self) -> f64 {
-        (&self.shapes * &self.combination).norm_squared()
+        self.nearest().norm_squared()
     }
 
     /// The largest component of the measured shape, which is of unit length.
@@ -260,7 +265,7 @@ impl ShapeBlock {
     }
 
     fn difference(&self) -> DVector<f64> {
-        self.directions.tr_mul(&(&self.shapes * &self.combination - &self.measured))
+        self.directions.tr_mul(&(self.nearest() - &self.measured))
     }
 
     /// How the difference follows a change of the model's shapes at the sensors (sensors x models).

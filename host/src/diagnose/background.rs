@@ -127,12 +127,12 @@ impl Background {
 
     /// The place of the first number of a family of modes.
     pub(super) fn first_of_families(&self) -> usize {
-        self.scatter + if self.has_details { OF_FOOT + OF_MASSES } else { 0 }
+        self.of_segments() + if self.has_details { OF_MASSES } else { 0 }
     }
 
-    /// The place of the first number of masses.
-    pub(super) fn first_of_masses(&self) -> usize {
-        self.scatter + OF_FOOT
+    /// How many numbers change segments, by their scatter and at the foot; those of masses come after them.
+    pub(super) fn of_segments(&self) -> usize {
+        self.scatter + if self.has_details { OF_FOOT } else { 0 }
     }
 
     /// Whether segments scatter not at all.
@@ -145,8 +145,19 @@ impl Background {
         self.parts.iter().map(|(quantity, _)| *quantity)
     }
 
+    /// What is not trusted, with the relative changes of segments by each number, segments x numbers.
+    pub(super) fn parts(&self) -> impl Iterator<Item = (Option<Stiffness>, &DMatrix<f64>)> {
+        self.parts.iter().map(|(quantity, part)| (*quantity, part))
+    }
+
+    /// How far masses are spread and off the axis, in units of their numbers: a share of what a table lumps, then along X and Y in m.
+    /// `None` where nothing is said of masses.
+    pub(super) fn units_of_masses(&self) -> Option<[f64; OF_MASSES]> {
+        self.has_details.then_some([SPREAD, self.eccentricity_m, self.eccentricity_m])
+    }
+
     /// Factors on each segment's part.
-    fn factors(part: &DMatrix<f64>, numbers: &DVector<f64>) -> DVector<f64> {
+    pub(super) fn factors(part: &DMatrix<f64>, numbers: &DVector<f64>) -> DVector<f64> {
         (part * numbers.rows(0, part.ncols())).map(|change| (1.0 + change).max(LEAST_FACTOR))
     }
 
@@ -161,10 +172,11 @@ impl Background {
                     }
                 }
             }
-            if self.has_details {
-                let first = self.first_of_masses();
-                structure.spread_masses(SPREAD * numbers[first]);
-                structure.shift_masses([1, 2].map(|at| self.eccentricity_m * numbers[first + at]));
+            if let Some(units) = self.units_of_masses() {
+                let first = self.of_segments();
+                let [share, x_m, y_m] = [0, 1, 2].map(|at| units[at] * numbers[first + at]);
+                structure.spread_masses(share);
+                structure.shift_masses([x_m, y_m]);
             }
         }
     }
@@ -178,7 +190,7 @@ impl Background {
         by_masses: &[DVector<f64>; OF_MASSES],
         numbers: &DVector<f64>,
     ) -> DMatrix<f64> {
-        let by_segments = if self.has_details { self.first_of_masses() } else { self.scatter };
+        let by_segments = self.of_segments();
         let mut scattered = DMatrix::zeros(by_masses[0].len(), by_segments);
         for ((_, part), by_quantity) in self.parts.iter().zip(by_quantities) {
             let mut relative = part.clone();
@@ -187,11 +199,8 @@ impl Background {
             }
             scattered += by_quantity * relative;
         }
-        if !self.has_details {
-            return scattered;
-        }
+        let Some(units) = self.units_of_masses() else { return scattered };
         let mut chained = scattered.insert_columns(by_segments, OF_MASSES, 0.0);
-        let units = [SPREAD, self.eccentricity_m, self.eccentricity_m];
         for (at, (by_mass, unit)) in by_masses.iter().zip(units).enumerate() {
             chained.set_column(by_segments + at, &(by_mass * unit));
         }

@@ -23,7 +23,7 @@ pub struct Fit {
     /// The same by weight.
     pub(super) jacobian: DMatrix<f64>,
     /// Covariance of knobs (in units of their scale) and background.
-    covariance: DMatrix<f64>,
+    pub(super) covariance: DMatrix<f64>,
     /// See [`Problem::allowed`], block by block.
     pub(super) allowed: Vec<f64>,
     log_evidence: f64,

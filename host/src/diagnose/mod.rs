@@ -11,7 +11,9 @@
 //! `goodness` tests them. `candidates` lists what could be missing, `score` weighs each by one linear step, `search` refits the
 //! best (with `far`, `damper` and `height`), `verdict` weighs what was `found`, `report` is what it says, `settle` says what to
 //! measure next; `prior` and `posterior` say how probable each hypothesis is, `elsewise` what the verdict would be with another
-//! tolerance. Effects that show elsewhere than in modes are in `signals`. `since` says what has changed since an earlier measurement. `outlook` predicts verdicts before anything is measured.
+//! tolerance. Effects that show elsewhere than in modes are in `signals`. `since` says what has changed since an earlier measurement.
+//! `outlook` predicts verdicts before anything is measured. `profile` says what a fit has learned of the model's segments, `joint` how
+//! the values of effects go together, `fingerprint` what each effect would do to every number measured.
 //!
 //! The statistics: with r the whitened differences of model and measurement, the fit minimises `|r|² + |b|²` over the
 //! effects' values and the background b, whose prior is standard normal (joint maximum a posteriori, so that the tolerance
@@ -32,6 +34,7 @@ mod error;
 mod evaluation;
 mod families;
 mod far;
+mod fingerprint;
 mod fit;
 mod found;
 mod goodness;
@@ -39,6 +42,7 @@ mod goodness;
 mod goodness_tests;
 mod height;
 pub mod held_out;
+mod joint;
 mod knob;
 mod misfit;
 mod near;
@@ -46,6 +50,9 @@ mod outlook;
 mod posterior;
 mod prior;
 mod problem;
+mod profile;
+#[cfg(test)]
+mod profile_tests;
 mod relief;
 mod report;
 mod scales;
@@ -70,11 +77,14 @@ pub use criteria::{FAILS, STANDS_OUT};
 pub use discrepancy::Discrepancy;
 pub use elsewise::Elsewise;
 pub use error::{DiagnoseError, NoneFound};
+pub use fingerprint::{CandidateFingerprint, Fingerprint, FingerprintMode, FingerprintSensor, Fingerprints};
 pub use fit::{Estimate, Fit};
 pub use goodness::{Part, fit_as_given};
+pub use joint::{Joint, JointValue};
 pub(crate) use outlook::{Draw, Outlook, Rival, Weighed};
 pub use posterior::Probabilities;
 pub use problem::Problem;
+pub use profile::{Masses, Profile, ProfileSegment, Quantity, QuantityProfile};
 pub use relief::Left;
 pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,

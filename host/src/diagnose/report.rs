@@ -6,8 +6,10 @@ use serde::Serialize;
 
 use super::discrepancy::Discrepancy;
 use super::elsewise::Elsewise;
+use super::fingerprint::Fingerprints;
 use super::fit::Estimate;
 use super::goodness::{Part, Tests};
+use super::joint::Joint;
 use super::posterior::Probabilities;
 use super::relief::Left;
 use crate::compare::ChiSquared;
@@ -55,6 +57,11 @@ pub struct Diagnosis {
     pub elsewise: Vec<Elsewise>,
     /// Effects that the model has, refitted.
     pub effects: Vec<CandidateReport>,
+    /// Their values, and those of the effect that leads, with their joint covariance; null where there are none.
+    pub joint: Option<Joint>,
+    /// The misfit of the present model beside what each of the first candidates would do; in a file of its own.
+    #[serde(skip)]
+    pub fingerprints: Option<Fingerprints>,
     /// What shows the best effect, where that is not in the modes.
     pub reason: Option<String>,
     /// What the reader should know.

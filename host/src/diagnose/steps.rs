@@ -11,11 +11,13 @@ use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
 use super::found::Found;
 use super::held_out::held_out;
+use super::joint::Joint;
 use super::problem::Problem;
+use super::profile::Profile;
 use super::signals::{Signals, shown};
 use crate::compare::{ModelView, compare};
-use crate::model::Structure;
 use crate::model::effect::{Effect, EffectKind, Where};
+use crate::model::{Assembly, Structure};
 use crate::modes::MeasuredMode;
 use crate::study::{Model, Sensor};
 
@@ -73,6 +75,9 @@ pub struct StepRecord {
     /// Natural logarithm of the evidence for the effects that came, or against those that went, over the step before.
     #[serde(default)]
     pub log_bayes_factor: Option<f64>,
+    /// The values of the effects with their joint covariance; null where there are none.
+    #[serde(default)]
+    pub joint: Option<Joint>,
     /// Which measurement and given model the step belongs to: only steps with the same word can be compared.
     #[serde(default)]
     pub data: String,
@@ -86,6 +91,22 @@ pub struct Step {
     pub effects: Vec<FittedEffect>,
     /// Its errors.
     pub record: StepRecord,
+}
+
+/// What was learned of a model's segments.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Profiles {
+    /// The model as first given.
+    pub as_given: Profile,
+    /// With its effects; null where it has none.
+    pub with_effects: Option<Profile>,
+}
+
+impl Profiles {
+    /// Of the model with all that it has.
+    pub fn present(&self) -> &Profile {
+        self.with_effects.as_ref().unwrap_or(&self.as_given)
+    }
 }
 
 /// No record of a dozen modes can separate more effects than this.
@@ -134,15 +155,63 @@ impl Setting<'_> {
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
     ) -> Result<Step, DiagnoseError> {
-        let problem = self.problem(effects)?;
-        let present = problem.fit_present(effects)?;
-        let found = problem.find(&present, kind, place)?;
+        let found = self.with_one_more(effects, kind, place)?;
         let added = found.effect().to_string();
         let with: Vec<Effect> = found.fit.effects().to_vec();
         // With the effect more modes may find a partner.
         let mut step = self.refit(&format!("add {added}"), &with)?;
         step.record.log_bayes_factor = Some(found.log_bayes_factor);
         Ok(step)
+    }
+
+    /// Effects with one more at a place (the best one where none is given), fitted together.
+    fn with_one_more(
+        &self,
+        effects: &[Effect],
+        kind: &'static dyn EffectKind,
+        place: Option<&Where>,
+    ) -> Result<Found, DiagnoseError> {
+        let problem = self.problem(effects)?;
+        let present = problem.fit_present(effects)?;
+        problem.find(&present, kind, place)
+    }
+
+    /// The profile of the model as it is first given, and with effects where there are any, on the same modes; the effects with the values
+    /// that they are fitted with.
+    ///
+    /// # Errors
+    /// As [`Setting::refit`].
+    pub fn profiles(&self, effects: &[Effect]) -> Result<Profiles, DiagnoseError> {
+        let problem = self.problem(effects)?;
+        let of = |effects: &[Effect]| {
+            let (problem, fit) = problem.fit_settled(effects)?;
+            Ok::<_, DiagnoseError>(Profile::of(&problem, &fit))
+        };
+        let with_effects = if effects.is_empty() { None } else { Some(of(effects)?) };
+        Ok(Profiles { as_given: of(&[])?, with_effects })
+    }
+
+    /// The matrices of the model with its effects and its segments as they fit best, within the tolerance.
+    ///
+    /// # Errors
+    /// As [`Setting::refit`].
+    pub fn fitted(&self, effects: &[Effect]) -> Result<Assembly, DiagnoseError> {
+        let (_, fit) = self.problem(effects)?.fit_settled(effects)?;
+        Ok(fit.state.assembly)
+    }
+
+    /// Profiles with one effect more, at a place (the best one where none is given).
+    ///
+    /// # Errors
+    /// As [`Setting::add`].
+    pub fn profiles_with(
+        &self,
+        effects: &[Effect],
+        kind: &'static dyn EffectKind,
+        place: Option<&Where>,
+    ) -> Result<Profiles, DiagnoseError> {
+        let found = self.with_one_more(effects, kind, place)?;
+        self.profiles(found.fit.effects())
     }
 
     /// Adds and drops effects until nothing is gained: the best addition, where one is called for, then drops what has become
@@ -249,6 +318,7 @@ impl Setting<'_> {
             held_out_mode_error_percent: held_out.mode_error_percent,
             modes: problem.measured().len(),
             log_bayes_factor: None,
+            joint: fit.joint(),
             data: String::new(),
         };
         let fitted = |(index, effect): (usize, &Effect)| FittedEffect {

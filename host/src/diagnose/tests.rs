@@ -66,7 +66,7 @@ fn derivatives_are_those_of_the_differences() {
         if slope.norm() > 1e-2 {
             checked_columns += 1;
             // Spreading masses changes an eccentric mass' coupling as well, which the derivative leaves out.
-            let spread = index == problem.background.first_of_masses();
+            let spread = index == problem.background.of_segments();
             close(&slope, &by_background.column(index).into_owned(), if spread { "spread" } else { "scatter" });
         }
     }

@@ -53,6 +53,7 @@ pub fn diagnose(
     let (problem, present) = alone.map_or((searched, settled), |(problem, fit)| (problem, fit));
     let mut diagnosis = weighed.told(problem, present);
     diagnosis.warnings.extend(weighed.no_help(problem));
+    diagnosis.fingerprints = searched.fingerprints(settled, &weighed.first_found());
     if !matches!(weighed.leads, Leads::Signal(_)) {
         let best = diagnosis.best.first().map(String::as_str);
         diagnosis.elsewise = problem.elsewise(at_its_own, &found, diagnosis.verdict, best);
@@ -217,9 +218,19 @@ impl<'a> Weighed<'a> {
             unexplained: unexplained(problem, shown_fit),
             explained: explained(problem, present, shown_fit),
             effects: (0..present.state.effects.len()).map(|effect| report(present, effect, None)).collect(),
+            joint: shown_fit.joint(),
+            fingerprints: None,
             reason,
             warnings,
         }
+    }
+
+    /// The effects that explain most, the most probable first.
+    fn first_found(&self) -> Vec<(&'a Found, f64)> {
+        let mut found: Vec<(&Found, f64)> =
+            self.found.iter().map(|(found, _, probability)| (*found, *probability)).collect();
+        found.sort_by(|a, b| b.1.total_cmp(&a.1).then(b.0.log_bayes_factor.total_cmp(&a.0.log_bayes_factor)));
+        found
     }
 
     /// A warning about the effect that would be the most probable, had it made the model better.

@@ -1,15 +1,18 @@
 //! Export: what Belfry found, as files that other tools read.
 //!
 //! Modes ([`modes`]) flow out as universal file datasets 55 ([`universal`]) and as a CSV table ([`table`]), both of which
-//! [`crate::modes`] reads back; averaged spectra and the lines of every window ([`spectra`]) as Parquet, written while
+//! [`crate::modes`] reads back; a model with its effects ([`model`]) as matrices that [`crate::model`] reads back; averaged spectra and the lines of every window ([`spectra`]) as Parquet, written while
 //! they are measured. A file appears whole or not at all.
 
+pub mod model;
 pub mod modes;
 mod parquet;
 pub mod spectra;
 pub mod table;
 pub mod universal;
 
+#[cfg(test)]
+mod model_tests;
 #[cfg(test)]
 mod tests;
 
@@ -19,6 +22,8 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use crate::files::write_whole;
+use crate::model::EigenError;
+use crate::model::effect::EffectError;
 
 /// Why something could not be exported.
 #[derive(Debug, Error)]
@@ -76,6 +81,12 @@ pub enum ExportError {
         /// The column.
         column: String,
     },
+    /// The model has no modes.
+    #[error("the model: {0}")]
+    Eigen(#[from] EigenError),
+    /// An effect that the structure cannot have.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
     /// A file cannot be written.
     #[error("{}: cannot be written ({source})", file.display())]
     Write {
@@ -98,5 +109,10 @@ impl ExportError {
 /// # Errors
 /// [`ExportError::Write`] names the file.
 pub fn write_file(path: &Path, text: &str) -> Result<(), ExportError> {
-    write_whole(path, text.as_bytes()).map_err(ExportError::write(path))
+    write_bytes(path, text.as_bytes())
+}
+
+/// The same of bytes.
+fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), ExportError> {
+    write_whole(path, bytes).map_err(ExportError::write(path))
 }

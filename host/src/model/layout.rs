@@ -146,6 +146,32 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
     Ok(layout)
 }
 
+/// The table that [`read_dofs`] reads: a line a degree of freedom that has a row or is fixed.
+///
+/// # Errors
+/// When the writer of the format fails.
+pub fn dofs_csv(nodes: &[LayoutNode]) -> std::io::Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(["row", "node", "dof", "x_m", "y_m", "z_m"])?;
+    for node in nodes {
+        for ((name, row), fixed) in DOF_NAMES.iter().zip(node.rows).zip(node.fixed) {
+            let row = row.map(|row| (row + 1).to_string());
+            let Some(row) = row.or_else(|| fixed.then(String::new)) else { continue };
+            let position = node.position_m.map(|metres| metres.to_string());
+            writer.write_record([row, node.name.clone(), (*name).to_owned()].into_iter().chain(position))?;
+        }
+    }
+    writer.into_inner().map_err(csv::IntoInnerError::into_error)
+}
+
+/// What a matrix row is called: node and degree of freedom; `None` where the layout does not have it.
+pub fn dof_of_row(nodes: &[LayoutNode], row: usize) -> Option<(&LayoutNode, &'static str)> {
+    nodes.iter().find_map(|node| {
+        let dof = node.rows.iter().position(|known| *known == Some(row))?;
+        Some((node, DOF_NAMES[dof]))
+    })
+}
+
 /// Whether all nodes stand above each other on the Z axis of the plan, each at a height of its own.
 pub(super) fn is_line(nodes: &[LayoutNode]) -> bool {
     nodes.len() > 1

@@ -43,7 +43,7 @@ pub use effect::mass_eccentricity::eccentricity_changes;
 pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use element::Compression;
 pub use joint::Element;
-pub use layout::{LayoutError, LayoutNode};
+pub use layout::{LayoutError, LayoutNode, dof_of_row, dofs_csv};
 pub use load::{LoadedModel, ModelError, load};
 pub use matrices::{ImportedMatrices, MatrixError, matrix_market, npy};
 pub use sensing::{Sensing, SensorChange, phases_rad};

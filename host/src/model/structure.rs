@@ -13,6 +13,7 @@ use super::custom::Custom;
 use super::effect::mass_eccentricity::Eccentricity;
 use super::element::{Compression, DOFS_A_SEGMENT, scatter};
 use super::joint::Element;
+use super::layout::LayoutNode;
 use super::mass_spread::{MassSpread, spread};
 use super::matrices::ImportedMatrices;
 use super::sensing::Sensing;
@@ -99,6 +100,27 @@ impl Structure {
                 Some([first.position_m[2], last.position_m[2]])
             }
         }
+    }
+
+    /// Where the degrees of freedom of the body stand, lowest first: a beam's base, whose rows are left out, then five rows a node. Empty
+    /// where nothing is known of them.
+    pub fn layout(&self) -> Vec<LayoutNode> {
+        let beam = match &self.body {
+            Body::Beam(beam) => beam,
+            Body::Matrices(matrices) => return matrices.nodes.clone(),
+        };
+        let heights_m = std::iter::once(beam.z_base_m()).chain(beam.segments().iter().map(|segment| segment.z_top_m));
+        let node = |(index, z_m): (usize, f64)| {
+            let above_base = index.checked_sub(1);
+            let row = |dof: usize| above_base.filter(|_| dof < DOFS_A_NODE).map(|node| node * DOFS_A_NODE + dof);
+            LayoutNode {
+                name: (index + 1).to_string(),
+                position_m: [0.0, 0.0, z_m],
+                rows: std::array::from_fn(row),
+                fixed: std::array::from_fn(|dof| above_base.is_none() && dof < DOFS_A_NODE),
+            }
+        };
+        heights_m.enumerate().map(node).collect()
     }
 
     /// The segments of a beam with all changes, base first; `None` for matrices.

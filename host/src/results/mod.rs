@@ -28,8 +28,14 @@ pub const COVALIDATION_FILE: &str = "covalidation.json";
 pub const DIAGNOSIS_FILE: &str = "diagnosis.json";
 /// The last comparison with an earlier measurement.
 pub const CHANGE_FILE: &str = "change.json";
+/// The misfit of the last diagnosis beside what its candidates would do.
+pub const FINGERPRINTS_FILE: &str = "fingerprints.json";
+/// The same as a picture.
+pub const FINGERPRINTS_PICTURE: &str = "fingerprints.svg";
 /// The last plan of a measurement.
 pub const PLAN_FILE: &str = "plan.json";
+/// The last profile of stiffness and mass.
+pub const PROFILE_FILE: &str = "profile.json";
 /// The steps of the model, a JSON object a line.
 pub const HISTORY_FILE: &str = "history.jsonl";
 

@@ -190,6 +190,24 @@ pub enum StoryError {
         /// What there is.
         known: String,
     },
+    /// A model without segments has no profile.
+    #[error(
+        "{}: [model] is given as matrices, which have no segments; only a beam table has a profile of stiffness and mass",
+        file.display()
+    )]
+    NoSegments {
+        /// The study's file.
+        file: PathBuf,
+    },
+    /// The study takes its table to be exact.
+    #[error(
+        "{}: [model] states no background_stiffness and background_mass, so its table is taken to be exact and nothing is fitted to it; 0.03 and 0.01 are usual",
+        file.display()
+    )]
+    NoTolerance {
+        /// The study's file.
+        file: PathBuf,
+    },
     /// Nothing was done to the model yet.
     #[error(
         "{0}: the model has no history yet; `belfry diagnose {0}` names what it lacks, `belfry add {0} EFFECT` makes the first step",

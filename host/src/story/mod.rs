@@ -55,6 +55,7 @@ mod inputs;
 mod left_out;
 mod motion;
 mod planned;
+mod profiled;
 mod progress;
 mod project;
 mod shapes;

@@ -10,21 +10,22 @@ use super::error::StoryError;
 use super::identified::{Method, ModesReport, identify, interval_for_temperatures};
 use super::motion::curves_csv;
 use super::planned::{PlanRequest, planned};
+use super::profiled::{self, profiles};
 use super::progress::{OnProgress, rows_of};
 use super::since::{SinceReport, SinceRequest, since};
 use super::trends;
 use super::updated::{UpdateReport, update};
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
-use crate::diagnose::steps::{Step, StepRecord};
+use crate::diagnose::steps::{Profiles, Step, StepRecord};
 use crate::identify::accuracy::{Wish, record_needed};
 use crate::measure::Route;
 use crate::model::{Assembly, Body, matrix_market, npy};
 use crate::picture;
 use crate::plan::Plan;
 use crate::results::{
-    CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, MODES_FILE, PLAN_FILE, Results, ResultsError,
-    STABILISATION_FILE, UPDATE_FILE,
+    CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, FINGERPRINTS_PICTURE,
+    MODES_FILE, PLAN_FILE, PROFILE_FILE, Results, ResultsError, STABILISATION_FILE, UPDATE_FILE,
 };
 use crate::study::Study;
 use crate::trend::follow;
@@ -250,7 +251,8 @@ impl Project {
         Ok(covalidation.report)
     }
 
-    /// Says which physical effect the model lacks; kinds named in `without` are left out. Writes `diagnosis.json`.
+    /// Says which physical effect the model lacks; kinds named in `without` are left out. Writes `diagnosis.json`, and as
+    /// figures and picture what each of the first candidates would do to every number measured.
     ///
     /// # Errors
     /// As [`Project::case`], or when the effects in the model cannot be fitted.
@@ -258,6 +260,11 @@ impl Project {
         self.results.make_ready()?;
         let diagnosis = self.case()?.diagnose(without)?;
         self.results.write_json(DIAGNOSIS_FILE, &diagnosis)?;
+        if let Some(fingerprints) = &diagnosis.fingerprints {
+            self.results.write_json(FINGERPRINTS_FILE, fingerprints)?;
+            let picture = picture::fingerprints(&self.study.structure.name, fingerprints)?;
+            self.results.write(FINGERPRINTS_PICTURE, picture.as_bytes())?;
+        }
         Ok(diagnosis)
     }
 
@@ -274,6 +281,21 @@ impl Project {
         let predicted = report.diagnosis.as_ref().map_or(&[][..], |diagnosis| &diagnosis.predicted);
         let picture = picture::change(&self.study.structure.name, &report.changes.modes, predicted, height)?;
         Ok((report, self.results.write("change.svg", picture.as_bytes())?))
+    }
+
+    /// What the measurement says of the stiffness and mass of the model's segments, without and with its effects, and with one effect more
+    /// (`KIND[@WHERE]`) where one is named; the study stays as it is. Writes `profile.json`, a table and a picture.
+    ///
+    /// # Errors
+    /// As [`Project::case`], when the model has no segments or the study trusts them, or the effects cannot be fitted.
+    pub fn profile(&mut self, with: Option<&str>) -> Result<Profiles, StoryError> {
+        self.results.make_ready()?;
+        let profiles = profiles(self.case()?, with)?;
+        self.results.write_json(PROFILE_FILE, &profiles)?;
+        self.write_bytes("profile.csv", profiled::csv(&profiles))?;
+        let picture = picture::profile(&self.study.structure.name, &profiles)?;
+        self.results.write("profile.svg", picture.as_bytes())?;
+        Ok(profiles)
     }
 
     /// Says before a measurement what it will show of an effect. Writes `plan.json`.

@@ -11,6 +11,7 @@ mod demo;
 mod diagnose;
 mod documents;
 mod faults;
+mod fitted;
 mod hardware;
 mod identify;
 mod init;

@@ -54,6 +54,8 @@ fn diagnosis(verdict: Verdict, best: &[&str], ambiguous: &[&str], candidates: Ve
         unexplained: Unexplained { by_mode: vec![odd], by_sensor: Vec::new(), by_height: Vec::new() },
         explained: Vec::new(),
         effects: Vec::new(),
+        joint: None,
+        fingerprints: None,
         reason: None,
         warnings: Vec::new(),
     }

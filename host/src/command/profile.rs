@@ -1,0 +1,125 @@
+//! `belfry profile`: what the measurement says of the stiffness and mass of the model's segments.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::Console;
+use super::text::{Columns, in_shell, next_lines, p_is, unit_text, values_text, with_std};
+use crate::diagnose::steps::Profiles;
+use crate::diagnose::{Profile, ProfileSegment, QuantityProfile};
+use crate::story::Project;
+
+const EXAMPLES: &str = "Examples:
+  belfry profile canton                                after `belfry identify canton`
+  belfry profile canton --with added-mass@442.7m       if the model had this effect
+  belfry profile canton --json
+
+The segments of a beam table are fitted together with the effects in the model, within the tolerance that the study states (background_stiffness and background_mass in [model]). Changes are in percent of the table, with one standard deviation; the last rows are that deviation before anything was measured, as stated and, where the data ask for another, as fitted. In brackets stands what the measurement says next to nothing of: a deviation that it lowers by less than a tenth.
+
+Writes profile.json, profile.csv (factors of every segment, with and without effects) and profile.svg into `results`. The study stays as it is.";
+
+/// Show stiffness and mass over the height, as fitted, with standard deviations
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    pub study: PathBuf,
+    /// Fit one effect more, without putting it into the model
+    #[arg(long, value_name = "KIND[@WHERE]")]
+    pub with: Option<String>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the study, its model or its modes cannot be read, the model has no segments, or the effects cannot be fitted.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let mut project = Project::open(&arguments.study)?;
+    console.warn_all(&project.case()?.warnings);
+    let profiles = project.profile(arguments.with.as_deref())?;
+    tell(&profiles, &project, console);
+    console.json(&profiles)
+}
+
+fn tell(profiles: &Profiles, project: &Project, console: &Console) {
+    let study = project.study();
+    let profile = profiles.present();
+    let with = if profile.effects.is_empty() { String::new() } else { format!(" with {}", profile.effects.join(", ")) };
+    console.say(format!("\n{}: stiffness and mass over the height, as fitted{with}", study.structure.name));
+    console.say(table(profile));
+    console.say("In % of the table, ± one standard deviation. In brackets: hardly measured.");
+    if let Some(masses) = &profile.masses {
+        let [x, y] = &masses.offset;
+        let text = |estimate: &_| values_text(std::slice::from_ref(estimate));
+        console.say(format!("Centres of mass off the axis: {} along X, {} along Y.", text(x), text(y)));
+    }
+    for value in profile.joint.iter().flat_map(|joint| &joint.values) {
+        let estimate = with_std(value.value, value.std);
+        console.say(format!("{}: {} {estimate}{}", value.effect, value.parameter, unit_text(&value.unit)));
+    }
+    profile.joint.iter().flat_map(|joint| joint.in_words()).for_each(|sentence| console.say(sentence + "."));
+    let (test, discrepancy) = (profile.goodness_of_fit, profile.discrepancy);
+    let missed = discrepancy.missed_in_words().map(|missed| format!("the model misses {missed}"));
+    let allowed: Vec<String> = [discrepancy.scatter_in_words(), missed].into_iter().flatten().collect();
+    console.say(format!(
+        "Chi-squared {:.0} over {} numbers, {}{}{}.",
+        test.chi_squared,
+        test.degrees_of_freedom,
+        p_is(test.p_value),
+        if allowed.is_empty() { "" } else { "; that allows that " },
+        allowed.join(" and ")
+    ));
+    console.say(format!("Picture: {}", project.results().path("profile.svg").display()));
+    if profiles.with_effects.is_none() {
+        let folder = in_shell(&study.folder);
+        let purpose = "an effect that the model lacks bends the profile";
+        console.say(next_lines(&[(format!("diagnose {folder}"), purpose)]));
+    }
+}
+
+/// Heights in the table.
+const MOST_ROWS: usize = 10;
+/// A deviation that is lowered by less than this share of it says next to nothing.
+const HARDLY: f64 = 0.1;
+
+/// Changes in percent at a few heights, the highest first, and the tolerance.
+fn table(profile: &Profile) -> Columns {
+    let names: Vec<String> =
+        profile.quantities.iter().map(|one| one.quantity.name().replace('_', " ") + " %").collect();
+    let mut table = Columns::new(std::iter::once("height m").chain(names.iter().map(String::as_str)));
+    let segments = profile.quantities.first().map_or(0, |one| one.segments.len());
+    let rows = segments.min(MOST_ROWS);
+    let at = |row: usize| if rows > 1 { row * (segments - 1) / (rows - 1) } else { 0 };
+    for index in (0..rows).rev().map(at) {
+        let Some(first) = profile.quantities.first().and_then(|one| one.segments.get(index)) else { continue };
+        let height = format!("{:.1} - {:.1}", first.z_bottom_m, first.z_top_m);
+        let cells = profile.quantities.iter().map(|one| one.segments.get(index).map_or_else(dash, cell));
+        table.row(std::iter::once(height).chain(cells));
+    }
+    let scatter = profile.discrepancy.scatter;
+    let before = |times: f64| -> Vec<String> {
+        let most = |one: &QuantityProfile| one.segments.iter().map(|segment| segment.prior_std).fold(0.0, f64::max);
+        profile.quantities.iter().map(|one| format!("± {:.1}", 100.0 * most(one) * times / scatter)).collect()
+    };
+    table.row(std::iter::once("study.toml".to_owned()).chain(before(1.0)));
+    if profile.discrepancy.scatter_in_words().is_some() {
+        table.row(std::iter::once(format!("{scatter:.1} times that")).chain(before(scatter)));
+    }
+    table
+}
+
+fn dash() -> String {
+    "-".to_owned()
+}
+
+fn cell(segment: &ProfileSegment) -> String {
+    if segment.given.is_none() {
+        return dash();
+    }
+    let percent = 100.0 * (segment.factor - 1.0);
+    let change = if percent.abs() < 0.05 { "0.0".to_owned() } else { format!("{percent:+.1}") };
+    let text = format!("{change} ± {:.1}", 100.0 * segment.std);
+    if segment.std > (1.0 - HARDLY) * segment.prior_std { format!("({text})") } else { text }
+}

@@ -1,0 +1,190 @@
+//! What a fit has learned of the model's table: stiffness and mass of each segment, as factors on what the table says.
+//!
+//! A [`Fit`] flows in, whose background is a few independent numbers; factors with their standard deviations flow out, segment by
+//! segment, beside the deviations before anything was measured. Effects are free there, so what an effect could do as well is not taken for
+//! knowledge of a segment.
+
+use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
+
+use super::background::Background;
+use super::discrepancy::Discrepancy;
+use super::fit::{Estimate, Fit};
+use super::joint::Joint;
+use super::problem::Problem;
+use super::report::GoodnessOfFit;
+use crate::model::effect::Effect;
+use crate::model::{Segment, Stiffness};
+
+/// What was learned of a model's segments.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Profile {
+    /// Names of the effects in the model, which were fitted together with the segments.
+    pub effects: Vec<String>,
+    /// Bending about each axis, shear, torsion and mass; only those that the study does not trust.
+    pub quantities: Vec<QuantityProfile>,
+    /// What was learned of where masses are within a floor and along the height; null where the study trusts its table.
+    pub masses: Option<Masses>,
+    /// The values of the effects with their joint covariance; null where there are none.
+    pub joint: Option<Joint>,
+    /// How well the model fits.
+    pub goodness_of_fit: GoodnessOfFit,
+    /// What it misses besides; its `scatter` is how far segments scatter, in units of what the study states.
+    pub discrepancy: Discrepancy,
+}
+
+/// A stiffness, or the mass, over the height.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct QuantityProfile {
+    /// Which.
+    pub quantity: Quantity,
+    /// The unit of what the table says.
+    pub unit: &'static str,
+    /// Segment by segment, lowest first.
+    pub segments: Vec<ProfileSegment>,
+}
+
+/// What varies over the height.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// Bending stiffness along the first principal direction.
+    #[serde(rename = "bending_1")]
+    Bending1,
+    /// Bending stiffness along the second.
+    #[serde(rename = "bending_2")]
+    Bending2,
+    /// Shear stiffness.
+    Shear,
+    /// Torsional stiffness.
+    Torsion,
+    /// Mass and moments of inertia, at the segment's top.
+    Mass,
+}
+
+/// A segment's factor.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ProfileSegment {
+    /// Its lower end.
+    pub z_bottom_m: f64,
+    /// Its upper end.
+    pub z_top_m: f64,
+    /// What the table says; null where it is rigid in shear. Of shear stiffnesses that differ, the one along the first direction.
+    pub given: Option<f64>,
+    /// The factor on it.
+    pub factor: f64,
+    /// Its standard deviation.
+    pub std: f64,
+    /// The same before anything was measured: the model's tolerance.
+    pub prior_std: f64,
+}
+
+/// Where masses are that a table lumps on the axis of its nodes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Masses {
+    /// The share of each node's mass that is spread over the segments next to it.
+    pub spread: Estimate,
+    /// How far centres of mass are off the axis.
+    pub offset: [Estimate; 2],
+}
+
+impl Quantity {
+    fn of(stiffness: Option<Stiffness>) -> Self {
+        match stiffness {
+            Some(Stiffness::Bending1) => Self::Bending1,
+            Some(Stiffness::Bending2) => Self::Bending2,
+            Some(Stiffness::Shear) => Self::Shear,
+            Some(Stiffness::Torsion) => Self::Torsion,
+            None => Self::Mass,
+        }
+    }
+
+    /// As JSON and tables have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Bending1 => "bending_1",
+            Self::Bending2 => "bending_2",
+            Self::Shear => "shear",
+            Self::Torsion => "torsion",
+            Self::Mass => "mass",
+        }
+    }
+
+    fn unit(self) -> &'static str {
+        match self {
+            Self::Bending1 | Self::Bending2 | Self::Torsion => "N m²",
+            Self::Shear => "N",
+            Self::Mass => "kg",
+        }
+    }
+
+    fn given(self, segment: &Segment) -> Option<f64> {
+        match self {
+            Self::Bending1 => Some(segment.bending_n_m2[0]),
+            Self::Bending2 => Some(segment.bending_n_m2[1]),
+            Self::Shear => segment.shear_n[0].or(segment.shear_n[1]),
+            Self::Torsion => Some(segment.torsion_n_m2),
+            Self::Mass => Some(segment.mass_top_kg),
+        }
+    }
+}
+
+impl ProfileSegment {
+    /// The share of the variance before that the measurement took away: 0 where it says nothing of the segment.
+    pub fn learned(&self) -> f64 {
+        if self.prior_std > 0.0 { 1.0 - (self.std / self.prior_std).powi(2) } else { 0.0 }
+    }
+}
+
+impl Profile {
+    /// Of a fit of a problem; without quantities where the model has no segments or the study trusts them.
+    pub(super) fn of(problem: &Problem, fit: &Fit) -> Self {
+        let (numbers, first) = (&fit.state.numbers, fit.knobs.len());
+        let count = problem.background.of_segments();
+        let covariance = fit.covariance.view((first, first), (count, count)).into_owned();
+        let segments = problem.bare.segments().unwrap_or_default();
+        let of_part = |(stiffness, part): (Option<Stiffness>, &DMatrix<f64>)| {
+            let (factors, stds) = (Background::factors(part, numbers), deviations(part, &covariance));
+            let quantity = Quantity::of(stiffness);
+            let segment = |(index, segment): (usize, &Segment)| ProfileSegment {
+                z_bottom_m: segment.z_bottom_m,
+                z_top_m: segment.z_top_m,
+                given: quantity.given(segment),
+                factor: factors[index],
+                std: stds[index],
+                prior_std: part.row(index).norm(),
+            };
+            let segments = segments.iter().enumerate().map(segment).collect();
+            QuantityProfile { quantity, unit: quantity.unit(), segments }
+        };
+        Self {
+            effects: fit.effects().iter().map(Effect::to_string).collect(),
+            quantities: problem.background.parts().map(of_part).collect(),
+            masses: masses(problem, fit),
+            joint: fit.joint(),
+            goodness_of_fit: fit.goodness_as_stated(problem).into(),
+            discrepancy: fit.discrepancy,
+        }
+    }
+}
+
+/// Standard deviations of relative changes, from the covariance of the numbers that make them.
+fn deviations(part: &DMatrix<f64>, covariance: &DMatrix<f64>) -> DVector<f64> {
+    let spread = part * covariance;
+    DVector::from_fn(part.nrows(), |row, _| spread.row(row).dot(&part.row(row)).max(0.0).sqrt())
+}
+
+fn masses(problem: &Problem, fit: &Fit) -> Option<Masses> {
+    let units = problem.background.units_of_masses()?;
+    let first = problem.background.of_segments();
+    let estimate = |at: usize, name: &str, unit: &str| Estimate {
+        name: name.to_owned(),
+        value: units[at] * fit.state.numbers[first + at],
+        std: Some(
+            units[at] * fit.covariance[(fit.knobs.len() + first + at, fit.knobs.len() + first + at)].max(0.0).sqrt(),
+        ),
+        unit: unit.to_owned(),
+        typical_sizes: None,
+    };
+    Some(Masses { spread: estimate(0, "spread", "-"), offset: [estimate(1, "x", "m"), estimate(2, "y", "m")] })
+}

@@ -1,0 +1,200 @@
+//! A model with its effects: its matrices, where their rows stand, and its modes.
+//!
+//! A [`Structure`] and its [`Assembly`] flow in. Files flow out that `[model] matrices` of a study reads as the same model: K and M
+//! (C where there are dashpots), `dofs.csv`; and its modes at all degrees of freedom and at the study's sensors.
+
+use std::path::{Path, PathBuf};
+
+use num_complex::Complex64;
+
+use super::modes::{Component, Mode, Modes};
+use super::{ExportError, table, universal, write_bytes, write_file};
+use crate::model::effect::{Effect, EffectError};
+use crate::model::{Assembly, EigenError, LayoutNode, Sensing, Structure, dof_of_row, dofs_csv, matrix_market, npy};
+use crate::study::Sensor;
+
+/// The lowest modes that are written.
+const MODES: usize = 30;
+
+/// How matrices are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MatrixFormat {
+    /// Matrix Market.
+    MatrixMarket,
+    /// NumPy.
+    Numpy,
+}
+
+/// A file that was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// Its path.
+    pub file: PathBuf,
+    /// Rows of the matrix or table, or modes.
+    pub rows: usize,
+}
+
+/// A model to export.
+#[derive(Debug)]
+pub struct ModelExport<'a> {
+    /// What it is called.
+    pub title: &'a str,
+    /// The structure without effects.
+    pub bare: &'a Structure,
+    /// Its matrices with effects.
+    pub assembly: &'a Assembly,
+    /// The study's sensors.
+    pub sensors: &'a [Sensor],
+}
+
+/// Effects that are no part of K, M or C: faults of sensors and clocks, forced lines, trends.
+///
+/// # Errors
+/// Where the structure cannot have an effect.
+pub fn left_out(bare: &Structure, effects: &[Effect]) -> Result<Vec<String>, EffectError> {
+    let without = bare.assemble();
+    let mut names = Vec::new();
+    for effect in effects {
+        let with = bare.clone().and(std::slice::from_ref(effect))?.assemble();
+        if with.dofs() == without.dofs() && without.change_to(&with, 1.0).is_none() {
+            names.push(effect.to_string());
+        }
+    }
+    Ok(names)
+}
+
+impl ModelExport<'_> {
+    /// Writes the model into a folder; what the reader of it should know.
+    ///
+    /// # Errors
+    /// When the model has no modes, or a file cannot be written.
+    pub fn write(&self, folder: &Path, format: MatrixFormat) -> Result<(Vec<Written>, Vec<String>), ExportError> {
+        let mut written = Vec::new();
+        let mut note = |file: PathBuf, rows: usize| written.push(Written { file, rows });
+        let dofs = self.assembly.dofs();
+        let matrices = [("stiffness", Some(&self.assembly.stiffness)), ("mass", Some(&self.assembly.mass))];
+        for (name, matrix) in matrices.into_iter().chain([("damping", self.assembly.damping.as_ref())]) {
+            let Some(matrix) = matrix else { continue };
+            let path = folder.join(format!("{name}.{}", format.ending()));
+            match format {
+                MatrixFormat::MatrixMarket => write_file(&path, &matrix_market(matrix))?,
+                MatrixFormat::Numpy => write_bytes(&path, &npy(matrix).map_err(ExportError::write(&path))?)?,
+            }
+            note(path, dofs);
+        }
+        let layout = self.bare.layout();
+        if !layout.is_empty() {
+            let path = folder.join("dofs.csv");
+            write_bytes(&path, &dofs_csv(&layout).map_err(ExportError::write(&path))?)?;
+            note(path, layout.iter().flat_map(|node| node.rows).flatten().count());
+        }
+        let (path, modes) = (folder.join("model_shapes.csv"), self.assembly.modal_basis()?.modes(MODES));
+        table::write_rows(&path, &shapes(&layout, &modes))?;
+        note(path, dofs);
+        let mut warnings = self.warnings(&layout);
+        let at_sensors = self.modes_at_sensors(&modes, &mut warnings)?;
+        let (path, count) = (folder.join("model_modes.csv"), at_sensors.modes.len());
+        table::write_csv(&path, &at_sensors)?;
+        note(path, count);
+        if !at_sensors.sensors.is_empty() {
+            let path = folder.join("model_modes.uff");
+            let (text, more) = universal::text(&at_sensors, self.title);
+            write_file(&path, &text)?;
+            warnings.extend(more);
+            note(path, count);
+        }
+        Ok((written, warnings))
+    }
+
+    /// Modes as perfect sensors would see them, where they have a place: faults of sensors are none of the model.
+    fn modes_at_sensors(&self, modes: &crate::model::Modes, warnings: &mut Vec<String>) -> Result<Modes, EigenError> {
+        let mut perfect = self.assembly.clone();
+        perfect.sensing = Sensing::default();
+        let (sensors, rows) = match perfect.sensor_rows(self.sensors) {
+            Ok(rows) => (self.sensors.to_vec(), Some(rows)),
+            Err(error) => {
+                warnings.push(format!("{error}; model_modes.csv has frequencies only"));
+                (Vec::new(), None)
+            }
+        };
+        let seen = rows.map(|rows| rows * &modes.shapes);
+        let mode = |(index, &frequency_hz): (usize, &f64)| {
+            let shape = seen.iter().flat_map(|seen| {
+                let shape = seen.column(index);
+                let largest = shape
+                    .iter()
+                    .copied()
+                    .fold(0.0, |most: f64, value| if value.abs() > most.abs() { value } else { most });
+                let scale = if largest == 0.0 { 1.0 } else { 1.0 / largest };
+                let value = |value: &f64| Some(Component { value: Complex64::new(value * scale, 0.0), std: None });
+                shape.iter().map(value).collect::<Vec<_>>()
+            });
+            Mode {
+                number: index + 1,
+                frequency_hz,
+                frequency_std_hz: None,
+                damping_ratio: None,
+                damping_ratio_std: None,
+                phase_collinearity: None,
+                shape: shape.collect(),
+            }
+        };
+        let modes = modes.frequency_hz.iter().enumerate().map(mode).collect();
+        Ok(Modes { file: PathBuf::new(), json: String::new(), sensors, modes })
+    }
+
+    /// What the files do not hold.
+    fn warnings(&self, layout: &[LayoutNode]) -> Vec<String> {
+        let mut warnings = Vec::new();
+        let placed = layout.iter().flat_map(|node| node.rows).flatten().count();
+        let extra = self.assembly.dofs().saturating_sub(placed);
+        if !layout.is_empty() && extra > 0 {
+            warnings.push(format!(
+                "the last {extra} rows of the matrices are those of dampers, which stand at no node; dofs.csv leaves them out"
+            ));
+        }
+        if self.assembly.damping.is_some() {
+            warnings.push(
+                "the modes are those of stiffness and mass; `[model] matrices` does not read a damping matrix"
+                    .to_owned(),
+            );
+        }
+        let base_moves = self.assembly.axis_motion(self.assembly.z_base_m()).amax() > 0.0;
+        if let (true, [base, first, ..]) = (base_moves && self.bare.segments().is_some(), layout) {
+            let [below_m, above_m] = [base.position_m[2], first.position_m[2]];
+            let inside = |sensor: &&Sensor| sensor.elevation_m.is_some_and(|z_m| z_m < above_m);
+            let channels: Vec<&str> =
+                self.sensors.iter().filter(inside).map(|sensor| sensor.channel.as_str()).collect();
+            let who = if channels.is_empty() { String::new() } else { format!(", at channel {}", channels.join(", ")) };
+            warnings.push(format!(
+                "the base moves with the effects in the model, and its motion is eliminated from the matrices; dofs.csv has it fixed, so a program that reads it is wrong between {below_m} and {above_m} m{who}"
+            ));
+        }
+        warnings
+    }
+}
+
+impl MatrixFormat {
+    fn ending(self) -> &'static str {
+        match self {
+            Self::MatrixMarket => "mtx",
+            Self::Numpy => "npy",
+        }
+    }
+}
+
+/// A row a degree of freedom: what it is, then the mass-normalised shape of every mode.
+fn shapes(layout: &[LayoutNode], modes: &crate::model::Modes) -> Vec<Vec<String>> {
+    let header = ["row", "node", "dof", "z_m"].map(str::to_owned);
+    let names = (1..=modes.frequency_hz.len()).map(|mode| format!("mode_{mode}"));
+    let mut rows: Vec<Vec<String>> = vec![header.into_iter().chain(names).collect()];
+    for row in 0..modes.shapes.nrows() {
+        let place = match dof_of_row(layout, row) {
+            Some((node, dof)) => [node.name.clone(), dof.to_owned(), node.position_m[2].to_string()],
+            None => [const { String::new() }; 3],
+        };
+        let values = modes.shapes.row(row).iter().map(ToString::to_string).collect::<Vec<_>>();
+        rows.push(std::iter::once((row + 1).to_string()).chain(place).chain(values).collect());
+    }
+    rows
+}

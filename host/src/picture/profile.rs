@@ -1,0 +1,158 @@
+//! Stiffness and mass over the height, as fitted: a panel a quantity, bands of one standard deviation over the tolerance.
+
+use plotters::prelude::*;
+
+use super::canvas::{Area, BESIDE, DrawResult, FRAME, PictureError, picture};
+use crate::diagnose::steps::Profiles;
+use crate::diagnose::{Profile, ProfileSegment, Quantity, QuantityProfile};
+
+const PANEL: (u32, u32) = (190, 430);
+const HEADER: u32 = 58;
+/// The model as first given, where it has effects besides.
+const AS_GIVEN: RGBColor = RGBColor(214, 124, 38);
+/// What the study states before anything is measured.
+const TOLERANCE: RGBColor = RGBColor(226, 226, 226);
+/// The scale is that of the widest band, and at least this in percent.
+const LEAST_PERCENT: f64 = 1.0;
+
+/// One of the lines of a panel.
+struct Band<'a> {
+    profile: &'a Profile,
+    label: &'static str,
+    color: RGBColor,
+    is_dashed: bool,
+}
+
+/// Draws the changes in percent of the table, all panels to one scale: grey is the tolerance, a dashed line the model as first given, a
+/// full line the model with its effects, each with its band.
+///
+/// # Errors
+/// When drawing fails.
+pub fn profile(structure: &str, profiles: &Profiles) -> Result<String, PictureError> {
+    let present = profiles.present();
+    let mut bands = vec![Band { profile: present, label: "fitted", color: BESIDE, is_dashed: false }];
+    if profiles.with_effects.is_some() {
+        bands[0].label = "fitted with effects";
+        let as_given = Band { profile: &profiles.as_given, label: "without effects", color: AS_GIVEN, is_dashed: true };
+        bands.insert(0, as_given);
+    }
+    let greatest = bands
+        .iter()
+        .flat_map(|band| &band.profile.quantities)
+        .flat_map(|quantity| quantity.segments.iter().filter(|segment| segment.given.is_some()))
+        .map(|segment| (segment.factor - 1.0).abs() + segment.std)
+        .chain(present.quantities.iter().flat_map(|one| &one.segments).map(|segment| stated(present, segment)))
+        .fold(0.0, f64::max);
+    let scale = 1.05 * (100.0 * greatest).max(LEAST_PERCENT);
+    let count = present.quantities.len().max(1);
+    let size = (PANEL.0 * count.max(4) as u32, HEADER + PANEL.1);
+    picture("the profile", size, |root| {
+        let (header, body) = root.split_vertically(HEADER);
+        let with =
+            if present.effects.is_empty() { String::new() } else { format!(", with {}", present.effects.join(", ")) };
+        header.draw(&Text::new(
+            format!("{structure}: fitted stiffness and mass{with}"),
+            (10, 8),
+            ("sans-serif", 16),
+        ))?;
+        legend(&header, &bands)?;
+        let (panels, _) = body.split_horizontally(PANEL.0 * count as u32);
+        for (index, panel) in panels.split_evenly((1, count)).iter().enumerate() {
+            draw(panel, index, &bands, scale)?;
+        }
+        Ok(())
+    })
+}
+
+fn legend(header: &Area<'_>, bands: &[Band<'_>]) -> DrawResult {
+    let y = 36;
+    let words = |x: i32, text: &str| Text::new(text.to_owned(), (x, y - 6), ("sans-serif", 12));
+    header.draw(&Rectangle::new([(12, y - 5), (34, y + 5)], TOLERANCE.filled()))?;
+    header.draw(&words(40, "tolerance that study.toml states"))?;
+    for (index, band) in bands.iter().enumerate() {
+        let x = 300 + 190 * index as i32;
+        header.draw(&Rectangle::new([(x, y - 5), (x + 22, y + 5)], band.color.mix(0.25).filled()))?;
+        let dashes: &[[i32; 2]] = if band.is_dashed { &[[0, 5], [8, 13], [16, 21]] } else { &[[0, 22]] };
+        for [from, to] in dashes {
+            header.draw(&PathElement::new([(x + from, y), (x + to, y)], band.color.stroke_width(2)))?;
+        }
+        header.draw(&words(x + 28, band.label))?;
+    }
+    header.draw(&words(300 + 190 * bands.len() as i32, "bands: ± one standard deviation"))?;
+    Ok(())
+}
+
+/// The deviation that the study states, however far segments of the fit scatter.
+fn stated(profile: &Profile, segment: &ProfileSegment) -> f64 {
+    segment.prior_std / profile.discrepancy.scatter
+}
+
+/// What a quantity is called above its panel.
+fn title(quantity: Quantity) -> &'static str {
+    match quantity {
+        Quantity::Bending1 => "bending, first axis",
+        Quantity::Bending2 => "bending, second axis",
+        Quantity::Shear => "shear stiffness",
+        Quantity::Torsion => "torsional stiffness",
+        Quantity::Mass => "mass",
+    }
+}
+
+fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawResult {
+    let of = |band: &Band<'_>| -> Vec<ProfileSegment> {
+        let segments = band.profile.quantities.get(index).map_or(&[][..], |quantity| &quantity.segments);
+        segments.iter().copied().filter(|segment| segment.given.is_some()).collect()
+    };
+    let Some(QuantityProfile { quantity, segments, .. }) = bands[0].profile.quantities.get(index) else {
+        return Ok(());
+    };
+    let (Some(lowest), Some(highest)) = (segments.first(), segments.last()) else { return Ok(()) };
+    let mut chart = ChartBuilder::on(panel)
+        .caption(title(*quantity), ("sans-serif", 13))
+        .margin(6)
+        .x_label_area_size(34)
+        .y_label_area_size(if index == 0 { 44 } else { 30 })
+        .build_cartesian_2d(-scale..scale, lowest.z_bottom_m..highest.z_top_m)?;
+    let before = |one: ProfileSegment| ProfileSegment { factor: 1.0, std: stated(bands[0].profile, &one), ..one };
+    let tolerance: Vec<ProfileSegment> = of(&bands[0]).into_iter().map(before).collect();
+    chart.draw_series(std::iter::once(Polygon::new(outline(&tolerance), TOLERANCE.filled())))?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .x_labels(5)
+        .y_labels(6)
+        .x_desc("% of the table")
+        .y_desc(if index == 0 { "height in m" } else { "" })
+        .x_label_formatter(&|percent| if *percent == 0.0 { "0".to_owned() } else { format!("{percent:+.0}") })
+        .y_label_formatter(&|z_m| format!("{z_m:.0}"))
+        .label_style(("sans-serif", 11))
+        .axis_style(FRAME)
+        .draw()?;
+    chart.draw_series(LineSeries::new([(0.0, lowest.z_bottom_m), (0.0, highest.z_top_m)], WHITE.stroke_width(1)))?;
+    for band in bands {
+        let segments = of(band);
+        chart.draw_series(std::iter::once(Polygon::new(outline(&segments), band.color.mix(0.25).filled())))?;
+        let middle = side(&segments, 0.0);
+        match band.is_dashed {
+            true => chart.draw_series(DashedLineSeries::new(middle, 5, 3, band.color.stroke_width(2)))?,
+            false => chart.draw_series(LineSeries::new(middle, band.color.stroke_width(2)))?,
+        };
+    }
+    Ok(())
+}
+
+/// Changes in percent this many deviations away, bottom and top of each segment.
+fn side(segments: &[ProfileSegment], deviations: f64) -> Vec<(f64, f64)> {
+    let ends = |segment: &ProfileSegment| {
+        let percent = 100.0 * (segment.factor - 1.0 + deviations * segment.std);
+        [(percent, segment.z_bottom_m), (percent, segment.z_top_m)]
+    };
+    segments.iter().flat_map(ends).collect()
+}
+
+/// The outline of a band of one standard deviation either way.
+fn outline(segments: &[ProfileSegment]) -> Vec<(f64, f64)> {
+    let mut outline = side(segments, -1.0);
+    outline.extend(side(segments, 1.0).into_iter().rev());
+    outline
+}
