@@ -71,7 +71,7 @@ fn auto(project: &mut Project, without: &[String], console: &Console) -> anyhow:
     match end {
         AutoEnd::NothingGained => console.say("No effect is called for; the model stays as it is."),
         AutoEnd::FrequenciesAlone => console.warn(
-            "frequencies alone do not say which mode is which, let alone tell several effects apart; nothing was added. `belfry add` puts one in all the same",
+            "frequencies alone do not say which mode is which; nothing was added. If you know, state it (model_mode in a CSV file of modes); `belfry add` puts an effect in all the same",
         ),
         AutoEnd::Unexplained { p_value } => console.warn(format!(
             "these effects do not explain the measurement ({}); nothing was added. `belfry add` puts one in all the same",

@@ -38,6 +38,7 @@ fn measure(view: &ModelView, modes: impl IntoIterator<Item = usize>, random: &mu
             number: number + 1,
             frequency_hz: frequency_hz * (1.0 + deviates(1e-3, random)),
             frequency_std_hz: Some(1e-3 * frequency_hz),
+            stated: None,
             damping_ratio: None,
             shape: Some(MeasuredShape {
                 imaginary: None,
@@ -85,6 +86,7 @@ fn a_measured_mode_that_the_model_lacks_stays_alone_and_is_named() {
         number: 5,
         frequency_hz: 0.37,
         frequency_std_hz: None,
+        stated: None,
         damping_ratio: None,
         shape: Some(shape),
     });
@@ -105,6 +107,7 @@ fn frequencies_alone_pair_by_nearness() {
             number: mode + 1,
             frequency_hz: view.modes.frequency_hz[mode] * 1.02,
             frequency_std_hz: Some(1e-3),
+            stated: None,
             damping_ratio: None,
             shape: None,
         })

@@ -25,7 +25,7 @@ use super::signals::{Signal, Signals, all_shown, shown};
 use super::state::State;
 use crate::compare::{exceeding, levels};
 use crate::model::effect::{Effect, Where};
-use crate::modes::MeasuredMode;
+use crate::modes::{MeasuredMode, are_known};
 
 /// Effects whose predictions have this squared cosine are twins.
 pub(super) const TWINS: f64 = 0.99;
@@ -346,10 +346,10 @@ fn unused_modes(problem: &Problem) -> Vec<String> {
         ));
     }
     if problem.measured().iter().all(|mode| mode.shape.is_none()) {
-        warnings.push(
-            "no shapes were measured: which mode is which is a guess, and effects that lower the same frequencies cannot be told apart; shapes at a few heights would decide more than any better frequency"
-                .to_owned(),
-        );
+        let guess = if are_known(problem.measured()) { "" } else { "which mode is which is a guess, and " };
+        warnings.push(format!(
+            "no shapes were measured: {guess}effects that move the same frequencies cannot be told apart; shapes at a few heights would decide more than any better frequency"
+        ));
     }
     if !problem.complex.is_empty() {
         warnings.push(told(

@@ -79,6 +79,7 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
             number: mode.number.unwrap_or(index + 1),
             frequency_hz: mode.frequency_hz,
             frequency_std_hz: mode.frequency_std_hz,
+            stated: None,
             damping_ratio: mode.damping_ratio,
             scatter: of_frequency,
             components: mode.shape.into_iter().zip(of_shape).map(component).collect::<Result<_, _>>()?,

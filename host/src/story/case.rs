@@ -48,7 +48,11 @@ impl Case {
     pub fn load(study: Study) -> Result<Self, StoryError> {
         let model = load(&study)?;
         let sensors = study.sensors();
-        let measured = measured_modes(&study, &sensors)?;
+        let mut measured = measured_modes(&study, &sensors)?;
+        if measured.has_stated() {
+            let given = model.as_given();
+            measured.find_stated(&given.mass, &given.modes().map_err(ViewError::Eigen)?)?;
+        }
         let mut warnings = measured.warnings.clone();
         let structure = model.structure()?;
         let assembly = structure.assemble();
