@@ -7,7 +7,9 @@ use clap::Args;
 use super::Console;
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_text};
 use crate::diagnose::steps::Step;
-use crate::diagnose::{CandidateReport, Diagnosis, FAILS, Part, Probabilities, STANDS_OUT, Verdict};
+use crate::diagnose::{
+    CandidateReport, Diagnosis, FAILS, Part, PartialEffect, Probabilities, STANDS_OUT, Unexplained, Verdict,
+};
 use crate::model::effect::{self, Evidence};
 use crate::story::{AutoEnd, Project};
 use crate::study::Study;
@@ -189,7 +191,7 @@ fn tell_table(diagnosis: &Diagnosis, console: &Console) {
 }
 
 /// A probability in percent.
-fn probability_text(probability: f64) -> String {
+pub(super) fn probability_text(probability: f64) -> String {
     match 100.0 * probability {
         little if little < 0.1 => "< 0.1 %".to_owned(),
         most if most > 99.9 => "> 99.9 %".to_owned(),
@@ -217,10 +219,17 @@ fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
             tell_explained(diagnosis, console);
         }
         Verdict::Unknown => {
-            console.say(
-                "Verdict: unknown. No single effect of the catalogue explains the measurement. What the best of them leaves:",
-            );
-            tell_unexplained(diagnosis, console);
+            const NONE: &str = "Verdict: unknown. No single effect of the catalogue explains the measurement.";
+            match &diagnosis.partial {
+                Some(partial) => {
+                    console.say(NONE);
+                    super::partial::tell(partial, console);
+                }
+                None => {
+                    console.say(format!("{NONE} What the best of them leaves:"));
+                    tell_unexplained(&diagnosis.unexplained, console);
+                }
+            }
         }
     }
     tell_discrepancy(diagnosis, console);
@@ -263,9 +272,10 @@ fn tell_next(diagnosis: &Diagnosis, auto: bool, study: &Study, console: &Console
         }
         _ => {
             console.say(unknown_advice(diagnosis, auto));
-            let first = diagnosis.candidates.iter().find(|candidate| stands_out(candidate));
-            if let Some(first) = first {
-                next.push((format!("add {folder} {}", first.name()), "the one that explains most, and what it leaves"));
+            let surest = diagnosis.partial.as_ref().and_then(|partial| partial.effects.first());
+            let ranked = diagnosis.candidates.iter().find(|candidate| stands_out(candidate));
+            if let Some(first) = surest.map(PartialEffect::name).or_else(|| ranked.map(CandidateReport::name)) {
+                next.push((format!("add {folder} {first}"), "the one that explains most, and what it leaves"));
             }
             if auto {
                 next.push((format!("compare {folder}"), "where the model fails, by mode, sensor and height"));
@@ -289,6 +299,9 @@ fn stands_out(candidate: &CandidateReport) -> bool {
 fn unknown_advice(diagnosis: &Diagnosis, auto: bool) -> String {
     let standing: Vec<String> =
         diagnosis.candidates.iter().filter(|candidate| stands_out(candidate)).map(CandidateReport::name).collect();
+    if diagnosis.partial.is_some() && !auto {
+        return "Other sets may explain as much. Take from it what you know of the structure (a tower on soil has base-rotation, a new antenna is an added-mass), add that by hand and diagnose again. --auto writes a set into study.toml, but only one that explains the measurement.".to_owned();
+    }
     match (standing.len(), auto) {
         (0, _) => "No effect gains 20 to 1 either. Look at where the model fails; a hypothesis of your own can be tried as [[model.custom]] in study.toml.".to_owned(),
         (_, true) => "The ranked effects explain part of it, and together not enough. If you know one of them to be there, add it by hand; a hypothesis of your own can be tried as [[model.custom]] in study.toml.".to_owned(),
@@ -345,8 +358,7 @@ fn percent_text(error_percent: Option<f64>) -> String {
     error_percent.map_or_else(|| "no such mode".to_owned(), |error| format!("{error:+.2} %"))
 }
 
-fn tell_unexplained(diagnosis: &Diagnosis, console: &Console) {
-    let left = &diagnosis.unexplained;
+pub(super) fn tell_unexplained(left: &Unexplained, console: &Console) {
     let mut modes: Vec<_> = left.by_mode.iter().collect();
     modes.sort_by(|a, b| b.mean_square.total_cmp(&a.mean_square));
     for mode in modes.iter().take(NAMED_MODES) {

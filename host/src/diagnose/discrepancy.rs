@@ -16,7 +16,6 @@ use super::misfit::Loss;
 use super::near::Near;
 use super::problem::Problem;
 use super::state::State;
-use crate::modes::are_known;
 
 /// Standard deviations of what a model misses for reasons that no effect explains.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -258,8 +257,8 @@ impl Problem {
     /// The sizes of the discrepancy with the highest evidence, near a fit, and by how much they raise its logarithm: the differences
     /// follow effects and background as they do there (Laplace's approximation).
     pub(super) fn best_discrepancy(&self, fit: &Fit) -> (Discrepancy, f64) {
-        // A dozen frequencies of modes that may be others do not tell what a model misses from what it lacks.
-        if !are_known(self.measured()) {
+        // A dozen frequencies alone do not tell what a model misses from what it lacks.
+        if self.measured.iter().all(|mode| mode.shape.is_none()) {
             return (fit.discrepancy, 0.0);
         }
         let near = Near::of(fit);

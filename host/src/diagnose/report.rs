@@ -8,6 +8,7 @@ use super::discrepancy::Discrepancy;
 use super::elsewise::Elsewise;
 use super::fit::Estimate;
 use super::goodness::{Part, Tests};
+use super::partial_report::PartialAnswer;
 use super::posterior::Probabilities;
 use super::relief::Left;
 use crate::compare::ChiSquared;
@@ -53,6 +54,8 @@ pub struct Diagnosis {
     pub probabilities: Probabilities,
     /// Where half or double of the stated tolerance leads to another verdict.
     pub elsewise: Vec<Elsewise>,
+    /// Where the verdict is `unknown`: the small set of effects that explains most.
+    pub partial: Option<PartialAnswer>,
     /// Effects that the model has, refitted.
     pub effects: Vec<CandidateReport>,
     /// What shows the best effect, where that is not in the modes.

@@ -13,6 +13,7 @@ use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
 use super::found::Found;
 use super::near::Near;
+use super::partial_report::PartialAnswer;
 use super::posterior::{Hypothesis, Probabilities, posterior};
 use super::problem::Problem;
 use super::report::{
@@ -51,6 +52,9 @@ pub fn diagnose(
     let alone = own.as_ref().filter(|_| !is_led);
     let (problem, present) = alone.map_or((searched, settled), |(problem, fit)| (problem, fit));
     let mut diagnosis = weighed.told(problem, present);
+    if matches!(weighed.leads, Leads::SomethingElse) {
+        diagnosis.partial = searched.best_set(settled, &found, options).map(|set| PartialAnswer::of(&set));
+    }
     if !matches!(weighed.leads, Leads::Signal(_)) {
         let best = diagnosis.best.first().map(String::as_str);
         diagnosis.elsewise = problem.elsewise(at_its_own, &found, diagnosis.verdict, best);
@@ -202,6 +206,7 @@ impl<'a> Weighed<'a> {
             discrepancy: shown_fit.discrepancy,
             probabilities: self.probabilities,
             elsewise: Vec::new(),
+            partial: None,
             present: present.goodness_of_fit().into(),
             unexplained: unexplained(problem, shown_fit),
             explained: explained(problem, present, shown_fit),
@@ -232,23 +237,11 @@ impl<'a> Weighed<'a> {
 
     /// Candidates by their probability, the one that is named first before all others.
     fn candidate_reports(&self, first: Option<&String>) -> Vec<CandidateReport> {
-        let near =
-            |(place, below): &(Where, f64)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below };
-        let of_found = |(found, prior_odds, probability): &(&Found, f64, f64)| {
-            let mut candidate = CandidateReport {
-                near: found.near.iter().map(near).collect(),
-                where_std_m: found.height.as_ref().map(|height| height.std_m),
-                prior_odds: Some(*prior_odds),
-                probability: Some(*probability),
-                errors_left: found.left,
-                ..report(found.own(), found.index(), Some(found.log_bayes_factor))
-            };
-            // Elsewhere it would have other values.
-            let spread = found.height.as_ref().map_or(&[][..], |height| &height.values);
-            for (parameter, spread) in candidate.parameters.iter_mut().zip(spread) {
-                parameter.std = parameter.std.map(|std| std.hypot(*spread));
-            }
-            candidate
+        let of_found = |(found, prior_odds, probability): &(&Found, f64, f64)| CandidateReport {
+            prior_odds: Some(*prior_odds),
+            probability: Some(*probability),
+            errors_left: found.left,
+            ..height_report(found, found.own())
         };
         let of_signal = |(signal, prior_odds, probability): &(&Signal, f64, f64)| CandidateReport {
             prior_odds: Some(*prior_odds),
@@ -384,6 +377,23 @@ fn told(numbers: &[usize], of_one: &str, of_several: &str) -> String {
     words.replace("{}", &numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(", "))
 }
 
+/// What was found, as a fit has it, with what is known of its height.
+pub(super) fn height_report(found: &Found, fit: &Fit) -> CandidateReport {
+    let near =
+        |(place, below): &(Where, f64)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below };
+    let mut candidate = CandidateReport {
+        near: found.near.iter().map(near).collect(),
+        where_std_m: found.height.as_ref().map(|height| height.std_m),
+        ..report(fit, found.index(), Some(found.log_bayes_factor))
+    };
+    // Elsewhere it would have other values.
+    let spread = found.height.as_ref().map_or(&[][..], |height| &height.values);
+    for (parameter, spread) in candidate.parameters.iter_mut().zip(spread) {
+        parameter.std = parameter.std.map(|std| std.hypot(*spread));
+    }
+    candidate
+}
+
 fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateReport {
     let test = fit.goodness_of_fit();
     CandidateReport {
@@ -500,7 +510,7 @@ fn rows_of_single_modes(fit: &Fit) -> Vec<bool> {
     rows
 }
 
-fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
+pub(super) fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
     let state = &fit.state;
     let mut sensors = vec![(0.0, 0usize); problem.sensors.len()];
     let mut by_mode = Vec::new();

@@ -13,7 +13,7 @@ use crate::diagnose::{Diagnosis, Options, Signals, diagnose, fit_as_given};
 use crate::model::effect::Effect;
 use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load};
 use crate::modes::{MeasuredError, MeasuredModes, read};
-use crate::plan::{Site, advice};
+use crate::plan::{Site, advice, advice_beside};
 use crate::results::{MODES_FILE, Results};
 use crate::study::{STUDY_FILE, Sensor, Study};
 
@@ -154,8 +154,13 @@ impl Case {
         let setting = self.setting()?;
         let mut diagnosis = diagnose(&setting.problem(effects)?, effects, &self.signals()?, &options)?;
         let Setting { bare, model, sensors, measured } = setting;
-        let planned = advice(&Site { bare, model, effects, sensors }, measured, &diagnosis, self.record_hours());
+        let (site, hours) = (Site { bare, model, effects, sensors }, self.record_hours());
+        let planned = advice(&site, measured, &diagnosis, hours);
         diagnosis.next_measurement = planned.or(diagnosis.next_measurement);
+        if let Some(partial) = &mut diagnosis.partial {
+            let planned = advice_beside(&site, measured, partial, hours);
+            partial.next_measurement = planned.or(partial.next_measurement.take());
+        }
         Ok(diagnosis)
     }
 

@@ -1,0 +1,224 @@
+//! The small set of effects that explains most, where no single one explains the measurement.
+//!
+//! What a search found flows in; effects flow out that are added one after the other while the evidence calls for one more, and
+//! fitted together. Then each must be worth its place beside the others: the set is fitted without it, and other kinds are tried
+//! there. A set is a lead and no verdict, as a search of this kind takes what explains most first (Miller 2002, "Subset Selection in
+//! Regression", section 3.2).
+
+use rayon::prelude::*;
+
+use super::candidates::Options;
+use super::fit::Fit;
+use super::found::Found;
+use super::problem::Problem;
+use super::score::Scored;
+use super::search::{CLEAR, Effort, by_kind};
+use crate::model::effect::{Effect, Evidence};
+
+/// No more effects than this: each costs values, and a dozen modes have few to spare.
+const MOST_EFFECTS: usize = 4;
+/// Kinds that are fitted roughly as the next effect, and as one in the place of another; and those that are fitted closely then.
+const LOOKED_AT: usize = 4;
+const INSTEAD: usize = 3;
+const SETTLED: usize = 2;
+/// A set is exchanged and thinned out so often at most.
+const MOST_ROUNDS: usize = 3;
+
+/// Effects that together explain most.
+pub(super) struct Set {
+    /// The problem with the discrepancy that suits them, if a model of the right kind can miss as much.
+    pub(super) problem: Problem,
+    /// The present model there.
+    pub(super) present: Fit,
+    /// The model with all of them.
+    pub(super) fit: Fit,
+    /// Each of them, what explains most first.
+    pub(super) members: Vec<Member>,
+}
+
+/// An effect of a set.
+pub(super) struct Member {
+    /// The whole set with this effect as the last one; its evidence is that over the set without it.
+    pub(super) found: Found,
+    /// Squared deviations that the set leaves without it.
+    pub(super) without_chi_squared: f64,
+    /// Other kinds in its place, the best first, also over the set without it.
+    pub(super) instead: Vec<Found>,
+}
+
+impl Member {
+    /// Probability that the effect is there, were the other effects, and nothing that the catalogue does not have: against none and
+    /// against the other kinds that were tried in its place.
+    pub(super) fn probability(&self, problem: &Problem) -> f64 {
+        let odds = &problem.prior_odds;
+        let own = odds.log_odds_of(&self.found);
+        let others = self.instead.iter().map(|other| odds.log_odds_of(other)).chain([odds.adequate().ln()]);
+        1.0 / (1.0 + others.map(|other| (other - own).exp()).sum::<f64>())
+    }
+
+    /// The kind that does best in its place, and by how much less probable it is, as a logarithm.
+    pub(super) fn rival(&self, problem: &Problem) -> Option<(&Found, f64)> {
+        let odds = &problem.prior_odds;
+        self.instead.first().map(|rival| (rival, odds.log_odds_of(&self.found) - odds.log_odds_of(rival)))
+    }
+}
+
+impl Problem {
+    /// The set that begins with the best of what was `found` beside `present`; `None` where not even one effect is called for. Only
+    /// `options` says what is left out.
+    pub(super) fn best_set(&self, present: &Fit, found: &[Found], options: &Options) -> Option<Set> {
+        // As if the model were as good as its tolerance says: what a discrepancy would take may be another effect.
+        let given = self.stated(self.discrepancy.expected_scatter);
+        let base = present.state.effects.len();
+        let mut set = given.first_of_set(present, found)?;
+        // What passes calls for no other effect.
+        while set.state.effects.len() < base + MOST_EFFECTS && !set.passes() {
+            let Some(next) = given.next_effect(&set, options) else { break };
+            set = next.fit;
+        }
+        let settled = given.settled_plausibly(&set);
+        let (problem, fit) = settled.unwrap_or((given, set));
+        problem.weighed_set(present, fit, options)
+    }
+
+    /// The model with the effect that explains most, which must be called for.
+    fn first_of_set(&self, present: &Fit, found: &[Found]) -> Option<Fit> {
+        let present = self.refitted(present).ok()?;
+        // Dampers are judged by twin peaks, which effects in series are not.
+        let is_asked = |found: &&Found| found.helps && found.kind.evidence() != Evidence::TwinPeaks;
+        let mut found: Vec<&Found> = found.iter().filter(is_asked).collect();
+        let log_share = |found: &Found| found.log_share + self.prior_odds.kind(found.kind).ln();
+        let evidence = |found: &Found| found.fit.log_evidence() + log_share(found);
+        found.sort_by(|a, b| evidence(b).total_cmp(&evidence(a)));
+        let refit = |found: &&Found| {
+            let fit = self.refitted(&found.fit).ok()?;
+            Some((fit.log_evidence() - present.log_evidence() + log_share(found), fit))
+        };
+        let refitted: Vec<(f64, Fit)> = found.par_iter().take(SETTLED).filter_map(refit).collect();
+        let best = refitted.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (best.0 > self.prior_odds.adequate().ln()).then_some(best.1)
+    }
+
+    /// The effect to be added to a set, if one is called for: more probable than none, and the model's errors fall with it.
+    fn next_effect(&self, set: &Fit, options: &Options) -> Option<Found> {
+        let mut found = self.best_beside(set, &[], options, LOOKED_AT);
+        let without = self.state_without_scatter(set.effects()).ok();
+        found.iter_mut().for_each(|found| self.note_left(without.as_ref(), false, found));
+        let position = self.leading_position(&found)?;
+        let mut next = found.swap_remove(position);
+        self.settle_height(&mut next);
+        Some(next)
+    }
+
+    /// The best of the kinds that explain anything beside a fit, but for those of `without`: the likeliest by a linear step are fitted
+    /// roughly, the best of those closely. The most probable first.
+    fn best_beside(&self, fit: &Fit, without: &[&str], options: &Options, looked_at: usize) -> Vec<Found> {
+        let given = self.without_scatter(fit).ok();
+        let sightings = self.sightings(fit, given.as_ref(), &|fit| self.all_candidates(fit, options));
+        let is_asked = |one: &Scored| one.admissible && !without.contains(&one.candidate.kind.name());
+        let mut kinds = by_kind(self.scored(&sightings).into_iter().filter(is_asked).collect());
+        kinds.truncate(looked_at);
+        let evidence = |look: &Option<Fit>| look.as_ref().map_or(f64::NEG_INFINITY, Fit::log_evidence);
+        let rough = |kind: Vec<Scored>| {
+            let look = self.refit_one(fit, &kind[0], None, Effort::Little);
+            (kind, look)
+        };
+        let mut looks: Vec<(Vec<Scored>, Option<Fit>)> = kinds.into_par_iter().map(rough).collect();
+        looks.sort_by(|a, b| evidence(&b.1).total_cmp(&evidence(&a.1)));
+        let best = looks.first().map_or(f64::NEG_INFINITY, |(_, look)| evidence(look));
+        looks.retain(|(_, look)| evidence(look) > best - CLEAR);
+        looks.truncate(SETTLED);
+        let close = |(kind, look): &(Vec<Scored>, Option<Fit>)| {
+            let refitted = self.refit_one(fit, &kind[0], look.as_ref(), Effort::Full);
+            self.refit(fit, kind, refitted, false, self.hypotheses(kind[0].candidate.kind, fit))
+        };
+        let mut found: Vec<Found> = looks.par_iter().filter_map(close).collect();
+        found.sort_by(|a, b| self.prior_odds.log_odds_of(b).total_cmp(&self.prior_odds.log_odds_of(a)));
+        found
+    }
+
+    /// The set after its members were weighed against each other: what is needless is dropped, and what another kind explains better is
+    /// exchanged.
+    fn weighed_set(self, present: &Fit, mut fit: Fit, options: &Options) -> Option<Set> {
+        let base = present.state.effects.len();
+        let present = self.refitted(present).ok()?;
+        let mut members = self.members(base, &mut fit, options);
+        for _ in 0..MOST_ROUNDS {
+            let log_odds = |found: &Found| self.prior_odds.log_odds_of(found);
+            let least = self.prior_odds.adequate().ln();
+            let needless = |member: &&Member| {
+                log_odds(&member.found) < least || !member.found.fit.is_significant(member.found.index())
+            };
+            let worst =
+                members.iter().filter(needless).min_by(|a, b| log_odds(&a.found).total_cmp(&log_odds(&b.found)));
+            let better = |member: &&Member| member.rival(&self).is_some_and(|(_, behind)| behind < 0.0);
+            if let Some(worst) = worst {
+                let mut effects = worst.found.fit.effects().to_vec();
+                effects.pop();
+                if effects.len() == base {
+                    return None;
+                }
+                fit = self.fitted_from(&worst.found.fit, effects)?;
+            } else if let Some(member) = members.iter().find(better) {
+                let (rival, _) = member.rival(&self)?;
+                fit = self.fitted_from(&rival.fit, rival.fit.effects().to_vec())?;
+            } else {
+                break;
+            }
+            members = self.members(base, &mut fit, options);
+        }
+        members.sort_by(|a, b| b.found.log_bayes_factor.total_cmp(&a.found.log_bayes_factor));
+        Some(Set { problem: self, present, fit, members })
+    }
+
+    /// The effects of a fit from the `base`-th on, each weighed beside the others and moved to its best height there.
+    fn members(&self, base: usize, fit: &mut Fit, options: &Options) -> Vec<Member> {
+        let count = fit.state.effects.len();
+        let mut members = Vec::new();
+        for _ in base..count {
+            // The first becomes the last, so that after a round all are where they were.
+            let mut effects = fit.state.effects.clone();
+            let member = effects.remove(base);
+            let Some(without) = self.fitted_from(fit, effects.clone()) else { continue };
+            effects.push(member);
+            let Some(with) = self.fitted_from(fit, effects) else { continue };
+            let Some(member) = self.member(&without, with, options) else { continue };
+            *fit = match self.fitted_from(&member.found.fit, member.found.fit.effects().to_vec()) {
+                Some(settled) => settled,
+                None => continue,
+            };
+            members.push(member);
+        }
+        members
+    }
+
+    /// The last effect of a fit beside the others.
+    fn member(&self, without: &Fit, with: Fit, options: &Options) -> Option<Member> {
+        let kind = with.state.effects.last()?.of_kind();
+        let hypotheses = self.hypotheses(kind, without);
+        let gain = with.log_evidence() - without.log_evidence();
+        let mut found = Found::alone(kind, with, gain - (hypotheses as f64).ln(), hypotheses);
+        self.settle_height(&mut found);
+        let mut instead = self.best_beside(without, &[kind.name()], options, INSTEAD);
+        instead.retain(|other| other.fit.is_significant(other.index()));
+        if let Some(rival) = instead.first_mut().filter(|rival| found.log_bayes_factor - rival.log_bayes_factor < CLEAR)
+        {
+            self.settle_height(rival);
+        }
+        // Each with the discrepancy that suits it best.
+        let raised = |fit: &Fit| self.best_discrepancy(fit).1.max(0.0);
+        let before = raised(without);
+        found.log_bayes_factor += raised(&found.fit) - before;
+        instead.par_iter_mut().for_each(|other| other.log_bayes_factor += raised(&other.fit) - before);
+        instead.sort_by(|a, b| self.prior_odds.log_odds_of(b).total_cmp(&self.prior_odds.log_odds_of(a)));
+        Some(Member { found, without_chi_squared: without.goodness_of_fit().all.chi_squared, instead })
+    }
+
+    /// Effects fitted from the values that they have, beside the scatter of another fit.
+    fn fitted_from(&self, fit: &Fit, effects: Vec<Effect>) -> Option<Fit> {
+        let state = self.state(effects, self.carried(fit), Some(&fit.state)).ok()?;
+        let knobs = self.all_knobs(&state);
+        let (effects, numbers) = (state.effects.clone(), state.numbers.clone());
+        self.fit(effects, &knobs, &numbers, Some(&state)).ok()
+    }
+}
