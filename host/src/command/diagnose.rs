@@ -22,6 +22,8 @@ const EXAMPLES: &str = "Examples:
 
 Every effect of the catalogue (belfry effects), at every height, channel or node, is scored by how much of the difference between model and measurement it explains beyond what measurement noise and the model's own tolerance (background_stiffness and background_mass in [model]) allow. The best are refitted. Probabilities sum to one over the model as it is, every effect, and something else; they follow from the evidence (log_bayes_factor in --json) and from odds before anything is measured (prior_odds in [model]). p is the probability of as much misfit as is left, were the effect all that is missing.
 
+Where no single effect explains the measurement, the small set that explains most is shown too: effects added one after the other and fitted together, each with its probability if the others are right, chi-squared without it, and the kind that does best in its place. That is a lead and no finding, and nothing is written.
+
 With --auto the best effect is added, those that it makes needless are dropped, and so on until nothing more is called for. study.toml and the history change as with `belfry add`, and what is printed is the final state.
 
 Writes diagnosis.json into `results`.";

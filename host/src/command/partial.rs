@@ -9,7 +9,7 @@ use crate::diagnose::{FAILS, PartialAnswer, PartialEffect};
 pub(super) fn tell(partial: &PartialAnswer, console: &Console) {
     let (before, after) = (partial.before, partial.after);
     let which = match partial.effects.len() {
-        1 => "this effect explains most of what any small set does".to_owned(),
+        1 => "this effect explains most, and no other is called for beside it".to_owned(),
         count => format!("these {count} effects together explain most"),
     };
     console.say(format!(
@@ -33,15 +33,14 @@ pub(super) fn tell(partial: &PartialAnswer, console: &Console) {
         ]);
     }
     console.say(table);
-    let fits = after.p_value >= FAILS;
-    let probability = match partial.effects.len() {
-        1 => "The probability is that of the effect against none and other kinds",
-        _ => "Probabilities are those of one effect if the others are right",
-    };
-    let left =
-        if fits { "nothing that the test of fit sees. Most of it" } else { "this, as multiples of what is allowed" };
-    console.say(format!("{probability}, and nothing outside the catalogue is missing. What is left is {left}:"));
-    tell_unexplained(&partial.unexplained, console);
+    let beside = if partial.effects.len() > 1 { " the others are right and" } else { "" };
+    console.say(format!(
+        "Each probability holds if{beside} nothing outside the catalogue is missing; ln B is the evidence against the effect beside it."
+    ));
+    if after.p_value < FAILS {
+        console.say("What is left:");
+        tell_unexplained(&partial.unexplained, console);
+    }
     if let Some(next) = &partial.next_measurement {
         console.say(format!("To settle the least sure of them, measure: {next}."));
     }
@@ -51,6 +50,6 @@ pub(super) fn tell(partial: &PartialAnswer, console: &Console) {
 fn instead_text(effect: &PartialEffect) -> String {
     effect
         .instead
-        .first()
+        .as_ref()
         .map_or_else(|| "-".to_owned(), |other| format!("{}\nln B {:+.1}", other.effect, -other.log_evidence_below))
 }

@@ -7,11 +7,11 @@
 
 use rayon::prelude::*;
 
-use super::candidates::Options;
+use super::candidates::{Candidate, Options};
 use super::fit::Fit;
 use super::found::Found;
 use super::problem::Problem;
-use super::score::Scored;
+use super::score::{CandidatesOf, Scored};
 use super::search::{CLEAR, Effort, by_kind};
 use crate::model::effect::{Effect, Evidence};
 
@@ -21,6 +21,10 @@ const MOST_EFFECTS: usize = 4;
 const LOOKED_AT: usize = 4;
 const INSTEAD: usize = 3;
 const SETTLED: usize = 2;
+/// Of the places along the height every one of so many is tried, for the next effect and for one in the place of another: the best is
+/// moved from there.
+const NEXT_AT: usize = 2;
+const INSTEAD_AT: usize = 3;
 /// A set is exchanged and thinned out so often at most.
 const MOST_ROUNDS: usize = 3;
 
@@ -42,13 +46,13 @@ pub(super) struct Member {
     pub(super) found: Found,
     /// Squared deviations that the set leaves without it.
     pub(super) without_chi_squared: f64,
-    /// Other kinds in its place, the best first, also over the set without it.
-    pub(super) instead: Vec<Found>,
+    /// The other kind that does best in its place, also over the set without it.
+    pub(super) instead: Option<Found>,
 }
 
 impl Member {
     /// Probability that the effect is there, were the other effects, and nothing that the catalogue does not have: against none and
-    /// against the other kinds that were tried in its place.
+    /// against the other kind that does best in its place.
     pub(super) fn probability(&self, problem: &Problem) -> f64 {
         let odds = &problem.prior_odds;
         let own = odds.log_odds_of(&self.found);
@@ -59,7 +63,7 @@ impl Member {
     /// The kind that does best in its place, and by how much less probable it is, as a logarithm.
     pub(super) fn rival(&self, problem: &Problem) -> Option<(&Found, f64)> {
         let odds = &problem.prior_odds;
-        self.instead.first().map(|rival| (rival, odds.log_odds_of(&self.found) - odds.log_odds_of(rival)))
+        self.instead.as_ref().map(|rival| (rival, odds.log_odds_of(&self.found) - odds.log_odds_of(rival)))
     }
 }
 
@@ -101,7 +105,10 @@ impl Problem {
 
     /// The effect to be added to a set, if one is called for: more probable than none, and the model's errors fall with it.
     fn next_effect(&self, set: &Fit, options: &Options) -> Option<Found> {
-        let mut found = self.best_beside(set, &[], options, LOOKED_AT);
+        let given = self.without_scatter(set).ok();
+        let mut found = self.best_beside(set, given.as_ref(), LOOKED_AT, &|fit| {
+            self.all_candidates(fit, options).into_iter().map(|kind| thinned(kind, NEXT_AT)).collect()
+        });
         let without = self.state_without_scatter(set.effects()).ok();
         found.iter_mut().for_each(|found| self.note_left(without.as_ref(), false, found));
         let position = self.leading_position(&found)?;
@@ -110,13 +117,17 @@ impl Problem {
         Some(next)
     }
 
-    /// The best of the kinds that explain anything beside a fit, but for those of `without`: the likeliest by a linear step are fitted
-    /// roughly, the best of those closely. The most probable first.
-    fn best_beside(&self, fit: &Fit, without: &[&str], options: &Options, looked_at: usize) -> Vec<Found> {
-        let given = self.without_scatter(fit).ok();
-        let sightings = self.sightings(fit, given.as_ref(), &|fit| self.all_candidates(fit, options));
-        let is_asked = |one: &Scored| one.admissible && !without.contains(&one.candidate.kind.name());
-        let mut kinds = by_kind(self.scored(&sightings).into_iter().filter(is_asked).collect());
+    /// The best of `candidates` that explain anything beside a fit, one of a kind: the likeliest kinds by a linear step (also from the
+    /// model as it is `given`) are fitted roughly, the best of those closely. The most probable first.
+    fn best_beside(
+        &self,
+        fit: &Fit,
+        given: Option<&Fit>,
+        looked_at: usize,
+        candidates: &CandidatesOf<'_>,
+    ) -> Vec<Found> {
+        let scored = self.scored(&self.sightings(fit, given, candidates));
+        let mut kinds = by_kind(scored.into_iter().filter(|one| one.admissible).collect());
         kinds.truncate(looked_at);
         let evidence = |look: &Option<Fit>| look.as_ref().map_or(f64::NEG_INFINITY, Fit::log_evidence);
         let rough = |kind: Vec<Scored>| {
@@ -171,23 +182,24 @@ impl Problem {
         Some(Set { problem: self, present, fit, members })
     }
 
-    /// The effects of a fit from the `base`-th on, each weighed beside the others and moved to its best height there.
+    /// The effects of a fit from the `base`-th on, each weighed beside the others and moved to its best height there; the fit follows.
     fn members(&self, base: usize, fit: &mut Fit, options: &Options) -> Vec<Member> {
-        let count = fit.state.effects.len();
-        let mut members = Vec::new();
-        for _ in base..count {
+        let mut members: Vec<Member> = Vec::new();
+        for _ in base..fit.state.effects.len() {
+            let now = members.last().map_or(&*fit, |member| &member.found.fit);
             // The first becomes the last, so that after a round all are where they were.
-            let mut effects = fit.state.effects.clone();
+            let mut effects = now.state.effects.clone();
             let member = effects.remove(base);
-            let Some(without) = self.fitted_from(fit, effects.clone()) else { continue };
+            let without = self.fitted_from(now, effects.clone());
             effects.push(member);
-            let Some(with) = self.fitted_from(fit, effects) else { continue };
-            let Some(member) = self.member(&without, with, options) else { continue };
-            *fit = match self.fitted_from(&member.found.fit, member.found.fit.effects().to_vec()) {
-                Some(settled) => settled,
-                None => continue,
-            };
+            let with = self.fitted_from(now, effects);
+            let member = without.zip(with).and_then(|(without, with)| self.member(&without, with, options));
+            let Some(member) = member else { return Vec::new() };
             members.push(member);
+        }
+        let settled = members.last().map(|member| &member.found.fit);
+        if let Some(settled) = settled.and_then(|settled| self.fitted_from(settled, settled.effects().to_vec())) {
+            *fit = settled;
         }
         members
     }
@@ -199,19 +211,24 @@ impl Problem {
         let gain = with.log_evidence() - without.log_evidence();
         let mut found = Found::alone(kind, with, gain - (hypotheses as f64).ln(), hypotheses);
         self.settle_height(&mut found);
-        let mut instead = self.best_beside(without, &[kind.name()], options, INSTEAD);
+        let mut instead = self.best_beside(without, None, INSTEAD, &|fit| {
+            let others = self.all_candidates(fit, options).into_iter();
+            let is_other = |candidates: &Vec<Candidate>| candidates.first().is_some_and(|one| one.kind != kind);
+            others.filter(is_other).map(|kind| thinned(kind, INSTEAD_AT)).collect()
+        });
         instead.retain(|other| other.fit.is_significant(other.index()));
-        if let Some(rival) = instead.first_mut().filter(|rival| found.log_bayes_factor - rival.log_bayes_factor < CLEAR)
-        {
-            self.settle_height(rival);
-        }
+        instead.truncate(1);
         // Each with the discrepancy that suits it best.
         let raised = |fit: &Fit| self.best_discrepancy(fit).1.max(0.0);
         let before = raised(without);
         found.log_bayes_factor += raised(&found.fit) - before;
-        instead.par_iter_mut().for_each(|other| other.log_bayes_factor += raised(&other.fit) - before);
-        instead.sort_by(|a, b| self.prior_odds.log_odds_of(b).total_cmp(&self.prior_odds.log_odds_of(a)));
-        Some(Member { found, without_chi_squared: without.goodness_of_fit().all.chi_squared, instead })
+        for rival in &mut instead {
+            if found.log_bayes_factor - rival.log_bayes_factor < CLEAR {
+                self.settle_height(rival);
+            }
+            rival.log_bayes_factor += raised(&rival.fit) - before;
+        }
+        Some(Member { found, without_chi_squared: without.goodness_of_fit().all.chi_squared, instead: instead.pop() })
     }
 
     /// Effects fitted from the values that they have, beside the scatter of another fit.
@@ -221,4 +238,14 @@ impl Problem {
         let (effects, numbers) = (state.effects.clone(), state.numbers.clone());
         self.fit(effects, &knobs, &numbers, Some(&state)).ok()
     }
+}
+
+/// A kind's candidates at every one of so many heights; those elsewhere stay as they are.
+fn thinned(mut candidates: Vec<Candidate>, one_of: usize) -> Vec<Candidate> {
+    let mut heights_m: Vec<f64> = candidates.iter().filter_map(Candidate::z_m).collect();
+    heights_m.sort_by(f64::total_cmp);
+    heights_m.dedup();
+    let place = |z_m: f64| heights_m.partition_point(|&other| other < z_m);
+    candidates.retain(|candidate| candidate.z_m().is_none_or(|z_m| place(z_m).is_multiple_of(one_of)));
+    candidates
 }

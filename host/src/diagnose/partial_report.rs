@@ -47,8 +47,8 @@ pub struct PartialEffect {
     pub probability: f64,
     /// Chi-squared of the set without it.
     pub chi_squared_without: f64,
-    /// What does best in its place.
-    pub instead: Vec<Instead>,
+    /// What does best in its place; null where no other kind does anything there.
+    pub instead: Option<Instead>,
 }
 
 /// An effect in the place of another.
@@ -73,7 +73,7 @@ impl PartialEffect {
 impl PartialAnswer {
     /// The effect that another in its place is nearest to, and that other.
     pub fn least_sure(&self) -> Option<(&PartialEffect, &Instead)> {
-        let with_rival = self.effects.iter().filter_map(|effect| Some((effect, effect.instead.first()?)));
+        let with_rival = self.effects.iter().filter_map(|effect| Some((effect, effect.instead.as_ref()?)));
         with_rival.min_by(|a, b| a.1.log_evidence_below.total_cmp(&b.1.log_evidence_below))
     }
 
@@ -91,7 +91,7 @@ impl PartialAnswer {
         let least_sure = answer.least_sure().map(|(least_sure, _)| least_sure.name());
         let member = members.iter().find(|member| Some(member.found.effect().to_string()) == least_sure);
         answer.next_measurement = member.and_then(|Member { found, instead, .. }| {
-            let rival = instead.first()?;
+            let rival = instead.as_ref()?;
             Some(next_measurement(problem, (found.kind, &found.fit), (rival.kind, &rival.fit)))
         });
         answer
@@ -110,13 +110,10 @@ fn effect(problem: &Problem, member: &Member) -> PartialEffect {
         log_bayes_factor: found.log_bayes_factor,
         probability: member.probability(problem),
         chi_squared_without: *without_chi_squared,
-        instead: instead
-            .iter()
-            .map(|other| Instead {
-                effect: other.effect().to_string(),
-                log_evidence_below: found.log_bayes_factor - other.log_bayes_factor,
-            })
-            .collect(),
+        instead: instead.as_ref().map(|other| Instead {
+            effect: other.effect().to_string(),
+            log_evidence_below: found.log_bayes_factor - other.log_bayes_factor,
+        }),
     }
 }
 
