@@ -35,7 +35,7 @@ pub(super) fn tell(partial: &PartialAnswer, console: &Console) {
     console.say(table);
     let beside = if partial.effects.len() > 1 { " the others are right and" } else { "" };
     console.say(format!(
-        "Each probability holds if{beside} nothing outside the catalogue is missing; ln B is the evidence against the effect beside it."
+        "Each probability holds if{beside} nothing outside the catalogue is missing. ln B is the evidence of what is next best over that of the effect."
     ));
     if after.p_value < FAILS {
         console.say("What is left:");

@@ -11,7 +11,8 @@
 //! `goodness` tests them. `candidates` lists what could be missing, `score` weighs each by one linear step, `search` refits the
 //! best (with `far`, `damper` and `height`), `verdict` weighs what was `found`, `report` is what it says, `settle` says what to
 //! measure next; `prior` and `posterior` say how probable each hypothesis is, `elsewise` what the verdict would be with another
-//! tolerance. Effects that show elsewhere than in modes are in `signals`. `outlook` predicts verdicts before anything is measured.
+//! tolerance. Where no effect explains all, `partial` looks for a small set that explains most, and `partial_report` tells of it.
+//! Effects that show elsewhere than in modes are in `signals`. `outlook` predicts verdicts before anything is measured.
 //!
 //! The statistics: with r the whitened differences of model and measurement, the fit minimises `|r|² + |b|²` over the
 //! effects' values and the background b, whose prior is standard normal (joint maximum a posteriori, so that the tolerance

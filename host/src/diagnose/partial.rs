@@ -2,8 +2,8 @@
 //!
 //! What a search found flows in; effects flow out that are added one after the other while the evidence calls for one more, and
 //! fitted together. Then each must be worth its place beside the others: the set is fitted without it, and other kinds are tried
-//! there. A set is a lead and no verdict, as a search of this kind takes what explains most first (Miller 2002, "Subset Selection in
-//! Regression", section 3.2).
+//! there. A set is a lead and no verdict: a search that takes what explains most first need not find the best set (Miller 2002, "Subset
+//! Selection in Regression").
 
 use rayon::prelude::*;
 
@@ -19,14 +19,14 @@ use crate::model::effect::{Effect, Evidence};
 const MOST_EFFECTS: usize = 4;
 /// Kinds that are fitted roughly as the next effect, and as one in the place of another; and those that are fitted closely then.
 const LOOKED_AT: usize = 4;
-const INSTEAD: usize = 3;
+const INSTEAD: usize = 2;
 const SETTLED: usize = 2;
 /// Of the places along the height every one of so many is tried, for the next effect and for one in the place of another: the best is
 /// moved from there.
 const NEXT_AT: usize = 2;
-const INSTEAD_AT: usize = 3;
+const INSTEAD_AT: usize = 4;
 /// A set is exchanged and thinned out so often at most.
-const MOST_ROUNDS: usize = 3;
+const MOST_ROUNDS: usize = MOST_EFFECTS;
 
 /// Effects that together explain most.
 pub(super) struct Set {
@@ -68,13 +68,15 @@ impl Member {
 }
 
 impl Problem {
-    /// The set that begins with the best of what was `found` beside `present`; `None` where not even one effect is called for. Only
-    /// `options` says what is left out.
+    /// The set that begins with the best of what was `found` beside `present`; `None` where not even one effect is called for.
     pub(super) fn best_set(&self, present: &Fit, found: &[Found], options: &Options) -> Option<Set> {
-        // As if the model were as good as its tolerance says: what a discrepancy would take may be another effect.
-        let given = self.stated(self.discrepancy.expected_scatter);
+        // As if the model were as good as its tolerance says: what a discrepancy would take may be another effect. Where a model is so far
+        // off that its modes pass for wrong ones, with the discrepancy of the best single effect.
+        let stated = || self.stated(self.discrepancy.expected_scatter);
+        let first = |given: Self| Some((given.first_of_set(present, found)?, given));
+        let (mut set, given) =
+            first(stated()).or_else(|| first(self.with_discrepancy(found.first()?.own().discrepancy)))?;
         let base = present.state.effects.len();
-        let mut set = given.first_of_set(present, found)?;
         // What passes calls for no other effect.
         while set.state.effects.len() < base + MOST_EFFECTS && !set.passes() {
             let Some(next) = given.next_effect(&set, options) else { break };
@@ -89,7 +91,7 @@ impl Problem {
     fn first_of_set(&self, present: &Fit, found: &[Found]) -> Option<Fit> {
         let present = self.refitted(present).ok()?;
         // Dampers are judged by twin peaks, which effects in series are not.
-        let is_asked = |found: &&Found| found.helps && found.kind.evidence() != Evidence::TwinPeaks;
+        let is_asked = |found: &&Found| brings_nearer(found) && found.kind.evidence() != Evidence::TwinPeaks;
         let mut found: Vec<&Found> = found.iter().filter(is_asked).collect();
         let log_share = |found: &Found| found.log_share + self.prior_odds.kind(found.kind).ln();
         let evidence = |found: &Found| found.fit.log_evidence() + log_share(found);
@@ -106,24 +108,27 @@ impl Problem {
     /// The effect to be added to a set, if one is called for: more probable than none, and the model's errors fall with it.
     fn next_effect(&self, set: &Fit, options: &Options) -> Option<Found> {
         let given = self.without_scatter(set).ok();
-        let mut found = self.best_beside(set, given.as_ref(), LOOKED_AT, &|fit| {
+        let mut found = self.best_beside(set, given.as_ref(), LOOKED_AT, f64::NEG_INFINITY, &|fit| {
             self.all_candidates(fit, options).into_iter().map(|kind| thinned(kind, NEXT_AT)).collect()
         });
         let without = self.state_without_scatter(set.effects()).ok();
         found.iter_mut().for_each(|found| self.note_left(without.as_ref(), false, found));
+        found.retain(brings_nearer);
         let position = self.leading_position(&found)?;
         let mut next = found.swap_remove(position);
         self.settle_height(&mut next);
         Some(next)
     }
 
-    /// The best of `candidates` that explain anything beside a fit, one of a kind: the likeliest kinds by a linear step (also from the
-    /// model as it is `given`) are fitted roughly, the best of those closely. The most probable first.
+    /// The best of `candidates` that explain anything beside a fit, one of a kind: the `looked_at` likeliest kinds by a linear step (also from the
+    /// model as it is `given`) are fitted roughly, the best of those closely where their evidence is not below `least`. The most probable
+    /// first.
     fn best_beside(
         &self,
         fit: &Fit,
         given: Option<&Fit>,
         looked_at: usize,
+        least: f64,
         candidates: &CandidatesOf<'_>,
     ) -> Vec<Found> {
         let scored = self.scored(&self.sightings(fit, given, candidates));
@@ -137,7 +142,7 @@ impl Problem {
         let mut looks: Vec<(Vec<Scored>, Option<Fit>)> = kinds.into_par_iter().map(rough).collect();
         looks.sort_by(|a, b| evidence(&b.1).total_cmp(&evidence(&a.1)));
         let best = looks.first().map_or(f64::NEG_INFINITY, |(_, look)| evidence(look));
-        looks.retain(|(_, look)| evidence(look) > best - CLEAR);
+        looks.retain(|(_, look)| evidence(look) > least.max(best - CLEAR));
         looks.truncate(SETTLED);
         let close = |(kind, look): &(Vec<Scored>, Option<Fit>)| {
             let refitted = self.refit_one(fit, &kind[0], look.as_ref(), Effort::Full);
@@ -179,7 +184,8 @@ impl Problem {
             members = self.members(base, &mut fit, options);
         }
         members.sort_by(|a, b| b.found.log_bayes_factor.total_cmp(&a.found.log_bayes_factor));
-        Some(Set { problem: self, present, fit, members })
+        // Without members, effects could not be fitted without each other.
+        (!members.is_empty()).then_some(Set { problem: self, present, fit, members })
     }
 
     /// The effects of a fit from the `base`-th on, each weighed beside the others and moved to its best height there; the fit follows.
@@ -211,7 +217,9 @@ impl Problem {
         let gain = with.log_evidence() - without.log_evidence();
         let mut found = Found::alone(kind, with, gain - (hypotheses as f64).ln(), hypotheses);
         self.settle_height(&mut found);
-        let mut instead = self.best_beside(without, None, INSTEAD, &|fit| {
+        // What is far less probable, as far as a rough fit says, need not be fitted closely.
+        let within = found.fit.log_evidence() - 2.0 * CLEAR;
+        let mut instead = self.best_beside(without, None, INSTEAD, within, &|fit| {
             let others = self.all_candidates(fit, options).into_iter();
             let is_other = |candidates: &Vec<Candidate>| candidates.first().is_some_and(|one| one.kind != kind);
             others.filter(is_other).map(|kind| thinned(kind, INSTEAD_AT)).collect()
@@ -223,9 +231,7 @@ impl Problem {
         let before = raised(without);
         found.log_bayes_factor += raised(&found.fit) - before;
         for rival in &mut instead {
-            if found.log_bayes_factor - rival.log_bayes_factor < CLEAR {
-                self.settle_height(rival);
-            }
+            self.settle_height(rival);
             rival.log_bayes_factor += raised(&rival.fit) - before;
         }
         Some(Member { found, without_chi_squared: without.goodness_of_fit().all.chi_squared, instead: instead.pop() })
@@ -238,6 +244,12 @@ impl Problem {
         let (effects, numbers) = (state.effects.clone(), state.numbers.clone());
         self.fit(effects, &knobs, &numbers, Some(&state)).ok()
     }
+}
+
+/// Whether the model's errors fall with an effect, and frequencies are no further off: an effect that is shown as a part of what is missing
+/// must not need segments that are off the other way.
+fn brings_nearer(found: &Found) -> bool {
+    found.helps && found.left.is_none_or(|left| !left.moves || left.frequency < 1.0)
 }
 
 /// A kind's candidates at every one of so many heights; those elsewhere stay as they are.

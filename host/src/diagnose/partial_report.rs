@@ -47,7 +47,7 @@ pub struct PartialEffect {
     pub probability: f64,
     /// Chi-squared of the set without it.
     pub chi_squared_without: f64,
-    /// What does best in its place; null where no other kind does anything there.
+    /// What does best in its place; null where nothing comes near it.
     pub instead: Option<Instead>,
 }
 
@@ -59,6 +59,9 @@ pub struct Instead {
     /// By how much its evidence is less than that of the one that it replaces, as a natural logarithm.
     pub log_evidence_below: f64,
 }
+
+/// Errors that differ by less than this share are the same, to rounding.
+const SAME: f64 = 1e-9;
 
 impl PartialEffect {
     /// `kind` or `kind@where`.
@@ -75,6 +78,13 @@ impl PartialAnswer {
     pub fn least_sure(&self) -> Option<(&PartialEffect, &Instead)> {
         let with_rival = self.effects.iter().filter_map(|effect| Some((effect, effect.instead.as_ref()?)));
         with_rival.min_by(|a, b| a.1.log_evidence_below.total_cmp(&b.1.log_evidence_below))
+    }
+
+    /// Whether frequencies are no further off with the set; faults of sensors leave them where they are.
+    pub(super) fn brings_nearer(&self) -> bool {
+        let (before, after) =
+            (self.mean_abs_frequency_error_percent_before, self.mean_abs_frequency_error_percent_after);
+        after <= before * (1.0 + SAME)
     }
 
     pub(super) fn of(set: &Set) -> Self {

@@ -53,7 +53,8 @@ pub fn diagnose(
     let (problem, present) = alone.map_or((searched, settled), |(problem, fit)| (problem, fit));
     let mut diagnosis = weighed.told(problem, present);
     if matches!(weighed.leads, Leads::SomethingElse) {
-        diagnosis.partial = searched.best_set(settled, &found, options).map(|set| PartialAnswer::of(&set));
+        let answer = searched.best_set(settled, &found, options).map(|set| PartialAnswer::of(&set));
+        diagnosis.partial = answer.filter(PartialAnswer::brings_nearer);
     }
     if !matches!(weighed.leads, Leads::Signal(_)) {
         let best = diagnosis.best.first().map(String::as_str);
