@@ -120,7 +120,7 @@ fn stated_pairs_are_followed_through_effects() {
     std::fs::write(&file, format!("mode,frequency_hz,model_mode\n{rows}")).unwrap();
     let mut measured = crate::modes::read(&file, &[]).unwrap();
     measured.find_stated(&given.mass, &modes).unwrap();
-    let soft = structure.clone().and(&["base-torsion=3e-11".parse().unwrap()]).unwrap();
+    let soft = structure.clone().and(&["base-torsion=3e-12".parse().unwrap()]).unwrap();
     for (structure, moves) in [(structure, false), (soft, true)] {
         let view = seen(&structure, &[]);
         let pairs = pair(&view, &measured.modes);
