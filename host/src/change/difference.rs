@@ -131,6 +131,7 @@ impl Difference {
             frequency_std_hz: Some(self.frequency_std() * moved_hz),
             damping_ratio: None,
             damping_ratio_std: None,
+            stated: now.stated.clone(),
             shape: None,
             covariance_factor: None,
             number: now.number,

@@ -16,6 +16,7 @@ fn mode(number: usize, frequency_hz: f64, shape: &[f64]) -> MeasuredMode {
         frequency_std_hz: Some(1e-3 * frequency_hz),
         damping_ratio: Some(0.01),
         damping_ratio_std: Some(0.001),
+        stated: None,
         shape: (!shape.is_empty()).then(|| MeasuredShape {
             sensors: (0..shape.len()).collect(),
             values: DVector::from_column_slice(shape),

@@ -7,7 +7,9 @@ use clap::Args;
 use super::Console;
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_text};
 use crate::diagnose::steps::Step;
-use crate::diagnose::{CandidateReport, Diagnosis, FAILS, Part, Probabilities, STANDS_OUT, Verdict};
+use crate::diagnose::{
+    CandidateReport, Diagnosis, FAILS, Part, PartialEffect, Probabilities, STANDS_OUT, Unexplained, Verdict,
+};
 use crate::model::effect::{self, Evidence};
 use crate::results::FINGERPRINTS_PICTURE;
 use crate::story::{AutoEnd, Project};
@@ -20,6 +22,8 @@ const EXAMPLES: &str = "Examples:
   belfry diagnose canton --json
 
 Every effect of the catalogue (belfry effects), at every height, channel or node, is scored by how much of the difference between model and measurement it explains beyond what measurement noise and the model's own tolerance (background_stiffness and background_mass in [model]) allow. The best are refitted. Probabilities sum to one over the model as it is, every effect, and something else; they follow from the evidence (log_bayes_factor in --json) and from odds before anything is measured (prior_odds in [model]). p is the probability of as much misfit as is left, were the effect all that is missing.
+
+Where no single effect explains the measurement, the small set that explains most is shown too: effects added one after the other and fitted together, each with its probability if the others are right, chi-squared without it, and the kind that does best in its place. That is a lead and no finding, and nothing is written.
 
 With --auto the best effect is added, those that it makes needless are dropped, and so on until nothing more is called for. study.toml and the history change as with `belfry add`, and what is printed is the final state.
 
@@ -76,7 +80,7 @@ fn auto(project: &mut Project, without: &[String], console: &Console) -> anyhow:
     match end {
         AutoEnd::NothingGained => console.say("No effect is called for; the model stays as it is."),
         AutoEnd::FrequenciesAlone => console.warn(
-            "frequencies alone do not say which mode is which, let alone tell several effects apart; nothing was added. `belfry add` puts one in all the same",
+            "frequencies alone do not say which mode is which; nothing was added. If you know, state it (model_mode in a CSV file of modes); `belfry add` puts an effect in all the same",
         ),
         AutoEnd::Unexplained { p_value } => console.warn(format!(
             "these effects do not explain the measurement ({}); nothing was added. `belfry add` puts one in all the same",
@@ -222,10 +226,17 @@ fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
             tell_explained(diagnosis, console);
         }
         Verdict::Unknown => {
-            console.say(
-                "Verdict: unknown. No single effect of the catalogue explains the measurement. What the best of them leaves:",
-            );
-            tell_unexplained(diagnosis, console);
+            const NONE: &str = "Verdict: unknown. No single effect of the catalogue explains the measurement.";
+            match &diagnosis.partial {
+                Some(partial) => {
+                    console.say(NONE);
+                    super::partial::tell(partial, console);
+                }
+                None => {
+                    console.say(format!("{NONE} What the best of them leaves:"));
+                    tell_unexplained(&diagnosis.unexplained, console);
+                }
+            }
         }
     }
     tell_discrepancy(diagnosis, console);
@@ -269,9 +280,10 @@ fn tell_next(diagnosis: &Diagnosis, auto: bool, study: &Study, console: &Console
         }
         _ => {
             console.say(unknown_advice(diagnosis, auto));
-            let first = diagnosis.candidates.iter().find(|candidate| stands_out(candidate));
-            if let Some(first) = first {
-                next.push((format!("add {folder} {}", first.name()), "the one that explains most, and what it leaves"));
+            let surest = diagnosis.partial.as_ref().and_then(|partial| partial.effects.first());
+            let ranked = diagnosis.candidates.iter().find(|candidate| stands_out(candidate));
+            if let Some(first) = surest.map(PartialEffect::name).or_else(|| ranked.map(CandidateReport::name)) {
+                next.push((format!("add {folder} {first}"), "the one that explains most, and what it leaves"));
             }
             if auto {
                 next.push((format!("compare {folder}"), "where the model fails, by mode, sensor and height"));
@@ -295,6 +307,9 @@ fn stands_out(candidate: &CandidateReport) -> bool {
 fn unknown_advice(diagnosis: &Diagnosis, auto: bool) -> String {
     let standing: Vec<String> =
         diagnosis.candidates.iter().filter(|candidate| stands_out(candidate)).map(CandidateReport::name).collect();
+    if diagnosis.partial.is_some() && !auto {
+        return "Other sets may explain as much. Take from it what you know of the structure (a tower on soil has base-rotation, a new antenna is an added-mass), add that by hand and diagnose again. --auto writes a set into study.toml, but only one that explains the measurement.".to_owned();
+    }
     match (standing.len(), auto) {
         (0, _) => "No effect gains 20 to 1 either. Look at where the model fails; a hypothesis of your own can be tried as [[model.custom]] in study.toml.".to_owned(),
         (_, true) => "The ranked effects explain part of it, and together not enough. If you know one of them to be there, add it by hand; a hypothesis of your own can be tried as [[model.custom]] in study.toml.".to_owned(),
@@ -351,8 +366,7 @@ fn percent_text(error_percent: Option<f64>) -> String {
     error_percent.map_or_else(|| "no such mode".to_owned(), |error| format!("{error:+.2} %"))
 }
 
-fn tell_unexplained(diagnosis: &Diagnosis, console: &Console) {
-    let left = &diagnosis.unexplained;
+pub(super) fn tell_unexplained(left: &Unexplained, console: &Console) {
     let mut modes: Vec<_> = left.by_mode.iter().collect();
     modes.sort_by(|a, b| b.mean_square.total_cmp(&a.mean_square));
     for mode in modes.iter().take(NAMED_MODES) {

@@ -16,6 +16,7 @@ pub mod identify;
 pub mod init;
 mod interrupt;
 pub mod paper;
+mod partial;
 pub mod plan;
 pub mod ports;
 pub mod profile;

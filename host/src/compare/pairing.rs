@@ -1,13 +1,14 @@
 //! Which model mode belongs to which measured mode: an assignment over MAC and frequency together.
 //!
-//! Not by order: a model that is wrong has modes in a wrong order. Not greedily: a good pair must not cost two others.
+//! Not by order: a model that is wrong has modes in a wrong order. Not greedily: a good pair must not cost two others. A mode whose
+//! partner the file of modes states is followed by the shape of that partner in the model as first given.
 
 use nalgebra::DMatrix;
 use pathfinding::prelude::{Matrix, kuhn_munkres};
 
 use super::shape::mac;
 use super::view::ModelView;
-use crate::modes::{MeasuredMode, MeasuredShape};
+use crate::modes::{MeasuredMode, MeasuredShape, StatedMode};
 
 /// A measured mode and the model mode that belongs to it; both 0-based.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,6 +32,8 @@ const LEAST_LIKENESS: f64 = 0.2;
 const UNKNOWN_SHAPE: f64 = 0.5;
 /// Model modes are close when neighbours differ by less than this share of their frequency.
 const CLOSE: f64 = 0.03;
+/// What is stated goes before all that is alike.
+const STATED: f64 = 1e3;
 /// Likeness is brought to whole numbers for the assignment.
 const WHOLE: f64 = 1e9;
 
@@ -42,7 +45,8 @@ pub fn pair(view: &ModelView, measured: &[MeasuredMode]) -> Vec<Pair> {
 
 /// As [`pair`], with another least likeness.
 pub(crate) fn pair_above(view: &ModelView, measured: &[MeasuredMode], least_likeness: f64) -> Vec<Pair> {
-    let highest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
+    let stated_hz = |mode: &MeasuredMode| mode.stated.as_ref().and_then(StatedMode::frequency_hz).unwrap_or(0.0);
+    let highest_hz = measured.iter().map(|mode| mode.frequency_hz.max(stated_hz(mode))).fold(0.0, f64::max);
     // Beyond four deviations nothing pairs.
     let reach = (4.0 * LIKENESS).exp();
     let candidates = view.modes.frequency_hz.partition_point(|&frequency_hz| frequency_hz <= highest_hz * reach);
@@ -50,6 +54,9 @@ pub(crate) fn pair_above(view: &ModelView, measured: &[MeasuredMode], least_like
         return Vec::new();
     }
     let likeness = |mode: &MeasuredMode, model: usize| {
+        if let Some(stated) = &mode.stated {
+            return STATED * stated.likeness(model, view.modes.shapes.column(model));
+        }
         let ratio = (view.modes.frequency_hz[model] / mode.frequency_hz).ln() / LIKENESS;
         let shape = mode.shape.as_ref().map_or(UNKNOWN_SHAPE, |shape| mac(view.shape(model), shape));
         let likeness = shape * (-0.5 * ratio * ratio).exp();

@@ -51,6 +51,8 @@ pub struct PairReport {
     pub frequency_error_percent: f64,
     /// The same in standard deviations of the measurement; null where its deviation is unknown.
     pub frequency_z: Option<f64>,
+    /// Whether the file of modes states that they belong together.
+    pub stated: bool,
     /// Modal assurance criterion; null where no shape was measured.
     pub mac: Option<f64>,
     /// For one of several close modes: the MAC with the span of the close model modes.
@@ -158,9 +160,9 @@ fn warnings(measured: &[MeasuredMode], pairs: &[PairReport], has_test: bool) -> 
             "mode {numbers}: the measurement states no deviation of (all of) the shape; chi-squared assumes {SHAPE_ASSUMED} of its length"
         ));
     }
-    if let Some(numbers) = numbers(&|mode| mode.shape.is_none()) {
+    if let Some(numbers) = numbers(&|mode| mode.shape.is_none() && mode.stated.is_none()) {
         warnings.push(format!(
-            "mode {numbers}: no shape was measured, so its partner is a guess by frequency; a model that is wrong by 10 % can have another mode there"
+            "mode {numbers}: no shape was measured, so its partner is a guess by frequency; a model that is wrong by 10 % can have another mode there. If you know which mode it is, state it (model_mode in a CSV file of modes)"
         ));
     }
     for pair in pairs.iter().filter(|pair| pair.subspace_mac.or(pair.mac).is_some_and(|mac| mac < FAR_APART)) {
@@ -186,6 +188,7 @@ fn report(view: &ModelView, mode: &MeasuredMode, pair: &Pair) -> PairReport {
         model_hz,
         frequency_error_percent: 100.0 * (model_hz / mode.frequency_hz - 1.0),
         frequency_z: frequency_z(mode, model_hz),
+        stated: mode.stated.is_some(),
         mac: pair.mac,
         subspace_mac: pair.subspace_mac,
     }

@@ -38,6 +38,7 @@ fn measure(view: &ModelView, modes: impl IntoIterator<Item = usize>, random: &mu
             number: number + 1,
             frequency_hz: frequency_hz * (1.0 + deviates(1e-3, random)),
             frequency_std_hz: Some(1e-3 * frequency_hz),
+            stated: None,
             damping_ratio: None,
             damping_ratio_std: None,
             shape: Some(MeasuredShape {
@@ -86,6 +87,7 @@ fn a_measured_mode_that_the_model_lacks_stays_alone_and_is_named() {
         number: 5,
         frequency_hz: 0.37,
         frequency_std_hz: None,
+        stated: None,
         damping_ratio: None,
         damping_ratio_std: None,
         shape: Some(shape),
@@ -95,6 +97,50 @@ fn a_measured_mode_that_the_model_lacks_stays_alone_and_is_named() {
     let lone = &comparison.unpaired[0];
     assert_eq!((lone.side, lone.number), (Side::Measured, 5));
     assert!(lone.nearest.is_some() && lone.nearest_mac.unwrap() < 0.5);
+}
+
+/// Frequencies alone, each stated to be a mode of the model as first given: the pairs hold where an effect brings the model's modes into
+/// another order, and where a measured frequency is nearer to another mode.
+#[test]
+fn stated_pairs_are_followed_through_effects() {
+    let (beam, _) = tower();
+    let structure = Structure::new(beam);
+    let given = structure.assemble();
+    let modes = given.modes().unwrap();
+    let twists = |assembly: &crate::model::Assembly, modes: &crate::model::Modes, mode: usize| {
+        let [x, y, _, torsion] = assembly.energies(modes.shapes.column(mode)).unwrap();
+        torsion > x + y
+    };
+    let torsion = (0..10).find(|&mode| twists(&given, &modes, mode)).unwrap();
+    let stated = |model: usize, frequency_hz: f64| format!("{},{frequency_hz},{}\n", model + 1, model + 1);
+    // The first mode of torsion measured where the model has the mode below it, which was measured above it.
+    let hz = |mode: usize| modes.frequency_hz[mode];
+    let rows: String = (0..torsion - 1).map(|mode| stated(mode, hz(mode))).collect();
+    let rows = rows + &stated(torsion - 1, hz(torsion)) + &stated(torsion, hz(torsion - 1));
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("modes.csv");
+    std::fs::write(&file, format!("mode,frequency_hz,model_mode\n{rows}")).unwrap();
+    let mut measured = crate::modes::read(&file, &[]).unwrap();
+    measured.find_stated(&given.mass, &modes).unwrap();
+    let soft = structure.clone().and(&["base-torsion=3e-12".parse().unwrap()]).unwrap();
+    for (structure, moves) in [(structure, false), (soft, true)] {
+        let view = seen(&structure, &[]);
+        let pairs = pair(&view, &measured.modes);
+        assert_eq!(pairs.len(), torsion + 1);
+        for pair in &pairs {
+            let number = measured.modes[pair.measured].number - 1;
+            let is_torsion = twists(&structure.assemble(), &view.modes, pair.model);
+            assert_eq!(is_torsion, number == torsion, "mode {number} is paired with {}", pair.model);
+            if is_torsion {
+                assert_eq!(pair.model < torsion, moves, "the effect must change the order: {}", pair.model);
+            } else if !moves {
+                assert_eq!(pair.model, number);
+            }
+        }
+        let report = compare(&view, &measured.modes, &[], None);
+        assert!(report.pairs.iter().all(|pair| pair.stated));
+        assert!(report.warnings.iter().all(|warning| !warning.contains("guess")), "{:?}", report.warnings);
+    }
 }
 
 #[test]
@@ -107,6 +153,7 @@ fn frequencies_alone_pair_by_nearness() {
             number: mode + 1,
             frequency_hz: view.modes.frequency_hz[mode] * 1.02,
             frequency_std_hz: Some(1e-3),
+            stated: None,
             damping_ratio: None,
             damping_ratio_std: None,
             shape: None,

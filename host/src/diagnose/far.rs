@@ -108,20 +108,7 @@ impl<'a> Far<'a> {
         let fit = self.problem.fit_with_one_more(self.present, &start.state, &|_| {})?;
         let gain = fit.log_evidence() - self.present.log_evidence();
         let hypotheses = hypotheses.max(1);
-        let log_share = -(hypotheses as f64).ln();
-        Some(Found {
-            kind: start.kind,
-            fit,
-            log_bayes_factor: gain + log_share,
-            hypotheses,
-            log_share,
-            near: Vec::new(),
-            height: None,
-            known: Vec::new(),
-            own: None,
-            left: None,
-            helps: true,
-        })
+        Some(Found::alone(start.kind, fit, gain - (hypotheses as f64).ln(), hypotheses))
     }
 }
 

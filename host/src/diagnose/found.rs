@@ -69,6 +69,23 @@ impl AtHeight {
 }
 
 impl Found {
+    /// The last effect of a fit at the place that it has, where nothing is known of others.
+    pub(super) fn alone(kind: &'static dyn EffectKind, fit: Fit, log_bayes_factor: f64, hypotheses: usize) -> Self {
+        Self {
+            kind,
+            fit,
+            log_bayes_factor,
+            hypotheses,
+            log_share: -(hypotheses as f64).ln(),
+            near: Vec::new(),
+            height: None,
+            known: Vec::new(),
+            own: None,
+            left: None,
+            helps: true,
+        }
+    }
+
     /// The effect found.
     pub(super) fn effect(&self) -> &Effect {
         &self.fit.state.effects[self.index()]

@@ -11,7 +11,8 @@
 //! `goodness` tests them. `candidates` lists what could be missing, `score` weighs each by one linear step, `search` refits the
 //! best (with `far`, `damper` and `height`), `verdict` weighs what was `found`, `report` is what it says, `settle` says what to
 //! measure next; `prior` and `posterior` say how probable each hypothesis is, `elsewise` what the verdict would be with another
-//! tolerance. Effects that show elsewhere than in modes are in `signals`. `since` says what has changed since an earlier measurement.
+//! tolerance. Where no effect explains all, `partial` looks for a small set that explains most, and `partial_report` tells of it.
+//! Effects that show elsewhere than in modes are in `signals`. `since` says what has changed since an earlier measurement.
 //! `outlook` predicts verdicts before anything is measured. `profile` says what a fit has learned of the model's segments, `joint` how
 //! the values of effects go together, `fingerprint` what each effect would do to every number measured.
 //!
@@ -47,6 +48,8 @@ mod knob;
 mod misfit;
 mod near;
 mod outlook;
+mod partial;
+mod partial_report;
 mod posterior;
 mod prior;
 mod problem;
@@ -82,6 +85,7 @@ pub use fit::{Estimate, Fit};
 pub use goodness::{Part, fit_as_given};
 pub use joint::{Joint, JointValue};
 pub(crate) use outlook::{Draw, Outlook, Rival, Weighed};
+pub use partial_report::{Instead, PartialAnswer, PartialEffect};
 pub use posterior::Probabilities;
 pub use problem::Problem;
 pub use profile::{Masses, Profile, ProfileSegment, Quantity, QuantityProfile};

@@ -63,9 +63,14 @@ impl PriorOdds {
 impl Problem {
     /// The most probable effect of those found, if it is more probable than that the model lacks nothing.
     pub(super) fn leading<'a>(&self, found: &'a [Found]) -> Option<&'a Found> {
+        self.leading_position(found).map(|position| &found[position])
+    }
+
+    /// Where it stands among them.
+    pub(super) fn leading_position(&self, found: &[Found]) -> Option<usize> {
         // How well they fit says nothing of their odds against each other.
-        let log_weight = |found: &Found| self.prior_odds.of_found(found, 1.0).log_weight();
-        let best = found.iter().max_by(|a, b| log_weight(a).total_cmp(&log_weight(b)));
+        let log_weight = |at: &usize| self.prior_odds.of_found(&found[*at], 1.0).log_weight();
+        let best = (0..found.len()).max_by(|a, b| log_weight(a).total_cmp(&log_weight(b)));
         best.filter(|best| log_weight(best) > self.prior_odds.of_adequate(1.0).log_weight())
     }
 }

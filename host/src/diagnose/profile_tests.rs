@@ -62,6 +62,8 @@ fn deviations_are_those_of_an_independent_computation() {
             frequency_hz: ln_hz.exp(),
             frequency_std_hz: Some(std * ln_hz.exp()),
             damping_ratio: None,
+            damping_ratio_std: None,
+            stated: None,
             shape: None,
         })
         .collect();

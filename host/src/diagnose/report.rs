@@ -10,6 +10,7 @@ use super::fingerprint::Fingerprints;
 use super::fit::Estimate;
 use super::goodness::{Part, Tests};
 use super::joint::Joint;
+use super::partial_report::PartialAnswer;
 use super::posterior::Probabilities;
 use super::relief::Left;
 use crate::compare::ChiSquared;
@@ -55,6 +56,8 @@ pub struct Diagnosis {
     pub probabilities: Probabilities,
     /// Where half or double of the stated tolerance leads to another verdict.
     pub elsewise: Vec<Elsewise>,
+    /// Where the verdict is `unknown`: the small set of effects that explains most.
+    pub partial: Option<PartialAnswer>,
     /// Effects that the model has, refitted.
     pub effects: Vec<CandidateReport>,
     /// Their values, and those of the effect that leads, with their joint covariance; null where there are none.

@@ -12,6 +12,7 @@ use super::found::{AtHeight, Found, NEAR};
 use super::misfit::Loss;
 use super::problem::Problem;
 use super::score::{Scored, Sighting};
+use super::state::State;
 use crate::model::effect::{EffectKind, Evidence, KINDS, Where};
 
 /// What a search has found.
@@ -29,7 +30,7 @@ pub(super) struct Searched {
 
 /// How closely a candidate is fitted.
 #[derive(Debug, Clone, Copy)]
-enum Effort {
+pub(super) enum Effort {
     /// One start, and no further than what is far off is brought near: for one that others are far above.
     Little,
     /// Several starts, until nothing changes.
@@ -37,7 +38,7 @@ enum Effort {
 }
 
 /// Scores of each kind, best first; the kind with the best first.
-fn by_kind(scored: Vec<Scored>) -> Vec<Vec<Scored>> {
+pub(super) fn by_kind(scored: Vec<Scored>) -> Vec<Vec<Scored>> {
     let mut kinds: Vec<Vec<Scored>> = Vec::new();
     for one in scored {
         match kinds.iter_mut().find(|kind| kind[0].candidate.kind == one.candidate.kind) {
@@ -131,13 +132,17 @@ impl Problem {
         let own = problem.weigh_each(present, &mut found);
         let without = problem.state_without_scatter(present.effects()).ok();
         let passes = own.as_ref().map_or(present, |(_, own)| own).passes();
-        found.par_iter_mut().for_each(|found| {
-            found.left = without.as_ref().and_then(|without| problem.left_with(without, found));
-            // Where the tolerance accounts for all that is left, the evidence is right about what scatter can do.
-            let is_accounted_for = !found.own().discrepancy.misses_more();
-            found.helps = is_accounted_for || found.left.is_none_or(|left| left.is_relief(passes));
-        });
+        found.par_iter_mut().for_each(|found| problem.note_left(without.as_ref(), passes, found));
         Searched { settled, own, found, rejected }
+    }
+
+    /// Notes what an effect leaves of the differences of the model `without` it and without scatter, and whether that helps; `passes`
+    /// says whether that model fits as it is.
+    pub(super) fn note_left(&self, without: Option<&State>, passes: bool, found: &mut Found) {
+        found.left = without.and_then(|without| self.left_with(without, found));
+        // Where the tolerance accounts for all that is left, the evidence is right about what scatter can do.
+        let is_accounted_for = !found.own().discrepancy.misses_more();
+        found.helps = is_accounted_for || found.left.is_none_or(|left| left.is_relief(passes));
     }
 
     /// The discrepancy that the best of a few kinds leaves, at the places that promise most.
@@ -329,7 +334,7 @@ impl Problem {
 
     /// Refits a kind at its best places, of which `look` is the first, and (with `further`) from there at their neighbours
     /// while that gains; the evidence is averaged over all `hypotheses`, of which those that were not scored explain nothing.
-    fn refit(
+    pub(super) fn refit(
         &self,
         present: &Fit,
         scored: &[Scored],
@@ -414,7 +419,7 @@ impl Problem {
     }
 
     /// Refits one candidate, from the values of the linear step and from those of a fit near by.
-    fn refit_one(&self, present: &Fit, scored: &Scored, near: Option<&Fit>, effort: Effort) -> Option<Fit> {
+    pub(super) fn refit_one(&self, present: &Fit, scored: &Scored, near: Option<&Fit>, effort: Effort) -> Option<Fit> {
         let (most, losses): (usize, &[Loss]) = match effort {
             Effort::Little => (1, &[Loss::Squares]),
             Effort::Full => (usize::MAX, &[Loss::Squares, Loss::Robust]),

@@ -42,6 +42,7 @@ pub(crate) fn measured(
             number: mode + 1,
             frequency_hz: frequency_hz * (1.0 + 5e-4 * normal(random)),
             frequency_std_hz: Some(5e-4 * frequency_hz),
+            stated: None,
             damping_ratio: Some(0.01 + view.damping_ratio(mode)),
             damping_ratio_std: None,
             shape: Some(MeasuredShape {

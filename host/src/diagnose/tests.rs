@@ -309,6 +309,38 @@ fn are_unknown(cases: &[(&str, &[&str])]) {
 }
 
 /// Only the phases show a clock: positive delays are late samples, found with their sign.
+/// Several effects at once: no single one passes, and the set has those that were hidden, each with its value.
+fn have_hidden(cases: &[&[&str]]) {
+    for (seed, words) in (51..).zip(cases) {
+        let diagnosis = diagnosed(words, seed, &Options::default());
+        assert_eq!(diagnosis.verdict, Verdict::Unknown, "{words:?}: {:?}", diagnosis.best);
+        let set = diagnosis.partial.unwrap();
+        let names: Vec<String> = set.effects.iter().map(PartialEffect::name).collect();
+        assert_eq!(set.effects.len(), words.len(), "{words:?}: {names:?}");
+        assert!(set.after.p_value > FAILS && set.before.p_value < 1e-6, "{words:?}: {:?}", set.after);
+        assert!(set.after.chi_squared < 0.2 * set.before.chi_squared, "{words:?}: {:?}", set.after);
+        assert!(
+            set.mean_abs_frequency_error_percent_after < 0.5 * set.mean_abs_frequency_error_percent_before,
+            "{words:?}: {set:?}"
+        );
+        for truth in effects(words) {
+            let found = set.effects.iter().find(|found| found.effect == truth.kind());
+            let found = found.unwrap_or_else(|| panic!("{truth} is not in {names:?}"));
+            assert!(found.probability > 0.9 && found.log_bayes_factor > STANDS_OUT, "{found:?}");
+            assert!(found.chi_squared_without > set.after.chi_squared, "{found:?}");
+            let ((_, value), estimate) = (truth.parameters().next().unwrap(), &found.parameters[0]);
+            let off = (estimate.value - value).abs();
+            assert!(off < 4.0 * estimate.std.unwrap() + 0.1 * value.abs(), "{truth}: {estimate:?}");
+        }
+    }
+}
+
+/// Where the verdict is an effect, or that none is missing, there is no set.
+#[test]
+fn a_verdict_needs_no_set() {
+    assert_eq!(diagnosed(&["base-rotation=8e-15"], 1, &Options::default()).partial, None);
+}
+
 #[test]
 fn a_late_clock_is_found_by_its_phases() {
     for delay in [0.04, -0.03] {
@@ -416,6 +448,12 @@ mod long {
     #[ignore = "long: ./test --all runs it"]
     fn nothing_passes_for_an_effect_outside_the_catalogue() {
         are_unknown(&OUTSIDE);
+    }
+
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn of_several_effects_at_once_the_set_has_those_that_were_hidden() {
+        have_hidden(&[&["base-rotation=8e-15", "added-mass@300m=6e6", "stiffness-loss@200m=0.5"]]);
     }
 
     /// Two effects at once: adding step by step finds both, and a first pick that the second makes needless goes again.

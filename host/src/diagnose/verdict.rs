@@ -13,6 +13,7 @@ use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
 use super::found::Found;
 use super::near::Near;
+use super::partial_report::PartialAnswer;
 use super::posterior::{Hypothesis, Probabilities, posterior};
 use super::problem::Problem;
 use super::report::{
@@ -25,7 +26,7 @@ use super::signals::{Signal, Signals, all_shown, shown};
 use super::state::State;
 use crate::compare::{exceeding, levels};
 use crate::model::effect::{Effect, Where};
-use crate::modes::MeasuredMode;
+use crate::modes::{MeasuredMode, are_known};
 
 /// Effects whose predictions have this squared cosine are twins.
 pub(super) const TWINS: f64 = 0.99;
@@ -54,6 +55,10 @@ pub fn diagnose(
     let mut diagnosis = weighed.told(problem, present);
     diagnosis.warnings.extend(weighed.no_help(problem));
     diagnosis.fingerprints = searched.fingerprints(settled, &weighed.first_found());
+    if matches!(weighed.leads, Leads::SomethingElse) {
+        let answer = searched.best_set(settled, &found, options).map(|set| PartialAnswer::of(&set));
+        diagnosis.partial = answer.filter(PartialAnswer::brings_nearer);
+    }
     if !matches!(weighed.leads, Leads::Signal(_)) {
         let best = diagnosis.best.first().map(String::as_str);
         diagnosis.elsewise = problem.elsewise(at_its_own, &found, diagnosis.verdict, best);
@@ -214,6 +219,7 @@ impl<'a> Weighed<'a> {
             discrepancy: shown_fit.discrepancy,
             probabilities: self.probabilities,
             elsewise: Vec::new(),
+            partial: None,
             present: present.goodness_of_fit().into(),
             unexplained: unexplained(problem, shown_fit),
             explained: explained(problem, present, shown_fit),
@@ -254,23 +260,11 @@ impl<'a> Weighed<'a> {
 
     /// Candidates by their probability, the one that is named first before all others.
     fn candidate_reports(&self, first: Option<&String>) -> Vec<CandidateReport> {
-        let near =
-            |(place, below): &(Where, f64)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below };
-        let of_found = |(found, prior_odds, probability): &(&Found, f64, f64)| {
-            let mut candidate = CandidateReport {
-                near: found.near.iter().map(near).collect(),
-                where_std_m: found.height.as_ref().map(|height| height.std_m),
-                prior_odds: Some(*prior_odds),
-                probability: Some(*probability),
-                errors_left: found.left,
-                ..report(found.own(), found.index(), Some(found.log_bayes_factor))
-            };
-            // Elsewhere it would have other values.
-            let spread = found.height.as_ref().map_or(&[][..], |height| &height.values);
-            for (parameter, spread) in candidate.parameters.iter_mut().zip(spread) {
-                parameter.std = parameter.std.map(|std| std.hypot(*spread));
-            }
-            candidate
+        let of_found = |(found, prior_odds, probability): &(&Found, f64, f64)| CandidateReport {
+            prior_odds: Some(*prior_odds),
+            probability: Some(*probability),
+            errors_left: found.left,
+            ..height_report(found, found.own())
         };
         let of_signal = |(signal, prior_odds, probability): &(&Signal, f64, f64)| CandidateReport {
             prior_odds: Some(*prior_odds),
@@ -368,10 +362,10 @@ fn unused_modes(problem: &Problem) -> Vec<String> {
         ));
     }
     if problem.measured().iter().all(|mode| mode.shape.is_none()) {
-        warnings.push(
-            "no shapes were measured: which mode is which is a guess, and effects that lower the same frequencies cannot be told apart; shapes at a few heights would decide more than any better frequency"
-                .to_owned(),
-        );
+        let guess = if are_known(problem.measured()) { "" } else { "which mode is which is a guess, and " };
+        warnings.push(format!(
+            "no shapes were measured: {guess}effects that move the same frequencies cannot be told apart; shapes at a few heights would decide more than any better frequency"
+        ));
     }
     if !problem.complex.is_empty() {
         warnings.push(told(
@@ -404,6 +398,23 @@ fn unused_modes(problem: &Problem) -> Vec<String> {
 fn told(numbers: &[usize], of_one: &str, of_several: &str) -> String {
     let words = if numbers.len() == 1 { of_one } else { of_several };
     words.replace("{}", &numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(", "))
+}
+
+/// What was found, as a fit has it, with what is known of its height.
+pub(super) fn height_report(found: &Found, fit: &Fit) -> CandidateReport {
+    let near =
+        |(place, below): &(Where, f64)| NearPlace { r#where: place.to_string(), log_evidence_below_best: *below };
+    let mut candidate = CandidateReport {
+        near: found.near.iter().map(near).collect(),
+        where_std_m: found.height.as_ref().map(|height| height.std_m),
+        ..report(fit, found.index(), Some(found.log_bayes_factor))
+    };
+    // Elsewhere it would have other values.
+    let spread = found.height.as_ref().map_or(&[][..], |height| &height.values);
+    for (parameter, spread) in candidate.parameters.iter_mut().zip(spread) {
+        parameter.std = parameter.std.map(|std| std.hypot(*spread));
+    }
+    candidate
 }
 
 fn report(fit: &Fit, effect: usize, log_bayes_factor: Option<f64>) -> CandidateReport {
@@ -522,7 +533,7 @@ fn rows_of_single_modes(fit: &Fit) -> Vec<bool> {
     rows
 }
 
-fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
+pub(super) fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
     let state = &fit.state;
     let mut sensors = vec![(0.0, 0usize); problem.sensors.len()];
     let mut by_mode = Vec::new();

@@ -1,4 +1,4 @@
-//! Modes as a CSV table: `mode, frequency_hz, frequency_std_hz, damping_ratio`, then a column a channel, and `CHANNEL_std`.
+//! Modes as a CSV table: `mode, frequency_hz, frequency_std_hz, damping_ratio, model_mode`, then a column a channel, and `CHANNEL_std`.
 //!
 //! Only `frequency_hz` is needed. A component is a number, or a complex one as `0.5-0.1i`; an empty cell or NaN is a
 //! component that is not known.
@@ -10,6 +10,7 @@ use num_complex::Complex64;
 use super::channel::{known_channels, sensor_named};
 use super::error::MeasuredError;
 use super::shape::{RawComponent, RawMode};
+use super::stated::StatedMode;
 use crate::study::Sensor;
 
 /// What a column holds.
@@ -19,6 +20,8 @@ enum Column {
     FrequencyStd,
     Damping,
     DampingStd,
+    /// Which of the model's modes it is.
+    ModelMode,
     /// Of later use, or of other tools: what identify prints beside.
     Ignored,
     Component(usize),
@@ -38,11 +41,19 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
         let reason = "the column `frequency_hz` is missing; expected mode,frequency_hz,frequency_std_hz,damping_ratio and a column a channel";
         return Err(MeasuredError::Syntax { file: path.to_owned(), line: 1, reason: reason.to_owned() });
     }
-    let mut modes = Vec::new();
+    let mut modes: Vec<RawMode> = Vec::new();
     for record in reader.records() {
         let record = record.map_err(syntax)?;
         let row = Row { path, header: &header, line: record.position().map_or(0, csv::Position::line) };
-        modes.push(row.mode(&record, &columns, modes.len() + 1)?);
+        let mode = row.mode(&record, &columns, modes.len() + 1)?;
+        if let Some(stated) = &mode.stated {
+            let same = |other: &&RawMode| other.stated.as_ref().is_some_and(|other| other.number == stated.number);
+            if let Some(other) = modes.iter().find(same) {
+                let (file, line, number) = (path.to_owned(), stated.line, stated.number);
+                return Err(MeasuredError::SameModelMode { file, line, number, other: other.number });
+            }
+        }
+        modes.push(mode);
     }
     Ok(modes)
 }
@@ -54,6 +65,7 @@ fn column(path: &Path, name: &str, sensors: &[Sensor]) -> Result<Column, Measure
         "frequency_std_hz" => Column::FrequencyStd,
         "damping_ratio" => Column::Damping,
         "damping_ratio_std" => Column::DampingStd,
+        "model_mode" => Column::ModelMode,
         "phase_collinearity" | "type" => Column::Ignored,
         _ => match (sensor_named(sensors, name), name.strip_suffix("_std")) {
             (Some(sensor), _) => Column::Component(sensor),
@@ -86,6 +98,7 @@ impl Row<'_> {
             frequency_std_hz: None,
             damping_ratio: None,
             damping_ratio_std: None,
+            stated: None,
             components: Vec::new(),
         };
         let mut stds = Vec::new();
@@ -104,6 +117,13 @@ impl Row<'_> {
                 Column::FrequencyStd => mode.frequency_std_hz = self.number(index, cell, "a standard deviation")?,
                 Column::Damping => mode.damping_ratio = self.number(index, cell, "a damping ratio")?,
                 Column::DampingStd => mode.damping_ratio_std = self.number(index, cell, "a standard deviation")?,
+                Column::ModelMode if cell.is_empty() => {}
+                Column::ModelMode => {
+                    let number = cell.parse().ok().filter(|number| *number > 0);
+                    let number =
+                        number.ok_or_else(|| self.value(index, cell, "the number of a mode of the model, from 1,"))?;
+                    mode.stated = Some(StatedMode::new(number, self.line));
+                }
                 Column::Ignored => {}
                 Column::Component(sensor) => {
                     let value = self.component(index, cell)?;

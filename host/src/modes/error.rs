@@ -67,6 +67,34 @@ pub enum MeasuredError {
         /// The number.
         number: usize,
     },
+    /// Two modes that are said to be one of the model's.
+    #[error(
+        "{}, line {line}: model_mode {number} is that of measured mode {other} already; each of the model's modes has one partner, and an empty cell leaves it open", file.display()
+    )]
+    SameModelMode {
+        /// The file.
+        file: PathBuf,
+        /// 1-based line.
+        line: u64,
+        /// The number of the model's mode.
+        number: usize,
+        /// The measured mode that has it.
+        other: usize,
+    },
+    /// A mode that the model does not have.
+    #[error(
+        "{}, line {line}: model_mode {number}, but the model as first given has {modes} modes; they count from 1, lowest frequency first, as `belfry compare` shows them", file.display()
+    )]
+    NoSuchModelMode {
+        /// The file.
+        file: PathBuf,
+        /// 1-based line.
+        line: u64,
+        /// The number in the file.
+        number: usize,
+        /// How many modes the model has.
+        modes: usize,
+    },
     /// A frequency that none can be.
     #[error("{}, mode {number}: the frequency is {frequency_hz} Hz; expected a number above 0", file.display())]
     Frequency {

@@ -80,6 +80,7 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
             number: mode.number.unwrap_or(index + 1),
             frequency_hz: mode.frequency_hz,
             frequency_std_hz: mode.frequency_std_hz,
+            stated: None,
             damping_ratio: mode.damping_ratio,
             damping_ratio_std: mode.damping_ratio_std,
             scatter: of_frequency,

@@ -6,6 +6,8 @@ use std::path::PathBuf;
 
 use nalgebra::{DMatrix, DVector, RowDVector};
 
+use super::stated::StatedMode;
+
 /// Modes with what is known of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasuredModes {
@@ -30,6 +32,8 @@ pub struct MeasuredMode {
     pub damping_ratio: Option<f64>,
     /// Its standard deviation, where known and above 0.
     pub damping_ratio_std: Option<f64>,
+    /// Which of the model's modes it is, where the file says so.
+    pub stated: Option<StatedMode>,
     /// Its shape; `None` where only the frequency is known.
     pub shape: Option<MeasuredShape>,
     /// How the errors of its numbers are correlated; `None` where the file does not tell.

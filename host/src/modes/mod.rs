@@ -10,6 +10,7 @@ mod error;
 mod json;
 mod measured;
 mod shape;
+mod stated;
 #[cfg(test)]
 mod tests;
 mod uff;
@@ -24,6 +25,8 @@ pub use error::MeasuredError;
 pub(crate) use measured::{CLOSE, WRONG_BY, WRONGLY_IDENTIFIED};
 pub use measured::{MeasuredCovarianceFactor, MeasuredMode, MeasuredModes, MeasuredShape};
 use shape::RawMode;
+pub use stated::StatedMode;
+pub(crate) use stated::are_known;
 pub(crate) use uff::node_and_direction;
 
 /// Reads a file of modes; its ending says what it is (`.json`, `.csv`, `.uff` or `.unv`), and where that says nothing, its

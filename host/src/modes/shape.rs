@@ -7,6 +7,7 @@ use num_complex::Complex64;
 
 use super::error::MeasuredError;
 use super::measured::{MeasuredCovarianceFactor, MeasuredMode, MeasuredShape};
+use super::stated::StatedMode;
 use crate::identify::phase_collinearity;
 use crate::study::Sensor;
 
@@ -17,6 +18,7 @@ pub(super) struct RawMode {
     pub(super) frequency_std_hz: Option<f64>,
     pub(super) damping_ratio: Option<f64>,
     pub(super) damping_ratio_std: Option<f64>,
+    pub(super) stated: Option<StatedMode>,
     pub(super) components: Vec<RawComponent>,
     /// Its group and the frequency's row, where the file tells how errors are correlated.
     pub(super) scatter: Option<(usize, Vec<f64>)>,
@@ -64,6 +66,7 @@ impl RawMode {
             frequency_std_hz: known(self.frequency_std_hz),
             damping_ratio: known(self.damping_ratio),
             damping_ratio_std: known(self.damping_ratio_std),
+            stated: self.stated,
             shape,
             covariance_factor: self.scatter.map(|(group, row)| MeasuredCovarianceFactor {
                 group,

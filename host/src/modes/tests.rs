@@ -55,6 +55,21 @@ fn a_csv_table_has_a_column_a_channel_and_needs_only_frequencies() {
 }
 
 #[test]
+fn a_file_may_state_which_of_the_models_modes_each_is() {
+    let text = "mode,frequency_hz,model_mode\n1,0.5,\n2,1.5,3\n3,1.4,2\n";
+    let mut modes = read_text("modes.csv", text, &[]).unwrap();
+    let numbers: Vec<Option<usize>> =
+        modes.modes.iter().map(|mode| mode.stated.as_ref().map(|stated| stated.number)).collect();
+    assert_eq!(numbers, [None, Some(2), Some(3)]);
+    assert!(modes.has_stated() && !are_known(&modes.modes) && are_known(&modes.modes[1..]));
+    // A model of two modes has no third; the file's line says where that stands.
+    let identity = nalgebra::DMatrix::identity(2, 2);
+    let two = crate::model::Modes { frequency_hz: vec![1.0, 2.0], shapes: identity.clone() };
+    let error = modes.find_stated(&identity, &two).unwrap_err().to_string();
+    assert!(error.contains("modes.csv, line 3: model_mode 3, but the model as first given has 2 modes"), "{error}");
+}
+
+#[test]
 fn a_covariance_factor_follows_its_shape_to_another_sign_length_and_order() {
     let file = |factor: &str| {
         format!(
@@ -122,6 +137,10 @@ fn csv_slips_are_told_by_line_and_column() {
     assert_told(csv, "mode,frequency_hz,a,b\n1,0.5,0,0\n", &["a", "b"], &["mode 1", "zero"]);
     assert_told(csv, "mode,frequency_hz\n1,0.5\n1,0.6\n", &[], &["two modes have the number 1"]);
     assert_told(csv, "mode,frequency_hz,a,a\n1,0.5,1,1\n", &["a"], &["mode 1: channel a has two components"]);
+    assert_told(csv, "mode,frequency_hz,model_mode\n1,0.5,\n2,0.6,0\n", &[], &["line 3, column `model_mode`: `0`"]);
+    assert_told(csv, "mode,frequency_hz,model_mode\n1,0.5,first\n", &[], &["line 2, column `model_mode`: `first`"]);
+    let twice = "mode,frequency_hz,model_mode\n1,0.5,4\n2,0.6,\n7,0.7,4\n";
+    assert_told(csv, twice, &[], &["line 4: model_mode 4", "measured mode 1 already"]);
     assert_told(csv, "mode,frequency_hz\n", &[], &["no modes"]);
     assert_told(csv, "mode,frequency_hz\n1,0.5,7\n", &[], &["line 2"]);
 }

@@ -79,6 +79,7 @@ pub(super) fn modes(
                 number: mode.number,
                 frequency_hz: mode.frequency_hz,
                 frequency_std_hz: None,
+                stated: None,
                 damping_ratio: Some(mode.damping_ratio),
                 damping_ratio_std: None,
                 components,

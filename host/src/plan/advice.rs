@@ -3,7 +3,7 @@
 use super::law::{Conditions, ORDINARY_DAMPING, ORDINARY_NOISE_PERCENT};
 use super::places::sensor_at;
 use super::{Plan, Request, SensorOption, Site, WANTED, plan};
-use crate::diagnose::Diagnosis;
+use crate::diagnose::{Diagnosis, Estimate, PartialAnswer, PartialEffect, STANDS_OUT};
 use crate::model::effect::{Effect, Where, named_in_study};
 use crate::modes::MeasuredMode;
 use crate::statistics::median;
@@ -22,13 +22,42 @@ pub(crate) fn advice(
     record_hours: Option<f64>,
 ) -> Option<String> {
     let names = diagnosis.ambiguous.first()?;
-    let effect = found(diagnosis, names.first()?, site.sensors)?;
-    let rivals = names.get(1..)?.iter().map(|name| named_in_study(name, site.sensors).ok());
-    let against = rivals.map(|rival| Some((rival?.0, None))).collect::<Option<Vec<_>>>()?;
+    let candidate = diagnosis.candidates.iter().find(|candidate| Some(&candidate.name()) == names.first())?;
+    let effect = with_values(&candidate.name(), &candidate.parameters, site.sensors)?;
+    best_line(site, measured, effect, names.get(1..)?, record_hours?)
+}
+
+/// The same for the least sure effect of a partial answer and what does nearly as well in its place, beside the other effects.
+pub(crate) fn advice_beside(
+    site: &Site<'_>,
+    measured: &[MeasuredMode],
+    partial: &PartialAnswer,
+    record_hours: Option<f64>,
+) -> Option<String> {
+    let hours = record_hours?;
+    let (least_sure, rival) = partial.least_sure()?;
+    // What the evidence tells apart needs no other record.
+    (rival.log_evidence_below < STANDS_OUT).then_some(())?;
+    let fitted = |one: &PartialEffect| with_values(&one.name(), &one.parameters, site.sensors);
+    let others = partial.effects.iter().filter(|other| *other != least_sure).map(fitted);
+    let effects: Vec<Effect> = site.effects.iter().cloned().map(Some).chain(others).collect::<Option<_>>()?;
+    let beside = Site { effects: &effects, ..*site };
+    best_line(&beside, measured, fitted(least_sure)?, std::slice::from_ref(&rival.effect), hours)
+}
+
+/// The best line of a plan for an effect and those that it may be taken for.
+fn best_line(
+    site: &Site<'_>,
+    measured: &[MeasuredMode],
+    effect: Effect,
+    rivals: &[String],
+    hours: f64,
+) -> Option<String> {
+    let kinds = rivals.iter().map(|name| named_in_study(name, site.sensors).ok());
+    let against = kinds.map(|rival| Some((rival?.0, None))).collect::<Option<Vec<_>>>()?;
     let lowest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(f64::INFINITY, f64::min);
     let highest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
     let mut damping: Vec<f64> = measured.iter().filter_map(|mode| mode.damping_ratio).collect();
-    let hours = record_hours?;
     let request = Request {
         effect,
         against,
@@ -43,16 +72,15 @@ pub(crate) fn advice(
         },
         seed: 0,
     };
-    sentence(&plan(site, &request, &mut |_, _| {}).ok()?, hours, &names[1..])
+    sentence(&plan(site, &request, &mut |_, _| {}).ok()?, hours, rivals)
 }
 
-/// The effect that a diagnosis found, with its values.
-fn found(diagnosis: &Diagnosis, name: &str, sensors: &[Sensor]) -> Option<Effect> {
-    let candidate = diagnosis.candidates.iter().find(|candidate| candidate.name() == *name)?;
+/// An effect that a diagnosis found, with its values.
+fn with_values(name: &str, fitted: &[Estimate], sensors: &[Sensor]) -> Option<Effect> {
     let (kind, place) = named_in_study(name, sensors).ok()?;
-    let values: Vec<f64> = candidate.parameters.iter().map(|parameter| parameter.value).collect();
+    let values: Vec<f64> = fitted.iter().map(|parameter| parameter.value).collect();
     let is_it = |set: &&&'static [crate::model::effect::Parameter]| {
-        set.len() == values.len() && set.iter().zip(&candidate.parameters).all(|(a, b)| a.name == b.name)
+        set.len() == values.len() && set.iter().zip(fitted).all(|(a, b)| a.name == b.name)
     };
     let parameters = kind.parameter_sets().iter().find(is_it)?;
     Effect::with_parameters(kind, place, parameters, &values).ok()

@@ -139,6 +139,7 @@ impl Responses {
             number,
             frequency_hz,
             frequency_std_hz: Some(frequency_std_hz),
+            stated: None,
             damping_ratio: Some(damping_ratio),
             damping_ratio_std: None,
             // Errors of different modes are taken as independent.

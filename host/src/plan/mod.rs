@@ -17,7 +17,7 @@ mod tests;
 
 use rayon::prelude::*;
 
-pub(crate) use advice::advice;
+pub(crate) use advice::{advice, advice_beside};
 pub use error::PlanError;
 pub use law::{Conditions, ORDINARY_DAMPING, ORDINARY_NOISE_PERCENT};
 pub use places::read_places;

@@ -13,7 +13,7 @@ use crate::diagnose::{Diagnosis, Options, Signals, diagnose, fit_as_given};
 use crate::model::effect::Effect;
 use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load};
 use crate::modes::{MeasuredError, MeasuredModes, read};
-use crate::plan::{Site, advice};
+use crate::plan::{Site, advice, advice_beside};
 use crate::results::{MODES_FILE, Results};
 use crate::study::{STUDY_FILE, Sensor, Study};
 
@@ -54,9 +54,13 @@ impl Case {
     ///
     /// # Errors
     /// When the study has no model, it cannot be read, or it does not go with the modes.
-    pub(super) fn of(study: Study, measured: MeasuredModes) -> Result<Self, StoryError> {
+    pub(super) fn of(study: Study, mut measured: MeasuredModes) -> Result<Self, StoryError> {
         let model = load(&study)?;
         let sensors = study.sensors();
+        if measured.has_stated() {
+            let given = model.as_given();
+            measured.find_stated(&given.mass, &given.modes().map_err(ViewError::Eigen)?)?;
+        }
         let mut warnings = measured.warnings.clone();
         let structure = model.structure()?;
         let assembly = structure.assemble();
@@ -158,8 +162,13 @@ impl Case {
         let setting = self.setting()?;
         let mut diagnosis = diagnose(&setting.problem(effects)?, effects, &self.signals()?, &options)?;
         let Setting { bare, model, sensors, measured } = setting;
-        let planned = advice(&Site { bare, model, effects, sensors }, measured, &diagnosis, self.record_hours());
+        let (site, hours) = (Site { bare, model, effects, sensors }, self.record_hours());
+        let planned = advice(&site, measured, &diagnosis, hours);
         diagnosis.next_measurement = planned.or(diagnosis.next_measurement);
+        if let Some(partial) = &mut diagnosis.partial {
+            let planned = advice_beside(&site, measured, partial, hours);
+            partial.next_measurement = planned.or(partial.next_measurement.take());
+        }
         Ok(diagnosis)
     }
 

@@ -9,7 +9,7 @@ use crate::compare::Comparison;
 use crate::diagnose::steps::{FittedEffect, Step, StepRecord};
 use crate::diagnose::{Estimate, FAILS, Options, shown_effects};
 use crate::model::effect::{self, Effect, EffectError, EffectKind, Evidence, PlaceKind, Where};
-use crate::modes::MeasuredError;
+use crate::modes::{MeasuredError, are_known};
 use crate::results::Results;
 use crate::study::Sensor;
 use crate::study::edit::{EffectEntry, set_effects};
@@ -49,7 +49,7 @@ pub struct EffectReport {
 pub enum AutoEnd {
     /// No effect is called for; the model stays as it is.
     NothingGained,
-    /// Only frequencies were measured, which cannot tell several effects apart; nothing was written.
+    /// Only frequencies were measured, and which mode is which is not known; nothing was written.
     FrequenciesAlone,
     /// The effects together do not explain the measurement; nothing was written.
     Unexplained {
@@ -147,7 +147,7 @@ pub fn add_until_nothing_gains(
         results.append_history(&records, &data_mark(case)?)?;
         return Ok(AutoEnd::NothingGained);
     };
-    if case.measured.modes.iter().all(|mode| mode.shape.is_none()) {
+    if !are_known(&case.measured.modes) {
         return Ok(AutoEnd::FrequenciesAlone);
     }
     if p_value < FAILS {

@@ -64,6 +64,7 @@ fn measured(structure: &Structure, sensors: &[Sensor], modes: usize, seed: u64) 
                 number: mode + 1,
                 frequency_hz: view.modes.frequency_hz[mode],
                 frequency_std_hz: Some(1e-4),
+                stated: None,
                 damping_ratio: None,
                 damping_ratio_std: None,
                 shape: Some(MeasuredShape {

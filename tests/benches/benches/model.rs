@@ -55,6 +55,7 @@ fn update(criterion: &mut Criterion) {
                 number: mode + 1,
                 frequency_hz: field.modes.frequency_hz[mode],
                 frequency_std_hz: Some(1e-3 * field.modes.frequency_hz[mode]),
+                stated: None,
                 damping_ratio: None,
                 damping_ratio_std: None,
                 shape: Some(MeasuredShape { imaginary: None, sensors: (0..values.len()).collect(), values, stds }),

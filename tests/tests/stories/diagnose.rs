@@ -243,8 +243,11 @@ fn what_explains_too_little_is_not_added_by_itself() {
     let place = measured_frequencies(folder.path());
     let before = fs::read_to_string(folder.path().join("study.toml")).unwrap();
     let assert = belfry_command().args(["diagnose", &place, "--auto"]).assert().success();
-    let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    let output = assert.get_output();
+    let said = String::from_utf8(output.stderr.clone()).unwrap();
     assert!(said.contains("nothing was added"), "{said}");
+    // What explains most is shown all the same.
+    assert!(String::from_utf8_lossy(&output.stdout).contains("A lead, not a finding"));
     assert_eq!(fs::read_to_string(folder.path().join("study.toml")).unwrap(), before);
 }
 

@@ -19,6 +19,7 @@ mod link;
 mod model;
 mod next;
 mod outcome;
+mod partial;
 mod plan;
 mod published;
 mod real_records;

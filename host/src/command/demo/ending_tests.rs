@@ -50,6 +50,7 @@ fn diagnosis(verdict: Verdict, best: &[&str], ambiguous: &[&str], candidates: Ve
         discrepancy: Discrepancy::default(),
         probabilities: Probabilities::default(),
         elsewise: Vec::new(),
+        partial: None,
         present: test,
         unexplained: Unexplained { by_mode: vec![odd], by_sensor: Vec::new(), by_height: Vec::new() },
         explained: Vec::new(),
