@@ -26,7 +26,7 @@ const IN_COMMON: f64 = 0.866;
 /// to 0.2 %, need up to 25 % more shear stiffness, and fail the test of fit.
 const BENDING_ITS_OWN: f64 = 0.5;
 const TORSION_ITS_OWN: f64 = 1.0;
-const SHEAR_ITS_OWN: f64 = 3.0;
+const SHEAR_ITS_OWN: f64 = 2.0;
 /// That varies over the height as the kind of section does: over this many correlation lengths.
 const OF_A_KIND: f64 = 3.0;
 

@@ -82,6 +82,9 @@ impl<'a> Near<'a> {
 
     /// Directions of the scatter's numbers that the measurement sees: numbers x directions, at right angles.
     fn seen(&self, problem: &Problem) -> Option<DMatrix<f64>> {
+        if self.scatter == 0 {
+            return None;
+        }
         let state = &self.fit.state;
         let errors = self.errors.get_or_init(|| problem.errors(&state.residual));
         let factors = problem.factors_of(&state.residual, errors, &Discrepancy::NONE)?;

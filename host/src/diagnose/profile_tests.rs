@@ -11,7 +11,7 @@ use super::steps::Setting;
 use super::testing::{measured, normal, study};
 use super::*;
 use crate::compare::Tolerance;
-use crate::model::{BeamTable, Body, Stiffness, Structure};
+use crate::model::{BeamTable, Body, Segment, Stiffness, Structure};
 use crate::modes::MeasuredMode;
 use crate::study::{Model, Sensor};
 
@@ -97,7 +97,21 @@ fn deviations_are_those_of_an_independent_computation() {
         structure.spread_masses(0.5 * change);
         structure
     });
-    let before = tolerance.covariance;
+    let mut before = tolerance.covariance;
+    // How the foot is held: a fifth of the radius of gyration of more or less length to bend, in both directions together.
+    let radius_m = {
+        let sum = |of: &dyn Fn(&Segment) -> f64| beam.segments().iter().map(of).sum::<f64>();
+        (sum(&|segment| segment.inertia_kg_m2[2]) / sum(&|segment| segment.mass_top_kg)).sqrt()
+    };
+    let base_m = beam.z_base_m();
+    let lowest = beam.segments().iter().take_while(|segment| segment.z_top_m - base_m < radius_m).count().max(1);
+    let foot = 0.2 * radius_m / (beam.segments()[lowest - 1].z_top_m - base_m);
+    let is_bending = |index: usize| {
+        matches!(tolerance.quantities[index / segments], Some(Stiffness::Bending1 | Stiffness::Bending2))
+    };
+    let at_foot = |index: usize| if is_bending(index) && index % segments < lowest { foot } else { 0.0 };
+    let at_foot = DVector::from_fn(before.nrows(), |index, _| at_foot(index));
+    before += &at_foot * at_foot.transpose();
     let noise = DMatrix::identity(count, count) * std.powi(2) + &by_spread * by_spread.transpose();
     let gain = (&by_segments * &before * by_segments.transpose() + noise).try_inverse().unwrap();
     let after = &before - &before * by_segments.transpose() * gain * &by_segments * &before;

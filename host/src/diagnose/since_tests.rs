@@ -44,9 +44,10 @@ fn a_loss_is_found_at_its_height_by_a_model_that_is_wrong() {
     assert!((height_m(&found) - 285.0).abs() < 15.0, "{:?}", found.best);
     let value = &found.candidates[0].parameters[0];
     assert!((value.value - 0.25).abs() < 4.0 * value.std.unwrap() + 0.05, "{value:?}");
-    // What the effect makes of each frequency is what was measured, to the errors of both.
+    // What the effect makes of each frequency is what was measured, to the errors of both and to a tenth by which a wrong model answers it.
     for mode in &found.predicted {
-        assert!((mode.predicted_percent.unwrap() - mode.change_percent).abs() < 0.3, "{mode:?}");
+        let left = (mode.predicted_percent.unwrap() - mode.change_percent).abs();
+        assert!(left < 0.2 + 0.1 * mode.change_percent.abs(), "{mode:?}");
     }
 }
 
