@@ -100,8 +100,8 @@ fn table(profile: &Profile) -> Columns {
     }
     let scatter = profile.discrepancy.scatter;
     let before = |times: f64| -> Vec<String> {
-        let most = |one: &QuantityProfile| one.segments.iter().map(|segment| segment.prior_std).fold(0.0, f64::max);
-        profile.quantities.iter().map(|one| format!("± {:.1}", 100.0 * most(one) * times / scatter)).collect()
+        let tolerance = |one: &QuantityProfile| 100.0 * one.prior_std() * times / scatter;
+        profile.quantities.iter().map(|one| format!("± {:.1}", tolerance(one))).collect()
     };
     table.row(std::iter::once("study.toml".to_owned()).chain(before(1.0)));
     if profile.discrepancy.scatter_in_words().is_some() {

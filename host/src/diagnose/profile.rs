@@ -129,6 +129,13 @@ impl Quantity {
     }
 }
 
+impl QuantityProfile {
+    /// Standard deviation of segments before the measurement, away from the foot: there it is larger, as nobody knows how a foot is held.
+    pub fn prior_std(&self) -> f64 {
+        self.segments.last().map_or(0.0, |top| top.prior_std)
+    }
+}
+
 impl ProfileSegment {
     /// The share of the variance before that the measurement took away: 0 where it says nothing of the segment.
     pub fn learned(&self) -> f64 {

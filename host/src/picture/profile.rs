@@ -41,7 +41,7 @@ pub fn profile(structure: &str, profiles: &Profiles) -> Result<String, PictureEr
         .flat_map(|band| &band.profile.quantities)
         .flat_map(|quantity| quantity.segments.iter().filter(|segment| segment.given.is_some()))
         .map(|segment| (segment.factor - 1.0).abs() + segment.std)
-        .chain(present.quantities.iter().flat_map(|one| &one.segments).map(|segment| stated(present, segment)))
+        .chain(present.quantities.iter().map(|one| stated(present, one)))
         .fold(0.0, f64::max);
     let scale = 1.05 * (100.0 * greatest).max(LEAST_PERCENT);
     let count = present.quantities.len().max(1);
@@ -82,9 +82,9 @@ fn legend(header: &Area<'_>, bands: &[Band<'_>]) -> DrawResult {
     Ok(())
 }
 
-/// The deviation that the study states, however far segments of the fit scatter.
-fn stated(profile: &Profile, segment: &ProfileSegment) -> f64 {
-    segment.prior_std / profile.discrepancy.scatter
+/// The deviation that the study states of a quantity, however far segments of the fit scatter.
+fn stated(profile: &Profile, quantity: &QuantityProfile) -> f64 {
+    quantity.prior_std() / profile.discrepancy.scatter
 }
 
 /// What a quantity is called above its panel.
@@ -113,7 +113,8 @@ fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawR
         .x_label_area_size(34)
         .y_label_area_size(if index == 0 { 44 } else { 30 })
         .build_cartesian_2d(-scale..scale, lowest.z_bottom_m..highest.z_top_m)?;
-    let before = |one: ProfileSegment| ProfileSegment { factor: 1.0, std: stated(bands[0].profile, &one), ..one };
+    let std = stated(bands[0].profile, &bands[0].profile.quantities[index]);
+    let before = |one: ProfileSegment| ProfileSegment { factor: 1.0, std, ..one };
     let tolerance: Vec<ProfileSegment> = of(&bands[0]).into_iter().map(before).collect();
     chart.draw_series(std::iter::once(Polygon::new(outline(&tolerance), TOLERANCE.filled())))?;
     chart
