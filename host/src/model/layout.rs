@@ -146,7 +146,7 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
     Ok(layout)
 }
 
-/// The table that [`read_dofs`] reads: a line a degree of freedom that has a row or is fixed.
+/// The table of degrees of freedom that a study of matrices names: a line a degree of freedom that has a row or is fixed.
 ///
 /// # Errors
 /// When the writer of the format fails.

@@ -28,7 +28,7 @@ impl Case {
     /// The matrices of the model with its effects and its segments as they fit the measurement best.
     ///
     /// # Errors
-    /// As [`profiles`].
+    /// When the model has no segments, the study trusts them, or the effects cannot be fitted.
     pub fn fitted(&self) -> Result<Assembly, StoryError> {
         check_segments(self)?;
         Ok(self.setting()?.fitted(&self.model.effects)?)
