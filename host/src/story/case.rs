@@ -46,16 +46,21 @@ impl Case {
     /// # Errors
     /// When the study has no model or no modes, one of them cannot be read, or they do not go together.
     pub fn load(study: Study) -> Result<Self, StoryError> {
+        let model = load(&study)?;
         let measured = measured_modes(&study, &study.sensors())?;
-        Self::of(study, measured)
+        Self::with(study, model, measured)
     }
 
     /// A study's model and measured modes that may be others than its own.
     ///
     /// # Errors
     /// When the study has no model, it cannot be read, or it does not go with the modes.
-    pub(super) fn of(study: Study, mut measured: MeasuredModes) -> Result<Self, StoryError> {
+    pub(super) fn of(study: Study, measured: MeasuredModes) -> Result<Self, StoryError> {
         let model = load(&study)?;
+        Self::with(study, model, measured)
+    }
+
+    fn with(study: Study, model: LoadedModel, mut measured: MeasuredModes) -> Result<Self, StoryError> {
         let sensors = study.sensors();
         if measured.has_stated() {
             let given = model.as_given();
