@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
-use super::diagnose::{kind, probability_text};
-use super::text::{Columns, mac_text, or_dash, p_is, p_text, short, signed, values_text};
+use super::diagnose::{cells, kind, probability_text, tell_near};
+use super::text::{Columns, mac_text, or_dash, p_is, p_text, short, signed};
 use crate::change::{Changes, LonelyMode, ModeChange};
 use crate::diagnose::{CandidateReport, ChangeDiagnosis, ChangeVerdict, Direction};
 use crate::story::{Project, SinceReport, SinceRequest};
@@ -196,9 +196,8 @@ fn tell_diagnosis(diagnosis: &ChangeDiagnosis, has_changed: bool, console: &Cons
 }
 
 fn row(candidate: &CandidateReport) -> (f64, [String; 3]) {
-    let place_std = candidate.where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
     let probability = candidate.probability.unwrap_or(0.0);
-    (probability, [candidate.name() + &place_std, values_text(&candidate.parameters), probability_text(probability)])
+    (probability, cells(candidate.name(), candidate.where_std_m, &candidate.parameters, probability))
 }
 
 fn tell_verdict(diagnosis: &ChangeDiagnosis, has_changed: bool, console: &Console) {
@@ -212,7 +211,7 @@ fn tell_verdict(diagnosis: &ChangeDiagnosis, has_changed: bool, console: &Consol
         ChangeVerdict::Effect => {
             let why = if has_changed { "It explains the change." } else { "All numbers together hide it, but what there is points to it." };
             console.say(format!("Verdict: {best} {has}. {why}"));
-            tell_near(diagnosis, console);
+            tell_near(&diagnosis.candidates, console);
         }
         ChangeVerdict::Ambiguous => {
             let names = diagnosis.ambiguous.iter().flatten().cloned().collect::<Vec<_>>().join(", ");
@@ -221,13 +220,5 @@ fn tell_verdict(diagnosis: &ChangeDiagnosis, has_changed: bool, console: &Consol
         ChangeVerdict::Unknown => console.say(
             "Verdict: unknown. Something has changed that no single effect of the catalogue explains: several at once, temperature that is not the same everywhere, or a mode that was identified wrongly.",
         ),
-    }
-}
-
-/// Where else the named effect could be.
-fn tell_near(diagnosis: &ChangeDiagnosis, console: &Console) {
-    if let Some(best) = diagnosis.candidates.first().filter(|best| !best.near.is_empty()) {
-        let places: Vec<&str> = best.near.iter().map(|near| near.r#where.as_str()).collect();
-        console.say(format!("  Other places do nearly as well: {}.", places.join(", ")));
     }
 }

@@ -8,7 +8,7 @@ use super::Console;
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_text};
 use crate::diagnose::steps::Step;
 use crate::diagnose::{
-    CandidateReport, Diagnosis, FAILS, Part, PartialEffect, Probabilities, STANDS_OUT, Unexplained, Verdict,
+    CandidateReport, Diagnosis, Estimate, FAILS, Part, PartialEffect, Probabilities, STANDS_OUT, Unexplained, Verdict,
 };
 use crate::model::effect::{self, Evidence};
 use crate::results::FINGERPRINTS_PICTURE;
@@ -168,14 +168,11 @@ fn tell(diagnosis: &Diagnosis, effects: &[String], study: &Study, console: &Cons
 /// Hypotheses by their probability.
 fn tell_table(diagnosis: &Diagnosis, console: &Console) {
     let of_candidate = |candidate: &CandidateReport| {
-        let place_std = candidate.where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
         let left = if in_modes(candidate) { format!("{:.0}", candidate.chi_squared) } else { "-".to_owned() };
-        let name = candidate.name() + &place_std;
         let probability = candidate.probability.unwrap_or(0.0);
-        (
-            probability,
-            [name, values_text(&candidate.parameters), probability_text(probability), left, p_text(candidate.p_value)],
-        )
+        let [name, values, probable] =
+            cells(candidate.name(), candidate.where_std_m, &candidate.parameters, probability);
+        (probability, [name, values, probable, left, p_text(candidate.p_value)])
     };
     let Probabilities { adequate, something_else } = diagnosis.probabilities;
     let (dash, test) = (|| "-".to_owned(), diagnosis.present);
@@ -195,6 +192,12 @@ fn tell_table(diagnosis: &Diagnosis, console: &Console) {
         table.row(row);
     }
     console.say(table);
+}
+
+/// An effect's name with how well its height is known, its values and its probability, as tables have them.
+pub(super) fn cells(name: String, where_std_m: Option<f64>, parameters: &[Estimate], probability: f64) -> [String; 3] {
+    let place_std = where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
+    [name + &place_std, values_text(parameters), probability_text(probability)]
 }
 
 /// A probability in percent.
@@ -217,7 +220,7 @@ fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
                 Some(reason) => console.say(format!("Verdict: {best}: {reason}.")),
                 None => console.say(format!("Verdict: {best}. It explains what the model does not.")),
             }
-            tell_near(diagnosis, console);
+            tell_near(&diagnosis.candidates, console);
             tell_explained(diagnosis, console);
         }
         Verdict::Ambiguous => {
@@ -331,9 +334,9 @@ fn worst_text(worst: Part) -> &'static str {
     }
 }
 
-/// Where else the best effect could be.
-fn tell_near(diagnosis: &Diagnosis, console: &Console) {
-    if let Some(best) = diagnosis.candidates.first().filter(|best| !best.near.is_empty()) {
+/// Where else the first of the candidates could be.
+pub(super) fn tell_near(candidates: &[CandidateReport], console: &Console) {
+    if let Some(best) = candidates.first().filter(|best| !best.near.is_empty()) {
         let places: Vec<&str> = best.near.iter().map(|near| near.r#where.as_str()).collect();
         console.say(format!("  Other places do nearly as well: {}.", places.join(", ")));
     }

@@ -1,8 +1,8 @@
 //! The set of effects that explains most where no single one does, in words.
 
 use super::Console;
-use super::diagnose::{probability_text, tell_unexplained};
-use super::text::{Columns, p_is, short, values_text};
+use super::diagnose::{cells, tell_unexplained};
+use super::text::{Columns, p_is};
 use crate::diagnose::{FAILS, PartialAnswer, PartialEffect};
 
 /// Tells of a partial answer, and of what it leaves.
@@ -23,14 +23,8 @@ pub(super) fn tell(partial: &PartialAnswer, console: &Console) {
     ));
     let mut table = Columns::new(["effect", "value", "probability", "chi-squared without", "next best in its place"]);
     for effect in &partial.effects {
-        let place_std = effect.where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
-        table.row([
-            effect.name() + &place_std,
-            values_text(&effect.parameters),
-            probability_text(effect.probability),
-            format!("{:.0}", effect.chi_squared_without),
-            instead_text(effect),
-        ]);
+        let [name, values, probable] = cells(effect.name(), effect.where_std_m, &effect.parameters, effect.probability);
+        table.row([name, values, probable, format!("{:.0}", effect.chi_squared_without), instead_text(effect)]);
     }
     console.say(table);
     let beside = if partial.effects.len() > 1 { " the others are right and" } else { "" };

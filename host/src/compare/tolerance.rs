@@ -24,7 +24,8 @@ const IN_COMMON: f64 = 0.866;
 /// thin walls is an estimate, and so is their shear. Where a structure bends, shear is what least was spent on: by formula or by unit
 /// loads, which leave out how joints and ends deform, it is off by twice as much. With as much for shear as for torsion, sound lattice towers
 /// of another finite element code, whose frequencies a table meets to 0.2 %, need up to 25 % more shear stiffness, and fail the test of fit.
-/// Where storeys shear, their stiffness is what the study states its tolerance of.
+/// Where storeys shear, their stiffness is what the study states its tolerance of. So shear has two: where all is bending, and where all
+/// is shear.
 const BENDING_ITS_OWN: f64 = 0.5;
 const TORSION_ITS_OWN: f64 = 1.0;
 const SHEAR_ITS_OWN: [f64; 2] = [2.0, 1.0];
@@ -60,7 +61,7 @@ impl Tolerance {
         for (row, one) in quantities.iter().enumerate() {
             for (column, other) in quantities.iter().enumerate() {
                 let own = match one {
-                    Some(Stiffness::Shear) => shears * SHEAR_ITS_OWN[1] + (1.0 - shears) * SHEAR_ITS_OWN[0],
+                    Some(Stiffness::Shear) => (1.0 - shears) * SHEAR_ITS_OWN[0] + shears * SHEAR_ITS_OWN[1],
                     Some(Stiffness::Torsion) => TORSION_ITS_OWN,
                     _ => BENDING_ITS_OWN,
                 };

@@ -11,15 +11,13 @@ use crate::statistics::largest_first;
 #[derive(Debug, Clone)]
 pub(super) struct Background {
     /// Relative changes of what is not trusted, segments x numbers: a stiffness, or the mass where it is none. The last number is that
-    /// of the foot.
+    /// of the foot. Three more numbers say how far masses are spread between the nodes, and how far their centres are off the axis.
     parts: Vec<(Option<Stiffness>, DMatrix<f64>)>,
     /// How many numbers scatter segments.
     scatter: usize,
     /// How large the scatter is, in units of what the study states.
     size: f64,
-    /// Whether numbers say how the foot is held, how far masses are spread between the nodes, and how far their centres are off the axis.
-    has_details: bool,
-    /// One standard deviation of the latter, in m.
+    /// One standard deviation of how far centres of mass are off the axis, in m.
     eccentricity_m: f64,
     /// How many numbers, after all others, say what families of modes have in common.
     families: usize,
@@ -55,14 +53,7 @@ impl Background {
             Body::Matrices(_) => 0,
         };
         let Some(tolerance) = Tolerance::of(structure, model) else {
-            return Self {
-                parts: Vec::new(),
-                scatter: 0,
-                size: 1.0,
-                has_details: false,
-                eccentricity_m: 0.0,
-                families: 0,
-            };
+            return Self { parts: Vec::new(), scatter: 0, size: 1.0, eccentricity_m: 0.0, families: 0 };
         };
         let eigen = tolerance.covariance.clone().symmetric_eigen();
         let order = largest_first(eigen.eigenvalues.as_slice());
@@ -93,7 +84,6 @@ impl Background {
             parts: tolerance.quantities.iter().enumerate().map(part).collect(),
             scatter: kept.len(),
             size: 1.0,
-            has_details: true,
             eccentricity_m: ECCENTRICITY * radius_m,
             families: 0,
         }
@@ -127,17 +117,17 @@ impl Background {
 
     /// The place of the first number of a family of modes.
     pub(super) fn first_of_families(&self) -> usize {
-        self.of_segments() + if self.has_details { OF_MASSES } else { 0 }
+        self.of_segments() + if self.is_none() { 0 } else { OF_MASSES }
     }
 
     /// How many numbers change segments, by their scatter and at the foot; those of masses come after them.
     pub(super) fn of_segments(&self) -> usize {
-        self.scatter + if self.has_details { OF_FOOT } else { 0 }
+        self.scatter + if self.is_none() { 0 } else { OF_FOOT }
     }
 
     /// Whether segments scatter not at all.
     pub(super) fn is_none(&self) -> bool {
-        self.first_of_families() == 0
+        self.parts.is_empty()
     }
 
     /// What is not trusted.
@@ -153,7 +143,7 @@ impl Background {
     /// How far masses are spread and off the axis, in units of their numbers: a share of what a table lumps, then along X and Y in m.
     /// `None` where nothing is said of masses.
     pub(super) fn units_of_masses(&self) -> Option<[f64; OF_MASSES]> {
-        self.has_details.then_some([SPREAD, self.eccentricity_m, self.eccentricity_m])
+        (!self.is_none()).then_some([SPREAD, self.eccentricity_m, self.eccentricity_m])
     }
 
     /// Factors on each segment's part.

@@ -242,7 +242,7 @@ impl Problem {
     /// is always allowed is a bound for what directions and supports do, not what they do. Of `E q = tr(P S)`, P what a fit leaves
     /// (`slopes` with the `covariance` of what is fitted), S without that coupling.
     pub(super) fn allowed(&self, state: &State, slopes: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Vec<f64> {
-        let of_block = |((first, block), factor): ((usize, &Block), &Cholesky<f64, Dyn>)| {
+        let of_block = |(first, block, factor): (usize, &Block, &Cholesky<f64, Dyn>)| {
             let Some(shape) = &block.shape else { return 0.0 };
             let slopes = slopes.rows(first, block.size());
             let left = |turned: DVector<f64>| {
@@ -253,7 +253,7 @@ impl Problem {
             let turns = self.turns_of(block, shape);
             turns.iter().map(|turn| left(turn.by(Discrepancy::NONE.coupling))).sum()
         };
-        state.residual.blocks().zip(&state.factors).map(of_block).collect()
+        state.blocks().map(of_block).collect()
     }
 
     /// Logarithms of predicted over measured damping ratios. The model does not know a structure's own damping: that of the

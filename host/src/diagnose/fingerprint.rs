@@ -175,10 +175,9 @@ impl White {
         let first_number = fit.knobs.len();
         let mut by_numbers = fit.slopes.view((0, first_number), (size, fit.slopes.ncols() - first_number)).into_owned();
         let mut covariance = DMatrix::zeros(size, size);
-        for ((first, block), factor) in residual.blocks().zip(&fit.state.factors) {
+        fit.state.unwhiten(&mut by_numbers);
+        for (first, block, factor) in fit.state.blocks() {
             let lower = factor.l();
-            let part = &lower * by_numbers.rows(first, block.size());
-            by_numbers.rows_mut(first, block.size()).copy_from(&part);
             covariance.view_mut((first, first), (block.size(), block.size())).copy_from(&(&lower * lower.transpose()));
         }
         covariance += &by_numbers * by_numbers.transpose();

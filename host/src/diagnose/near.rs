@@ -45,10 +45,7 @@ impl<'a> Near<'a> {
     pub(super) fn of(problem: &Problem, fit: &'a Fit) -> Self {
         let state = &fit.state;
         let mut slopes = fit.slopes.clone();
-        for ((first, block), factor) in state.residual.blocks().zip(&state.factors) {
-            let part = factor.l() * slopes.rows(first, block.size());
-            slopes.rows_mut(first, block.size()).copy_from(&part);
-        }
+        state.unwhiten(&mut slopes);
         let mut residual = state.differences();
         residual.rows_mut(0, state.modes.len()).copy_from(&state.residual.vector());
         let frozen = fit
@@ -65,17 +62,15 @@ impl<'a> Near<'a> {
     pub(super) fn of_seen(problem: &Problem, fit: &'a Fit) -> Self {
         let mut near = Self::of(problem, fit);
         if let Some(directions) = near.seen(problem) {
-            let (first, scatter) = (fit.knobs.len(), near.scatter);
-            let rest = near.slopes.ncols() - first - scatter;
-            let mut slopes = near.slopes.columns(0, first).into_owned();
-            let seen = near.slopes.columns(first, scatter) * &directions;
-            slopes.resize_horizontally_mut(first + directions.ncols() + rest, 0.0);
-            slopes.columns_mut(first, directions.ncols()).copy_from(&seen);
-            slopes.columns_mut(first + directions.ncols(), rest).copy_from(&near.slopes.columns(first + scatter, rest));
+            let (first, scatter, seen) = (fit.knobs.len(), near.scatter, directions.ncols());
+            let slopes = near.slopes.columns(first, scatter) * &directions;
             let numbers = directions.tr_mul(&near.numbers.rows(0, scatter));
-            near.numbers = concatenated(&numbers, &near.numbers.rows(scatter, rest).into_owned());
-            near.scatter = directions.ncols();
-            near.slopes = slopes;
+            // Directions are no more than there are numbers.
+            near.slopes = near.slopes.remove_columns(first + seen, scatter - seen);
+            near.slopes.columns_mut(first, seen).copy_from(&slopes);
+            near.numbers = near.numbers.remove_rows(seen, scatter - seen);
+            near.numbers.rows_mut(0, seen).copy_from(&numbers);
+            near.scatter = seen;
         }
         near
     }
@@ -171,10 +166,6 @@ impl<'a> Near<'a> {
         let straight = differences - slopes.columns(count, numbers.len()) * &numbers;
         Marginal::of(weighted(&slopes, &weights), count, weights, factors, &straight)
     }
-}
-
-fn concatenated(one: &DVector<f64>, other: &DVector<f64>) -> DVector<f64> {
-    DVector::from_iterator(one.len() + other.len(), one.iter().chain(other.iter()).copied())
 }
 
 /// `AᵀA`: nalgebra's `tr_mul` does not go through the fast product.

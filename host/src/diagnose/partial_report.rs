@@ -5,9 +5,9 @@ use serde::Serialize;
 use super::fit::{Estimate, Fit};
 use super::partial::{Member, Set};
 use super::problem::Problem;
-use super::report::{GoodnessOfFit, NearPlace, Unexplained};
+use super::report::{GoodnessOfFit, NearPlace, Unexplained, name};
 use super::settle::next_measurement;
-use super::verdict::{height_report, unexplained};
+use super::verdict::{error_percent, height_report, unexplained};
 
 /// The small set of effects that explains most of what no single one explains: a lead, no finding.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -66,10 +66,7 @@ const SAME: f64 = 1e-9;
 impl PartialEffect {
     /// `kind` or `kind@where`.
     pub fn name(&self) -> String {
-        match &self.r#where {
-            Some(place) => format!("{}@{place}", self.effect),
-            None => self.effect.clone(),
-        }
+        name(&self.effect, self.r#where.as_deref())
     }
 }
 
@@ -131,7 +128,7 @@ fn effect(problem: &Problem, member: &Member) -> PartialEffect {
 fn frequency_error_percent(problem: &Problem, fit: &Fit) -> f64 {
     let Ok(state) = problem.state_without_scatter(fit.effects()) else { return f64::NAN };
     let error = |(index, mode): (usize, &crate::modes::MeasuredMode)| {
-        Some(100.0 * (state.frequency_of(index)? / mode.frequency_hz - 1.0).abs())
+        Some(error_percent(state.frequency_of(index)?, mode).abs())
     };
     let errors: Vec<f64> = problem.measured().iter().enumerate().filter_map(error).collect();
     errors.iter().sum::<f64>() / errors.len().max(1) as f64

@@ -184,12 +184,11 @@ fn deviations(part: &DMatrix<f64>, covariance: &DMatrix<f64>) -> DVector<f64> {
 fn masses(problem: &Problem, fit: &Fit) -> Option<Masses> {
     let units = problem.background.units_of_masses()?;
     let first = problem.background.of_segments();
+    let variances = fit.covariance.diagonal();
     let estimate = |at: usize, name: &str, unit: &str| Estimate {
         name: name.to_owned(),
         value: units[at] * fit.state.numbers[first + at],
-        std: Some(
-            units[at] * fit.covariance[(fit.knobs.len() + first + at, fit.knobs.len() + first + at)].max(0.0).sqrt(),
-        ),
+        std: Some(units[at] * variances[fit.knobs.len() + first + at].max(0.0).sqrt()),
         unit: unit.to_owned(),
         typical_sizes: None,
     };

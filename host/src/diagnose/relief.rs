@@ -40,10 +40,10 @@ impl Left {
     /// it does not, one effect of several may leave more of the one or of the other. A
     /// fault of a sensor is part of the measurement and no remedy for the model's errors: for that the answer is yes.
     pub(super) fn is_relief(&self, passes: bool) -> bool {
-        let is_clear = [self.misfit <= LEFT_OVER, self.frequency < 1.0];
+        let (is_clear, is_nearer) = (self.misfit <= LEFT_OVER, self.frequency < 1.0);
         let falls = match passes {
-            true => is_clear == [true, true],
-            false => self.misfit < 1.0 && self.frequency < FREQUENCIES_OFF && is_clear != [false, false],
+            true => is_clear && is_nearer,
+            false => self.misfit < 1.0 && self.frequency < FREQUENCIES_OFF && (is_clear || is_nearer),
         };
         !self.moves || falls
     }

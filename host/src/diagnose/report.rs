@@ -194,9 +194,11 @@ impl From<Tests> for GoodnessOfFit {
 impl CandidateReport {
     /// `kind` or `kind@where`.
     pub fn name(&self) -> String {
-        match &self.r#where {
-            Some(place) => format!("{}@{place}", self.effect),
-            None => self.effect.clone(),
-        }
+        name(&self.effect, self.r#where.as_deref())
     }
+}
+
+/// `kind` or `kind@where`.
+pub(super) fn name(kind: &str, place: Option<&str>) -> String {
+    place.map_or_else(|| kind.to_owned(), |place| format!("{kind}@{place}"))
 }

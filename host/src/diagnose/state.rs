@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dim, Dyn, Matrix, RowDVector, Storage
 
 use super::knob::Knob;
 use super::misfit::{Group, Loss, TWIN};
-use crate::compare::{ModelView, Pair, Residual};
+use crate::compare::{Block, ModelView, Pair, Residual};
 use crate::model::effect::Effect;
 use crate::model::{Assembly, Structure};
 use crate::modes::WRONG_BY;
@@ -188,6 +188,19 @@ impl State {
                 }
             }
         }
+    }
+
+    /// Brings differences of modes (rows) out of the standard deviations of this state's covariances.
+    pub(super) fn unwhiten(&self, differences: &mut DMatrix<f64>) {
+        for (first, block, factor) in self.blocks() {
+            let part = factor.l() * differences.rows(first, block.size());
+            differences.rows_mut(first, block.size()).copy_from(&part);
+        }
+    }
+
+    /// Blocks of numbers that are compared, each with the place of its first number and the Cholesky factor of its covariance.
+    pub(super) fn blocks(&self) -> impl Iterator<Item = (usize, &Block, &Cholesky<f64, Dyn>)> {
+        self.residual.blocks().zip(&self.factors).map(|((first, block), factor)| (first, block, factor))
     }
 
     /// The value of a knob.

@@ -537,7 +537,7 @@ pub(super) fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
     let state = &fit.state;
     let mut sensors = vec![(0.0, 0usize); problem.sensors.len()];
     let mut by_mode = Vec::new();
-    for ((first, block), factor) in state.residual.blocks().zip(&state.factors) {
+    for (first, block, factor) in state.blocks() {
         let mode = &problem.measured[block.measured];
         let part = state.modes.rows(first, block.size());
         by_mode.push(ModeMisfit {
@@ -579,7 +579,7 @@ pub(super) fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
 }
 
 /// A model's frequency against that of a measured mode.
-fn error_percent(frequency_hz: f64, mode: &MeasuredMode) -> f64 {
+pub(super) fn error_percent(frequency_hz: f64, mode: &MeasuredMode) -> f64 {
     100.0 * (frequency_hz / mode.frequency_hz - 1.0)
 }
 
@@ -599,9 +599,8 @@ fn explained(problem: &Problem, present: &Fit, best: &Fit) -> Vec<Explained> {
     let plain = |fit: &Fit| problem.state_without_scatter(&fit.state.effects).ok();
     let (plain_present, plain_best) = (plain(present), plain(best));
     let block_of = |fit: &Fit, measured: usize| -> (f64, Vec<(usize, f64)>) {
-        let mut blocks = fit.state.residual.blocks().zip(&fit.state.factors);
-        let block = blocks.find(|((_, block), _)| block.measured == measured);
-        block.map_or((0.0, Vec::new()), |((first, block), factor)| {
+        let block = fit.state.blocks().find(|(_, block, _)| block.measured == measured);
+        block.map_or((0.0, Vec::new()), |(first, block, factor)| {
             (fit.state.modes.rows(first, block.size()).norm_squared(), sensor_squares(block, factor))
         })
     };

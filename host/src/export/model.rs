@@ -121,10 +121,7 @@ impl ModelExport<'_> {
         let mode = |(index, &frequency_hz): (usize, &f64)| {
             let shape = seen.iter().flat_map(|seen| {
                 let shape = seen.column(index);
-                let largest = shape
-                    .iter()
-                    .copied()
-                    .fold(0.0, |most: f64, value| if value.abs() > most.abs() { value } else { most });
+                let largest = if shape.is_empty() { 0.0 } else { shape[shape.icamax()] };
                 let scale = if largest == 0.0 { 1.0 } else { 1.0 / largest };
                 let value = |value: &f64| Some(Component { value: Complex64::new(value * scale, 0.0), std: None });
                 shape.iter().map(value).collect::<Vec<_>>()

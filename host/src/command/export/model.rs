@@ -55,8 +55,7 @@ fn as_model(files: &[WrittenFile], study: &Study) -> String {
         let path: PathBuf = file.strip_prefix(&study.folder).map_or_else(|_| file.clone(), Path::to_path_buf);
         Some(toml_edit::Value::from(path.display().to_string()).to_string().trim().to_owned())
     };
-    let key = |(key, stem): (&str, &str)| named(stem).map(|path| format!("{key} = {path}"));
-    let keys: Vec<String> =
-        [("stiffness", "stiffness"), ("mass", "mass"), ("dofs", "dofs")].into_iter().filter_map(key).collect();
+    let key = |stem: &str| named(stem).map(|path| format!("{stem} = {path}"));
+    let keys: Vec<String> = ["stiffness", "mass", "dofs"].into_iter().filter_map(key).collect();
     format!("[model]\nmatrices = {{ {} }}", keys.join(", "))
 }
