@@ -20,8 +20,6 @@ const LEFT_OVER: f64 = 2.0 / 3.0;
 /// Squares of frequencies' differences that grow by more than this are no relief, whatever shapes gain: frequencies are twice as far off.
 /// A loss of stiffness in a sound lattice tower left 0.73 of all differences and 172 times the squares of frequencies'.
 const FREQUENCIES_OFF: f64 = 4.0;
-/// Frequencies of models that differ by less are the same, to rounding.
-const SAME: f64 = 1e-9;
 
 /// What an effect leaves of the differences between model and measurement, as shares.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -30,7 +28,7 @@ pub struct Left {
     pub misfit: f64,
     /// Of the squares of frequencies' differences.
     pub frequency: f64,
-    /// Whether the structure's own frequencies are others with it, which no fault of a sensor makes them.
+    /// Whether the effect changes the structure. Faults of sensors do not; that others in the model have other values beside it does not count.
     #[serde(skip)]
     pub(super) moves: bool,
 }
@@ -68,8 +66,7 @@ impl Problem {
             Some((state.misfit_of(&differences, &factors, Loss::Robust), of_frequencies))
         };
         let ((misfit, frequency), (misfit_before, frequency_before)) = (weighed(&with)?, weighed(without)?);
-        let (one, other) = (&with.view.modes.frequency_hz, &without.view.modes.frequency_hz);
-        let moves = one.iter().zip(other).any(|(one, other)| (one - other).abs() > SAME * other.abs());
+        let moves = self.bare.is_changed_by(&found.own().effects()[found.index()]).ok()?;
         let left = Left { misfit: misfit / misfit_before, frequency: frequency / frequency_before, moves };
         // A model that misses nothing has no differences to share.
         (left.misfit.is_finite() && left.frequency.is_finite()).then_some(left)
@@ -78,7 +75,13 @@ impl Problem {
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::fit::Fit;
+    use super::super::testing::{measured, study};
     use super::*;
+    use crate::model::effect::Effect;
 
     #[test]
     fn errors_must_fall_and_clearly_where_the_model_passes() {
@@ -90,5 +93,25 @@ mod tests {
         assert!(!left(0.9, 4.5).is_relief(false));
         // A fault of a sensor does not move the structure's frequencies.
         assert!(Left { moves: false, ..left(1.0, 1.0) }.is_relief(true));
+    }
+
+    /// A wrong gain bends what is fitted of a mass, which has another value beside it; the gain itself moves nothing.
+    #[test]
+    fn a_fault_of_a_sensor_is_none_of_the_structure_whatever_else_is_fitted_anew() {
+        let (structure, model, sensors) = study();
+        let words = ["added-mass@443.6m=4e6", "sensor-gain@ch13=1.3"];
+        let effects: Vec<Effect> = words.iter().map(|word| word.parse().unwrap()).collect();
+        let truth = structure.clone().and(&effects).unwrap();
+        let modes = measured(&truth, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(7));
+        let problem = Problem::new(structure, &effects[..1], &model, &sensors, &modes).unwrap();
+        let present = problem.present(&effects[..1]).unwrap();
+        let found = problem.search_kind(&present, effects[1].of_kind(), effects[1].place()).unwrap();
+        let mass_kg = |fit: &Fit| fit.estimates(0)[0].value;
+        assert!((mass_kg(found.own()) / mass_kg(&present) - 1.0).abs() > 1e-6);
+        let without = problem.state_without_scatter(present.effects()).unwrap();
+        let left = problem.left_with(&without, &found).unwrap();
+        assert!(!left.moves && left.is_relief(true) && left.misfit < 0.5, "{left:?}");
+        let mass = problem.bare.is_changed_by(&effects[0]).unwrap();
+        assert!(mass && !problem.bare.is_changed_by(&effects[1]).unwrap());
     }
 }

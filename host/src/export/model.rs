@@ -52,15 +52,8 @@ pub struct ModelExport<'a> {
 /// # Errors
 /// Where the structure cannot have an effect.
 pub fn left_out(bare: &Structure, effects: &[Effect]) -> Result<Vec<String>, EffectError> {
-    let without = bare.assemble();
-    let mut names = Vec::new();
-    for effect in effects {
-        let with = bare.clone().and(std::slice::from_ref(effect))?.assemble();
-        if with.dofs() == without.dofs() && without.change_to(&with, 1.0).is_none() {
-            names.push(effect.to_string());
-        }
-    }
-    Ok(names)
+    let name = |effect: &Effect| Ok(if bare.is_changed_by(effect)? { None } else { Some(effect.to_string()) });
+    effects.iter().filter_map(|effect| name(effect).transpose()).collect()
 }
 
 impl ModelExport<'_> {

@@ -11,6 +11,7 @@ use super::beam::{BeamTable, Segment, Stiffness};
 use super::contribution::{Contribution, Factors, MassAbove};
 use super::custom::Custom;
 use super::effect::mass_eccentricity::Eccentricity;
+use super::effect::{Effect, EffectError};
 use super::element::{Compression, DOFS_A_SEGMENT, scatter};
 use super::joint::Element;
 use super::layout::LayoutNode;
@@ -100,6 +101,15 @@ impl Structure {
                 Some([first.position_m[2], last.position_m[2]])
             }
         }
+    }
+
+    /// Whether an effect changes K, M or C; faults of sensors and clocks, forced lines and trends do not.
+    ///
+    /// # Errors
+    /// Where the structure cannot have the effect.
+    pub fn is_changed_by(&self, effect: &Effect) -> Result<bool, EffectError> {
+        let (without, with) = (self.assemble(), self.clone().and(std::slice::from_ref(effect))?.assemble());
+        Ok(with.dofs() != without.dofs() || without.change_to(&with, 1.0).is_some())
     }
 
     /// Where the degrees of freedom of the body stand, lowest first: a beam's base, whose rows are left out, then five rows a node. Empty
