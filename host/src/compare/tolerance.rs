@@ -137,10 +137,10 @@ mod tests {
     /// A uniform cantilever: `H³ / 3 EI` against `H / GA`.
     #[test]
     fn shear_has_its_share_of_a_uniform_beam() {
-        let head = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n,torsion_n_m2,mass_top_kg";
+        let head = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2";
         let share = |shear_n: f64| {
             let rows: String =
-                [0, 10, 20].map(|z_m| format!("{z_m},{},3e9,3e9,0,{shear_n},1e9,1e3\n", z_m + 10)).concat();
+                [0, 10, 20].map(|z_m| format!("{z_m},{},3e9,3e9,0,{shear_n},1e9,1e3,0,0,0\n", z_m + 10)).concat();
             let table = format!("{head}\n{rows}");
             share_of_shear(&BeamTable::from_reader(table.as_bytes(), Path::new("beam.csv")).unwrap())
         };
