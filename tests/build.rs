@@ -26,11 +26,16 @@ fn main() {
     println!("cargo::rerun-if-env-changed=BELFRY_PUBLISHED");
     // `./test` says whether the emulator is there; otherwise it is looked for once.
     println!("cargo::rerun-if-env-changed=BELFRY_EMULATOR");
-    let is_on_path = || {
+    let is_on_path = |program: &str| {
         let path = env::var_os("PATH").unwrap_or_default();
-        env::split_paths(&path).any(|folder| folder.join("qemu-system-arm").is_file())
+        env::split_paths(&path).any(|folder| folder.join(program).is_file())
     };
-    allow("emulator", env::var_os("BELFRY_EMULATOR").map_or_else(is_on_path, |word| word == "yes"));
+    let is_there =
+        |variable: &str, program: &str| env::var_os(variable).map_or_else(|| is_on_path(program), |word| word == "yes");
+    allow("emulator", is_there("BELFRY_EMULATOR", "qemu-system-arm"));
+    // The same of the browser and what drives it.
+    println!("cargo::rerun-if-env-changed=BELFRY_BROWSER");
+    allow("browser", is_there("BELFRY_BROWSER", "chromedriver"));
     // `./test --all` sets it.
     println!("cargo::rerun-if-env-changed=BELFRY_LONG_TESTS");
     allow("long_tests", env::var_os("BELFRY_LONG_TESTS").is_some());

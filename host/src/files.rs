@@ -14,7 +14,7 @@ use tempfile::{Builder, NamedTempFile};
 /// Bytes gathered before they are written: recordings come in small pieces.
 const BUFFER: usize = 1 << 20;
 /// How the name of an unfinished file ends.
-const UNFINISHED_SUFFIX: &str = ".partial";
+pub(crate) const UNFINISHED_SUFFIX: &str = ".partial";
 
 /// Unfinished files of this program.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());

@@ -9,7 +9,7 @@
 //! another tool's. [`change`] compares two measurements of one structure. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
 //! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks. [`plan`] says before
 //! a measurement what it will show.
-//! [`results`] is the folder that all of this is written to, [`picture`] draws it, [`export`] writes it for other tools.
+//! [`results`] is the folder that all of this is written to, [`picture`] draws it, [`page`] shows it all and [`serve`] serves that page, [`export`] writes it for other tools.
 //! [`simulate`] goes the other way and makes recordings of a structure whose truth is known. [`files`] writes files whole
 //! or not at all, and [`table`] reads small CSV tables. [`command`] holds a file for each subcommand of the `belfry` program; nothing else prints.
 
@@ -28,11 +28,13 @@ pub mod link;
 pub mod measure;
 pub mod model;
 pub mod modes;
+pub mod page;
 pub mod picture;
 pub mod plan;
 mod processor;
 pub mod record;
 pub mod results;
+pub mod serve;
 pub mod simulate;
 pub mod spectra;
 mod statistics;

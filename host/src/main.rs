@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use belfry_host::command::{
     Console, add, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan,
-    ports, profile, remove, replay, simulate, update,
+    ports, profile, remove, replay, report, serve, simulate, update,
 };
 use clap::{Parser, Subcommand};
 
@@ -53,6 +53,8 @@ enum Command {
     Add(add::Arguments),
     Remove(remove::Arguments),
     History(history::Arguments),
+    Report(report::Arguments),
+    Serve(serve::Arguments),
     Effects(effects::Arguments),
     Export(export::Arguments),
 }
@@ -78,6 +80,8 @@ fn main() -> ExitCode {
         Command::Add(arguments) => add::run(arguments, &console),
         Command::Remove(arguments) => remove::run(arguments, &console),
         Command::History(arguments) => history::run(arguments, &console),
+        Command::Report(arguments) => report::run(arguments, &console),
+        Command::Serve(arguments) => serve::run(arguments, &console),
         Command::Effects(arguments) => effects::run(arguments, &console),
         Command::Export(arguments) => export::run(arguments, &console),
     };

@@ -17,7 +17,7 @@ use thiserror::Error;
 
 use crate::window::{ChannelData, KeptWindows, NodeWindow};
 
-pub use read::{Collected, CollectedSetup};
+pub use read::{Collected, CollectedSetup, NodeHealth};
 
 /// The archive's name in the study's folder.
 pub const ARCHIVE_FILE: &str = "archive.sqlite";

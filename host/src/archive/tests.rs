@@ -291,3 +291,28 @@ fn a_damaged_archive_names_the_window() {
         assert!(error.contains("window 0 of node 1") && error.contains(word), "{error}");
     }
 }
+
+#[test]
+fn what_is_lost_or_unsound_and_when_a_node_started_anew_is_counted_for_each_node() {
+    let mut bench = Bench::new();
+    let (one, two) = (configuration(1, 256), configuration(2, 256));
+    bench.ask(&one, 0);
+    bench.ask(&two, 0);
+    for number in [0, 1, 4] {
+        bench.store(&two, &window(&two, 1, number, u64::from(number)));
+    }
+    let mut clipped = window(&two, 1, 5, 5);
+    clipped.channels[1] = ChannelData::Unsound(ChannelState::Clipped);
+    bench.store(&two, &clipped);
+    let mut again = window(&two, 1, 0, 9);
+    again.name.boot = 8;
+    bench.store(&two, &again);
+    bench.store(&one, &window(&one, 2, 3, 3));
+    let health = bench.archive.health().unwrap();
+    let counts: Vec<_> = health
+        .iter()
+        .map(|node| (node.node, node.channels, node.windows, node.lost_windows, node.bad_windows, node.restarts))
+        .collect();
+    assert_eq!(counts, [(1, 2, 5, 2, 1, 1), (2, 1, 1, 0, 0, 0)]);
+    assert!(health.iter().all(|node| node.setup == "now"));
+}

@@ -146,7 +146,7 @@ fn tell_where(comparison: &Comparison, console: &Console) {
     sensors.sort_by(|a, b| b.misfit.total_cmp(&a.misfit));
     let largest = sensors.first().map_or(1.0, |sensor| sensor.misfit).max(f64::MIN_POSITIVE);
     for (index, sensor) in sensors.iter().take(WORST_SENSORS).enumerate() {
-        console.say(format!(
+        console.detail(format!(
             "  {:10} channel {:>8}  misfit {:5.3}  COMAC {}  {}",
             if index == 0 { "by sensor:" } else { "" },
             sensor.channel,

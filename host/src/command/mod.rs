@@ -22,7 +22,9 @@ pub mod ports;
 pub mod profile;
 pub mod remove;
 pub mod replay;
+pub mod report;
 mod route;
+pub mod serve;
 pub mod simulate;
 mod steps;
 mod text;
@@ -33,7 +35,7 @@ use std::collections::HashSet;
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{LazyLock, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -42,6 +44,12 @@ use serde::Serialize;
 use crate::story::{OnProgress, Progress};
 
 pub use route::RouteArguments;
+pub(crate) use text::in_shell;
+
+/// A variable of the environment: where it is set, progress is told on standard error as JSON objects, a line each, instead of bars.
+pub(crate) const PROGRESS_LINES: &str = "BELFRY_PROGRESS_LINES";
+/// How often.
+const PROGRESS_EVERY: Duration = Duration::from_millis(100);
 
 /// Whether the one JSON object was printed.
 static OBJECT_PRINTED: AtomicBool = AtomicBool::new(false);
@@ -66,12 +74,25 @@ struct FailureReport {
 #[derive(Debug, Clone, Copy)]
 pub struct Console {
     json: bool,
+    is_brief: bool,
 }
 
 impl Console {
     /// A console for people, or for programs with `json`.
     pub fn new(json: bool) -> Self {
-        Self { json }
+        Self { json, is_brief: false }
+    }
+
+    /// The same for one step of many: what matters, without details.
+    pub(crate) fn brief(self) -> Self {
+        Self { is_brief: true, ..self }
+    }
+
+    /// Prints a line that the story can do without, as [`Console::say`] does.
+    pub fn detail(&self, line: impl std::fmt::Display) {
+        if !self.is_brief {
+            self.say(line);
+        }
     }
 
     /// Whether standard output carries one JSON object and nothing else.
@@ -180,6 +201,9 @@ impl Console {
 
     /// Runs what takes its time with a progress bar for each of its stages.
     fn with_progress<T>(&self, work: impl FnOnce(OnProgress<'_>) -> T) -> T {
+        if std::env::var_os(PROGRESS_LINES).is_some() {
+            return self.with_progress_lines(work);
+        }
         let mut bar: Option<(&'static str, ProgressBar)> = None;
         let mut show = |Progress { stage, done, total }: Progress| {
             if bar.as_ref().is_none_or(|(shown, _)| *shown != stage) {
@@ -198,6 +222,18 @@ impl Console {
             bar.finish_and_clear();
         }
         outcome
+    }
+
+    /// The same for a program that reads along.
+    fn with_progress_lines<T>(&self, work: impl FnOnce(OnProgress<'_>) -> T) -> T {
+        let mut told: Option<(&'static str, Instant)> = None;
+        work(&mut |progress| {
+            let is_due = |(stage, at): (&str, Instant)| stage != progress.stage || at.elapsed() >= PROGRESS_EVERY;
+            if told.is_none_or(is_due) {
+                told = Some((progress.stage, Instant::now()));
+                self.report(serde_json::to_string(&progress).unwrap_or_default());
+            }
+        })
     }
 }
 

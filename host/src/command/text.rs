@@ -225,7 +225,7 @@ pub(super) fn p_text(p_value: f64) -> String {
 }
 
 /// A study's folder as one types it in a shell.
-pub(super) fn in_shell(folder: &Path) -> String {
+pub(crate) fn in_shell(folder: &Path) -> String {
     let text = folder.to_string_lossy();
     // A name with a NUL byte cannot be typed; a file cannot have one either.
     shlex::try_quote(&text).unwrap_or(Cow::Borrowed(&text)).into_owned()

@@ -78,7 +78,7 @@ pub(super) fn update_project(
     let of_beam = matches!(case.model.body, Body::Beam(_));
     let path = |name: &str| project.results().path(name).display().to_string();
     let nodes = if of_beam { format!(", the nodes of their rows in {}", path("nodes.csv")) } else { String::new() };
-    console.say(format!(
+    console.detail(format!(
         "The updated stiffness matrix is in {} (and .npy), the mass matrix, which stays, in {}{nodes}.",
         path("stiffness_updated.mtx"),
         path("mass.mtx")
@@ -92,7 +92,7 @@ const SIGNIFICANT: f64 = 0.01;
 const TOO_UNCERTAIN: f64 = 0.3;
 
 fn tell_hints(report: &UpdateReport, console: &Console) {
-    console.say("\nWhat Psi says (hints, no diagnosis: that is `belfry diagnose`)");
+    console.detail("\nWhat Psi says (hints, no diagnosis: that is `belfry diagnose`)");
     let hints = &report.hints;
     let outside = hints.span.iter().max_by(|a, b| a.outside_percent.total_cmp(&b.outside_percent));
     if let (Some(p_value), Some(worst)) = (hints.span_p_value, outside) {
@@ -101,7 +101,7 @@ fn tell_hints(report: &UpdateReport, console: &Console) {
         } else {
             "within their deviations"
         };
-        console.say(format!(
+        console.detail(format!(
             "  Span: measured shapes lie up to {:.1} % of their length (mode {}) outside that of the model's, {}: {says}.",
             worst.outside_percent,
             worst.measured,
@@ -116,7 +116,7 @@ fn tell_hints(report: &UpdateReport, console: &Console) {
         } else {
             "nothing contradicts the model's mass"
         };
-        console.say(format!(
+        console.detail(format!(
             "  Orthogonality by mass: worst between modes {} and {} (cosine {:.3} ± {:.3}), {}: {says}.",
             test.worst[0],
             test.worst[1],
@@ -125,9 +125,9 @@ fn tell_hints(report: &UpdateReport, console: &Console) {
             p_is(test.p_value)
         ));
     }
-    console.say(format!("  Size of Psi: {:.2} % of the eigenvalues.", 100.0 * report.psi_size));
+    console.detail(format!("  Size of Psi: {:.2} % of the eigenvalues.", 100.0 * report.psi_size));
     for explained in &report.psi_explained {
-        console.say(format!(
+        console.detail(format!(
             "  Without {} it is {:.2} %: the effect explains {:.0} % of Psi squared.",
             if explained.effect == "all" { "any effect" } else { &explained.effect },
             100.0 * explained.psi_size_without,
@@ -168,7 +168,7 @@ fn tell(report: &UpdateReport, case: &Case, console: &Console) {
             mac_text(*ceiling, 4),
         ]);
     }
-    console.say(table);
+    console.detail(table);
     let errors = report.mean_abs_frequency_error_percent;
     let macs = report.mean_mac.map_or(String::new(), |mac| format!(", mean MAC {:.3} -> {:.3}", mac.before, mac.after));
     console.say(format!(
@@ -181,7 +181,7 @@ fn tell(report: &UpdateReport, case: &Case, console: &Console) {
         .map(|other| format!("mode {} {:.4} -> {:.4} Hz", other.model, other.before_hz, other.after_hz))
         .collect();
     if !others.is_empty() {
-        console.say(format!(
+        console.detail(format!(
             "The {} other modes of the model stay: {}{}\nTheir eigenvalues changed by at most {:.1e}, their shapes turned by at most {:.1e} (1 - MAC by mass).",
             report.other_eigenvalues,
             others.join(", "),
@@ -191,11 +191,7 @@ fn tell(report: &UpdateReport, case: &Case, console: &Console) {
         ));
     }
     tell_hints(report, console);
-    console.say("\nPsi in 1/s²:");
-    for row in &report.psi {
-        console.say(row.iter().map(|value| format!("{value:10.3e}")).collect::<Vec<_>>().join(" "));
-    }
-    console.say(
-        "\nAny orthogonal matrix in place of the one found would meet the frequencies just as well, so their agreement after this update is no evidence that the model is right. The MAC cannot pass its ceiling, whatever Psi is: what is missing there is not in the span of the model's shapes. `belfry covalidate` shows whether the model predicts what it was not shown.",
+    console.detail(
+        "\nPsi is in update.json; `belfry report` draws it. Any orthogonal matrix in place of the one found would meet the frequencies just as well, so their agreement after this update is no evidence that the model is right. The MAC cannot pass its ceiling, whatever Psi is: what is missing there is not in the span of the model's shapes. `belfry covalidate` shows whether the model predicts what it was not shown.",
     );
 }

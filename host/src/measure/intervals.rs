@@ -109,7 +109,7 @@ pub fn measure_intervals(
             }
         }
     };
-    let task = Task { setup, material, plan: &plan, decimation, route };
+    let task = Task { setup, material, plan: &plan, decimation, route, rows, windows: fitting as usize };
     let mut on_rows = |done: u64| progress(done, rows);
     stream::stream(task, &mut on_rows, &mut |_, _, _| {}, take, &mut timings)?;
     close(open.take());

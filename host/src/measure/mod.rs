@@ -11,6 +11,7 @@ mod flat;
 mod intervals;
 mod jumps;
 mod limits;
+mod overview;
 mod ring;
 mod scout;
 mod spikes;
@@ -36,6 +37,7 @@ use stream::{Streamed, Task};
 
 pub use error::MeasureError;
 pub use intervals::{Interval, measure_intervals};
+pub use overview::{Overview, Ranges, Waterfall};
 
 /// How spectra are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,6 +77,8 @@ pub struct Measurement<'a> {
     pub reasons: Vec<String>,
     /// The setups that could be measured.
     pub setups: Vec<MeasuredSetup<'a>>,
+    /// Each of them at one glance.
+    pub overviews: Vec<Overview>,
     /// What the nodes and lines did, for each of them (nothing on the direct route).
     pub fleets: Vec<FleetReport>,
     /// What the reader should know.
@@ -127,13 +131,13 @@ fn measure_prepared<'a>(
     let mut timings = Timings { counting, ..Timings::default() };
     let total_rows: u64 = opened.iter().map(|opened| opened.rows).sum();
     let mut done_rows = 0;
-    let (mut setups, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), 0.0);
+    let (mut setups, mut overviews, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
     for ((Opened { setup, material, rows }, &decimation), &windows) in
         opened.into_iter().zip(&plan.decimations).zip(&plan.windows)
     {
         let mut on_rows = |rows: u64| progress(done_rows + rows, total_rows);
-        let task = Task { setup, material, plan: &plan, decimation, route };
-        let outcome = measure_setup(task, windows, &mut on_rows, observer, &mut timings);
+        let task = Task { setup, material, plan: &plan, decimation, route, rows, windows };
+        let outcome = measure_setup(task, &mut on_rows, observer, &mut timings);
         done_rows += rows;
         match outcome {
             Ok(measured) => {
@@ -141,6 +145,7 @@ fn measure_prepared<'a>(
                 fleets.extend(measured.fleet);
                 duration_s += rows as f64 / setup.sampling_rate_hz;
                 setups.push(measured.setup);
+                overviews.push(measured.overview);
             }
             Err(error) => leave_out(&mut warnings, &mut failure, error),
         }
@@ -148,7 +153,7 @@ fn measure_prepared<'a>(
     if setups.is_empty() {
         return Err(failure.unwrap_or(MeasureError::NoSetups));
     }
-    Ok(Measurement { plan, reasons, setups, fleets, warnings, duration_s, timings })
+    Ok(Measurement { plan, reasons, setups, overviews, fleets, warnings, duration_s, timings })
 }
 
 /// Where a setup's windows come from.
@@ -345,13 +350,13 @@ fn leave_out(warnings: &mut Vec<String>, failure: &mut Option<MeasureError>, err
 
 struct OneSetup<'a> {
     setup: MeasuredSetup<'a>,
+    overview: Overview,
     fleet: Option<FleetReport>,
     warnings: Vec<String>,
 }
 
 fn measure_setup<'a>(
     task: Task<'a, '_>,
-    windows: usize,
     on_rows: &mut dyn FnMut(u64),
     observer: Observer<'_>,
     timings: &mut Timings,
@@ -359,7 +364,7 @@ fn measure_setup<'a>(
     let setup = task.setup;
     let spectra = |source| MeasureError::Spectra { setup: setup.name.clone(), source };
     let mut accumulator =
-        CrossSpectrumAccumulator::expecting(task.plan.grid, setup.sensors.len(), windows).map_err(spectra)?;
+        CrossSpectrumAccumulator::expecting(task.plan.grid, setup.sensors.len(), task.windows).map_err(spectra)?;
     let mut refused = None;
     let average = |window| {
         if let Err(error) = accumulator.add(window) {
@@ -367,7 +372,8 @@ fn measure_setup<'a>(
         }
     };
     let grid = task.plan.grid;
-    let Streamed { report, fleet, faults, silenced } = stream::stream(task, on_rows, observer, average, timings)?;
+    let Streamed { report, fleet, faults, silenced, overview } =
+        stream::stream(task, on_rows, observer, average, timings)?;
     if let Some(error) = refused {
         return Err(spectra(error));
     }
@@ -398,7 +404,7 @@ fn measure_setup<'a>(
             )));
         }
     }
-    Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, fleet, warnings })
+    Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, overview, fleet, warnings })
 }
 
 /// The spectrum without channels that are cut off too often, and which these are; none where they are most of all.

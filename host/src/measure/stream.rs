@@ -8,6 +8,7 @@ use super::fill::{Filled, Filler};
 use super::flat::{Flat, FlatFinder};
 use super::jumps::{JumpFinder, Jumps};
 use super::limits::{CutOff, Limits};
+use super::overview::{Overview, Ranges, Waterfall};
 use super::spikes::{SpikeFilter, Spikes};
 use super::{Material, MeasureError, Observer, Route, Timings};
 use crate::archive::Collected;
@@ -29,6 +30,22 @@ pub(super) struct Task<'a, 'p> {
     pub(super) plan: &'p SpectralPlan,
     pub(super) decimation: u32,
     pub(super) route: Route,
+    /// Rows and windows that are expected.
+    pub(super) rows: u64,
+    pub(super) windows: usize,
+}
+
+impl Task<'_, '_> {
+    /// The material at one glance, of which nothing has come yet.
+    fn overview(&self) -> Overview {
+        let channels = self.setup.sensors.len();
+        Overview {
+            setup: self.setup.name.clone(),
+            sampling_rate_hz: self.setup.sampling_rate_hz,
+            ranges: Ranges::new(channels, self.rows),
+            waterfall: Waterfall::new(&self.plan.grid, self.windows),
+        }
+    }
 }
 
 /// What is left when the last window has passed.
@@ -40,6 +57,8 @@ pub(super) struct Streamed {
     pub(super) faults: Faults,
     /// Windows in which channels stood far off the others, channel by channel.
     pub(super) silenced: Vec<Silenced>,
+    /// All of it at one glance.
+    pub(super) overview: Overview,
 }
 
 /// What was found in the rows of a recording.
@@ -71,10 +90,13 @@ pub(super) fn stream(
     sink: impl FnMut(WindowLines) + Send,
     timings: &mut Timings,
 ) -> Result<Streamed, MeasureError> {
-    let Task { setup, material, plan, decimation, route } = task;
+    let mut overview = task.overview();
+    let Task { setup, material, plan, decimation, route, .. } = task;
     let recording = match material {
         Material::Recording(recording) => *recording,
-        Material::Archive(collected) => return stream_archive(setup, &collected, on_rows, observer, sink, timings),
+        Material::Archive(collected) => {
+            return stream_archive(setup, &collected, overview, on_rows, observer, sink, timings);
+        }
     };
     let grid = plan.grid;
     let fleet_failed = |source| MeasureError::Fleet { setup: setup.name.clone(), source };
@@ -90,6 +112,7 @@ pub(super) fn stream(
         let orders = setup.derivatives();
         let mut on_window = |mut window: WindowLines| {
             window.differentiate(&orders, &grid);
+            overview.waterfall.push(&window);
             observer(setup, &grid, &window);
             // The other end lives until this one is dropped; if it panicked, joining it says so.
             let _ = window_sender.send(window);
@@ -98,6 +121,7 @@ pub(super) fn stream(
         let spectra = || -> Result<Option<FleetReport>, FleetError> {
             for rows in &sound_rows {
                 let start = Instant::now();
+                overview.ranges.push(&rows);
                 source.push(&rows, &mut on_window)?;
                 timings.spectra += start.elapsed();
                 count += (rows.len() / setup.sensors.len().max(1)) as u64;
@@ -119,7 +143,7 @@ pub(super) fn stream(
         timings.averaging += averaging;
         let fleet = made.map_err(fleet_failed)?;
         let record_failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
-        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet, faults, silenced })
+        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet, faults, silenced, overview })
     })
 }
 
@@ -127,6 +151,7 @@ pub(super) fn stream(
 fn stream_archive(
     setup: &Setup,
     collected: &Collected,
+    mut overview: Overview,
     on_rows: &mut dyn FnMut(u64),
     observer: Observer<'_>,
     sink: impl FnMut(WindowLines) + Send,
@@ -142,6 +167,7 @@ fn stream_archive(
         let read = collected.each_window(setup, &mut |window| {
             count += 1;
             on_rows(count * rows_a_window);
+            overview.waterfall.push(&window);
             observer(setup, &grid, &window);
             let _ = window_sender.send(window);
         });
@@ -152,7 +178,7 @@ fn stream_archive(
         (read, silenced)
     });
     read.map_err(|source| MeasureError::Archive { setup: setup.name.clone(), source: Box::new(source) })?;
-    Ok(Streamed { report: None, fleet: None, faults: Faults::default(), silenced })
+    Ok(Streamed { report: None, fleet: None, faults: Faults::default(), silenced, overview })
 }
 
 /// A thread's result; its panic goes on here.

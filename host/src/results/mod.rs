@@ -18,6 +18,10 @@ use crate::study::Study;
 pub const MODES_FILE: &str = "modes.json";
 /// The stabilisation diagrams of its subspaces, a setup each.
 pub const STABILISATION_FILE: &str = "stabilisation.json";
+/// The spectra that modes were identified from, for pictures.
+pub const SPECTRA_FILE: &str = "spectra.json";
+/// The recordings at one glance, for pictures.
+pub const RECORD_FILE: &str = "record.json";
 /// The last comparison.
 pub const COMPARISON_FILE: &str = "comparison.json";
 /// The last update.
@@ -36,6 +40,8 @@ pub const FINGERPRINTS_PICTURE: &str = "fingerprints.svg";
 pub const PLAN_FILE: &str = "plan.json";
 /// The last profile of stiffness and mass.
 pub const PROFILE_FILE: &str = "profile.json";
+/// Everything in one HTML file.
+pub const REPORT_FILE: &str = "report.html";
 /// The steps of the model, a JSON object a line.
 pub const HISTORY_FILE: &str = "history.jsonl";
 
@@ -129,6 +135,16 @@ impl Results {
     /// [`ResultsError::Write`].
     pub fn write_json(&self, name: &str, object: &impl Serialize) -> Result<PathBuf, ResultsError> {
         let text = serde_json::to_string_pretty(object)
+            .map_err(|error| ResultsError::Write { file: self.path(name), source: error.into() })?;
+        self.write(name, (text + "\n").as_bytes())
+    }
+
+    /// The same on one line, for files that nobody reads.
+    ///
+    /// # Errors
+    /// [`ResultsError::Write`].
+    pub fn write_json_short(&self, name: &str, object: &impl Serialize) -> Result<PathBuf, ResultsError> {
+        let text = serde_json::to_string(object)
             .map_err(|error| ResultsError::Write { file: self.path(name), source: error.into() })?;
         self.write(name, (text + "\n").as_bytes())
     }

@@ -85,7 +85,10 @@ impl Case {
     }
 
     /// The model as first given, seen by the same sensors.
-    pub(super) fn view_as_given(&self) -> Result<ModelView, StoryError> {
+    ///
+    /// # Errors
+    /// When it has no modes.
+    pub fn view_as_given(&self) -> Result<ModelView, StoryError> {
         Ok(ModelView::of(&self.model.as_given(), &self.sensors)?)
     }
 
@@ -195,7 +198,7 @@ impl Case {
     }
 
     /// The sensors that take part: none where no shape was measured and they have no place.
-    pub(super) fn seen_sensors(&self) -> &[Sensor] {
+    pub(crate) fn seen_sensors(&self) -> &[Sensor] {
         if self.view.at_sensors.nrows() == 0 { &[] } else { &self.sensors }
     }
 

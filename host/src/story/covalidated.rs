@@ -18,7 +18,7 @@ use crate::picture::Curves;
 use crate::results::Results;
 
 /// The file of the curves.
-pub(super) const CURVES_FILE: &str = "covalidation.csv";
+pub(crate) const CURVES_FILE: &str = "covalidation.csv";
 
 /// What is asked for.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::archive::ArchiveError;
 use crate::compare::ViewError;
 use crate::covalidate::PredictError;
 use crate::diagnose::DiagnoseError;
@@ -57,6 +58,9 @@ pub enum StoryError {
     /// Channels that cannot be predicted.
     #[error(transparent)]
     Covalidate(Box<CovalidateError>),
+    /// What nodes have sent.
+    #[error(transparent)]
+    Archive(Box<ArchiveError>),
     /// Sensors that cannot tell the modes apart.
     #[error(transparent)]
     Predict(Box<PredictError>),
@@ -231,6 +235,7 @@ macro_rules! passes_on {
 }
 
 passes_on! {
+    Archive(ArchiveError),
     Study(StudyError),
     Model(ModelError),
     Measured(MeasuredError),

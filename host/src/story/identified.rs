@@ -17,6 +17,7 @@ use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
 use crate::identify::{Identification, hold_to_standards, identify as identify_setups};
 use crate::measure::{MeasureError, Measurement, Progress, Route, measure};
+use crate::page::{Records, Spectra};
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
 use crate::spectra::{AfterGaps, LineGrid, Lines};
 use crate::study::Study;
@@ -55,6 +56,12 @@ pub struct ModesReport {
     pub timings: TimingReport,
     /// What was identified from.
     pub inputs: Inputs,
+    /// What a page draws of spectra and recordings.
+    #[serde(skip)]
+    pub spectra: Spectra,
+    /// See `spectra`.
+    #[serde(skip)]
+    pub records: Records,
     /// The lines of the spectra.
     #[serde(skip)]
     pub(super) grid: LineGrid,
@@ -231,8 +238,12 @@ struct Times {
 fn report(study: &Study, identification: Identification, measurement: &Measurement<'_>, times: &Times) -> ModesReport {
     let grid = measurement.plan.grid;
     let timings = measurement.timings;
+    let (spectra, records) =
+        (Spectra::of(&identification, &measurement.setups), Records::of(&measurement.overviews, &measurement.setups));
     ModesReport {
         identification,
+        spectra,
+        records,
         segments: SegmentReport {
             points: grid.segment,
             decimated_rate_hz: grid.sampling_rate_hz,

@@ -67,6 +67,7 @@ pub use crate::measure::Route;
 pub use case::Case;
 pub use change::{AutoEnd, ChangeReport, EffectReport, add, add_until_nothing_gains, remove};
 pub use climate::Climate;
+pub(crate) use covalidated::CURVES_FILE;
 pub use covalidated::{
     ChannelReport, Covalidation, CovalidationReport, CovalidationRequest, covalidate, worst_channel,
 };
@@ -77,7 +78,8 @@ pub use left_out::MOST_NOISE_GAIN;
 pub use motion::Stretch;
 pub use planned::{PlanRequest, planned};
 pub use progress::{OnProgress, Progress};
-pub use project::{Compared, IdentifyRequest, Project};
+pub use project::{Compared, IdentifyRequest, Project, WrittenReport};
 pub use shapes::BySource;
+pub(crate) use shapes::turned_by_update;
 pub use since::{SinceReport, SinceRequest};
 pub use updated::{BeforeAfter, OtherMode, PairState, PsiExplained, Update, UpdateReport, UpdatedPair, update};

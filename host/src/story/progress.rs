@@ -1,7 +1,9 @@
 //! Progress of the steps that take their time.
 
+use serde::Serialize;
+
 /// How far a step has come.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Progress {
     /// What is going on, in a word or two.
     pub stage: &'static str,

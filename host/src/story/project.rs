@@ -18,14 +18,17 @@ use super::updated::{UpdateReport, update};
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
 use crate::diagnose::steps::{Profiles, Step, StepRecord};
+use crate::files::write_whole;
 use crate::identify::accuracy::{Wish, record_needed};
 use crate::measure::Route;
 use crate::model::{Assembly, Body, matrix_market, npy};
+use crate::page::{Finding, PageData, report};
 use crate::picture;
 use crate::plan::Plan;
 use crate::results::{
     CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, FINGERPRINTS_PICTURE,
-    MODES_FILE, PLAN_FILE, PROFILE_FILE, Results, ResultsError, STABILISATION_FILE, UPDATE_FILE,
+    MODES_FILE, PLAN_FILE, PROFILE_FILE, RECORD_FILE, REPORT_FILE, Results, ResultsError, SPECTRA_FILE,
+    STABILISATION_FILE, UPDATE_FILE,
 };
 use crate::study::Study;
 use crate::trend::follow;
@@ -137,6 +140,8 @@ impl Project {
             self.results.write("stabilisation.svg", picture.as_bytes())?;
             self.results.write_json(STABILISATION_FILE, &report.identification.stabilisation)?;
         }
+        self.results.write_json_short(SPECTRA_FILE, &report.spectra)?;
+        self.results.write_json_short(RECORD_FILE, &report.records)?;
         report.record_needed = request.wish.map(|wish| record_needed(&report.identification, wish));
         self.results.write_json(MODES_FILE, &report)?;
         self.case = None;
@@ -349,6 +354,23 @@ impl Project {
         Ok(end)
     }
 
+    /// Writes everything known of the study into one HTML file: `report.html` among the results, or the one that is named.
+    ///
+    /// # Errors
+    /// When a result cannot be read, or the file cannot be written.
+    pub fn report(&self, output: Option<&Path>) -> Result<WrittenReport, StoryError> {
+        let data = PageData::of(&self.study)?;
+        let file = output.map_or_else(|| self.results.path(REPORT_FILE), Path::to_path_buf);
+        let failed = |source: std::io::Error| ResultsError::Write { file: file.clone(), source };
+        let json = serde_json::to_string(&data).map_err(|error| failed(error.into()))?;
+        let page = report(&format!("{}: report", self.study.structure.name), &json);
+        if output.is_none() {
+            self.results.make_ready()?;
+        }
+        write_whole(&file, page.as_bytes()).map_err(failed)?;
+        Ok(WrittenReport { bytes: page.len(), findings: data.findings, file })
+    }
+
     /// How the error fell, step by step. Draws `history.svg`.
     ///
     /// # Errors
@@ -362,6 +384,17 @@ impl Project {
         self.results.write("history.svg", picture.as_bytes())?;
         Ok(steps)
     }
+}
+
+/// A report that was written.
+#[derive(Debug)]
+pub struct WrittenReport {
+    /// The file.
+    pub file: PathBuf,
+    /// Its size.
+    pub bytes: usize,
+    /// The sentences that it begins with.
+    pub findings: Vec<Finding>,
 }
 
 /// A beam's nodes as `[model] matrices` reads them: the base first, whose rows are left out.

@@ -143,10 +143,36 @@ fn updated_shapes(
             list(&beyond)
         ));
     }
+    let (used, turned) = turned_by_update(case, given, update)?;
     let view = if update.effects.is_empty() { given } else { &case.view };
+    let pairs = numbered_pairs(case, view);
+    let others: Vec<usize> = pairs
+        .iter()
+        .filter(|(number, model)| numbers.contains(number) && !used.contains(model))
+        .map(|&(_, model)| model)
+        .collect();
+    let mut shapes = turned.insert_columns(used.len(), others.len(), 0.0);
+    for (index, &model) in others.iter().enumerate() {
+        shapes.set_column(used.len() + index, &view.at_sensors.column(model));
+    }
+    Ok(shapes)
+}
+
+/// Partners by a measured mode's number and the index of the model's mode.
+fn numbered_pairs(case: &Case, view: &ModelView) -> Vec<(usize, usize)> {
     let modes = &case.measured.modes;
-    let pairs: Vec<(usize, usize)> =
-        pair(view, modes).iter().map(|pair| (modes[pair.measured].number, pair.model)).collect();
+    pair(view, modes).iter().map(|pair| (modes[pair.measured].number, pair.model)).collect()
+}
+
+/// The modes that the last update used (indices of the model's modes) and their shapes after it, at all sensors; or why it is no update of
+/// the study's model. `given` is the model as first given.
+pub(crate) fn turned_by_update(
+    case: &Case,
+    given: &ModelView,
+    update: &UpdateReport,
+) -> Result<(Vec<usize>, DMatrix<f64>), String> {
+    let view = if update.effects.is_empty() { given } else { &case.view };
+    let pairs = numbered_pairs(case, view);
     let size = update.pairs.len();
     let fits = (update.effects.is_empty() || update.effects == case.effect_names())
         && update.rotation.len() == size
@@ -162,16 +188,7 @@ fn updated_shapes(
     let used: Vec<usize> = update.pairs.iter().map(|pair| pair.model - 1).collect();
     let rotation = DMatrix::from_fn(size, size, |row, column| update.rotation[row][column]);
     let turned = view.at_sensors.select_columns(&used) * rotation;
-    let others: Vec<usize> = pairs
-        .iter()
-        .filter(|(number, model)| numbers.contains(number) && !used.contains(model))
-        .map(|&(_, model)| model)
-        .collect();
-    let mut shapes = turned.insert_columns(size, others.len(), 0.0);
-    for (index, &model) in others.iter().enumerate() {
-        shapes.set_column(size + index, &view.at_sensors.column(model));
-    }
-    Ok(shapes)
+    Ok((used, turned))
 }
 
 /// Frequencies of one model, solved twice, differ by less than this share.

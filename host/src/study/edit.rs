@@ -5,7 +5,7 @@ use std::path::Path;
 use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, Value, value};
 
 use super::error::StudyError;
-use super::{STUDY_FILE, Study};
+use super::{ModeChoice, STUDY_FILE, Study};
 use crate::files::write_whole;
 
 /// An effect as it is to stand in `study.toml`.
@@ -32,6 +32,36 @@ pub fn set_effects(folder: &Path, entries: &[EffectEntry]) -> Result<(), StudyEr
         with_effects(&text, entries).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
     Study::from_text(&changed, folder)?;
     write_whole(&file, changed.as_bytes()).map_err(|source| StudyError::Write { file, source })
+}
+
+/// Makes `choice` the study's choice of modes: `modes_hz`, `add_modes_hz` and `drop_modes_hz` in `[analysis]`; a list without a
+/// frequency is taken out.
+///
+/// # Errors
+/// As [`set_effects`].
+pub fn set_mode_choice(folder: &Path, choice: &ModeChoice) -> Result<(), StudyError> {
+    let file = folder.join(STUDY_FILE);
+    let text = std::fs::read_to_string(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
+    let changed =
+        with_choice(&text, choice).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
+    Study::from_text(&changed, folder)?;
+    write_whole(&file, changed.as_bytes()).map_err(|source| StudyError::Write { file, source })
+}
+
+fn with_choice(text: &str, choice: &ModeChoice) -> Result<String, String> {
+    let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| error.to_string())?;
+    let section = document.entry("analysis").or_insert(Item::Table(Table::new()));
+    let analysis = section.as_table_like_mut().ok_or("[analysis] is no table")?;
+    let only = choice.only_hz.as_deref().unwrap_or_default();
+    for (key, frequencies) in [("modes_hz", only), ("add_modes_hz", &choice.add_hz), ("drop_modes_hz", &choice.drop_hz)]
+    {
+        if frequencies.is_empty() {
+            analysis.remove(key);
+        } else {
+            analysis.insert(key, value(frequencies.iter().copied().collect::<toml_edit::Array>()));
+        }
+    }
+    Ok(document.to_string())
 }
 
 fn with_effects(text: &str, entries: &[EffectEntry]) -> Result<String, String> {

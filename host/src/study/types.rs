@@ -241,6 +241,33 @@ pub struct ModeChoice {
     pub drop_hz: Vec<f64>,
 }
 
+/// Frequencies that differ by less than this share are those of one mode: as near as the user sees when clicking.
+const SAME_MODE: f64 = 0.003;
+
+impl ModeChoice {
+    /// Wants a mode at a frequency: takes back that it was dropped, else adds it to those that are named.
+    pub fn add(&mut self, hz: f64) {
+        if !take_out(&mut self.drop_hz, hz) {
+            self.only_hz.as_mut().unwrap_or(&mut self.add_hz).push(hz);
+        }
+    }
+
+    /// Wants no mode at a frequency: takes back that it was added, else drops it.
+    pub fn drop(&mut self, hz: f64) {
+        let named = self.only_hz.as_mut().unwrap_or(&mut self.add_hz);
+        if !take_out(named, hz) && self.only_hz.is_none() {
+            self.drop_hz.push(hz);
+        }
+    }
+}
+
+/// Takes frequencies near one out; whether there were any.
+fn take_out(frequencies: &mut Vec<f64>, hz: f64) -> bool {
+    let count = frequencies.len();
+    frequencies.retain(|known| (known / hz - 1.0).abs() > SAME_MODE);
+    frequencies.len() < count
+}
+
 /// `[model]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {

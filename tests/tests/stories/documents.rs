@@ -18,8 +18,9 @@ use commands::{CommandHelp, check_line, without_comment};
 use markdown::{Block, Document, Note};
 
 /// Why a block is not run; a document gives one of these reasons and no other.
-const REASONS: [&str; 6] = [
+const REASONS: [&str; 7] = [
     "compiles",
+    "opens a browser",
     TAKES_MINUTES,
     "takes half an hour",
     "needs a board",

@@ -19,6 +19,7 @@ mod link;
 mod model;
 mod next;
 mod outcome;
+mod page;
 mod partial;
 mod plan;
 mod published;

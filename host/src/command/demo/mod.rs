@@ -21,6 +21,7 @@ use super::history::show_history;
 use super::identify::{summary, tell_warnings};
 use super::interrupt::leave_nothing_unfinished;
 use super::paper;
+use super::report::open;
 use super::steps::tell_change;
 use super::text::{in_shell, next_lines};
 use super::update::update_project;
@@ -42,9 +43,10 @@ const EXAMPLES: &str = "Examples:
   belfry demo tower --hours 12   finer lines, smaller deviations
   belfry demo --seed 5           another tower with another effect
   belfry demo --effect added-mass@300m=8e6
+  belfry demo --open             opens the report at the end
   belfry demo --paper            beside the tables of the paper
 
-The tower is its model with segments that scatter by 1 to 2 %, and with one effect that the model does not know. Simulated sensor nodes, which run the real firmware, measure it and send what they find over serial lines that damage 2 % of all frames. Then the model is compared with the modes, updated as in the paper, and tested on sensors that it was not shown. The diagnosis looks for the effect and adds it, and the error falls. At the end the demo says what was hidden, and whether it was found.
+The tower is its model with segments that scatter by 1 to 2 %, and with one effect that the model does not know. Simulated sensor nodes, which run the real firmware, measure it and send what they find over serial lines that damage 2 % of all frames. Then the model is compared with the modes, updated as in the paper, and tested on sensors that it was not shown. The diagnosis looks for the effect and adds it, and the error falls. At the end the demo says what was hidden, and whether it was found, and writes a report of everything.
 
 With --paper the tower is the stand-in that has the frequencies measured on the Canton Tower. Afterwards the folder is a study like any other.";
 
@@ -67,6 +69,9 @@ pub struct Arguments {
     /// The effect to hide [default: drawn by the seed]
     #[arg(long, value_name = "KIND[@WHERE]=VALUE", conflicts_with = "paper")]
     pub effect: Option<Effect>,
+    /// Open the report in the browser at the end
+    #[arg(long)]
+    pub open: bool,
     /// The stand-in that has the frequencies measured on the Canton Tower, beside the tables of the paper
     #[arg(long)]
     pub paper: bool,
@@ -157,13 +162,20 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         covalidation_with_effects: None,
         ending: None,
     };
-    hold_model(&mut outcome, &mut project, route, arguments.paper, console)?;
+    // The commands one by one say more.
+    let brief = console.brief();
+    hold_model(&mut outcome, &mut project, route, arguments.paper, &brief)?;
     if let (false, [effect]) = (arguments.paper, &tower.effects[..]) {
-        find_effect(&mut outcome, &mut project, &Hidden { effect, beam: &tower.beam }, route, console)?;
+        find_effect(&mut outcome, &mut project, &Hidden { effect, beam: &tower.beam }, route, &brief)?;
+    }
+    let report = project.report(None)?.file;
+    console.say(format!("\nReport: {}, all of this in pictures; open it in the browser", report.display()));
+    if arguments.open {
+        open(&report)?;
     }
     let folder = in_shell(&study.folder);
-    console.say("");
     console.say(next_lines(&[
+        (format!("serve {folder} --open"), "the same in the browser, with the next steps to click"),
         (format!("compare {folder}"), "the steps one by one; every one has --json"),
         (format!("diagnose {folder}"), "is anything else missing?"),
         (format!("identify {folder} --direct"), "modes without nodes and link"),

@@ -137,6 +137,15 @@ impl Effect {
         self.kind.contribution(&given, structure)
     }
 
+    /// `kind@where=value`, or `kind@where=name=value,...` of several: read again, it is this effect.
+    pub fn typed(&self) -> String {
+        let values: Vec<String> = match self.parameters().collect::<Vec<_>>()[..] {
+            [(_, value)] => vec![format!("{value:e}")],
+            ref several => several.iter().map(|(parameter, value)| format!("{}={value:e}", parameter.name)).collect(),
+        };
+        if values.is_empty() { self.to_string() } else { format!("{self}={}", values.join(",")) }
+    }
+
     /// For JSON.
     pub fn record(&self) -> EffectRecord {
         let parameters = self.parameters().map(|(parameter, value)| ParameterRecord {

@@ -485,3 +485,19 @@ fn the_change_between_two_structures_is_the_difference_of_their_matrices() {
     }
     assert!(here.change_to(&here, 1.0).is_none());
 }
+
+#[test]
+fn an_effect_as_typed_is_read_again_as_itself() {
+    for word in [
+        "base-rotation=1.0812345678901e-14",
+        "added-mass@443.6m=2e6",
+        "sensor-polarity@ch04",
+        "mass-eccentricity=x=-2.1,y=3",
+    ] {
+        let effect: Effect = word.parse().unwrap();
+        let again: Effect = effect.typed().parse().unwrap();
+        assert_eq!((again.record(), again.to_string()), (effect.record(), effect.to_string()), "{}", effect.typed());
+    }
+    let two: Effect = "tuned-mass-damper@78m=mass=2e5,frequency=0.53,damping_ratio=0.05".parse().unwrap();
+    assert_eq!(two.typed(), "tuned-mass-damper@78m=mass=2e5,frequency=5.3e-1,damping_ratio=5e-2");
+}

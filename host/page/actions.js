@@ -1,0 +1,232 @@
+// What the page can ask the server for. Every action is a command, which stands beside its button; in a report, which has
+// no server, there is none of this. One job runs at a time, its state in the status line.
+
+import { make } from "belfry/canvas.js"
+import { significant } from "belfry/numbers.js"
+import { ask, data, live, on, preview, tell as announce, watch } from "belfry/store.js"
+import { view } from "belfry/view.js"
+
+/** Whether the page can act: `if (can()) ...`. */
+export const can = () => live
+
+// As the server tells it.
+let job = null
+// The last error, a sentence.
+let trouble = ""
+let connected = true
+// Shows the state in the status line, once there is one.
+let tell = () => {}
+const busy = () => job?.state === "running"
+
+/** Runs a command, such as `act(["diagnose"])` or `act(["add", "base-rotation"])`. */
+async function act(command) {
+    if (!live || busy()) return
+    trouble = ""
+    job = { command: "belfry " + said(command), state: "running", stage: "starting" }
+    tell()
+    try {
+        const answer = await ask("/run", { command })
+        // Events may have been faster.
+        if (job?.id !== answer.job.id) job = answer.job
+    } catch (error) {
+        job = null
+        trouble = error.message
+    }
+    tell()
+}
+
+// The picks of this session, which stand until modes are identified again.
+const NONE = { added: [], dropped: [] }
+let picked = NONE, pickedIn = ""
+export const picks = () => picked
+const modesOf = () => JSON.stringify(data()?.modes ?? null)
+on(reason => { if (reason === "data" && picked !== NONE && modesOf() !== pickedIn) picked = NONE })
+
+/** Adds a mode at this frequency to the choice in study.toml, or drops it; each takes the other back. */
+export async function pick(hz, isAdded) {
+    if (!live) return
+    trouble = ""
+    const before = picked, others = list => list.filter(each => each !== hz), isBack = before[isAdded ? "dropped" : "added"].includes(hz)
+    picked = { added: others(before.added), dropped: others(before.dropped) }
+    if (!isBack) picked[isAdded ? "added" : "dropped"].push(hz)
+    pickedIn = modesOf()
+    announce("picks")
+    try { await ask("/picks", isAdded ? { add_hz: [hz] } : { drop_hz: [hz] }) } catch (error) {
+        picked = before
+        trouble = error.message
+        announce("picks")
+    }
+    tell()
+}
+
+async function cancel() {
+    try { await ask("/cancel", {}) } catch (error) { trouble = error.message; tell() }
+}
+
+/** Samples of one channel, as GET /samples answers. */
+export const samples = query => ask("/samples?" + new URLSearchParams(query))
+
+const quoted = word => /^[\w@.:=,+/-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`
+
+/** A command as one would type it. */
+function said([name, ...words]) {
+    return [name, data()?.study?.folder ?? ".", ...words.map(quoted)].join(" ")
+}
+
+/** A command to read and copy. */
+export function typed(command) {
+    const text = typeof command === "string" ? command : "belfry " + said(command)
+    const copy = make("button.copy", { "aria-label": `Copy ${text}`, onclick: async () => {
+        const old = copy.textContent
+        try { await navigator.clipboard.writeText(text); copy.textContent = "copied" } catch {
+            // No clipboard: it stands selected instead.
+            getSelection().selectAllChildren(code)
+            copy.textContent = "selected"
+        }
+        setTimeout(() => copy.textContent = old, 1500)
+    } }, "copy")
+    const code = make("code", text)
+    return make("span.command", code, copy)
+}
+
+/** A button that runs a command. */
+export function button(label, command, properties = {}) {
+    return make("button", { "aria-disabled": busy() ? "true" : null, "data-runs": "1", ...properties, onclick: () => act(command) }, label)
+}
+
+const name = effect => effect.split("=")[0]
+/** A candidate as `belfry add` takes it. */
+export const candidateName = c => c.where ? `${c.effect}@${c.where}` : c.effect
+
+/** Whether one of these names, or things with an effect, is this candidate. */
+export const isAmong = (c, names) => [names ?? []].flat().some(name => [c.effect, candidateName(c)].includes(name?.effect ?? name))
+
+/** The name of the effect that the diagnosis would add: the reader's candidate, otherwise the best. */
+function chosen({ diagnosis }) {
+    const possible = (diagnosis?.candidates ?? []).filter(c => c && c.admissible !== false), is = names => possible.find(c => isAmong(c, names)), c = is(view.get("candidate")) ?? is(diagnosis?.best)
+    return c && candidateName(c)
+}
+
+/** The actions of a section, each with its command. */
+export function actionsOf(section, d) {
+    if (!live || !d) return null
+    const has = Boolean(d.modes), modelled = Boolean(d.model), effects = d.model?.effects ?? []
+    const text = chosen(d), last = effects.length > 0 && name(effects.at(-1)), undo = last && [`Undo: remove ${last}`, ["remove", last]], identify = [["Identify modes", ["identify"]]]
+    const list = {
+        spectra: identify,
+        modes: identify,
+        model: has && [["Compare with the model", ["compare"]], undo],
+        update: has && modelled && [["Update directly", ["update"]], ["Predict left-out sensors", ["covalidate"]]],
+        diagnosis: has && modelled && [["Ask what is missing", ["diagnose"]],
+            text && !effects.some(e => name(e) === text) && [`Add ${text} to the model`, ["add", text]],
+            undo,
+            ["Fit the stiffness profile", ["profile"]], ["Draw the history", ["history"]]],
+    }[section]
+    const rows = (list || []).filter(Boolean)
+    if (!rows.length) return null
+    return make("div.actions.no-print", ...rows.map(([label, command]) => make("div.action", button(label, command), typed(command))))
+}
+
+/** `kind@where=name=value,name=value` or `kind@where=value` in its parts. */
+function parsed(text) {
+    const at = text.indexOf("="), rest = at < 0 ? [] : text.slice(at + 1).split(",")
+    return { effect: name(text), parameters: rest.map(p => { const cut = p.lastIndexOf("="); return { key: p.slice(0, cut + 1), text: p.slice(cut + 1) } }) }
+}
+
+/** Sliders for the values of the model's effects. The model follows at once; nothing is written. */
+export function sliders() {
+    const host = make("div.sliders.no-print")
+    let effects = [], built = null, wanted = false, flying = false, changed = false
+
+    // One request at a time; the newest values follow when it is back.
+    async function send() {
+        if (flying || !wanted) return
+        wanted = false
+        flying = true
+        const query = effects.map(({ effect, parameters }) => ["effect", effect + (parameters.length ? "=" : "") + parameters.map(p => p.key + (p.now ?? p.text)).join(",")])
+        let said = "A preview: nothing is written. The commands fit the values themselves."
+        try {
+            const answer = await ask("/try?" + new URLSearchParams(query))
+            // Not after a reset meanwhile.
+            if (changed) preview(answer)
+        } catch (error) { said = error.message }
+        host.querySelector(".note").textContent = said
+        flying = false
+        send()
+    }
+
+    function build(reason) {
+        const texts = data()?.model?.effects ?? [], key = JSON.stringify(texts)
+        if (reason !== "data" || key === built && !changed) return
+        built = key
+        changed = wanted = false
+        effects = texts.map(parsed)
+        const joint = data().history?.findLast(step => step.joint)?.joint.values ?? []
+        const rows = []
+        for (const { effect, parameters } of effects) for (const p of parameters) {
+            const fitted = Number(p.text)
+            if (!fitted) continue
+            const known = joint.find(v => [effect, effect.split("@")[0]].includes(v.effect) && (!p.key || v.parameter + "=" === p.key))
+            const id = `slider-${rows.length}`, output = make("output", { htmlFor: id })
+            const say = value => output.textContent = `${significant(value)} ${known?.unit?.replace(/^-$/, "") ?? ""}, ${value === fitted ? "as fitted" : `${significant(value / fitted)} times the fitted`}`
+            const input = make("input", { id, type: "range", min: "-1", max: "1", step: "0.01", value: "0", oninput: () => {
+                const value = Number(input.value) ? Number((fitted * 10 ** input.value).toPrecision(5)) : fitted
+                p.now = String(value)
+                say(value)
+                input.setAttribute("aria-valuetext", output.textContent)
+                changed = wanted = true
+                send()
+            } })
+            say(fitted)
+            rows.push(make("label", { for: id }, effect + (known ? `, ${known.parameter}` : "")), input, output)
+        }
+        host.replaceChildren(...rows.length ? [make("p", "Try other values of the model's effects: frequencies, shapes and MAC follow."), ...rows,
+            make("button", { onclick: () => {
+                built = ""
+                build("data")
+                host.querySelector("button").focus()
+                preview(null)
+            } }, "Reset to the fitted values"),
+            make("span.note.quiet", { role: "status" }, "From a tenth to ten times the fitted value. A value of your own cannot be kept: belfry add fits all of them.")] : [])
+    }
+    if (live) on(build)
+    return host
+}
+
+/** The status line: what runs, how far it is, what went wrong. */
+export function status() {
+    const line = make("section.status.no-print", { "aria-label": "Status", hidden: !live })
+    if (!live) return line
+    const text = make("span", { role: "status", "aria-live": "polite" })
+    const bar = make("progress", { "aria-label": "Progress", hidden: true, max: 1 })
+    const stop = make("button", { hidden: true, onclick: cancel }, "Cancel")
+    const output = make("details", { hidden: true }, make("summary", "What the command says"), make("pre", { tabIndex: 0 }))
+    line.append(text, bar, stop, output)
+    tell = () => {
+        const runs = busy(), seconds = job?.elapsed_s > 0 ? ` (${significant(job.elapsed_s, 2)} s)` : ""
+        const parts = [trouble, job && ({
+                running: `${job.command}: ${job.stage || "running"}${job.total ? `, ${job.done} of ${job.total}` : ""}${seconds}`,
+                done: `${job.command}: done${seconds}.`,
+                failed: `${job.command} failed${seconds}.`,
+                cancelled: `${job.command}: cancelled; its results stay as they were.`,
+            }[job.state] ?? job.command), !connected && "Not connected: what is shown may be old."]
+        text.textContent = parts.filter(Boolean).join(" ") || "Ready."
+        line.classList.toggle("failed", Boolean(trouble) || job?.state === "failed" || !connected)
+        bar.hidden = !runs
+        if (runs && job.total) bar.value = job.done / job.total
+        else bar.removeAttribute("value")
+        stop.hidden = !runs
+        const words = job?.output ?? ""
+        output.hidden = !words
+        output.lastChild.textContent = words
+        if (job?.state === "failed" && words) output.open = true
+        for (const element of document.querySelectorAll("[data-runs]")) runs ? element.setAttribute("aria-disabled", "true") : element.removeAttribute("aria-disabled")
+    }
+    watch((news, open) => {
+        connected = open
+        if (news) job = news
+        tell()
+    })
+    tell()
+    return line
+}

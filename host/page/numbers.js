@@ -1,0 +1,78 @@
+// Numbers as engineers write them.
+
+const minus = text => text.replace("-", "\u2212")
+/** What a version of the model is called; its key is also its colour. */
+export const KINDS = { given: "model as first given", effects: "model with its effects", updated: "after direct update" }
+
+/** Whether it is a number that can be written or drawn. */
+export const known = Number.isFinite
+export const clamp = (x, low, high) => Math.min(Math.max(x, low), high)
+const raised = n => String(n).replace(/[-\d]/g, c => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)])
+
+/** With this many digits after the point; a dash where there is none. Never "-0.00". */
+export function fixed(x, digits) {
+    if (!known(x)) return "–"
+    const text = x.toFixed(digits)
+    return minus(Number(text) === 0 ? text.replace("-", "") : text)
+}
+
+export const hertz = (x, digits = 4) => fixed(x, digits) + " Hz"
+/** A share as a percentage. */
+export const percent = (x, digits = 2) => fixed(100 * x, digits) + " %"
+
+export const signed = (x, digits) => known(x) && Number(x.toFixed(digits)) > 0 ? "+" + fixed(x, digits) : fixed(x, digits)
+
+/** With this many significant digits, as 1.11 × 10⁻¹⁴ where it is large or small. */
+export function significant(x, digits = 3) {
+    if (!known(x)) return "–"
+    if (x === 0) return "0"
+    let power = Math.floor(Math.log10(Math.abs(x)))
+    if (power >= -3 && power < 6) return minus(Number(x.toPrecision(digits)).toString())
+    let front = (x / 10 ** power).toFixed(digits - 1)
+    if (Math.abs(Number(front)) >= 10) front = (Number(front) / 10).toFixed(digits - 1), power++
+    return minus(front) + " × 10" + raised(power)
+}
+
+/** 10⁻⁶, or with its front: 3.1·10⁻⁷. */
+export function power(value, digits = 0) {
+    if (!(value > 0)) return "–"
+    let decade = Math.floor(Math.log10(value) + 1e-9), front = (value / 10 ** decade).toFixed(digits)
+    if (Number(front) >= 10) { front = (1).toFixed(digits); decade++ }
+    const tens = decade === 0 ? "1" : decade === 1 ? "10" : "10" + raised(decade)
+    return Number(front) === 1 && !digits ? tens : decade === 0 ? front : `${front}·${tens}`
+}
+
+/** A value with its standard deviation, both to the deviation's two digits. */
+export function within(x, std, scale = 1) {
+    if (!known(x)) return "–"
+    if (!known(std) || std <= 0) return significant(x * scale, 4)
+    const digits = clamp(1 - Math.floor(Math.log10(std * scale)), 0, 8)
+    return fixed(x * scale, digits) + " ± " + fixed(std * scale, digits)
+}
+
+/** The modal assurance criterion to three digits, never rounded to a value that it does not reach. */
+export function mac(x) {
+    if (!known(x)) return "–"
+    if (x >= 1) return "1.000"
+    if (x > 0.999) return ">0.999"
+    return fixed(Math.floor(x * 1000 + 1e-9) / 1000, 3)
+}
+
+export function probability(p) {
+    if (!known(p)) return "–"
+    if (p < 0.001) return "< 0.1 %"
+    if (p > 0.999) return "> 99.9 %"
+    return percent(p, 1)
+}
+
+export const pvalue = p => !known(p) ? "–" : p < 0.0001 ? "< 0.0001" : fixed(p, 4)
+
+export function duration(seconds) {
+    if (!known(seconds)) return "–"
+    if (seconds < 120) return significant(seconds, 3) + " s"
+    if (seconds < 7200) return fixed(seconds / 60, 0) + " min"
+    if (seconds < 3 * 86400) return significant(seconds / 3600, 3) + " h"
+    return significant(seconds / 86400, 3) + " d"
+}
+
+export const plural = (n, one, many = one + "s") => `${n} ${n === 1 ? one : many}`

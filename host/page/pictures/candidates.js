@@ -1,0 +1,112 @@
+// What the model may lack: candidates with their probabilities and values, and what the chosen one would do beside what is missing.
+
+import { button, can, candidateName, isAmong } from "belfry/actions.js"
+import { colour, make, mix } from "belfry/canvas.js"
+import { chosenMode, items } from "belfry/curves.js"
+import { matrix } from "belfry/matrix.js"
+import { clamp, fixed, hertz, known, percent, probability, pvalue, signed, significant } from "belfry/numbers.js"
+import { bars } from "belfry/pictures/frequency-errors.js"
+import { bar, table } from "belfry/tables.js"
+
+const all = data => items(data.diagnosis?.candidates)
+const printsOf = data => items(data.fingerprints?.candidates)
+/** The candidate whose fingerprint is shown: what the reader chose, otherwise the best. */
+function chosenOf(data, view) {
+    const wanted = view.get("candidate") ?? data.diagnosis?.best?.[0], prints = printsOf(data)
+    return { wanted, print: prints.find(one => one.effect === wanted) ?? (view.get("candidate") ? null : prints[0]) }
+}
+// Each set is what the data cannot tell apart.
+const setsOf = ambiguous => items(ambiguous).map(names => [names].flat())
+const sumOf = rows => probability(rows.reduce((sum, one) => sum + (one.probability ?? 0), 0))
+const sized = ({ value, std, unit }) => `${significant(value, 3)}${std != null ? " ± " + significant(std, 2) : ""}${unit && unit !== "-" ? " " + unit : ""}`
+const written = test => `chi-squared ${fixed(test.chi_squared, 0)} on ${test.degrees_of_freedom ?? "–"} degrees of freedom, p ${pvalue(test.p_value)}`
+
+export const candidates = {
+    id: "candidates", title: "What the model may lack", long: true, follows: ["candidate"], from: "diagnosis",
+    has: data => all(data).length > 0,
+    says(data) {
+        const { verdict, best, ambiguous, probabilities, present, goodness_of_fit: fit } = data.diagnosis, named = items(best).join(" and ")
+        const sum = names => sumOf(all(data).filter(one => isAmong(one, names)))
+        const said = verdict === "adequate" ? `Most probably the model lacks nothing: ${probability(probabilities?.adequate)}.`
+            : verdict === "ambiguous" ? `The data cannot tell ${setsOf(ambiguous).map(names => names.join(" and ")).join(", or ")} apart; together they have ${sum(setsOf(ambiguous).flat())}.`
+            : verdict === "effect" && named ? `Most probably the model lacks ${named}: ${sum(best)}.`
+            : "Most probably the model lacks something that is not among the candidates."
+        return [said, present && `The model as it is: ${written(present)}.`, fit && verdict === "effect" && `With ${named}: ${written(fit)}.`].filter(Boolean).join(" ")
+    },
+    draw(host, data, view) {
+        const { ambiguous, probabilities, joint, partial, next_measurement: next, elsewise, reason, warnings } = data.diagnosis, { print } = chosenOf(data, view)
+        const rest = [["nothing: the model is adequate", probabilities?.adequate], ["something else", probabilities?.something_else]].filter(([, p]) => known(p)).map(([effect, probability]) => ({ effect, probability, isRest: true }))
+        const sorted = [...all(data), ...rest].sort((a, b) => (b.probability ?? -1) - (a.probability ?? -1))
+        const groups = setsOf(ambiguous).map(names => sorted.filter(one => isAmong(one, names))).filter(rows => rows.length > 1), others = sorted.filter(one => !groups.flat().includes(one))
+        const of = cell => one => one.isRest ? "" : cell(one), isImpossible = one => one.admissible === false
+        host.append(table("Candidates", [
+            ["Effect", "", candidateName, "wrap"],
+            ["Probability", "", one => isImpossible(one) ? "impossible" : bar(one.probability, 1, one.isRest ? "rejected" : "effects", probability(one.probability)), "text"],
+            ["Value", "", of(one => one.parameters?.map(each => (one.parameters.length > 1 ? each.name + " " : "") + sized(each)).join(", ")), "text"],
+            ["ln Bayes factor", "over the model as it is", of(one => signed(one.log_bayes_factor, 1))],
+            ["Chi-squared", "left", of(one => fixed(one.chi_squared, 0))],
+            ["p", "of fit", of(one => pvalue(one.p_value))],
+            ["Misfit left", "% of squares", of(one => fixed(100 * (one.errors_left?.misfit ?? NaN), 0))],
+            sorted.some(one => one.where_std_m != null || one.near?.length) && ["Place", "± m, or as well at", of(one => [one.where_std_m != null && "± " + significant(one.where_std_m, 2), ...items(one.near).slice(0, 3).map(near => near.where)].filter(Boolean).join(", ")), "wrap"],
+            can() && ["Into the model", "", of(one => isImpossible(one) ? "" : button("Add", ["add", candidateName(one)], { "aria-label": `Add ${candidateName(one)} to the model` }))],
+        ], [...groups.map(rows => ({ title: `The data cannot tell these apart: together ${sumOf(rows)}`, rows })), { title: groups.length > 0 && "Others", rows: others }],
+        { key: one => one.isRest ? null : candidateName(one), chosen: sorted.map(candidateName).find(name => name === view.get("candidate")) ?? print?.effect, choose: candidate => view.set({ candidate }) }))
+        const fitted = items(joint?.values)
+        for (const text of [
+            fitted.length > 1 && "Fitted together: " + fitted.map(each => `${each.effect} ${sized(each)}`).join("; ") + ".",
+            items(partial?.effects).length > 0 && "Together these explain most: " + partial.effects.map(candidateName).join(", ") + ".",
+            next && `What would tell more: ${next}`,
+            ...items(elsewise).map(one => `With ${one.tolerance_times} times the stated tolerance the verdict would be ${[one.verdict, ...items(one.best)].join(" ")}.`),
+            reason, ...items(warnings)]) if (typeof text === "string") host.append(make("p", text))
+    },
+}
+
+export const fingerprint = {
+    id: "fingerprint", title: "What is missing, and what a candidate would do", follows: ["candidate", "mode"],
+    has: data => printsOf(data).length > 0 && items(data.fingerprints.modes).length > 0,
+    says(data, view) {
+        const { wanted, print } = chosenOf(data, view)
+        return print ? `${print.effect} explains ${percent(print.explained, 0)} of the squares of what is missing. All in standard deviations of measurement, tolerance and discrepancy together.`
+            : `No fingerprint was computed for ${wanted}: it is among the least probable.`
+    },
+    draw(host, data, view) {
+        const { print } = chosenOf(data, view), { measured } = data.fingerprints
+        if (!print) return
+        const modes = data.fingerprints.modes.map(mode => mode ?? {}), sensors = (data.fingerprints.sensors ?? []).map(one => one ?? {}), values = { measured: measured?.frequency, effects: print.fingerprint?.frequency }
+        const chart = bars(host, {
+            name: `Frequencies by mode: what is missing, and what ${print.effect} would do`, height: 165, unit: "", x: "measured mode", y: "frequency, in std",
+            groups: modes.map((mode, i) => ({ mode: mode.measured, below: hertz(mode.measured_hz, 3), i })),
+            kinds: [["measured", "measured − model"], ["effects", print.effect]],
+            value: ({ i }, kind) => values[kind]?.[i], press: ({ mode }) => view.set({ mode }),
+        })
+        const shapes = [["measured − model", measured?.shape], [print.effect, print.fingerprint?.shape]]
+        if (sensors.length && shapes.every(([, table]) => table?.length)) heatMaps(host, modes, sensors, shapes, view)
+        return chart.free
+    },
+}
+
+/** The shapes' misfit by sensor and mode: measured, and what the candidate would do, side by side in the same colours. */
+function heatMaps(host, modes, sensors, shapes, view) {
+    // One outlier must not pale the rest: the colours end at the value that one in fifty exceeds.
+    const sizes = shapes[0][1].flat().filter(known).map(Math.abs).sort((a, b) => a - b), reach = Math.max(sizes[Math.floor(0.98 * (sizes.length - 1))] ?? 1, 1)
+    const [none, less, more, paper] = ["panel", "less", "more", "paper"].map(name => colour(name))
+    // From the top down; one label for all sensors of a height.
+    const down = sensors.map((_, i) => sensors.length - 1 - i), heights = down.map(s => sensors[s].elevation_m)
+    const rows = down.map((s, r) => {
+        const from = heights.indexOf(heights[r]), to = heights.lastIndexOf(heights[r])
+        return !known(heights[r]) ? String(sensors[s].channel) : r === (from + to) >> 1 ? `${fixed(heights[r], 0)} m` : ""
+    })
+    const cells = shapes.map(([title]) => make("div.cell", make("p.caption", `Shapes: ${title}`))), output = make("output.note")
+    host.append(make("div.pair", ...cells), output)
+    shapes.forEach(([title, shape], which) => matrix(cells[which], down.map(s => modes.map((_, m) => shape[m]?.[s] ?? null)), {
+        rows, columns: modes.map(mode => mode.measured ?? ""), axes: ["sensors", "measured mode"], left: 62, most: 80, down: clamp(520 / sensors.length, 3, 12),
+        sentence: `Shapes by sensor and mode, ${title}: ${modes.length} modes, ${sensors.length} sensors`,
+        hue: value => known(value) ? mix(none, value < 0 ? less : more, Math.abs(value / reach)) : paper,
+        key: ["std", -reach, reach, `${signed(-reach, 1)} less`, `${signed(reach, 1)} more`], strong: (r, c) => modes[c]?.measured === chosenMode(),
+        point(r, c, click) {
+            const { channel, elevation_m } = sensors[down[r]], { measured: mode } = modes[c]
+            output.textContent = `mode ${mode}, channel ${channel}${known(elevation_m) ? ` at ${fixed(elevation_m, 1)} m` : ""}: ${shapes.map(([name, values]) => `${name} ${signed(values[c]?.[down[r]], 2)}`).join(", ")}`
+            if (click) view.set({ mode })
+        },
+    }))
+}

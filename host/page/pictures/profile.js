@@ -1,0 +1,66 @@
+// Stiffness and mass over the height, as fitted, against the table: bands of one standard deviation beside the tolerance.
+
+import { make } from "belfry/canvas.js"
+import { extent, freeing, items, legend, plot } from "belfry/curves.js"
+import { fixed, known, percent, signed } from "belfry/numbers.js"
+
+const NAMES = { bending_1: "bending, 1st axis", bending_2: "bending, 2nd axis" }
+const change = factor => 100 * (factor - 1)
+const lastOf = data => data.profile?.with_effects ?? data.profile?.as_given
+/** The quantities of a profile with what is known of their segments. */
+const quantitiesOf = profile => items(profile?.quantities).map(({ quantity, segments }) => ({
+    quantity, name: NAMES[quantity] ?? quantity,
+    segments: items(segments).filter(one => one.given != null && [one.factor, one.z_bottom_m, one.z_top_m].every(known)),
+})).filter(one => one.segments.length)
+
+export default {
+    id: "profile",
+    title: "Stiffness and mass over the height",
+    from: "profile",
+    says(data) {
+        const off = quantitiesOf(lastOf(data)).flatMap(({ name, segments }) => segments.map(one => ({ name, one, z: Math.abs(one.factor - 1) / one.std }))).filter(({ z }) => known(z))
+        const { name, one, z } = off.sort((a, b) => b.z - a.z)[0] ?? {}, effects = items(lastOf(data).effects)
+        return `What the measurement says of each segment of the table${effects.length ? `, fitted together with ${effects.join(", ")}` : ""}. ` + (z > 2
+            ? `Furthest off is ${name} at ${fixed((one.z_bottom_m + one.z_top_m) / 2, 0)} m: ${signed(change(one.factor), 1)} ± ${percent(one.std, 1)}.` : "No segment is off by more than two standard deviations.")
+    },
+    has: data => quantitiesOf(lastOf(data)).length > 0,
+    draw(host, data) {
+        const { as_given, with_effects } = data.profile, last = lastOf(data)
+        const kinds = [["given", as_given, with_effects ? "without effects" : "as given"], ["effects", with_effects, "with effects"]].filter(([, profile]) => profile)
+        const segments = (profile, name) => quantitiesOf(profile).find(each => each.quantity === name)?.segments ?? []
+        const stated = one => 100 * one.prior_std / (last.discrepancy?.scatter || 1)
+        const all = kinds.flatMap(([, profile]) => quantitiesOf(profile).flatMap(each => each.segments))
+        const reach = 1.05 * (extent([1, ...all.map(one => Math.abs(change(one.factor)) + 100 * (one.std || 0)), ...all.map(stated)])?.[1] ?? 1), heights = extent(all.flatMap(one => [one.z_bottom_m, one.z_top_m])) ?? [0, 1]
+        const edge = (list, of) => list.flatMap(one => [[of(one), one.z_bottom_m], [of(one), one.z_top_m]])
+        const grid = make("div.multiples.tall")
+        host.append(legend([
+            { label: "tolerance that study.toml states", colour: "rejected", kind: "band", alpha: 0.4 },
+            ...kinds.map(([colour, , label]) => ({ label: `fitted ${label}`, colour })),
+            { label: "bands: ± 1 standard deviation", kind: "none" },
+        ]), grid)
+        return freeing(quantitiesOf(last).map(({ quantity, name, segments: own }, i) => {
+            const cell = make("div.cell", make("p.caption", name))
+            grid.append(cell)
+            return plot(cell, {
+                name: `${name}, change of each segment: ${own.slice(0, 40).map(one => `${fixed(one.z_bottom_m, 0)} m ${signed(change(one.factor), 1)} %`).join(", ")}`, small: true, still: true, height: 330,
+                x: { label: "% of the table", range: [-reach, reach], room: 45, values: splits => splits.map(value => signed(value, splits[1] - splits[0] < 1 ? 1 : 0)) },
+                y: { label: i ? null : "height in m", range: heights },
+                behind(pen) {
+                    const band = (list, low, high) => pen.area([...edge(list, high), ...edge(list, low).reverse()])
+                    pen.style("rejected", { alpha: 0.22 })
+                    band(own, one => -stated(one), stated)
+                    for (const [kind, profile] of kinds) {
+                        pen.style(kind, { alpha: 0.22 })
+                        band(segments(profile, quantity), one => change(one.factor - one.std), one => change(one.factor + one.std))
+                    }
+                    pen.style("ink", { width: 1 })
+                    pen.line([[0, heights[0]], [0, heights[1]]])
+                    for (const [kind, profile] of kinds) {
+                        pen.style(kind, { width: 2, dash: kind === "given" && kinds.length > 1 ? [6, 3] : [] })
+                        pen.line(edge(segments(profile, quantity), one => change(one.factor)))
+                    }
+                },
+            })
+        }))
+    },
+}

@@ -1,0 +1,99 @@
+// Singular values over frequency: where modes were found, which lines are forced, what was rejected and why.
+
+import { button, can, pick, picks } from "belfry/actions.js"
+import { make } from "belfry/canvas.js"
+import { clean, extent, items, modeMarks, nearest, plot, setupChoice, setupOf, steps, unpack } from "belfry/curves.js"
+import { fixed, hertz, known, percent, plural, power } from "belfry/numbers.js"
+
+const LOOKS = [{ width: 1.8 }, { width: 1.2, alpha: 0.72 }, { width: 1, alpha: 0.52 }, { width: 0.8, alpha: 0.42 }].map(look => ({ colour: "measured", ...look }))
+// A click finds a peak so near, in CSS pixels.
+const SNAP = 8
+
+const setupsOf = data => items(data.spectra?.setups).filter(setup => items(setup.singular).length)
+const of = (data, name) => items(data.modes?.[name]).filter(one => known(one.frequency_hz))
+const rounded = hz => Number(hz.toFixed(4))
+
+export default {
+    id: "singular-values",
+    title: "Singular values",
+    follows: ["setup", "mode"],
+    uses: ["picks"],
+    says(data) {
+        const [modes, forced, rejected] = ["modes", "harmonics", "rejected"].map(name => of(data, name)), setup = setupOf(setupsOf(data))
+        return `The singular values of the cross-spectral matrix${setupsOf(data).length > 1 ? ` of setup ${setup.setup}` : ""}${setup.averages ? ` from ${plural(setup.averages, "average")}` : ""} show `
+            + (modes.length ? `${plural(modes.length, "mode")} between ${fixed(modes[0].frequency_hz, 3)} and ${fixed(modes.at(-1).frequency_hz, 3)} Hz` : "no mode")
+            + (forced.length ? `, ${plural(forced.length, "forced line")} (F)` : "")
+            + (rejected.length ? `, and ${plural(rejected.length, "peak")} that ${rejected.length === 1 ? "is no mode" : "are no modes"} (×).` : ".")
+    },
+    has: data => setupsOf(data).length > 0,
+    draw(host, data) {
+        const setups = setupsOf(data), setup = setupOf(setups)
+        const singular = items(setup.singular).slice(0, 4).map(unpack)
+        const hz = steps(setup.first_hz, setup.spacing_hz, singular[0].length)
+        const others = setups.filter(other => other !== setup).map(other => {
+            const first = clean(unpack(items(other.singular)[0]), true)
+            return [steps(other.first_hz, other.spacing_hz, first.length), first]
+        })
+        const [forced, rejected] = ["harmonics", "rejected"].map(name => of(data, name))
+        host.append(setupChoice(setups))
+
+        const action = make("p.pick", { role: "status", hidden: true })
+        const offer = (words, label, hz, isAdded) => {
+            if (!can()) return
+            action.hidden = false
+            action.replaceChildren(words + " ", make("button", { onclick: () => pick(rounded(hz), isAdded) }, label))
+        }
+        const { added, dropped } = picks()
+        const level = value => singular[0][nearest(hz, value)]
+        const modes = modeMarks(data), mode = modes.find(mark => mark.chosen)
+        const marks = [
+            ...modes.map(mark => dropped.includes(rounded(mark.x)) ? { ...mark, colour: "rejected", dash: [2, 4], isStruck: true, title: mark.title + "; dropped, until modes are identified again" } : mark),
+            ...added.map(hz => ({ x: hz, text: "+", dash: [5, 4], alpha: 1, title: `added at ${hertz(hz)}, not identified yet`, press: () => offer(`Added at ${hertz(hz)}.`, "Take it back", hz, false) })),
+            ...forced.map(line => ({
+                x: line.frequency_hz, text: "F", colour: "forced-text", dash: [5, 4], alpha: 1, half: line.wanders_hz,
+                title: `forced line at ${hertz(line.frequency_hz)}, kurtosis ${fixed(line.kurtosis, 2)}`
+                    + (line.wanders_hz ? `, wanders by ${hertz(line.wanders_hz)}` : "") + (line.on_share < 1 ? `, there for ${percent(line.on_share, 0)} of the time` : ""),
+            })),
+            ...rejected.map(({ frequency_hz, in_words, because }) => ({
+                x: frequency_hz, y: level(frequency_hz), text: "×", colour: "rejected", line: false, title: `${hertz(frequency_hz)} is no mode: ${in_words ?? because}`,
+                press: () => offer(`Rejected at ${hertz(frequency_hz)}.`, "Add it as a mode", frequency_hz, true),
+            })),
+        ]
+        // The lower values reach far down in places; three decades below the first are enough.
+        const [low, high] = extent(singular[0], true) ?? [1e-12, 1], least = Math.max(low * 1e-3, extent(singular.at(-1), true)?.[0] ?? 0)
+        const chart = plot(host, {
+            zoom: "hz", height: 340, noted: true, marks,
+            x: { label: "frequency in Hz", range: [hz[0], hz.at(-1)] },
+            y: { label: `density in ${setup.unit ?? "(m/s²)²/Hz"}`, log: true, fit: (from, to) => [Math.max(from ?? least, least) * 0.7, (to ?? high) * 1.6] },
+            data: [hz, ...singular.map(values => clean(values, true))],
+            lines: LOOKS.slice(0, singular.length),
+            behind(pen) {
+                pen.style("rejected", { width: 0.8, alpha: 0.55 })
+                for (const [xs, ys] of others) pen.trace(xs, ys)
+            },
+            at: (_, index) => hertz(hz[index]),
+            legend: [
+                ...singular.map((values, rank) => ({ ...LOOKS[rank], label: ["first", "second", "third", "fourth"][rank], value: index => power(values[index], 1) })),
+                others.length > 0 && { label: others.length > 1 ? `first of the other ${others.length} setups` : "first of the other setup", colour: "rejected", alpha: 0.6 },
+                modes.length > 0 && { label: "mode", kind: "up" },
+                added.length > 0 && { label: "added, not identified yet", kind: "dash" },
+                dropped.length > 0 && { label: "dropped mode", colour: "rejected", kind: "dots" },
+                forced.length > 0 && { label: "F forced line", colour: "forced", kind: "dash" },
+                rejected.length > 0 && { label: "rejected", colour: "rejected", kind: "cross" },
+            ],
+            press: can() ? (where, _, u) => {
+                const reach = u.posToVal(SNAP, "x") - u.posToVal(0, "x")
+                let peak = nearest(hz, where)
+                for (let i = nearest(hz, where - reach); i <= nearest(hz, where + reach); i++) if (singular[0][i] > singular[0][peak]) peak = i
+                offer(`Peak at ${hertz(hz[peak])}.`, `Add a mode at ${hertz(hz[peak])}`, hz[peak], true)
+            } : null,
+        })
+        if (mode) {
+            const isDropped = dropped.includes(rounded(mode.x))
+            offer(`Mode ${mode.text} at ${hertz(mode.x)}${isDropped ? " is dropped" : ""}.`, isDropped ? "Take it back" : "Drop this mode", mode.x, isDropped)
+        }
+        const count = [added.length && `${added.length} added`, dropped.length && `${dropped.length} dropped`].filter(Boolean).join(", ")
+        host.append(action, count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", ["identify"])))
+        return chart.free
+    },
+}

@@ -1,0 +1,69 @@
+//! `belfry serve`: the page on the user's own machine.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use anyhow::Context;
+use clap::Args;
+
+use super::Console;
+use super::interrupt::stop_on_signal;
+use crate::serve::serve;
+use crate::story::Project;
+
+const EXAMPLES: &str = "Examples:
+  belfry serve canton               prints an address; open it in the browser
+  belfry serve canton --open        opens it
+  belfry serve canton --port 7300   always at this port
+
+The page shows what `belfry report` writes, and takes the steps of the commands: identify, compare, update, covalidate, diagnose, profile, add, remove. It runs the same commands, shows them, and changes nothing but the study's folder. Commands in a terminal and other windows on the same study are seen at once.
+
+It listens on 127.0.0.1 alone. The address holds a token; without it nobody on this machine, and no other site in the browser, gets an answer. To look at a study on another machine, forward the port: ssh -L 7300:127.0.0.1:7300 HOST.
+
+Ctrl-C ends it.";
+
+/// How often an interruption is looked for.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// Show the study in the browser, and take its steps there
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    pub study: PathBuf,
+    /// The port on this machine [default: a free one]
+    #[arg(long, value_name = "PORT", default_value_t = 0, hide_default_value = true)]
+    pub port: u16,
+    /// Open the page in the browser
+    #[arg(long)]
+    pub open: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the study cannot be read, or the port cannot be listened on.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    let project = Project::open(&arguments.study)?;
+    let program = std::env::current_exe().context("this program cannot be found again")?;
+    let stop = stop_on_signal()?;
+    let stopped = async move {
+        while !Arc::clone(&stop).load(Ordering::Relaxed) {
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    };
+    let ready = |address: &str| {
+        console.say(format!("{}: {address}", project.study().structure.name));
+        console.say("Open this address in the browser. Ctrl-C ends the server.");
+        // Told to programs, too, as long as the server runs.
+        let told = console.json_line(&serde_json::json!({ "address": address }));
+        let opened = if arguments.open { super::report::open(address) } else { Ok(()) };
+        if let Err(error) = told.and(opened) {
+            console.warn(format!("{error:#}"));
+        }
+    };
+    Ok(serve(project.study(), program, arguments.port, ready, stopped)?)
+}

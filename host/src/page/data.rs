@@ -1,0 +1,444 @@
+//! All that a page shows of a study, gathered from its folder.
+
+use std::path::Path;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use super::findings::{Finding, Sources, findings};
+use super::model::{MacMatrix, ModelPart};
+use super::packed::Packed;
+use crate::archive::{Archive, NodeHealth};
+use crate::compare::{Comparison, ModelView, compare, pair};
+use crate::model::Structure;
+use crate::model::effect::Effect;
+use crate::results::{
+    CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, MODES_FILE, PROFILE_FILE,
+    RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
+};
+use crate::story::{CURVES_FILE, Case, StoryError, UpdateReport, turned_by_update};
+use crate::study::{STUDY_FILE, Sensor, Study, Unit};
+
+/// What a page shows. Its parts are described beside the front end, in `host/page/README.md`.
+#[derive(Debug, Clone, Serialize)]
+pub struct PageData {
+    belfry: Value,
+    study: Value,
+    /// Sentences, the most important first.
+    pub findings: Vec<Finding>,
+    /// Results that are older than what they stand on, by their names, and why.
+    pub stale: Map<String, Value>,
+    modes: Value,
+    spectra: Value,
+    stabilisation: Value,
+    record: Value,
+    model: Option<ModelSeen>,
+    mac: Vec<MacMatrix>,
+    comparison: Option<Comparisons>,
+    update: Value,
+    covalidation: Value,
+    curves: Option<Curves>,
+    diagnosis: Value,
+    fingerprints: Value,
+    profile: Value,
+    history: Value,
+    change: Value,
+    nodes: Value,
+}
+
+/// The model as first given, and with its effects.
+#[derive(Debug, Clone, Serialize)]
+struct ModelSeen {
+    effects: Vec<String>,
+    parts: Vec<ModelPart>,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct Comparisons {
+    given: Comparison,
+    effects: Option<Comparison>,
+}
+
+/// Left-out channels, measured and predicted, over a stretch of the record.
+#[derive(Debug, Clone, Serialize)]
+struct Curves {
+    start_s: f64,
+    spacing_s: f64,
+    points: usize,
+    unit: &'static str,
+    channels: Vec<Map<String, Value>>,
+}
+
+/// Significant digits of numbers on a page.
+const DIGITS: i32 = 7;
+/// The year 9999: what comes later has no such form.
+const LATEST: Duration = Duration::from_secs(253_402_300_799);
+/// Points of all left-out channels' curves together.
+const CURVE_POINTS: usize = 24_000;
+
+/// What depends on what: a result, the command that makes it, and files whose change makes it old.
+const STANDS_ON: [(&str, &str, &str, &[&str]); 5] = [
+    ("comparison", COMPARISON_FILE, "compare", &[STUDY_FILE, MODES_FILE]),
+    ("update", UPDATE_FILE, "update", &[STUDY_FILE, MODES_FILE]),
+    ("covalidation", COVALIDATION_FILE, "covalidate", &[STUDY_FILE, MODES_FILE, UPDATE_FILE]),
+    ("diagnosis", DIAGNOSIS_FILE, "diagnose", &[STUDY_FILE, MODES_FILE]),
+    ("profile", PROFILE_FILE, "profile", &[STUDY_FILE, MODES_FILE]),
+];
+
+impl PageData {
+    /// All that is known of a study. What was not computed is not there; what cannot be read is a finding.
+    ///
+    /// # Errors
+    /// When a result cannot be read, or `study.toml` cannot.
+    pub fn of(study: &Study) -> Result<Self, StoryError> {
+        let results = Results::of(study);
+        let file = |name: &str, step: &'static str| -> Result<Value, StoryError> {
+            let object: Option<Value> = results.read_json(name, step)?;
+            Ok(object.map_or(Value::Null, rounded))
+        };
+        let mut modes = file(MODES_FILE, "identify")?;
+        if let Some(modes) = modes.get_mut("modes").and_then(Value::as_array_mut) {
+            // As large as all else together, and drawn by nothing.
+            for mode in modes.iter_mut().filter_map(Value::as_object_mut) {
+                mode.remove("covariance_factor");
+            }
+        }
+        let case = study.model.as_ref().map(|_| Case::load(study.clone()));
+        let (case, no_case) = match case {
+            Some(Ok(case)) => (Some(case), None),
+            // Before anything was identified there is nothing to compare, which is no fault.
+            Some(Err(StoryError::NotIdentified { .. })) | None => (None, None),
+            Some(Err(error)) => (None, Some(error.to_string())),
+        };
+        let update: Option<UpdateReport> = results.read_json(UPDATE_FILE, "update")?;
+        let seen = case.as_ref().map(|case| Seen::of(case, update.as_ref())).transpose()?;
+        if let (Value::Null, Some(case)) = (&modes, &case) {
+            modes = published_modes(case);
+        }
+        let history: Vec<Value> =
+            results.history()?.iter().filter_map(|step| serde_json::to_value(step).ok()).collect();
+        let stale = stale(study, &results);
+        let (diagnosis, covalidation) = (file(DIAGNOSIS_FILE, "diagnose")?, file(COVALIDATION_FILE, "covalidate")?);
+        let history = rounded(Value::Array(history));
+        let comparison = seen.as_ref().map(|seen| seen.effects.as_ref().unwrap_or(&seen.given).1.clone());
+        let findings = findings(&Sources {
+            study,
+            modes: &modes,
+            comparison: comparison.as_ref(),
+            diagnosis: &diagnosis,
+            covalidation: &covalidation,
+            history: &history,
+            stale: &stale,
+            no_case: no_case.as_deref(),
+            warnings: case.as_ref().map_or(&[], |case| &case.warnings),
+        });
+        let (model, mac, comparison) = seen.map_or((None, Vec::new(), None), |seen| {
+            let Seen { effects, given, mac, names } = seen;
+            let (parts, comparisons) = match effects {
+                Some((part, comparison)) => {
+                    (vec![given.0, part], Comparisons { given: given.1, effects: Some(comparison) })
+                }
+                None => (vec![given.0], Comparisons { given: given.1, effects: None }),
+            };
+            (Some(ModelSeen { effects: names, parts }), mac, Some(comparisons))
+        });
+        Ok(Self {
+            belfry: json!({ "version": env!("CARGO_PKG_VERSION"), "written": now() }),
+            study: study_value(study),
+            findings,
+            stale,
+            modes,
+            spectra: file(SPECTRA_FILE, "identify")?,
+            stabilisation: file(STABILISATION_FILE, "identify")?,
+            record: file(RECORD_FILE, "identify")?,
+            model,
+            mac,
+            comparison,
+            update: file(UPDATE_FILE, "update")?,
+            curves: if covalidation.is_null() { None } else { curves(&results.path(CURVES_FILE)) },
+            covalidation,
+            diagnosis,
+            fingerprints: file(FINGERPRINTS_FILE, "diagnose")?,
+            profile: file(PROFILE_FILE, "profile")?,
+            history,
+            change: file(CHANGE_FILE, "change")?,
+            nodes: nodes(study)?,
+        })
+    }
+}
+
+/// A model with other effects than the study's, as the page draws it; nothing is written.
+#[derive(Debug, Clone, Serialize)]
+pub struct Tried {
+    /// The model.
+    pub model: ModelPart,
+    /// Its MAC with what was measured.
+    pub mac: Option<MacMatrix>,
+    /// How it compares.
+    pub comparison: Comparison,
+}
+
+impl Tried {
+    /// Of these effects.
+    ///
+    /// # Errors
+    /// When the structure cannot have them.
+    pub fn of(case: &Case, effects: &[Effect]) -> Result<Self, StoryError> {
+        let structure = case.model.bare().and(effects)?;
+        let view = ModelView::of(&structure.assemble(), case.seen_sensors())?;
+        // Without the test of a diagnosis, which would take longer than a slider waits.
+        let comparison = compare(&view, &case.measured.modes, case.seen_sensors(), case.tolerance.as_ref());
+        Ok(Self { mac: mac_of("effects", case, &view), model: part("effects", case, &structure, &view), comparison })
+    }
+}
+
+/// What a model and its measured modes give to be seen.
+struct Seen {
+    given: (ModelPart, Comparison),
+    effects: Option<(ModelPart, Comparison)>,
+    mac: Vec<MacMatrix>,
+    names: Vec<String>,
+}
+
+impl Seen {
+    fn of(case: &Case, update: Option<&UpdateReport>) -> Result<Self, StoryError> {
+        let view = case.view_as_given()?;
+        let given = (part("given", case, &case.model.bare(), &view), case.compare_with(&[])?);
+        let mut mac: Vec<MacMatrix> = mac_of("given", case, &view).into_iter().collect();
+        let turned = update.and_then(|update| turned_by_update(case, &view, update).ok());
+        mac.extend(turned.and_then(|(used, shapes)| {
+            let columns = shapes.column_iter().map(|shape| shape.iter().copied().collect()).collect::<Vec<Vec<f64>>>();
+            let numbered = used.iter().zip(&columns).map(|(model, shape)| (model + 1, shape.as_slice()));
+            MacMatrix::of("updated", numbered, &case.measured.modes)
+        }));
+        let effects = if case.model.effects.is_empty() {
+            None
+        } else {
+            mac.extend(mac_of("effects", case, &case.view));
+            Some((part("effects", case, &case.model.structure()?, &case.view), case.compare()))
+        };
+        Ok(Self { given, effects, mac, names: case.model.effects.iter().map(Effect::typed).collect() })
+    }
+}
+
+/// A version of the model.
+fn part(name: &'static str, case: &Case, structure: &Structure, view: &ModelView) -> ModelPart {
+    let measured = &case.measured.modes;
+    ModelPart::of(name, &structure.assemble(), &structure.layout(), view, &pair(view, measured), measured)
+}
+
+/// MAC with the modes up to the highest that has a partner.
+fn mac_of(what: &'static str, case: &Case, view: &ModelView) -> Option<MacMatrix> {
+    let highest = pair(view, &case.measured.modes).iter().map(|pair| pair.model + 1).max()?;
+    MacMatrix::of(what, (0..highest).map(|model| (model + 1, view.shape(model))), &case.measured.modes)
+}
+
+/// Modes that another tool has identified, as `modes.json` has them.
+fn published_modes(case: &Case) -> Value {
+    let modes = case.measured.modes.iter().map(|mode| {
+        let shape = mode.shape.iter().flat_map(|shape| {
+            shape.sensors.iter().enumerate().map(|(index, &sensor)| {
+                json!({
+                    "channel": case.sensors.get(sensor).map(|sensor| &sensor.channel),
+                    "re": shape.values[index],
+                    "im": shape.imaginary.as_ref().map(|imaginary| imaginary[index]),
+                    "std": shape.stds.as_ref().map(|stds| stds[index]),
+                })
+            })
+        });
+        json!({
+            "number": mode.number,
+            "frequency_hz": mode.frequency_hz,
+            "frequency_std_hz": mode.frequency_std_hz,
+            "damping_ratio": mode.damping_ratio,
+            "damping_ratio_std": mode.damping_ratio_std,
+            "shape": shape.collect::<Vec<Value>>(),
+        })
+    });
+    rounded(json!({ "modes": modes.collect::<Vec<Value>>(), "harmonics": [], "rejected": [], "warnings": [] }))
+}
+
+fn study_value(study: &Study) -> Value {
+    let folder = crate::command::in_shell(&study.folder);
+    let command = |name: &str| (name.to_owned(), Value::from(format!("belfry {name} {folder}")));
+    let names = ["identify", "compare", "update", "covalidate", "diagnose", "profile", "history", "add", "remove"];
+    let sensor = |sensor: &Sensor| {
+        json!({
+            "channel": sensor.channel,
+            "node": sensor.node,
+            "elevation_m": sensor.elevation_m,
+            "offset_m": sensor.offset_m,
+            "direction": sensor.direction.map(|direction| direction.cosines()),
+        })
+    };
+    let setups = study.setups.iter().map(|setup| {
+        json!({
+            "name": setup.name,
+            "sampling_rate_hz": setup.sampling_rate_hz,
+            "unit": unit(setup.unit),
+            "live": setup.live,
+            "files": setup.files,
+            "channels": setup.sensors.iter().map(|sensor| &sensor.channel).collect::<Vec<_>>(),
+        })
+    });
+    json!({
+        "name": study.structure.name,
+        "folder": folder,
+        // A study that was read a moment ago; where it cannot be read again, the page does without its text.
+        "toml": std::fs::read_to_string(study.folder.join(STUDY_FILE)).unwrap_or_default(),
+        "commands": names.into_iter().map(command).collect::<Map<String, Value>>(),
+        "setups": setups.collect::<Vec<Value>>(),
+        "sensors": study.sensors().iter().map(sensor).collect::<Vec<Value>>(),
+    })
+}
+
+fn unit(unit: Unit) -> &'static str {
+    match unit {
+        Unit::MetrePerSecondSquared => "m/s²",
+        Unit::StandardGravity => "g",
+        Unit::Volt => "V",
+        Unit::MetrePerSecond => "m/s",
+        Unit::Metre => "m",
+        Unit::Radian => "rad",
+        Unit::Strain => "1",
+    }
+}
+
+/// How nodes have served, where windows were collected.
+fn nodes(study: &Study) -> Result<Value, StoryError> {
+    if !study.setups.iter().any(|setup| setup.live) {
+        return Ok(Value::Null);
+    }
+    let Some(archive) = Archive::open(&study.folder)? else { return Ok(Value::Null) };
+    let health = archive.health()?;
+    let channels = |one: &NodeHealth| -> Vec<&str> {
+        let setup = study.setups.iter().find(|setup| setup.name == one.setup);
+        let sensors = setup.into_iter().flat_map(|setup| &setup.sensors).filter(|sensor| sensor.node == one.node);
+        sensors.map(|sensor| sensor.channel.as_str()).collect()
+    };
+    let nodes = health.iter().map(|one| {
+        json!({
+            "node": one.node,
+            "setup": one.setup,
+            "channels": channels(one),
+            "windows": one.windows,
+            "lost_windows": one.lost_windows,
+            "bad_windows": one.bad_windows,
+            "restarts": one.restarts,
+            "last_window": iso(Duration::from_secs_f64(one.last_received_s.max(0.0))),
+        })
+    });
+    Ok(Value::Array(nodes.collect()))
+}
+
+/// Results that are older than what they stand on.
+fn stale(study: &Study, results: &Results) -> Map<String, Value> {
+    let changed = |name: &str| {
+        let path = if name == STUDY_FILE { study.folder.join(name) } else { results.path(name) };
+        std::fs::metadata(path).and_then(|file| file.modified()).ok()
+    };
+    let mut stale = Map::new();
+    for (what, file, command, stands_on) in STANDS_ON {
+        let Some(made) = changed(file) else { continue };
+        if let Some(newer) = stands_on.iter().find(|name| changed(name).is_some_and(|changed| changed > made)) {
+            let sentence = format!("{newer} has changed since: run `belfry {command}` again");
+            stale.insert(what.to_owned(), Value::from(sentence));
+        }
+    }
+    stale
+}
+
+/// Numbers to the digits that a page needs: the last ten are noise, and half of the file.
+fn rounded(value: Value) -> Value {
+    match value {
+        Value::Number(number) => match number.as_f64().filter(|_| number.is_f64()) {
+            Some(float) if float != 0.0 => {
+                let digits = DIGITS - 1 - float.abs().log10().floor() as i32;
+                // Far from one, a power of ten overflows.
+                let round = |float: f64| format!("{float:.*e}", DIGITS as usize - 1).parse().unwrap_or(float);
+                let short = if (0..=15).contains(&digits) {
+                    let factor = 10_f64.powi(digits);
+                    (float * factor).round() / factor
+                } else {
+                    round(float)
+                };
+                Value::from(short)
+            }
+            _ => Value::Number(number),
+        },
+        Value::Array(values) => Value::Array(values.into_iter().map(rounded).collect()),
+        Value::Object(object) => Value::Object(object.into_iter().map(|(key, value)| (key, rounded(value))).collect()),
+        other => other,
+    }
+}
+
+/// The curves of left-out channels over the stretch in which the first of them moves most; `None` where there are none.
+fn curves(file: &Path) -> Option<Curves> {
+    let mut reader = csv::Reader::from_path(file).ok()?;
+    let header: Vec<String> = reader.headers().ok()?.iter().map(str::to_owned).collect();
+    let mut columns: Vec<Vec<f64>> = vec![Vec::new(); header.len()];
+    for record in reader.records() {
+        let record = record.ok()?;
+        for (column, cell) in columns.iter_mut().zip(&record) {
+            column.push(fast_float2::parse(cell).unwrap_or(f64::NAN));
+        }
+    }
+    let (time_s, first) = (columns.first()?, columns.get(1)?);
+    let spacing_s = time_s.get(1)? - time_s.first()?;
+    let names: Vec<&str> = header.iter().filter_map(|name| name.strip_suffix("_measured")).collect();
+    let points = (CURVE_POINTS / names.len().max(1)).min(time_s.len());
+    let power = |from: usize| -> f64 {
+        first[from..from + points].iter().filter(|value| value.is_finite()).map(|value| value * value).sum()
+    };
+    let starts = (0..=time_s.len() - points).step_by((points / 4).max(1));
+    let from = starts.max_by(|a, b| power(*a).total_cmp(&power(*b)))?;
+    let channel = |name: &&str| -> Map<String, Value> {
+        let of = |label: &str| {
+            let index = header.iter().position(|column| *column == format!("{name}_{label}"))?;
+            let packed = Packed::fine(columns[index][from..from + points].iter().copied());
+            Some((label.to_owned(), serde_json::to_value(packed).ok()?))
+        };
+        let labels = ["measured", "model", "updated", "with_effects", "measured_shapes"];
+        let named = ("channel".to_owned(), Value::from(*name));
+        std::iter::once(named).chain(labels.into_iter().filter_map(of)).collect()
+    };
+    Some(Curves {
+        start_s: time_s[from],
+        spacing_s,
+        points,
+        unit: "m/s²",
+        channels: names.iter().map(channel).collect(),
+    })
+}
+
+/// The time now, to a second, as ISO 8601 has it.
+fn now() -> String {
+    iso(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default())
+}
+
+/// A time since the Unix epoch.
+fn iso(since: Duration) -> String {
+    humantime::format_rfc3339_seconds(UNIX_EPOCH + since.min(LATEST)).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_seven_digits_whatever_their_size() {
+        for (there, back) in [
+            (1.0 / 3.0, 0.333_333_3),
+            (-123_456_789.5, -123_456_800.0),
+            (6.543_210_987e-14, 6.543_211e-14),
+            (1e300 / 3.0, 3.333_333e299),
+            (0.0, 0.0),
+        ] {
+            let Value::Number(short) = rounded(json!(there)) else { panic!() };
+            let short = short.as_f64().unwrap();
+            assert!((short - back).abs() <= 1e-9 * back.abs(), "{there}: {short}");
+        }
+        assert_eq!(rounded(json!({ "a": [123_456_789, null, "x"] })), json!({ "a": [123_456_789, null, "x"] }));
+    }
+}

@@ -1,0 +1,349 @@
+//! What a study has shown, in plain sentences, the most important first.
+//!
+//! What commands have written, and the comparison as it stands, flow in; a sentence for each finding, warning and next step flows out.
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use crate::compare::Comparison;
+use crate::study::Study;
+
+/// A sentence.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// What it is.
+    pub kind: Kind,
+    /// The sentence.
+    pub text: String,
+    /// A command that it asks for, without `belfry` and the study.
+    pub command: Option<String>,
+}
+
+/// What a sentence is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// What was found.
+    Finding,
+    /// What to beware of.
+    Warning,
+    /// What to do next.
+    Next,
+}
+
+/// What findings are made of.
+pub(super) struct Sources<'a> {
+    pub(super) study: &'a Study,
+    pub(super) modes: &'a Value,
+    pub(super) comparison: Option<&'a Comparison>,
+    pub(super) diagnosis: &'a Value,
+    pub(super) covalidation: &'a Value,
+    pub(super) history: &'a Value,
+    pub(super) stale: &'a Map<String, Value>,
+    /// Why the model cannot be held against the modes.
+    pub(super) no_case: Option<&'a str>,
+    /// Of the model and the modes.
+    pub(super) warnings: &'a [String],
+}
+
+/// All sentences.
+pub(super) fn findings(sources: &Sources<'_>) -> Vec<Finding> {
+    let say = |kind: Kind| move |text: String| Finding { kind, text, command: None };
+    let found = [verdict(sources), fall(sources), compared(sources), identified(sources), predicted(sources)];
+    let mut all: Vec<Finding> = found.into_iter().flatten().map(say(Kind::Finding)).collect();
+    let cannot = sources.no_case.map(|reason| format!("The model cannot be held against the modes: {reason}"));
+    let stale =
+        sources.stale.iter().map(|(what, why)| format!("{}: {}.", capital(what), why.as_str().unwrap_or_default()));
+    let of = |value: &Value| strings(value.get("warnings"));
+    let from_files = of(sources.modes).into_iter().chain(of(sources.diagnosis)).chain(of(sources.covalidation));
+    let of_case =
+        sources.comparison.map_or(&[][..], |comparison| &comparison.warnings).iter().chain(sources.warnings).cloned();
+    let mut warned: Vec<String> = Vec::new();
+    for warning in cannot.into_iter().chain(stale).chain(from_files.chain(of_case).map(sentence)) {
+        if !warned.contains(&warning) {
+            warned.push(warning);
+        }
+    }
+    all.extend(warned.into_iter().map(say(Kind::Warning)));
+    all.extend(next(sources));
+    all
+}
+
+/// What the diagnosis says.
+fn verdict(sources: &Sources<'_>) -> Option<String> {
+    let diagnosis = sources.diagnosis.as_object().filter(|_| !sources.stale.contains_key("diagnosis"))?;
+    let probability = |name: &str| -> Option<f64> {
+        let candidates = diagnosis.get("candidates")?.as_array()?.iter();
+        candidates.filter(|one| name_of(one).as_deref() == Some(name)).find_map(|one| one.get("probability")?.as_f64())
+    };
+    let in_percent = |probability: f64| format!("{:.0} %", (100.0 * probability).clamp(0.0, 99.0));
+    Some(match diagnosis.get("verdict")?.as_str()? {
+        "adequate" => "The model explains the measurement within its tolerance; no effect is called for.".to_owned(),
+        "effect" => {
+            let best = strings(diagnosis.get("best")).first()?.clone();
+            match probability(&best) {
+                Some(known) => format!("The model lacks {best}, with a probability of {}.", in_percent(known)),
+                None => format!("The model lacks {best}."),
+            }
+        }
+        "ambiguous" => {
+            let groups = diagnosis.get("ambiguous")?.as_array()?.iter();
+            let names: Vec<String> = groups.flat_map(|group| strings(Some(group))).collect();
+            format!("The model lacks an effect, and this measurement cannot tell which of these: {}.", names.join(", "))
+        }
+        _ => {
+            let partial = diagnosis.get("partial").and_then(|partial| partial.get("effects")).and_then(Value::as_array);
+            let names: Vec<String> = partial.into_iter().flatten().filter_map(name_of).collect();
+            let lead = if names.is_empty() {
+                String::new()
+            } else {
+                format!(" What explains most of it, as a lead and no finding: {}.", names.join(", "))
+            };
+            format!("No single effect of the catalogue explains where the model fails.{lead}")
+        }
+    })
+}
+
+/// How far the error fell.
+fn fall(sources: &Sources<'_>) -> Option<String> {
+    let steps = sources.history.as_array()?;
+    let last = steps.last()?;
+    // Steps of one measurement can be compared.
+    let first = steps.iter().find(|step| step.get("data") == last.get("data"))?;
+    let effects = strings(last.get("effects"));
+    let error = |step: &Value, key: &str| step.get(key)?.as_f64();
+    let pair = |key: &str| error(first, key).zip(error(last, key));
+    let (before, after) = pair("mean_abs_frequency_error_percent")?;
+    if effects.is_empty() || first == last {
+        return None;
+    }
+    let left_out = pair("held_out_error_percent").map_or_else(String::new, |(before, after)| {
+        format!(", that at sensors which were left out of the fit from {before:.1} to {after:.1} %")
+    });
+    let moved = if after < before { "fell" } else { "went" };
+    Some(format!(
+        "With {} in the model, the mean frequency error {moved} from {before:.2} to {after:.2} %{left_out}.",
+        listed(&effects)
+    ))
+}
+
+/// Where the model fails now.
+fn compared(sources: &Sources<'_>) -> Option<String> {
+    let comparison = sources.comparison?;
+    let worst = comparison
+        .pairs
+        .iter()
+        .max_by(|a, b| a.frequency_error_percent.abs().total_cmp(&b.frequency_error_percent.abs()))?;
+    let mac = comparison.mean_mac.map_or_else(String::new, |mac| format!(", and a mean MAC of {}", mac_words(mac)));
+    let at = comparison.by_height.iter().max_by(|a, b| a.misfit.total_cmp(&b.misfit));
+    let height =
+        at.map_or_else(String::new, |height| format!("; shapes are furthest off at {:.0} m", height.elevation_m));
+    Some(format!(
+        "{} of the measured modes have a partner in the model, with a mean frequency error of {:.2} %{mac}. The worst is mode {} at {:.4} Hz ({:+.2} %){height}.",
+        comparison.pairs.len(),
+        comparison.mean_abs_frequency_error_percent?,
+        worst.measured,
+        worst.measured_hz,
+        worst.frequency_error_percent,
+    ))
+}
+
+/// What was identified, and how well.
+fn identified(sources: &Sources<'_>) -> Option<String> {
+    let modes = sources.modes.get("modes")?.as_array()?;
+    let of = |key: &'static str| modes.iter().filter_map(move |mode| mode.get(key)?.as_f64());
+    let (lowest, highest) = (of("frequency_hz").next()?, of("frequency_hz").next_back()?);
+    let relative = |value: &'static str, std: &'static str| {
+        let mut shares: Vec<f64> = modes
+            .iter()
+            .filter_map(|mode| Some(100.0 * mode.get(std)?.as_f64()? / mode.get(value)?.as_f64()?))
+            .filter(|share| share.is_finite())
+            .collect();
+        shares.sort_by(f64::total_cmp);
+        Some((*shares.get(shares.len() / 2)?, *shares.last()?))
+    };
+    let record = sources.modes.get("record_s").and_then(Value::as_f64).filter(|record_s| *record_s > 0.0);
+    let from = record.map_or_else(String::new, |record_s| format!(" from {:.1} h of recording", record_s / 3600.0));
+    let sure = relative("frequency_hz", "frequency_std_hz").map_or_else(String::new, |(median, worst)| {
+        format!(" Frequencies are known to {median:.2} % (worst {worst:.2} %)")
+    });
+    let damping = relative("damping_ratio", "damping_ratio_std")
+        .map_or_else(String::new, |(median, worst)| format!(", damping to {median:.0} % (worst {worst:.0} %)"));
+    let sure = if sure.is_empty() { sure } else { sure + &damping + "." };
+    let forced = sources.modes.get("harmonics").and_then(Value::as_array).map_or(0, Vec::len);
+    let forced = match forced {
+        0 => String::new(),
+        1 => " One forced line, as of a machine, is told from them.".to_owned(),
+        count => format!(" {count} forced lines, as of machines, are told from them."),
+    };
+    let several = if modes.len() == 1 { "mode was" } else { "modes were" };
+    Some(format!("{} {several} identified between {lowest:.3} and {highest:.3} Hz{from}.{sure}{forced}", modes.len()))
+}
+
+/// How well left-out sensors are predicted.
+fn predicted(sources: &Sources<'_>) -> Option<String> {
+    let channels = sources.covalidation.get("channels")?.as_array().filter(|channels| !channels.is_empty())?;
+    let mean = |key: &str| -> Option<f64> {
+        let errors: Vec<f64> = channels.iter().filter_map(|one| one.get("error_percent")?.get(key)?.as_f64()).collect();
+        (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
+    };
+    let names: Vec<String> = channels.iter().filter_map(|one| Some(one.get("channel")?.as_str()?.to_owned())).collect();
+    let model = mean("model")?;
+    let with = mean("with_effects").map_or_else(String::new, |error| format!(", by that with effects {error:.1} %"));
+    let best = mean("measured_shapes")
+        .map_or_else(String::new, |error| format!("; noise and other modes leave about {error:.1} %"));
+    let several = if names.len() == 1 { "channel" } else { "channels" };
+    Some(format!(
+        "Motion at the left-out {several} {}, predicted from the others: by the model as given {model:.1} % off{with}{best}.",
+        listed(&names)
+    ))
+}
+
+/// The next step.
+fn next(sources: &Sources<'_>) -> Vec<Finding> {
+    let step = |text: &str, command: Option<String>| Finding { kind: Kind::Next, text: text.to_owned(), command };
+    let run = |text: &str, command: &str| vec![step(text, Some(command.to_owned()))];
+    let measurement = sources.diagnosis.get("next_measurement").and_then(Value::as_str);
+    if sources.modes.is_null() {
+        return run("Identify the modes.", "identify");
+    }
+    if sources.study.model.is_none() {
+        return vec![step("Name a model in study.toml ([model]) to compare with.", None)];
+    }
+    if sources.diagnosis.is_null() || sources.stale.contains_key("diagnosis") {
+        return run("Ask which effect the model lacks.", "diagnose");
+    }
+    let mut steps: Vec<Finding> =
+        measurement.into_iter().map(|what| step(&format!("To settle it, measure: {what}."), None)).collect();
+    let names = match sources.diagnosis.get("verdict").and_then(Value::as_str) {
+        Some("effect") => strings(sources.diagnosis.get("best")),
+        Some("ambiguous") => {
+            let groups = sources.diagnosis.get("ambiguous").and_then(Value::as_array);
+            groups.into_iter().flatten().flat_map(|group| strings(Some(group))).collect()
+        }
+        _ => Vec::new(),
+    };
+    let where_known = names.len() > 1;
+    steps.extend(names.into_iter().map(|name| {
+        let text = if where_known {
+            format!("Add {name} where you know of it.")
+        } else {
+            format!("Add {name} to the model and refit.")
+        };
+        step(&text, Some(format!("add {name}")))
+    }));
+    if sources.covalidation.is_null() && !sources.study.setups.is_empty() {
+        steps.extend(run("Predict sensors that the model is not shown.", "covalidate"));
+    }
+    steps
+}
+
+/// An effect's name with its place.
+fn name_of(effect: &Value) -> Option<String> {
+    let kind = effect.get("effect")?.as_str()?;
+    Some(match effect.get("where").and_then(Value::as_str) {
+        Some(place) => format!("{kind}@{place}"),
+        None => kind.to_owned(),
+    })
+}
+
+fn strings(value: Option<&Value>) -> Vec<String> {
+    let texts = value.and_then(Value::as_array).into_iter().flatten();
+    texts.filter_map(|text| text.as_str().map(str::to_owned)).collect()
+}
+
+/// As a sentence lists them.
+fn listed(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        [one] => one.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+/// Warnings are clauses; on a page they stand as sentences.
+fn sentence(warning: String) -> String {
+    let text = capital(&warning);
+    if text.ends_with(['.', '?', '!']) { text } else { text + "." }
+}
+
+/// Never rounded up to perfection.
+fn mac_words(mac: f64) -> String {
+    format!("{:.4}", (mac * 1e4).floor() / 1e4)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn said(sources: &Sources<'_>) -> Vec<(Kind, String)> {
+        findings(sources).into_iter().map(|finding| (finding.kind, finding.text)).collect()
+    }
+
+    #[test]
+    fn findings_come_before_warnings_and_these_before_the_next_step() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("study.toml"), crate::study::template::CANTON_STUDY).unwrap();
+        std::fs::write(folder.path().join("beam.csv"), crate::study::template::CANTON_BEAM).unwrap();
+        let study = Study::load(folder.path()).unwrap();
+        let mode = |hz: f64, std: f64| json!({ "frequency_hz": hz, "frequency_std_hz": std, "damping_ratio": 0.01, "damping_ratio_std": 0.001 });
+        let modes = json!({ "modes": [mode(0.1, 2e-4), mode(1.0, 5e-4)], "record_s": 7200.0, "harmonics": [{}], "warnings": ["channel \"07\" is noisy"] });
+        let diagnosis = json!({
+            "verdict": "effect", "best": ["added-mass@443.6m"], "ambiguous": [],
+            "candidates": [{ "effect": "added-mass", "where": "443.6m", "probability": 0.9999 }],
+            "warnings": [], "next_measurement": null,
+        });
+        let step = |effects: &[&str], error: f64, left: f64| json!({ "data": "a", "effects": effects, "mean_abs_frequency_error_percent": error, "held_out_error_percent": left });
+        let history = json!([{ "data": "older", "mean_abs_frequency_error_percent": 9.0 }, step(&[], 0.81, 6.03), step(&["added-mass@443.6m"], 0.11, 5.28)]);
+        let (none, stale) = (Value::Null, Map::new());
+        let sources = Sources {
+            study: &study,
+            modes: &modes,
+            comparison: None,
+            diagnosis: &diagnosis,
+            covalidation: &none,
+            history: &history,
+            stale: &stale,
+            no_case: None,
+            warnings: &[],
+        };
+        let texts = said(&sources);
+        assert_eq!(
+            texts[0],
+            (Kind::Finding, "The model lacks added-mass@443.6m, with a probability of 99 %.".to_owned())
+        );
+        assert!(
+            texts[1]
+                .1
+                .contains("fell from 0.81 to 0.11 %, that at sensors which were left out of the fit from 6.0 to 5.3 %"),
+            "{texts:?}"
+        );
+        assert!(texts[2].1.starts_with("2 modes were identified between 0.100 and 1.000 Hz from 2.0 h of recording. Frequencies are known to 0.20 % (worst 0.20 %)"), "{texts:?}");
+        assert!(texts.contains(&(Kind::Warning, "Channel \"07\" is noisy.".to_owned())));
+        let kinds: Vec<Kind> = texts.iter().map(|(kind, _)| *kind).collect();
+        assert!(kinds.is_sorted_by_key(|kind| *kind as usize), "{kinds:?}");
+        // A diagnosis of another state of the study is no finding.
+        let stale: Map<String, Value> =
+            [("diagnosis".to_owned(), json!("study.toml has changed since"))].into_iter().collect();
+        let texts = said(&Sources { stale: &stale, ..sources });
+        assert!(!texts.iter().any(|(_, text)| text.contains("The model lacks")), "{texts:?}");
+        assert!(texts.contains(&(Kind::Warning, "Diagnosis: study.toml has changed since.".to_owned())));
+        assert!(texts.contains(&(Kind::Next, "Ask which effect the model lacks.".to_owned())));
+        let sources = Sources { modes: &none, diagnosis: &none, history: &none, stale: &Map::new(), ..sources };
+        assert_eq!(
+            findings(&sources),
+            [Finding {
+                kind: Kind::Next,
+                text: "Identify the modes.".to_owned(),
+                command: Some("identify".to_owned())
+            }]
+        );
+    }
+}

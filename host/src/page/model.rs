@@ -1,0 +1,155 @@
+//! The model as the page draws it: nodes, what joins them, and the motion of each in every mode; and its MAC with what was measured.
+
+use nalgebra::DVectorView;
+use serde::Serialize;
+
+use crate::compare::{ModelView, Pair, mac, scale};
+use crate::model::{Assembly, LayoutNode};
+use crate::modes::MeasuredMode;
+
+/// Modes that are drawn beyond the highest that has a partner.
+const MODES_BEYOND: usize = 2;
+/// Points of a line that is drawn, so that few long segments look as they bend.
+const POINTS: usize = 60;
+
+/// A model, or a version of it.
+#[derive(Debug, Clone, Serialize)]
+pub struct ModelPart {
+    /// Which: `given` or `effects`.
+    pub name: &'static str,
+    /// Where points of it stand, in m: X, Y, and Z up; a line's from its base up.
+    pub nodes: Vec<[f64; 3]>,
+    /// Which of them are joined.
+    pub lines: Vec<[usize; 2]>,
+    /// Its modes.
+    pub modes: Vec<ModeMotion>,
+}
+
+/// A mode's motion.
+#[derive(Debug, Clone, Serialize)]
+pub struct ModeMotion {
+    /// The mode's number in the model, from 1.
+    pub number: usize,
+    /// Its frequency in Hz.
+    pub frequency_hz: f64,
+    /// Along X, Y and Z, and turning about Z in rad, node by node; at the scale of the measured shape, where there is one, else the largest 1.
+    pub motion: Vec<[f64; 4]>,
+}
+
+impl ModelPart {
+    /// The modes that have a partner, those between, and a few more.
+    pub fn of(
+        name: &'static str,
+        assembly: &Assembly,
+        layout: &[LayoutNode],
+        view: &ModelView,
+        pairs: &[Pair],
+        measured: &[MeasuredMode],
+    ) -> Self {
+        let points = Points::of(assembly, layout);
+        let last = pairs.iter().map(|pair| pair.model + 1).max().unwrap_or(0) + MODES_BEYOND;
+        let count = last.min(view.modes.frequency_hz.len());
+        let mode = |index: usize| {
+            let motion = points.motion(assembly, view.modes.shapes.column(index));
+            let pair = pairs.iter().find(|pair| pair.model == index);
+            let shape = pair.and_then(|pair| measured.get(pair.measured)?.shape.as_ref());
+            let largest =
+                motion.iter().flat_map(|motion| &motion[..3]).fold(0.0_f64, |most, part| most.max(part.abs()));
+            let as_measured = shape.map(|shape| scale(view.shape(index), shape)).filter(|factor| *factor != 0.0);
+            let factor = as_measured.unwrap_or(if largest > 0.0 { 1.0 / largest } else { 1.0 });
+            ModeMotion {
+                number: index + 1,
+                frequency_hz: view.modes.frequency_hz[index],
+                motion: motion.into_iter().map(|parts| parts.map(|part| factor * part)).collect(),
+            }
+        };
+        Self { name, modes: (0..count).map(mode).collect(), lines: points.lines(), nodes: points.into_places() }
+    }
+}
+
+/// Where a model is drawn.
+enum Points<'a> {
+    /// A line: heights.
+    Line(Vec<f64>),
+    /// Nodes anywhere; nobody says what joins them.
+    Space(&'a [LayoutNode]),
+}
+
+impl<'a> Points<'a> {
+    fn of(assembly: &Assembly, layout: &'a [LayoutNode]) -> Self {
+        if !assembly.is_line() {
+            return Self::Space(layout);
+        }
+        let mut heights_m = assembly.node_elevations_m();
+        heights_m.insert(0, assembly.z_base_m());
+        let (base_m, top_m) = (heights_m[0], heights_m.last().copied().unwrap_or(heights_m[0]));
+        let step_m = (top_m - base_m) / POINTS as f64;
+        // Between nodes that are far apart.
+        let between = heights_m.windows(2).flat_map(|pair| {
+            let pieces = if step_m > 0.0 { ((pair[1] - pair[0]) / step_m).round().max(1.0) as usize } else { 1 };
+            (0..pieces).map(move |piece| pair[0] + (pair[1] - pair[0]) * piece as f64 / pieces as f64)
+        });
+        Self::Line(between.chain([top_m]).collect())
+    }
+
+    fn motion(&self, assembly: &Assembly, shape: DVectorView<'_, f64>) -> Vec<[f64; 4]> {
+        match self {
+            Self::Line(heights_m) => {
+                let at = |z_m: &f64| {
+                    let motion = assembly.axis_motion(*z_m) * shape;
+                    [motion[0], motion[1], 0.0, motion[4]]
+                };
+                heights_m.iter().map(at).collect()
+            }
+            Self::Space(nodes) => {
+                let of = |row: Option<usize>| row.and_then(|row| shape.get(row)).copied().unwrap_or(0.0);
+                let [ux, uy, uz, rz] = [0, 1, 5, 4];
+                nodes.iter().map(|node| [ux, uy, uz, rz].map(|dof: usize| of(node.rows[dof]))).collect()
+            }
+        }
+    }
+
+    fn lines(&self) -> Vec<[usize; 2]> {
+        match self {
+            Self::Line(heights_m) => (1..heights_m.len()).map(|upper| [upper - 1, upper]).collect(),
+            Self::Space(_) => Vec::new(),
+        }
+    }
+
+    fn into_places(self) -> Vec<[f64; 3]> {
+        match self {
+            Self::Line(heights_m) => heights_m.into_iter().map(|z_m| [0.0, 0.0, z_m]).collect(),
+            Self::Space(nodes) => nodes.iter().map(|node| node.position_m).collect(),
+        }
+    }
+}
+
+/// MAC of measured modes with a model's.
+#[derive(Debug, Clone, Serialize)]
+pub struct MacMatrix {
+    /// Of which model: `given`, `updated` or `effects`.
+    pub what: &'static str,
+    /// Numbers of the measured modes.
+    pub measured: Vec<usize>,
+    /// Numbers of the model's modes.
+    pub model: Vec<usize>,
+    /// A row a measured mode.
+    pub values: Vec<Vec<f64>>,
+}
+
+impl MacMatrix {
+    /// Of shapes at the sensors, each with its mode's number, with all measured modes whose shape is known; `None` where there is none.
+    pub fn of<'a>(
+        what: &'static str,
+        shapes: impl Iterator<Item = (usize, &'a [f64])>,
+        measured: &[MeasuredMode],
+    ) -> Option<Self> {
+        let (model, shapes): (Vec<usize>, Vec<&[f64]>) = shapes.unzip();
+        let (numbers, values): (Vec<usize>, Vec<Vec<f64>>) = measured
+            .iter()
+            .filter_map(|mode| Some((mode.number, mode.shape.as_ref()?)))
+            .map(|(number, shape)| (number, shapes.iter().map(|model| mac(model, shape)).collect()))
+            .unzip();
+        (!numbers.is_empty() && !model.is_empty()).then_some(Self { what, measured: numbers, model, values })
+    }
+}

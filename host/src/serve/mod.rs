@@ -1,0 +1,78 @@
+//! The page on the user's own machine: what a study shows, live, and the steps that can be taken in it.
+//!
+//! A study's folder flows in; a server on 127.0.0.1 flows out, that gives the page of [`crate::page`], its data, and runs the commands of
+//! `belfry` that the page asks for. What the page does is what the command does, because it is the command: `job` starts this program
+//! again, so that a step can be stopped at any point and leaves results whole or as they were. `guard` keeps everyone else out, `shared`
+//! holds what all requests share, `samples` cuts pieces out of recordings, `routes` answers.
+
+mod guard;
+mod job;
+mod routes;
+mod samples;
+mod shared;
+
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use rand::RngExt;
+use rand::distr::Alphanumeric;
+use thiserror::Error;
+use tokio::net::TcpListener;
+
+use crate::study::Study;
+use shared::Shared;
+
+/// Letters of a token: 190 bits.
+const TOKEN_LETTERS: usize = 32;
+
+/// Why a page cannot be served.
+#[derive(Debug, Error)]
+pub enum ServeError {
+    /// The port is taken, or not allowed.
+    #[error("cannot listen on port {port} of this machine; name another with --port, or leave it out")]
+    Listen {
+        /// The port.
+        port: u16,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The server broke.
+    #[error("the server stopped")]
+    Stopped(#[source] io::Error),
+}
+
+/// Serves a study until `stop` resolves; `on_ready` gets the address that opens the page. Port 0 takes a free one.
+///
+/// # Errors
+/// When the port cannot be listened on, or the server breaks.
+pub fn serve(
+    study: &Study,
+    program: PathBuf,
+    port: u16,
+    on_ready: impl FnOnce(&str),
+    stop: impl Future<Output = ()> + Send + 'static,
+) -> Result<(), ServeError> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+    runtime.map_err(ServeError::Stopped)?.block_on(async {
+        let listen = |source| ServeError::Listen { port, source };
+        let listener = TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).await.map_err(listen)?;
+        let port = listener.local_addr().map_err(listen)?.port();
+        let secret = || rand::rng().sample_iter(Alphanumeric).take(TOKEN_LETTERS).map(char::from).collect::<String>();
+        let shared = Arc::new(Shared::new(study.folder.clone(), program, port, secret(), secret()));
+        on_ready(&shared.opening_address());
+        let watcher = tokio::spawn(shared::watch_files(Arc::clone(&shared)));
+        let ended = Arc::clone(&shared);
+        let stopped = async move {
+            stop.await;
+            // Streams of events would wait for ever.
+            ended.end();
+        };
+        let served = axum::serve(listener, routes::router(Arc::clone(&shared))).with_graceful_shutdown(stopped).await;
+        watcher.abort();
+        shared.cancel();
+        shared.job_ended().await;
+        served.map_err(ServeError::Stopped)
+    })
+}

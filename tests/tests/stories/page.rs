@@ -1,0 +1,196 @@
+//! A user looks instead of reading: the report, and the page on the own machine, which nobody else can reach.
+
+#[cfg(browser)]
+mod browser;
+mod server;
+
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use assert_cmd::prelude::*;
+use belfry_tests::belfry_command;
+use serde_json::{Value, json};
+
+use server::Server;
+
+fn run(arguments: &[&str]) -> String {
+    let output = belfry_command().args(arguments).assert().success().get_output().stdout.clone();
+    String::from_utf8(output).unwrap()
+}
+
+fn run_json(arguments: &[&str]) -> Value {
+    let output = belfry_command().args(arguments).arg("--json").assert().success().get_output().stdout.clone();
+    serde_json::from_slice(&output).unwrap()
+}
+
+/// An hour of a Canton Tower that rotates on its soil, which its model does not know. Its recording is there, nothing is identified.
+fn study(folder: &Path) -> String {
+    let study = folder.join("canton").to_str().unwrap().to_owned();
+    run(&["init", &study, "--template", "canton"]);
+    run(&["simulate", &study, "--effect", "base-rotation=1.2e-14", "--hours", "1", "--seed", "3", "--adopt"]);
+    study
+}
+
+/// The object that a report's pictures are drawn from.
+fn data_of(page: &str) -> Value {
+    let open = "<script type=\"application/json\" id=\"data\">";
+    let from = page.find(open).expect("the report has its data") + open.len();
+    let to = from + page[from..].find("</script>").unwrap();
+    serde_json::from_str(&page[from..to]).unwrap()
+}
+
+fn sentences(data: &Value, kind: &str) -> Vec<String> {
+    let all = data["findings"].as_array().unwrap().iter().filter(|finding| finding["kind"] == kind);
+    all.map(|finding| finding["text"].as_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn one_file_tells_what_was_found_and_asks_for_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = study(folder.path());
+    // Before anything was found, it says what to do.
+    run(&["report", &study]);
+    let report = Path::new(&study).join("results/report.html");
+    let data = data_of(&fs::read_to_string(&report).unwrap());
+    assert_eq!((sentences(&data, "next"), &data["modes"]), (vec!["Identify the modes.".to_owned()], &Value::Null));
+
+    run(&["identify", &study, "--direct"]);
+    run(&["update", &study]);
+    run(&["covalidate", &study, "--channels", "09", "--direct"]);
+    run(&["diagnose", &study]);
+    let data = data_of(&{
+        run(&["report", &study]);
+        fs::read_to_string(&report).unwrap()
+    });
+    assert!(sentences(&data, "finding")[0].starts_with("The model lacks base-rotation"), "{data:?}");
+    assert!(data["stale"].as_object().unwrap().is_empty(), "{}", data["stale"]);
+
+    run(&["add", &study, "base-rotation"]);
+    let elsewhere = folder.path().join("tower.html");
+    let written = run_json(&["report", &study, "--output", elsewhere.to_str().unwrap()]);
+    let page = fs::read_to_string(&elsewhere).unwrap();
+    assert_eq!(written["bytes"], page.len());
+    assert!(page.len() < 3_000_000, "{} bytes", page.len());
+    for address in ["src=\"http", "href=\"http", "url(http", "@import"] {
+        assert!(!page.contains(address), "{address}");
+    }
+    let data = data_of(&page);
+    // The diagnosis is of the model before; the page says so and takes nothing from it.
+    assert!(data["stale"]["diagnosis"].as_str().unwrap().contains("study.toml has changed"));
+    let found = sentences(&data, "finding");
+    assert!(found[0].starts_with("With base-rotation in the model, the mean frequency error fell from"), "{found:?}");
+    // What it shows is what the command says.
+    let compared = run_json(&["compare", &study]);
+    let shown = &data["comparison"]["effects"];
+    for key in ["chi_squared", "p_value", "mean_abs_frequency_error_percent", "mean_mac"] {
+        let (shown, said) = (shown[key].as_f64().unwrap(), compared[key].as_f64().unwrap());
+        assert!((shown - said).abs() <= 1e-6 * said.abs(), "{key}: {shown} {said}");
+    }
+    assert!(
+        data["comparison"]["given"]["mean_abs_frequency_error_percent"].as_f64()
+            > shown["mean_abs_frequency_error_percent"].as_f64()
+    );
+    let parts = data["model"]["parts"].as_array().unwrap();
+    assert_eq!(parts.iter().map(|part| part["name"].as_str().unwrap()).collect::<Vec<_>>(), ["given", "effects"]);
+    // It turns on its soil only with the effect: a rigid rotation moves no node at the base, but the next.
+    let nodes = parts[0]["nodes"].as_array().unwrap().len();
+    assert!(parts.iter().all(|part| part["modes"][0]["motion"].as_array().unwrap().len() == nodes));
+    let macs: Vec<&str> = data["mac"].as_array().unwrap().iter().map(|mac| mac["what"].as_str().unwrap()).collect();
+    assert_eq!(macs, ["given", "updated", "effects"]);
+    assert_eq!(data["spectra"]["setups"][0]["psd"].as_array().unwrap().len(), 20);
+    assert_eq!(data["record"]["setups"][0]["min"].as_array().unwrap().len(), 20);
+    assert_eq!(data["curves"]["channels"][0]["channel"], "09");
+}
+
+#[test]
+fn the_page_takes_the_steps_of_the_commands_for_its_own_window_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = study(folder.path());
+    let server = Server::start(&study);
+    // Others: without the token, by another name for this machine, from another site.
+    for (method, path, headers, status) in [
+        ("GET", "/", &[][..], 401),
+        ("GET", "/data", &[("cookie", "belfry_session=guess")], 401),
+        ("GET", "/?token=guess", &[], 401),
+        ("GET", "/", &[("host", "tower.example")], 403),
+        ("POST", "/run", &[("origin", "http://tower.example")], 403),
+    ] {
+        assert_eq!(server.ask_as(method, path, headers, "{}").status, status, "{method} {path} {headers:?}");
+    }
+    let page = server.get("/");
+    assert!(
+        page.body.contains("/assets/main.js")
+            && page.header("content-security-policy").contains("script-src 'self' 'nonce-")
+    );
+    assert_eq!(server.get("/assets/../study.toml").status, 404);
+    assert_eq!(server.get("/assets/main.js").status, 200);
+
+    // The story: identify, compare, diagnose, add, and the error falls.
+    assert_eq!(server.data()["modes"], Value::Null);
+    let job = server.finish(&["identify", "--direct"]);
+    assert_eq!(
+        (&job["state"], job["command"].as_str().unwrap()),
+        (&json!("done"), format!("belfry identify {study} --direct").as_str())
+    );
+    let before = server.data();
+    assert_eq!(before["modes"]["modes"].as_array().unwrap().len(), 14);
+    server.finish(&["diagnose"]);
+    let lacks = sentences(&server.data(), "finding").remove(0);
+    assert!(lacks.starts_with("The model lacks base-rotation"), "{lacks}");
+    server.finish(&["add", "base-rotation"]);
+    let after = server.data();
+    let error = |part: &Value| part["mean_abs_frequency_error_percent"].as_f64().unwrap();
+    assert!(error(&after["comparison"]["effects"]) < 0.5 * error(&before["comparison"]["given"]));
+    assert!(after["version"].as_u64() > before["version"].as_u64());
+
+    // A slider asks what another value would do; nothing is written.
+    let toml = || fs::read_to_string(Path::new(&study).join("study.toml")).unwrap();
+    let text = toml();
+    let first_hz = |value: &str| {
+        let answer = server.get(&format!("/try?effect=base-rotation%3D{value}"));
+        assert_eq!(answer.status, 200, "{}", answer.body);
+        answer.json()["model"]["modes"][0]["frequency_hz"].as_f64().unwrap()
+    };
+    assert!(first_hz("1e-13") < 0.9 * first_hz("1e-15"));
+    assert_eq!(server.get("/try?effect=base-rotation%3Dmuch").status, 400);
+    assert_eq!(toml(), text);
+
+    // A second of a channel, from a recording of an hour.
+    let piece = server.get("/samples?setup=january&channel=09&from_s=100&to_s=101&bins=500").json();
+    assert_eq!(piece["time_s"].as_array().unwrap().len(), 51, "{piece}");
+    assert_eq!(server.get("/samples?setup=january&channel=99&from_s=0&to_s=1").status, 409);
+
+    // Another window, a terminal: all see the same.
+    run(&["remove", &study, "base-rotation"]);
+    server.wait_for("the effect is gone", |data| data["model"]["effects"].as_array().is_some_and(Vec::is_empty));
+
+    // A choice of modes stands in study.toml, with what else stands there.
+    assert_eq!(server.post("/picks", &json!({ "add_hz": [0.66], "drop_hz": [1.4278] })).status, 204);
+    let chosen = toml();
+    assert!(chosen.contains("add_modes_hz = [0.66]") && chosen.contains("drop_modes_hz = [1.4278]"), "{chosen}");
+    let comments =
+        |text: &str| text.lines().filter(|line| line.starts_with('#')).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(comments(&chosen), comments(&text));
+    assert_eq!(server.post("/picks", &json!({ "add_hz": [-1.0] })).status, 409);
+    assert_eq!(toml(), chosen);
+    // The other way round takes both back.
+    assert_eq!(server.post("/picks", &json!({ "add_hz": [1.4279], "drop_hz": [0.6601] })).status, 204);
+    assert!(!toml().contains("_modes_hz ="), "{}", toml());
+
+    // What the page may not ask, two at once, and one that is stopped.
+    for words in [&["init", "elsewhere"][..], &["add", "--json"], &["report", "--output", "/tmp/x"], &[]] {
+        assert_eq!(server.post("/run", &json!({ "command": words })).status, 400, "{words:?}");
+    }
+    let modes = fs::read(Path::new(&study).join("results/modes.json")).unwrap();
+    assert_eq!(server.post("/run", &json!({ "command": ["identify"] })).status, 202);
+    assert_eq!(server.post("/run", &json!({ "command": ["compare"] })).status, 409);
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(server.post("/cancel", &json!({})).status, 204);
+    assert_eq!(server.job_ended()["state"], "cancelled");
+    assert_eq!(fs::read(Path::new(&study).join("results/modes.json")).unwrap(), modes);
+    // What fails says why.
+    let failed = server.finish_with(&["add", "no-such-effect"]);
+    assert_eq!(failed["state"], "failed");
+    assert!(failed["output"].as_str().unwrap().contains("no-such-effect"), "{failed}");
+}

@@ -1,0 +1,139 @@
+//! A running `belfry serve`, and a client that says what a browser would, or what it would not.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use belfry_tests::belfry_command;
+use serde_json::{Value, json};
+
+/// How long anything may take: the machine may be busy with other tests.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A server, which ends with this value.
+pub(super) struct Server {
+    child: Child,
+    /// The address that opens the page.
+    pub(super) address: String,
+    host: String,
+    cookie: String,
+}
+
+/// An answer.
+pub(super) struct Answer {
+    pub(super) status: u16,
+    head: String,
+    pub(super) body: String,
+}
+
+impl Answer {
+    pub(super) fn header(&self, name: &str) -> &str {
+        let line =
+            self.head.lines().find_map(|line| line.split_once(": ").filter(|(key, _)| key.eq_ignore_ascii_case(name)));
+        line.map_or("", |(_, value)| value)
+    }
+
+    pub(super) fn json(&self) -> Value {
+        serde_json::from_str(&self.body).unwrap_or_else(|_| panic!("{} {}", self.status, self.body))
+    }
+}
+
+impl Server {
+    /// Serves a study and opens its page.
+    pub(super) fn start(study: &str) -> Self {
+        let mut child =
+            belfry_command().args(["serve", study, "--json"]).stdout(Stdio::piped()).spawn().expect("belfry starts");
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let told: Value = serde_json::from_str(&line).expect("the address, as JSON");
+        let address = told["address"].as_str().unwrap().to_owned();
+        let (host, path) = address.strip_prefix("http://").unwrap().split_once('/').unwrap();
+        let mut server = Self { child, host: host.to_owned(), cookie: String::new(), address: address.clone() };
+        let opened = server.ask_as("GET", &format!("/{path}"), &[], "");
+        assert_eq!((opened.status, opened.header("location")), (303, "/"));
+        let cookie = opened.header("set-cookie").to_owned();
+        assert!(cookie.contains("HttpOnly") && cookie.contains("SameSite=Strict"), "{cookie}");
+        server.cookie = cookie.split(';').next().unwrap().to_owned();
+        server
+    }
+
+    /// Asks with these headers and no others than a client needs.
+    pub(super) fn ask_as(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Answer {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let mut request =
+            format!("{method} {path} HTTP/1.1\r\nconnection: close\r\ncontent-length: {}\r\n", body.len());
+        if !headers.iter().any(|(name, _)| *name == "host") {
+            request += &format!("host: {}\r\n", self.host);
+        }
+        for (name, value) in headers {
+            request += &format!("{name}: {value}\r\n");
+        }
+        stream.write_all(format!("{request}content-type: application/json\r\n\r\n{body}").as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let (head, body) = answer.split_once("\r\n\r\n").expect("a head and a body");
+        let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+        Answer { status, head: head.to_owned(), body: body.to_owned() }
+    }
+
+    /// Asks as the page does.
+    pub(super) fn get(&self, path: &str) -> Answer {
+        self.ask_as("GET", path, &[("cookie", &self.cookie)], "")
+    }
+
+    /// Sends as the page does.
+    pub(super) fn post(&self, path: &str, body: &Value) -> Answer {
+        let origin = format!("http://{}", self.host);
+        self.ask_as("POST", path, &[("cookie", &self.cookie), ("origin", &origin)], &body.to_string())
+    }
+
+    pub(super) fn data(&self) -> Value {
+        let answer = self.get("/data");
+        assert_eq!(answer.status, 200, "{}", answer.body);
+        answer.json()
+    }
+
+    /// Waits until the data are as they should be.
+    pub(super) fn wait_for(&self, what: &str, is_there: impl Fn(&Value) -> bool) {
+        let start = Instant::now();
+        while !is_there(&self.data()) {
+            assert!(start.elapsed() < PATIENCE, "{what}: in vain");
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Runs a command to its good end; its last state.
+    pub(super) fn finish(&self, words: &[&str]) -> Value {
+        let job = self.finish_with(words);
+        assert_eq!(job["state"], "done", "{job}");
+        job
+    }
+
+    /// The same to whatever end.
+    pub(super) fn finish_with(&self, words: &[&str]) -> Value {
+        let started = self.post("/run", &json!({ "command": words }));
+        assert_eq!(started.status, 202, "{}", started.body);
+        self.job_ended()
+    }
+
+    /// The last state of the command that runs, from the events that a window follows.
+    pub(super) fn job_ended(&self) -> Value {
+        let mut stream = TcpStream::connect(&self.host).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        write!(stream, "GET /events HTTP/1.1\r\nhost: {}\r\ncookie: {}\r\n\r\n", self.host, self.cookie).unwrap();
+        let lines = BufReader::new(stream).lines().map(|line| line.expect("an event in time"));
+        let news = lines.filter_map(|line| serde_json::from_str::<Value>(line.strip_prefix("data: ")?).ok());
+        let job = news.map(|mut news| news["job"].take()).find(|job| job["state"] != "running");
+        job.expect("the server tells of the end")
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        // Where it has ended by itself there is nothing to end.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
