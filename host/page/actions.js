@@ -150,8 +150,9 @@ export function sliders() {
             // Not after a reset meanwhile.
             if (changed) preview(answer)
         } catch (error) { said = error.message }
-        host.querySelector(".note").textContent = said
         flying = false
+        const note = host.querySelector(".note")
+        if (note) note.textContent = said
         send()
     }
 
@@ -208,7 +209,7 @@ export function status() {
                 running: `${job.command}: ${job.stage || "running"}${job.total ? `, ${job.done} of ${job.total}` : ""}${seconds}`,
                 done: `${job.command}: done${seconds}.`,
                 failed: `${job.command} failed${seconds}.`,
-                cancelled: `${job.command}: cancelled; its results stay as they were.`,
+                cancelled: `${job.command}: cancelled. What it had not finished stays as it was.`,
             }[job.state] ?? job.command), !connected && "Not connected: what is shown may be old."]
         text.textContent = parts.filter(Boolean).join(" ") || "Ready."
         line.classList.toggle("failed", Boolean(trouble) || job?.state === "failed" || !connected)

@@ -58,6 +58,7 @@ class Figure {
         else if (typeof free === "function") this.free = free
         host.style.minHeight = ""
         this.element.classList.remove("waits")
+        delete this.element.dataset.dirty
         if (focused >= 0) this.controls()[focused]?.focus({ preventScroll: true })
     }
 
@@ -98,7 +99,7 @@ function idle() {
     }, { timeout: 500 })
 }
 function dirty(which = () => true) {
-    for (const figure of figures.values()) if (which(figure.picture)) figure.dirty = true
+    for (const figure of figures.values()) if (which(figure.picture)) { figure.dirty = true; figure.element.dataset.dirty = "" }
     pump()
 }
 
@@ -212,6 +213,7 @@ const CHANGES = { preview: ["model", "mac", "comparison"], picks: ["picks"] }
 function show(reason) {
     const d = data()
     if (!d) return
+    document.querySelector("main > p.failed")?.remove()
     if (reason !== "data") return dirty(p => p.uses ? p.uses.some(u => CHANGES[reason].includes(u)) : reason === "preview" && ["structure", "model"].includes(p.section))
     guarded("header", () => header(d))
     guarded("findings", () => findings(d))
@@ -231,10 +233,6 @@ async function start() {
     theme()
     frame()
     on(reason => show(reason))
-    try { await load() } catch (error) {
-        byId("main").prepend(make("p.failed", live ? error.message : "The data in this file are damaged: " + error.message))
-        return
-    }
     view.follow(names => {
         if (names.includes("theme")) { theme(); dirty() }
         if (names.includes("mode")) modePicker?.()
@@ -251,6 +249,9 @@ async function start() {
         width = now
         dirty()
     }).observe(byId("main"))
+    try { await load() } catch (error) {
+        byId("main").prepend(make("p.failed", live ? error.message : "The data in this file are damaged: " + error.message))
+    }
 }
 
 start()

@@ -71,11 +71,12 @@ export function watch(hear) {
         let said
         try { said = JSON.parse(event.data) } catch { return }
         if (said.job) hear(said.job, true)
-        if (said.version != null && said.version !== stored?.version) again()
+        if (said.version != null && said.version !== stored?.version) again(hear)
     }
 }
-async function again() {
+async function again(hear) {
     // A load under way may have begun before the change.
     const wanted = loading
-    try { await wanted; await load() } catch { /* the next event tries again */ }
+    try { await wanted } catch { /* it is loaded anew */ }
+    try { await load() } catch (error) { hear({ command: "The study cannot be shown", state: "failed", output: error.message }, true) }
 }

@@ -105,7 +105,10 @@ const comparison = {
                 ["", "in deviations", n => signed(of(name, n)?.frequency_z, 1)],
                 ["", "MAC", n => mac(of(name, n)?.mac)]]),
         ], [{ rows: numbers }], { key: n => n, chosen: view.get("mode", numbers[0]), choose: mode => view.set({ mode }) }))
-        if (last.unpaired?.length) host.append(make("p", `Without a partner in the model: mode ${last.unpaired.map(u => u?.measured ?? u?.number ?? u).join(", ")}.`))
+        for (const [side, say] of [["measured", "Measured and without a partner in the model"], ["model", "In the model and not measured"]]) {
+            const alone = (last.unpaired ?? []).filter(u => u?.side === side)
+            if (alone.length) host.append(make("p", `${say}: mode ${alone.map(u => u.number).join(", ")}.`))
+        }
         host.append(...(last.warnings ?? []).map(text => make("p.quiet", text)))
     },
 }

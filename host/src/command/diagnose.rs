@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
+use super::interrupt::leave_nothing_unfinished;
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_text};
 use crate::diagnose::steps::Step;
 use crate::diagnose::{
@@ -54,6 +55,7 @@ pub(super) fn kind(text: &str) -> Result<String, String> {
 /// # Errors
 /// When the study, its model or its modes cannot be read, or do not go together.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    leave_nothing_unfinished()?;
     let mut project = Project::open(&arguments.study)?;
     console.warn_all(&project.case()?.warnings);
     if arguments.auto {

@@ -6,6 +6,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Console;
+use super::interrupt::leave_nothing_unfinished;
 use super::text::{Columns, mac_text, or_dash, p_text};
 use crate::diagnose::steps::StepRecord;
 use crate::story::Project;
@@ -38,6 +39,7 @@ struct Report {
 /// # Errors
 /// When the study or its history cannot be read, or it has none.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    leave_nothing_unfinished()?;
     let project = Project::open(&arguments.study)?;
     let steps = show_history(&project, console)?;
     console.json(&Report { steps })

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
+use super::interrupt::leave_nothing_unfinished;
 use super::text::{Columns, in_shell, next_lines, p_is, unit_text, values_text, with_std};
 use crate::diagnose::steps::Profiles;
 use crate::diagnose::{Profile, ProfileSegment, QuantityProfile};
@@ -36,6 +37,7 @@ pub struct Arguments {
 /// # Errors
 /// When the study, its model or its modes cannot be read, the model has no segments, or the effects cannot be fitted.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    leave_nothing_unfinished()?;
     let mut project = Project::open(&arguments.study)?;
     console.warn_all(&project.case()?.warnings);
     let profiles = project.profile(arguments.with.as_deref())?;

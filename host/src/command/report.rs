@@ -77,19 +77,27 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 fn print(page: &Path) -> anyhow::Result<PathBuf> {
     let page = std::path::absolute(page).with_context(|| format!("{}: no such path", page.display()))?;
     let pdf = page.with_extension("pdf");
+    if pdf == page {
+        bail!(
+            "{}: the report and what is printed of it would be one file; give --output another ending",
+            page.display()
+        );
+    }
+    let Ok(address) = url::Url::from_file_path(&page) else { bail!("{}: no such path", page.display()) };
+    // Beside it, so that it can be moved to its place.
+    let folder = tempfile::tempdir_in(page.parent().unwrap_or(&page)).context("no folder for what is printed")?;
+    let printed = folder.path().join("report.pdf");
     for browser in BROWSERS {
         let mut command = Command::new(browser);
-        // As root, as in containers, Chromium has no sandbox; the page is our own.
-        command.args([
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--no-pdf-header-footer",
-            "--virtual-time-budget=10000",
-        ]);
-        command.arg(format!("--print-to-pdf={}", pdf.display())).arg(format!("file://{}", page.display()));
+        command.args(["--headless", "--disable-gpu", "--no-pdf-header-footer", "--virtual-time-budget=10000"]);
+        // For root, as in containers, Chromium has no sandbox.
+        command.args(rustix::process::geteuid().is_root().then_some("--no-sandbox"));
+        command.arg(format!("--print-to-pdf={}", printed.display())).arg(address.as_str());
         match command.output() {
-            Ok(output) if output.status.success() && pdf.exists() => return Ok(pdf),
+            Ok(output) if output.status.success() && printed.exists() => {
+                std::fs::rename(&printed, &pdf).with_context(|| format!("cannot write {}", pdf.display()))?;
+                return Ok(pdf);
+            }
             Ok(output) => {
                 bail!("{browser} cannot print {}: {}", page.display(), String::from_utf8_lossy(&output.stderr).trim())
             }

@@ -1,5 +1,6 @@
 //! All that a page shows of a study, gathered from its folder.
 
+use std::cell::RefCell;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -14,8 +15,8 @@ use crate::compare::{Comparison, ModelView, compare, pair};
 use crate::model::Structure;
 use crate::model::effect::Effect;
 use crate::results::{
-    CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, MODES_FILE, PROFILE_FILE,
-    RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
+    CHANGE_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, MODES_FILE, PROFILE_FILE, RECORD_FILE, Results,
+    SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
 };
 use crate::story::{CURVES_FILE, Case, StoryError, UpdateReport, turned_by_update};
 use crate::study::{STUDY_FILE, Sensor, Study, Unit};
@@ -78,8 +79,7 @@ const LATEST: Duration = Duration::from_secs(253_402_300_799);
 const CURVE_POINTS: usize = 24_000;
 
 /// What depends on what: a result, the command that makes it, and files whose change makes it old.
-const STANDS_ON: [(&str, &str, &str, &[&str]); 5] = [
-    ("comparison", COMPARISON_FILE, "compare", &[STUDY_FILE, MODES_FILE]),
+const STANDS_ON: [(&str, &str, &str, &[&str]); 4] = [
     ("update", UPDATE_FILE, "update", &[STUDY_FILE, MODES_FILE]),
     ("covalidation", COVALIDATION_FILE, "covalidate", &[STUDY_FILE, MODES_FILE, UPDATE_FILE]),
     ("diagnosis", DIAGNOSIS_FILE, "diagnose", &[STUDY_FILE, MODES_FILE]),
@@ -87,17 +87,22 @@ const STANDS_ON: [(&str, &str, &str, &[&str]); 5] = [
 ];
 
 impl PageData {
-    /// All that is known of a study. What was not computed is not there; what cannot be read is a finding.
-    ///
-    /// # Errors
-    /// When a result cannot be read, or `study.toml` cannot.
-    pub fn of(study: &Study) -> Result<Self, StoryError> {
+    /// All that is known of a study. What was not computed is not there; what cannot be read is a warning.
+    pub fn of(study: &Study) -> Self {
         let results = Results::of(study);
-        let file = |name: &str, step: &'static str| -> Result<Value, StoryError> {
-            let object: Option<Value> = results.read_json(name, step)?;
-            Ok(object.map_or(Value::Null, rounded))
+        let unread = RefCell::new(Vec::new());
+        let note = |error: String| unread.borrow_mut().push(error);
+        let file = |name: &str, step: &'static str| -> Value {
+            match results.read_json::<Value>(name, step) {
+                Ok(object) => object.map_or(Value::Null, rounded),
+                Err(error) => {
+                    note(error.to_string());
+                    Value::Null
+                }
+            }
         };
-        let mut modes = file(MODES_FILE, "identify")?;
+        // Modes from elsewhere count; what was identified before has other numbers.
+        let mut modes = if study.measured.is_some() { Value::Null } else { file(MODES_FILE, "identify") };
         if let Some(modes) = modes.get_mut("modes").and_then(Value::as_array_mut) {
             // As large as all else together, and drawn by nothing.
             for mode in modes.iter_mut().filter_map(Value::as_object_mut) {
@@ -105,22 +110,44 @@ impl PageData {
             }
         }
         let case = study.model.as_ref().map(|_| Case::load(study.clone()));
-        let (case, no_case) = match case {
-            Some(Ok(case)) => (Some(case), None),
+        let case = match case {
+            Some(Ok(case)) => Some(case),
             // Before anything was identified there is nothing to compare, which is no fault.
-            Some(Err(StoryError::NotIdentified { .. })) | None => (None, None),
-            Some(Err(error)) => (None, Some(error.to_string())),
+            Some(Err(StoryError::NotIdentified { .. })) | None => None,
+            Some(Err(error)) => {
+                note(format!("the model cannot be compared with the modes: {error}"));
+                None
+            }
         };
-        let update: Option<UpdateReport> = results.read_json(UPDATE_FILE, "update")?;
-        let seen = case.as_ref().map(|case| Seen::of(case, update.as_ref())).transpose()?;
+        let stale = stale(study, &results);
+        // One of an earlier version has nothing to turn.
+        let update: Option<UpdateReport> = results.read_json(UPDATE_FILE, "update").unwrap_or_default();
+        let seen = case.as_ref().and_then(|case| match Seen::of(case, update.as_ref()) {
+            Ok(seen) => Some(seen),
+            Err(error) => {
+                note(format!("the model cannot be drawn: {error}"));
+                None
+            }
+        });
         if let (Value::Null, Some(case)) = (&modes, &case) {
             modes = published_modes(case);
         }
-        let history: Vec<Value> =
-            results.history()?.iter().filter_map(|step| serde_json::to_value(step).ok()).collect();
-        let stale = stale(study, &results);
-        let (diagnosis, covalidation) = (file(DIAGNOSIS_FILE, "diagnose")?, file(COVALIDATION_FILE, "covalidate")?);
-        let history = rounded(Value::Array(history));
+        let steps = results.history().unwrap_or_else(|error| {
+            note(error.to_string());
+            Vec::new()
+        });
+        let steps: Vec<Value> = steps.iter().filter_map(|step| serde_json::to_value(step).ok()).collect();
+        let history = rounded(Value::Array(steps));
+        let (diagnosis, covalidation) = (file(DIAGNOSIS_FILE, "diagnose"), file(COVALIDATION_FILE, "covalidate"));
+        let of_recordings = |name: &str| if study.measured.is_some() { Value::Null } else { file(name, "identify") };
+        let [spectra, stabilisation, record] = [SPECTRA_FILE, STABILISATION_FILE, RECORD_FILE].map(of_recordings);
+        let (fingerprints, profile) = (file(FINGERPRINTS_FILE, "diagnose"), file(PROFILE_FILE, "profile"));
+        let (update, change) = (file(UPDATE_FILE, "update"), file(CHANGE_FILE, "change"));
+        let nodes = nodes(study).unwrap_or_else(|error| {
+            note(error.to_string());
+            Value::Null
+        });
+        let unread = unread.take();
         let comparison = seen.as_ref().map(|seen| seen.effects.as_ref().unwrap_or(&seen.given).1.clone());
         let findings = findings(&Sources {
             study,
@@ -130,7 +157,7 @@ impl PageData {
             covalidation: &covalidation,
             history: &history,
             stale: &stale,
-            no_case: no_case.as_deref(),
+            unread: &unread,
             warnings: case.as_ref().map_or(&[], |case| &case.warnings),
         });
         let (model, mac, comparison) = seen.map_or((None, Vec::new(), None), |seen| {
@@ -143,28 +170,28 @@ impl PageData {
             };
             (Some(ModelSeen { effects: names, parts }), mac, Some(comparisons))
         });
-        Ok(Self {
+        Self {
             belfry: json!({ "version": env!("CARGO_PKG_VERSION"), "written": now() }),
             study: study_value(study),
             findings,
             stale,
             modes,
-            spectra: file(SPECTRA_FILE, "identify")?,
-            stabilisation: file(STABILISATION_FILE, "identify")?,
-            record: file(RECORD_FILE, "identify")?,
+            spectra,
+            stabilisation,
+            record,
             model,
             mac,
             comparison,
-            update: file(UPDATE_FILE, "update")?,
+            update,
             curves: if covalidation.is_null() { None } else { curves(&results.path(CURVES_FILE)) },
             covalidation,
             diagnosis,
-            fingerprints: file(FINGERPRINTS_FILE, "diagnose")?,
-            profile: file(PROFILE_FILE, "profile")?,
+            fingerprints,
+            profile,
             history,
-            change: file(CHANGE_FILE, "change")?,
-            nodes: nodes(study)?,
-        })
+            change,
+            nodes,
+        }
     }
 }
 
@@ -187,8 +214,13 @@ impl Tried {
     pub fn of(case: &Case, effects: &[Effect]) -> Result<Self, StoryError> {
         let structure = case.model.bare().and(effects)?;
         let view = ModelView::of(&structure.assemble(), case.seen_sensors())?;
-        // Without the test of a diagnosis, which would take longer than a slider waits.
-        let comparison = compare(&view, &case.measured.modes, case.seen_sensors(), case.tolerance.as_ref());
+        // Without a test: that of a diagnosis would take longer than a slider waits, and another is not to be compared with it.
+        let comparison = Comparison {
+            chi_squared: None,
+            degrees_of_freedom: None,
+            p_value: None,
+            ..compare(&view, &case.measured.modes, case.seen_sensors(), case.tolerance.as_ref())
+        };
         Ok(Self { mac: mac_of("effects", case, &view), model: part("effects", case, &structure, &view), comparison })
     }
 }
@@ -210,7 +242,11 @@ impl Seen {
         mac.extend(turned.and_then(|(used, shapes)| {
             let columns = shapes.column_iter().map(|shape| shape.iter().copied().collect()).collect::<Vec<Vec<f64>>>();
             let numbered = used.iter().zip(&columns).map(|(model, shape)| (model + 1, shape.as_slice()));
-            MacMatrix::of("updated", numbered, &case.measured.modes)
+            // The other modes have no shape after it.
+            let numbers: Vec<usize> =
+                update.into_iter().flat_map(|update| &update.pairs).map(|pair| pair.measured).collect();
+            let modes = case.measured.modes.iter().filter(|mode| numbers.contains(&mode.number)).cloned();
+            MacMatrix::of("updated", numbered, &modes.collect::<Vec<_>>())
         }));
         let effects = if case.model.effects.is_empty() {
             None
@@ -269,7 +305,8 @@ fn study_value(study: &Study) -> Value {
             "node": sensor.node,
             "elevation_m": sensor.elevation_m,
             "offset_m": sensor.offset_m,
-            "direction": sensor.direction.map(|direction| direction.cosines()),
+            // How an axis leans or a fibre stretches is no motion of a point.
+            "direction": sensor.direction.filter(|_| sensor.is_of_a_point()).map(|direction| direction.cosines()),
         })
     };
     let setups = study.setups.iter().map(|setup| {

@@ -62,7 +62,8 @@ fn bare(module: &str) -> String {
     let mut is_comment = false;
     let mut lines = Vec::new();
     for line in module.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        is_comment |= line.starts_with("/*");
+        // A notice of a licence stays.
+        is_comment |= line.starts_with("/*") && !line.starts_with("/*!");
         if !is_comment && !line.starts_with("//") {
             lines.push(line);
         }

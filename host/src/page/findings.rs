@@ -25,7 +25,7 @@ pub struct Finding {
 pub enum Kind {
     /// What was found.
     Finding,
-    /// What to beware of.
+    /// A warning.
     Warning,
     /// What to do next.
     Next,
@@ -40,8 +40,8 @@ pub(super) struct Sources<'a> {
     pub(super) covalidation: &'a Value,
     pub(super) history: &'a Value,
     pub(super) stale: &'a Map<String, Value>,
-    /// Why the model cannot be held against the modes.
-    pub(super) no_case: Option<&'a str>,
+    /// What cannot be read, and why.
+    pub(super) unread: &'a [String],
     /// Of the model and the modes.
     pub(super) warnings: &'a [String],
 }
@@ -51,11 +51,15 @@ pub(super) fn findings(sources: &Sources<'_>) -> Vec<Finding> {
     let say = |kind: Kind| move |text: String| Finding { kind, text, command: None };
     let found = [verdict(sources), fall(sources), compared(sources), identified(sources), predicted(sources)];
     let mut all: Vec<Finding> = found.into_iter().flatten().map(say(Kind::Finding)).collect();
-    let cannot = sources.no_case.map(|reason| format!("The model cannot be held against the modes: {reason}"));
+    let cannot = sources.unread.iter().cloned().map(sentence);
     let stale =
         sources.stale.iter().map(|(what, why)| format!("{}: {}.", capital(what), why.as_str().unwrap_or_default()));
     let of = |value: &Value| strings(value.get("warnings"));
-    let from_files = of(sources.modes).into_iter().chain(of(sources.diagnosis)).chain(of(sources.covalidation));
+    let current = |what: &str, value| if sources.stale.contains_key(what) { Vec::new() } else { of(value) };
+    let from_files = of(sources.modes)
+        .into_iter()
+        .chain(current("diagnosis", sources.diagnosis))
+        .chain(current("covalidation", sources.covalidation));
     let of_case =
         sources.comparison.map_or(&[][..], |comparison| &comparison.warnings).iter().chain(sources.warnings).cloned();
     let mut warned: Vec<String> = Vec::new();
@@ -76,7 +80,10 @@ fn verdict(sources: &Sources<'_>) -> Option<String> {
         let candidates = diagnosis.get("candidates")?.as_array()?.iter();
         candidates.filter(|one| name_of(one).as_deref() == Some(name)).find_map(|one| one.get("probability")?.as_f64())
     };
-    let in_percent = |probability: f64| format!("{:.0} %", (100.0 * probability).clamp(0.0, 99.0));
+    let in_percent = |probability: f64| match 100.0 * probability {
+        sure if sure > 99.0 => "more than 99 %".to_owned(),
+        percent => format!("{percent:.0} %"),
+    };
     Some(match diagnosis.get("verdict")?.as_str()? {
         "adequate" => "The model explains the measurement within its tolerance; no effect is called for.".to_owned(),
         "effect" => {
@@ -111,6 +118,11 @@ fn fall(sources: &Sources<'_>) -> Option<String> {
     // Steps of one measurement can be compared.
     let first = steps.iter().find(|step| step.get("data") == last.get("data"))?;
     let effects = strings(last.get("effects"));
+    // A step of another model, or one that began with effects, says nothing of those that are in it now.
+    let now = sources.study.model.as_ref().map_or(0, |model| model.effects.len());
+    if now != effects.len() || !strings(first.get("effects")).is_empty() {
+        return None;
+    }
     let error = |step: &Value, key: &str| step.get(key)?.as_f64();
     let pair = |key: &str| error(first, key).zip(error(last, key));
     let (before, after) = pair("mean_abs_frequency_error_percent")?;
@@ -173,8 +185,8 @@ fn identified(sources: &Sources<'_>) -> Option<String> {
     let forced = sources.modes.get("harmonics").and_then(Value::as_array).map_or(0, Vec::len);
     let forced = match forced {
         0 => String::new(),
-        1 => " One forced line, as of a machine, is told from them.".to_owned(),
-        count => format!(" {count} forced lines, as of machines, are told from them."),
+        1 => " One forced line, as of a machine, is no mode.".to_owned(),
+        count => format!(" {count} forced lines, as of machines, are no modes."),
     };
     let several = if modes.len() == 1 { "mode was" } else { "modes were" };
     Some(format!("{} {several} identified between {lowest:.3} and {highest:.3} Hz{from}.{sure}{forced}", modes.len()))
@@ -182,6 +194,9 @@ fn identified(sources: &Sources<'_>) -> Option<String> {
 
 /// How well left-out sensors are predicted.
 fn predicted(sources: &Sources<'_>) -> Option<String> {
+    if sources.stale.contains_key("covalidation") {
+        return None;
+    }
     let channels = sources.covalidation.get("channels")?.as_array().filter(|channels| !channels.is_empty())?;
     let mean = |key: &str| -> Option<f64> {
         let errors: Vec<f64> = channels.iter().filter_map(|one| one.get("error_percent")?.get(key)?.as_f64()).collect();
@@ -204,7 +219,7 @@ fn next(sources: &Sources<'_>) -> Vec<Finding> {
     let step = |text: &str, command: Option<String>| Finding { kind: Kind::Next, text: text.to_owned(), command };
     let run = |text: &str, command: &str| vec![step(text, Some(command.to_owned()))];
     let measurement = sources.diagnosis.get("next_measurement").and_then(Value::as_str);
-    if sources.modes.is_null() {
+    if sources.modes.is_null() && sources.study.measured.is_none() {
         return run("Identify the modes.", "identify");
     }
     if sources.study.model.is_none() {
@@ -226,7 +241,7 @@ fn next(sources: &Sources<'_>) -> Vec<Finding> {
     let where_known = names.len() > 1;
     steps.extend(names.into_iter().map(|name| {
         let text = if where_known {
-            format!("Add {name} where you know of it.")
+            format!("Add {name} only if you know that it is there.")
         } else {
             format!("Add {name} to the model and refit.")
         };
@@ -290,9 +305,10 @@ mod tests {
     #[test]
     fn findings_come_before_warnings_and_these_before_the_next_step() {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("study.toml"), crate::study::template::CANTON_STUDY).unwrap();
         std::fs::write(folder.path().join("beam.csv"), crate::study::template::CANTON_BEAM).unwrap();
-        let study = Study::load(folder.path()).unwrap();
+        let added = "\n[[model.effect]]\nkind = \"added-mass\"\nwhere = \"443.6m\"\nvalue = 2e5\n";
+        let study =
+            Study::from_text(&format!("{}{added}", crate::study::template::CANTON_STUDY), folder.path()).unwrap();
         let mode = |hz: f64, std: f64| json!({ "frequency_hz": hz, "frequency_std_hz": std, "damping_ratio": 0.01, "damping_ratio_std": 0.001 });
         let modes = json!({ "modes": [mode(0.1, 2e-4), mode(1.0, 5e-4)], "record_s": 7200.0, "harmonics": [{}], "warnings": ["channel \"07\" is noisy"] });
         let diagnosis = json!({
@@ -311,13 +327,13 @@ mod tests {
             covalidation: &none,
             history: &history,
             stale: &stale,
-            no_case: None,
+            unread: &[],
             warnings: &[],
         };
         let texts = said(&sources);
         assert_eq!(
             texts[0],
-            (Kind::Finding, "The model lacks added-mass@443.6m, with a probability of 99 %.".to_owned())
+            (Kind::Finding, "The model lacks added-mass@443.6m, with a probability of more than 99 %.".to_owned())
         );
         assert!(
             texts[1]
@@ -329,7 +345,11 @@ mod tests {
         assert!(texts.contains(&(Kind::Warning, "Channel \"07\" is noisy.".to_owned())));
         let kinds: Vec<Kind> = texts.iter().map(|(kind, _)| *kind).collect();
         assert!(kinds.is_sorted_by_key(|kind| *kind as usize), "{kinds:?}");
-        // A diagnosis of another state of the study is no finding.
+        // What was fitted with another model is no finding of this one.
+        let mut other = study.clone();
+        other.model.as_mut().unwrap().effects.clear();
+        assert!(!said(&Sources { study: &other, ..sources }).iter().any(|(_, text)| text.contains("fell from")));
+        // A diagnosis of another state of the study is none either.
         let stale: Map<String, Value> =
             [("diagnosis".to_owned(), json!("study.toml has changed since"))].into_iter().collect();
         let texts = said(&Sources { stale: &stale, ..sources });

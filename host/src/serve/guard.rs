@@ -70,6 +70,11 @@ fn admitted(
     if origin.is_some_and(|origin| origin != format!("http://{host}")) {
         return Err(forbidden("another site may not ask this server"));
     }
+    // Browsers also say where what a page loads is asked from: a page of another port of this machine sends the cookie, too.
+    let site = text(HeaderName::from_static("sec-fetch-site"));
+    if site.is_some_and(|site| !["same-origin", "none"].contains(&site)) && path != "/" {
+        return Err(forbidden("another site may not ask this server"));
+    }
     // Browsers name the page that a request which changes something comes from.
     if method != Method::GET && origin.is_none() {
         return Err(forbidden("a request that changes something has to come from the page"));
@@ -125,6 +130,8 @@ mod tests {
             forbidden
         );
         assert_eq!(asked(&shared, post.clone(), "/run", &[host.clone(), cookie.clone(), from("null")]), forbidden);
+        let other_port = (HeaderName::from_static("sec-fetch-site"), "same-site");
+        assert_eq!(asked(&shared, Method::GET, "/data", &[host.clone(), cookie.clone(), other_port]), forbidden);
         assert_eq!(asked(&shared, post.clone(), "/run", &[host.clone(), cookie.clone()]), forbidden);
         let page = from("http://127.0.0.1:7300");
         assert_eq!(asked(&shared, post.clone(), "/run", &[host.clone(), cookie, page.clone()]), Ok(Admitted::In));

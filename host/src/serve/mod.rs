@@ -15,6 +15,7 @@ use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use rand::RngExt;
 use rand::distr::Alphanumeric;
@@ -24,6 +25,8 @@ use tokio::net::TcpListener;
 use crate::study::Study;
 use shared::Shared;
 
+/// How long what runs may take to end in good order.
+const GRACE: Duration = Duration::from_secs(3);
 /// Letters of a token: 190 bits.
 const TOKEN_LETTERS: usize = 32;
 
@@ -55,7 +58,8 @@ pub fn serve(
     stop: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
-    runtime.map_err(ServeError::Stopped)?.block_on(async {
+    let runtime = runtime.map_err(ServeError::Stopped)?;
+    let served = runtime.block_on(async {
         let listen = |source| ServeError::Listen { port, source };
         let listener = TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).await.map_err(listen)?;
         let port = listener.local_addr().map_err(listen)?.port();
@@ -63,16 +67,27 @@ pub fn serve(
         let shared = Arc::new(Shared::new(study.folder.clone(), program, port, secret(), secret()));
         on_ready(&shared.opening_address());
         let watcher = tokio::spawn(shared::watch_files(Arc::clone(&shared)));
-        let ended = Arc::clone(&shared);
+        let (ended, mut is_ended) = (Arc::clone(&shared), shared.ended());
         let stopped = async move {
             stop.await;
+            ended.cancel();
             // Streams of events would wait for ever.
             ended.end();
         };
-        let served = axum::serve(listener, routes::router(Arc::clone(&shared))).with_graceful_shutdown(stopped).await;
+        let serving = axum::serve(listener, routes::router(Arc::clone(&shared))).with_graceful_shutdown(stopped);
+        // Whoever has sent half a request may never send the rest.
+        let late = async {
+            let _ = is_ended.wait_for(|ended| *ended).await;
+            tokio::time::sleep(GRACE).await;
+        };
+        let served = tokio::select! {
+            served = serving => served,
+            () = late => Ok(()),
+        };
         watcher.abort();
-        shared.cancel();
         shared.job_ended().await;
         served.map_err(ServeError::Stopped)
-    })
+    });
+    runtime.shutdown_timeout(GRACE);
+    served
 }

@@ -176,8 +176,14 @@ struct Picks {
 
 async fn picks(State(shared): State<Arc<Shared>>, Json(picks): Json<Picks>) -> Answer<StatusCode> {
     let write = move || {
+        let _editing = shared.editing.lock().unwrap_or_else(PoisonError::into_inner);
+        if shared.is_busy() {
+            return Err(Refused::conflict("a command is running; choose modes when it is done"));
+        }
         let mut choice = Study::load(shared.folder())?.analysis.modes;
-        picks.drop_hz.iter().for_each(|hz| choice.drop(*hz));
+        for hz in &picks.drop_hz {
+            choice.drop(*hz).map_err(Refused::conflict)?;
+        }
         picks.add_hz.iter().for_each(|hz| choice.add(*hz));
         Ok(set_mode_choice(shared.folder(), &choice)?)
     };
@@ -207,16 +213,8 @@ async fn samples(State(shared): State<Arc<Shared>>, Query(request): Query<Sample
         let SamplesRequest { setup, channel, from_s, to_s, bins } = request;
         // Held while a recording is read, so that it is read once.
         let mut loaded = shared.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = loaded.as_ref().filter(|loaded| loaded.setup() == setup).map(Arc::clone);
-        let recording = match known {
-            Some(recording) => recording,
-            None => {
-                let study = Study::load(shared.folder())?;
-                let read = Arc::new(Loaded::read(&study, shared.folder(), &setup)?);
-                *loaded = Some(Arc::clone(&read));
-                read
-            }
-        };
+        let study = Study::load(shared.folder())?;
+        let recording = Loaded::of(&mut loaded, &study, shared.folder(), &setup)?;
         drop(loaded);
         Ok(recording.samples(&channel, from_s, to_s, bins.unwrap_or(USUAL_BINS))?)
     };

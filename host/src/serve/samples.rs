@@ -1,11 +1,13 @@
 //! Pieces of a recording, as fine as a picture can show them.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
 
 use serde::Serialize;
 
-use crate::record::{Block, RecordError, Recording};
-use crate::study::Study;
+use crate::record::{Block, RecordError, Recording, matching_files};
+use crate::study::{Setup, Study};
 
 /// What a recording may take in memory, as four bytes a sample.
 const MOST_BYTES: u64 = 1 << 30;
@@ -16,6 +18,7 @@ const MOST_BINS: usize = 4000;
 #[derive(Debug)]
 pub(super) struct Loaded {
     setup: String,
+    source: Source,
     sampling_rate_hz: f64,
     /// Channel by channel, in the recording's unit (in SI).
     channels: Vec<(String, Vec<f32>)>,
@@ -49,18 +52,58 @@ pub(super) enum SamplesError {
     Record(#[from] RecordError),
 }
 
+/// What a recording was read from: what the study says of it, and its files with their times and sizes.
+#[derive(Debug, PartialEq)]
+struct Source {
+    setup: Setup,
+    files: Vec<(PathBuf, Option<SystemTime>, u64)>,
+}
+
+impl Source {
+    fn of(setup: &Setup, folder: &Path) -> Self {
+        let about = |file: PathBuf| {
+            let about = std::fs::metadata(&file).ok();
+            let (modified, bytes) = about.map_or((None, 0), |about| (about.modified().ok(), about.len()));
+            (file, modified, bytes)
+        };
+        // Files that cannot be found are an error when they are read.
+        let files = matching_files(setup, folder).unwrap_or_default();
+        Self { setup: setup.clone(), files: files.into_iter().map(about).collect() }
+    }
+}
+
 impl Loaded {
-    /// Reads a setup's recording.
-    pub(super) fn read(study: &Study, folder: &Path, name: &str) -> Result<Self, SamplesError> {
+    /// The recording of a setup: the one that is `known`, where it still is what the study names, else read anew.
+    pub(super) fn of(
+        known: &mut Option<Arc<Self>>,
+        study: &Study,
+        folder: &Path,
+        name: &str,
+    ) -> Result<Arc<Self>, SamplesError> {
         let setup = study.setups.iter().find(|setup| setup.name == name && !setup.live);
         let setup = setup.ok_or_else(|| SamplesError::NoRecording(name.to_owned()))?;
-        let mut recording = Recording::open(setup, folder)?;
-        let samples = recording.total_rows()? * recording.channels() as u64;
-        if samples * size_of::<f32>() as u64 > MOST_BYTES {
-            return Err(SamplesError::TooLarge { setup: name.to_owned(), samples });
+        let source = Source::of(setup, folder);
+        if let Some(known) = known.as_ref().filter(|known| known.source == source) {
+            return Ok(Arc::clone(known));
         }
+        // Not two at once in memory.
+        *known = None;
+        let read = Arc::new(Self::read(setup, folder, source)?);
+        *known = Some(Arc::clone(&read));
+        Ok(read)
+    }
+
+    fn read(setup: &Setup, folder: &Path, source: Source) -> Result<Self, SamplesError> {
+        let name = &setup.name;
+        let mut recording = Recording::open(setup, folder)?;
+        let rows = recording.total_rows()?;
+        let samples = rows.saturating_mul(recording.channels() as u64);
+        if samples.saturating_mul(size_of::<f32>() as u64) > MOST_BYTES {
+            return Err(SamplesError::TooLarge { setup: name.clone(), samples });
+        }
+        let room = || Vec::with_capacity(usize::try_from(rows).unwrap_or(0));
         let mut channels: Vec<(String, Vec<f32>)> =
-            setup.sensors.iter().map(|sensor| (sensor.channel.clone(), Vec::new())).collect();
+            setup.sensors.iter().map(|sensor| (sensor.channel.clone(), room())).collect();
         let mut block = Block::new();
         while recording.next_block(&mut block)? {
             for row in block.rows() {
@@ -69,11 +112,7 @@ impl Loaded {
                 }
             }
         }
-        Ok(Self { setup: name.to_owned(), sampling_rate_hz: setup.sampling_rate_hz, channels })
-    }
-
-    pub(super) fn setup(&self) -> &str {
-        &self.setup
+        Ok(Self { setup: name.clone(), source, sampling_rate_hz: setup.sampling_rate_hz, channels })
     }
 
     /// A piece of a channel in `bins` bins at most; times outside of the recording are its ends.
@@ -100,11 +139,20 @@ impl Loaded {
 mod tests {
     use super::*;
 
+    /// The template's first setup, of ten rows a second.
+    fn loaded(values: Vec<f32>) -> Loaded {
+        let text = crate::study::template::CANTON_STUDY;
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("beam.csv"), crate::study::template::CANTON_BEAM).unwrap();
+        let study = Study::from_text(text, folder.path()).unwrap();
+        let source = Source::of(&study.setups[0], folder.path());
+        Loaded { setup: "one".to_owned(), source, sampling_rate_hz: 10.0, channels: vec![("07".to_owned(), values)] }
+    }
+
     #[test]
     fn pieces_hold_every_extreme_and_stay_inside_the_recording() {
         let values: Vec<f32> = (0..1000).map(|row| if row == 500 { f32::NAN } else { row as f32 }).collect();
-        let loaded =
-            Loaded { setup: "one".to_owned(), sampling_rate_hz: 10.0, channels: vec![("07".to_owned(), values)] };
+        let loaded = loaded(values);
         let whole = loaded.samples("one/07", -5.0, 1e9, 10).unwrap();
         assert_eq!(
             whole.min,

@@ -8,6 +8,7 @@ use std::time::{Duration, SystemTime};
 use serde::Serialize;
 use tokio::sync::watch;
 
+use super::GRACE;
 use super::job::{JobState, JobStatus, Order, follow};
 use super::samples::Loaded;
 use crate::files::UNFINISHED_SUFFIX;
@@ -17,8 +18,6 @@ use crate::study::Study;
 
 /// How often files are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(400);
-/// How long a command may take to end in good order.
-const GRACE: Duration = Duration::from_secs(3);
 
 /// What a window has to know.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -47,6 +46,8 @@ pub(super) struct Shared {
     case: Mutex<Option<(u64, Arc<Case>)>>,
     /// The recording that was looked into last.
     pub(super) loaded: Mutex<Option<Arc<Loaded>>>,
+    /// Held while study.toml is read, changed and written.
+    pub(super) editing: Mutex<()>,
 }
 
 /// Nobody panics while holding a lock here; if someone did, what it holds is still whole.
@@ -70,6 +71,7 @@ impl Shared {
             data: Mutex::new(None),
             case: Mutex::new(None),
             loaded: Mutex::new(None),
+            editing: Mutex::new(()),
         }
     }
 
@@ -130,7 +132,7 @@ impl Shared {
             data: PageData,
         }
         let study = Study::load(&self.folder)?;
-        let versioned = Versioned { version, data: PageData::of(&study)? };
+        let versioned = Versioned { version, data: PageData::of(&study) };
         let text = Arc::new(serde_json::to_string(&versioned).unwrap_or_default());
         *data = Some((version, Arc::clone(&text)));
         Ok(text)
@@ -200,6 +202,11 @@ impl Shared {
         }
     }
 
+    /// Whether a command runs.
+    pub(super) fn is_busy(&self) -> bool {
+        lock(&self.running).is_some()
+    }
+
     /// Waits until no command runs, for a while.
     pub(super) async fn job_ended(&self) {
         let mut news = self.news();
@@ -249,8 +256,13 @@ fn state_of(folder: &Path) -> Vec<(PathBuf, Option<SystemTime>, u64)> {
         .chain(files(folder.join("results")))
         .filter_map(|file| {
             let about = file.metadata().ok().filter(std::fs::Metadata::is_file)?;
-            let is_unfinished = file.file_name().to_string_lossy().ends_with(UNFINISHED_SUFFIX);
-            (!is_unfinished).then(|| (file.path(), about.modified().ok(), about.len()))
+            let name = file.file_name().to_string_lossy().into_owned();
+            // Reading a database touches these, too: of its log only the length tells that something was written.
+            if name.ends_with("-wal") {
+                return (about.len() > 0).then(|| (file.path(), None, about.len()));
+            }
+            let is_passing = name.ends_with(UNFINISHED_SUFFIX) || name.ends_with("-shm");
+            (!is_passing).then(|| (file.path(), about.modified().ok(), about.len()))
         })
         .collect();
     state.sort();

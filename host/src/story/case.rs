@@ -89,7 +89,7 @@ impl Case {
     /// # Errors
     /// When it has no modes.
     pub fn view_as_given(&self) -> Result<ModelView, StoryError> {
-        Ok(ModelView::of(&self.model.as_given(), &self.sensors)?)
+        Ok(ModelView::of(&self.model.as_given(), self.seen_sensors())?)
     }
 
     /// Keeps only the measured modes of these numbers; none given keeps all.

@@ -140,10 +140,10 @@ impl Project {
             self.results.write("stabilisation.svg", picture.as_bytes())?;
             self.results.write_json(STABILISATION_FILE, &report.identification.stabilisation)?;
         }
-        self.results.write_json_short(SPECTRA_FILE, &report.spectra)?;
-        self.results.write_json_short(RECORD_FILE, &report.records)?;
         report.record_needed = request.wish.map(|wish| record_needed(&report.identification, wish));
         self.results.write_json(MODES_FILE, &report)?;
+        self.results.write_json_short(SPECTRA_FILE, &report.spectra)?;
+        self.results.write_json_short(RECORD_FILE, &report.records)?;
         self.case = None;
         if let Some(picture) = picture::mode_shapes(name, &self.study.setups, &report.identification, &[])? {
             self.results.write("mode_shapes.svg", picture.as_bytes())?;
@@ -357,9 +357,9 @@ impl Project {
     /// Writes everything known of the study into one HTML file: `report.html` among the results, or the one that is named.
     ///
     /// # Errors
-    /// When a result cannot be read, or the file cannot be written.
+    /// When the file cannot be written.
     pub fn report(&self, output: Option<&Path>) -> Result<WrittenReport, StoryError> {
-        let data = PageData::of(&self.study)?;
+        let data = PageData::of(&self.study);
         let file = output.map_or_else(|| self.results.path(REPORT_FILE), Path::to_path_buf);
         let failed = |source: std::io::Error| ResultsError::Write { file: file.clone(), source };
         let json = serde_json::to_string(&data).map_err(|error| failed(error.into()))?;

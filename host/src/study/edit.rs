@@ -26,12 +26,7 @@ pub struct EffectEntry {
 /// # Errors
 /// When the file cannot be read or written, or would no longer be a study.
 pub fn set_effects(folder: &Path, entries: &[EffectEntry]) -> Result<(), StudyError> {
-    let file = folder.join(STUDY_FILE);
-    let text = std::fs::read_to_string(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
-    let changed =
-        with_effects(&text, entries).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
-    Study::from_text(&changed, folder)?;
-    write_whole(&file, changed.as_bytes()).map_err(|source| StudyError::Write { file, source })
+    edit(folder, |text| with_effects(text, entries))
 }
 
 /// Makes `choice` the study's choice of modes: `modes_hz`, `add_modes_hz` and `drop_modes_hz` in `[analysis]`; a list without a
@@ -40,10 +35,14 @@ pub fn set_effects(folder: &Path, entries: &[EffectEntry]) -> Result<(), StudyEr
 /// # Errors
 /// As [`set_effects`].
 pub fn set_mode_choice(folder: &Path, choice: &ModeChoice) -> Result<(), StudyError> {
+    edit(folder, |text| with_choice(text, choice))
+}
+
+/// Changes `study.toml` where what it comes to is a study.
+fn edit(folder: &Path, change: impl FnOnce(&str) -> Result<String, String>) -> Result<(), StudyError> {
     let file = folder.join(STUDY_FILE);
     let text = std::fs::read_to_string(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
-    let changed =
-        with_choice(&text, choice).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
+    let changed = change(&text).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
     Study::from_text(&changed, folder)?;
     write_whole(&file, changed.as_bytes()).map_err(|source| StudyError::Write { file, source })
 }

@@ -253,19 +253,32 @@ impl ModeChoice {
     }
 
     /// Wants no mode at a frequency: takes back that it was added, else drops it.
-    pub fn drop(&mut self, hz: f64) {
-        let named = self.only_hz.as_mut().unwrap_or(&mut self.add_hz);
-        if !take_out(named, hz) && self.only_hz.is_none() {
-            self.drop_hz.push(hz);
+    ///
+    /// # Errors
+    /// A sentence, where `modes_hz` does not name it, or names nothing else.
+    pub fn drop(&mut self, hz: f64) -> Result<(), String> {
+        let Some(only_hz) = &mut self.only_hz else {
+            if !take_out(&mut self.add_hz, hz) {
+                self.drop_hz.push(hz);
+            }
+            return Ok(());
+        };
+        match (only_hz.len(), take_out(only_hz, hz)) {
+            (_, false) => Err(format!("modes_hz in [analysis] names no mode near {hz:.4} Hz")),
+            (1, true) => {
+                Err("modes_hz in [analysis] names this mode alone; take modes_hz out of study.toml".to_owned())
+            }
+            _ => Ok(()),
         }
     }
 }
 
-/// Takes frequencies near one out; whether there were any.
+/// Takes the frequency next to one out, where it is the same mode's; whether there was one.
 fn take_out(frequencies: &mut Vec<f64>, hz: f64) -> bool {
-    let count = frequencies.len();
-    frequencies.retain(|known| (known / hz - 1.0).abs() > SAME_MODE);
-    frequencies.len() < count
+    let distance = |known: &f64| (known / hz - 1.0).abs();
+    let nearest = frequencies.iter().enumerate().min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)));
+    let found = nearest.filter(|(_, known)| distance(known) <= SAME_MODE).map(|(index, _)| index);
+    found.map(|index| frequencies.remove(index)).is_some()
 }
 
 /// `[model]`.

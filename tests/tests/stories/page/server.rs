@@ -78,6 +78,11 @@ impl Server {
         Answer { status, head: head.to_owned(), body: body.to_owned() }
     }
 
+    /// What lets a window in.
+    pub(super) fn cookie(&self) -> &str {
+        &self.cookie
+    }
+
     /// Asks as the page does.
     pub(super) fn get(&self, path: &str) -> Answer {
         self.ask_as("GET", path, &[("cookie", &self.cookie)], "")
