@@ -36,22 +36,31 @@ async function act(command) {
 }
 
 // The picks of this session, which stand until modes are identified again.
-const NONE = { added: [], dropped: [] }
+const NONE = { added: [], dropped: [], bands: [] }
 let picked = NONE, pickedIn = ""
 export const picks = () => picked
 const modesOf = () => JSON.stringify(data()?.modes ?? null)
 on(reason => { if (reason === "data" && picked !== NONE && modesOf() !== pickedIn) picked = NONE })
 
 /** Adds a mode at this frequency to the choice in study.toml, or drops it; each takes the other back. */
-export async function pick(hz, isAdded) {
+export function pick(hz, isAdded) {
+    const others = list => list.filter(each => each !== hz), isBack = picked[isAdded ? "dropped" : "added"].includes(hz)
+    const after = { ...picked, added: others(picked.added), dropped: others(picked.dropped) }
+    if (!isBack) after[isAdded ? "added" : "dropped"].push(hz)
+    return choose(after, isAdded ? { add_hz: [hz] } : { drop_hz: [hz] })
+}
+
+/** Lets the mode at this frequency be fitted to the lines of a band [from, to]; null lets the data choose. */
+export const fitTo = (hz, band) => choose({ ...picked, bands: [...picked.bands.filter(b => b.hz !== hz), { hz, band_hz: band }] }, { bands: [{ hz, band_hz: band }] })
+
+async function choose(after, change) {
     if (!live) return
     trouble = ""
-    const before = picked, others = list => list.filter(each => each !== hz), isBack = before[isAdded ? "dropped" : "added"].includes(hz)
-    picked = { added: others(before.added), dropped: others(before.dropped) }
-    if (!isBack) picked[isAdded ? "added" : "dropped"].push(hz)
+    const before = picked
+    picked = after
     pickedIn = modesOf()
     announce("picks")
-    try { await ask("/picks", isAdded ? { add_hz: [hz] } : { drop_hz: [hz] }) } catch (error) {
+    try { await ask("/picks", change) } catch (error) {
         picked = before
         trouble = error.message
         announce("picks")
@@ -158,7 +167,12 @@ export function sliders() {
 
     function build(reason) {
         const texts = data()?.model?.effects ?? [], key = JSON.stringify(texts)
-        if (reason !== "data" || key === built && !changed) return
+        if (reason !== "data") return
+        // The same effects: new data have taken a preview away, and the values that it shows stand.
+        if (key === built) {
+            wanted = changed
+            return send()
+        }
         built = key
         changed = wanted = false
         effects = texts.map(parsed)

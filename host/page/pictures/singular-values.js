@@ -1,6 +1,6 @@
 // Singular values over frequency: where modes were found, which lines are forced, what was rejected and why.
 
-import { button, can, pick, picks } from "belfry/actions.js"
+import { button, can, fitTo, pick, picks } from "belfry/actions.js"
 import { make } from "belfry/canvas.js"
 import { clean, extent, items, modeMarks, nearest, plot, setupChoice, setupOf, steps, unpack } from "belfry/curves.js"
 import { fixed, hertz, known, percent, plural, power } from "belfry/numbers.js"
@@ -26,7 +26,7 @@ export default {
             + (rejected.length ? `, and ${plural(rejected.length, "peak")} that ${rejected.length === 1 ? "is no mode" : "are no modes"} (×).` : ".")
     },
     has: data => setupsOf(data).length > 0,
-    draw(host, data) {
+    draw(host, data, view) {
         const setups = setupsOf(data), setup = setupOf(setups)
         const singular = items(setup.singular).slice(0, 4).map(unpack)
         const hz = steps(setup.first_hz, setup.spacing_hz, singular[0].length)
@@ -43,9 +43,19 @@ export default {
             action.hidden = false
             action.replaceChildren(words + " ", make("button", { onclick: () => pick(rounded(hz), isAdded) }, label))
         }
-        const { added, dropped } = picks()
+        const { added, dropped, bands } = picks()
         const level = value => singular[0][nearest(hz, value)]
         const modes = modeMarks(data), mode = modes.find(mark => mark.chosen)
+        // The band that the chosen mode is to be fitted to, where a reader has chosen it.
+        const own = bands.find(each => each.hz === mode?.x), band = mode && (own ? own.band_hz : mode.is.band_hz)
+        const fitting = make("p.pick")
+        const inHz = ends => ends.map(hz => fixed(hz, 4)).join(" to ") + " Hz", name = `mode ${mode?.text}`
+        function offerBand(from, to) {
+            if (!mode || !can()) return
+            const isNear = from < mode.x && mode.x < to && to - from < (hz.at(-1) - hz[0]) / 2
+            fitting.replaceChildren(...band ? [`The fit of ${name} takes the lines from ${inHz(band)}. `, make("button", { onclick: () => fitTo(mode.x, null) }, "Choose them from the data"), " "] : [],
+                isNear ? make("button", { onclick: () => fitTo(mode.x, [from, to]) }, `Fit ${name} to what is in sight, ${inHz([from, to])}`) : "")
+        }
         const marks = [
             ...modes.map(mark => dropped.includes(rounded(mark.x)) ? { ...mark, colour: "rejected", dash: [2, 4], isStruck: true, title: mark.title + "; dropped, until modes are identified again" } : mark),
             ...added.map(hz => ({ x: hz, text: "+", dash: [5, 4], alpha: 1, title: `added at ${hertz(hz)}, not identified yet`, press: () => offer(`Added at ${hertz(hz)}.`, "Take it back", hz, false) })),
@@ -68,9 +78,14 @@ export default {
             data: [hz, ...singular.map(values => clean(values, true))],
             lines: LOOKS.slice(0, singular.length),
             behind(pen) {
+                if (band) {
+                    pen.style("rejected", { alpha: 0.18 })
+                    pen.box(band[0], least * 1e-3, band[1], high * 1e3)
+                }
                 pen.style("rejected", { width: 0.8, alpha: 0.55 })
                 for (const [xs, ys] of others) pen.trace(xs, ys)
             },
+            moved: (from, to) => offerBand(rounded(from), rounded(to)),
             at: (_, index) => hertz(hz[index]),
             legend: [
                 ...singular.map((values, rank) => ({ ...LOOKS[rank], label: ["first", "second", "third", "fourth"][rank], value: index => power(values[index], 1) })),
@@ -80,6 +95,7 @@ export default {
                 dropped.length > 0 && { label: "dropped mode", colour: "rejected", kind: "dots" },
                 forced.length > 0 && { label: "F forced line", colour: "forced", kind: "dash" },
                 rejected.length > 0 && { label: "rejected", colour: "rejected", kind: "cross" },
+                band && { label: "band of the mode's fit", colour: "rejected", alpha: 0.3, kind: "band" },
             ],
             press: can() ? (where, _, u) => {
                 const reach = u.posToVal(SNAP, "x") - u.posToVal(0, "x")
@@ -92,8 +108,9 @@ export default {
             const isDropped = dropped.includes(rounded(mode.x))
             offer(`Mode ${mode.text} at ${hertz(mode.x)}${isDropped ? " is dropped" : ""}.`, isDropped ? "Take it back" : "Drop this mode", mode.x, isDropped)
         }
-        const count = [added.length && `${added.length} added`, dropped.length && `${dropped.length} dropped`].filter(Boolean).join(", ")
-        host.append(action, count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", ["identify"])))
+        offerBand(...view.get("zoom.hz") ?? [hz[0], hz.at(-1)])
+        const count = [added.length && `${added.length} added`, dropped.length && `${dropped.length} dropped`, bands.length && plural(bands.length, "band")].filter(Boolean).join(", ")
+        host.append(action, fitting, count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", ["identify"])))
         return chart.free
     },
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::candidates::Options;
 use super::criteria::STANDS_OUT;
-use super::discrepancy::here;
+use super::discrepancy::{Settled, here};
 use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
 use super::found::Found;
@@ -155,25 +155,21 @@ impl Setting<'_> {
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
     ) -> Result<Step, DiagnoseError> {
-        let found = self.with_one_more(effects, kind, place)?;
-        let added = found.effect().to_string();
-        let with: Vec<Effect> = found.fit.effects().to_vec();
-        // With the effect more modes may find a partner.
-        let mut step = self.refit(&format!("add {added}"), &with)?;
-        step.record.log_bayes_factor = Some(found.log_bayes_factor);
-        Ok(step)
-    }
-
-    /// Effects with one more at a place (the best one where none is given), fitted together.
-    fn with_one_more(
-        &self,
-        effects: &[Effect],
-        kind: &'static dyn EffectKind,
-        place: Option<&Where>,
-    ) -> Result<Found, DiagnoseError> {
         let problem = self.problem(effects)?;
         let present = problem.fit_present(effects)?;
-        problem.find(&present, kind, place)
+        let (mut found, settled) = problem.find(&present, kind, place)?;
+        let with: Vec<Effect> = found.fit.effects().to_vec();
+        let action = format!("add {}", found.effect());
+        let weigh = || {
+            let (problem, present) = here(&settled, &problem, &present);
+            problem.weigh_each(present, std::slice::from_mut(&mut found));
+            found.log_bayes_factor
+        };
+        // With the effect more modes may find a partner.
+        let (log_bayes_factor, step) = rayon::join(weigh, || self.refit(&action, &with));
+        let mut step = step?;
+        step.record.log_bayes_factor = Some(log_bayes_factor);
+        Ok(step)
     }
 
     /// The profile of the model as it is first given, and with effects where there are any, on the same modes; the effects with the values
@@ -210,7 +206,9 @@ impl Setting<'_> {
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
     ) -> Result<Profiles, DiagnoseError> {
-        let found = self.with_one_more(effects, kind, place)?;
+        let problem = self.problem(effects)?;
+        let present = problem.fit_present(effects)?;
+        let (found, _) = problem.find(&present, kind, place)?;
         self.profiles(found.fit.effects())
     }
 
@@ -337,13 +335,14 @@ impl Problem {
         Ok(self.settled_plausibly(&fit).unwrap_or_else(|| (self.clone(), fit)))
     }
 
-    /// An effect fitted at its best place, or at the one that is given, with the discrepancy that it leaves.
+    /// An effect fitted at its best place, or at the one that is given, with the discrepancy that it leaves: that problem, and the
+    /// present model in it.
     fn find(
         &self,
         present: &Fit,
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
-    ) -> Result<Found, DiagnoseError> {
+    ) -> Result<(Found, Settled), DiagnoseError> {
         let mut found = self.search_kind(present, kind, place).map_err(|reason| DiagnoseError::NothingGained {
             effect: place.map_or_else(|| kind.name().to_owned(), |place| format!("{}@{place}", kind.name())),
             reason,
@@ -353,9 +352,7 @@ impl Problem {
             found = problem.search_kind(&present, kind, place).ok()?;
             Some((problem, present))
         });
-        let (problem, present) = here(&settled, self, present);
-        problem.weigh_each(present, std::slice::from_mut(&mut found));
-        Ok(found)
+        Ok((found, settled))
     }
 }
 

@@ -90,6 +90,7 @@ pub(crate) mod tests {
             misfit: None,
             fitted: Vec::new(),
             method: ModeMethod::Spectra,
+            band_hz: None,
             pair_with: None,
             second_opinion: None,
             covariance_factor: None,

@@ -14,6 +14,9 @@ use crate::study::ModeChoice;
 const NEAR_LINES: f64 = 2.0;
 const NEAR_SHARE: f64 = 0.01;
 
+/// A band of a mode needs as many lines as the narrowest that is chosen from the data.
+const BAND_LINES: usize = 7;
+
 /// A pick this near is the one that was meant, whatever else is there.
 const SAME_LINES: f64 = 0.5;
 
@@ -92,6 +95,31 @@ pub(super) fn add_picks(
         picks.push(pick);
     }
     picks.sort_by_key(|pick| pick.line);
+}
+
+/// The bands of single modes that a fit can be made from; says which are too narrow.
+pub(super) fn wide_enough(grid: &LineGrid, choice: &ModeChoice, warnings: &mut Vec<String>) -> Vec<[f64; 2]> {
+    let mut wide = choice.bands_hz.clone();
+    wide.retain(|&[from, to]| {
+        let lines = (0..grid.lines).filter(|&line| (from..=to).contains(&grid.frequency_hz(line))).count();
+        if lines < BAND_LINES {
+            warnings.push(format!(
+                "mode_bands_hz: {from} to {to} Hz holds {lines} spectral lines, and a fit needs {BAND_LINES} ({:.4} Hz): those that the data choose are taken",
+                (BAND_LINES - 1) as f64 * grid.spacing_hz()
+            ));
+        }
+        lines >= BAND_LINES
+    });
+    wide
+}
+
+/// Says in which bands no mode was found.
+pub(super) fn note_idle_bands(found: &mut Identification) {
+    for &[from, to] in &found.basis.bands_hz {
+        if !found.modes.iter().any(|mode| mode.band_hz == Some([from, to])) {
+            found.warnings.push(format!("mode_bands_hz: no mode was found between {from} and {to} Hz"));
+        }
+    }
 }
 
 /// Numbers of the modes that the user asked for.

@@ -74,6 +74,8 @@ pub(super) struct State {
     picked_hz: Vec<f64>,
     /// How far from there a mode may be whose bandwidth is next to nothing.
     picked_within_hz: Vec<f64>,
+    /// Bands that the user has chosen.
+    bands_hz: Vec<Option<[f64; 2]>>,
     /// Which are machines, whose sidebands are fitted by themselves.
     pub(super) is_machine: Vec<bool>,
     /// Which modes are to be estimated, with the clusters that they are in; the others stay as they are.
@@ -159,6 +161,7 @@ impl State {
             is_machine,
             wanted,
             picked_within_hz,
+            bands_hz: picks.iter().map(|pick| pick.band_hz).collect(),
             shapes,
             fits,
             curves,
@@ -354,7 +357,8 @@ impl State {
     fn limits_hz(&self, mode: usize) -> [f64; 2] {
         let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(WIDEST * self.picked_hz[mode]);
         let leeway_hz = self.picked_within_hz[mode] + LEEWAY_BANDWIDTHS * bandwidth_hz;
-        [self.picked_hz[mode] - leeway_hz, self.picked_hz[mode] + leeway_hz]
+        let [from, to] = self.bands_hz[mode].unwrap_or([0.0, f64::INFINITY]);
+        [(self.picked_hz[mode] - leeway_hz).max(from), (self.picked_hz[mode] + leeway_hz).min(to)]
     }
 
     /// The modes whose bells reach into this mode's, strongest first.
@@ -397,8 +401,12 @@ impl State {
         partners
     }
 
-    /// The lines of a mode's bell: wide enough not to cut it, ending half-way to modes that the filter does not stop.
+    /// The lines of a mode's bell: those of the band that the user has chosen, else wide enough not to cut it, ending half-way to modes
+    /// that the filter does not stop.
     fn range(&self, mode: usize, neighbours: &[usize], grid: &LineGrid) -> (usize, usize) {
+        if let Some([from, to]) = self.bands_hz[mode] {
+            return (grid.nearest_line(from), grid.nearest_line(to));
+        }
         let spacing_hz = grid.spacing_hz();
         let here = self.fits[mode].resonance;
         let half_hz = (BELL_BANDWIDTHS * here.bandwidth_hz()).max(BELL_LINES * spacing_hz);

@@ -25,6 +25,8 @@ pub(super) struct Basis {
     pub(super) rejected: Vec<Rejected>,
     /// What is to be said of the picks.
     pub(super) warnings: Vec<String>,
+    /// Bands that the user has chosen for the modes in them.
+    pub(super) bands_hz: Vec<[f64; 2]>,
     /// Picks that the fit leaves alone where the structure moves in two directions.
     pub(super) lone: Vec<Lone>,
 }
@@ -36,7 +38,11 @@ pub(super) fn fit(
     mut basis: Basis,
     singular: Vec<SingularSpectrum>,
 ) -> Identification {
-    let Basis { picks, harmonics, rejected, .. } = &mut basis;
+    let Basis { picks, harmonics, rejected, bands_hz, .. } = &mut basis;
+    for pick in picks.iter_mut() {
+        let hz = pick.frequency_hz(grid);
+        pick.band_hz = bands_hz.iter().copied().find(|[from, to]| (*from..=*to).contains(&hz));
+    }
     let mut setups = Vec::new();
     loop {
         tone::one_each(harmonics);
@@ -86,7 +92,10 @@ pub(super) fn fit(
         }
     }
     basis.lone = Lone::all(&setups);
-    let modes = merge::merge(grid, measured, &setups, &mut warnings);
+    let mut modes = merge::merge(grid, measured, &setups, &mut warnings);
+    for mode in &mut modes {
+        mode.band_hz = mode.pick.and_then(|pick| basis.picks.get(pick)?.band_hz);
+    }
     let is_mode = |peak: &Rejected| modes.iter().any(|mode| mode.covers(peak.frequency_hz, grid.spacing_hz()));
     let mut rejected: Vec<Rejected> = basis.rejected.iter().copied().filter(|peak| !is_mode(peak)).collect();
     rejected.sort_by(|a, b| a.frequency_hz.total_cmp(&b.frequency_hz));

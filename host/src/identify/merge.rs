@@ -277,6 +277,7 @@ fn merged(
         misfit: found().filter_map(|mode| mode.misfit).map(|misfit| misfit.ratio).reduce(f64::max),
         fitted,
         method: ModeMethod::Spectra,
+        band_hz: None,
         pair_with: None,
         second_opinion: None,
         covariance_factor: None,

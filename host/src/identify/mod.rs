@@ -151,13 +151,17 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
         return Err(none_in_band(&grid));
     }
     let spectra = measured.iter().zip(&singular).map(|(m, singular)| singular.spectrum(&grid, &m.setup.name)).collect();
-    let basis = Basis { picks, harmonics, warnings, ..Basis::default() };
+    let bands_hz = choice::wide_enough(&grid, choice, &mut warnings);
+    let basis = Basis { picks, harmonics, warnings, bands_hz, ..Basis::default() };
     let found = fit::fit(measured, &grid, basis, spectra);
-    if choice.only_hz.is_some() {
-        return Ok(found);
-    }
-    let found = finer_peaks::with_narrow_modes(measured, &grid, choice, found);
-    Ok(twins::with_twins(measured, &grid, found))
+    let mut found = if choice.only_hz.is_some() {
+        found
+    } else {
+        let found = finer_peaks::with_narrow_modes(measured, &grid, choice, found);
+        twins::with_twins(measured, &grid, found)
+    };
+    choice::note_idle_bands(&mut found);
+    Ok(found)
 }
 
 /// A mode that another method suggests, or finer lines.

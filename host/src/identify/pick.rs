@@ -82,6 +82,8 @@ pub(super) struct Pick {
     pub(super) within_lines: f64,
     /// Whether it is no mode but a machine, fitted beside the modes that its sidebands reach.
     pub(super) is_machine: bool,
+    /// The band that the user has chosen for its fit.
+    pub(super) band_hz: Option<[f64; 2]>,
 }
 
 impl Pick {
@@ -98,6 +100,7 @@ impl Pick {
             unseen: false,
             within_lines: LEEWAY_LINES,
             is_machine: false,
+            band_hz: None,
         }
     }
 

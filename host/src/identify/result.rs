@@ -133,6 +133,9 @@ pub struct Mode {
     /// The mode's spectrum in every setup, measured and fitted, for pictures; not part of the printed JSON.
     #[serde(skip)]
     pub fitted: Vec<FittedSpectrum>,
+    /// The band that the user has chosen for its fit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub band_hz: Option<[f64; 2]>,
     /// The mode that it is a pair with: the record does not tell their directions apart.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pair_with: Option<usize>,

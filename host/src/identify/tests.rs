@@ -283,6 +283,40 @@ fn a_user_adds_drops_and_fixes_modes() {
 }
 
 #[test]
+fn a_mode_is_fitted_to_the_band_that_the_user_has_chosen() {
+    let (_, setup, spectrum) = brief_tower(2.0);
+    let measured = [MeasuredSetup { setup: &setup, spectrum }];
+    let automatic = identify(&measured, &ModeChoice::default()).unwrap();
+    assert!(automatic.modes.iter().all(|mode| mode.band_hz.is_none()));
+    // The one that stands most alone.
+    let hz = |at: usize| automatic.modes[at].frequency_hz;
+    let room = |at: &usize| (hz(*at) - hz(*at - 1)).min(hz(*at + 1) - hz(*at));
+    let at = (1..automatic.modes.len() - 1).max_by(|a, b| room(a).total_cmp(&room(b))).unwrap();
+    let own = &automatic.modes[at];
+    let lines_of = |mode: &Mode| {
+        let lines = &mode.fitted[0].frequency_hz;
+        [lines[0], *lines.last().unwrap()]
+    };
+    let spacing_hz = automatic.frequency_resolution_hz;
+    let band = [own.frequency_hz - 2.6 * spacing_hz, own.frequency_hz + 4.4 * spacing_hz];
+    let idle = [1.29, 1.4];
+    let choice = ModeChoice { bands_hz: vec![band, idle, [0.9, 0.9 + 2.0 * spacing_hz]], ..ModeChoice::default() };
+    let chosen = identify(&measured, &choice).unwrap();
+    assert_eq!(chosen.modes.len(), automatic.modes.len());
+    let fitted = &chosen.modes[at];
+    assert_eq!(fitted.band_hz, Some(band));
+    let [from, to] = lines_of(fitted);
+    assert!(lines_of(own) != [from, to], "the test's band is that of the data");
+    assert!((from - band[0]).abs() <= 0.5 * spacing_hz && (to - band[1]).abs() <= 0.5 * spacing_hz, "{from} {to}");
+    // Fewer lines, the same mode.
+    assert!((fitted.frequency_hz - own.frequency_hz).abs() < 3.0 * own.frequency_std_hz);
+    assert_eq!(chosen.modes.iter().filter(|mode| mode.band_hz.is_some()).count(), 1);
+    let says = |words: &str| chosen.warnings.iter().any(|warning| warning.contains(words));
+    assert!(says("no mode was found between 1.29 and 1.4 Hz"), "{:?}", chosen.warnings);
+    assert!(says("holds 2 spectral lines, and a fit needs 7"), "{:?}", chosen.warnings);
+}
+
+#[test]
 fn the_result_serialises_under_the_names_of_the_design() {
     let (truth, spectrum) = short_tower(None, [0.3, 1.5], 12.5, 6);
     let json = serde_json::to_value(identified(&truth, spectrum).unwrap()).unwrap();

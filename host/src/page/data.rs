@@ -236,7 +236,10 @@ struct Seen {
 impl Seen {
     fn of(case: &Case, update: Option<&UpdateReport>) -> Result<Self, StoryError> {
         let view = case.view_as_given()?;
-        let given = (part("given", case, &case.model.bare(), &view), case.compare_with(&[])?);
+        // Both comparisons look for the discrepancy that suits the model, which takes longer than all else.
+        let has_effects = !case.model.effects.is_empty();
+        let (given, with_effects) = rayon::join(|| case.compare_with(&[]), || has_effects.then(|| case.compare()));
+        let given = (part("given", case, &case.model.bare(), &view), given?);
         let mut mac: Vec<MacMatrix> = mac_of("given", case, &view).into_iter().collect();
         let turned = update.and_then(|update| turned_by_update(case, &view, update).ok());
         mac.extend(turned.and_then(|(used, shapes)| {
@@ -248,11 +251,12 @@ impl Seen {
             let modes = case.measured.modes.iter().filter(|mode| numbers.contains(&mode.number)).cloned();
             MacMatrix::of("updated", numbered, &modes.collect::<Vec<_>>())
         }));
-        let effects = if case.model.effects.is_empty() {
-            None
-        } else {
-            mac.extend(mac_of("effects", case, &case.view));
-            Some((part("effects", case, &case.model.structure()?, &case.view), case.compare()))
+        let effects = match with_effects {
+            None => None,
+            Some(comparison) => {
+                mac.extend(mac_of("effects", case, &case.view));
+                Some((part("effects", case, &case.model.structure()?, &case.view), comparison))
+            }
         };
         Ok(Self { given, effects, mac, names: case.model.effects.iter().map(Effect::typed).collect() })
     }

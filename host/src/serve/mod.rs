@@ -17,6 +17,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::serve::ListenerExt;
 use rand::RngExt;
 use rand::distr::Alphanumeric;
 use thiserror::Error;
@@ -74,6 +75,10 @@ pub fn serve(
             // Streams of events would wait for ever.
             ended.end();
         };
+        // The last part of an answer would wait 40 ms for the browser to acknowledge the others.
+        let listener = listener.tap_io(|stream| {
+            let _ = stream.set_nodelay(true);
+        });
         let serving = axum::serve(listener, routes::router(Arc::clone(&shared))).with_graceful_shutdown(stopped);
         // Whoever has sent half a request may never send the rest.
         let late = async {

@@ -172,6 +172,16 @@ struct Picks {
     add_hz: Vec<f64>,
     #[serde(default)]
     drop_hz: Vec<f64>,
+    /// Bands of modes: a frequency, and from where to where it is fitted, or nothing.
+    #[serde(default)]
+    bands: Vec<ModeBand>,
+}
+
+/// The band of the mode at a frequency; none, where it is chosen from the data.
+#[derive(Debug, Deserialize)]
+struct ModeBand {
+    hz: f64,
+    band_hz: Option<[f64; 2]>,
 }
 
 async fn picks(State(shared): State<Arc<Shared>>, Json(picks): Json<Picks>) -> Answer<StatusCode> {
@@ -185,6 +195,9 @@ async fn picks(State(shared): State<Arc<Shared>>, Json(picks): Json<Picks>) -> A
             choice.drop(*hz).map_err(Refused::conflict)?;
         }
         picks.add_hz.iter().for_each(|hz| choice.add(*hz));
+        for &ModeBand { hz, band_hz } in &picks.bands {
+            choice.fit_to(hz, band_hz).map_err(Refused::conflict)?;
+        }
         Ok(set_mode_choice(shared.folder(), &choice)?)
     };
     beside(write).await?;

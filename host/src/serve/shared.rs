@@ -41,6 +41,8 @@ pub(super) struct Shared {
     /// The process that runs.
     running: Mutex<Option<u32>>,
     is_cancelled: AtomicBool,
+    /// The study's files at the last look.
+    files: Mutex<Vec<FileState>>,
     /// The page's data and the model, of a version.
     data: Mutex<Option<(u64, Arc<String>)>>,
     case: Mutex<Option<(u64, Arc<Case>)>>,
@@ -57,8 +59,10 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Shared {
     pub(super) fn new(folder: PathBuf, program: PathBuf, port: u16, token: String, session: String) -> Self {
+        let files = Mutex::new(state_of(&folder));
         Self {
             folder,
+            files,
             program,
             port,
             token,
@@ -182,10 +186,8 @@ impl Shared {
             }
             *lock(&shared.running) = None;
             // What it has written is there before anyone hears that it is done.
-            shared.news.send_modify(|news| {
-                news.version += 1;
-                news.job = Some(ended);
-            });
+            look(&shared).await;
+            shared.tell(&ended);
         });
         Ok(status)
     }
@@ -237,20 +239,32 @@ fn end_process(id: u32) {
 
 /// Looks at the study's files now and then, whoever changes them: a command in a terminal, an editor, or a collection.
 pub(super) async fn watch_files(shared: Arc<Shared>) {
-    let mut known = state_of(shared.folder());
     loop {
         tokio::time::sleep(LOOK_EVERY).await;
-        let folder = shared.folder().to_owned();
-        let Ok(now) = tokio::task::spawn_blocking(move || state_of(&folder)).await else { return };
-        if now != known {
-            known = now;
-            shared.news.send_modify(|news| news.version += 1);
-        }
+        look(&shared).await;
     }
 }
 
+/// Makes another version where a file has changed since the last look; each change makes one.
+async fn look(shared: &Arc<Shared>) {
+    let this = Arc::clone(shared);
+    let looked = tokio::task::spawn_blocking(move || {
+        let mut known = lock(&this.files);
+        let now = state_of(this.folder());
+        if *known != now {
+            *known = now;
+            this.news.send_modify(|news| news.version += 1);
+        }
+    });
+    // It does not panic; where the runtime ends there is nobody to tell.
+    let _ = looked.await;
+}
+
+/// A file with its time, of those of which it tells something, and its size.
+type FileState = (PathBuf, Option<SystemTime>, u64);
+
 /// Names, times and sizes of the files of a study and of its results.
-fn state_of(folder: &Path) -> Vec<(PathBuf, Option<SystemTime>, u64)> {
+fn state_of(folder: &Path) -> Vec<FileState> {
     let files = |folder: PathBuf| std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut state: Vec<_> = files(folder.to_owned())
         .chain(files(folder.join("results")))

@@ -29,8 +29,8 @@ pub fn set_effects(folder: &Path, entries: &[EffectEntry]) -> Result<(), StudyEr
     edit(folder, |text| with_effects(text, entries))
 }
 
-/// Makes `choice` the study's choice of modes: `modes_hz`, `add_modes_hz` and `drop_modes_hz` in `[analysis]`; a list without a
-/// frequency is taken out.
+/// Makes `choice` the study's choice of modes: `modes_hz`, `add_modes_hz`, `drop_modes_hz` and `mode_bands_hz` in `[analysis]`;
+/// an empty list is taken out.
 ///
 /// # Errors
 /// As [`set_effects`].
@@ -59,6 +59,12 @@ fn with_choice(text: &str, choice: &ModeChoice) -> Result<String, String> {
         } else {
             analysis.insert(key, value(frequencies.iter().copied().collect::<toml_edit::Array>()));
         }
+    }
+    if choice.bands_hz.is_empty() {
+        analysis.remove("mode_bands_hz");
+    } else {
+        let bands = choice.bands_hz.iter().map(|band| Value::from_iter(*band));
+        analysis.insert("mode_bands_hz", value(bands.collect::<toml_edit::Array>()));
     }
     Ok(document.to_string())
 }
@@ -166,6 +172,32 @@ mod tests {
         assert!(!one.contains("base-rotation") && one.contains("added-mass"));
         let none = with_effects(&one, &[]).unwrap();
         assert!(!none.contains("model.effect") && none.contains("# mine"));
+    }
+
+    #[test]
+    fn the_choice_of_modes_is_read_back_and_goes_where_nothing_is_chosen() {
+        let mut choice = ModeChoice { add_hz: vec![1.28], ..ModeChoice::default() };
+        choice.fit_to(0.366, Some([0.35, 0.38])).unwrap();
+        choice.fit_to(0.14, Some([0.13, 0.15])).unwrap();
+        let text = with_choice(STUDY, &choice).unwrap();
+        assert!(text.contains("# my tower") && text.contains("# first guess"), "{text}");
+        assert_eq!(Study::from_text(&text, Path::new("s")).unwrap().analysis.modes, choice);
+        assert_eq!(choice.band_of(0.37), Some([0.35, 0.38]));
+        // Another band of the same mode takes the place of its first.
+        choice.fit_to(0.366, Some([0.36, 0.37])).unwrap();
+        assert_eq!(choice.bands_hz, [[0.13, 0.15], [0.36, 0.37]]);
+        assert!(choice.fit_to(0.5, Some([0.36, 0.37])).unwrap_err().contains("does not lie between"));
+        assert!(choice.fit_to(0.5, Some([0.365, 0.6])).unwrap_err().contains("another mode is fitted"));
+        choice.fit_to(0.366, None).unwrap();
+        choice.fit_to(0.14, None).unwrap();
+        choice.add_hz.clear();
+        let text = with_choice(&text, &choice).unwrap();
+        assert!(!text.contains("mode_bands_hz") && !text.contains("add_modes_hz"), "{text}");
+        for bad in ["[[0.2, 0.1]]", "[[0.1, 0.2, 0.3]]", "[[0.1, 0.2], [0.15, 0.3]]", "[0.1, 0.2]"] {
+            let text = format!("[analysis]\nmode_bands_hz = {bad}\n{STUDY}");
+            let error = Study::from_text(&text, Path::new("s")).unwrap_err().to_string();
+            assert!(error.contains("mode_bands_hz") && error.contains("line 2"), "{bad}: {error}");
+        }
     }
 
     #[test]

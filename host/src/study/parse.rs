@@ -32,7 +32,7 @@ const SENSOR_KEYS: &[&str] = &[
     "dof",
 ];
 const ANALYSIS_KEYS: &[&str] =
-    &["band_hz", "decimated_rate_hz", "segment", "modes_hz", "add_modes_hz", "drop_modes_hz"];
+    &["band_hz", "decimated_rate_hz", "segment", "modes_hz", "add_modes_hz", "drop_modes_hz", "mode_bands_hz"];
 const MEASURED_KEYS: &[&str] = &["modes"];
 const MATRICES_KEYS: &[&str] = &["file", "stiffness", "mass", "nodes", "dofs"];
 const CUSTOM_KEYS: &[&str] = &["name", "file", "stiffness", "mass", "segments", "least", "greatest", "typical"];
@@ -337,7 +337,24 @@ fn mode_choice(section: &Section<'_>, band_hz: Option<[f64; 2]>) -> Result<ModeC
         only_hz,
         add_hz: frequencies("add_modes_hz")?.unwrap_or_default(),
         drop_hz: frequencies("drop_modes_hz")?.unwrap_or_default(),
+        bands_hz: mode_bands(section)?,
     })
+}
+
+/// Bands of single modes, which do not overlap.
+fn mode_bands(section: &Section<'_>) -> Result<Vec<[f64; 2]>, StudyError> {
+    const BANDS: &str = "a list of bands in Hz that do not overlap, such as [[0.13, 0.15], [0.36, 0.4]]";
+    let Some(entry) = section.get("mode_bands_hz") else { return Ok(Vec::new()) };
+    let band = |entry: &Entry<'_>| {
+        let ends = entry.list(BANDS)?.iter().map(|end| end.positive(BANDS)).collect::<Result<Vec<f64>, _>>()?;
+        match ends[..] {
+            [from, to] if from < to => Ok([from, to]),
+            _ => Err(entry.out_of_range(BANDS)),
+        }
+    };
+    let mut bands = entry.list(BANDS)?.iter().map(band).collect::<Result<Vec<[f64; 2]>, _>>()?;
+    bands.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    if bands.windows(2).any(|pair| pair[0][1] > pair[1][0]) { Err(entry.out_of_range(BANDS)) } else { Ok(bands) }
 }
 
 fn model(section: &Section<'_>) -> Result<Model, StudyError> {

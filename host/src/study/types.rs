@@ -239,12 +239,42 @@ pub struct ModeChoice {
     pub add_hz: Vec<f64>,
     /// `drop_modes_hz`: not these.
     pub drop_hz: Vec<f64>,
+    /// `mode_bands_hz`: a mode that is picked in one of these is fitted to its lines alone.
+    pub bands_hz: Vec<[f64; 2]>,
 }
 
 /// Frequencies that differ by less than this share are those of one mode: as near as the user sees when clicking.
 const SAME_MODE: f64 = 0.003;
 
 impl ModeChoice {
+    /// The band that the user has chosen for a mode.
+    pub fn band_of(&self, hz: f64) -> Option<[f64; 2]> {
+        self.bands_hz.iter().copied().find(|[from, to]| (*from..=*to).contains(&hz))
+    }
+
+    /// Wants the mode at a frequency fitted to this band, or to one that is chosen from the data.
+    ///
+    /// # Errors
+    /// A sentence, where the mode is not inside of the band, or the band reaches into that of another mode.
+    pub fn fit_to(&mut self, hz: f64, band_hz: Option<[f64; 2]>) -> Result<(), String> {
+        let mut others = self.bands_hz.clone();
+        others.retain(|[from, to]| !(*from..=*to).contains(&hz));
+        if let Some([from, to]) = band_hz {
+            if !(from > 0.0 && (from..to).contains(&hz)) {
+                return Err(format!("the mode at {hz:.4} Hz does not lie between {from:.4} and {to:.4} Hz"));
+            }
+            if let Some([low, high]) = others.iter().find(|[low, high]| *low < to && from < *high) {
+                return Err(format!(
+                    "another mode is fitted to {low:.4} to {high:.4} Hz, which this band reaches into"
+                ));
+            }
+            others.push([from, to]);
+            others.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        }
+        self.bands_hz = others;
+        Ok(())
+    }
+
     /// Wants a mode at a frequency: takes back that it was dropped, else adds it to those that are named.
     pub fn add(&mut self, hz: f64) {
         if !take_out(&mut self.drop_hz, hz) {

@@ -2,6 +2,8 @@
 
 #[cfg(browser)]
 mod browser;
+#[cfg(browser)]
+mod driver;
 mod server;
 
 use std::fs;
@@ -181,6 +183,11 @@ fn the_page_takes_the_steps_of_the_commands_for_its_own_window_alone() {
         |text: &str| text.lines().filter(|line| line.starts_with('#')).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(comments(&chosen), comments(&text));
     assert_eq!(server.post("/picks", &json!({ "add_hz": [-1.0] })).status, 409);
+    let band = |band: Value| server.post("/picks", &json!({ "bands": [{ "hz": 1.4278, "band_hz": band }] }));
+    assert_eq!(band(json!([1.3, 1.4])).status, 409, "it is no band of that mode");
+    assert_eq!(band(json!([1.38, 1.47])).status, 204);
+    assert!(toml().contains("mode_bands_hz = [[1.38, 1.47]]"), "{}", toml());
+    assert_eq!(band(Value::Null).status, 204);
     assert_eq!(toml(), chosen);
     // The other way round takes both back.
     assert_eq!(server.post("/picks", &json!({ "add_hz": [1.4279], "drop_hz": [0.6601] })).status, 204);

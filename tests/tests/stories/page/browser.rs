@@ -1,164 +1,18 @@
 //! The whole story clicked through in a real browser: compare, see where it fails, learn what is missing, add it, watch the error fall.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
-use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 
-use fantoccini::error::CmdError;
+use fantoccini::Locator;
 use fantoccini::key::Key;
-use fantoccini::wd::WebDriverCompatibleCommand;
-use fantoccini::{Client, ClientBuilder, Locator};
-use hyper_util::client::legacy::connect::HttpConnector;
-use serde_json::{Value, json};
+use serde_json::json;
 
+use super::driver::Browser;
 use super::server::Server;
 use super::{run, study};
 
-const PATIENCE: Duration = Duration::from_secs(60);
-/// A checker of contrast, names and roles.
-const AXE: &str = include_str!("../../../vendor/axe.min.js");
 /// Widths of a desktop's window and of a phone's.
 const DESKTOP: (u32, u32) = (1280, 900);
 const PHONE: (u32, u32) = (390, 844);
-
-/// Chromium, driven; ends with this value.
-struct Browser {
-    driver: Child,
-    client: Client,
-}
-
-/// What the browser's console has.
-#[derive(Debug)]
-struct ConsoleLog;
-
-impl WebDriverCompatibleCommand for ConsoleLog {
-    fn endpoint(&self, base: &url::Url, session: Option<&str>) -> Result<url::Url, url::ParseError> {
-        base.join(&format!("session/{}/se/log", session.unwrap_or_default()))
-    }
-
-    fn method_and_body(&self, _: &url::Url) -> (http::Method, Option<String>) {
-        (http::Method::POST, Some(json!({ "type": "browser" }).to_string()))
-    }
-}
-
-impl Browser {
-    async fn start() -> Self {
-        let driver = Command::new("chromedriver").arg("--port=0").stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
-        let mut driver = driver.expect("chromedriver starts");
-        let lines = BufReader::new(driver.stdout.take().unwrap()).lines();
-        let port = lines.map_while(Result::ok).find_map(|line| {
-            let (_, port) = line.split_once("successfully on port ")?;
-            port.trim_end_matches('.').parse::<u16>().ok()
-        });
-        let arguments = [
-            "--headless=new",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
-            "--force-prefers-reduced-motion",
-        ];
-        let capabilities = json!({
-            "goog:chromeOptions": { "args": arguments },
-            "goog:loggingPrefs": { "browser": "ALL" },
-        });
-        let Value::Object(capabilities) = capabilities else { unreachable!("it is written as an object") };
-        let address = format!("http://127.0.0.1:{}", port.expect("chromedriver tells its port"));
-        let client = ClientBuilder::new(HttpConnector::new()).capabilities(capabilities).connect(&address).await;
-        Self { driver, client: client.expect("Chromium starts") }
-    }
-
-    async fn size(&self, (width, height): (u32, u32)) {
-        self.client.set_window_size(width, height).await.unwrap();
-    }
-
-    async fn script(&self, script: &str) -> Value {
-        self.client.execute(script, Vec::new()).await.unwrap()
-    }
-
-    /// Waits until a script's value is true.
-    async fn wait_for(&self, what: &str, script: &str) {
-        let start = Instant::now();
-        while self.script(script).await != Value::Bool(true) {
-            let said = self.script("return document.querySelector('.status')?.textContent").await;
-            assert!(start.elapsed() < PATIENCE, "{what}: in vain; the page says {said}; {:?}", self.errors().await);
-            tokio::time::sleep(Duration::from_millis(50)).await;
-        }
-    }
-
-    /// Clicks the first button that begins with these words, as a user sees them. The page may draw it anew in between.
-    async fn click(&self, words: &str) {
-        let path = format!("//button[starts-with(normalize-space(.), '{words}') and not(@aria-disabled='true')]");
-        let start = Instant::now();
-        loop {
-            let Err(error) = self.try_click(&path).await else { return };
-            assert!(start.elapsed() < PATIENCE, "{words}: {error}");
-            tokio::time::sleep(Duration::from_millis(50)).await;
-        }
-    }
-
-    async fn try_click(&self, path: &str) -> Result<(), CmdError> {
-        let button = self.client.find(Locator::XPath(path)).await?;
-        let reference = serde_json::to_value(&button).map_err(CmdError::Json)?;
-        self.client.execute("arguments[0].scrollIntoView({ block: 'center' })", vec![reference]).await?;
-        button.click().await
-    }
-
-    /// Waits until the command that was asked for is done.
-    async fn done(&self, command: &str) {
-        let script = format!(
-            "return document.querySelector('.status').textContent.includes('belfry {command}') && document.querySelector('.status').textContent.includes(': done')"
-        );
-        self.wait_for(command, &script).await;
-    }
-
-    /// Warnings and errors of the console so far.
-    async fn errors(&self) -> Result<Vec<String>, CmdError> {
-        let log = self.client.issue_cmd(ConsoleLog).await?;
-        let entries = log.as_array().cloned().unwrap_or_default();
-        let bad = entries.iter().filter(|entry| matches!(entry["level"].as_str(), Some("SEVERE" | "WARNING")));
-        Ok(bad.map(|entry| entry["message"].to_string()).collect())
-    }
-
-    async fn no_errors(&self) {
-        assert_eq!(self.errors().await.unwrap(), Vec::<String>::new());
-    }
-
-    /// What axe-core finds wrong: rules and the elements that break them.
-    async fn inaccessible(&self) -> Vec<String> {
-        let ask = format!(
-            "{AXE}; const done = arguments[arguments.length - 1]; axe.run({{ resultTypes: ['violations'] }}).then(result => done(result.violations.map(v => v.id + ': ' + v.nodes.map(n => n.target.join(' ') + ' ' + n.failureSummary).slice(0, 4).join(' | '))), error => done([String(error)]))"
-        );
-        let found = self.client.execute_async(&ask, Vec::new()).await.unwrap();
-        found.as_array().unwrap().iter().map(Value::to_string).collect()
-    }
-
-    /// Where test artefacts are wanted, a picture of the window goes there.
-    async fn picture(&self, name: &str) {
-        if let Some(folder) = std::env::var_os("BELFRY_SCREENSHOTS").map(PathBuf::from) {
-            fs::create_dir_all(&folder).unwrap();
-            fs::write(folder.join(format!("{name}.png")), self.client.screenshot().await.unwrap()).unwrap();
-        }
-    }
-
-    async fn end(self) {
-        // The driver ends its browser when its session ends.
-        self.client.clone().close().await.unwrap();
-    }
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        // Asked to end, it ends its browser as well.
-        let asked = Command::new("kill").arg(self.driver.id().to_string()).status();
-        if !asked.is_ok_and(|status| status.success()) {
-            let _ = self.driver.kill();
-        }
-        let _ = self.driver.wait();
-    }
-}
-
 /// Whether nothing is wider than the window.
 const FITS: &str = "return document.documentElement.scrollWidth <= window.innerWidth + 1";
 /// Whether every picture is drawn.
@@ -170,7 +24,7 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     let study = study(folder.path());
     run(&["identify", &study, "--direct"]);
     let server = Server::start(&study);
-    let browser = Browser::start().await;
+    let browser = Browser::start(&["--force-prefers-reduced-motion"]).await;
     browser.size(DESKTOP).await;
     browser.client.goto(&server.address).await.unwrap();
     browser.wait_for("the page is drawn", DRAWN).await;
@@ -254,7 +108,7 @@ async fn a_report_opens_from_disk_with_all_its_pictures() {
     run(&["identify", &study, "--direct"]);
     run(&["diagnose", &study]);
     run(&["report", &study]);
-    let browser = Browser::start().await;
+    let browser = Browser::start(&["--force-prefers-reduced-motion"]).await;
     browser.size(DESKTOP).await;
     browser.client.goto(&format!("file://{study}/results/report.html")).await.unwrap();
     browser.wait_for("the report is drawn", DRAWN).await;
