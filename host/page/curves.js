@@ -42,6 +42,9 @@ export function scaled(unit, most) {
 
 // ---- data
 
+/** The unit of a setup's spectra. */
+export const densityIn = setup => setup?.unit ?? "(m/s²)²/Hz"
+
 /** A Float64Array of packed numbers: value = from + step n, its power of ten where `log`, NaN for the largest n. */
 export function unpack(packed) {
     if (!packed?.base64) return new Float64Array(0)

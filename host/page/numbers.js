@@ -16,6 +16,9 @@ export function fixed(x, digits) {
     return minus(Number(text) === 0 ? text.replace("-", "") : text)
 }
 
+/** A setup in a sentence. */
+export const inWords = setup => /^setup/i.test(setup) ? setup : "setup " + setup
+
 export const hertz = (x, digits = 4) => fixed(x, digits) + " Hz"
 /** A share as a percentage. */
 export const percent = (x, digits = 2) => fixed(100 * x, digits) + " %"

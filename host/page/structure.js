@@ -257,7 +257,7 @@ export function scales(pen, s, view, height, hues) {
         pen.textAlign = "right"
         for (let z = Math.ceil(s.low / step) * step; z <= s.high + 1e-9; z += step) {
             const y = view.to([0, 0, z])[1]
-            pen.fillText(fixed(z, 0), 40, y)
+            pen.fillText(fixed(z, step < 1 ? 1 - Math.floor(Math.log10(step) + 1.01) : 0), 40, y)
             stroke(pen, [[44, y], [50, y]])
         }
         pen.textAlign = "left"

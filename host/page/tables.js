@@ -143,7 +143,7 @@ const method = {
             model && "The model is compared mode by mode, paired by shape and frequency. Chi-squared weighs differences by the measurement's deviations and by the model's stated tolerance. Candidates are weighed by their evidence.",
             update && "The direct update is that of Lei, Wang, Shen (2012): K* = K + M Φ Ψ Φᵀ M.",
         ]
-        host.append(...words.filter(Boolean).map(text => make("p", text)), ...Object.values(study.commands ?? {}).map(c => make("div", typed(c))))
+        host.append(...words.filter(Boolean).map(text => make("p", text)), ...[...study.setups?.length ? ["identify"] : [], ...model ? ["compare", "update", "covalidate", "diagnose", "profile", "history"] : []].map(name => make("div", typed(study.commands[name]))))
         if (study.setups?.length) host.append(table("Setups", [
             ["Setup", "", s => s.name, "text"], ["Rate", "Hz", s => s.sampling_rate_hz], ["Unit", "", s => s.unit, "text"],
             ["Channels", "", s => s.channels?.length],

@@ -1,8 +1,8 @@
 // What was measured of every mode, and what was fitted to it: the chosen mode large, the others small.
 
 import { make } from "belfry/canvas.js"
-import { chosenMode, clean, extent, freeing, items, plot, steps, unpack } from "belfry/curves.js"
-import { clamp, hertz, known, percent, plural, power } from "belfry/numbers.js"
+import { chosenMode, clean, densityIn, extent, freeing, items, plot, steps, unpack } from "belfry/curves.js"
+import { clamp, hertz, inWords, known, percent, plural, power } from "belfry/numbers.js"
 
 // Standard deviations that hold 95 % of all lines.
 const BAND = 1.96
@@ -15,20 +15,20 @@ function panelsOf(data, view) {
         const one = fits.find(fit => fit.setup === view.get("setup")) ?? fits.find(fit => fit.is_misfit) ?? fits[0]
         const measured = unpack(one.measured), fitted = unpack(one.fitted), mode = items(data.modes?.modes).find(mode => mode.number === number)
         return {
-            number, one, measured, fitted, mode, misfit: fits.some(fit => fit.is_misfit),
+            number, one, measured, fitted, mode, unit: densityIn(items(data.spectra.setups).find(setup => setup.setup === one.setup)), misfit: fits.some(fit => fit.is_misfit),
             hz: Array.isArray(one.frequency_hz) ? Float64Array.from(one.frequency_hz) : steps(one.first_hz, one.spacing_hz, fitted.length),
-            name: `mode ${number}${mode ? `: ${hertz(mode.frequency_hz)}` : ""}`, setup: fits.length > 1 ? `, setup ${one.setup}` : "",
+            name: `mode ${number}${mode ? `: ${hertz(mode.frequency_hz)}` : ""}`, setup: fits.length > 1 ? `, ${inWords(one.setup)}` : "",
         }
     }).filter(panel => panel.hz.length > 1)
 }
 
-function draw(host, { hz, measured, fitted, one, mode, name, misfit }, more) {
+function draw(host, { hz, measured, fitted, one, mode, name, misfit, unit }, more) {
     const edge = sign => clean(fitted.map(value => value * Math.max(1 + sign * BAND * one.scatter, 0.02)), true), banded = known(one.scatter)
     const [low, high] = extent([...fitted, ...measured], true) ?? [1e-12, 1]
     return plot(host, {
         name: name + (misfit ? ", something else lies here" : ""), ...more,
         x: { range: [hz[0], hz.at(-1)], bare: !more.small },
-        y: { label: more.small ? null : "density in (m/s²)²/Hz", log: true, range: [low * 0.5, high * 1.8], least: 5 },
+        y: { label: more.small ? null : `density in ${unit}`, log: true, range: [low * 0.5, high * 1.8], least: 5 },
         data: [hz, clean(measured, true), clean(fitted, true), ...(banded ? [edge(1), edge(-1)] : [])],
         lines: [{ colour: "measured", dots: more.small ? 3.5 : 5 }, { width: 1.6 }, { hidden: true }, { hidden: true }],
         bands: banded ? [{ between: [3, 4], colour: "rejected" }] : [],
@@ -88,7 +88,7 @@ export default {
             if (chosen.one.scatter > 0) made.push(residuals(large, chosen, both))
         }
         const grid = make("div.multiples")
-        host.append(grid, make("p.axes", "Density in (m/s²)²/Hz over frequency in Hz. Dots: measured. Line: fitted. Grey: where 95 % of the dots lie if the fit lacks nothing."))
+        host.append(grid, make("p.axes", `Density in ${panels[0]?.unit} over frequency in Hz. Dots: measured. Line: fitted. Grey: where 95 % of the dots lie if the fit lacks nothing.`))
         for (const panel of panels) {
             const on = panel === chosen
             const cell = make("div", { class: `cell${panel.misfit ? " misfit" : ""}${on ? " chosen" : ""}` },

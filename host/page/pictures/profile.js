@@ -5,6 +5,8 @@ import { extent, freeing, items, legend, plot } from "belfry/curves.js"
 import { fixed, known, percent, signed } from "belfry/numbers.js"
 
 const NAMES = { bending_1: "bending, 1st axis", bending_2: "bending, 2nd axis" }
+// A segment shorter than this share of the height, such as a foundation, does not set the scale for all others.
+const SHORT = 0.05
 const change = factor => 100 * (factor - 1)
 const lastOf = data => data.profile?.with_effects ?? data.profile?.as_given
 /** The quantities of a profile with what is known of their segments. */
@@ -30,20 +32,23 @@ export default {
         const segments = (profile, name) => quantitiesOf(profile).find(each => each.quantity === name)?.segments ?? []
         const stated = one => 100 * one.prior_std / (last.discrepancy?.scatter || 1)
         const all = kinds.flatMap(([, profile]) => quantitiesOf(profile).flatMap(each => each.segments))
-        const reach = 1.05 * (extent([1, ...all.map(one => Math.abs(change(one.factor)) + 100 * (one.std || 0)), ...all.map(stated)])?.[1] ?? 1), heights = extent(all.flatMap(one => [one.z_bottom_m, one.z_top_m])) ?? [0, 1]
+        const heights = extent(all.flatMap(one => [one.z_bottom_m, one.z_top_m])) ?? [0, 1], isShort = one => one.z_top_m - one.z_bottom_m < SHORT * (heights[1] - heights[0])
+        const furthest = one => Math.max(Math.abs(change(one.factor)) + 100 * (one.std || 0), stated(one) || 0), most = list => extent([1, ...list.map(furthest)])[1], usual = most(all.filter(one => !isShort(one)))
+        const beyond = all.filter(one => isShort(one) && furthest(one) > 3 * usual), reach = 1.05 * most(all.filter(one => !beyond.includes(one)))
         const edge = (list, of) => list.flatMap(one => [[of(one), one.z_bottom_m], [of(one), one.z_top_m]])
         const grid = make("div.multiples.tall")
         host.append(legend([
             { label: "tolerance that study.toml states", colour: "rejected", kind: "band", alpha: 0.4 },
             ...kinds.map(([colour, , label]) => ({ label: `fitted ${label}`, colour })),
             { label: "bands: ± 1 standard deviation", kind: "none" },
+            beyond.length && { label: `beyond the scale: ${[...new Set(beyond.map(one => `${fixed(one.z_bottom_m, 0)} to ${fixed(one.z_top_m, 0)} m`))].join(", ")}`, kind: "none" },
         ]), grid)
         return freeing(quantitiesOf(last).map(({ quantity, name, segments: own }, i) => {
             const cell = make("div.cell", make("p.caption", name))
             grid.append(cell)
             return plot(cell, {
                 name: `${name}, change of each segment: ${own.slice(0, 40).map(one => `${fixed(one.z_bottom_m, 0)} m ${signed(change(one.factor), 1)} %`).join(", ")}`, small: true, still: true, height: 330,
-                x: { label: "% of the table", range: [-reach, reach], room: 45, values: splits => splits.map(value => signed(value, splits[1] - splits[0] < 1 ? 1 : 0)) },
+                x: { label: "% of the table", range: [-reach, reach], room: 32, values: splits => splits.map(value => signed(value, splits[1] - splits[0] < 1 ? 1 : 0)) },
                 y: { label: i ? null : "height in m", range: heights },
                 behind(pen) {
                     const band = (list, low, high) => pen.area([...edge(list, high), ...edge(list, low).reverse()])

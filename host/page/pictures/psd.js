@@ -1,7 +1,7 @@
 // Power spectral density of channels, several to compare.
 
 import { make } from "belfry/canvas.js"
-import { clean, extent, items, modeMarks, nearest, plot, steps, unpack } from "belfry/curves.js"
+import { clean, densityIn, extent, items, modeMarks, nearest, plot, steps, unpack } from "belfry/curves.js"
 import { fixed, hertz, plural, power } from "belfry/numbers.js"
 
 // Colours of curves that mean nothing but "another channel".
@@ -55,7 +55,7 @@ export default {
         return plot(host, {
             zoom: "hz", height: 320, marks: modeMarks(data),
             x: { label: "frequency in Hz", range: extent(hz) ?? [0, 1] },
-            y: { label: `density in ${chosen[0].setup.unit ?? "(m/s²)²/Hz"}`, log: true },
+            y: { label: `density in ${densityIn(chosen[0].setup)}`, log: true },
             data: [hz, ...curves],
             lines: chosen.map((_, i) => lookOf(i)),
             at: (_, index) => hertz(hz[index]),

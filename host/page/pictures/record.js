@@ -24,7 +24,7 @@ export function timeAxis(start, span_s) {
         return `${isKnown ? two(hours % 24) : hours}:${two(Math.floor(at / 60) % 60)}${step < 60 ? ":" + rest : ""}`
     }
     return {
-        label: isKnown ? `time (UTC), from ${date(0)}` : "time since the start in h:min", room: 75, clock,
+        label: isKnown ? `time (UTC), from ${date(0)}` : "time since the start in h:min or h:min:s", room: 75, clock,
         splits(low, high, room) {
             const step = STEPS_S.find(step => (high - low) / step <= room) ?? 604800, first = Math.ceil((low + offset) / step - 1e-9) * step - offset
             return Array.from({ length: Math.max(0, Math.floor((high - first) / step + 1e-9) + 1) }, (_, i) => first + i * step)

@@ -2,8 +2,8 @@
 
 import { button, can, fitTo, pick, picks } from "belfry/actions.js"
 import { make } from "belfry/canvas.js"
-import { clean, extent, items, modeMarks, nearest, plot, setupChoice, setupOf, steps, unpack } from "belfry/curves.js"
-import { fixed, hertz, known, percent, plural, power } from "belfry/numbers.js"
+import { clean, densityIn, extent, items, modeMarks, nearest, plot, setupChoice, setupOf, steps, unpack } from "belfry/curves.js"
+import { fixed, hertz, inWords, known, percent, plural, power } from "belfry/numbers.js"
 
 const LOOKS = [{ width: 1.8 }, { width: 1.2, alpha: 0.72 }, { width: 1, alpha: 0.52 }, { width: 0.8, alpha: 0.42 }].map(look => ({ colour: "measured", ...look }))
 // A click finds a peak so near, in CSS pixels.
@@ -20,7 +20,7 @@ export default {
     uses: ["picks"],
     says(data) {
         const [modes, forced, rejected] = ["modes", "harmonics", "rejected"].map(name => of(data, name)), setup = setupOf(setupsOf(data))
-        return `The singular values of the cross-spectral matrix${setupsOf(data).length > 1 ? ` of setup ${setup.setup}` : ""}${setup.averages ? ` from ${plural(setup.averages, "average")}` : ""} show `
+        return `The singular values of the cross-spectral matrix${setupsOf(data).length > 1 ? ` of ${inWords(setup.setup)}` : ""}${setup.averages ? ` from ${plural(setup.averages, "average")}` : ""} show `
             + (modes.length ? `${plural(modes.length, "mode")} between ${fixed(modes[0].frequency_hz, 3)} and ${fixed(modes.at(-1).frequency_hz, 3)} Hz` : "no mode")
             + (forced.length ? `, ${plural(forced.length, "forced line")} (F)` : "")
             + (rejected.length ? `, and ${plural(rejected.length, "peak")} that ${rejected.length === 1 ? "is no mode" : "are no modes"} (×).` : ".")
@@ -74,7 +74,7 @@ export default {
         const chart = plot(host, {
             zoom: "hz", height: 340, noted: true, marks,
             x: { label: "frequency in Hz", range: [hz[0], hz.at(-1)] },
-            y: { label: `density in ${setup.unit ?? "(m/s²)²/Hz"}`, log: true, fit: (from, to) => [Math.max(from ?? least, least) * 0.7, (to ?? high) * 1.6] },
+            y: { label: `density in ${densityIn(setup)}`, log: true, fit: (from, to) => [Math.max(from ?? least, least) * 0.7, (to ?? high) * 1.6] },
             data: [hz, ...singular.map(values => clean(values, true))],
             lines: LOOKS.slice(0, singular.length),
             behind(pen) {

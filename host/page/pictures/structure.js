@@ -32,7 +32,7 @@ export const structure = {
         }
         const worst = where(d)[0]
         if (worst) parts.push(`Over all modes the shapes miss most at ${worst.label} (misfit ${fixed(worst.misfit, 3)}).`)
-        if (s.undetermined) parts.push("A dashed outline turns as the model does, because the sensors there do not show it.")
+        if (s.undetermined) parts.push(`A dashed outline ${s.kinds.length > 1 ? "turns as the model does" : "does not turn"}, because the sensors there do not show it.`)
         return parts.join(" ")
     },
     draw(host, d, view) {

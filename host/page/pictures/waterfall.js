@@ -1,8 +1,8 @@
 // Spectra over time: every row a part of the record, colours by density.
 
 import { canvas, make } from "belfry/canvas.js"
-import { items, modeMarks, plot, setupChoice, setupOf, steps, unpack } from "belfry/curves.js"
-import { clamp, duration, fixed, hertz, plural } from "belfry/numbers.js"
+import { densityIn, items, modeMarks, plot, setupChoice, setupOf, steps, unpack } from "belfry/curves.js"
+import { clamp, duration, fixed, hertz, inWords, plural } from "belfry/numbers.js"
 
 // Pixels of the image in either direction.
 const MOST = 2048
@@ -48,11 +48,11 @@ export default {
     follows: ["setup", "mode"],
     says(data) {
         const { setup, waterfall: { rows, row_s } } = setupOf(setupsOf(data))
-        return `${plural(rows, "spectrum", "spectra")}, one for every ${duration(row_s)} of ${setupsOf(data).length > 1 ? `setup ${setup}` : "the record"}: a mode is a line that stands still; what comes and goes is a machine or a gust.`
+        return `${plural(rows, "spectrum", "spectra")}, one for every ${duration(row_s)} of ${setupsOf(data).length > 1 ? inWords(setup) : "the record"}: a mode is a line that stands still; what comes and goes is a machine or a gust.`
     },
     has: data => setupsOf(data).length > 0,
     draw(host, data) {
-        const setups = setupsOf(data), { columns, rows, row_s, first_hz, spacing_hz, values } = setupOf(setups).waterfall
+        const setups = setupsOf(data), { setup } = setupOf(setups), { columns, rows, row_s, first_hz, spacing_hz, values } = setupOf(setups).waterfall
         const density = unpack(values), { element, from, to } = image(density, columns, rows)
         const range = [first_hz - spacing_hz / 2, first_hz + (columns - 0.5) * spacing_hz], xs = steps(first_hz, spacing_hz, columns)
         const hours = rows * row_s / 3600, short = hours < 2, top = hours * (short ? 60 : 1), modes = modeMarks(data)
@@ -80,7 +80,7 @@ export default {
             },
             legend: [],
         })
-        host.append(ramp(`${fixed(10 * from, 0)} dB`, `${fixed(10 * to, 0)} dB of 1 ${data.spectra?.setups?.[0]?.unit ?? "(m/s²)²/Hz"}, all channels together`))
+        host.append(ramp(`${fixed(10 * from, 0)} dB`, `${fixed(10 * to, 0)} dB of 1 ${densityIn(items(data.spectra?.setups).find(one => one.setup === setup))}, all channels together`))
         return chart.free
     },
 }

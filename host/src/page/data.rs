@@ -302,7 +302,7 @@ fn published_modes(case: &Case) -> Value {
 fn study_value(study: &Study) -> Value {
     let folder = crate::command::in_shell(&study.folder);
     let command = |name: &str| (name.to_owned(), Value::from(format!("belfry {name} {folder}")));
-    let names = ["identify", "compare", "update", "covalidate", "diagnose", "profile", "history", "add", "remove"];
+    let names = ["identify", "compare", "update", "covalidate", "diagnose", "profile", "history"];
     let sensor = |sensor: &Sensor| {
         json!({
             "channel": sensor.channel,
