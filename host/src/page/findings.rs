@@ -5,7 +5,7 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use crate::compare::Comparison;
+use crate::compare::{Comparison, mac_words};
 use crate::study::Study;
 
 /// A sentence.
@@ -285,11 +285,6 @@ fn capital(text: &str) -> String {
 fn sentence(warning: String) -> String {
     let text = capital(&warning);
     if text.ends_with(['.', '?', '!']) { text } else { text + "." }
-}
-
-/// Never rounded up to perfection.
-fn mac_words(mac: f64) -> String {
-    format!("{:.4}", (mac * 1e4).floor() / 1e4)
 }
 
 #[cfg(test)]

@@ -16,6 +16,12 @@ pub(super) const FRAME: RGBColor = RGBColor(200, 200, 200);
 pub(super) const DIRECTIONS: [RGBColor; 4] =
     [BESIDE, RGBColor(214, 124, 38), RGBColor(90, 150, 90), RGBColor(130, 90, 160)];
 
+/// What was measured, the versions of the model, and their shapes: the colours that host/page/style.css gives them (Okabe-Ito).
+pub(super) const MEASURED: RGBColor = RGBColor(0, 114, 178);
+pub(super) const GIVEN: RGBColor = RGBColor(213, 94, 0);
+pub(super) const WITH_EFFECTS: RGBColor = RGBColor(0, 158, 115);
+pub(super) const UPDATED: RGBColor = RGBColor(201, 116, 159);
+
 /// A picture could not be drawn.
 #[derive(Debug, Error)]
 #[error("the picture of {what} could not be drawn: {reason}")]
@@ -44,6 +50,43 @@ pub(super) fn picture(
     drawn.map(|()| svg).map_err(|reason: Box<dyn std::error::Error>| PictureError { what, reason: reason.to_string() })
 }
 
+/// A number with so many digits after the point; never "-0.00".
+pub(super) fn fixed(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|byte| matches!(byte, b'0' | b'.')) => zero.to_owned(),
+        _ => text,
+    }
+}
+
+/// The same with its sign, but for what rounds to nothing.
+pub(super) fn signed(value: f64, digits: usize) -> String {
+    let text = fixed(value, digits);
+    if value > 0.0 && text.bytes().any(|byte| matches!(byte, b'1'..=b'9')) { format!("+{text}") } else { text }
+}
+
+/// Digits after the point that tell the labels of an axis of this length apart: their distance is 1, 2 or 5 of a decade and no less than an
+/// eleventh of the length, so never of a lower decade than a sixth.
+pub(super) fn axis_digits(length: f64) -> usize {
+    let step = length / 6.0;
+    if step > 0.0 && step.is_finite() { (-step.log10().floor()).clamp(0.0, 9.0) as usize } else { 0 }
+}
+
+/// A factor, and the prefix of the unit with it, with which a largest value is written with few zeros.
+pub(super) fn prefixed(largest: f64) -> (f64, &'static str) {
+    match largest.abs() {
+        size if size >= 0.1 || size == 0.0 => (1.0, ""),
+        size if size >= 1e-4 => (1e3, "m"),
+        size if size >= 1e-7 => (1e6, "µ"),
+        _ => (1e9, "n"),
+    }
+}
+
+/// About the width of a text in pixels: an average letter is 0.56 of the font's size.
+pub(super) fn width_of(text: &str, size: u32) -> i32 {
+    (0.56 * f64::from(size) * text.chars().count() as f64).ceil() as i32
+}
+
 /// A small panel over height.
 pub(super) fn panel_over_height<'a, 'b>(
     panel: &'a Area<'b>,
@@ -65,4 +108,34 @@ pub(super) fn panel_over_height<'a, 'b>(
         .axis_style(FRAME)
         .draw()?;
     Ok(chart)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_has_no_sign() {
+        assert_eq!(
+            ["-0.00", "0.00", "-0.01", "1"].map(|text| text.parse::<f64>().unwrap()).map(|value| fixed(value, 2)),
+            ["0.00", "0.00", "-0.01", "1.00"]
+        );
+        assert_eq!([-0.004, 0.004, -0.006, 0.006].map(|value| signed(value, 2)), ["0.00", "0.00", "-0.01", "+0.01"]);
+        assert_eq!([-0.04, 12.0].map(|value| signed(value, 1)), ["0.0", "+12.0"]);
+    }
+
+    /// Five labels between the ends of an axis differ.
+    #[test]
+    fn labels_of_an_axis_differ() {
+        for length in [3e-4, 0.02, 0.7, 1.0, 9.0, 40.0, 5e3] {
+            let labels: Vec<String> =
+                (0..6).map(|label| fixed(length * f64::from(label) / 5.0, axis_digits(length))).collect();
+            assert!(labels.windows(2).all(|pair| pair[0] != pair[1]), "{length}: {labels:?}");
+        }
+    }
+
+    #[test]
+    fn units_have_the_prefix_that_spares_zeros() {
+        assert_eq!([2.0, 0.02, 2.8e-4, 1e-5, 3e-9].map(|largest| prefixed(largest).1), ["", "m", "m", "µ", "n"]);
+    }
 }

@@ -3,7 +3,7 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BESIDE, DrawResult, FRAME, MODE, PictureError, panel_over_height, picture};
+use super::canvas::{Area, BESIDE, DrawResult, FRAME, MODE, PictureError, panel_over_height, picture, signed};
 use crate::change::ModeChange;
 use crate::diagnose::Predicted;
 
@@ -67,7 +67,7 @@ fn draw_modes(area: &Area<'_>, modes: &[ModeChange], predicted: &[Predicted]) ->
         .x_labels(modes.len().max(1) + 1)
         .x_label_formatter(&number)
         .x_desc("mode")
-        .y_label_formatter(&|percent| format!("{percent:+.2}"))
+        .y_label_formatter(&|percent| signed(*percent, 2))
         .label_style(("sans-serif", 11))
         .draw()?;
     chart.draw_series(LineSeries::new([(0.5, 0.0), (count + 0.5, 0.0)], BLACK.stroke_width(1)))?;

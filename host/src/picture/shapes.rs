@@ -4,13 +4,19 @@ use std::collections::BTreeMap;
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, Chart, DIRECTIONS, DrawResult, FRAME, MODE, PictureError, picture};
+use super::canvas::{Area, Chart, DIRECTIONS, DrawResult, FRAME, MODE, PictureError, fixed, picture, width_of};
 use crate::identify::{Identification, Mode};
 use crate::study::{Direction, Sensor, Setup};
 
-const COLUMNS: usize = 7;
-const PANEL: (u32, u32) = (138, 250);
-const HEADER: u32 = 64;
+const MOST_COLUMNS: usize = 7;
+const WIDTH: u32 = 966;
+const WIDEST_PANEL: u32 = 200;
+const PANEL: u32 = 262;
+const HEADER: u32 = 84;
+/// Motion at a panel's edge; the largest component is 1.
+const EDGE: f64 = 1.3;
+/// Points that make a curve; two do not.
+const CURVE: usize = 3;
 
 /// The true shape that belongs to a measured mode: motion by point name, largest 1.
 pub type TrueShape = BTreeMap<String, f64>;
@@ -23,8 +29,8 @@ struct MeasuredPoint<'a> {
 }
 
 /// Draws the shapes of all modes; dots with bars of two standard deviations are measured, thin lines join the points of
-/// one vertical and direction, open circles are the truth (one entry a mode, in the modes' order). `None` where no sensor
-/// has a height and a direction that is not upwards.
+/// one vertical and direction, dashes those of one height and direction, open circles are the truth (one entry a mode, in the modes'
+/// order). `None` where no sensor has a height and a direction that is not upwards.
 ///
 /// # Errors
 /// When drawing fails.
@@ -42,28 +48,33 @@ pub fn mode_shapes(
         return Ok(None);
     }
     let bottom_m = points_by_name.values().map(|point| point.elevation_m).fold(0.0, f64::min);
-    let rows = identification.modes.len().div_ceil(COLUMNS);
-    let size = (PANEL.0 * COLUMNS as u32, HEADER + PANEL.1 * rows as u32);
-    picture("the mode shapes", size, |root| {
+    let count = identification.modes.len();
+    let rows = count.div_ceil(MOST_COLUMNS);
+    let columns = count.div_ceil(rows);
+    let panel_width = (WIDTH / columns as u32).min(WIDEST_PANEL);
+    picture("the mode shapes", (WIDTH, HEADER + PANEL * rows as u32), |root| {
         let (header, body) = root.split_vertically(HEADER);
         draw_header(&header, structure, &points_by_name, truth.iter().any(Option::is_some))?;
-        for (index, (panel, mode)) in body.split_evenly((rows, COLUMNS)).iter().zip(&identification.modes).enumerate() {
+        let (body, _) = body.split_horizontally(panel_width * columns as u32);
+        for (index, (panel, mode)) in body.split_evenly((rows, columns)).iter().zip(&identification.modes).enumerate() {
             let label = format!("{}: {:.3} Hz", mode.number, mode.frequency_hz);
+            let is_first = index % columns == 0;
             let mut chart = ChartBuilder::on(panel)
                 .caption(label, ("sans-serif", 14).into_font().color(&MODE))
                 .margin(6)
-                .x_label_area_size(4)
-                .y_label_area_size(if index % COLUMNS == 0 { 34 } else { 6 })
-                .build_cartesian_2d(-1.3..1.3, bottom_m..top_m * 1.05)?;
-            let labels = if index % COLUMNS == 0 { 5 } else { 0 };
+                .x_label_area_size(18)
+                .y_label_area_size(if is_first { 40 } else { 6 })
+                .build_cartesian_2d(-EDGE..EDGE, bottom_m..top_m * 1.05)?;
             chart
                 .configure_mesh()
                 .disable_x_mesh()
                 .disable_y_mesh()
-                .x_labels(0)
-                .y_labels(labels)
+                .x_labels(3)
+                .y_labels(if is_first { 5 } else { 0 })
                 .axis_style(FRAME)
-                .y_label_formatter(&|m| format!("{m:.0} m"))
+                .x_label_formatter(&|motion| fixed(*motion, 0))
+                .y_label_formatter(&|m| format!("{} m", fixed(*m, 0)))
+                .label_style(("sans-serif", 12))
                 .draw()?;
             let axis = LineSeries::new([(0.0, bottom_m), (0.0, top_m * 1.05)], FRAME);
             chart.draw_series(axis)?;
@@ -118,11 +129,13 @@ fn draw_header(
     }
     let mut x = 14;
     for (label, color) in &legend {
-        header.draw(&text(label, x, 40, 13, color))?;
-        x += if label.contains(',') { 190 } else { 130 };
+        header.draw(&text(label, x, 38, 13, color))?;
+        x += width_of(label, 13) + 24;
     }
     let rest = if truth { "bars: two standard deviations; circles: truth" } else { "bars: two standard deviations" };
-    header.draw(&text(rest, x, 40, 13, &black))?;
+    header.draw(&text(rest, x, 38, 13, &black))?;
+    let words = "Motion over height, without unit: the largest of each mode is 1. Dashes join sensors of one height and direction: torsion moves them apart.";
+    header.draw(&text(words, 14, 58, 13, &black))?;
     Ok(())
 }
 
@@ -132,24 +145,12 @@ fn draw_mode(
     points_by_name: &BTreeMap<&str, MeasuredPoint<'_>>,
     truth: Option<&TrueShape>,
 ) -> DrawResult {
-    // One line for each vertical: the points of one direction and plan position.
-    let mut verticals: BTreeMap<String, Vec<(f64, f64, RGBColor)>> = BTreeMap::new();
-    for component in &mode.shape {
-        let Some(point) = points_by_name.get(component.point.as_str()) else { continue };
-        let key = format!("{:?} {:?}", point.sensor.direction, point.sensor.offset_m);
-        verticals.entry(key).or_default().push((component.re, point.elevation_m, point.color));
-    }
-    // Two points make no curve.
-    for points in verticals.values_mut().filter(|points| points.len() > 2) {
-        points.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let color = points.first().map_or(FRAME, |point| point.2);
-        chart.draw_series(LineSeries::new(points.iter().map(|&(x, y, _)| (x, y)), color.mix(0.5).stroke_width(1)))?;
-    }
+    join(chart, mode, points_by_name)?;
     for component in &mode.shape {
         let Some(point) = points_by_name.get(component.point.as_str()) else { continue };
         let (x, y) = (component.re, point.elevation_m);
         if component.std.is_finite() {
-            let bar = [((x - 2.0 * component.std).max(-1.3), y), ((x + 2.0 * component.std).min(1.3), y)];
+            let bar = [((x - 2.0 * component.std).max(-EDGE), y), ((x + 2.0 * component.std).min(EDGE), y)];
             chart.draw_series(LineSeries::new(bar, point.color.stroke_width(1)))?;
         }
         chart.draw_series(std::iter::once(Circle::new((x, y), 2, point.color.filled())))?;
@@ -158,4 +159,90 @@ fn draw_mode(
         }
     }
     Ok(())
+}
+
+/// Points of one direction at one height.
+struct Level {
+    elevation_m: f64,
+    color: RGBColor,
+    motions: Vec<f64>,
+    /// Whether a vertical's line passes through one of them.
+    is_on_curve: bool,
+}
+
+/// Joins the points, so that none stands alone: a line for each vertical, the points of one direction and plan position; dashes from one to
+/// the other where several of a direction stand at one height; dashes from the axis to a point that has neither.
+fn join(chart: &mut Chart<'_, '_>, mode: &Mode, points_by_name: &BTreeMap<&str, MeasuredPoint<'_>>) -> DrawResult {
+    let mut verticals: BTreeMap<String, Vec<(&MeasuredPoint<'_>, f64)>> = BTreeMap::new();
+    for component in &mode.shape {
+        let Some(point) = points_by_name.get(component.point.as_str()) else { continue };
+        let key = format!("{:?} {:?}", point.sensor.direction, point.sensor.offset_m);
+        verticals.entry(key).or_default().push((point, component.re));
+    }
+    let mut levels: BTreeMap<String, Level> = BTreeMap::new();
+    for mut points in verticals.into_values() {
+        points.sort_by(|(a, _), (b, _)| a.elevation_m.total_cmp(&b.elevation_m));
+        let is_curve = points.len() >= CURVE;
+        for &(&MeasuredPoint { sensor, elevation_m, color }, motion) in &points {
+            let key = format!("{:?} {elevation_m:.2}", sensor.direction);
+            let new = Level { elevation_m, color, motions: Vec::new(), is_on_curve: false };
+            let level = levels.entry(key).or_insert(new);
+            level.motions.push(motion);
+            level.is_on_curve |= is_curve;
+        }
+        if let (true, Some((first, _))) = (is_curve, points.first()) {
+            let line = points.iter().map(|(point, motion)| (*motion, point.elevation_m));
+            chart.draw_series(LineSeries::new(line, first.color.mix(0.5).stroke_width(1)))?;
+        }
+    }
+    for Level { elevation_m, color, mut motions, is_on_curve } in levels.into_values() {
+        if let ([_], false) = (&motions[..], is_on_curve) {
+            motions.push(0.0);
+        }
+        motions.sort_by(f64::total_cmp);
+        if let [least, .., most] = motions[..] {
+            let ends = [(least, elevation_m), (most, elevation_m)];
+            chart.draw_series(DashedLineSeries::new(ends, 3, 3, color.mix(0.7).stroke_width(1)))?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::ShapeComponent;
+    use crate::identify::accuracy::tests::found;
+    use crate::study::{Study, template};
+
+    /// Dashes of the tower's mode, drawn with this motion at the sensors that have one.
+    fn dashes(motion: impl Fn(&Sensor) -> Option<f64>) -> usize {
+        let study = Study::from_text(template::CANTON_STUDY, std::path::Path::new("canton")).unwrap();
+        let component = |sensor: &Sensor| {
+            let (channel, point) = (sensor.channel.clone(), sensor.point.clone());
+            Some(ShapeComponent { channel, point, re: motion(sensor)?, im: 0.0, std: f64::NAN })
+        };
+        let mut identification = found();
+        identification.modes[0].shape = study.sensors().iter().filter_map(component).collect();
+        let svg = mode_shapes("Tower", &study.setups, &identification, &[]).unwrap().unwrap();
+        svg.lines().filter(|line| line.starts_with("<polyline") && line.contains("opacity=\"0.7\"")).count()
+    }
+
+    /// Sensors of one direction move together in bending, apart in torsion by the arms of their offsets, and dashes show it.
+    #[test]
+    fn torsion_joins_sensors_of_one_height() {
+        let bending = dashes(|sensor| sensor.elevation_m.map(|z_m| z_m / 450.0));
+        let torsion = dashes(|sensor| {
+            let [along_x, along_y, _] = sensor.direction?.cosines();
+            Some((sensor.offset_m[0] * along_y - sensor.offset_m[1] * along_x) / 7.0)
+        });
+        assert!(bending <= 4, "{bending}: four pairs stand on each other");
+        assert!(torsion > 20, "{torsion}: two of the pairs are apart");
+    }
+
+    #[test]
+    fn a_point_alone_is_joined_to_the_axis() {
+        let one = |channel: &'static str| dashes(move |sensor| (sensor.channel == channel).then_some(1.0));
+        assert!(one("08") > 5);
+    }
 }

@@ -2,33 +2,72 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, DIRECTIONS, DrawResult, MODE, PictureError, picture};
-use crate::identify::Identification;
+use super::canvas::{Area, DIRECTIONS, DrawResult, MODE, PictureError, picture, width_of};
+use crate::identify::{Identification, SingularSpectrum};
 
 const WHAT: &str = "the singular values";
 const SIZE: (u32, u32) = (960, 540);
-/// Height of title and legend.
-const TITLE: u32 = 56;
 const RANKS: [RGBColor; 4] =
     [RGBColor(31, 87, 147), RGBColor(214, 124, 38), RGBColor(90, 150, 90), RGBColor(160, 160, 160)];
+/// Of setups in turn (Okabe-Ito, without its reds, which are modes, and purples, which are forced lines).
+const SETUPS: [RGBColor; 5] =
+    [RGBColor(0, 114, 178), RGBColor(230, 159, 0), RGBColor(0, 158, 115), RGBColor(86, 180, 233), RGBColor(90, 90, 90)];
 
 /// Forced lines.
 const FORCED: RGBColor = DIRECTIONS[3];
 /// Rejected peaks.
 const REJECTED: RGBColor = RGBColor(120, 120, 120);
-/// Where title and legend begin, from the left and from the top, and how much room a letter of the legend takes.
+/// Where title and legend begin, from the left and from the top, and what a row of the legend takes.
 const TITLE_AT: (i32, i32) = (12, 8);
-const LEGEND_AT: (i32, i32) = (12, 34);
-const LETTER: i32 = 6;
+const LEGEND_AT: (i32, i32) = (12, 36);
+const LEGEND_ROW: i32 = 19;
+const LEGEND_SIZE: u32 = 13;
+/// What stands right of the curves.
+const MARGIN: i32 = 14;
 
-/// Singular values over frequency (one thin line a setup and rank); modes are marked by their numbers, forced lines by F, rejected
-/// peaks by crosses below.
+/// A line of the picture: what it is called, its setup's spectrum, the singular value's rank from 0, how it looks.
+struct Line<'a> {
+    name: String,
+    spectrum: &'a SingularSpectrum,
+    rank: usize,
+    style: ShapeStyle,
+}
+
+impl Line<'_> {
+    fn values(&self) -> &[f64] {
+        &self.spectrum.values[self.rank]
+    }
+}
+
+/// All singular values of one setup, but the first alone of each of several, whose tangle nobody could read.
+fn lines(spectra: &[SingularSpectrum]) -> Vec<Line<'_>> {
+    let one = |spectrum, rank, name: String, style| Line { name, spectrum, rank, style };
+    match spectra {
+        [spectrum] => (0..spectrum.values.len())
+            .map(|rank| {
+                let name =
+                    ["first", "second", "third", "fourth"].get(rank).map_or(String::new(), |&name| name.to_owned());
+                one(spectrum, rank, name, RANKS[rank.min(RANKS.len() - 1)].stroke_width(2))
+            })
+            .collect(),
+        spectra => spectra
+            .iter()
+            .zip(SETUPS.iter().cycle())
+            .filter(|(spectrum, _)| !spectrum.values.is_empty())
+            .map(|(spectrum, color)| one(spectrum, 0, spectrum.setup.clone(), color.stroke_width(1)))
+            .collect(),
+    }
+}
+
+/// Singular values over frequency: those of one setup, or the first of each of several; modes are marked by their numbers, forced lines by F,
+/// rejected peaks by crosses below.
 ///
 /// # Errors
 /// When nothing was measured, or drawing fails.
 pub fn singular_values(structure: &str, identification: &Identification) -> Result<String, PictureError> {
     let spectra = &identification.singular_values;
-    let values = || spectra.iter().flat_map(|s| s.values.iter().flatten().copied()).filter(|v| *v > 0.0);
+    let lines = lines(spectra);
+    let values = || lines.iter().flat_map(|line| line.values().iter().copied()).filter(|v| *v > 0.0);
     let highest = values().fold(0.0, f64::max);
     let first_rank_lowest =
         spectra.iter().filter_map(|s| s.values.first()).flatten().copied().fold(f64::INFINITY, f64::min);
@@ -38,13 +77,22 @@ pub fn singular_values(structure: &str, identification: &Identification) -> Resu
         .ok_or(PictureError { what: WHAT, reason: "nothing was measured".to_owned() })?;
     let lowest = values().fold(f64::INFINITY, f64::min).max(first_rank_lowest * 1e-3).max(highest * 1e-12);
     let (bottom, top) = (lowest * 0.5, highest * 4.0);
+    let legend = legend(&lines, spectra.len() > 1, identification);
+    let rows = legend.last().map_or(1, |entry| 1 + (entry.at.1 - LEGEND_AT.1) / LEGEND_ROW);
     picture(WHAT, SIZE, |root| {
-        let title = format!("{structure}: the largest singular values of the cross-spectral matrix");
+        let which = if spectra.len() > 1 {
+            "first singular value of each setup's"
+        } else {
+            "the largest singular values of the"
+        };
+        let title = format!("{structure}: {which} cross-spectral matrix");
         root.draw(&Text::new(title, TITLE_AT, ("sans-serif", 18)))?;
-        draw_legend(root, identification)?;
-        let (_, below) = root.split_vertically(TITLE);
+        for entry in &legend {
+            entry.draw(root)?;
+        }
+        let (_, below) = root.split_vertically(LEGEND_AT.1 + rows * LEGEND_ROW + 4);
         let mut chart = ChartBuilder::on(&below)
-            .margin(12)
+            .margin(MARGIN)
             .margin_top(2)
             .x_label_area_size(44)
             .y_label_area_size(76)
@@ -54,6 +102,8 @@ pub fn singular_values(structure: &str, identification: &Identification) -> Resu
             .x_desc("frequency in Hz")
             .y_desc("density in (m/s²)²/Hz")
             .y_label_formatter(&|value| format!("{value:.0e}"))
+            .label_style(("sans-serif", 12))
+            .axis_desc_style(("sans-serif", 13))
             .light_line_style(WHITE.mix(0.0))
             .bold_line_style(RGBColor(228, 228, 228))
             .draw()?;
@@ -69,52 +119,84 @@ pub fn singular_values(structure: &str, identification: &Identification) -> Resu
             let line = [(mode.frequency_hz, bottom), (mode.frequency_hz, top)];
             chart.draw_series(LineSeries::new(line, MODE.mix(0.45).stroke_width(1)))?;
         }
-        for spectrum in spectra {
-            for (rank, values) in spectrum.values.iter().enumerate().rev() {
-                let color = RANKS[rank.min(RANKS.len() - 1)];
-                let points = spectrum.frequency_hz.iter().zip(values).map(|(f, v)| (*f, v.max(bottom)));
-                chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
-            }
+        for line in lines.iter().rev() {
+            let points = line.spectrum.frequency_hz.iter().zip(line.values()).map(|(f, v)| (*f, v.max(bottom)));
+            chart.draw_series(LineSeries::new(points, line.style))?;
         }
         let rejected = identification.rejected.iter().map(|peak| (peak.frequency_hz, top * 0.4));
         chart.draw_series(rejected.map(|at| Cross::new(at, 3, REJECTED)))?;
         let mode_labels = identification.modes.iter().map(|mode| (mode.number.to_string(), mode.frequency_hz, MODE));
         let forced_labels = identification.harmonics.iter().map(|forced| ("F".to_owned(), forced.frequency_hz, FORCED));
-        for (label, hz, color) in mode_labels.chain(forced_labels) {
+        let mut labels: Vec<(String, f64, RGBColor)> = mode_labels.chain(forced_labels).collect();
+        labels.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let mut ends: Vec<i32> = Vec::new();
+        for (label, hz, color) in labels {
+            let from = chart.backend_coord(&(hz, top)).0;
+            let row = free_row(&mut ends, from, from + 3 + width_of(&label, 14));
             let style = ("sans-serif", 14).into_font().color(&color);
             // Beside the line, not on it.
-            let mark = EmptyElement::at((hz, top * 0.9)) + Text::new(label, (3, 0), style);
+            let mark = EmptyElement::at((hz, top * 0.9)) + Text::new(label, (3, 14 * row), style);
             chart.draw_series(std::iter::once(mark))?;
         }
         Ok(())
     })
 }
 
-/// Draws what the marks mean, of those that there are.
-fn draw_legend(root: &Area<'_>, identification: &Identification) -> DrawResult {
-    let is_several = identification.singular_values.len() > 1;
-    let ranks = identification.singular_values.iter().map(|spectrum| spectrum.values.len()).max().unwrap_or(0);
-    let first = if is_several { "Lines of each setup: first" } else { "Lines: first" };
-    let mut entries: Vec<(String, RGBColor)> = [first, "second", "third", "fourth"]
-        .iter()
-        .zip(RANKS)
-        .take(ranks)
-        .map(|(rank, color)| ((*rank).to_owned(), color))
-        .collect();
+/// The first row in which a label from here to there meets none before it; `ends` is where the last label of each row ends.
+fn free_row(ends: &mut Vec<i32>, from: i32, to: i32) -> i32 {
+    let row = ends.iter().position(|end| *end < from).unwrap_or(ends.len());
+    ends.resize(ends.len().max(row + 1), 0);
+    ends[row] = to;
+    row as i32
+}
+
+/// What a colour means: a line, or a mark that the words name.
+struct Entry {
+    words: String,
+    at: (i32, i32),
+    color: RGBColor,
+    line: Option<ShapeStyle>,
+}
+
+impl Entry {
+    const LINE: i32 = 20;
+
+    fn draw(&self, root: &Area<'_>) -> DrawResult {
+        let (mut x, y) = self.at;
+        if let Some(style) = self.line {
+            root.draw(&PathElement::new([(x, y + 7), (x + Self::LINE, y + 7)], style))?;
+            x += Self::LINE + 6;
+        }
+        root.draw(&Text::new(self.words.clone(), (x, y), ("sans-serif", LEGEND_SIZE).into_font().color(&self.color)))?;
+        Ok(())
+    }
+}
+
+/// What the lines and marks mean, of those that there are, in rows.
+fn legend(lines: &[Line<'_>], are_setups: bool, identification: &Identification) -> Vec<Entry> {
+    let of_lines = lines.iter().filter(|line| !line.name.is_empty()).map(|line| {
+        let name = line.name.clone();
+        let color = if are_setups { BLACK } else { RANKS[line.rank.min(RANKS.len() - 1)] };
+        (name, color, Some(line.style))
+    });
     let marks = [
         (!identification.modes.is_empty(), "1, 2, ... modes", MODE),
         (!identification.harmonics.is_empty(), "F forced lines: machinery or vortices", FORCED),
         (!identification.rejected.is_empty(), "x rejected peaks", REJECTED),
     ];
-    entries
-        .extend(marks.into_iter().filter(|(is_there, ..)| *is_there).map(|(_, text, color)| (text.to_owned(), color)));
-    let (mut x, y) = LEGEND_AT;
-    for (text, color) in entries {
-        let width = LETTER * text.len() as i32 + 24;
-        root.draw(&Text::new(text, (x, y), ("sans-serif", 12).into_font().color(&color)))?;
-        x += width;
+    let marks =
+        marks.into_iter().filter(|(is_there, ..)| *is_there).map(|(_, words, color)| (words.to_owned(), color, None));
+    let mut at = LEGEND_AT;
+    let mut entries = Vec::new();
+    for (words, color, line) in of_lines.chain(marks) {
+        let width = width_of(&words, LEGEND_SIZE) + line.map_or(0, |_| Entry::LINE + 6) + 22;
+        if at.0 > LEGEND_AT.0 && at.0 + width > SIZE.0 as i32 {
+            at = (LEGEND_AT.0, at.1 + LEGEND_ROW);
+        }
+        entries.push(Entry { words, at, color, line });
+        at.0 += width;
     }
-    Ok(())
+    entries
 }
 
 #[cfg(test)]
@@ -141,5 +223,38 @@ mod tests {
         let of = |svg: &str, color: &str| svg.matches(color).count();
         assert!(of(&marked, "#825AA0") > 10 && of(&plain, "#825AA0") == 0, "the dashes of a forced line");
         assert_eq!((of(&marked, "#787878"), of(&plain, "#787878")), (3, 0), "two strokes of a cross, and the legend");
+    }
+
+    /// Of one setup all singular values, of each of several the first, with its name.
+    #[test]
+    fn several_setups_show_a_curve_each() {
+        let mut identification = found();
+        let spectrum = |setup: usize| SingularSpectrum {
+            setup: format!("level {setup}"),
+            frequency_hz: (1..100).map(|line| 0.1 * f64::from(line)).collect(),
+            values: (0..4).map(|rank| vec![10f64.powi(-rank); 99]).collect(),
+        };
+        // Curves are the only lines of many points.
+        let curves = |identification: &Identification| {
+            let svg = singular_values("Tower", identification).unwrap();
+            let curves =
+                svg.lines().filter(|line| line.starts_with("<polyline") && line.matches(',').count() > 50).count();
+            (curves, svg)
+        };
+        identification.singular_values = vec![spectrum(1)];
+        let (of_one, svg) = curves(&identification);
+        assert_eq!(of_one, 4);
+        assert!(svg.contains("fourth") && !svg.contains("level 1"));
+        identification.singular_values = (1..=9).map(spectrum).collect();
+        let (of_nine, svg) = curves(&identification);
+        assert_eq!(of_nine, 9);
+        assert!(!svg.contains("fourth") && (1..=9).all(|setup| svg.contains(&format!("level {setup}"))));
+    }
+
+    #[test]
+    fn labels_that_would_meet_stand_below_each_other() {
+        let mut ends = Vec::new();
+        let labels = [(0, 10), (8, 20), (9, 22), (15, 25), (30, 40)];
+        assert_eq!(labels.map(|(from, to)| free_row(&mut ends, from, to)), [0, 1, 2, 0, 0]);
     }
 }

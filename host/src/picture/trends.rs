@@ -2,13 +2,17 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BESIDE, DrawResult, MODE, PictureError, picture};
+use super::canvas::{Area, BESIDE, DrawResult, MODE, PictureError, axis_digits, fixed, picture, prefixed};
 use crate::trend::{IntervalMode, Trend, TrendInterval};
 
 const WIDTH: u32 = 960;
-const PANEL: u32 = 120;
-const TITLE: u32 = 34;
-const AXIS: u32 = 36;
+const PANEL: u32 = 104;
+const TITLE: u32 = 56;
+const AXIS: u32 = 40;
+/// Bars reach so many standard deviations to either side: about 95 %.
+const BAR: f64 = 2.0;
+/// A response that varies by more than this is drawn on a logarithmic scale.
+const LINEAR: f64 = 10.0;
 
 /// A point of a panel: time in hours, value, and its standard deviation.
 type Point = (f64, f64, f64);
@@ -18,6 +22,8 @@ struct Panel {
     name: String,
     points: Vec<Point>,
     color: RGBColor,
+    /// Whether values are logarithms to base 10 of what the axis names.
+    is_log: bool,
 }
 
 /// Draws a panel a mode, below one for the temperature (where there is one) and one for the response level; of the setup with
@@ -34,8 +40,15 @@ pub fn trends(structure: &str, trend: &Trend) -> Result<Option<String>, PictureE
     let hours = intervals.iter().map(|interval| interval.end_s / 3600.0).fold(0.0, f64::max);
     let size = (WIDTH, TITLE + AXIS + PANEL * panels.len() as u32);
     picture("the trends", size, |root| {
-        let title = format!("{structure}: every {}", humantime::format_duration(duration(trend.every_s)));
-        root.draw(&Text::new(title, (10, 9), ("sans-serif", 16)))?;
+        let every = humantime::format_duration(duration(trend.every_s));
+        let of_setup = match intervals.first() {
+            Some(one) if intervals.len() < trend.intervals.len() => format!(", {}", one.setup),
+            _ => String::new(),
+        };
+        let title = format!("{structure}: modes over time, every {every}{of_setup}");
+        root.draw(&Text::new(title, (12, 8), ("sans-serif", 16)))?;
+        let words = "Dots: one interval each. Bars: two standard deviations to either side, which is about 95 %.";
+        root.draw(&Text::new(words, (12, 32), ("sans-serif", 13)))?;
         let (_, mut rest) = root.split_vertically(TITLE);
         for (index, panel) in panels.iter().enumerate() {
             let is_last = index + 1 == panels.len();
@@ -63,16 +76,13 @@ fn panels(trend: &Trend, intervals: &[&TrendInterval]) -> Vec<Panel> {
     let hour = |interval: &TrendInterval| 0.5 * (interval.start_s + interval.end_s) / 3600.0;
     let mut panels = Vec::new();
     let temperatures = intervals.iter().filter_map(|i| Some((hour(i), i.temperature_degc?, 0.0))).collect();
-    panels.push(Panel { name: "temperature in °C".to_owned(), points: temperatures, color: BESIDE });
-    let strongest = |interval: &TrendInterval| {
-        interval.modes.iter().map(|mode| mode.response_rms.powi(2)).sum::<f64>().sqrt().log10()
-    };
-    let levels = intervals.iter().filter(|i| !i.modes.is_empty()).map(|i| (hour(i), strongest(i), 0.0)).collect();
-    panels.push(Panel {
-        name: "response of all modes, log10 of its RMS in m/s² (m/s of a velocity)".to_owned(),
-        points: levels,
-        color: BESIDE,
-    });
+    panels.push(Panel { name: "temperature in °C".to_owned(), points: temperatures, color: BESIDE, is_log: false });
+    let levels: Vec<(f64, f64)> = intervals
+        .iter()
+        .map(|i| (hour(i), i.modes.iter().map(|mode| mode.response_rms.powi(2)).sum::<f64>().sqrt()))
+        .filter(|(_, level)| *level > 0.0 && level.is_finite())
+        .collect();
+    panels.push(of_response(&levels));
     for mode in &trend.modes {
         let percent = |seen: &IntervalMode| {
             let scale = 100.0 / mode.frequency_hz;
@@ -85,38 +95,143 @@ fn panels(trend: &Trend, intervals: &[&TrendInterval]) -> Vec<Panel> {
                 Some((hour(interval), value, if std.is_finite() { std } else { 0.0 }))
             })
             .collect();
-        let name = format!("mode {}: frequency about {:.4} Hz, in % of it", mode.number, mode.frequency_hz);
-        panels.push(Panel { name, points, color: MODE });
+        let name = format!("mode {}: frequency, in % off {:.4} Hz", mode.number, mode.frequency_hz);
+        panels.push(Panel { name, points, color: MODE, is_log: false });
     }
     panels.retain(|panel| !panel.points.is_empty());
     panels
 }
 
+/// The response of all modes together, over the hours.
+fn of_response(levels: &[(f64, f64)]) -> Panel {
+    let (least, most) = levels.iter().fold((f64::INFINITY, 0.0), |(l, m): (f64, f64), (_, v)| (l.min(*v), m.max(*v)));
+    let (factor, prefix) = prefixed(most);
+    let is_log = most > LINEAR * least;
+    let value = |level: f64| if is_log { (factor * level).log10() } else { factor * level };
+    Panel {
+        name: format!("response, RMS of all modes in {prefix}m/s² ({prefix}m/s where velocity was recorded)"),
+        points: levels.iter().map(|&(hour, level)| (hour, value(level), 0.0)).collect(),
+        color: BESIDE,
+        is_log,
+    }
+}
+
 fn draw(area: &Area<'_>, panel: &Panel, hours: f64, is_last: bool) -> DrawResult {
-    let lowest = panel.points.iter().map(|(_, value, std)| value - std).fold(f64::INFINITY, f64::min);
-    let highest = panel.points.iter().map(|(_, value, std)| value + std).fold(f64::NEG_INFINITY, f64::max);
-    let room = (0.1 * (highest - lowest)).max(1e-3);
+    let lowest = panel.points.iter().map(|(_, value, std)| value - BAR * std).fold(f64::INFINITY, f64::min);
+    let highest = panel.points.iter().map(|(_, value, std)| value + BAR * std).fold(f64::NEG_INFINITY, f64::max);
+    // One interval alone has no span of its own.
+    let room = (0.1 * (highest - lowest)).max(1e-3 * highest.abs()).max(1e-6);
+    let (lowest, highest) = (lowest - room, highest + room);
     let mut chart = ChartBuilder::on(area)
         .margin_left(8)
-        .margin_right(12)
-        .margin_top(18)
+        .margin_right(14)
+        .margin_top(20)
         .x_label_area_size(if is_last { AXIS } else { 0 })
         .y_label_area_size(64)
-        .build_cartesian_2d(0.0..hours, lowest - room..highest + room)?;
+        .build_cartesian_2d(0.0..hours, lowest..highest)?;
+    let hour = |hour: &f64| fixed(*hour, axis_digits(hours));
+    let label = |value: &f64| match 10f64.powf(*value) {
+        level if panel.is_log => fixed(level, (1.0 - level.log10().floor()).clamp(0.0, 6.0) as usize),
+        _ => fixed(*value, axis_digits(highest - lowest)),
+    };
     let mut mesh = chart.configure_mesh();
     mesh.disable_x_mesh()
         .light_line_style(WHITE)
+        .bold_line_style(RGBColor(232, 232, 232))
         .y_labels(5)
-        .y_label_formatter(&|value| format!("{:.2}", value + 0.0))
-        .label_style(("sans-serif", 11));
+        .x_label_formatter(&hour)
+        .y_label_formatter(&label)
+        .label_style(("sans-serif", 12))
+        .axis_desc_style(("sans-serif", 13));
     if is_last {
         mesh.x_desc("hours after the recording's first row");
     }
     mesh.draw()?;
-    area.draw(&Text::new(panel.name.clone(), (76, 3), ("sans-serif", 12)))?;
+    area.draw(&Text::new(panel.name.clone(), (76, 4), ("sans-serif", 13)))?;
     chart.draw_series(LineSeries::new(panel.points.iter().map(|&(x, y, _)| (x, y)), panel.color.mix(0.35)))?;
     let bars = panel.points.iter().filter(|point| point.2 > 0.0);
-    chart.draw_series(bars.map(|&(x, y, std)| PathElement::new([(x, y - std), (x, y + std)], panel.color)))?;
+    chart.draw_series(
+        bars.map(|&(x, y, std)| PathElement::new([(x, y - BAR * std), (x, y + BAR * std)], panel.color)),
+    )?;
     chart.draw_series(panel.points.iter().map(|&(x, y, _)| Circle::new((x, y), 2, panel.color.filled())))?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trend::ModeTrend;
+
+    /// Six intervals of ten minutes: a mode whose frequency wanders by so much percent, a response that grows by `growth` each time.
+    fn trend(percent: f64, growth: f64) -> Trend {
+        let frequency_hz = 0.4;
+        let interval = |index: i32| TrendInterval {
+            setup: "first".to_owned(),
+            start_s: 600.0 * f64::from(index),
+            end_s: 600.0 * f64::from(index + 1),
+            averages: 10,
+            groups: 10,
+            temperature_degc: None,
+            modes: vec![IntervalMode {
+                number: 1,
+                frequency_hz: frequency_hz * (1.0 + 0.01 * percent * f64::from(index % 3 - 1)),
+                frequency_std_hz: 1e-4,
+                damping_ratio: 0.01,
+                damping_ratio_std: 0.001,
+                mac: 1.0,
+                response_rms: 2e-4 * growth.powi(index),
+            }],
+        };
+        Trend {
+            every_s: 600.0,
+            modes: vec![ModeTrend {
+                number: 1,
+                intervals: 6,
+                frequency_hz,
+                lowest_hz: frequency_hz,
+                highest_hz: frequency_hz,
+                p_value_of_no_change: None,
+                percent_per_kelvin: None,
+                percent_per_decade: None,
+            }],
+            intervals: (0..6).map(interval).collect(),
+            warnings: Vec::new(),
+        }
+    }
+
+    /// The numbers at the axes.
+    fn labels(svg: &str) -> Vec<String> {
+        svg.lines().map(|line| line.trim().to_owned()).filter(|line| line.parse::<f64>().is_ok()).collect()
+    }
+
+    #[test]
+    fn bars_are_explained_and_nothing_has_no_sign() {
+        for percent in [0.0, 0.01, 0.3, 7.0] {
+            let svg = trends("Tower", &trend(percent, 1.0)).unwrap().unwrap();
+            let labels = labels(&svg);
+            assert!(labels.len() > 8, "{labels:?}");
+            assert!(!labels.iter().any(|label| label.starts_with('-') && label.parse() == Ok(0.0)), "{labels:?}");
+            assert!(svg.contains("Bars: two standard deviations"));
+        }
+    }
+
+    /// Bars of two deviations: 0.05 % of the frequency where its deviation is 0.025 %.
+    #[test]
+    fn bars_reach_two_deviations() {
+        let trend = trend(1.0, 1.0);
+        let intervals = longest(&trend.intervals);
+        let panels = panels(&trend, &intervals);
+        let &(_, _, std) = panels.last().unwrap().points.first().unwrap();
+        assert!((BAR * std - 0.05).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_response_is_in_units_that_are_read() {
+        let svg = trends("Tower", &trend(0.3, 1.1)).unwrap().unwrap();
+        assert!(svg.contains("RMS of all modes in mm/s²"));
+        let calm = of_response(&[(0.0, 2e-4), (1.0, 3e-4)]);
+        assert!(!calm.is_log && (calm.points[0].1 - 0.2).abs() < 1e-12);
+        let storm = of_response(&[(0.0, 2e-4), (1.0, 2e-2)]);
+        assert!(storm.is_log && (storm.points[1].1 - 20f64.log10()).abs() < 1e-12);
+    }
 }

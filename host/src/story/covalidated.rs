@@ -157,7 +157,8 @@ pub fn covalidate(
             *source.slot(&mut channel.rms_predicted) = Some(rms);
         }
     }
-    let curves = curves(setup, &split, &collected, &predictors);
+    let errors_percent: Vec<BySource> = channels.iter().map(|channel| channel.error_percent).collect();
+    let curves = curves(setup, &split, &collected, &predictors, &errors_percent);
     let report = CovalidationReport {
         channels,
         modes,

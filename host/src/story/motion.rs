@@ -6,7 +6,7 @@ use super::case::Case;
 use super::error::{CovalidateError, StoryError};
 use super::left_out::Split;
 use super::progress::{OnProgress, rows_of};
-use super::shapes::Source;
+use super::shapes::{BySource, Source};
 use crate::covalidate::{Hop, Motion, OverlapAdd, Predictor, Witness};
 use crate::measure::{Route, epoch_s, measure_observed};
 use crate::picture::{Curves, Prediction};
@@ -156,12 +156,13 @@ impl Collected {
     }
 }
 
-/// The left-out channels' curves, measured and predicted.
+/// The left-out channels' curves, measured and predicted; `errors_percent` has a channel's E_d by source.
 pub(super) fn curves(
     setup: &Setup,
     split: &Split,
     collected: &Collected,
     predictors: &[(Source, Predictor)],
+    errors_percent: &[BySource],
 ) -> Vec<Curves> {
     let predict = |predictor: &Predictor, index: usize, sample: &Vec<f64>| {
         split.kept.iter().zip(predictor.weights.row(index).iter()).map(|(&kept, weight)| weight * sample[kept]).sum()
@@ -176,6 +177,7 @@ pub(super) fn curves(
             .map(|(source, predictor)| Prediction {
                 label: source.label(),
                 values: collected.samples.iter().map(|sample| predict(predictor, index, sample)).collect(),
+                error_percent: errors_percent.get(index).and_then(|errors| *source.slot(&mut { *errors })),
             })
             .collect(),
     };

@@ -207,7 +207,7 @@ impl Project {
         let picture = picture::comparison(
             &case.study.structure.name,
             &case.assembly,
-            &case.view.modes,
+            &case.view,
             &case.sensors,
             &case.measured.modes,
             &comparison,
