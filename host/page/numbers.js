@@ -53,12 +53,10 @@ export function within(x, std, scale = 1) {
     return fixed(x * scale, digits) + " ± " + fixed(std * scale, digits)
 }
 
-/** The modal assurance criterion to three digits, never rounded to a value that it does not reach. */
+/** The modal assurance criterion to four digits, never rounded to a value that it does not reach. */
 export function mac(x) {
     if (!known(x)) return "–"
-    if (x >= 1) return "1.000"
-    if (x > 0.999) return ">0.999"
-    return fixed(Math.floor(x * 1000 + 1e-9) / 1000, 3)
+    return fixed(Math.floor(x * 1e4 + 1e-9) / 1e4, 4)
 }
 
 export function probability(p) {

@@ -17,6 +17,10 @@ use crate::model::effect::Evidence;
 /// code, before and after the effect was added: effects that were there left 0 to 0.56 of them (one of them 0.95); others that fitted
 /// beside a scatter 0.74 to 1.8, but for one, with which frequencies were worse.
 const LEFT_OVER: f64 = 2.0 / 3.0;
+/// One of two effects leaves what the other does to the shapes: it may leave more of all differences, up to the first of these, where of the
+/// squares of frequencies' it leaves no more than the second. A mass of 2e6 kg, on a tower that also rotates on its soil, left 0.78 and 0.27.
+const MOST_LEFT: f64 = 0.9;
+const LEFT_OF_FREQUENCIES: f64 = 1.0 / 3.0;
 /// Squares of frequencies' differences that grow by more than this are no relief, whatever shapes gain: frequencies are twice as far off.
 /// A loss of stiffness in a sound lattice tower left 0.73 of all differences and 172 times the squares of frequencies'.
 const FREQUENCIES_OFF: f64 = 4.0;
@@ -38,7 +42,8 @@ impl Left {
     /// it does not, one effect of several may leave more of the one or of the other. A
     /// fault of a sensor is part of the measurement and no remedy for the model's errors: for that the answer is yes.
     pub(super) fn is_relief(&self, passes: bool) -> bool {
-        let (is_clear, is_nearer) = (self.misfit <= LEFT_OVER, self.frequency < 1.0);
+        let is_nearer = self.frequency < 1.0;
+        let is_clear = self.misfit <= LEFT_OVER || self.misfit < MOST_LEFT && self.frequency <= LEFT_OF_FREQUENCIES;
         let falls = match passes {
             true => is_clear && is_nearer,
             false => self.misfit < 1.0 && self.frequency < FREQUENCIES_OFF && (is_clear || is_nearer),
@@ -86,7 +91,8 @@ mod tests {
     #[test]
     fn errors_must_fall_and_clearly_where_the_model_passes() {
         let left = |misfit: f64, frequency: f64| Left { misfit, frequency, moves: true };
-        assert!(left(0.5, 0.6).is_relief(true));
+        assert!(left(0.5, 0.6).is_relief(true) && left(0.8, 0.3).is_relief(true));
+        assert!([left(0.8, 0.4), left(0.95, 0.3)].iter().all(|left| !left.is_relief(true)));
         assert!(!left(0.9, 1.05).is_relief(false));
         assert!([left(0.9, 0.6), left(0.5, 1.05)].iter().all(|left| !left.is_relief(true) && left.is_relief(false)));
         assert!(!left(1.1, 0.9).is_relief(false) && !left(1.1, 0.9).is_relief(true));
