@@ -1,6 +1,7 @@
 //! All that a page shows of a study, gathered from its folder.
 
 use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -15,10 +16,10 @@ use crate::compare::{Comparison, ModelView, compare, pair};
 use crate::model::Structure;
 use crate::model::effect::Effect;
 use crate::results::{
-    CHANGE_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, MODES_FILE, PROFILE_FILE, RECORD_FILE, Results,
-    SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
+    CHANGE_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, INPUTS_FILE, MODES_FILE, PROFILE_FILE,
+    RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
 };
-use crate::story::{CURVES_FILE, Case, StoryError, UpdateReport, turned_by_update};
+use crate::story::{CURVES_FILE, Case, Inputs, StoryError, UpdateReport, turned_by_update};
 use crate::study::{STUDY_FILE, Sensor, Study, Unit};
 
 /// What a page shows. Its parts are described beside the front end, in `host/page/README.md`.
@@ -28,7 +29,7 @@ pub struct PageData {
     study: Value,
     /// Sentences, the most important first.
     pub findings: Vec<Finding>,
-    /// Results that are older than what they stand on, by their names, and why.
+    /// Results that were computed from something else than what there is now, by their names, and why.
     pub stale: Map<String, Value>,
     modes: Value,
     spectra: Value,
@@ -78,12 +79,12 @@ const LATEST: Duration = Duration::from_secs(253_402_300_799);
 /// Points of all left-out channels' curves together.
 const CURVE_POINTS: usize = 24_000;
 
-/// What depends on what: a result, the command that makes it, and files whose change makes it old.
-const STANDS_ON: [(&str, &str, &str, &[&str]); 4] = [
-    ("update", UPDATE_FILE, "update", &[STUDY_FILE, MODES_FILE]),
-    ("covalidation", COVALIDATION_FILE, "covalidate", &[STUDY_FILE, MODES_FILE, UPDATE_FILE]),
-    ("diagnosis", DIAGNOSIS_FILE, "diagnose", &[STUDY_FILE, MODES_FILE]),
-    ("profile", PROFILE_FILE, "profile", &[STUDY_FILE, MODES_FILE]),
+/// Results that stand on a model and the measured modes, each with the command that makes it.
+const OF_THE_MODEL: [(&str, &str, &str); 4] = [
+    ("update", UPDATE_FILE, "update"),
+    ("covalidation", COVALIDATION_FILE, "covalidate"),
+    ("diagnosis", DIAGNOSIS_FILE, "diagnose"),
+    ("profile", PROFILE_FILE, "profile"),
 ];
 
 impl PageData {
@@ -119,7 +120,7 @@ impl PageData {
                 None
             }
         };
-        let stale = stale(study, &results);
+        let stale = case.as_ref().map(|case| stale(case, &results)).unwrap_or_default();
         // One of an earlier version has nothing to turn.
         let update: Option<UpdateReport> = results.read_json(UPDATE_FILE, "update").unwrap_or_default();
         let seen = case.as_ref().and_then(|case| match Seen::of(case, update.as_ref()) {
@@ -373,17 +374,16 @@ fn nodes(study: &Study) -> Result<Value, StoryError> {
     Ok(Value::Array(nodes.collect()))
 }
 
-/// Results that are older than what they stand on.
-fn stale(study: &Study, results: &Results) -> Map<String, Value> {
-    let changed = |name: &str| {
-        let path = if name == STUDY_FILE { study.folder.join(name) } else { results.path(name) };
-        std::fs::metadata(path).and_then(|file| file.modified()).ok()
-    };
+/// Results that were computed from something else than what there is now. Of those of an earlier version nothing is known.
+fn stale(case: &Case, results: &Results) -> Map<String, Value> {
+    let then: BTreeMap<String, Inputs> = results.read_json(INPUTS_FILE, "diagnose").ok().flatten().unwrap_or_default();
+    let now = Inputs::of_model(case);
     let mut stale = Map::new();
-    for (what, file, command, stands_on) in STANDS_ON {
-        let Some(made) = changed(file) else { continue };
-        if let Some(newer) = stands_on.iter().find(|name| changed(name).is_some_and(|changed| changed > made)) {
-            let sentence = format!("{newer} has changed since: run `belfry {command}` again");
+    for (what, file, command) in OF_THE_MODEL {
+        let Some(then) = then.get(file).filter(|_| results.path(file).exists()) else { continue };
+        let changed = now.changed_since(then);
+        if !changed.is_empty() {
+            let sentence = format!("{} changed since: run `belfry {command}` again", changed.join(", "));
             stale.insert(what.to_owned(), Value::from(sentence));
         }
     }

@@ -42,6 +42,8 @@ pub const PLAN_FILE: &str = "plan.json";
 pub const PROFILE_FILE: &str = "profile.json";
 /// Everything in one HTML file.
 pub const REPORT_FILE: &str = "report.html";
+/// What each result of the model was computed from: checksums by name.
+pub const INPUTS_FILE: &str = "inputs.json";
 /// The steps of the model, a JSON object a line.
 pub const HISTORY_FILE: &str = "history.jsonl";
 

@@ -1,4 +1,4 @@
-//! What modes were identified from, so that later steps notice where it is no longer the same.
+//! What modes were identified from, and what a model was held against, so that later steps notice where it is no longer the same.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -8,14 +8,17 @@ use std::path::{Path, PathBuf};
 use crc::{CRC_64_XZ, Crc};
 use serde::{Deserialize, Serialize};
 
+use super::case::Case;
+use crate::model::effect::Effect;
 use crate::record::matching_files;
-use crate::study::Study;
+use crate::study::{Model, Study};
 
 const CHECKSUM: Crc<u64> = Crc::<u64>::new(&CRC_64_XZ);
 /// Of a recording, so many bytes at either end and its length stand for the whole: recordings have gigabytes.
 const END_BYTES: u64 = 4096;
 
-/// A checksum of everything that modes are identified from, by its name: `[analysis]`, each setup, each recording.
+/// A checksum of everything that modes are identified from, by its name (`[analysis]`, each setup, each recording), or of what a model is
+/// held against.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Inputs(BTreeMap<String, String>);
 
@@ -42,8 +45,28 @@ impl Inputs {
         Self(inputs)
     }
 
+    /// What decides what is said of a model: its tables and effects, how far it is trusted, the sensors, and the measured modes.
+    pub(crate) fn of_model(case: &Case) -> Self {
+        let given = case.model.as_given();
+        let numbers = given.stiffness.iter().chain(given.mass.iter());
+        let tables: Vec<u8> = numbers.flat_map(|number| number.to_le_bytes()).collect();
+        let effects: Vec<String> = case.model.effects.iter().map(Effect::typed).collect();
+        let trust = case.study.model.as_ref().map(|model| {
+            let Model { background_stiffness, background_mass, correlation_length_m, prior_odds, .. } = model;
+            (background_stiffness, background_mass, correlation_length_m, prior_odds)
+        });
+        let named = [
+            ("the model's tables", checksum(&tables)),
+            ("the model's effects", checksum(format!("{effects:?}").as_bytes())),
+            ("[model] in study.toml", checksum(format!("{trust:?}").as_bytes())),
+            ("the sensors", checksum(format!("{:?}", case.sensors).as_bytes())),
+            ("the measured modes", checksum(format!("{:?}", case.measured.modes).as_bytes())),
+        ];
+        Self(named.into_iter().map(|(name, sum)| (name.to_owned(), sum)).collect())
+    }
+
     /// The names of what differs. Nothing is known of modes that were identified by an older version, or elsewhere.
-    pub(super) fn changed_since<'a>(&'a self, then: &'a Self) -> Vec<&'a str> {
+    pub(crate) fn changed_since<'a>(&'a self, then: &'a Self) -> Vec<&'a str> {
         if then.0.is_empty() {
             return Vec::new();
         }
@@ -131,6 +154,37 @@ azimuth_deg = 0
     #[test]
     fn where_a_sensor_stands_changes_no_modes() {
         assert!(changed(|folder| edit(folder, "elevation_m = 10.0", "elevation_m = 12.0")).is_empty());
+    }
+
+    #[test]
+    fn what_a_model_is_held_against_is_named_where_it_changes_and_comments_and_times_do_not_count() {
+        use crate::study::template::{CANTON_BEAM, CANTON_STUDY};
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+        let modes = |hz: f64| format!("mode,frequency_hz,01,02\n1,{hz},1.0,0.1\n");
+        let measured = "\n[measured]\nmodes = \"modes.csv\"\n[[sensor]]\nchannel = \"01\"\nelevation_m = 446.8\nazimuth_deg = 18\n[[sensor]]\nchannel = \"02\"\nelevation_m = 446.8\nazimuth_deg = 108\n";
+        // The template's setups have no recordings; its modes come from a file here.
+        let (structure, rest) = CANTON_STUDY.split_at(CANTON_STUDY.find("\n[[setup]]").unwrap());
+        let model = &rest[rest.find("\n[model]").unwrap()..];
+        let study = format!("{structure}{model}{measured}");
+        let now = || Inputs::of_model(&Case::load(Study::load(folder.path()).unwrap()).unwrap());
+        write("study.toml", &study);
+        write("beam.csv", CANTON_BEAM);
+        write("modes.csv", &modes(0.11));
+        let then = now();
+        let changed = || now().changed_since(&then).join(", ");
+        write("study.toml", &format!("# looked at\n{study}"));
+        write("beam.csv", CANTON_BEAM);
+        assert_eq!(changed(), "");
+        write("modes.csv", &modes(0.12));
+        assert_eq!(changed(), "the measured modes");
+        write("modes.csv", &modes(0.11));
+        write("study.toml", &format!("{study}\n[[model.effect]]\nkind = \"base-rotation\"\nvalue = 1e-15\n"));
+        assert_eq!(changed(), "the model's effects");
+        write("study.toml", &study.replace("background_mass = 0.01", "background_mass = 0.02"));
+        assert_eq!(changed(), "[model] in study.toml");
+        write("study.toml", &study.replace("azimuth_deg = 108", "azimuth_deg = 107"));
+        assert_eq!(changed(), "the sensors");
     }
 
     #[test]

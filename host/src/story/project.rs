@@ -1,5 +1,6 @@
 //! A study's folder, and the steps that are taken in it.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -8,6 +9,7 @@ use super::change::{AutoEnd, ChangeReport, add, add_until_nothing_gains, remove}
 use super::covalidated::{CURVES_FILE, CovalidationReport, CovalidationRequest, covalidate};
 use super::error::StoryError;
 use super::identified::{Method, ModesReport, identify, interval_for_temperatures};
+use super::inputs::Inputs;
 use super::motion::curves_csv;
 use super::planned::{PlanRequest, planned};
 use super::profiled::{self, profiles};
@@ -27,7 +29,7 @@ use crate::picture;
 use crate::plan::Plan;
 use crate::results::{
     CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, FINGERPRINTS_PICTURE,
-    MODES_FILE, PLAN_FILE, PROFILE_FILE, RECORD_FILE, REPORT_FILE, Results, ResultsError, SPECTRA_FILE,
+    INPUTS_FILE, MODES_FILE, PLAN_FILE, PROFILE_FILE, RECORD_FILE, REPORT_FILE, Results, ResultsError, SPECTRA_FILE,
     STABILISATION_FILE, UPDATE_FILE,
 };
 use crate::study::Study;
@@ -110,6 +112,16 @@ impl Project {
         let mut case = self.case()?.clone();
         case.keep_modes(modes)?;
         Ok(case)
+    }
+
+    /// Notes what a result was computed from.
+    fn note(&self, result: &str, inputs: Inputs) -> Result<(), StoryError> {
+        // Where the file is not what it should be, nothing is known of the others.
+        let mut all: BTreeMap<String, Inputs> =
+            self.results.read_json(INPUTS_FILE, "diagnose").ok().flatten().unwrap_or_default();
+        all.insert(result.to_owned(), inputs);
+        self.results.write_json(INPUTS_FILE, &all)?;
+        Ok(())
     }
 
     /// The study as it stands on disk now.
@@ -223,6 +235,7 @@ impl Project {
     /// # Errors
     /// As [`Project::case`], when no mode has a partner, or when a result cannot be written.
     pub fn update(&mut self, modes: &[usize], weights: &Weights) -> Result<UpdateReport, StoryError> {
+        let inputs = Inputs::of_model(self.case()?);
         let case = self.case_of(modes)?;
         self.results.make_ready()?;
         let updated = update(&case, weights)?;
@@ -234,6 +247,7 @@ impl Project {
             self.results.write("nodes.csv", nodes_csv(&case.assembly).as_bytes())?;
         }
         self.results.write_json(UPDATE_FILE, &updated.report)?;
+        self.note(UPDATE_FILE, inputs)?;
         Ok(updated.report)
     }
 
@@ -246,6 +260,7 @@ impl Project {
         request: &CovalidationRequest,
         on_progress: OnProgress<'_>,
     ) -> Result<CovalidationReport, StoryError> {
+        let inputs = Inputs::of_model(self.case()?);
         let case = self.case_of(&request.modes)?;
         self.results.make_ready()?;
         let covalidation = covalidate(&case, request, on_progress)?;
@@ -253,6 +268,7 @@ impl Project {
         let picture = picture::covalidation(&case.study.structure.name, &covalidation.curves)?;
         self.results.write("covalidation.svg", picture.as_bytes())?;
         self.results.write_json(COVALIDATION_FILE, &covalidation.report)?;
+        self.note(COVALIDATION_FILE, inputs)?;
         Ok(covalidation.report)
     }
 
@@ -263,8 +279,10 @@ impl Project {
     /// As [`Project::case`], or when the effects in the model cannot be fitted.
     pub fn diagnose(&mut self, without: &[String]) -> Result<Diagnosis, StoryError> {
         self.results.make_ready()?;
-        let diagnosis = self.case()?.diagnose(without)?;
+        let case = self.case()?;
+        let (inputs, diagnosis) = (Inputs::of_model(case), case.diagnose(without)?);
         self.results.write_json(DIAGNOSIS_FILE, &diagnosis)?;
+        self.note(DIAGNOSIS_FILE, inputs)?;
         if let Some(fingerprints) = &diagnosis.fingerprints {
             self.results.write_json(FINGERPRINTS_FILE, fingerprints)?;
             let picture = picture::fingerprints(&self.study.structure.name, fingerprints)?;
@@ -295,8 +313,10 @@ impl Project {
     /// As [`Project::case`], when the model has no segments or the study trusts them, or the effects cannot be fitted.
     pub fn profile(&mut self, with: Option<&str>) -> Result<Profiles, StoryError> {
         self.results.make_ready()?;
-        let profiles = profiles(self.case()?, with)?;
+        let case = self.case()?;
+        let (inputs, profiles) = (Inputs::of_model(case), profiles(case, with)?);
         self.results.write_json(PROFILE_FILE, &profiles)?;
+        self.note(PROFILE_FILE, inputs)?;
         self.write_bytes("profile.csv", profiled::csv(&profiles))?;
         let picture = picture::profile(&self.study.structure.name, &profiles)?;
         self.results.write("profile.svg", picture.as_bytes())?;
