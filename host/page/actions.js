@@ -1,10 +1,10 @@
 // What the page can ask the server for. Every action is a command, which stands beside its button; in a report, which has
 // no server, there is none of this. One job runs at a time, its state in the status line.
 
-import { make } from "belfry/canvas.js"
-import { significant } from "belfry/numbers.js"
-import { ask, data, live, on, preview, tell as announce, watch } from "belfry/store.js"
-import { view } from "belfry/view.js"
+import { make } from "@/canvas.js"
+import { significant } from "@/numbers.js"
+import { ask, data, live, on, preview, tell as announce, watch } from "@/store.js"
+import { view } from "@/view.js"
 
 /** Whether the page can act: `if (can()) ...`. */
 export const can = () => live
@@ -124,7 +124,7 @@ export function actionsOf(section, d) {
     const list = {
         spectra: identify,
         modes: identify,
-        model: has && [["Compare with the model", ["compare"]], undo],
+        model: has && d.study?.has_model && [["Compare with the model", ["compare"]], undo],
         update: has && modelled && [["Update directly", ["update"]], ["Predict left-out sensors", ["covalidate"]]],
         diagnosis: has && modelled && [["Ask what is missing", ["diagnose"]],
             text && !effects.some(e => name(e) === text) && [`Add ${text} to the model`, ["add", text]],

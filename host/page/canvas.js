@@ -1,6 +1,6 @@
 // What all canvases of our own share: sharp pixels on screen and paper, the page's colours, small elements.
 
-import { clamp } from "belfry/numbers.js"
+import { clamp } from "@/numbers.js"
 
 /**
  * An element such as `make("p.quiet", { title: "Why" }, "text", child)`; properties may be left out, text stays text. `aria-*`, `role` and

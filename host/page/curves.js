@@ -1,13 +1,13 @@
 // What all curves share: uPlot with axes that have units, the page's colours, zoom, marks whose labels do not overlap, a legend with the
 // values at the cursor, sharp print. Pictures give data and painters, and free what they get back.
 
-import { colour, font, make } from "belfry/canvas.js"
-import { clamp, fixed, hertz, known, percent, power } from "belfry/numbers.js"
-import { view } from "belfry/view.js"
+import { colour, font, make } from "@/canvas.js"
+import { clamp, fixed, hertz, known, percent, power } from "@/numbers.js"
+import { view } from "@/view.js"
 
 // uPlot takes the page's ratio of pixels when it loads. Two at least, so that curves print sharp from any screen.
 globalThis.devicePixelRatio = Math.max(2, globalThis.devicePixelRatio || 1)
-const { default: uPlot } = await import("belfry/vendor/uPlot.js")
+const { default: uPlot } = await import("@/vendor/uPlot.js")
 
 const SIZE = 11
 // Height of a row of labels above a plot, CSS pixels.
@@ -267,7 +267,7 @@ export function plot(host, options) {
         return Array.isArray(wanted) && wanted.length === 2 && wanted.every(known) && wanted[1] > wanted[0] ? inside(wanted) : opening
     }
 
-    const box = make("div.plot", { ...(!still && { tabIndex: 0, role: "group", "aria-label": `${caption?.firstChild.textContent}: plus and minus zoom, arrows move, 0 shows the whole` }) })
+    const box = make("div.plot", { ...(!still && { tabIndex: 0, role: "group", "aria-label": `${caption?.firstChild.textContent}: plus and minus zoom, arrows move, 0 shows the whole${options.press ? ", Shift and arrows move the cursor, Enter takes what is there" : ""}` }) })
     const again = make("button.whole", { hidden: true, onclick: () => to(whole) }, "whole")
     const key = options.legend && legend(options.legend, options.at)
     const hint = options.noted && make("output.note")
@@ -424,7 +424,7 @@ export function plot(host, options) {
             const sideways = sign => event.shiftKey || isWhole() ? cursor(4 * sign) : move(0.15 * sign)
             const act = {
                 "+": () => by(0.7), "=": () => by(0.7), "-": () => by(1 / 0.7), 0: () => to(whole), Escape: () => to(whole),
-                ArrowLeft: () => sideways(-1), ArrowRight: () => sideways(1), Enter: () => u.cursor.left >= 0 && pressed(u.cursor.left, u.cursor.top),
+                ArrowLeft: () => sideways(-1), ArrowRight: () => sideways(1), Enter: () => u.cursor.left >= 0 ? pressed(u.cursor.left, u.cursor.top) : cursor(0),
             }[event.key]
             if (!act) return
             event.preventDefault()
@@ -455,9 +455,18 @@ export function plot(host, options) {
             if (u.scales.x.min === min && u.scales.x.max === max) return
             applying = true
             u.setScale("x", { min, max })
-            queueMicrotask(() => { applying = false })
+            queueMicrotask(() => {
+                applying = false
+                options.moved?.(min, max)
+            })
         },
-        set(next) { u.setData(next, false); u.redraw(true, true) },
+        set(next) {
+            u.setData(next, false)
+            u.redraw(true, true)
+            // The place under the pointer has another index now.
+            const { left } = u.cursor
+            if (left >= 0) key?.show(u.posToIdx(left), u.posToVal(left, "x"))
+        },
         free() {
             clearTimeout(settled)
             options.with?.delete(made)

@@ -1,12 +1,12 @@
 // Starts the page: data in, sections drawn, view followed. Pictures on screen are drawn first, the others while the
 // browser has nothing else to do, all of them again before printing.
 
-import { actionsOf, button, can, sliders, status, typed } from "belfry/actions.js"
-import { make } from "belfry/canvas.js"
-import { duration, fixed, hertz, known, plural } from "belfry/numbers.js"
-import { pictures } from "belfry/pictures/all.js"
-import { data, live, load, on } from "belfry/store.js"
-import { go, place, view } from "belfry/view.js"
+import { actionsOf, button, can, sliders, status, typed } from "@/actions.js"
+import { make } from "@/canvas.js"
+import { duration, fixed, hertz, known, plural } from "@/numbers.js"
+import { pictures } from "@/pictures/all.js"
+import { data, isPreview, live, load, on } from "@/store.js"
+import { go, place, view } from "@/view.js"
 
 const sections = [
     ["findings", "What was found", "Findings"],
@@ -52,7 +52,7 @@ class Figure {
         host.replaceChildren()
         const why = d.stale?.[picture.from]
         this.stale.replaceChildren(...why ? sentence(`From an older state: ${why}`) : [])
-        this.says.textContent = guarded(picture.id, () => picture.says?.(d, view), "") ?? ""
+        this.says.textContent = (isPreview() && follows(picture, "preview") ? "Preview, not written: " : "") + (guarded(picture.id, () => picture.says?.(d, view), "") ?? "")
         const free = guarded(picture.id, () => picture.draw(host, d, view) ?? null, false)
         if (free === false) host.replaceChildren(make("p.failed", "This picture could not be drawn."))
         else if (typeof free === "function") this.free = free
@@ -210,11 +210,13 @@ function place_pictures(d) {
 // What changes without new data.
 const CHANGES = { preview: ["model", "mac", "comparison"], picks: ["picks"] }
 
+const follows = (p, reason) => p.uses ? p.uses.some(u => CHANGES[reason].includes(u)) : reason === "preview" && ["structure", "model"].includes(p.section)
+
 function show(reason) {
     const d = data()
     if (!d) return
     document.querySelector("main > p.failed")?.remove()
-    if (reason !== "data") return dirty(p => p.uses ? p.uses.some(u => CHANGES[reason].includes(u)) : reason === "preview" && ["structure", "model"].includes(p.section))
+    if (reason !== "data") return dirty(p => follows(p, reason))
     guarded("header", () => header(d))
     guarded("findings", () => findings(d))
     place_pictures(d)

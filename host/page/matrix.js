@@ -1,7 +1,7 @@
 // Tables of numbers as coloured cells on a canvas: MAC, Psi, shapes by sensor and mode. Numbers stand in the cells where there is room.
 
-import { canvas, colour, font, inkOn, size } from "belfry/canvas.js"
-import { clamp } from "belfry/numbers.js"
+import { canvas, colour, font, inkOn, size } from "@/canvas.js"
+import { clamp } from "@/numbers.js"
 
 // Room for column labels and the key, pixels.
 const BELOW = 72

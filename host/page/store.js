@@ -11,6 +11,7 @@ export const live = !document.getElementById("data")
 
 /** The data as pictures should show them, null before they are there. */
 export const data = () => laid ?? stored
+export const isPreview = () => laid !== null
 
 /** Calls `listener(reason)` with "data", "preview" or "picks" when what to show has changed. */
 export function on(listener) {

@@ -2,8 +2,8 @@
 // a camera turns it, a phase moves it. Measured motion is drawn at the sensors, with the section's outline moved and turned
 // as they say; the model is its axis and the same outlines.
 
-import { font, mix } from "belfry/canvas.js"
-import { fixed, known, significant } from "belfry/numbers.js"
+import { font, mix } from "@/canvas.js"
+import { fixed, known, significant } from "@/numbers.js"
 
 // Least drawn radius of a section over the height: 7 m on 600 m would not be seen.
 const SECTION = 0.045

@@ -1,10 +1,10 @@
 // Tables: how the error fell, modes, comparison, sensor nodes, method and settings. Each has the shape of a picture, so that it
 // stands among them.
 
-import { typed } from "belfry/actions.js"
-import { make } from "belfry/canvas.js"
-import { KINDS, fixed, known, mac, plural, pvalue, signed, within } from "belfry/numbers.js"
-import history from "belfry/pictures/history.js"
+import { typed } from "@/actions.js"
+import { make } from "@/canvas.js"
+import { KINDS, fixed, known, mac, plural, pvalue, signed, within } from "@/numbers.js"
+import history from "@/pictures/history.js"
 
 /**
  * A table of `groups`, each with `rows` and perhaps a `title`. A column is [head, unit, cell(row), kind]; `kind` is "number"
@@ -71,7 +71,7 @@ const modes = {
             ["Mode", "", m => m.number, "text"],
             ["Frequency", "Hz", m => within(m.frequency_hz, m.frequency_std_hz)],
             ["Damping", "% of critical", m => within(m.damping_ratio, m.damping_ratio_std, 100)],
-            ["Collinearity", "of phases", m => mac(m.phase_collinearity_as_measured ?? m.phase_collinearity)],
+            ["Collinearity", "of phases", m => mac(m.phase_collinearity)],
             any("misfit", "Misfit", "1 is chance", m => fixed(m.misfit, 2)),
             any("lines_in_bandwidth", "Lines", "in its bandwidth", m => fixed(m.lines_in_bandwidth, 1)),
             any("second_opinion", "Second method", "Hz", second("frequency_hz", "frequency_std_hz")),
@@ -143,7 +143,8 @@ const method = {
             model && "The model is compared mode by mode, paired by shape and frequency. Chi-squared weighs differences by the measurement's deviations and by the model's stated tolerance. Candidates are weighed by their evidence.",
             update && "The direct update is that of Lei, Wang, Shen (2012): K* = K + M Φ Ψ Φᵀ M.",
         ]
-        host.append(...words.filter(Boolean).map(text => make("p", text)), ...[...study.setups?.length ? ["identify"] : [], ...model ? ["compare", "update", "covalidate", "diagnose", "profile", "history"] : []].map(name => make("div", typed(study.commands[name]))))
+        host.append(...words.filter(Boolean).map(text => make("p", text)), ...[...study.setups?.length ? ["identify"] : [], ...model ? ["compare", "update", "covalidate", "diagnose", "profile", "history"] : []].map(name => make("div", typed(study.commands[name] + (name === "identify" && modes?.link === null ? " --direct" : "")))),
+            ...(model?.effects ?? []).map(effect => make("div", typed(study.commands.identify.replace("identify", "add") + " " + effect.split("=")[0]))))
         if (study.setups?.length) host.append(table("Setups", [
             ["Setup", "", s => s.name, "text"], ["Rate", "Hz", s => s.sampling_rate_hz], ["Unit", "", s => s.unit, "text"],
             ["Channels", "", s => s.channels?.length],

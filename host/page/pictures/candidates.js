@@ -1,12 +1,12 @@
 // What the model may lack: candidates with their probabilities and values, and what the chosen one would do beside what is missing.
 
-import { button, can, candidateName, isAmong } from "belfry/actions.js"
-import { colour, make, mix } from "belfry/canvas.js"
-import { chosenMode, items } from "belfry/curves.js"
-import { matrix } from "belfry/matrix.js"
-import { clamp, fixed, hertz, known, percent, probability, pvalue, signed, significant } from "belfry/numbers.js"
-import { bars } from "belfry/pictures/frequency-errors.js"
-import { bar, table } from "belfry/tables.js"
+import { button, can, candidateName, isAmong } from "@/actions.js"
+import { colour, make, mix } from "@/canvas.js"
+import { chosenMode, items } from "@/curves.js"
+import { matrix } from "@/matrix.js"
+import { clamp, fixed, hertz, known, percent, probability, pvalue, signed, significant } from "@/numbers.js"
+import { bars } from "@/pictures/frequency-errors.js"
+import { bar, table } from "@/tables.js"
 
 const all = data => items(data.diagnosis?.candidates)
 const printsOf = data => items(data.fingerprints?.candidates)
@@ -42,7 +42,7 @@ export const candidates = {
         host.append(table("Candidates", [
             ["Effect", "", candidateName, "wrap"],
             ["Probability", "", one => isImpossible(one) ? "impossible" : bar(one.probability, 1, one.isRest ? "rejected" : "effects", probability(one.probability)), "text"],
-            ["Value", "", of(one => one.parameters?.map(each => (one.parameters.length > 1 ? each.name + " " : "") + sized(each)).join(", ")), "text"],
+            ["Value", "", of(one => one.parameters?.map(each => (one.parameters.length > 1 ? each.name + " " : "") + sized(each)).join("; ")), "wrap"],
             ["ln Bayes factor", "over the model as it is", of(one => signed(one.log_bayes_factor, 1))],
             ["Chi-squared", "left", of(one => fixed(one.chi_squared, 0))],
             ["p", "of fit", of(one => pvalue(one.p_value))],

@@ -1,8 +1,8 @@
 // Channels that were left out: what was measured there, and what the model makes of the others.
 
-import { choice, clean, extent, freeing, items, plot, scaled, steps, unpack } from "belfry/curves.js"
-import { KINDS, fixed, known, significant } from "belfry/numbers.js"
-import { quantity } from "belfry/pictures/record.js"
+import { choice, clean, extent, freeing, items, plot, scaled, steps, unpack } from "@/curves.js"
+import { KINDS, fixed, known, significant } from "@/numbers.js"
+import { quantity } from "@/pictures/record.js"
 
 // Dashes in turn, so that curves that lie on each other all show.
 const CURVES = [
@@ -36,7 +36,7 @@ export default {
         const raw = unpack(one.measured), { factor, unit } = scaled(of, Math.max(...(extent(raw) ?? [0, 1]).map(Math.abs)))
         const measured = raw.map(value => value * factor), time = steps(start_s, spacing_s, raw.length)
         const kinds = CURVES.map(curve => ({ ...curve, values: unpack(one[curve.key]).map(value => value * factor) })).filter(({ values }) => values.length === raw.length)
-        // Which of them the lower panel shows.
+        // Which of them are drawn.
         const wanted = view.get("misses"), chosen = Array.isArray(wanted) ? wanted : ["model", kinds.some(({ key }) => key === "with_effects") ? "with_effects" : "updated"]
         const toggle = key => view.set({ misses: chosen.includes(key) ? chosen.filter(one => one !== key) : [...chosen, key] })
         const missed = kinds.filter(({ key }) => chosen.includes(key)), off = missed.map(({ values }) => clean(values.map((value, i) => value - measured[i])))
@@ -49,12 +49,12 @@ export default {
             x: { range, bare: true },
             y: { label: quantity(of, unit), least: 6 },
             data: [time, clean(measured), ...kinds.map(({ values }) => clean(values))],
-            lines: [{ colour: "measured", width: 5, alpha: 0.35 }, ...kinds],
+            lines: [{ colour: "measured", width: 5, alpha: 0.35 }, ...kinds.map(kind => ({ ...kind, hidden: !chosen.includes(kind.key) }))],
             at: (_, i) => `${fixed(time[i], 2)} s`,
             legend: [
                 { label: "measured", colour: "measured", alpha: 0.5, kind: "thick", value: i => fixed(measured[i], 3) },
                 ...kinds.map(({ colour, key, label, kind, values }) => ({ label: label + (error(key) && `, E_d = ${error(key)}`), colour, kind,
-                    check: { checked: chosen.includes(key), onchange: () => toggle(key), title: "Show below what it misses" }, value: i => fixed(values[i], 3) })),
+                    check: { checked: chosen.includes(key), onchange: () => toggle(key), title: "Show it, and below what it misses" }, value: i => fixed(values[i], 3) })),
             ],
         })
         const lower = plot(host, {

@@ -1,8 +1,8 @@
 // What was measured of every mode, and what was fitted to it: the chosen mode large, the others small.
 
-import { make } from "belfry/canvas.js"
-import { chosenMode, clean, densityIn, extent, freeing, items, plot, steps, unpack } from "belfry/curves.js"
-import { clamp, hertz, inWords, known, percent, plural, power } from "belfry/numbers.js"
+import { make } from "@/canvas.js"
+import { chosenMode, clean, densityIn, extent, freeing, items, plot, steps, unpack } from "@/curves.js"
+import { clamp, hertz, inWords, known, percent, plural, power } from "@/numbers.js"
 
 // Standard deviations that hold 95 % of all lines.
 const BAND = 1.96

@@ -1,8 +1,8 @@
 // Frequencies mode by mode: the model's against the measured ones, and those of now against an earlier measurement.
 
-import { make } from "belfry/canvas.js"
-import { chosenMode, extent, items, plot } from "belfry/curves.js"
-import { KINDS, fixed, hertz, known, plural, pvalue, signed } from "belfry/numbers.js"
+import { make } from "@/canvas.js"
+import { chosenMode, extent, items, plot } from "@/curves.js"
+import { KINDS, fixed, hertz, known, plural, pvalue, signed } from "@/numbers.js"
 
 /** The errors of each mode: of the model as given, with its effects, after the update. */
 function errorsOf({ modes, comparison, update }) {

@@ -1,7 +1,7 @@
 // The error, falling step by step: as effects come into the model, and of what was left out of the fit.
 
-import { extent, items, plot } from "belfry/curves.js"
-import { fixed, known, power } from "belfry/numbers.js"
+import { extent, items, plot } from "@/curves.js"
+import { fixed, known, power } from "@/numbers.js"
 
 const LINES = [["mean_abs_frequency_error_percent", "frequencies", "the mean error of frequencies", []], ["held_out_mode_error_percent", "left-out modes", "that of modes left out", [7, 4]],
     ["held_out_error_percent", "left-out sensors", "that of sensors left out", [2, 3]]]

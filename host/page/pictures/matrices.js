@@ -2,9 +2,9 @@
 // given, after the direct update, and with effects. And what did the direct update change: Psi, which couples the model's modes; its
 // diagonal moves frequencies, the rest turns shapes.
 
-import { colour, make, mix } from "belfry/canvas.js"
-import { matrix } from "belfry/matrix.js"
-import { KINDS, clamp, fixed, known, mac as written, percent, significant } from "belfry/numbers.js"
+import { colour, make, mix } from "@/canvas.js"
+import { matrix } from "@/matrix.js"
+import { KINDS, clamp, fixed, known, mac as written, percent, significant } from "@/numbers.js"
 
 const sane = d => Object.keys(KINDS).flatMap(what => (d.mac ?? []).filter(m => m.what === what && m.values?.length && m.measured?.length && m.model?.length))
 const best = m => m.values.map(row => row.reduce((a, b) => Math.max(a, b ?? 0), 0))

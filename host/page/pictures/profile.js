@@ -1,11 +1,11 @@
 // Stiffness and mass over the height, as fitted, against the table: bands of one standard deviation beside the tolerance.
 
-import { make } from "belfry/canvas.js"
-import { extent, freeing, items, legend, plot } from "belfry/curves.js"
-import { fixed, known, percent, signed } from "belfry/numbers.js"
+import { make } from "@/canvas.js"
+import { extent, freeing, items, legend, plot } from "@/curves.js"
+import { fixed, known, percent, signed } from "@/numbers.js"
 
 const NAMES = { bending_1: "bending, 1st axis", bending_2: "bending, 2nd axis" }
-// A segment shorter than this share of the height, such as a foundation, does not set the scale for all others.
+// Segments that are together shorter than this share of the height, such as a foundation, do not set the scale for all others.
 const SHORT = 0.05
 const change = factor => 100 * (factor - 1)
 const lastOf = data => data.profile?.with_effects ?? data.profile?.as_given
@@ -32,9 +32,11 @@ export default {
         const segments = (profile, name) => quantitiesOf(profile).find(each => each.quantity === name)?.segments ?? []
         const stated = one => 100 * one.prior_std / (last.discrepancy?.scatter || 1)
         const all = kinds.flatMap(([, profile]) => quantitiesOf(profile).flatMap(each => each.segments))
-        const heights = extent(all.flatMap(one => [one.z_bottom_m, one.z_top_m])) ?? [0, 1], isShort = one => one.z_top_m - one.z_bottom_m < SHORT * (heights[1] - heights[0])
-        const furthest = one => Math.max(Math.abs(change(one.factor)) + 100 * (one.std || 0), stated(one) || 0), most = list => extent([1, ...list.map(furthest)])[1], usual = most(all.filter(one => !isShort(one)))
-        const beyond = all.filter(one => isShort(one) && furthest(one) > 3 * usual), reach = 1.05 * most(all.filter(one => !beyond.includes(one)))
+        const heights = extent(all.flatMap(one => [one.z_bottom_m, one.z_top_m])) ?? [0, 1], long = list => list.reduce((sum, one) => sum + one.z_top_m - one.z_bottom_m, 0)
+        const furthest = one => Math.max(Math.abs(change(one.factor)) + 100 * (one.std || 0), stated(one) || 0), most = list => extent([1, ...list.map(furthest)])[1]
+        // The furthest, as long as they are short in all.
+        const sorted = [...all].sort((a, b) => furthest(b) - furthest(a)), short = sorted.filter((_, i) => long(sorted.slice(0, i + 1)) < SHORT * long(all)), usual = most(sorted.slice(short.length))
+        const beyond = short.filter(one => furthest(one) > 3 * usual), reach = 1.05 * most(all.filter(one => !beyond.includes(one)))
         const edge = (list, of) => list.flatMap(one => [[of(one), one.z_bottom_m], [of(one), one.z_top_m]])
         const grid = make("div.multiples.tall")
         host.append(legend([

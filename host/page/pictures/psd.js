@@ -1,8 +1,8 @@
 // Power spectral density of channels, several to compare.
 
-import { make } from "belfry/canvas.js"
-import { clean, densityIn, extent, items, modeMarks, nearest, plot, steps, unpack } from "belfry/curves.js"
-import { fixed, hertz, plural, power } from "belfry/numbers.js"
+import { make } from "@/canvas.js"
+import { clean, densityIn, extent, items, modeMarks, nearest, plot, steps, unpack } from "@/curves.js"
+import { fixed, hertz, plural, power } from "@/numbers.js"
 
 // Colours of curves that mean nothing but "another channel".
 const SERIES = ["measured", "series-2", "series-3", "series-4", "series-5", "series-6"], DASHES = [[], [6, 3], [2, 2]]
@@ -27,7 +27,10 @@ export function byHeight(channels, data) {
 function chosenOf(data, view) {
     const channels = channelsOf(setupsOf(data)), wanted = view.get("channels")
     const found = Array.isArray(wanted) ? channels.filter(one => wanted.map(String).includes(one.name)) : []
-    return [found.length ? found : byHeight(channels, data)[0]?.[1].slice(0, 2) ?? [], channels]
+    // By itself two at the highest level that look in different directions.
+    const [first, ...others] = byHeight(channels, data)[0]?.[1] ?? [], of = one => items(data.study?.sensors).find(sensor => sensor.channel === one.name)?.direction ?? []
+    const second = others.find(one => Math.abs(of(one).reduce((sum, v, k) => sum + v * of(first)[k], 0)) < 0.9) ?? others[0]
+    return [found.length ? found : [first, second].filter(Boolean), channels]
 }
 
 export default {

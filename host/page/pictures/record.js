@@ -1,9 +1,9 @@
 // The time history of a channel: from the whole record down to a second. A report has least and greatest values; a server gives the samples.
 
-import { can, samples } from "belfry/actions.js"
-import { choice, clean, extent, items, plot, scaled, steps, unpack } from "belfry/curves.js"
-import { clamp, duration, fixed, known, significant } from "belfry/numbers.js"
-import { byHeight, channelsOf } from "belfry/pictures/psd.js"
+import { can, samples } from "@/actions.js"
+import { choice, clean, extent, items, plot, scaled, steps, unpack } from "@/curves.js"
+import { clamp, duration, fixed, known, significant } from "@/numbers.js"
+import { byHeight, channelsOf } from "@/pictures/psd.js"
 
 // A zoom that has rested so long asks for samples.
 const ASK_MS = 300

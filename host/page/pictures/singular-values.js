@@ -1,9 +1,9 @@
 // Singular values over frequency: where modes were found, which lines are forced, what was rejected and why.
 
-import { button, can, fitTo, pick, picks } from "belfry/actions.js"
-import { make } from "belfry/canvas.js"
-import { clean, densityIn, extent, items, modeMarks, nearest, plot, setupChoice, setupOf, steps, unpack } from "belfry/curves.js"
-import { fixed, hertz, inWords, known, percent, plural, power } from "belfry/numbers.js"
+import { button, can, fitTo, pick, picks } from "@/actions.js"
+import { make } from "@/canvas.js"
+import { clean, densityIn, extent, items, modeMarks, nearest, plot, setupChoice, setupOf, steps, unpack } from "@/curves.js"
+import { fixed, hertz, inWords, known, percent, plural, power } from "@/numbers.js"
 
 const LOOKS = [{ width: 1.8 }, { width: 1.2, alpha: 0.72 }, { width: 1, alpha: 0.52 }, { width: 0.8, alpha: 0.42 }].map(look => ({ colour: "measured", ...look }))
 // A click finds a peak so near, in CSS pixels.
@@ -41,23 +41,25 @@ export default {
         const offer = (words, label, hz, isAdded) => {
             if (!can()) return
             action.hidden = false
-            action.replaceChildren(words + " ", make("button", { onclick: () => pick(rounded(hz), isAdded) }, label))
+            action.replaceChildren(words + " ", make("button", { onclick: () => pick(hz, isAdded) }, label))
         }
-        const { added, dropped, bands } = picks()
+        const { added, dropped } = picks()
+        // What a mode is called in study.toml: where it was asked for, it may lie beside.
+        const asked = mark => mark.is.asked_hz ?? rounded(mark.x)
         const level = value => singular[0][nearest(hz, value)]
         const modes = modeMarks(data), mode = modes.find(mark => mark.chosen)
         // The band that the chosen mode is to be fitted to, where a reader has chosen it.
-        const own = bands.find(each => each.hz === mode?.x), band = mode && (own ? own.band_hz : mode.is.band_hz)
+        const bands = picks().bands.filter(({ hz, band_hz }) => String(modes.find(({ x }) => x === hz)?.is.band_hz ?? null) !== String(band_hz)), own = picks().bands.find(each => each.hz === mode?.x), band = mode && (own ? own.band_hz : mode.is.band_hz)
         const fitting = make("p.pick")
         const inHz = ends => ends.map(hz => fixed(hz, 4)).join(" to ") + " Hz", name = `mode ${mode?.text}`
         function offerBand(from, to) {
             if (!mode || !can()) return
-            const isNear = from < mode.x && mode.x < to && to - from < (hz.at(-1) - hz[0]) / 2
-            fitting.replaceChildren(...band ? [`The fit of ${name} takes the lines from ${inHz(band)}. `, make("button", { onclick: () => fitTo(mode.x, null) }, "Choose them from the data"), " "] : [],
-                isNear ? make("button", { onclick: () => fitTo(mode.x, [from, to]) }, `Fit ${name} to what is in sight, ${inHz([from, to])}`) : "")
+            const canFit = modes.filter(({ x }) => from < x && x < to).map(({ x }) => x).join() === String(mode.x)
+            fitting.replaceChildren(...band ? [`The fit of ${name} takes the lines from ${inHz(band)}. `, make("button", { onclick: () => fitTo(mode.x, null) }, "Choose lines automatically"), " "] : [],
+                canFit ? make("button", { onclick: () => fitTo(mode.x, [rounded(from), rounded(to)]) }, `Fit ${name} to what is in sight, ${inHz([from, to])}`) : "")
         }
         const marks = [
-            ...modes.map(mark => dropped.includes(rounded(mark.x)) ? { ...mark, colour: "rejected", dash: [2, 4], isStruck: true, title: mark.title + "; dropped, until modes are identified again" } : mark),
+            ...modes.map(mark => dropped.includes(asked(mark)) ? { ...mark, colour: "rejected", dash: [2, 4], isStruck: true, title: mark.title + "; dropped, until modes are identified again" } : mark),
             ...added.map(hz => ({ x: hz, text: "+", dash: [5, 4], alpha: 1, title: `added at ${hertz(hz)}, not identified yet`, press: () => offer(`Added at ${hertz(hz)}.`, "Take it back", hz, false) })),
             ...forced.map(line => ({
                 x: line.frequency_hz, text: "F", colour: "forced-text", dash: [5, 4], alpha: 1, half: line.wanders_hz,
@@ -66,7 +68,7 @@ export default {
             })),
             ...rejected.map(({ frequency_hz, in_words, because }) => ({
                 x: frequency_hz, y: level(frequency_hz), text: "×", colour: "rejected", line: false, title: `${hertz(frequency_hz)} is no mode: ${in_words ?? because}`,
-                press: () => offer(`Rejected at ${hertz(frequency_hz)}.`, "Add it as a mode", frequency_hz, true),
+                press: () => offer(`Rejected at ${hertz(frequency_hz)}.`, "Add it as a mode", rounded(frequency_hz), true),
             })),
         ]
         // The lower values reach far down in places; three decades below the first are enough.
@@ -85,7 +87,7 @@ export default {
                 pen.style("rejected", { width: 0.8, alpha: 0.55 })
                 for (const [xs, ys] of others) pen.trace(xs, ys)
             },
-            moved: (from, to) => offerBand(rounded(from), rounded(to)),
+            moved: (from, to) => offerBand(from, to),
             at: (_, index) => hertz(hz[index]),
             legend: [
                 ...singular.map((values, rank) => ({ ...LOOKS[rank], label: ["first", "second", "third", "fourth"][rank], value: index => power(values[index], 1) })),
@@ -101,14 +103,14 @@ export default {
                 const reach = u.posToVal(SNAP, "x") - u.posToVal(0, "x")
                 let peak = nearest(hz, where)
                 for (let i = nearest(hz, where - reach); i <= nearest(hz, where + reach); i++) if (singular[0][i] > singular[0][peak]) peak = i
-                offer(`Peak at ${hertz(hz[peak])}.`, `Add a mode at ${hertz(hz[peak])}`, hz[peak], true)
+                offer(`Peak at ${hertz(hz[peak])}.`, `Add a mode at ${hertz(hz[peak])}`, rounded(hz[peak]), true)
             } : null,
         })
         if (mode) {
-            const isDropped = dropped.includes(rounded(mode.x))
-            offer(`Mode ${mode.text} at ${hertz(mode.x)}${isDropped ? " is dropped" : ""}.`, isDropped ? "Take it back" : "Drop this mode", mode.x, isDropped)
+            const isDropped = dropped.includes(asked(mode))
+            offer(`Mode ${mode.text} at ${hertz(mode.x)}${isDropped ? " is dropped" : ""}.`, isDropped ? "Take it back" : "Drop this mode", asked(mode), isDropped)
         }
-        offerBand(...view.get("zoom.hz") ?? [hz[0], hz.at(-1)])
+        queueMicrotask(() => offerBand(chart.u.scales.x.min, chart.u.scales.x.max))
         const count = [added.length && `${added.length} added`, dropped.length && `${dropped.length} dropped`, bands.length && plural(bands.length, "band")].filter(Boolean).join(", ")
         host.append(action, fitting, count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", ["identify"])))
         return chart.free

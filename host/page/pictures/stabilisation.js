@@ -1,7 +1,7 @@
 // Poles of the subspace over its order: a mode stands at the same frequency at every order.
 
-import { extent, items, modeMarks, plot, setupChoice, setupOf, steps, unpack } from "belfry/curves.js"
-import { hertz, known, plural } from "belfry/numbers.js"
+import { extent, items, modeMarks, plot, setupChoice, setupOf, steps, unpack } from "@/curves.js"
+import { hertz, known, plural } from "@/numbers.js"
 
 const polesOf = one => items(one.poles).filter(pole => known(pole.frequency_hz))
 const diagramsOf = data => items([data.stabilisation].flat()).filter(one => polesOf(one).length)

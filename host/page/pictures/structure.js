@@ -1,9 +1,9 @@
 // How does the structure move, and where does the model miss it? One mode in three dimensions, and all modes from three sides.
 
-import { canvas, colour, font, make, size, still } from "belfry/canvas.js"
-import { legend } from "belfry/curves.js"
-import { KINDS, clamp, fixed, hertz, known, mac, signed } from "belfry/numbers.js"
-import { cameras, lens, misfits, paint, scales, scene } from "belfry/structure.js"
+import { canvas, colour, font, make, size, still } from "@/canvas.js"
+import { legend } from "@/curves.js"
+import { KINDS, clamp, fixed, hertz, known, mac, signed } from "@/numbers.js"
+import { cameras, lens, misfits, paint, scales, scene } from "@/structure.js"
 
 const words = { measured: "measured", ...KINDS }
 const keyOf = (s, check) => legend(s.kinds.map(kind => ({ label: words[kind], colour: kind, kind: kind === "measured" ? "dot" : "line", check: check?.(kind) })))

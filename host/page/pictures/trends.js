@@ -1,9 +1,9 @@
 // Every mode over hours and months: frequency and damping, beside temperature and level.
 
-import { make } from "belfry/canvas.js"
-import { choice, chosenMode, clean, extent, freeing, items, legend, plot, setupChoice, setupOf } from "belfry/curves.js"
-import { duration, fixed, known, plural, significant, within } from "belfry/numbers.js"
-import { timeAxis } from "belfry/pictures/record.js"
+import { make } from "@/canvas.js"
+import { choice, chosenMode, clean, extent, freeing, items, legend, plot, setupChoice, setupOf } from "@/curves.js"
+import { duration, fixed, known, plural, significant, within } from "@/numbers.js"
+import { timeAxis } from "@/pictures/record.js"
 
 const of = (data, name) => items(data.modes?.trends?.[name])
 /** The setups with their intervals, the one with most of them first. */

@@ -1,8 +1,8 @@
 // Spectra over time: every row a part of the record, colours by density.
 
-import { canvas, make } from "belfry/canvas.js"
-import { densityIn, items, modeMarks, plot, setupChoice, setupOf, steps, unpack } from "belfry/curves.js"
-import { clamp, duration, fixed, hertz, inWords, plural } from "belfry/numbers.js"
+import { canvas, make } from "@/canvas.js"
+import { densityIn, items, modeMarks, plot, setupChoice, setupOf, steps, unpack } from "@/curves.js"
+import { clamp, duration, fixed, hertz, inWords, plural } from "@/numbers.js"
 
 // Pixels of the image in either direction.
 const MOST = 2048

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::Console;
 use super::interrupt::leave_nothing_unfinished;
-use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is};
+use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is, width};
 use crate::compare::{Comparison, Side};
 use crate::model::Body;
 use crate::story::{Case, Project};
@@ -118,6 +118,8 @@ fn tell_unpaired(comparison: &Comparison, console: &Console) {
 
 /// How many sensors are named as the worst.
 const WORST_SENSORS: usize = 6;
+/// Columns of text before a bar.
+const BEFORE_BAR: f64 = 60.0;
 /// Columns of the longest bar.
 const BAR: f64 = 30.0;
 
@@ -146,6 +148,8 @@ fn tell_where(comparison: &Comparison, console: &Console) {
     }
     let mut sensors: Vec<_> = comparison.by_sensor.iter().collect();
     sensors.sort_by(|a, b| b.misfit.total_cmp(&a.misfit));
+    // As long as fits behind the text.
+    let bar = width().map_or(BAR, |width| (f64::from(width) - BEFORE_BAR).clamp(5.0, BAR));
     let largest = sensors.first().map_or(1.0, |sensor| sensor.misfit).max(f64::MIN_POSITIVE);
     for (index, sensor) in sensors.iter().take(WORST_SENSORS).enumerate() {
         console.detail(format!(
@@ -154,7 +158,7 @@ fn tell_where(comparison: &Comparison, console: &Console) {
             sensor.channel,
             sensor.misfit,
             or_dash(sensor.comac, 3),
-            "▪".repeat((BAR * sensor.misfit / largest).round() as usize)
+            "▪".repeat((bar * sensor.misfit / largest).round() as usize)
         ));
     }
     let largest = comparison.by_height.iter().map(|level| level.misfit).fold(f64::MIN_POSITIVE, f64::max);
@@ -164,7 +168,7 @@ fn tell_where(comparison: &Comparison, console: &Console) {
             if index == 0 { "by height:" } else { "" },
             level.elevation_m,
             level.misfit,
-            "▪".repeat((BAR * level.misfit / largest).round() as usize)
+            "▪".repeat((bar * level.misfit / largest).round() as usize)
         ));
     }
 }

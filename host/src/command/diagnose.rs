@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::Console;
 use super::interrupt::leave_nothing_unfinished;
-use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_text};
+use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, unit_text, values_text, width};
 use crate::diagnose::steps::Step;
 use crate::diagnose::{
     CandidateReport, Diagnosis, Estimate, FAILS, Part, PartialEffect, Probabilities, STANDS_OUT, Unexplained, Verdict,
@@ -189,17 +189,27 @@ fn tell_table(diagnosis: &Diagnosis, console: &Console) {
     let mut rows: Vec<(f64, [String; 5])> = shown(diagnosis).into_iter().map(of_candidate).collect();
     rows.extend([(adequate, as_it_is), (something_else, other)]);
     rows.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut table = Columns::new(["effect", "value", "probability", "chi-squared left", "p"]);
+    let mut table = Columns::new(["effect", "value", "probability", "chi-squared left", "p"]).expendable(&[3]);
     for (_, row) in rows {
         table.row(row);
     }
     console.say(table);
 }
 
+/// In fewer columns of text, units stand below their values.
+const WIDE: u16 = 100;
+
 /// An effect's name with how well its height is known, its values and its probability, as tables have them.
 pub(super) fn cells(name: String, where_std_m: Option<f64>, parameters: &[Estimate], probability: f64) -> [String; 3] {
     let place_std = where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
-    [name + &place_std, values_text(parameters), probability_text(probability)]
+    let mut values = values_text(parameters);
+    if width().is_some_and(|width| width < WIDE) {
+        for parameter in parameters {
+            let unit = unit_text(&parameter.unit);
+            values = values.replace(&unit, &unit.replacen(' ', "\n", 1));
+        }
+    }
+    [name + &place_std, values, probability_text(probability)]
 }
 
 /// A probability in percent.

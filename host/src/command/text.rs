@@ -87,7 +87,7 @@ impl Columns {
 }
 
 /// Columns of text that fit beside each other where standard output goes.
-fn width() -> Option<u16> {
+pub(super) fn width() -> Option<u16> {
     Table::new().width().or_else(width_by_environment)
 }
 
@@ -208,7 +208,7 @@ pub(super) fn short(value: f64) -> String {
 }
 
 /// A number with its deviation, both with an exponent or both without.
-pub(super) fn with_std(value: f64, std: f64) -> String {
+pub(crate) fn with_std(value: f64, std: f64) -> String {
     let value = short(value);
     let std = if value.contains('e') { format!("{std:.2e}") } else { short(std) };
     format!("{value} ± {std}")

@@ -91,6 +91,7 @@ pub(crate) mod tests {
             fitted: Vec::new(),
             method: ModeMethod::Spectra,
             band_hz: None,
+            asked_hz: None,
             pair_with: None,
             second_opinion: None,
             covariance_factor: None,

@@ -67,6 +67,7 @@ pub(super) fn add_picks(
         }
         let (mut pick, stands_out) =
             peak_near(grid, measured, singular, picks, frequency_hz, meant_hz(grid.spacing_hz(), frequency_hz));
+        pick.asked_hz = Some(frequency_hz);
         pick.kurtosis = kurtosis(measured, &pick);
         if pick.kurtosis.is_harmonics() {
             warnings.push(format!(
@@ -84,7 +85,7 @@ pub(super) fn add_picks(
         let nearest = picks.iter_mut().min_by(|a, b| distance_hz(a).total_cmp(&distance_hz(b)));
         if let Some(already) = nearest.filter(|other| is_near(other)) {
             // It is picked already; a second pick here would fit the first one's remains.
-            already.by_user = true;
+            (already.by_user, already.asked_hz) = (true, Some(frequency_hz));
             continue;
         }
         if !stands_out {
@@ -97,15 +98,26 @@ pub(super) fn add_picks(
     picks.sort_by_key(|pick| pick.line);
 }
 
-/// The bands of single modes that a fit can be made from; says which are too narrow.
-pub(super) fn wide_enough(grid: &LineGrid, choice: &ModeChoice, warnings: &mut Vec<String>) -> Vec<[f64; 2]> {
+/// The bands of single modes that a fit can be made from; says which are too narrow, or hold several modes.
+pub(super) fn usable_bands(
+    grid: &LineGrid,
+    picks: &[Pick],
+    choice: &ModeChoice,
+    warnings: &mut Vec<String>,
+) -> Vec<[f64; 2]> {
     let mut wide = choice.bands_hz.clone();
     wide.retain(|&[from, to]| {
         let lines = (0..grid.lines).filter(|&line| (from..=to).contains(&grid.frequency_hz(line))).count();
         if lines < BAND_LINES {
             warnings.push(format!(
-                "mode_bands_hz: {from} to {to} Hz holds {lines} spectral lines, and a fit needs {BAND_LINES} ({:.4} Hz): those that the data choose are taken",
+                "mode_bands_hz: {from} to {to} Hz holds {lines} spectral lines, and a fit needs {BAND_LINES} ({:.4} Hz), so Belfry chooses the lines itself",
                 (BAND_LINES - 1) as f64 * grid.spacing_hz()
+            ));
+        }
+        let inside = picks.iter().filter(|pick| (from..=to).contains(&pick.frequency_hz(grid))).count();
+        if inside > 1 {
+            warnings.push(format!(
+                "mode_bands_hz: {inside} modes were picked between {from} and {to} Hz, and each is fitted by itself to all of these lines; bands that part them are better"
             ));
         }
         lines >= BAND_LINES
@@ -113,8 +125,8 @@ pub(super) fn wide_enough(grid: &LineGrid, choice: &ModeChoice, warnings: &mut V
     wide
 }
 
-/// Says in which bands no mode was found.
-pub(super) fn note_idle_bands(found: &mut Identification) {
+/// Says in which bands no mode was found; once all methods have been asked.
+pub fn note_idle_bands(found: &mut Identification) {
     for &[from, to] in &found.basis.bands_hz {
         if !found.modes.iter().any(|mode| mode.band_hz == Some([from, to])) {
             found.warnings.push(format!("mode_bands_hz: no mode was found between {from} and {to} Hz"));

@@ -235,7 +235,9 @@ impl State {
             return;
         }
         // Another force shakes a machine's place, and its shape is no mode's.
-        let modes: Vec<usize> = (0..self.fits.len()).filter(|&mode| !self.is_machine[mode]).collect();
+        // A mode with a band of its own is fitted by itself: the lines of a cluster are those of all its modes.
+        let is_free = |mode: &usize| !self.is_machine[*mode] && self.bands_hz[*mode].is_none();
+        let modes: Vec<usize> = (0..self.fits.len()).filter(is_free).collect();
         let resonances: Vec<Resonance> = modes.iter().map(|&mode| self.fits[mode].resonance).collect();
         let spacing_hz = grid.spacing_hz();
         let is_resolved = |mode: &usize| self.fits[*mode].resonance.bandwidth_hz() >= RESOLVED_LINES * spacing_hz;
@@ -353,10 +355,15 @@ impl State {
         (lowest_hz - hz).max(hz - highest_hz).max(0.0)
     }
 
+    /// How far from its pick the fit may take a mode.
+    fn leeway_hz(&self, mode: usize) -> f64 {
+        let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(WIDEST * self.picked_hz[mode]);
+        self.picked_within_hz[mode] + LEEWAY_BANDWIDTHS * bandwidth_hz
+    }
+
     /// Where the fit may take a mode.
     fn limits_hz(&self, mode: usize) -> [f64; 2] {
-        let bandwidth_hz = self.fits[mode].resonance.bandwidth_hz().min(WIDEST * self.picked_hz[mode]);
-        let leeway_hz = self.picked_within_hz[mode] + LEEWAY_BANDWIDTHS * bandwidth_hz;
+        let leeway_hz = self.leeway_hz(mode);
         let [from, to] = self.bands_hz[mode].unwrap_or([0.0, f64::INFINITY]);
         [(self.picked_hz[mode] - leeway_hz).max(from), (self.picked_hz[mode] + leeway_hz).min(to)]
     }
@@ -455,7 +462,6 @@ impl State {
         };
         let curve = self.curves[mode].clone();
         let misfit = curve.misfit(&replicates.iter().map(|replicate| &replicate.curves[mode]).collect::<Vec<_>>());
-        let [lowest, highest] = self.limits_hz(mode);
         let distance_hz = (self.fits[mode].resonance.frequency_hz - self.picked_hz[mode]).abs();
         let fit = &self.fits[mode];
         // The jackknife sees what the model leaves out and changes from group to group, the likelihood what is the same in all
@@ -475,7 +481,7 @@ impl State {
             // The fit's level is the power of the modal response along a shape of unit length.
             level: fit.level.max(0.0).sqrt() / shape.norm(),
             peak_density: fit.level * fit.resonance.peak_density(1.0 / spacing_hz),
-            found: distance_hz < 0.48 * (highest - lowest) && !is_stuck(&fit.resonance, &changes),
+            found: distance_hz < 0.96 * self.leeway_hz(mode) && !is_stuck(&fit.resonance, &changes),
             resonance: self.fits[mode].resonance,
             shape,
             frequency_std_hz: deviation(&changes.frequency_hz).max(least_std_hz),

@@ -87,9 +87,10 @@ impl<'a> Finer<'a> {
         let mut is_new = false;
         for (peak, place) in matched(&picks, self.peaks(&sources), self.grid, finer_grid) {
             let peak_hz = finer_grid.frequency_hz(peak.line);
-            let by_user = place.is_some_and(|place| picks[place].by_user);
+            let (by_user, asked_hz) =
+                place.map_or((false, None), |place| (picks[place].by_user, picks[place].asked_hz));
             let Some(suggested) = self.suggested(&sources, finer_grid, &peak) else { continue };
-            let suggested = Pick { by_user, ..suggested };
+            let suggested = Pick { by_user, asked_hz, ..suggested };
             match place {
                 Some(place) => picks[place] = suggested,
                 None if choice.drop_hz.iter().any(|hz| is_near(hz, peak_hz)) => {}

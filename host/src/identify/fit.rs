@@ -66,7 +66,7 @@ pub(super) fn fit(
         let may_go = |pick: usize| !picks[pick].by_user;
         // A pick that is no mode has bent its neighbours' estimates, so they are made anew without it.
         if let Some(pick) = (0..picks.len()).filter(|&pick| may_go(pick)).find(is_forced) {
-            harmonics.push(picks.remove(pick));
+            harmonics.push(Pick { band_hz: None, ..picks.remove(pick) });
             continue;
         }
         let mut worst =
@@ -94,7 +94,8 @@ pub(super) fn fit(
     basis.lone = Lone::all(&setups);
     let mut modes = merge::merge(grid, measured, &setups, &mut warnings);
     for mode in &mut modes {
-        mode.band_hz = mode.pick.and_then(|pick| basis.picks.get(pick)?.band_hz);
+        let pick = mode.pick.and_then(|pick| basis.picks.get(pick));
+        (mode.band_hz, mode.asked_hz) = pick.map_or((None, None), |pick| (pick.band_hz, pick.asked_hz));
     }
     let is_mode = |peak: &Rejected| modes.iter().any(|mode| mode.covers(peak.frequency_hz, grid.spacing_hz()));
     let mut rejected: Vec<Rejected> = basis.rejected.iter().copied().filter(|peak| !is_mode(peak)).collect();

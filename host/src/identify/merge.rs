@@ -278,6 +278,7 @@ fn merged(
         fitted,
         method: ModeMethod::Spectra,
         band_hz: None,
+        asked_hz: None,
         pair_with: None,
         second_opinion: None,
         covariance_factor: None,

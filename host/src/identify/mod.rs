@@ -61,6 +61,7 @@ use pick::Pick;
 use shape::Shape;
 use singular::SingularValues;
 
+pub use choice::note_idle_bands;
 pub use covariance::CovarianceFactor;
 pub use result::{
     FittedSpectrum, Harmonic, Identification, Mode, ModeMethod, OnInPart, Rejected, RejectedBecause, ShapeComponent,
@@ -151,17 +152,14 @@ pub fn identify(measured: &[MeasuredSetup<'_>], choice: &ModeChoice) -> Result<I
         return Err(none_in_band(&grid));
     }
     let spectra = measured.iter().zip(&singular).map(|(m, singular)| singular.spectrum(&grid, &m.setup.name)).collect();
-    let bands_hz = choice::wide_enough(&grid, choice, &mut warnings);
+    let bands_hz = choice::usable_bands(&grid, &picks, choice, &mut warnings);
     let basis = Basis { picks, harmonics, warnings, bands_hz, ..Basis::default() };
     let found = fit::fit(measured, &grid, basis, spectra);
-    let mut found = if choice.only_hz.is_some() {
-        found
-    } else {
-        let found = finer_peaks::with_narrow_modes(measured, &grid, choice, found);
-        twins::with_twins(measured, &grid, found)
-    };
-    choice::note_idle_bands(&mut found);
-    Ok(found)
+    if choice.only_hz.is_some() {
+        return Ok(found);
+    }
+    let found = finer_peaks::with_narrow_modes(measured, &grid, choice, found);
+    Ok(twins::with_twins(measured, &grid, found))
 }
 
 /// A mode that another method suggests, or finer lines.

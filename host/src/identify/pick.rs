@@ -84,6 +84,8 @@ pub(super) struct Pick {
     pub(super) is_machine: bool,
     /// The band that the user has chosen for its fit.
     pub(super) band_hz: Option<[f64; 2]>,
+    /// The frequency at which the user has asked for it.
+    pub(super) asked_hz: Option<f64>,
 }
 
 impl Pick {
@@ -101,6 +103,7 @@ impl Pick {
             within_lines: LEEWAY_LINES,
             is_machine: false,
             band_hz: None,
+            asked_hz: None,
         }
     }
 

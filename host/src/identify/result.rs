@@ -136,6 +136,9 @@ pub struct Mode {
     /// The band that the user has chosen for its fit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
+    /// The frequency at which study.toml asks for it, where it does: the mode may lie beside.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub asked_hz: Option<f64>,
     /// The mode that it is a pair with: the record does not tell their directions apart.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pair_with: Option<usize>,

@@ -271,7 +271,10 @@ fn a_user_adds_drops_and_fixes_modes() {
     assert!(added.warnings.iter().any(|w| w.contains("no peak stands out")), "{:?}", added.warnings);
     // What is picked already is not added a second time.
     let again = identify(&measured, &ModeChoice { add_hz: vec![0.3665], ..ModeChoice::default() }).unwrap();
-    assert_eq!(again.modes, automatic.modes);
+    let asked: Vec<(usize, f64)> = again.modes.iter().filter_map(|mode| Some((mode.number, mode.asked_hz?))).collect();
+    assert_eq!(asked, [(3, 0.3665)]);
+    let others = again.modes.iter().map(|mode| Mode { asked_hz: None, ..mode.clone() }).collect::<Vec<_>>();
+    assert!(others == automatic.modes, "the values are the same");
     let fixed = ModeChoice { only_hz: Some(truth.frequencies_hz.clone()), ..ModeChoice::default() };
     let fixed = identify(&measured, &fixed).unwrap();
     assert!(fixed.warnings.is_empty(), "{:?}", fixed.warnings);
@@ -301,7 +304,8 @@ fn a_mode_is_fitted_to_the_band_that_the_user_has_chosen() {
     let band = [own.frequency_hz - 2.6 * spacing_hz, own.frequency_hz + 4.4 * spacing_hz];
     let idle = [1.29, 1.4];
     let choice = ModeChoice { bands_hz: vec![band, idle, [0.9, 0.9 + 2.0 * spacing_hz]], ..ModeChoice::default() };
-    let chosen = identify(&measured, &choice).unwrap();
+    let mut chosen = identify(&measured, &choice).unwrap();
+    note_idle_bands(&mut chosen);
     assert_eq!(chosen.modes.len(), automatic.modes.len());
     let fitted = &chosen.modes[at];
     assert_eq!(fitted.band_hz, Some(band));
@@ -314,6 +318,31 @@ fn a_mode_is_fitted_to_the_band_that_the_user_has_chosen() {
     let says = |words: &str| chosen.warnings.iter().any(|warning| warning.contains(words));
     assert!(says("no mode was found between 1.29 and 1.4 Hz"), "{:?}", chosen.warnings);
     assert!(says("holds 2 spectral lines, and a fit needs 7"), "{:?}", chosen.warnings);
+}
+
+/// Beside the other bending mode, which is fitted with it where it has no band.
+#[test]
+fn one_of_a_close_pair_is_fitted_to_its_band_as_well() {
+    let (_, setup, spectrum) = brief_tower(2.0);
+    let measured = [MeasuredSetup { setup: &setup, spectrum }];
+    let automatic = identify(&measured, &ModeChoice::default()).unwrap();
+    let hz = |at: usize| automatic.modes[at].frequency_hz;
+    let at =
+        (0..automatic.modes.len() - 1).min_by(|a, b| (hz(a + 1) - hz(*a)).total_cmp(&(hz(b + 1) - hz(*b)))).unwrap();
+    let own = &automatic.modes[at];
+    let spacing_hz = automatic.frequency_resolution_hz;
+    let band = [own.frequency_hz - 7.2 * spacing_hz, 0.5 * (hz(at) + hz(at + 1))];
+    let chosen = identify(&measured, &ModeChoice { bands_hz: vec![band], ..ModeChoice::default() }).unwrap();
+    let banded = |mode: &&Mode| mode.band_hz == Some(band);
+    let fitted =
+        chosen.modes.iter().filter(banded).min_by(|a, b| {
+            (a.frequency_hz - own.frequency_hz).abs().total_cmp(&(b.frequency_hz - own.frequency_hz).abs())
+        });
+    let fitted = fitted.expect("the mode of the pair");
+    let lines = &fitted.fitted[0].frequency_hz;
+    assert!(lines.iter().all(|hz| *hz >= band[0] - 0.5 * spacing_hz && *hz <= band[1] + 0.5 * spacing_hz), "{lines:?}");
+    let own_lines = &own.fitted[0].frequency_hz;
+    assert!(own_lines.iter().any(|hz| *hz > band[1] + 0.5 * spacing_hz), "without the band the fit has others");
 }
 
 #[test]

@@ -80,7 +80,8 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode], forced: &[Harmonic]) -
                 .max_by(|a, b| a.0.total_cmp(&b.0))
                 .map_or_else(|| grid.nearest_line(hz(*index)), |(_, line)| line);
             let unit = shape / Complex64::from(shape.norm().max(f64::MIN_POSITIVE));
-            Pick { by_user: true, ..Pick::new(line, vec![unit]) }
+            let band_hz = modes[*index].band_hz.filter(|[from, to]| (*from..=*to).contains(&grid.frequency_hz(line)));
+            Pick { by_user: true, band_hz, ..Pick::new(line, vec![unit]) }
         })
         .collect();
     let estimates = estimate::estimate(spectrum, quantity(measured.setup), 0, &picks, &taken);

@@ -73,7 +73,7 @@ fn with(
     let known = |suggestion| Pick { is_known: true, is_twin: true, ..pick::suggested(grid, measured, suggestion) };
     for Lone { pick, both: [own, other] } in lone {
         let place = picks.get_mut(*pick)?;
-        *place = Pick { by_user: place.by_user, ..known(own) };
+        *place = Pick { by_user: place.by_user, asked_hz: place.asked_hz, ..known(own) };
         picks.push(known(other));
     }
     picks.sort_by_key(|pick| pick.line);

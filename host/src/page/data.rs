@@ -19,7 +19,7 @@ use crate::results::{
     CHANGE_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, INPUTS_FILE, MODES_FILE, PROFILE_FILE,
     RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
 };
-use crate::story::{CURVES_FILE, Case, Inputs, StoryError, UpdateReport, turned_by_update};
+use crate::story::{CURVES_FILE, Case, Inputs, StoryError, UpdateReport, outdated, turned_by_update};
 use crate::study::{STUDY_FILE, Sensor, Study, Unit};
 
 /// What a page shows. Its parts are described beside the front end, in `host/page/README.md`.
@@ -148,6 +148,12 @@ impl PageData {
             note(error.to_string());
             Value::Null
         });
+        let of_older = match outdated(study, &results.path(MODES_FILE)) {
+            Ok(of_older) if study.measured.is_none() => of_older,
+            _ => None,
+        };
+        let is_outdated = of_older.is_some();
+        of_older.into_iter().for_each(note);
         let unread = unread.take();
         let comparison = seen.as_ref().map(|seen| seen.effects.as_ref().unwrap_or(&seen.given).1.clone());
         let findings = findings(&Sources {
@@ -158,6 +164,7 @@ impl PageData {
             covalidation: &covalidation,
             history: &history,
             stale: &stale,
+            is_outdated,
             unread: &unread,
             warnings: case.as_ref().map_or(&[], |case| &case.warnings),
         });
@@ -329,6 +336,7 @@ fn study_value(study: &Study) -> Value {
         "folder": folder,
         // A study that was read a moment ago; where it cannot be read again, the page does without its text.
         "toml": std::fs::read_to_string(study.folder.join(STUDY_FILE)).unwrap_or_default(),
+        "has_model": study.model.is_some(),
         "commands": names.into_iter().map(command).collect::<Map<String, Value>>(),
         "setups": setups.collect::<Vec<Value>>(),
         "sensors": study.sensors().iter().map(sensor).collect::<Vec<Value>>(),
@@ -381,9 +389,15 @@ fn stale(case: &Case, results: &Results) -> Map<String, Value> {
     let mut stale = Map::new();
     for (what, file, command) in OF_THE_MODEL {
         let Some(then) = then.get(file).filter(|_| results.path(file).exists()) else { continue };
+        // Co-validation predicts by the updated model as well.
+        let now = if file == COVALIDATION_FILE {
+            now.clone().with_file(UPDATE_FILE, &results.path(UPDATE_FILE))
+        } else {
+            now.clone()
+        };
         let changed = now.changed_since(then);
         if !changed.is_empty() {
-            let sentence = format!("{} changed since: run `belfry {command}` again", changed.join(", "));
+            let sentence = format!("{} changed since: run `belfry {command}` again", changed.join(" and "));
             stale.insert(what.to_owned(), Value::from(sentence));
         }
     }

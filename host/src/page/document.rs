@@ -10,7 +10,7 @@ static FRONT_END: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/page");
 /// The frame, whose parts between `<!--name-->` and `<!--/name-->` are replaced.
 const FRAME: &str = include_str!("../../page/index.html");
 /// Bare names of modules begin with it.
-const MODULES: &str = "belfry/";
+const MODULES: &str = "@/";
 /// Where a server has the front end's files.
 const ASSETS: &str = "/assets/";
 /// The style of the page, and that of its curves.
@@ -126,7 +126,7 @@ mod tests {
             assert!(!page.contains(&format!("<!--{part}-->")), "{part} has its place in the frame");
         }
         for (name, text) in modules() {
-            assert!(page.contains(&format!("\"belfry/{name}\"")), "{name}");
+            assert!(page.contains(&format!("\"{MODULES}{name}\"")), "{name}");
             // Every import has to be in the map.
             for imported in text.split("from \"").skip(1).filter_map(|rest| rest.split('"').next()) {
                 assert!(imported.starts_with(MODULES), "{name} imports {imported}");

@@ -5,8 +5,9 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
+use crate::command::with_std;
 use crate::compare::{Comparison, mac_words};
-use crate::study::Study;
+use crate::study::{Effect, Study};
 
 /// A sentence.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -40,6 +41,8 @@ pub(super) struct Sources<'a> {
     pub(super) covalidation: &'a Value,
     pub(super) history: &'a Value,
     pub(super) stale: &'a Map<String, Value>,
+    /// Whether the modes are older than what they were identified from.
+    pub(super) is_outdated: bool,
     /// What cannot be read, and why.
     pub(super) unread: &'a [String],
     /// Of the model and the modes.
@@ -52,8 +55,7 @@ pub(super) fn findings(sources: &Sources<'_>) -> Vec<Finding> {
     let found = [verdict(sources), fall(sources), compared(sources), identified(sources), predicted(sources)];
     let mut all: Vec<Finding> = found.into_iter().flatten().map(say(Kind::Finding)).collect();
     let cannot = sources.unread.iter().cloned().map(sentence);
-    let stale =
-        sources.stale.iter().map(|(what, why)| format!("{}: {}.", capital(what), why.as_str().unwrap_or_default()));
+    let stale = stale(sources.stale);
     let of = |value: &Value| strings(value.get("warnings"));
     let current = |what: &str, value| if sources.stale.contains_key(what) { Vec::new() } else { of(value) };
     let from_files = of(sources.modes)
@@ -73,6 +75,24 @@ pub(super) fn findings(sources: &Sources<'_>) -> Vec<Finding> {
     all
 }
 
+/// What is of an older state: results of which the same has changed in one sentence.
+fn stale(stale: &Map<String, Value>) -> Vec<String> {
+    let mut causes: Vec<(&str, Vec<&str>)> = Vec::new();
+    for (what, why) in stale {
+        let cause = why.as_str().and_then(|why| why.split_once(": run")).map_or("something", |(cause, _)| cause);
+        match causes.iter_mut().find(|(known, _)| *known == cause) {
+            Some((_, of)) => of.push(what),
+            None => causes.push((cause, vec![what])),
+        }
+    }
+    let sentence = |(cause, of): (&str, Vec<&str>)| {
+        let names: Vec<String> = of.into_iter().map(str::to_owned).collect();
+        let is_are = if names.len() == 1 { "is" } else { "are" };
+        format!("{} {is_are} of an older state: {cause}.", capital(&listed(&names)))
+    };
+    causes.into_iter().map(sentence).collect()
+}
+
 /// What the diagnosis says.
 fn verdict(sources: &Sources<'_>) -> Option<String> {
     let diagnosis = sources.diagnosis.as_object().filter(|_| !sources.stale.contains_key("diagnosis"))?;
@@ -88,6 +108,14 @@ fn verdict(sources: &Sources<'_>) -> Option<String> {
         "adequate" => "The model explains the measurement within its tolerance; no effect is called for.".to_owned(),
         "effect" => {
             let best = strings(diagnosis.get("best")).first()?.clone();
+            // A diagnosis of before it was added, which an earlier version wrote.
+            let has = |effect: &Effect| match &effect.location {
+                Some(place) => best == format!("{}@{place}", effect.kind),
+                None => best == effect.kind,
+            };
+            if sources.study.model.iter().flat_map(|model| &model.effects).any(has) {
+                return None;
+            }
             match probability(&best) {
                 Some(known) => format!("The model lacks {best}, with a probability of {}.", in_percent(known)),
                 None => format!("The model lacks {best}."),
@@ -133,6 +161,16 @@ fn fall(sources: &Sources<'_>) -> Option<String> {
         format!(", that at sensors which were left out of the fit from {before:.1} to {after:.1} %")
     });
     let moved = if after < before { "fell" } else { "went" };
+    let values = last.get("joint").and_then(|joint| joint.get("values")).and_then(Value::as_array);
+    let value_of = |effect: &String| {
+        let of = |value: &&Value| value.get("effect").and_then(Value::as_str) == Some(effect.as_str());
+        let mut known = values.into_iter().flatten().filter(of);
+        let (first, None) = (known.next()?, known.next()) else { return None };
+        let number = |key: &str| first.get(key).and_then(Value::as_f64);
+        let unit = first.get("unit").and_then(Value::as_str).filter(|unit| *unit != "-").unwrap_or_default();
+        Some(format!("{effect} ({} {unit}", with_std(number("value")?, number("std")?)).trim_end().to_owned() + ")")
+    };
+    let effects: Vec<String> = effects.into_iter().map(|effect| value_of(&effect).unwrap_or(effect)).collect();
     Some(format!(
         "With {} in the model, the mean frequency error {moved} from {before:.2} to {after:.2} %{left_out}.",
         listed(&effects)
@@ -222,6 +260,9 @@ fn next(sources: &Sources<'_>) -> Vec<Finding> {
     if sources.modes.is_null() && sources.study.measured.is_none() {
         return run("Identify the modes.", "identify");
     }
+    if sources.is_outdated {
+        return run("Identify the modes again.", "identify");
+    }
     if sources.study.model.is_none() {
         return vec![step("Name a model in study.toml ([model]) to compare with.", None)];
     }
@@ -276,7 +317,11 @@ fn listed(names: &[String]) -> String {
     }
 }
 
+/// A path or a key stays as it is written.
 fn capital(text: &str) -> String {
+    if text.split(' ').next().is_some_and(|word| word.contains(['/', '_', '.'])) {
+        return text.to_owned();
+    }
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
@@ -307,8 +352,8 @@ mod tests {
         let mode = |hz: f64, std: f64| json!({ "frequency_hz": hz, "frequency_std_hz": std, "damping_ratio": 0.01, "damping_ratio_std": 0.001 });
         let modes = json!({ "modes": [mode(0.1, 2e-4), mode(1.0, 5e-4)], "record_s": 7200.0, "harmonics": [{}], "warnings": ["channel \"07\" is noisy"] });
         let diagnosis = json!({
-            "verdict": "effect", "best": ["added-mass@443.6m"], "ambiguous": [],
-            "candidates": [{ "effect": "added-mass", "where": "443.6m", "probability": 0.9999 }],
+            "verdict": "effect", "best": ["base-rotation"], "ambiguous": [],
+            "candidates": [{ "effect": "base-rotation", "where": null, "probability": 0.9999 }],
             "warnings": [], "next_measurement": null,
         });
         let step = |effects: &[&str], error: f64, left: f64| json!({ "data": "a", "effects": effects, "mean_abs_frequency_error_percent": error, "held_out_error_percent": left });
@@ -322,13 +367,14 @@ mod tests {
             covalidation: &none,
             history: &history,
             stale: &stale,
+            is_outdated: false,
             unread: &[],
             warnings: &[],
         };
         let texts = said(&sources);
         assert_eq!(
             texts[0],
-            (Kind::Finding, "The model lacks added-mass@443.6m, with a probability of more than 99 %.".to_owned())
+            (Kind::Finding, "The model lacks base-rotation, with a probability of more than 99 %.".to_owned())
         );
         assert!(
             texts[1]
@@ -340,16 +386,23 @@ mod tests {
         assert!(texts.contains(&(Kind::Warning, "Channel \"07\" is noisy.".to_owned())));
         let kinds: Vec<Kind> = texts.iter().map(|(kind, _)| *kind).collect();
         assert!(kinds.is_sorted_by_key(|kind| *kind as usize), "{kinds:?}");
+        let known = json!({ "verdict": "effect", "best": ["added-mass@443.6m"] });
+        assert!(!said(&Sources { diagnosis: &known, ..sources }).iter().any(|(_, text)| text.contains("lacks")));
         // What was fitted with another model is no finding of this one.
         let mut other = study.clone();
         other.model.as_mut().unwrap().effects.clear();
         assert!(!said(&Sources { study: &other, ..sources }).iter().any(|(_, text)| text.contains("fell from")));
         // A diagnosis of another state of the study is none either.
-        let stale: Map<String, Value> =
-            [("diagnosis".to_owned(), json!("study.toml has changed since"))].into_iter().collect();
+        let stale: Map<String, Value> = ["diagnosis", "update"]
+            .map(|what| (what.to_owned(), json!(format!("the sensors changed since: run `belfry {what}` again"))))
+            .into_iter()
+            .collect();
         let texts = said(&Sources { stale: &stale, ..sources });
         assert!(!texts.iter().any(|(_, text)| text.contains("The model lacks")), "{texts:?}");
-        assert!(texts.contains(&(Kind::Warning, "Diagnosis: study.toml has changed since.".to_owned())));
+        assert!(texts.contains(&(
+            Kind::Warning,
+            "Diagnosis and update are of an older state: the sensors changed since.".to_owned()
+        )));
         assert!(texts.contains(&(Kind::Next, "Ask which effect the model lacks.".to_owned())));
         let sources = Sources { modes: &none, diagnosis: &none, history: &none, stale: &Map::new(), ..sources };
         assert_eq!(

@@ -208,7 +208,7 @@ impl Scene<'_> {
             [dot.measured.abs(), end.min(LONGEST_BAR), dot.model.abs()]
         });
         let (inner, above) = (of_dots.fold(furthest(false), f64::max), furthest(true));
-        let reduced = (above > SAME_SCALE * inner).then(|| (highest_m, round_factor(above / inner)));
+        let reduced = (inner > 0.0 && above > SAME_SCALE * inner).then(|| (highest_m, round_factor(above / inner)));
         let edge = 1.08 * inner.max(above / reduced.map_or(1.0, |(_, factor)| factor));
         Lines { of_directions, reduced, edge: if edge > 0.0 { edge } else { 1.0 } }
     }

@@ -280,7 +280,7 @@ mod tests {
         // What has no E_d is there without one.
         assert_eq!(svg.matches("by the measured shapes").count(), 2);
         assert!(svg.contains("motion in mm/s²") && svg.contains("missed, in µm/s²") && svg.contains("time in s"));
-        assert!(!svg.contains("-0.0<") && !svg.contains("NaN"));
+        assert!(!svg.contains("\n-0.0\n") && !svg.contains("\n-0.00\n") && !svg.contains("NaN"));
     }
 
     /// The page and the picture give one thing one colour.

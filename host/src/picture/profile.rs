@@ -2,14 +2,12 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BESIDE, DrawResult, FRAME, PictureError, picture};
+use super::canvas::{Area, DrawResult, FRAME, GIVEN, PictureError, WITH_EFFECTS, picture};
 use crate::diagnose::steps::Profiles;
 use crate::diagnose::{Profile, ProfileSegment, Quantity, QuantityProfile};
 
 const PANEL: (u32, u32) = (190, 430);
 const HEADER: u32 = 58;
-/// The model as first given, where it has effects besides.
-const AS_GIVEN: RGBColor = RGBColor(214, 124, 38);
 /// What the study states before anything is measured.
 const TOLERANCE: RGBColor = RGBColor(226, 226, 226);
 /// The scale is that of the widest band, and at least this in percent.
@@ -30,10 +28,11 @@ struct Band<'a> {
 /// When drawing fails.
 pub fn profile(structure: &str, profiles: &Profiles) -> Result<String, PictureError> {
     let present = profiles.present();
-    let mut bands = vec![Band { profile: present, label: "fitted", color: BESIDE, is_dashed: false }];
+    let color = if profiles.with_effects.is_some() { WITH_EFFECTS } else { GIVEN };
+    let mut bands = vec![Band { profile: present, label: "fitted", color, is_dashed: false }];
     if profiles.with_effects.is_some() {
         bands[0].label = "fitted with effects";
-        let as_given = Band { profile: &profiles.as_given, label: "without effects", color: AS_GIVEN, is_dashed: true };
+        let as_given = Band { profile: &profiles.as_given, label: "without effects", color: GIVEN, is_dashed: true };
         bands.insert(0, as_given);
     }
     let greatest = bands

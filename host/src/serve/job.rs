@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt, BufReader};
@@ -10,6 +10,8 @@ use tokio::process::{Child, Command};
 
 use crate::command::{PROGRESS_LINES, in_shell};
 
+/// A command that says nothing is told of so often.
+const TELL_EVERY: Duration = Duration::from_secs(1);
 /// Lines of a command's output that are kept.
 const LINES_KEPT: usize = 40;
 
@@ -121,7 +123,17 @@ pub(super) async fn follow(mut child: Child, mut status: JobStatus, tell: impl F
     let mut kept: Vec<String> = Vec::new();
     if let Some(output) = child.stderr.take() {
         let mut lines = BufReader::new(output).lines();
-        while let Ok(Some(line)) = lines.next_line().await {
+        loop {
+            let line = match tokio::time::timeout(TELL_EVERY, lines.next_line()).await {
+                Ok(Ok(Some(line))) => line,
+                Ok(_) => break,
+                // Nothing was said; the time goes on.
+                Err(_) => {
+                    status.elapsed_s = start.elapsed().as_secs_f64();
+                    tell(&status);
+                    continue;
+                }
+            };
             match serde_json::from_str::<ProgressLine>(&line) {
                 Ok(ProgressLine { stage, done, total }) => {
                     (status.stage, status.done, status.total) = (Some(stage), done, total);

@@ -112,8 +112,10 @@ async fn page(State(shared): State<Arc<Shared>>) -> Answer<Response> {
     let policy = format!(
         "default-src 'none'; script-src 'self' 'nonce-{nonce}'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     );
-    let study = beside(move || Ok(Study::load(shared.folder())?)).await?;
-    Ok(([(CONTENT_SECURITY_POLICY, policy)], Html(served(&study.structure.name, &nonce))).into_response())
+    // Where study.toml cannot be read, the page itself says why, and goes on when it can.
+    let name = beside(move || Ok(Study::load(shared.folder()).map(|study| study.structure.name))).await?;
+    let title = name.unwrap_or_else(|_| "Belfry".to_owned());
+    Ok(([(CONTENT_SECURITY_POLICY, policy)], Html(served(&title, &nonce))).into_response())
 }
 
 async fn asset(Path(_): Path<String>, uri: Uri) -> Answer<Response> {

@@ -184,9 +184,11 @@ impl Shared {
             if ended.state == JobState::Failed && shared.is_cancelled.load(Ordering::Relaxed) {
                 ended.state = JobState::Cancelled;
             }
-            *lock(&shared.running) = None;
             // What it has written is there before anyone hears that it is done.
             look(&shared).await;
+            // Nobody starts another before all know that this one has ended.
+            let mut running = lock(&shared.running);
+            *running = None;
             shared.tell(&ended);
         });
         Ok(status)

@@ -267,7 +267,7 @@ pub(super) fn measured_modes(study: &Study, sensors: &[Sensor]) -> Result<Measur
 }
 
 /// Says where modes are older than what they were identified from.
-fn outdated(study: &Study, file: &Path) -> Result<Option<String>, StoryError> {
+pub(crate) fn outdated(study: &Study, file: &Path) -> Result<Option<String>, StoryError> {
     #[derive(Deserialize)]
     struct From {
         #[serde(default)]

@@ -15,7 +15,7 @@ use crate::identify::lean::lean_suspicions;
 use crate::identify::phases::phase_suspicions;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
-use crate::identify::{Identification, hold_to_standards, identify as identify_setups};
+use crate::identify::{Identification, hold_to_standards, identify as identify_setups, note_idle_bands};
 use crate::measure::{MeasureError, Measurement, Progress, Route, measure};
 use crate::page::{Records, Spectra};
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
@@ -174,6 +174,7 @@ fn identify_lines(
         add_second_opinion(&measurement.setups, choice, &mut identification)?;
     }
     hold_to_standards(&mut identification);
+    note_idle_bands(&mut identification);
     let times = Times { modes, second_opinion: second_start.elapsed(), all: start.elapsed() };
     let mut warnings = measurement.warnings.clone();
     warnings.extend(block_warnings(&identification.modes, &measurement.setups));

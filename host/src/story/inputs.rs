@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::case::Case;
 use crate::model::effect::Effect;
 use crate::record::matching_files;
-use crate::study::{Model, Study};
+use crate::study::{CustomSource, Model, Study};
 
 const CHECKSUM: Crc<u64> = Crc::<u64>::new(&CRC_64_XZ);
 /// Of a recording, so many bytes at either end and its length stand for the whole: recordings have gigabytes.
@@ -53,16 +53,30 @@ impl Inputs {
         let effects: Vec<String> = case.model.effects.iter().map(Effect::typed).collect();
         let trust = case.study.model.as_ref().map(|model| {
             let Model { background_stiffness, background_mass, correlation_length_m, prior_odds, .. } = model;
-            (background_stiffness, background_mass, correlation_length_m, prior_odds)
+            let customs: Vec<_> = model.customs.iter().map(|one| CustomSource { line: 0, ..one.clone() }).collect();
+            (background_stiffness, background_mass, correlation_length_m, prior_odds, customs)
         });
+        let sensors: Vec<_> = case
+            .sensors
+            .iter()
+            .map(|one| (&one.channel, &one.point, one.elevation_m, one.direction, one.offset_m, &one.dof))
+            .collect();
+        let layout = format!("{:?}", case.model.bare().layout());
         let named = [
-            ("the model's tables", checksum(&tables)),
+            ("the model's tables", checksum(&[&tables, layout.as_bytes()].concat())),
             ("the model's effects", checksum(format!("{effects:?}").as_bytes())),
-            ("[model] in study.toml", checksum(format!("{trust:?}").as_bytes())),
-            ("the sensors", checksum(format!("{:?}", case.sensors).as_bytes())),
+            ("the model's tolerance, odds or custom effects", checksum(format!("{trust:?}").as_bytes())),
+            ("the sensors", checksum(format!("{sensors:?}").as_bytes())),
             ("the measured modes", checksum(format!("{:?}", case.measured.modes).as_bytes())),
         ];
         Self(named.into_iter().map(|(name, sum)| (name.to_owned(), sum)).collect())
+    }
+
+    /// The same with a file.
+    pub(crate) fn with_file(mut self, name: &str, path: &Path) -> Self {
+        let bytes = std::fs::read(path).unwrap_or_default();
+        self.0.insert(name.to_owned(), checksum(&bytes));
+        self
     }
 
     /// The names of what differs. Nothing is known of modes that were identified by an older version, or elsewhere.
@@ -179,10 +193,14 @@ azimuth_deg = 0
         write("modes.csv", &modes(0.12));
         assert_eq!(changed(), "the measured modes");
         write("modes.csv", &modes(0.11));
+        let (head, last) = CANTON_BEAM.trim_end().rsplit_once('\n').unwrap();
+        write("beam.csv", head);
+        assert!(!last.starts_with('#') && changed() == "the model's tables", "{}", changed());
+        write("beam.csv", CANTON_BEAM);
         write("study.toml", &format!("{study}\n[[model.effect]]\nkind = \"base-rotation\"\nvalue = 1e-15\n"));
         assert_eq!(changed(), "the model's effects");
         write("study.toml", &study.replace("background_mass = 0.01", "background_mass = 0.02"));
-        assert_eq!(changed(), "[model] in study.toml");
+        assert_eq!(changed(), "the model's tolerance, odds or custom effects");
         write("study.toml", &study.replace("azimuth_deg = 108", "azimuth_deg = 107"));
         assert_eq!(changed(), "the sensors");
     }

@@ -65,6 +65,7 @@ mod updated;
 
 pub use crate::measure::Route;
 pub use case::Case;
+pub(crate) use case::outdated;
 pub use change::{AutoEnd, ChangeReport, EffectReport, add, add_until_nothing_gains, remove};
 pub use climate::Climate;
 pub(crate) use covalidated::CURVES_FILE;

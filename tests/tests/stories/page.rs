@@ -80,7 +80,11 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
     // The diagnosis is of the model before; the page says so and takes nothing from it.
     assert!(data["stale"]["diagnosis"].as_str().unwrap().contains("the model's effects changed since"));
     let found = sentences(&data, "finding");
-    assert!(found[0].starts_with("With base-rotation in the model, the mean frequency error fell from"), "{found:?}");
+    assert!(
+        found[0].starts_with("With base-rotation (1.")
+            && found[0].contains("rad/(N m)) in the model, the mean frequency error fell from"),
+        "{found:?}"
+    );
     // What it shows is what the command says.
     let compared = run_json(&["compare", &study]);
     let shown = &data["comparison"]["effects"];

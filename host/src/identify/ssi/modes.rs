@@ -59,6 +59,11 @@ pub fn identify_by_subspace(
         return Err(none_in_band(&grid));
     }
     let rejected = rejected(&setups, &common, &chosen, choice, grid.spacing_hz());
+    if !choice.bands_hz.is_empty() {
+        warnings.push(
+            "mode_bands_hz: the subspace takes the whole band; the fit of spectra alone has bands of modes".to_owned(),
+        );
+    }
     let mut harmonics = Vec::new();
     let mut modes: Vec<Vec<&StablePole>> = Vec::new();
     let mut picks = Vec::new();
