@@ -31,7 +31,8 @@ function stepFor(span, room) {
 function ticks(low, high, room) {
     const step = stepFor(high - low, room), found = []
     for (let n = Math.ceil(low / step - 1e-6); n * step <= high + 1e-6 * step && found.length < 200; n++) found.push(n * step)
-    return found
+    // One alone is no scale.
+    return found.length < 2 && room < 12 ? ticks(low, high, room + 1) : found
 }
 
 /** The unit in which values up to `most` read well: 0.0003 m/s² are 0.3 mm/s². */
@@ -233,7 +234,7 @@ function axisOf(axis, name, small) {
             if (axis.bare) return splits.map(() => "")
             if (axis.values) return axis.values(splits, length(u))
             if (axis.log) return splits.map(value => power(value))
-            const { min, max } = u.scales[name], step = stepFor(max - min, room(u))
+            const { min, max } = u.scales[name], step = splits[1] - splits[0] || stepFor(max - min, room(u))
             return splits.map(value => fixed(value, clamp(-Math.floor(Math.log10(step) + 1e-9), 0, 12)))
         },
         // As wide as its longest number; `least` letters, so that panels below each other agree.

@@ -30,7 +30,7 @@ export function matrix(host, values, { rows, columns, axes, sentence, hue, text,
     pen.textBaseline = "middle"
     const texts = text && values.map(line => line.map(text))
     pen.font = font(10)
-    const pixels = text ? Math.min(11, 10 * (side - 4) / texts.flat().reduce((m, t) => Math.max(m, pen.measureText(t).width), 1)) : 0
+    const longest = texts?.flat().reduce((a, b) => b.length > a.length ? b : a, "0"), pixels = text ? Math.min(11, 10 * (side - 4) / pen.measureText(longest).width) : 0
     values.forEach((line, r) => line.forEach((value, c) => {
         const x = left + c * side, y = 4 + r * high, fill = hue(value)
         pen.fillStyle = fill

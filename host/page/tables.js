@@ -90,7 +90,7 @@ const comparison = {
     says({ comparison: { given, effects } }) {
         const last = effects ?? given, p = last.p_value
         return `The mean MAC is ${[given, effects].filter(Boolean).map(c => mac(c.mean_mac)).join(", with effects ")}.`
-            + (known(p) ? ` Chi-squared is ${fixed(last.chi_squared, 0)} on ${last.degrees_of_freedom} degrees of freedom, p = ${pvalue(p)}: ${p < 0.01 ? "the model misses by more than" : "nothing contradicts the model within"} the measurement's deviations and its own tolerance.` : "")
+            + (known(p) ? ` Chi-squared is ${fixed(last.chi_squared, 0)} on ${last.degrees_of_freedom} degrees of freedom, p ${p < 1e-4 ? "" : "= "}${pvalue(p)}: ${p < 0.01 ? "the model misses by more than" : "what it misses lies within"} the measurement's deviations and its own tolerance.` : "")
     },
     draw(host, { comparison: c }, view) {
         const list = kinds(c), last = c[list.at(-1)[0]]

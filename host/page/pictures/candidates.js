@@ -19,7 +19,7 @@ function chosenOf(data, view) {
 const setsOf = ambiguous => items(ambiguous).map(names => [names].flat())
 const sumOf = rows => probability(rows.reduce((sum, one) => sum + (one.probability ?? 0), 0))
 const sized = ({ value, std, unit }) => `${significant(value, 3)}${std != null ? " ± " + significant(std, 2) : ""}${unit && unit !== "-" ? " " + unit : ""}`
-const written = test => `chi-squared ${fixed(test.chi_squared, 0)} on ${test.degrees_of_freedom ?? "–"} degrees of freedom, p ${pvalue(test.p_value)}`
+const written = test => `chi-squared ${fixed(test.chi_squared, 0)} on ${test.degrees_of_freedom ?? "–"} degrees of freedom, p ${test.p_value < 1e-4 ? "" : "= "}${pvalue(test.p_value)}`
 
 export const candidates = {
     id: "candidates", title: "What the model may lack", long: true, follows: ["candidate"], from: "diagnosis",
@@ -31,7 +31,7 @@ export const candidates = {
             : verdict === "ambiguous" ? `The data cannot tell ${setsOf(ambiguous).map(names => names.join(" and ")).join(", or ")} apart; together they have ${sum(setsOf(ambiguous).flat())}.`
             : verdict === "effect" && named ? `Most probably the model lacks ${named}: ${sum(best)}.`
             : "Most probably the model lacks something that is not among the candidates."
-        return [said, present && `The model as it is: ${written(present)}.`, fit && verdict === "effect" && `With ${named}: ${written(fit)}.`].filter(Boolean).join(" ")
+        return [said, present && `The model as it is${verdict === "effect" ? ", if it may err no more than with it" : ""}: ${written(present)}.`, fit && verdict === "effect" && `With ${named}: ${written(fit)}.`].filter(Boolean).join(" ")
     },
     draw(host, data, view) {
         const { ambiguous, probabilities, joint, partial, next_measurement: next, elsewise, reason, warnings } = data.diagnosis, { print } = chosenOf(data, view)
@@ -46,7 +46,7 @@ export const candidates = {
             ["ln Bayes factor", "over the model as it is", of(one => signed(one.log_bayes_factor, 1))],
             ["Chi-squared", "left", of(one => fixed(one.chi_squared, 0))],
             ["p", "of fit", of(one => pvalue(one.p_value))],
-            ["Misfit left", "% of squares", of(one => fixed(100 * (one.errors_left?.misfit ?? NaN), 0))],
+            ["Misfit left", "% of squares, outliers less", of(one => fixed(100 * (one.errors_left?.misfit ?? NaN), 0))],
             sorted.some(one => one.where_std_m != null || one.near?.length) && ["Place", "± m, or as well at", of(one => [one.where_std_m != null && "± " + significant(one.where_std_m, 2), ...items(one.near).slice(0, 3).map(near => near.where)].filter(Boolean).join(", ")), "wrap"],
             can() && ["Into the model", "", of(one => isImpossible(one) ? "" : button("Add", ["add", candidateName(one)], { "aria-label": `Add ${candidateName(one)} to the model` }))],
         ], [...groups.map(rows => ({ title: `The data cannot tell these apart: together ${sumOf(rows)}`, rows })), { title: groups.length > 0 && "Others", rows: others }],

@@ -45,7 +45,7 @@ export default {
         const both = { zoom: this.id, sync: this.id, with: new Set(), opening }
         if (curves.length > 1) host.append(choice("left-out channel", "left-out", curves.map(each => [each.channel]), one.channel))
         const upper = plot(host, {
-            ...both, height: 260,
+            ...both, height: 260, quiet: true,
             x: { range, bare: true },
             y: { label: quantity(of, unit), least: 6 },
             data: [time, clean(measured), ...kinds.map(({ values }) => clean(values))],
@@ -58,7 +58,7 @@ export default {
             ],
         })
         const lower = plot(host, {
-            ...both, height: 130, quiet: true, name: `What each prediction misses, at most ${significant(Math.max(0, ...off.flatMap(values => extent(values) ?? []).map(Math.abs)), 2)} ${unit}`,
+            ...both, height: 130, name: `What each prediction misses, at most ${significant(Math.max(0, ...off.flatMap(values => extent(values) ?? []).map(Math.abs)), 2)} ${unit}`,
             x: { label: "time in s", range },
             y: { label: `off, in ${unit}`, least: 6 },
             data: [time, ...off],

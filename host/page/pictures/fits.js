@@ -46,7 +46,7 @@ function residuals(host, { hz, measured, fitted, one }, more) {
     const left = clean(measured.map((value, i) => (value / fitted[i] - 1) / one.scatter))
     const reach = Math.min(1.1 * Math.max(2.7, ...extent(left.map(Math.abs)) ?? []), 9)
     return plot(host, {
-        name: "What the fit leaves, line by line, in standard deviations", height: 110, quiet: true, ...more,
+        name: "What the fit leaves, line by line, in standard deviations", height: 110, ...more,
         x: { label: "frequency in Hz", range: [hz[0], hz.at(-1)] },
         y: { label: "left, in std", range: [-reach, reach], least: 5, splits: () => reach > 5 ? [-5, 0, 5] : [-2, 0, 2] },
         data: [hz, left],
@@ -84,7 +84,7 @@ export default {
             const large = make("div.large", make("h4", `${chosen.name}${chosen.mode ? `, damping ${percent(chosen.mode.damping_ratio)}` : ""}${chosen.setup}${chosen.one.is_misfit ? " — something else lies here" : ""}`))
             host.append(large)
             const both = { zoom: "fits", sync: "fits", with: new Set() }
-            made.push(draw(large, chosen, { height: 260, ...both }))
+            made.push(draw(large, chosen, { height: 260, quiet: chosen.one.scatter > 0, ...both }))
             if (chosen.one.scatter > 0) made.push(residuals(large, chosen, both))
         }
         const grid = make("div.multiples")

@@ -57,7 +57,7 @@ export default {
             host.append(cell)
             const bar = i => 2 * (std?.[i] || 0), [low, high] = extent(values.flatMap((value, i) => [value - bar(i), value + bar(i)]), log) ?? [0, 1], room = 0.08 * (high - low || Math.abs(high) || 1)
             return plot(cell, {
-                ...both, name: `${name}, from ${significant(low, 4)} to ${significant(high, 4)}`, height: isLast ? 124 : 92, quiet: index > 0,
+                ...both, name: `${name}, from ${significant(low, 4)} to ${significant(high, 4)}`, height: isLast ? 124 : 92, quiet: !isLast,
                 x: { ...axis, range, bare: !isLast },
                 y: { log, range: log ? [low / 1.2, high * 1.2] : [low - room, high + room], least: 6 },
                 data: [Float64Array.from(middle), clean(values)],

@@ -7,7 +7,7 @@ use clap::Args;
 use super::Console;
 use super::interrupt::leave_nothing_unfinished;
 use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is, width};
-use crate::compare::{Comparison, Side};
+use crate::compare::{Comparison, HeightMisfit, Side};
 use crate::model::Body;
 use crate::story::{Case, Project};
 
@@ -162,7 +162,9 @@ fn tell_where(comparison: &Comparison, console: &Console) {
         ));
     }
     let largest = comparison.by_height.iter().map(|level| level.misfit).fold(f64::MIN_POSITIVE, f64::max);
-    for (index, level) in comparison.by_height.iter().rev().enumerate() {
+    // Where only the story is told, the worst level is enough.
+    let is_told = |level: &&HeightMisfit| !console.is_brief() || level.misfit >= largest;
+    for (index, level) in comparison.by_height.iter().rev().filter(is_told).enumerate() {
         console.say(format!(
             "  {:10} {:9.2} m         misfit {:5.3}               {}",
             if index == 0 { "by height:" } else { "" },
@@ -192,7 +194,7 @@ fn tell_test(comparison: &Comparison, case: &Case, console: &Console) {
     let verdict = if p_value < SIGNIFICANT {
         "the model as it is lies further off than they allow"
     } else {
-        "nothing contradicts the model"
+        "they can account for what differs; `belfry diagnose` asks whether a missing effect accounts for it better"
     };
     console.say(format!(
         "\nchi-squared {chi_squared:.1} on {degrees} degrees of freedom, {}, against {allowance}: {verdict}.",

@@ -132,8 +132,14 @@ fn tell(diagnosis: &Diagnosis, effects: &[String], study: &Study, console: &Cons
     let with = if effects.is_empty() { String::new() } else { format!(", with {},", effects.join(", ")) };
     console.say(format!("\n{}: which effect does the model{with} lack?", study.structure.name));
     let test = diagnosis.present;
+    // By itself it could pass by erring more, so that compare and history say otherwise.
+    let as_with = match (diagnosis.verdict, &diagnosis.best[..]) {
+        (Verdict::Effect, [one]) => format!(", if it may err no more than with {one}"),
+        (Verdict::Ambiguous, _) => ", if it may err no more than with the best of these".to_owned(),
+        _ => String::new(),
+    };
     console.say(format!(
-        "The model as it is: chi-squared {:.0} over {} numbers, {}{}.",
+        "The model as it is{as_with}: chi-squared {:.0} over {} numbers, {}{}.",
         test.chi_squared,
         test.degrees_of_freedom,
         p_is(test.p_value),

@@ -95,6 +95,11 @@ impl Console {
         }
     }
 
+    /// Whether only the story is told.
+    pub fn is_brief(&self) -> bool {
+        self.is_brief
+    }
+
     /// Whether standard output carries one JSON object and nothing else.
     pub fn is_json(&self) -> bool {
         self.json

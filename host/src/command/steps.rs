@@ -29,7 +29,7 @@ pub(super) fn tell_change(report: &ChangeReport, study: &Study, console: &Consol
         let values = values_text(&effect.parameters).replace('\n', ", ");
         console.say(format!("  {}{place}   {values}", effect.effect));
     }
-    console.say(before_and_after(&report.before, &report.after));
+    console.detail(before_and_after(&report.before, &report.after));
     let change = |before: Option<f64>, after: Option<f64>, unit: &str| {
         format!("{}{unit} -> {}{unit}", or_dash(before, 2), or_dash(after, 2))
     };

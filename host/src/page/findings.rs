@@ -236,18 +236,25 @@ fn predicted(sources: &Sources<'_>) -> Option<String> {
         return None;
     }
     let channels = sources.covalidation.get("channels")?.as_array().filter(|channels| !channels.is_empty())?;
-    let mean = |key: &str| -> Option<f64> {
-        let errors: Vec<f64> = channels.iter().filter_map(|one| one.get("error_percent")?.get(key)?.as_f64()).collect();
-        (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
+    // A mean would hide the worst.
+    let range = |key: &str| -> Option<String> {
+        let errors = channels.iter().filter_map(|one| one.get("error_percent")?.get(key)?.as_f64());
+        let (least, most) =
+            errors.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), error| (a.min(error), b.max(error)));
+        match (format!("{least:.1}"), format!("{most:.1}")) {
+            _ if most < least => None,
+            (least, most) if least == most => Some(format!("{least} %")),
+            (least, most) => Some(format!("{least} to {most} %")),
+        }
     };
     let names: Vec<String> = channels.iter().filter_map(|one| Some(one.get("channel")?.as_str()?.to_owned())).collect();
-    let model = mean("model")?;
-    let with = mean("with_effects").map_or_else(String::new, |error| format!(", by that with effects {error:.1} %"));
-    let best = mean("measured_shapes")
-        .map_or_else(String::new, |error| format!("; noise and other modes leave about {error:.1} %"));
+    let model = range("model")?;
+    let with = range("with_effects").map_or_else(String::new, |error| format!(", by that with effects {error}"));
+    let best = range("measured_shapes")
+        .map_or_else(String::new, |error| format!("; the measured shapes themselves leave {error}"));
     let several = if names.len() == 1 { "channel" } else { "channels" };
     Some(format!(
-        "Motion at the left-out {several} {}, predicted from the others: by the model as given {model:.1} % off{with}{best}.",
+        "Motion at the left-out {several} {}, predicted from the others: by the model as given {model} off{with}{best}.",
         listed(&names)
     ))
 }
