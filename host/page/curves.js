@@ -175,9 +175,14 @@ function penOf(u) {
         between(xs, upper, lower) {
             if (columns(xs, upper, lower, 0)) return
             const [from, to] = inSight(xs)
-            for (let i = from; i < to; i++) {
-                const corners = [[xs[i], upper[i]], [xs[i + 1], upper[i + 1]], [xs[i + 1], lower[i + 1]], [xs[i], lower[i]]]
-                if (corners.every(([, b]) => known(b))) this.area(corners)
+            let run = []
+            for (let i = from; i <= to + 1; i++) {
+                if (i <= to && known(upper[i]) && known(lower[i])) run.push(i)
+                else {
+                    // One area of all that hang together.
+                    this.area([...run.map(i => [xs[i], upper[i]]), ...run.reverse().map(i => [xs[i], lower[i]])])
+                    run = []
+                }
             }
         },
     }
@@ -268,7 +273,7 @@ export function plot(host, options) {
         return Array.isArray(wanted) && wanted.length === 2 && wanted.every(known) && wanted[1] > wanted[0] ? inside(wanted) : opening
     }
 
-    const box = make("div.plot", { ...(!still && { tabIndex: 0, role: "group", "aria-label": `${caption?.firstChild.textContent}: plus and minus zoom, arrows move, 0 shows the whole${options.press ? ", Shift and arrows move the cursor, Enter takes what is there" : ""}` }) })
+    const box = make("div.plot", { ...(!still && { tabIndex: 0, role: "group", "aria-label": `${caption?.firstChild.textContent}: plus and minus zoom, arrows move, 0 shows the whole${options.press ? ", Shift and arrows move the cursor, Enter picks" : ""}` }) })
     const again = make("button.whole", { hidden: true, onclick: () => to(whole) }, "whole")
     const key = options.legend && legend(options.legend, options.at)
     const hint = options.noted && make("output.note")

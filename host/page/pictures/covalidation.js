@@ -54,7 +54,7 @@ export default {
             legend: [
                 { label: "measured", colour: "measured", alpha: 0.5, kind: "thick", value: i => fixed(measured[i], 3) },
                 ...kinds.map(({ colour, key, label, kind, values }) => ({ label: label + (error(key) && `, E_d = ${error(key)}`), colour, kind,
-                    check: { checked: chosen.includes(key), onchange: () => toggle(key), title: "Show it, and below what it misses" }, value: i => fixed(values[i], 3) })),
+                    check: { checked: chosen.includes(key), onchange: () => toggle(key), title: "Show it" }, value: i => fixed(values[i], 3) })),
             ],
         })
         const lower = plot(host, {

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use crate::command::with_std;
 use crate::compare::{Comparison, mac_words};
-use crate::study::{Effect, Study};
+use crate::study::Study;
 
 /// A sentence.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -109,11 +109,7 @@ fn verdict(sources: &Sources<'_>) -> Option<String> {
         "effect" => {
             let best = strings(diagnosis.get("best")).first()?.clone();
             // A diagnosis of before it was added, which an earlier version wrote.
-            let has = |effect: &Effect| match &effect.location {
-                Some(place) => best == format!("{}@{place}", effect.kind),
-                None => best == effect.kind,
-            };
-            if sources.study.model.iter().flat_map(|model| &model.effects).any(has) {
+            if has(sources.study, &best) {
                 return None;
             }
             match probability(&best) {
@@ -287,7 +283,8 @@ fn next(sources: &Sources<'_>) -> Vec<Finding> {
         _ => Vec::new(),
     };
     let where_known = names.len() > 1;
-    steps.extend(names.into_iter().map(|name| {
+    let missing = names.into_iter().filter(|name| !has(sources.study, name));
+    steps.extend(missing.map(|name| {
         let text = if where_known {
             format!("Add {name} only if you know that it is there.")
         } else {
@@ -299,6 +296,14 @@ fn next(sources: &Sources<'_>) -> Vec<Finding> {
         steps.extend(run("Predict sensors that the model is not shown.", "covalidate"));
     }
     steps
+}
+
+/// Whether an effect is in the model.
+fn has(study: &Study, name: &str) -> bool {
+    study.model.iter().flat_map(|model| &model.effects).any(|effect| match &effect.location {
+        Some(place) => name == format!("{}@{place}", effect.kind),
+        None => name == effect.kind,
+    })
 }
 
 /// An effect's name with its place.
@@ -394,7 +399,11 @@ mod tests {
         let kinds: Vec<Kind> = texts.iter().map(|(kind, _)| *kind).collect();
         assert!(kinds.is_sorted_by_key(|kind| *kind as usize), "{kinds:?}");
         let known = json!({ "verdict": "effect", "best": ["added-mass@443.6m"] });
-        assert!(!said(&Sources { diagnosis: &known, ..sources }).iter().any(|(_, text)| text.contains("lacks")));
+        assert!(
+            !said(&Sources { diagnosis: &known, ..sources })
+                .iter()
+                .any(|(_, text)| { text.contains("lacks") || text.starts_with("Add added-mass") })
+        );
         // What was fitted with another model is no finding of this one.
         let mut other = study.clone();
         other.model.as_mut().unwrap().effects.clear();
