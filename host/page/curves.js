@@ -2,7 +2,7 @@
 // values at the cursor, sharp print. Pictures give data and painters, and free what they get back.
 
 import { colour, font, make } from "@/canvas.js"
-import { clamp, fixed, hertz, known, percent, power } from "@/numbers.js"
+import { clamp, decimals, fixed, hertz, known, percent, power } from "@/numbers.js"
 import { view } from "@/view.js"
 
 // uPlot takes the page's ratio of pixels when it loads. Two at least, so that curves print sharp from any screen.
@@ -240,7 +240,7 @@ function axisOf(axis, name, small) {
             if (axis.values) return axis.values(splits, length(u))
             if (axis.log) return splits.map(value => power(value))
             const { min, max } = u.scales[name], step = splits[1] - splits[0] || stepFor(max - min, room(u))
-            return splits.map(value => fixed(value, clamp(-Math.floor(Math.log10(step) + 1e-9), 0, 12)))
+            return splits.map(value => fixed(value, decimals(step)))
         },
         // As wide as its longest number; `least` letters, so that panels below each other agree.
         size: vertical ? (_, values) => Math.ceil(6.3 * (values ?? []).reduce((most, text) => Math.max(most, text.length), axis.least ?? 3)) + 10 : axis.bare ? 0 : 22,

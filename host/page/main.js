@@ -58,9 +58,12 @@ class Figure {
         else if (typeof free === "function") this.free = free
         host.style.minHeight = ""
         this.element.classList.remove("waits")
-        delete this.element.dataset.dirty
         if (focused >= 0) this.controls()[focused]?.focus({ preventScroll: true })
     }
+
+    // Whether it is to be drawn anew.
+    get dirty() { return "dirty" in this.element.dataset }
+    set dirty(is) { this.element.toggleAttribute("data-dirty", is) }
 
     controls() { return [...this.host.querySelectorAll("a, button, input, select, summary, textarea, [tabindex]")] }
 
@@ -99,7 +102,7 @@ function idle() {
     }, { timeout: 500 })
 }
 function dirty(which = () => true) {
-    for (const figure of figures.values()) if (which(figure.picture)) { figure.dirty = true; figure.element.dataset.dirty = "" }
+    for (const figure of figures.values()) if (which(figure.picture)) figure.dirty = true
     pump()
 }
 

@@ -19,6 +19,9 @@ export function fixed(x, digits) {
 /** A setup in a sentence. */
 export const inWords = setup => /^setup/i.test(setup) ? setup : "setup " + setup
 
+/** Digits after the point that tell ticks of this step apart. */
+export const decimals = step => clamp(-Math.floor(Math.log10(step) + 1e-9), 0, 12)
+
 export const hertz = (x, digits = 4) => fixed(x, digits) + " Hz"
 /** A share as a percentage. */
 export const percent = (x, digits = 2) => fixed(100 * x, digits) + " %"
@@ -67,6 +70,9 @@ export function probability(p) {
 }
 
 export const pvalue = p => !known(p) ? "–" : p < 0.0001 ? "< 0.0001" : fixed(p, 4)
+
+/** The same behind a p: "= 0.0312" or "< 0.0001". */
+export const pis = p => (p < 0.0001 ? "" : "= ") + pvalue(p)
 
 export function duration(seconds) {
     if (!known(seconds)) return "–"

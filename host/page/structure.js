@@ -3,7 +3,7 @@
 // as they say; the model is its axis and the same outlines.
 
 import { font, mix } from "@/canvas.js"
-import { fixed, known, significant } from "@/numbers.js"
+import { decimals, fixed, known, significant } from "@/numbers.js"
 
 // Least drawn radius of a section over the height: 7 m on 600 m would not be seen.
 const SECTION = 0.045
@@ -257,7 +257,7 @@ export function scales(pen, s, view, height, hues) {
         pen.textAlign = "right"
         for (let z = Math.ceil(s.low / step) * step; z <= s.high + 1e-9; z += step) {
             const y = view.to([0, 0, z])[1]
-            pen.fillText(fixed(z, step < 1 ? 1 - Math.floor(Math.log10(step) + 1.01) : 0), 40, y)
+            pen.fillText(fixed(z, decimals(step)), 40, y)
             stroke(pen, [[44, y], [50, y]])
         }
         pen.textAlign = "left"

@@ -3,7 +3,7 @@
 
 import { typed } from "@/actions.js"
 import { make } from "@/canvas.js"
-import { KINDS, fixed, known, mac, plural, pvalue, signed, within } from "@/numbers.js"
+import { KINDS, fixed, known, mac, pis, plural, pvalue, signed, within } from "@/numbers.js"
 import history from "@/pictures/history.js"
 
 /**
@@ -90,7 +90,7 @@ const comparison = {
     says({ comparison: { given, effects } }) {
         const last = effects ?? given, p = last.p_value
         return `The mean MAC is ${[given, effects].filter(Boolean).map(c => mac(c.mean_mac)).join(", with effects ")}.`
-            + (known(p) ? ` Chi-squared is ${fixed(last.chi_squared, 0)} on ${last.degrees_of_freedom} degrees of freedom, p ${p < 1e-4 ? "" : "= "}${pvalue(p)}: ${p < 0.01 ? "the model misses by more than" : "what it misses lies within"} the measurement's deviations and its own tolerance.` : "")
+            + (known(p) ? ` Chi-squared is ${fixed(last.chi_squared, 0)} on ${last.degrees_of_freedom} degrees of freedom, p ${pis(p)}: ${p < 0.01 ? "the model misses by more than" : "what it misses lies within"} the measurement's deviations and its own tolerance.` : "")
     },
     draw(host, { comparison: c }, view) {
         const list = kinds(c), last = c[list.at(-1)[0]]
@@ -143,8 +143,11 @@ const method = {
             model && "The model is compared mode by mode, paired by shape and frequency. Chi-squared weighs differences by the measurement's deviations and by the model's stated tolerance. Candidates are weighed by their evidence.",
             update && "The direct update is that of Lei, Wang, Shen (2012): K* = K + M Φ Ψ Φᵀ M.",
         ]
-        host.append(...words.filter(Boolean).map(text => make("p", text)), ...[...study.setups?.length ? ["identify"] : [], ...model ? ["compare", "update", "covalidate", "diagnose", "profile", "history"] : []].map(name => make("div", typed(study.commands[name] + (name === "identify" && modes?.link === null ? " --direct" : "")))),
-            ...(model?.effects ?? []).map(effect => make("div", typed(study.commands.identify.replace("identify", "add") + " " + effect.split("=")[0]))))
+        host.append(...words.filter(Boolean).map(text => make("p", text)), ...[
+            ...study.setups?.length ? [["identify", ...modes?.link === null ? ["--direct"] : []]] : [],
+            ...model ? ["compare", "update", "covalidate", "diagnose", "profile", "history"].map(name => [name]) : [],
+            ...(model?.effects ?? []).map(effect => ["add", effect.split("=")[0]]),
+        ].map(command => make("div", typed(command))))
         if (study.setups?.length) host.append(table("Setups", [
             ["Setup", "", s => s.name, "text"], ["Rate", "Hz", s => s.sampling_rate_hz], ["Unit", "", s => s.unit, "text"],
             ["Channels", "", s => s.channels?.length],

@@ -28,6 +28,7 @@ pub mod link;
 pub mod measure;
 pub mod model;
 pub mod modes;
+mod numbers;
 pub mod page;
 pub mod picture;
 pub mod plan;

@@ -4,7 +4,7 @@ import { button, can, candidateName, isAmong } from "@/actions.js"
 import { colour, make, mix } from "@/canvas.js"
 import { chosenMode, items } from "@/curves.js"
 import { matrix } from "@/matrix.js"
-import { clamp, fixed, hertz, known, percent, probability, pvalue, signed, significant } from "@/numbers.js"
+import { clamp, fixed, hertz, known, percent, pis, probability, pvalue, signed, significant } from "@/numbers.js"
 import { bars } from "@/pictures/frequency-errors.js"
 import { bar, table } from "@/tables.js"
 
@@ -19,7 +19,7 @@ function chosenOf(data, view) {
 const setsOf = ambiguous => items(ambiguous).map(names => [names].flat())
 const sumOf = rows => probability(rows.reduce((sum, one) => sum + (one.probability ?? 0), 0))
 const sized = ({ value, std, unit }) => `${significant(value, 3)}${std != null ? " ± " + significant(std, 2) : ""}${unit && unit !== "-" ? " " + unit : ""}`
-const written = test => `chi-squared ${fixed(test.chi_squared, 0)} on ${test.degrees_of_freedom ?? "–"} degrees of freedom, p ${test.p_value < 1e-4 ? "" : "= "}${pvalue(test.p_value)}`
+const written = test => `chi-squared ${fixed(test.chi_squared, 0)} on ${test.degrees_of_freedom ?? "–"} degrees of freedom, p ${pis(test.p_value)}`
 
 export const candidates = {
     id: "candidates", title: "What the model may lack", long: true, follows: ["candidate"], from: "diagnosis",

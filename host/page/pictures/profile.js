@@ -32,10 +32,11 @@ export default {
         const segments = (profile, name) => quantitiesOf(profile).find(each => each.quantity === name)?.segments ?? []
         const stated = one => 100 * one.prior_std / (last.discrepancy?.scatter || 1)
         const all = kinds.flatMap(([, profile]) => quantitiesOf(profile).flatMap(each => each.segments))
-        const heights = extent(all.flatMap(one => [one.z_bottom_m, one.z_top_m])) ?? [0, 1], long = list => list.reduce((sum, one) => sum + one.z_top_m - one.z_bottom_m, 0)
+        const heights = extent(all.flatMap(one => [one.z_bottom_m, one.z_top_m])) ?? [0, 1], tall = one => one.z_top_m - one.z_bottom_m, enough = SHORT * all.reduce((sum, one) => sum + tall(one), 0)
         const furthest = one => Math.max(Math.abs(change(one.factor)) + 100 * (one.std || 0), stated(one) || 0), most = list => extent([1, ...list.map(furthest)])[1]
         // The furthest, as long as they are short in all.
-        const sorted = [...all].sort((a, b) => furthest(b) - furthest(a)), short = sorted.filter((_, i) => long(sorted.slice(0, i + 1)) < SHORT * long(all)), usual = most(sorted.slice(short.length))
+        let sum = 0
+        const sorted = [...all].sort((a, b) => furthest(b) - furthest(a)), short = sorted.filter(one => (sum += tall(one)) < enough), usual = most(sorted.slice(short.length))
         const beyond = short.filter(one => furthest(one) > 3 * usual), reach = 1.05 * most(all.filter(one => !beyond.includes(one)))
         const edge = (list, of) => list.flatMap(one => [[of(one), one.z_bottom_m], [of(one), one.z_top_m]])
         const grid = make("div.multiples.tall")

@@ -52,7 +52,7 @@ export default {
     },
     has: data => setupsOf(data).length > 0,
     draw(host, data) {
-        const setups = setupsOf(data), { setup } = setupOf(setups), { columns, rows, row_s, first_hz, spacing_hz, values } = setupOf(setups).waterfall
+        const setups = setupsOf(data), { setup, waterfall: { columns, rows, row_s, first_hz, spacing_hz, values } } = setupOf(setups)
         const density = unpack(values), { element, from, to } = image(density, columns, rows)
         const range = [first_hz - spacing_hz / 2, first_hz + (columns - 0.5) * spacing_hz], xs = steps(first_hz, spacing_hz, columns)
         const hours = rows * row_s / 3600, short = hours < 2, top = hours * (short ? 60 : 1), modes = modeMarks(data)

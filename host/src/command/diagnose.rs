@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::Console;
 use super::interrupt::leave_nothing_unfinished;
-use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, unit_text, values_text, width};
+use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_before_units, values_text, width};
 use crate::diagnose::steps::Step;
 use crate::diagnose::{
     CandidateReport, Diagnosis, Estimate, FAILS, Part, PartialEffect, Probabilities, STANDS_OUT, Unexplained, Verdict,
@@ -208,13 +208,8 @@ const WIDE: u16 = 100;
 /// An effect's name with how well its height is known, its values and its probability, as tables have them.
 pub(super) fn cells(name: String, where_std_m: Option<f64>, parameters: &[Estimate], probability: f64) -> [String; 3] {
     let place_std = where_std_m.map_or_else(String::new, |std| format!("\n± {} m", short(std)));
-    let mut values = values_text(parameters);
-    if width().is_some_and(|width| width < WIDE) {
-        for parameter in parameters {
-            let unit = unit_text(&parameter.unit);
-            values = values.replace(&unit, &unit.replacen(' ', "\n", 1));
-        }
-    }
+    let is_narrow = width().is_some_and(|width| width < WIDE);
+    let values = values_before_units(parameters, if is_narrow { "\n" } else { " " });
     [name + &place_std, values, probability_text(probability)]
 }
 

@@ -44,7 +44,7 @@ use serde::Serialize;
 use crate::story::{OnProgress, Progress};
 
 pub use route::RouteArguments;
-pub(crate) use text::{in_shell, with_std};
+pub(crate) use text::in_shell;
 
 /// A variable of the environment: where it is set, progress is told on standard error as JSON objects, a line each, instead of bars.
 pub(crate) const PROGRESS_LINES: &str = "BELFRY_PROGRESS_LINES";

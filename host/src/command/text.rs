@@ -8,6 +8,9 @@ use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{Cell, CellAlignment, ColumnConstraint, ContentArrangement, Table, Width};
 
 use crate::diagnose::Estimate;
+use crate::numbers::{self, mac_words};
+
+pub(super) use crate::numbers::{short, with_std};
 
 /// A table that fits the terminal: where it is too wide its header wraps, and then columns that a reader can do without are left
 /// out.
@@ -163,23 +166,27 @@ pub(super) fn or_dash(value: Option<f64>, digits: usize) -> String {
 
 /// A MAC, never rounded up to a perfect one.
 pub(super) fn mac_text(mac: Option<f64>, digits: usize) -> String {
-    let unit = 10f64.powi(digits as i32);
-    or_dash(mac.map(|mac| (mac * unit).floor() / unit), digits)
+    mac.map_or_else(|| "-".to_owned(), |mac| mac_words(mac, digits))
 }
 
 /// A percentage with its sign, but for what rounds to nothing.
 pub(super) fn signed(percent: f64) -> String {
-    if percent.abs() < 0.005 { "0.00".to_owned() } else { format!("{percent:+.2}") }
+    numbers::signed(percent, 2)
 }
 
 /// Values with their deviations.
 pub(super) fn values_text(parameters: &[Estimate]) -> String {
+    values_before_units(parameters, " ")
+}
+
+/// The same, with something between a value and its unit.
+pub(super) fn values_before_units(parameters: &[Estimate], between: &str) -> String {
     let several = parameters.iter().filter(|parameter| parameter.std.is_some()).count() > 1;
     let words: Vec<String> = parameters
         .iter()
         .map(|parameter| {
             let name = if several { format!("{} ", parameter.name) } else { String::new() };
-            let unit = unit_text(&parameter.unit);
+            let unit = unit_after(between, &parameter.unit);
             match parameter.std {
                 Some(std) => format!("{name}{}{unit}", with_std(parameter.value, std)),
                 None => format!("{} {}{unit}", parameter.name, short(parameter.value)),
@@ -191,27 +198,11 @@ pub(super) fn values_text(parameters: &[Estimate]) -> String {
 
 /// A unit behind a number; nothing for a number without one.
 pub(super) fn unit_text(unit: &str) -> String {
-    if unit == "-" { String::new() } else { format!(" {unit}") }
+    unit_after(" ", unit)
 }
 
-/// Three digits, with an exponent where the number is far from 1.
-pub(super) fn short(value: f64) -> String {
-    if value == 0.0 {
-        return "0".to_owned();
-    }
-    let exponent = value.abs().log10().floor();
-    if (-3.0..5.0).contains(&exponent) {
-        format!("{value:.*}", (2.0 - exponent).max(0.0) as usize)
-    } else {
-        format!("{value:.2e}")
-    }
-}
-
-/// A number with its deviation, both with an exponent or both without.
-pub(crate) fn with_std(value: f64, std: f64) -> String {
-    let value = short(value);
-    let std = if value.contains('e') { format!("{std:.2e}") } else { short(std) };
-    format!("{value} ± {std}")
+fn unit_after(between: &str, unit: &str) -> String {
+    if unit == "-" { String::new() } else { format!("{between}{unit}") }
 }
 
 /// A probability in a sentence.

@@ -25,7 +25,7 @@ pub use residual::{ChiSquared, chi_squared};
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};
 pub(crate) use result::{frequency_z, levels};
 pub use shape::mac;
-pub(crate) use shape::{mac_words, scale};
+pub(crate) use shape::scale;
 pub use tolerance::Tolerance;
 pub(crate) use tolerance::{correlation_length_m, one_factor_covariance};
 pub use view::{ModelView, ViewError};

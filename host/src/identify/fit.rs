@@ -13,6 +13,7 @@ use super::tone::{self, Tone};
 use super::twins::Lone;
 use crate::spectra::LineGrid;
 use crate::statistics::median;
+use crate::study::band_at;
 
 /// What a fit stands on.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -40,8 +41,7 @@ pub(super) fn fit(
 ) -> Identification {
     let Basis { picks, harmonics, rejected, bands_hz, .. } = &mut basis;
     for pick in picks.iter_mut() {
-        let hz = pick.frequency_hz(grid);
-        pick.band_hz = bands_hz.iter().copied().find(|[from, to]| (*from..=*to).contains(&hz));
+        pick.band_hz = band_at(bands_hz, pick.frequency_hz(grid));
     }
     let mut setups = Vec::new();
     loop {

@@ -13,7 +13,7 @@ use super::result::{Harmonic, Mode};
 use super::setup::{MeasuredSetup, quantity};
 use super::shape::{Shape, filtered, mac, modal_filter};
 use super::tone;
-use crate::study::Setup;
+use crate::study::{Setup, band_at};
 
 /// How far a mode may have moved, as a share of its frequency, and at least in lines.
 pub(crate) const REACH: f64 = 0.03;
@@ -80,7 +80,7 @@ pub fn track(measured: MeasuredSetup<'_>, modes: &[Mode], forced: &[Harmonic]) -
                 .max_by(|a, b| a.0.total_cmp(&b.0))
                 .map_or_else(|| grid.nearest_line(hz(*index)), |(_, line)| line);
             let unit = shape / Complex64::from(shape.norm().max(f64::MIN_POSITIVE));
-            let band_hz = modes[*index].band_hz.filter(|[from, to]| (*from..=*to).contains(&grid.frequency_hz(line)));
+            let band_hz = band_at(modes[*index].band_hz.as_slice(), grid.frequency_hz(line));
             Pick { by_user: true, band_hz, ..Pick::new(line, vec![unit]) }
         })
         .collect();

@@ -309,8 +309,6 @@ fn published_modes(case: &Case) -> Value {
 
 fn study_value(study: &Study) -> Value {
     let folder = crate::command::in_shell(&study.folder);
-    let command = |name: &str| (name.to_owned(), Value::from(format!("belfry {name} {folder}")));
-    let names = ["identify", "compare", "update", "covalidate", "diagnose", "profile", "history"];
     let sensor = |sensor: &Sensor| {
         json!({
             "channel": sensor.channel,
@@ -337,7 +335,6 @@ fn study_value(study: &Study) -> Value {
         // A study that was read a moment ago; where it cannot be read again, the page does without its text.
         "toml": std::fs::read_to_string(study.folder.join(STUDY_FILE)).unwrap_or_default(),
         "has_model": study.model.is_some(),
-        "commands": names.into_iter().map(command).collect::<Map<String, Value>>(),
         "setups": setups.collect::<Vec<Value>>(),
         "sensors": study.sensors().iter().map(sensor).collect::<Vec<Value>>(),
     })
@@ -389,12 +386,7 @@ fn stale(case: &Case, results: &Results) -> Map<String, Value> {
     let mut stale = Map::new();
     for (what, file, command) in OF_THE_MODEL {
         let Some(then) = then.get(file).filter(|_| results.path(file).exists()) else { continue };
-        // Co-validation predicts by the updated model as well.
-        let now = if file == COVALIDATION_FILE {
-            now.clone().with_file(UPDATE_FILE, &results.path(UPDATE_FILE))
-        } else {
-            now.clone()
-        };
+        let now = now.clone().for_result(file, results);
         let changed = now.changed_since(then);
         if !changed.is_empty() {
             let sentence = format!("{} changed since: run `belfry {command}` again", changed.join(" and "));

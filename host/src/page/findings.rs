@@ -5,8 +5,8 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use crate::command::with_std;
-use crate::compare::{Comparison, mac_words};
+use crate::compare::Comparison;
+use crate::numbers::{mac_words, with_std};
 use crate::study::Study;
 
 /// A sentence.
@@ -180,7 +180,7 @@ fn compared(sources: &Sources<'_>) -> Option<String> {
         .pairs
         .iter()
         .max_by(|a, b| a.frequency_error_percent.abs().total_cmp(&b.frequency_error_percent.abs()))?;
-    let mac = comparison.mean_mac.map_or_else(String::new, |mac| format!(", and a mean MAC of {}", mac_words(mac)));
+    let mac = comparison.mean_mac.map_or_else(String::new, |mac| format!(", and a mean MAC of {}", mac_words(mac, 4)));
     let at = comparison.by_height.iter().max_by(|a, b| a.misfit.total_cmp(&b.misfit));
     let height =
         at.map_or_else(String::new, |height| format!("; shapes are furthest off at {:.0} m", height.elevation_m));

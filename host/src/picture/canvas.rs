@@ -1,10 +1,12 @@
-//! What all pictures have in common: the canvas, its colours, and a panel over height.
+//! What all pictures have in common: the canvas, its colours, its axes.
 //!
 //! A size and a function that draws flow in; SVG text, or which picture could not be drawn and why, flows out.
 
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use thiserror::Error;
+
+pub(super) use crate::numbers::{fixed, signed};
 
 /// The colour of modes.
 pub(super) const MODE: RGBColor = RGBColor(190, 40, 40);
@@ -50,21 +52,6 @@ pub(super) fn picture(
     drawn.map(|()| svg).map_err(|reason: Box<dyn std::error::Error>| PictureError { what, reason: reason.to_string() })
 }
 
-/// A number with so many digits after the point; never "-0.00".
-pub(super) fn fixed(value: f64, digits: usize) -> String {
-    let text = format!("{value:.digits$}");
-    match text.strip_prefix('-') {
-        Some(zero) if zero.bytes().all(|byte| matches!(byte, b'0' | b'.')) => zero.to_owned(),
-        _ => text,
-    }
-}
-
-/// The same with its sign, but for what rounds to nothing.
-pub(super) fn signed(value: f64, digits: usize) -> String {
-    let text = fixed(value, digits);
-    if value > 0.0 && text.bytes().any(|byte| matches!(byte, b'1'..=b'9')) { format!("+{text}") } else { text }
-}
-
 /// Digits after the point that tell the labels of an axis of this length apart: their distance is 1, 2 or 5 of a decade and no less than an
 /// eleventh of the length, so never of a lower decade than a sixth.
 pub(super) fn axis_digits(length: f64) -> usize {
@@ -87,42 +74,9 @@ pub(super) fn width_of(text: &str, size: u32) -> i32 {
     (0.56 * f64::from(size) * text.chars().count() as f64).ceil() as i32
 }
 
-/// A small panel over height.
-pub(super) fn panel_over_height<'a, 'b>(
-    panel: &'a Area<'b>,
-    caption: String,
-    values: std::ops::Range<f64>,
-    [base_m, top_m]: [f64; 2],
-) -> DrawResult<Chart<'a, 'b>> {
-    let mut chart = ChartBuilder::on(panel)
-        .caption(caption, ("sans-serif", 12))
-        .margin(4)
-        .y_label_area_size(30)
-        .build_cartesian_2d(values, base_m..top_m)?;
-    chart
-        .configure_mesh()
-        .disable_mesh()
-        .disable_x_axis()
-        .y_labels(5)
-        .y_label_formatter(&|z| format!("{z:.0}"))
-        .axis_style(FRAME)
-        .draw()?;
-    Ok(chart)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn nothing_has_no_sign() {
-        assert_eq!(
-            ["-0.00", "0.00", "-0.01", "1"].map(|text| text.parse::<f64>().unwrap()).map(|value| fixed(value, 2)),
-            ["0.00", "0.00", "-0.01", "1.00"]
-        );
-        assert_eq!([-0.004, 0.004, -0.006, 0.006].map(|value| signed(value, 2)), ["0.00", "0.00", "-0.01", "+0.01"]);
-        assert_eq!([-0.04, 12.0].map(|value| signed(value, 1)), ["0.0", "+12.0"]);
-    }
 
     /// Five labels between the ends of an axis differ.
     #[test]

@@ -3,7 +3,7 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BESIDE, DrawResult, FRAME, MODE, PictureError, panel_over_height, picture, signed};
+use super::canvas::{Area, BESIDE, Chart, DrawResult, FRAME, MODE, PictureError, picture, signed};
 use crate::change::ModeChange;
 use crate::diagnose::Predicted;
 
@@ -85,9 +85,32 @@ fn draw_modes(area: &Area<'_>, modes: &[ModeChange], predicted: &[Predicted]) ->
     Ok(())
 }
 
+/// A small panel over height.
+fn over_height<'a, 'b>(
+    panel: &'a Area<'b>,
+    caption: String,
+    values: std::ops::Range<f64>,
+    [base_m, top_m]: [f64; 2],
+) -> DrawResult<Chart<'a, 'b>> {
+    let mut chart = ChartBuilder::on(panel)
+        .caption(caption, ("sans-serif", 12))
+        .margin(4)
+        .y_label_area_size(30)
+        .build_cartesian_2d(values, base_m..top_m)?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .disable_x_axis()
+        .y_labels(5)
+        .y_label_formatter(&|z| format!("{z:.0}"))
+        .axis_style(FRAME)
+        .draw()?;
+    Ok(chart)
+}
+
 fn draw_place(area: &Area<'_>, ((z_m, std_m), [base_m, top_m]): Place) -> DrawResult {
     let caption = format!("where: {z_m:.0} m");
-    let mut chart = panel_over_height(area, caption, -1.0..1.0, [base_m, top_m])?;
+    let mut chart = over_height(area, caption, -1.0..1.0, [base_m, top_m])?;
     chart.draw_series(LineSeries::new([(0.0, base_m), (0.0, top_m)], FRAME.stroke_width(5)))?;
     if let Some(std_m) = std_m.filter(|std_m| std_m.is_finite()) {
         let bar = [(0.0, (z_m - 2.0 * std_m).max(base_m)), (0.0, (z_m + 2.0 * std_m).min(top_m))];

@@ -5,9 +5,10 @@ use plotters::prelude::*;
 use super::canvas::{
     Area, Chart, DIRECTIONS, DrawResult, FRAME, PictureError, axis_digits, fixed, picture, signed, width_of,
 };
-use crate::compare::{Comparison, HeightMisfit, ModelView, PairReport, mac_words, scale};
+use crate::compare::{Comparison, HeightMisfit, ModelView, PairReport, scale};
 use crate::model::Assembly;
 use crate::modes::{MeasuredMode, MeasuredShape};
+use crate::numbers::mac_words;
 use crate::study::{Direction, Sensor};
 
 const WHAT: &str = "the comparison";
@@ -63,8 +64,7 @@ pub fn comparison(
         draw_header(&header, structure, &verticals)?;
         let panels = body.split_evenly((rows, columns));
         for (index, (panel, (pair, shape))) in panels.iter().zip(&shapes).enumerate() {
-            let model: Vec<f64> = view.at_sensors.column(pair.model - 1).iter().copied().collect();
-            let lines = scene.lines(pair, shape, &model);
+            let lines = scene.lines(pair, shape, view.shape(pair.model - 1));
             draw(panel, index.is_multiple_of(columns), pair, &lines, range_m)?;
         }
         let is_first = shapes.len().is_multiple_of(columns);
@@ -252,7 +252,7 @@ fn over_height<'a, 'b>(
 }
 
 fn draw(panel: &Area<'_>, is_first: bool, pair: &PairReport, lines: &Lines, range_m: [f64; 2]) -> DrawResult {
-    let mac = pair.mac.map_or_else(String::new, |mac| format!(", MAC {}", mac_words(mac)));
+    let mac = pair.mac.map_or_else(String::new, |mac| format!(", MAC {}", mac_words(mac, 4)));
     let caption = format!("{}: {} %{mac}", pair.measured, signed(pair.frequency_error_percent, 1));
     let edge = lines.edge;
     let label = |motion: &f64| fixed(*motion, axis_digits(2.0 * edge).min(1));

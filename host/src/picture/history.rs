@@ -94,7 +94,7 @@ fn draw(area: &Area<'_>, lines: &[Line], names: &[Vec<String>], below: u32) -> D
         .y_label_formatter(&|value| fixed(*value, axis_digits(highest)))
         .label_style(("sans-serif", 12))
         .draw()?;
-    let mut name_at = 8 + LABELS as i32 - 8;
+    let mut name_at = LABELS as i32;
     for line in lines {
         let points = line.points();
         chart.draw_series(LineSeries::new(points.iter().copied(), line.color.stroke_width(2)))?;

@@ -124,26 +124,23 @@ pub(super) async fn follow(mut child: Child, mut status: JobStatus, tell: impl F
     if let Some(output) = child.stderr.take() {
         let mut lines = BufReader::new(output).lines();
         loop {
-            let line = match tokio::time::timeout(TELL_EVERY, lines.next_line()).await {
-                Ok(Ok(Some(line))) => line,
+            let said = match tokio::time::timeout(TELL_EVERY, lines.next_line()).await {
+                Ok(Ok(Some(line))) => Some(line),
                 Ok(_) => break,
                 // Nothing was said; the time goes on.
-                Err(_) => {
-                    status.elapsed_s = start.elapsed().as_secs_f64();
-                    tell(&status);
-                    continue;
-                }
+                Err(_) => None,
             };
-            match serde_json::from_str::<ProgressLine>(&line) {
-                Ok(ProgressLine { stage, done, total }) => {
+            match said.as_deref().map(serde_json::from_str::<ProgressLine>) {
+                Some(Ok(ProgressLine { stage, done, total })) => {
                     (status.stage, status.done, status.total) = (Some(stage), done, total);
                 }
-                Err(_) => {
-                    kept.push(line);
+                Some(Err(_)) => {
+                    kept.extend(said);
                     let from = kept.len().saturating_sub(LINES_KEPT);
                     kept.drain(..from);
                     status.output = kept.join("\n");
                 }
+                None => {}
             }
             status.elapsed_s = start.elapsed().as_secs_f64();
             tell(&status);

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::case::Case;
 use crate::model::effect::Effect;
 use crate::record::matching_files;
+use crate::results::{COVALIDATION_FILE, Results, UPDATE_FILE};
 use crate::study::{CustomSource, Model, Study};
 
 const CHECKSUM: Crc<u64> = Crc::<u64>::new(&CRC_64_XZ);
@@ -72,10 +73,12 @@ impl Inputs {
         Self(named.into_iter().map(|(name, sum)| (name.to_owned(), sum)).collect())
     }
 
-    /// The same with a file.
-    pub(crate) fn with_file(mut self, name: &str, path: &Path) -> Self {
-        let bytes = std::fs::read(path).unwrap_or_default();
-        self.0.insert(name.to_owned(), checksum(&bytes));
+    /// The same of a result that stands on a model: co-validation predicts by the updated model as well.
+    pub(crate) fn for_result(mut self, result: &str, results: &Results) -> Self {
+        if result == COVALIDATION_FILE {
+            let update = std::fs::read(results.path(UPDATE_FILE)).unwrap_or_default();
+            self.0.insert(UPDATE_FILE.to_owned(), checksum(&update));
+        }
         self
     }
 

@@ -177,7 +177,7 @@ pub(super) fn curves(
             .map(|(source, predictor)| Prediction {
                 label: source.label(),
                 values: collected.samples.iter().map(|sample| predict(predictor, index, sample)).collect(),
-                error_percent: errors_percent.get(index).and_then(|errors| *source.slot(&mut { *errors })),
+                error_percent: errors_percent.get(index).and_then(|errors| source.of(*errors)),
             })
             .collect(),
     };

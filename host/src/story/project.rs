@@ -260,7 +260,7 @@ impl Project {
         request: &CovalidationRequest,
         on_progress: OnProgress<'_>,
     ) -> Result<CovalidationReport, StoryError> {
-        let inputs = Inputs::of_model(self.case()?).with_file(UPDATE_FILE, &self.results.path(UPDATE_FILE));
+        let inputs = Inputs::of_model(self.case()?).for_result(COVALIDATION_FILE, &self.results);
         let case = self.case_of(&request.modes)?;
         self.results.make_ready()?;
         let covalidation = covalidate(&case, request, on_progress)?;

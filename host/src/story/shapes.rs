@@ -41,6 +41,10 @@ impl Source {
         }
     }
 
+    pub(super) fn of(self, mut figures: BySource) -> Option<f64> {
+        *self.slot(&mut figures)
+    }
+
     pub(super) fn label(self) -> &'static str {
         match self {
             Self::Model => "model",

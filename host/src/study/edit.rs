@@ -142,6 +142,7 @@ fn float(number: f64) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::band_at;
 
     const STUDY: &str = "# my tower\n[structure]\nname = \"t\" # short\n\n[[setup]]\nname = \"a\"\nfiles = [\"a.npy\"]\nsampling_rate_hz = 50\nunit = \"m/s2\"\n[[setup.sensor]]\nchannel = \"1\"\nnode = 1\n\n[model]\nbeam = \"beam.csv\" # mine\n\n# soil, see report 3\n[[model.effect]]\nkind = \"base-rotation\"\nvalue = 1e-15 # first guess\n";
 
@@ -182,7 +183,7 @@ mod tests {
         let text = with_choice(STUDY, &choice).unwrap();
         assert!(text.contains("# my tower") && text.contains("# first guess"), "{text}");
         assert_eq!(Study::from_text(&text, Path::new("s")).unwrap().analysis.modes, choice);
-        assert_eq!(choice.band_of(0.37), Some([0.35, 0.38]));
+        assert_eq!(band_at(&choice.bands_hz, 0.37), Some([0.35, 0.38]));
         // Another band of the same mode takes the place of its first.
         choice.fit_to(0.366, Some([0.36, 0.37])).unwrap();
         assert_eq!(choice.bands_hz, [[0.13, 0.15], [0.36, 0.37]]);

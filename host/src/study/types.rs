@@ -246,19 +246,19 @@ pub struct ModeChoice {
 /// Frequencies that differ by less than this share are those of one mode: as near as the user sees when clicking.
 const SAME_MODE: f64 = 0.003;
 
-impl ModeChoice {
-    /// The band that the user has chosen for a mode.
-    pub fn band_of(&self, hz: f64) -> Option<[f64; 2]> {
-        self.bands_hz.iter().copied().find(|[from, to]| (*from..=*to).contains(&hz))
-    }
+/// The band in which a frequency lies.
+pub(crate) fn band_at(bands_hz: &[[f64; 2]], hz: f64) -> Option<[f64; 2]> {
+    bands_hz.iter().copied().find(|[from, to]| (*from..=*to).contains(&hz))
+}
 
+impl ModeChoice {
     /// Wants the mode at a frequency fitted to this band, or to one that is chosen from the data.
     ///
     /// # Errors
     /// A sentence, where the mode is not inside of the band, or the band reaches into that of another mode.
     pub fn fit_to(&mut self, hz: f64, band_hz: Option<[f64; 2]>) -> Result<(), String> {
         let mut others = self.bands_hz.clone();
-        others.retain(|[from, to]| !(*from..=*to).contains(&hz));
+        others.retain(|band| band_at(&[*band], hz).is_none());
         if let Some([from, to]) = band_hz {
             if !(from > 0.0 && (from..to).contains(&hz)) {
                 return Err(format!("the mode at {hz:.4} Hz does not lie between {from:.4} and {to:.4} Hz"));

@@ -1,0 +1,65 @@
+//! Numbers as engineers write them, the same in what commands print, in pictures and on the page.
+
+/// A number with so many digits after the point; never "-0.00".
+pub(crate) fn fixed(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|byte| matches!(byte, b'0' | b'.')) => zero.to_owned(),
+        _ => text,
+    }
+}
+
+/// The same with its sign, but for what rounds to nothing.
+pub(crate) fn signed(value: f64, digits: usize) -> String {
+    let text = fixed(value, digits);
+    if value > 0.0 && text.bytes().any(|byte| matches!(byte, b'1'..=b'9')) { format!("+{text}") } else { text }
+}
+
+/// Three digits, with an exponent where the number is far from 1.
+pub(crate) fn short(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let exponent = value.abs().log10().floor();
+    if (-3.0..5.0).contains(&exponent) {
+        format!("{value:.*}", (2.0 - exponent).max(0.0) as usize)
+    } else {
+        format!("{value:.2e}")
+    }
+}
+
+/// A number with its deviation, both with an exponent or both without.
+pub(crate) fn with_std(value: f64, std: f64) -> String {
+    let value = short(value);
+    let std = if value.contains('e') { format!("{std:.2e}") } else { short(std) };
+    format!("{value} ± {std}")
+}
+
+/// A MAC, never rounded up, so that only a perfect one reads 1.0000.
+pub(crate) fn mac_words(mac: f64, digits: usize) -> String {
+    let unit = 10f64.powi(digits as i32);
+    format!("{:.digits$}", (mac * unit).floor() / unit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_has_no_sign() {
+        assert_eq!(
+            ["-0.00", "0.00", "-0.01", "1"].map(|text| text.parse::<f64>().unwrap()).map(|value| fixed(value, 2)),
+            ["0.00", "0.00", "-0.01", "1.00"]
+        );
+        assert_eq!([-0.004, 0.004, -0.006, 0.006].map(|value| signed(value, 2)), ["0.00", "0.00", "-0.01", "+0.01"]);
+        assert_eq!([-0.04, 12.0].map(|value| signed(value, 1)), ["0.0", "+12.0"]);
+    }
+
+    #[test]
+    fn a_mac_is_never_rounded_up() {
+        assert_eq!(
+            [1.0, 0.999_99, 0.999_94, 0.5].map(|mac| mac_words(mac, 4)),
+            ["1.0000", "0.9999", "0.9999", "0.5000"]
+        );
+    }
+}
