@@ -25,13 +25,13 @@ export const candidates = {
     id: "candidates", title: "What the model may lack", long: true, follows: ["candidate"], from: "diagnosis",
     has: data => all(data).length > 0,
     says(data) {
-        const { verdict, best, ambiguous, probabilities, present, goodness_of_fit: fit } = data.diagnosis, named = items(best).join(" and ")
+        const { verdict, best, ambiguous, probabilities, present, present_beside_best: beside, goodness_of_fit: fit } = data.diagnosis, named = items(best).join(" and ")
         const sum = names => sumOf(all(data).filter(one => isAmong(one, names)))
         const said = verdict === "adequate" ? `Most probably the model lacks nothing: ${probability(probabilities?.adequate)}.`
             : verdict === "ambiguous" ? `The data cannot tell ${setsOf(ambiguous).map(names => names.join(" and ")).join(", or ")} apart; together they have ${sum(setsOf(ambiguous).flat())}.`
             : verdict === "effect" && named ? `Most probably the model lacks ${named}: ${sum(best)}.`
             : "Most probably the model lacks something that is not among the candidates."
-        return [said, present && `The model as it is${verdict === "effect" ? ", if it may err no more than with it" : ""}: ${written(present)}.`, fit && verdict === "effect" && `With ${named}: ${written(fit)}.`].filter(Boolean).join(" ")
+        return [said, present && `The model as it is: ${written(present)}.`, beside && `If it may miss no more than with it: ${written(beside)}.`, fit && verdict === "effect" && `With ${named}: ${written(fit)}.`].filter(Boolean).join(" ")
     },
     draw(host, data, view) {
         const { ambiguous, probabilities, joint, partial, next_measurement: next, elsewise, reason, warnings } = data.diagnosis, { print } = chosenOf(data, view)

@@ -9,7 +9,8 @@ use super::interrupt::leave_nothing_unfinished;
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_before_units, values_text, width};
 use crate::diagnose::steps::Step;
 use crate::diagnose::{
-    CandidateReport, Diagnosis, Estimate, FAILS, Part, PartialEffect, Probabilities, STANDS_OUT, Unexplained, Verdict,
+    CandidateReport, Diagnosis, Estimate, FAILS, GoodnessOfFit, Part, PartialEffect, Probabilities, STANDS_OUT,
+    Unexplained, Verdict,
 };
 use crate::model::effect::{self, Evidence};
 use crate::results::FINGERPRINTS_PICTURE;
@@ -131,20 +132,20 @@ fn in_modes(candidate: &CandidateReport) -> bool {
 fn tell(diagnosis: &Diagnosis, effects: &[String], study: &Study, console: &Console) {
     let with = if effects.is_empty() { String::new() } else { format!(", with {},", effects.join(", ")) };
     console.say(format!("\n{}: which effect does the model{with} lack?", study.structure.name));
-    let test = diagnosis.present;
-    // By itself it could pass by erring more, so that compare and history say otherwise.
-    let as_with = match (diagnosis.verdict, &diagnosis.best[..]) {
-        (Verdict::Effect, [one]) => format!(", if it may err no more than with {one}"),
-        (Verdict::Ambiguous, _) => ", if it may err no more than with the best of these".to_owned(),
-        _ => String::new(),
+    let in_words = |test: GoodnessOfFit| {
+        format!(
+            "chi-squared {:.0} over {} numbers, {}{}.",
+            test.chi_squared,
+            test.degrees_of_freedom,
+            p_is(test.p_value),
+            if test.p_value < FAILS { worst_text(test.worst) } else { "" }
+        )
     };
-    console.say(format!(
-        "The model as it is{as_with}: chi-squared {:.0} over {} numbers, {}{}.",
-        test.chi_squared,
-        test.degrees_of_freedom,
-        p_is(test.p_value),
-        if test.p_value < FAILS { worst_text(test.worst) } else { "" }
-    ));
+    console.say(format!("The model as it is: {}", in_words(diagnosis.present)));
+    if let Some(test) = diagnosis.present_beside_best {
+        let best = if diagnosis.ambiguous.is_empty() { &best_name(diagnosis) } else { "the best of these" };
+        console.say(format!("If it may miss no more than with {best}: {}", in_words(test)));
+    }
     if !diagnosis.candidates.is_empty() {
         tell_table(diagnosis, console);
         for candidate in shown(diagnosis) {
@@ -183,7 +184,7 @@ fn tell_table(diagnosis: &Diagnosis, console: &Console) {
         (probability, [name, values, probable, left, p_text(candidate.p_value)])
     };
     let Probabilities { adequate, something_else } = diagnosis.probabilities;
-    let (dash, test) = (|| "-".to_owned(), diagnosis.present);
+    let (dash, test) = (|| "-".to_owned(), diagnosis.present_beside_best.unwrap_or(diagnosis.present));
     let as_it_is = [
         "none".to_owned(),
         dash(),
@@ -222,9 +223,19 @@ pub(super) fn probability_text(probability: f64) -> String {
     }
 }
 
+/// The effect that is named first; empty where none is.
+fn best_name(diagnosis: &Diagnosis) -> String {
+    diagnosis.best.first().cloned().unwrap_or_default()
+}
+
 fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
-    let best = diagnosis.best.first().cloned().unwrap_or_default();
+    let best = best_name(diagnosis);
     match diagnosis.verdict {
+        Verdict::Adequate if diagnosis.present.p_value < FAILS => {
+            console.say(
+                "Verdict: adequate. The model misses more than its tolerance says, but no effect accounts for that.",
+            );
+        }
         Verdict::Adequate => {
             console.say("Verdict: adequate. The model explains the measurement within its tolerance, and no effect is called for.");
         }

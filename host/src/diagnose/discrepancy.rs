@@ -100,6 +100,12 @@ impl Discrepancy {
         Self { scatter: expected_scatter, expected_scatter, ..Self::NONE }
     }
 
+    /// What careful models of the kind miss, the more the shorter the waves.
+    fn usual_at(expected_scatter: f64) -> Self {
+        let (frequency, shape, smooth) = (FREQUENCY.usual, SHAPE.usual, SHAPE.usual);
+        Self { frequency, shape, smooth, growth: 1.0, scatter: SCATTER[1], ..Self::none_at(expected_scatter) }
+    }
+
     /// From the logarithms of its sizes, the growth, and the logarithm of the scatter's.
     fn of_numbers(numbers: Numbers, expected_scatter: f64) -> Self {
         let size = |at: usize, range: &Range| {
@@ -321,6 +327,12 @@ impl Problem {
     /// The same, if the study stated a tolerance this many times as large.
     pub(super) fn stated(&self, times: f64) -> Self {
         self.with_discrepancy(Discrepancy::none_at(times))
+    }
+
+    /// Where a search for the best fit with the best discrepancy starts.
+    pub(super) fn discrepancies_to_start_from(&self) -> [Discrepancy; 2] {
+        let expected = self.discrepancy.expected_scatter;
+        [Discrepancy::none_at(expected), Discrepancy::usual_at(expected)]
     }
 
     /// A fit again with the discrepancy that suits it best, and the problem with that; `None` where it has that already.

@@ -278,6 +278,13 @@ impl Fit {
         self.log_evidence
     }
 
+    /// Whether all values of an effect that are fitted are such as every good installation has.
+    pub(super) fn is_usual(&self, effect: usize) -> bool {
+        let mut fitted =
+            self.state.effects[effect].parameters().filter(|(parameter, _)| parameter.is_fitted()).peekable();
+        fitted.peek().is_some() && fitted.all(|(parameter, value)| parameter.is_usual(value))
+    }
+
     /// Whether the values of an effect, together, differ from those at which it is not there by more than their deviations:
     /// Wald's test at 5 %. True of effects that have no value to test.
     pub(super) fn is_significant(&self, effect: usize) -> bool {

@@ -47,12 +47,12 @@ pub struct Tests {
     pub p_value: f64,
 }
 
-/// The test of the model with its effects as they are written, as the history states it for a step, and what it had to allow for; `None`
-/// where nothing can be compared.
+/// The test of the model with its effects as they are written, as comparison, history and diagnosis state it, and what it had to allow for;
+/// `None` where nothing can be compared.
 pub fn fit_as_given(problem: &Problem, effects: &[Effect]) -> Option<(GoodnessOfFit, Discrepancy)> {
     let numbers = DVector::zeros(problem.background.size());
     let fit = problem.fit(effects.to_vec(), &[], &numbers, None).ok()?;
-    let settled = problem.settled_plausibly(&fit);
+    let settled = problem.afresh(&fit, problem.settled(&fit)).filter(|(_, fit)| fit.discrepancy.is_plausible());
     let (problem, fit) = here(&settled, problem, &fit);
     Some((fit.goodness_as_stated(problem).into(), fit.discrepancy))
 }

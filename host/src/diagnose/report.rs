@@ -44,8 +44,10 @@ pub struct Diagnosis {
     pub next_measurement: Option<String>,
     /// Of the model with the best effect, where one is named; else of the present model.
     pub goodness_of_fit: GoodnessOfFit,
-    /// Of the present model, with the background fitted within its tolerance.
+    /// Of the model with its effects as they are written: the same test as that of a comparison and of the history.
     pub present: GoodnessOfFit,
+    /// Of the model as it is, if it may miss no more than with the best effect; null where none is named.
+    pub present_beside_best: Option<GoodnessOfFit>,
     /// What the same misses for reasons that neither an effect nor the tolerance explains, as standard deviations.
     pub discrepancy: Discrepancy,
     /// What the best fit leaves.

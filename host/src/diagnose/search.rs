@@ -13,7 +13,7 @@ use super::misfit::Loss;
 use super::problem::Problem;
 use super::score::{Scored, Sighting};
 use super::state::State;
-use crate::model::effect::{EffectKind, Evidence, KINDS, Where};
+use crate::model::effect::{Effect, EffectKind, Evidence, KINDS, Where};
 
 /// What a search has found.
 pub(super) struct Searched {
@@ -69,8 +69,11 @@ const LOOKS: usize = 3;
 const MOST_SEARCHES: usize = 2;
 /// One that passes and gains this more than another makes that one impossible.
 pub(super) const CLEAR: f64 = 50.0;
-/// Effects that are fitted once more from the start in the end, where they do not pass.
-const AFRESH: usize = 2;
+/// Effects that are fitted once more from the start in the end, where they do not pass: what was bent for another effect, or for none, hides
+/// one of them now and then, and the right one need not stand before those that help only beside it.
+const AFRESH: usize = 6;
+/// Fits whose evidence differs by less are as probable: their sizes of a discrepancy are found to a step only.
+const AS_PROBABLE: f64 = 2.0;
 /// Kinds that are refitted.
 const REFITTED: usize = 10;
 /// Places of a kind that are refitted.
@@ -90,7 +93,7 @@ impl Problem {
     pub(super) fn search(&self, present: &Fit, options: &Options) -> Searched {
         let given = self.without_scatter(present).ok();
         let sightings = self.sightings(present, given.as_ref(), &|fit| self.all_candidates(fit, options));
-        let mut anew = self.first_look(present, &sightings);
+        let (mut anew, looks) = self.first_look(present, &sightings);
         let mut settled: Settled = None;
         let (mut found, mut rejected) = (Vec::new(), Vec::new());
         for search in 1..=MOST_SEARCHES {
@@ -100,6 +103,7 @@ impl Problem {
             }
             let (problem, present) = here(&settled, self, present);
             (found, rejected) = problem.search_all(present, &sightings);
+            problem.take_up(present, &looks, &mut found);
             let best = problem.leading(&found).map_or(present, |best| &best.fit);
             anew = if search < MOST_SEARCHES { problem.to_look_anew(best) } else { None };
             if anew.is_none() {
@@ -142,11 +146,12 @@ impl Problem {
         found.left = without.and_then(|without| self.left_with(without, found));
         // Where the tolerance accounts for all that is left, the evidence is right about what scatter can do.
         let is_accounted_for = !found.own().discrepancy.misses_more();
-        found.helps = is_accounted_for || found.left.is_none_or(|left| left.is_relief(passes));
+        let falls = is_accounted_for || found.left.is_none_or(|left| left.is_relief(passes));
+        found.helps = falls && !found.own().is_usual(found.index());
     }
 
-    /// The discrepancy that the best of a few kinds leaves, at the places that promise most.
-    fn first_look(&self, present: &Fit, sightings: &[Sighting<'_>]) -> Option<Discrepancy> {
+    /// The discrepancy that the best of a few kinds leaves, at the places that promise most, and their fits.
+    fn first_look(&self, present: &Fit, sightings: &[Sighting<'_>]) -> (Option<Discrepancy>, Vec<Fit>) {
         let scored = self.scored(sightings).into_iter().filter(|one| one.admissible).collect();
         let kinds = by_kind(scored);
         // Linear steps promise more than they keep; what an effect that is there or not gains is what it gains.
@@ -156,7 +161,28 @@ impl Problem {
             looked_at.filter_map(|kind| self.refit_one(present, &kind[0], None, Effort::Full)).collect();
         let best = looks.iter().max_by(|a, b| a.log_evidence().total_cmp(&b.log_evidence()));
         let best = best.filter(|best| best.log_evidence() - present.log_evidence() > STANDS_OUT);
-        self.to_look_anew(best.unwrap_or(present))
+        (self.to_look_anew(best.unwrap_or(present)), looks)
+    }
+
+    /// Takes up fits of another look, with this problem's discrepancy, where they are better than what was `found` of their kind: where an
+    /// effect is far from what the present model says, a linear step from there leads now to one of its places and now to another.
+    fn take_up(&self, present: &Fit, looks: &[Fit], found: &mut Vec<Found>) {
+        let again: Vec<Fit> = looks.par_iter().filter_map(|look| self.refitted(look).ok()).collect();
+        for fit in again {
+            let Some(kind) = fit.effects().last().map(Effect::of_kind) else { continue };
+            let place = found.iter().position(|found| found.kind.name() == kind.name());
+            if place.is_some_and(|place| found[place].fit.log_evidence() + SAME > fit.log_evidence()) {
+                continue;
+            }
+            let gain = fit.log_evidence() - present.log_evidence();
+            let hypotheses = self.hypotheses(kind, present);
+            let better = Found::alone(kind, fit, gain - (hypotheses as f64).ln(), hypotheses);
+            match place {
+                Some(place) => found[place] = better,
+                None => found.push(better),
+            }
+        }
+        sort(found);
     }
 
     /// The discrepancy that suits a fit, where it makes a difference. What changes the evidence by less changes no order; each effect
@@ -199,28 +225,58 @@ impl Problem {
         });
         sort(found);
         if !is_clear {
-            found.iter_mut().take(AFRESH).for_each(|found| {
-                let Some((_, afresh)) = self.afresh(found.own(), None) else { return };
-                found.log_bayes_factor = afresh.log_evidence() - reference + found.log_share;
-                found.own = Some(afresh);
+            let bent = own.as_ref().map_or(present, |(_, own)| own);
+            let straight = self.straight_starts();
+            found.par_iter_mut().enumerate().for_each(|(rank, found)| {
+                // With one number more a model explains no less: a fit that says so has stopped short.
+                let stopped_short = found.log_bayes_factor < found.log_share - SAME;
+                let mut starts = Vec::new();
+                if stopped_short || rank < AFRESH {
+                    starts.push((bent.discrepancy, bent.state.numbers.clone()));
+                }
+                if rank < AFRESH {
+                    starts.extend_from_slice(&straight);
+                }
+                let Some((_, other)) = self.from_others(found.own(), None, &starts) else { return };
+                found.log_bayes_factor = other.log_evidence() - reference + found.log_share;
+                found.own = Some(other);
             });
             sort(found);
         }
         own
     }
 
-    /// A fit that does not pass, from a straight background and without a discrepancy at first, where that has the higher evidence: what
-    /// was bent to stand in for an effect may stay bent with it. `settled` is what stands until now.
-    fn afresh(&self, fit: &Fit, settled: Settled) -> Settled {
+    /// A straight background without a discrepancy, and with what is usual.
+    fn straight_starts(&self) -> Vec<(Discrepancy, DVector<f64>)> {
+        let straight = DVector::zeros(self.background.size());
+        self.discrepancies_to_start_from().into_iter().map(|discrepancy| (discrepancy, straight.clone())).collect()
+    }
+
+    /// A fit that does not pass, from a straight background, where that is more probable.
+    pub(super) fn afresh(&self, fit: &Fit, settled: Settled) -> Settled {
+        self.from_others(fit, settled, &self.straight_starts())
+    }
+
+    /// A fit that does not pass, from other discrepancies and backgrounds, where that is more probable: what was bent to stand in for an
+    /// effect may stay bent with it, and the robust loss may let go of modes that a discrepancy accounts for. `settled` is what stands until
+    /// now. Of those that are as good as equally probable, the one that fits best stands for all.
+    fn from_others(&self, fit: &Fit, settled: Settled, starts: &[(Discrepancy, DVector<f64>)]) -> Settled {
         let (_, stands) = here(&settled, self, fit);
         if stands.passes() {
             return settled;
         }
-        let given = self.stated(self.discrepancy.expected_scatter);
-        let straight = DVector::zeros(self.background.size());
-        let Ok(first) = given.fit(fit.state.effects.clone(), &fit.knobs, &straight, None) else { return settled };
-        let afresh = given.settled(&first).unwrap_or((given, first));
-        if afresh.1.log_evidence() > stands.log_evidence() { Some(afresh) } else { settled }
+        let from = |(discrepancy, numbers): &(Discrepancy, DVector<f64>)| {
+            let start = self.with_discrepancy(*discrepancy);
+            let first = start.fit(fit.state.effects.clone(), &fit.knobs, numbers, None).ok()?;
+            Some(start.settled(&first).unwrap_or((start, first)))
+        };
+        let mut found: Vec<(Problem, Fit)> = starts.par_iter().filter_map(from).collect();
+        let most = found.iter().map(|(_, fit)| fit.log_evidence()).fold(stands.log_evidence(), f64::max);
+        let is_as_probable = |fit: &Fit| fit.log_evidence() > most - AS_PROBABLE;
+        found.retain(|(_, fit)| is_as_probable(fit));
+        let p_value = |fit: &Fit| fit.goodness_of_fit().p_value;
+        let best = found.into_iter().max_by(|a, b| p_value(&a.1).total_cmp(&p_value(&b.1)));
+        best.filter(|(_, best)| !is_as_probable(stands) || p_value(best) > p_value(stands)).or(settled)
     }
 
     /// Every kind near the present model, with this discrepancy.

@@ -20,6 +20,32 @@ fn effects(words: &[&str]) -> Vec<Effect> {
     words.iter().map(|word| word.parse().unwrap()).collect()
 }
 
+/// A gain that is off by less than calibration leaves is no finding, however well it is seen; one that is off by more is.
+#[test]
+fn gains_within_calibration_are_no_effect() {
+    let (structure, model, sensors) = study();
+    let diagnosed = |factor: f64| {
+        let truth = structure.clone().and(&effects(&[&format!("sensor-gain@ch13={factor}")])).unwrap();
+        let view = crate::compare::ModelView::of(&truth.assemble(), &sensors).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(17);
+        let mut modes = measured(&truth, &sensors, 12, &mut random);
+        for (mode, measured) in modes.iter_mut().enumerate() {
+            let exact = DVector::from_column_slice(view.shape(mode)).normalize();
+            let shape = measured.shape.as_mut().unwrap();
+            shape.values = exact.map(|value| value + 3e-4 * normal(&mut random));
+            shape.stds = Some(DVector::from_element(exact.len(), 3e-4));
+        }
+        let problem = Problem::new(structure.clone(), &[], &model, &sensors, &modes).unwrap();
+        diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap()
+    };
+    let within = diagnosed(1.008);
+    assert_eq!(within.verdict, Verdict::Adequate, "{:?}", within.best);
+    let is_told = |text: &String| text.contains("sensor-gain@ch13 stands out, but is not counted");
+    assert!(within.warnings.iter().any(is_told), "{:?}", within.warnings);
+    let beyond = diagnosed(1.03);
+    assert_eq!((beyond.verdict, &beyond.best[..]), (Verdict::Effect, &["sensor-gain@ch13".to_owned()][..]));
+}
+
 /// The Jacobian against central differences, background and every kind of effect, at a point away from nothing.
 #[test]
 fn derivatives_are_those_of_the_differences() {

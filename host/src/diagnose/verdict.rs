@@ -12,6 +12,7 @@ use super::elsewise::Elsewise;
 use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
 use super::found::Found;
+use super::goodness::fit_as_given;
 use super::near::Near;
 use super::partial_report::PartialAnswer;
 use super::posterior::{Hypothesis, Probabilities, posterior};
@@ -42,7 +43,8 @@ pub fn diagnose(
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
     let present = problem.fit_present(effects)?;
-    let Searched { settled, own, found, rejected } = problem.search(&present, options);
+    let (as_given, Searched { settled, own, found, rejected }) =
+        rayon::join(|| fit_as_given(problem, effects), || problem.search(&present, options));
     let (searched, settled) = here(&settled, problem, &present);
     let at_its_own = own.as_ref().map_or(settled, |(_, fit)| fit);
     let considered = shown(signals, effects, &options.without);
@@ -53,6 +55,10 @@ pub fn diagnose(
     let alone = own.as_ref().filter(|_| !is_led);
     let (problem, present) = alone.map_or((searched, settled), |(problem, fit)| (problem, fit));
     let mut diagnosis = weighed.told(problem, present);
+    diagnosis.present_beside_best = is_led.then_some(diagnosis.present);
+    if let Some((test, _)) = as_given {
+        diagnosis.present = test;
+    }
     diagnosis.warnings.extend(weighed.no_help(problem));
     diagnosis.fingerprints = searched.fingerprints(settled, &weighed.first_found());
     if matches!(weighed.leads, Leads::SomethingElse) {
@@ -221,6 +227,7 @@ impl<'a> Weighed<'a> {
             elsewise: Vec::new(),
             partial: None,
             present: present.goodness_of_fit().into(),
+            present_beside_best: None,
             unexplained: unexplained(problem, shown_fit),
             explained: explained(problem, present, shown_fit),
             effects: (0..present.state.effects.len()).map(|effect| report(present, effect, None)).collect(),
@@ -246,6 +253,12 @@ impl<'a> Weighed<'a> {
         let most = helps.fold(problem.prior_odds.adequate().ln(), f64::max);
         let useless = self.found.iter().filter(|(found, ..)| !found.helps && log_odds(found) > most);
         let (found, ..) = useless.max_by(|a, b| log_odds(a.0).total_cmp(&log_odds(b.0)))?;
+        if found.own().is_usual(found.index()) {
+            return Some(format!(
+                "{} stands out, but is not counted: calibration and mounting of good sensors leave as much",
+                found.effect()
+            ));
+        }
         let left = found.left?;
         let how = match (left.misfit < 1.0, left.frequency < 1.0) {
             (false, _) => "the model's errors rise with it",

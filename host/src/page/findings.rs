@@ -6,6 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use crate::compare::Comparison;
+use crate::diagnose::FAILS;
 use crate::numbers::{mac_words, with_std};
 use crate::study::Study;
 
@@ -105,6 +106,9 @@ fn verdict(sources: &Sources<'_>) -> Option<String> {
         percent => format!("{percent:.0} %"),
     };
     Some(match diagnosis.get("verdict")?.as_str()? {
+        "adequate" if diagnosis.get("present")?.get("p_value")?.as_f64()? < FAILS => {
+            "The model misses more than its tolerance says, but no effect accounts for that.".to_owned()
+        }
         "adequate" => "The model explains the measurement within its tolerance; no effect is called for.".to_owned(),
         "effect" => {
             let best = strings(diagnosis.get("best")).first()?.clone();

@@ -22,6 +22,8 @@ pub struct Parameter {
     pub prior: Prior,
     /// What it changes grows with this power of its distance from the neutral value.
     pub power: u8,
+    /// Distances from the neutral value up to this are found in every good installation, and are no finding.
+    pub usual: f64,
 }
 
 /// The typical size of a parameter: one standard deviation of what is expected before anything is measured.
@@ -50,7 +52,7 @@ impl Parameter {
     /// A number of zero or more whose typical size depends on the structure.
     pub(super) const fn positive(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
         let prior = Prior::FrequencyShift(TYPICAL_SHIFT);
-        Self { name, unit, least: 0.0, greatest: f64::INFINITY, neutral: 0.0, meaning, prior, power: 1 }
+        Self { name, unit, least: 0.0, greatest: f64::INFINITY, neutral: 0.0, meaning, prior, power: 1, usual: 0.0 }
     }
 
     /// The same of a number whose square is what counts, up to a greatest.
@@ -66,7 +68,7 @@ impl Parameter {
         typical: f64,
         meaning: &'static str,
     ) -> Self {
-        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Value(typical), power: 1 }
+        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Value(typical), power: 1, usual: 0.0 }
     }
 
     /// A factor, which is not there at 1.
@@ -79,6 +81,11 @@ impl Parameter {
         Self { neutral: 1.0, ..Self::ranged(name, "-", [least, greatest], typical, meaning) }
     }
 
+    /// The same, where every good installation has distances up to this from the neutral value.
+    pub(super) const fn usually_within(self, usual: f64) -> Self {
+        Self { usual, ..self }
+    }
+
     /// A number that is not fitted.
     pub(super) const fn given(
         name: &'static str,
@@ -86,12 +93,17 @@ impl Parameter {
         [least, greatest]: [f64; 2],
         meaning: &'static str,
     ) -> Self {
-        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Given, power: 1 }
+        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Given, power: 1, usual: 0.0 }
     }
 
     /// The value that changes `times` as much as `small` does, both as distances from the neutral value.
     pub fn enlarged(&self, small: f64, times: f64) -> f64 {
         if self.power == 1 { small * times } else { small * times.abs().powf(1.0 / f64::from(self.power)) }
+    }
+
+    /// Whether a value is one that every good installation has.
+    pub fn is_usual(&self, value: f64) -> bool {
+        (value - self.neutral).abs() <= self.usual
     }
 
     /// Whether it is fitted.

@@ -27,7 +27,10 @@ const ABOUT: About = About {
     examples: &["sensor-gain@07=1.5"],
 };
 
-const FACTOR: Parameter = Parameter::factor("factor", [0.0, 100.0], 0.3, "recorded over true motion");
+/// Accelerometers are calibrated to about a hundredth.
+const CALIBRATION: f64 = 0.01;
+const FACTOR: Parameter =
+    Parameter::factor("factor", [0.0, 100.0], 0.3, "recorded over true motion").usually_within(CALIBRATION);
 
 /// See [`ABOUT`].
 #[derive(Debug)]

@@ -28,7 +28,10 @@ const ABOUT: About = About {
     examples: &["sensor-rotation@node3=15"],
 };
 
-const ANGLE: Parameter = Parameter::ranged("angle", "deg", [-180.0, 180.0], 10.0, "true azimuth less the stated one");
+/// By a drawing or a compass, sensors are mounted to about a degree.
+const MOUNTING_DEG: f64 = 1.0;
+const ANGLE: Parameter = Parameter::ranged("angle", "deg", [-180.0, 180.0], 10.0, "true azimuth less the stated one")
+    .usually_within(MOUNTING_DEG);
 
 /// See [`ABOUT`].
 #[derive(Debug)]
