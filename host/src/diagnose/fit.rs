@@ -57,6 +57,11 @@ impl Estimate {
 /// Cauchy's prior, whose unit is what is typical, has 6 % of its probability beyond so many.
 const UNUSUAL: f64 = 10.0;
 
+/// What stands for an effect in a model is not all that it is: a spring for a foundation, a point for a tank, a share of a segment for a cut
+/// brace. Values have this share of themselves as a standard deviation besides. In 17 values of effects in tubes and frames of another
+/// finite element code, which fits had said to be sure to 1.3 to 7 %, errors were 4.7 % (rms), and 6 were outside of two deviations; so none
+/// is. Lattice towers need more: errors of 26 %.
+const IDEALISED: f64 = 0.05;
 const MOST_ITERATIONS: usize = 25;
 /// A value that chance makes as large with a higher probability than this is not significant.
 const INSIGNIFICANT: f64 = 0.05;
@@ -225,13 +230,19 @@ impl Problem {
             // value, or cannot separate two.
             posterior[(index, index)] += if index < count { 1e-12 + 1e-9 * posterior[(index, index)] } else { 1.0 };
         }
-        let covariance = Cholesky::new(posterior).ok_or("the fit is not determined")?.inverse();
+        let mut covariance = Cholesky::new(posterior).ok_or("the fit is not determined")?.inverse();
         let units = knobs.iter().map(|knob| (state.value(knob) - knob.neutral) / knob.scale);
         let prior: f64 = units.map(prior_misfit).sum();
         let log_evidence = -0.5 * (cost(&state, Loss::Robust) + prior + volume) + log_one_sided(&knobs);
         let discrepancy = self.discrepancy;
         let log_evidence = log_evidence + discrepancy.log_prior();
         let allowed = self.allowed(&state, &slopes, &covariance);
+        for (index, knob) in knobs.iter().enumerate() {
+            if state.effects[knob.effect].of_kind().is_of_structure() {
+                let units = (state.value(knob) - knob.neutral) / knob.scale;
+                covariance[(index, index)] += (IDEALISED * units).powi(2);
+            }
+        }
         Ok(Fit { state, knobs, slopes, jacobian, covariance, allowed, log_evidence, discrepancy })
     }
 }

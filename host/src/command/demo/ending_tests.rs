@@ -52,6 +52,7 @@ fn diagnosis(verdict: Verdict, best: &[&str], ambiguous: &[&str], candidates: Ve
         elsewise: Vec::new(),
         partial: None,
         present: test,
+        present_beside_best: None,
         unexplained: Unexplained { by_mode: vec![odd], by_sensor: Vec::new(), by_height: Vec::new() },
         explained: Vec::new(),
         effects: Vec::new(),

@@ -33,6 +33,10 @@ impl EffectKind for Harmonic {
         &ABOUT
     }
 
+    fn is_of_structure(&self) -> bool {
+        false
+    }
+
     fn place(&self) -> PlaceKind {
         PlaceKind::Frequency
     }

@@ -76,6 +76,11 @@ pub trait EffectKind: fmt::Debug + Send + Sync {
         0.0
     }
 
+    /// Whether it is of the structure rather than of how it was measured.
+    fn is_of_structure(&self) -> bool {
+        true
+    }
+
     /// Where it can be seen.
     fn evidence(&self) -> Evidence {
         Evidence::Modes

@@ -42,6 +42,10 @@ impl EffectKind for SensorRotation {
         &ABOUT
     }
 
+    fn is_of_structure(&self) -> bool {
+        false
+    }
+
     fn place(&self) -> PlaceKind {
         PlaceKind::NodeOrAll
     }
