@@ -1,10 +1,11 @@
 //! Files that appear whole or not at all.
 //!
 //! Bytes flow in; a file flows out under its name once all of them are on disk. Until then they lie beside it under another
-//! name. That file is removed when writing fails, and by [`remove_unfinished`] when the program is interrupted.
+//! name. That file is removed when writing fails, and by [`remove_unfinished`] when the program is interrupted. A [`FolderLock`] keeps
+//! programs apart that read a file, change it and write it.
 
 use std::collections::BTreeSet;
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -15,6 +16,9 @@ use tempfile::{Builder, NamedTempFile};
 const BUFFER: usize = 1 << 20;
 /// How the name of an unfinished file ends.
 pub(crate) const UNFINISHED_SUFFIX: &str = ".partial";
+
+/// The name of a folder's lock.
+pub(crate) const LOCK_FILE: &str = ".belfry-lock";
 
 /// Unfinished files of this program.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
@@ -35,7 +39,19 @@ impl WholeFile {
     /// # Errors
     /// When the folder cannot be made or written to.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        Self::begun(fs::canonicalize(path).unwrap_or_else(|_| path.to_owned()))
+    }
+
+    /// The same, but a symbolic link at `path` is replaced itself: a folder from someone else may have one that points to a file of the
+    /// user's.
+    ///
+    /// # Errors
+    /// As [`WholeFile::create`].
+    pub fn create_anew(path: &Path) -> io::Result<Self> {
+        Self::begun(path.to_owned())
+    }
+
+    fn begun(target: PathBuf) -> io::Result<Self> {
         let folder = folder_of(&target);
         fs::create_dir_all(folder)?;
         let file = unfinished_file(folder)?;
@@ -50,6 +66,10 @@ impl WholeFile {
     pub fn finish(self) -> io::Result<()> {
         let Self { file, listing, target } = self;
         let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+        // Who may read it stays as it was.
+        if let Some(before) = fs::symlink_metadata(&target).ok().filter(fs::Metadata::is_file) {
+            file.as_file().set_permissions(before.permissions())?;
+        }
         file.as_file().sync_all()?;
         file.persist(&target)?;
         drop(listing);
@@ -75,6 +95,45 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = WholeFile::create(path)?;
     file.write_all(bytes)?;
     file.finish()
+}
+
+/// The same, but a symbolic link there is replaced itself.
+///
+/// # Errors
+/// As [`write_whole`].
+pub fn write_anew(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut file = WholeFile::create_anew(path)?;
+    file.write_all(bytes)?;
+    file.finish()
+}
+
+/// A folder of which this program alone changes what it has read, until this is dropped or the program ends.
+#[derive(Debug)]
+pub struct FolderLock {
+    // The system takes the lock back when the file is closed.
+    _file: File,
+}
+
+impl FolderLock {
+    /// Waits until no other program has the folder; `on_wait` is called where that is not at once.
+    ///
+    /// # Errors
+    /// When nothing can be written in the folder.
+    pub fn take(folder: &Path, on_wait: impl FnOnce()) -> io::Result<Self> {
+        // Never removed: another program may just have opened it.
+        let file = File::options().create(true).truncate(false).write(true).open(folder.join(LOCK_FILE))?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                on_wait();
+                file.lock()?;
+            }
+            // Some network file systems know no locks; without one it goes as before.
+            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => {}
+            Err(TryLockError::Error(error)) => return Err(error),
+        }
+        Ok(Self { _file: file })
+    }
 }
 
 /// Makes a folder where there is none, and makes sure that files can be written in it.
@@ -200,6 +259,40 @@ mod tests {
         fs::write(&plain, "").unwrap();
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
         assert_eq!(mode(&real), mode(&plain));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn who_may_read_a_file_stays_and_a_link_among_results_is_not_followed() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (own, result) = (folder.path().join("own.txt"), folder.path().join("fits.svg"));
+        fs::write(&own, "mine").unwrap();
+        fs::set_permissions(&own, fs::Permissions::from_mode(0o600)).unwrap();
+        write_whole(&own, b"changed").unwrap();
+        assert_eq!(fs::metadata(&own).unwrap().permissions().mode() & 0o777, 0o600);
+        std::os::unix::fs::symlink(&own, &result).unwrap();
+        write_anew(&result, b"<svg/>").unwrap();
+        assert_eq!((fs::read(&own).unwrap(), fs::read(&result).unwrap()), (b"changed".to_vec(), b"<svg/>".to_vec()));
+        assert!(!result.symlink_metadata().unwrap().is_symlink());
+    }
+
+    #[test]
+    fn one_after_the_other_has_a_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = FolderLock::take(folder.path(), || panic!("nobody has it")).unwrap();
+        let (waits, waiting) = std::sync::mpsc::channel();
+        let path = folder.path().to_owned();
+        let second = std::thread::spawn(move || {
+            let lock = FolderLock::take(&path, || waits.send("waits").unwrap()).unwrap();
+            waits.send("has it").unwrap();
+            drop(lock);
+        });
+        assert_eq!(waiting.recv().unwrap(), "waits");
+        assert!(waiting.try_recv().is_err(), "the first has it still");
+        drop(first);
+        assert_eq!(waiting.recv().unwrap(), "has it");
+        second.join().unwrap();
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
-use super::interrupt::leave_nothing_unfinished;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_before_units, values_text, width};
 use crate::diagnose::steps::Step;
 use crate::diagnose::{
@@ -57,6 +57,7 @@ pub(super) fn kind(text: &str) -> Result<String, String> {
 /// When the study, its model or its modes cannot be read, or do not go together.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
+    let _lock = if arguments.auto { alone(&arguments.study, console)? } else { None };
     let mut project = Project::open(&arguments.study)?;
     console.warn_all(&project.case()?.warnings);
     if arguments.auto {

@@ -47,6 +47,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 
 /// Tells the steps.
 pub(super) fn show_history(project: &Project, console: &Console) -> anyhow::Result<Vec<StepRecord>> {
+    if let Some(torn) = project.results().torn_history()? {
+        console.warn(torn);
+    }
     let steps = project.history()?;
     tell_history(&steps, console);
     console.say(format!("Picture: {}", project.results().path("history.svg").display()));

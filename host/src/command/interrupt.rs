@@ -1,12 +1,15 @@
 //! Ctrl-C and requests to end.
 
 use std::io::Write;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 
-use crate::files::remove_unfinished;
+use super::Console;
+use crate::files::{FolderLock, remove_unfinished};
+use crate::study::STUDY_FILE;
 
 /// Exit status of a program that Ctrl-C ended, as shells count it.
 const INTERRUPTED: i32 = 130;
@@ -17,6 +20,17 @@ pub(super) fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
     let flag = Arc::clone(&stop);
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).context("Ctrl-C cannot be waited for")?;
     Ok(stop)
+}
+
+/// The study's folder for this command alone, which changes study.toml as it has read it; waits for another one to end.
+pub(super) fn alone(study: &Path, console: &Console) -> anyhow::Result<Option<FolderLock>> {
+    // Where there is no study, the next step says so.
+    if !study.join(STUDY_FILE).exists() {
+        return Ok(None);
+    }
+    let wait = || console.warn("another command is changing this study; waiting for it to end");
+    let lock = FolderLock::take(study, wait);
+    lock.map(Some).with_context(|| format!("{} cannot be changed", study.display()))
 }
 
 /// From now on an interruption removes the files that are being written, and ends the program.

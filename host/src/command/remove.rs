@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
-use super::interrupt::leave_nothing_unfinished;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::steps;
 use crate::story::Project;
 
@@ -33,6 +33,7 @@ pub struct Arguments {
 /// When the model has no such effect, or the others cannot be refitted; nothing is changed then.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
+    let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     console.warn_all(&project.case()?.warnings);
     let report = project.remove(&arguments.effect)?;

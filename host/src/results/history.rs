@@ -10,7 +10,7 @@ impl Results {
     /// When the file cannot be read; names the line.
     pub fn history(&self) -> Result<Vec<StepRecord>, ResultsError> {
         let Some(text) = self.read(HISTORY_FILE)? else { return Ok(Vec::new()) };
-        let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        let lines = whole_lines(&text).lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
         let step = |(index, line): (usize, &str)| {
             serde_json::from_str(line).map_err(|source| ResultsError::Syntax {
                 file: self.path(HISTORY_FILE),
@@ -20,6 +20,21 @@ impl Results {
             })
         };
         lines.map(step).collect()
+    }
+
+    /// A sentence, where the file ends in half a line, which is left out.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn torn_history(&self) -> Result<Option<String>, ResultsError> {
+        let text = self.read(HISTORY_FILE)?.unwrap_or_default();
+        let is_torn = whole_lines(&text).len() < text.len();
+        Ok(is_torn.then(|| {
+            format!(
+                "{} ends in half a line, as a program leaves it that was stopped while it wrote; it is left out",
+                self.path(HISTORY_FILE).display()
+            )
+        }))
     }
 
     /// Appends steps and returns them as they stand there: numbered on, with the mark of the `data` that they are of.
@@ -32,7 +47,7 @@ impl Results {
             .zip(steps)
             .map(|(step, record)| StepRecord { step, data: data.to_owned(), ..record.clone() })
             .collect();
-        let mut text = self.read(HISTORY_FILE)?.unwrap_or_default();
+        let mut text = whole_lines(&self.read(HISTORY_FILE)?.unwrap_or_default()).to_owned();
         if !text.is_empty() && !text.ends_with('\n') {
             text.push('\n');
         }
@@ -45,4 +60,11 @@ impl Results {
         self.write(HISTORY_FILE, text.as_bytes())?;
         Ok(numbered)
     }
+}
+
+/// The text without a last line that lacks its end and is no step.
+fn whole_lines(text: &str) -> &str {
+    let end = text.rfind('\n').map_or(0, |end| end + 1);
+    let is_step = |line: &str| serde_json::from_str::<StepRecord>(line).is_ok();
+    if text[end..].trim().is_empty() || is_step(&text[end..]) { text } else { &text[..end] }
 }

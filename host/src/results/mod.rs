@@ -11,7 +11,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 
-use crate::files::{ready_folder, write_whole};
+use crate::files::{ready_folder, write_anew};
 use crate::study::Study;
 
 /// The modes of `belfry identify`.
@@ -125,7 +125,7 @@ impl Results {
     /// [`ResultsError::Write`].
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, ResultsError> {
         let file = self.path(name);
-        match write_whole(&file, bytes) {
+        match write_anew(&file, bytes) {
             Ok(()) => Ok(file),
             Err(source) => Err(ResultsError::Write { file, source }),
         }

@@ -21,6 +21,7 @@ use super::guard::guard;
 use super::job::JobStatus;
 use super::samples::{Loaded, Samples, SamplesError};
 use super::shared::{RunError, Shared};
+use crate::files::FolderLock;
 use crate::model::effect::Effect;
 use crate::page::{Tried, assets, served};
 use crate::story::StoryError;
@@ -192,6 +193,8 @@ async fn picks(State(shared): State<Arc<Shared>>, Json(picks): Json<Picks>) -> A
         if shared.is_busy() {
             return Err(Refused::conflict("a command is running; choose modes when it is done"));
         }
+        // A command in a terminal may be changing it.
+        let _lock = FolderLock::take(shared.folder(), || {}).map_err(|error| Refused::conflict(error.to_string()))?;
         let mut choice = Study::load(shared.folder())?.analysis.modes;
         for hz in &picks.drop_hz {
             choice.drop(*hz).map_err(Refused::conflict)?;

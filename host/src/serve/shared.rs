@@ -11,7 +11,7 @@ use tokio::sync::watch;
 use super::GRACE;
 use super::job::{JobState, JobStatus, Order, follow};
 use super::samples::Loaded;
-use crate::files::UNFINISHED_SUFFIX;
+use crate::files::{LOCK_FILE, UNFINISHED_SUFFIX};
 use crate::page::PageData;
 use crate::story::{Case, Project, StoryError};
 use crate::study::Study;
@@ -277,7 +277,7 @@ fn state_of(folder: &Path) -> Vec<FileState> {
             if name.ends_with("-wal") {
                 return (about.len() > 0).then(|| (file.path(), None, about.len()));
             }
-            let is_passing = name.ends_with(UNFINISHED_SUFFIX) || name.ends_with("-shm");
+            let is_passing = name.ends_with(UNFINISHED_SUFFIX) || name.ends_with("-shm") || name == LOCK_FILE;
             (!is_passing).then(|| (file.path(), about.modified().ok(), about.len()))
         })
         .collect();

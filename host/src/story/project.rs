@@ -20,7 +20,7 @@ use super::updated::{UpdateReport, update};
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
 use crate::diagnose::steps::{Profiles, Step, StepRecord};
-use crate::files::write_whole;
+use crate::files::{FolderLock, write_anew};
 use crate::identify::accuracy::{Wish, record_needed};
 use crate::measure::Route;
 use crate::model::{Assembly, Body, matrix_market, npy};
@@ -116,6 +116,9 @@ impl Project {
 
     /// Notes what a result was computed from.
     fn note(&self, result: &str, inputs: Inputs) -> Result<(), StoryError> {
+        // Another command may note its own.
+        let _lock = FolderLock::take(self.results.folder(), || {})
+            .map_err(|source| ResultsError::Write { file: self.results.path(INPUTS_FILE), source })?;
         // Where the file is not what it should be, nothing is known of the others.
         let mut all: BTreeMap<String, Inputs> =
             self.results.read_json(INPUTS_FILE, "diagnose").ok().flatten().unwrap_or_default();
@@ -387,7 +390,7 @@ impl Project {
         if output.is_none() {
             self.results.make_ready()?;
         }
-        write_whole(&file, page.as_bytes()).map_err(failed)?;
+        write_anew(&file, page.as_bytes()).map_err(failed)?;
         Ok(WrittenReport { bytes: page.len(), findings: data.findings, file })
     }
 

@@ -24,3 +24,4 @@ mod partial;
 mod plan;
 mod published;
 mod real_records;
+mod together;

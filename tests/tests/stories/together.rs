@@ -1,0 +1,50 @@
+//! Two programs on one study at the same time: each change of study.toml stays.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Stdio};
+
+use assert_cmd::prelude::*;
+use belfry_tests::belfry_command;
+use serde_json::Value;
+
+fn started(study: &str, effect: &str) -> Child {
+    let mut command = belfry_command();
+    command.args(["add", study, effect]).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("belfry starts")
+}
+
+#[test]
+fn two_commands_that_change_a_study_at_once_both_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = folder.path().join("canton").to_str().unwrap().to_owned();
+    for words in [
+        &["init", &study, "--template", "canton"][..],
+        &["simulate", &study, "--effect", "base-rotation=1.2e-14", "--hours", "1", "--seed", "5", "--adopt"],
+        &["identify", &study, "--direct"],
+    ] {
+        belfry_command().args(words).assert().success();
+    }
+    let both = ["base-rotation=1e-14", "added-mass@300m=1e6"].map(|effect| started(&study, effect));
+    let said = both.map(|child| {
+        let output = child.wait_with_output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{said}");
+        said
+    });
+    assert!(said.iter().any(|said| said.contains("another command is changing this study")), "{said:?}");
+    let text = fs::read_to_string(Path::new(&study).join("study.toml")).unwrap();
+    assert!(text.contains("base-rotation") && text.contains("added-mass"), "{text}");
+    let history = fs::read_to_string(Path::new(&study).join("results/history.jsonl")).unwrap();
+    let last: Value = serde_json::from_str(history.lines().last().unwrap()).unwrap();
+    assert_eq!(last["effects"].as_array().unwrap().len(), 2);
+
+    // A step of which only half came to disk is left out and told, and the next one follows the last whole one.
+    let file = Path::new(&study).join("results/history.jsonl");
+    let half = &history[..history.len() / 3];
+    fs::write(&file, format!("{history}{}", &half[..half.find("\"action\"").unwrap() + 20])).unwrap();
+    let output = belfry_command().args(["history", &study]).assert().success().get_output().clone();
+    assert!(String::from_utf8_lossy(&output.stderr).contains("ends in half a line"), "{output:?}");
+    belfry_command().args(["remove", &study, "base-rotation"]).assert().success();
+    let after = fs::read_to_string(&file).unwrap();
+    assert!(after.starts_with(&history) && after.lines().count() == history.lines().count() + 1, "{after}");
+}
