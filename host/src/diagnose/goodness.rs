@@ -52,7 +52,7 @@ pub struct Tests {
 pub fn fit_as_given(problem: &Problem, effects: &[Effect]) -> Option<(GoodnessOfFit, Discrepancy)> {
     let numbers = DVector::zeros(problem.background.size());
     let fit = problem.fit(effects.to_vec(), &[], &numbers, None).ok()?;
-    let settled = problem.afresh(&fit, problem.settled(&fit)).filter(|(_, fit)| fit.discrepancy.is_plausible());
+    let settled = problem.at_its_best(&fit);
     let (problem, fit) = here(&settled, problem, &fit);
     Some((fit.goodness_as_stated(problem).into(), fit.discrepancy))
 }

@@ -252,8 +252,13 @@ impl Problem {
         self.discrepancies_to_start_from().into_iter().map(|discrepancy| (discrepancy, straight.clone())).collect()
     }
 
+    /// A fit with the discrepancy that suits it best, if a model of the right kind can miss as much; what every command states of a model.
+    pub(super) fn at_its_best(&self, fit: &Fit) -> Settled {
+        self.afresh(fit, self.settled(fit)).filter(|(_, fit)| fit.discrepancy.is_plausible())
+    }
+
     /// A fit that does not pass, from a straight background, where that is more probable.
-    pub(super) fn afresh(&self, fit: &Fit, settled: Settled) -> Settled {
+    fn afresh(&self, fit: &Fit, settled: Settled) -> Settled {
         self.from_others(fit, settled, &self.straight_starts())
     }
 

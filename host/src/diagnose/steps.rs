@@ -332,7 +332,7 @@ impl Problem {
     /// can miss as much.
     pub(super) fn fit_settled(&self, effects: &[Effect]) -> Result<(Self, Fit), DiagnoseError> {
         let fit = self.fit_present(effects)?;
-        Ok(self.settled_plausibly(&fit).unwrap_or_else(|| (self.clone(), fit)))
+        Ok(self.at_its_best(&fit).unwrap_or_else(|| (self.clone(), fit)))
     }
 
     /// An effect fitted at its best place, or at the one that is given, with the discrepancy that it leaves: that problem, and the
