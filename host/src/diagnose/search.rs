@@ -237,7 +237,7 @@ impl Problem {
                 if rank < AFRESH {
                     starts.extend_from_slice(&straight);
                 }
-                let Some((_, other)) = self.from_others(found.own(), None, &starts) else { return };
+                let Some((_, other)) = self.best_from(found.own(), None, &starts) else { return };
                 found.log_bayes_factor = other.log_evidence() - reference + found.log_share;
                 found.own = Some(other);
             });
@@ -259,13 +259,13 @@ impl Problem {
 
     /// A fit that does not pass, from a straight background, where that is more probable.
     fn afresh(&self, fit: &Fit, settled: Settled) -> Settled {
-        self.from_others(fit, settled, &self.straight_starts())
+        self.best_from(fit, settled, &self.straight_starts())
     }
 
     /// A fit that does not pass, from other discrepancies and backgrounds, where that is more probable: what was bent to stand in for an
     /// effect may stay bent with it, and the robust loss may let go of modes that a discrepancy accounts for. `settled` is what stands until
     /// now. Of those that are as good as equally probable, the one that fits best stands for all.
-    fn from_others(&self, fit: &Fit, settled: Settled, starts: &[(Discrepancy, DVector<f64>)]) -> Settled {
+    fn best_from(&self, fit: &Fit, settled: Settled, starts: &[(Discrepancy, DVector<f64>)]) -> Settled {
         let (_, stands) = here(&settled, self, fit);
         if stands.passes() {
             return settled;
