@@ -120,19 +120,32 @@ impl FolderLock {
     /// # Errors
     /// When nothing can be written in the folder.
     pub fn take(folder: &Path, on_wait: impl FnOnce()) -> io::Result<Self> {
-        // Never removed: another program may just have opened it.
-        let file = File::options().create(true).truncate(false).write(true).open(folder.join(LOCK_FILE))?;
+        let file = Self::file(folder)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 on_wait();
                 file.lock()?;
             }
-            // Some network file systems know no locks; without one it goes as before.
-            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => {}
-            Err(TryLockError::Error(error)) => return Err(error),
+            // Some network file systems know no locks, and have more than one word for that; without one it goes as before.
+            Err(TryLockError::Error(_)) => {}
         }
         Ok(Self { _file: file })
+    }
+
+    /// The same without waiting: `None` where another program has the folder.
+    ///
+    /// # Errors
+    /// As [`FolderLock::take`].
+    pub fn at_once(folder: &Path) -> io::Result<Option<Self>> {
+        let file = Self::file(folder)?;
+        let is_taken = matches!(file.try_lock(), Err(TryLockError::WouldBlock));
+        Ok((!is_taken).then_some(Self { _file: file }))
+    }
+
+    fn file(folder: &Path) -> io::Result<File> {
+        // Never removed: another program may just have opened it.
+        File::options().create(true).truncate(false).write(true).open(folder.join(LOCK_FILE))
     }
 }
 
@@ -289,7 +302,9 @@ mod tests {
             drop(lock);
         });
         assert_eq!(waiting.recv().unwrap(), "waits");
-        assert!(waiting.try_recv().is_err(), "the first has it still");
+        assert!(FolderLock::at_once(folder.path()).unwrap().is_none());
+        let has_it = waiting.recv_timeout(std::time::Duration::from_millis(200));
+        assert!(has_it.is_err(), "the first has it still");
         drop(first);
         assert_eq!(waiting.recv().unwrap(), "has it");
         second.join().unwrap();

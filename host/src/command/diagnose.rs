@@ -185,7 +185,12 @@ fn tell_table(diagnosis: &Diagnosis, console: &Console) {
         (probability, [name, values, probable, left, p_text(candidate.p_value)])
     };
     let Probabilities { adequate, something_else } = diagnosis.probabilities;
-    let (dash, test) = (|| "-".to_owned(), diagnosis.present_beside_best.unwrap_or(diagnosis.present));
+    let dash = || "-".to_owned();
+    // The test that goes with its probability.
+    let test = match diagnosis.verdict {
+        Verdict::Adequate => diagnosis.goodness_of_fit,
+        _ => diagnosis.present_beside_best.unwrap_or(diagnosis.present),
+    };
     let as_it_is = [
         "none".to_owned(),
         dash(),

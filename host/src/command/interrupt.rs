@@ -9,7 +9,7 @@ use anyhow::Context;
 
 use super::Console;
 use crate::files::{FolderLock, remove_unfinished};
-use crate::study::STUDY_FILE;
+use crate::study::{STUDY_FILE, Study};
 
 /// Exit status of a program that Ctrl-C ended, as shells count it.
 const INTERRUPTED: i32 = 130;
@@ -25,6 +25,7 @@ pub(super) fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
 /// The study's folder for this command alone, which changes study.toml as it has read it; waits for another one to end.
 pub(super) fn alone(study: &Path, console: &Console) -> anyhow::Result<Option<FolderLock>> {
     // Where there is no study, the next step says so.
+    let study = Study::folder_of(study);
     if !study.join(STUDY_FILE).exists() {
         return Ok(None);
     }

@@ -100,7 +100,7 @@ impl Discrepancy {
         Self { scatter: expected_scatter, expected_scatter, ..Self::NONE }
     }
 
-    /// What careful models of the kind miss, the more the shorter the waves.
+    /// What careful models of the kind miss, the more the shorter the waves, with segments that scatter as far as they may.
     fn usual_at(expected_scatter: f64) -> Self {
         let (frequency, shape, smooth) = (FREQUENCY.usual, SHAPE.usual, SHAPE.usual);
         Self { frequency, shape, smooth, growth: 1.0, scatter: SCATTER[1], ..Self::none_at(expected_scatter) }
@@ -269,7 +269,7 @@ impl Problem {
     /// The same, beside that of the fit from these growths.
     fn better_discrepancy(&self, fit: &Fit, growths: &[f64]) -> (Discrepancy, f64) {
         // A dozen frequencies alone do not tell what a model misses from what it lacks.
-        if self.measured.iter().all(|mode| mode.shape.is_none()) {
+        if !self.has_shapes() {
             return (fit.discrepancy, 0.0);
         }
         let near = Near::of_seen(self, fit);
@@ -329,10 +329,18 @@ impl Problem {
         self.with_discrepancy(Discrepancy::none_at(times))
     }
 
-    /// Where a search for the best fit with the best discrepancy starts.
-    pub(super) fn discrepancies_to_start_from(&self) -> [Discrepancy; 2] {
+    /// Where a search for the best fit with the best discrepancy starts. Without shapes there is none to be found.
+    pub(super) fn discrepancies_to_start_from(&self) -> Vec<Discrepancy> {
         let expected = self.discrepancy.expected_scatter;
-        [Discrepancy::none_at(expected), Discrepancy::usual_at(expected)]
+        let mut starts = vec![Discrepancy::none_at(expected)];
+        if self.has_shapes() {
+            starts.push(Discrepancy::usual_at(expected));
+        }
+        starts
+    }
+
+    fn has_shapes(&self) -> bool {
+        self.measured.iter().any(|mode| mode.shape.is_some())
     }
 
     /// A fit again with the discrepancy that suits it best, and the problem with that; `None` where it has that already.

@@ -104,6 +104,7 @@ impl Problem {
             let (problem, present) = here(&settled, self, present);
             (found, rejected) = problem.search_all(present, &sightings);
             problem.take_up(present, &looks, &mut found);
+            problem.settle_heights(&mut found);
             let best = problem.leading(&found).map_or(present, |best| &best.fit);
             anew = if search < MOST_SEARCHES { problem.to_look_anew(best) } else { None };
             if anew.is_none() {
@@ -228,7 +229,7 @@ impl Problem {
             let bent = own.as_ref().map_or(present, |(_, own)| own);
             let straight = self.straight_starts();
             found.par_iter_mut().enumerate().for_each(|(rank, found)| {
-                // With one number more a model explains no less: a fit that says so has stopped short.
+                // With one number more a model explains no less, so what is less probable by more than chance may have stopped short.
                 let stopped_short = found.log_bayes_factor < found.log_share - SAME;
                 let mut starts = Vec::new();
                 if stopped_short || rank < AFRESH {
@@ -237,7 +238,7 @@ impl Problem {
                 if rank < AFRESH {
                     starts.extend_from_slice(&straight);
                 }
-                let Some((_, other)) = self.best_from(found.own(), None, &starts) else { return };
+                let Some((_, other)) = self.best_from(found.own(), None, &starts, &|_| true) else { return };
                 found.log_bayes_factor = other.log_evidence() - reference + found.log_share;
                 found.own = Some(other);
             });
@@ -254,18 +255,25 @@ impl Problem {
 
     /// A fit with the discrepancy that suits it best, if a model of the right kind can miss as much; what every command states of a model.
     pub(super) fn at_its_best(&self, fit: &Fit) -> Settled {
-        self.afresh(fit, self.settled(fit)).filter(|(_, fit)| fit.discrepancy.is_plausible())
+        let settled = self.settled_plausibly(fit);
+        self.best_from(fit, settled, &self.straight_starts(), &|fit| fit.discrepancy.is_plausible())
     }
 
     /// A fit that does not pass, from a straight background, where that is more probable.
     fn afresh(&self, fit: &Fit, settled: Settled) -> Settled {
-        self.best_from(fit, settled, &self.straight_starts())
+        self.best_from(fit, settled, &self.straight_starts(), &|_| true)
     }
 
     /// A fit that does not pass, from other discrepancies and backgrounds, where that is more probable: what was bent to stand in for an
     /// effect may stay bent with it, and the robust loss may let go of modes that a discrepancy accounts for. `settled` is what stands until
     /// now. Of those that are as good as equally probable, the one that fits best stands for all.
-    fn best_from(&self, fit: &Fit, settled: Settled, starts: &[(Discrepancy, DVector<f64>)]) -> Settled {
+    fn best_from(
+        &self,
+        fit: &Fit,
+        settled: Settled,
+        starts: &[(Discrepancy, DVector<f64>)],
+        is_allowed: &(dyn Fn(&Fit) -> bool + Sync),
+    ) -> Settled {
         let (_, stands) = here(&settled, self, fit);
         if stands.passes() {
             return settled;
@@ -276,6 +284,7 @@ impl Problem {
             Some(start.settled(&first).unwrap_or((start, first)))
         };
         let mut found: Vec<(Problem, Fit)> = starts.par_iter().filter_map(from).collect();
+        found.retain(|(_, fit)| is_allowed(fit));
         let most = found.iter().map(|(_, fit)| fit.log_evidence()).fold(stands.log_evidence(), f64::max);
         let is_as_probable = |fit: &Fit| fit.log_evidence() > most - AS_PROBABLE;
         found.retain(|(_, fit)| is_as_probable(fit));
@@ -295,9 +304,7 @@ impl Problem {
             .filter(|one| one.gain > STANDS_OUT)
             .filter(|one| kinds.iter().all(|kind| kind[0].candidate.kind != one.candidate.kind))
             .collect();
-        let mut found = self.search_near(present, &kinds);
-        self.settle_heights(&mut found);
-        (found, rejected)
+        (self.search_near(present, &kinds), rejected)
     }
 
     /// Kinds refitted from where the linear step leads: a first look at each, at its best place; then all places of those that

@@ -101,12 +101,13 @@ fn verdict(sources: &Sources<'_>) -> Option<String> {
         let candidates = diagnosis.get("candidates")?.as_array()?.iter();
         candidates.filter(|one| name_of(one).as_deref() == Some(name)).find_map(|one| one.get("probability")?.as_f64())
     };
+    let p_value = |test: &str| diagnosis.get(test)?.get("p_value")?.as_f64();
     let in_percent = |probability: f64| match 100.0 * probability {
         sure if sure > 99.0 => "more than 99 %".to_owned(),
         percent => format!("{percent:.0} %"),
     };
     Some(match diagnosis.get("verdict")?.as_str()? {
-        "adequate" if diagnosis.get("present")?.get("p_value")?.as_f64()? < FAILS => {
+        "adequate" if p_value("present").is_some_and(|p_value| p_value < FAILS) => {
             "The model misses more than its tolerance says, but no effect accounts for that.".to_owned()
         }
         "adequate" => "The model explains the measurement within its tolerance; no effect is called for.".to_owned(),

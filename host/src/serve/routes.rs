@@ -194,7 +194,12 @@ async fn picks(State(shared): State<Arc<Shared>>, Json(picks): Json<Picks>) -> A
             return Err(Refused::conflict("a command is running; choose modes when it is done"));
         }
         // A command in a terminal may be changing it.
-        let _lock = FolderLock::take(shared.folder(), || {}).map_err(|error| Refused::conflict(error.to_string()))?;
+        let lock = FolderLock::at_once(shared.folder()).map_err(|error| Refused::conflict(error.to_string()))?;
+        let Some(_lock) = lock else {
+            return Err(Refused::conflict(
+                "a command in a terminal is changing this study; choose modes when it is done",
+            ));
+        };
         let mut choice = Study::load(shared.folder())?.analysis.modes;
         for hz in &picks.drop_hz {
             choice.drop(*hz).map_err(Refused::conflict)?;

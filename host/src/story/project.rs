@@ -20,7 +20,7 @@ use super::updated::{UpdateReport, update};
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
 use crate::diagnose::steps::{Profiles, Step, StepRecord};
-use crate::files::{FolderLock, write_anew};
+use crate::files::{FolderLock, write_anew, write_whole};
 use crate::identify::accuracy::{Wish, record_needed};
 use crate::measure::Route;
 use crate::model::{Assembly, Body, matrix_market, npy};
@@ -390,7 +390,9 @@ impl Project {
         if output.is_none() {
             self.results.make_ready()?;
         }
-        write_anew(&file, page.as_bytes()).map_err(failed)?;
+        // A path that the user names is the user's, a link too.
+        let write = if output.is_some() { write_whole } else { write_anew };
+        write(&file, page.as_bytes()).map_err(failed)?;
         Ok(WrittenReport { bytes: page.len(), findings: data.findings, file })
     }
 

@@ -20,22 +20,27 @@ pub use types::{
 };
 
 impl Study {
-    /// Reads and checks `study.toml` in `folder`; the path of the file itself will do as well.
-    ///
-    /// # Errors
-    /// When the file cannot be read, is no TOML, or says something that cannot be meant; the first fault in reading
-    /// order of the checks is reported.
-    pub fn load(folder: &Path) -> Result<Self, StudyError> {
-        let folder = match folder.parent() {
-            Some(parent) if folder.ends_with(STUDY_FILE) && !folder.is_dir() => {
+    /// The study's folder, from its path or that of its `study.toml`.
+    pub(crate) fn folder_of(path: &Path) -> &Path {
+        match path.parent() {
+            Some(parent) if path.ends_with(STUDY_FILE) && !path.is_dir() => {
                 if parent == Path::new("") {
                     Path::new(".")
                 } else {
                     parent
                 }
             }
-            _ => folder,
-        };
+            _ => path,
+        }
+    }
+
+    /// Reads and checks `study.toml` in `folder`; the path of the file itself will do as well.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no TOML, or says something that cannot be meant; the first fault in reading
+    /// order of the checks is reported.
+    pub fn load(folder: &Path) -> Result<Self, StudyError> {
+        let folder = Self::folder_of(folder);
         let file = folder.join(STUDY_FILE);
         let bytes = std::fs::read(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
         let text = String::from_utf8(bytes).map_err(|error| {

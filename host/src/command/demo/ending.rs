@@ -129,7 +129,7 @@ impl Ending {
             (Verdict::Ambiguous, Some(first)) => ambiguous(hidden, diagnosis, first, found.as_ref()),
             (Verdict::Adequate, _) => format!(
                 "The diagnosis named no effect: the model explains this record without one ({}), so what was hidden lies within what measurement and model leave uncertain.",
-                p_is(diagnosis.present.p_value)
+                p_is(diagnosis.goodness_of_fit.p_value)
             ),
             _ => unknown(diagnosis, &candidates, found.as_ref()),
         });

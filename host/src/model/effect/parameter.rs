@@ -103,7 +103,7 @@ impl Parameter {
 
     /// Whether a value is one that every good installation has.
     pub fn is_usual(&self, value: f64) -> bool {
-        (value - self.neutral).abs() <= self.usual
+        self.usual > 0.0 && (value - self.neutral).abs() <= self.usual
     }
 
     /// Whether it is fitted.
