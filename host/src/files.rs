@@ -59,6 +59,11 @@ impl WholeFile {
         Ok(Self { file: BufWriter::with_capacity(BUFFER, file), listing, target })
     }
 
+    fn with_all(mut self, bytes: &[u8]) -> io::Result<()> {
+        self.write_all(bytes)?;
+        self.finish()
+    }
+
     /// Puts the file in its place, once it is on disk.
     ///
     /// # Errors
@@ -92,9 +97,7 @@ impl Write for WholeFile {
 /// # Errors
 /// As [`WholeFile::create`] and [`WholeFile::finish`].
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut file = WholeFile::create(path)?;
-    file.write_all(bytes)?;
-    file.finish()
+    WholeFile::create(path)?.with_all(bytes)
 }
 
 /// The same, but a symbolic link there is replaced itself.
@@ -102,9 +105,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
 /// # Errors
 /// As [`write_whole`].
 pub fn write_anew(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut file = WholeFile::create_anew(path)?;
-    file.write_all(bytes)?;
-    file.finish()
+    WholeFile::create_anew(path)?.with_all(bytes)
 }
 
 /// A folder of which this program alone changes what it has read, until this is dropped or the program ends.
@@ -272,6 +273,9 @@ mod tests {
         fs::write(&plain, "").unwrap();
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
         assert_eq!(mode(&real), mode(&plain));
+        let new = folder.path().join("new");
+        write_whole(&new, b"").unwrap();
+        assert_eq!(mode(&new), mode(&plain));
     }
 
     #[cfg(unix)]

@@ -107,8 +107,7 @@ impl<'a> Far<'a> {
     fn fit(&self, start: &Start, hypotheses: usize) -> Option<Found> {
         let fit = self.problem.fit_with_one_more(self.present, &start.state, &|_| {})?;
         let gain = fit.log_evidence() - self.present.log_evidence();
-        let hypotheses = hypotheses.max(1);
-        Some(Found::alone(start.kind, fit, gain - (hypotheses as f64).ln(), hypotheses))
+        Some(Found::alone(start.kind, fit, gain, hypotheses.max(1)))
     }
 }
 

@@ -69,14 +69,15 @@ impl AtHeight {
 }
 
 impl Found {
-    /// The last effect of a fit at the place that it has, where nothing is known of others.
-    pub(super) fn alone(kind: &'static dyn EffectKind, fit: Fit, log_bayes_factor: f64, hypotheses: usize) -> Self {
+    /// The last effect of a fit, whose evidence is higher by `gain`, at the place that it has, where nothing is known of others.
+    pub(super) fn alone(kind: &'static dyn EffectKind, fit: Fit, gain: f64, hypotheses: usize) -> Self {
+        let log_share = -(hypotheses as f64).ln();
         Self {
             kind,
             fit,
-            log_bayes_factor,
+            log_bayes_factor: gain + log_share,
             hypotheses,
-            log_share: -(hypotheses as f64).ln(),
+            log_share,
             near: Vec::new(),
             height: None,
             known: Vec::new(),

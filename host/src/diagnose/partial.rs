@@ -215,7 +215,7 @@ impl Problem {
         let kind = with.state.effects.last()?.of_kind();
         let hypotheses = self.hypotheses(kind, without);
         let gain = with.log_evidence() - without.log_evidence();
-        let mut found = Found::alone(kind, with, gain - (hypotheses as f64).ln(), hypotheses);
+        let mut found = Found::alone(kind, with, gain, hypotheses);
         self.settle_height(&mut found);
         // What is far less probable, as far as a rough fit says, need not be fitted closely.
         let within = found.fit.log_evidence() - 2.0 * CLEAR;

@@ -58,6 +58,15 @@ fn sort(found: &mut [Found]) {
     found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
 }
 
+/// Puts in what is clearly better than what was found of its kind.
+fn keep_better(found: &mut Vec<Found>, other: Found, evidence: impl Fn(&Found) -> f64) {
+    match found.iter_mut().find(|found| found.kind == other.kind) {
+        Some(found) if evidence(found) >= evidence(&other) - SAME => {}
+        Some(found) => *found = other,
+        None => found.push(other),
+    }
+}
+
 /// Kinds whose places are settled.
 const SETTLED: usize = 2;
 /// A far start that gains no more than this has found the same optimum.
@@ -125,11 +134,7 @@ impl Problem {
         sort(&mut found);
         if !is_explained(&found) {
             for far in problem.search_far(present, options) {
-                match found.iter_mut().find(|near| near.kind == far.kind) {
-                    Some(near) if near.log_bayes_factor >= far.log_bayes_factor - SAME => {}
-                    Some(near) => *near = far,
-                    None => found.push(far),
-                }
+                keep_better(&mut found, far, |found| found.log_bayes_factor);
             }
             sort(&mut found);
             problem.settle_heights(&mut found);
@@ -171,17 +176,9 @@ impl Problem {
         let again: Vec<Fit> = looks.par_iter().filter_map(|look| self.refitted(look).ok()).collect();
         for fit in again {
             let Some(kind) = fit.effects().last().map(Effect::of_kind) else { continue };
-            let place = found.iter().position(|found| found.kind.name() == kind.name());
-            if place.is_some_and(|place| found[place].fit.log_evidence() + SAME > fit.log_evidence()) {
-                continue;
-            }
             let gain = fit.log_evidence() - present.log_evidence();
-            let hypotheses = self.hypotheses(kind, present);
-            let better = Found::alone(kind, fit, gain - (hypotheses as f64).ln(), hypotheses);
-            match place {
-                Some(place) => found[place] = better,
-                None => found.push(better),
-            }
+            let look = Found::alone(kind, fit, gain, self.hypotheses(kind, present));
+            keep_better(found, look, |found| found.fit.log_evidence());
         }
         sort(found);
     }
@@ -283,8 +280,8 @@ impl Problem {
             let first = start.fit(fit.state.effects.clone(), &fit.knobs, numbers, None).ok()?;
             Some(start.settled(&first).unwrap_or((start, first)))
         };
-        let mut found: Vec<(Problem, Fit)> = starts.par_iter().filter_map(from).collect();
-        found.retain(|(_, fit)| is_allowed(fit));
+        let mut found: Vec<(Problem, Fit)> =
+            starts.par_iter().filter_map(from).filter(|(_, fit)| is_allowed(fit)).collect();
         let most = found.iter().map(|(_, fit)| fit.log_evidence()).fold(stands.log_evidence(), f64::max);
         let is_as_probable = |fit: &Fit| fit.log_evidence() > most - AS_PROBABLE;
         found.retain(|(_, fit)| is_as_probable(fit));

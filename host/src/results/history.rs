@@ -9,8 +9,11 @@ impl Results {
     /// # Errors
     /// When the file cannot be read; names the line.
     pub fn history(&self) -> Result<Vec<StepRecord>, ResultsError> {
-        let Some(text) = self.read(HISTORY_FILE)? else { return Ok(Vec::new()) };
-        let lines = whole_lines(&text).lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        self.steps_of(whole_lines(&self.read(HISTORY_FILE)?.unwrap_or_default()))
+    }
+
+    fn steps_of(&self, text: &str) -> Result<Vec<StepRecord>, ResultsError> {
+        let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
         let step = |(index, line): (usize, &str)| {
             serde_json::from_str(line).map_err(|source| ResultsError::Syntax {
                 file: self.path(HISTORY_FILE),
@@ -42,12 +45,12 @@ impl Results {
     /// # Errors
     /// When the history cannot be read or written; it is then as it was.
     pub fn append_history(&self, steps: &[StepRecord], data: &str) -> Result<Vec<StepRecord>, ResultsError> {
-        let first = self.history()?.last().map_or(0, |last| last.step + 1);
+        let mut text = whole_lines(&self.read(HISTORY_FILE)?.unwrap_or_default()).to_owned();
+        let first = self.steps_of(&text)?.last().map_or(0, |last| last.step + 1);
         let numbered: Vec<StepRecord> = (first..)
             .zip(steps)
             .map(|(step, record)| StepRecord { step, data: data.to_owned(), ..record.clone() })
             .collect();
-        let mut text = whole_lines(&self.read(HISTORY_FILE)?.unwrap_or_default()).to_owned();
         if !text.is_empty() && !text.ends_with('\n') {
             text.push('\n');
         }

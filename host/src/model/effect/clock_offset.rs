@@ -40,10 +40,6 @@ impl EffectKind for ClockOffset {
         &ABOUT
     }
 
-    fn is_of_structure(&self) -> bool {
-        false
-    }
-
     fn place(&self) -> PlaceKind {
         PlaceKind::Node
     }

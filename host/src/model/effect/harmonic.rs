@@ -33,10 +33,6 @@ impl EffectKind for Harmonic {
         &ABOUT
     }
 
-    fn is_of_structure(&self) -> bool {
-        false
-    }
-
     fn place(&self) -> PlaceKind {
         PlaceKind::Frequency
     }

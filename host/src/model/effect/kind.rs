@@ -76,11 +76,6 @@ pub trait EffectKind: fmt::Debug + Send + Sync {
         0.0
     }
 
-    /// Whether it is of the structure rather than of how it was measured.
-    fn is_of_structure(&self) -> bool {
-        true
-    }
-
     /// Where it can be seen.
     fn evidence(&self) -> Evidence {
         Evidence::Modes
@@ -100,6 +95,18 @@ impl dyn EffectKind + '_ {
     /// The name that a user types.
     pub fn name(&self) -> &'static str {
         self.about().name
+    }
+
+    /// Whether it is of the structure rather than of how it was measured.
+    pub fn is_of_structure(&self) -> bool {
+        match self.place() {
+            PlaceKind::Nowhere | PlaceKind::Height | PlaceKind::Name => true,
+            PlaceKind::Channel
+            | PlaceKind::TwoChannels
+            | PlaceKind::Node
+            | PlaceKind::NodeOrAll
+            | PlaceKind::Frequency => false,
+        }
     }
 }
 

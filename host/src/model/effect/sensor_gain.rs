@@ -41,10 +41,6 @@ impl EffectKind for SensorGain {
         &ABOUT
     }
 
-    fn is_of_structure(&self) -> bool {
-        false
-    }
-
     fn place(&self) -> PlaceKind {
         PlaceKind::Channel
     }

@@ -42,10 +42,6 @@ impl EffectKind for SensorRotation {
         &ABOUT
     }
 
-    fn is_of_structure(&self) -> bool {
-        false
-    }
-
     fn place(&self) -> PlaceKind {
         PlaceKind::NodeOrAll
     }

@@ -36,10 +36,6 @@ impl EffectKind for SensorSwap {
         &ABOUT
     }
 
-    fn is_of_structure(&self) -> bool {
-        false
-    }
-
     fn place(&self) -> PlaceKind {
         PlaceKind::TwoChannels
     }
