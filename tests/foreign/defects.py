@@ -9,11 +9,14 @@ import math
 import numpy as np
 
 import structures
+import study
 import world
 from world import RX, RY, RZ, STIFF, X, Y, Z
 
 EFFECTS = ["stiffness-loss", "added-mass", "base-rotation", "base-translation", "p-delta", "stiffness-scale",
            "mass-eccentricity", "connection-flexibility", "base-torsion", "lateral-support"]
+# Effects that only one kind of structure can have.
+OWN_EFFECTS = {"lattice": ["coupled-shear"]}
 CHANNELS = ["sensor-gain", "sensor-polarity", "sensor-swap"]
 OUTSIDERS = {
     "lattice": ["one-leg-springs", "one-direction-loss"],
@@ -233,6 +236,20 @@ def hide_effect(kind, body, sound, random):
         truth.detail = f"upright springs between {len(tags)} ends of members"
     truth.shift_percent = 100 * result[3]
     return truth, result[1], result[2]
+
+
+def leave_out_coupled_shear(body, sound, distance_m):
+    """The truth, the table and its errors where the engineer forgets that bending makes the lattice shear; the body stays as it is."""
+    if not distance_m:
+        raise ValueError("bending makes it shear by next to nothing")
+    answers = world.answers_at_top(body)
+    rows = study.table(body, answers)
+    errors = study.errors_percent(rows, sound, 8)
+    along_x, along_y = study.coupled_shear_m(body, answers)
+    truth = Truth("effect", "coupled-shear", body.name, shift_percent=float(np.abs(errors).max()))
+    ends = min(along_x, along_y), max(along_x, along_y)
+    truth.values = {"distance": ends, "distance_x": (along_x, along_x), "distance_y": (along_y, along_y)}
+    return truth, rows, errors
 
 
 def hide_outsider(kind, body, sound, random):

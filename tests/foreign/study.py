@@ -15,6 +15,8 @@ HEADER = ("z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_1_n,s
           "inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2")
 COLUMNS = HEADER.split(",")
 FX, FY, MX, MY, MZ = 0, 1, 3, 4, 5
+# Bending makes a lattice shear by more than this share of a bay's height: the engineer says so. Below that nobody looks.
+NOTED = 0.2
 # Frequency error in percent, among the lowest eight modes, above which the engineer calibrates the table.
 TOLERATED_PERCENT = 3.0
 STUDY = """[structure]
@@ -30,6 +32,11 @@ unit = "m/s2"
 beam = "beam.csv"
 background_stiffness = 0.03
 background_mass = 0.01
+{effect}"""
+EFFECT = """
+[[model.effect]]
+kind = "coupled-shear"
+distance = {distance_m:.3f}
 """
 SENSOR = """[[setup.sensor]]
 channel = "{channel}"
@@ -77,6 +84,25 @@ def table(body, answers):
     worst = min(value for row in rows for key, value in row.items() if key[:4] in ("bend", "shea", "tors"))
     if worst <= 0:
         raise RuntimeError("a section of the beam has no stiffness")
+    return rows
+
+
+def coupled_shear_m(body, answers):
+    """How far unit moments at the top make the segments shear, as a height times the change of rotation: mean over segments, along X and Y."""
+    lengths = np.diff(body.levels_m)
+    result = []
+    for axis, (moment, turn, sign) in enumerate([(MY, 4, 1.0), (MX, 3, -1.0)]):
+        sway, rotation = answers[:, axis, moment], sign * answers[:, turn, moment]
+        sheared = np.diff(sway) - 0.5 * lengths * (rotation[1:] + rotation[:-1])
+        result.append(-float(np.mean(sheared / np.diff(rotation))))
+    return result
+
+
+def beside_coupled_shear(rows, distance_m):
+    """The same table for a beam that also shears where it bends: what sways under a force is then in part bending."""
+    for row in rows:
+        for axis in (1, 2):
+            row[f"shear_{axis}_n"] = 1 / (1 / row[f"shear_{axis}_n"] - distance_m**2 / row[f"bending_{axis}_n_m2"])
     return rows
 
 
@@ -151,20 +177,28 @@ def write_table(rows, path):
     path.write_text("\n".join(lines) + "\n")
 
 
-def beam_modes(rows, count):
-    """Frequencies and shapes of the beam alone, by OpenSees' own Timoshenko element."""
+def beam_modes(rows, count, distance_m=0.0):
+    """Frequencies and shapes of the beam alone, by OpenSees' own Timoshenko element; so far above each node where bending makes it shear."""
     ops.wipe()
     ops.model("basic", "-ndm", 3, "-ndf", 6)
     # Local axes of an upright member: z along X, y along -Y.
     ops.geomTransf("Linear", 1, 1.0, 0.0, 0.0)
     ops.node(1, 0.0, 0.0, rows[0]["z_bottom_m"])
     ops.fix(1, 1, 1, 1, 1, 1, 1)
+    above = len(rows) + 1
+    if distance_m:
+        ops.node(1 + above, 0.0, 0.0, rows[0]["z_bottom_m"] + distance_m)
+        ops.fix(1 + above, 1, 1, 1, 1, 1, 1)
     for tag, row in enumerate(rows, 2):
         ops.node(tag, 0.0, 0.0, row["z_top_m"])
+        if distance_m:
+            ops.node(tag + above, 0.0, 0.0, row["z_top_m"] + distance_m)
+            ops.rigidLink("beam", tag, tag + above)
         ops.fix(tag, 0, 0, 1, 0, 0, 0)
         mass = row["mass_top_kg"]
         ops.mass(tag, mass, mass, 0.0, *(row[column] for column in COLUMNS[-3:]))
-        ops.element("ElasticTimoshenkoBeam", tag, tag - 1, tag, 1.0, 1.0, 1.0, row["torsion_n_m2"],
+        ends = (tag - 1 + above, tag + above) if distance_m else (tag - 1, tag)
+        ops.element("ElasticTimoshenkoBeam", tag, *ends, 1.0, 1.0, 1.0, row["torsion_n_m2"],
                     row["bending_1_n_m2"], row["bending_2_n_m2"], row["shear_2_n"], row["shear_1_n"], 1)
     world.prepare()
     values = ops.eigen(count)
@@ -175,9 +209,9 @@ def beam_modes(rows, count):
     return np.sqrt(np.array(values)) / (2 * np.pi), shapes
 
 
-def pairs(rows, sound, count):
+def pairs(rows, sound, count, distance_m=0.0):
     """Frequency error in percent and MAC of a table's modes against the body's lowest ones, paired by shape."""
-    found_hz, shapes = beam_modes(rows, count + 6)
+    found_hz, shapes = beam_modes(rows, count + 6, distance_m)
     radius_m = np.sqrt(rows[0]["inertia_z_kg_m2"] / rows[0]["mass_top_kg"])
     scaled = np.array([1.0, 1.0, radius_m])[None, :, None]
     found = (shapes[:, [0, 1, 5]] * scaled).reshape(-1, count + 6)
@@ -190,12 +224,12 @@ def pairs(rows, sound, count):
     return np.array(result)
 
 
-def errors_percent(rows, sound, count):
-    return pairs(rows, sound, count)[:, 0]
+def errors_percent(rows, sound, count, distance_m=0.0):
+    return pairs(rows, sound, count, distance_m)[:, 0]
 
 
-def likeness(rows, sound, count):
-    return pairs(rows, sound, count)[:, 1]
+def likeness(rows, sound, count, distance_m=0.0):
+    return pairs(rows, sound, count, distance_m)[:, 1]
 
 
 def mac(a, b):
@@ -203,13 +237,18 @@ def mac(a, b):
 
 
 def beam_table(body, sound):
-    """The table that the engineer ends with, and its frequency errors."""
-    rows = table(body, world.answers_at_top(body))
-    errors = errors_percent(rows, sound, 8)
+    """The table that the engineer ends with, the distance of its coupled shear in m (zero where there is none), and its frequency errors."""
+    answers = world.answers_at_top(body)
+    rows, distance_m = table(body, answers), 0.0
+    if body.kind == "lattice":
+        coupled_m = float(np.mean(coupled_shear_m(body, answers)))
+        if abs(coupled_m) > NOTED * np.diff(body.levels_m).mean():
+            rows, distance_m = beside_coupled_shear(rows, coupled_m), coupled_m
+    errors = errors_percent(rows, sound, 8, distance_m)
     if np.abs(errors).max() > TOLERATED_PERCENT:
-        rows = calibrate(body, rows)
+        rows, distance_m = calibrate(body, table(body, answers)), 0.0
         errors = errors_percent(rows, sound, 8)
-    return rows, errors
+    return rows, distance_m, errors
 
 
 @dataclasses.dataclass
@@ -329,7 +368,7 @@ def spoil(samples, truth):
         samples[:, columns] = samples[:, columns[::-1]]
 
 
-def write_study(folder, body, placed, samples, rate_hz, band_hz=None):
+def write_study(folder, body, placed, samples, rate_hz, band_hz=None, distance_m=0.0):
     """The study as an engineer would hand it over; beam.csv is written apart. Without a band Belfry chooses one."""
     entries = []
     for sensor in placed:
@@ -337,6 +376,7 @@ def write_study(folder, body, placed, samples, rate_hz, band_hz=None):
         entries.append(SENSOR.format(channel=sensor.channel, node=sensor.node, elevation_m=z_m,
                                      azimuth_deg=90 * sensor.direction, x_m=x_m, y_m=y_m))
     text = STUDY.format(name=body.name, rate_hz=rate_hz, sensors="".join(entries),
-                        analysis=f"[analysis]\nband_hz = {band_hz}\n\n" if band_hz else "")
+                        analysis=f"[analysis]\nband_hz = {band_hz}\n\n" if band_hz else "",
+                        effect=EFFECT.format(distance_m=distance_m) if distance_m else "")
     (folder / "study.toml").write_text(text)
     np.save(folder / "recording.npy", samples)

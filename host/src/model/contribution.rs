@@ -12,7 +12,7 @@
 //! | 1 | the segments of a beam | [`change_segments`](Contribution::change_segments) |
 //! | 2 | the element of each segment | [`soften`](Contribution::soften), then the sum of [`compression`](Contribution::compression) |
 //! | 3 | the base node of a beam, which is eliminated | sum of [`base_flexibility`](Contribution::base_flexibility) |
-//! | 4 | K and M of the body | [`rearrange`](Contribution::rearrange) |
+//! | 4 | K and M of the body | [`rearrange`](Contribution::rearrange); [`coupled_shear_m`](Contribution::coupled_shear_m) says so of a segment |
 //! | 5 | the same, and motion of the axis at any height | [`attach`](Contribution::attach) |
 //! | 6 | the same with all that is attached | [`add_matrices`](Contribution::add_matrices) |
 //! | 7 | the same | product of [`factors`](Contribution::factors) |
@@ -47,6 +47,11 @@ pub trait Contribution: fmt::Debug + Send + Sync {
     /// How far it lets the base of a beam give way.
     fn base_flexibility(&self) -> BaseFlexibility {
         BaseFlexibility::default()
+    }
+
+    /// How far above the nodes of the body it makes points move as those of an ordinary beam, along X and Y in m.
+    fn coupled_shear_m(&self) -> [f64; 2] {
+        [0.0; 2]
     }
 
     /// Changes K and M of the body itself, such as where masses are.

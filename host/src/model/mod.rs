@@ -13,6 +13,7 @@ mod assembly;
 mod base;
 mod beam;
 mod contribution;
+mod coupled_shear;
 mod custom;
 mod damped;
 pub mod effect;

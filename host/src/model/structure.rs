@@ -9,6 +9,7 @@ use super::assembly::Assembly;
 use super::base::BaseFlexibility;
 use super::beam::{BeamTable, Segment, Stiffness};
 use super::contribution::{Contribution, Factors, MassAbove};
+use super::coupled_shear::raised;
 use super::custom::Custom;
 use super::effect::mass_eccentricity::Eccentricity;
 use super::effect::{Effect, EffectError};
@@ -230,6 +231,11 @@ impl Structure {
         self.contributions.iter().map(|contribution| contribution.factors()).fold(Factors::default(), product)
     }
 
+    fn coupled_shear_m(&self) -> [f64; 2] {
+        let sum = |[x, y]: [f64; 2], [more_x, more_y]: [f64; 2]| [x + more_x, y + more_y];
+        self.contributions.iter().map(|contribution| contribution.coupled_shear_m()).fold([0.0; 2], sum)
+    }
+
     /// What spreading all masses adds to M; zero for matrices.
     pub fn spread_change(&self) -> Change {
         let Some(segments) = self.segments() else { return Change::local(0, DMatrix::zeros(0, 0), false) };
@@ -243,7 +249,7 @@ impl Structure {
     /// Exact but for the weight of a segment's mass on those below, a change of a change.
     pub fn segment_changes(&self) -> Vec<SegmentChange> {
         let Some(segments) = self.segments() else { return Vec::new() };
-        let (base, factors) = (self.base(), self.factors());
+        let (base, factors, d_m) = (self.base(), self.factors(), self.coupled_shear_m());
         let compressions = self.compressions(&segments);
         let element = |index: usize, stiffness: Stiffness, factor: f64| {
             let mut segment = segments[index].clone();
@@ -272,7 +278,7 @@ impl Structure {
                         ((index - 1) * DOFS_A_NODE, part)
                     }
                 };
-                Change::local(first_row, part * factors.stiffness, true)
+                Change::local(first_row, raised(part, d_m) * factors.stiffness, true)
             };
             let mass = DMatrix::from_diagonal(&DVector::from_column_slice(&segment.lumped_mass()));
             changes.push(SegmentChange {

@@ -15,6 +15,7 @@ mod base_translation;
 mod catalogue;
 mod clock_offset;
 mod connection_flexibility;
+mod coupled_shear;
 mod custom;
 mod error;
 mod foundation_mass;
