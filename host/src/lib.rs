@@ -33,6 +33,7 @@ pub mod page;
 pub mod picture;
 pub mod plan;
 mod processor;
+pub mod progress;
 pub mod record;
 pub mod results;
 pub mod serve;

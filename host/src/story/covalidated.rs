@@ -9,12 +9,12 @@ use super::case::Case;
 use super::error::StoryError;
 use super::left_out::{MOST_NOISE_GAIN, Split, best_seen, find_setup};
 use super::motion::{Stretch, collect, curves};
-use super::progress::OnProgress;
 use super::shapes::{BySource, Shapes, Source};
 use crate::compare::Comparison;
 use crate::covalidate::{PredictError, Predictor};
 use crate::measure::Route;
 use crate::picture::Curves;
+use crate::progress::OnProgress;
 use crate::results::Results;
 
 /// The file of the curves.
