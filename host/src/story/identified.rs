@@ -20,7 +20,7 @@ use crate::page::{Records, Spectra};
 use crate::progress::{OnProgress, rows_of};
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
 use crate::spectra::{AfterGaps, LineGrid, Lines};
-use crate::study::Study;
+use crate::study::{ModeChoice, Study};
 use crate::trend::Trend;
 
 /// How modes are identified from spectra.
@@ -54,6 +54,8 @@ pub struct ModesReport {
     pub trends: Option<Trend>,
     /// Where the time went.
     pub timings: TimingReport,
+    /// The choice of modes that they were identified with.
+    pub choice: ModeChoice,
     /// What was identified from.
     pub inputs: Inputs,
     /// What a page draws of spectra and recordings.
@@ -253,6 +255,7 @@ fn report(study: &Study, identification: Identification, measurement: &Measureme
         },
         record_needed: None,
         trends: None,
+        choice: study.analysis.modes.clone(),
         inputs: Inputs::of(study),
         grid,
         has_finer_lines: measurement.plan.has_finer_lines,

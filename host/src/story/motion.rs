@@ -171,6 +171,7 @@ pub(super) fn curves(
         channel: setup.sensors[channel].channel.clone(),
         start_s: collected.first_sample_s,
         rate_hz: collected.rate_hz,
+        unit: setup.motion().unit(),
         measured: collected.samples.iter().map(|sample| sample[channel]).collect(),
         predictions: predictors
             .iter()

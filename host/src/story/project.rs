@@ -146,7 +146,7 @@ impl Project {
         self.results.make_ready()?;
         let mut report = identify(&self.study, request.route, request.method, on_progress)?;
         let name = &self.study.structure.name;
-        let picture = picture::singular_values(name, &report.identification)?;
+        let picture = picture::singular_values(name, &self.study.setups, &report.identification)?;
         let picture = self.results.write("singular_values.svg", picture.as_bytes())?;
         if let Some(no_modes) = report.no_modes(&self.study, picture, self.earlier_modes()) {
             return Err(no_modes);
@@ -163,7 +163,7 @@ impl Project {
         if let Some(picture) = picture::mode_shapes(name, &self.study.setups, &report.identification, &[])? {
             self.results.write("mode_shapes.svg", picture.as_bytes())?;
         }
-        if let Some(picture) = picture::fits(name, &report.identification)? {
+        if let Some(picture) = picture::fits(name, &self.study.setups, &report.identification)? {
             self.results.write("fits.svg", picture.as_bytes())?;
         }
         if let Some(every) = request.every.or_else(|| interval_for_temperatures(&self.study, &report)) {
@@ -198,7 +198,7 @@ impl Project {
         let trend = follow(&self.study, found, &report.grid, every.as_secs_f64(), route, on_rows);
         let trend = trend.map_err(StoryError::Follow)?;
         self.write_bytes("trends.csv", trends::csv(&trend))?;
-        if let Some(picture) = picture::trends(&self.study.structure.name, &trend)? {
+        if let Some(picture) = picture::trends(&self.study.structure.name, &self.study.setups, &trend)? {
             self.results.write("trends.svg", picture.as_bytes())?;
         }
         report.trends = Some(trend);
