@@ -112,11 +112,11 @@ function penOf(u) {
             open = there
         }
     }
-    /** Bars from least to greatest in every column of pixels: much faster than strokes. False where there are too few points. */
+    /** Bars from least to greatest in every column of pixels: much faster than strokes. False where points are further apart. */
     function columns(xs, upper, lower, thickness) {
         // A column is a pixel of the screen; on paper, which does not move, one of the canvas.
         const [from, to] = inSight(xs), step = document.documentElement.classList.contains("printing") ? 1 : Math.floor(ratio)
-        if (to - from < 1.5 * width / ratio) return false
+        if (to - from < width / step) return false
         let column = -1, low = Infinity, high = -Infinity, before = [NaN, NaN]
         const flush = () => {
             if (low > high) { before = [NaN, NaN]; return }

@@ -95,12 +95,13 @@ const sight = new IntersectionObserver(entries => {
 
 let pumping = 0, idling = 0
 function pump() {
-    pumping ||= requestAnimationFrame(() => {
-        pumping = 0
-        for (const figure of figures.values()) if (figure.dirty && figure.shown) figure.draw()
-        settle()
-        idle()
-    })
+    pumping ||= requestAnimationFrame(drawShown)
+}
+function drawShown() {
+    pumping = 0
+    for (const figure of figures.values()) if (figure.dirty && figure.shown) figure.draw()
+    settle()
+    idle()
 }
 const later = globalThis.requestIdleCallback ?? (work => setTimeout(work, 30))
 function idle() {
@@ -228,7 +229,11 @@ function show(reason) {
     const d = data()
     if (!d) return
     document.querySelector("main > p.failed")?.remove()
-    if (reason !== "data") return dirty(p => follows(p, reason))
+    if (reason !== "data") {
+        dirty(p => follows(p, reason))
+        // A slider does not wait for the next frame.
+        return drawShown()
+    }
     view.know(modesOf(d))
     guarded("header", () => header(d))
     guarded("findings", () => findings(d))

@@ -239,7 +239,8 @@ fn adopt(
         None => results.history()?.pop(),
     };
     let effects: Vec<Effect> = step.effects.iter().map(|fitted| fitted.effect.clone()).collect();
-    let after = case.compare_with(&effects)?;
+    let (before, after) = rayon::join(|| case.compare(), || case.compare_with(&effects));
+    let after = after?;
     set_effects(&case.study.folder, &entries(&step.effects))?;
     let records: Vec<StepRecord> = start.into_iter().chain([step.record.clone()]).collect();
     let record = results.append_history(&records, &data_mark(case)?)?.pop().unwrap_or_else(|| step.record.clone());
@@ -254,7 +255,7 @@ fn adopt(
                 parameters: fitted.parameters.clone(),
             })
             .collect(),
-        before: case.compare(),
+        before,
         after,
         step: record,
         previous,
