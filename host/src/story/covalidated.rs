@@ -66,7 +66,7 @@ pub struct CovalidationReport {
 pub struct ChannelReport {
     /// Its name.
     pub channel: String,
-    /// Root mean square of its measured motion in the band, in m/s².
+    /// Root mean square of its measured motion in the band, in the unit of its spectra: m/s², or m/s.
     pub rms_measured: f64,
     /// The same of its predictions.
     pub rms_predicted: BySource,
