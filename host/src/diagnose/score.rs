@@ -78,6 +78,7 @@ impl Problem {
             let mut guesses: Vec<f64> = Vec::new();
             let known = known.and_then(|known| known.kinds.get(kind)).map_or(&[][..], Vec::as_slice);
             let direction = |candidate: Candidate| {
+                self.tally.one();
                 let known = known.iter().find(|known| known.candidate.is_same(&candidate));
                 let knobs = known.and_then(|known| known.shown.as_ref()).map(|(knobs, _)| knobs.as_slice());
                 let shown = match candidate.parameters.iter().any(Parameter::is_fitted) {
@@ -88,6 +89,7 @@ impl Problem {
             };
             candidates.into_iter().filter_map(direction).collect()
         };
+        self.tally.stage("effects at every place", candidates.iter().map(Vec::len).sum());
         let kinds = candidates.into_par_iter().enumerate().map(of_kind).collect();
         Sighting { near: Near::of(self, fit), kinds }
     }

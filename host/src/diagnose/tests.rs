@@ -14,6 +14,7 @@ use super::*;
 use crate::model::effect::{Effect, Where};
 use crate::model::{BeamTable, Structure};
 use crate::modes::MeasuredMode;
+use crate::progress::{Progress, UNHEARD, counted};
 use crate::study::template;
 
 fn effects(words: &[&str]) -> Vec<Effect> {
@@ -44,6 +45,30 @@ fn gains_within_calibration_are_no_effect() {
     assert!(within.warnings.iter().any(is_told), "{:?}", within.warnings);
     let beyond = diagnosed(1.03);
     assert_eq!((beyond.verdict, &beyond.best[..]), (Verdict::Effect, &["sensor-gain@ch13".to_owned()][..]));
+}
+
+/// Whoever waits for a diagnosis hears how far it is: stage by stage, each to its last piece.
+#[test]
+fn a_diagnosis_tells_how_far_it_is() {
+    let (structure, model, sensors) = study();
+    let truth = structure.clone().and(&effects(&["added-mass@443.6m=4e6"])).unwrap();
+    let modes = measured(&truth, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(5));
+    let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
+    let mut stages: Vec<Progress> = Vec::new();
+    let mut hear = |told: Progress| match stages.last_mut() {
+        Some(last) if last.stage == told.stage && last.done <= told.done => *last = told,
+        _ => stages.push(told),
+    };
+    let diagnosis = counted(&mut hear, |tally| {
+        diagnose(&problem.told_to(tally), &[], &Signals::default(), &Options::default()).unwrap()
+    });
+    assert_eq!(diagnosis.verdict, Verdict::Effect);
+    assert!(stages.iter().all(|last| last.done == last.total), "{stages:?}");
+    let places = stages.iter().find(|last| last.stage == "effects at every place").unwrap();
+    assert!(places.total > 100, "{places:?}");
+    for stage in ["a first look at effects", "effects fitted", "effects weighed", "the verdict with other tolerances"] {
+        assert!(stages.iter().any(|last| last.stage == stage), "{stage}: {stages:?}");
+    }
 }
 
 /// The Jacobian against central differences, background and every kind of effect, at a point away from nothing.
@@ -398,7 +423,8 @@ fn effects_that_are_one_and_the_same_are_refused_together() {
     let (structure, model, sensors) = study();
     let modes = measured(&structure, &sensors, 10, &mut ChaCha8Rng::seed_from_u64(3));
     let both = effects(&["stiffness-scale=0.1", "mass-scale=0.1"]);
-    let setting = steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
+    let setting =
+        steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes, tally: &UNHEARD };
     let error = setting.refit("add", &both).err().map(|error| error.to_string()).unwrap();
     assert!(error.contains("stiffness-scale and mass-scale cannot both be fitted"), "{error}");
     let twice = effects(&["added-mass@443.6m=1e5", "added-mass@443.6m=2e5"]);
@@ -495,7 +521,8 @@ mod long {
         let (structure, model, sensors) = study();
         let truth = structure.clone().and(&effects(&["base-rotation=9e-15", "sensor-gain@ch13=1.4"])).unwrap();
         let modes = measured(&truth, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(9));
-        let setting = steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
+        let setting =
+            steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes, tally: &UNHEARD };
         let mut records = vec![setting.refit("start", &[]).unwrap().record];
         let mut tell = |step: &steps::Step| records.push(step.record.clone());
         let found = setting.auto(&[], &Signals::default(), &Options::default(), &mut tell).unwrap();

@@ -3,18 +3,19 @@
 use super::case::Case;
 use super::change::named;
 use super::error::StoryError;
-use crate::diagnose::steps::Profiles;
+use crate::diagnose::steps::{Profiles, Setting};
 use crate::diagnose::{Profile, QuantityProfile};
 use crate::model::{Assembly, Body};
+use crate::progress::Tally;
 use crate::study::STUDY_FILE;
 
 /// The profile without and with the effects in the model, and one more (`KIND[@WHERE]`) where one is named.
 ///
 /// # Errors
 /// When the model has no segments, the study trusts them, or the effects cannot be fitted.
-pub(super) fn profiles(case: &Case, with: Option<&str>) -> Result<Profiles, StoryError> {
+pub(super) fn profiles(case: &Case, with: Option<&str>, tally: &Tally) -> Result<Profiles, StoryError> {
     check_segments(case)?;
-    let (setting, effects) = (case.setting()?, &case.model.effects);
+    let (setting, effects) = (Setting { tally, ..case.setting()? }, &case.model.effects);
     Ok(match with {
         None => setting.profiles(effects)?,
         Some(word) => {
