@@ -43,7 +43,8 @@ def deck(structure, seed):
     import defects
     import numpy as np
 
-    cards = [("effect", kind) for kind in defects.EFFECTS + defects.OWN_EFFECTS.get(structure, [])] + [("channel", kind) for kind in defects.CHANNELS]
+    effects = defects.EFFECTS + defects.OWN_EFFECTS.get(structure, [])
+    cards = [("effect", kind) for kind in effects] + [("channel", kind) for kind in defects.CHANNELS]
     cards += [("outsider", kind) for kind in defects.OUTSIDERS[structure]] + [("sound", "nothing")] * 3
     np.random.default_rng([seed, STRUCTURES.index(structure)]).shuffle(cards)
     return [tuple(map(str, card)) for card in cards]

@@ -88,7 +88,7 @@ def table(body, answers):
 
 
 def coupled_shear_m(body, answers):
-    """How far unit moments at the top make the segments shear, as a height times the change of rotation: mean over segments, along X and Y."""
+    """Shear of the segments under unit moments at the top, over their change of rotation: mean over the segments, along X and Y."""
     lengths = np.diff(body.levels_m)
     result = []
     for axis, (moment, turn, sign) in enumerate([(MY, 4, 1.0), (MX, 3, -1.0)]):
@@ -178,7 +178,7 @@ def write_table(rows, path):
 
 
 def beam_modes(rows, count, distance_m=0.0):
-    """Frequencies and shapes of the beam alone, by OpenSees' own Timoshenko element; so far above each node where bending makes it shear."""
+    """Frequencies and shapes of the beam alone, by OpenSees' own Timoshenko element; where bending makes it shear, so far above each node."""
     ops.wipe()
     ops.model("basic", "-ndm", 3, "-ndf", 6)
     # Local axes of an upright member: z along X, y along -Y.
@@ -237,7 +237,7 @@ def mac(a, b):
 
 
 def beam_table(body, sound):
-    """The table that the engineer ends with, the distance of its coupled shear in m (zero where there is none), and its frequency errors."""
+    """The table that the engineer ends with, the distance in m by which bending makes it shear, and its frequency errors."""
     answers = world.answers_at_top(body)
     rows, distance_m = table(body, answers), 0.0
     if body.kind == "lattice":

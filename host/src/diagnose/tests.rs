@@ -88,6 +88,7 @@ fn derivatives_are_those_of_the_differences() {
         "sensor-rotation@node3=4",
         "clock-offset@node4=0.03",
         "p-delta=0.4",
+        "coupled-shear=4",
     ];
     let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
     let effects = effects(&words);
@@ -147,7 +148,7 @@ fn diagnosed(words: &[&str], seed: u64, options: &Options) -> Diagnosis {
 }
 
 /// Effects that show in modes, and names under which they may be found.
-const HIDDEN: [(&str, &[&str]); 15] = [
+const HIDDEN: [(&str, &[&str]); 16] = [
     ("base-rotation=8e-15", &["base-rotation"]),
     ("added-mass@443.6m=4e6", &["added-mass"]),
     ("stiffness-loss@285m=0.7", &["stiffness-loss"]),
@@ -158,6 +159,7 @@ const HIDDEN: [(&str, &[&str]); 15] = [
     ("base-translation=6e-10", &["base-translation"]),
     ("shear-flexibility=0.3", &["shear-flexibility"]),
     ("p-delta=1", &["p-delta"]),
+    ("coupled-shear=12", &["coupled-shear"]),
     ("connection-flexibility@443.6m=1e-12", &["connection-flexibility"]),
     ("outrigger@272m=3e12", &["outrigger"]),
     ("sensor-gain@ch13=1.3", &["sensor-gain@ch13"]),

@@ -62,3 +62,59 @@ pub(super) fn raised(mut part: DMatrix<f64>, d_m: [f64; 2]) -> DMatrix<f64> {
     raise(&mut part, &nodes, d_m);
     part
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use nalgebra::DVector;
+
+    use super::*;
+    use crate::model::BeamTable;
+    use crate::model::effect::Effect;
+    use crate::model::structure::Structure;
+
+    const LENGTH_M: f64 = 10.0;
+
+    /// A tower of four panels, stiff in shear along X and Y, with effects.
+    fn tower(words: &[&str]) -> Structure {
+        let head = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2";
+        let row = |panel: usize| {
+            let z_m = LENGTH_M * panel as f64;
+            format!("{z_m},{},1e11,3e11,20,5e9,2e10,1e5,1e5,1e5,5e5\n", z_m + LENGTH_M)
+        };
+        let table = format!("{head}\n{}", (0..4).map(row).collect::<String>());
+        let beam = BeamTable::from_reader(table.as_bytes(), Path::new("beam.csv")).unwrap();
+        let effects: Vec<Effect> = words.iter().map(|word| word.parse().unwrap()).collect();
+        Structure::with_effects(beam, &effects).unwrap()
+    }
+
+    /// With half of a panel's height, a moment at the top makes each panel sway by the rotation of its lower end: the kinematics of rigid
+    /// braces that meet in the middle of the girder above.
+    #[test]
+    fn without_shear_force_a_panel_sways_as_its_lower_end_rotates() {
+        let answer = |word: &str| {
+            let stiffness = tower(&[word]).assemble().stiffness;
+            let mut moment = DVector::zeros(stiffness.nrows());
+            moment[3 * DOFS_A_NODE + 3] = 1e9;
+            stiffness.cholesky().unwrap().solve(&moment)
+        };
+        let coupled = answer("coupled-shear=5");
+        for panel in 1..4 {
+            let at = |node: usize, dof: usize| coupled[node * DOFS_A_NODE + dof];
+            let (sway, rotation) = (at(panel, 0) - at(panel - 1, 0), at(panel - 1, 3));
+            assert!((sway / (LENGTH_M * rotation) - 1.0).abs() < 1e-9, "panel {panel}: {sway} m");
+        }
+        // Rotations are those of the beam, and so is what sways along the other axis.
+        let plain = answer("coupled-shear=0");
+        for row in (0..plain.len()).filter(|row| row % DOFS_A_NODE == 3) {
+            assert!((coupled[row] / plain[row] - 1.0).abs() < 1e-9);
+        }
+        let along_y = answer("coupled-shear=distance_x=0,distance_y=5");
+        let change = (along_y.clone() - &plain)
+            .iter()
+            .enumerate()
+            .fold(0.0, |most: f64, (row, change)| if row % DOFS_A_NODE == 0 { most.max(change.abs()) } else { most });
+        assert!(change < 1e-9 * plain.amax(), "{change}");
+    }
+}

@@ -397,7 +397,13 @@ fn relative_changes_need_something_to_change() {
 /// depends on it: a soft base, a joint, weight above, turned axes.
 #[test]
 fn segment_changes_are_those_of_the_matrices() {
-    let words = ["base-rotation=4e-11", "connection-flexibility@57m=1e-10", "axis-rotation=12", "stiffness-scale=0.1"];
+    let words = [
+        "base-rotation=4e-11",
+        "connection-flexibility@57m=1e-10",
+        "axis-rotation=12",
+        "coupled-shear=distance_x=4,distance_y=3",
+        "stiffness-scale=0.1",
+    ];
     let effects: Vec<Effect> = words.iter().map(|word| word.parse().unwrap()).collect();
     let structure = Structure::with_effects(beam(), &effects).unwrap();
     let changes = structure.segment_changes();
