@@ -121,7 +121,8 @@ def run_case(arguments, structure, category, kind, index, folder):
         "detail": truth.detail, "place_m": truth.place_m, "channels": truth.channels, "values": truth.values,
         "shift_percent": truth.shift_percent, "height_m": body.height_m(), "mass_t": body.total_mass_kg() / 1000,
         "first_period_s": 1 / sound.frequencies_hz[0], "table_errors_percent": errors.tolist(),
-        "table_mac": study.likeness(rows, sound, 8, distance_m).tolist(), "coupled_shear_m": distance_m, "sampling_rate_hz": rate_hz,
+        "table_mac": study.likeness(rows, sound, 8, distance_m).tolist(), "coupled_shear_m": distance_m,
+        "sampling_rate_hz": rate_hz,
         **judge_modes(identified, modes, seen, truth), **judge_pairing(compared), **judge_diagnosis(diagnosed, truth, body),
         "damping_ratio": damping[modes.lowest(20)].tolist(), "made_s": made_s,
     }

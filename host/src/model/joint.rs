@@ -4,6 +4,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::DOFS_A_NODE;
+use super::arms::{carry, upright};
 use super::beam::Segment;
 use super::element::{Compression, DOFS_A_SEGMENT, geometric_stiffness, interpolation, stiffness};
 
@@ -37,6 +38,14 @@ impl Element {
     /// A segment without joints.
     pub(super) fn of(segment: Segment) -> Self {
         Self { stiffness: stiffness(&segment), segment, kinks: Vec::new() }
+    }
+
+    /// Stands it so far above its nodes, for motion along X and Y in m.
+    pub(super) fn raise(&mut self, above_m: [f64; 2]) {
+        if above_m != [0.0; 2] {
+            let rows = |first: usize| std::array::from_fn(|dof| Some(first + dof));
+            carry(&mut self.stiffness, &upright(&[rows(0), rows(DOFS_A_NODE)], above_m));
+        }
     }
 
     /// Puts a rotational joint in at `z_m` with its flexibilities about X and Y; leaves an element alone that does not reach

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::DOFS_A_NODE;
+use super::arms::{carry, upright};
 use super::assembly::Assembly;
 use super::base::BaseFlexibility;
 use super::beam::{BeamTable, Segment, Stiffness};
 use super::contribution::{Contribution, Factors, MassAbove};
-use super::coupled_shear::raised;
 use super::custom::Custom;
 use super::effect::mass_eccentricity::Eccentricity;
 use super::effect::{Effect, EffectError};
@@ -147,7 +147,12 @@ impl Structure {
     /// K and M, in the phases of [`Contribution`]. A beam has five DOFs a node, base first and left out.
     pub fn assemble(&self) -> Assembly {
         let mut assembly = match (&self.body, self.segments()) {
-            (Body::Matrices(matrices), _) => Assembly::of_matrices(matrices),
+            (Body::Matrices(matrices), _) => {
+                let mut assembly = Assembly::of_matrices(matrices);
+                let arms = upright(assembly.node_rows(), self.coupled_shear_m());
+                carry(&mut assembly.stiffness, &arms);
+                assembly
+            }
             (Body::Beam(_), segments) => self.beam(segments.unwrap_or_default()),
         };
         for contribution in &self.contributions {
@@ -187,6 +192,7 @@ impl Structure {
 
     fn element(&self, segment: Segment, compression: Compression) -> Element {
         let mut element = Element::of(segment);
+        element.raise(self.coupled_shear_m());
         for contribution in &self.contributions {
             contribution.soften(&mut element);
         }
@@ -249,7 +255,7 @@ impl Structure {
     /// Exact but for the weight of a segment's mass on those below, a change of a change.
     pub fn segment_changes(&self) -> Vec<SegmentChange> {
         let Some(segments) = self.segments() else { return Vec::new() };
-        let (base, factors, d_m) = (self.base(), self.factors(), self.coupled_shear_m());
+        let (base, factors) = (self.base(), self.factors());
         let compressions = self.compressions(&segments);
         let element = |index: usize, stiffness: Stiffness, factor: f64| {
             let mut segment = segments[index].clone();
@@ -278,7 +284,7 @@ impl Structure {
                         ((index - 1) * DOFS_A_NODE, part)
                     }
                 };
-                Change::local(first_row, raised(part, d_m) * factors.stiffness, true)
+                Change::local(first_row, part * factors.stiffness, true)
             };
             let mass = DMatrix::from_diagonal(&DVector::from_column_slice(&segment.lumped_mass()));
             changes.push(SegmentChange {

@@ -18,7 +18,7 @@ pub const KINDS: &[&dyn EffectKind] = &[
     &base_torsion::KIND,
     &foundation_mass::FoundationMass,
     &shear_flexibility::ShearFlexibility,
-    &coupled_shear::CoupledShearKind,
+    &coupled_shear::CoupledShear,
     &rotary_inertia::RotaryInertia,
     &p_delta::PDelta,
     &added_mass::AddedMass,

@@ -6,7 +6,6 @@ use super::error::EffectError;
 use super::kind::{About, EffectKind, Given, LookAlike};
 use super::parameter::Parameter;
 use crate::model::contribution::Contribution;
-use crate::model::coupled_shear::CoupledShear;
 use crate::model::structure::Structure;
 
 const ABOUT: About = About {
@@ -14,7 +13,7 @@ const ABOUT: About = About {
     physics: "A panel of K bracing, whose braces meet in the middle of the girder above, sways by the rotation of its lower end, \
          not by that of its middle; where legs taper, braces carry a part of the moment. So bending comes with shear, which a \
          beam does not have.",
-    formula: "K becomes T^T K T at all nodes above the base, T[ux,ry] = d, T[uy,rx] = -d: u' = phi + V/GA - d phi'",
+    formula: "K of the beam becomes T^T K T at all nodes, T[ux,ry] = d, T[uy,rx] = -d: u' = phi + V/GA - d phi'",
     fingerprint: "frequencies too low in the model, most of the lowest modes; shapes off by some percent in mid-height",
     look_alikes: &[
         LookAlike { kind: "stiffness-scale", separated_by: "modes of torsion, which it leaves where they are" },
@@ -41,9 +40,9 @@ const PARAMETER_SETS: &[&[Parameter]] = &[
 
 /// See [`ABOUT`].
 #[derive(Debug)]
-pub(super) struct CoupledShearKind;
+pub(super) struct CoupledShear;
 
-impl EffectKind for CoupledShearKind {
+impl EffectKind for CoupledShear {
     fn about(&self) -> &'static About {
         &ABOUT
     }
@@ -54,6 +53,18 @@ impl EffectKind for CoupledShearKind {
 
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
         given.check_line(self, structure)?;
-        Ok(Arc::new(CoupledShear { d_m: given.of_axes("distance", ["distance_x", "distance_y"]) }))
+        Ok(Arc::new(Raised { above_m: given.of_axes("distance", ["distance_x", "distance_y"]) }))
+    }
+}
+
+/// The beam stands so far above its nodes, for motion along X and Y in m.
+#[derive(Debug)]
+struct Raised {
+    above_m: [f64; 2],
+}
+
+impl Contribution for Raised {
+    fn coupled_shear_m(&self) -> [f64; 2] {
+        self.above_m
     }
 }
