@@ -54,6 +54,13 @@ impl Tally {
         self.tell(|now| *now = Progress { stage, done: 0, total: total as u64 });
     }
 
+    /// Does one piece of the stage.
+    pub fn piece<T>(&self, work: impl FnOnce() -> T) -> T {
+        let done = work();
+        self.one();
+        done
+    }
+
     /// One more piece of the stage is done.
     pub fn one(&self) {
         self.tell(|now| now.done = (now.done + 1).min(now.total));

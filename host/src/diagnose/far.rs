@@ -40,20 +40,12 @@ impl Problem {
         let kinds = KINDS.iter().copied().filter(|kind| shows_by_derivative(*kind) && !options.leaves_out(*kind));
         let Some(far) = Far::of(self, present) else { return Vec::new() };
         self.tally.stage("effects tried far from none", kinds.clone().count());
-        let best_start = |kind| {
-            let start = far.best_start(kind, self.far_candidates(kind, present));
-            self.tally.one();
-            start
-        };
+        let best_start = |kind| self.tally.piece(|| far.best_start(kind, self.far_candidates(kind, present)));
         let mut starts: Vec<Start> = kinds.filter_map(best_start).collect();
         starts.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
         starts.truncate(FITTED);
         self.tally.stage("effects fitted far from none", starts.len());
-        let fit = |start: &Start| {
-            let found = far.fit(start, self.hypotheses(start.kind, present));
-            self.tally.one();
-            found
-        };
+        let fit = |start: &Start| self.tally.piece(|| far.fit(start, self.hypotheses(start.kind, present)));
         starts.par_iter().filter_map(fit).collect()
     }
 

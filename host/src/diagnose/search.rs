@@ -131,11 +131,8 @@ impl Problem {
         self.tally.stage("dampers", twins.clone().count());
         // Dampers take long to fit: without twins they are tried where nothing else explains.
         let by_twins_only = is_explained(&found);
-        found.extend(twins.filter_map(|kind| {
-            let damper = problem.search_damper(present, kind, None, by_twins_only);
-            self.tally.one();
-            damper
-        }));
+        let damper = |kind| self.tally.piece(|| problem.search_damper(present, kind, None, by_twins_only));
+        found.extend(twins.filter_map(damper));
         sort(&mut found);
         if !is_explained(&found) {
             for far in problem.search_far(present, options) {
@@ -170,11 +167,7 @@ impl Problem {
         let looked_at = likeliest.iter().chain(rest.iter().filter(|kind| kind[0].knobs.is_empty()));
         let looked_at: Vec<&Vec<Scored>> = looked_at.collect();
         self.tally.stage("a first look at effects", looked_at.len());
-        let look = |kind: &&Vec<Scored>| {
-            let look = self.refit_one(present, &kind[0], None, Effort::Full);
-            self.tally.one();
-            look
-        };
+        let look = |kind: &&Vec<Scored>| self.tally.piece(|| self.refit_one(present, &kind[0], None, Effort::Full));
         let looks: Vec<Fit> = looked_at.par_iter().filter_map(look).collect();
         let best = looks.iter().max_by(|a, b| a.log_evidence().total_cmp(&b.log_evidence()));
         let best = best.filter(|best| best.log_evidence() - present.log_evidence() > STANDS_OUT);
@@ -185,11 +178,7 @@ impl Problem {
     /// effect is far from what the present model says, a linear step from there leads now to one of its places and now to another.
     fn take_up(&self, present: &Fit, looks: &[Fit], found: &mut Vec<Found>) {
         self.tally.stage("the first look again", looks.len());
-        let again = |look: &Fit| {
-            let fit = self.refitted(look).ok();
-            self.tally.one();
-            fit
-        };
+        let again = |look: &Fit| self.tally.piece(|| self.refitted(look).ok());
         let again: Vec<Fit> = looks.par_iter().filter_map(again).collect();
         for fit in again {
             let Some(kind) = fit.effects().last().map(Effect::of_kind) else { continue };
@@ -255,8 +244,7 @@ impl Problem {
                 if rank < AFRESH {
                     starts.extend_from_slice(&straight);
                 }
-                let other = self.best_from(found.own(), None, &starts, &|_| true);
-                self.tally.one();
+                let other = self.tally.piece(|| self.best_from(found.own(), None, &starts, &|_| true));
                 let Some((_, other)) = other else { return };
                 found.log_bayes_factor = other.log_evidence() - reference + found.log_share;
                 found.own = Some(other);
@@ -339,9 +327,7 @@ impl Problem {
         let look = |kind: &Vec<Scored>, reached: f64| {
             let is_hopeless = kind[0].gain < HOPELESS * promised || kind[0].gain < reached - CLEAR;
             let effort = if is_hopeless { Effort::Little } else { Effort::Full };
-            let look = self.refit_one(present, &kind[0], None, effort);
-            self.tally.one();
-            look
+            self.tally.piece(|| self.refit_one(present, &kind[0], None, effort))
         };
         let (likeliest, rest) = kinds.split_at(kinds.len().min(LOOKS));
         let mut looks: Vec<Option<Fit>> = likeliest.par_iter().map(|kind| look(kind, f64::NEG_INFINITY)).collect();
@@ -358,9 +344,8 @@ impl Problem {
         self.tally.stage("effects fitted at other places", kinds.len());
         let refit = |(kind, look): (&Vec<Scored>, Option<Fit>)| {
             let further = contends(kind, &look);
-            let found = self.refit(present, kind, look, further, self.hypotheses(kind[0].candidate.kind, present));
-            self.tally.one();
-            found
+            let hypotheses = self.hypotheses(kind[0].candidate.kind, present);
+            self.tally.piece(|| self.refit(present, kind, look, further, hypotheses))
         };
         kinds.par_iter().zip(looks).filter_map(refit).collect()
     }
@@ -406,11 +391,8 @@ impl Problem {
         scored.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         self.tally.stage("the effect fitted at its places", 2);
         let near = scored.first().and_then(|first| {
-            let look = self.refit_one(present, first, None, Effort::Full);
-            self.tally.one();
-            let near = self.refit(present, &scored, look, true, hypotheses);
-            self.tally.one();
-            near
+            let look = self.tally.piece(|| self.refit_one(present, first, None, Effort::Full));
+            self.tally.piece(|| self.refit(present, &scored, look, true, hypotheses))
         });
         let is_enough = |found: &Found| found.stands_out() && found.fit.passes();
         let far = match &near {

@@ -338,11 +338,8 @@ impl Problem {
     /// can miss as much.
     pub(super) fn fit_settled(&self, effects: &[Effect]) -> Result<(Self, Fit), DiagnoseError> {
         self.tally.stage("effects in the model refitted", 2);
-        let fit = self.fit_present(effects)?;
-        self.tally.one();
-        let settled = self.at_its_best(&fit).unwrap_or_else(|| (self.clone(), fit));
-        self.tally.one();
-        Ok(settled)
+        let fit = self.tally.piece(|| self.fit_present(effects))?;
+        Ok(self.tally.piece(|| self.at_its_best(&fit)).unwrap_or_else(|| (self.clone(), fit)))
     }
 
     /// An effect fitted at its best place, or at the one that is given, with the discrepancy that it leaves: that problem, and the

@@ -3,6 +3,7 @@
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::identify::NEAR_SHARE;
 use crate::study::{ModeChoice, Study, band_at};
 
 /// What identifying the modes again would change.
@@ -25,8 +26,6 @@ struct PickedBand {
 
 /// Frequencies that differ by less than this share are one number, rounded.
 const ROUNDED: f64 = 1e-6;
-/// A mode that is dropped is the nearest one within this share, as in identification.
-const MEANT: f64 = 0.01;
 
 impl Picks {
     /// Of a study whose modes are these, as modes.json has them; none, where it does not say with which choice they were identified.
@@ -43,7 +42,7 @@ impl Picks {
         let number = |hz: f64| {
             let off = |mode: &&KnownMode| (mode.asked_hz / hz - 1.0).abs();
             let nearest = modes.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
-            nearest.filter(|mode| off(mode) <= MEANT).map(|mode| mode.number)
+            nearest.filter(|mode| off(mode) <= NEAR_SHARE).map(|mode| mode.number)
         };
         let band = |mode: &KnownMode| {
             let band_hz = band_at(&now.bands_hz, mode.frequency_hz);

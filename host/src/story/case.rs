@@ -124,7 +124,7 @@ impl Case {
     /// A comparison with the test of a diagnosis in the place of its own, which takes the tolerance for linear: so all commands
     /// state one chi-squared of one model.
     fn tested(&self, comparison: Comparison, effects: &[Effect]) -> Comparison {
-        let problem = self.setting().ok().and_then(|setting| setting.problem(effects).ok());
+        let problem = self.setting(&UNHEARD).ok().and_then(|setting| setting.problem(effects).ok());
         let Some((test, allowed)) = problem.and_then(|problem| fit_as_given(&problem, effects)) else {
             return comparison;
         };
@@ -168,7 +168,7 @@ impl Case {
     pub fn diagnose(&self, without: &[String], tally: &Tally) -> Result<Diagnosis, StoryError> {
         let effects = &self.model.effects;
         let options = Options { without: without.to_vec() };
-        let setting = Setting { tally, ..self.setting()? };
+        let setting = self.setting(tally)?;
         let mut diagnosis = diagnose(&setting.problem(effects)?, effects, &self.signals()?, &options)?;
         let Setting { bare, model, sensors, measured, .. } = setting;
         let (site, hours) = (Site { bare, model, effects, sensors }, self.record_hours());
@@ -192,11 +192,11 @@ impl Case {
     }
 
     /// What a diagnosis and fits of effects start from.
-    pub(super) fn setting(&self) -> Result<Setting<'_>, StoryError> {
+    pub(super) fn setting<'a>(&'a self, tally: &'a Tally) -> Result<Setting<'a>, StoryError> {
         let no_model = || ModelError::NoModel { file: self.study.folder.join(STUDY_FILE) };
         let model = self.study.model.as_ref().ok_or_else(no_model)?;
         let (sensors, measured) = (self.seen_sensors(), &self.measured.modes);
-        Ok(Setting { bare: &self.bare, model, sensors, measured, tally: &UNHEARD })
+        Ok(Setting { bare: &self.bare, model, sensors, measured, tally })
     }
 
     /// The sensors that take part: none where no shape was measured and they have no place.

@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::case::Case;
 use super::error::StoryError;
 use crate::compare::Comparison;
-use crate::diagnose::steps::{FittedEffect, Setting, Step, StepRecord};
+use crate::diagnose::steps::{FittedEffect, Step, StepRecord};
 use crate::diagnose::{Estimate, FAILS, Options, shown_effects};
 use crate::model::effect::{self, Effect, EffectError, EffectKind, Evidence, PlaceKind, Where};
 use crate::modes::{MeasuredError, are_known};
@@ -72,7 +72,7 @@ pub fn add(case: &Case, word: &str, tally: &Tally) -> Result<ChangeReport, Story
     if (place.is_some() || kind.place() == PlaceKind::Nowhere) && case.model.effects.iter().any(is_there) {
         return Err(StoryError::EffectIsThere { effect: head.to_owned(), study: case.study.folder.clone() });
     }
-    let setting = Setting { tally, ..case.setting()? };
+    let setting = case.setting(tally)?;
     let start = starting_record(case, tally)?;
     let action = format!("add {head}");
     let with = |effect: Effect| -> Result<Vec<Effect>, StoryError> {
@@ -120,7 +120,7 @@ pub fn remove(case: &Case, name: &str, tally: &Tally) -> Result<ChangeReport, St
     });
     let left: Vec<Effect> =
         effects.iter().enumerate().filter(|(at, _)| *at != index).map(|(_, effect)| effect.clone()).collect();
-    let setting = Setting { tally, ..case.setting()? };
+    let setting = case.setting(tally)?;
     let step = setting.refit_beside(&format!("drop {}", effects[index]), &left, effects)?;
     adopt(case, start, &step, warnings)
 }
@@ -144,7 +144,7 @@ pub fn add_until_nothing_gains(
         records.push(step.record.clone());
         last = Some((entries(&step.effects), step.record.p_value));
     };
-    let setting = Setting { tally, ..case.setting()? };
+    let setting = case.setting(tally)?;
     setting.auto(&case.model.effects, &case.signals()?, &options, &mut note)?;
     let results = Results::of(&case.study);
     let Some((entries, p_value)) = last else {
@@ -222,7 +222,7 @@ fn starting_record(case: &Case, tally: &Tally) -> Result<Option<StepRecord>, Sto
         Some(last) if last.effects == effects && last.modes > 0 => return Ok(None),
         Some(_) => "edited by hand",
     };
-    let setting = Setting { tally, ..case.setting()? };
+    let setting = case.setting(tally)?;
     Ok(Some(setting.refit(action, &case.model.effects)?.record))
 }
 
