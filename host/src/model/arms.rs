@@ -27,18 +27,18 @@ pub(super) fn upright(nodes: &[NodeRows], [along_x_m, along_y_m]: [f64; 2]) -> V
     nodes.iter().flat_map(of_node).filter_map(arm).collect()
 }
 
-/// `Tᵀ A T`: a matrix of the points, symmetric, as one of their nodes; T gives points their motion.
+/// `Tᵀ A T`: a matrix of the points, symmetric, as one of their nodes; T gives points their motion. Arms of one rotation stand together.
 pub(super) fn carry<R: Dim, C: Dim, S: RawStorageMut<f64, R, C>>(matrix: &mut Matrix<f64, R, C, S>, arms: &[Arm]) {
-    for &Arm { translation, rotation, length_m } in arms {
+    for of_one in arms.chunk_by(|one, next| one.rotation == next.rotation) {
         for row in 0..matrix.nrows() {
-            let moved = length_m * matrix[(row, translation)];
-            matrix[(row, rotation)] += moved;
+            let moved: f64 = of_one.iter().map(|arm| arm.length_m * matrix[(row, arm.translation)]).sum();
+            matrix[(row, of_one[0].rotation)] += moved;
         }
     }
-    for &Arm { translation, rotation, length_m } in arms {
+    for of_one in arms.chunk_by(|one, next| one.rotation == next.rotation) {
         for column in 0..matrix.ncols() {
-            let moved = length_m * matrix[(translation, column)];
-            matrix[(rotation, column)] += moved;
+            let moved: f64 = of_one.iter().map(|arm| arm.length_m * matrix[(arm.translation, column)]).sum();
+            matrix[(of_one[0].rotation, column)] += moved;
         }
     }
 }
