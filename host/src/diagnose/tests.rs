@@ -89,6 +89,7 @@ fn derivatives_are_those_of_the_differences() {
         "clock-offset@node4=0.03",
         "p-delta=0.4",
         "coupled-shear=4",
+        "wall-frame=0.05",
     ];
     let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
     let effects = effects(&words);
@@ -148,7 +149,7 @@ fn diagnosed(words: &[&str], seed: u64, options: &Options) -> Diagnosis {
 }
 
 /// Effects that show in modes, and names under which they may be found.
-const HIDDEN: [(&str, &[&str]); 16] = [
+const HIDDEN: [(&str, &[&str]); 17] = [
     ("base-rotation=8e-15", &["base-rotation"]),
     ("added-mass@443.6m=4e6", &["added-mass"]),
     ("stiffness-loss@285m=0.7", &["stiffness-loss"]),
@@ -160,6 +161,7 @@ const HIDDEN: [(&str, &[&str]); 16] = [
     ("shear-flexibility=0.3", &["shear-flexibility"]),
     ("p-delta=1", &["p-delta"]),
     ("coupled-shear=12", &["coupled-shear"]),
+    ("wall-frame=0.25", &["wall-frame"]),
     ("connection-flexibility@443.6m=1e-12", &["connection-flexibility"]),
     ("outrigger@272m=3e12", &["outrigger"]),
     ("sensor-gain@ch13=1.3", &["sensor-gain@ch13"]),

@@ -71,6 +71,16 @@ impl Element {
         }
     }
 
+    /// Puts springs between the sways of its ends, of what shears beside it, with this shear stiffness along X and Y in N.
+    pub(super) fn stand_beside(&mut self, frames_n: [f64; 2]) {
+        for (direction, frames_n) in frames_n.into_iter().enumerate() {
+            let spring = frames_n / self.segment.length_m();
+            for (row, column, sign) in [(0, 0, 1.0), (0, 1, -1.0), (1, 0, -1.0), (1, 1, 1.0)] {
+                self.stiffness[(direction + row * DOFS_A_NODE, direction + column * DOFS_A_NODE)] += sign * spring;
+            }
+        }
+    }
+
     /// Softens it by a compression.
     pub(super) fn compress(&mut self, compression: Compression) {
         if let Some(geometric) = geometric_stiffness(&self.segment, compression) {

@@ -196,6 +196,7 @@ impl Structure {
         for contribution in &self.contributions {
             contribution.soften(&mut element);
         }
+        element.stand_beside(self.frames_n());
         element.compress(compression);
         element
     }
@@ -238,8 +239,11 @@ impl Structure {
     }
 
     fn coupled_shear_m(&self) -> [f64; 2] {
-        let sum = |[x, y]: [f64; 2], [more_x, more_y]: [f64; 2]| [x + more_x, y + more_y];
-        self.contributions.iter().map(|contribution| contribution.coupled_shear_m()).fold([0.0; 2], sum)
+        sum(self.contributions.iter().map(|contribution| contribution.coupled_shear_m()))
+    }
+
+    fn frames_n(&self) -> [f64; 2] {
+        sum(self.contributions.iter().map(|contribution| contribution.frames_n()))
     }
 
     /// What spreading all masses adds to M; zero for matrices.
@@ -294,6 +298,11 @@ impl Structure {
         }
         changes
     }
+}
+
+/// Of what contributions say for X and Y.
+fn sum(of_all: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
+    of_all.fold([0.0; 2], |[x, y], [more_x, more_y]| [x + more_x, y + more_y])
 }
 
 /// What a relative change of one segment does to K and M.

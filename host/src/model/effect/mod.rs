@@ -48,6 +48,9 @@ mod temperature_stiffness;
 mod tests;
 mod trend;
 pub(super) mod tuned_mass_damper;
+mod wall_frame;
+#[cfg(test)]
+mod wall_frame_tests;
 #[cfg(test)]
 mod word_tests;
 

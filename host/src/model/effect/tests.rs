@@ -452,6 +452,7 @@ fn segment_changes_are_those_of_the_matrices() {
         "connection-flexibility@57m=1e-10",
         "axis-rotation=12",
         "coupled-shear=distance_x=4,distance_y=3",
+        "wall-frame=share_x=0.2,share_y=0.3",
         "stiffness-scale=0.1",
     ];
     let effects: Vec<Effect> = words.iter().map(|word| word.parse().unwrap()).collect();
