@@ -58,6 +58,10 @@ fn tell(profiles: &Profiles, project: &Project, console: &Console) {
         let text = |estimate: &_| values_text(std::slice::from_ref(estimate));
         console.say(format!("Centres of mass off the axis: {} along X, {} along Y.", text(x), text(y)));
     }
+    if let Some(sections) = &profile.sections {
+        let ratio = values_text(std::slice::from_ref(&sections.narrowing));
+        console.say(format!("Sections narrow in bending with a Poisson's ratio of {ratio}; floors make it 0."));
+    }
     for value in profile.joint.iter().flat_map(|joint| &joint.values) {
         let estimate = with_std(value.value, value.std);
         console.say(format!("{}: {} {estimate}{}", value.effect, value.parameter, unit_text(&value.unit)));

@@ -120,6 +120,17 @@ impl Residual {
         }
     }
 
+    /// Notes what sections that rack as far as they turn would add to shapes of unit length, sensors x measured modes.
+    pub(crate) fn note_racking(&mut self, racking: &DMatrix<f64>) {
+        for block in &mut self.blocks {
+            let along = |shape: &ShapeBlock| {
+                let there = racking.column(block.measured).select_rows(&shape.sensors);
+                (there.norm_squared() > 0.0).then(|| shape.directions.tr_mul(&there).insert_row(0, 0.0))
+            };
+            block.racked = block.shape.as_ref().and_then(along);
+        }
+    }
+
     /// Numbers compared.
     pub(crate) fn size(&self) -> usize {
         self.blocks.iter().map(Block::size).sum()
@@ -176,6 +187,8 @@ pub(crate) struct Block {
     group: Option<usize>,
     /// The shape, where it is compared.
     pub(crate) shape: Option<ShapeBlock>,
+    /// What sections that rack as far as they turn would add to the difference, once that is noted; `None` where it is nothing.
+    pub(crate) racked: Option<DVector<f64>>,
 }
 
 /// A measured shape against the model's, or against the span of several close ones.
@@ -216,7 +229,16 @@ impl Block {
         let group = mode.covariance_factor.as_ref().map(|factor| factor.group);
         let covariance = own + &joint * joint.transpose();
         let (measured, model) = (pair.measured, pair.model);
-        Some(Self { measured, model, residual, covariance, joint, group, shape: shape.map(|(block, _)| block) })
+        Some(Self {
+            measured,
+            model,
+            residual,
+            covariance,
+            joint,
+            group,
+            shape: shape.map(|(block, _)| block),
+            racked: None,
+        })
     }
 
     pub(crate) fn size(&self) -> usize {

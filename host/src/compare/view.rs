@@ -101,6 +101,19 @@ impl ModelView {
         derivatives
     }
 
+    /// Derivatives of `modes` (0-based), as the sensors record them, by what sensors see of each DOF: `rows` more, sensors x DOFs, and
+    /// nothing else.
+    pub(crate) fn derivatives_by_rows(&self, rows: &DMatrix<f64>, modes: &[usize]) -> Vec<ModeDerivative> {
+        let of = |&mode: &usize| {
+            let mut shape = rows * self.modes.shapes.column(mode);
+            if let Some(phases) = &self.phases_rad {
+                shape.zip_apply(&phases.column(mode), |value, phase: f64| *value *= phase.cos());
+            }
+            ModeDerivative { ln_frequency: 0.0, shape, damping_ratio: 0.0 }
+        };
+        modes.iter().map(of).collect()
+    }
+
     /// Derivatives of ln f of `modes` (0-based) by a change.
     pub(crate) fn frequency_derivatives(&self, modes: &[usize], change: &Change) -> Vec<f64> {
         match &self.damped {

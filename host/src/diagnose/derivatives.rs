@@ -4,6 +4,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::background::Background;
 use super::evaluation::SCATTER_OF_DAMPING;
 use super::knob::{Knob, with_values};
 use super::problem::Problem;
@@ -43,7 +44,10 @@ impl State {
         let by_quantities: Vec<DMatrix<f64>> = problem.background.quantities().map(by_quantity).collect();
         let [along_x, along_y] = eccentricity_changes(&self.assembly);
         let by_masses = [&self.structure.spread_change(), &along_x, &along_y].map(column);
-        Some(problem.background.chain(&by_quantities, &by_masses, &self.numbers))
+        let rows = self.assembly.distorted_rows(&problem.sensors, Background::distortion(1.0)).ok()?;
+        let by_sections = self.residual.slope(&self.models, &self.view.derivatives_by_rows(&rows, &self.models));
+        let by_others: Vec<DVector<f64>> = by_masses.into_iter().chain([by_sections]).collect();
+        Some(problem.background.chain(&by_quantities, &by_others, &self.numbers))
     }
 
     /// The derivative of the differences by what takes the structure to `structure` in a step of the size `step`; those of modes

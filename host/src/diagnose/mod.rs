@@ -88,7 +88,7 @@ pub(crate) use outlook::{Draw, Outlook, Rival, Weighed};
 pub use partial_report::{Instead, PartialAnswer, PartialEffect};
 pub use posterior::Probabilities;
 pub use problem::Problem;
-pub use profile::{Masses, Profile, ProfileSegment, Quantity, QuantityProfile};
+pub use profile::{Masses, Profile, ProfileSegment, Quantity, QuantityProfile, Sections};
 pub use relief::Left;
 pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,

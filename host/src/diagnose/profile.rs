@@ -25,6 +25,8 @@ pub struct Profile {
     pub quantities: Vec<QuantityProfile>,
     /// What was learned of where masses are within a floor and along the height; null where the study trusts its table.
     pub masses: Option<Masses>,
+    /// What was learned of how sections distort; null where the study trusts its table.
+    pub sections: Option<Sections>,
     /// The values of the effects with their joint covariance; null where there are none.
     pub joint: Option<Joint>,
     /// How well the model fits.
@@ -77,6 +79,13 @@ pub struct ProfileSegment {
     pub std: f64,
     /// The same before anything was measured: the model's tolerance.
     pub prior_std: f64,
+}
+
+/// How far sections distort in their own plane, which a beam's do not: see [`crate::model::Distortion`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sections {
+    /// Poisson's ratio with which they narrow where the structure bends.
+    pub narrowing: Estimate,
 }
 
 /// Where masses are that a table lumps on the axis of its nodes.
@@ -168,6 +177,7 @@ impl Profile {
             effects: fit.effects().iter().map(Effect::to_string).collect(),
             quantities: problem.background.parts().map(of_part).collect(),
             masses: masses(problem, fit),
+            sections: sections(problem, fit),
             joint: fit.joint(),
             goodness_of_fit: fit.goodness_as_stated(problem).into(),
             discrepancy: fit.discrepancy,
@@ -181,16 +191,26 @@ fn deviations(part: &DMatrix<f64>, covariance: &DMatrix<f64>) -> DVector<f64> {
     DVector::from_fn(part.nrows(), |row, _| spread.row(row).dot(&part.row(row)).max(0.0).sqrt())
 }
 
+/// A number of the background in its unit.
+fn of_number(fit: &Fit, at: usize, one: f64, name: &str, unit: &str) -> Estimate {
+    let variance = fit.covariance[(fit.knobs.len() + at, fit.knobs.len() + at)];
+    Estimate {
+        name: name.to_owned(),
+        value: one * fit.state.numbers[at],
+        std: Some(one * variance.max(0.0).sqrt()),
+        unit: unit.to_owned(),
+        typical_sizes: None,
+    }
+}
+
+fn sections(problem: &Problem, fit: &Fit) -> Option<Sections> {
+    let at = problem.background.of_sections()?;
+    Some(Sections { narrowing: of_number(fit, at, Background::distortion(1.0).narrowing, "narrowing", "-") })
+}
+
 fn masses(problem: &Problem, fit: &Fit) -> Option<Masses> {
     let units = problem.background.units_of_masses()?;
     let first = problem.background.of_segments();
-    let variances = fit.covariance.diagonal();
-    let estimate = |at: usize, name: &str, unit: &str| Estimate {
-        name: name.to_owned(),
-        value: units[at] * fit.state.numbers[first + at],
-        std: Some(units[at] * variances[fit.knobs.len() + first + at].max(0.0).sqrt()),
-        unit: unit.to_owned(),
-        typical_sizes: None,
-    };
+    let estimate = |at: usize, name: &str, unit: &str| of_number(fit, first + at, units[at], name, unit);
     Some(Masses { spread: estimate(0, "spread", "-"), offset: [estimate(1, "x", "m"), estimate(2, "y", "m")] })
 }

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVectorView};
 use super::DOFS_A_NODE;
 use super::beam::Segment;
 use super::damped::DampedModes;
+use super::distortion::Distortion;
 use super::eigen::{EigenError, ModalBasis, Modes};
 use super::geometry::{Geometry, Line, LocalMotion};
 use super::joint::Kink;
@@ -23,6 +24,8 @@ pub struct Assembly {
     pub damping: Option<DMatrix<f64>>,
     /// Where the DOFs stand.
     pub(super) geometry: Geometry,
+    /// How far sections distort in their own plane.
+    pub(super) distortion: Distortion,
     /// What the sensors really are.
     pub sensing: Sensing,
 }
@@ -44,7 +47,14 @@ impl Assembly {
             }
         }
         let geometry = Geometry::Line(Line::of_beam(segments, kinks, base_motion));
-        Self { stiffness, mass, damping: None, geometry, sensing: Sensing::default() }
+        Self {
+            stiffness,
+            mass,
+            damping: None,
+            geometry,
+            distortion: Distortion::default(),
+            sensing: Sensing::default(),
+        }
     }
 
     /// Imported matrices as they are.
@@ -54,6 +64,7 @@ impl Assembly {
             mass: mass.clone(),
             damping: None,
             geometry: Geometry::of_nodes(nodes, stiffness),
+            distortion: Distortion::default(),
             sensing: Sensing::default(),
         }
     }

@@ -17,7 +17,7 @@
 //! | 6 | the same with all that is attached | [`add_matrices`](Contribution::add_matrices) |
 //! | 7 | the same | product of [`factors`](Contribution::factors) |
 //! | 8 | final K and M | [`hang`](Contribution::hang) |
-//! | 9 | what sensors see | [`sensor_change`](Contribution::sensor_change) |
+//! | 9 | what sensors see | sum of [`distortion`](Contribution::distortion), [`sensor_change`](Contribution::sensor_change) |
 //!
 //! Phases 1 to 3 are those of a beam table; imported matrices start with phase 4, where `coupled_shear_m` acts on them as a whole.
 
@@ -27,6 +27,7 @@ use std::sync::Arc;
 use super::assembly::Assembly;
 use super::base::BaseFlexibility;
 use super::beam::Segment;
+use super::distortion::Distortion;
 use super::element::Compression;
 use super::joint::Element;
 use super::sensing::SensorChange;
@@ -85,6 +86,11 @@ pub trait Contribution: fmt::Debug + Send + Sync {
     /// Whether it hangs a damper there, which splits modes into twins.
     fn is_damper(&self) -> bool {
         false
+    }
+
+    /// How far it lets sections distort in their own plane.
+    fn distortion(&self) -> Distortion {
+        Distortion::default()
     }
 
     /// What it changes about the sensors.

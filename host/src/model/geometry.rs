@@ -183,6 +183,25 @@ impl Line {
         motion
     }
 
+    /// How the axis bends and turns at a height, 3 x DOFs: `d²ux/dz²` and `d²uy/dz²` by the rotations of sections over the length of a span
+    /// to both sides, and rz. The free top goes on mirrored, as nothing bends it; the clamped base with the opposite sign.
+    pub(super) fn bent(&self, z_m: f64, dofs: usize) -> DMatrix<f64> {
+        let (z_base_m, z_top_m) = (self.z_base_m(), self.z_top_m());
+        let z_m = z_m.clamp(z_base_m, z_top_m);
+        let span = self.spans.iter().find(|span| z_m <= span.z_top_m).or(self.spans.last());
+        let Some(step_m) = span.map(Segment::length_m) else { return DMatrix::zeros(3, dofs) };
+        let below = match z_m - step_m {
+            z_m if z_m < z_base_m => -self.motion(2.0 * z_base_m - z_m, dofs),
+            z_m => self.motion(z_m, dofs),
+        };
+        let above = match z_m + step_m {
+            z_m if z_m > z_top_m => self.motion(2.0 * z_top_m - z_m, dofs),
+            z_m => self.motion(z_m, dofs),
+        };
+        let slope = |row: usize| (above.row(row) - below.row(row)) / (2.0 * step_m);
+        DMatrix::from_rows(&[slope(3), -slope(2), self.motion(z_m, dofs).row(4).into_owned()])
+    }
+
     /// [`Line::motion`] at the few DOFs that take part in it.
     pub(super) fn local_motion(&self, z_m: f64) -> LocalMotion {
         let last = self.spans.len().saturating_sub(1);

@@ -44,7 +44,7 @@ impl Sensing {
     }
 
     /// What channels record, given what their sensors see: gains and swaps on rows, sensors x anything.
-    pub(super) fn record(&self, rows: &mut DMatrix<f64>, sensors: &[Sensor]) {
+    pub(crate) fn record(&self, rows: &mut DMatrix<f64>, sensors: &[Sensor]) {
         for change in &self.changes {
             change.record(rows, sensors);
         }

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, RowDVector};
 use thiserror::Error;
 
 use super::assembly::Assembly;
+use super::distortion::Distortion;
 use super::geometry::{Geometry, Line};
 use super::layout::LayoutNode;
 use crate::study::{Direction, Motion, Sensor, Unit};
@@ -126,19 +127,61 @@ fn check_inside(line: &Line, sensor: &Sensor, elevation_m: f64) -> Result<(), Se
 impl Assembly {
     /// Motion at the sensors, sensors x DOFs, in the sensors' order and positive directions.
     ///
-    /// Where nodes stand above each other the section is rigid: a sensor at the plan offset (x, y) moves by `ux - y rz` and
-    /// `uy + x rz`, and up by `uz + y rx - x ry`. Between nodes see [`Assembly::axis_motion`]. In a structure in space the
+    /// Where nodes stand above each other the section is rigid, but for its [`Distortion`]: a sensor at the plan offset (x, y) moves by
+    /// `ux - y rz` and `uy + x rz`, and up by `uz + y rx - x ry`. Between nodes see [`Assembly::axis_motion`]. In a structure in space the
     /// offset is the sensor's place in plan, at which a node must stand.
     ///
     /// # Errors
     /// [`SensorError`] names the channel.
     pub fn sensor_rows(&self, sensors: &[Sensor]) -> Result<DMatrix<f64>, SensorError> {
+        let row = |sensor: &Sensor| {
+            let row = self.sensor_row(sensor)?;
+            Ok(if self.distortion.is_none() { row } else { row + self.distorted_row(sensor, self.distortion) })
+        };
+        self.recorded(sensors, row)
+    }
+
+    /// What of [`Assembly::sensor_rows`] such a distortion of sections makes, sensors x DOFs: linear in it.
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn distorted_rows(
+        &self,
+        sensors: &[Sensor],
+        distortion: Distortion,
+    ) -> Result<DMatrix<f64>, SensorError> {
+        self.recorded(sensors, |sensor| Ok(self.distorted_row(sensor, distortion)))
+    }
+
+    /// Rows of sensors as they really point, as channels record them.
+    fn recorded(
+        &self,
+        sensors: &[Sensor],
+        row: impl Fn(&Sensor) -> Result<RowDVector<f64>, SensorError>,
+    ) -> Result<DMatrix<f64>, SensorError> {
         let mut rows = DMatrix::zeros(sensors.len(), self.dofs());
         for (index, sensor) in sensors.iter().enumerate() {
-            rows.set_row(index, &self.sensor_row(&self.sensing.turned(sensor))?);
+            rows.set_row(index, &row(&self.sensing.turned(sensor))?);
         }
         self.sensing.record(&mut rows, sensors);
         Ok(rows)
+    }
+
+    /// What a sensor sees of sections that distort: nothing at the axis, of tilt and strain, and where no beam says how it bends.
+    fn distorted_row(&self, sensor: &Sensor, distortion: Distortion) -> RowDVector<f64> {
+        let is_displaced = sensor.dof.is_none()
+            && sensor.offset_m != [0.0; 2]
+            && !matches!(sensor.unit.map(Unit::motion), Some(Motion::Tilt | Motion::Strain));
+        let line = match &self.geometry {
+            Geometry::Line(line) if is_displaced && has_rotations(line) => line,
+            _ => return RowDVector::zeros(self.dofs()),
+        };
+        let (Some(z_m), Some(direction)) = (sensor.elevation_m, sensor.direction) else {
+            return RowDVector::zeros(self.dofs());
+        };
+        let [cos, sin, _] = direction.cosines();
+        let [ux, uy] = distortion.at(sensor.offset_m, &line.bent(z_m, self.dofs()));
+        ux * cos + uy * sin
     }
 
     /// The beam whose turning a sensor sees.

@@ -1,5 +1,6 @@
 //! From a structure (a body and what contributes to it) to its mass and stiffness matrices.
 
+use std::ops::Add;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
@@ -11,6 +12,7 @@ use super::base::BaseFlexibility;
 use super::beam::{BeamTable, Segment, Stiffness};
 use super::contribution::{Contribution, Factors, MassAbove};
 use super::custom::Custom;
+use super::distortion::Distortion;
 use super::effect::mass_eccentricity::Eccentricity;
 use super::effect::{Effect, EffectError};
 use super::element::{Compression, DOFS_A_SEGMENT, scatter};
@@ -72,6 +74,11 @@ impl Structure {
     /// Moves the centres of mass of all nodes below a mast off the axis, along X and Y in m.
     pub fn shift_masses(&mut self, offset_m: [f64; 2]) {
         self.push(Arc::new(Eccentricity { offset_m }));
+    }
+
+    /// Lets sections distort in their own plane as the structure bends and twists: sensors off the axis see it.
+    pub fn distort_sections(&mut self, distortion: Distortion) {
+        self.push(Arc::new(distortion));
     }
 
     /// How many contributions are dampers.
@@ -172,6 +179,8 @@ impl Structure {
         for contribution in &self.contributions {
             contribution.hang(&mut assembly);
         }
+        let distortions = self.contributions.iter().map(|contribution| contribution.distortion());
+        assembly.distortion = distortions.fold(Distortion::default(), Add::add);
         assembly.sensing = Sensing::of(self.contributions.iter().filter_map(|one| one.sensor_change()));
         assembly
     }

@@ -111,6 +111,50 @@ fn a_clamped_beam_without_shear_has_the_euler_bernoulli_frequencies() {
     }
 }
 
+/// A beam that a couple at its top bends has one curvature, and each section narrows as Poisson's ratio has it; one that turns racks. Sensors on the axis, tilts and strains see neither, and the top of a mode is free.
+#[test]
+fn sections_that_distort_move_sensors_off_the_axis_alone() {
+    let beam = Uniform::default();
+    let mut structure = Structure::new(beam.table());
+    structure.distort_sections(Distortion { narrowing: 0.25, racking: 0.02 });
+    let (assembly, rigid) = (structure.assemble(), Structure::new(beam.table()).assemble());
+    // ux = z² kx / 2 and uy = z² ky / 2 with rotations to match, and rz = z t.
+    let (kx, ky, twist) = (3e-6, -2e-6, 5e-6);
+    let nodes = assembly.dofs() / DOFS_A_NODE;
+    let motion = DVector::from_iterator(
+        assembly.dofs(),
+        (1..=nodes).flat_map(|node| {
+            let z_m = beam.length_m * node as f64 / nodes as f64;
+            let (half, all) = (0.5 * z_m * z_m, z_m);
+            [half * kx, half * ky, -all * ky, all * kx, all * twist]
+        }),
+    );
+    let z_m = 0.5 * beam.length_m;
+    let more = |unit: Option<Unit>, azimuth_deg: f64, offset_m: [f64; 2]| {
+        let place = [Sensor { unit, ..sensor("1", z_m, Direction::AzimuthDeg(azimuth_deg), offset_m) }];
+        let seen = |assembly: &Assembly| (assembly.sensor_rows(&place).unwrap() * &motion)[0];
+        seen(&assembly) - seen(&rigid)
+    };
+    for [x, y] in [[2.0, 1.0], [-3.0, 0.5], [0.0, 4.0]] {
+        let (half, racking) = (0.5 * (x * x - y * y), 0.02 * z_m * twist);
+        let along_x = 0.25 * (kx * half + ky * x * y) + racking * y;
+        let along_y = 0.25 * (kx * x * y - ky * half) + racking * x;
+        assert!((more(None, 0.0, [x, y]) - along_x).abs() < 1e-3 * along_x.abs(), "{x} {y}");
+        assert!((more(None, 90.0, [x, y]) - along_y).abs() < 1e-3 * along_y.abs(), "{x} {y}");
+        assert!((more(None, 180.0, [x, y]) + along_x).abs() < 1e-3 * along_x.abs(), "{x} {y}");
+        assert_eq!([more(Some(Unit::Radian), 0.0, [x, y]), more(Some(Unit::Strain), 0.0, [x, y])], [0.0; 2]);
+    }
+    assert_eq!(more(None, 0.0, [0.0; 2]), 0.0);
+    // In a mode nothing bends the top: what is left is a difference over a span.
+    let place = |z_m: f64| [sensor("1", z_m, Direction::AzimuthDeg(0.0), [3.0, 1.0])];
+    let mode = beam.modes().shapes.column(0).into_owned();
+    let of = |z_m: f64| {
+        let seen = |assembly: &Assembly| (assembly.sensor_rows(&place(z_m)).unwrap() * &mode)[0];
+        seen(&assembly) - seen(&rigid)
+    };
+    assert!(of(beam.length_m).abs() < 0.02 * of(0.3 * beam.length_m).abs());
+}
+
 #[test]
 fn inclinometers_see_the_slope_of_the_axis_and_strain_gauges_its_curvature() {
     let beam = Uniform::default();
