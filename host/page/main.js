@@ -57,7 +57,8 @@ class Figure {
         host.replaceChildren()
         const why = d.stale?.[picture.from]
         this.stale.replaceChildren(...why ? sentence(`From an older state: ${why}`) : [])
-        this.says.textContent = (isPreview() && follows(picture, "preview") ? "Preview, not written: " : "") + (guarded(picture.id, () => picture.says?.(d, view), "") ?? "")
+        // The data say what stands on results alone, the picture what follows the view.
+        this.says.textContent = [isPreview() && follows(picture, "preview") && "Preview, not written:", guarded(picture.id, () => picture.says?.(d, view)), d.says?.[picture.id]].filter(Boolean).join(" ")
         const free = guarded(picture.id, () => picture.draw(host, d, view) ?? null, false)
         if (free === false) host.replaceChildren(make("p.failed", "This picture could not be drawn."))
         else if (typeof free === "function") this.free = free
@@ -130,7 +131,7 @@ function frame() {
     byId("main").replaceChildren(...sections.map(([id, title]) => {
         const actions = make("div.no-print"), body = make("div.pictures")
         const element = make("section", { id, "aria-labelledby": `${id}-title` }, make("h2", { id: `${id}-title`, tabIndex: -1 }, title), actions,
-            id === "model" ? sliders() : "", body)
+            id === "structure" ? sliders() : "", body)
         parts.set(id, { element, actions, body })
         return element
     }))
@@ -235,10 +236,16 @@ function show(reason) {
         return drawShown()
     }
     view.know(modesOf(d))
+    // What is built anew takes the focus with it; its like in the same place gets it, or what stands there first.
+    const held = document.activeElement, around = held?.closest("section, nav, #nav"), words = held?.textContent
     guarded("header", () => header(d))
     guarded("findings", () => findings(d))
     place_pictures(d)
     guarded("navigation", () => navigation(d))
+    if (around && !held.isConnected) {
+        const all = [...around.querySelectorAll("button, a, select, h2")], like = all.find(one => one.textContent === words) ?? all.find(one => one.closest(".actions")) ?? all[0]
+        like?.focus({ preventScroll: true })
+    }
     byId("end").textContent = `Written by Belfry ${d.belfry?.version ?? ""}${d.belfry?.written ? " on " + d.belfry.written.replace("T", " at ").replace(/(:\d\d):.*$/, "$1") + " UTC" : ""}. All quantities in SI units.`
     dirty()
 }

@@ -41,6 +41,15 @@ pub(crate) fn metres(height_m: f64) -> String {
     if height_m.abs() >= 100.0 { text + " m" } else { short(height_m) + " m" }
 }
 
+/// A probability in percent.
+pub(crate) fn probability_text(probability: f64) -> String {
+    match 100.0 * probability {
+        little if little < 0.1 => "< 0.1 %".to_owned(),
+        most if most > 99.9 => "> 99.9 %".to_owned(),
+        percent => format!("{percent:.1} %"),
+    }
+}
+
 /// A MAC, never rounded up, so that only a perfect one reads 1.0000.
 pub(crate) fn mac_words(mac: f64, digits: usize) -> String {
     let unit = 10f64.powi(digits as i32);

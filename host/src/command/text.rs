@@ -206,7 +206,7 @@ fn unit_after(between: &str, unit: &str) -> String {
 }
 
 /// A probability in a sentence.
-pub(super) fn p_is(p_value: f64) -> String {
+pub(crate) fn p_is(p_value: f64) -> String {
     if p_value < 1e-4 { format!("p {}", p_text(p_value)) } else { format!("p = {}", p_text(p_value)) }
 }
 

@@ -329,7 +329,7 @@ fn has(study: &Study, name: &str) -> bool {
 }
 
 /// An effect's name with its place.
-fn name_of(effect: &Value) -> Option<String> {
+pub(super) fn name_of(effect: &Value) -> Option<String> {
     let kind = effect.get("effect")?.as_str()?;
     Some(match effect.get("where").and_then(Value::as_str) {
         Some(place) => format!("{kind}@{place}"),

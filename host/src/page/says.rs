@@ -4,8 +4,9 @@
 
 use serde_json::{Map, Value, json};
 
-use super::findings::{Sources, listed, strings};
-use crate::numbers::{metres, signed};
+use super::findings::{Sources, listed, name_of, strings};
+use crate::command::p_is;
+use crate::numbers::{metres, probability_text, signed};
 
 /// Errors of a step of the history, and what they are called.
 const ERRORS: [(&str, &str); 3] = [
@@ -15,6 +16,10 @@ const ERRORS: [(&str, &str); 3] = [
 ];
 /// How those that are left out are meant: two other numbers stand beside them, of motion that co-validation predicts.
 const LEFT_OUT: &str = "Left out: each mode, or sensor, in turn is predicted by a fit to the others.";
+/// What the bars and cells of fingerprints are, and why they give another share than the table of candidates.
+const FINGERPRINT: &str = "Bars and cells are what is left after all that measurement, tolerance and discrepancy may explain, in their standard deviations: what all modes have in common hardly counts, since segments could make it. \"Misfit left\" in the table of candidates is of plain differences, in which those far off count less; the two shares do not add up to 100 %.";
+/// What the columns of candidates are.
+const COLUMNS: &str = "ln Bayes factor: how much more probable the measurement is with the effect than without; 3 is 20 to 1. Chi-squared and p: what is left with it, segments adjusted within the tolerance. Misfit left: what it leaves of the plain differences of frequencies and shapes; an effect with which they do not fall has no probability.";
 /// A segment is said to be off from this many deviations on.
 const OFF: f64 = 2.0;
 
@@ -28,6 +33,8 @@ pub(super) fn says(sources: &Sources<'_>, spectra: &Value, profile: &Value) -> M
         ("profile", profile_says(profile)),
         ("fits", fits(spectra)),
         ("modes-table", modes(sources)),
+        ("candidates", candidates(sources.diagnosis)),
+        ("fingerprint", sources.diagnosis.is_object().then(|| FINGERPRINT.to_owned())),
     ];
     all.into_iter().filter_map(|(name, text)| Some((name.to_owned(), Value::from(text?)))).collect()
 }
@@ -141,6 +148,48 @@ fn profile_says(profile: &Value) -> Option<String> {
         )
     };
     Some(format!("What the measurement says of each segment of the table{with}. {finding}"))
+}
+
+/// The verdict with its probability, the tests that go with it, and what the table's columns are.
+fn candidates(diagnosis: &Value) -> Option<String> {
+    let all = diagnosis["candidates"].as_array().filter(|all| !all.is_empty())?;
+    let best = strings(diagnosis.get("best"));
+    let groups: Vec<Vec<String>> = diagnosis["ambiguous"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(|group| group.as_str().map_or_else(|| strings(Some(group)), |one| vec![one.to_owned()]))
+        .collect();
+    let together = |names: &[String]| {
+        let is_named = |one: &&Value| name_of(one).is_some_and(|name| names.contains(&name));
+        probability_text(all.iter().filter(is_named).filter_map(|one| one["probability"].as_f64()).sum())
+    };
+    let test = |key: &str| -> Option<String> {
+        let test = diagnosis.get(key).filter(|test| test.is_object())?;
+        let (chi_squared, p_value) = (test["chi_squared"].as_f64()?, test["p_value"].as_f64()?);
+        Some(format!("chi-squared {chi_squared:.0} on {} degrees of freedom, {}", test["degrees_of_freedom"], p_is(p_value)))
+    };
+    let named = listed(&best);
+    let verdict = diagnosis["verdict"].as_str()?;
+    let said = match verdict {
+        "adequate" => match diagnosis["probabilities"]["adequate"].as_f64() {
+            Some(adequate) => format!("Most probably the model lacks nothing: {}.", probability_text(adequate)),
+            None => "Most probably the model lacks nothing.".to_owned(),
+        },
+        "ambiguous" => {
+            let sets: Vec<String> = groups.iter().map(|names| listed(names)).collect();
+            format!("The data cannot tell {} apart; together they have {}.", sets.join(", or "), together(&groups.concat()))
+        }
+        "effect" if !named.is_empty() => format!("Most probably the model lacks {named}: {}.", together(&best)),
+        _ => "Most probably the model lacks something that is not among the candidates.".to_owned(),
+    };
+    let tests = [
+        test("present").map(|test| format!("The model as it is: {test}.")),
+        test("present_beside_best").map(|test| format!("If it may miss no more than with it: {test}.")),
+        test("goodness_of_fit").filter(|_| verdict == "effect").map(|test| format!("With {named}: {test}.")),
+    ];
+    let all: Vec<String> = [said].into_iter().chain(tests.into_iter().flatten()).chain([COLUMNS.to_owned()]).collect();
+    Some(all.join(" "))
 }
 
 /// Whether the fits of modes leave anything.

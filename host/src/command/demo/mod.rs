@@ -16,7 +16,7 @@ use self::tower::{Tower, write_study};
 use super::Console;
 use super::compare::compare_project;
 use super::covalidate::covalidate_project;
-use super::diagnose::diagnose_project;
+use super::diagnose::{diagnose_project, tell_verdict};
 use super::history::show_history;
 use super::identify::{summary, tell_warnings};
 use super::interrupt::leave_nothing_unfinished;
@@ -108,6 +108,9 @@ struct Outcome {
     /// The left-out sensors predicted with the effect added.
     #[serde(skip_serializing_if = "Option::is_none")]
     covalidation_with_effects: Option<CovalidationReport>,
+    /// What the model with the effect lacks.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    diagnosis_with_effects: Option<Diagnosis>,
     /// Whether what was hidden was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     ending: Option<Ending>,
@@ -160,6 +163,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         diagnosis: None,
         added: None,
         covalidation_with_effects: None,
+        diagnosis_with_effects: None,
         ending: None,
     };
     // The commands one by one say more.
@@ -238,6 +242,7 @@ fn find_effect(
             Ok(report) => {
                 tell_change(&report, project.study(), console);
                 show_gain(outcome, project, route, console)?;
+                show_state(outcome, project, console)?;
                 outcome.added = Some(report);
             }
             Err(error) => console.warn(format!("{name} cannot be added: {error}")),
@@ -262,6 +267,17 @@ fn show_gain(outcome: &mut Outcome, project: &mut Project, route: Route, console
     outcome.covalidation_with_effects = Some(covalidate_project(project, &request, console)?);
     heading("How the error fell (belfry history)", console);
     show_history(project, console)?;
+    Ok(())
+}
+
+/// The steps before, once more with the effect in the model, so that report and pictures show the model as it is now.
+fn show_state(outcome: &mut Outcome, project: &mut Project, console: &Console) -> anyhow::Result<()> {
+    heading("Is anything else missing? (belfry compare, update and diagnose again)", console);
+    project.compare()?;
+    project.update(&[], &Weights::default())?;
+    let diagnosis = console.with_progress(|on_progress| project.diagnose(&[], on_progress))?;
+    tell_verdict(&diagnosis, console);
+    outcome.diagnosis_with_effects = Some(diagnosis);
     Ok(())
 }
 
