@@ -4,7 +4,7 @@ import { button, can, candidateName, isAmong, isIn } from "@/actions.js"
 import { colour, make, mix } from "@/canvas.js"
 import { chosenMode, items } from "@/curves.js"
 import { matrix } from "@/matrix.js"
-import { clamp, fixed, hertz, known, percent, pis, probability, pvalue, signed, significant } from "@/numbers.js"
+import { clamp, fixed, hertz, known, metres, percent, probability, pvalue, signed, significant } from "@/numbers.js"
 import { bars } from "@/pictures/frequency-errors.js"
 import { bar, table } from "@/tables.js"
 
@@ -43,6 +43,7 @@ export const candidates = {
             can() && ["Into the model", "", of(one => isImpossible(one) ? "" : isIn(data, candidateName(one)) ? "is in it" : button("Add", ["add", candidateName(one)], { "aria-label": `Add ${candidateName(one)} to the model` }))],
         ], [...groups.map(rows => ({ title: `The data cannot tell these apart: together ${sumOf(rows)}`, rows })), { title: groups.length > 0 && "Others", rows: others }],
         { key: one => one.isRest ? null : candidateName(one), chosen: sorted.map(candidateName).find(name => name === view.get("candidate")) ?? print?.effect, choose: candidate => view.set({ candidate }) }))
+        host.append(make("p.quiet", data.says?.["candidates-columns"] ?? ""))
         const fitted = items(joint?.values)
         for (const text of [
             fitted.length > 1 && "Fitted together: " + fitted.map(each => `${each.effect} ${sized(each)}`).join("; ") + ".",

@@ -34,6 +34,7 @@ pub(super) fn says(sources: &Sources<'_>, spectra: &Value, profile: &Value) -> M
         ("fits", fits(spectra)),
         ("modes-table", modes(sources)),
         ("candidates", candidates(sources.diagnosis)),
+        ("candidates-columns", sources.diagnosis.is_object().then(|| COLUMNS.to_owned())),
         ("fingerprint", sources.diagnosis.is_object().then(|| FINGERPRINT.to_owned())),
     ];
     all.into_iter().filter_map(|(name, text)| Some((name.to_owned(), Value::from(text?)))).collect()
@@ -188,7 +189,7 @@ fn candidates(diagnosis: &Value) -> Option<String> {
         test("present_beside_best").map(|test| format!("If it may miss no more than with it: {test}.")),
         test("goodness_of_fit").filter(|_| verdict == "effect").map(|test| format!("With {named}: {test}.")),
     ];
-    let all: Vec<String> = [said].into_iter().chain(tests.into_iter().flatten()).chain([COLUMNS.to_owned()]).collect();
+    let all: Vec<String> = [said].into_iter().chain(tests.into_iter().flatten()).collect();
     Some(all.join(" "))
 }
 

@@ -181,7 +181,6 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.say(next_lines(&[
         (format!("serve {folder} --open"), "the same in the browser, with the next steps to click"),
         (format!("compare {folder}"), "the steps one by one; every one has --json"),
-        (format!("diagnose {folder}"), "is anything else missing?"),
         (format!("identify {folder} --direct"), "modes without nodes and link"),
     ]));
     console.json(&outcome)
@@ -241,6 +240,11 @@ fn find_effect(
         match console.with_progress(|on_progress| project.add(&name, on_progress)) {
             Ok(report) => {
                 tell_change(&report, project.study(), console);
+                // Co-validation stands on the update, and report and pictures show the model as it is now.
+                project.compare()?;
+                if outcome.update.is_some() {
+                    project.update(&[], &Weights::default())?;
+                }
                 show_gain(outcome, project, route, console)?;
                 show_state(outcome, project, console)?;
                 outcome.added = Some(report);
@@ -270,11 +274,9 @@ fn show_gain(outcome: &mut Outcome, project: &mut Project, route: Route, console
     Ok(())
 }
 
-/// The steps before, once more with the effect in the model, so that report and pictures show the model as it is now.
+/// Whether anything else is missing.
 fn show_state(outcome: &mut Outcome, project: &mut Project, console: &Console) -> anyhow::Result<()> {
-    heading("Is anything else missing? (belfry compare, update and diagnose again)", console);
-    project.compare()?;
-    project.update(&[], &Weights::default())?;
+    heading("Is anything else missing? (belfry diagnose)", console);
     let diagnosis = console.with_progress(|on_progress| project.diagnose(&[], on_progress))?;
     tell_verdict(&diagnosis, console);
     outcome.diagnosis_with_effects = Some(diagnosis);
