@@ -39,10 +39,11 @@ export default {
                 // The value beside each point, where no other is in the way.
                 for (let i = 0; i < count; i++) {
                     let last = Infinity
-                    for (const value of lines.map(line => line.values[i]).filter(value => value > 0).sort((a, b) => a - b)) {
+                    for (const { value, next } of lines.map(({ values }) => ({ value: values[i], next: values[i + 1] })).filter(({ value }) => value > 0).sort((a, b) => a.value - b.value)) {
                         if (last - pen.y(value) < 13 * pen.ratio) continue
                         last = pen.y(value)
-                        pen.text(written(value), i, value, "left", 8, -9)
+                        // Below a line that rises.
+                        pen.text(written(value), i, value, "left", 8, next > value ? 11 : -9)
                     }
                 }
             },

@@ -120,7 +120,7 @@ export default {
         if (mode) offerMode()
         queueMicrotask(() => offerBand(chart.u.scales.x.min, chart.u.scales.x.max))
         const count = [added.length && `${added.length} added`, dropped.length && `${dropped.length} dropped`, bands.length && plural(bands.length, "band")].filter(Boolean).join(", ")
-        host.append(action, fitting, standing?.in_words && make("p.quiet", standing.in_words), count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", identify(data))))
+        host.append(action, fitting, standing ? make("p.quiet", standing.in_words) : "", count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", identify(data))))
         return chart.free
     },
 }

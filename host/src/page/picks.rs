@@ -16,6 +16,7 @@ pub struct Picks {
     /// Modes that are fitted to other lines.
     bands: Vec<PickedBand>,
     /// The choice that the modes were identified with; none where they were all picked automatically.
+    #[serde(skip_serializing_if = "Option::is_none")]
     standing: Option<Standing>,
 }
 
@@ -131,7 +132,7 @@ mod tests {
         // What was added is taken back, what was dropped as well, one more is dropped and one is added.
         let now = ModeChoice { add_hz: vec![1.5], drop_hz: vec![1.2001], ..Default::default() };
         let bands = vec![PickedBand { mode: 1, band_hz: None }];
-        assert_eq!(picks(&now), Picks { added_hz: vec![1.5, 1.0], dropped: vec![3, 2], bands });
+        assert_eq!(picks(&now), Picks { added_hz: vec![1.5, 1.0], dropped: vec![3, 2], bands, standing: None });
         let wider = ModeChoice { bands_hz: vec![[0.4, 0.65]], ..then.clone() };
         let bands = vec![PickedBand { mode: 1, band_hz: Some([0.4, 0.65]) }];
         assert_eq!(picks(&wider), Picks { bands, ..Picks::default() });
