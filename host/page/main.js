@@ -153,6 +153,8 @@ function header(d) {
         rate && `at ${rate} Hz`,
         modes?.averages && plural(modes.averages, "average")].filter(Boolean).join(", ")])
     if (d.model) rows.push(["Model", d.model.effects?.length ? `with ${d.model.effects.join(", ")}` : "as given, without effects"])
+    const { written } = d.belfry ?? {}, date = written ? written.replace("T", " at ").replace(/(:\d\d):.*$/, "$1") + " UTC" : ""
+    if (date) rows.push([live ? "Shown" : "Written", date])
     byId("header").replaceChildren(
         make("h1", name),
         make("dl.facts", ...rows.flatMap(([term, text]) => [make("dt", term), make("dd", text)])))
@@ -188,7 +190,8 @@ const sentence = text => String(text ?? "").split("\x60").map((part, i) => i % 2
 function asked(text) {
     if (!text) return []
     const command = text.split(" ")
-    return [" ", can() && button("Run", command, { "aria-label": `Run ${text}` }), " ", typed(command)].filter(Boolean)
+    // Collecting ends when it is stopped: that is for a terminal.
+    return [" ", can() && text !== "collect" && button("Run", command, { "aria-label": `Run ${text}` }), " ", typed(command)].filter(Boolean)
 }
 
 function findings(d) {
@@ -246,7 +249,7 @@ function show(reason) {
         const all = [...around.querySelectorAll("button, a, select, h2")], like = all.find(one => one.textContent === words) ?? all.find(one => one.closest(".actions")) ?? all[0]
         like?.focus({ preventScroll: true })
     }
-    byId("end").textContent = `Written by Belfry ${d.belfry?.version ?? ""}${d.belfry?.written ? " on " + d.belfry.written.replace("T", " at ").replace(/(:\d\d):.*$/, "$1") + " UTC" : ""}. All quantities in SI units.`
+    byId("end").textContent = `Written by Belfry ${d.belfry?.version ?? ""}. All quantities in SI units.`
     dirty()
 }
 

@@ -65,7 +65,7 @@ const modes = {
             ["Mode", "", m => m.number, "text"],
             ["Frequency", "Hz", m => within(m.frequency_hz, m.frequency_std_hz)],
             ["Damping", "% of critical", m => within(m.damping_ratio, m.damping_ratio_std, 100)],
-            ["Collinearity", "of phases", m => mac(m.phase_collinearity)],
+            ["Collinearity", "noise taken off", m => mac(m.phase_collinearity)],
             any("misfit", "Misfit", "1 is chance", m => fixed(m.misfit, 2)),
             any("lines_in_bandwidth", "Lines", "in its bandwidth", m => fixed(m.lines_in_bandwidth, 1)),
             any("second_opinion", "Second method", "Hz", second("frequency_hz", "frequency_std_hz")),

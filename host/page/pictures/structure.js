@@ -6,7 +6,7 @@ import { KINDS, clamp, fixed, hertz, known, mac, metres, signed } from "@/number
 import { cameras, lens, misfits, paint, scales, scene } from "@/structure.js"
 
 const words = { measured: "measured", ...KINDS }
-const keyOf = (s, check) => legend(s.kinds.map(kind => ({ label: words[kind], colour: kind, kind: kind === "measured" ? "dot" : "line", check: check?.(kind) })))
+const keyOf = (s, check) => legend([...s.kinds.map(kind => ({ label: words[kind], colour: kind, kind: kind === "measured" ? "dot" : "line", check: check?.(kind) })), check && { label: "arrow: what the sensor measures of its motion", kind: "none" }])
 /** The modes that can be shown: the measured ones, otherwise the model's. */
 export const modesOf = d => d.modes?.modes?.length ? d.modes.modes : d.model?.parts?.[0]?.modes ?? []
 const at = (d, view) => modesOf(d).some(m => m.number === view.get("mode")) ? view.get("mode") : modesOf(d)[0]?.number

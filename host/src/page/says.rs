@@ -16,6 +16,8 @@ const ERRORS: [(&str, &str); 3] = [
 ];
 /// How those that are left out are meant: two other numbers stand beside them, of motion that co-validation predicts.
 const LEFT_OUT: &str = "Left out: each mode, or sensor, in turn is predicted by a fit to the others.";
+/// How the error of predicted motion is meant.
+const COVALIDATION: &str = "E_d is the share of the motion over time that the prediction misses. Shapes as measured have the noise of channels and shapes in them, which those of a model have not: a model whose error is no larger misses nothing that can be seen here. The history's error of left-out sensors is another one: of shapes, by fits to the other sensors.";
 /// What the bars and cells of fingerprints are, and why they give another share than the table of candidates.
 const FINGERPRINT: &str = "Bars and cells are what is left after all that measurement, tolerance and discrepancy may explain, in their standard deviations: what all modes have in common hardly counts, since segments could make it. \"Misfit left\" in the table of candidates is of plain differences, in which those far off count less; the two shares do not add up to 100 %.";
 /// What the columns of candidates are.
@@ -34,6 +36,7 @@ pub(super) fn says(sources: &Sources<'_>, spectra: &Value, profile: &Value) -> M
         ("fits", fits(spectra)),
         ("modes-table", modes(sources)),
         ("candidates", candidates(sources.diagnosis)),
+        ("covalidation", sources.covalidation.is_object().then(|| COVALIDATION.to_owned())),
         ("candidates-columns", sources.diagnosis.is_object().then(|| COLUMNS.to_owned())),
         ("fingerprint", sources.diagnosis.is_object().then(|| FINGERPRINT.to_owned())),
     ];
@@ -298,6 +301,21 @@ mod tests {
 
     fn step(action: &str, effects: &[&str], error: f64) -> Value {
         json!({ "action": action, "effects": effects, "data": "a", "mean_abs_frequency_error_percent": error, "held_out_error_percent": 6.0 })
+    }
+
+    #[test]
+    fn what_the_data_cannot_tell_apart_is_summed() {
+        let one = |effect: &str, place: Value, probability: f64| json!({ "effect": effect, "where": place, "probability": probability });
+        let diagnosis = json!({
+            "verdict": "ambiguous", "best": [], "ambiguous": [["added-mass@12.5m", "base-rotation"]],
+            "candidates": [one("added-mass", json!("12.5m"), 0.6), one("base-rotation", Value::Null, 0.3), one("p-delta", Value::Null, 0.01)],
+            "present": { "chi_squared": 140.2, "degrees_of_freedom": 120, "p_value": 0.00001 },
+        });
+        assert_eq!(
+            candidates(&diagnosis).unwrap(),
+            "The data cannot tell added-mass@12.5m and base-rotation apart; together they have 90.0 %. The model as it is: chi-squared 140 on 120 degrees of freedom, p < 0.0001."
+        );
+        assert_eq!(candidates(&json!({})), None);
     }
 
     #[test]

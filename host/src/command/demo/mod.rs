@@ -148,10 +148,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         project.results().write("mode_shapes.svg", picture.as_bytes())?;
     }
     measured.tell(console);
-    console.say(format!("{}\n", summary(&report)));
-    for (label, name) in [("Pictures:", "singular_values.svg"), ("         ", "mode_shapes.svg")] {
-        console.say(format!("{label} {}", project.results().path(name).display()));
-    }
+    console.say(summary(&report));
     let mut outcome = Outcome {
         study: study.folder.display().to_string(),
         measured,
