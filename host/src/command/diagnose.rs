@@ -9,8 +9,8 @@ use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_before_units, values_text, width};
 use crate::diagnose::steps::Step;
 use crate::diagnose::{
-    CandidateReport, Diagnosis, Estimate, FAILS, GoodnessOfFit, Part, PartialEffect, Probabilities,
-    Unexplained, Verdict,
+    CandidateReport, Diagnosis, Estimate, FAILS, GoodnessOfFit, Part, PartialEffect, Probabilities, Unexplained,
+    Verdict,
 };
 use crate::model::effect::{self, Evidence};
 use crate::numbers::probability_text;

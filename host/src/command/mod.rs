@@ -125,7 +125,9 @@ impl Console {
         let warning = warning.to_string();
         if WARNED.lock().unwrap_or_else(PoisonError::into_inner).insert(warning.clone()) {
             // Where standard error is closed there is nobody left to tell.
-            let _ = beside_bar(|| writeln!(std::io::stderr(), "{}", text::wrapped_for_errors(&format!("warning: {warning}"))));
+            let _ = beside_bar(|| {
+                writeln!(std::io::stderr(), "{}", text::wrapped_for_errors(&format!("warning: {warning}")))
+            });
         }
     }
 

@@ -18,8 +18,8 @@ use crate::compare::{Comparison, ModelView, compare, pair};
 use crate::model::Structure;
 use crate::model::effect::{Effect, EffectRecord};
 use crate::results::{
-    CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, INPUTS_FILE, MODES_FILE, PROFILE_FILE,
-    RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
+    CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, INPUTS_FILE, MODES_FILE,
+    PROFILE_FILE, RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
 };
 use crate::story::{CURVES_FILE, Case, Inputs, StoryError, UpdateReport, data_mark, outdated, turned_by_update};
 use crate::study::{Motion, STUDY_FILE, Sensor, Setup, Study, Unit};

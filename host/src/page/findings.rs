@@ -262,7 +262,7 @@ fn predicted(sources: &Sources<'_>) -> Option<String> {
     let model = range("model")?;
     let with = range("with_effects").map_or_else(String::new, |error| format!(", by that with effects {error}"));
     let best = range("measured_shapes").map_or_else(String::new, |error| {
-        format!("; the measured shapes themselves leave {error}, which is noise of the channels and of the shapes, so an error as small is none of the model's")
+        format!("; the measured shapes themselves leave {error}, by noise of the channels and of the shapes, and a model that is no further off misses nothing that can be seen here")
     });
     let several = if names.len() == 1 { "channel" } else { "channels" };
     Some(format!(
@@ -278,11 +278,15 @@ fn next(sources: &Sources<'_>) -> Vec<Finding> {
     let measurement = sources.diagnosis.get("next_measurement").and_then(Value::as_str);
     if sources.modes.is_null() && sources.study.measured.is_none() {
         // The server runs nothing that ends only when it is stopped.
-        if !sources.has_windows && !sources.study.setups.is_empty() && sources.study.setups.iter().all(|setup| setup.live) {
+        if !sources.has_windows
+            && !sources.study.setups.is_empty()
+            && sources.study.setups.iter().all(|setup| setup.live)
+        {
             let text = "Collect from the nodes, in a terminal: nothing has come from them yet.";
             return vec![step(text, Some("collect".to_owned()))];
         }
-        let text = "Identify the modes. Spectra, time histories, shapes and all that follows are drawn from what that finds.";
+        let text =
+            "Identify the modes. Spectra, time histories, shapes and all that follows are drawn from what that finds.";
         return run(text, "identify");
     }
     if sources.is_outdated {
@@ -434,7 +438,10 @@ mod tests {
         // After a new identification it is one of older modes.
         for older in [
             Sources { is_outdated: true, ..sources },
-            Sources { stale: &[("history".to_owned(), json!("the measured modes changed since: run"))].into_iter().collect(), ..sources },
+            Sources {
+                stale: &[("history".to_owned(), json!("the measured modes changed since: run"))].into_iter().collect(),
+                ..sources
+            },
         ] {
             assert!(!said(&older).iter().any(|(_, text)| text.contains("fell from")));
         }

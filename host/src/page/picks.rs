@@ -61,7 +61,12 @@ impl Picks {
             is_new.then_some(PickedBand { mode: mode.number, band_hz })
         };
         let standing = Standing::of(then);
-        Self { standing, added_hz, dropped: gone.filter_map(number).collect(), bands: modes.iter().filter_map(band).collect() }
+        Self {
+            standing,
+            added_hz,
+            dropped: gone.filter_map(number).collect(),
+            bands: modes.iter().filter_map(band).collect(),
+        }
     }
 }
 
@@ -126,7 +131,10 @@ mod tests {
             ModeChoice { add_hz: vec![0.8], drop_hz: vec![1.0], bands_hz: vec![[0.4, 0.6]], ..Default::default() };
         let picks = |now: &ModeChoice| Picks { standing: None, ..Picks::between(&then, now, &modes) };
         let standing = Picks::between(&then, &then, &modes).standing.unwrap();
-        assert_eq!(standing.in_words, "The modes were identified with the choice of study.toml: added at 0.8 Hz; dropped at 1 Hz; fitted to bands of 0.4 to 0.6 Hz.");
+        assert_eq!(
+            standing.in_words,
+            "The modes were identified with the choice of study.toml: added at 0.8 Hz; dropped at 1 Hz; fitted to bands of 0.4 to 0.6 Hz."
+        );
         assert_eq!(Picks::between(&ModeChoice::default(), &then, &modes).standing, None);
         assert_eq!(picks(&then), Picks::default());
         // What was added is taken back, what was dropped as well, one more is dropped and one is added.

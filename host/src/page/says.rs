@@ -87,8 +87,7 @@ fn trends(trends: &Value) -> Option<String> {
     let (modes, intervals) = (trends["modes"].as_array()?, trends["intervals"].as_array()?);
     let changed: Vec<&Value> = modes.iter().filter(|mode| mode["changes"] == true).collect();
     let every = humantime::format_duration(std::time::Duration::from_secs_f64(trends["every_s"].as_f64()?.max(0.0)));
-    let slopes: Vec<f64> =
-        changed.iter().filter_map(|mode| mode["percent_per_kelvin"]["value"].as_f64()).collect();
+    let slopes: Vec<f64> = changed.iter().filter_map(|mode| mode["percent_per_kelvin"]["value"].as_f64()).collect();
     let what = match changed.len() {
         0 => "no frequency changes more than the measurement's scatter".to_owned(),
         count => format!(
@@ -171,7 +170,11 @@ fn candidates(diagnosis: &Value) -> Option<String> {
     let test = |key: &str| -> Option<String> {
         let test = diagnosis.get(key).filter(|test| test.is_object())?;
         let (chi_squared, p_value) = (test["chi_squared"].as_f64()?, test["p_value"].as_f64()?);
-        Some(format!("chi-squared {chi_squared:.0} on {} degrees of freedom, {}", test["degrees_of_freedom"], p_is(p_value)))
+        Some(format!(
+            "chi-squared {chi_squared:.0} on {} degrees of freedom, {}",
+            test["degrees_of_freedom"],
+            p_is(p_value)
+        ))
     };
     let named = listed(&best);
     let verdict = diagnosis["verdict"].as_str()?;
@@ -182,7 +185,11 @@ fn candidates(diagnosis: &Value) -> Option<String> {
         },
         "ambiguous" => {
             let sets: Vec<String> = groups.iter().map(|names| listed(names)).collect();
-            format!("The data cannot tell {} apart; together they have {}.", sets.join(", or "), together(&groups.concat()))
+            format!(
+                "The data cannot tell {} apart; together they have {}.",
+                sets.join(", or "),
+                together(&groups.concat())
+            )
         }
         "effect" if !named.is_empty() => format!("Most probably the model lacks {named}: {}.", together(&best)),
         _ => "Most probably the model lacks something that is not among the candidates.".to_owned(),
@@ -224,13 +231,18 @@ fn modes(sources: &Sources<'_>) -> Option<String> {
     let modes = sources.modes["modes"].as_array()?;
     let count = counted(modes.len(), "mode");
     if let Some(measured) = &sources.study.measured {
-        return Some(format!("{count} from {}, with the standard deviations that stand there.", measured.modes.display()));
+        return Some(format!(
+            "{count} from {}, with the standard deviations that stand there.",
+            measured.modes.display()
+        ));
     }
     let asked: Vec<&Value> = modes.iter().filter(|mode| mode["second_opinion"].is_object()).collect();
     let no: Vec<&Value> = asked.iter().copied().filter(|mode| mode["second_opinion"]["agrees"] == false).collect();
     let second = match (asked.len(), no.len()) {
         (0, _) => "No second method was asked.".to_owned(),
-        (has, 0) => format!("A second method, which shares no step with the first, has {has} of them and agrees on all."),
+        (has, 0) => {
+            format!("A second method, which shares no step with the first, has {has} of them and agrees on all.")
+        }
         (has, _) => format!(
             "A second method, which shares no step with the first, has {has} of them; it disagrees on {}.",
             numbered("mode", no.iter().map(|mode| &mode["number"]))
@@ -349,7 +361,8 @@ mod tests {
     #[test]
     fn a_mode_changes_on_the_page_where_it_changes_for_the_command() {
         let mode = |number: usize, changes: bool| json!({ "number": number, "p_value_of_no_change": 0.005, "changes": changes, "percent_per_kelvin": { "value": -0.02, "std": 0.001 } });
-        let of = |changes| json!({ "every_s": 3600.0, "modes": [mode(1, false), mode(2, changes)], "intervals": [{}, {}] });
+        let of =
+            |changes| json!({ "every_s": 3600.0, "modes": [mode(1, false), mode(2, changes)], "intervals": [{}, {}] });
         assert_eq!(
             trends(&of(false)).unwrap(),
             "2 modes followed through 2 intervals of 1h; no frequency changes more than the measurement's scatter."

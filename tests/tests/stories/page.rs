@@ -97,7 +97,10 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
     assert_eq!(step["degrees_of_freedom"], compared["degrees_of_freedom"], "{step}");
     let (shown, said) = (step["chi_squared"].as_f64().unwrap(), compared["chi_squared"].as_f64().unwrap());
     assert!((shown / said - 1.0).abs() < 0.01, "{shown} {said}");
-    assert_eq!(data["method"]["commands"], json!([["identify", "--direct"], ["update"], ["covalidate"], ["diagnose"], ["add", "base-rotation"]]));
+    assert_eq!(
+        data["method"]["commands"],
+        json!([["identify", "--direct"], ["update"], ["covalidate"], ["diagnose"], ["add", "base-rotation"]])
+    );
     let shown = &data["comparison"]["effects"];
     assert!(
         data["comparison"]["given"]["mean_abs_frequency_error_percent"].as_f64()

@@ -44,7 +44,12 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     let focus = "return document.activeElement.textContent === 'Ask what is missing'";
     browser.wait_for("the focus stays", focus).await;
     browser.click("Close").await;
-    browser.wait_for("the status line is closed", "return document.querySelector('.status [role=status]').textContent === 'Ready.'").await;
+    browser
+        .wait_for(
+            "the status line is closed",
+            "return document.querySelector('.status [role=status]').textContent === 'Ready.'",
+        )
+        .await;
     browser.picture("2 diagnosed").await;
     browser.click("Add base-rotation to the model").await;
     browser.done("add").await;
@@ -68,7 +73,8 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     browser.wait_for("the slider's model", &format!("{frequencies} !== {fitted}")).await;
     assert_eq!(fs::read(format!("{study}/study.toml")).unwrap(), toml);
     // Beside the shapes, with the numbers that follow.
-    let note = "return document.querySelector('#structure .sliders .note').textContent.includes('mean error of frequencies')";
+    let note =
+        "return document.querySelector('#structure .sliders .note').textContent.includes('mean error of frequencies')";
     browser.wait_for("the slider's numbers", note).await;
     browser.click("Reset to the fitted values").await;
     browser.wait_for("the fitted model again", &format!("{frequencies} === {fitted}")).await;
@@ -110,7 +116,8 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
         .await;
 
     // What was undone is no fall.
-    let undone = "return document.querySelector('#history figcaption').textContent.includes('the same effects as at first')";
+    let undone =
+        "return document.querySelector('#history figcaption').textContent.includes('the same effects as at first')";
     browser.wait_for("the undone step", undone).await;
 
     // A click on the line of a mode is that mode; where several are in sight, the page says how to choose lines for its fit.
@@ -120,7 +127,8 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     browser
         .script(
             "const over = document.querySelector('#singular-values .u-over'), mark = [...document.querySelectorAll('#singular-values .mark')].find(one => one.textContent === '2').getBoundingClientRect();
-            over.dispatchEvent(new MouseEvent('click', { clientX: mark.left + mark.width / 2 + 3, clientY: over.getBoundingClientRect().top + 60, bubbles: true }))",
+            const at = { clientX: mark.left + mark.width / 2 + 3, clientY: over.getBoundingClientRect().top + 60, bubbles: true };
+            over.dispatchEvent(new PointerEvent('pointerdown', at)); over.dispatchEvent(new MouseEvent('click', at))",
         )
         .await;
     browser.wait_for("the mode of the line", &format!("{mode} === '2'")).await;
