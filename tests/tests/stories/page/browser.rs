@@ -124,13 +124,9 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     browser.script("location.hash = 'singular-values&mode=1'").await;
     let hint = "return document.getElementById('singular-values').textContent.includes('zoom until mode 1 is the only mode in sight')";
     browser.wait_for("how to fit a band", hint).await;
-    browser
-        .script(
-            "const over = document.querySelector('#singular-values .u-over'), mark = [...document.querySelectorAll('#singular-values .mark')].find(one => one.textContent === '2').getBoundingClientRect();
-            const at = { clientX: mark.left + mark.width / 2 + 3, clientY: over.getBoundingClientRect().top + 60, bubbles: true };
-            over.dispatchEvent(new PointerEvent('pointerdown', at)); over.dispatchEvent(new MouseEvent('click', at))",
-        )
-        .await;
+    let at = "const over = document.querySelector('#singular-values .u-over').getBoundingClientRect(), mark = [...document.querySelectorAll('#singular-values .mark')].find(one => one.textContent === '2').getBoundingClientRect();
+        return [mark.left + mark.width / 2 + 3, over.top + 60]";
+    browser.press(&browser.script(at).await).await;
     browser.wait_for("the mode of the line", &format!("{mode} === '2'")).await;
 
     // A study that cannot be read says so until it can.

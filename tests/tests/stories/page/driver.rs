@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use fantoccini::actions::{InputSource, MOUSE_BUTTON_LEFT, MouseActions, PointerAction};
 use fantoccini::error::CmdError;
 use fantoccini::key::Key;
 use fantoccini::wd::WebDriverCompatibleCommand;
@@ -113,6 +114,17 @@ impl Browser {
         let reference = serde_json::to_value(&button).map_err(CmdError::Json)?;
         self.client.execute("arguments[0].scrollIntoView({ block: 'center' })", vec![reference]).await?;
         button.click().await
+    }
+
+    /// Presses the mouse at a place [x, y] of the window.
+    pub(crate) async fn press(&self, place: &Value) {
+        let [x, y] = [0, 1].map(|axis| place[axis].as_f64().expect("a place"));
+        let button = MOUSE_BUTTON_LEFT;
+        let press = MouseActions::new("mouse".to_owned())
+            .then(PointerAction::MoveTo { duration: None, x, y })
+            .then(PointerAction::Down { button })
+            .then(PointerAction::Up { button });
+        self.client.perform_actions(press).await.unwrap();
     }
 
     /// Goes through the choice of colours by keyboard; each stands in the address, and the system's choice needs no word there.
