@@ -136,6 +136,8 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     browser.wait_for("the error", &format!("return {is_bad}")).await;
     fs::write(format!("{study}/study.toml"), toml).unwrap();
     browser.wait_for("the error is gone", &format!("return !{is_bad}")).await;
+    // The browser notes by itself that the data were refused.
+    browser.no_errors_but("/data - Failed to load resource").await;
 
     // A pick shows in both windows, and the modes that it leaves have other numbers.
     browser.script("location.hash = 'singular-values&mode=1'").await;
