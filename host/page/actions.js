@@ -2,7 +2,7 @@
 // no server, there is none of this. One job runs at a time, its state in the status line.
 
 import { make } from "@/canvas.js"
-import { significant } from "@/numbers.js"
+import { fixed, mac, significant } from "@/numbers.js"
 import { ask, data, live, on, preview, tell as announce, watch } from "@/store.js"
 import { view } from "@/view.js"
 
@@ -68,7 +68,7 @@ function choose(after, change) {
 }
 
 /** The command that identifies modes the way it was done last. */
-export const identify = ({ modes }) => ["identify", ...modes && !modes.link ? ["--direct"] : []]
+export const identify = ({ modes }) => ["identify", ...modes && !modes.link ? ["--direct"] : [], ...modes?.trends ? [`--every=${modes.trends.every_s}s`] : []]
 
 const cancel = () => attempt(() => ask("/cancel", {}), () => {})
 
@@ -107,6 +107,9 @@ const name = effect => effect.split("=")[0]
 /** A candidate as `belfry add` takes it. */
 export const candidateName = c => c.where ? `${c.effect}@${c.where}` : c.effect
 
+/** Whether an effect is in the model. */
+export const isIn = (d, text) => (d.model?.effects ?? []).some(e => name(e) === text)
+
 /** Whether one of these names, or things with an effect, is this candidate. */
 export const isAmong = (c, names) => [names ?? []].flat().some(name => [c.effect, candidateName(c)].includes(name?.effect ?? name))
 
@@ -128,7 +131,7 @@ export function actionsOf(section, d) {
         model: has && d.study?.has_model && [["Compare with the model", ["compare"]], undo],
         update: has && modelled && [["Update directly", ["update"]], ["Predict left-out sensors", ["covalidate"]]],
         diagnosis: has && modelled && [["Ask what is missing", ["diagnose"]],
-            text && !effects.some(e => name(e) === text) && [`Add ${text} to the model`, ["add", text]],
+            text && !isIn(d, text) && [`Add ${text} to the model`, ["add", text]],
             undo,
             ["Fit the stiffness profile", ["profile"]], ["Draw the history", ["history"]]],
     }[section]
@@ -148,9 +151,11 @@ export function sliders() {
         wanted = false
         flying = true
         const query = effects.map(one => ["effect", candidateName(one) + (one.parameters.length ? "=" : "") + one.parameters.map(p => `${p.name}=${p.now ?? p.value}`).join(",")])
-        let said = "A preview: nothing is written. The commands fit the values themselves."
+        let said
         try {
             const answer = await ask("/try?" + new URLSearchParams(query))
+            const { mean_abs_frequency_error_percent: error, mean_mac } = answer.comparison
+            said = `A preview, nothing is written: mean error of frequencies ${fixed(error, 2)} %, mean MAC ${mac(mean_mac)}. The commands fit the values themselves.`
             // Not after a reset meanwhile.
             if (changed) preview(answer)
         } catch (error) { said = error.message }
@@ -207,8 +212,9 @@ export function status() {
     const text = make("span", { role: "status", "aria-live": "polite" })
     const bar = make("progress", { "aria-label": "Progress", hidden: true, max: 1 })
     const stop = make("button", { hidden: true, onclick: cancel }, "Cancel")
+    const close = make("button", { onclick: () => { job = null; trouble = ""; tell() } }, "Close")
     const output = make("details", { hidden: true }, make("summary", "What the command says"), make("pre", { tabIndex: 0 }))
-    line.append(text, bar, stop, output)
+    line.append(text, bar, stop, close, output)
     tell = () => {
         const runs = busy(), seconds = job?.elapsed_s > 0 ? ` (${significant(job.elapsed_s, 2)} s)` : ""
         const parts = [trouble, job && ({
@@ -223,10 +229,11 @@ export function status() {
         if (runs && job.total) bar.value = job.done / job.total
         else bar.removeAttribute("value")
         stop.hidden = !runs
+        close.hidden = runs || !(job || trouble)
         const words = job?.output ?? ""
         output.hidden = !words
         output.lastChild.textContent = words
-        if (job?.state === "failed" && words) output.open = true
+        output.open = output.open && Boolean(words) || job?.state === "failed"
         for (const element of document.querySelectorAll("[data-runs]")) runs ? element.setAttribute("aria-disabled", "true") : element.removeAttribute("aria-disabled")
     }
     watch((news, open) => {

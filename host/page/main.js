@@ -57,7 +57,8 @@ class Figure {
         host.replaceChildren()
         const why = d.stale?.[picture.from]
         this.stale.replaceChildren(...why ? sentence(`From an older state: ${why}`) : [])
-        this.says.textContent = (isPreview() && follows(picture, "preview") ? "Preview, not written: " : "") + (guarded(picture.id, () => picture.says?.(d, view), "") ?? "")
+        // The data say what stands on results alone, the picture what follows the view.
+        this.says.textContent = [isPreview() && follows(picture, "preview") && "Preview, not written:", guarded(picture.id, () => picture.says?.(d, view)), d.says?.[picture.id]].filter(Boolean).join(" ")
         const free = guarded(picture.id, () => picture.draw(host, d, view) ?? null, false)
         if (free === false) host.replaceChildren(make("p.failed", "This picture could not be drawn."))
         else if (typeof free === "function") this.free = free
@@ -130,7 +131,7 @@ function frame() {
     byId("main").replaceChildren(...sections.map(([id, title]) => {
         const actions = make("div.no-print"), body = make("div.pictures")
         const element = make("section", { id, "aria-labelledby": `${id}-title` }, make("h2", { id: `${id}-title`, tabIndex: -1 }, title), actions,
-            id === "model" ? sliders() : "", body)
+            id === "structure" ? sliders() : "", body)
         parts.set(id, { element, actions, body })
         return element
     }))
@@ -152,6 +153,8 @@ function header(d) {
         rate && `at ${rate} Hz`,
         modes?.averages && plural(modes.averages, "average")].filter(Boolean).join(", ")])
     if (d.model) rows.push(["Model", d.model.effects?.length ? `with ${d.model.effects.join(", ")}` : "as given, without effects"])
+    const { written } = d.belfry ?? {}, date = written ? written.replace("T", " at ").replace(/(:\d\d):.*$/, "$1") + " UTC" : ""
+    if (date) rows.push([live ? "Shown" : "Written", date])
     byId("header").replaceChildren(
         make("h1", name),
         make("dl.facts", ...rows.flatMap(([term, text]) => [make("dt", term), make("dd", text)])))
@@ -187,7 +190,8 @@ const sentence = text => String(text ?? "").split("\x60").map((part, i) => i % 2
 function asked(text) {
     if (!text) return []
     const command = text.split(" ")
-    return [" ", can() && button("Run", command, { "aria-label": `Run ${text}` }), " ", typed(command)].filter(Boolean)
+    // Collecting ends when it is stopped: that is for a terminal.
+    return [" ", can() && text !== "collect" && button("Run", command, { "aria-label": `Run ${text}` }), " ", typed(command)].filter(Boolean)
 }
 
 function findings(d) {
@@ -235,11 +239,17 @@ function show(reason) {
         return drawShown()
     }
     view.know(modesOf(d))
+    // What is built anew takes the focus with it; its like in the same place gets it, or what stands there first.
+    const held = document.activeElement, around = held?.closest("section, nav, #nav"), words = held?.textContent
     guarded("header", () => header(d))
     guarded("findings", () => findings(d))
     place_pictures(d)
     guarded("navigation", () => navigation(d))
-    byId("end").textContent = `Written by Belfry ${d.belfry?.version ?? ""}${d.belfry?.written ? " on " + d.belfry.written.replace("T", " at ").replace(/(:\d\d):.*$/, "$1") + " UTC" : ""}. All quantities in SI units.`
+    if (around && !held.isConnected) {
+        const all = [...around.querySelectorAll("button, a, select, h2")], like = all.find(one => one.textContent === words) ?? all.find(one => one.closest(".actions")) ?? all[0]
+        like?.focus({ preventScroll: true })
+    }
+    byId("end").textContent = `Written by Belfry ${d.belfry?.version ?? ""}. All quantities in SI units.`
     dirty()
 }
 

@@ -12,7 +12,7 @@ const APART = 12.5
 
 /**
  * Draws `values[row][column]` into `host`, cells at most `most` pixels wide and `down` high, by themselves square. `hue(value)` is a
- * cell's colour, `text(value)` its number; `axes` are the titles of rows and columns, `left` the room for row labels, `key` [title, least,
+ * cell's colour, `text(value, brief)` its number; `axes` are the titles of rows and columns, `left` the room for row labels, `key` [title, least,
  * largest, their labels]. `strong(row, column)`: bold numbers, and bold labels where only one of the two is given. `point(row, column,
  * click)` hears what is under the pointer.
  */
@@ -28,9 +28,13 @@ export function matrix(host, values, { rows, columns, axes, sentence, hue, text,
     }
     const weight = (r, c) => strong(r, c) ? "700" : ""
     pen.textBaseline = "middle"
-    const texts = text && values.map(line => line.map(text))
     pen.font = font(10)
-    const longest = texts?.flat().reduce((a, b) => b.length > a.length ? b : a, "0"), pixels = text ? Math.min(11, 10 * (side - 4) / pen.measureText(longest).width) : 0
+    let texts, pixels = 0
+    // Fewer digits where all do not fit.
+    for (const brief of text ? [false, true] : []) if (pixels < LEAST_TEXT) {
+        texts = values.map(line => line.map(value => text(value, brief)))
+        pixels = Math.min(11, 10 * (side - 4) / pen.measureText(texts.flat().reduce((a, b) => b.length > a.length ? b : a, "0")).width)
+    }
     values.forEach((line, r) => line.forEach((value, c) => {
         const x = left + c * side, y = 4 + r * high, fill = hue(value)
         pen.fillStyle = fill

@@ -26,6 +26,9 @@ export const hertz = (x, digits = 4) => fixed(x, digits) + " Hz"
 /** A share as a percentage. */
 export const percent = (x, digits = 2) => fixed(100 * x, digits) + " %"
 
+/** A height: to a metre from 100 m on, to three digits below. */
+export const metres = z => (Math.abs(z) < 100 ? significant(z) : fixed(z, 0)) + " m"
+
 export const signed = (x, digits) => known(x) && Number(x.toFixed(digits)) > 0 ? "+" + fixed(x, digits) : fixed(x, digits)
 
 /** With this many significant digits, as 1.11 × 10⁻¹⁴ where it is large or small. */

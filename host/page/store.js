@@ -75,9 +75,18 @@ export function watch(hear) {
         if (said.version != null && said.version !== stored?.version) again(hear)
     }
 }
+let isBroken = false
 async function again(hear) {
     // A load under way may have begun before the change.
     const wanted = loading
     try { await wanted } catch { /* it is loaded anew */ }
-    try { await load() } catch (error) { hear({ command: "The study cannot be shown", state: "failed", output: error.message }, true) }
+    try {
+        await load()
+        // What was wrong with it is mended.
+        if (isBroken) hear({ command: "The study can be shown again." }, true)
+        isBroken = false
+    } catch (error) {
+        isBroken = true
+        hear({ command: "The study cannot be shown", state: "failed", output: error.message }, true)
+    }
 }

@@ -165,8 +165,10 @@ function compose(d, mode) {
     const sum = f => told.reduce((s, { motion: m }) => s + f(m), 0)
     const torsion = sum(m => (m[2] * arm) ** 2), bending = sum(m => m[0] ** 2 + m[1] ** 2)
     const towards = (Math.atan2(2 * sum(m => m[0] * m[1]), sum(m => m[0] ** 2 - m[1] ** 2)) / 2 + Math.PI) % Math.PI
+    // Where all sensors look one way, nothing is known of the other.
+    const flat = sensors.flatMap(s => finite(s.direction) && Math.hypot(s.direction[0], s.direction[1]) > 0.3 ? [s.direction] : []), single = flat.every(d => Math.abs(d[0] * flat[0][1] - d[1] * flat[0][0]) < 0.1)
     return { items, low, high, plan, towards, isWide, kinds: ["measured", "given", "effects"].filter(k => items.some(i => i.kind === k)), undetermined: told.some(r => !r.turns),
-        character: !told.length ? "" : torsion > bending ? "torsion" : `bending towards ${fixed(towards * 180 / Math.PI, 0)}°${torsion > 0.1 * bending ? " with torsion" : ""}` }
+        character: !told.length ? "" : torsion > bending ? "torsion" : `bending towards ${fixed(towards * 180 / Math.PI, 0)}°${single ? ", the only direction that was measured" : ""}${torsion > 0.1 * bending ? " with torsion" : ""}` }
 }
 
 const shifted = (p, m, by) => [p[0] + by * m[0], p[1] + by * m[1], p[2] + by * m[2]]

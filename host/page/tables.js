@@ -1,10 +1,9 @@
 // Tables: how the error fell, modes, comparison, sensor nodes, method and settings. Each has the shape of a picture, so that it
 // stands among them.
 
-import { identify, typed } from "@/actions.js"
+import { typed } from "@/actions.js"
 import { make } from "@/canvas.js"
 import { KINDS, fixed, known, mac, pis, plural, pvalue, signed, within } from "@/numbers.js"
-import history from "@/pictures/history.js"
 
 /**
  * A table of `groups`, each with `rows` and perhaps a `title`. A column is [head, unit, cell(row), kind]; `kind` is "number"
@@ -37,8 +36,8 @@ export function bar(value, most, name, text = fixed(value, 2)) {
 
 const fall = {
     id: "error-steps", title: "How the error fell",
+    from: "history",
     has: d => Boolean(d.history?.length),
-    says: d => history.says(d),
     draw(host, { history: steps }) {
         const bars = name => {
             const most = Math.max(...steps.map(s => s?.[name] ?? 0)) || 1
@@ -59,11 +58,6 @@ const fall = {
 const modes = {
     id: "modes-table", title: "Modes", follows: ["mode"], long: true,
     has: d => Boolean(d.modes?.modes?.length),
-    says({ modes: { modes } }) {
-        const second = modes.filter(m => m.second_opinion), no = second.filter(m => m.second_opinion.agrees === false).map(m => m.number)
-        return `${plural(modes.length, "mode")}, each with one standard deviation. ` + (!second.length ? "No second method was asked."
-            : `A second method, which shares no step with the first, has ${second.length} of them` + (no.length ? `; it disagrees on mode ${no.join(", ")}.` : " and agrees on all."))
-    },
     draw(host, { modes: { modes } }, view) {
         const any = (name, ...column) => modes.some(m => m[name] != null) && column
         const second = (name, std, scale) => m => m.second_opinion && within(m.second_opinion[name], m.second_opinion[std], scale)
@@ -71,7 +65,7 @@ const modes = {
             ["Mode", "", m => m.number, "text"],
             ["Frequency", "Hz", m => within(m.frequency_hz, m.frequency_std_hz)],
             ["Damping", "% of critical", m => within(m.damping_ratio, m.damping_ratio_std, 100)],
-            ["Collinearity", "of phases", m => mac(m.phase_collinearity)],
+            ["Collinearity", "noise taken off", m => mac(m.phase_collinearity)],
             any("misfit", "Misfit", "1 is chance", m => fixed(m.misfit, 2)),
             any("lines_in_bandwidth", "Lines", "in its bandwidth", m => fixed(m.lines_in_bandwidth, 1)),
             any("second_opinion", "Second method", "Hz", second("frequency_hz", "frequency_std_hz")),
@@ -90,7 +84,7 @@ const comparison = {
     says({ comparison: { given, effects } }) {
         const last = effects ?? given, p = last.p_value
         return `The mean MAC is ${[given, effects].filter(Boolean).map(c => mac(c.mean_mac)).join(", with effects ")}.`
-            + (known(p) ? ` Chi-squared is ${fixed(last.chi_squared, 0)} on ${last.degrees_of_freedom} degrees of freedom, p ${pis(p)}: ${p < 0.01 ? "the model misses by more than" : "what it misses lies within"} the measurement's deviations and its own tolerance.` : "")
+            + (known(p) ? ` Chi-squared is ${fixed(last.chi_squared, 0)} on ${last.degrees_of_freedom} degrees of freedom, p ${pis(p)}: ${p < 0.01 ? "the model misses by more than" : "what it misses lies within"} the measurement's deviations and its own tolerance.` : "") + " The column of deviations counts those of the measurement alone."
     },
     draw(host, { comparison: c }, view) {
         const list = kinds(c), last = c[list.at(-1)[0]]
@@ -134,20 +128,11 @@ const method = {
     id: "settings", title: "How it was done, and how to do it again", long: true,
     has: d => Boolean(d.study),
     says: d => `Belfry ${d.belfry?.version ?? "of unknown version"}. The settings below and the recordings are all that is needed to repeat it.`,
-    draw(host, { study, modes, model, update }) {
+    draw(host, d) {
+        const { study, modes } = d
         const sensors = study.sensors ?? [], vector = (v, digits) => v?.map(x => fixed(x, digits)).join(", ")
         const folded = (title, open, ...content) => make("details", { open }, make("summary", title), ...content)
-        const words = [
-            modes && "Modes are fitted to averaged spectra; a second method fits subspaces of correlations. Standard deviations come from the scatter of the averages.",
-            ...(modes?.segments?.reasons ?? []),
-            model && "The model is compared mode by mode, paired by shape and frequency. Chi-squared weighs differences by the measurement's deviations and by the model's stated tolerance. Candidates are weighed by their evidence.",
-            update && "The direct update is that of Lei, Wang, Shen (2012): K* = K + M Φ Ψ Φᵀ M.",
-        ]
-        host.append(...words.filter(Boolean).map(text => make("p", text)), ...[
-            ...study.setups?.length ? [identify({ modes })] : [],
-            ...model ? ["compare", "update", "covalidate", "diagnose", "profile", "history"].map(name => [name]) : [],
-            ...(model?.effects ?? []).map(effect => ["add", effect.split("=")[0]]),
-        ].map(command => make("div", typed(command))))
+        host.append(...d.method.sentences.map(text => make("p", text)), ...d.method.commands.map(command => make("div", typed(command))))
         if (study.setups?.length) host.append(table("Setups", [
             ["Setup", "", s => s.name, "text"], ["Rate", "Hz", s => s.sampling_rate_hz], ["Unit", "", s => s.unit, "text"],
             ["Channels", "", s => s.channels?.length],

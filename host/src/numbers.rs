@@ -35,6 +35,21 @@ pub(crate) fn with_std(value: f64, std: f64) -> String {
     format!("{value} ± {std}")
 }
 
+/// A height, to a metre from 100 m on and to three digits below.
+pub(crate) fn metres(height_m: f64) -> String {
+    let text = format!("{height_m:.0}");
+    if height_m.abs() >= 100.0 { text + " m" } else { short(height_m) + " m" }
+}
+
+/// A probability in percent.
+pub(crate) fn probability_text(probability: f64) -> String {
+    match 100.0 * probability {
+        little if little < 0.1 => "< 0.1 %".to_owned(),
+        most if most > 99.9 => "> 99.9 %".to_owned(),
+        percent => format!("{percent:.1} %"),
+    }
+}
+
 /// A MAC, never rounded up, so that only a perfect one reads 1.0000.
 pub(crate) fn mac_words(mac: f64, digits: usize) -> String {
     let unit = 10f64.powi(digits as i32);
@@ -53,6 +68,11 @@ mod tests {
         );
         assert_eq!([-0.004, 0.004, -0.006, 0.006].map(|value| signed(value, 2)), ["0.00", "0.00", "-0.01", "+0.01"]);
         assert_eq!([-0.04, 12.0].map(|value| signed(value, 1)), ["0.0", "+12.0"]);
+    }
+
+    #[test]
+    fn heights_of_small_structures_keep_their_decimals() {
+        assert_eq!([14.7, 443.6, 0.0, -9.25, 1234.5].map(metres), ["14.7 m", "444 m", "0 m", "-9.25 m", "1234 m"]);
     }
 
     #[test]

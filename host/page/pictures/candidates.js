@@ -1,10 +1,10 @@
 // What the model may lack: candidates with their probabilities and values, and what the chosen one would do beside what is missing.
 
-import { button, can, candidateName, isAmong } from "@/actions.js"
+import { button, can, candidateName, isAmong, isIn } from "@/actions.js"
 import { colour, make, mix } from "@/canvas.js"
 import { chosenMode, items } from "@/curves.js"
 import { matrix } from "@/matrix.js"
-import { clamp, fixed, hertz, known, percent, pis, probability, pvalue, signed, significant } from "@/numbers.js"
+import { clamp, fixed, hertz, known, metres, percent, probability, pvalue, signed, significant } from "@/numbers.js"
 import { bars } from "@/pictures/frequency-errors.js"
 import { bar, table } from "@/tables.js"
 
@@ -19,23 +19,15 @@ function chosenOf(data, view) {
 const setsOf = ambiguous => items(ambiguous).map(names => [names].flat())
 const sumOf = rows => probability(rows.reduce((sum, one) => sum + (one.probability ?? 0), 0))
 const sized = ({ value, std, unit }) => `${significant(value, 3)}${std != null ? " ± " + significant(std, 2) : ""}${unit && unit !== "-" ? " " + unit : ""}`
-const written = test => `chi-squared ${fixed(test.chi_squared, 0)} on ${test.degrees_of_freedom ?? "–"} degrees of freedom, p ${pis(test.p_value)}`
 
 export const candidates = {
     id: "candidates", title: "What the model may lack", long: true, follows: ["candidate"], from: "diagnosis",
     has: data => all(data).length > 0,
-    says(data) {
-        const { verdict, best, ambiguous, probabilities, present, present_beside_best: beside, goodness_of_fit: fit } = data.diagnosis, named = items(best).join(" and ")
-        const sum = names => sumOf(all(data).filter(one => isAmong(one, names)))
-        const said = verdict === "adequate" ? `Most probably the model lacks nothing: ${probability(probabilities?.adequate)}.`
-            : verdict === "ambiguous" ? `The data cannot tell ${setsOf(ambiguous).map(names => names.join(" and ")).join(", or ")} apart; together they have ${sum(setsOf(ambiguous).flat())}.`
-            : verdict === "effect" && named ? `Most probably the model lacks ${named}: ${sum(best)}.`
-            : "Most probably the model lacks something that is not among the candidates."
-        return [said, present && `The model as it is: ${written(present)}.`, beside && `If it may miss no more than with it: ${written(beside)}.`, fit && verdict === "effect" && `With ${named}: ${written(fit)}.`].filter(Boolean).join(" ")
-    },
     draw(host, data, view) {
-        const { ambiguous, probabilities, joint, partial, next_measurement: next, elsewise, reason, warnings } = data.diagnosis, { print } = chosenOf(data, view)
-        const rest = [["nothing: the model is adequate", probabilities?.adequate], ["something else", probabilities?.something_else]].filter(([, p]) => known(p)).map(([effect, probability]) => ({ effect, probability, isRest: true }))
+        const { ambiguous, probabilities, joint, partial, next_measurement: next, elsewise, reason, warnings, verdict, goodness_of_fit, present, present_beside_best } = data.diagnosis, { print } = chosenOf(data, view)
+        // The test that goes with its probability.
+        const test = verdict === "adequate" ? goodness_of_fit : present_beside_best ?? present
+        const rest = [["nothing: the model is adequate", probabilities?.adequate, test], ["something else", probabilities?.something_else]].filter(([, p]) => known(p)).map(([effect, probability, test]) => ({ ...test, effect, probability, isRest: true }))
         const sorted = [...all(data), ...rest].sort((a, b) => (b.probability ?? -1) - (a.probability ?? -1))
         const groups = setsOf(ambiguous).map(names => sorted.filter(one => isAmong(one, names))).filter(rows => rows.length > 1), others = sorted.filter(one => !groups.flat().includes(one))
         const of = cell => one => one.isRest ? "" : cell(one), isImpossible = one => one.admissible === false
@@ -44,13 +36,14 @@ export const candidates = {
             ["Probability", "", one => isImpossible(one) ? "impossible" : bar(one.probability, 1, one.isRest ? "rejected" : "effects", probability(one.probability)), "text"],
             ["Value", "", of(one => one.parameters?.map(each => (one.parameters.length > 1 ? each.name + " " : "") + sized(each)).join("; ")), "wrap"],
             ["ln Bayes factor", "over the model as it is", of(one => signed(one.log_bayes_factor, 1))],
-            ["Chi-squared", "left", of(one => fixed(one.chi_squared, 0))],
-            ["p", "of fit", of(one => pvalue(one.p_value))],
+            ["Chi-squared", "left", one => fixed(one.chi_squared, 0)],
+            ["p", "of fit", one => pvalue(one.p_value)],
             ["Misfit left", "% of squares, outliers less", of(one => fixed(100 * (one.errors_left?.misfit ?? NaN), 0))],
             sorted.some(one => one.where_std_m != null || one.near?.length) && ["Place", "± m, or as well at", of(one => [one.where_std_m != null && "± " + significant(one.where_std_m, 2), ...items(one.near).slice(0, 3).map(near => near.where)].filter(Boolean).join(", ")), "wrap"],
-            can() && ["Into the model", "", of(one => isImpossible(one) ? "" : button("Add", ["add", candidateName(one)], { "aria-label": `Add ${candidateName(one)} to the model` }))],
+            can() && ["Into the model", "", of(one => isImpossible(one) ? "" : isIn(data, candidateName(one)) ? "is in it" : button("Add", ["add", candidateName(one)], { "aria-label": `Add ${candidateName(one)} to the model` }))],
         ], [...groups.map(rows => ({ title: `The data cannot tell these apart: together ${sumOf(rows)}`, rows })), { title: groups.length > 0 && "Others", rows: others }],
         { key: one => one.isRest ? null : candidateName(one), chosen: sorted.map(candidateName).find(name => name === view.get("candidate")) ?? print?.effect, choose: candidate => view.set({ candidate }) }))
+        host.append(make("p.quiet", data.says?.["candidates-columns"] ?? ""))
         const fitted = items(joint?.values)
         for (const text of [
             fitted.length > 1 && "Fitted together: " + fitted.map(each => `${each.effect} ${sized(each)}`).join("; ") + ".",
@@ -62,11 +55,11 @@ export const candidates = {
 }
 
 export const fingerprint = {
-    id: "fingerprint", title: "What is missing, and what a candidate would do", follows: ["candidate", "mode"],
+    id: "fingerprint", title: "What is missing, and what a candidate would do", from: "diagnosis", follows: ["candidate", "mode"],
     has: data => printsOf(data).length > 0 && items(data.fingerprints.modes).length > 0,
     says(data, view) {
         const { wanted, print } = chosenOf(data, view)
-        return print ? `${print.effect} explains ${percent(print.explained, 0)} of the squares of what is missing. All in standard deviations of measurement, tolerance and discrepancy together.`
+        return print ? `${print.effect} explains ${percent(print.explained, 0)} of the squares of what is missing.`
             : `No fingerprint was computed for ${wanted}: it is among the least probable.`
     },
     draw(host, data, view) {
@@ -76,10 +69,10 @@ export const fingerprint = {
         const chart = bars(host, {
             name: `Frequencies by mode: what is missing, and what ${print.effect} would do`, height: 165, unit: "", x: "measured mode", y: "frequency, in std",
             groups: modes.map((mode, i) => ({ mode: mode.measured, below: hertz(mode.measured_hz, 3), i })),
-            kinds: [["measured", "measured − model"], ["effects", print.effect]],
+            kinds: [["measured", "what is missing"], ["effects", print.effect]],
             value: ({ i }, kind) => values[kind]?.[i], press: ({ mode }) => view.set({ mode }),
         })
-        const shapes = [["measured − model", measured?.shape], [print.effect, print.fingerprint?.shape]]
+        const shapes = [["what is missing", measured?.shape], [print.effect, print.fingerprint?.shape]]
         if (sensors.length && shapes.every(([, table]) => table?.length)) heatMaps(host, modes, sensors, shapes, view)
         return chart.free
     },
@@ -94,7 +87,7 @@ function heatMaps(host, modes, sensors, shapes, view) {
     const down = sensors.map((_, i) => sensors.length - 1 - i), heights = down.map(s => sensors[s].elevation_m)
     const rows = down.map((s, r) => {
         const from = heights.indexOf(heights[r]), to = heights.lastIndexOf(heights[r])
-        return !known(heights[r]) ? String(sensors[s].channel) : r === (from + to) >> 1 ? `${fixed(heights[r], 0)} m` : ""
+        return !known(heights[r]) ? String(sensors[s].channel) : r === (from + to) >> 1 ? metres(heights[r]) : ""
     })
     const cells = shapes.map(([title]) => make("div.cell", make("p.caption", `Shapes: ${title}`))), output = make("output.note")
     host.append(make("div.pair", ...cells), output)

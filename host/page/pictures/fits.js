@@ -2,7 +2,7 @@
 
 import { make } from "@/canvas.js"
 import { chosenMode, clean, densityIn, extent, freeing, items, plot, steps, unpack } from "@/curves.js"
-import { clamp, hertz, inWords, known, named, percent, plural, power } from "@/numbers.js"
+import { clamp, hertz, inWords, known, percent, power } from "@/numbers.js"
 
 // Standard deviations that hold 95 % of all lines.
 const BAND = 1.96
@@ -72,11 +72,6 @@ export default {
     title: "Fitted and measured spectra",
     long: true,
     follows: ["mode", "setup"],
-    says(data, view) {
-        const panels = panelsOf(data, view), misfits = panels.filter(panel => panel.misfit).map(panel => panel.number)
-        return `Each mode's spectrum behind its modal filter, and the fit: of ${plural(panels.length, "mode")} ` + (misfits.length
-            ? `something else lies at ${named("mode", misfits)}: the fit leaves more there than chance does.` : "none leaves more than chance does.")
-    },
     has: data => items(data.spectra?.fitted).length > 0,
     draw(host, data, view) {
         const panels = panelsOf(data, view), chosen = panels.find(panel => panel.number === chosenMode()), made = []

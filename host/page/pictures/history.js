@@ -3,23 +3,17 @@
 import { extent, items, plot } from "@/curves.js"
 import { fixed, known, power } from "@/numbers.js"
 
-const LINES = [["mean_abs_frequency_error_percent", "frequencies", "the mean error of frequencies", []], ["held_out_mode_error_percent", "left-out modes", "that of modes left out", [7, 4]],
-    ["held_out_error_percent", "left-out sensors", "that of sensors left out", [2, 3]]]
+const LINES = [["mean_abs_frequency_error_percent", "frequencies", []], ["held_out_mode_error_percent", "left-out modes", [7, 4]], ["held_out_error_percent", "left-out sensors", [2, 3]]]
 const written = value => `${fixed(value, value < 0.1 ? 3 : value < 10 ? 2 : 1)} %`
 
 export default {
     id: "history",
     title: "The error, step by step",
-    says(data) {
-        const steps = items(data.history), first = steps[0], last = steps.at(-1)
-        if (steps.length < 2) return `One step so far: the model as first given, with a mean error of frequencies of ${fixed(first?.[LINES[0][0]], 2)} %.`
-        const said = LINES.filter(([key]) => known(first[key]) && known(last[key])).map(([key, , what]) => `${what} from ${fixed(first[key], 2)} to ${fixed(last[key], 2)} %`)
-        return `In ${steps.length - 1} ${steps.length === 2 ? "step" : "steps"}: ${said.join(", ")}.`
-    },
+    from: "history",
     has: data => items(data.history).some(step => LINES.some(([key]) => step[key] > 0)),
     draw(host, data) {
         const steps = items(data.history), count = steps.length
-        const lines = LINES.map(([key, label, , dash], kind) => ({ label, dash, kind, values: steps.map(step => step[key]) })).filter(line => line.values.some(value => value > 0))
+        const lines = LINES.map(([key, label, dash], kind) => ({ label, dash, kind, values: steps.map(step => step[key]) })).filter(line => line.values.some(value => value > 0))
         const [low, high] = extent(lines.flatMap(line => line.values), true) ?? [0.1, 1], log = high / low > 6
         return plot(host, {
             height: 300, still: true, cursor: false,
@@ -45,10 +39,11 @@ export default {
                 // The value beside each point, where no other is in the way.
                 for (let i = 0; i < count; i++) {
                     let last = Infinity
-                    for (const value of lines.map(line => line.values[i]).filter(value => value > 0).sort((a, b) => a - b)) {
+                    for (const { value, next } of lines.map(({ values }) => ({ value: values[i], next: values[i + 1] })).filter(({ value }) => value > 0).sort((a, b) => a.value - b.value)) {
                         if (last - pen.y(value) < 13 * pen.ratio) continue
                         last = pen.y(value)
-                        pen.text(written(value), i, value, "left", 8, -9)
+                        // Below a line that rises.
+                        pen.text(written(value), i, value, "left", 8, next > value ? 11 : -9)
                     }
                 }
             },

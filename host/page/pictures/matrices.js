@@ -8,7 +8,7 @@ import { KINDS, clamp, fixed, known, mac as written, percent, significant } from
 
 const sane = d => Object.keys(KINDS).flatMap(what => (d.mac ?? []).filter(m => m.what === what && m.values?.length && m.measured?.length && m.model?.length))
 const best = m => m.values.map(row => row.reduce((a, b) => Math.max(a, b ?? 0), 0))
-const short = v => v >= 0.05 ? written(v).replace("0.", ".") : ""
+const short = (v, brief) => v >= 0.05 ? written(v).slice(0, brief ? 4 : 6).replace("0.", ".") : ""
 
 export const macs = {
     id: "mac", title: "Agreement of shapes (MAC)", follows: ["mode"], uses: ["mac"],

@@ -2,7 +2,7 @@
 
 import { make } from "@/canvas.js"
 import { extent, freeing, items, legend, plot } from "@/curves.js"
-import { fixed, known, percent, signed } from "@/numbers.js"
+import { known, metres, signed } from "@/numbers.js"
 
 const NAMES = { bending_1: "bending, 1st axis", bending_2: "bending, 2nd axis" }
 // Segments that are together shorter than this share of the height, such as a foundation, do not set the scale for all others.
@@ -19,12 +19,6 @@ export default {
     id: "profile",
     title: "Stiffness and mass over the height",
     from: "profile",
-    says(data) {
-        const off = quantitiesOf(lastOf(data)).flatMap(({ name, segments }) => segments.map(one => ({ name, one, z: Math.abs(one.factor - 1) / one.std }))).filter(({ z }) => known(z))
-        const { name, one, z } = off.sort((a, b) => b.z - a.z)[0] ?? {}, effects = items(lastOf(data).effects)
-        return `What the measurement says of each segment of the table${effects.length ? `, fitted together with ${effects.join(", ")}` : ""}. ` + (z > 2
-            ? `Furthest off is ${name} at ${fixed((one.z_bottom_m + one.z_top_m) / 2, 0)} m: ${signed(change(one.factor), 1)} ± ${percent(one.std, 1)}.` : "No segment is off by more than two standard deviations.")
-    },
     has: data => quantitiesOf(lastOf(data)).length > 0,
     draw(host, data) {
         const { as_given, with_effects } = data.profile, last = lastOf(data)
@@ -44,13 +38,13 @@ export default {
             { label: "tolerance that study.toml states", colour: "rejected", kind: "band", alpha: 0.4 },
             ...kinds.map(([colour, , label]) => ({ label: `fitted ${label}`, colour })),
             { label: "bands: ± 1 standard deviation", kind: "none" },
-            beyond.length && { label: `beyond the scale: ${[...new Set(beyond.map(one => `${fixed(one.z_bottom_m, 0)} to ${fixed(one.z_top_m, 0)} m`))].join(", ")}`, kind: "none" },
+            beyond.length && { label: `beyond the scale: ${[...new Set(beyond.map(one => `${metres(one.z_bottom_m)} to ${metres(one.z_top_m)}`))].join(", ")}`, kind: "none" },
         ]), grid)
         return freeing(quantitiesOf(last).map(({ quantity, name, segments: own }, i) => {
             const cell = make("div.cell", make("p.caption", name))
             grid.append(cell)
             return plot(cell, {
-                name: `${name}, change of each segment: ${own.slice(0, 40).map(one => `${fixed(one.z_bottom_m, 0)} m ${signed(change(one.factor), 1)} %`).join(", ")}`, small: true, still: true, height: 330,
+                name: `${name}, change of each segment: ${own.slice(0, 40).map(one => `${metres(one.z_bottom_m)} ${signed(change(one.factor), 1)} %`).join(", ")}`, small: true, still: true, height: 330,
                 x: { label: "% of the table", range: [-reach, reach], room: 32, values: splits => splits.map(value => signed(value, splits[1] - splits[0] < 1 ? 1 : 0)) },
                 y: { label: i ? null : "height in m", range: heights },
                 behind(pen) {

@@ -43,7 +43,7 @@ export default {
             action.hidden = false
             action.replaceChildren(words + " ", make("button", { onclick: () => pick(...what) }, label))
         }
-        const { added_hz: added, dropped, bands } = picks()
+        const { added_hz: added, dropped, bands, standing } = picks()
         // What a mode is called in study.toml: where it was asked for, it may lie beside.
         const asked = mark => mark.is.asked_hz ?? rounded(mark.x)
         const level = value => singular[0][nearest(hz, value)]
@@ -57,7 +57,7 @@ export default {
             if (!mode || !can()) return
             const canFit = modes.filter(({ x }) => from < x && x < to).map(({ x }) => x).join() === String(mode.x)
             fitting.replaceChildren(...band ? [`The fit of ${name} takes the lines from ${inHz(band)}. `, make("button", { onclick: () => fitTo(mode.is, null) }, "Choose lines automatically"), " "] : [],
-                canFit ? make("button", { onclick: () => fitTo(mode.is, [rounded(from), rounded(to)]) }, `Fit ${name} to what is in sight, ${inHz([from, to])}`) : "")
+                !canFit ? `To choose the lines of its fit, zoom until ${name} is the only mode in sight.` : make("button", { onclick: () => fitTo(mode.is, [rounded(from), rounded(to)]) }, `Fit ${name} to what is in sight, ${inHz([from, to])}`))
         }
         const marks = [
             ...modes.map(mark => isDropped(mark) ? { ...mark, colour: "rejected", dash: [2, 4], isStruck: true, title: mark.title + "; dropped, until modes are identified again" } : mark),
@@ -66,6 +66,10 @@ export default {
                 x: line.frequency_hz, text: "F", colour: "forced-text", dash: [5, 4], alpha: 1, half: line.wanders_hz,
                 title: `forced line at ${hertz(line.frequency_hz)}, kurtosis ${fixed(line.kurtosis, 2)}`
                     + (line.wanders_hz ? `, wanders by ${hertz(line.wanders_hz)}` : "") + (line.on_share < 1 ? `, there for ${percent(line.on_share, 0)} of the time` : ""),
+            })),
+            // Those of study.toml that the modes were identified with.
+            ...items(standing?.dropped_hz).filter(hz => !added.includes(hz)).map(hz => ({
+                x: hz, text: "−", colour: "rejected", dash: [2, 4], title: `dropped at ${hertz(hz)} in study.toml`, press: () => offer(`Dropped at ${hertz(hz)} in study.toml.`, "Take it back", hz, true),
             })),
             ...rejected.map(({ frequency_hz, in_words, because }) => ({
                 x: frequency_hz, y: level(frequency_hz), text: "×", colour: "rejected", line: false, title: `${hertz(frequency_hz)} is no mode: ${in_words ?? because}`,
@@ -101,19 +105,22 @@ export default {
                 band && { label: "band of the mode's fit", colour: "rejected", alpha: 0.3, kind: "band" },
             ],
             press: can() ? (where, _, u) => {
-                const reach = u.posToVal(SNAP, "x") - u.posToVal(0, "x")
+                const reach = u.posToVal(SNAP, "x") - u.posToVal(0, "x"), near = modes.find(({ x }) => Math.abs(x - where) < reach)
+                // The line of a mode is that mode; beside it, zoom in.
+                if (near) return near.chosen ? offerMode() : view.set({ mode: near.is.number })
                 let peak = nearest(hz, where)
                 for (let i = nearest(hz, where - reach); i <= nearest(hz, where + reach); i++) if (singular[0][i] > singular[0][peak]) peak = i
                 offer(`Peak at ${hertz(hz[peak])}.`, `Add a mode at ${hertz(hz[peak])}`, rounded(hz[peak]), true)
             } : null,
         })
-        if (mode) {
+        const offerMode = () => {
             const isBack = isDropped(mode)
             offer(`Mode ${mode.text} at ${hertz(mode.x)}${isBack ? " is dropped" : ""}.`, isBack ? "Take it back" : "Drop this mode", asked(mode), isBack, mode.is.number)
         }
+        if (mode) offerMode()
         queueMicrotask(() => offerBand(chart.u.scales.x.min, chart.u.scales.x.max))
         const count = [added.length && `${added.length} added`, dropped.length && `${dropped.length} dropped`, bands.length && plural(bands.length, "band")].filter(Boolean).join(", ")
-        host.append(action, fitting, count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", identify(data))))
+        host.append(action, fitting, standing ? make("p.quiet", standing.in_words) : "", count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", identify(data))))
         return chart.free
     },
 }

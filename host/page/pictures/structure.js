@@ -2,11 +2,11 @@
 
 import { canvas, colour, font, make, size, still } from "@/canvas.js"
 import { legend } from "@/curves.js"
-import { KINDS, clamp, fixed, hertz, known, mac, signed } from "@/numbers.js"
+import { KINDS, clamp, fixed, hertz, known, mac, metres, signed } from "@/numbers.js"
 import { cameras, lens, misfits, paint, scales, scene } from "@/structure.js"
 
 const words = { measured: "measured", ...KINDS }
-const keyOf = (s, check) => legend(s.kinds.map(kind => ({ label: words[kind], colour: kind, kind: kind === "measured" ? "dot" : "line", check: check?.(kind) })))
+const keyOf = (s, check) => legend([...s.kinds.map(kind => ({ label: words[kind], colour: kind, kind: kind === "measured" ? "dot" : "line", check: check?.(kind) })), check && { label: "arrow: what the sensor measures of its motion", kind: "none" }])
 /** The modes that can be shown: the measured ones, otherwise the model's. */
 export const modesOf = d => d.modes?.modes?.length ? d.modes.modes : d.model?.parts?.[0]?.modes ?? []
 const at = (d, view) => modesOf(d).some(m => m.number === view.get("mode")) ? view.get("mode") : modesOf(d)[0]?.number
@@ -16,7 +16,7 @@ const has = d => modesOf(d).length > 0 && scene(d, modesOf(d)[0].number) !== nul
 function where(d, above) {
     const c = d.comparison?.effects ?? d.comparison?.given
     const rows = ((above ? c?.by_sensor : c?.by_height) ?? []).filter(r => known(r.misfit) && (above || known(r.elevation_m)))
-    return rows.map(r => ({ misfit: r.misfit, z: r.elevation_m, label: above ? r.channel : `${fixed(r.elevation_m, 0)} m` })).sort((a, b) => b.misfit - a.misfit)
+    return rows.map(r => ({ misfit: r.misfit, z: r.elevation_m, label: above ? r.channel : metres(r.elevation_m) })).sort((a, b) => b.misfit - a.misfit)
 }
 
 let playing = true

@@ -2,7 +2,7 @@
 
 import { make } from "@/canvas.js"
 import { choice, chosenMode, clean, extent, freeing, items, legend, motionIn, plot, setupChoice, setupOf } from "@/curves.js"
-import { duration, fixed, known, named, plural, significant, within } from "@/numbers.js"
+import { fixed, known, significant, within } from "@/numbers.js"
 import { timeAxis } from "@/pictures/record.js"
 
 const of = (data, name) => items(data.modes?.trends?.[name])
@@ -12,19 +12,12 @@ function setupsOf(data) {
     for (const interval of of(data, "intervals")) setups.set(interval.setup, [...setups.get(interval.setup) ?? [], interval])
     return [...setups].map(([setup, intervals]) => ({ setup, intervals })).sort((a, b) => b.intervals.length - a.intervals.length)
 }
-const isChange = mode => known(mode?.p_value_of_no_change) && mode.p_value_of_no_change < 0.01
 
 export default {
     id: "trends",
     title: "Modes over time",
     long: true,
     follows: ["setup", "trend", "mode"],
-    says(data) {
-        const changed = of(data, "modes").filter(isChange), slopes = extent(changed.map(mode => mode.percent_per_kelvin?.value))
-        return `${plural(of(data, "modes").length, "mode")} followed through ${plural(of(data, "intervals").length, "interval")} of ${duration(data.modes.trends.every_s)}; ` + (changed.length
-            ? `${plural(changed.length, "frequency changes", "frequencies change")} more than the measurement's scatter (${named("mode", changed.map(mode => mode.number))})` : "no frequency changes more than the measurement's scatter")
-            + (slopes ? `, with temperature by ${significant(slopes[0], 2)} to ${significant(slopes[1], 2)} % a kelvin.` : ".")
-    },
     has: data => of(data, "intervals").some(interval => items(interval.modes).length),
     draw(host, data, view) {
         const setups = setupsOf(data), { setup, intervals } = setupOf(setups), isDamping = view.get("trend") === "damping"
@@ -45,7 +38,7 @@ export default {
                 const weights = values.map((value, i) => known(value) && std[i] > 0 ? std[i] ** -2 : 0), sum = weights.reduce((a, b) => a + b, 0), mean = weights.reduce((total, weight, i) => total + (weight && weight * values[i]), 0) / sum
                 return {
                     number, values, std, mean, colour: "measured", on: number === chosenMode(), name: `mode ${number}: ${isDamping ? "damping in %" : "frequency in Hz"}, mean ${fixed(mean, isDamping ? 2 : 4)}`,
-                    more: isDamping || !known(trend?.p_value_of_no_change) ? "" : isChange(trend) ? " — changes" : " — does not change beyond scatter",
+                    more: isDamping || trend?.changes == null ? "" : trend.changes ? " — changes" : " — does not change beyond scatter",
                 }
             }),
         ].filter(panel => panel.values.some(known))

@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
-use super::diagnose::{cells, kind, probability_text, tell_near};
+use super::diagnose::{cells, kind, tell_near};
 use super::text::{Columns, mac_text, or_dash, p_is, p_text, short, signed};
 use crate::change::{Changes, LonelyMode, ModeChange};
 use crate::diagnose::{CandidateReport, ChangeDiagnosis, ChangeVerdict, Direction};
+use crate::numbers::probability_text;
 use crate::story::{Project, SinceReport, SinceRequest};
 
 const EXAMPLES: &str = "Examples:

@@ -8,6 +8,7 @@ use super::Console;
 use super::interrupt::leave_nothing_unfinished;
 use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is, width};
 use crate::compare::{Comparison, HeightMisfit, Side};
+use crate::diagnose::FAILS;
 use crate::model::Body;
 use crate::story::{Case, Project};
 
@@ -56,7 +57,7 @@ pub(super) fn compare_project(project: &mut Project, console: &Console) -> anyho
     tell(&compared.comparison, case, console);
     console.warn_all(&compared.comparison.warnings);
     if let Some(picture) = compared.picture {
-        console.say(format!("Picture: {}", picture.display()));
+        console.detail(format!("Picture: {}", picture.display()));
     }
     Ok(compared.comparison)
 }
@@ -88,7 +89,7 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
         row.extend(close.then(|| mac_text(pair.subspace_mac, 4)));
         table.row(row);
     }
-    console.say(table);
+    console.detail(table);
     match (comparison.mean_abs_frequency_error_percent, comparison.mean_mac) {
         (Some(error), Some(mac)) => console.say(format!("Mean frequency error {error:.2} %, mean MAC {mac:.4}.")),
         (Some(error), None) => console.say(format!("Mean frequency error {error:.2} %; no shapes were measured.")),
@@ -175,9 +176,6 @@ fn tell_where(comparison: &Comparison, console: &Console) {
     }
 }
 
-/// Below this probability a model is said to fail.
-const SIGNIFICANT: f64 = 0.01;
-
 fn tell_test(comparison: &Comparison, case: &Case, console: &Console) {
     let (Some(chi_squared), Some(degrees), Some(p_value)) =
         (comparison.chi_squared, comparison.degrees_of_freedom, comparison.p_value)
@@ -191,7 +189,7 @@ fn tell_test(comparison: &Comparison, case: &Case, console: &Console) {
     } else {
         "the measurement's deviations alone (no background_stiffness or background_mass in [model])"
     };
-    let verdict = if p_value < SIGNIFICANT {
+    let verdict = if p_value < FAILS {
         "the model as it is lies further off than they allow"
     } else {
         "they can account for what differs; `belfry diagnose` asks whether a missing effect accounts for it better"

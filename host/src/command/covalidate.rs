@@ -136,5 +136,5 @@ fn tell(report: &CovalidationReport, picture: &std::path::Path, console: &Consol
         "E_d judges the span of the model's shapes, not its frequencies. A Psi update turns the shapes within that span, so it cannot change E_d, however good its frequencies and MAC look. E_d falls when the model gains physics that its shapes lacked. It does not fall to zero: the noise of the channel itself stays, that of the kept channels (times the noise gain), and the motion of modes that are not among those used. The measured shapes show about how much that is; they have seen the left-out channels, so they may be a little better than true shapes. Compare only results with the same modes and channels.",
     );
     console.detail(format!("Curves: {}", report.curves.display()));
-    console.say(format!("Picture: {}", picture.display()));
+    console.detail(format!("Picture: {}", picture.display()));
 }

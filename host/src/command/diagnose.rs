@@ -9,10 +9,11 @@ use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, next_lines, p_is, p_text, short, values_before_units, values_text, width};
 use crate::diagnose::steps::Step;
 use crate::diagnose::{
-    CandidateReport, Diagnosis, Estimate, FAILS, GoodnessOfFit, Part, PartialEffect, Probabilities, STANDS_OUT,
-    Unexplained, Verdict,
+    CandidateReport, Diagnosis, Estimate, FAILS, GoodnessOfFit, Part, PartialEffect, Probabilities, Unexplained,
+    Verdict,
 };
 use crate::model::effect::{self, Evidence};
+use crate::numbers::probability_text;
 use crate::results::FINGERPRINTS_PICTURE;
 use crate::story::{AutoEnd, Project};
 use crate::study::Study;
@@ -222,21 +223,12 @@ pub(super) fn cells(name: String, where_std_m: Option<f64>, parameters: &[Estima
     [name + &place_std, values, probability_text(probability)]
 }
 
-/// A probability in percent.
-pub(super) fn probability_text(probability: f64) -> String {
-    match 100.0 * probability {
-        little if little < 0.1 => "< 0.1 %".to_owned(),
-        most if most > 99.9 => "> 99.9 %".to_owned(),
-        percent => format!("{percent:.1} %"),
-    }
-}
-
 /// The effect that is named first; empty where none is.
 fn best_name(diagnosis: &Diagnosis) -> String {
     diagnosis.best.first().cloned().unwrap_or_default()
 }
 
-fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
+pub(super) fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
     let best = best_name(diagnosis);
     match diagnosis.verdict {
         Verdict::Adequate if diagnosis.present.p_value < FAILS => {
@@ -316,7 +308,7 @@ fn tell_next(diagnosis: &Diagnosis, auto: bool, study: &Study, console: &Console
         _ => {
             console.say(unknown_advice(diagnosis, auto));
             let surest = diagnosis.partial.as_ref().and_then(|partial| partial.effects.first());
-            let ranked = diagnosis.candidates.iter().find(|candidate| stands_out(candidate));
+            let ranked = diagnosis.candidates.iter().find(|candidate| candidate.stands_out());
             if let Some(first) = surest.map(PartialEffect::name).or_else(|| ranked.map(CandidateReport::name)) {
                 next.push((format!("add {folder} {first}"), "the one that explains most, and what it leaves"));
             }
@@ -333,15 +325,10 @@ fn tell_next(diagnosis: &Diagnosis, auto: bool, study: &Study, console: &Console
     console.say(next_lines(&next));
 }
 
-/// Whether an effect gains 20 to 1 with a value that it can have.
-fn stands_out(candidate: &CandidateReport) -> bool {
-    candidate.admissible && candidate.log_bayes_factor.is_some_and(|gain| gain > STANDS_OUT)
-}
-
 /// What to make of a ranking without a verdict.
 fn unknown_advice(diagnosis: &Diagnosis, auto: bool) -> String {
     let standing: Vec<String> =
-        diagnosis.candidates.iter().filter(|candidate| stands_out(candidate)).map(CandidateReport::name).collect();
+        diagnosis.candidates.iter().filter(|candidate| candidate.stands_out()).map(CandidateReport::name).collect();
     if diagnosis.partial.is_some() && !auto {
         return "Other sets may explain as much. Take from it what you know of the structure (a tower on soil has base-rotation, a new antenna is an added-mass), add that by hand and diagnose again. --auto writes a set into study.toml, but only one that explains the measurement.".to_owned();
     }

@@ -52,7 +52,7 @@ pub(super) fn show_history(project: &Project, console: &Console) -> anyhow::Resu
     }
     let steps = project.history()?;
     tell_history(&steps, console);
-    console.say(format!("Picture: {}", project.results().path("history.svg").display()));
+    console.detail(format!("Picture: {}", project.results().path("history.svg").display()));
     Ok(steps)
 }
 

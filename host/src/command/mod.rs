@@ -44,7 +44,7 @@ use serde::Serialize;
 use crate::progress::{OnProgress, Progress};
 
 pub use route::RouteArguments;
-pub(crate) use text::in_shell;
+pub(crate) use text::{in_shell, p_is};
 
 /// A variable of the environment: where it is set, progress is told on standard error as JSON objects, a line each, instead of bars.
 pub(crate) const PROGRESS_LINES: &str = "BELFRY_PROGRESS_LINES";
@@ -125,7 +125,9 @@ impl Console {
         let warning = warning.to_string();
         if WARNED.lock().unwrap_or_else(PoisonError::into_inner).insert(warning.clone()) {
             // Where standard error is closed there is nobody left to tell.
-            let _ = beside_bar(|| writeln!(std::io::stderr(), "warning: {warning}"));
+            let _ = beside_bar(|| {
+                writeln!(std::io::stderr(), "{}", text::wrapped_for_errors(&format!("warning: {warning}")))
+            });
         }
     }
 
@@ -172,7 +174,7 @@ impl Console {
         }
         let mut stderr = std::io::stderr().lock();
         // Where standard error is closed there is nobody left to tell; the exit status still says it.
-        let _ = writeln!(stderr, "error: {message}");
+        let _ = writeln!(stderr, "{}", text::wrapped_for_errors(&format!("error: {message}")));
         for cause in &causes {
             let _ = writeln!(stderr, "  caused by: {cause}");
         }

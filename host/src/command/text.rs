@@ -97,7 +97,16 @@ pub(super) fn width() -> Option<u16> {
 /// Text with its paragraphs wrapped between words where they are wider than the terminal. Tables stay, and so do lines that begin
 /// with a command to be typed.
 pub(super) fn wrapped(text: &str) -> String {
-    match width() {
+    wrapped_to(width(), text)
+}
+
+/// The same where it goes to standard error.
+pub(super) fn wrapped_for_errors(text: &str) -> String {
+    wrapped_to(Table::new().use_stderr().width().or_else(width_by_environment), text)
+}
+
+fn wrapped_to(width: Option<u16>, text: &str) -> String {
+    match width {
         Some(width) => {
             text.split('\n').map(|line| wrapped_line(line, usize::from(width))).collect::<Vec<_>>().join("\n")
         }
@@ -206,7 +215,7 @@ fn unit_after(between: &str, unit: &str) -> String {
 }
 
 /// A probability in a sentence.
-pub(super) fn p_is(p_value: f64) -> String {
+pub(crate) fn p_is(p_value: f64) -> String {
     if p_value < 1e-4 { format!("p {}", p_text(p_value)) } else { format!("p = {}", p_text(p_value)) }
 }
 

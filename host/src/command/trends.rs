@@ -3,10 +3,8 @@
 use super::Console;
 use super::text::Columns;
 use crate::results::Results;
-use crate::trend::{ModeTrend, Slope, Trend};
+use crate::trend::{CHANGES, ModeTrend, Slope, Trend};
 
-/// Below this probability of chance, a mode is said to change.
-const SIGNIFICANT: f64 = 1e-3;
 /// A dependence is said to be one from this many standard deviations on.
 const SIGMAS: f64 = 3.0;
 
@@ -30,11 +28,7 @@ pub(super) fn tell(results: &Results, trend: &Trend, console: &Console) {
             format!("{:.4}", mode.frequency_hz),
             format!("{:.4}", mode.lowest_hz),
             format!("{:.4}", mode.highest_hz),
-            match mode.p_value_of_no_change {
-                Some(p) if p < SIGNIFICANT => "yes".to_owned(),
-                Some(_) => "no".to_owned(),
-                None => String::new(),
-            },
+            mode.changes.map_or("", |changes| if changes { "yes" } else { "no" }).to_owned(),
             slope(mode.percent_per_kelvin, 4),
             slope(mode.percent_per_decade, 3),
         ]);
@@ -44,7 +38,7 @@ pub(super) fn tell(results: &Results, trend: &Trend, console: &Console) {
         console.say(sentence);
     }
     console.say(format!(
-        "A mode \"changes\" when it scatters more from interval to interval than its deviations explain (chance below {SIGNIFICANT}). Every interval is in {}, a picture in {}.",
+        "A mode \"changes\" when it scatters more from interval to interval than its deviations explain (chance below {CHANGES}). Every interval is in {}, a picture in {}.",
         results.path("trends.csv").display(),
         results.path("trends.svg").display()
     ));

@@ -145,6 +145,13 @@ impl Problem {
         self.finish(state, fit.knobs.clone(), jacobian)
     }
 
+    /// The same state, its effects' values counted as fitted.
+    pub(super) fn as_if_fitted(&self, fit: Fit) -> Result<Fit, String> {
+        let knobs = self.all_knobs(&fit.state);
+        let jacobian = self.jacobian(&fit.state, &knobs)?;
+        self.finish(fit.state, knobs, jacobian)
+    }
+
     /// The model with effects as they are given, without scatter and without a fit.
     pub(super) fn as_given(&self, effects: &[Effect]) -> Result<Fit, String> {
         let state = self.state_without_scatter(effects)?;

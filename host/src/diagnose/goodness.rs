@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::criteria::FAILS;
-use super::discrepancy::{Discrepancy, here};
+use super::discrepancy::Discrepancy;
 use super::fit::Fit;
 use super::problem::Problem;
 use super::report::GoodnessOfFit;
@@ -48,13 +48,14 @@ pub struct Tests {
 }
 
 /// The test of the model with its effects as they are written, as comparison, history and diagnosis state it, and what it had to allow for;
-/// `None` where nothing can be compared.
+/// `None` where nothing can be compared. Their values count as fitted to these data, which `belfry add` has done.
 pub fn fit_as_given(problem: &Problem, effects: &[Effect]) -> Option<(GoodnessOfFit, Discrepancy)> {
     let numbers = DVector::zeros(problem.background.size());
     let fit = problem.fit(effects.to_vec(), &[], &numbers, None).ok()?;
-    let settled = problem.at_its_best(&fit);
-    let (problem, fit) = here(&settled, problem, &fit);
-    Some((fit.goodness_as_stated(problem).into(), fit.discrepancy))
+    let (problem, fit) = problem.at_its_best(&fit).unwrap_or_else(|| (problem.clone(), fit));
+    let discrepancy = fit.discrepancy;
+    let test = problem.as_if_fitted(fit).ok()?.goodness_as_stated(&problem);
+    Some((test.into(), discrepancy))
 }
 
 impl Fit {

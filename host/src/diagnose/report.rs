@@ -4,6 +4,7 @@
 
 use serde::Serialize;
 
+use super::criteria::STANDS_OUT;
 use super::discrepancy::Discrepancy;
 use super::elsewise::Elsewise;
 use super::fingerprint::Fingerprints;
@@ -194,6 +195,12 @@ impl From<Tests> for GoodnessOfFit {
 }
 
 impl CandidateReport {
+    /// Whether it gains 20 to 1 with a value that it can have, and counts: one with which the model's errors do not fall has no probability.
+    pub fn stands_out(&self) -> bool {
+        let counts = self.probability.is_none_or(|probability| probability > 0.0);
+        self.admissible && counts && self.log_bayes_factor.is_some_and(|gain| gain > STANDS_OUT)
+    }
+
     /// `kind` or `kind@where`.
     pub fn name(&self) -> String {
         name(&self.effect, self.r#where.as_deref())

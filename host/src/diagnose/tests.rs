@@ -43,6 +43,8 @@ fn gains_within_calibration_are_no_effect() {
     assert_eq!(within.verdict, Verdict::Adequate, "{:?}", within.best);
     let is_told = |text: &String| text.contains("sensor-gain@ch13 stands out, but is not counted");
     assert!(within.warnings.iter().any(is_told), "{:?}", within.warnings);
+    // Nor is it recommended.
+    assert!(!within.candidates.iter().any(|one| one.effect == "sensor-gain" && one.stands_out()));
     let beyond = diagnosed(1.03);
     assert_eq!((beyond.verdict, &beyond.best[..]), (Verdict::Effect, &["sensor-gain@ch13".to_owned()][..]));
 }

@@ -46,7 +46,7 @@ pub fn hold_to_standards(identification: &mut Identification) {
     let of_no_line = |mode: &&Mode| mode.pair_with.is_none() && mode.phase_collinearity_as_measured < COLLINEAR;
     let warnings = identification.modes.iter().filter(of_no_line).map(|mode| {
         format!(
-            "{}: its parts do not move in phase (collinearity {:.2}); it may be two modes, or sensors or a machine may bend it",
+            "{}: its parts do not move in phase (phase collinearity {:.2} as measured, noise and all); it may be two modes, or sensors or a machine may bend it",
             place(mode.frequency_hz),
             mode.phase_collinearity_as_measured
         )

@@ -12,15 +12,16 @@ use super::findings::{Finding, Sources, findings};
 use super::model::{MacMatrix, ModelPart};
 use super::packed::Packed;
 use super::picks::Picks;
+use super::says::{method, says};
 use crate::archive::{Archive, NodeHealth};
 use crate::compare::{Comparison, ModelView, compare, pair};
 use crate::model::Structure;
 use crate::model::effect::{Effect, EffectRecord};
 use crate::results::{
-    CHANGE_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, INPUTS_FILE, MODES_FILE, PROFILE_FILE,
-    RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
+    CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, INPUTS_FILE, MODES_FILE,
+    PROFILE_FILE, RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
 };
-use crate::story::{CURVES_FILE, Case, Inputs, StoryError, UpdateReport, outdated, turned_by_update};
+use crate::story::{CURVES_FILE, Case, Inputs, StoryError, UpdateReport, data_mark, outdated, turned_by_update};
 use crate::study::{Motion, STUDY_FILE, Sensor, Setup, Study, Unit};
 
 /// What a page shows. Its parts are described beside the front end, in `host/page/README.md`.
@@ -49,6 +50,10 @@ pub struct PageData {
     history: Value,
     change: Value,
     nodes: Value,
+    /// Sentences below the titles of pictures, by their names.
+    says: Map<String, Value>,
+    /// How it was done: sentences, and the commands that were run.
+    method: Value,
 }
 
 /// The model as first given, and with its effects.
@@ -83,6 +88,19 @@ const LATEST: Duration = Duration::from_secs(253_402_300_799);
 /// Points of all left-out channels' curves together.
 const CURVE_POINTS: usize = 24_000;
 
+/// What every result has: a file without it is damaged, though it is JSON.
+const PARTS: [(&str, &str); 9] = [
+    (MODES_FILE, "modes"),
+    (SPECTRA_FILE, "setups"),
+    (RECORD_FILE, "setups"),
+    (UPDATE_FILE, "pairs"),
+    (COVALIDATION_FILE, "channels"),
+    (DIAGNOSIS_FILE, "verdict"),
+    (FINGERPRINTS_FILE, "candidates"),
+    (PROFILE_FILE, "as_given"),
+    (CHANGE_FILE, "modes"),
+];
+
 /// Results that stand on a model and the measured modes, each with the command that makes it.
 const OF_THE_MODEL: [(&str, &str, &str); 4] = [
     ("update", UPDATE_FILE, "update"),
@@ -99,6 +117,10 @@ impl PageData {
         let note = |error: String| unread.borrow_mut().push(error);
         let file = |name: &str, step: &'static str| -> Value {
             match results.read_json::<Value>(name, step) {
+                Ok(Some(object)) if !is_whole(name, &object) => {
+                    note(format!("{} is damaged: run `belfry {step}` again", results.path(name).display()));
+                    Value::Null
+                }
                 Ok(object) => object.map_or(Value::Null, rounded),
                 Err(error) => {
                     note(error.to_string());
@@ -161,7 +183,7 @@ impl PageData {
         of_older.into_iter().for_each(note);
         let unread = unread.take();
         let comparison = seen.as_ref().map(|seen| seen.effects.as_ref().unwrap_or(&seen.given).1.clone());
-        let findings = findings(&Sources {
+        let sources = Sources {
             study,
             modes: &modes,
             comparison: comparison.as_ref(),
@@ -170,9 +192,13 @@ impl PageData {
             history: &history,
             stale: &stale,
             is_outdated,
+            has_windows: nodes.as_array().is_some_and(|nodes| !nodes.is_empty()),
             unread: &unread,
             warnings: case.as_ref().map_or(&[], |case| &case.warnings),
-        });
+        };
+        let findings = findings(&sources);
+        let says = says(&sources, &spectra, &profile);
+        let method = method(&sources, results.path(COMPARISON_FILE).exists(), &update, &profile);
         let (model, mac, comparison) = seen.map_or((None, Vec::new(), None), |seen| {
             let Seen { effects, given, mac, names, values } = seen;
             let (parts, comparisons) = match effects {
@@ -205,6 +231,8 @@ impl PageData {
             history,
             change,
             nodes,
+            says,
+            method,
         }
     }
 }
@@ -402,7 +430,21 @@ fn stale(case: &Case, results: &Results) -> Map<String, Value> {
             stale.insert(what.to_owned(), Value::from(sentence));
         }
     }
+    // A history says itself what it is of.
+    let last = results.history().ok().and_then(|mut steps| steps.pop()).filter(|step| !step.data.is_empty());
+    if last.is_some_and(|step| data_mark(case).is_ok_and(|now| now != step.data)) {
+        let sentence = "the measured modes or the model's tables changed since: run `belfry add` or `belfry remove`, which begin it anew";
+        stale.insert("history".to_owned(), Value::from(sentence));
+    }
     stale
+}
+
+/// Whether a result has what every one of its kind has.
+fn is_whole(name: &str, object: &Value) -> bool {
+    let part = PARTS.iter().find(|(file, _)| *file == name);
+    // Nobody has asked for fingerprints where there is nothing to show.
+    let is_empty = object.is_null() && name == FINGERPRINTS_FILE;
+    is_empty || part.map_or(!object.is_null(), |(_, part)| object.get(part).is_some_and(|part| !part.is_null()))
 }
 
 /// Numbers to the digits that a page needs: the last ten are noise, and half of the file.

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use crate::compare::Comparison;
 use crate::diagnose::FAILS;
-use crate::numbers::{mac_words, with_std};
+use crate::numbers::{mac_words, metres, with_std};
 use crate::study::Study;
 
 /// A sentence.
@@ -34,6 +34,7 @@ pub enum Kind {
 }
 
 /// What findings are made of.
+#[derive(Clone, Copy)]
 pub(super) struct Sources<'a> {
     pub(super) study: &'a Study,
     pub(super) modes: &'a Value,
@@ -44,6 +45,8 @@ pub(super) struct Sources<'a> {
     pub(super) stale: &'a Map<String, Value>,
     /// Whether the modes are older than what they were identified from.
     pub(super) is_outdated: bool,
+    /// Whether anything has come from nodes.
+    pub(super) has_windows: bool,
     /// What cannot be read, and why.
     pub(super) unread: &'a [String],
     /// Of the model and the modes.
@@ -149,7 +152,9 @@ fn fall(sources: &Sources<'_>) -> Option<String> {
     let effects = strings(last.get("effects"));
     // A step of another model, or one that began with effects, says nothing of those that are in it now.
     let now = sources.study.model.as_ref().map_or(0, |model| model.effects.len());
-    if now != effects.len() || !strings(first.get("effects")).is_empty() {
+    let is_of_now = effects.iter().all(|effect| has(sources.study, effect));
+    let is_older = sources.is_outdated || sources.stale.contains_key("history");
+    if is_older || !is_of_now || now != effects.len() || !strings(first.get("effects")).is_empty() {
         return None;
     }
     let error = |step: &Value, key: &str| step.get(key)?.as_f64();
@@ -188,7 +193,7 @@ fn compared(sources: &Sources<'_>) -> Option<String> {
     let mac = comparison.mean_mac.map_or_else(String::new, |mac| format!(", and a mean MAC of {}", mac_words(mac, 4)));
     let at = comparison.by_height.iter().max_by(|a, b| a.misfit.total_cmp(&b.misfit));
     let height =
-        at.map_or_else(String::new, |height| format!("; shapes are furthest off at {:.0} m", height.elevation_m));
+        at.map_or_else(String::new, |height| format!("; shapes are furthest off at {}", metres(height.elevation_m)));
     Some(format!(
         "{} of the measured modes have a partner in the model, with a mean frequency error of {:.2} %{mac}. The worst is mode {} at {:.4} Hz ({:+.2} %){height}.",
         comparison.pairs.len(),
@@ -228,7 +233,12 @@ fn identified(sources: &Sources<'_>) -> Option<String> {
         count => format!(" {count} forced lines, as of machines, are no modes."),
     };
     let several = if modes.len() == 1 { "mode was" } else { "modes were" };
-    Some(format!("{} {several} identified between {lowest:.3} and {highest:.3} Hz{from}.{sure}{forced}", modes.len()))
+    // Another tool has identified these.
+    let how = match &sources.study.measured {
+        Some(measured) => format!("read from {}", measured.modes.display()),
+        None => "identified".to_owned(),
+    };
+    Some(format!("{} {several} {how}, between {lowest:.3} and {highest:.3} Hz{from}.{sure}{forced}", modes.len()))
 }
 
 /// How well left-out sensors are predicted.
@@ -251,8 +261,9 @@ fn predicted(sources: &Sources<'_>) -> Option<String> {
     let names: Vec<String> = channels.iter().filter_map(|one| Some(one.get("channel")?.as_str()?.to_owned())).collect();
     let model = range("model")?;
     let with = range("with_effects").map_or_else(String::new, |error| format!(", by that with effects {error}"));
-    let best = range("measured_shapes")
-        .map_or_else(String::new, |error| format!("; the measured shapes themselves leave {error}"));
+    let best = range("measured_shapes").map_or_else(String::new, |error| {
+        format!("; the measured shapes themselves leave {error}, by noise of the channels and of the shapes, and a model that is no further off misses nothing that can be seen here")
+    });
     let several = if names.len() == 1 { "channel" } else { "channels" };
     Some(format!(
         "Motion at the left-out {several} {}, predicted from the others: by the model as given {model} off{with}{best}.",
@@ -266,7 +277,17 @@ fn next(sources: &Sources<'_>) -> Vec<Finding> {
     let run = |text: &str, command: &str| vec![step(text, Some(command.to_owned()))];
     let measurement = sources.diagnosis.get("next_measurement").and_then(Value::as_str);
     if sources.modes.is_null() && sources.study.measured.is_none() {
-        return run("Identify the modes.", "identify");
+        // The server runs nothing that ends only when it is stopped.
+        if !sources.has_windows
+            && !sources.study.setups.is_empty()
+            && sources.study.setups.iter().all(|setup| setup.live)
+        {
+            let text = "Collect from the nodes, in a terminal: nothing has come from them yet.";
+            return vec![step(text, Some("collect".to_owned()))];
+        }
+        let text =
+            "Identify the modes. Spectra, time histories, shapes and all that follows are drawn from what that finds.";
+        return run(text, "identify");
     }
     if sources.is_outdated {
         return run("Identify the modes again.", "identify");
@@ -312,7 +333,7 @@ fn has(study: &Study, name: &str) -> bool {
 }
 
 /// An effect's name with its place.
-fn name_of(effect: &Value) -> Option<String> {
+pub(super) fn name_of(effect: &Value) -> Option<String> {
     let kind = effect.get("effect")?.as_str()?;
     Some(match effect.get("where").and_then(Value::as_str) {
         Some(place) => format!("{kind}@{place}"),
@@ -320,13 +341,13 @@ fn name_of(effect: &Value) -> Option<String> {
     })
 }
 
-fn strings(value: Option<&Value>) -> Vec<String> {
+pub(super) fn strings(value: Option<&Value>) -> Vec<String> {
     let texts = value.and_then(Value::as_array).into_iter().flatten();
     texts.filter_map(|text| text.as_str().map(str::to_owned)).collect()
 }
 
 /// As a sentence lists them.
-fn listed(names: &[String]) -> String {
+pub(super) fn listed(names: &[String]) -> String {
     match names {
         [] => String::new(),
         [one] => one.clone(),
@@ -385,6 +406,7 @@ mod tests {
             history: &history,
             stale: &stale,
             is_outdated: false,
+            has_windows: false,
             unread: &[],
             warnings: &[],
         };
@@ -399,7 +421,7 @@ mod tests {
                 .contains("fell from 0.81 to 0.11 %, that at sensors which were left out of the fit from 6.0 to 5.3 %"),
             "{texts:?}"
         );
-        assert!(texts[2].1.starts_with("2 modes were identified between 0.100 and 1.000 Hz from 2.0 h of recording. Frequencies are known to 0.20 % (worst 0.20 %)"), "{texts:?}");
+        assert!(texts[2].1.starts_with("2 modes were identified, between 0.100 and 1.000 Hz from 2.0 h of recording. Frequencies are known to 0.20 % (worst 0.20 %)"), "{texts:?}");
         assert!(texts.contains(&(Kind::Warning, "Channel \"07\" is noisy.".to_owned())));
         let kinds: Vec<Kind> = texts.iter().map(|(kind, _)| *kind).collect();
         assert!(kinds.is_sorted_by_key(|kind| *kind as usize), "{kinds:?}");
@@ -413,6 +435,16 @@ mod tests {
         let mut other = study.clone();
         other.model.as_mut().unwrap().effects.clear();
         assert!(!said(&Sources { study: &other, ..sources }).iter().any(|(_, text)| text.contains("fell from")));
+        // After a new identification it is one of older modes.
+        for older in [
+            Sources { is_outdated: true, ..sources },
+            Sources {
+                stale: &[("history".to_owned(), json!("the measured modes changed since: run"))].into_iter().collect(),
+                ..sources
+            },
+        ] {
+            assert!(!said(&older).iter().any(|(_, text)| text.contains("fell from")));
+        }
         // A diagnosis of another state of the study is none either.
         let stale: Map<String, Value> = ["diagnosis", "update"]
             .map(|what| (what.to_owned(), json!(format!("the sensors changed since: run `belfry {what}` again"))))
@@ -430,9 +462,16 @@ mod tests {
             findings(&sources),
             [Finding {
                 kind: Kind::Next,
-                text: "Identify the modes.".to_owned(),
+                text: "Identify the modes. Spectra, time histories, shapes and all that follows are drawn from what that finds.".to_owned(),
                 command: Some("identify".to_owned())
             }]
         );
+        // Of nodes that have sent nothing, there is nothing to identify.
+        let mut live = study.clone();
+        live.setups.iter_mut().for_each(|setup| setup.live = true);
+        let next = findings(&Sources { study: &live, ..sources });
+        assert_eq!(next.iter().map(|one| one.command.as_deref()).collect::<Vec<_>>(), [Some("collect")]);
+        let next = findings(&Sources { study: &live, has_windows: true, ..sources });
+        assert_eq!(next[0].command.as_deref(), Some("identify"));
     }
 }

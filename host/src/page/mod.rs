@@ -9,6 +9,7 @@ mod findings;
 mod model;
 mod packed;
 mod picks;
+mod says;
 mod spectra;
 
 pub use data::{PageData, Tried};

@@ -15,6 +15,17 @@ pub struct Picks {
     dropped: Vec<u64>,
     /// Modes that are fitted to other lines.
     bands: Vec<PickedBand>,
+    /// The choice that the modes were identified with; none where they were all picked automatically.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    standing: Option<Standing>,
+}
+
+/// A choice that the modes were identified with.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Standing {
+    /// Frequencies at which modes were dropped.
+    dropped_hz: Vec<f64>,
+    in_words: String,
 }
 
 /// The lines that a mode is to be fitted to; none, where they are chosen from the data.
@@ -49,8 +60,36 @@ impl Picks {
             let is_new = band_hz != band_at(&then.bands_hz, mode.frequency_hz);
             is_new.then_some(PickedBand { mode: mode.number, band_hz })
         };
-        Self { added_hz, dropped: gone.filter_map(number).collect(), bands: modes.iter().filter_map(band).collect() }
+        let standing = Standing::of(then);
+        Self {
+            standing,
+            added_hz,
+            dropped: gone.filter_map(number).collect(),
+            bands: modes.iter().filter_map(band).collect(),
+        }
     }
+}
+
+impl Standing {
+    fn of(then: &ModeChoice) -> Option<Self> {
+        let in_hz = |list: &[f64]| list.iter().map(|hz| short_hz(*hz)).collect::<Vec<_>>().join(", ");
+        let bands: Vec<String> =
+            then.bands_hz.iter().map(|[from, to]| format!("{} to {}", short_hz(*from), short_hz(*to))).collect();
+        let parts = [
+            then.only_hz.as_ref().map(|only| format!("only those near {} Hz", in_hz(only))),
+            (!then.add_hz.is_empty()).then(|| format!("added at {} Hz", in_hz(&then.add_hz))),
+            (!then.drop_hz.is_empty()).then(|| format!("dropped at {} Hz", in_hz(&then.drop_hz))),
+            (!bands.is_empty()).then(|| format!("fitted to bands of {} Hz", bands.join(", "))),
+        ];
+        let parts: Vec<String> = parts.into_iter().flatten().collect();
+        let in_words = format!("The modes were identified with the choice of study.toml: {}.", parts.join("; "));
+        (!parts.is_empty()).then(|| Self { dropped_hz: then.drop_hz.clone(), in_words })
+    }
+}
+
+/// A frequency without needless zeros.
+fn short_hz(hz: f64) -> String {
+    format!("{hz:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 /// What of these frequencies the others lack.
@@ -90,12 +129,18 @@ mod tests {
         ] });
         let then =
             ModeChoice { add_hz: vec![0.8], drop_hz: vec![1.0], bands_hz: vec![[0.4, 0.6]], ..Default::default() };
-        let picks = |now: &ModeChoice| Picks::between(&then, now, &modes);
+        let picks = |now: &ModeChoice| Picks { standing: None, ..Picks::between(&then, now, &modes) };
+        let standing = Picks::between(&then, &then, &modes).standing.unwrap();
+        assert_eq!(
+            standing.in_words,
+            "The modes were identified with the choice of study.toml: added at 0.8 Hz; dropped at 1 Hz; fitted to bands of 0.4 to 0.6 Hz."
+        );
+        assert_eq!(Picks::between(&ModeChoice::default(), &then, &modes).standing, None);
         assert_eq!(picks(&then), Picks::default());
         // What was added is taken back, what was dropped as well, one more is dropped and one is added.
         let now = ModeChoice { add_hz: vec![1.5], drop_hz: vec![1.2001], ..Default::default() };
         let bands = vec![PickedBand { mode: 1, band_hz: None }];
-        assert_eq!(picks(&now), Picks { added_hz: vec![1.5, 1.0], dropped: vec![3, 2], bands });
+        assert_eq!(picks(&now), Picks { added_hz: vec![1.5, 1.0], dropped: vec![3, 2], bands, standing: None });
         let wider = ModeChoice { bands_hz: vec![[0.4, 0.65]], ..then.clone() };
         let bands = vec![PickedBand { mode: 1, band_hz: Some([0.4, 0.65]) }];
         assert_eq!(picks(&wider), Picks { bands, ..Picks::default() });

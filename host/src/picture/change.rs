@@ -6,6 +6,7 @@ use plotters::prelude::*;
 use super::canvas::{Area, BESIDE, Chart, DrawResult, FRAME, MODE, PictureError, picture, signed};
 use crate::change::ModeChange;
 use crate::diagnose::Predicted;
+use crate::numbers::metres;
 
 const WIDTH: u32 = 760;
 const HEIGHT: u32 = 340;
@@ -109,7 +110,7 @@ fn over_height<'a, 'b>(
 }
 
 fn draw_place(area: &Area<'_>, ((z_m, std_m), [base_m, top_m]): Place) -> DrawResult {
-    let caption = format!("where: {z_m:.0} m");
+    let caption = format!("where: {}", metres(z_m));
     let mut chart = over_height(area, caption, -1.0..1.0, [base_m, top_m])?;
     chart.draw_series(LineSeries::new([(0.0, base_m), (0.0, top_m)], FRAME.stroke_width(5)))?;
     if let Some(std_m) = std_m.filter(|std_m| std_m.is_finite()) {

@@ -194,6 +194,7 @@ mod tests {
                 lowest_hz: frequency_hz,
                 highest_hz: frequency_hz,
                 p_value_of_no_change: None,
+                changes: None,
                 percent_per_kelvin: None,
                 percent_per_decade: None,
             }],

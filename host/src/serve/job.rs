@@ -17,7 +17,7 @@ const LINES_KEPT: usize = 40;
 
 /// Commands that the page may ask for, and what they may be given: flags, and whether a word of their own.
 const ALLOWED: [(&str, &[&str], bool); 9] = [
-    ("identify", &["--direct"], false),
+    ("identify", &["--direct", "--every"], false),
     ("compare", &[], false),
     ("update", &[], false),
     ("covalidate", &["--direct", "--channels"], true),
@@ -74,7 +74,8 @@ impl Order {
         let (_, flags, takes_word) =
             known.ok_or_else(|| format!("{command} is nothing that the page can do; run it in a terminal"))?;
         for word in rest {
-            let is_allowed = if word.starts_with('-') { flags.contains(&word.as_str()) } else { *takes_word };
+            let flag = word.split_once('=').map_or(word.as_str(), |(flag, _)| flag);
+            let is_allowed = if word.starts_with('-') { flags.contains(&flag) } else { *takes_word };
             if !is_allowed {
                 return Err(format!("{command} takes no {word} here; run it in a terminal"));
             }

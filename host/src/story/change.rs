@@ -201,7 +201,7 @@ fn signalled(case: &Case, kind: &'static dyn EffectKind, place: Option<&Where>) 
 }
 
 /// Says which measured modes and which model as given a step is of.
-fn data_mark(case: &Case) -> Result<String, StoryError> {
+pub(crate) fn data_mark(case: &Case) -> Result<String, StoryError> {
     let file = &case.measured.file;
     let unreadable = |source| MeasuredError::Unreadable { file: file.clone(), source };
     let modes = std::fs::read(file).map_err(unreadable)?;

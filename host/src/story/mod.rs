@@ -66,6 +66,7 @@ pub use crate::measure::Route;
 pub use crate::progress::{OnProgress, Progress};
 pub use case::Case;
 pub(crate) use case::outdated;
+pub(crate) use change::data_mark;
 pub use change::{AutoEnd, ChangeReport, EffectReport, add, add_until_nothing_gains, remove};
 pub use climate::Climate;
 pub(crate) use covalidated::CURVES_FILE;

@@ -144,6 +144,7 @@ impl Project {
         on_progress: OnProgress<'_>,
     ) -> Result<ModesReport, StoryError> {
         self.results.make_ready()?;
+        let followed_before = self.followed_before();
         let mut report = identify(&self.study, request.route, request.method, on_progress)?;
         let name = &self.study.structure.name;
         let picture = picture::singular_values(name, &self.study.setups, &report.identification)?;
@@ -176,8 +177,20 @@ impl Project {
                 followed => followed?,
             }
             self.results.write_json(MODES_FILE, &report)?;
+        } else if let Some(every_s) = followed_before {
+            let every = humantime::format_duration(Duration::from_secs_f64(every_s));
+            report.identification.warnings.push(format!(
+                "the modes before were followed every {every}, these are not: `--every {every}` follows them"
+            ));
+            self.results.write_json(MODES_FILE, &report)?;
         }
         Ok(report)
+    }
+
+    /// The interval at which the modes of an earlier run were followed.
+    fn followed_before(&self) -> Option<f64> {
+        let modes = self.results.read_json::<serde_json::Value>(MODES_FILE, "identify").ok()??;
+        modes["trends"]["every_s"].as_f64().filter(|every_s| (1.0..1e9).contains(every_s))
     }
 
     /// The modes of an earlier run, which stay where none are found now.

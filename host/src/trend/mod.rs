@@ -108,11 +108,16 @@ pub struct ModeTrend {
     pub highest_hz: f64,
     /// Probability of as much scatter as this, were the frequency always the same; `None` with one interval.
     pub p_value_of_no_change: Option<f64>,
+    /// Whether its frequency changes, by that probability: the same in the table, in the picture and on the page; `None` with one interval.
+    pub changes: Option<bool>,
     /// Change of frequency with temperature in percent a kelvin (what goes with the level taken off).
     pub percent_per_kelvin: Option<Slope>,
     /// Change of frequency in percent for a tenfold response (what goes with temperature taken off).
     pub percent_per_decade: Option<Slope>,
 }
+
+/// Below this probability of chance, a mode is said to change.
+pub const CHANGES: f64 = 1e-3;
 
 /// Follows the modes of the whole record through all setups of a study in intervals of `every_s`; `grid` is that of the whole record, whose band
 /// is kept.
@@ -211,13 +216,15 @@ fn mode_trend(mode: &Mode, intervals: &[TrendInterval]) -> ModeTrend {
         .collect();
     let frequencies = || seen.iter().map(|(_, seen)| seen.frequency_hz);
     let [percent_per_kelvin, percent_per_decade] = dependences(&seen);
+    let p_value_of_no_change = p_value_of_no_change(&seen);
     ModeTrend {
         number: mode.number,
         intervals: seen.len(),
         frequency_hz: if seen.is_empty() { mode.frequency_hz } else { Mean::of(&seen).hz },
         lowest_hz: frequencies().reduce(f64::min).unwrap_or(mode.frequency_hz),
         highest_hz: frequencies().reduce(f64::max).unwrap_or(mode.frequency_hz),
-        p_value_of_no_change: p_value_of_no_change(&seen),
+        p_value_of_no_change,
+        changes: p_value_of_no_change.map(|p_value| p_value < CHANGES),
         percent_per_kelvin,
         percent_per_decade,
     }

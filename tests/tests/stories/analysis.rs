@@ -204,6 +204,20 @@ fn the_hours_one_by_one_show_what_goes_with_temperature() {
 }
 
 #[test]
+fn modes_that_were_followed_are_not_left_behind_in_silence() {
+    let folder = study(|text| text);
+    let report = json(folder.path(), &["--direct", "--every", "6h"]);
+    // One number says on the page and in the table whether a mode changes.
+    for mode in report["trends"]["modes"].as_array().unwrap() {
+        assert_eq!(mode["changes"], number(&mode["p_value_of_no_change"]) < 1e-3, "{mode}");
+    }
+    let again = json(folder.path(), &["--direct"]);
+    assert!(again["trends"].is_null());
+    let warnings = again["warnings"].to_string();
+    assert!(warnings.contains("`--every 6h` follows them"), "{warnings}");
+}
+
+#[test]
 fn what_the_analysis_was_chosen_by_and_what_more_record_would_bring_is_said() {
     let folder = study(|text| text.replace("band_hz = [0.05, 1.5]", ""));
     let report = json(folder.path(), &["--direct", "--frequency-within", "0.01", "--damping-within", "2"]);

@@ -43,8 +43,10 @@ fn check(outcome: &Value) {
     let sentences: Vec<&str> = ending["sentences"].as_array().unwrap().iter().map(text).collect();
     let said = sentences.join(" ");
     let best = diagnosis["best"][0].as_str();
+    // One that is not counted, because the model's errors do not fall with it, has no probability.
     let is_ranked = |candidate: &&Value| {
-        candidate["admissible"] == true && candidate["log_bayes_factor"].as_f64().is_some_and(|gain| gain > 20f64.ln())
+        let gains = candidate["log_bayes_factor"].as_f64().is_some_and(|gain| gain > 20f64.ln());
+        candidate["admissible"] == true && candidate["probability"] != 0.0 && gains
     };
     let name = |candidate: &Value| match candidate["where"].as_str() {
         Some(place) => format!("{}@{place}", text(&candidate["effect"])),

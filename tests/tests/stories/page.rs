@@ -54,7 +54,7 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
     run(&["report", &study]);
     let report = Path::new(&study).join("results/report.html");
     let data = data_of(&fs::read_to_string(&report).unwrap());
-    assert_eq!((sentences(&data, "next"), &data["modes"]), (vec!["Identify the modes.".to_owned()], &Value::Null));
+    assert_eq!((sentences(&data, "next"), &data["modes"]), (vec!["Identify the modes. Spectra, time histories, shapes and all that follows are drawn from what that finds.".to_owned()], &Value::Null));
 
     run(&["identify", &study, "--direct"]);
     run(&["update", &study]);
@@ -92,6 +92,16 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
         let (shown, said) = (shown[key].as_f64().unwrap(), compared[key].as_f64().unwrap());
         assert!((shown - said).abs() <= 1e-6 * said.abs(), "{key}: {shown} {said}");
     }
+    // An effect that was fitted counts as fitted wherever the model is tested.
+    let step = data["history"].as_array().unwrap().last().unwrap();
+    assert_eq!(step["degrees_of_freedom"], compared["degrees_of_freedom"], "{step}");
+    let (shown, said) = (step["chi_squared"].as_f64().unwrap(), compared["chi_squared"].as_f64().unwrap());
+    assert!((shown / said - 1.0).abs() < 0.01, "{shown} {said}");
+    assert_eq!(
+        data["method"]["commands"],
+        json!([["identify", "--direct"], ["update"], ["covalidate"], ["diagnose"], ["add", "base-rotation"]])
+    );
+    let shown = &data["comparison"]["effects"];
     assert!(
         data["comparison"]["given"]["mean_abs_frequency_error_percent"].as_f64()
             > shown["mean_abs_frequency_error_percent"].as_f64()
@@ -112,6 +122,18 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
     assert_eq!(data["spectra"]["setups"][0]["psd"].as_array().unwrap().len(), 20);
     assert_eq!(data["record"]["setups"][0]["min"].as_array().unwrap().len(), 20);
     assert_eq!(data["curves"]["channels"][0]["channel"], "09");
+
+    // After another identification the fall is one of older modes; a result that holds nothing is named.
+    run(&["identify", &study, "--direct"]);
+    fs::write(Path::new(&study).join("results/diagnosis.json"), "{}").unwrap();
+    run(&["report", &study]);
+    let data = data_of(&fs::read_to_string(&report).unwrap());
+    let found = sentences(&data, "finding");
+    assert!(!found.iter().any(|text| text.contains("fell from")), "{found:?}");
+    assert!(data["stale"]["history"].is_string(), "{}", data["stale"]);
+    let damaged = sentences(&data, "warning");
+    let is_named = |text: &String| text.ends_with("results/diagnosis.json is damaged: run `belfry diagnose` again.");
+    assert!(damaged.iter().any(is_named), "{damaged:?}");
 }
 
 #[test]

@@ -5,7 +5,7 @@
 use serde::Serialize;
 
 use crate::command::text::{p_is, short, unit_text, values_text};
-use crate::diagnose::{CandidateReport, Diagnosis, FAILS, STANDS_OUT, Verdict};
+use crate::diagnose::{CandidateReport, Diagnosis, FAILS, Verdict};
 use crate::model::BeamTable;
 use crate::model::effect::{Effect, Evidence, Where, find, named};
 use crate::story::ChangeReport;
@@ -105,10 +105,7 @@ pub(super) fn to_add(diagnosis: &Diagnosis) -> Option<String> {
 
 /// Candidates that gain 20 to 1 with values that they can have, best first.
 fn ranked(diagnosis: &Diagnosis) -> impl Iterator<Item = &CandidateReport> {
-    let stands_out = |candidate: &&CandidateReport| {
-        candidate.admissible && candidate.log_bayes_factor.is_some_and(|gain| gain > STANDS_OUT)
-    };
-    diagnosis.candidates.iter().filter(stands_out)
+    diagnosis.candidates.iter().filter(|candidate| candidate.stands_out())
 }
 
 impl Ending {

@@ -16,7 +16,7 @@ use self::tower::{Tower, write_study};
 use super::Console;
 use super::compare::compare_project;
 use super::covalidate::covalidate_project;
-use super::diagnose::diagnose_project;
+use super::diagnose::{diagnose_project, tell_verdict};
 use super::history::show_history;
 use super::identify::{summary, tell_warnings};
 use super::interrupt::leave_nothing_unfinished;
@@ -108,6 +108,9 @@ struct Outcome {
     /// The left-out sensors predicted with the effect added.
     #[serde(skip_serializing_if = "Option::is_none")]
     covalidation_with_effects: Option<CovalidationReport>,
+    /// What the model with the effect lacks.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    diagnosis_with_effects: Option<Diagnosis>,
     /// Whether what was hidden was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     ending: Option<Ending>,
@@ -145,10 +148,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         project.results().write("mode_shapes.svg", picture.as_bytes())?;
     }
     measured.tell(console);
-    console.say(format!("{}\n", summary(&report)));
-    for (label, name) in [("Pictures:", "singular_values.svg"), ("         ", "mode_shapes.svg")] {
-        console.say(format!("{label} {}", project.results().path(name).display()));
-    }
+    console.say(summary(&report));
     let mut outcome = Outcome {
         study: study.folder.display().to_string(),
         measured,
@@ -160,6 +160,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         diagnosis: None,
         added: None,
         covalidation_with_effects: None,
+        diagnosis_with_effects: None,
         ending: None,
     };
     // The commands one by one say more.
@@ -177,7 +178,6 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.say(next_lines(&[
         (format!("serve {folder} --open"), "the same in the browser, with the next steps to click"),
         (format!("compare {folder}"), "the steps one by one; every one has --json"),
-        (format!("diagnose {folder}"), "is anything else missing?"),
         (format!("identify {folder} --direct"), "modes without nodes and link"),
     ]));
     console.json(&outcome)
@@ -237,7 +237,13 @@ fn find_effect(
         match console.with_progress(|on_progress| project.add(&name, on_progress)) {
             Ok(report) => {
                 tell_change(&report, project.study(), console);
+                // Co-validation stands on the update, and report and pictures show the model as it is now.
+                project.compare()?;
+                if outcome.update.is_some() {
+                    project.update(&[], &Weights::default())?;
+                }
                 show_gain(outcome, project, route, console)?;
+                show_state(outcome, project, console)?;
                 outcome.added = Some(report);
             }
             Err(error) => console.warn(format!("{name} cannot be added: {error}")),
@@ -262,6 +268,15 @@ fn show_gain(outcome: &mut Outcome, project: &mut Project, route: Route, console
     outcome.covalidation_with_effects = Some(covalidate_project(project, &request, console)?);
     heading("How the error fell (belfry history)", console);
     show_history(project, console)?;
+    Ok(())
+}
+
+/// Whether anything else is missing.
+fn show_state(outcome: &mut Outcome, project: &mut Project, console: &Console) -> anyhow::Result<()> {
+    heading("Is anything else missing? (belfry diagnose)", console);
+    let diagnosis = console.with_progress(|on_progress| project.diagnose(&[], on_progress))?;
+    tell_verdict(&diagnosis, console);
+    outcome.diagnosis_with_effects = Some(diagnosis);
     Ok(())
 }
 

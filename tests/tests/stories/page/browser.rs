@@ -40,6 +40,16 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
             "return document.getElementById('findings').textContent.includes('The model lacks base-rotation')",
         )
         .await;
+    // Whoever works by keyboard goes on from where the button stands.
+    let focus = "return document.activeElement.textContent === 'Ask what is missing'";
+    browser.wait_for("the focus stays", focus).await;
+    browser.click("Close").await;
+    browser
+        .wait_for(
+            "the status line is closed",
+            "return document.querySelector('.status [role=status]').textContent === 'Ready.'",
+        )
+        .await;
     browser.picture("2 diagnosed").await;
     browser.click("Add base-rotation to the model").await;
     browser.done("add").await;
@@ -51,6 +61,8 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
         .await;
     browser.wait_for("all pictures follow", DRAWN).await;
     browser.picture("3 added").await;
+    let again = "return document.querySelectorAll('[aria-label=\"Add base-rotation to the model\"]').length";
+    assert_eq!(browser.script(again).await, json!(0), "what is in the model is not to be added");
 
     // A slider: shapes and frequencies follow, the study does not.
     let toml = fs::read(format!("{study}/study.toml")).unwrap();
@@ -60,6 +72,10 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     slider.send_keys(&Key::Right.to_string().repeat(20)).await.unwrap();
     browser.wait_for("the slider's model", &format!("{frequencies} !== {fitted}")).await;
     assert_eq!(fs::read(format!("{study}/study.toml")).unwrap(), toml);
+    // Beside the shapes, with the numbers that follow.
+    let note =
+        "return document.querySelector('#structure .sliders .note').textContent.includes('mean error of frequencies')";
+    browser.wait_for("the slider's numbers", note).await;
     browser.click("Reset to the fitted values").await;
     browser.wait_for("the fitted model again", &format!("{frequencies} === {fitted}")).await;
 
@@ -99,6 +115,30 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
         .wait_for("both windows agree", "return !document.body.textContent.includes('Undo: remove base-rotation')")
         .await;
 
+    // What was undone is no fall.
+    let undone =
+        "return document.querySelector('#history figcaption').textContent.includes('the same effects as at first')";
+    browser.wait_for("the undone step", undone).await;
+
+    // A click on the line of a mode is that mode; where several are in sight, the page says how to choose lines for its fit.
+    browser.script("location.hash = 'singular-values&mode=1'").await;
+    let hint = "return document.getElementById('singular-values').textContent.includes('zoom until mode 1 is the only mode in sight')";
+    browser.wait_for("how to fit a band", hint).await;
+    let at = "const over = document.querySelector('#singular-values .u-over').getBoundingClientRect(), mark = [...document.querySelectorAll('#singular-values .mark')].find(one => one.textContent === '2').getBoundingClientRect();
+        return [mark.left + mark.width / 2 + 3, over.top + 60]";
+    browser.press(&browser.script(at).await).await;
+    browser.wait_for("the mode of the line", &format!("{mode} === '2'")).await;
+
+    // A study that cannot be read says so until it can.
+    let toml = fs::read_to_string(format!("{study}/study.toml")).unwrap();
+    fs::write(format!("{study}/study.toml"), "[structure").unwrap();
+    let is_bad = "document.querySelector('.status').classList.contains('failed')";
+    browser.wait_for("the error", &format!("return {is_bad}")).await;
+    fs::write(format!("{study}/study.toml"), toml).unwrap();
+    browser.wait_for("the error is gone", &format!("return !{is_bad}")).await;
+    // The browser notes by itself that the data were refused.
+    browser.no_errors_but("/data - Failed to load resource").await;
+
     // A pick shows in both windows, and the modes that it leaves have other numbers.
     browser.script("location.hash = 'singular-values&mode=1'").await;
     browser.click("Drop this mode").await;
@@ -114,6 +154,8 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     let is_second = format!("{mode} === '2' && !{is_picked} && {is_named}");
     browser.wait_for("the same mode by another number", &is_second).await;
     browser.client.switch_to_window(first.clone()).await.unwrap();
+    let standing = "return document.getElementById('singular-values').textContent.includes('with the choice of study.toml: dropped at')";
+    browser.wait_for("the choice stays in sight", standing).await;
     browser.script("location.hash = 'mode=1'").await;
 
     // Colours of the reader's choice, by keyboard.

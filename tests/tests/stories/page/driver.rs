@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use fantoccini::actions::{InputSource, MOUSE_BUTTON_LEFT, MouseActions, PointerAction};
 use fantoccini::error::CmdError;
 use fantoccini::key::Key;
 use fantoccini::wd::WebDriverCompatibleCommand;
@@ -115,6 +116,17 @@ impl Browser {
         button.click().await
     }
 
+    /// Presses the mouse at a place [x, y] of the window.
+    pub(crate) async fn press(&self, place: &Value) {
+        let [x, y] = [0, 1].map(|axis| place[axis].as_f64().expect("a place"));
+        let button = MOUSE_BUTTON_LEFT;
+        let press = MouseActions::new("mouse".to_owned())
+            .then(PointerAction::MoveTo { duration: None, x, y })
+            .then(PointerAction::Down { button })
+            .then(PointerAction::Up { button });
+        self.client.perform_actions(press).await.unwrap();
+    }
+
     /// Goes through the choice of colours by keyboard; each stands in the address, and the system's choice needs no word there.
     pub(crate) async fn colours(&self) {
         for (shown, scheme) in [("Colours: auto", "light"), ("Colours: light", "dark"), ("Colours: dark", "")] {
@@ -147,6 +159,13 @@ impl Browser {
 
     pub(crate) async fn no_errors(&self) {
         assert_eq!(self.errors().await.unwrap(), Vec::<String>::new());
+    }
+
+    /// The same but for those that say this, which are expected here.
+    pub(crate) async fn no_errors_but(&self, expected: &str) {
+        let mut errors = self.errors().await.unwrap();
+        errors.retain(|error| !error.contains(expected));
+        assert_eq!(errors, Vec::<String>::new());
     }
 
     /// What axe-core finds wrong: rules and the elements that break them.
