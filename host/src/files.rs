@@ -207,7 +207,7 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 /// Puts a folder's new names on disk, where the system can.
-fn sync_folder(folder: &Path) -> io::Result<()> {
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(not(unix)) {
         return Ok(());
     }

@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan,
-    ports, profile, remove, replay, report, serve, simulate, update,
+    Console, add, archive, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify,
+    init, plan, ports, profile, remove, replay, report, serve, simulate, update,
 };
 use clap::{Parser, Subcommand};
 
@@ -42,6 +42,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Ports(ports::Arguments),
     Collect(collect::Arguments),
+    Archive(archive::Arguments),
     Replay(replay::Arguments),
     Identify(identify::Arguments),
     Compare(compare::Arguments),
@@ -69,6 +70,7 @@ fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(arguments, &console),
         Command::Ports(arguments) => ports::run(arguments, &console),
         Command::Collect(arguments) => collect::run(arguments, &console),
+        Command::Archive(arguments) => archive::run(arguments, &console),
         Command::Replay(arguments) => replay::run(arguments, &console),
         Command::Identify(arguments) => identify::run(arguments, &console),
         Command::Compare(arguments) => compare::run(arguments, &console),

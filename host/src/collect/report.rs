@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::collector::CollectError;
 use super::status::PortStatus;
 use super::words::Words;
-use crate::archive::{Archive, ArchiveError, Collected};
+use crate::archive::{Archive, ArchiveError, Collected, TimeRange};
 use crate::study::Setup;
 
 /// The end of a collection.
@@ -79,7 +79,9 @@ impl Report {
     ) -> Result<Self, ArchiveError> {
         let words = Words::new(setup);
         let windows = match Archive::open(folder)? {
-            Some(archive) => archive.collected(setup)?.map_or(0, |Collected { setup, .. }| setup.windows),
+            Some(archive) => {
+                archive.collected(setup, &TimeRange::ALL)?.map_or(0, |Collected { setup, .. }| setup.windows)
+            }
             None => 0,
         };
         Ok(Self {

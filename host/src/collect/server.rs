@@ -209,7 +209,7 @@ impl PortServer {
             }
             peaks.add(window);
         };
-        let mut sink = collector.sink(configurations, now, &mut on_window);
+        let mut sink = collector.sink(&self.port, configurations, now, &mut on_window);
         session.service(&|| collector.host_time().0, line, &mut sink)
     }
 

@@ -78,6 +78,13 @@ pub enum CollectionError {
     },
 }
 
+impl CollectionError {
+    /// Whether it may pass by itself.
+    pub fn may_pass(&self) -> bool {
+        matches!(self, Self::Archive(error) if error.may_pass())
+    }
+}
+
 /// What a setup's nodes are to measure.
 pub(super) struct Settings {
     pub(super) grid: LineGrid,

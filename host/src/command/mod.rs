@@ -3,6 +3,7 @@
 //! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
 
 pub mod add;
+pub mod archive;
 pub mod change;
 pub mod collect;
 pub mod compare;
@@ -20,6 +21,7 @@ mod partial;
 pub mod plan;
 pub mod ports;
 pub mod profile;
+mod range;
 pub mod remove;
 pub mod replay;
 pub mod report;
@@ -43,6 +45,7 @@ use serde::Serialize;
 
 use crate::story::{OnProgress, Progress};
 
+pub use range::RangeArguments;
 pub use route::RouteArguments;
 pub(crate) use text::in_shell;
 

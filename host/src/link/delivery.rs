@@ -1,11 +1,13 @@
 //! Delivery of one node's windows: parts flow in, whole windows flow into the sink, and what to acknowledge and to ask again
 //! flows out. A node that starts anew begins another life, whose windows are counted from zero.
 
+use std::io::ErrorKind;
+
 use belfry_shared::message::{Acknowledgement, Again, Hello, NodeMessage};
 use belfry_shared::time::HostTime;
 
 use super::error::SessionError;
-use crate::window::{Assembler, Configurations, KeptWindows, Outcome, WindowSink};
+use crate::window::{Assembler, Configurations, KeptWindows, NodeWindow, Outcome, WindowSink};
 
 /// Earlier lives of a node that are remembered.
 const LIVES_KEPT: usize = 8;
@@ -32,6 +34,8 @@ pub(super) struct Delivery {
     /// Its earlier lives, oldest first.
     earlier: Vec<Assembler>,
     forgotten_losses: u64,
+    /// A window that the sink could not take yet. The node keeps it too, and all that come after it.
+    waiting: Option<Box<NodeWindow>>,
     /// Whether the node has something to forget.
     acknowledge: bool,
     counts: DeliveryCounts,
@@ -46,6 +50,7 @@ impl Delivery {
             present: None,
             earlier: Vec::new(),
             forgotten_losses: 0,
+            waiting: None,
             acknowledge: false,
             counts: DeliveryCounts::default(),
         }
@@ -117,9 +122,11 @@ impl Delivery {
             if !self.drops_foreign {
                 return Err(SessionError::ForeignWindows { node });
             }
-            self.counts.foreign_windows += u64::from(held);
         }
         sink.meet(node, hello.boot, hello.next_window).map_err(fail)?;
+        if kept.is_none() {
+            self.counts.foreign_windows += u64::from(held);
+        }
         let kept = kept.unwrap_or(KeptWindows { first: hello.next_window, ..KeptWindows::default() });
         Ok(Assembler::resuming(hello.boot, &kept))
     }
@@ -160,9 +167,21 @@ impl Delivery {
             Outcome::Contradiction => self.counts.contradictions += 1,
             Outcome::Whole(window) => {
                 let number = window.name.number;
-                if let Err(source) = sink.store(*window) {
+                // What comes meanwhile is asked again when the first is stored.
+                if self.waiting.is_some() {
                     assembler.unstored(number);
-                    return Err(SessionError::Store { node, source });
+                    return Ok(());
+                }
+                match sink.store((*window).clone()) {
+                    Ok(()) => {}
+                    Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                        self.waiting = Some(window);
+                        return Ok(());
+                    }
+                    Err(source) => {
+                        assembler.unstored(number);
+                        return Err(SessionError::Store { node, source });
+                    }
                 }
                 assembler.stored(number);
                 self.counts.windows += 1;
@@ -172,9 +191,34 @@ impl Delivery {
         Ok(())
     }
 
-    /// What to ask again, as [`Assembler::overdue`] says.
+    /// Tries once more to store the window that waits, once the sink is ready.
+    pub(super) fn retry(&mut self, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        let Some(window) = self.waiting.take_if(|_| sink.is_ready()) else { return Ok(()) };
+        let name = window.name;
+        let lives = self.earlier.iter_mut().chain(&mut self.present);
+        let assembler = lives.into_iter().find(|assembler| assembler.boot() == name.boot);
+        match sink.store((*window).clone()) {
+            Ok(()) => {
+                assembler.into_iter().for_each(|assembler| assembler.stored(name.number));
+                self.counts.windows += 1;
+                self.acknowledge = true;
+                Ok(())
+            }
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                self.waiting = Some(window);
+                Ok(())
+            }
+            Err(source) => {
+                assembler.into_iter().for_each(|assembler| assembler.unstored(name.number));
+                Err(SessionError::Store { node: self.node, source })
+            }
+        }
+    }
+
+    /// What to ask again, as [`Assembler::overdue`] says; nothing while it could not be stored.
     pub(super) fn overdue(&mut self, now: HostTime, before: HostTime, heard: HostTime, busy: bool) -> Vec<Again> {
-        self.present.as_mut().map_or_else(Vec::new, |assembler| assembler.overdue(now, before, heard, busy))
+        let present = self.present.as_mut().filter(|_| self.waiting.is_none());
+        present.map_or_else(Vec::new, |assembler| assembler.overdue(now, before, heard, busy))
     }
 
     /// What to tell the node of its windows, with what to ask again; `None` where there is nothing to tell.

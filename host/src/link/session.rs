@@ -5,6 +5,8 @@
 
 mod stages;
 
+use std::io::ErrorKind;
+
 use belfry_shared::message::{ClockReply, Heartbeat, Hello, HostMessage, NodeMessage, Summary};
 use belfry_shared::time::HostTime;
 
@@ -198,6 +200,7 @@ impl Session {
     ) -> Result<(), SessionError> {
         let node = self.node;
         let fail = |source| SessionError::Transport { node, source };
+        self.delivery.retry(sink)?;
         let mut buffer = [0; 512];
         loop {
             let count = transport.read(&mut buffer).map_err(fail)?;
@@ -286,7 +289,15 @@ impl Session {
         if hello.node != node {
             return Err(SessionError::WrongNode { node, found: hello.node });
         }
-        if self.delivery.greeted(hello, sink)? {
+        let is_new_life = match self.delivery.greeted(hello, sink) {
+            // It is greeted again, until the sink can say what it has of this life.
+            Err(SessionError::Store { source, .. }) if source.kind() == ErrorKind::WouldBlock => {
+                self.stage = Stage::Greeting;
+                return Ok(());
+            }
+            greeted => greeted?,
+        };
+        if is_new_life {
             self.clock.clear();
             self.knows_time = hello.clock_set;
             self.heartbeat = None;

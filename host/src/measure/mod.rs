@@ -20,7 +20,7 @@ mod stream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::archive::{Archive, Collected};
+use crate::archive::{Archive, Collected, TimeRange, damage_in_words};
 use crate::fleet::{FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
 use crate::record::Recording;
@@ -178,13 +178,13 @@ pub struct Opened<'a> {
 
 impl<'a> Opened<'a> {
     /// Opens a setup's recording, or its part of the archive.
-    fn open(setup: &'a Setup, folder: &Path) -> Result<Self, MeasureError> {
+    fn open(setup: &'a Setup, folder: &Path, range: &TimeRange) -> Result<Self, MeasureError> {
         let name = || setup.name.clone();
         if setup.live {
             let failed = |source| MeasureError::Archive { setup: name(), source: Box::new(source) };
             let nothing = || MeasureError::NothingCollected { setup: name() };
             let archive = Archive::open(folder).map_err(failed)?.ok_or_else(nothing)?;
-            let collected = archive.collected(setup).map_err(failed)?.ok_or_else(nothing)?;
+            let collected = archive.collected(setup, range).map_err(failed)?.ok_or_else(nothing)?;
             let rows = rows_for(collected.setup.windows, collected.setup.decimation, collected.setup.grid.segment);
             return Ok(Self { setup, material: Material::Archive(Box::new(collected)), rows });
         }
@@ -242,7 +242,7 @@ fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'
     let mut opened: Vec<Opened<'_>> = Vec::new();
     let mut settled: Option<(LineGrid, &str)> = None;
     for setup in &study.setups {
-        match Opened::open(setup, &study.folder) {
+        match Opened::open(setup, &study.folder, &study.range) {
             Ok(next) => match (next.settled(), settled) {
                 (Some(grid), Some((first_grid, first))) if grid != first_grid => {
                     let (setup, first) = (setup.name.clone(), first.to_owned());
@@ -287,7 +287,7 @@ fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'
     warnings.extend(plan.few_averages.map(|few| few.to_string()));
     warnings.extend(opened.iter().filter_map(other_windows));
     reasons.push(match settled {
-        Some((grid, setup)) => collected_reason(&grid, setup, plan.windows.iter().sum()),
+        Some((grid, setup)) => collected_reason(&grid, setup, plan.windows.iter().sum(), &study.range),
         None => plan.reason.clone(),
     });
     Ok(Prepared { setups: opened, plan, reasons, warnings, failure, counting })
@@ -303,9 +303,10 @@ fn as_collected(analysis: &Analysis, grid: &LineGrid) -> Analysis {
     }
 }
 
-fn collected_reason(grid: &LineGrid, setup: &str, averages: usize) -> String {
+fn collected_reason(grid: &LineGrid, setup: &str, averages: usize, range: &TimeRange) -> String {
+    let range = if range.is_all() { String::new() } else { format!(" of windows {range}") };
     format!(
-        "As the nodes of setup \"{setup}\" were asked to measure: {} Hz, segments of {} points, {:.1} s; {} lines from {:.4} to {:.4} Hz; {averages} averages.",
+        "As the nodes of setup \"{setup}\" were asked to measure: {} Hz, segments of {} points, {:.1} s; {} lines from {:.4} to {:.4} Hz; {averages} averages{range}.",
         grid.sampling_rate_hz,
         grid.segment,
         1.0 / grid.spacing_hz(),
@@ -372,7 +373,7 @@ fn measure_setup<'a>(
         }
     };
     let grid = task.plan.grid;
-    let Streamed { report, fleet, faults, silenced, overview } =
+    let Streamed { report, fleet, faults, silenced, overview, damages } =
         stream::stream(task, on_rows, observer, average, timings)?;
     if let Some(error) = refused {
         return Err(spectra(error));
@@ -389,6 +390,7 @@ fn measure_setup<'a>(
         }
         error => spectra(error),
     })?;
+    warnings.extend(damage_in_words(&damages).into_iter().map(several));
     let (spectrum, cut_off) = without_cut_off(spectrum, &faults.cut_off);
     warnings.extend(fault_sentences(setup, &faults, &cut_off).into_iter().map(several));
     warnings.extend(silenced_sentences(setup, &grid, &silenced).into_iter().map(several));

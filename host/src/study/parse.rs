@@ -12,6 +12,7 @@ use super::types::{
     Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
     ModelSource, NO_KINDS, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
 };
+use crate::archive::TimeRange;
 use crate::model::effect::KINDS;
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
@@ -86,7 +87,7 @@ pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
         Some(entry) => Some(model(&entry.section("a section, written [model]")?)?),
         None => None,
     };
-    Ok(Study { folder: folder.to_owned(), structure, setups, measured, analysis, model })
+    Ok(Study { folder: folder.to_owned(), structure, setups, measured, analysis, model, range: TimeRange::ALL })
 }
 
 /// `[measured]` with its `[[sensor]]`s; a study has these or setups.

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::archive::TimeRange;
+
 /// The file of a study that a user writes.
 pub const STUDY_FILE: &str = "study.toml";
 
@@ -20,6 +22,8 @@ pub struct Study {
     pub analysis: Analysis,
     /// The finite element model, where the study has one.
     pub model: Option<Model>,
+    /// Which part of what nodes have sent is analysed: all, where a command names none.
+    pub range: TimeRange,
 }
 
 /// `[structure]`.

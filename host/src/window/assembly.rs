@@ -169,11 +169,13 @@ impl Assembler {
         }
     }
 
-    /// Marks a whole window as stored.
+    /// Marks a whole window as stored. One that the node has dropped meanwhile was counted as lost, and is not.
     pub fn stored(&mut self, number: u32) {
         if number >= self.below {
             self.windows.insert(number, Progress::Done);
             self.advance();
+        } else {
+            self.lost = self.lost.saturating_sub(1);
         }
     }
 

@@ -64,6 +64,7 @@ impl View {
 
     /// Shows the ports as they are now, and what has happened.
     pub(super) fn show(&self, statuses: &[PortStatus], events: &[Event]) {
+        self.tell_archive(events);
         if self.bar.is_hidden() {
             self.tell_changes(statuses);
             self.tell_losses(events);
@@ -90,6 +91,22 @@ impl View {
                 self.log(format_args!("{}: {state}", named(status)));
                 told.insert(status.port.clone(), kind);
             }
+        }
+    }
+
+    /// Says once when the archive cannot be written, and once when it can again.
+    fn tell_archive(&self, events: &[Event]) {
+        for event in events {
+            let line = match &event.what {
+                Happening::ArchiveAway { reason } => {
+                    format!("{reason}. It is tried again; nodes keep their windows meanwhile.")
+                }
+                Happening::ArchiveBack { after } => {
+                    format!("the archive is written again, after {} s", seconds_in_words(after.as_secs_f64()))
+                }
+                _ => continue,
+            };
+            self.bar.suspend(|| self.log(line));
         }
     }
 

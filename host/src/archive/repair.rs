@@ -1,0 +1,267 @@
+//! Repair: what can be saved goes into a new archive, which takes the place of the damaged one. That stays under another name.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use rusqlite::types::Value;
+use rusqlite::{Connection, OpenFlags};
+use serde::Serialize;
+
+use super::check::lost_in;
+use super::checksum::{
+    ASKED_COLUMNS, CHANNEL_COLUMNS, Kind, SERVICE_COLUMNS, WINDOW_COLUMNS, hour_of, seal, seal_window,
+};
+use super::damage::Damage;
+use super::mend::Values;
+use super::{ARCHIVE_FILE, Archive, ArchiveError, VERSION, lock_file};
+use crate::files::{UNFINISHED_SUFFIX, sync_folder};
+
+/// What a repair has done.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RepairReport {
+    /// The archive.
+    pub archive: PathBuf,
+    /// Where the damaged one is now; none where it was sound, and stayed.
+    pub kept_as: Option<PathBuf>,
+    /// Windows that are in the archive now.
+    pub windows: u64,
+    /// Rows of which one bit was flipped, and is right again.
+    pub mended: u64,
+    /// What could not be saved.
+    pub lost: Vec<Damage>,
+}
+
+impl Archive {
+    /// Writes what can be saved of the archive of the study in `folder` into a new one. The old one is kept under another name. One
+    /// that is sound stays.
+    ///
+    /// # Errors
+    /// Where there is none, another program has it open for writing, it cannot be opened at all, or there is no room for another. The archive is then as
+    /// it was.
+    pub fn repair(folder: &Path) -> Result<RepairReport, ArchiveError> {
+        let file = folder.join(ARCHIVE_FILE);
+        if !file.exists() {
+            return Err(ArchiveError::Absent { file });
+        }
+        let lock = lock_file(folder)?;
+        // Some network file systems know no locks.
+        if let Err(fs::TryLockError::WouldBlock) = lock.try_lock() {
+            return Err(ArchiveError::InUse { file });
+        }
+        let checked = Self::check(folder)?;
+        if checked.version != VERSION {
+            // What it holds has no checksums by which damage could be told from data.
+            let file = folder.join(ARCHIVE_FILE);
+            Self::create_file(file, None)?;
+            return Self::repair_locked(folder);
+        }
+        if checked.is_sound {
+            let windows = checked.sound_windows;
+            return Ok(RepairReport { archive: file, kept_as: None, windows, mended: 0, lost: Vec::new() });
+        }
+        Self::repair_locked(folder)
+    }
+
+    fn repair_locked(folder: &Path) -> Result<RepairReport, ArchiveError> {
+        let file = folder.join(ARCHIVE_FILE);
+        let old = Self::connect(file.clone(), OpenFlags::default(), None)?;
+        old.version()?;
+        // So that the old file is all there is of it. Where that fails, its log is kept beside it.
+        let _ = old.connection.pragma_update_and_check(None, "wal_checkpoint", "truncate", |_| Ok(()));
+        let new_file = folder.join(format!(".belfry-{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"));
+        remove(&new_file)?;
+        let mut new = Self::create_file(new_file.clone(), None)?;
+        let saved = old.save_into(&mut new.connection).and_then(|saved| {
+            // The new file is then all there is of it.
+            new.connection.pragma_update_and_check(None, "journal_mode", "delete", |_| Ok(()))?;
+            Ok(saved)
+        });
+        let (windows, mended, lost) = match saved {
+            Ok(saved) => saved,
+            Err(source) => {
+                let failed = new.failed(source);
+                drop(new);
+                // The failure is what counts.
+                let _ = remove(&new_file);
+                return Err(failed);
+            }
+        };
+        drop((new, old));
+        let kept_as = swap(&new_file, &file)?;
+        Ok(RepairReport { archive: file, kept_as: Some(kept_as), windows, mended, lost })
+    }
+
+    /// Copies all rows that are sound, or can be mended; windows copied, rows mended, and what is lost.
+    fn save_into(&self, new: &mut Connection) -> rusqlite::Result<(u64, u64, Vec<Damage>)> {
+        let transaction = new.transaction()?;
+        let (mut windows, mut mended, mut lost) = (0, 0, Vec::new());
+        for (kind, columns) in [(Kind::Asked, ASKED_COLUMNS), (Kind::Service, SERVICE_COLUMNS)] {
+            let table = kind.name();
+            for id in self.row_ids(table) {
+                match self.row(table, columns, id) {
+                    Some((values, was_mended)) => {
+                        Values::insert(&values.0, table, columns, true, &transaction)?;
+                        seal(&transaction, kind, id)?;
+                        mended += u64::from(was_mended);
+                    }
+                    None => lost.push(Damage::row(table, id, "it does not match its checksum")),
+                }
+            }
+        }
+        let mut saved: BTreeMap<(String, i64), u64> = BTreeMap::new();
+        for id in self.window_ids() {
+            match self.whole_window(id) {
+                Some((head, channels, was_mended)) => {
+                    if !write_window(&transaction, id, &head, &channels)? {
+                        continue;
+                    }
+                    if let (Some(Value::Text(setup)), Some(Value::Integer(start_us))) = (head.get(4), head.get(7)) {
+                        *saved.entry((setup.clone(), hour_of(*start_us))).or_default() += 1;
+                    }
+                    windows += 1;
+                    mended += u64::from(was_mended);
+                }
+                None => {
+                    if let Ok(Some(head)) = self.head(id) {
+                        lost.push(head.damaged("it does not match its checksum"));
+                    }
+                }
+            }
+        }
+        let named = lost.iter().filter_map(|damage| damage.start_s.map(|start_s| hour_of((start_s * 1e6) as i64)));
+        let named: Vec<i64> = named.collect();
+        // What is gone without a trace is known from the tallies.
+        for setup in self.setups().unwrap_or_default() {
+            for (hour, tally) in self.window_tallies(&setup)?.0 {
+                let seen = saved.get(&(setup.clone(), hour)).copied().unwrap_or(0)
+                    + named.iter().filter(|&&other| other == hour).count() as u64;
+                if tally.entries > seen {
+                    lost.push(lost_in(&setup, hour, tally.entries - seen));
+                }
+            }
+        }
+        transaction.commit()?;
+        Ok((windows, mended, lost))
+    }
+
+    /// Numbers of the rows of a small table that can be reached.
+    pub(super) fn row_ids(&self, table: &str) -> Vec<i64> {
+        let mut ids = Vec::new();
+        for order in ["id", "id DESC"] {
+            let Ok(mut statement) = self.connection.prepare(&format!("SELECT id FROM {table} ORDER BY {order}")) else {
+                continue;
+            };
+            let Ok(mut rows) = statement.query([]) else { continue };
+            while let Ok(Some(row)) = rows.next() {
+                ids.extend(row.get::<_, i64>(0));
+            }
+        }
+        ids.sort_unstable();
+        ids.dedup();
+        ids
+    }
+
+    /// A row that is sound, or has been mended, which is said.
+    pub(super) fn row(&self, table: &str, columns: &str, id: i64) -> Option<(Values, bool)> {
+        let query = format!("SELECT {columns}, checksum FROM {table} WHERE id = ?1");
+        let read = self.connection.prepare_cached(&query).and_then(|mut statement| {
+            statement.query_row([id], |row| Ok((Values::read(row, columns)?, row.get::<_, i64>("checksum")?)))
+        });
+        let (mut values, stored) = read.ok()?;
+        if values.checksum() == stored {
+            return Some((values, false));
+        }
+        values.mend(stored).then_some((values, true))
+    }
+
+    /// The same of a window, and of its channels one after the other.
+    fn whole_window(&self, id: i64) -> Option<(Vec<Value>, Vec<Value>, bool)> {
+        let query = format!("SELECT {WINDOW_COLUMNS}, checksum FROM window WHERE id = ?1");
+        let read = self.connection.prepare_cached(&query).and_then(|mut statement| {
+            statement.query_row([id], |row| Ok((Values::read(row, WINDOW_COLUMNS)?, row.get::<_, i64>("checksum")?)))
+        });
+        let (Values(mut values), stored) = read.ok()?;
+        let head = values.len();
+        let query = format!("SELECT {CHANNEL_COLUMNS} FROM channel WHERE window = ?1 ORDER BY channel");
+        let mut statement = self.connection.prepare_cached(&query).ok()?;
+        let mut rows = statement.query([id]).ok()?;
+        while let Some(row) = rows.next().ok()? {
+            values.extend(Values::read(row, CHANNEL_COLUMNS).ok()?.0);
+        }
+        let mut values = Values(values);
+        let was_mended = values.checksum() != stored;
+        if was_mended && !values.mend(stored) {
+            return None;
+        }
+        let channels = values.0.split_off(head);
+        Some((values.0, channels, was_mended))
+    }
+}
+
+/// Writes a window with its channels; `false` where it is there already.
+pub(super) fn write_window(
+    connection: &Connection,
+    id: i64,
+    head: &[Value],
+    channels: &[Value],
+) -> rusqlite::Result<bool> {
+    match Values::insert(head, "window", WINDOW_COLUMNS, true, connection) {
+        // A damaged index lets a window in a second time.
+        Err(error) if error.sqlite_error_code() == Some(rusqlite::ErrorCode::ConstraintViolation) => return Ok(false),
+        inserted => inserted?,
+    }
+    for channel in channels.chunks(CHANNEL_COLUMNS.split(", ").count()) {
+        Values::insert(channel, "channel", CHANNEL_COLUMNS, false, connection)?;
+    }
+    seal_window(connection, id)?;
+    Ok(true)
+}
+
+/// Puts the new archive in the place of the old one, which gets another name. At no moment is there neither.
+fn swap(new: &Path, file: &Path) -> Result<PathBuf, ArchiveError> {
+    let fail = |path: &Path| {
+        let path = path.to_owned();
+        move |source| ArchiveError::Write { file: path, source }
+    };
+    let kept = free_name(file);
+    // A second name first; a file system without such names has none for a moment.
+    fs::hard_link(file, &kept).or_else(|_| fs::rename(file, &kept)).map_err(fail(&kept))?;
+    // A log that is left belongs to the old one, and must not be taken for that of the new.
+    for ending in ["-wal", "-shm"] {
+        let with = |path: &Path| PathBuf::from(format!("{}{ending}", path.display()));
+        match fs::rename(with(file), with(&kept)) {
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(fail(&with(&kept))(error)),
+            _ => {}
+        }
+    }
+    fs::rename(new, file).map_err(fail(file))?;
+    let folder = file.parent().unwrap_or(Path::new("."));
+    sync_folder(if folder == Path::new("") { Path::new(".") } else { folder }).map_err(fail(file))?;
+    Ok(kept)
+}
+
+/// A name beside the archive that says what it is, and that nothing has.
+fn free_name(file: &Path) -> PathBuf {
+    let now = humantime::format_rfc3339_seconds(SystemTime::now()).to_string().replace(['-', ':'], "");
+    let name = |count: u32| {
+        let more = if count == 0 { String::new() } else { format!("-{count}") };
+        file.with_file_name(format!("archive.damaged-{now}{more}.sqlite"))
+    };
+    (0..).map(name).find(|name| !name.exists()).unwrap_or_else(|| name(0))
+}
+
+fn remove(file: &Path) -> Result<(), ArchiveError> {
+    for ending in ["", "-wal", "-shm", "-journal"] {
+        let path = PathBuf::from(format!("{}{ending}", file.display()));
+        match fs::remove_file(&path) {
+            Err(source) if source.kind() != ErrorKind::NotFound => {
+                return Err(ArchiveError::Write { file: path, source });
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,107 @@
+//! What is damaged is left out and told, and the rest is read.
+
+use super::*;
+
+/// Six windows of a node, of which something is changed by SQL.
+fn damaged_by(change: &str) -> Read {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    bench.ask(&two, 1);
+    for number in 0..6 {
+        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
+    }
+    bench.archive.connection.execute_batch(change).unwrap();
+    read(bench.folder.path(), &TimeRange::ALL).unwrap().unwrap()
+}
+
+/// Starts of the windows that are read, the last two of which may wait for node 2.
+fn starts((_, windows, _): &Read) -> Vec<u64> {
+    windows.iter().map(|window| window.grid_index).collect()
+}
+
+#[test]
+fn a_window_that_is_not_as_it_was_written_is_left_out_and_named() {
+    for (change, what) in [
+        ("UPDATE channel SET lines = x'0102' WHERE channel = 1 AND window = 3", "checksum"),
+        ("UPDATE channel SET lines = NULL WHERE channel = 1 AND window = 3", "checksum"),
+        ("UPDATE channel SET bits = 9 WHERE channel = 1 AND window = 3", "checksum"),
+        ("DELETE FROM channel WHERE channel = 1 AND window = 3", "checksum"),
+        ("UPDATE window SET drift_ppb = 1 WHERE id = 3", "checksum"),
+        ("UPDATE window SET grid_index = 1, number = 17 WHERE id = 3", "checksum"),
+        ("UPDATE window SET node = 99 WHERE id = 3", "checksum"),
+    ] {
+        let read = damaged_by(change);
+        let words: Vec<String> = read.2.iter().map(ToString::to_string).collect();
+        assert_eq!(starts(&read), [0, 1, 3], "{change}: {words:?}");
+        assert_eq!(words.len(), 1, "{change}: {words:?}");
+        let name = ["window ", " of node ", "(boot 7), begun 1970-01-01T00:00:10Z: ", what];
+        assert!(name.iter().all(|part| words[0].contains(part)), "{words:?}");
+    }
+}
+
+#[test]
+fn a_window_that_is_gone_is_missed() {
+    let read = damaged_by("DELETE FROM channel WHERE window = 3; DELETE FROM window WHERE id = 3");
+    assert_eq!(starts(&read), [0, 1, 3]);
+    let [damage] = &read.2[..] else { panic!("{:?}", read.2) };
+    assert_eq!(
+        damage.to_string(),
+        "the hour from 1970-01-01T00:00:00Z: 6 rows of setup \"now\" should be there, 5 are"
+    );
+    // One that comes from nowhere, too.
+    let read = damaged_by("DELETE FROM tally WHERE kind = 'window'");
+    assert!(read.2[0].to_string().contains("0 rows of setup \"now\" should be there, 6 are"), "{:?}", read.2);
+}
+
+#[test]
+fn what_was_asked_is_held_against_its_checksum_too() {
+    let mut bench = Bench::new();
+    let (two, one) = (configuration(2, 256), configuration(1, 256));
+    bench.ask(&two, 1);
+    bench.ask(&one, 1);
+    for number in 0..4 {
+        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
+        bench.store(&one, &sent(&one, 2, number, u64::from(number)));
+    }
+    // Were it believed, both channels of node 1 would stand in each other's place.
+    let swap = "UPDATE asked SET channels = '[\"top\",\"low\"]' WHERE node = 1";
+    bench.archive.connection.execute(swap, []).unwrap();
+    let (_, windows, damages) = read(bench.folder.path(), &TimeRange::ALL).unwrap().unwrap();
+    assert!(windows.iter().all(|window| window.channels[0].is_none() && window.channels[1].is_some()));
+    let words: Vec<String> = damages.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        words,
+        [
+            "row 1 of asked: it does not match its checksum",
+            "asked: 4 windows name settings that nobody has asked for, and are left out"
+        ]
+    );
+    // With nothing to go by there is nothing to read.
+    bench.archive.connection.execute("DELETE FROM asked", []).unwrap();
+    let error = read(bench.folder.path(), &TimeRange::ALL).unwrap_err().to_string();
+    assert!(error.contains("2 rows of setup \"now\" should be there, 0 are"), "{error}");
+}
+
+#[test]
+fn numbers_that_cannot_be_are_left_out_also_where_their_checksum_is_right() {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    bench.ask(&two, 1);
+    for number in 0..6 {
+        let mut window = sent(&two, 1, number, u64::from(number));
+        match number {
+            1 => window.channels[0] = ChannelData::Lines(vec![Complex32::new(f32::NAN, 0.0); usize::from(LINES)]),
+            2 => window.channels[0] = ChannelData::Lines(vec![Complex32::new(3e12, 0.0); usize::from(LINES)]),
+            3 => window.channels[0] = ChannelData::Lines(vec![Complex32::default(); 2]),
+            4 => window.drift_ppb = 2_000_000_000,
+            _ => {}
+        }
+        bench.store(&two, &window);
+    }
+    let (_, windows, damages) = read(bench.folder.path(), &TimeRange::ALL).unwrap().unwrap();
+    assert!(windows.iter().all(|window| window.grid_index == 0), "and the last waits for node 2");
+    let words: Vec<String> = damages.iter().map(|damage| damage.what.clone()).collect();
+    let parts = ["no number", "no number, or above", "2 lines where there should be 5", "drifts by 2000000000 ppb"];
+    assert_eq!(words.len(), parts.len(), "{words:?}");
+    assert!(words.iter().zip(parts).all(|(word, part)| word.contains(part)), "{words:?}");
+}
