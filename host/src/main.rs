@@ -106,7 +106,9 @@ mod tests {
     #[test]
     fn help_wraps_once() {
         let line = CommandLine::command();
-        for command in std::iter::once(&line).chain(line.get_subcommands()) {
+        let commands = || line.get_subcommands();
+        let steps = commands().flat_map(clap::Command::get_subcommands);
+        for command in std::iter::once(&line).chain(commands()).chain(steps) {
             let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
             let name = command.get_name();
             let is_text = |line: &str| !line.is_empty() && !line.starts_with(' ') && !line.ends_with(':');

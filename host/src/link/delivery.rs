@@ -1,16 +1,20 @@
 //! Delivery of one node's windows: parts flow in, whole windows flow into the sink, and what to acknowledge and to ask again
 //! flows out. A node that starts anew begins another life, whose windows are counted from zero.
 
+use std::collections::VecDeque;
 use std::io::ErrorKind;
 
 use belfry_shared::message::{Acknowledgement, Again, Hello, NodeMessage};
 use belfry_shared::time::HostTime;
 
 use super::error::SessionError;
-use crate::window::{Assembler, Configurations, KeptWindows, NodeWindow, Outcome, WindowSink};
+use crate::window::{Assembler, ChannelData, Configurations, KeptWindows, NodeWindow, Outcome, WindowSink};
 
 /// Earlier lives of a node that are remembered.
 const LIVES_KEPT: usize = 8;
+
+/// Bytes of windows that are held until they can be stored, of each node: hours of a tower's.
+const MOST_WAITING_BYTES: usize = 1 << 20;
 
 /// What has become of parts and windows.
 #[derive(Debug, Clone, Copy, Default)]
@@ -34,8 +38,9 @@ pub(super) struct Delivery {
     /// Its earlier lives, oldest first.
     earlier: Vec<Assembler>,
     forgotten_losses: u64,
-    /// A window that the sink could not take yet. The node keeps it too, and all that come after it.
-    waiting: Option<Box<NodeWindow>>,
+    /// Windows that the sink could not take yet, oldest first. They are not acknowledged, so that the node keeps them too as long as it has
+    /// room.
+    waiting: VecDeque<Box<NodeWindow>>,
     /// Whether the node has something to forget.
     acknowledge: bool,
     counts: DeliveryCounts,
@@ -50,7 +55,7 @@ impl Delivery {
             present: None,
             earlier: Vec::new(),
             forgotten_losses: 0,
-            waiting: None,
+            waiting: VecDeque::new(),
             acknowledge: false,
             counts: DeliveryCounts::default(),
         }
@@ -167,57 +172,58 @@ impl Delivery {
             Outcome::Contradiction => self.counts.contradictions += 1,
             Outcome::Whole(window) => {
                 let number = window.name.number;
-                // What comes meanwhile is asked again when the first is stored.
-                if self.waiting.is_some() {
-                    assembler.unstored(number);
-                    return Ok(());
-                }
-                match sink.store((*window).clone()) {
-                    Ok(()) => {}
-                    Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                        self.waiting = Some(window);
-                        return Ok(());
+                // One after the other, as they came.
+                let stored = if self.waiting.is_empty() {
+                    sink.store((*window).clone())
+                } else {
+                    Err(ErrorKind::WouldBlock.into())
+                };
+                match stored {
+                    Ok(()) => {
+                        assembler.stored(number);
+                        self.counts.windows += 1;
+                        self.acknowledge = true;
                     }
-                    Err(source) => {
+                    Err(error) if error.kind() != ErrorKind::WouldBlock => {
                         assembler.unstored(number);
-                        return Err(SessionError::Store { node, source });
+                        return Err(SessionError::Store { node, source: error });
                     }
+                    Err(_) if bytes(&self.waiting) < MOST_WAITING_BYTES => {
+                        assembler.waits(number);
+                        self.waiting.push_back(window);
+                    }
+                    // It is asked again when there is room.
+                    Err(_) => assembler.unstored(number),
                 }
-                assembler.stored(number);
-                self.counts.windows += 1;
-                self.acknowledge = true;
             }
         }
         Ok(())
     }
 
-    /// Tries once more to store the window that waits, once the sink is ready.
+    /// Stores the windows that wait, once the sink is ready.
     pub(super) fn retry(&mut self, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
-        let Some(window) = self.waiting.take_if(|_| sink.is_ready()) else { return Ok(()) };
-        let name = window.name;
-        let lives = self.earlier.iter_mut().chain(&mut self.present);
-        let assembler = lives.into_iter().find(|assembler| assembler.boot() == name.boot);
-        match sink.store((*window).clone()) {
-            Ok(()) => {
-                assembler.into_iter().for_each(|assembler| assembler.stored(name.number));
-                self.counts.windows += 1;
-                self.acknowledge = true;
-                Ok(())
+        while let Some(window) = self.waiting.front().filter(|_| sink.is_ready()) {
+            let name = window.name;
+            match sink.store((**window).clone()) {
+                Ok(()) => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                Err(source) => return Err(SessionError::Store { node: self.node, source }),
             }
-            Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                self.waiting = Some(window);
-                Ok(())
+            self.waiting.pop_front();
+            let mut lives = self.earlier.iter_mut().chain(&mut self.present);
+            if let Some(assembler) = lives.find(|assembler| assembler.boot() == name.boot) {
+                assembler.stored(name.number);
             }
-            Err(source) => {
-                assembler.into_iter().for_each(|assembler| assembler.unstored(name.number));
-                Err(SessionError::Store { node: self.node, source })
-            }
+            self.counts.windows += 1;
+            self.acknowledge = true;
         }
+        Ok(())
     }
 
-    /// What to ask again, as [`Assembler::overdue`] says; nothing while it could not be stored.
+    /// What to ask again, as [`Assembler::overdue`] says; nothing while there is no room for it.
     pub(super) fn overdue(&mut self, now: HostTime, before: HostTime, heard: HostTime, busy: bool) -> Vec<Again> {
-        let present = self.present.as_mut().filter(|_| self.waiting.is_none());
+        let has_room = bytes(&self.waiting) < MOST_WAITING_BYTES;
+        let present = self.present.as_mut().filter(|_| has_room);
         present.map_or_else(Vec::new, |assembler| assembler.overdue(now, before, heard, busy))
     }
 
@@ -231,4 +237,14 @@ impl Delivery {
         self.counts.asked_again += again.len() as u64;
         Some(Acknowledgement { boot: assembler.boot(), below: assembler.below(), again: again.into_iter().collect() })
     }
+}
+
+/// About what windows take in memory.
+fn bytes(windows: &VecDeque<Box<NodeWindow>>) -> usize {
+    let of = |data: &ChannelData| match data {
+        ChannelData::Unsound(_) => 0,
+        ChannelData::Lines(lines) => size_of_val(lines.as_slice()),
+        ChannelData::Psd { densities, peaks, .. } => size_of_val(densities.as_slice()) + size_of_val(peaks.as_slice()),
+    };
+    windows.iter().map(|window| size_of::<NodeWindow>() + window.channels.iter().map(of).sum::<usize>()).sum()
 }

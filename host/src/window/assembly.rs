@@ -35,7 +35,16 @@ impl Partial {
 #[derive(Debug)]
 enum Progress {
     Partial(Partial),
+    /// Whole, and held by the host until it can be stored.
+    Waiting,
     Done,
+}
+
+impl Progress {
+    /// Whether the host has all of it.
+    fn is_had(&self) -> bool {
+        !matches!(self, Self::Partial(_))
+    }
 }
 
 /// What became of a part.
@@ -169,14 +178,17 @@ impl Assembler {
         }
     }
 
-    /// Marks a whole window as stored. One that the node has dropped meanwhile was counted as lost, and is not.
+    /// Marks a whole window as stored.
     pub fn stored(&mut self, number: u32) {
         if number >= self.below {
             self.windows.insert(number, Progress::Done);
             self.advance();
-        } else {
-            self.lost = self.lost.saturating_sub(1);
         }
+    }
+
+    /// Marks a whole window as one that waits to be stored: it is neither acknowledged nor asked again, nor lost when the node drops it.
+    pub fn waits(&mut self, number: u32) {
+        self.windows.insert(number, Progress::Waiting);
     }
 
     /// Forgets a whole window that could not be stored, so that it is asked again.
@@ -186,7 +198,7 @@ impl Assembler {
 
     /// Windows known to exist that are neither done nor given up: what is lost if the node has restarted.
     pub fn missing(&self) -> u64 {
-        let done = self.windows.values().filter(|progress| matches!(progress, Progress::Done)).count();
+        let done = self.windows.values().filter(|progress| progress.is_had()).count();
         u64::from(self.known.saturating_sub(self.below)).saturating_sub(done as u64)
     }
 
@@ -208,7 +220,7 @@ impl Assembler {
         let gone = oldest.min(next);
         if gone > self.below {
             let kept = self.windows.split_off(&gone);
-            let done = self.windows.values().filter(|progress| matches!(progress, Progress::Done)).count();
+            let done = self.windows.values().filter(|progress| progress.is_had()).count();
             self.lost += u64::from(gone - self.below) - done as u64;
             self.windows = kept;
             self.below = gone;
