@@ -21,56 +21,56 @@ const busy = () => job?.state === "running"
 /** Runs a command, such as `act(["diagnose"])` or `act(["add", "base-rotation"])`. */
 async function act(command) {
     if (!live || busy()) return
-    trouble = ""
     job = { command: "belfry " + said(command), state: "running", stage: "starting" }
-    tell()
-    try {
+    return attempt(async () => {
         const answer = await ask("/run", { command })
         // Events may have been faster.
         if (job?.id !== answer.job.id) job = answer.job
-    } catch (error) {
-        job = null
+    }, () => job = null)
+}
+
+/** Asks the server for something; where that fails, undoes what was shown and says why. */
+async function attempt(work, undo) {
+    trouble = ""
+    tell()
+    try { await work() } catch (error) {
+        undo()
         trouble = error.message
     }
     tell()
 }
 
-// The picks of this session, which stand until modes are identified again.
-const NONE = { added: [], dropped: [], bands: [] }
-let picked = NONE, pickedIn = ""
-export const picks = () => picked
-const modesOf = () => JSON.stringify(data()?.modes ?? null)
-on(reason => { if (reason === "data" && picked !== NONE && modesOf() !== pickedIn) picked = NONE })
+// A pick shows at once, before the data that have it are there.
+let picked = null
+/** Picks in study.toml that modes were not identified with yet, whoever made them. */
+export const picks = () => picked ?? data()?.picks ?? { added_hz: [], dropped: [], bands: [] }
+on(reason => { if (reason === "data") picked = null })
 
-/** Adds a mode at this frequency to the choice in study.toml, or drops it; each takes the other back. */
-export function pick(hz, isAdded) {
-    const others = list => list.filter(each => each !== hz), isBack = picked[isAdded ? "dropped" : "added"].includes(hz)
-    const after = { ...picked, added: others(picked.added), dropped: others(picked.dropped) }
-    if (!isBack) after[isAdded ? "added" : "dropped"].push(hz)
-    return choose(after, isAdded ? { add_hz: [hz] } : { drop_hz: [hz] })
+/** Adds a mode at this frequency to the choice in study.toml, or drops it; each takes the other back. `mode` is the number of one that is there. */
+export function pick(hz, isAdded, mode) {
+    const now = picks(), toggled = (list, one) => list.includes(one) ? list.filter(each => each !== one) : [...list, one]
+    return choose({ ...now, ...(mode ? { dropped: toggled(now.dropped, mode) } : { added_hz: toggled(now.added_hz, hz) }) }, isAdded ? { add_hz: [hz] } : { drop_hz: [hz] })
 }
 
-/** Lets the mode at this frequency be fitted to the lines of a band [from, to]; null lets the data choose. */
-export const fitTo = (hz, band) => choose({ ...picked, bands: [...picked.bands.filter(b => b.hz !== hz), { hz, band_hz: band }] }, { bands: [{ hz, band_hz: band }] })
+/** Lets a mode be fitted to the lines of a band [from, to]; null lets the data choose. */
+export function fitTo({ number: mode, frequency_hz: hz }, band_hz) {
+    const now = picks()
+    return choose({ ...now, bands: [...now.bands.filter(b => b.mode !== mode), { mode, band_hz }] }, { bands: [{ hz, band_hz }] })
+}
 
-async function choose(after, change) {
-    if (!live) return
-    trouble = ""
-    const before = picked
-    picked = after
-    pickedIn = modesOf()
-    announce("picks")
-    try { await ask("/picks", change) } catch (error) {
-        picked = before
-        trouble = error.message
+function choose(after, change) {
+    const show = now => {
+        picked = now
         announce("picks")
     }
-    tell()
+    show(after)
+    return attempt(() => ask("/picks", change), () => show(null))
 }
 
-async function cancel() {
-    try { await ask("/cancel", {}) } catch (error) { trouble = error.message; tell() }
-}
+/** The command that identifies modes the way it was done last. */
+export const identify = ({ modes }) => ["identify", ...modes && !modes.link ? ["--direct"] : []]
+
+const cancel = () => attempt(() => ask("/cancel", {}), () => {})
 
 /** Samples of one channel, as GET /samples answers. */
 export const samples = query => ask("/samples?" + new URLSearchParams(query))
@@ -119,11 +119,12 @@ function chosen({ diagnosis }) {
 /** The actions of a section, each with its command. */
 export function actionsOf(section, d) {
     if (!live || !d) return null
-    const has = Boolean(d.modes), modelled = Boolean(d.model), effects = d.model?.effects ?? []
-    const text = chosen(d), last = effects.length > 0 && name(effects.at(-1)), undo = last && [`Undo: remove ${last}`, ["remove", last]], identify = [["Identify modes", ["identify"]]]
+    const { modes: has, model: modelled } = d, effects = d.model?.effects ?? []
+    const text = chosen(d), last = effects.length > 0 && name(effects.at(-1)), undo = last && [`Undo: remove ${last}`, ["remove", last]]
+    const isRecorded = d.study?.setups?.some(s => !s.live), routes = [["Identify modes", ["identify"]], isRecorded && ["Identify modes straight from the recording", ["identify", "--direct"]]]
     const list = {
-        spectra: identify,
-        modes: identify,
+        spectra: routes,
+        modes: routes,
         model: has && d.study?.has_model && [["Compare with the model", ["compare"]], undo],
         update: has && modelled && [["Update directly", ["update"]], ["Predict left-out sensors", ["covalidate"]]],
         diagnosis: has && modelled && [["Ask what is missing", ["diagnose"]],
@@ -136,12 +137,6 @@ export function actionsOf(section, d) {
     return make("div.actions.no-print", ...rows.map(([label, command]) => make("div.action", button(label, command), typed(command))))
 }
 
-/** `kind@where=name=value,name=value` or `kind@where=value` in its parts. */
-function parsed(text) {
-    const at = text.indexOf("="), rest = at < 0 ? [] : text.slice(at + 1).split(",")
-    return { effect: name(text), parameters: rest.map(p => { const cut = p.lastIndexOf("="); return { key: p.slice(0, cut + 1), text: p.slice(cut + 1) } }) }
-}
-
 /** Sliders for the values of the model's effects. The model follows at once; nothing is written. */
 export function sliders() {
     const host = make("div.sliders.no-print")
@@ -152,7 +147,7 @@ export function sliders() {
         if (flying || !wanted) return
         wanted = false
         flying = true
-        const query = effects.map(({ effect, parameters }) => ["effect", effect + (parameters.length ? "=" : "") + parameters.map(p => p.key + (p.now ?? p.text)).join(",")])
+        const query = effects.map(one => ["effect", candidateName(one) + (one.parameters.length ? "=" : "") + one.parameters.map(p => `${p.name}=${p.now ?? p.value}`).join(",")])
         let said = "A preview: nothing is written. The commands fit the values themselves."
         try {
             const answer = await ask("/try?" + new URLSearchParams(query))
@@ -166,7 +161,7 @@ export function sliders() {
     }
 
     function build(reason) {
-        const texts = data()?.model?.effects ?? [], key = JSON.stringify(texts)
+        const values = data()?.model?.values ?? [], key = JSON.stringify(values)
         if (reason !== "data") return
         // The same effects: new data have taken a preview away, and the values that it shows stand.
         if (key === built) {
@@ -175,25 +170,22 @@ export function sliders() {
         }
         built = key
         changed = wanted = false
-        effects = texts.map(parsed)
-        const joint = data().history?.findLast(step => step.joint)?.joint.values ?? []
+        effects = structuredClone(values)
         const rows = []
-        for (const { effect, parameters } of effects) for (const p of parameters) {
-            const fitted = Number(p.text)
+        for (const effect of effects) for (const p of effect.parameters) {
+            const fitted = p.value
             if (!fitted) continue
-            const known = joint.find(v => [effect, effect.split("@")[0]].includes(v.effect) && (!p.key || v.parameter + "=" === p.key))
             const id = `slider-${rows.length}`, output = make("output", { htmlFor: id })
-            const say = value => output.textContent = `${significant(value)} ${known?.unit?.replace(/^-$/, "") ?? ""}, ${value === fitted ? "as fitted" : `${significant(value / fitted)} times the fitted`}`
+            const say = value => output.textContent = `${significant(value)} ${p.unit.replace(/^-$/, "")}, ${value === fitted ? "as fitted" : `${significant(value / fitted)} times the fitted`}`
             const input = make("input", { id, type: "range", min: "-1", max: "1", step: "0.01", value: "0", oninput: () => {
                 const value = Number(input.value) ? Number((fitted * 10 ** input.value).toPrecision(5)) : fitted
-                p.now = String(value)
-                say(value)
+                say(p.now = value)
                 input.setAttribute("aria-valuetext", output.textContent)
                 changed = wanted = true
                 send()
             } })
             say(fitted)
-            rows.push(make("label", { for: id }, effect + (known ? `, ${known.parameter}` : "")), input, output)
+            rows.push(make("label", { for: id }, `${candidateName(effect)}, ${p.name}`), input, output)
         }
         host.replaceChildren(...rows.length ? [make("p", "Try other values of the model's effects: frequencies, shapes and MAC follow."), ...rows,
             make("button", { onclick: () => {

@@ -55,6 +55,14 @@ export function mix(a, b, part) {
     return "#" + x.map((v, i) => Math.round(v + (y[i] - v) * p).toString(16).padStart(2, "0")).join("")
 }
 
+/** A bar of the colours that `hue` has from 0 to 1. */
+export function ramp(pen, x, y, length, hue) {
+    for (let i = 0; i < length; i++) {
+        pen.fillStyle = hue(i / (length - 1))
+        pen.fillRect(x + i, y, 1.4, 9)
+    }
+}
+
 /** Black or white, whichever is read better on this #rrggbb. */
 export function inkOn(hex) {
     const [r, g, b] = [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255).map(c => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)

@@ -24,7 +24,8 @@ function decades(low, high, room) {
     for (let n = from - 1; n <= to; n++) if (n % every === 0) for (const front of fronts) found.push(front * 10 ** n)
     return found.filter(value => value >= low * 0.999 && value <= high * 1.001)
 }
-function stepFor(span, room) {
+/** A step of 1, 2 or 5 times a power of ten that fits into a span at most so often. */
+export function stepFor(span, room) {
     const rough = span / room, decade = 10 ** Math.floor(Math.log10(rough))
     return rough > 0 && known(rough) ? decade * ([1, 2, 5].find(front => front * decade >= rough) ?? 10) : 1
 }
@@ -45,6 +46,8 @@ export function scaled(unit, most) {
 
 /** The unit of a setup's spectra. */
 export const densityIn = setup => setup?.unit ?? "(m/s²)²/Hz"
+/** The unit of the motion that they are of. */
+export const motionIn = setup => densityIn(setup).slice(1, -5)
 
 /** A Float64Array of packed numbers: value = from + step n, its power of ten where `log`, NaN for the largest n. */
 export function unpack(packed) {
@@ -109,11 +112,11 @@ function penOf(u) {
             open = there
         }
     }
-    /** Bars from least to greatest in every column of pixels: much faster than strokes. False where there are too few points. */
+    /** Bars from least to greatest in every column of pixels: much faster than strokes. False where points are further apart. */
     function columns(xs, upper, lower, thickness) {
         // A column is a pixel of the screen; on paper, which does not move, one of the canvas.
         const [from, to] = inSight(xs), step = document.documentElement.classList.contains("printing") ? 1 : Math.floor(ratio)
-        if (to - from < 1.5 * width / ratio) return false
+        if (to - from < width / step) return false
         let column = -1, low = Infinity, high = -Infinity, before = [NaN, NaN]
         const flush = () => {
             if (low > high) { before = [NaN, NaN]; return }
@@ -143,6 +146,8 @@ function penOf(u) {
             ctx.setLineDash(dash.map(length => length * ratio))
         },
         line(points) { path(points); ctx.stroke() },
+        /** A line across. */
+        level(b) { this.line([[min, b], [max, b]]) },
         area(points) { path(points); ctx.fill() },
         box(x0, y0, x1, y1) { ctx.fillRect(x(x0), y(y0), x(x1) - x(x0), y(y1) - y(y0)) },
         dot(a, b, radius, hollow) {

@@ -5,6 +5,7 @@ import { actionsOf, button, can, sliders, status, typed } from "@/actions.js"
 import { make } from "@/canvas.js"
 import { duration, fixed, hertz, known, plural } from "@/numbers.js"
 import { pictures } from "@/pictures/all.js"
+import { modesOf } from "@/pictures/structure.js"
 import { data, isPreview, live, load, on } from "@/store.js"
 import { go, place, view } from "@/view.js"
 
@@ -22,7 +23,12 @@ const sections = [
 ]
 const root = document.documentElement
 // "light" or "dark" in the address is the reader's own choice, otherwise that of the system.
-const theme = () => root.dataset.theme = view.get("theme", "")
+const themes = ["auto", "light", "dark"], themed = () => view.get("theme", themes[0])
+const themeButton = make("button", { onclick: () => view.set({ theme: [...themes.slice(1), null][themes.indexOf(themed())] }) })
+function theme() {
+    root.dataset.theme = themed()
+    themeButton.textContent = `Colours: ${themed()}`
+}
 const byId = id => document.getElementById(id)
 const guarded = (what, work, otherwise) => { try { return work() } catch (error) { console.error(what, error); return otherwise } }
 
@@ -45,8 +51,7 @@ class Figure {
         const { picture, host } = this
         const d = data()
         const focused = host.contains(document.activeElement) ? this.controls().indexOf(document.activeElement) : -1
-        if (this.free) guarded(picture.id, this.free)
-        this.free = null
+        this.release()
         // The page does not jump while it is empty.
         host.style.minHeight = host.offsetHeight + "px"
         host.replaceChildren()
@@ -67,9 +72,13 @@ class Figure {
 
     controls() { return [...this.host.querySelectorAll("a, button, input, select, summary, textarea, [tabindex]")] }
 
-    drop() {
+    release() {
         if (this.free) guarded(this.picture.id, this.free)
         this.free = null
+    }
+
+    drop() {
+        this.release()
         sight.unobserve(this.element)
         this.element.remove()
     }
@@ -86,12 +95,13 @@ const sight = new IntersectionObserver(entries => {
 
 let pumping = 0, idling = 0
 function pump() {
-    pumping ||= requestAnimationFrame(() => {
-        pumping = 0
-        for (const figure of figures.values()) if (figure.dirty && figure.shown) figure.draw()
-        settle()
-        idle()
-    })
+    pumping ||= requestAnimationFrame(drawShown)
+}
+function drawShown() {
+    pumping = 0
+    for (const figure of figures.values()) if (figure.dirty && figure.shown) figure.draw()
+    settle()
+    idle()
 }
 const later = globalThis.requestIdleCallback ?? (work => setTimeout(work, 30))
 function idle() {
@@ -164,10 +174,10 @@ function navigation(d) {
     }
     modePicker = () => { select.value = String(view.get("mode", list[0]?.number)); if (select.selectedIndex < 0) select.selectedIndex = 0 }
     modePicker()
-    byId("nav").replaceChildren(make("div", links, list.length ? make("div.mode", {},
+    byId("nav").replaceChildren(make("div", links, make("div.mode", {}, ...list.length ? [
         make("label", { for: "mode" }, "Mode"),
         make("button", { "aria-label": "Mode before", onclick: () => step(-1) }, "‹"), select,
-        make("button", { "aria-label": "Next mode", onclick: () => step(1) }, "›")) : ""))
+        make("button", { "aria-label": "Next mode", onclick: () => step(1) }, "›")] : [], themeButton)))
 }
 
 // `belfry diagnose` in a sentence becomes code.
@@ -219,7 +229,12 @@ function show(reason) {
     const d = data()
     if (!d) return
     document.querySelector("main > p.failed")?.remove()
-    if (reason !== "data") return dirty(p => follows(p, reason))
+    if (reason !== "data") {
+        dirty(p => follows(p, reason))
+        // A slider does not wait for the next frame.
+        return drawShown()
+    }
+    view.know(modesOf(d))
     guarded("header", () => header(d))
     guarded("findings", () => findings(d))
     place_pictures(d)

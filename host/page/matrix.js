@@ -1,6 +1,6 @@
 // Tables of numbers as coloured cells on a canvas: MAC, Psi, shapes by sensor and mode. Numbers stand in the cells where there is room.
 
-import { canvas, colour, font, inkOn, size } from "@/canvas.js"
+import { canvas, colour, font, inkOn, ramp, size } from "@/canvas.js"
 import { clamp } from "@/numbers.js"
 
 // Room for column labels and the key, pixels.
@@ -51,10 +51,7 @@ export function matrix(host, values, { rows, columns, axes, sentence, hue, text,
     along(rows, r => 4 + (r + 0.5) * high, (label, y, r) => write(label, left - 5, y, down ? 11 : labels, "right", weight(r)))
     along(columns, c => left + (c + 0.5) * side, (label, x, c) => write(label, x, tall + 10, labels, "center", weight(undefined, c)))
     const [title, least, largest, ...ends] = key, long = clamp(wide / 2, 110, 240), y = tall + 42
-    for (let i = 0; i < long; i++) {
-        pen.fillStyle = hue(least + (largest - least) * i / (long - 1))
-        pen.fillRect(left + i, y, 1.4, 9)
-    }
+    ramp(pen, left, y, long, share => hue(least + (largest - least) * share))
     pen.fillStyle = colour("quiet")
     write(axes[1], left + wide / 2, tall + 25, 11)
     write(ends[0], left, y + 18, 11, "left")

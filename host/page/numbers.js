@@ -32,20 +32,16 @@ export const signed = (x, digits) => known(x) && Number(x.toFixed(digits)) > 0 ?
 export function significant(x, digits = 3) {
     if (!known(x)) return "–"
     if (x === 0) return "0"
-    let power = Math.floor(Math.log10(Math.abs(x)))
-    if (power >= -3 && power < 6) return minus(Number(x.toPrecision(digits)).toString())
-    let front = (x / 10 ** power).toFixed(digits - 1)
-    if (Math.abs(Number(front)) >= 10) front = (Number(front) / 10).toFixed(digits - 1), power++
-    return minus(front) + " × 10" + raised(power)
+    const [front, power] = x.toExponential(digits - 1).split("e")
+    return minus(power >= -3 && power < 6 ? String(Number(x.toPrecision(digits))) : front + " × 10" + raised(Number(power)))
 }
 
 /** 10⁻⁶, or with its front: 3.1·10⁻⁷. */
 export function power(value, digits = 0) {
     if (!(value > 0)) return "–"
-    let decade = Math.floor(Math.log10(value) + 1e-9), front = (value / 10 ** decade).toFixed(digits)
-    if (Number(front) >= 10) { front = (1).toFixed(digits); decade++ }
+    const [front, decade] = value.toExponential(digits).split("e").map((text, i) => i ? Number(text) : text)
     const tens = decade === 0 ? "1" : decade === 1 ? "10" : "10" + raised(decade)
-    return Number(front) === 1 && !digits ? tens : decade === 0 ? front : `${front}·${tens}`
+    return front === "1" ? tens : decade === 0 ? front : `${front}·${tens}`
 }
 
 /** A value with its standard deviation, both to the deviation's two digits. */
@@ -82,4 +78,6 @@ export function duration(seconds) {
     return significant(seconds / 86400, 3) + " d"
 }
 
+/** One or several by name, "modes 1, 2". */
+export const named = (one, list) => `${list.length === 1 ? one : one + "s"} ${list.join(", ")}`
 export const plural = (n, one, many = one + "s") => `${n} ${n === 1 ? one : many}`

@@ -2,7 +2,8 @@
 // a camera turns it, a phase moves it. Measured motion is drawn at the sensors, with the section's outline moved and turned
 // as they say; the model is its axis and the same outlines.
 
-import { font, mix } from "@/canvas.js"
+import { colour, font, mix, ramp } from "@/canvas.js"
+import { stepFor } from "@/curves.js"
 import { decimals, fixed, known, significant } from "@/numbers.js"
 
 // Least drawn radius of a section over the height: 7 m on 600 m would not be seen.
@@ -201,7 +202,7 @@ function disc(pen, x, y, radius) {
 }
 
 /** Draws the scene at a phase from -1 to 1. */
-export function paint(pen, s, view, { phase, amplitude = 1, shown = () => true, hues, small }) {
+export function paint(pen, s, view, { phase, amplitude = 1, shown = () => true, small }) {
     const at = (p, m) => view.to(shifted(p, m, phase * amplitude))
     pen.lineJoin = pen.lineCap = "round"
     // Lines of one style are one path: fewer strokes, more frames.
@@ -211,7 +212,7 @@ export function paint(pen, s, view, { phase, amplitude = 1, shown = () => true, 
         if (!shown(kind)) continue
         if (how.dot) {
             end()
-            pen.strokeStyle = pen.fillStyle = hues[kind]
+            pen.strokeStyle = pen.fillStyle = colour(kind)
             pen.lineWidth = 1
             pen.setLineDash([])
             const tip = at(points[0], moves[0])
@@ -223,7 +224,7 @@ export function paint(pen, s, view, { phase, amplitude = 1, shown = () => true, 
         if (own !== style) {
             end()
             style = own
-            pen.strokeStyle = hues[kind]
+            pen.strokeStyle = colour(kind === "rest" ? "line" : kind)
             pen.lineWidth = (kind === "rest" ? 1 : how.thin ? 1.2 : 2) * (small ? 0.7 : 1)
             pen.setLineDash(!how.dashed ? [] : small ? [2, 2] : [4, 3])
             pen.beginPath()
@@ -244,16 +245,14 @@ function arrow(pen, [x0, y0], [x1, y1]) {
     pen.fill()
 }
 
-const nice = x => { const p = 10 ** Math.floor(Math.log10(x)), r = x / p; return (r >= 5 ? 5 : r >= 2 ? 2 : 1) * p }
-
 /** Heights in m at the left, a bar of length in plan, and which way X, Y and Z point. */
-export function scales(pen, s, view, height, hues) {
-    pen.fillStyle = pen.strokeStyle = hues.quiet
+export function scales(pen, s, view, height) {
+    pen.fillStyle = pen.strokeStyle = colour("quiet")
     pen.lineWidth = 1
     pen.font = font(11)
     pen.textBaseline = "middle"
     if (view.up[2] > 0.5) {
-        const step = nice((s.high - s.low) / 4 || 1)
+        const step = stepFor(s.high - s.low, 4)
         pen.textAlign = "right"
         for (let z = Math.ceil(s.low / step) * step; z <= s.high + 1e-9; z += step) {
             const y = view.to([0, 0, z])[1]
@@ -264,7 +263,7 @@ export function scales(pen, s, view, height, hues) {
         pen.fillText("height, m", 8, 10)
     }
     if (s.isWide) {
-        const length = nice(60 / (view.scale * s.plan)), x = 64, y = height - 12, end = x + length * view.scale * s.plan
+        const length = stepFor(30 / (view.scale * s.plan), 1), x = 64, y = height - 12, end = x + length * view.scale * s.plan
         pen.textAlign = "left"
         stroke(pen, [[x, y - 4], [x, y], [end, y], [end, y - 4]])
         pen.fillText(`${significant(length)} m${s.plan > 1.05 ? ` (plan × ${significant(s.plan, 2)})` : ""}`, end + 8, y - 2)
@@ -281,9 +280,9 @@ export function scales(pen, s, view, height, hues) {
 }
 
 /** Misfit beside the structure from `x0` on, from quiet to strong. Labels stand at their heights and never overlap. */
-export function misfits(pen, view, rows, title, x0, height, hues) {
+export function misfits(pen, view, rows, title, x0, height) {
     if (!rows.length) return
-    const most = largest(rows.map(r => r.misfit)) || 1, left = x0 + 18, top = 34, bottom = height - 54
+    const most = largest(rows.map(r => r.misfit)) || 1, hue = share => mix(colour("low"), colour("high"), share), left = x0 + 18, top = 34, bottom = height - 54
     const level = view.up[2] > 0.5 && rows[0].z != null
     const list = [...rows].sort((a, b) => b.misfit - a.misfit).slice(0, Math.max(1, Math.floor((bottom - top) / ROW)))
     if (level) list.sort((a, b) => b.z - a.z)
@@ -295,25 +294,22 @@ export function misfits(pen, view, rows, title, x0, height, hues) {
     pen.textAlign = "left"
     pen.lineWidth = 1
     list.forEach((r, i) => {
-        pen.fillStyle = mix(hues.low, hues.high, r.misfit / most)
+        pen.fillStyle = hue(r.misfit / most)
         if (level) {
             const [x, y] = view.to([0, 0, r.z])
-            pen.strokeStyle = hues.line
+            pen.strokeStyle = colour("line")
             stroke(pen, [[x + 7, y], [left - 14, y], [left - 3, ys[i]]])
             disc(pen, x, y, 7)
         }
-        pen.strokeStyle = hues.quiet
+        pen.strokeStyle = colour("quiet")
         pen.fillRect(left, ys[i] - 6, 12, 12)
         pen.strokeRect(left, ys[i] - 6, 12, 12)
-        pen.fillStyle = hues.ink
+        pen.fillStyle = colour("ink")
         pen.fillText(`${fixed(r.misfit, 3)}  ${r.label}`, left + 18, ys[i])
     })
     pen.fillText(title, left, 12)
-    for (let i = 0; i < 60; i++) {
-        pen.fillStyle = mix(hues.low, hues.high, i / 59)
-        pen.fillRect(left + i, height - 26, 1.5, 9)
-    }
-    pen.fillStyle = hues.quiet
+    ramp(pen, left, height - 26, 60, hue)
+    pen.fillStyle = colour("quiet")
     pen.fillText("0", left, height - 9)
     pen.fillText(fixed(most, 3), left + 46, height - 9)
 }

@@ -1,7 +1,7 @@
 // Tables: how the error fell, modes, comparison, sensor nodes, method and settings. Each has the shape of a picture, so that it
 // stands among them.
 
-import { typed } from "@/actions.js"
+import { identify, typed } from "@/actions.js"
 import { make } from "@/canvas.js"
 import { KINDS, fixed, known, mac, pis, plural, pvalue, signed, within } from "@/numbers.js"
 import history from "@/pictures/history.js"
@@ -144,7 +144,7 @@ const method = {
             update && "The direct update is that of Lei, Wang, Shen (2012): K* = K + M Φ Ψ Φᵀ M.",
         ]
         host.append(...words.filter(Boolean).map(text => make("p", text)), ...[
-            ...study.setups?.length ? [["identify", ...modes?.link === null ? ["--direct"] : []]] : [],
+            ...study.setups?.length ? [identify({ modes })] : [],
             ...model ? ["compare", "update", "covalidate", "diagnose", "profile", "history"].map(name => [name]) : [],
             ...(model?.effects ?? []).map(effect => ["add", effect.split("=")[0]]),
         ].map(command => make("div", typed(command))))

@@ -1,5 +1,5 @@
 // What the reader looks at: the chosen mode, candidate, zoom, camera. It stands in the address after `#`, so that a link
-// shows the same. Values are numbers, strings or arrays; `#structure&mode=3&camera=[0.5,0.2]` also names a place.
+// shows the same. Values are numbers, strings or arrays; `#structure&mode=0.1552Hz&camera=[0.5,0.2]` also names a place.
 
 const listeners = new Set()
 const state = new Map()
@@ -23,6 +23,26 @@ function read() {
     }
 }
 
+// Numbers of modes change when modes are identified again, so the chosen one stands by its frequency. It is the nearest mode within this
+// share of it. Older links have its number.
+const SAME_MODE = 0.01
+let modes = []
+function numberOf(mode) {
+    if (typeof mode !== "string") return mode
+    const off = m => Math.abs(m.frequency_hz / parseFloat(mode) - 1)
+    return modes.filter(m => off(m) <= SAME_MODE).sort((a, b) => off(a) - off(b))[0]?.number
+}
+function settle() {
+    const hz = modes.find(m => m.number === state.get("mode"))?.frequency_hz
+    if (hz) state.set("mode", hz + "Hz")
+}
+
+/** The modes that there are now. */
+function know(list) {
+    modes = list
+    settle()
+}
+
 let timer = 0
 // Browsers allow few changes of the address a second; dragging makes many.
 function write() {
@@ -35,15 +55,21 @@ function write() {
 }
 
 /** The value of `name`, or `otherwise` where the address has none. */
-const get = (name, otherwise = null) => state.get(name) ?? otherwise
+const get = (name, otherwise = null) => (name === "mode" ? numberOf(state.get(name)) : state.get(name)) ?? otherwise
 
-/** Changes values; null takes one out. Listeners hear the names of those that differ. */
+/** Listeners hear the names of what differs after some work. */
+function change(work) {
+    const before = new Map(state)
+    work()
+    settle()
+    const changed = [...new Set([...before.keys(), ...state.keys()])].filter(name => JSON.stringify(before.get(name)) !== JSON.stringify(state.get(name)))
+    if (changed.length) for (const listener of listeners) listener(changed)
+}
+
+/** Changes values; null takes one out. */
 function set(values) {
-    const changed = Object.keys(values).filter(name => JSON.stringify(values[name] ?? null) !== JSON.stringify(get(name)))
-    if (!changed.length) return
-    for (const name of changed) values[name] == null ? state.delete(name) : state.set(name, values[name])
+    change(() => { for (const [name, value] of Object.entries(values)) value == null ? state.delete(name) : state.set(name, value) })
     write()
-    for (const listener of listeners) listener(changed)
 }
 
 /** Calls `listener` with the names that changed. Returns what ends it. */
@@ -60,12 +86,8 @@ export function go(to) {
 
 read()
 addEventListener("hashchange", () => {
-    const before = new Map(state)
-    read()
-    const names = new Set([...before.keys(), ...state.keys()])
-    const changed = [...names].filter(name => JSON.stringify(before.get(name)) !== JSON.stringify(state.get(name)))
-    if (changed.length) for (const listener of listeners) listener(changed)
+    change(read)
     if (place) document.getElementById(place)?.scrollIntoView()
 })
 
-export const view = { get, set, follow }
+export const view = { get, set, follow, know }

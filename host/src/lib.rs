@@ -11,7 +11,7 @@
 //! a measurement what it will show.
 //! [`results`] is the folder that all of this is written to, [`picture`] draws it, [`page`] shows it all and [`serve`] serves that page, [`export`] writes it for other tools.
 //! [`simulate`] goes the other way and makes recordings of a structure whose truth is known. [`files`] writes files whole
-//! or not at all, and [`table`] reads small CSV tables. [`command`] holds a file for each subcommand of the `belfry` program; nothing else prints.
+//! or not at all, [`progress`] says how far long work is, and [`table`] reads small CSV tables. [`command`] holds a file for each subcommand of the `belfry` program; nothing else prints.
 
 pub mod archive;
 pub mod change;
@@ -33,6 +33,7 @@ pub mod page;
 pub mod picture;
 pub mod plan;
 mod processor;
+pub mod progress;
 pub mod record;
 pub mod results;
 pub mod serve;

@@ -43,7 +43,8 @@ def deck(structure, seed):
     import defects
     import numpy as np
 
-    cards = [("effect", kind) for kind in defects.EFFECTS] + [("channel", kind) for kind in defects.CHANNELS]
+    effects = defects.EFFECTS + defects.OWN_EFFECTS.get(structure, [])
+    cards = [("effect", kind) for kind in effects] + [("channel", kind) for kind in defects.CHANNELS]
     cards += [("outsider", kind) for kind in defects.OUTSIDERS[structure]] + [("sound", "nothing")] * 3
     np.random.default_rng([seed, STRUCTURES.index(structure)]).shuffle(cards)
     return [tuple(map(str, card)) for card in cards]
@@ -64,16 +65,19 @@ def make(structure, category, kind, random):
             if structure == "frame":
                 structures.place_axis(body, study.twist_axis_m(body, world.answers_at_top(body)))
             sound = world.modes(body, defects.MODES)
-            rows, errors = study.beam_table(body, sound)
+            table, errors = study.beam_table(body, sound)
             if np.abs(errors).max() > WORST_TABLE_PERCENT:
                 raise ValueError(f"the beam is off by {np.abs(errors).max():.1f} %")
-            if category == "effect":
-                truth, changed, modes = defects.hide_effect(kind, body, sound, random)
+            if kind in defects.FORGOTTEN:
+                truth, table, errors = defects.forget(kind, body, sound, table)
+                changed, modes = body, sound
+            elif category == "effect":
+                truth, changed, modes = defects.hide_effect(kind, body, sound, table, random)
             elif category == "outsider":
                 truth, changed, modes = defects.hide_outsider(kind, body, sound, random)
             else:
                 truth, changed, modes = defects.Truth(category, kind), body, sound
-            return body, sound, rows, errors, truth, changed, modes
+            return body, sound, (table, errors), truth, changed, modes
         except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
             reasons.append(str(error))
     raise RuntimeError(f"no structure shows it: {reasons[-1]}")
@@ -95,7 +99,7 @@ def run_case(arguments, structure, category, kind, index, folder):
 
     random = np.random.default_rng([arguments.seed, index])
     begin = time.perf_counter()
-    body, sound, rows, errors, truth, changed, modes = make(structure, category, kind, random)
+    body, sound, (table, errors), truth, changed, modes = make(structure, category, kind, random)
     placed = study.sensors(body, random)
     if category == "channel":
         truth = defects.hide_channel(kind, [sensor.channel for sensor in placed], random)
@@ -106,8 +110,8 @@ def run_case(arguments, structure, category, kind, index, folder):
     if arguments.modes:
         ends = modes.frequencies_hz[modes.lowest(arguments.modes + 1)]
         band_hz = [round(float(hz), 4) for hz in (0.5 * ends[0], 0.5 * (ends[-2] + ends[-1]))]
-    study.write_study(folder, changed, placed, samples, rate_hz, band_hz)
-    study.write_table(rows, folder / "beam.csv")
+    study.write_study(folder, changed, placed, samples, rate_hz, band_hz, table.effects())
+    study.write_table(table.rows, folder / "beam.csv")
     made_s = time.perf_counter() - begin
     identified = belfry(arguments, "identify", folder, "--direct")
     compared = belfry(arguments, "compare", folder)
@@ -117,7 +121,9 @@ def run_case(arguments, structure, category, kind, index, folder):
         "detail": truth.detail, "place_m": truth.place_m, "channels": truth.channels, "values": truth.values,
         "shift_percent": truth.shift_percent, "height_m": body.height_m(), "mass_t": body.total_mass_kg() / 1000,
         "first_period_s": 1 / sound.frequencies_hz[0], "table_errors_percent": errors.tolist(),
-        "table_mac": study.likeness(rows, sound, 8).tolist(), "sampling_rate_hz": rate_hz,
+        "table_mac": study.likeness(table, sound, 8).tolist(), "coupled_shear_m": table.coupled_shear_m,
+        "frame_shares": table.frame_shares,
+        "sampling_rate_hz": rate_hz,
         **judge_modes(identified, modes, seen, truth), **judge_pairing(compared), **judge_diagnosis(diagnosed, truth, body),
         "damping_ratio": damping[modes.lowest(20)].tolist(), "made_s": made_s,
     }

@@ -9,11 +9,16 @@ import math
 import numpy as np
 
 import structures
+import study
 import world
 from world import RX, RY, RZ, STIFF, X, Y, Z
 
 EFFECTS = ["stiffness-loss", "added-mass", "base-rotation", "base-translation", "p-delta", "stiffness-scale",
            "mass-eccentricity", "connection-flexibility", "base-torsion", "lateral-support"]
+# Effects that only one kind of structure can have.
+OWN_EFFECTS = {"lattice": ["coupled-shear"], "frame": ["wall-frame"]}
+# Those that are in the body from the start, and that the engineer forgets to state.
+FORGOTTEN = ["coupled-shear", "wall-frame"]
 CHANNELS = ["sensor-gain", "sensor-polarity", "sensor-swap"]
 OUTSIDERS = {
     "lattice": ["one-leg-springs", "one-direction-loss"],
@@ -108,8 +113,14 @@ def split(body, level, spring_n_m):
         element.nodes = tuple(doubles.get(tag, tag) for tag in element.nodes)
 
 
-def hide_effect(kind, body, sound, random):
-    """Puts an effect of the catalogue into a body: the truth, the changed body and its modes."""
+def turned(body, changed, bay):
+    """What a change does to the rotation of the top under a unit moment there, about X, Y and Z, over what the sound bay does to it."""
+    before, after = (world.answers_at_top(one)[:, 3:, 3:] for one in (body, changed))
+    return [(after - before)[-1, axis, axis] / (before[bay + 1] - before[bay])[axis, axis] for axis in range(3)]
+
+
+def hide_effect(kind, body, sound, table, random):
+    """Puts an effect of the catalogue into a body, whose table says what unit loads find: the truth, the changed body and its modes."""
     height_m, levels = body.height_m(), body.levels_m
     count = len(levels) - 1
     stiff = stiffness_of(body, sound)
@@ -124,7 +135,9 @@ def hide_effect(kind, body, sound, random):
             truth.detail = f"bracing of bay {bay + 1}"
         result = sized(body, sound, lambda b, size: scale(b, {bay}, families, 1 - size), 0.4, 0.85, random)
         if families is None:
-            truth.values = {"relative": (result[0], result[0])}
+            # What is lost of a bay's members, or of the bay as unit loads find it: its neighbours hold a short one.
+            found = [more / (1 + more) for more in turned(body, result[1], bay)] + [result[0]]
+            truth.values = {"relative": (min(found), max(found))}
     elif kind == "added-mass":
         level = int(random.integers(count // 3, count + 1))
         truth.place_m = levels[level]
@@ -224,15 +237,30 @@ def hide_effect(kind, body, sound, random):
         truth.place_m = levels[level]
         first = 40 * stiff * (height_m / 2) ** 2 / levers(body, level)[0]
         result = sized(body, sound, lambda b, size: split(b, level, first / size), 1.0, 1e4, random)
-        softened = result[1]
-        tags = [lower for lower, _, _ in softened.joints]
-        plan = np.array([body.nodes[tag][:2] for tag in tags])
-        squares = ((plan - plan.mean(axis=0)) ** 2).sum(axis=0)
-        ends = sorted(result[0] / first / squares)
-        truth.values = {"flexibility": tuple(ends)}
-        truth.detail = f"upright springs between {len(tags)} ends of members"
+        # In units of what the bay above bends by; motion along Y turns about X.
+        length_m = levels[level + 1] - levels[level]
+        (about_x, about_y, _), (along_x, along_y) = turned(body, result[1], level), (table.apart(axis)[0][level] for axis in (1, 2))
+        x, y = about_x * length_m / along_y, about_y * length_m / along_x
+        truth.values = {"flexibility": (min(x, y), max(x, y)), "flexibility_x": (x, x), "flexibility_y": (y, y)}
+        truth.detail = f"upright springs between {len(result[1].joints)} ends of members"
     truth.shift_percent = 100 * result[3]
     return truth, result[1], result[2]
+
+
+def forget(kind, body, sound, whole):
+    """The truth, the table and its errors where the engineer forgets what is in the whole table; the body stays as it is."""
+    name, (along_x, along_y), has_any = {
+        "coupled-shear": lambda: ("distance", study.coupled_shear_m(body, world.answers_at_top(body)), whole.coupled_shear_m > 0),
+        "wall-frame": lambda: ("share", whole.frame_shares, any(whole.frame_shares)),
+    }[kind]()
+    if not has_any:
+        raise ValueError("there is next to nothing to forget")
+    table = study.Table(study.table(body, world.answers_at_top(body)))
+    errors = study.errors_percent(table, sound, 8)
+    truth = Truth("effect", kind, body.name, shift_percent=float(np.abs(errors).max()))
+    ends = min(along_x, along_y), max(along_x, along_y)
+    truth.values = {name: ends, f"{name}_x": (along_x, along_x), f"{name}_y": (along_y, along_y)}
+    return truth, table, errors
 
 
 def hide_outsider(kind, body, sound, random):

@@ -15,6 +15,8 @@ HEADER = ("z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_1_n,s
           "inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2")
 COLUMNS = HEADER.split(",")
 FX, FY, MX, MY, MZ = 0, 1, 3, 4, 5
+# Bending makes a lattice shear by more than this share of a bay's height: the engineer says so. Below that nobody looks.
+NOTED = 0.2
 # Frequency error in percent, among the lowest eight modes, above which the engineer calibrates the table.
 TOLERATED_PERCENT = 3.0
 STUDY = """[structure]
@@ -30,6 +32,17 @@ unit = "m/s2"
 beam = "beam.csv"
 background_stiffness = 0.03
 background_mass = 0.01
+{effect}"""
+COUPLED_SHEAR = """
+[[model.effect]]
+kind = "coupled-shear"
+distance = {:.3f}
+"""
+WALL_FRAME = """
+[[model.effect]]
+kind = "wall-frame"
+share_x = {:.4f}
+share_y = {:.4f}
 """
 SENSOR = """[[setup.sensor]]
 channel = "{channel}"
@@ -39,6 +52,32 @@ azimuth_deg = {azimuth_deg}
 offset_m = [{x_m:.4f}, {y_m:.4f}]
 
 """
+
+
+@dataclasses.dataclass
+class Table:
+    """A beam table, and what its engineer says beside it."""
+
+    rows: list
+    # Bending makes the structure shear: by so much per curvature.
+    coupled_shear_m: float = 0.0
+    # Frames beside a wall: the share of a moment at the top that they have taken from it at the base, along X and Y.
+    frame_shares: tuple = (0.0, 0.0)
+
+    def effects(self):
+        """The same in study.toml."""
+        shear = COUPLED_SHEAR.format(self.coupled_shear_m) if self.coupled_shear_m else ""
+        return shear + (WALL_FRAME.format(*self.frame_shares) if any(self.frame_shares) else "")
+
+    def apart(self, axis):
+        """Bending stiffness of the wall alone along axis 1 or 2, segment by segment, and shear stiffness of the frames."""
+        share, bending = self.frame_shares[axis - 1], np.array([row[f"bending_{axis}_n_m2"] for row in self.rows])
+        length = np.array([row["z_top_m"] - row["z_bottom_m"] for row in self.rows])
+        # Under a unit moment at the top.
+        turn = np.concatenate([[0.0], np.cumsum(length / bending)])
+        sway = np.concatenate([[0.0], np.cumsum(0.5 * length * (turn[1:] + turn[:-1]))])
+        frames_n = share / sway[-1]
+        return bending * (1 - frames_n * (sway[-1] - 0.5 * (sway[1:] + sway[:-1]))), frames_n
 
 
 def twist_axis_m(body, answers):
@@ -80,6 +119,62 @@ def table(body, answers):
     return rows
 
 
+def coupled_shear_m(body, answers):
+    """Shear of the segments under unit moments at the top, over their change of rotation: mean over the segments, along X and Y."""
+    lengths = np.diff(body.levels_m)
+    result = []
+    for axis, (moment, turn, sign) in enumerate([(MY, 4, 1.0), (MX, 3, -1.0)]):
+        sway, rotation = answers[:, axis, moment], sign * answers[:, turn, moment]
+        sheared = np.diff(sway) - 0.5 * lengths * (rotation[1:] + rotation[:-1])
+        result.append(-float(np.mean(sheared / np.diff(rotation))))
+    return result
+
+
+def beside_coupled_shear(rows, distance_m):
+    """The same table for a beam that also shears where it bends: what sways under a force is then in part bending."""
+    for row in rows:
+        for axis in (1, 2):
+            row[f"shear_{axis}_n"] = 1 / (1 / row[f"shear_{axis}_n"] - distance_m**2 / row[f"bending_{axis}_n_m2"])
+    return rows
+
+
+def patterns(rows, axis, unit):
+    """Forces on the floors, spread as in the three lowest modes: floors x 3. `unit` is the sway of one floor by a force on another."""
+    root = np.sqrt([row["mass_top_kg"] for row in rows])
+    _, vectors = np.linalg.eigh(root[:, None] * unit * root)
+    return root[:, None] * vectors[:, ::-1][:, :3]
+
+
+def sways(body, axis, forces):
+    """What such forces along axis 0 or 1 do to the body: floors x 3."""
+    loads = np.zeros((forces.shape[1], len(body.levels_m), 6))
+    loads[:, 1:, axis] = forces.T
+    return world.answers(body, loads)[1:, axis]
+
+
+def share_of_frames(body, rows, axis):
+    """The share of frames (see Table) with which forces on the floors sway the table as the body; by golden section."""
+    levels = np.array(body.levels_m)
+    bending, shear = (np.array([row[f"{name}_{axis + 1}_{unit}"] for row in rows]) for name, unit in (("bending", "n_m2"), ("shear", "n")))
+    forces = patterns(rows, axis, influence(levels, bending, shear).sum(axis=2))
+    wanted = sways(body, axis, forces)
+    length = np.diff(levels)
+
+    def misfit(share):
+        wall, frames_n = Table(rows, frame_shares=(share, share)).apart(axis + 1)
+        flexibility = influence(levels, wall, shear).sum(axis=2)
+        # Springs between successive floors, the lowest to the ground, beside what the wall is.
+        between = np.eye(len(rows)) - np.eye(len(rows), k=-1)
+        stiffness = np.linalg.inv(flexibility) + between.T @ np.diag(frames_n / length) @ between
+        return (((np.linalg.solve(stiffness, forces) - wanted) / np.abs(wanted).max(axis=0)) ** 2).sum()
+
+    low, high = 0.0, 0.6
+    for _ in range(40):
+        a, b = high - 0.618 * (high - low), low + 0.618 * (high - low)
+        low, high = (low, b) if misfit(a) < misfit(b) else (a, high)
+    return 0.5 * (low + high)
+
+
 def calibrate(body, rows):
     """Corrects bending and shear so that forces on the floors, spread as in the lowest modes, deflect the beam as the body.
 
@@ -91,15 +186,10 @@ def calibrate(body, rows):
     for axis in (0, 1):
         bending, shear = f"bending_{axis + 1}_n_m2", f"shear_{axis + 1}_n"
         unit = influence(levels, [row[bending] for row in rows], [row[shear] for row in rows])
-        masses = np.array([row["mass_top_kg"] for row in rows])
-        root = np.sqrt(masses)
-        _, vectors = np.linalg.eigh(root[:, None] * unit.sum(axis=2) * root)
-        patterns = root[:, None] * vectors[:, ::-1][:, :3]
-        loads = np.zeros((3, len(levels), 6))
-        loads[:, 1:, axis] = patterns.T
-        wanted = world.answers(body, loads)[1:, axis]
+        forces = patterns(rows, axis, unit.sum(axis=2))
+        wanted = sways(body, axis, forces)
         scale = np.abs(wanted).max(axis=0)
-        matrix = np.einsum("ijk,jp->ipk", unit, patterns) / scale[None, :, None]
+        matrix = np.einsum("ijk,jp->ipk", unit, forces) / scale[None, :, None]
         count = matrix.shape[2]
         segments = len(length)
         near = 0.02 * np.eye(count)
@@ -151,21 +241,37 @@ def write_table(rows, path):
     path.write_text("\n".join(lines) + "\n")
 
 
-def beam_modes(rows, count):
-    """Frequencies and shapes of the beam alone, by OpenSees' own Timoshenko element."""
+def beam_modes(table, count):
+    """Frequencies and shapes of a table, by OpenSees' own Timoshenko element: above each node where bending makes it shear, with springs
+    beside it where there are frames."""
+    rows, distance_m = table.rows, table.coupled_shear_m
+    (bending_1, frames_1), (bending_2, frames_2) = table.apart(1), table.apart(2)
     ops.wipe()
     ops.model("basic", "-ndm", 3, "-ndf", 6)
     # Local axes of an upright member: z along X, y along -Y.
     ops.geomTransf("Linear", 1, 1.0, 0.0, 0.0)
     ops.node(1, 0.0, 0.0, rows[0]["z_bottom_m"])
     ops.fix(1, 1, 1, 1, 1, 1, 1)
+    above = len(rows) + 1
+    if distance_m:
+        ops.node(1 + above, 0.0, 0.0, rows[0]["z_bottom_m"] + distance_m)
+        ops.fix(1 + above, 1, 1, 1, 1, 1, 1)
     for tag, row in enumerate(rows, 2):
         ops.node(tag, 0.0, 0.0, row["z_top_m"])
+        if distance_m:
+            ops.node(tag + above, 0.0, 0.0, row["z_top_m"] + distance_m)
+            ops.rigidLink("beam", tag, tag + above)
         ops.fix(tag, 0, 0, 1, 0, 0, 0)
         mass = row["mass_top_kg"]
         ops.mass(tag, mass, mass, 0.0, *(row[column] for column in COLUMNS[-3:]))
-        ops.element("ElasticTimoshenkoBeam", tag, tag - 1, tag, 1.0, 1.0, 1.0, row["torsion_n_m2"],
-                    row["bending_1_n_m2"], row["bending_2_n_m2"], row["shear_2_n"], row["shear_1_n"], 1)
+        ends = (tag - 1 + above, tag + above) if distance_m else (tag - 1, tag)
+        ops.element("ElasticTimoshenkoBeam", tag, *ends, 1.0, 1.0, 1.0, row["torsion_n_m2"],
+                    bending_1[tag - 2], bending_2[tag - 2], row["shear_2_n"], row["shear_1_n"], 1)
+        for axis, frames_n in ((1, frames_1), (2, frames_2)):
+            if frames_n:
+                number = axis * above + tag
+                ops.uniaxialMaterial("Elastic", number, frames_n / (row["z_top_m"] - row["z_bottom_m"]))
+                ops.element("zeroLength", number, tag - 1, tag, "-mat", number, "-dir", axis)
     world.prepare()
     values = ops.eigen(count)
     shapes = np.zeros((len(rows) + 1, 6, count))
@@ -175,9 +281,10 @@ def beam_modes(rows, count):
     return np.sqrt(np.array(values)) / (2 * np.pi), shapes
 
 
-def pairs(rows, sound, count):
+def pairs(table, sound, count):
     """Frequency error in percent and MAC of a table's modes against the body's lowest ones, paired by shape."""
-    found_hz, shapes = beam_modes(rows, count + 6)
+    found_hz, shapes = beam_modes(table, count + 6)
+    rows = table.rows
     radius_m = np.sqrt(rows[0]["inertia_z_kg_m2"] / rows[0]["mass_top_kg"])
     scaled = np.array([1.0, 1.0, radius_m])[None, :, None]
     found = (shapes[:, [0, 1, 5]] * scaled).reshape(-1, count + 6)
@@ -190,12 +297,12 @@ def pairs(rows, sound, count):
     return np.array(result)
 
 
-def errors_percent(rows, sound, count):
-    return pairs(rows, sound, count)[:, 0]
+def errors_percent(table, sound, count):
+    return pairs(table, sound, count)[:, 0]
 
 
-def likeness(rows, sound, count):
-    return pairs(rows, sound, count)[:, 1]
+def likeness(table, sound, count):
+    return pairs(table, sound, count)[:, 1]
 
 
 def mac(a, b):
@@ -203,13 +310,20 @@ def mac(a, b):
 
 
 def beam_table(body, sound):
-    """The table that the engineer ends with, and its frequency errors."""
-    rows = table(body, world.answers_at_top(body))
-    errors = errors_percent(rows, sound, 8)
+    """The table that the engineer ends with, and its frequency errors in percent."""
+    answers = world.answers_at_top(body)
+    result = Table(table(body, answers))
+    if body.kind == "lattice":
+        coupled_m = float(np.mean(coupled_shear_m(body, answers)))
+        if abs(coupled_m) > NOTED * np.diff(body.levels_m).mean():
+            result = Table(beside_coupled_shear(result.rows, coupled_m), coupled_shear_m=coupled_m)
+    elif body.kind == "frame":
+        result.frame_shares = share_of_frames(body, result.rows, 0), share_of_frames(body, result.rows, 1)
+    errors = errors_percent(result, sound, 8)
     if np.abs(errors).max() > TOLERATED_PERCENT:
-        rows = calibrate(body, rows)
-        errors = errors_percent(rows, sound, 8)
-    return rows, errors
+        result = Table(calibrate(body, table(body, answers)))
+        errors = errors_percent(result, sound, 8)
+    return result, errors
 
 
 @dataclasses.dataclass
@@ -329,7 +443,7 @@ def spoil(samples, truth):
         samples[:, columns] = samples[:, columns[::-1]]
 
 
-def write_study(folder, body, placed, samples, rate_hz, band_hz=None):
+def write_study(folder, body, placed, samples, rate_hz, band_hz, effects):
     """The study as an engineer would hand it over; beam.csv is written apart. Without a band Belfry chooses one."""
     entries = []
     for sensor in placed:
@@ -337,6 +451,7 @@ def write_study(folder, body, placed, samples, rate_hz, band_hz=None):
         entries.append(SENSOR.format(channel=sensor.channel, node=sensor.node, elevation_m=z_m,
                                      azimuth_deg=90 * sensor.direction, x_m=x_m, y_m=y_m))
     text = STUDY.format(name=body.name, rate_hz=rate_hz, sensors="".join(entries),
-                        analysis=f"[analysis]\nband_hz = {band_hz}\n\n" if band_hz else "")
+                        analysis=f"[analysis]\nband_hz = {band_hz}\n\n" if band_hz else "",
+                        effect=effects)
     (folder / "study.toml").write_text(text)
     np.save(folder / "recording.npy", samples)

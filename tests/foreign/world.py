@@ -125,12 +125,14 @@ def build(body):
     for tag, point in body.nodes.items():
         ops.node(tag, *map(float, point))
     extra = max(body.nodes) + 1
-    poisson = 0.2 if any(element.kind == "shell" for element in body.elements) else 0.3
+    has_shells = any(element.kind == "shell" for element in body.elements)
+    poisson = 0.2 if has_shells else 0.3
     for tag, mass in body.masses_kg.items():
         ops.mass(tag, mass, mass, mass, 0.0, 0.0, 0.0)
     bend = "PDelta" if body.weight_acts else "Linear"
     ops.geomTransf(bend, 1, 1.0, 0.0, 0.0)
-    ops.geomTransf(bend, 2, 0.0, 0.0, 1.0)
+    # Rings and strips hold shells that widen under weight; the shells' own share of that balance is not in their stiffness, so neither is theirs.
+    ops.geomTransf("Linear" if has_shells else bend, 2, 0.0, 0.0, 1.0)
     materials, sections = {}, {}
     for number, element in enumerate(body.elements, 1):
         e = body.modulus_n_m2 * element.factor
@@ -144,12 +146,19 @@ def build(body):
             if key not in sections:
                 sections[key] = len(sections) + 1
                 ops.section("ElasticMembranePlateSection", sections[key], e, poisson, element.thickness_m, 0.0)
-            ops.element("ShellNLDKGQ", number, *element.nodes, sections[key])
+            ops.element("ShellDKGQ", number, *element.nodes, sections[key])
         else:
             inertia = element.inertia_m4
             ops.element("elasticBeamColumn", number, *element.nodes, element.area_m2, e, e / (2 * (1 + poisson)),
                         1.7 * inertia, inertia, inertia, 1 if element.kind == "column" else 2)
     number, material = len(body.elements) + 1, len(materials) + 1
+    if body.weight_acts:
+        for (lower, upper), force_n in weight_on_edges(body).items():
+            length_m = body.nodes[upper][2] - body.nodes[lower][2]
+            ops.uniaxialMaterial("Elastic", material, -force_n / length_m)
+            ops.element("zeroLength", number, lower, upper, "-mat", material, material, "-dir", X, Y)
+            number += 1
+            material += 1
 
     def spring(lower, upper, stiffness):
         """Springs between two nodes at one point: {dof: N/m}."""
@@ -209,6 +218,21 @@ def build(body):
             ops.fix(extra, 0, 0, 1, 1, 1, 0)
             ops.rigidDiaphragm(3, extra, *body.level_nodes[level], *ties.get(level, []))
             extra += 1
+
+
+def weight_on_edges(body):
+    """Weight in N on each upright edge (lower node, upper node) of shells, from the masses that stand above it on its line.
+
+    OpenSees' shells know weight only by von Karman's terms, the slopes out of their plane: a tube then leans half as much as its weight
+    makes it, and more in one direction than in the other. Edges that lean like links have both.
+    """
+    edges = {edge for element in body.elements if element.kind == "shell"
+             for edge in ((element.nodes[0], element.nodes[3]), (element.nodes[1], element.nodes[2]))}
+    result, carried_n = {}, {}
+    for lower, upper in sorted(edges, key=lambda edge: -body.nodes[edge[1]][2]):
+        result[lower, upper] = carried_n.get(upper, 0.0) + G_M_S2 * body.masses_kg.get(upper, 0.0)
+        carried_n[lower] = result[lower, upper]
+    return result
 
 
 def prepare(algorithm="Linear"):

@@ -63,7 +63,7 @@ export default {
             y: { label: `off, in ${unit}`, least: 6 },
             data: [time, ...off],
             lines: missed,
-            behind(pen) { pen.style("ink", { width: 0.8 }); pen.line([[range[0], 0], [range[1], 0]]) },
+            behind(pen) { pen.style("ink", { width: 0.8 }); pen.level(0) },
         })
         return freeing([upper, lower])
     },

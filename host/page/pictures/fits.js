@@ -2,7 +2,7 @@
 
 import { make } from "@/canvas.js"
 import { chosenMode, clean, densityIn, extent, freeing, items, plot, steps, unpack } from "@/curves.js"
-import { clamp, hertz, inWords, known, percent, plural, power } from "@/numbers.js"
+import { clamp, hertz, inWords, known, named, percent, plural, power } from "@/numbers.js"
 
 // Standard deviations that hold 95 % of all lines.
 const BAND = 1.96
@@ -54,7 +54,7 @@ function residuals(host, { hz, measured, fitted, one }, more) {
             pen.style("rejected", { alpha: 0.22 })
             pen.box(hz[0], -BAND, hz.at(-1), BAND)
             pen.style("ink", { width: 1 })
-            pen.line([[hz[0], 0], [hz.at(-1), 0]])
+            pen.level(0)
         },
         front(pen) {
             left.forEach((value, i) => {
@@ -75,7 +75,7 @@ export default {
     says(data, view) {
         const panels = panelsOf(data, view), misfits = panels.filter(panel => panel.misfit).map(panel => panel.number)
         return `Each mode's spectrum behind its modal filter, and the fit: of ${plural(panels.length, "mode")} ` + (misfits.length
-            ? `something else lies at ${misfits.length === 1 ? "mode" : "modes"} ${misfits.join(", ")}: the fit leaves more there than chance does.` : "none leaves more than chance does.")
+            ? `something else lies at ${named("mode", misfits)}: the fit leaves more there than chance does.` : "none leaves more than chance does.")
     },
     has: data => items(data.spectra?.fitted).length > 0,
     draw(host, data, view) {

@@ -92,7 +92,7 @@ export function bars(host, { name, height, groups, kinds, value, error = () => 0
         },
         front(pen) {
             pen.style("ink", { width: 1 })
-            pen.line([[range[0], 0], [range[1], 0]])
+            pen.level(0)
             for (const { kind, at, v, e } of all) {
                 const [a, b] = [at - 0.44 * width, at + 0.44 * width]
                 pen.style(kind, { width: 2 })

@@ -2,7 +2,7 @@
 
 import { make } from "@/canvas.js"
 import { clean, densityIn, extent, items, modeMarks, nearest, plot, steps, unpack } from "@/curves.js"
-import { fixed, hertz, plural, power } from "@/numbers.js"
+import { fixed, hertz, named, plural, power } from "@/numbers.js"
 
 // Colours of curves that mean nothing but "another channel".
 const SERIES = ["measured", "series-2", "series-3", "series-4", "series-5", "series-6"], DASHES = [[], [6, 3], [2, 2]]
@@ -39,7 +39,7 @@ export default {
     follows: ["channels", "mode"],
     says(data, view) {
         const [chosen, channels] = chosenOf(data, view)
-        return `The power spectral density of ${chosen.length === 1 ? "channel" : "channels"} ${chosen.map(one => one.name).join(", ")}, of ${plural(channels.length, "channel")}.`
+        return `The power spectral density of ${named("channel", chosen.map(one => one.name))}, of ${plural(channels.length, "channel")}.`
     },
     has: data => channelsOf(setupsOf(data)).length > 0,
     draw(host, data, view) {

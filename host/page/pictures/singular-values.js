@@ -1,6 +1,6 @@
 // Singular values over frequency: where modes were found, which lines are forced, what was rejected and why.
 
-import { button, can, fitTo, pick, picks } from "@/actions.js"
+import { button, can, fitTo, identify, pick, picks } from "@/actions.js"
 import { make } from "@/canvas.js"
 import { clean, densityIn, extent, items, modeMarks, nearest, plot, setupChoice, setupOf, steps, unpack } from "@/curves.js"
 import { fixed, hertz, inWords, known, percent, plural, power } from "@/numbers.js"
@@ -38,28 +38,29 @@ export default {
         host.append(setupChoice(setups))
 
         const action = make("p.pick", { role: "status", hidden: true })
-        const offer = (words, label, hz, isAdded) => {
+        const offer = (words, label, ...what) => {
             if (!can()) return
             action.hidden = false
-            action.replaceChildren(words + " ", make("button", { onclick: () => pick(hz, isAdded) }, label))
+            action.replaceChildren(words + " ", make("button", { onclick: () => pick(...what) }, label))
         }
-        const { added, dropped } = picks()
+        const { added_hz: added, dropped, bands } = picks()
         // What a mode is called in study.toml: where it was asked for, it may lie beside.
         const asked = mark => mark.is.asked_hz ?? rounded(mark.x)
         const level = value => singular[0][nearest(hz, value)]
+        const isDropped = ({ is }) => dropped.includes(is.number)
         const modes = modeMarks(data), mode = modes.find(mark => mark.chosen)
         // The band that the chosen mode is to be fitted to, where a reader has chosen it.
-        const bands = picks().bands.filter(({ hz, band_hz }) => String(modes.find(({ x }) => x === hz)?.is.band_hz ?? null) !== String(band_hz)), own = picks().bands.find(each => each.hz === mode?.x), band = mode && (own ? own.band_hz : mode.is.band_hz)
+        const own = bands.find(each => each.mode === mode?.is.number), band = mode && (own ?? mode.is).band_hz
         const fitting = make("p.pick")
         const inHz = ends => ends.map(hz => fixed(hz, 4)).join(" to ") + " Hz", name = `mode ${mode?.text}`
         function offerBand(from, to) {
             if (!mode || !can()) return
             const canFit = modes.filter(({ x }) => from < x && x < to).map(({ x }) => x).join() === String(mode.x)
-            fitting.replaceChildren(...band ? [`The fit of ${name} takes the lines from ${inHz(band)}. `, make("button", { onclick: () => fitTo(mode.x, null) }, "Choose lines automatically"), " "] : [],
-                canFit ? make("button", { onclick: () => fitTo(mode.x, [rounded(from), rounded(to)]) }, `Fit ${name} to what is in sight, ${inHz([from, to])}`) : "")
+            fitting.replaceChildren(...band ? [`The fit of ${name} takes the lines from ${inHz(band)}. `, make("button", { onclick: () => fitTo(mode.is, null) }, "Choose lines automatically"), " "] : [],
+                canFit ? make("button", { onclick: () => fitTo(mode.is, [rounded(from), rounded(to)]) }, `Fit ${name} to what is in sight, ${inHz([from, to])}`) : "")
         }
         const marks = [
-            ...modes.map(mark => dropped.includes(asked(mark)) ? { ...mark, colour: "rejected", dash: [2, 4], isStruck: true, title: mark.title + "; dropped, until modes are identified again" } : mark),
+            ...modes.map(mark => isDropped(mark) ? { ...mark, colour: "rejected", dash: [2, 4], isStruck: true, title: mark.title + "; dropped, until modes are identified again" } : mark),
             ...added.map(hz => ({ x: hz, text: "+", dash: [5, 4], alpha: 1, title: `added at ${hertz(hz)}, not identified yet`, press: () => offer(`Added at ${hertz(hz)}.`, "Take it back", hz, false) })),
             ...forced.map(line => ({
                 x: line.frequency_hz, text: "F", colour: "forced-text", dash: [5, 4], alpha: 1, half: line.wanders_hz,
@@ -107,12 +108,12 @@ export default {
             } : null,
         })
         if (mode) {
-            const isDropped = dropped.includes(asked(mode))
-            offer(`Mode ${mode.text} at ${hertz(mode.x)}${isDropped ? " is dropped" : ""}.`, isDropped ? "Take it back" : "Drop this mode", asked(mode), isDropped)
+            const isBack = isDropped(mode)
+            offer(`Mode ${mode.text} at ${hertz(mode.x)}${isBack ? " is dropped" : ""}.`, isBack ? "Take it back" : "Drop this mode", asked(mode), isBack, mode.is.number)
         }
         queueMicrotask(() => offerBand(chart.u.scales.x.min, chart.u.scales.x.max))
         const count = [added.length && `${added.length} added`, dropped.length && `${dropped.length} dropped`, bands.length && plural(bands.length, "band")].filter(Boolean).join(", ")
-        host.append(action, fitting, count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", ["identify"])))
+        host.append(action, fitting, count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", identify(data))))
         return chart.free
     },
 }

@@ -7,10 +7,10 @@ import { cameras, lens, misfits, paint, scales, scene } from "@/structure.js"
 
 const words = { measured: "measured", ...KINDS }
 const keyOf = (s, check) => legend(s.kinds.map(kind => ({ label: words[kind], colour: kind, kind: kind === "measured" ? "dot" : "line", check: check?.(kind) })))
-const hues = () => ({ ...Object.fromEntries(["measured", "given", "effects", "ink", "quiet", "line", "low", "high"].map(n => [n, colour(n)])), rest: colour("line") })
-const list = d => d.modes?.modes?.length ? d.modes.modes : d.model?.parts?.[0]?.modes ?? []
-const at = (d, view) => list(d).some(m => m.number === view.get("mode")) ? view.get("mode") : list(d)[0]?.number
-const has = d => list(d).length > 0 && scene(d, list(d)[0].number) !== null
+/** The modes that can be shown: the measured ones, otherwise the model's. */
+export const modesOf = d => d.modes?.modes?.length ? d.modes.modes : d.model?.parts?.[0]?.modes ?? []
+const at = (d, view) => modesOf(d).some(m => m.number === view.get("mode")) ? view.get("mode") : modesOf(d)[0]?.number
+const has = d => modesOf(d).length > 0 && scene(d, modesOf(d)[0].number) !== null
 
 /** Where the model misses, of the last comparison: by height, or by sensor for the view from above. */
 function where(d, above) {
@@ -25,7 +25,7 @@ const hidden = new Set()
 export const structure = {
     id: "structure-3d", title: "The structure", follows: ["mode"], uses: ["model", "comparison"], has,
     says(d, view) {
-        const mode = at(d, view), s = scene(d, mode), parts = [`Mode ${mode} at ${fixed(list(d).find(m => m.number === mode)?.frequency_hz, 4)} Hz${s.character ? ", " + s.character : ""}.`]
+        const mode = at(d, view), s = scene(d, mode), parts = [`Mode ${mode} at ${hertz(modesOf(d).find(m => m.number === mode)?.frequency_hz)}${s.character ? ", " + s.character : ""}.`]
         for (const name of ["given", "effects"]) {
             const pair = d.comparison?.[name]?.pairs?.find(p => p.measured === mode)
             if (pair) parts.push(`The ${words[name]} has it at ${hertz(pair.model_hz)} (${signed(pair.frequency_error_percent, 2)} %), MAC ${mac(pair.mac)}.`)
@@ -36,7 +36,7 @@ export const structure = {
         return parts.join(" ")
     },
     draw(host, d, view) {
-        const s = scene(d, at(d, view)), ink = hues()
+        const s = scene(d, at(d, view))
         // Most of the mode's motion is seen from there.
         const free = [s.towards - 0.4, 0.3]
         const width = Math.max(260, host.clientWidth), height = width < 560 ? 470 : 600
@@ -71,18 +71,18 @@ export const structure = {
             inset = plan && lens(s, cameras.above, [width - plan + 8, 40, plan - 16, height - 110], amplitude(), shown)
             for (const [side, b] of sides) b.setAttribute("aria-pressed", String(String(side) === String(c)))
             quiet.clearRect(0, 0, width, height)
-            for (const v of [view3, inset]) if (v) paint(quiet, s, v, { phase: 0, shown: kind => kind === "rest", hues: ink })
-            scales(quiet, s, view3, height, ink)
-            misfits(quiet, view3, rows, d.comparison?.effects ? "misfit with effects" : "misfit as given", strip, height, ink)
+            for (const v of [view3, inset]) if (v) paint(quiet, s, v, { phase: 0, shown: kind => kind === "rest" })
+            scales(quiet, s, view3, height)
+            misfits(quiet, view3, rows, d.comparison?.effects ? "misfit with effects" : "misfit as given", strip, height)
             if (inset) {
-                quiet.fillStyle = ink.ink
+                quiet.fillStyle = colour("ink")
                 quiet.fillText("from above: X to the right, Y up", inset.left, 12)
             }
             picture()
         }
         function picture() {
             // One swing in 2 s, whatever the mode's frequency.
-            const how = { phase: runs() ? Math.cos(performance.now() / 1000 * Math.PI) : 1, amplitude: amplitude(), shown: kind => kind !== "rest" && shown(kind), hues: ink }
+            const how = { phase: runs() ? Math.cos(performance.now() / 1000 * Math.PI) : 1, amplitude: amplitude(), shown: kind => kind !== "rest" && shown(kind) }
             // Printed as vectors, it would erase what lies below.
             if (painted) pen.clearRect(0, 0, width, height)
             painted = true
@@ -132,13 +132,13 @@ export const structure = {
 export const shapes = {
     id: "mode-shapes", title: "All mode shapes", follows: ["mode"], uses: ["model", "comparison"], long: true, has,
     says(d) {
-        const turning = list(d).map(m => m.number).filter(n => scene(d, n).character === "torsion")
-        return `${list(d).length} modes, each from side X, from side Y and from above` + (turning.length ? `; torsion: mode ${turning.join(", ")}` : "") + ". Choose one to see it above."
+        const turning = modesOf(d).map(m => m.number).filter(n => scene(d, n).character === "torsion")
+        return `${modesOf(d).length} modes, each from side X, from side Y and from above` + (turning.length ? `; torsion: mode ${turning.join(", ")}` : "") + ". Choose one to see it above."
     },
     draw(host, d, view) {
-        const ink = hues(), chosen = at(d, view), grid = make("div.shapes")
+        const chosen = at(d, view), grid = make("div.shapes")
         host.append(keyOf(scene(d, chosen)), grid)
-        const cells = list(d).map(({ number, frequency_hz }) => {
+        const cells = modesOf(d).map(({ number, frequency_hz }) => {
             const s = scene(d, number), name = `${number} · ${hertz(frequency_hz, 3)}`
             const sheet = canvas(s.character || "its shape")
             const cell = make("button", { "aria-label": `Mode ${name}, ${s.character || "its shape"}`, "aria-pressed": String(number === chosen), onclick: () => view.set({ mode: number }) }, make("span", name), sheet)
@@ -151,8 +151,8 @@ export const shapes = {
             const pen = size(sheet, width, height)
             const both = Math.min(...panels.slice(0, 2).map(([, camera, box]) => lens(s, camera, box, 1).scale))
             for (const [label, camera, box] of panels) {
-                paint(pen, s, lens(s, camera, box, 1, undefined, label === "above" ? Infinity : both), { phase: 1, hues: ink, small: true })
-                pen.fillStyle = ink.quiet
+                paint(pen, s, lens(s, camera, box, 1, undefined, label === "above" ? Infinity : both), { phase: 1, small: true })
+                pen.fillStyle = colour("quiet")
                 pen.font = font(10)
                 pen.textAlign = "center"
                 pen.fillText(label, box[0] + box[2] / 2, height - 5)

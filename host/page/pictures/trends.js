@@ -1,8 +1,8 @@
 // Every mode over hours and months: frequency and damping, beside temperature and level.
 
 import { make } from "@/canvas.js"
-import { choice, chosenMode, clean, extent, freeing, items, legend, plot, setupChoice, setupOf } from "@/curves.js"
-import { duration, fixed, known, plural, significant, within } from "@/numbers.js"
+import { choice, chosenMode, clean, extent, freeing, items, legend, motionIn, plot, setupChoice, setupOf } from "@/curves.js"
+import { duration, fixed, known, named, plural, significant, within } from "@/numbers.js"
 import { timeAxis } from "@/pictures/record.js"
 
 const of = (data, name) => items(data.modes?.trends?.[name])
@@ -22,7 +22,7 @@ export default {
     says(data) {
         const changed = of(data, "modes").filter(isChange), slopes = extent(changed.map(mode => mode.percent_per_kelvin?.value))
         return `${plural(of(data, "modes").length, "mode")} followed through ${plural(of(data, "intervals").length, "interval")} of ${duration(data.modes.trends.every_s)}; ` + (changed.length
-            ? `${plural(changed.length, "frequency changes", "frequencies change")} more than the measurement's scatter (${changed.length === 1 ? "mode" : "modes"} ${changed.map(mode => mode.number).join(", ")})` : "no frequency changes more than the measurement's scatter")
+            ? `${plural(changed.length, "frequency changes", "frequencies change")} more than the measurement's scatter (${named("mode", changed.map(mode => mode.number))})` : "no frequency changes more than the measurement's scatter")
             + (slopes ? `, with temperature by ${significant(slopes[0], 2)} to ${significant(slopes[1], 2)} % a kelvin.` : ".")
     },
     has: data => of(data, "intervals").some(interval => items(interval.modes).length),
@@ -36,7 +36,7 @@ export default {
         const numbers = new Set(intervals.flatMap(interval => items(interval.modes).map(mode => mode.number)))
         const panels = [
             { name: "temperature in °C", values: intervals.map(interval => interval.temperature_degc), colour: "forced" },
-            { name: "response, RMS of all modes in m/s²", values: levels, colour: "rejected", log: most > 4 * least },
+            { name: `response, RMS of all modes in ${motionIn(items(data.spectra?.setups).find(one => one.setup === setup))}`, values: levels, colour: "rejected", log: most > 4 * least },
             ...[...numbers].sort((a, b) => a - b).map(number => {
                 const seen = intervals.map(interval => items(interval.modes).find(mode => mode.number === number)), trend = of(data, "modes").find(mode => mode.number === number)
                 const [value, deviation, factor] = isDamping ? ["damping_ratio", "damping_ratio_std", 100] : ["frequency_hz", "frequency_std_hz", 1], pick = name => seen.map(mode => mode ? factor * mode[name] : NaN)
@@ -65,7 +65,7 @@ export default {
                 front(pen) {
                     const isCrowded = middle.length * 5 * pen.ratio > pen.right - pen.left
                     pen.style("ink", { width: 0.8, alpha: 0.6, dash: [4, 4] })
-                    pen.line(range.map(at => [at, mean ?? NaN]))
+                    pen.level(mean)
                     values.forEach((value, i) => {
                         if (!known(value)) return
                         pen.style(colour, { width: 1, alpha: isCrowded ? 0.45 : 0.8 })

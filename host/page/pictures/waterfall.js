@@ -1,6 +1,6 @@
 // Spectra over time: every row a part of the record, colours by density.
 
-import { canvas, make } from "@/canvas.js"
+import { canvas, make, ramp, size } from "@/canvas.js"
 import { densityIn, items, modeMarks, plot, setupChoice, setupOf, steps, unpack } from "@/curves.js"
 import { clamp, duration, fixed, hertz, inWords, plural } from "@/numbers.js"
 
@@ -19,9 +19,9 @@ function viridis(share) {
 }
 
 /** The bar of colours between two texts. */
-function ramp(low, high) {
-    const bar = Object.assign(canvas("Colours from low to high"), { width: 240, height: 12 }), pen = bar.getContext("2d")
-    for (let i = 0; i < 240; i++) { pen.fillStyle = `rgb(${viridis(i / 239)})`; pen.fillRect(i, 0, 1, 12) }
+function key(low, high) {
+    const bar = canvas("Colours from low to high")
+    ramp(size(bar, 240, 9), 0, 0, 240, share => `rgb(${viridis(share)})`)
     return make("p.colours", low, bar, high)
 }
 
@@ -80,7 +80,7 @@ export default {
             },
             legend: [],
         })
-        host.append(ramp(`${fixed(10 * from, 0)} dB`, `${fixed(10 * to, 0)} dB of 1 ${densityIn(items(data.spectra?.setups).find(one => one.setup === setup))}, all channels together`))
+        host.append(key(`${fixed(10 * from, 0)} dB`, `${fixed(10 * to, 0)} dB of 1 ${densityIn(items(data.spectra?.setups).find(one => one.setup === setup))}, all channels together`))
         return chart.free
     },
 }

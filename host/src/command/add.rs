@@ -42,7 +42,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     console.warn_all(&project.case()?.warnings);
-    let report = project.add(&arguments.effect)?;
+    let report = console.with_progress(|on_progress| project.add(&arguments.effect, on_progress))?;
     steps::tell(&report, project.study(), console);
     console.json(&report)
 }

@@ -74,13 +74,15 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 
 /// Adds and drops effects until nothing is gained.
 fn auto(project: &mut Project, without: &[String], console: &Console) -> anyhow::Result<()> {
-    let end = project.add_until_nothing_gains(without, &mut |step: &Step| {
+    let mut say_step = |step: &Step| {
         let record = &step.record;
         console.say(format!(
             "{}: chi-squared {:.0} over {} numbers, frequency error {:.2} %",
             step.action, record.chi_squared, record.degrees_of_freedom, record.mean_abs_frequency_error_percent
         ));
-    })?;
+    };
+    let end =
+        console.with_progress(|on_progress| project.add_until_nothing_gains(without, on_progress, &mut say_step))?;
     match end {
         AutoEnd::NothingGained => console.say("No effect is called for; the model stays as it is."),
         AutoEnd::FrequenciesAlone => console.warn(
@@ -101,7 +103,7 @@ pub(super) fn diagnose_project(
     without: &[String],
     console: &Console,
 ) -> anyhow::Result<Diagnosis> {
-    let diagnosis = project.diagnose(without)?;
+    let diagnosis = console.with_progress(|on_progress| project.diagnose(without, on_progress))?;
     tell(&diagnosis, &project.case()?.effect_names(), project.study(), console);
     console.warn_all(&diagnosis.warnings);
     Ok(diagnosis)

@@ -43,7 +43,7 @@ use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use crate::story::{OnProgress, Progress};
+use crate::progress::{OnProgress, Progress};
 
 pub use range::RangeArguments;
 pub use route::RouteArguments;
@@ -51,6 +51,8 @@ pub(crate) use text::in_shell;
 
 /// A variable of the environment: where it is set, progress is told on standard error as JSON objects, a line each, instead of bars.
 pub(crate) const PROGRESS_LINES: &str = "BELFRY_PROGRESS_LINES";
+/// A stage of fewer pieces shows their count.
+const COUNTED: u64 = 1000;
 /// How often.
 const PROGRESS_EVERY: Duration = Duration::from_millis(100);
 
@@ -58,6 +60,8 @@ const PROGRESS_EVERY: Duration = Duration::from_millis(100);
 static OBJECT_PRINTED: AtomicBool = AtomicBool::new(false);
 /// Whether JSON objects were printed, each on a line of its own.
 static LINES_PRINTED: AtomicBool = AtomicBool::new(false);
+/// The progress bar in sight.
+static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 /// Warnings that were printed: what was said once is not said again.
 static WARNED: LazyLock<Mutex<HashSet<String>>> = LazyLock::new(Mutex::default);
 
@@ -113,7 +117,7 @@ impl Console {
     /// A reader that has seen enough (`belfry ... | head`) is no fault: the command goes on and writes its files.
     pub fn say(&self, line: impl std::fmt::Display) {
         if !self.json
-            && let Err(error) = print(text::wrapped(&line.to_string()))
+            && let Err(error) = beside_bar(|| print(text::wrapped(&line.to_string())))
         {
             self.warn(format_args!("cannot write to standard output: {error}"));
         }
@@ -124,7 +128,7 @@ impl Console {
         let warning = warning.to_string();
         if WARNED.lock().unwrap_or_else(PoisonError::into_inner).insert(warning.clone()) {
             // Where standard error is closed there is nobody left to tell.
-            let _ = writeln!(std::io::stderr(), "warning: {warning}");
+            let _ = beside_bar(|| writeln!(std::io::stderr(), "warning: {warning}"));
         }
     }
 
@@ -200,8 +204,13 @@ impl Console {
         if !std::io::stderr().is_terminal() {
             return ProgressBar::hidden();
         }
-        let style = ProgressStyle::with_template("{msg:24} {wide_bar} {percent:>3} % {eta:>4}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar());
+        // Few pieces are counted one by one.
+        let template = if length < COUNTED {
+            "{msg} {wide_bar} {pos} of {len}"
+        } else {
+            "{msg:24} {wide_bar} {percent:>3} % {eta:>4}"
+        };
+        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
         let bar = ProgressBar::new(length).with_style(style).with_message(label.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
         bar
@@ -212,22 +221,22 @@ impl Console {
         if std::env::var_os(PROGRESS_LINES).is_some() {
             return self.with_progress_lines(work);
         }
-        let mut bar: Option<(&'static str, ProgressBar)> = None;
-        let mut show = |Progress { stage, done, total }: Progress| {
-            if bar.as_ref().is_none_or(|(shown, _)| *shown != stage) {
-                if let Some((_, finished)) = bar.take() {
+        let mut shown = None;
+        let outcome = work(&mut |Progress { stage, done, total }| {
+            let mut bar = BAR.lock().unwrap_or_else(PoisonError::into_inner);
+            if shown != Some(stage) {
+                shown = Some(stage);
+                if let Some(finished) = bar.replace(self.progress(total, stage)) {
                     finished.finish_and_clear();
                 }
-                bar = Some((stage, self.progress(total, stage)));
             }
-            if let Some((_, bar)) = &bar {
+            if let Some(bar) = bar.as_ref() {
                 bar.set_length(total);
                 bar.set_position(done);
             }
-        };
-        let outcome = work(&mut show);
-        if let Some((_, bar)) = bar {
-            bar.finish_and_clear();
+        });
+        if let Some(finished) = BAR.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            finished.finish_and_clear();
         }
         outcome
     }
@@ -242,6 +251,14 @@ impl Console {
                 self.report(serde_json::to_string(&progress).unwrap_or_default());
             }
         })
+    }
+}
+
+/// Writes where a progress bar may stand, which is drawn again below.
+fn beside_bar<T>(write: impl FnOnce() -> T) -> T {
+    match BAR.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+        Some(bar) => bar.suspend(write),
+        None => write(),
     }
 }
 

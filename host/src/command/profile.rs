@@ -40,7 +40,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
     let mut project = Project::open(&arguments.study)?;
     console.warn_all(&project.case()?.warnings);
-    let profiles = project.profile(arguments.with.as_deref())?;
+    let with = arguments.with.as_deref();
+    let profiles = console.with_progress(|on_progress| project.profile(with, on_progress))?;
     tell(&profiles, &project, console);
     console.json(&profiles)
 }

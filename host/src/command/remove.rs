@@ -36,7 +36,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     console.warn_all(&project.case()?.warnings);
-    let report = project.remove(&arguments.effect)?;
+    let report = console.with_progress(|on_progress| project.remove(&arguments.effect, on_progress))?;
     console.warn_all(&report.warnings);
     steps::tell(&report, project.study(), console);
     console.json(&report)

@@ -58,11 +58,12 @@ impl Problem {
         }
         let verdict = if verdict == Verdict::Ambiguous { Verdict::Effect } else { verdict };
         let kind = |name: &str| name.split('@').next().map(str::to_owned);
-        let there = |times: f64| self.verdict_at(times, present, found);
+        let there = |times: f64| self.tally.piece(|| self.verdict_at(times, present, found));
         let differs = |other: &Elsewise| {
             other.verdict != verdict
                 || (verdict == Verdict::Effect && other.best.as_deref().and_then(kind) != best.and_then(kind))
         };
+        self.tally.stage("the verdict with other tolerances", TIMES.len());
         TIMES.into_iter().filter_map(there).filter(differs).collect()
     }
 

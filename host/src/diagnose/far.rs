@@ -39,11 +39,14 @@ impl Problem {
     pub(super) fn search_far(&self, present: &Fit, options: &Options) -> Vec<Found> {
         let kinds = KINDS.iter().copied().filter(|kind| shows_by_derivative(*kind) && !options.leaves_out(*kind));
         let Some(far) = Far::of(self, present) else { return Vec::new() };
-        let mut starts: Vec<Start> =
-            kinds.filter_map(|kind| far.best_start(kind, self.far_candidates(kind, present))).collect();
+        self.tally.stage("effects tried far from none", kinds.clone().count());
+        let best_start = |kind| self.tally.piece(|| far.best_start(kind, self.far_candidates(kind, present)));
+        let mut starts: Vec<Start> = kinds.filter_map(best_start).collect();
         starts.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
         starts.truncate(FITTED);
-        starts.par_iter().filter_map(|start| far.fit(start, self.hypotheses(start.kind, present))).collect()
+        self.tally.stage("effects fitted far from none", starts.len());
+        let fit = |start: &Start| self.tally.piece(|| far.fit(start, self.hypotheses(start.kind, present)));
+        starts.par_iter().filter_map(fit).collect()
     }
 
     /// Every pair of channels, as exchanged ones may spoil what says which are likely.

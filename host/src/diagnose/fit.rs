@@ -12,7 +12,7 @@ use super::near::squares;
 use super::problem::Problem;
 use super::state::State;
 use crate::compare::exceeding;
-use crate::model::effect::{Effect, EffectKind, Evidence, Prior, Where};
+use crate::model::effect::{Effect, EffectKind, Evidence, Parameter, Prior, Where};
 
 /// A model fitted to the measurement: effects and background at their most probable values.
 pub struct Fit {
@@ -289,11 +289,16 @@ impl Fit {
         self.log_evidence
     }
 
-    /// Whether all values of an effect that are fitted are such as every good installation has.
+    /// Whether all values of an effect that are fitted may be such as every good installation has.
     pub(super) fn is_usual(&self, effect: usize) -> bool {
-        let mut fitted =
-            self.state.effects[effect].parameters().filter(|(parameter, _)| parameter.is_fitted()).peekable();
-        fitted.peek().is_some() && fitted.all(|(parameter, value)| parameter.is_usual(value))
+        let parameters: Vec<&Parameter> =
+            self.state.effects[effect].parameters().map(|(parameter, _)| parameter).collect();
+        let estimates = self.estimates(effect);
+        let mut fitted = parameters
+            .iter()
+            .zip(&estimates)
+            .filter_map(|(parameter, estimate)| Some(parameter.is_usual(estimate.value, estimate.std?)));
+        fitted.next().is_some_and(|first| first && fitted.all(|usual| usual))
     }
 
     /// Whether the values of an effect, together, differ from those at which it is not there by more than their deviations:

@@ -25,14 +25,17 @@ pub struct HeldOut {
 /// Leaves out each sensor and each mode in turn, refits the effects of `fit`, and predicts what was left out from the model
 /// with its effects and without the fitted scatter.
 pub fn held_out(problem: &Problem, fit: &Fit) -> HeldOut {
+    let count = problem.sensors.len() + problem.measured().len();
+    problem.tally.stage("sensors and modes left out in turn", count);
     let of_sensor = |sensor: usize| match is_predictable(problem, fit, sensor) {
         true => sensor_squares(problem, fit, sensor),
         false => own_squares(problem, fit, sensor),
     };
+    let of_sensor = |sensor: usize| problem.tally.piece(|| of_sensor(sensor));
     let squares: Vec<(f64, f64)> = (0..problem.sensors.len()).into_par_iter().filter_map(of_sensor).collect();
     let (error, measured) = squares.iter().fold((0.0, 0.0), |sum, square| (sum.0 + square.0, sum.1 + square.1));
-    let modes: Vec<f64> =
-        (0..problem.measured().len()).into_par_iter().filter_map(|mode| mode_error(problem, fit, mode)).collect();
+    let of_mode = |mode: usize| problem.tally.piece(|| mode_error(problem, fit, mode));
+    let modes: Vec<f64> = (0..problem.measured().len()).into_par_iter().filter_map(of_mode).collect();
     HeldOut {
         sensor_error_percent: (measured > 0.0).then(|| 100.0 * (error / measured).sqrt()),
         mode_error_percent: (!modes.is_empty()).then(|| 100.0 * modes.iter().sum::<f64>() / modes.len() as f64),

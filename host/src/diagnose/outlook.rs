@@ -445,12 +445,13 @@ impl<'a> Part<'a> {
         let step = LinearStep::of(information)?;
         let one_sided = log_one_sided(&member.knobs);
         let gain = |gradient: DVector<f64>| {
-            let (units, gain) = step.against(&gradient);
+            let (units, gain) = step.against(&member.knobs, &gradient)?;
             // A value that it cannot have explains nothing.
             let gain = if is_admissible(&member.knobs, &units) { gain + one_sided } else { f64::NEG_INFINITY };
-            (units, gain)
+            Some((units, gain))
         };
-        let (units, gains) = gradients.column_iter().map(|gradient| gain(gradient.into_owned())).unzip();
+        let all: Option<Vec<_>> = gradients.column_iter().map(|gradient| gain(gradient.into_owned())).collect();
+        let (units, gains) = all?.into_iter().unzip();
         Some(Moved { seen, units, gains })
     }
 

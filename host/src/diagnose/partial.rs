@@ -14,6 +14,7 @@ use super::problem::Problem;
 use super::score::{CandidatesOf, Scored};
 use super::search::{CLEAR, Effort, by_kind};
 use crate::model::effect::{Effect, Evidence};
+use crate::progress::{Tally, UNHEARD};
 
 /// No more effects than this: each costs values, and a dozen modes have few to spare.
 const MOST_EFFECTS: usize = 4;
@@ -76,15 +77,20 @@ impl Problem {
         let first = |given: Self| Some((given.first_of_set(present, found)?, given));
         let (mut set, given) =
             first(stated()).or_else(|| first(self.with_discrepancy(found.first()?.own().discrepancy)))?;
+        // Searches of one effect are pieces of what is counted here.
+        let given = given.told_to(&UNHEARD);
         let base = present.state.effects.len();
+        self.tally.stage("a set of effects, one by one", MOST_EFFECTS);
+        self.tally.one();
         // What passes calls for no other effect.
         while set.state.effects.len() < base + MOST_EFFECTS && !set.passes() {
             let Some(next) = given.next_effect(&set, options) else { break };
             set = next.fit;
+            self.tally.one();
         }
         let settled = given.settled_plausibly(&set);
         let (problem, fit) = settled.unwrap_or((given, set));
-        problem.weighed_set(present, fit, options)
+        problem.weighed_set(present, fit, options, &self.tally)
     }
 
     /// The model with the effect that explains most, which must be called for.
@@ -155,10 +161,10 @@ impl Problem {
 
     /// The set after its members were weighed against each other: what is needless is dropped, and what another kind explains better is
     /// exchanged.
-    fn weighed_set(self, present: &Fit, mut fit: Fit, options: &Options) -> Option<Set> {
+    fn weighed_set(self, present: &Fit, mut fit: Fit, options: &Options, tally: &Tally) -> Option<Set> {
         let base = present.state.effects.len();
         let present = self.refitted(present).ok()?;
-        let mut members = self.members(base, &mut fit, options);
+        let mut members = self.members(base, &mut fit, options, tally);
         for _ in 0..MOST_ROUNDS {
             let log_odds = |found: &Found| self.prior_odds.log_odds_of(found);
             let least = self.prior_odds.adequate().ln();
@@ -181,7 +187,7 @@ impl Problem {
             } else {
                 break;
             }
-            members = self.members(base, &mut fit, options);
+            members = self.members(base, &mut fit, options, tally);
         }
         members.sort_by(|a, b| b.found.log_bayes_factor.total_cmp(&a.found.log_bayes_factor));
         // Without members, effects could not be fitted without each other.
@@ -189,7 +195,8 @@ impl Problem {
     }
 
     /// The effects of a fit from the `base`-th on, each weighed beside the others and moved to its best height there; the fit follows.
-    fn members(&self, base: usize, fit: &mut Fit, options: &Options) -> Vec<Member> {
+    fn members(&self, base: usize, fit: &mut Fit, options: &Options, tally: &Tally) -> Vec<Member> {
+        tally.stage("effects of the set, each beside the others", fit.state.effects.len() - base);
         let mut members: Vec<Member> = Vec::new();
         for _ in base..fit.state.effects.len() {
             let now = members.last().map_or(&*fit, |member| &member.found.fit);
@@ -202,6 +209,7 @@ impl Problem {
             let member = without.zip(with).and_then(|(without, with)| self.member(&without, with, options));
             let Some(member) = member else { return Vec::new() };
             members.push(member);
+            tally.one();
         }
         let settled = members.last().map(|member| &member.found.fit);
         if let Some(settled) = settled.and_then(|settled| self.fitted_from(settled, settled.effects().to_vec())) {

@@ -19,6 +19,7 @@ use crate::compare::{ModelView, Tolerance, complement, correlation_length_m, pai
 use crate::model::effect::Effect;
 use crate::model::{Body, Structure};
 use crate::modes::{CLOSE, MeasuredMode};
+use crate::progress::Tally;
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, groups, median};
 use crate::study::{Model, Sensor};
 
@@ -63,6 +64,8 @@ pub struct Problem {
     pub(super) unpaired: Vec<usize>,
     /// Numbers of measured modes whose shapes are too complex for one mode of a structure.
     pub(super) complex: Vec<usize>,
+    /// Hears how far fits and searches are.
+    pub(super) tally: Tally,
 }
 
 /// The structure as first given, by which effects are weighed.
@@ -173,7 +176,14 @@ impl Problem {
             paired,
             dampers: structure.dampers(),
             unpaired,
+            tally: Tally::default(),
         })
+    }
+
+    /// The same, which tells how far fits and searches of it are.
+    #[must_use]
+    pub fn told_to(self, tally: &Tally) -> Self {
+        Self { tally: tally.clone(), ..self }
     }
 
     /// Measured modes that have a partner in the model.

@@ -13,6 +13,7 @@ use super::*;
 use crate::compare::Tolerance;
 use crate::model::{BeamTable, Body, Segment, Stiffness, Structure};
 use crate::modes::MeasuredMode;
+use crate::progress::UNHEARD;
 use crate::study::{Model, Sensor};
 
 /// A shaft of eight segments, 80 m high, and sensors along both axes at four heights.
@@ -67,7 +68,7 @@ fn deviations_are_those_of_an_independent_computation() {
             shape: None,
         })
         .collect();
-    let setting = Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
+    let setting = Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes, tally: &UNHEARD };
     let profile = setting.profiles(&[]).unwrap().as_given;
     let tolerance = Tolerance::of(&structure, &model).unwrap();
     let Body::Beam(beam) = structure.body.clone() else { panic!("a beam was given") };
@@ -175,7 +176,7 @@ fn truths_of_another_scatter_lie_within_the_deviations() {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let (truth, factors) = waves(&structure, &model, &mut random);
         let modes = measured(&truth, &sensors, 10, &mut random);
-        let setting = Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
+        let setting = Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes, tally: &UNHEARD };
         let profile = setting.profiles(&[]).unwrap().as_given;
         for (quantity, truth) in profile.quantities.iter().zip(&factors) {
             for (segment, truth) in quantity.segments.iter().zip(truth) {
@@ -205,7 +206,7 @@ fn an_effect_unbends_the_profile() {
     let hidden = "base-rotation=2e-14".parse().unwrap();
     let truth = structure.clone().and(&[hidden]).unwrap();
     let modes = measured(&truth, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(5));
-    let setting = Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes };
+    let setting = Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes, tally: &UNHEARD };
     let start = ["base-rotation=1e-14", "added-mass@443.6m=1e4"].map(|word| word.parse().unwrap());
     let profiles = setting.profiles(&start).unwrap();
     let bent = |profile: &Profile| {

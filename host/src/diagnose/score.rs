@@ -78,6 +78,7 @@ impl Problem {
             let mut guesses: Vec<f64> = Vec::new();
             let known = known.and_then(|known| known.kinds.get(kind)).map_or(&[][..], Vec::as_slice);
             let direction = |candidate: Candidate| {
+                self.tally.one();
                 let known = known.iter().find(|known| known.candidate.is_same(&candidate));
                 let knobs = known.and_then(|known| known.shown.as_ref()).map(|(knobs, _)| knobs.as_slice());
                 let shown = match candidate.parameters.iter().any(Parameter::is_fitted) {
@@ -88,6 +89,7 @@ impl Problem {
             };
             candidates.into_iter().filter_map(direction).collect()
         };
+        self.tally.stage("effects at every place", candidates.iter().map(Vec::len).sum());
         let kinds = candidates.into_par_iter().enumerate().map(of_kind).collect();
         Sighting { near: Near::of(self, fit), kinds }
     }
@@ -170,7 +172,7 @@ fn score_one(marginal: &Marginal, candidate: &Candidate, knobs: &[Knob], columns
         return None;
     }
     let gradient = columns.tr_mul(&marginal.left);
-    let (linear, gain) = LinearStep::of(information.clone())?.against(&gradient);
+    let (linear, gain) = LinearStep::of(information.clone())?.against(knobs, &gradient)?;
     let (units, steeper) = enlarged(candidate, knobs, &linear, information);
     if !units.iter().all(|units| units.is_finite()) {
         return None;
@@ -220,7 +222,8 @@ fn enlarged(
 
 /// What one linear step along some directions gains.
 pub(super) struct LinearStep {
-    information: Cholesky<f64, Dyn>,
+    information: DMatrix<f64>,
+    factor: Cholesky<f64, Dyn>,
     /// Of the information with that of the prior.
     log_determinant: f64,
 }
@@ -230,15 +233,35 @@ impl LinearStep {
     pub(super) fn of(information: DMatrix<f64>) -> Option<Self> {
         let size = information.nrows();
         let with_prior = Cholesky::new(&information + DMatrix::identity(size, size))?;
-        Some(Self { log_determinant: log_determinant(&with_prior), information: Cholesky::new(information)? })
+        let factor = Cholesky::new(information.clone())?;
+        Some(Self { log_determinant: log_determinant(&with_prior), information, factor })
     }
 
     /// The values that the step leads to, and the gain in the logarithm of the evidence, where the misfit has this gradient.
-    pub(super) fn against(&self, gradient: &DVector<f64>) -> (DVector<f64>, f64) {
-        let units = self.information.solve(&-gradient);
+    ///
+    /// Of several values, those that it would take below where the effect is not there stay there, and the others lead: guys along one
+    /// direction are no guys of the wrong sign along the other. Where none is left to lead, the values are those of the step as it is.
+    pub(super) fn against(&self, knobs: &[Knob], gradient: &DVector<f64>) -> Option<(DVector<f64>, f64)> {
+        let mut units = self.factor.solve(&-gradient);
+        let is_below =
+            |at: &usize, units: &DVector<f64>| units[*at] < 0.0 && knobs[*at].bounds[0] >= knobs[*at].neutral;
+        let mut free: Vec<usize> = (0..knobs.len()).collect();
+        while free.iter().any(|at| is_below(at, &units)) {
+            free.retain(|at| !is_below(at, &units));
+            if free.is_empty() {
+                units = self.factor.solve(&-gradient);
+                break;
+            }
+            let part = Cholesky::new(self.information.select_rows(&free).select_columns(&free))?;
+            let leading = part.solve(&-gradient.select_rows(&free));
+            units.fill(0.0);
+            for (&at, value) in free.iter().zip(leading.iter()) {
+                units[at] = *value;
+            }
+        }
         let prior: f64 = units.iter().map(|&units| prior_misfit(units)).sum();
         let gain = 0.5 * (-gradient.dot(&units) - self.log_determinant - prior);
-        (units, gain)
+        Some((units, gain))
     }
 }
 
@@ -273,4 +296,34 @@ const SEPARATE: f64 = 1e-6;
 /// Whether the derivative at the model without it leads to an effect.
 pub(super) fn shows_by_derivative(kind: &dyn EffectKind) -> bool {
     matches!(kind.evidence(), Evidence::Modes | Evidence::Phases)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn knob(parameter: usize) -> Knob {
+        Knob { effect: 0, parameter, neutral: 0.0, scale: 1.0, step: 0.1, bounds: [0.0, f64::INFINITY] }
+    }
+
+    /// Least squares of two columns that have a part in common, with values of zero or more.
+    #[test]
+    fn of_two_values_one_of_the_wrong_sign_stays_at_zero_and_the_other_leads() {
+        let information = DMatrix::from_row_slice(2, 2, &[4.0, 1.0, 1.0, 2.0]);
+        let knobs = [knob(0), knob(1)];
+        let against = |x: f64, y: f64| {
+            let step = LinearStep::of(information.clone()).unwrap();
+            step.against(&knobs, &-(&information * DVector::from_column_slice(&[x, y]))).unwrap()
+        };
+        let (units, both) = against(0.7, 3.0);
+        assert!((units[0] - 0.7).abs() < 1e-12 && (units[1] - 3.0).abs() < 1e-12);
+        // With the first at zero the gradient along the second is 1 * 0.7 less: 2 y = 2 * 3 - 0.7.
+        let (units, one) = against(-0.7, 3.0);
+        assert!(units[0] == 0.0 && (units[1] - 2.65).abs() < 1e-12, "{units}");
+        assert!(is_admissible(&knobs, &units) && one > 0.0 && one < both);
+        // Where none has the right sign, the step is told as it is, and refused.
+        let (units, _) = against(-0.7, -3.0);
+        assert!((units[0] + 0.7).abs() < 1e-12 && (units[1] + 3.0).abs() < 1e-12);
+        assert!(!is_admissible(&knobs, &units));
+    }
 }

@@ -83,6 +83,9 @@ pub(super) const CLEAR: f64 = 50.0;
 const AFRESH: usize = 6;
 /// Fits whose evidence differs by less are as probable: their sizes of a discrepancy are found to a step only.
 const AS_PROBABLE: f64 = 2.0;
+/// A fit with this probability leaves nothing that calls for a damper; guys along one direction of a round tower split a pair as well, but
+/// leave more (0.013 where a damper stands in the pair's middle).
+const EASE: f64 = 0.05;
 /// Kinds that are refitted.
 const REFITTED: usize = 10;
 /// Places of a kind that are refitted.
@@ -128,9 +131,12 @@ impl Problem {
         let is_explained = |found: &[Found]| present.passes() || found.iter().any(|found| found.own().passes());
         let twins = KINDS.iter().copied().filter(|kind| kind.evidence() == Evidence::TwinPeaks);
         let twins = twins.filter(|kind| !options.leaves_out(*kind));
-        // Dampers take long to fit: without twins they are tried where nothing else explains.
-        let by_twins_only = is_explained(&found);
-        found.extend(twins.filter_map(|kind| problem.search_damper(present, kind, None, by_twins_only)));
+        self.tally.stage("dampers", twins.clone().count());
+        // Dampers take long to fit: without twins they are tried where nothing else explains with ease.
+        let with_ease = |fit: &Fit| fit.goodness_of_fit().p_value >= EASE;
+        let by_twins_only = with_ease(present) || found.iter().any(|found| with_ease(found.own()));
+        let damper = |kind| self.tally.piece(|| problem.search_damper(present, kind, None, by_twins_only));
+        found.extend(twins.filter_map(damper));
         sort(&mut found);
         if !is_explained(&found) {
             for far in problem.search_far(present, options) {
@@ -162,9 +168,11 @@ impl Problem {
         let kinds = by_kind(scored);
         // Linear steps promise more than they keep; what an effect that is there or not gains is what it gains.
         let (likeliest, rest) = kinds.split_at(kinds.len().min(LOOKS));
-        let looked_at = likeliest.par_iter().chain(rest.par_iter().filter(|kind| kind[0].knobs.is_empty()));
-        let looks: Vec<Fit> =
-            looked_at.filter_map(|kind| self.refit_one(present, &kind[0], None, Effort::Full)).collect();
+        let looked_at = likeliest.iter().chain(rest.iter().filter(|kind| kind[0].knobs.is_empty()));
+        let looked_at: Vec<&Vec<Scored>> = looked_at.collect();
+        self.tally.stage("a first look at effects", looked_at.len());
+        let look = |kind: &&Vec<Scored>| self.tally.piece(|| self.refit_one(present, &kind[0], None, Effort::Full));
+        let looks: Vec<Fit> = looked_at.par_iter().filter_map(look).collect();
         let best = looks.iter().max_by(|a, b| a.log_evidence().total_cmp(&b.log_evidence()));
         let best = best.filter(|best| best.log_evidence() - present.log_evidence() > STANDS_OUT);
         (self.to_look_anew(best.unwrap_or(present)), looks)
@@ -173,7 +181,9 @@ impl Problem {
     /// Takes up fits of another look, with this problem's discrepancy, where they are better than what was `found` of their kind: where an
     /// effect is far from what the present model says, a linear step from there leads now to one of its places and now to another.
     fn take_up(&self, present: &Fit, looks: &[Fit], found: &mut Vec<Found>) {
-        let again: Vec<Fit> = looks.par_iter().filter_map(|look| self.refitted(look).ok()).collect();
+        self.tally.stage("the first look again", looks.len());
+        let again = |look: &Fit| self.tally.piece(|| self.refitted(look).ok());
+        let again: Vec<Fit> = looks.par_iter().filter_map(again).collect();
         for fit in again {
             let Some(kind) = fit.effects().last().map(Effect::of_kind) else { continue };
             let gain = fit.log_evidence() - present.log_evidence();
@@ -211,6 +221,7 @@ impl Problem {
         let estimates: Vec<(Discrepancy, f64)> = found.par_iter().map(estimate).collect();
         let gains = found.iter().zip(&estimates).map(|(found, (_, gain))| found.log_bayes_factor + gain);
         let best = gains.fold(0.0, f64::max);
+        self.tally.stage("effects weighed", found.len());
         found.par_iter_mut().zip(estimates).for_each(|(found, (discrepancy, gain))| {
             let estimated = found.log_bayes_factor + gain;
             if found.own.is_none() && gain > 0.0 && estimated > best - NEAR.max(CONTENDS * best) {
@@ -220,22 +231,26 @@ impl Problem {
                 found.log_bayes_factor = estimated;
             }
             found.log_bayes_factor -= raised;
+            self.tally.one();
         });
         sort(found);
         if !is_clear {
             let bent = own.as_ref().map_or(present, |(_, own)| own);
             let straight = self.straight_starts();
+            self.tally.stage("the best effects fitted from the start again", found.len());
             found.par_iter_mut().enumerate().for_each(|(rank, found)| {
                 // With one number more a model explains no less, so what is less probable by more than chance may have stopped short.
                 let stopped_short = found.log_bayes_factor < found.log_share - SAME;
+                let is_afresh = rank < AFRESH && !found.own().passes();
                 let mut starts = Vec::new();
-                if stopped_short || rank < AFRESH {
+                if stopped_short || is_afresh {
                     starts.push((bent.discrepancy, bent.state.numbers.clone()));
                 }
-                if rank < AFRESH {
+                if is_afresh {
                     starts.extend_from_slice(&straight);
                 }
-                let Some((_, other)) = self.best_from(found.own(), None, &starts, &|_| true) else { return };
+                let other = self.tally.piece(|| self.best_from(found.own(), None, &starts, &|_| true));
+                let Some((_, other)) = other else { return };
                 found.log_bayes_factor = other.log_evidence() - reference + found.log_share;
                 found.own = Some(other);
             });
@@ -253,15 +268,20 @@ impl Problem {
     /// A fit with the discrepancy that suits it best, if a model of the right kind can miss as much; what every command states of a model.
     pub(super) fn at_its_best(&self, fit: &Fit) -> Settled {
         let settled = self.settled_plausibly(fit);
-        self.best_from(fit, settled, &self.straight_starts(), &|fit| fit.discrepancy.is_plausible())
+        self.afresh_where(fit, settled, &|fit| fit.discrepancy.is_plausible())
     }
 
     /// A fit that does not pass, from a straight background, where that is more probable.
     fn afresh(&self, fit: &Fit, settled: Settled) -> Settled {
-        self.best_from(fit, settled, &self.straight_starts(), &|_| true)
+        self.afresh_where(fit, settled, &|_| true)
     }
 
-    /// A fit that does not pass, from other discrepancies and backgrounds, where that is more probable: what was bent to stand in for an
+    fn afresh_where(&self, fit: &Fit, settled: Settled, is_allowed: &(dyn Fn(&Fit) -> bool + Sync)) -> Settled {
+        let passes = here(&settled, self, fit).1.passes();
+        if passes { settled } else { self.best_from(fit, settled, &self.straight_starts(), is_allowed) }
+    }
+
+    /// A fit from other discrepancies and backgrounds, where that is more probable: what was bent to stand in for an
     /// effect may stay bent with it, and the robust loss may let go of modes that a discrepancy accounts for. `settled` is what stands until
     /// now. Of those that are as good as equally probable, the one that fits best stands for all.
     fn best_from(
@@ -272,9 +292,6 @@ impl Problem {
         is_allowed: &(dyn Fn(&Fit) -> bool + Sync),
     ) -> Settled {
         let (_, stands) = here(&settled, self, fit);
-        if stands.passes() {
-            return settled;
-        }
         let from = |(discrepancy, numbers): &(Discrepancy, DVector<f64>)| {
             let start = self.with_discrepancy(*discrepancy);
             let first = start.fit(fit.state.effects.clone(), &fit.knobs, numbers, None).ok()?;
@@ -313,9 +330,11 @@ impl Problem {
         };
         // A kind that promises next to nothing compared with the best gets a single start, and one that promises far less than what passes.
         let promised = kinds.first().map_or(0.0, |kind| kind[0].gain);
+        self.tally.stage("effects fitted", kinds.len());
         let look = |kind: &Vec<Scored>, reached: f64| {
             let is_hopeless = kind[0].gain < HOPELESS * promised || kind[0].gain < reached - CLEAR;
-            self.refit_one(present, &kind[0], None, if is_hopeless { Effort::Little } else { Effort::Full })
+            let effort = if is_hopeless { Effort::Little } else { Effort::Full };
+            self.tally.piece(|| self.refit_one(present, &kind[0], None, effort))
         };
         let (likeliest, rest) = kinds.split_at(kinds.len().min(LOOKS));
         let mut looks: Vec<Option<Fit>> = likeliest.par_iter().map(|kind| look(kind, f64::NEG_INFINITY)).collect();
@@ -329,9 +348,11 @@ impl Problem {
             true => gain(look) > (best - NEAR.max(CONTENDS * best)).max(0.0),
             false => kind[0].gain.max(gain(look)) > HOPELESS * best,
         };
+        self.tally.stage("effects fitted at other places", kinds.len());
         let refit = |(kind, look): (&Vec<Scored>, Option<Fit>)| {
             let further = contends(kind, &look);
-            self.refit(present, kind, look, further, self.hypotheses(kind[0].candidate.kind, present))
+            let hypotheses = self.hypotheses(kind[0].candidate.kind, present);
+            self.tally.piece(|| self.refit(present, kind, look, further, hypotheses))
         };
         kinds.par_iter().zip(looks).filter_map(refit).collect()
     }
@@ -341,10 +362,13 @@ impl Problem {
         let best = found.first().map_or(0.0, |best| best.log_bayes_factor);
         let least = (best - NEAR.max(CONTENDS * best)).max(0.0);
         let contends = |found: &&mut Found| found.height.is_none() && found.log_bayes_factor > least;
-        found.iter_mut().filter(contends).take(SETTLED).collect::<Vec<_>>().into_par_iter().for_each(|found| {
+        let contending: Vec<&mut Found> = found.iter_mut().filter(contends).take(SETTLED).collect();
+        self.tally.stage("heights of effects", contending.len());
+        contending.into_par_iter().for_each(|found| {
             if found.kind.evidence() != Evidence::TwinPeaks {
                 self.settle_height(found);
             }
+            self.tally.one();
         });
         sort(found);
     }
@@ -372,9 +396,10 @@ impl Problem {
         let is_seen = !scored.is_empty();
         let (mut scored, rejected): (Vec<Scored>, Vec<Scored>) = scored.into_iter().partition(|one| one.admissible);
         scored.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        self.tally.stage("the effect fitted at its places", 2);
         let near = scored.first().and_then(|first| {
-            let look = self.refit_one(present, first, None, Effort::Full);
-            self.refit(present, &scored, look, true, hypotheses)
+            let look = self.tally.piece(|| self.refit_one(present, first, None, Effort::Full));
+            self.tally.piece(|| self.refit(present, &scored, look, true, hypotheses))
         });
         let is_enough = |found: &Found| found.stands_out() && found.fit.passes();
         let far = match &near {

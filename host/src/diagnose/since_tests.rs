@@ -8,6 +8,7 @@ use super::testing::{measured, scattered, study};
 use super::{ChangeDiagnosis, ChangeVerdict, Direction, Options, diagnose_change};
 use crate::change::changes;
 use crate::model::effect::Effect;
+use crate::progress::UNHEARD;
 
 fn effects(words: &[&str]) -> Vec<Effect> {
     words.iter().map(|word| word.parse().unwrap()).collect()
@@ -25,7 +26,7 @@ fn since(known: &[&str], before: &[&str], now: &[&str], seed: u64) -> ChangeDiag
     };
     let (before, now) = (measure(before), measure(now));
     let p_value = changes(&before, &now).test.unwrap().p_value;
-    let setting = Setting { bare: &structure, model: &model, sensors: &sensors, measured: &before };
+    let setting = Setting { bare: &structure, model: &model, sensors: &sensors, measured: &before, tally: &UNHEARD };
     diagnose_change(&setting, &effects(known), &now, p_value, &Options::default()).unwrap()
 }
 

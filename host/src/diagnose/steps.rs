@@ -19,6 +19,7 @@ use crate::compare::{ModelView, compare};
 use crate::model::effect::{Effect, EffectKind, Where};
 use crate::model::{Assembly, Structure};
 use crate::modes::MeasuredMode;
+use crate::progress::{Tally, UNHEARD};
 use crate::study::{Model, Sensor};
 
 /// What all steps of a diagnosis share, whatever effects the model has.
@@ -32,6 +33,8 @@ pub struct Setting<'a> {
     pub sensors: &'a [Sensor],
     /// What was measured.
     pub measured: &'a [MeasuredMode],
+    /// Hears how far fits and searches are.
+    pub tally: &'a Tally,
 }
 
 /// An effect with its fitted values.
@@ -118,7 +121,8 @@ impl Setting<'_> {
     /// # Errors
     /// As [`Problem::new`].
     pub fn problem(&self, effects: &[Effect]) -> Result<Problem, DiagnoseError> {
-        Problem::new(self.bare.clone(), effects, self.model, self.sensors, self.measured)
+        let problem = Problem::new(self.bare.clone(), effects, self.model, self.sensors, self.measured)?;
+        Ok(problem.told_to(self.tally))
     }
 
     /// The model with effects refitted together.
@@ -162,6 +166,8 @@ impl Setting<'_> {
         let action = format!("add {}", found.effect());
         let weigh = || {
             let (problem, present) = here(&settled, &problem, &present);
+            // The refit beside it tells how far it is.
+            let problem = problem.clone().told_to(&UNHEARD);
             problem.weigh_each(present, std::slice::from_mut(&mut found));
             found.log_bayes_factor
         };
@@ -331,8 +337,9 @@ impl Problem {
     /// The model with its effects at their most probable values and the discrepancy that suits it best, if a model of the right kind
     /// can miss as much.
     pub(super) fn fit_settled(&self, effects: &[Effect]) -> Result<(Self, Fit), DiagnoseError> {
-        let fit = self.fit_present(effects)?;
-        Ok(self.at_its_best(&fit).unwrap_or_else(|| (self.clone(), fit)))
+        self.tally.stage("effects in the model refitted", 2);
+        let fit = self.tally.piece(|| self.fit_present(effects))?;
+        Ok(self.tally.piece(|| self.at_its_best(&fit)).unwrap_or_else(|| (self.clone(), fit)))
     }
 
     /// An effect fitted at its best place, or at the one that is given, with the discrepancy that it leaves: that problem, and the

@@ -500,8 +500,8 @@ fn signal_report(signal: &Signal) -> CandidateReport {
     }
 }
 
-/// Effects that the data cannot tell from the best, with their probabilities: within 20 to 1 of its own, or predicting the same and not
-/// refuted by the test of fit.
+/// Effects that the data cannot tell from the best, with their probabilities: within 20 to 1 of its own, or predicting the same, and not
+/// refuted by the test of fit where the best is not.
 fn twins<'a>(
     problem: &Problem,
     present: &Fit,
@@ -525,11 +525,13 @@ fn twins<'a>(
     };
     let along = direction(&best.fit);
     let log_odds = |found: &Found| problem.prior_odds.log_odds_of(found);
+    let p_value = |found: &Found| found.own().goodness_of_fit().p_value;
+    let least = FAILS.min(p_value(best));
     let is_twin = |other: &Found| {
         let within = log_odds(best) - log_odds(other) < STANDS_OUT;
         let there = direction(&other.fit);
         let cosine_squared = along.dot(&there).powi(2) / (along.norm_squared() * there.norm_squared());
-        other.helps && (within || cosine_squared > TWINS) && other.fit.passes()
+        other.helps && (within || cosine_squared > TWINS) && p_value(other) >= least
     };
     let others = others.iter().filter(|(other, ..)| other.kind != best.kind && other.fit.is_significant(other.index()));
     others.filter(|(other, ..)| is_twin(other)).map(|(other, _, probability)| (*other, *probability)).collect()

@@ -12,7 +12,7 @@ use crate::study::ModeChoice;
 
 /// How far from a pick, in lines and as a share of the frequency (whichever is more), it is still the one that was meant.
 const NEAR_LINES: f64 = 2.0;
-const NEAR_SHARE: f64 = 0.01;
+pub(crate) const NEAR_SHARE: f64 = 0.01;
 
 /// A band of a mode needs as many lines as the narrowest that is chosen from the data.
 const BAND_LINES: usize = 7;
@@ -56,7 +56,7 @@ pub(super) fn add_picks(
 ) {
     let half_line_hz = 0.5 * grid.spacing_hz();
     let band_hz = grid.frequency_hz(0) - half_line_hz..=grid.frequency_hz(grid.lines.saturating_sub(1)) + half_line_hz;
-    for &frequency_hz in choice.only_hz.iter().flatten().chain(&choice.add_hz) {
+    for frequency_hz in choice.wanted_hz() {
         if !band_hz.contains(&frequency_hz) {
             warnings.push(format!(
                 "the mode asked for at {frequency_hz} Hz lies outside the band of {:.4} to {:.4} Hz and is not looked for",

@@ -61,6 +61,7 @@ use pick::Pick;
 use shape::Shape;
 use singular::SingularValues;
 
+pub(crate) use choice::NEAR_SHARE;
 pub use choice::note_idle_bands;
 pub use covariance::CovarianceFactor;
 pub use result::{

@@ -10,7 +10,7 @@
 //! | phase | what there is | method |
 //! |---|---|---|
 //! | 1 | the segments of a beam | [`change_segments`](Contribution::change_segments) |
-//! | 2 | the element of each segment | [`soften`](Contribution::soften), then the sum of [`compression`](Contribution::compression) |
+//! | 2 | the element of each segment | sum of [`coupled_shear_m`](Contribution::coupled_shear_m), [`soften`](Contribution::soften), then the sums of [`frames_n`](Contribution::frames_n) and [`compression`](Contribution::compression) |
 //! | 3 | the base node of a beam, which is eliminated | sum of [`base_flexibility`](Contribution::base_flexibility) |
 //! | 4 | K and M of the body | [`rearrange`](Contribution::rearrange) |
 //! | 5 | the same, and motion of the axis at any height | [`attach`](Contribution::attach) |
@@ -19,7 +19,7 @@
 //! | 8 | final K and M | [`hang`](Contribution::hang) |
 //! | 9 | what sensors see | [`sensor_change`](Contribution::sensor_change) |
 //!
-//! Phases 1 to 3 are those of a beam table; imported matrices start with phase 4.
+//! Phases 1 to 3 are those of a beam table; imported matrices start with phase 4, where `coupled_shear_m` acts on them as a whole.
 
 use std::fmt;
 use std::sync::Arc;
@@ -35,6 +35,17 @@ use super::sensing::SensorChange;
 pub trait Contribution: fmt::Debug + Send + Sync {
     /// Changes segments of a beam; their ends stay where they are.
     fn change_segments(&self, _segments: &mut [Segment]) {}
+
+    /// How far above the nodes, for motion along X and Y in m, the points are that move as those of an ordinary beam: bending makes it
+    /// shear, `u' = φ + V / GA - d φ'`, and as that term is a derivative along the beam, `u + d φ` is the sway of one without it.
+    fn coupled_shear_m(&self) -> [f64; 2] {
+        [0.0; 2]
+    }
+
+    /// Shear stiffness in N, along X and Y, of what stands beside the beam and is tied to it at the nodes.
+    fn frames_n(&self) -> [f64; 2] {
+        [0.0; 2]
+    }
 
     /// Softens or stiffens the element of a segment.
     fn soften(&self, _element: &mut Element) {}

@@ -4,6 +4,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::DOFS_A_NODE;
+use super::arms::{carry, upright};
 use super::beam::Segment;
 use super::element::{Compression, DOFS_A_SEGMENT, geometric_stiffness, interpolation, stiffness};
 
@@ -39,6 +40,14 @@ impl Element {
         Self { stiffness: stiffness(&segment), segment, kinks: Vec::new() }
     }
 
+    /// Stands it so far above its nodes, for motion along X and Y in m.
+    pub(super) fn raise(&mut self, above_m: [f64; 2]) {
+        if above_m != [0.0; 2] {
+            let rows = |first: usize| std::array::from_fn(|dof| Some(first + dof));
+            carry(&mut self.stiffness, &upright(&[rows(0), rows(DOFS_A_NODE)], above_m));
+        }
+    }
+
     /// Puts a rotational joint in at `z_m` with its flexibilities about X and Y; leaves an element alone that does not reach
     /// there. A joint between two segments belongs to the upper one.
     ///
@@ -59,6 +68,16 @@ impl Element {
             let angle = forces.transpose() * (flexibility_rad_n_m / (1.0 + flexibility_rad_n_m * motion.dot(&forces)));
             self.stiffness -= forces * angle;
             self.kinks.push(Kink { z_m, dofs, sign, motion, angle });
+        }
+    }
+
+    /// Puts springs between the sways of its ends, of what shears beside it, with this shear stiffness along X and Y in N.
+    pub(super) fn stand_beside(&mut self, frames_n: [f64; 2]) {
+        for (direction, frames_n) in frames_n.into_iter().enumerate() {
+            let spring = frames_n / self.segment.length_m();
+            for (row, column, sign) in [(0, 0, 1.0), (0, 1, -1.0), (1, 0, -1.0), (1, 1, 1.0)] {
+                self.stiffness[(direction + row * DOFS_A_NODE, direction + column * DOFS_A_NODE)] += sign * spring;
+            }
         }
     }
 

@@ -9,6 +9,7 @@
 //! right-handed, so that a beam rigid in shear has `ry = dux/dz` and `rx = -duy/dz`). There is no axial one. The base
 //! node is left out of the matrices.
 
+mod arms;
 mod assembly;
 mod base;
 mod beam;

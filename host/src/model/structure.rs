@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 
 use super::DOFS_A_NODE;
+use super::arms::{carry, upright};
 use super::assembly::Assembly;
 use super::base::BaseFlexibility;
 use super::beam::{BeamTable, Segment, Stiffness};
@@ -146,7 +147,12 @@ impl Structure {
     /// K and M, in the phases of [`Contribution`]. A beam has five DOFs a node, base first and left out.
     pub fn assemble(&self) -> Assembly {
         let mut assembly = match (&self.body, self.segments()) {
-            (Body::Matrices(matrices), _) => Assembly::of_matrices(matrices),
+            (Body::Matrices(matrices), _) => {
+                let mut assembly = Assembly::of_matrices(matrices);
+                let arms = upright(assembly.node_rows(), self.coupled_shear_m());
+                carry(&mut assembly.stiffness, &arms);
+                assembly
+            }
             (Body::Beam(_), segments) => self.beam(segments.unwrap_or_default()),
         };
         for contribution in &self.contributions {
@@ -186,9 +192,11 @@ impl Structure {
 
     fn element(&self, segment: Segment, compression: Compression) -> Element {
         let mut element = Element::of(segment);
+        element.raise(self.coupled_shear_m());
         for contribution in &self.contributions {
             contribution.soften(&mut element);
         }
+        element.stand_beside(self.frames_n());
         element.compress(compression);
         element
     }
@@ -228,6 +236,14 @@ impl Structure {
             mass: product.mass * factors.mass,
         };
         self.contributions.iter().map(|contribution| contribution.factors()).fold(Factors::default(), product)
+    }
+
+    fn coupled_shear_m(&self) -> [f64; 2] {
+        sum(self.contributions.iter().map(|contribution| contribution.coupled_shear_m()))
+    }
+
+    fn frames_n(&self) -> [f64; 2] {
+        sum(self.contributions.iter().map(|contribution| contribution.frames_n()))
     }
 
     /// What spreading all masses adds to M; zero for matrices.
@@ -282,6 +298,11 @@ impl Structure {
         }
         changes
     }
+}
+
+/// Of what contributions say for X and Y.
+fn sum(of_all: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
+    of_all.fold([0.0; 2], |[x, y], [more_x, more_y]| [x + more_x, y + more_y])
 }
 
 /// What a relative change of one segment does to K and M.

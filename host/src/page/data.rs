@@ -11,16 +11,17 @@ use serde_json::{Map, Value, json};
 use super::findings::{Finding, Sources, findings};
 use super::model::{MacMatrix, ModelPart};
 use super::packed::Packed;
+use super::picks::Picks;
 use crate::archive::{Archive, NodeHealth};
 use crate::compare::{Comparison, ModelView, compare, pair};
 use crate::model::Structure;
-use crate::model::effect::Effect;
+use crate::model::effect::{Effect, EffectRecord};
 use crate::results::{
     CHANGE_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, INPUTS_FILE, MODES_FILE, PROFILE_FILE,
     RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
 };
 use crate::story::{CURVES_FILE, Case, Inputs, StoryError, UpdateReport, outdated, turned_by_update};
-use crate::study::{STUDY_FILE, Sensor, Study, Unit};
+use crate::study::{Motion, STUDY_FILE, Sensor, Setup, Study, Unit};
 
 /// What a page shows. Its parts are described beside the front end, in `host/page/README.md`.
 #[derive(Debug, Clone, Serialize)]
@@ -32,6 +33,7 @@ pub struct PageData {
     /// Results that were computed from something else than what there is now, by their names, and why.
     pub stale: Map<String, Value>,
     modes: Value,
+    picks: Picks,
     spectra: Value,
     stabilisation: Value,
     record: Value,
@@ -53,6 +55,8 @@ pub struct PageData {
 #[derive(Debug, Clone, Serialize)]
 struct ModelSeen {
     effects: Vec<String>,
+    /// The same with their values one by one.
+    values: Vec<EffectRecord>,
     parts: Vec<ModelPart>,
 }
 
@@ -170,20 +174,21 @@ impl PageData {
             warnings: case.as_ref().map_or(&[], |case| &case.warnings),
         });
         let (model, mac, comparison) = seen.map_or((None, Vec::new(), None), |seen| {
-            let Seen { effects, given, mac, names } = seen;
+            let Seen { effects, given, mac, names, values } = seen;
             let (parts, comparisons) = match effects {
                 Some((part, comparison)) => {
                     (vec![given.0, part], Comparisons { given: given.1, effects: Some(comparison) })
                 }
                 None => (vec![given.0], Comparisons { given: given.1, effects: None }),
             };
-            (Some(ModelSeen { effects: names, parts }), mac, Some(comparisons))
+            (Some(ModelSeen { effects: names, values, parts }), mac, Some(comparisons))
         });
         Self {
             belfry: json!({ "version": env!("CARGO_PKG_VERSION"), "written": now() }),
             study: study_value(study),
             findings,
             stale,
+            picks: Picks::of(study, &modes),
             modes,
             spectra,
             stabilisation,
@@ -192,7 +197,7 @@ impl PageData {
             mac,
             comparison,
             update,
-            curves: if covalidation.is_null() { None } else { curves(&results.path(CURVES_FILE)) },
+            curves: if covalidation.is_null() { None } else { curves(study, &results.path(CURVES_FILE)) },
             covalidation,
             diagnosis,
             fingerprints,
@@ -240,6 +245,7 @@ struct Seen {
     effects: Option<(ModelPart, Comparison)>,
     mac: Vec<MacMatrix>,
     names: Vec<String>,
+    values: Vec<EffectRecord>,
 }
 
 impl Seen {
@@ -267,7 +273,9 @@ impl Seen {
                 Some((part("effects", case, &case.model.structure()?, &case.view), comparison))
             }
         };
-        Ok(Self { given, effects, mac, names: case.model.effects.iter().map(Effect::typed).collect() })
+        let in_model = &case.model.effects;
+        let (names, values) = in_model.iter().map(|effect| (effect.typed(), effect.record())).unzip();
+        Ok(Self { given, effects, mac, names, values })
     }
 }
 
@@ -422,7 +430,7 @@ fn rounded(value: Value) -> Value {
 }
 
 /// The curves of left-out channels over the stretch in which the first of them moves most; `None` where there are none.
-fn curves(file: &Path) -> Option<Curves> {
+fn curves(study: &Study, file: &Path) -> Option<Curves> {
     let mut reader = csv::Reader::from_path(file).ok()?;
     let header: Vec<String> = reader.headers().ok()?.iter().map(str::to_owned).collect();
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); header.len()];
@@ -441,6 +449,8 @@ fn curves(file: &Path) -> Option<Curves> {
     };
     let starts = (0..=time_s.len() - points).step_by((points / 4).max(1));
     let from = starts.max_by(|a, b| power(*a).total_cmp(&power(*b)))?;
+    let has = |setup: &&Setup| setup.sensors.iter().any(|sensor| Some(&sensor.channel.as_str()) == names.first());
+    let setup = study.setups.iter().find(has);
     let channel = |name: &&str| -> Map<String, Value> {
         let of = |label: &str| {
             let index = header.iter().position(|column| *column == format!("{name}_{label}"))?;
@@ -455,7 +465,7 @@ fn curves(file: &Path) -> Option<Curves> {
         start_s: time_s[from],
         spacing_s,
         points,
-        unit: "m/s²",
+        unit: setup.map_or(Motion::Acceleration, Setup::motion).unit(),
         channels: names.iter().map(channel).collect(),
     })
 }

@@ -8,6 +8,7 @@ mod document;
 mod findings;
 mod model;
 mod packed;
+mod picks;
 mod spectra;
 
 pub use data::{PageData, Tried};
@@ -15,4 +16,5 @@ pub use document::{Asset, assets, report, served};
 pub use findings::{Finding, Kind};
 pub use model::{MacMatrix, ModelPart};
 pub use packed::{Packed, PackedType};
+pub use picks::Picks;
 pub use spectra::{Records, Spectra};

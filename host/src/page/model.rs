@@ -33,7 +33,7 @@ pub struct ModeMotion {
     /// Its frequency in Hz.
     pub frequency_hz: f64,
     /// Along X, Y and Z, and turning about Z in rad, node by node; at the scale of the measured shape, where there is one, else the largest 1.
-    pub motion: Vec<[f64; 4]>,
+    pub motion: Vec<[f32; 4]>,
 }
 
 impl ModelPart {
@@ -60,7 +60,8 @@ impl ModelPart {
             ModeMotion {
                 number: index + 1,
                 frequency_hz: view.modes.frequency_hz[index],
-                motion: motion.into_iter().map(|parts| parts.map(|part| factor * part)).collect(),
+                // Drawn to a pixel.
+                motion: motion.into_iter().map(|parts| parts.map(|part| (factor * part) as f32)).collect(),
             }
         };
         Self { name, modes: (0..count).map(mode).collect(), lines: points.lines(), nodes: points.into_places() }

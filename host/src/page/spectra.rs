@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::packed::Packed;
 use crate::identify::{FittedSpectrum, Identification, MeasuredSetup};
 use crate::measure::Overview;
-use crate::study::{Motion, Setup};
+use crate::study::Setup;
 
 /// Lines of a setup that are shown at most; more are taken together by their largest.
 const LINES: usize = 8192;
@@ -30,7 +30,7 @@ struct SetupSpectra {
     averages: usize,
     /// The channels' names, as shapes have them.
     channels: Vec<String>,
-    unit: &'static str,
+    unit: String,
     /// Singular values of the cross-spectral matrix, the largest first.
     singular: Vec<Packed>,
     /// Power spectral densities, channel by channel.
@@ -98,7 +98,7 @@ fn setup_spectra(
         lines: grid.lines.div_ceil(together),
         averages: spectrum.averages(),
         channels: spectrum.channels().iter().map(|channel| channel_name(setup, *channel, all)).collect(),
-        unit: if setup.motion() == Motion::Velocity { "(m/s)²/Hz" } else { "(m/s²)²/Hz" },
+        unit: format!("({})²/Hz", setup.motion().unit()),
         singular: singular.flat_map(|one| &one.values).map(|values| Packed::fine_log(largest(values))).collect(),
         psd: (0..spectrum.channels().len()).map(|channel| Packed::fine_log(density(channel))).collect(),
     }
@@ -172,7 +172,7 @@ fn setup_record(overview: &Overview, measured: &MeasuredSetup<'_>, all: &[Measur
         values: Packed::coarse_log(waterfall.densities()),
     });
     let units: Vec<&str> =
-        setup.sensors.iter().take(channels).map(|sensor| unit(setup.unit_of(sensor).motion())).collect();
+        setup.sensors.iter().take(channels).map(|sensor| setup.unit_of(sensor).motion().unit()).collect();
     SetupRecord {
         setup: setup.name.clone(),
         duration_s: ranges.rows as f64 / overview.sampling_rate_hz,
@@ -183,16 +183,5 @@ fn setup_record(overview: &Overview, measured: &MeasuredSetup<'_>, all: &[Measur
         min: side(0),
         max: side(1),
         waterfall,
-    }
-}
-
-/// The SI unit of a motion.
-fn unit(motion: Motion) -> &'static str {
-    match motion {
-        Motion::Acceleration => "m/s²",
-        Motion::Velocity => "m/s",
-        Motion::Displacement => "m",
-        Motion::Tilt => "rad",
-        Motion::Strain => "1",
     }
 }

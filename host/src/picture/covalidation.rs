@@ -16,6 +16,8 @@ pub struct Curves {
     pub start_s: f64,
     /// Samples a second.
     pub rate_hz: f64,
+    /// The unit of its motion.
+    pub unit: &'static str,
     /// What was measured; NaN where not sound.
     pub measured: Vec<f64>,
     /// What was predicted.
@@ -150,7 +152,7 @@ impl<'a> Channel<'a> {
             name: &curve.channel,
             start_s: curve.start_s + first as f64 / curve.rate_hz,
             rate_hz: curve.rate_hz,
-            units: [prefix, prefix_of_missed].map(|prefix| format!("{prefix}m/s²")),
+            units: [prefix, prefix_of_missed].map(|prefix| format!("{prefix}{}", curve.unit)),
             motion,
             missed,
         }
@@ -264,7 +266,7 @@ mod tests {
             prediction("with_effects", 2.02e-4, Some(1.0)),
             prediction("measured_shapes", 2.01e-4, None),
         ];
-        Curves { channel: channel.to_owned(), start_s: 40.0, rate_hz, measured, predictions }
+        Curves { channel: channel.to_owned(), start_s: 40.0, rate_hz, unit: "m/s", measured, predictions }
     }
 
     #[test]
@@ -279,7 +281,12 @@ mod tests {
         }
         // What has no E_d is there without one.
         assert_eq!(svg.matches("by the measured shapes").count(), 2);
-        assert!(svg.contains("motion in mm/s²") && svg.contains("missed, in µm/s²") && svg.contains("time in s"));
+        assert!(
+            svg.contains("motion in mm/s")
+                && !svg.contains("mm/s²")
+                && svg.contains("missed, in µm/s")
+                && svg.contains("time in s")
+        );
         assert!(!svg.contains("\n-0.0\n") && !svg.contains("\n-0.00\n") && !svg.contains("NaN"));
     }
 

@@ -4,7 +4,9 @@
 use plotters::prelude::*;
 
 use super::canvas::{Area, BESIDE, DrawResult, FRAME, MODE, PictureError, picture};
+use super::units::density_unit;
 use crate::identify::{FittedSpectrum, Identification, Mode};
+use crate::study::Setup;
 
 const COLUMNS: usize = 3;
 const PANEL: (u32, u32) = (320, 300);
@@ -25,7 +27,11 @@ const MOST_DRAWN: f64 = 9.0;
 ///
 /// # Errors
 /// When drawing fails.
-pub fn fits(structure: &str, identification: &Identification) -> Result<Option<String>, PictureError> {
+pub fn fits(
+    structure: &str,
+    setups: &[Setup],
+    identification: &Identification,
+) -> Result<Option<String>, PictureError> {
     let panels: Vec<(&Mode, &FittedSpectrum)> =
         identification.modes.iter().filter_map(|mode| Some((mode, worst(&mode.fitted)?))).collect();
     if panels.is_empty() {
@@ -36,8 +42,11 @@ pub fn fits(structure: &str, identification: &Identification) -> Result<Option<S
     picture("the fits", size, |root| {
         root.draw(&Text::new(format!("{structure}: modes as fitted"), (12, 8), ("sans-serif", 18)))?;
         let legend = [
-            "Dots: measured density in (m/s²)²/Hz over frequency in Hz, behind the mode's filter. Line: the fit. Grey: where 95 % of the dots lie if the fit lacks nothing.",
-            "Below: what the fit leaves of the measured density, in standard deviations. Red dots lie outside of the grey; one of twenty does by chance.",
+            format!(
+                "Dots: measured density in {} over frequency in Hz, behind the mode's filter. Line: the fit. Grey: where 95 % of the dots lie if the fit lacks nothing.",
+                density_unit(setups)
+            ),
+            "Below: what the fit leaves of the measured density, in standard deviations. Red dots lie outside of the grey; one of twenty does by chance.".to_owned(),
         ];
         for (line, text) in (0..).zip(legend) {
             root.draw(&Text::new(text, (12, 32 + 16 * line), ("sans-serif", 12)))?;
@@ -184,7 +193,7 @@ mod tests {
         identification.modes.truncate(1);
         let drawn = |scatter: f64, identification: &mut Identification| {
             identification.modes[0].fitted = vec![spectrum(scatter)];
-            fits("Tower", identification).unwrap().unwrap()
+            fits("Tower", &[], identification).unwrap().unwrap()
         };
         let circles = |svg: &str| svg.matches("<circle").count();
         let red = |svg: &str| svg.lines().filter(|line| line.contains("<circle") && line.contains("#BE2828")).count();

@@ -14,6 +14,7 @@ mod shapes;
 mod singular;
 mod stabilisation;
 mod trends;
+mod units;
 
 pub use canvas::PictureError;
 pub use change::change;

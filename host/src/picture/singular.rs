@@ -3,7 +3,9 @@
 use plotters::prelude::*;
 
 use super::canvas::{Area, DIRECTIONS, DrawResult, MODE, PictureError, picture, width_of};
+use super::units::density_unit;
 use crate::identify::{Identification, SingularSpectrum};
+use crate::study::Setup;
 
 const WHAT: &str = "the singular values";
 const SIZE: (u32, u32) = (960, 540);
@@ -64,7 +66,11 @@ fn lines(spectra: &[SingularSpectrum]) -> Vec<Line<'_>> {
 ///
 /// # Errors
 /// When nothing was measured, or drawing fails.
-pub fn singular_values(structure: &str, identification: &Identification) -> Result<String, PictureError> {
+pub fn singular_values(
+    structure: &str,
+    setups: &[Setup],
+    identification: &Identification,
+) -> Result<String, PictureError> {
     let spectra = &identification.singular_values;
     let lines = lines(spectra);
     let values = || lines.iter().flat_map(|line| line.values().iter().copied()).filter(|v| *v > 0.0);
@@ -100,7 +106,7 @@ pub fn singular_values(structure: &str, identification: &Identification) -> Resu
         chart
             .configure_mesh()
             .x_desc("frequency in Hz")
-            .y_desc("density in (m/s²)²/Hz")
+            .y_desc(format!("density in {}", density_unit(setups)))
             .y_label_formatter(&|value| format!("{value:.0e}"))
             .label_style(("sans-serif", 12))
             .axis_desc_style(("sans-serif", 13))
@@ -211,13 +217,13 @@ mod tests {
         let frequency_hz: Vec<f64> = (1..100).map(|line| 0.1 * f64::from(line)).collect();
         let values = vec![frequency_hz.iter().map(|hz| 1.0 / hz).collect()];
         identification.singular_values = vec![SingularSpectrum { setup: "first".to_owned(), frequency_hz, values }];
-        let plain = singular_values("Tower", &identification).unwrap();
+        let plain = singular_values("Tower", &[], &identification).unwrap();
         assert!(!plain.contains("forced lines") && !plain.contains("rejected peaks"));
         let kurtosis = 1.5;
         let harmonic = Harmonic { frequency_hz: 2.5, kurtosis, wanders_hz: 0.1, on_share: 1.0, on_by_part: Vec::new() };
         identification.harmonics = vec![harmonic];
         identification.rejected = vec![Rejected { frequency_hz: 4.0, because: RejectedBecause::Shape }];
-        let marked = singular_values("Tower", &identification).unwrap();
+        let marked = singular_values("Tower", &[], &identification).unwrap();
         assert!(marked.contains("F forced lines: machinery or vortices") && marked.contains("x rejected peaks"));
         // Text of their own, and what stands at their frequencies.
         let of = |svg: &str, color: &str| svg.matches(color).count();
@@ -236,7 +242,7 @@ mod tests {
         };
         // Curves are the only lines of many points.
         let curves = |identification: &Identification| {
-            let svg = singular_values("Tower", identification).unwrap();
+            let svg = singular_values("Tower", &[], identification).unwrap();
             let curves =
                 svg.lines().filter(|line| line.starts_with("<polyline") && line.matches(',').count() > 50).count();
             (curves, svg)

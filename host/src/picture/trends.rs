@@ -3,6 +3,8 @@
 use plotters::prelude::*;
 
 use super::canvas::{Area, BESIDE, DrawResult, MODE, PictureError, axis_digits, fixed, picture, prefixed};
+use super::units::motion_unit;
+use crate::study::Setup;
 use crate::trend::{IntervalMode, Trend, TrendInterval};
 
 const WIDTH: u32 = 960;
@@ -31,9 +33,10 @@ struct Panel {
 ///
 /// # Errors
 /// When drawing fails.
-pub fn trends(structure: &str, trend: &Trend) -> Result<Option<String>, PictureError> {
+pub fn trends(structure: &str, setups: &[Setup], trend: &Trend) -> Result<Option<String>, PictureError> {
     let intervals = longest(&trend.intervals);
-    let panels = panels(trend, &intervals);
+    let shown = |setup: &&Setup| intervals.first().is_some_and(|one| one.setup == setup.name);
+    let panels = panels(trend, &intervals, &motion_unit(setups.iter().filter(shown)));
     if panels.is_empty() {
         return Ok(None);
     }
@@ -72,7 +75,7 @@ fn longest(intervals: &[TrendInterval]) -> Vec<&TrendInterval> {
     intervals.iter().filter(|interval| Some(interval.setup.as_str()) == setup).collect()
 }
 
-fn panels(trend: &Trend, intervals: &[&TrendInterval]) -> Vec<Panel> {
+fn panels(trend: &Trend, intervals: &[&TrendInterval], unit: &str) -> Vec<Panel> {
     let hour = |interval: &TrendInterval| 0.5 * (interval.start_s + interval.end_s) / 3600.0;
     let mut panels = Vec::new();
     let temperatures = intervals.iter().filter_map(|i| Some((hour(i), i.temperature_degc?, 0.0))).collect();
@@ -82,7 +85,7 @@ fn panels(trend: &Trend, intervals: &[&TrendInterval]) -> Vec<Panel> {
         .map(|i| (hour(i), i.modes.iter().map(|mode| mode.response_rms.powi(2)).sum::<f64>().sqrt()))
         .filter(|(_, level)| *level > 0.0 && level.is_finite())
         .collect();
-    panels.push(of_response(&levels));
+    panels.push(of_response(&levels, unit));
     for mode in &trend.modes {
         let percent = |seen: &IntervalMode| {
             let scale = 100.0 / mode.frequency_hz;
@@ -103,13 +106,13 @@ fn panels(trend: &Trend, intervals: &[&TrendInterval]) -> Vec<Panel> {
 }
 
 /// The response of all modes together, over the hours.
-fn of_response(levels: &[(f64, f64)]) -> Panel {
+fn of_response(levels: &[(f64, f64)], unit: &str) -> Panel {
     let (least, most) = levels.iter().fold((f64::INFINITY, 0.0), |(l, m): (f64, f64), (_, v)| (l.min(*v), m.max(*v)));
     let (factor, prefix) = prefixed(most);
     let is_log = most > LINEAR * least;
     let value = |level: f64| if is_log { (factor * level).log10() } else { factor * level };
     Panel {
-        name: format!("response, RMS of all modes in {prefix}m/s² ({prefix}m/s where velocity was recorded)"),
+        name: format!("response, RMS of all modes in {prefix}{unit}"),
         points: levels.iter().map(|&(hour, level)| (hour, value(level), 0.0)).collect(),
         color: BESIDE,
         is_log,
@@ -207,7 +210,7 @@ mod tests {
     #[test]
     fn bars_are_explained_and_nothing_has_no_sign() {
         for percent in [0.0, 0.01, 0.3, 7.0] {
-            let svg = trends("Tower", &trend(percent, 1.0)).unwrap().unwrap();
+            let svg = trends("Tower", &[], &trend(percent, 1.0)).unwrap().unwrap();
             let labels = labels(&svg);
             assert!(labels.len() > 8, "{labels:?}");
             assert!(!labels.iter().any(|label| label.starts_with('-') && label.parse() == Ok(0.0)), "{labels:?}");
@@ -220,18 +223,19 @@ mod tests {
     fn bars_reach_two_deviations() {
         let trend = trend(1.0, 1.0);
         let intervals = longest(&trend.intervals);
-        let panels = panels(&trend, &intervals);
+        let panels = panels(&trend, &intervals, "m/s²");
         let &(_, _, std) = panels.last().unwrap().points.first().unwrap();
         assert!((BAR * std - 0.05).abs() < 1e-12);
     }
 
     #[test]
     fn the_response_is_in_units_that_are_read() {
-        let svg = trends("Tower", &trend(0.3, 1.1)).unwrap().unwrap();
+        let svg = trends("Tower", &[], &trend(0.3, 1.1)).unwrap().unwrap();
         assert!(svg.contains("RMS of all modes in mm/s²"));
-        let calm = of_response(&[(0.0, 2e-4), (1.0, 3e-4)]);
+        let calm = of_response(&[(0.0, 2e-4), (1.0, 3e-4)], "m/s");
+        assert!(calm.name.ends_with("in mm/s"), "{}", calm.name);
         assert!(!calm.is_log && (calm.points[0].1 - 0.2).abs() < 1e-12);
-        let storm = of_response(&[(0.0, 2e-4), (1.0, 2e-2)]);
+        let storm = of_response(&[(0.0, 2e-4), (1.0, 2e-2)], "m/s");
         assert!(storm.is_log && (storm.points[1].1 - 20f64.log10()).abs() < 1e-12);
     }
 }

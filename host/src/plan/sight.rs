@@ -13,6 +13,7 @@ use crate::diagnose::{Discrepancy, Draw, Outlook, Rival, STANDS_OUT, Weighed};
 use crate::model::Assembly;
 use crate::model::effect::Effect;
 use crate::modes::{MeasuredMode, normals};
+use crate::progress::UNHEARD;
 use crate::statistics::median;
 use crate::study::Sensor;
 
@@ -78,7 +79,7 @@ impl<'a> Sight<'a> {
 
     pub(super) fn setting<'b>(&'b self, measured: &'b [MeasuredMode]) -> Setting<'b> {
         let Site { bare, model, .. } = self.subject.site;
-        Setting { bare, model, sensors: &self.sensors, measured }
+        Setting { bare, model, sensors: &self.sensors, measured, tally: &UNHEARD }
     }
 
     fn draw(&self, modes: &[MeasuredMode], scatter_numbers: usize, index: u64) -> Draw {

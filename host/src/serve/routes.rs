@@ -20,7 +20,7 @@ use tokio_stream::{Stream, StreamExt};
 use super::guard::guard;
 use super::job::JobStatus;
 use super::samples::{Loaded, Samples, SamplesError};
-use super::shared::{RunError, Shared};
+use super::shared::{RunError, Shared, look};
 use crate::files::FolderLock;
 use crate::model::effect::Effect;
 use crate::page::{Tried, assets, served};
@@ -188,7 +188,9 @@ struct ModeBand {
 }
 
 async fn picks(State(shared): State<Arc<Shared>>, Json(picks): Json<Picks>) -> Answer<StatusCode> {
+    let at = Arc::clone(&shared);
     let write = move || {
+        let shared = at;
         let _editing = shared.editing.lock().unwrap_or_else(PoisonError::into_inner);
         if shared.is_busy() {
             return Err(Refused::conflict("a command is running; choose modes when it is done"));
@@ -211,6 +213,8 @@ async fn picks(State(shared): State<Arc<Shared>>, Json(picks): Json<Picks>) -> A
         Ok(set_mode_choice(shared.folder(), &choice)?)
     };
     beside(write).await?;
+    // All windows see it at once.
+    look(&shared).await;
     Ok(StatusCode::NO_CONTENT)
 }
 

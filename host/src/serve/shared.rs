@@ -248,7 +248,7 @@ pub(super) async fn watch_files(shared: Arc<Shared>) {
 }
 
 /// Makes another version where a file has changed since the last look; each change makes one.
-async fn look(shared: &Arc<Shared>) {
+pub(super) async fn look(shared: &Arc<Shared>) {
     let this = Arc::clone(shared);
     let looked = tokio::task::spawn_blocking(move || {
         let mut known = lock(&this.files);

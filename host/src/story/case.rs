@@ -14,6 +14,7 @@ use crate::model::effect::Effect;
 use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load};
 use crate::modes::{MeasuredError, MeasuredModes, read};
 use crate::plan::{Site, advice, advice_beside};
+use crate::progress::{Tally, UNHEARD};
 use crate::results::{MODES_FILE, Results};
 use crate::study::{STUDY_FILE, Sensor, Study};
 
@@ -123,7 +124,7 @@ impl Case {
     /// A comparison with the test of a diagnosis in the place of its own, which takes the tolerance for linear: so all commands
     /// state one chi-squared of one model.
     fn tested(&self, comparison: Comparison, effects: &[Effect]) -> Comparison {
-        let problem = self.setting().ok().and_then(|setting| setting.problem(effects).ok());
+        let problem = self.setting(&UNHEARD).ok().and_then(|setting| setting.problem(effects).ok());
         let Some((test, allowed)) = problem.and_then(|problem| fit_as_given(&problem, effects)) else {
             return comparison;
         };
@@ -160,16 +161,16 @@ impl Case {
         Ok(self.tested(compare(&view, &self.measured.modes, sensors, tolerance.as_ref()), effects))
     }
 
-    /// Which effect the model lacks; kinds named in `without` are left out.
+    /// Which effect the model lacks; kinds named in `without` are left out. `tally` hears how far it is.
     ///
     /// # Errors
     /// When the effects in the model cannot be fitted to these data.
-    pub fn diagnose(&self, without: &[String]) -> Result<Diagnosis, StoryError> {
+    pub fn diagnose(&self, without: &[String], tally: &Tally) -> Result<Diagnosis, StoryError> {
         let effects = &self.model.effects;
         let options = Options { without: without.to_vec() };
-        let setting = self.setting()?;
+        let setting = self.setting(tally)?;
         let mut diagnosis = diagnose(&setting.problem(effects)?, effects, &self.signals()?, &options)?;
-        let Setting { bare, model, sensors, measured } = setting;
+        let Setting { bare, model, sensors, measured, .. } = setting;
         let (site, hours) = (Site { bare, model, effects, sensors }, self.record_hours());
         let planned = advice(&site, measured, &diagnosis, hours);
         diagnosis.next_measurement = planned.or(diagnosis.next_measurement);
@@ -191,10 +192,11 @@ impl Case {
     }
 
     /// What a diagnosis and fits of effects start from.
-    pub(super) fn setting(&self) -> Result<Setting<'_>, StoryError> {
+    pub(super) fn setting<'a>(&'a self, tally: &'a Tally) -> Result<Setting<'a>, StoryError> {
         let no_model = || ModelError::NoModel { file: self.study.folder.join(STUDY_FILE) };
         let model = self.study.model.as_ref().ok_or_else(no_model)?;
-        Ok(Setting { bare: &self.bare, model, sensors: self.seen_sensors(), measured: &self.measured.modes })
+        let (sensors, measured) = (self.seen_sensors(), &self.measured.modes);
+        Ok(Setting { bare: &self.bare, model, sensors, measured, tally })
     }
 
     /// The sensors that take part: none where no shape was measured and they have no place.

@@ -10,6 +10,7 @@ use crate::diagnose::steps::{FittedEffect, Step, StepRecord};
 use crate::diagnose::{Estimate, FAILS, Options, shown_effects};
 use crate::model::effect::{self, Effect, EffectError, EffectKind, Evidence, PlaceKind, Where};
 use crate::modes::{MeasuredError, are_known};
+use crate::progress::Tally;
 use crate::results::Results;
 use crate::study::Sensor;
 use crate::study::edit::{EffectEntry, set_effects};
@@ -64,15 +65,15 @@ pub enum AutoEnd {
 ///
 /// # Errors
 /// When the effect cannot be added; nothing is changed then.
-pub fn add(case: &Case, word: &str) -> Result<ChangeReport, StoryError> {
+pub fn add(case: &Case, word: &str, tally: &Tally) -> Result<ChangeReport, StoryError> {
     let (head, value) = word.split_once('=').map_or((word, None), |(head, value)| (head, Some(value)));
     let (kind, place) = named(head, &case.sensors)?;
     let is_there = |known: &Effect| known.of_kind() == kind && known.place() == place.as_ref();
     if (place.is_some() || kind.place() == PlaceKind::Nowhere) && case.model.effects.iter().any(is_there) {
         return Err(StoryError::EffectIsThere { effect: head.to_owned(), study: case.study.folder.clone() });
     }
-    let setting = case.setting()?;
-    let start = starting_record(case)?;
+    let setting = case.setting(tally)?;
+    let start = starting_record(case, tally)?;
     let action = format!("add {head}");
     let with = |effect: Effect| -> Result<Vec<Effect>, StoryError> {
         let effect = effect.in_study(&case.sensors)?;
@@ -96,7 +97,7 @@ pub fn add(case: &Case, word: &str) -> Result<ChangeReport, StoryError> {
 ///
 /// # Errors
 /// When the model has no such effect, or the others cannot be refitted; nothing is changed then.
-pub fn remove(case: &Case, name: &str) -> Result<ChangeReport, StoryError> {
+pub fn remove(case: &Case, name: &str, tally: &Tally) -> Result<ChangeReport, StoryError> {
     let effects = &case.model.effects;
     let is_it = |effect: &Effect| match effect::named_in_study(name, &case.sensors) {
         Ok((kind, Some(place))) => effect.of_kind() == kind && effect.place() == Some(&place),
@@ -113,13 +114,14 @@ pub fn remove(case: &Case, name: &str) -> Result<ChangeReport, StoryError> {
     };
     let mut warnings = Vec::new();
     // Effects that cannot be fitted together have no errors to start from; taking one out is what mends that.
-    let start = starting_record(case).unwrap_or_else(|error| {
+    let start = starting_record(case, tally).unwrap_or_else(|error| {
         warnings.push(format!("the model as it is: {error}"));
         None
     });
     let left: Vec<Effect> =
         effects.iter().enumerate().filter(|(at, _)| *at != index).map(|(_, effect)| effect.clone()).collect();
-    let step = case.setting()?.refit_beside(&format!("drop {}", effects[index]), &left, effects)?;
+    let setting = case.setting(tally)?;
+    let step = setting.refit_beside(&format!("drop {}", effects[index]), &left, effects)?;
     adopt(case, start, &step, warnings)
 }
 
@@ -131,9 +133,10 @@ pub fn remove(case: &Case, name: &str) -> Result<ChangeReport, StoryError> {
 pub fn add_until_nothing_gains(
     case: &Case,
     without: &[String],
+    tally: &Tally,
     on_step: &mut dyn FnMut(&Step),
 ) -> Result<AutoEnd, StoryError> {
-    let mut records: Vec<StepRecord> = starting_record(case)?.into_iter().collect();
+    let mut records: Vec<StepRecord> = starting_record(case, tally)?.into_iter().collect();
     let options = Options { without: without.to_vec() };
     let mut last = None;
     let mut note = |step: &Step| {
@@ -141,7 +144,8 @@ pub fn add_until_nothing_gains(
         records.push(step.record.clone());
         last = Some((entries(&step.effects), step.record.p_value));
     };
-    case.setting()?.auto(&case.model.effects, &case.signals()?, &options, &mut note)?;
+    let setting = case.setting(tally)?;
+    setting.auto(&case.model.effects, &case.signals()?, &options, &mut note)?;
     let results = Results::of(&case.study);
     let Some((entries, p_value)) = last else {
         results.append_history(&records, &data_mark(case)?)?;
@@ -208,7 +212,7 @@ fn data_mark(case: &Case) -> Result<String, StoryError> {
 }
 
 /// The record of the model as it is, where the history does not end with it.
-fn starting_record(case: &Case) -> Result<Option<StepRecord>, StoryError> {
+fn starting_record(case: &Case, tally: &Tally) -> Result<Option<StepRecord>, StoryError> {
     let history = Results::of(&case.study).history()?;
     let effects = case.effect_names();
     let data = data_mark(case)?;
@@ -218,7 +222,8 @@ fn starting_record(case: &Case) -> Result<Option<StepRecord>, StoryError> {
         Some(last) if last.effects == effects && last.modes > 0 => return Ok(None),
         Some(_) => "edited by hand",
     };
-    Ok(Some(case.setting()?.refit(action, &case.model.effects)?.record))
+    let setting = case.setting(tally)?;
+    Ok(Some(setting.refit(action, &case.model.effects)?.record))
 }
 
 /// Writes the effects of a step into study.toml and the step into the history.
@@ -234,7 +239,8 @@ fn adopt(
         None => results.history()?.pop(),
     };
     let effects: Vec<Effect> = step.effects.iter().map(|fitted| fitted.effect.clone()).collect();
-    let after = case.compare_with(&effects)?;
+    let (before, after) = rayon::join(|| case.compare(), || case.compare_with(&effects));
+    let after = after?;
     set_effects(&case.study.folder, &entries(&step.effects))?;
     let records: Vec<StepRecord> = start.into_iter().chain([step.record.clone()]).collect();
     let record = results.append_history(&records, &data_mark(case)?)?.pop().unwrap_or_else(|| step.record.clone());
@@ -249,7 +255,7 @@ fn adopt(
                 parameters: fitted.parameters.clone(),
             })
             .collect(),
-        before: case.compare(),
+        before,
         after,
         step: record,
         previous,

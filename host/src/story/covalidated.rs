@@ -9,12 +9,12 @@ use super::case::Case;
 use super::error::StoryError;
 use super::left_out::{MOST_NOISE_GAIN, Split, best_seen, find_setup};
 use super::motion::{Stretch, collect, curves};
-use super::progress::OnProgress;
 use super::shapes::{BySource, Shapes, Source};
 use crate::compare::Comparison;
 use crate::covalidate::{PredictError, Predictor};
 use crate::measure::Route;
 use crate::picture::Curves;
+use crate::progress::OnProgress;
 use crate::results::Results;
 
 /// The file of the curves.
@@ -66,7 +66,7 @@ pub struct CovalidationReport {
 pub struct ChannelReport {
     /// Its name.
     pub channel: String,
-    /// Root mean square of its measured motion in the band, in m/s².
+    /// Root mean square of its measured motion in the band, in the unit of its spectra: m/s², or m/s.
     pub rms_measured: f64,
     /// The same of its predictions.
     pub rms_predicted: BySource,

@@ -8,7 +8,6 @@ use serde::Serialize;
 use super::blocks::block_warnings;
 use super::error::StoryError;
 use super::inputs::Inputs;
-use super::progress::{OnProgress, rows_of};
 use crate::fleet::FleetReport;
 use crate::identify::accuracy::RecordNeeded;
 use crate::identify::lean::lean_suspicions;
@@ -18,9 +17,10 @@ use crate::identify::suspect::suspicions;
 use crate::identify::{Identification, hold_to_standards, identify as identify_setups, note_idle_bands};
 use crate::measure::{MeasureError, Measurement, Progress, Route, measure};
 use crate::page::{Records, Spectra};
+use crate::progress::{OnProgress, rows_of};
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
 use crate::spectra::{AfterGaps, LineGrid, Lines};
-use crate::study::Study;
+use crate::study::{ModeChoice, Study};
 use crate::trend::Trend;
 
 /// How modes are identified from spectra.
@@ -54,6 +54,8 @@ pub struct ModesReport {
     pub trends: Option<Trend>,
     /// Where the time went.
     pub timings: TimingReport,
+    /// The choice of modes that they were identified with.
+    pub choice: ModeChoice,
     /// What was identified from.
     pub inputs: Inputs,
     /// What a page draws of spectra and recordings.
@@ -253,6 +255,7 @@ fn report(study: &Study, identification: Identification, measurement: &Measureme
         },
         record_needed: None,
         trends: None,
+        choice: study.analysis.modes.clone(),
         inputs: Inputs::of(study),
         grid,
         has_finer_lines: measurement.plan.has_finer_lines,

@@ -32,9 +32,9 @@
 //! let comparison = project.compare()?.comparison;
 //! assert!(comparison.mean_abs_frequency_error_percent > Some(0.5));
 //!
-//! let diagnosis = project.diagnose(&[])?;
+//! let diagnosis = project.diagnose(&[], &mut |_| {})?;
 //! assert_eq!(diagnosis.best, ["base-rotation"]);
-//! let change = project.add("base-rotation")?;
+//! let change = project.add("base-rotation", &mut |_| {})?;
 //! assert!(change.after.mean_abs_frequency_error_percent < Some(0.2));
 //! let request = CovalidationRequest::of_channels(Vec::new(), Route::Direct);
 //! let channels = project.covalidate(&request, &mut |_| {})?.channels;
@@ -56,7 +56,6 @@ mod left_out;
 mod motion;
 mod planned;
 mod profiled;
-mod progress;
 mod project;
 mod shapes;
 mod since;
@@ -64,6 +63,7 @@ mod trends;
 mod updated;
 
 pub use crate::measure::Route;
+pub use crate::progress::{OnProgress, Progress};
 pub use case::Case;
 pub(crate) use case::outdated;
 pub use change::{AutoEnd, ChangeReport, EffectReport, add, add_until_nothing_gains, remove};
@@ -78,7 +78,6 @@ pub use inputs::Inputs;
 pub use left_out::MOST_NOISE_GAIN;
 pub use motion::Stretch;
 pub use planned::{PlanRequest, planned};
-pub use progress::{OnProgress, Progress};
 pub use project::{Compared, IdentifyRequest, Project, WrittenReport};
 pub use shapes::BySource;
 pub(crate) use shapes::turned_by_update;

@@ -5,11 +5,11 @@ use std::fmt::Write as _;
 use super::case::Case;
 use super::error::{CovalidateError, StoryError};
 use super::left_out::Split;
-use super::progress::{OnProgress, rows_of};
 use super::shapes::{BySource, Source};
 use crate::covalidate::{Hop, Motion, OverlapAdd, Predictor, Witness};
 use crate::measure::{Route, epoch_s, measure_observed};
 use crate::picture::{Curves, Prediction};
+use crate::progress::{OnProgress, rows_of};
 use crate::study::Setup;
 
 /// The part of a recording that is asked for.
@@ -171,6 +171,7 @@ pub(super) fn curves(
         channel: setup.sensors[channel].channel.clone(),
         start_s: collected.first_sample_s,
         rate_hz: collected.rate_hz,
+        unit: setup.motion().unit(),
         measured: collected.samples.iter().map(|sample| sample[channel]).collect(),
         predictions: predictors
             .iter()

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use super::change::named;
 use super::error::StoryError;
-use super::progress::{OnProgress, Progress};
 use crate::model::effect::Effect;
 use crate::model::{Structure, load};
 use crate::plan::{Conditions, Plan, Request, Site, plan, read_places};
+use crate::progress::{OnProgress, Progress};
 use crate::study::{Sensor, Study};
 
 /// What a measurement is planned for.

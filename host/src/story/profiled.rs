@@ -6,15 +6,16 @@ use super::error::StoryError;
 use crate::diagnose::steps::Profiles;
 use crate::diagnose::{Profile, QuantityProfile};
 use crate::model::{Assembly, Body};
+use crate::progress::{Tally, UNHEARD};
 use crate::study::STUDY_FILE;
 
 /// The profile without and with the effects in the model, and one more (`KIND[@WHERE]`) where one is named.
 ///
 /// # Errors
 /// When the model has no segments, the study trusts them, or the effects cannot be fitted.
-pub(super) fn profiles(case: &Case, with: Option<&str>) -> Result<Profiles, StoryError> {
+pub(super) fn profiles(case: &Case, with: Option<&str>, tally: &Tally) -> Result<Profiles, StoryError> {
     check_segments(case)?;
-    let (setting, effects) = (case.setting()?, &case.model.effects);
+    let (setting, effects) = (case.setting(tally)?, &case.model.effects);
     Ok(match with {
         None => setting.profiles(effects)?,
         Some(word) => {
@@ -31,7 +32,7 @@ impl Case {
     /// When the model has no segments, the study trusts them, or the effects cannot be fitted.
     pub fn fitted(&self) -> Result<Assembly, StoryError> {
         check_segments(self)?;
-        Ok(self.setting()?.fitted(&self.model.effects)?)
+        Ok(self.setting(&UNHEARD)?.fitted(&self.model.effects)?)
     }
 }
 

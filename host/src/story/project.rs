@@ -13,7 +13,6 @@ use super::inputs::Inputs;
 use super::motion::curves_csv;
 use super::planned::{PlanRequest, planned};
 use super::profiled::{self, profiles};
-use super::progress::{OnProgress, rows_of};
 use super::since::{SinceReport, SinceRequest, since};
 use super::trends;
 use super::updated::{UpdateReport, update};
@@ -28,6 +27,7 @@ use crate::model::{Assembly, Body, matrix_market, npy};
 use crate::page::{Finding, PageData, report};
 use crate::picture;
 use crate::plan::Plan;
+use crate::progress::{OnProgress, counted, rows_of};
 use crate::results::{
     CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, FINGERPRINTS_PICTURE,
     INPUTS_FILE, MODES_FILE, PLAN_FILE, PROFILE_FILE, RECORD_FILE, REPORT_FILE, Results, ResultsError, SPECTRA_FILE,
@@ -152,7 +152,7 @@ impl Project {
         self.results.make_ready()?;
         let mut report = identify(&self.study, request.route, request.method, on_progress)?;
         let name = &self.study.structure.name;
-        let picture = picture::singular_values(name, &report.identification)?;
+        let picture = picture::singular_values(name, &self.study.setups, &report.identification)?;
         let picture = self.results.write("singular_values.svg", picture.as_bytes())?;
         if let Some(no_modes) = report.no_modes(&self.study, picture, self.earlier_modes()) {
             return Err(no_modes);
@@ -169,7 +169,7 @@ impl Project {
         if let Some(picture) = picture::mode_shapes(name, &self.study.setups, &report.identification, &[])? {
             self.results.write("mode_shapes.svg", picture.as_bytes())?;
         }
-        if let Some(picture) = picture::fits(name, &report.identification)? {
+        if let Some(picture) = picture::fits(name, &self.study.setups, &report.identification)? {
             self.results.write("fits.svg", picture.as_bytes())?;
         }
         if let Some(every) = request.every.or_else(|| interval_for_temperatures(&self.study, &report)) {
@@ -204,7 +204,7 @@ impl Project {
         let trend = follow(&self.study, found, &report.grid, every.as_secs_f64(), route, on_rows);
         let trend = trend.map_err(StoryError::Follow)?;
         self.write_bytes("trends.csv", trends::csv(&trend))?;
-        if let Some(picture) = picture::trends(&self.study.structure.name, &trend)? {
+        if let Some(picture) = picture::trends(&self.study.structure.name, &self.study.setups, &trend)? {
             self.results.write("trends.svg", picture.as_bytes())?;
         }
         report.trends = Some(trend);
@@ -286,10 +286,11 @@ impl Project {
     ///
     /// # Errors
     /// As [`Project::case`], or when the effects in the model cannot be fitted.
-    pub fn diagnose(&mut self, without: &[String]) -> Result<Diagnosis, StoryError> {
+    pub fn diagnose(&mut self, without: &[String], on_progress: OnProgress<'_>) -> Result<Diagnosis, StoryError> {
         self.results.make_ready()?;
         let case = self.case()?;
-        let (inputs, diagnosis) = (Inputs::of_model(case), case.diagnose(without)?);
+        let inputs = Inputs::of_model(case);
+        let diagnosis = counted(on_progress, |tally| case.diagnose(without, tally))?;
         self.results.write_json(DIAGNOSIS_FILE, &diagnosis)?;
         self.note(DIAGNOSIS_FILE, inputs)?;
         if let Some(fingerprints) = &diagnosis.fingerprints {
@@ -320,10 +321,11 @@ impl Project {
     ///
     /// # Errors
     /// As [`Project::case`], when the model has no segments or the study trusts them, or the effects cannot be fitted.
-    pub fn profile(&mut self, with: Option<&str>) -> Result<Profiles, StoryError> {
+    pub fn profile(&mut self, with: Option<&str>, on_progress: OnProgress<'_>) -> Result<Profiles, StoryError> {
         self.results.make_ready()?;
         let case = self.case()?;
-        let (inputs, profiles) = (Inputs::of_model(case), profiles(case, with)?);
+        let inputs = Inputs::of_model(case);
+        let profiles = counted(on_progress, |tally| profiles(case, with, tally))?;
         self.results.write_json(PROFILE_FILE, &profiles)?;
         self.note(PROFILE_FILE, inputs)?;
         self.write_bytes("profile.csv", profiled::csv(&profiles))?;
@@ -347,9 +349,10 @@ impl Project {
     ///
     /// # Errors
     /// When the effect cannot be added; nothing is changed then.
-    pub fn add(&mut self, effect: &str) -> Result<ChangeReport, StoryError> {
+    pub fn add(&mut self, effect: &str, on_progress: OnProgress<'_>) -> Result<ChangeReport, StoryError> {
         self.results.make_ready()?;
-        let report = add(self.case()?, effect)?;
+        let case = self.case()?;
+        let report = counted(on_progress, |tally| add(case, effect, tally))?;
         self.reload()?;
         Ok(report)
     }
@@ -358,9 +361,10 @@ impl Project {
     ///
     /// # Errors
     /// When the model has no such effect, or the others cannot be refitted; nothing is changed then.
-    pub fn remove(&mut self, effect: &str) -> Result<ChangeReport, StoryError> {
+    pub fn remove(&mut self, effect: &str, on_progress: OnProgress<'_>) -> Result<ChangeReport, StoryError> {
         self.results.make_ready()?;
-        let report = remove(self.case()?, effect)?;
+        let case = self.case()?;
+        let report = counted(on_progress, |tally| remove(case, effect, tally))?;
         self.reload()?;
         Ok(report)
     }
@@ -373,10 +377,12 @@ impl Project {
     pub fn add_until_nothing_gains(
         &mut self,
         without: &[String],
-        on_step: &mut dyn FnMut(&Step),
+        on_progress: OnProgress<'_>,
+        on_step: &mut (dyn FnMut(&Step) + Send),
     ) -> Result<AutoEnd, StoryError> {
         self.results.make_ready()?;
-        let end = add_until_nothing_gains(self.case()?, without, on_step)?;
+        let case = self.case()?;
+        let end = counted(on_progress, |tally| add_until_nothing_gains(case, without, tally, on_step))?;
         if end == AutoEnd::Adopted {
             self.reload()?;
         }

@@ -11,6 +11,7 @@ use crate::change::{Changes, changes};
 use crate::diagnose::{ChangeDiagnosis, Options, diagnose_change};
 use crate::model::effect::{self, Where};
 use crate::modes::{MeasuredModes, read};
+use crate::progress::UNHEARD;
 use crate::study::{Sensor, Study};
 
 /// Which measurements are compared.
@@ -79,7 +80,7 @@ pub(super) fn since(study: &Study, request: &SinceRequest) -> Result<SinceReport
         warnings.extend(more.collect::<Vec<_>>());
         let options = Options { without: request.without.clone() };
         z_range_m = case.model.bare().z_range_m();
-        match diagnose_change(&case.setting()?, &case.model.effects, &now.modes, p_value, &options) {
+        match diagnose_change(&case.setting(&UNHEARD)?, &case.model.effects, &now.modes, p_value, &options) {
             Ok(mut found) => {
                 warnings.append(&mut found.warnings);
                 diagnosis = Some(found);

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use serde::{Deserialize, Serialize};
+
 use crate::archive::TimeRange;
 
 /// The file of a study that a user writes.
@@ -101,6 +103,19 @@ pub enum Motion {
     Tilt,
     /// How much longer the fibre at the sensor is, relative.
     Strain,
+}
+
+impl Motion {
+    /// Its SI unit; 1 of a pure number.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Acceleration => "m/s²",
+            Self::Velocity => "m/s",
+            Self::Displacement => "m",
+            Self::Tilt => "rad",
+            Self::Strain => "1",
+        }
+    }
 }
 
 impl Unit {
@@ -235,15 +250,20 @@ pub struct Analysis {
 }
 
 /// What a study says of the modes to identify: frequencies in Hz near which they are.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct ModeChoice {
     /// `modes_hz`: these and no others, instead of automatic picking.
+    #[serde(rename = "modes_hz")]
     pub only_hz: Option<Vec<f64>>,
     /// `add_modes_hz`: these too.
+    #[serde(rename = "add_modes_hz")]
     pub add_hz: Vec<f64>,
     /// `drop_modes_hz`: not these.
+    #[serde(rename = "drop_modes_hz")]
     pub drop_hz: Vec<f64>,
     /// `mode_bands_hz`: a mode that is picked in one of these is fitted to its lines alone.
+    #[serde(rename = "mode_bands_hz")]
     pub bands_hz: Vec<[f64; 2]>,
 }
 
@@ -277,6 +297,11 @@ impl ModeChoice {
         }
         self.bands_hz = others;
         Ok(())
+    }
+
+    /// Frequencies at which the user wants modes.
+    pub fn wanted_hz(&self) -> Vec<f64> {
+        self.only_hz.iter().flatten().chain(&self.add_hz).copied().collect()
     }
 
     /// Wants a mode at a frequency: takes back that it was dropped, else adds it to those that are named.

@@ -149,7 +149,18 @@ fn the_page_takes_the_steps_of_the_commands_for_its_own_window_alone() {
     );
     let before = server.data();
     assert_eq!(before["modes"]["modes"].as_array().unwrap().len(), 14);
-    server.finish(&["diagnose"]);
+    // It says how far it is, with counts.
+    assert_eq!(server.post("/run", &json!({ "command": ["diagnose"] })).status, 202);
+    let mut stages: Vec<(String, u64, u64)> = Vec::new();
+    let job = server.job_until(|job| {
+        let count = |key: &str| job[key].as_u64().unwrap();
+        stages.extend(job["stage"].as_str().map(|stage| (stage.to_owned(), count("done"), count("total"))));
+        job["state"] != "running"
+    });
+    assert_eq!(job["state"], "done", "{job}");
+    assert!(stages.iter().all(|(_, done, total)| done <= total && *total > 0), "{stages:?}");
+    let again = stages.iter().filter(|(stage, ..)| stage == "the best effects fitted from the start again");
+    assert!(again.count() > 1, "{stages:?}");
     let lacks = sentences(&server.data(), "finding").remove(0);
     assert!(lacks.starts_with("The model lacks base-rotation"), "{lacks}");
     server.finish(&["add", "base-rotation"]);
@@ -183,6 +194,14 @@ fn the_page_takes_the_steps_of_the_commands_for_its_own_window_alone() {
     assert_eq!(server.post("/picks", &json!({ "add_hz": [0.66], "drop_hz": [1.4278] })).status, 204);
     let chosen = toml();
     assert!(chosen.contains("add_modes_hz = [0.66]") && chosen.contains("drop_modes_hz = [1.4278]"), "{chosen}");
+    // Every window sees at once what modes were not identified with yet.
+    let number = |hz: f64| {
+        let modes = before["modes"]["modes"].as_array().unwrap().iter();
+        let near = modes.filter(|mode| (mode["frequency_hz"].as_f64().unwrap() / hz - 1.0).abs() < 0.005);
+        near.map(|mode| mode["number"].clone()).next().unwrap()
+    };
+    let picks = || server.data()["picks"].clone();
+    assert_eq!(picks(), json!({ "added_hz": [0.66], "dropped": [number(1.4278)], "bands": [] }));
     let comments =
         |text: &str| text.lines().filter(|line| line.starts_with('#')).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(comments(&chosen), comments(&text));
@@ -191,11 +210,13 @@ fn the_page_takes_the_steps_of_the_commands_for_its_own_window_alone() {
     assert_eq!(band(json!([1.3, 1.4])).status, 409, "it is no band of that mode");
     assert_eq!(band(json!([1.38, 1.47])).status, 204);
     assert!(toml().contains("mode_bands_hz = [[1.38, 1.47]]"), "{}", toml());
+    assert_eq!(picks()["bands"], json!([{ "mode": number(1.4278), "band_hz": [1.38, 1.47] }]));
     assert_eq!(band(Value::Null).status, 204);
     assert_eq!(toml(), chosen);
     // The other way round takes both back.
     assert_eq!(server.post("/picks", &json!({ "add_hz": [1.4279], "drop_hz": [0.6601] })).status, 204);
     assert!(!toml().contains("_modes_hz ="), "{}", toml());
+    assert_eq!(picks(), json!({ "added_hz": [], "dropped": [], "bands": [] }));
 
     // What the page may not ask, two at once, and one that is stopped.
     for words in [&["init", "elsewhere"][..], &["add", "--json"], &["report", "--output", "/tmp/x"], &[]] {
@@ -207,6 +228,13 @@ fn the_page_takes_the_steps_of_the_commands_for_its_own_window_alone() {
     assert_eq!(server.post("/cancel", &json!({})).status, 204);
     assert_eq!(server.job_ended()["state"], "cancelled");
     assert_eq!(fs::read(Path::new(&study).join("results/modes.json")).unwrap(), modes);
+    // In the middle of a computation as well.
+    let diagnosis = fs::read(Path::new(&study).join("results/diagnosis.json")).unwrap();
+    assert_eq!(server.post("/run", &json!({ "command": ["diagnose"] })).status, 202);
+    server.job_until(|job| job["state"] == "running" && job["total"].as_u64() > Some(0));
+    assert_eq!(server.post("/cancel", &json!({})).status, 204);
+    assert_eq!(server.job_ended()["state"], "cancelled");
+    assert_eq!(fs::read(Path::new(&study).join("results/diagnosis.json")).unwrap(), diagnosis);
     // What fails says why.
     let failed = server.finish_with(&["add", "no-such-effect"]);
     assert_eq!(failed["state"], "failed");

@@ -234,7 +234,7 @@ fn find_effect(
                 "The verdict is unknown. The demo adds {name}, which explains most, to show what it does."
             ));
         }
-        match project.add(&name) {
+        match console.with_progress(|on_progress| project.add(&name, on_progress)) {
             Ok(report) => {
                 tell_change(&report, project.study(), console);
                 show_gain(outcome, project, route, console)?;

@@ -4,9 +4,9 @@ use super::error::EffectError;
 use super::kind::EffectKind;
 use super::{
     added_mass, amplitude_stiffness, axis_rotation, base_rotation, base_torsion, base_translation, clock_offset,
-    connection_flexibility, custom, foundation_mass, harmonic, lateral_support, mass_eccentricity, mass_scale,
-    outrigger, p_delta, rotary_inertia, sensor_gain, sensor_polarity, sensor_rotation, sensor_swap, shear_flexibility,
-    stiffness_loss, stiffness_scale, temperature_stiffness, tuned_mass_damper,
+    connection_flexibility, coupled_shear, custom, foundation_mass, harmonic, lateral_support, mass_eccentricity,
+    mass_scale, outrigger, p_delta, rotary_inertia, sensor_gain, sensor_polarity, sensor_rotation, sensor_swap,
+    shear_flexibility, stiffness_loss, stiffness_scale, temperature_stiffness, tuned_mass_damper, wall_frame,
 };
 
 /// Every kind there is.
@@ -18,6 +18,8 @@ pub const KINDS: &[&dyn EffectKind] = &[
     &base_torsion::KIND,
     &foundation_mass::FoundationMass,
     &shear_flexibility::ShearFlexibility,
+    &coupled_shear::CoupledShear,
+    &wall_frame::WallFrame,
     &rotary_inertia::RotaryInertia,
     &p_delta::PDelta,
     &added_mass::AddedMass,

@@ -7,6 +7,7 @@ use nalgebra::DMatrix;
 use super::error::EffectError;
 use super::kind::{About, EffectKind, Given, LookAlike};
 use super::parameter::Parameter;
+use crate::model::arms::{Arm, carry};
 use crate::model::assembly::Assembly;
 use crate::model::contribution::Contribution;
 use crate::model::sensitivity::Change;
@@ -72,20 +73,13 @@ impl Contribution for Eccentricity {
         if self.offset_m == [0.0; 2] {
             return;
         }
-        let [x, y] = self.offset_m;
-        let body = body(assembly);
-        let mass = &mut assembly.mass;
-        // Motion of the centres of mass: M becomes Sᵀ M S, with S adding the rotation's share to each node's ux and uy.
-        for &[ux, uy, rz] in &body {
-            let moved = mass.column(ux) * -y + mass.column(uy) * x;
-            let mut column = mass.column_mut(rz);
-            column += moved;
-        }
-        for &[ux, uy, rz] in &body {
-            let moved = mass.row(ux) * -y + mass.row(uy) * x;
-            let mut row = mass.row_mut(rz);
-            row += moved;
-        }
+        let [x_m, y_m] = self.offset_m;
+        // As the centres of mass move: rotation has its share in each node's ux and uy.
+        let arms = |&[ux, uy, rotation]: &[usize; 3]| {
+            [(ux, -y_m), (uy, x_m)].map(|(translation, length_m)| Arm { translation, rotation, length_m })
+        };
+        let arms: Vec<Arm> = body(assembly).iter().flat_map(arms).collect();
+        carry(&mut assembly.mass, &arms);
     }
 }
 

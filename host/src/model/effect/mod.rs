@@ -15,6 +15,7 @@ mod base_translation;
 mod catalogue;
 mod clock_offset;
 mod connection_flexibility;
+mod coupled_shear;
 mod custom;
 mod error;
 mod foundation_mass;
@@ -47,6 +48,9 @@ mod temperature_stiffness;
 mod tests;
 mod trend;
 pub(super) mod tuned_mass_damper;
+mod wall_frame;
+#[cfg(test)]
+mod wall_frame_tests;
 #[cfg(test)]
 mod word_tests;
 

@@ -101,9 +101,9 @@ impl Parameter {
         if self.power == 1 { small * times } else { small * times.abs().powf(1.0 / f64::from(self.power)) }
     }
 
-    /// Whether a value is one that every good installation has.
-    pub fn is_usual(&self, value: f64) -> bool {
-        self.usual > 0.0 && (value - self.neutral).abs() <= self.usual
+    /// Whether a value, known to a standard deviation, may be one that every good installation has: it is not above that by two of them.
+    pub fn is_usual(&self, value: f64, std: f64) -> bool {
+        self.usual > 0.0 && (value - self.neutral).abs() - 2.0 * std <= self.usual
     }
 
     /// Whether it is fitted.

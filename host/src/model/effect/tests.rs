@@ -4,10 +4,12 @@ use std::path::Path;
 
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, RowDVector};
+use nalgebra::{DMatrix, DVector, RowDVector};
 
 use super::*;
-use crate::model::{Assembly, BeamTable, Body, Custom, ModalBasis, Modes, Segment, Stiffness, Structure, phases_rad};
+use crate::model::{
+    Assembly, BeamTable, Body, Custom, DOFS_A_NODE, ModalBasis, Modes, Segment, Stiffness, Structure, phases_rad,
+};
 use crate::study::{Direction, Sensor};
 
 const HEADER: &str = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2\n";
@@ -125,6 +127,54 @@ fn a_local_loss_takes_its_share_of_the_strain_energy() {
     let two_softer = Structure::with_effects(beam(), &["stiffness-loss@40m=0.5".parse().unwrap()]).unwrap();
     let halved = segments(&two_softer).iter().filter(|segment| segment.torsion_n_m2 == 1e10).count();
     assert_eq!(halved, 2);
+}
+
+/// The static answer of the beam with effects to a moment about Y at its top.
+fn answer_to_moment(words: &[&str]) -> DVector<f64> {
+    let effects: Vec<Effect> = words.iter().map(|word| word.parse().unwrap()).collect();
+    let stiffness = Structure::with_effects(beam(), &effects).unwrap().assemble().stiffness;
+    let mut moment = DVector::zeros(stiffness.nrows());
+    moment[9 * DOFS_A_NODE + 3] = MOMENT_N_M;
+    stiffness.cholesky().unwrap().solve(&moment)
+}
+
+const MOMENT_N_M: f64 = 1e9;
+
+/// With half of a panel's height, a moment at the top makes each panel sway by the rotation of its lower end: the kinematics of rigid
+/// braces that meet in the middle of the girder above.
+#[test]
+fn without_shear_force_a_panel_sways_as_its_lower_end_rotates() {
+    let coupled = answer_to_moment(&["coupled-shear=5"]);
+    for panel in 1..10 {
+        let at = |node: usize, dof: usize| coupled[node * DOFS_A_NODE + dof];
+        let (sway, rotation) = (at(panel, 0) - at(panel - 1, 0), at(panel - 1, 3));
+        assert!((sway / (10.0 * rotation) - 1.0).abs() < 1e-9, "panel {panel}: {sway} m");
+    }
+    // Rotations are those of the beam, and so is what sways along the other axis.
+    let plain = answer_to_moment(&["coupled-shear=0"]);
+    for row in (0..plain.len()).filter(|row| row % DOFS_A_NODE == 3) {
+        assert!((coupled[row] / plain[row] - 1.0).abs() < 1e-9);
+    }
+    let along_y = answer_to_moment(&["coupled-shear=distance_x=0,distance_y=5"]);
+    for row in (0..plain.len()).filter(|row| row % DOFS_A_NODE == 0) {
+        assert!((along_y[row] - plain[row]).abs() < 1e-9 * plain.amax());
+    }
+}
+
+/// A base that rotates turns what stands on it as a rigid body, whatever bending does: no segment is strained by that.
+#[test]
+fn a_base_rotates_a_coupled_beam_as_a_rigid_body() {
+    let flexibility = 1e-11;
+    let (clamped, rotating) = (
+        answer_to_moment(&["coupled-shear=5"]),
+        answer_to_moment(&["coupled-shear=5", &format!("base-rotation={flexibility}")]),
+    );
+    let angle = flexibility * MOMENT_N_M;
+    for node in 0..10 {
+        let z_m = 10.0 * (node + 1) as f64;
+        let more = |dof: usize| rotating[node * DOFS_A_NODE + dof] - clamped[node * DOFS_A_NODE + dof];
+        assert!((more(3) / angle - 1.0).abs() < 1e-6 && (more(0) / (angle * z_m) - 1.0).abs() < 1e-6, "node {node}");
+    }
 }
 
 /// A joint is a short segment without stiffness of its own: the same modes as with a segment of 1 mm that bends by what
@@ -397,7 +447,14 @@ fn relative_changes_need_something_to_change() {
 /// depends on it: a soft base, a joint, weight above, turned axes.
 #[test]
 fn segment_changes_are_those_of_the_matrices() {
-    let words = ["base-rotation=4e-11", "connection-flexibility@57m=1e-10", "axis-rotation=12", "stiffness-scale=0.1"];
+    let words = [
+        "base-rotation=4e-11",
+        "connection-flexibility@57m=1e-10",
+        "axis-rotation=12",
+        "coupled-shear=distance_x=4,distance_y=3",
+        "wall-frame=share_x=0.2,share_y=0.3",
+        "stiffness-scale=0.1",
+    ];
     let effects: Vec<Effect> = words.iter().map(|word| word.parse().unwrap()).collect();
     let structure = Structure::with_effects(beam(), &effects).unwrap();
     let changes = structure.segment_changes();

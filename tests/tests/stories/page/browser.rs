@@ -76,18 +76,48 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
             "return document.querySelector('#header select, nav select').value === '3'",
         )
         .await;
+    // By its frequency, for numbers change with the next identification; a frequency that no mode is near to is none.
+    let mode = "return document.querySelector('nav select').value";
+    // The address follows a moment after the page. It holds all digits, the choice of modes a few of them.
+    let is_named = "Math.abs(parseFloat(location.hash.match(/mode=([^&]*)Hz/)?.[1]) / parseFloat(document.querySelector('nav select').selectedOptions[0].textContent.split('·')[1]) - 1) < 0.001";
+    browser.script("location.hash = 'mode=0.6Hz'").await;
+    browser.wait_for("no mode is at 0.6 Hz", &format!("{mode} === '1'")).await;
+    browser.click("›").await;
+    browser.wait_for("the next mode", &format!("{mode} === '2'")).await;
+    browser.click("›").await;
+    browser.wait_for("the mode's frequency in the address", &format!("{mode} === '3' && {is_named}")).await;
     let view = browser.client.current_url().await.unwrap();
     let first = browser.client.window().await.unwrap();
-    let second = browser.client.new_window(true).await.unwrap().handle;
-    browser.client.switch_to_window(second).await.unwrap();
+    let others = browser.client.new_window(true).await.unwrap().handle;
+    browser.client.switch_to_window(others.clone()).await.unwrap();
     browser.client.goto(view.as_str()).await.unwrap();
     browser.wait_for("the other window is drawn", DRAWN).await;
     browser.click("Undo: remove base-rotation").await;
     browser.done("remove").await;
-    browser.client.switch_to_window(first).await.unwrap();
+    browser.client.switch_to_window(first.clone()).await.unwrap();
     browser
         .wait_for("both windows agree", "return !document.body.textContent.includes('Undo: remove base-rotation')")
         .await;
+
+    // A pick shows in both windows, and the modes that it leaves have other numbers.
+    browser.script("location.hash = 'singular-values&mode=1'").await;
+    browser.click("Drop this mode").await;
+    let is_picked = "document.getElementById('singular-values').textContent.includes('Picked: 1 dropped')";
+    browser.wait_for("the pick", &format!("return {is_picked}")).await;
+    browser.client.switch_to_window(others.clone()).await.unwrap();
+    browser.wait_for("the pick in the other window", &format!("return {is_picked}")).await;
+    browser.wait_for("the third mode", &format!("{mode} === '3'")).await;
+    browser.client.switch_to_window(first.clone()).await.unwrap();
+    browser.click("Identify modes straight from the recording").await;
+    browser.done("identify").await;
+    browser.client.switch_to_window(others.clone()).await.unwrap();
+    let is_second = format!("{mode} === '2' && !{is_picked} && {is_named}");
+    browser.wait_for("the same mode by another number", &is_second).await;
+    browser.client.switch_to_window(first.clone()).await.unwrap();
+    browser.script("location.hash = 'mode=1'").await;
+
+    // Colours of the reader's choice, by keyboard.
+    browser.colours().await;
 
     for (name, size, scheme) in [("desktop", DESKTOP, "light"), ("phone", PHONE, "light"), ("dark", DESKTOP, "dark")] {
         browser.size(size).await;
@@ -123,6 +153,7 @@ async fn a_report_opens_from_disk_with_all_its_pictures() {
         json!(0),
         "a report has nothing to click that asks a server"
     );
+    browser.colours().await;
     browser.picture("5 report").await;
     browser.no_errors().await;
     browser.end().await;

@@ -7,6 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use fantoccini::error::CmdError;
+use fantoccini::key::Key;
 use fantoccini::wd::WebDriverCompatibleCommand;
 use fantoccini::{Client, ClientBuilder, Locator};
 use hyper_util::client::legacy::connect::HttpConnector;
@@ -112,6 +113,20 @@ impl Browser {
         let reference = serde_json::to_value(&button).map_err(CmdError::Json)?;
         self.client.execute("arguments[0].scrollIntoView({ block: 'center' })", vec![reference]).await?;
         button.click().await
+    }
+
+    /// Goes through the choice of colours by keyboard; each stands in the address, and the system's choice needs no word there.
+    pub(crate) async fn colours(&self) {
+        for (shown, scheme) in [("Colours: auto", "light"), ("Colours: light", "dark"), ("Colours: dark", "")] {
+            let path = format!("//button[.='{shown}']");
+            let button = self.client.find(Locator::XPath(&path)).await.unwrap();
+            button.send_keys(&Key::Enter.to_string()).await.unwrap();
+            let dark = if scheme == "dark" { "dark" } else { "light" };
+            let there = format!(
+                "return getComputedStyle(document.documentElement).colorScheme === '{dark}' && ('{scheme}' ? location.hash.includes('theme={scheme}') : !location.hash.includes('theme'))"
+            );
+            self.wait_for(shown, &there).await;
+        }
     }
 
     /// Waits until the command that was asked for is done.

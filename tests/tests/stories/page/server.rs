@@ -123,15 +123,20 @@ impl Server {
         self.job_ended()
     }
 
-    /// The last state of the command that runs, from the events that a window follows.
+    /// The last state of the command that runs.
     pub(super) fn job_ended(&self) -> Value {
+        self.job_until(|job| job["state"] != "running")
+    }
+
+    /// The first state of the command that is as it should be, from the events that a window follows.
+    pub(super) fn job_until(&self, mut is_there: impl FnMut(&Value) -> bool) -> Value {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         write!(stream, "GET /events HTTP/1.1\r\nhost: {}\r\ncookie: {}\r\n\r\n", self.host, self.cookie).unwrap();
         let lines = BufReader::new(stream).lines().map(|line| line.expect("an event in time"));
         let news = lines.filter_map(|line| serde_json::from_str::<Value>(line.strip_prefix("data: ")?).ok());
-        let job = news.map(|mut news| news["job"].take()).find(|job| job["state"] != "running");
-        job.expect("the server tells of the end")
+        let job = news.map(|mut news| news["job"].take()).find(|job| is_there(job));
+        job.expect("the server tells of it")
     }
 }
 
