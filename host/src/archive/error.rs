@@ -89,24 +89,29 @@ pub enum ArchiveError {
 }
 
 impl ArchiveError {
-    /// Whether it may pass by itself, so that it is worth another try: another program writes or repairs, the disk is full or away.
+    /// What the database says, where it refuses.
+    fn code(&self) -> Option<ErrorCode> {
+        match self {
+            Self::Database { source, .. } => source.sqlite_error_code(),
+            _ => None,
+        }
+    }
+
+    /// Whether another program writes or repairs, or the disk is full: that passes, also for an archive that is still to be opened.
+    pub fn will_pass(&self) -> bool {
+        let passes = |code| matches!(code, ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked | ErrorCode::DiskFull);
+        matches!(self, Self::InUse { .. }) || self.code().is_some_and(passes)
+    }
+
+    /// Whether an archive that has been written to is worth another try: as [`ArchiveError::will_pass`], or its disk is away.
     pub fn may_pass(&self) -> bool {
-        let source = match self {
-            Self::Database { source, .. } => source,
-            other => return matches!(other, Self::InUse { .. }),
-        };
-        matches!(
-            source.sqlite_error_code(),
-            Some(
-                ErrorCode::DatabaseBusy
-                    | ErrorCode::DatabaseLocked
-                    | ErrorCode::DiskFull
-                    | ErrorCode::SystemIoFailure
-                    | ErrorCode::CannotOpen
-                    | ErrorCode::ReadOnly
-                    | ErrorCode::OutOfMemory
+        let is_away = |code| {
+            matches!(
+                code,
+                ErrorCode::SystemIoFailure | ErrorCode::CannotOpen | ErrorCode::ReadOnly | ErrorCode::OutOfMemory
             )
-        )
+        };
+        self.will_pass() || self.code().is_some_and(is_away)
     }
 }
 

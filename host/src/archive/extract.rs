@@ -1,12 +1,12 @@
 //! Extracting: the windows of a range of time as an archive of their own, or as a table.
 
 use std::collections::BTreeMap;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::Path;
 
 use belfry_shared::message::Configuration;
-use rusqlite::OpenFlags;
 use rusqlite::types::Value;
+use rusqlite::{ErrorCode, OpenFlags};
 use serde::Serialize;
 use tempfile::Builder;
 
@@ -62,9 +62,13 @@ impl Archive {
         let path = file.into_temp_path();
         let mut new = Self::connect(path.to_path_buf(), OpenFlags::default(), None)?;
         let mut extract = Extract::default();
-        let written = new.prepare().map_err(|source| new.failed(source));
-        written?;
-        let transaction = new.connection.transaction().map_err(|source| self.failed(source))?;
+        // Only the new file grows.
+        let failed = |source: rusqlite::Error| match source.sqlite_error_code() {
+            Some(ErrorCode::DiskFull | ErrorCode::ReadOnly | ErrorCode::CannotOpen) => fail(io::Error::other(source)),
+            _ => self.failed(source),
+        };
+        new.prepare().map_err(failed)?;
+        let transaction = new.connection.transaction().map_err(failed)?;
         let mut write = || -> rusqlite::Result<()> {
             for (kind, columns) in [(Kind::Asked, ASKED_COLUMNS), (Kind::Service, SERVICE_COLUMNS)] {
                 for id in self.row_ids(kind.name()) {
@@ -89,8 +93,8 @@ impl Archive {
                 write_window(&transaction, head.id, &values.0, &channels).map(drop)
             })
         };
-        write().map_err(|source| self.failed(source))?;
-        transaction.commit().map_err(|source| self.failed(source))?;
+        write().map_err(failed)?;
+        transaction.commit().map_err(failed)?;
         drop(new);
         path.persist(output).map_err(|error| fail(error.error))?;
         Ok(extract)
@@ -137,15 +141,8 @@ impl Archive {
         for setup in self.setups()? {
             let survey = Survey::new(self, &setup)?;
             extract.damages.extend(survey.damages.iter().cloned());
-            let mut end_us = i64::MIN;
-            for hour in survey.hours().rev() {
-                let ends =
-                    survey.hour(self, hour)?.0.into_iter().map(|head| head.start_us.saturating_add(2 * hop_of(&head)));
-                end_us = ends.max().unwrap_or(end_us);
-                if end_us > i64::MIN {
-                    break;
-                }
-            }
+            let last = survey.outermost(self, true)?;
+            let end_us = last.map_or(i64::MIN, |head| head.start_us.saturating_add(2 * hop_of(&head)));
             let [from_us, to_us] = range.middles(end_us);
             for hour in survey.hours() {
                 let (heads, wrong) = survey.hour(self, hour)?;

@@ -153,6 +153,26 @@ impl Survey {
         self.hours.iter().copied()
     }
 
+    /// The first window that is sound, or the last, where `from_end`.
+    pub(super) fn outermost(&self, archive: &Archive, from_end: bool) -> rusqlite::Result<Option<Head>> {
+        let mut hours: Vec<i64> = self.hours().collect();
+        if from_end {
+            hours.reverse();
+        }
+        for hour in hours {
+            let (mut heads, _) = self.hour(archive, hour)?;
+            if from_end {
+                heads.reverse();
+            }
+            for head in heads {
+                if archive.channels(&head)?.is_ok() {
+                    return Ok(Some(head));
+                }
+            }
+        }
+        Ok(None)
+    }
+
     /// The windows that begin in an hour, in the order of time, and what is wrong there.
     pub(super) fn hour(&self, archive: &Archive, hour: i64) -> rusqlite::Result<(Vec<Head>, Vec<Damage>)> {
         let expected = self.tallies.get(&hour).copied().unwrap_or_default();

@@ -35,6 +35,7 @@ pub use error::ArchiveError;
 pub use extract::Extract;
 pub use health::NodeHealth;
 pub use prune::{PruneReport, PrunedNode};
+pub(crate) use range::moment;
 pub use range::{TimeRange, parse_moment};
 pub use read::{Collected, CollectedSetup};
 pub use repair::RepairReport;

@@ -85,6 +85,11 @@ impl Archive {
             for setup in self.setups()? {
                 while self.prune_hour(&setup, found.before_us)? {}
             }
+            // Windows of whole hours before that may be gone by damage; nobody misses them any more.
+            self.connection.execute(
+                "DELETE FROM tally WHERE kind = ?1 AND hour < ?2",
+                params![Kind::Window.name(), hour_of(found.before_us)],
+            )?;
             // Where pages are given back at all: an archive that was begun by an earlier version keeps them for new windows.
             let mut vacuum = self.connection.prepare("PRAGMA incremental_vacuum")?;
             let mut rows = vacuum.query([])?;

@@ -37,9 +37,21 @@ impl fmt::Display for TimeRange {
         let mut parts = Vec::new();
         parts.extend(self.from_us.map(|from_us| format!("from {}", moment(from_us))));
         parts.extend(self.to_us.map(|to_us| format!("up to {}", moment(to_us))));
-        parts.extend(self.last.map(|last| format!("in the last {}", humantime::format_duration(last))));
+        parts.extend(self.last.map(|last| format!("in the last {}", in_words(last))));
         formatter.write_str(&parts.join(" "))
     }
+}
+
+/// A length of time, such as "7 days 12 h".
+fn in_words(length: Duration) -> String {
+    let seconds = length.as_secs_f64();
+    let (days, rest) = ((seconds / 86_400.0).floor(), seconds % 86_400.0);
+    let (hours, rest) = ((rest / 3600.0).floor(), rest % 3600.0);
+    let (minutes, rest) = ((rest / 60.0).floor(), rest % 60.0);
+    let day = if days == 1.0 { "day" } else { "days" };
+    let parts = [(days, day), (hours, "h"), (minutes, "min"), (rest, "s")];
+    let parts = parts.iter().filter(|(count, _)| *count > 0.0).map(|(count, unit)| format!("{count} {unit}"));
+    parts.collect::<Vec<_>>().join(" ")
 }
 
 /// A moment in words, in UTC, to the second.
@@ -92,8 +104,12 @@ mod tests {
         let named = TimeRange { to_us: Some(3_600_000_500), last, from_us: None };
         assert_eq!(
             (of(named), named.to_string()),
-            ([500, 3_600_000_500], "up to 1970-01-01T01:00:00Z in the last 1h".to_owned())
+            ([500, 3_600_000_500], "up to 1970-01-01T01:00:00Z in the last 1 h".to_owned())
         );
         assert_eq!(of(TimeRange { from_us: Some(7000), ..named }), [7000, 3_600_000_500]);
+        for (seconds, words) in [(604_800, "7 days"), (86_461, "1 day 1 min 1 s"), (2_678_400 + 43_200, "31 days 12 h")]
+        {
+            assert_eq!(in_words(Duration::from_secs(seconds)), words);
+        }
     }
 }

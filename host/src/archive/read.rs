@@ -31,6 +31,8 @@ pub struct CollectedSetup {
     pub first_grid_index: u64,
     /// The same in s of Unix time.
     pub start_s: f64,
+    /// When the first window begins and the last ends, in words.
+    pub span: [String; 2],
     /// Node windows that were measured with other lines, or averaged on the node, and are left out.
     pub other_windows: usize,
     /// Hashes of the configurations that make these lines.
@@ -107,14 +109,17 @@ impl Archive {
         };
         let hashes = asked.iter().filter(|one| lines(one) == wanted).map(|one| one.configuration.hash()).collect();
         let first_grid_index = count.first.unwrap_or_default();
-        let start_s = clock(&newest.configuration).start(first_grid_index).0 as f64 * 1e-6;
+        let starts = clock(&newest.configuration);
+        let start_us = starts.start(first_grid_index).0;
+        let end_us = starts.start(count.last.unwrap_or_default().saturating_add(2)).0;
         let others = counts.iter().filter(|(lines, _)| *lines != wanted);
         let setup = CollectedSetup {
             grid,
             decimation,
             windows: count.starts,
             first_grid_index,
-            start_s,
+            start_s: start_us as f64 * 1e-6,
+            span: [moment(start_us), moment(end_us)],
             other_windows: others.map(|(_, count)| count.node_windows).sum(),
             hashes,
             middles_us,
@@ -134,20 +139,8 @@ impl Archive {
             asked.iter().map(|one| (one.configuration.hash(), &one.configuration)).collect();
         let hop_of = |head: &Head| by_hash.get(&head.window.configuration_hash).map_or(0, |one| hop_us(one));
         let end_of = |head: &Head| head.start_us.saturating_add(2 * hop_of(head));
-        let (mut first, mut last) = (None, None);
-        for hour in survey.hours().rev() {
-            last = survey.hour(self, hour)?.0.into_iter().max_by_key(|head| head.start_us);
-            if last.is_some() {
-                break;
-            }
-        }
-        for hour in survey.hours() {
-            first = survey.hour(self, hour)?.0.into_iter().next();
-            if first.is_some() {
-                break;
-            }
-        }
-        let (Some(first), Some(last)) = (first, last) else {
+        // A damaged start must not move what is counted back from the last.
+        let (Some(first), Some(last)) = (survey.outermost(self, false)?, survey.outermost(self, true)?) else {
             for hour in survey.hours() {
                 damages.extend(survey.hour(self, hour)?.1);
             }
@@ -167,6 +160,10 @@ impl Archive {
                 if !contains(middles_us, &head, hop_of(&head)) {
                     // It may be out of the range by damage alone.
                     damages.extend(self.channels(&head)?.err().map(|what| head.damaged(what)));
+                    continue;
+                }
+                // Damaged, which is told when it is read; its place would set where all begin.
+                if !is_in_place(&head, configuration) {
                     continue;
                 }
                 let lines = node_lines(configuration);
@@ -207,6 +204,11 @@ pub(super) fn clock(configuration: &Configuration) -> WindowGrid {
 /// Half a segment in µs.
 pub(super) fn hop_us(configuration: &Configuration) -> i64 {
     clock(configuration).start(1).0
+}
+
+/// Whether a window begins where its place on the grid is.
+fn is_in_place(head: &Head, configuration: &Configuration) -> bool {
+    clock(configuration).start(head.window.grid_index).0 == head.start_us
 }
 
 /// Whether the middle of a window, a hop after its start, is in a range.
@@ -296,7 +298,7 @@ impl Collected {
         });
         Ok(match odd {
             Some(lines) => Err(format!("{lines} lines where there should be {}", self.setup.grid.lines)),
-            None if clock(configuration).start(head.window.grid_index).0 != head.start_us => {
+            None if !is_in_place(head, configuration) => {
                 Err("it does not begin where its place on the grid is".to_owned())
             }
             None => Ok(data),

@@ -52,12 +52,13 @@ impl Archive {
             return Err(ArchiveError::InUse { file });
         }
         let checked = Self::check(folder)?;
-        if checked.version != VERSION {
-            // What it holds has no checksums by which damage could be told from data.
-            let file = folder.join(ARCHIVE_FILE);
-            Self::create_file(file, None)?;
-            return Self::repair_locked(folder);
-        }
+        let checked = if checked.version == VERSION {
+            checked
+        } else {
+            // Without checksums damage cannot be told from data; with them, what comes of it can.
+            Self::create_file(file.clone(), None)?;
+            Self::check(folder)?
+        };
         if checked.is_sound {
             let windows = checked.sound_windows;
             return Ok(RepairReport { archive: file, kept_as: None, windows, mended: 0, lost: Vec::new() });

@@ -79,9 +79,9 @@ pub enum CollectionError {
 }
 
 impl CollectionError {
-    /// Whether it may pass by itself.
-    pub fn may_pass(&self) -> bool {
-        matches!(self, Self::Archive(error) if error.may_pass())
+    /// Whether it will pass: another program has the archive, or the disk is full.
+    pub fn will_pass(&self) -> bool {
+        matches!(self, Self::Archive(error) if error.will_pass())
     }
 }
 

@@ -135,8 +135,9 @@ fn run_check(folder: &Path, console: &Console) -> anyhow::Result<()> {
     console.json(&report)?;
     let CheckReport { archive, version, bytes, sound_windows, damages, structure, is_sound } = &report;
     let size = format!("{:.1} MB", *bytes as f64 * 1e-6);
-    if *version == 1 {
-        console.say("Its tables are of version 1 and have no checksums; `belfry collect` brings them up to date.");
+    if *version == 1 && *is_sound {
+        console.say(format!("{}, {size}: {sound_windows} windows of nodes. Its tables are of version 1 and have no checksums, so changed numbers cannot be told; whatever reads it next brings it up to date.", archive.display()));
+        return Ok(());
     }
     if *is_sound {
         console.say(format!("{}, {size}: {sound_windows} windows of nodes, all sound.", archive.display()));

@@ -166,7 +166,7 @@ fn patiently<T>(
     let mut patience = Patience::default();
     loop {
         match begin() {
-            Err(error) if error.may_pass() => {
+            Err(error) if error.will_pass() => {
                 if patience.failed(clock.steady()) {
                     console.report(format_args!("{}. It is tried again.", with_cause(&error)));
                 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use anyhow::bail;
 use clap::Args;
 
-use crate::archive::{TimeRange, parse_moment};
+use crate::archive::{TimeRange, moment, parse_moment};
 use crate::study::Study;
 
 /// Which part of what nodes have sent is meant.
@@ -31,6 +31,14 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
     }
 }
 
+/// A length of time as it is typed, in the largest unit that has a whole number of it.
+fn typed(length: Duration) -> String {
+    let milliseconds = length.as_millis();
+    let units = [("d", 86_400_000), ("h", 3_600_000), ("min", 60_000), ("s", 1000)];
+    let whole = units.iter().find(|(_, unit)| milliseconds % unit == 0);
+    whole.map_or_else(|| format!("{milliseconds}ms"), |(name, unit)| format!("{}{name}", milliseconds / unit))
+}
+
 impl RangeArguments {
     /// The range.
     ///
@@ -45,6 +53,16 @@ impl RangeArguments {
         Ok(TimeRange { from_us: self.from, to_us: self.to, last: self.last })
     }
 
+    /// The options as they are typed.
+    pub fn words(&self) -> Vec<String> {
+        let mut words = Vec::new();
+        for (option, us) in [("--from", self.from), ("--to", self.to)] {
+            words.extend(us.into_iter().flat_map(|us| [option.to_owned(), moment(us)]));
+        }
+        words.extend(self.last.into_iter().flat_map(|last| ["--last".to_owned(), typed(last)]));
+        words
+    }
+
     /// The range among a study's windows.
     ///
     /// # Errors
@@ -57,5 +75,42 @@ impl RangeArguments {
             );
         }
         Ok(range)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        range: RangeArguments,
+    }
+
+    #[test]
+    fn a_range_that_is_typed_again_is_the_same() {
+        for typed in [
+            &["--last", "7d"][..],
+            &["--last", "90min"],
+            &["--last", "1500ms"],
+            &["--from", "2026-11-02T12:30:00Z", "--to", "2026-11-03T00:00:00Z"],
+            &["--to", "2026-11-03T00:00:00Z", "--last", "2h"],
+            &[],
+        ] {
+            let read = |words: &[String]| {
+                Line::parse_from(std::iter::once("line").chain(words.iter().map(String::as_str))).range
+            };
+            let words: Vec<String> = typed.iter().map(|&word| word.to_owned()).collect();
+            let range = read(&words);
+            assert_eq!(range.words(), words);
+            assert_eq!(read(&range.words()).range().unwrap(), range.range().unwrap());
+        }
+        let backwards = Line::parse_from(["line", "--from", "2026-11-03", "--to", "2026-11-02"]).range;
+        assert!(backwards.range().is_err_and(|error| error.to_string().contains("--from must be before --to")));
+        assert!(Line::try_parse_from(["line", "--last", "0s"]).is_err());
+        assert!(Line::try_parse_from(["line", "--from", "2026-11-02", "--last", "7d"]).is_err());
     }
 }

@@ -20,6 +20,8 @@ mod stream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use serde::Serialize;
+
 use crate::archive::{Archive, Collected, TimeRange, damage_in_words};
 use crate::fleet::{FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
@@ -68,6 +70,17 @@ pub struct Timings {
     pub averaging: Duration,
 }
 
+/// From when to when the windows of a live setup are that were averaged.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct CollectedSpan {
+    /// The setup.
+    pub setup: String,
+    /// When the first begins, in UTC.
+    pub from: String,
+    /// When the last ends, in UTC.
+    pub to: String,
+}
+
 /// What measuring gave.
 #[derive(Debug)]
 pub struct Measurement<'a> {
@@ -75,6 +88,8 @@ pub struct Measurement<'a> {
     pub plan: SpectralPlan,
     /// Why this band (where it was chosen), rate and segment, a line each.
     pub reasons: Vec<String>,
+    /// From when to when the windows of live setups are.
+    pub collected: Vec<CollectedSpan>,
     /// The setups that could be measured.
     pub setups: Vec<MeasuredSetup<'a>>,
     /// Each of them at one glance.
@@ -130,6 +145,7 @@ fn measure_prepared<'a>(
     let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepared;
     let mut timings = Timings { counting, ..Timings::default() };
     let total_rows: u64 = opened.iter().map(|opened| opened.rows).sum();
+    let collected = opened.iter().filter_map(Opened::span).collect();
     let mut done_rows = 0;
     let (mut setups, mut overviews, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
     for ((Opened { setup, material, rows }, &decimation), &windows) in
@@ -153,7 +169,7 @@ fn measure_prepared<'a>(
     if setups.is_empty() {
         return Err(failure.unwrap_or(MeasureError::NoSetups));
     }
-    Ok(Measurement { plan, reasons, setups, overviews, fleets, warnings, duration_s, timings })
+    Ok(Measurement { plan, reasons, collected, setups, overviews, fleets, warnings, duration_s, timings })
 }
 
 /// Where a setup's windows come from.
@@ -200,6 +216,13 @@ impl<'a> Opened<'a> {
             Material::Archive(collected) => Some(collected.setup.grid),
             Material::Recording(_) => None,
         }
+    }
+
+    /// From when to when its windows are, where nodes have sent them.
+    fn span(&self) -> Option<CollectedSpan> {
+        let Material::Archive(collected) = &self.material else { return None };
+        let [from, to] = collected.setup.span.clone();
+        Some(CollectedSpan { setup: self.setup.name.clone(), from, to })
     }
 
     fn extent(&self) -> SetupExtent {
@@ -287,9 +310,13 @@ fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'
     warnings.extend(plan.few_averages.map(|few| few.to_string()));
     warnings.extend(opened.iter().filter_map(other_windows));
     reasons.push(match settled {
-        Some((grid, setup)) => collected_reason(&grid, setup, plan.windows.iter().sum(), &study.range),
+        Some((grid, setup)) => collected_reason(&grid, setup, plan.windows.iter().sum()),
         None => plan.reason.clone(),
     });
+    let spans = opened.iter().filter_map(Opened::span);
+    reasons.extend(
+        spans.map(|CollectedSpan { setup, from, to }| format!("Setup \"{setup}\": windows from {from} to {to}.")),
+    );
     Ok(Prepared { setups: opened, plan, reasons, warnings, failure, counting })
 }
 
@@ -303,10 +330,9 @@ fn as_collected(analysis: &Analysis, grid: &LineGrid) -> Analysis {
     }
 }
 
-fn collected_reason(grid: &LineGrid, setup: &str, averages: usize, range: &TimeRange) -> String {
-    let range = if range.is_all() { String::new() } else { format!(" of windows {range}") };
+fn collected_reason(grid: &LineGrid, setup: &str, averages: usize) -> String {
     format!(
-        "As the nodes of setup \"{setup}\" were asked to measure: {} Hz, segments of {} points, {:.1} s; {} lines from {:.4} to {:.4} Hz; {averages} averages{range}.",
+        "As the nodes of setup \"{setup}\" were asked to measure: {} Hz, segments of {} points, {:.1} s; {} lines from {:.4} to {:.4} Hz; {averages} averages.",
         grid.sampling_rate_hz,
         grid.segment,
         1.0 / grid.spacing_hz(),

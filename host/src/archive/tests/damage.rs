@@ -105,3 +105,21 @@ fn numbers_that_cannot_be_are_left_out_also_where_their_checksum_is_right() {
     assert_eq!(words.len(), parts.len(), "{words:?}");
     assert!(words.iter().zip(parts).all(|(word, part)| word.contains(part)), "{words:?}");
 }
+
+#[test]
+fn a_damaged_start_does_not_move_what_is_counted_back_from_the_last() {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    bench.ask(&two, 1);
+    for number in 0..9 {
+        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
+    }
+    let last = TimeRange { last: Some(std::time::Duration::from_secs_f64(5.12 * 4.0)), ..TimeRange::ALL };
+    let before = read(bench.folder.path(), &last).unwrap().unwrap();
+    // One bit in the start of the second window, years later.
+    bench.archive.connection.execute("UPDATE window SET start_us = start_us + (1 << 50) WHERE id = 2", []).unwrap();
+    let (setup, windows, damages) = read(bench.folder.path(), &last).unwrap().unwrap();
+    assert_eq!((setup, windows), (before.0, before.1));
+    let words: Vec<String> = damages.iter().map(ToString::to_string).collect();
+    assert!(words.iter().any(|word| word.contains("window 1 of node 1") && word.contains("checksum")), "{words:?}");
+}

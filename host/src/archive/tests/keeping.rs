@@ -144,6 +144,11 @@ fn pruning_keeps_what_it_is_told_and_a_dry_run_says_what_goes() {
     // What was dropped is not asked from the node again, and not counted as lost.
     assert_eq!(bench.archive.kept(1, 7).unwrap().unwrap().first, 29);
     assert_eq!(bench.archive.health().unwrap()[0].lost_windows, 0);
+    // Nobody misses what was damaged before that.
+    assert_eq!(
+        bench.archive.connection.query_row("SELECT min(hour) FROM tally WHERE kind = 'window'", [], |row| row.get(0)),
+        Ok(2)
+    );
     // A clock that was years ahead once does not cost all the others.
     let two = configuration(2, 256);
     bench.store(&two, &sent(&two, 1, 50, 900_000_000));
@@ -195,4 +200,14 @@ fn a_range_is_an_archive_of_its_own_or_a_table() {
     assert_eq!(rows[1][8..11], ["low", "sound", "0.29296875"]);
     let ChannelData::Lines(lines) = &sent(&configuration(2, 256), 1, 11, 0).channels[0] else { panic!() };
     assert_eq!([rows[1][11].parse(), rows[1][12].parse()], [Ok(lines[0].re), Ok(lines[0].im)]);
+}
+
+#[test]
+fn windows_that_damage_has_taken_are_not_missed_once_their_time_is_pruned() {
+    let mut bench = hours(5);
+    change(bench.folder.path(), "DELETE FROM channel WHERE window = 3; DELETE FROM window WHERE id = 3");
+    assert!(!Archive::check(bench.folder.path()).unwrap().is_sound);
+    let found = bench.archive.prunable(Duration::from_secs(2 * 3600), HostTime(i64::MAX)).unwrap();
+    bench.archive.prune(&found).unwrap();
+    assert_eq!(Archive::check(bench.folder.path()).unwrap().damages, []);
 }

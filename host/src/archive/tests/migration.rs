@@ -69,6 +69,17 @@ fn an_archive_of_version_1_keeps_its_windows_and_gets_checksums() {
 }
 
 #[test]
+fn a_sound_archive_of_version_1_is_brought_up_by_a_repair_and_no_other_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    version_1(folder.path(), 20);
+    let checked = Archive::check(folder.path()).unwrap();
+    assert_eq!((checked.version, checked.sound_windows), (1, 40));
+    let repaired = Archive::repair(folder.path()).unwrap();
+    assert_eq!((repaired.kept_as, repaired.windows), (None, 40));
+    assert_eq!(Archive::check(folder.path()).unwrap().version, 2);
+}
+
+#[test]
 fn several_programs_that_find_version_1_at_once_migrate_it_once() {
     let folder = tempfile::tempdir().unwrap();
     version_1(folder.path(), 20);
