@@ -59,6 +59,11 @@ impl WholeFile {
         Ok(Self { file: BufWriter::with_capacity(BUFFER, file), listing, target })
     }
 
+    /// Where it is until it is finished, for what writes it by itself.
+    pub(crate) fn unfinished_path(&self) -> &Path {
+        self.file.get_ref().path()
+    }
+
     fn with_all(mut self, bytes: &[u8]) -> io::Result<()> {
         self.write_all(bytes)?;
         self.finish()

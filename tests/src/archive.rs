@@ -21,6 +21,8 @@ use belfry_shared::time::HostTime;
 pub const BYTES_A_DAY: u64 = 20_000_000;
 /// What a range is measured over, in days; the first is everything.
 const RANGES_DAYS: [Option<u64>; 3] = [None, Some(7), Some(1)];
+/// In hops of 492 s since the Unix epoch: 2026-01-27.
+const FIRST_START: u64 = 3_600_000;
 /// Each is measured so often, in turn; the quickest counts.
 const TIMES: usize = 3;
 
@@ -85,14 +87,14 @@ pub fn run(days: u64, seed: u64, folder: &Path) -> Result<ArchiveReport, String>
         archive.ask(&setup.name, node, &configuration, &names, HostTime(0)).map_err(told)?;
         asked.push((node, configuration));
     }
+    let first = day.windows.iter().map(|window| window.grid_index).min().ok_or("no window")?;
     let last = day.windows.iter().map(|window| (window.name.number, window.grid_index)).max().ok_or("no window")?;
     let mut windows = 0;
     for number in 0..days {
         for window in &day.windows {
             let mut window = window.clone();
             window.name.number += u32::try_from(number).map_err(told)? * (last.0 + 1);
-            // From 2026 on.
-            window.grid_index += 4_316_000 + number * (last.1 + 1);
+            window.grid_index = FIRST_START + window.grid_index - first + number * (last.1 - first + 1);
             let (_, configuration) =
                 asked.iter().find(|(node, _)| *node == window.name.node).ok_or("a node that was not asked")?;
             archive.store(&setup.name, configuration, &window, HostTime(0)).map_err(told)?;

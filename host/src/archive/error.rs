@@ -11,12 +11,12 @@ use super::VERSION;
 #[derive(Debug, Error)]
 pub enum ArchiveError {
     /// The database refuses.
-    #[error("the archive {file} cannot be used", file = .file.display())]
+    #[error("the archive {file} cannot be used: {why}", file = .file.display())]
     Database {
         /// The archive.
         file: PathBuf,
         /// Why.
-        source: rusqlite::Error,
+        why: rusqlite::Error,
     },
     /// It is a database of something else.
     #[error("{file} is no archive of belfry: move it away", file = .file.display())]
@@ -36,7 +36,7 @@ pub enum ArchiveError {
     },
     /// It was written by an older version, and cannot be brought up to this one.
     #[error(
-        "the archive {file} has tables of version {found}, and cannot be brought to version {VERSION}; it is as it was. Is there room for as much again, and may its folder be written to?", file = .file.display()
+        "the archive {file} has tables of version {found}, and cannot be brought to version {VERSION}; it is as it was. Is there room for as much again, and may its folder be written to? SQLite says: {why}", file = .file.display()
     )]
     Migration {
         /// The archive.
@@ -44,7 +44,7 @@ pub enum ArchiveError {
         /// Its version.
         found: i32,
         /// Why.
-        source: rusqlite::Error,
+        why: rusqlite::Error,
     },
     /// What stands in it makes no sense.
     #[error("the archive {file} is damaged: {what}; see `belfry archive check`", file = .file.display())]
@@ -53,6 +53,14 @@ pub enum ArchiveError {
         file: PathBuf,
         /// What is wrong.
         what: String,
+    },
+    /// Its first page makes no sense, without which no other can be found.
+    #[error("the archive {file} cannot be opened, for its first page is damaged: move it away, or put a copy in its place. SQLite says: {why}", file = .file.display())]
+    Unopenable {
+        /// The archive.
+        file: PathBuf,
+        /// What SQLite says.
+        why: rusqlite::Error,
     },
     /// Nothing lies in the range of time that is asked for.
     #[error("setup \"{setup}\" has no window {range}; its windows begin from {first} to {last}")]
@@ -92,7 +100,7 @@ impl ArchiveError {
     /// What the database says, where it refuses.
     fn code(&self) -> Option<ErrorCode> {
         match self {
-            Self::Database { source, .. } => source.sqlite_error_code(),
+            Self::Database { why, .. } => why.sqlite_error_code(),
             _ => None,
         }
     }

@@ -8,7 +8,6 @@ use belfry_shared::message::Configuration;
 use rusqlite::types::Value;
 use rusqlite::{ErrorCode, OpenFlags};
 use serde::Serialize;
-use tempfile::Builder;
 
 use super::asked::Asked;
 use super::checksum::{ASKED_COLUMNS, CHANNEL_COLUMNS, Kind, SERVICE_COLUMNS, WINDOW_COLUMNS, seal};
@@ -19,7 +18,7 @@ use super::range::moment;
 use super::read::{clock, hop_us};
 use super::repair::write_window;
 use super::{Archive, ArchiveError, TimeRange};
-use crate::files::{UNFINISHED_SUFFIX, WholeFile};
+use crate::files::WholeFile;
 use crate::window::ChannelData;
 
 /// What was extracted.
@@ -57,16 +56,16 @@ impl Archive {
     /// Where the archive cannot be read, or the file cannot be written; what was there stays then.
     pub fn extract_archive(&self, range: &TimeRange, output: &Path) -> Result<Extract, ArchiveError> {
         let fail = |source| ArchiveError::Write { file: output.to_owned(), source };
-        let folder = output.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
-        let file = Builder::new().prefix(".belfry-").suffix(UNFINISHED_SUFFIX).tempfile_in(folder).map_err(fail)?;
-        let path = file.into_temp_path();
-        let mut new = Self::connect(path.to_path_buf(), OpenFlags::default(), None)?;
+        let file = WholeFile::create(output).map_err(fail)?;
+        let mut new = Self::connect(file.unfinished_path().to_owned(), OpenFlags::default(), None)?;
         let mut extract = Extract::default();
         // Only the new file grows.
         let failed = |source: rusqlite::Error| match source.sqlite_error_code() {
             Some(ErrorCode::DiskFull | ErrorCode::ReadOnly | ErrorCode::CannotOpen) => fail(io::Error::other(source)),
             _ => self.failed(source),
         };
+        // What is unfinished is of no use, so that nothing has to be rolled back.
+        new.connection.pragma_update_and_check(None, "journal_mode", "off", |_| Ok(())).map_err(failed)?;
         new.prepare().map_err(failed)?;
         let transaction = new.connection.transaction().map_err(failed)?;
         let mut write = || -> rusqlite::Result<()> {
@@ -96,7 +95,7 @@ impl Archive {
         write().map_err(failed)?;
         transaction.commit().map_err(failed)?;
         drop(new);
-        path.persist(output).map_err(|error| fail(error.error))?;
+        file.finish().map_err(fail)?;
         Ok(extract)
     }
 

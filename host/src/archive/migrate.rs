@@ -47,7 +47,7 @@ impl Archive {
             }
             transaction.commit()
         };
-        migrate().map_err(|source| ArchiveError::Migration { file: self.file.clone(), found, source })
+        migrate().map_err(|why| ArchiveError::Migration { file: self.file.clone(), found, why })
     }
 }
 

@@ -54,6 +54,8 @@ const BUSY: Duration = Duration::from_secs(10);
 const TRY_AGAIN: Duration = Duration::from_millis(10);
 /// Bytes of a page: a channel of some hundred lines takes kilobytes, and several share a page.
 const PAGE_BYTES: i64 = 16384;
+/// Pages in the log before they are moved into the file: 4 MB, some forty windows.
+const LOG_PAGES: i64 = 256;
 
 /// A study's archive.
 #[derive(Debug)]
@@ -117,7 +119,7 @@ impl Archive {
     fn connect(file: PathBuf, flags: OpenFlags, lock: Option<File>) -> Result<Self, ArchiveError> {
         let connection = Connection::open_with_flags(&file, flags)
             .and_then(|connection| connection.busy_timeout(BUSY).map(|()| connection))
-            .map_err(|source| ArchiveError::Database { file: file.clone(), source })?;
+            .map_err(|why| ArchiveError::Database { file: file.clone(), why })?;
         Ok(Self { file, connection, _lock: lock })
     }
 
@@ -147,7 +149,10 @@ impl Archive {
     fn version(&self) -> Result<i32, ArchiveError> {
         let pragma = |name: &str| {
             let value = self.connection.pragma_query_value(None, name, |row| row.get::<_, i32>(0));
-            value.map_err(|source| self.failed(source))
+            value.map_err(|why| match why.sqlite_error_code() {
+                Some(ErrorCode::DatabaseCorrupt) => ArchiveError::Unopenable { file: self.file.clone(), why },
+                _ => self.failed(why),
+            })
         };
         if pragma("application_id")? != APPLICATION_ID {
             return Err(ArchiveError::NotAnArchive { file: self.file.clone() });
@@ -178,6 +183,7 @@ impl Archive {
             }
             std::thread::sleep(TRY_AGAIN);
         }
+        self.connection.pragma_update_and_check(None, "wal_autocheckpoint", LOG_PAGES, |_| Ok(()))?;
         self.connection.pragma_update(None, "synchronous", "full")
     }
 
@@ -206,7 +212,7 @@ impl Archive {
         match source.sqlite_error_code() {
             Some(ErrorCode::NotADatabase) => ArchiveError::NotAnArchive { file: self.file.clone() },
             Some(ErrorCode::DatabaseCorrupt) => self.damaged(source.to_string()),
-            _ => ArchiveError::Database { file: self.file.clone(), source },
+            _ => ArchiveError::Database { file: self.file.clone(), why: source },
         }
     }
 

@@ -127,7 +127,7 @@ impl Archive {
         Ok(Some(Collected { setup, archive: self, asked, survey, damages }))
     }
 
-    /// Counts the windows in a range, line grid by line grid; `None` where there are none at all.
+    /// Counts the windows in a range, line grid by line grid; `None` where none at all is sound.
     fn count(
         &self,
         survey: &Survey,
@@ -142,7 +142,11 @@ impl Archive {
         // A damaged start must not move what is counted back from the last.
         let (Some(first), Some(last)) = (survey.outermost(self, false)?, survey.outermost(self, true)?) else {
             for hour in survey.hours() {
-                damages.extend(survey.hour(self, hour)?.1);
+                let (heads, wrong) = survey.hour(self, hour)?;
+                damages.extend(wrong);
+                for head in heads {
+                    damages.extend(self.channels(&head)?.err().map(|what| head.damaged(what)));
+                }
             }
             return Ok(None);
         };

@@ -238,6 +238,9 @@ fn swap(new: &Path, file: &Path) -> Result<PathBuf, ArchiveError> {
             _ => {}
         }
     }
+    // Who may read it stays as it was.
+    let before = fs::metadata(&kept).map_err(fail(&kept))?;
+    fs::set_permissions(new, before.permissions()).map_err(fail(new))?;
     fs::rename(new, file).map_err(fail(file))?;
     let folder = file.parent().unwrap_or(Path::new("."));
     sync_folder(if folder == Path::new("") { Path::new(".") } else { folder }).map_err(fail(file))?;

@@ -2,7 +2,7 @@
 
 use belfry_shared::message::{Configuration, Summary};
 use belfry_shared::time::{HostTime, WindowGrid};
-use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior, params};
+use rusqlite::{Connection, ErrorCode, OptionalExtension, Transaction, TransactionBehavior, params};
 
 use super::checksum::{Kind, seal, seal_window};
 use super::{Archive, ArchiveError, codec};
@@ -12,6 +12,22 @@ impl Archive {
     /// At once, for a reading transaction that turns to writing is refused where another program writes.
     fn writing(&mut self) -> rusqlite::Result<Transaction<'_>> {
         self.connection.transaction_with_behavior(TransactionBehavior::Immediate)
+    }
+
+    /// Writes, on a full disk after giving back what the log takes: its pages may already have room in the file itself.
+    fn write<T>(&mut self, mut write: impl FnMut(&mut Self) -> rusqlite::Result<T>) -> Result<T, ArchiveError> {
+        let is_full = |error: &rusqlite::Error| error.sqlite_error_code() == Some(ErrorCode::DiskFull);
+        let written = match write(self) {
+            Err(error) if is_full(&error) && self.empty_log() => write(self),
+            written => written,
+        };
+        written.map_err(|source| self.failed(source))
+    }
+
+    /// Moves what is in the log into the file, and whether all of it could be.
+    fn empty_log(&self) -> bool {
+        let is_busy = self.connection.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |row| row.get::<_, i64>(0));
+        is_busy.is_ok_and(|is_busy| is_busy == 0)
     }
 
     /// Notes what a node is asked to measure, with its channels' names; the last that was asked counts.
@@ -29,8 +45,8 @@ impl Archive {
         let json = |error: serde_json::Error| self.damaged(error.to_string());
         let settings = serde_json::to_string(configuration).map_err(json)?;
         let channels = serde_json::to_string(channels).map_err(json)?;
-        let mut ask = || {
-            let transaction = self.writing()?;
+        self.write(|archive| {
+            let transaction = archive.writing()?;
             let new = transaction.execute(
                 "INSERT INTO asked (setup, node, since_us, configuration, settings, channels, checksum)
                  SELECT ?1, ?2, ?3, ?4, ?5, ?6, 0 WHERE (?4, ?6) IS NOT
@@ -41,8 +57,7 @@ impl Archive {
                 seal(&transaction, Kind::Asked, transaction.last_insert_rowid())?;
             }
             transaction.commit()
-        };
-        ask().map_err(|source| self.failed(source))
+        })
     }
 
     /// Notes that a life of a node serves a setup from now on, where it has not before; where it is met for the first time, its windows
@@ -58,8 +73,8 @@ impl Archive {
         first_window: u32,
         now: HostTime,
     ) -> Result<(), ArchiveError> {
-        let mut meet = || {
-            let transaction = self.writing()?;
+        self.write(|archive| {
+            let transaction = archive.writing()?;
             let new = transaction.execute(
                 "INSERT INTO service (setup, node, boot, first_window, since_us, checksum)
                  SELECT ?1, ?2, ?3, ?4, ?5, 0 WHERE ?1 IS NOT
@@ -70,8 +85,7 @@ impl Archive {
                 seal(&transaction, Kind::Service, transaction.last_insert_rowid())?;
             }
             transaction.commit()
-        };
-        meet().map_err(|source| self.failed(source))
+        })
     }
 
     /// What is kept of a life of a node; `None` where it has never been met.
@@ -122,8 +136,7 @@ impl Archive {
             WindowGrid { sampling_rate_uhz: configuration.sampling_rate_uhz, hop_samples: configuration.hop_samples() };
         // Windows overlap by half.
         let span = [window.grid_index, window.grid_index.saturating_add(2)].map(|index| grid.start(index));
-        let stored = self.store_in_one(setup, bits(configuration), window, span, now);
-        stored.map_err(|source| self.failed(source))
+        self.write(|archive| archive.store_in_one(setup, bits(configuration), window, span, now))
     }
 
     fn store_in_one(

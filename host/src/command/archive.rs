@@ -183,7 +183,12 @@ fn run_prune(arguments: &Prune, console: &Console) -> anyhow::Result<()> {
     let mut archive = Archive::create(&folder)?;
     let found = archive.prunable(arguments.keep, now)?;
     let windows = found.windows();
-    let Some(before) = &found.before else { bail!("the archive has no windows") };
+    let Some(before) = &found.before else {
+        bail!(match found.kept_windows {
+            0 => "the archive has no windows",
+            _ => "all windows are dated later than now, so that nothing can be counted back: set this computer's clock",
+        })
+    };
     if !found.nodes.is_empty() {
         let mut table = Columns::new(["setup", "node", "windows", "first", "last"]);
         for node in &found.nodes {

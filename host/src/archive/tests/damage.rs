@@ -107,6 +107,17 @@ fn numbers_that_cannot_be_are_left_out_also_where_their_checksum_is_right() {
 }
 
 #[test]
+fn an_archive_without_any_sound_window_says_what_is_damaged() {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    bench.ask(&two, 1);
+    bench.store(&two, &sent(&two, 1, 0, 0));
+    bench.archive.connection.execute("UPDATE window SET grid_index = 5", []).unwrap();
+    let error = read(bench.folder.path(), &TimeRange::ALL).unwrap_err().to_string();
+    assert!(error.contains("window 0 of node 1") && error.contains("checksum"), "{error}");
+}
+
+#[test]
 fn a_damaged_start_does_not_move_what_is_counted_back_from_the_last() {
     let mut bench = Bench::new();
     let two = configuration(2, 256);

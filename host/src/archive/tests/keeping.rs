@@ -75,9 +75,13 @@ fn a_repair_keeps_the_damaged_archive_and_all_that_is_sound() {
         UPDATE window SET drift_ppb = 1024 WHERE id = 9;
         UPDATE asked SET channels = replace(channels, 'top', 'tos') WHERE node = 1; UPDATE asked SET channels = replace(channels, 'tos', 'toq') WHERE node = 1");
     let damaged = fs::read(folder.path().join(ARCHIVE_FILE)).unwrap();
+    #[cfg(unix)]
+    fs::set_permissions(folder.path().join(ARCHIVE_FILE), std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
     let report = Archive::repair(folder.path()).unwrap();
     let kept_as = report.kept_as.unwrap();
     assert_eq!(fs::read(&kept_as).unwrap(), damaged);
+    let mode = |path: &Path| fs::metadata(path).unwrap().permissions();
+    assert_eq!(mode(&folder.path().join(ARCHIVE_FILE)), mode(&kept_as), "who may read it stays");
     assert!(kept_as.file_name().unwrap().to_str().unwrap().starts_with("archive.damaged-"));
     assert_eq!((report.windows, report.mended), (38, 2));
     let words: Vec<String> = report.lost.iter().map(ToString::to_string).collect();
