@@ -31,18 +31,18 @@ const TIMES: usize = 3;
 pub struct ArchiveReport {
     /// Windows of nodes in the archive.
     pub windows: usize,
-    /// Days that are in it.
-    pub days: u64,
+    /// Days from its first window to its last.
+    pub days: f64,
     /// Its size.
     pub bytes: u64,
-    /// For each range: its days, the averages, and the time to average it.
-    pub ranges: Vec<(u64, usize, Duration)>,
+    /// For each range: its name, the averages, and the time to average it.
+    pub ranges: Vec<(String, usize, Duration)>,
 }
 
 impl ArchiveReport {
     /// Bytes of a day.
     pub fn bytes_a_day(&self) -> u64 {
-        self.bytes / self.days.max(1)
+        (self.bytes as f64 / self.days) as u64
     }
 }
 
@@ -51,7 +51,7 @@ impl fmt::Display for ArchiveReport {
         let megabytes = |bytes: u64| bytes as f64 * 1e-6;
         write!(
             formatter,
-            "{} days, {} windows of nodes: {:.1} MB, {:.2} MB a day (at most {:.0})",
+            "{:.1} days, {} windows of nodes: {:.1} MB, {:.1} MB a day (at most {:.0})",
             self.days,
             self.windows,
             megabytes(self.bytes),
@@ -59,9 +59,9 @@ impl fmt::Display for ArchiveReport {
             megabytes(BYTES_A_DAY)
         )?;
         let whole = self.ranges.first().map_or(Duration::ZERO, |range| range.2);
-        for (days, averages, time) in &self.ranges {
+        for (name, averages, time) in &self.ranges {
             let share = time.as_secs_f64() / whole.as_secs_f64().max(1e-9);
-            write!(formatter, "\n{days} days: {averages} averages in {:.2} s, {share:.3} of all", time.as_secs_f64())?;
+            write!(formatter, "\n{name}: {averages} averages in {:.2} s, {share:.3} of all", time.as_secs_f64())?;
         }
         Ok(())
     }
@@ -103,7 +103,10 @@ pub fn run(days: u64, seed: u64, folder: &Path) -> Result<ArchiveReport, String>
     }
     drop(archive);
     let bytes = fs::metadata(folder.join(ARCHIVE_FILE)).map_err(told)?.len();
-    let mut ranges: Vec<(u64, usize, Duration)> = Vec::new();
+    let hop_samples = asked.first().map_or(0, |(_, configuration)| configuration.hop_samples());
+    let hop_s = hop_samples as f64 / setup.sampling_rate_hz;
+    let days_long = (days * (last.1 - first + 1)) as f64 * hop_s / 86_400.0;
+    let mut ranges: Vec<(String, usize, Duration)> = Vec::new();
     for _ in 0..TIMES {
         for (index, wanted) in RANGES_DAYS.into_iter().filter(|wanted| wanted.is_none_or(|of| of < days)).enumerate() {
             let last = wanted.map(|days| Duration::from_secs(86_400 * days));
@@ -114,11 +117,14 @@ pub fn run(days: u64, seed: u64, folder: &Path) -> Result<ArchiveReport, String>
             let averages = measured.setups.iter().map(|setup| setup.spectrum.averages()).sum();
             match ranges.get_mut(index) {
                 Some(range) => range.2 = range.2.min(time),
-                None => ranges.push((wanted.unwrap_or(days), averages, time)),
+                None => {
+                    let name = wanted.map_or("all".to_owned(), |days| format!("--last {days}d"));
+                    ranges.push((name, averages, time));
+                }
             }
         }
     }
-    Ok(ArchiveReport { windows, days, bytes, ranges })
+    Ok(ArchiveReport { windows, days: days_long, bytes, ranges })
 }
 
 fn told(error: impl fmt::Display) -> String {
