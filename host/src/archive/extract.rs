@@ -30,6 +30,13 @@ pub struct Extract {
     pub damages: Vec<Damage>,
 }
 
+/// A sound window, with the settings that it was measured with as far as they are known.
+struct Extracted<'a> {
+    head: &'a Head,
+    configuration: Option<&'a Configuration>,
+    data: Vec<ChannelData>,
+}
+
 /// The columns of the table.
 const COLUMNS: [&str; 13] = [
     "setup",
@@ -77,7 +84,7 @@ impl Archive {
                     seal(&transaction, kind, id)?;
                 }
             }
-            self.each_in(range, &mut extract, &mut |head, _, _| {
+            self.each_in(range, &mut extract, &mut |Extracted { head, .. }| {
                 let query = format!("SELECT {WINDOW_COLUMNS} FROM window WHERE id = ?1");
                 let values = self
                     .connection
@@ -110,9 +117,9 @@ impl Archive {
         let mut extract = Extract::default();
         let mut broken = csv.write_record(COLUMNS.iter().chain([&DENSITY_COLUMN])).err();
         let (asked, _) = self.asked().map_err(|source| self.failed(source))?;
-        let write = self.each_in(range, &mut extract, &mut |head, configuration, data| {
+        let write = self.each_in(range, &mut extract, &mut |window| {
             if broken.is_none() {
-                broken = write_rows(&mut csv, &asked, head, configuration, data).err();
+                broken = write_rows(&mut csv, &asked, window).err();
             }
             Ok(())
         });
@@ -130,7 +137,7 @@ impl Archive {
         &self,
         range: &TimeRange,
         extract: &mut Extract,
-        on_window: &mut dyn FnMut(&Head, Option<&Configuration>, Vec<ChannelData>) -> rusqlite::Result<()>,
+        on_window: &mut dyn FnMut(Extracted<'_>) -> rusqlite::Result<()>,
     ) -> rusqlite::Result<()> {
         let (asked, damages) = self.asked()?;
         extract.damages.extend(damages);
@@ -153,7 +160,8 @@ impl Archive {
                     match self.channels(&head)? {
                         Ok(data) => {
                             extract.windows += 1;
-                            on_window(&head, by_hash.get(&head.window.configuration_hash).copied(), data)?;
+                            let configuration = by_hash.get(&head.window.configuration_hash).copied();
+                            on_window(Extracted { head: &head, configuration, data })?;
                         }
                         Err(what) => extract.damages.push(head.damaged(what)),
                     }
@@ -168,15 +176,14 @@ impl Archive {
 fn write_rows(
     csv: &mut csv::Writer<impl Write>,
     asked: &[Asked],
-    head: &Head,
-    configuration: Option<&Configuration>,
-    data: Vec<ChannelData>,
+    Extracted { head, configuration, data }: Extracted<'_>,
 ) -> csv::Result<()> {
     let name = head.window.name;
-    let named = asked.iter().rev().filter(|one| {
+    let mut named = asked.iter().rev().filter(|one| {
         one.setup == head.setup && one.node == name.node && one.configuration.hash() == head.window.configuration_hash
     });
-    let names = named.clone().find(|one| one.since_us <= head.start_us).or_else(|| named.last()).map(|one| &one.names);
+    let names =
+        named.clone().find(|one| one.since_us <= head.start_us).or_else(|| named.next_back()).map(|one| &one.names);
     let frequencies_hz: Vec<f64> = configuration.map(frequencies_hz).unwrap_or_default();
     let mut start = vec![head.setup.clone(), name.node.to_string(), name.boot.to_string(), name.number.to_string()];
     start.extend([moment(head.start_us), (head.start_us as f64 * 1e-6).to_string()]);

@@ -35,7 +35,7 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
 fn typed(length: Duration) -> String {
     let milliseconds = length.as_millis();
     let units = [("d", 86_400_000), ("h", 3_600_000), ("min", 60_000), ("s", 1000)];
-    let whole = units.iter().find(|(_, unit)| milliseconds % unit == 0);
+    let whole = units.iter().find(|(_, unit)| milliseconds.is_multiple_of(*unit));
     whole.map_or_else(|| format!("{milliseconds}ms"), |(name, unit)| format!("{}{name}", milliseconds / unit))
 }
 

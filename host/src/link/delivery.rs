@@ -123,10 +123,8 @@ impl Delivery {
         let fail = |source| SessionError::Store { node, source };
         let kept = sink.kept(node, hello.boot, hello.oldest_window).map_err(fail)?;
         let held = hello.next_window.saturating_sub(hello.oldest_window);
-        if kept.is_none() && held > 0 {
-            if !self.drops_foreign {
-                return Err(SessionError::ForeignWindows { node });
-            }
+        if kept.is_none() && held > 0 && !self.drops_foreign {
+            return Err(SessionError::ForeignWindows { node });
         }
         sink.meet(node, hello.boot, hello.next_window).map_err(fail)?;
         if kept.is_none() {
