@@ -25,6 +25,13 @@ impl Patience {
         self.0.as_ref().is_some_and(|trouble| now < trouble.until)
     }
 
+    /// Ends the pause.
+    pub(crate) fn try_now(&mut self, now: Duration) {
+        if let Some(trouble) = &mut self.0 {
+            trouble.until = trouble.until.min(now);
+        }
+    }
+
     /// Takes note of a failure; whether it is the first after all went well.
     pub(crate) fn failed(&mut self, now: Duration) -> bool {
         match &mut self.0 {
@@ -68,5 +75,7 @@ mod tests {
         assert_eq!(patience.worked(now), Some(now - Duration::from_secs(100)));
         assert_eq!((patience.worked(now), patience.failed(now)), (None, true));
         assert!(!patience.is_waiting(now + FIRST_PAUSE));
+        patience.try_now(now);
+        assert!(!patience.is_waiting(now));
     }
 }

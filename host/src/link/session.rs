@@ -190,6 +190,14 @@ impl Session {
         }
     }
 
+    /// Stores the windows that wait for the sink, as far as it takes them.
+    ///
+    /// # Errors
+    /// Where it never will.
+    pub fn store_waiting(&mut self, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        self.delivery.retry(sink)
+    }
+
     /// Reads everything that has arrived, says what is due, and sends it. `clock` is read when bytes have come: what arrives
     /// while others are stored must not seem to have come before.
     pub fn service(

@@ -100,6 +100,26 @@ fn another_program_that_writes_for_long_is_waited_for_and_costs_no_window() {
 }
 
 #[test]
+fn windows_that_wait_are_stored_when_collecting_ends() {
+    let bench = Bench::new();
+    let mut before = 0;
+    bench
+        .collect(bench.folder(), &options(), |host| {
+            host.run(Duration::from_secs(2));
+            before = numbers(bench.folder(), 3).len();
+            let other = archive(bench.folder());
+            other.execute_batch("BEGIN IMMEDIATE").unwrap();
+            // The next try would be a second later.
+            host.run(Duration::from_secs(6));
+            other.execute_batch("COMMIT").unwrap();
+            assert_eq!(numbers(bench.folder(), 3).len(), before);
+        })
+        .unwrap();
+    let after = [3, 8].map(|node| numbers(bench.folder(), node).len());
+    assert!(after.iter().all(|&after| after > before + 15), "{before} windows before, {after:?} after");
+}
+
+#[test]
 fn a_node_that_comes_while_the_archive_cannot_be_written_is_served_afterwards() {
     let bench = Bench::new();
     let mut events = Vec::new();
