@@ -78,7 +78,7 @@ impl Archive {
     /// The same of a file of any name.
     fn create_file(file: PathBuf, lock: Option<File>) -> Result<Self, ArchiveError> {
         let mut archive = Self::connect(file, OpenFlags::default(), lock)?;
-        archive.prepare().map_err(|source| archive.failed(source))?;
+        archive.prepare().map_err(|why| archive.unopened(why))?;
         match archive.version()? {
             VERSION => {}
             found => archive.migrate(found)?,
@@ -147,20 +147,20 @@ impl Archive {
 
     /// The version of its tables, which is known here.
     fn version(&self) -> Result<i32, ArchiveError> {
-        let pragma = |name: &str| {
-            let value = self.connection.pragma_query_value(None, name, |row| row.get::<_, i32>(0));
-            value.map_err(|why| match why.sqlite_error_code() {
-                Some(ErrorCode::DatabaseCorrupt) => ArchiveError::Unopenable { file: self.file.clone(), why },
-                _ => self.failed(why),
-            })
+        let asked = |query: &str| {
+            let value = self.connection.query_row(query, [], |row| row.get::<_, i32>(0));
+            value.map_err(|why| self.unopened(why))
         };
-        if pragma("application_id")? != APPLICATION_ID {
+        if asked("PRAGMA application_id")? != APPLICATION_ID {
             return Err(ArchiveError::NotAnArchive { file: self.file.clone() });
         }
-        match pragma("user_version")? {
-            found @ 1..=VERSION => Ok(found),
-            found => Err(ArchiveError::Version { file: self.file.clone(), found }),
+        let version = asked("PRAGMA user_version")?;
+        if !(1..=VERSION).contains(&version) {
+            return Err(ArchiveError::Version { file: self.file.clone(), found: version });
         }
+        // Which tables there are is on the first page; so far nothing has asked for it.
+        asked("SELECT count(*) FROM sqlite_schema")?;
+        Ok(version)
     }
 
     /// Has changes written into a log first: others can read meanwhile, and a commit is on the disk when it returns.
@@ -206,6 +206,14 @@ impl Archive {
             self.connection.pragma_update_and_check(None, "max_page_count", pages, |_| Ok(()))
         };
         limit().map_err(|source| self.failed(source))
+    }
+
+    /// Why what every use begins with has failed.
+    fn unopened(&self, why: rusqlite::Error) -> ArchiveError {
+        match why.sqlite_error_code() {
+            Some(ErrorCode::DatabaseCorrupt) => ArchiveError::Unopenable { file: self.file.clone(), why },
+            _ => self.failed(why),
+        }
     }
 
     fn failed(&self, source: rusqlite::Error) -> ArchiveError {

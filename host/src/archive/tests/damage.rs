@@ -134,3 +134,24 @@ fn a_damaged_start_does_not_move_what_is_counted_back_from_the_last() {
     let words: Vec<String> = damages.iter().map(ToString::to_string).collect();
     assert!(words.iter().any(|word| word.contains("window 1 of node 1") && word.contains("checksum")), "{words:?}");
 }
+
+#[test]
+fn an_archive_whose_first_page_is_damaged_says_so_whatever_is_asked_of_it() {
+    let Bench { folder, archive } = Bench::new();
+    drop(archive);
+    let file = folder.path().join(ARCHIVE_FILE);
+    let mut bytes = std::fs::read(&file).unwrap();
+    let table = b"CREATE TABLE window (";
+    let at = bytes.windows(table.len()).position(|part| part == table).unwrap();
+    bytes[at + 1] ^= 1;
+    std::fs::write(&file, bytes).unwrap();
+    let errors = [
+        Archive::open(folder.path()).map(drop).unwrap_err(),
+        Archive::check(folder.path()).map(drop).unwrap_err(),
+        Archive::repair(folder.path()).map(drop).unwrap_err(),
+        Archive::create(folder.path()).map(drop).unwrap_err(),
+    ];
+    for error in errors {
+        assert!(matches!(error, ArchiveError::Unopenable { .. }), "{error}");
+    }
+}
