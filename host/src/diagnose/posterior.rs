@@ -2,14 +2,13 @@
 //!
 //! Prior odds, the evidence for each hypothesis and how well it fits flow in; probabilities flow out, and the most probable hypothesis is
 //! the verdict. Something else than a hypothesis explains the data the better, the less the hypothesis fits them: at most by
-//! `-1 / (e p ln p)` times (Sellke, Bayarri and Berger 2001, Am. Stat. 55, 62), for p the probability of as much misfit. Here p is the largest
-//! of the hypotheses within 20 to 1 of the most probable. Others say nothing: a hypothesis with next to no evidence may fit because it lets
-//! the model miss that much. A hypothesis with p = 0.01 leaves something else, if that is probable with 5 % before, 30 %; one with p = 1e-4,
-//! 95 %.
+//! `-1 / (e p ln p)` times (Sellke, Bayarri and Berger 2001, Am. Stat. 55, 62), for p the probability of as much misfit. So each hypothesis
+//! shares its weight with something else by the p-value of its own fit: one with p = 0.01 leaves something else, if that is probable with
+//! 5 % before, 30 % of it; one with p = 1e-4, 95 %. A hypothesis with next to no evidence says nothing, however well it fits, for it may
+//! fit because it lets the model miss that much; and one that fits lends nothing to another that does not.
 
 use serde::Serialize;
 
-use super::criteria::STANDS_OUT;
 use super::found::Found;
 use super::prior::PriorOdds;
 use super::problem::Problem;
@@ -77,20 +76,17 @@ impl Problem {
 
 /// Probabilities of the hypotheses, and of something else; `else_odds` are its odds before, against all of them together.
 pub(super) fn posterior(hypotheses: &[Hypothesis], else_odds: f64) -> (Vec<f64>, f64) {
-    let log_weights: Vec<f64> = hypotheses.iter().map(Hypothesis::log_weight).collect();
-    let greatest = log_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let greatest = hypotheses.iter().map(Hypothesis::log_weight).fold(f64::NEG_INFINITY, f64::max);
     if !greatest.is_finite() {
         return (vec![0.0; hypotheses.len()], 1.0);
     }
-    let contend = log_weights.iter().zip(hypotheses).filter(|(weight, _)| greatest - **weight < STANDS_OUT);
-    let bound = greatest + log_against(contend.map(|(_, one)| one.p_value).fold(0.0, f64::max));
-    let all = greatest + log_weights.iter().map(|weight| (weight - greatest).exp()).sum::<f64>().ln();
-    // Where no test can tell how badly all fit, nothing bounds it.
-    let something_else = if bound.is_finite() { bound.max(all) } else { all - f64::MIN_POSITIVE.ln() } + else_odds.ln();
-    let reference = greatest.max(something_else);
-    let weights = log_weights.iter().map(|weight| (weight - reference).exp());
-    let total = weights.clone().sum::<f64>() + (something_else - reference).exp();
-    (weights.map(|weight| weight / total).collect(), (something_else - reference).exp() / total)
+    let weights: Vec<f64> = hypotheses.iter().map(|one| (one.log_weight() - greatest).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    let kept = |one: &Hypothesis| 1.0 / (1.0 + else_odds * log_against(one.p_value).exp());
+    let probabilities: Vec<f64> =
+        weights.iter().zip(hypotheses).map(|(weight, one)| weight / total * kept(one)).collect();
+    let something_else = (1.0 - probabilities.iter().sum::<f64>()).max(0.0);
+    (probabilities, something_else)
 }
 
 /// Logarithm of the highest Bayes factor against a hypothesis that a p-value allows; infinite where that is too small for a number.
@@ -139,6 +135,10 @@ mod tests {
         assert!(posterior(&all, 1.0 / 19.0).1 > 0.99);
         let all = [hypothesis(20.0, 0.0, 0.0), hypothesis(1.0, 120.0, 1e-51), hypothesis(1.0, 60.0, 0.5)];
         assert!(posterior(&all, 1.0 / 19.0).1 > 0.99);
+        // A model that fails is not adequate because an effect of little evidence passes.
+        let all = [hypothesis(20.0, 0.0, 4e-4), hypothesis(1.0, 6.8f64.ln(), 0.013)];
+        let (found, other) = posterior(&all, 1.0 / 19.0);
+        assert!(other > found[0] + found[1] && found[1] > 0.15, "{found:?} {other}");
         // Where none fits, it is the most probable.
         let all = [hypothesis(20.0, 0.0, 0.0), hypothesis(1.0, 120.0, 1e-7)];
         assert!(posterior(&all, 1.0 / 19.0).1 > 0.99);
