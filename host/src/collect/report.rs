@@ -50,6 +50,10 @@ pub struct PortReport {
     pub dropped_frames: u32,
     /// Frames that came damaged.
     pub damaged_frames: u64,
+    /// Parts of windows that cannot be: of another node's, or of a time that has not been.
+    pub refused_parts: u64,
+    /// Messages to the node that it did not take, as another program had greeted it since.
+    pub refused_messages: u32,
     /// Bytes that came.
     pub bytes_received: u64,
     /// How much faster the host's clock runs than the node's.
@@ -136,6 +140,8 @@ impl PortReport {
             lost_rows: heartbeat.map_or(0, |heartbeat| heartbeat.lost_rows),
             dropped_frames: heartbeat.map_or(0, |heartbeat| heartbeat.board.dropped_frames),
             damaged_frames: status.statistics.damaged_frames,
+            refused_parts: status.statistics.contradictions,
+            refused_messages: heartbeat.map_or(0, |heartbeat| heartbeat.refused_messages),
             bytes_received: status.statistics.bytes_received,
             clock_drift_ppm: status.drift_ppm,
             level_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.level.to_vec()),

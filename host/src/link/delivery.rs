@@ -4,8 +4,8 @@
 use std::collections::VecDeque;
 use std::io::ErrorKind;
 
-use belfry_shared::message::{Acknowledgement, Again, Hello, NodeMessage};
-use belfry_shared::time::HostTime;
+use belfry_shared::message::{Acknowledgement, Again, Hello, NodeMessage, WindowHead};
+use belfry_shared::time::{HostTime, WindowGrid};
 
 use super::error::SessionError;
 use crate::window::{Assembler, ChannelData, Configurations, KeptWindows, NodeWindow, Outcome, WindowSink};
@@ -15,6 +15,10 @@ const LIVES_KEPT: usize = 8;
 
 /// Bytes of windows that are held until they can be stored, of each node: hours of a tower's.
 const MOST_WAITING_BYTES: usize = 1 << 20;
+
+/// A window that begins further ahead of the host's clock, or further behind, was not measured then, whatever its head says.
+const MOST_AHEAD_US: i64 = 86_400_000_000;
+const MOST_BEHIND_US: i64 = 10 * 366 * 86_400_000_000;
 
 /// What has become of parts and windows.
 #[derive(Debug, Clone, Copy, Default)]
@@ -93,7 +97,7 @@ impl Delivery {
     /// Begins a life of which windows from `first_window` on are wanted.
     pub(super) fn begin(&mut self, boot: u32, first_window: u32) {
         let kept = KeptWindows { first: first_window, ..KeptWindows::default() };
-        self.present = Some(Assembler::resuming(boot, &kept));
+        self.present = Some(Assembler::resuming(self.node, boot, &kept));
     }
 
     /// Takes note of a greeting; whether the node has another life than before.
@@ -107,7 +111,9 @@ impl Delivery {
                 Some(index) => self.earlier.remove(index),
                 None => self.met(hello, sink)?,
             };
-            self.earlier.extend(self.present.replace(next));
+            let mut last = self.present.replace(next);
+            last.iter_mut().for_each(Assembler::forget_parts);
+            self.earlier.extend(last);
             if self.earlier.len() > LIVES_KEPT {
                 let oldest = self.earlier.remove(0);
                 self.forgotten_losses += oldest.lost() + oldest.missing();
@@ -131,7 +137,7 @@ impl Delivery {
             self.counts.foreign_windows += u64::from(held);
         }
         let kept = kept.unwrap_or(KeptWindows { first: hello.next_window, ..KeptWindows::default() });
-        Ok(Assembler::resuming(hello.boot, &kept))
+        Ok(Assembler::resuming(node, hello.boot, &kept))
     }
 
     /// Takes note of which windows the node holds; `false` where it does so in another life.
@@ -143,17 +149,38 @@ impl Delivery {
         true
     }
 
-    /// Takes a part of a window; a window that is whole with it goes into the sink.
+    /// Takes note of something that cannot be.
+    pub(super) fn contradicted(&mut self) {
+        self.counts.contradictions += 1;
+    }
+
+    /// Whether a window may have begun when its head says, as of `now`.
+    fn is_plausible(&self, head: &WindowHead, now: HostTime) -> bool {
+        let Some(configuration) = self.configurations.by_hash(head.configuration_hash) else { return true };
+        let (sampling_rate_uhz, hop_samples) = (configuration.sampling_rate_uhz, configuration.hop_samples());
+        let start = WindowGrid { sampling_rate_uhz, hop_samples }.start(head.grid_index);
+        (now.0.saturating_sub(MOST_BEHIND_US)..=now.0.saturating_add(MOST_AHEAD_US)).contains(&start.0)
+    }
+
+    /// Takes a part of a window; a window that is whole with it goes into the sink. `now` is the host's time, where windows are
+    /// measured in it.
     pub(super) fn take(
         &mut self,
+        now: Option<HostTime>,
         part: &NodeMessage<'_>,
         encoded: &[u8],
         sink: &mut dyn WindowSink,
     ) -> Result<(), SessionError> {
         let node = self.node;
+        if let (NodeMessage::Head(head), Some(now)) = (part, now)
+            && !self.is_plausible(head, now)
+        {
+            self.contradicted();
+            return Ok(());
+        }
         let Some(assembler) = &mut self.present else { return Ok(()) };
         match assembler.take(&self.configurations, part, encoded) {
-            Outcome::Taken => {}
+            Outcome::Taken | Outcome::NoRoom => {}
             Outcome::Foreign if self.drops_foreign => {
                 if let NodeMessage::Head(head) = part {
                     assembler.stored(head.name.number);
