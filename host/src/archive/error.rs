@@ -55,12 +55,18 @@ pub enum ArchiveError {
         what: String,
     },
     /// Its first page makes no sense, without which no other can be found.
-    #[error("the archive {file} cannot be opened, for its first page is damaged: move it away, or put a copy in its place. SQLite says: {why}", file = .file.display())]
+    #[error("the archive {file} cannot be opened, for its first page is damaged: `belfry archive repair` rebuilds it where nothing else is wrong; else move the file away, or put a copy in its place. SQLite says: {why}", file = .file.display())]
     Unopenable {
         /// The archive.
         file: PathBuf,
         /// What SQLite says.
         why: rusqlite::Error,
+    },
+    /// No row of it can be found.
+    #[error("nothing of the archive {file} can be saved", file = .file.display())]
+    NothingSaved {
+        /// The archive.
+        file: PathBuf,
     },
     /// Nothing lies in the range of time that is asked for.
     #[error("setup \"{setup}\" has no window {range}; its windows begin from {first} to {last}")]

@@ -1,8 +1,8 @@
 //! Repair: what can be saved goes into a new archive, which takes the place of the damaged one. That stays under another name.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::io::ErrorKind;
+use std::fs::{self, File};
+use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -16,7 +16,7 @@ use super::checksum::{
 };
 use super::damage::Damage;
 use super::mend::Values;
-use super::{ARCHIVE_FILE, Archive, ArchiveError, VERSION, lock_file};
+use super::{ARCHIVE_FILE, Archive, ArchiveError, PAGE_BYTES, VERSION, lock_file};
 use crate::files::{UNFINISHED_SUFFIX, sync_folder};
 
 /// What a repair has done.
@@ -51,7 +51,10 @@ impl Archive {
         if let Err(fs::TryLockError::WouldBlock) = lock.try_lock() {
             return Err(ArchiveError::InUse { file });
         }
-        let checked = Self::check(folder)?;
+        let checked = match Self::check(folder) {
+            Err(error @ (ArchiveError::Unopenable { .. } | ArchiveError::NotAnArchive { .. })) => return Self::repair_first_page(folder, error),
+            checked => checked?,
+        };
         let checked = if checked.version == VERSION {
             checked
         } else {
@@ -63,12 +66,39 @@ impl Archive {
             let windows = checked.sound_windows;
             return Ok(RepairReport { archive: file, kept_as: None, windows, mended: 0, lost: Vec::new() });
         }
-        Self::repair_locked(folder)
+        Self::repair_from(&folder.join(ARCHIVE_FILE), folder)
     }
 
-    fn repair_locked(folder: &Path) -> Result<RepairReport, ArchiveError> {
+    /// Repairs an archive whose first page is damaged, so that it does not open, or not as an archive. That page says where its tables begin. They begin where those of any archive do that
+    /// was made with these tables: the first page of a fresh one takes its place in a copy, and checksums show whether that was right.
+    fn repair_first_page(folder: &Path, unopenable: ArchiveError) -> Result<RepairReport, ArchiveError> {
         let file = folder.join(ARCHIVE_FILE);
-        let old = Self::connect(file.clone(), OpenFlags::default(), None)?;
+        let copy = folder.join(format!(".belfry-copy-{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"));
+        let failed = |source| ArchiveError::Write { file: copy.clone(), source };
+        remove(&copy)?;
+        let with_page = fresh_first_page(folder)?.and_then(|page| {
+            fs::copy(&file, &copy)?;
+            write_first_page(&copy, page)
+        });
+        let repaired = match with_page.map_err(failed) {
+            Ok(()) => Self::repair_from(&copy, folder),
+            Err(error) => Err(error),
+        };
+        // What has failed before is what counts.
+        let removed = remove(&copy);
+        match repaired {
+            // The tables began elsewhere.
+            Err(ArchiveError::Unopenable { .. } | ArchiveError::NothingSaved { .. } | ArchiveError::Damaged { .. }) => {
+                Err(unopenable)
+            }
+            repaired => repaired.and_then(|repaired| removed.map(|()| repaired)),
+        }
+    }
+
+    /// Puts what can be saved of `source` in the place of the archive.
+    fn repair_from(source: &Path, folder: &Path) -> Result<RepairReport, ArchiveError> {
+        let file = folder.join(ARCHIVE_FILE);
+        let old = Self::connect(source.to_owned(), OpenFlags::default(), None)?;
         old.version()?;
         // So that the old file is all there is of it. Where that fails, its log is kept beside it.
         let _ = old.connection.pragma_update_and_check(None, "wal_checkpoint", "truncate", |_| Ok(()));
@@ -91,6 +121,10 @@ impl Archive {
             }
         };
         drop((new, old));
+        if source != file && windows == 0 {
+            remove(&new_file)?;
+            return Err(ArchiveError::NothingSaved { file });
+        }
         let kept_as = swap(&new_file, &file)?;
         Ok(RepairReport { archive: file, kept_as: Some(kept_as), windows, mended, lost })
     }
@@ -219,6 +253,38 @@ pub(super) fn write_window(
     }
     seal_window(connection, id)?;
     Ok(true)
+}
+
+/// The first page of an archive that has just been made.
+fn fresh_first_page(folder: &Path) -> Result<io::Result<Vec<u8>>, ArchiveError> {
+    let file = folder.join(format!(".belfry-fresh-{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"));
+    remove(&file)?;
+    let fresh = Archive::create_file(file.clone(), None)?;
+    // All of it is then in the file.
+    let closed = fresh.connection.pragma_update_and_check(None, "journal_mode", "delete", |_| Ok(()));
+    closed.map_err(|source| fresh.failed(source))?;
+    drop(fresh);
+    let page = fs::read(&file).map(|mut bytes| {
+        bytes.truncate(PAGE_BYTES as usize);
+        bytes
+    });
+    remove(&file)?;
+    Ok(page)
+}
+
+/// Puts a first page into a database, with the count of its pages, none of which are free (SQLite's file format, section 1.3).
+fn write_first_page(file: &Path, mut page: Vec<u8>) -> io::Result<()> {
+    const PAGES: std::ops::Range<usize> = 28..32;
+    const FREE: std::ops::Range<usize> = 32..40;
+    let mut database = File::options().write(true).open(file)?;
+    let pages = u32::try_from(database.metadata()?.len() / PAGE_BYTES as u64).unwrap_or(u32::MAX);
+    if let Some(place) = page.get_mut(PAGES) {
+        place.copy_from_slice(&pages.to_be_bytes());
+    }
+    if let Some(place) = page.get_mut(FREE) {
+        place.fill(0);
+    }
+    database.write_all(&page)
 }
 
 /// Puts the new archive in the place of the old one, which gets another name. At no moment is there neither.

@@ -117,7 +117,7 @@ impl Console {
     /// A reader that has seen enough (`belfry ... | head`) is no fault: the command goes on and writes its files.
     pub fn say(&self, line: impl std::fmt::Display) {
         if !self.json
-            && let Err(error) = beside_bar(|| print(text::wrapped(&line.to_string())))
+            && let Err(error) = beside_bar(|| print(text::wrapped(&text::printable(&line.to_string()))))
         {
             self.warn(format_args!("cannot write to standard output: {error}"));
         }
@@ -125,7 +125,7 @@ impl Console {
 
     /// Prints a warning on standard error, with or without `--json`; once, however often it comes.
     pub fn warn(&self, warning: impl std::fmt::Display) {
-        let warning = warning.to_string();
+        let warning = text::printable(&text::shortened(&warning.to_string())).into_owned();
         if WARNED.lock().unwrap_or_else(PoisonError::into_inner).insert(warning.clone()) {
             // Where standard error is closed there is nobody left to tell.
             let _ = beside_bar(|| writeln!(std::io::stderr(), "warning: {warning}"));
@@ -147,7 +147,7 @@ impl Console {
 
     /// Says on standard error what happens, with or without `--json`, where no table can be kept in place.
     fn report(&self, line: impl std::fmt::Display) {
-        let _ = writeln!(std::io::stderr(), "{line}");
+        let _ = writeln!(std::io::stderr(), "{}", text::printable(&line.to_string()));
     }
 
     /// Prints the command's JSON object; silent without `--json`.
@@ -165,19 +165,20 @@ impl Console {
     /// Says why a command failed: the error and its causes on standard error, a sentence each, and with `--json` as an object on
     /// standard output. Not by `Debug`, which adds stack traces where `RUST_BACKTRACE` is set.
     pub fn fail(&self, error: &anyhow::Error) {
-        let message = error.to_string();
+        let message = text::shortened(&error.to_string()).into_owned();
         let mut causes: Vec<String> = Vec::new();
         for cause in error.chain().skip(1).map(ToString::to_string) {
             // Many errors quote their cause.
-            if !causes.last().unwrap_or(&message).contains(&cause) {
-                causes.push(cause);
+            let cause = text::shortened(&cause);
+            if !causes.last().unwrap_or(&message).contains(&*cause) {
+                causes.push(cause.into_owned());
             }
         }
         let mut stderr = std::io::stderr().lock();
         // Where standard error is closed there is nobody left to tell; the exit status still says it.
-        let _ = writeln!(stderr, "error: {message}");
+        let _ = writeln!(stderr, "error: {}", text::printable(&message));
         for cause in &causes {
-            let _ = writeln!(stderr, "  caused by: {cause}");
+            let _ = writeln!(stderr, "  caused by: {}", text::printable(cause));
         }
         // Some commands fail after they have said what they found.
         if self.json && !OBJECT_PRINTED.load(Ordering::Relaxed) {

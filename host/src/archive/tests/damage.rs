@@ -148,10 +148,54 @@ fn an_archive_whose_first_page_is_damaged_says_so_whatever_is_asked_of_it() {
     let errors = [
         Archive::open(folder.path()).map(drop).unwrap_err(),
         Archive::check(folder.path()).map(drop).unwrap_err(),
+        // There is no window in it that would show where its tables begin.
         Archive::repair(folder.path()).map(drop).unwrap_err(),
         Archive::create(folder.path()).map(drop).unwrap_err(),
     ];
     for error in errors {
         assert!(matches!(error, ArchiveError::Unopenable { .. }), "{error}");
+        assert!(error.to_string().contains("belfry archive repair"), "{error}");
     }
+}
+
+#[test]
+fn a_damaged_first_page_is_rebuilt() {
+    let mut bench = Bench::new();
+    let two = configuration(2, 256);
+    bench.ask(&two, 1);
+    for number in 0..300 {
+        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
+    }
+    let sound = read(bench.folder.path(), &TimeRange::ALL).unwrap().unwrap();
+    let Bench { folder, archive } = bench;
+    drop(archive);
+    let file = folder.path().join(ARCHIVE_FILE);
+    let bytes = std::fs::read(&file).unwrap();
+    assert!(bytes.len() > 4 * PAGE_BYTES as usize);
+    let table = b"CREATE TABLE window (";
+    let text = bytes.windows(table.len()).position(|part| part == table).unwrap();
+    // The name of the format, the size of a page, the mark of an archive, where tables are listed, and the whole page.
+    let damages: [(usize, usize); 5] = [(3, 1), (16, 1), (68, 1), (text + 1, 1), (0, PAGE_BYTES as usize)];
+    for (at, length) in damages {
+        let mut damaged = bytes.clone();
+        damaged[at..at + length].iter_mut().for_each(|byte| *byte ^= 0x11);
+        std::fs::write(&file, &damaged).unwrap();
+        assert!(Archive::check(folder.path()).is_err(), "{length} bytes from {at}");
+        let repaired = Archive::repair(folder.path()).unwrap();
+        assert_eq!((repaired.windows, repaired.lost.len()), (300, 0), "{length} bytes from {at}");
+        assert_eq!(std::fs::read(repaired.kept_as.unwrap()).unwrap(), damaged);
+        assert!(Archive::check(folder.path()).unwrap().is_sound);
+        let again = read(folder.path(), &TimeRange::ALL).unwrap().unwrap();
+        assert_eq!((&again.0, &again.1), (&sound.0, &sound.1));
+    }
+    // Another program's database stays as it is.
+    std::fs::remove_file(&file).unwrap();
+    let other = rusqlite::Connection::open(&file).unwrap();
+    other.execute_batch("CREATE TABLE notes (text TEXT); INSERT INTO notes VALUES ('mine')").unwrap();
+    drop(other);
+    let before = std::fs::read(&file).unwrap();
+    assert!(matches!(Archive::repair(folder.path()).unwrap_err(), ArchiveError::NotAnArchive { .. }));
+    assert_eq!(std::fs::read(&file).unwrap(), before);
+    let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert!(left.iter().all(|name| !name.to_string_lossy().ends_with(".partial")), "{left:?}");
 }

@@ -12,7 +12,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::events::time;
 use crate::collect::{Clock, Collection, Event, Happening, PortStatus, SystemClock, Words, seconds_in_words};
 use crate::command::Console;
-use crate::command::text::align_right;
+use crate::command::text::{align_right, printable};
 use crate::spectra::SpectralPlan;
 use crate::study::Setup;
 
@@ -70,7 +70,7 @@ impl View {
             self.tell_losses(events);
         } else if self.shown.get().is_none_or(|shown| shown.elapsed() >= REDRAW) {
             self.shown.set(Some(Instant::now()));
-            self.bar.set_message(format!("{}\n{}", self.text(statuses), self.next_window()));
+            self.bar.set_message(format!("{}\n{}", printable(&self.text(statuses)), self.next_window()));
             self.bar.tick();
         }
     }
