@@ -103,7 +103,10 @@ impl Write for WholeFile {
 /// When there is none, it cannot be read, or it is something else.
 pub fn open_plain(path: &Path) -> io::Result<File> {
     if !fs::metadata(path)?.is_file() {
-        return Err(io::Error::new(ErrorKind::InvalidInput, "it is a folder, a pipe or a device, where a file was expected"));
+        return Err(io::Error::new(
+            ErrorKind::InvalidInput,
+            "it is a folder, a pipe or a device, where a file was expected",
+        ));
     }
     File::open(path)
 }

@@ -52,7 +52,9 @@ impl Archive {
             return Err(ArchiveError::InUse { file });
         }
         let checked = match Self::check(folder) {
-            Err(error @ (ArchiveError::Unopenable { .. } | ArchiveError::NotAnArchive { .. })) => return Self::repair_first_page(folder, error),
+            Err(error @ (ArchiveError::Unopenable { .. } | ArchiveError::NotAnArchive { .. })) => {
+                return Self::repair_first_page(folder, error);
+            }
             checked => checked?,
         };
         let checked = if checked.version == VERSION {
@@ -78,6 +80,12 @@ impl Archive {
         remove(&copy)?;
         let with_page = fresh_first_page(folder)?.and_then(|page| {
             fs::copy(&file, &copy)?;
+            // What a collector that was killed has left in its log is on no page yet.
+            let log = |path: &Path| PathBuf::from(format!("{}-wal", path.display()));
+            match fs::copy(log(&file), log(&copy)) {
+                Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
             write_first_page(&copy, page)
         });
         let repaired = match with_page.map_err(failed) {

@@ -294,7 +294,6 @@ mod tests {
         assert_eq!(shortened("a usual message\nof two lines"), "a usual message\nof two lines");
     }
 
-
     fn widest(text: &str) -> usize {
         text.lines().map(|line| line.chars().count()).max().unwrap_or(0)
     }

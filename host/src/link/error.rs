@@ -38,7 +38,9 @@ pub enum SessionError {
         found: u16,
     },
     /// Another program greets the node as well.
-    #[error("another program collects from node {node} on this line: end one of the two, each takes windows from the other")]
+    #[error(
+        "another program collects from node {node} on this line: end one of the two, each takes windows from the other"
+    )]
     TakenOver {
         /// The node the session is for.
         node: u16,

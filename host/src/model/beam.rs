@@ -192,7 +192,8 @@ impl BeamTable {
     /// # Errors
     /// [`BeamError`] with the file, the line and the column.
     pub fn read(path: &Path) -> Result<Self, BeamError> {
-        let file = crate::files::open_plain(path).map_err(|source| BeamError::Unreadable { file: path.to_owned(), source })?;
+        let file =
+            crate::files::open_plain(path).map_err(|source| BeamError::Unreadable { file: path.to_owned(), source })?;
         Self::from_reader(file, path)
     }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use thiserror::Error;
 
+use super::DOFS_A_NODE;
 use super::assembly::Assembly;
 use super::beam::{BeamError, BeamTable};
 use super::custom::{Custom, CustomError};
@@ -12,7 +13,6 @@ use super::effect::{Effect, EffectError};
 use super::matrices::{ImportedMatrices, MatrixError};
 use super::size::{self, TooManyUnknowns};
 use super::structure::{Body, Structure};
-use super::DOFS_A_NODE;
 use crate::study::{CustomSource, ModelSource, STUDY_FILE, Study};
 
 /// A study's model, read.

@@ -18,7 +18,8 @@ pub struct TooManyUnknowns {
 
 impl fmt::Display for TooManyUnknowns {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let gigabytes = |bytes: f64| if bytes < 1e10 { format!("{:.1}", bytes * 1e-9) } else { format!("{:.0}", bytes * 1e-9) };
+        let gigabytes =
+            |bytes: f64| if bytes < 1e10 { format!("{:.1}", bytes * 1e-9) } else { format!("{:.0}", bytes * 1e-9) };
         write!(
             formatter,
             "a model of {} unknowns takes about {} GB of memory, and {} GB are free; up to {} unknowns fit",

@@ -49,7 +49,9 @@ pub(super) fn picture(
         draw(&root)?;
         Ok(root.present()?)
     })();
-    drawn.map(|()| without_controls(svg)).map_err(|reason: Box<dyn std::error::Error>| PictureError { what, reason: reason.to_string() })
+    drawn
+        .map(|()| without_controls(svg))
+        .map_err(|reason: Box<dyn std::error::Error>| PictureError { what, reason: reason.to_string() })
 }
 
 /// Control characters of names are none of XML's, and no reader would show the picture.

@@ -73,7 +73,8 @@ fn draw(area: &Area<'_>, mode: &Mode, spectrum: &FittedSpectrum) -> DrawResult {
     let (Some(&first_hz), Some(&last_hz)) = (spectrum.frequency_hz.first(), spectrum.frequency_hz.last()) else {
         return Ok(());
     };
-    let positive = || spectrum.measured.iter().chain(&spectrum.fitted).copied().filter(|value| *value > 0.0 && value.is_finite());
+    let positive =
+        || spectrum.measured.iter().chain(&spectrum.fitted).copied().filter(|value| *value > 0.0 && value.is_finite());
     let (low, high) = positive().fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
     let (low, high) = log_range(0.6 * low, 1.6 * high);
     let warning = if spectrum.is_misfit { ", something else lies here" } else { "" };

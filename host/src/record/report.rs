@@ -161,14 +161,11 @@ impl Statistics {
         let channels: Vec<ChannelReport> =
             self.channels.into_iter().zip(&selection.channels).map(|(sums, name)| sums.report(name)).collect();
         let mut warnings: Vec<RecordWarning> = beyond;
-        let gaps = clock
-            .gaps
-            .iter()
-            .map(|TimeGap { position, rows }| RecordWarning::TimeGap {
-                position: position.clone(),
-                rows: *rows,
-                seconds: seconds(*rows),
-            });
+        let gaps = clock.gaps.iter().map(|TimeGap { position, rows }| RecordWarning::TimeGap {
+            position: position.clone(),
+            rows: *rows,
+            seconds: seconds(*rows),
+        });
         warnings.extend(gaps);
         if clock.gap_count > clock.gaps.len() as u64 {
             warnings.push(RecordWarning::TimeGaps {

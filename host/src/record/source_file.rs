@@ -34,11 +34,6 @@ pub(super) struct SourceFile {
 
 impl SourceFile {
     pub(super) fn new(path: PathBuf) -> Result<Self, RecordError> {
-        // What is read more than once, and to its end, is a file.
-        if std::fs::metadata(&path).is_ok_and(|metadata| !metadata.is_file()) {
-            let what = std::io::Error::other("it is a folder, a pipe or a device, where a file was expected");
-            return Err(RecordError::io(&path)(what));
-        }
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         let format = match ending.as_deref() {
             Some("txt" | "asc" | "dat") => Format::WhiteSpace,

@@ -42,7 +42,9 @@ pub fn set_mode_choice(folder: &Path, choice: &ModeChoice) -> Result<(), StudyEr
 fn edit(folder: &Path, change: impl FnOnce(&str) -> Result<String, String>) -> Result<(), StudyError> {
     let file = folder.join(STUDY_FILE);
     let text = std::fs::read_to_string(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
-    let changed = change(&text).map(|changed| with_line_ends_of(&text, changed)).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
+    let changed = change(&text)
+        .map(|changed| with_line_ends_of(&text, changed))
+        .map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
     Study::from_text(&changed, folder)?;
     write_whole(&file, changed.as_bytes()).map_err(|source| StudyError::Write { file, source })
 }

@@ -43,7 +43,9 @@ pub enum StudyError {
         source: std::io::Error,
     },
     /// More sensors than any analysis of all of them against each other could take.
-    #[error("{position}: {found} sensors, where one measurement has {most} at most: make setups of parts that share reference points")]
+    #[error(
+        "{position}: {found} sensors, where one measurement has {most} at most: make setups of parts that share reference points"
+    )]
     TooManySensors {
         /// The first of them.
         position: FilePosition,

@@ -105,7 +105,8 @@ impl Assembler {
         let wanted = kept.numbers.iter().filter(|&&number| number >= kept.first);
         let windows: BTreeMap<u32, Progress> = wanted.map(|&number| (number, Progress::Done)).collect();
         let known = windows.last_key_value().map_or(kept.first, |(&last, _)| last.saturating_add(1));
-        let mut assembler = Self { node, boot, below: kept.first, known, windows, bytes: 0, last_kept: kept.last, lost: 0 };
+        let mut assembler =
+            Self { node, boot, below: kept.first, known, windows, bytes: 0, last_kept: kept.last, lost: 0 };
         assembler.advance();
         assembler
     }

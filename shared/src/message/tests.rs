@@ -45,7 +45,8 @@ fn golden_node_messages() {
         conversation: Some(CONVERSATION),
         fault: Some(Fault { kind: FaultKind::HardFault, address: 0x0800_0123, place: String::new() }),
     };
-    let golden = "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 ab 02 ad 02 00 01 01 02 03 04 01 01 a3 82 80 40 00";
+    let golden =
+        "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 ab 02 ad 02 00 01 01 02 03 04 01 01 a3 82 80 40 00";
     assert_eq!(hex(&NodeMessage::Hello(hello)), golden);
     let refusal = Refusal { configuration_hash: 1, reason: RefusalReason::Memory { needed: 300, available: 200 } };
     assert_eq!(hex(&NodeMessage::Refused(refusal)), "01 01 06 ac 02 c8 01");
@@ -227,38 +228,43 @@ fn refusal_reason() -> impl Strategy<Value = RefusalReason> {
 fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
     let code = &code[..code.len().min(MAX_DATA_BYTES)];
     prop_oneof![
-        (any::<(u8, u64, u16, u32, u8, Option<u32>, bool, u32, bool)>(), prop::option::of(fault()), any::<Option<[u8; 4]>>()).prop_map(
-            |(
-                (
-                    protocol_version,
-                    schema_hash,
-                    node,
-                    boot,
-                    channels,
-                    configuration_hash,
-                    clock_set,
-                    oldest_window,
-                    replaying,
-                ),
-                fault,
-                conversation,
-            )| {
-                NodeMessage::Hello(Hello {
-                    protocol_version,
-                    schema_hash,
-                    node,
-                    boot,
-                    channels,
-                    configuration_hash,
-                    clock_set,
-                    oldest_window,
-                    next_window: oldest_window.wrapping_add(u32::from(node)),
-                    replaying,
-                    conversation: conversation.map(Conversation),
+        (
+            any::<(u8, u64, u16, u32, u8, Option<u32>, bool, u32, bool)>(),
+            prop::option::of(fault()),
+            any::<Option<[u8; 4]>>()
+        )
+            .prop_map(
+                |(
+                    (
+                        protocol_version,
+                        schema_hash,
+                        node,
+                        boot,
+                        channels,
+                        configuration_hash,
+                        clock_set,
+                        oldest_window,
+                        replaying,
+                    ),
                     fault,
-                })
-            }
-        ),
+                    conversation,
+                )| {
+                    NodeMessage::Hello(Hello {
+                        protocol_version,
+                        schema_hash,
+                        node,
+                        boot,
+                        channels,
+                        configuration_hash,
+                        clock_set,
+                        oldest_window,
+                        next_window: oldest_window.wrapping_add(u32::from(node)),
+                        replaying,
+                        conversation: conversation.map(Conversation),
+                        fault,
+                    })
+                }
+            ),
         (any::<u32>(), refusal_reason())
             .prop_map(|(configuration_hash, reason)| NodeMessage::Refused(Refusal { configuration_hash, reason })),
         any::<(i64, u64, u64, Option<i64>)>().prop_map(|(sent, received, replied, believed_delay_us)| {
@@ -269,28 +275,29 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                 believed_delay_us,
             })
         }),
-        (any::<(u16, u32, u32, u32, u32, u32, u32, u32)>(), heapless(finite()), heapless(sensor_state()), board()).prop_map(
-            |(
-                (node, boot, next_window, oldest_window, lost_windows, damaged_frames, refused_messages, lost_rows),
-                level,
-                sensors,
-                board,
-            )| {
-                NodeMessage::Heartbeat(Heartbeat {
-                    node,
-                    boot,
-                    next_window,
-                    oldest_window,
-                    lost_windows,
-                    damaged_frames,
-                    refused_messages,
+        (any::<(u16, u32, u32, u32, u32, u32, u32, u32)>(), heapless(finite()), heapless(sensor_state()), board())
+            .prop_map(
+                |(
+                    (node, boot, next_window, oldest_window, lost_windows, damaged_frames, refused_messages, lost_rows),
                     level,
                     sensors,
-                    lost_rows,
                     board,
-                })
-            }
-        ),
+                )| {
+                    NodeMessage::Heartbeat(Heartbeat {
+                        node,
+                        boot,
+                        next_window,
+                        oldest_window,
+                        lost_windows,
+                        damaged_frames,
+                        refused_messages,
+                        level,
+                        sensors,
+                        lost_rows,
+                        board,
+                    })
+                }
+            ),
         (name(), any::<(u32, u64, i32, i32, u16)>(), heapless(channel_state())).prop_map(
             |(name, (configuration_hash, grid_index, middle_offset_us, drift_ppb, data_parts), channels)| {
                 NodeMessage::Head(WindowHead {

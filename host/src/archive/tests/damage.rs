@@ -167,6 +167,16 @@ fn a_damaged_first_page_is_rebuilt() {
         bench.store(&two, &sent(&two, 1, number, u64::from(number)));
     }
     let sound = read(bench.folder.path(), &TimeRange::ALL).unwrap().unwrap();
+    // As a collector leaves it that was killed: the last windows are in the log alone.
+    let killed = tempfile::tempdir().unwrap();
+    for name in [ARCHIVE_FILE.to_owned(), format!("{ARCHIVE_FILE}-wal")] {
+        std::fs::copy(bench.folder.path().join(&name), killed.path().join(&name)).unwrap();
+    }
+    let mut page = std::fs::read(killed.path().join(ARCHIVE_FILE)).unwrap();
+    page[..PAGE_BYTES as usize].fill(0x55);
+    std::fs::write(killed.path().join(ARCHIVE_FILE), page).unwrap();
+    let repaired = Archive::repair(killed.path()).unwrap();
+    assert_eq!((repaired.windows, repaired.lost.len()), (300, 0));
     let Bench { folder, archive } = bench;
     drop(archive);
     let file = folder.path().join(ARCHIVE_FILE);

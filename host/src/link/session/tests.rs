@@ -466,7 +466,10 @@ fn what_another_program_says_on_the_line_costs_no_window() {
         bench.run(50, &mut windows).unwrap();
     }
     let numbers: Vec<u32> = windows.iter().map(|window| window.name.number).collect();
-    assert!(numbers.len() >= 12 && numbers.iter().enumerate().all(|(at, &number)| at == number as usize), "{numbers:?}");
+    assert!(
+        numbers.len() >= 12 && numbers.iter().enumerate().all(|(at, &number)| at == number as usize),
+        "{numbers:?}"
+    );
     assert_eq!(bench.session.statistics().lost_windows, 0);
 }
 

@@ -123,7 +123,8 @@ fn numbers_that_no_sensor_gives_are_told_and_count_as_missing() {
         assert!(report.channels[1].rms < 1.0 && report.channels[1].mean < 1.0);
         let told: Vec<String> = report.warnings.iter().map(ToString::to_string).collect();
         let line = format!("a.txt, line {}", wrong + 1);
-        let is_told = |told: &&String| told.contains("channel \"2\": 1 sample that no sensor can give") && told.contains(&line);
+        let is_told =
+            |told: &&String| told.contains("channel \"2\": 1 sample that no sensor can give") && told.contains(&line);
         assert_eq!(told.iter().filter(is_told).count(), 1, "{told:?}");
     }
 }

@@ -19,8 +19,8 @@ use belfry_host::link::{Session, Transport, conversation};
 use belfry_host::window::{ChannelData, Configurations, NodeWindow};
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
-    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Heartbeat, HostMessage, InConversation, LinesPart,
-    NodeMessage, Refusal, RefusalReason, Replay, SensorState, Summary,
+    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Heartbeat, HostMessage, InConversation,
+    LinesPart, NodeMessage, Refusal, RefusalReason, Replay, SensorState, Summary,
 };
 use belfry_shared::time::{HostTime, NodeTime, WindowGrid};
 
