@@ -491,10 +491,11 @@ fn a_pipe_in_place_of_a_file_is_refused_and_not_waited_for() {
         // Whoever waits would wait for ever.
         let _ = fs::remove_file(folder.path().join(pipe));
         assert!(std::process::Command::new("mkfifo").arg(folder.path().join(pipe)).status().unwrap().success());
-        let command = if pipe == "beam.csv" { "plan" } else { "identify" };
+        let command: &[&str] =
+            if pipe == "beam.csv" { &["plan", "--effect", "added-mass@5m=1e3"] } else { &["identify"] };
         let mut waits = std::process::Command::new("timeout");
         let output =
-            waits.arg("20").arg(belfry_command().get_program()).arg(command).arg(folder.path()).output().unwrap();
+            waits.arg("20").arg(belfry_command().get_program()).args(command).arg(folder.path()).output().unwrap();
         let said = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{pipe}: {said}");
         assert!(said.contains(pipe) && said.contains(reason), "{pipe}: {said}");
