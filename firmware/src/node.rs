@@ -5,8 +5,8 @@ use core::ops::DerefMut;
 use belfry_shared::frame;
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
 use belfry_shared::message::{
-    self, BoardState, ClockReply, ClockRequest, Configuration, Fault, Fed, FeedPart, Heartbeat, Hello, HostMessage,
-    NodeMessage, Refusal, Replay, SCHEMA_HASH, WindowName,
+    self, Acknowledgement, BoardState, ClockReply, ClockRequest, Configuration, Conversation, Fault, Fed, FeedPart,
+    Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, Replay, SCHEMA_HASH, WindowName,
 };
 use belfry_shared::time::{ClockModel, NodeTime};
 
@@ -106,6 +106,9 @@ pub struct Node<M> {
     next_heartbeat: Option<NodeTime>,
     decoder: FrameDecoder,
     damaged_frames: u32,
+    /// The host that greeted last; `None` before any has.
+    conversation: Option<Conversation>,
+    refused_messages: u32,
     lost_rows: u32,
     fault: Option<Fault>,
     board: BoardState,
@@ -130,6 +133,8 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             next_heartbeat: None,
             decoder: FrameDecoder::new(),
             damaged_frames: 0,
+            conversation: None,
+            refused_messages: 0,
             lost_rows: 0,
             fault: None,
             board: BoardState {
@@ -181,22 +186,34 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     pub fn receive(&mut self, now: NodeTime, byte: u8) {
         let message = match self.decoder.push(byte) {
             None => return,
-            Some(frame) => frame.and_then(message::decode::<HostMessage>),
+            Some(frame) => frame.and_then(message::decode::<InConversation>),
         };
         match message {
             Err(_) => self.damaged_frames = self.damaged_frames.saturating_add(1),
-            Ok(HostMessage::Greet) => (self.pending.end_mark, self.pending.hello) = (true, true),
-            Ok(HostMessage::Configure(configuration)) => self.configure(configuration),
-            Ok(HostMessage::Acknowledge(acknowledgement)) => {
-                if acknowledgement.boot == self.identity.boot {
-                    self.outbox.acknowledge(acknowledgement.below);
-                    for wanted in &acknowledgement.again {
-                        self.outbox.again(wanted);
-                    }
-                }
+            Ok(InConversation { conversation, message: HostMessage::Greet }) => {
+                self.conversation = Some(conversation);
+                (self.pending.end_mark, self.pending.hello) = (true, true);
             }
-            Ok(HostMessage::Clock(request)) => self.pending.clock = Some((request, now)),
-            Ok(HostMessage::SetClock(model)) => {
+            Ok(InConversation { conversation, message }) if self.conversation == Some(conversation) => {
+                self.hear(now, message);
+            }
+            Ok(_) => {
+                // Its host learns from the answer who has greeted since, or that the node has started anew.
+                self.refuse();
+                self.pending.hello = true;
+            }
+        }
+    }
+
+    /// Takes what the host says that greeted last.
+    fn hear(&mut self, now: NodeTime, message: HostMessage) {
+        match message {
+            // It decides who is listened to, before anything else.
+            HostMessage::Greet => {}
+            HostMessage::Configure(configuration) => self.configure(configuration),
+            HostMessage::Acknowledge(acknowledgement) => self.acknowledged(&acknowledgement),
+            HostMessage::Clock(request) => self.pending.clock = Some((request, now)),
+            HostMessage::SetClock(model) => {
                 // A newer model may overtake an older one on the line; one from the future would keep all others out.
                 let is_newest = self.clock.is_none_or(|known| model.node >= known.node);
                 if is_newest && model.node <= now && self.replay.is_none() {
@@ -204,9 +221,27 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                     self.windows.reschedule();
                 }
             }
-            Ok(HostMessage::Replay(replay)) => self.start_replay(replay),
-            Ok(HostMessage::Feed(part)) => self.feed(&part),
-            Ok(HostMessage::EndReplay) => self.end_replay(),
+            HostMessage::Replay(replay) => self.start_replay(replay),
+            HostMessage::Feed(part) => self.feed(&part),
+            HostMessage::EndReplay => self.end_replay(),
+        }
+    }
+
+    fn refuse(&mut self) {
+        self.refused_messages = self.refused_messages.saturating_add(1);
+    }
+
+    fn acknowledged(&mut self, acknowledgement: &Acknowledgement) {
+        if acknowledgement.boot != self.identity.boot {
+            return;
+        }
+        if acknowledgement.below > self.windows.next_number() {
+            self.refuse();
+            return;
+        }
+        self.outbox.acknowledge(acknowledgement.below);
+        for wanted in &acknowledgement.again {
+            self.outbox.again(wanted);
         }
     }
 
@@ -411,6 +446,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 oldest_window,
                 next_window,
                 replaying: self.replay.is_some(),
+                conversation: self.conversation,
                 fault: self.fault.clone(),
             })
         } else if let Some(refusal) = self.pending.refusal.take() {
@@ -424,6 +460,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 oldest_window,
                 lost_windows: self.outbox.lost_windows(),
                 damaged_frames: self.damaged_frames,
+                refused_messages: self.refused_messages,
                 level,
                 sensors,
                 lost_rows: self.lost_rows,

@@ -15,6 +15,8 @@ struct Entry {
     offset: u16,
     length: u16,
     pending: bool,
+    /// Whether it was sent ever.
+    was_sent: bool,
 }
 
 impl Entry {
@@ -65,7 +67,7 @@ impl Outbox {
         let Some(place) = ring.get_mut(offset..offset + message.len()) else { return false };
         let Ok(offset) = u16::try_from(offset) else { return false };
         place.copy_from_slice(message);
-        self.entries.push_back(Entry { window, part, offset, length, pending: true }).is_ok()
+        self.entries.push_back(Entry { window, part, offset, length, pending: true, was_sent: false }).is_ok()
     }
 
     /// Where the next `length` bytes fit, if anywhere.
@@ -105,8 +107,10 @@ impl Outbox {
         }
     }
 
-    /// Forgets all windows below `window`.
+    /// Forgets all windows below `window`, up to the first that was not sent whole: nobody can have stored that one.
     pub(crate) fn acknowledge(&mut self, window: u32) {
+        let unsent = self.entries.iter().filter(|entry| !entry.was_sent).map(|entry| entry.window).min();
+        let window = unsent.map_or(window, |unsent| window.min(unsent));
         self.forget(|entry| entry.window < window);
     }
 
@@ -126,7 +130,7 @@ impl Outbox {
     /// The next part to send, marked as sent.
     pub(crate) fn next<'a>(&mut self, ring: &'a [u8]) -> Option<&'a [u8]> {
         let entry = self.entries.iter_mut().find(|entry| entry.pending)?;
-        entry.pending = false;
+        (entry.pending, entry.was_sent) = (false, true);
         ring.get(usize::from(entry.offset)..entry.end())
     }
 }
@@ -162,6 +166,22 @@ mod tests {
         assert_eq!((outbox.oldest_window(), outbox.lost_windows()), (Some(5), 0));
         outbox.acknowledge(6);
         assert_eq!(outbox.oldest_window(), None);
+    }
+
+    #[test]
+    fn a_window_that_was_not_sent_whole_outlasts_any_acknowledgement() {
+        let mut ring = [0; 100];
+        let mut outbox = Outbox::new();
+        for (window, part) in [(4, 1), (4, 0), (5, 1), (5, 0)] {
+            assert!(outbox.push(&mut ring, window, part, &[window as u8, part as u8]));
+        }
+        assert_eq!(core::iter::from_fn(|| outbox.next(&ring).map(<[u8]>::to_vec)).take(3).count(), 3);
+        outbox.acknowledge(u32::MAX);
+        assert_eq!(outbox.oldest_window(), Some(5));
+        outbox.again(&everything());
+        assert_eq!(sent(&mut outbox, &ring), [[5, 1], [5, 0]]);
+        outbox.acknowledge(6);
+        assert_eq!((outbox.oldest_window(), outbox.lost_windows()), (None, 0));
     }
 
     proptest! {

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
-use std::io::{self, BufWriter, ErrorKind, Write};
+use std::io::{self, BufWriter, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -59,6 +59,11 @@ impl WholeFile {
         Ok(Self { file: BufWriter::with_capacity(BUFFER, file), listing, target })
     }
 
+    /// Where it is until it is finished, for what writes it by itself.
+    pub(crate) fn unfinished_path(&self) -> &Path {
+        self.file.get_ref().path()
+    }
+
     fn with_all(mut self, bytes: &[u8]) -> io::Result<()> {
         self.write_all(bytes)?;
         self.finish()
@@ -90,6 +95,30 @@ impl Write for WholeFile {
     fn flush(&mut self) -> io::Result<()> {
         self.file.flush()
     }
+}
+
+/// Opens a file to read it. A pipe or a device in its place, which may never end, is refused.
+///
+/// # Errors
+/// When there is none, it cannot be read, or it is something else.
+pub fn open_plain(path: &Path) -> io::Result<File> {
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::Error::new(
+            ErrorKind::InvalidInput,
+            "it is a folder, a pipe or a device, where a file was expected",
+        ));
+    }
+    File::open(path)
+}
+
+/// All bytes of a file, as [`open_plain`] opens it.
+///
+/// # Errors
+/// As [`open_plain`].
+pub fn read_plain(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open_plain(path)?.read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// Writes a file whole, in place of what was there.
@@ -207,7 +236,7 @@ fn folder_of(path: &Path) -> &Path {
 }
 
 /// Puts a folder's new names on disk, where the system can.
-fn sync_folder(folder: &Path) -> io::Result<()> {
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(not(unix)) {
         return Ok(());
     }

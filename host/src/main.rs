@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify, init, plan,
-    ports, profile, remove, replay, report, serve, simulate, update,
+    Console, add, archive, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify,
+    init, plan, ports, profile, remove, replay, report, serve, simulate, update,
 };
 use clap::{Parser, Subcommand};
 
@@ -42,6 +42,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Ports(ports::Arguments),
     Collect(collect::Arguments),
+    Archive(archive::Arguments),
     Replay(replay::Arguments),
     Identify(identify::Arguments),
     Compare(compare::Arguments),
@@ -69,6 +70,7 @@ fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(arguments, &console),
         Command::Ports(arguments) => ports::run(arguments, &console),
         Command::Collect(arguments) => collect::run(arguments, &console),
+        Command::Archive(arguments) => archive::run(arguments, &console),
         Command::Replay(arguments) => replay::run(arguments, &console),
         Command::Identify(arguments) => identify::run(arguments, &console),
         Command::Compare(arguments) => compare::run(arguments, &console),
@@ -104,7 +106,9 @@ mod tests {
     #[test]
     fn help_wraps_once() {
         let line = CommandLine::command();
-        for command in std::iter::once(&line).chain(line.get_subcommands()) {
+        let commands = || line.get_subcommands();
+        let steps = commands().flat_map(clap::Command::get_subcommands);
+        for command in std::iter::once(&line).chain(commands()).chain(steps) {
             let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
             let name = command.get_name();
             let is_text = |line: &str| !line.is_empty() && !line.starts_with(' ') && !line.ends_with(':');

@@ -12,7 +12,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use thiserror::Error;
 
 /// The version of framing and messages.
-pub const PROTOCOL_VERSION: u8 = 4;
+pub const PROTOCOL_VERSION: u8 = 5;
 /// Longest message in a frame, in bytes.
 pub const MAX_MESSAGE_BYTES: usize = 512;
 /// Version byte and CRC.
@@ -151,12 +151,12 @@ mod tests {
 
     #[test]
     fn golden_frame() {
-        // Version 4, message 11 00 22, CRC-32 of 04 11 00 22 little endian; COBS codes 03 and 06 in place of the zeros.
-        let checksum = crc32(&[4, 0x11, 0, 0x22]).to_le_bytes();
-        let mut expected = std::vec![3, 4, 0x11, 6, 0x22];
+        // Version 5, message 11 00 22, CRC-32 of 05 11 00 22 little endian; COBS codes 03 and 06 in place of the zeros.
+        let checksum = crc32(&[5, 0x11, 0, 0x22]).to_le_bytes();
+        let mut expected = std::vec![3, 5, 0x11, 6, 0x22];
         expected.extend_from_slice(&checksum);
         expected.push(0);
-        assert_eq!(checksum, [0xE8, 0xC0, 0xA2, 0x66]);
+        assert_eq!(checksum, [0x8D, 0xA7, 0x1E, 0xDE]);
         assert_eq!(framed(&[0x11, 0, 0x22]), expected);
     }
 

@@ -1,7 +1,7 @@
 //! The messages between a sensor node and its host, and the rules for both: the specification of the protocol.
 //!
 //! # On the line
-//! A message is one postcard value ([`NodeMessage`] or [`HostMessage`]) in one frame ([`crate::frame`]). Integers are
+//! A message is one postcard value ([`NodeMessage`] or [`InConversation`]) in one frame ([`crate::frame`]). Integers are
 //! postcard varints, floats IEEE 754 little endian, byte strings start with their length. One serial line connects one node
 //! with the host.
 //!
@@ -20,10 +20,18 @@
 //! many windows there are, so that the host notices when even the last one is missing. When the outbox is full, the node drops
 //! its oldest window and says so (`oldest_window`, `lost_windows`): no loss is silent.
 //!
+//! A node takes no acknowledgement of windows that it has not sent yet: whoever sends it cannot have stored them. One that names
+//! windows beyond the newest is dropped whole and counted ([`Heartbeat::refused_messages`]).
+//!
 //! The node has room for the messages that arrive while it computes. One that finds none is dropped and counted
 //! ([`BoardState::dropped_frames`]); the host repeats whatever is not answered.
 //!
 //! # A conversation
+//! A host draws a number for all that it says ([`Conversation`]). The node listens to the host that greeted it last: what comes
+//! under another number is dropped and counted, and answered with a [`Hello`] that says whom the node listens to. So two hosts on
+//! one line notice each other, and neither erases windows that the other has not stored. This keeps mistakes out. It keeps nobody out
+//! who can write on the line and means to.
+//!
 //! Each end opens with an empty frame, which ends whatever an earlier conversation left unfinished on the line. The host says
 //! [`HostMessage::Greet`]; the node answers with [`Hello`], which it also says when it starts. The host compares protocol version
 //! and schema hash and refuses a node that differs. It sends a [`Configuration`]; the node answers with
@@ -70,7 +78,7 @@ use crate::time::ClockModel;
 
 /// A hash over the names, types and order of everything in the messages. Host and node talk only if theirs are equal.
 pub const SCHEMA_HASH: u64 =
-    u64::from_le_bytes(Key::for_path::<(NodeMessage<'static>, HostMessage)>("belfry").to_bytes());
+    u64::from_le_bytes(Key::for_path::<(NodeMessage<'static>, InConversation)>("belfry").to_bytes());
 
 /// What a node says.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
@@ -120,6 +128,21 @@ pub enum HostMessage {
     Feed(FeedPart),
     /// Tells the node to measure with its sensor again. It forgets the time, which was the recording's.
     EndReplay,
+}
+
+/// The number of a host's conversation with nodes, drawn at random when the host starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Conversation(pub [u8; 4]);
+
+/// What a host says, and in which conversation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct InConversation {
+    /// The host's.
+    pub conversation: Conversation,
+    /// What it says.
+    pub message: HostMessage,
 }
 
 /// Writes the frame of a message and returns its length.

@@ -1,6 +1,7 @@
 //! End-to-end tests of Belfry live in `tests/tests/stories`, a module a story that a user would tell; here is what they share with
 //! the studies of accuracy, which `cargo run --release -p belfry-tests -- help` lists.
 
+pub mod archive;
 pub mod blind;
 mod canton;
 pub mod clock;

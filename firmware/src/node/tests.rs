@@ -13,6 +13,8 @@ use std::{vec, vec::Vec};
 
 const IDENTITY: Identity =
     Identity { node: 3, boot: 77, channels: 4, full_scale_m_s2: 19.6, highest_rate_mhz: 4_000_000 };
+const HOST: Conversation = Conversation([1, 2, 3, 4]);
+const OTHER: Conversation = Conversation([5, 6, 7, 8]);
 /// Raw sampling period in µs (50 Hz).
 const PERIOD_US: u64 = 20_000;
 
@@ -42,6 +44,7 @@ impl Bench {
     /// A node with a configuration whose clock is the host's.
     fn new(summary: Summary) -> Self {
         let mut bench = Self { node: new_node(), row: 0, frames: Vec::new() };
+        bench.say(&HostMessage::Greet);
         bench.say(&HostMessage::Configure(configuration(summary)));
         bench.say(&HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 }));
         bench
@@ -52,6 +55,11 @@ impl Bench {
     }
 
     fn say(&mut self, message: &HostMessage) {
+        self.say_in(HOST, message);
+    }
+
+    fn say_in(&mut self, conversation: Conversation, message: &HostMessage) {
+        let message = &InConversation { conversation, message: message.clone() };
         let mut frame = [0; MAX_FRAME_BYTES];
         let length = message::encode(message, &mut frame).unwrap();
         for &byte in &frame[..length] {
@@ -117,6 +125,7 @@ fn it_greets_and_confirms_its_configuration_by_hash() {
     let mut bench = Bench { node: new_node(), row: 0, frames: Vec::new() };
     bench.listen();
     let wanted = configuration(Summary::Lines { bits: 8 });
+    bench.say(&HostMessage::Greet);
     bench.say(&HostMessage::Configure(wanted.clone()));
     bench.listen();
     let hashes: Vec<_> = bench
@@ -328,6 +337,73 @@ fn parts_are_kept_until_acknowledged_and_sent_again_when_asked() {
     assert!((heartbeat.level[0] / 0.784 - 1.0).abs() < 0.065, "{heartbeat:?}");
 }
 
+fn acknowledge(below: u32) -> HostMessage {
+    HostMessage::Acknowledge(Acknowledgement { boot: IDENTITY.boot, below, again: HeaplessVec::new() })
+}
+
+impl Bench {
+    fn last_hello(&self) -> Hello {
+        let is_hello = |message| if let NodeMessage::Hello(hello) = message { Some(hello) } else { None };
+        self.messages().into_iter().rev().find_map(is_hello).unwrap()
+    }
+
+    /// The oldest window and the next, and the host it listens to.
+    fn holds(&mut self) -> (u32, u32, Option<Conversation>) {
+        self.node.pending.hello = true;
+        self.listen();
+        let hello = self.last_hello();
+        (hello.oldest_window, hello.next_window, hello.conversation)
+    }
+}
+
+#[test]
+fn a_host_that_has_not_greeted_last_changes_nothing_and_learns_it() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.run(256 * 5 * 3, |row| [tone(row); 2]);
+    let before = bench.holds();
+    assert_eq!(before, (0, 3, Some(HOST)));
+    let hash = bench.last_hello().configuration_hash;
+    let set = ClockModel { node: bench.now(), host: HostTime(1 << 50), drift_ppb: 0 };
+    let replay = message::Replay { start: HostTime(0) };
+    let attempts = [
+        acknowledge(3),
+        HostMessage::Configure(configuration(Summary::Psd { segments: 4 })),
+        HostMessage::SetClock(set),
+        HostMessage::Replay(replay),
+    ];
+    for (attempt, message) in (1..).zip(&attempts) {
+        bench.frames.clear();
+        bench.say_in(OTHER, message);
+        bench.listen();
+        let hello = bench.last_hello();
+        assert_eq!((hello.conversation, hello.configuration_hash, hello.replaying), (Some(HOST), hash, false));
+        assert_eq!((bench.holds(), bench.node.refused_messages), (before, attempt), "{message:?}");
+    }
+    assert_eq!(bench.node.clock.unwrap().host, HostTime(0));
+    // The one that greets is listened to from then on, and the one before no longer.
+    bench.say_in(OTHER, &HostMessage::Greet);
+    bench.say(&acknowledge(3));
+    assert_eq!(bench.holds(), (0, 3, Some(OTHER)));
+    bench.say_in(OTHER, &acknowledge(2));
+    assert_eq!(bench.holds(), (2, 3, Some(OTHER)));
+}
+
+#[test]
+fn windows_that_were_never_sent_are_not_taken_as_stored() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.run(256 * 5 * 3, |row| [tone(row); 2]);
+    bench.say(&acknowledge(u32::MAX));
+    bench.say(&acknowledge(4));
+    assert_eq!((bench.holds(), bench.node.refused_messages), ((0, 3, Some(HOST)), 2));
+    // A window more is there, and not on the line yet.
+    bench.feed(640, |row| [tone(row); 2]);
+    while bench.node.poll(bench.now()) {}
+    bench.say(&acknowledge(4));
+    assert_eq!(bench.holds(), (3, 4, Some(HOST)));
+    bench.say(&acknowledge(4));
+    assert_eq!(bench.holds(), (4, 4, Some(HOST)));
+}
+
 #[test]
 fn an_outbox_that_overflows_counts_what_it_lost_and_keeps_the_newest() {
     let mut bench = Bench::new(Summary::Lines { bits: 16 });
@@ -374,6 +450,7 @@ fn a_recording_gives_the_windows_of_the_same_rows_from_a_sensor() {
     sampled.run(256 * 5 * 3, readings);
 
     let mut fed = Bench { node: new_node(), row: 0, frames: Vec::new() };
+    fed.say(&HostMessage::Greet);
     fed.say(&HostMessage::Replay(message::Replay { start: HostTime(0) }));
     fed.listen();
     let replaying = |bench: &Bench| {

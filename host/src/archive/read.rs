@@ -1,14 +1,16 @@
-//! Reading: what a setup's nodes have sent, and its windows in the order of the grid.
+//! Reading: what a setup's nodes have sent in a range of time, and its windows in the order of the grid.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use belfry_shared::message::{Configuration, WindowName};
+use belfry_shared::message::Configuration;
 use belfry_shared::time::WindowGrid;
-use rusqlite::params;
-use serde::Serialize;
 
-use super::codec::{self, ChannelRow};
-use super::{Archive, ArchiveError};
+use super::asked::Asked;
+use super::checksum::hour_of;
+use super::damage::Damage;
+use super::heads::{Head, Survey};
+use super::range::moment;
+use super::{Archive, ArchiveError, TimeRange};
 use crate::spectra::{LineGrid, WindowLines};
 use crate::study::Setup;
 use crate::window::{ChannelData, NodeWindow, channels_by_node, node_lines, place_lines};
@@ -29,212 +31,296 @@ pub struct CollectedSetup {
     pub first_grid_index: u64,
     /// The same in s of Unix time.
     pub start_s: f64,
+    /// When the first window begins and the last ends, in words.
+    pub span: [String; 2],
     /// Node windows that were measured with other lines, or averaged on the node, and are left out.
     pub other_windows: usize,
     /// Hashes of the configurations that make these lines.
     hashes: BTreeSet<u32>,
+    /// µs of Unix time from and up to which middles of windows are asked for.
+    middles_us: [i64; 2],
 }
 
 /// A setup's windows, and the archive that they are in.
-#[derive(Debug)]
 pub struct Collected {
     /// What there is of them.
     pub setup: CollectedSetup,
     archive: Archive,
+    asked: Vec<Asked>,
+    survey: Survey,
+    /// What is damaged of what was read so far.
+    damages: Vec<Damage>,
+}
+
+impl std::fmt::Debug for Collected {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Collected").field("setup", &self.setup).field("archive", &self.archive).finish()
+    }
+}
+
+/// What was counted of the windows of one configuration's lines.
+#[derive(Default)]
+struct Count {
+    node_windows: usize,
+    starts: usize,
+    first: Option<u64>,
+    last: Option<u64>,
 }
 
 impl Archive {
-    /// What there is of a setup: windows with the settings that were asked of its nodes last, as far as there are any.
-    /// `None` where there are no windows.
+    /// What there is of a setup in a range of time: windows with the settings that were asked of its nodes last, as far as there are any.
+    /// `None` where there are no windows at all.
     ///
     /// # Errors
-    /// Where the archive cannot be read.
-    pub fn collected(self, setup: &Setup) -> Result<Option<Collected>, ArchiveError> {
+    /// Where the archive cannot be read, or has windows, but none in the range.
+    pub fn collected(self, setup: &Setup, range: &TimeRange) -> Result<Option<Collected>, ArchiveError> {
         // What is counted now is what is read later, whatever comes in between.
         self.connection.execute_batch("BEGIN").map_err(|source| self.failed(source))?;
-        let counted = || -> rusqlite::Result<BTreeMap<u32, usize>> {
-            let query = "SELECT configuration, count(*) FROM window WHERE setup = ?1 GROUP BY configuration";
-            let mut statement = self.connection.prepare(query)?;
-            statement.query_map([&setup.name], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        let (mut asked, mut damages) = self.asked().map_err(|source| self.failed(source))?;
+        asked.retain(|one| one.setup == setup.name);
+        let survey = Survey::new(&self, &setup.name).map_err(|source| self.failed(source))?;
+        damages.extend(survey.damages.iter().cloned());
+        let counted = self.count(&survey, &asked, range, &mut damages).map_err(|source| self.failed(source))?;
+        let Some(Counted { counts, middles_us, bounds_us: [first_us, last_us] }) = counted else {
+            // Nothing can be read, and that is not because nothing has come.
+            return damages.first().map_or(Ok(None), |damage| Err(self.damaged(damage.to_string())));
         };
-        let counts = counted().map_err(|source| self.failed(source))?;
-        let configurations = self.configurations(Some(&setup.name))?;
-        let with_windows = |configuration: &&Configuration| counts.contains_key(&configuration.hash());
-        let newest = configurations.iter().filter(with_windows).find_map(|c| node_lines(c).map(|s| (s, c.clone())));
-        let Some((wanted, configuration)) = newest else { return Ok(None) };
-        let hashes: BTreeSet<u32> =
-            configurations.iter().filter(|c| node_lines(c) == Some(wanted)).map(Configuration::hash).collect();
-        let other_windows = counts.iter().filter(|(hash, _)| !hashes.contains(hash)).map(|(_, windows)| windows).sum();
-        let (windows, first) = self
-            .connection
-            .query_row(
-                "SELECT count(DISTINCT grid_index), min(grid_index) FROM window
-                 WHERE setup = ?1 AND configuration IN (SELECT value FROM json_each(?2))",
-                params![setup.name, json(&hashes)],
-                |row| Ok((row.get::<_, usize>(0)?, row.get::<_, Option<u64>>(1)?)),
-            )
-            .map_err(|source| self.failed(source))?;
-        let Some(first_grid_index) = first else { return Ok(None) };
-        let clock =
-            WindowGrid { sampling_rate_uhz: configuration.sampling_rate_uhz, hop_samples: configuration.hop_samples() };
-        let (grid, decimation) = wanted;
-        let start_s = clock.start(first_grid_index).0 as f64 * 1e-6;
-        let collected = CollectedSetup { grid, decimation, windows, first_grid_index, start_s, other_windows, hashes };
-        Ok(Some(Collected { setup: collected, archive: self }))
+        if counts.is_empty() {
+            if let Some(damage) = damages.first() {
+                return Err(self.damaged(damage.to_string()));
+            }
+            return Err(ArchiveError::OutOfRange {
+                setup: setup.name.clone(),
+                range: range.to_string(),
+                first: moment(first_us),
+                last: moment(last_us),
+            });
+        }
+        let lines = |one: &Asked| node_lines(&one.configuration);
+        let with_windows =
+            |one: &&Asked| lines(one).is_some_and(|lines| counts.iter().any(|(known, _)| *known == Some(lines)));
+        let Some(newest) = asked.iter().rev().find(with_windows) else {
+            return damages.first().map_or(Ok(None), |damage| Err(self.damaged(damage.to_string())));
+        };
+        let wanted = lines(newest);
+        let (Some((grid, decimation)), Some((_, count))) = (wanted, counts.iter().find(|(lines, _)| *lines == wanted))
+        else {
+            return Ok(None);
+        };
+        let hashes = asked.iter().filter(|one| lines(one) == wanted).map(|one| one.configuration.hash()).collect();
+        let first_grid_index = count.first.unwrap_or_default();
+        let starts = clock(&newest.configuration);
+        let start_us = starts.start(first_grid_index).0;
+        let end_us = starts.start(count.last.unwrap_or_default().saturating_add(2)).0;
+        let others = counts.iter().filter(|(lines, _)| *lines != wanted);
+        let setup = CollectedSetup {
+            grid,
+            decimation,
+            windows: count.starts,
+            first_grid_index,
+            start_s: start_us as f64 * 1e-6,
+            span: [moment(start_us), moment(end_us)],
+            other_windows: others.map(|(_, count)| count.node_windows).sum(),
+            hashes,
+            middles_us,
+        };
+        Ok(Some(Collected { setup, archive: self, asked, survey, damages }))
+    }
+
+    /// Counts the windows in a range, line grid by line grid; `None` where none at all is sound.
+    fn count(
+        &self,
+        survey: &Survey,
+        asked: &[Asked],
+        range: &TimeRange,
+        damages: &mut Vec<Damage>,
+    ) -> rusqlite::Result<Option<Counted>> {
+        let by_hash: BTreeMap<u32, &Configuration> =
+            asked.iter().map(|one| (one.configuration.hash(), &one.configuration)).collect();
+        let hop_of = |head: &Head| by_hash.get(&head.window.configuration_hash).map_or(0, |one| hop_us(one));
+        let end_of = |head: &Head| head.start_us.saturating_add(2 * hop_of(head));
+        // A damaged start must not move what is counted back from the last.
+        let (Some(first), Some(last)) = (survey.outermost(self, false)?, survey.outermost(self, true)?) else {
+            for hour in survey.hours() {
+                let (heads, wrong) = survey.hour(self, hour)?;
+                damages.extend(wrong);
+                for head in heads {
+                    damages.extend(self.channels(&head)?.err().map(|what| head.damaged(what)));
+                }
+            }
+            return Ok(None);
+        };
+        let middles_us = range.middles(end_of(&last));
+        let mut counts: Vec<(Option<(LineGrid, u32)>, Count)> = Vec::new();
+        let mut unknown = 0;
+        for hour in hours_of(survey, middles_us, by_hash.values().map(|one| hop_us(one)).max().unwrap_or(0)) {
+            let (heads, wrong) = survey.hour(self, hour)?;
+            damages.extend(wrong);
+            for head in heads {
+                let Some(configuration) = by_hash.get(&head.window.configuration_hash) else {
+                    unknown += 1;
+                    continue;
+                };
+                if !contains(middles_us, &head, hop_of(&head)) {
+                    // It may be out of the range by damage alone.
+                    damages.extend(self.channels(&head)?.err().map(|what| head.damaged(what)));
+                    continue;
+                }
+                // Damaged, which is told when it is read; its place would set where all begin.
+                if !is_in_place(&head, configuration) {
+                    continue;
+                }
+                let lines = node_lines(configuration);
+                let place = counts.iter().position(|(known, _)| *known == lines).unwrap_or(counts.len());
+                if place == counts.len() {
+                    counts.push((lines, Count::default()));
+                }
+                let count = &mut counts[place].1;
+                count.node_windows += 1;
+                if count.last != Some(head.window.grid_index) {
+                    count.starts += 1;
+                    count.last = Some(head.window.grid_index);
+                    count.first =
+                        Some(count.first.map_or(head.window.grid_index, |first| first.min(head.window.grid_index)));
+                }
+            }
+        }
+        if unknown > 0 {
+            let what = format!("{unknown} windows name settings that nobody has asked for, and are left out");
+            damages.push(Damage::table("asked", what));
+        }
+        Ok(Some(Counted { counts, middles_us, bounds_us: [first.start_us, last.start_us] }))
     }
 }
 
-/// How a node has served a setup.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct NodeHealth {
-    /// The node.
-    pub node: u16,
-    /// The setup.
-    pub setup: String,
-    /// Channels that its newest windows have.
-    pub channels: usize,
-    /// Windows that have come.
-    pub windows: u64,
-    /// Windows that its numbers say were made, and have not come.
-    pub lost_windows: u64,
-    /// Windows of which a channel is not sound.
-    pub bad_windows: u64,
-    /// Times that it has started anew, seen from its windows.
-    pub restarts: u64,
-    /// When the last window came, in s of Unix time.
-    pub last_received_s: f64,
+/// The windows in a range.
+struct Counted {
+    counts: Vec<(Option<(LineGrid, u32)>, Count)>,
+    middles_us: [i64; 2],
+    /// Starts of the first and the last window of all.
+    bounds_us: [i64; 2],
 }
 
-impl Archive {
-    /// How every node has served every setup so far.
-    ///
-    /// # Errors
-    /// Where the archive cannot be read.
-    pub fn health(&self) -> Result<Vec<NodeHealth>, ArchiveError> {
-        const QUERY: &str = "
-            WITH life AS (
-                SELECT setup, node, boot, count(*) AS windows, max(number) - min(number) + 1 AS made, max(received_us) AS last,
-                    sum(EXISTS (SELECT 1 FROM channel WHERE channel.window = window.id AND state <> 'sound')) AS bad,
-                    max((SELECT count(*) FROM channel WHERE channel.window = window.id)) AS channels
-                FROM window WHERE setup <> '' GROUP BY setup, node, boot)
-            SELECT node, setup, max(channels), sum(windows), sum(made - windows), sum(bad), count(*) - 1, max(last)
-            FROM life GROUP BY setup, node ORDER BY setup, node";
-        let read = || -> rusqlite::Result<Vec<NodeHealth>> {
-            let mut statement = self.connection.prepare(QUERY)?;
-            let health = statement.query_map([], |row| {
-                Ok(NodeHealth {
-                    node: row.get(0)?,
-                    setup: row.get(1)?,
-                    channels: row.get(2)?,
-                    windows: row.get(3)?,
-                    lost_windows: row.get(4)?,
-                    bad_windows: row.get(5)?,
-                    restarts: row.get(6)?,
-                    last_received_s: row.get::<_, i64>(7)? as f64 * 1e-6,
-                })
-            })?;
-            health.collect()
-        };
-        read().map_err(|source| self.failed(source))
-    }
+pub(super) fn clock(configuration: &Configuration) -> WindowGrid {
+    WindowGrid { sampling_rate_uhz: configuration.sampling_rate_uhz, hop_samples: configuration.hop_samples() }
 }
 
-fn json(hashes: &BTreeSet<u32>) -> String {
-    format!("{hashes:?}").replace('{', "[").replace('}', "]")
+/// Half a segment in µs.
+pub(super) fn hop_us(configuration: &Configuration) -> i64 {
+    clock(configuration).start(1).0
+}
+
+/// Whether a window begins where its place on the grid is.
+fn is_in_place(head: &Head, configuration: &Configuration) -> bool {
+    clock(configuration).start(head.window.grid_index).0 == head.start_us
+}
+
+/// Whether the middle of a window, a hop after its start, is in a range.
+fn contains([from_us, to_us]: [i64; 2], head: &Head, hop_us: i64) -> bool {
+    (from_us..to_us).contains(&head.start_us.saturating_add(hop_us))
+}
+
+/// The hours in which windows may begin whose middles are in a range.
+fn hours_of(survey: &Survey, [from_us, to_us]: [i64; 2], longest_hop_us: i64) -> Vec<i64> {
+    let hours = hour_of(from_us.saturating_sub(longest_hop_us))..=hour_of(to_us);
+    survey.hours().filter(|hour| hours.contains(hour)).collect()
 }
 
 impl Collected {
     /// Hands out the windows of the whole setup in the order of the grid, counted from the first; `None` where a node has
-    /// none. The newest are left out while nodes are still to send theirs.
+    /// none. The newest are left out while nodes are still to send theirs. What is damaged is left out, and returned.
     ///
     /// # Errors
-    /// Where the archive cannot be read or is damaged; windows before that have been handed out.
-    pub fn each_window(&self, setup: &Setup, on_window: &mut dyn FnMut(WindowLines)) -> Result<(), ArchiveError> {
+    /// Where the archive cannot be read; windows before that have been handed out.
+    pub fn each_window(
+        &self,
+        setup: &Setup,
+        on_window: &mut dyn FnMut(WindowLines),
+    ) -> Result<Vec<Damage>, ArchiveError> {
         let nodes_expected = channels_by_node(setup).len();
-        let columns = self.columns(setup)?;
+        let columns = self.columns(setup);
         let failed = |source| self.archive.failed(source);
-        let mut statement = self
-            .archive
-            .connection
-            .prepare(
-                "SELECT id, node, boot, number, configuration, grid_index, middle_offset_us, drift_ppb,
-                     start_us FROM window
-                 WHERE setup = ?1 AND configuration IN (SELECT value FROM json_each(?2)) ORDER BY grid_index, node, id",
-            )
-            .map_err(failed)?;
-        let mut rows = statement.query(params![setup.name, json(&self.setup.hashes)]).map_err(failed)?;
+        let mut damages = self.damages.clone();
         // Starts whose nodes may not have sent all yet, oldest first.
         let mut waiting: VecDeque<(WindowLines, BTreeSet<u16>)> = VecDeque::new();
-        while let Some(row) = rows.next().map_err(failed)? {
-            let (id, window) = read_window(row).map_err(failed)?;
-            let start_us: i64 = row.get(8).map_err(failed)?;
-            let Some(channels) = columns.of(&window, start_us) else { continue };
-            let grid_index = window.grid_index.saturating_sub(self.setup.first_grid_index);
-            if waiting.back().is_none_or(|(last, _)| last.grid_index != grid_index) {
-                if waiting.len() > UNSETTLED
-                    && let Some((settled, _)) = waiting.pop_front()
-                {
-                    on_window(settled);
+        let by_hash: BTreeMap<u32, &Configuration> =
+            self.asked.iter().map(|one| (one.configuration.hash(), &one.configuration)).collect();
+        let hop = by_hash.values().map(|one| hop_us(one)).max().unwrap_or(0);
+        for hour in hours_of(&self.survey, self.setup.middles_us, hop) {
+            let (heads, _) = self.survey.hour(&self.archive, hour).map_err(failed)?;
+            for head in heads {
+                let hash = head.window.configuration_hash;
+                let Some(configuration) = by_hash.get(&hash).filter(|_| self.setup.hashes.contains(&hash)) else {
+                    continue;
+                };
+                if !contains(self.setup.middles_us, &head, hop_us(configuration)) {
+                    continue;
                 }
-                let channels = vec![None; setup.sensors.len()];
-                waiting.push_back((WindowLines { grid_index, channels }, BTreeSet::new()));
-            }
-            let Some((whole, nodes)) = waiting.back_mut() else { continue };
-            // A node that started anew may have measured the same interval twice; the first stays.
-            if nodes.insert(window.name.node) {
-                let window = NodeWindow { channels: self.channels(id, &window)?, ..window };
-                place_lines(&self.setup.grid, window, channels, whole);
+                // Before it is asked whose it is: its node may be what is damaged.
+                let data = match self.data(&head, configuration).map_err(failed)? {
+                    Ok(data) => data,
+                    Err(what) => {
+                        damages.push(head.damaged(what));
+                        continue;
+                    }
+                };
+                let Some(channels) = columns.of(&head) else { continue };
+                let grid_index = head.window.grid_index.saturating_sub(self.setup.first_grid_index);
+                if waiting.back().is_none_or(|(last, _)| last.grid_index != grid_index) {
+                    if waiting.len() > UNSETTLED
+                        && let Some((settled, _)) = waiting.pop_front()
+                    {
+                        on_window(settled);
+                    }
+                    let channels = vec![None; setup.sensors.len()];
+                    waiting.push_back((WindowLines { grid_index, channels }, BTreeSet::new()));
+                }
+                let Some((whole, nodes)) = waiting.back_mut() else { continue };
+                // A node that started anew may have measured the same interval twice; the first stays.
+                if nodes.insert(head.window.name.node) {
+                    let window = NodeWindow { channels: data, ..head.window.clone() };
+                    place_lines(&self.setup.grid, window, channels, whole);
+                }
             }
         }
         let is_whole = |(_, nodes): &(WindowLines, BTreeSet<u16>)| nodes.len() >= nodes_expected;
         let unsettled = waiting.iter().rev().take_while(|start| !is_whole(start)).count().min(UNSETTLED);
         waiting.truncate(waiting.len() - unsettled);
         waiting.into_iter().for_each(|(whole, _)| on_window(whole));
-        Ok(())
+        Ok(damages)
+    }
+
+    /// The data of a window that is as its settings make it, or what is wrong with it.
+    fn data(&self, head: &Head, configuration: &Configuration) -> rusqlite::Result<Result<Vec<ChannelData>, String>> {
+        let data = match self.archive.channels(head)? {
+            Ok(data) => data,
+            Err(what) => return Ok(Err(what)),
+        };
+        let odd = data.iter().find_map(|data| match data {
+            ChannelData::Lines(lines) if lines.len() != self.setup.grid.lines => Some(lines.len()),
+            _ => None,
+        });
+        Ok(match odd {
+            Some(lines) => Err(format!("{lines} lines where there should be {}", self.setup.grid.lines)),
+            None if !is_in_place(head, configuration) => {
+                Err("it does not begin where its place on the grid is".to_owned())
+            }
+            None => Ok(data),
+        })
     }
 
     /// Which of the setup's channels a node's are, by what each node was asked.
-    fn columns(&self, setup: &Setup) -> Result<ChannelColumns, ArchiveError> {
-        let rows = || -> rusqlite::Result<Vec<(u16, u32, i64, String)>> {
-            let query = "SELECT node, configuration, since_us, channels FROM asked WHERE setup = ?1 ORDER BY id";
-            let mut statement = self.archive.connection.prepare(query)?;
-            let row = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?));
-            statement.query_map([&setup.name], row)?.collect()
-        };
+    fn columns(&self, setup: &Setup) -> ChannelColumns {
         let mut columns = ChannelColumns::default();
-        for (node, hash, since_us, names) in rows().map_err(|source| self.archive.failed(source))? {
-            let names: Vec<String> = serde_json::from_str(&names)
-                .map_err(|error| self.archive.damaged(format!("channels of node {node}: {error}")))?;
+        for Asked { node, since_us, configuration, names, .. } in &self.asked {
             let column = |name: &String| setup.sensors.iter().position(|sensor| sensor.channel == *name);
             // A channel that the study no longer has is none of them.
             let channels: Vec<usize> = names.iter().map(|name| column(name).unwrap_or(usize::MAX)).collect();
             if channels.iter().any(|&channel| channel < usize::MAX) {
-                columns.0.entry((node, hash)).or_default().push((since_us, channels));
+                columns.0.entry((*node, configuration.hash())).or_default().push((*since_us, channels));
             }
         }
-        Ok(columns)
-    }
-
-    fn channels(&self, id: i64, window: &NodeWindow) -> Result<Vec<ChannelData>, ArchiveError> {
-        let rows = || -> rusqlite::Result<Vec<ChannelRow>> {
-            let query = format!("SELECT {} FROM channel WHERE window = ?1 ORDER BY channel", ChannelRow::COLUMNS);
-            let mut statement = self.archive.connection.prepare_cached(&query)?;
-            statement.query_map([id], ChannelRow::read)?.collect()
-        };
-        let rows = rows().map_err(|source| self.archive.failed(source))?;
-        let of = |what: String| {
-            let WindowName { node, boot, number } = window.name;
-            self.archive.damaged(format!("window {number} of node {node} (boot {boot}): {what}"))
-        };
-        let channels = rows.iter().map(codec::data).collect::<Result<Vec<_>, _>>().map_err(of)?;
-        let odd = channels.iter().find_map(|data| match data {
-            ChannelData::Lines(lines) if lines.len() != self.setup.grid.lines => Some(lines.len()),
-            _ => None,
-        });
-        match odd {
-            Some(lines) => Err(of(format!("{lines} lines where there should be {}", self.setup.grid.lines))),
-            None => Ok(channels),
-        }
+        columns
     }
 }
 
@@ -246,23 +332,9 @@ type Since = (i64, Vec<usize>);
 struct ChannelColumns(BTreeMap<(u16, u32), Vec<Since>>);
 
 impl ChannelColumns {
-    fn of(&self, window: &NodeWindow, start_us: i64) -> Option<&[usize]> {
-        let asked = self.0.get(&(window.name.node, window.configuration_hash))?;
-        let last = asked.iter().rev().find(|(since_us, _)| *since_us <= start_us).or(asked.first());
+    fn of(&self, head: &Head) -> Option<&[usize]> {
+        let asked = self.0.get(&(head.window.name.node, head.window.configuration_hash))?;
+        let last = asked.iter().rev().find(|(since_us, _)| *since_us <= head.start_us).or(asked.first());
         last.map(|(_, channels)| channels.as_slice())
     }
-}
-
-/// A window without its channels, and its row.
-fn read_window(row: &rusqlite::Row<'_>) -> rusqlite::Result<(i64, NodeWindow)> {
-    let name = WindowName { node: row.get(1)?, boot: row.get(2)?, number: row.get(3)? };
-    let window = NodeWindow {
-        name,
-        configuration_hash: row.get(4)?,
-        grid_index: row.get(5)?,
-        middle_offset_us: row.get(6)?,
-        drift_ppb: row.get(7)?,
-        channels: Vec::new(),
-    };
-    Ok((row.get(0)?, window))
 }

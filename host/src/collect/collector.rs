@@ -12,6 +12,7 @@ use super::clock::{Clock, HostClock};
 use super::collection::Collection;
 use super::event::{Event, Happening};
 use super::lock::lock;
+use super::patience::Patience;
 use super::peaks::PeakMeter;
 use super::ports::Ports;
 use super::sink::ArchiveSink;
@@ -20,6 +21,8 @@ use crate::archive::Archive;
 use crate::link::{Session, SessionError};
 use crate::window::{Configurations, NodeWindow};
 
+/// How long another program that writes into the archive is waited for, before it is left for a moment.
+const WAIT: Duration = Duration::from_millis(500);
 /// Time between looks at which ports there are.
 const LIST: Duration = Duration::from_secs(2);
 
@@ -67,7 +70,9 @@ type SharedStatus = Arc<Mutex<PortStatus>>;
 /// A collection at work.
 pub struct Collector<'a> {
     collection: &'a Collection,
-    archive: Mutex<Archive>,
+    pub(super) archive: Mutex<Archive>,
+    /// With an archive that cannot be written for a while.
+    pub(super) patience: Mutex<Patience>,
     clock: &'a dyn Clock,
     host_clock: HostClock,
     stopped: AtomicBool,
@@ -83,9 +88,12 @@ pub struct Collector<'a> {
 impl<'a> Collector<'a> {
     /// A collection that begins now.
     pub fn new(collection: &'a Collection, archive: Archive, clock: &'a dyn Clock) -> Self {
+        // Longer would hold up all ports. On an open database this does not fail.
+        let _ = archive.wait_for_others(WAIT);
         Self {
             collection,
             archive: Mutex::new(archive),
+            patience: Mutex::default(),
             clock,
             host_clock: HostClock::new(clock),
             stopped: AtomicBool::new(false),
@@ -210,11 +218,12 @@ impl<'a> Collector<'a> {
     /// Where windows of a node go at `now`.
     pub(super) fn sink<'s>(
         &'s self,
+        port: &'s str,
         configurations: &'s Configurations,
         now: HostTime,
         on_window: &'s mut dyn FnMut(&NodeWindow, HostTime),
     ) -> ArchiveSink<'s> {
-        ArchiveSink { archive: &self.archive, setup: &self.collection.setup, configurations, now, on_window }
+        ArchiveSink { collector: self, port, configurations, now, on_window }
     }
 
     /// Takes charge of a node; the port that has it already, where one does.

@@ -40,6 +40,16 @@ pub enum Happening {
         /// What was wrong.
         reason: ChannelState,
     },
+    /// The archive cannot be written. It is tried again, and nodes keep their windows.
+    ArchiveAway {
+        /// Why.
+        reason: String,
+    },
+    /// The archive can be written again.
+    ArchiveBack {
+        /// For how long it could not.
+        after: Duration,
+    },
     /// Windows of the node no longer exist anywhere.
     Lost {
         /// How many since the last such event.

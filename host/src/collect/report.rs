@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::collector::CollectError;
 use super::status::PortStatus;
 use super::words::Words;
-use crate::archive::{Archive, ArchiveError, Collected};
+use crate::archive::{Archive, ArchiveError, Collected, TimeRange};
 use crate::study::Setup;
 
 /// The end of a collection.
@@ -50,6 +50,10 @@ pub struct PortReport {
     pub dropped_frames: u32,
     /// Frames that came damaged.
     pub damaged_frames: u64,
+    /// Parts of windows that cannot be: of another node's, or of a time that has not been.
+    pub refused_parts: u64,
+    /// Messages to the node that it did not take, as another program had greeted it since.
+    pub refused_messages: u32,
     /// Bytes that came.
     pub bytes_received: u64,
     /// How much faster the host's clock runs than the node's.
@@ -79,7 +83,9 @@ impl Report {
     ) -> Result<Self, ArchiveError> {
         let words = Words::new(setup);
         let windows = match Archive::open(folder)? {
-            Some(archive) => archive.collected(setup)?.map_or(0, |Collected { setup, .. }| setup.windows),
+            Some(archive) => {
+                archive.collected(setup, &TimeRange::ALL)?.map_or(0, |Collected { setup, .. }| setup.windows)
+            }
             None => 0,
         };
         Ok(Self {
@@ -134,6 +140,8 @@ impl PortReport {
             lost_rows: heartbeat.map_or(0, |heartbeat| heartbeat.lost_rows),
             dropped_frames: heartbeat.map_or(0, |heartbeat| heartbeat.board.dropped_frames),
             damaged_frames: status.statistics.damaged_frames,
+            refused_parts: status.statistics.contradictions,
+            refused_messages: heartbeat.map_or(0, |heartbeat| heartbeat.refused_messages),
             bytes_received: status.statistics.bytes_received,
             clock_drift_ppm: status.drift_ppm,
             level_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.level.to_vec()),

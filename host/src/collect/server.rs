@@ -10,8 +10,8 @@ use super::event::Happening;
 use super::lock::lock;
 use super::ports::Ports;
 use super::status::{Gaps, PortState, PortStatus};
-use crate::link::{Greeting, GreetingError, SessionError, Transport, with_cause};
-use crate::window::{ChannelData, NodeWindow};
+use crate::link::{Greeting, GreetingError, Session, SessionError, Transport, with_cause};
+use crate::window::{ChannelData, NodeWindow, WindowSink};
 
 /// How long a port is asked who is there before it counts as silent.
 const ASK: Duration = Duration::from_secs(2);
@@ -80,6 +80,11 @@ impl PortServer {
     pub fn end(mut self, collector: &Collector<'_>) {
         let stage = std::mem::replace(&mut self.stage, Stage::Closed { until: Duration::ZERO });
         if let Stage::Serving { mut node, .. } = stage {
+            // The last chance of windows that wait to be stored: the node may have no room for them any more.
+            lock(&collector.patience).try_now(collector.steady());
+            if let Err(error) = self.with_sink(collector, &mut node.state, Session::store_waiting) {
+                collector.fail(CollectError::Store(error));
+            }
             self.look(collector, &mut node.state);
             collector.release(node.state);
         }
@@ -184,13 +189,24 @@ impl PortServer {
         line: &mut dyn Transport,
         state: &mut NodeState,
     ) -> Result<(), SessionError> {
-        let NodeState { session, generation, peaks, gaps, .. } = state;
-        let (now, current) = collector.host_time();
-        if current != *generation {
+        let (_, current) = collector.host_time();
+        if current != state.generation {
             // The computer's clock was set: what is known of the node's is worth nothing.
-            *generation = current;
-            session.restart();
+            state.generation = current;
+            state.session.restart();
         }
+        self.with_sink(collector, state, |session, sink| session.service(&|| collector.host_time().0, line, sink))
+    }
+
+    /// Does something with the way of a node's windows into the archive.
+    fn with_sink(
+        &self,
+        collector: &Collector<'_>,
+        state: &mut NodeState,
+        act: impl FnOnce(&mut Session, &mut dyn WindowSink) -> Result<(), SessionError>,
+    ) -> Result<(), SessionError> {
+        let NodeState { session, peaks, gaps, .. } = state;
+        let (now, _) = collector.host_time();
         let node = session.node();
         let Some(configurations) = collector.collection().nodes.get(&node) else { return Ok(()) };
         let mut on_window = |window: &NodeWindow, start: HostTime| {
@@ -209,8 +225,8 @@ impl PortServer {
             }
             peaks.add(window);
         };
-        let mut sink = collector.sink(configurations, now, &mut on_window);
-        session.service(&|| collector.host_time().0, line, &mut sink)
+        let mut sink = collector.sink(&self.port, configurations, now, &mut on_window);
+        act(session, &mut sink)
     }
 
     /// Takes down what the node has come to.

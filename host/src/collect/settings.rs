@@ -78,6 +78,13 @@ pub enum CollectionError {
     },
 }
 
+impl CollectionError {
+    /// Whether it will pass: another program has the archive, or the disk is full.
+    pub fn will_pass(&self) -> bool {
+        matches!(self, Self::Archive(error) if error.will_pass())
+    }
+}
+
 /// What a setup's nodes are to measure.
 pub(super) struct Settings {
     pub(super) grid: LineGrid,

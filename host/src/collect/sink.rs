@@ -1,39 +1,76 @@
 //! The way of one port's windows into the archive that all ports share.
 
-use std::io;
-use std::sync::Mutex;
+use std::io::{self, ErrorKind};
 
 use belfry_shared::time::{HostTime, WindowGrid};
 
+use super::collector::Collector;
+use super::event::Happening;
 use super::lock::lock;
-use crate::archive::Archive;
+use crate::archive::{Archive, ArchiveError};
+use crate::link::with_cause;
 use crate::window::{Configurations, KeptWindows, NodeWindow, WindowSink};
 
 /// Puts windows of one node into the archive.
 pub(super) struct ArchiveSink<'a> {
-    pub(super) archive: &'a Mutex<Archive>,
-    pub(super) setup: &'a str,
+    pub(super) collector: &'a Collector<'a>,
+    pub(super) port: &'a str,
     pub(super) configurations: &'a Configurations,
     pub(super) now: HostTime,
     /// Sees every window that is kept, and when it began.
     pub(super) on_window: &'a mut dyn FnMut(&NodeWindow, HostTime),
 }
 
+impl ArchiveSink<'_> {
+    /// Writes into the archive, unless that has failed a moment ago. What may pass by itself is to be tried again, and is said once when it
+    /// begins and once when it is over.
+    fn write(&self, write: impl FnOnce(&mut Archive) -> Result<(), ArchiveError>) -> io::Result<()> {
+        let collector = self.collector;
+        if lock(&collector.patience).is_waiting(collector.steady()) {
+            return Err(ErrorKind::WouldBlock.into());
+        }
+        let written = write(&mut lock(&collector.archive));
+        let mut patience = lock(&collector.patience);
+        match written {
+            Ok(()) => {
+                if let Some(after) = patience.worked(collector.steady()) {
+                    collector.happened(self.port, None, Happening::ArchiveBack { after });
+                }
+                Ok(())
+            }
+            Err(error) if error.may_pass() => {
+                if patience.failed(collector.steady()) {
+                    collector.happened(self.port, None, Happening::ArchiveAway { reason: with_cause(&error) });
+                }
+                Err(ErrorKind::WouldBlock.into())
+            }
+            Err(error) => Err(io::Error::other(error)),
+        }
+    }
+}
+
 impl WindowSink for ArchiveSink<'_> {
     fn store(&mut self, window: NodeWindow) -> io::Result<()> {
         let configuration = self.configurations.by_hash(window.configuration_hash);
         let configuration = configuration.ok_or_else(|| io::Error::other("a window of an unknown configuration"))?;
-        lock(self.archive).store(self.setup, configuration, &window, self.now).map_err(io::Error::other)?;
+        let setup = &self.collector.collection().setup;
+        self.write(|archive| archive.store(setup, configuration, &window, self.now))?;
         let (sampling_rate_uhz, hop_samples) = (configuration.sampling_rate_uhz, configuration.hop_samples());
         (self.on_window)(&window, WindowGrid { sampling_rate_uhz, hop_samples }.start(window.grid_index));
         Ok(())
     }
 
+    fn is_ready(&self) -> bool {
+        !lock(&self.collector.patience).is_waiting(self.collector.steady())
+    }
+
     fn kept(&mut self, node: u16, boot: u32, _: u32) -> io::Result<Option<KeptWindows>> {
-        lock(self.archive).kept(node, boot).map_err(io::Error::other)
+        let kept = lock(&self.collector.archive).kept(node, boot);
+        kept.map_err(|error| if error.may_pass() { ErrorKind::WouldBlock.into() } else { io::Error::other(error) })
     }
 
     fn meet(&mut self, node: u16, boot: u32, first_window: u32) -> io::Result<()> {
-        lock(self.archive).meet(self.setup, node, boot, first_window, self.now).map_err(io::Error::other)
+        let setup = &self.collector.collection().setup;
+        self.write(|archive| archive.meet(setup, node, boot, first_window, self.now))
     }
 }

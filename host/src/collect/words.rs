@@ -61,9 +61,21 @@ impl Words {
             if heartbeat.lost_rows > 0 {
                 words += &format!("; {} samples lost", heartbeat.lost_rows);
             }
+            if heartbeat.refused_messages > 0 {
+                words += &format!(
+                    "; the node refused {} messages, mostly of a program that had not greeted it last",
+                    heartbeat.refused_messages
+                );
+            }
             if heartbeat.board.dropped_frames > 0 {
                 words += &format!("; the node dropped {} messages from this computer", heartbeat.board.dropped_frames);
             }
+        }
+        if status.statistics.contradictions > 0 {
+            words += &format!(
+                "; {} parts of windows refused: of another node, of a time that has not been, or of another size than asked for",
+                status.statistics.contradictions
+            );
         }
         if status.statistics.foreign_windows > 0 {
             words += &format!("; {} windows of another study dropped", status.statistics.foreign_windows);

@@ -5,7 +5,7 @@ mod view;
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::bail;
@@ -16,8 +16,10 @@ use super::interrupt::stop_on_signal;
 use super::text::{in_shell, next_lines};
 use crate::archive::Archive;
 use crate::collect::{
-    Clock, CollectOptions, Collection, Collector, Report, SystemClock, SystemPorts, all_ports, collect,
+    Clock, CollectOptions, Collection, CollectionError, Collector, Patience, Report, SystemClock, SystemPorts,
+    all_ports, collect,
 };
+use crate::link::with_cause;
 use crate::study::Study;
 use events::EventLine;
 use view::View;
@@ -31,13 +33,14 @@ const EXAMPLES: &str = "Examples:
 
 In study.toml the setup has `live = true` instead of `files`. Its sensors say which node samples them; a node's channels are its sensors in their order there. [analysis] needs band_hz: nodes must know it before there are data. The segment is the finest that leaves enough averages after --hours, unless [analysis] gives one.
 
-Windows go into the study's archive.sqlite. A node forgets a window only when it is on this disk, and keeps the others as long as it has room, so collecting can be stopped and started again at any time. While it runs, `belfry identify`, `belfry compare` and the rest work on what has come so far.
+Windows go into the study's archive.sqlite. A node forgets a window only when it is on this disk, and keeps the others as long as it has room, so collecting can be stopped and started again at any time. A full disk, or another program that writes into the archive, does not end it: it is tried again. While it runs, `belfry identify`, `belfry compare` and the rest work on what has come so far.
 
 With --json every event is one line, a JSON object with `event`, `time`, `port` and `node`:
   port    the port has come to another `state`, with its `reason` on errors
   window  a window is on the disk: `boot`, `number`, and its `start`
   gap     a `channel` of that window has no sound data, and the `reason`
   lost    so many `windows` no longer exist anywhere
+  archive the archive is `waiting`, with the `reason`, or `writable` again `after_s`
   end     the last line: totals of the archive and of each port";
 
 /// Collect measurements from nodes until stopped
@@ -91,7 +94,6 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     // That the study has a live setup is known before its folder is written to.
     Collection::live_setup(&study, arguments.setup.as_deref())?;
     let ports = ports(arguments)?;
-    let mut archive = Archive::create(&study.folder)?;
     let clock = SystemClock::new();
     let options = CollectOptions {
         setup: arguments.setup.clone(),
@@ -100,7 +102,13 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         drop_foreign: arguments.drop_foreign,
         baud: arguments.baud,
     };
-    let (setup, collection) = Collection::of(&study, &mut archive, &options, clock.unix())?;
+    let stop = stop_on_signal()?;
+    let begin = || {
+        let mut archive = Archive::create(&study.folder)?;
+        let (setup, collection) = Collection::of(&study, &mut archive, &options, clock.unix())?;
+        Ok((archive, setup, collection))
+    };
+    let Some((archive, setup, collection)) = patiently(begin, &clock, &stop, console)? else { return Ok(()) };
     let view = View::new(setup, &collection, console);
     let numbers: Vec<String> = collection.nodes.keys().map(u16::to_string).collect();
     console.say(format!("Setup \"{}\", nodes {}. {}", setup.name, numbers.join(", "), collection.reason));
@@ -108,7 +116,6 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         "Windows go to {}. Ctrl-C stops; nodes keep what they have not delivered, as long as they have room.\n",
         archive.file().display()
     ));
-    let stop = stop_on_signal()?;
     let start = clock.steady();
     let elapsed = || clock.steady().saturating_sub(start);
     let collector = Collector::new(&collection, archive, &clock);
@@ -145,6 +152,34 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(next_lines(&[(format!("identify {study}"), "the modes, of what has come so far")]));
     }
     Ok(())
+}
+
+/// Does what may fail for a while, because another program has the archive or the disk is full, until it works; `None` where it is
+/// stopped before.
+fn patiently<T>(
+    begin: impl Fn() -> Result<T, CollectionError>,
+    clock: &SystemClock,
+    stop: &AtomicBool,
+    console: &Console,
+) -> anyhow::Result<Option<T>> {
+    const LOOK: Duration = Duration::from_millis(200);
+    let mut patience = Patience::default();
+    loop {
+        match begin() {
+            Err(error) if error.will_pass() => {
+                if patience.failed(clock.steady()) {
+                    console.report(format_args!("{}. It is tried again.", with_cause(&error)));
+                }
+            }
+            begun => return Ok(Some(begun?)),
+        }
+        while patience.is_waiting(clock.steady()) {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
 }
 
 /// The ports that are named, or all that there are.

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::interrupt::leave_nothing_unfinished;
 use super::text::{Columns, or_dash};
-use super::{Console, RouteArguments};
+use super::{Console, RangeArguments, RouteArguments};
 use crate::story::{CovalidationReport, CovalidationRequest, Project, Stretch};
 
 const EXAMPLES: &str = "Examples:
@@ -41,6 +41,9 @@ pub struct Arguments {
     /// How much of it to take, in seconds [default: all]
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub duration_s: Option<f64>,
+    /// Which windows of a live setup are taken
+    #[command(flatten)]
+    pub range: RangeArguments,
     /// How the recording is read
     #[command(flatten)]
     pub route: RouteArguments,
@@ -67,6 +70,8 @@ fn seconds(text: &str) -> Result<f64, String> {
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
     let mut project = Project::open(&arguments.study)?;
+    let range = arguments.range.range_of(project.study())?;
+    project.analyse_only(range);
     let request = CovalidationRequest {
         channels: arguments.channels.clone(),
         modes: arguments.modes.clone(),

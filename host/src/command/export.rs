@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::Console;
 use super::interrupt::leave_nothing_unfinished;
+use super::range::RangeArguments;
 use super::route::RouteArguments;
 use crate::export::modes::Modes;
 use crate::export::spectra::{LinesTable, write_psd_csv, write_psd_parquet};
@@ -52,6 +53,9 @@ pub struct Arguments {
     /// Write the model with its segments as they fit the measured modes best, within the tolerance
     #[arg(long)]
     pub fitted_background: bool,
+    /// Which windows of a live setup are exported
+    #[command(flatten)]
+    pub range: RangeArguments,
     /// How spectra are made of the recordings
     #[command(flatten)]
     pub route: RouteArguments,
@@ -190,7 +194,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if let (Content::Model, [format]) = (arguments.content, &formats[..]) {
         return model::run(arguments, *format, console);
     }
-    let study = Study::load(&arguments.study)?;
+    let mut study = Study::load(&arguments.study)?;
+    study.range = arguments.range.range_of(&study)?;
     let results = Results::of(&study);
     let content = arguments.content;
     let targets: Vec<(Format, PathBuf)> = formats

@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 
 use super::Console;
 use super::interrupt::leave_nothing_unfinished;
+use super::range::RangeArguments;
 use super::route::RouteArguments;
 use super::text::{Columns, in_shell, next_lines};
 use super::trends;
@@ -23,6 +24,7 @@ const EXAMPLES: &str = "Examples:
   belfry identify canton --damaged-frames 2    lines damage 2 % of all frames
   belfry identify canton --json > modes.json
   belfry identify canton --every 1h            follow the modes over the hours
+  belfry identify tower --last 7d              the last week of a live setup
   belfry identify canton --frequency-within 0.05 --damping-within 5
   belfry identify canton --method subspace     modes by the second method alone
 
@@ -49,6 +51,9 @@ pub struct Arguments {
     /// Say how long a record must be to determine every damping ratio within PERCENT [default: 10 without --frequency-within]
     #[arg(long, value_name = "PERCENT", value_parser = share)]
     pub damping_within: Option<f64>,
+    /// Which windows of a live setup are analysed
+    #[command(flatten)]
+    pub range: RangeArguments,
     /// How spectra are made of the recordings
     #[command(flatten)]
     pub route: RouteArguments,
@@ -148,6 +153,8 @@ fn when(parts: &[OnInPart]) -> String {
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
     let mut project = Project::open(&arguments.study)?;
+    let range = arguments.range.range_of(project.study())?;
+    project.analyse_only(range);
     let wish = arguments.wish();
     let (route, method) = (arguments.route.route(), arguments.method.method());
     let request = IdentifyRequest { route, method, every: arguments.every, wish: Some(wish) };

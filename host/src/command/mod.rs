@@ -3,6 +3,7 @@
 //! A subcommand is a `clap` argument struct with a `run` that takes a [`Console`]. Library modules never print.
 
 pub mod add;
+pub mod archive;
 pub mod change;
 pub mod collect;
 pub mod compare;
@@ -20,6 +21,7 @@ mod partial;
 pub mod plan;
 pub mod ports;
 pub mod profile;
+mod range;
 pub mod remove;
 pub mod replay;
 pub mod report;
@@ -43,6 +45,7 @@ use serde::Serialize;
 
 use crate::progress::{OnProgress, Progress};
 
+pub use range::RangeArguments;
 pub use route::RouteArguments;
 pub(crate) use text::{in_shell, p_is};
 
@@ -114,7 +117,7 @@ impl Console {
     /// A reader that has seen enough (`belfry ... | head`) is no fault: the command goes on and writes its files.
     pub fn say(&self, line: impl std::fmt::Display) {
         if !self.json
-            && let Err(error) = beside_bar(|| print(text::wrapped(&line.to_string())))
+            && let Err(error) = beside_bar(|| print(text::wrapped(&text::printable(&line.to_string()))))
         {
             self.warn(format_args!("cannot write to standard output: {error}"));
         }
@@ -122,7 +125,7 @@ impl Console {
 
     /// Prints a warning on standard error, with or without `--json`; once, however often it comes.
     pub fn warn(&self, warning: impl std::fmt::Display) {
-        let warning = warning.to_string();
+        let warning = text::printable(&text::shortened(&warning.to_string())).into_owned();
         if WARNED.lock().unwrap_or_else(PoisonError::into_inner).insert(warning.clone()) {
             // Where standard error is closed there is nobody left to tell.
             let _ = beside_bar(|| {
@@ -146,7 +149,7 @@ impl Console {
 
     /// Says on standard error what happens, with or without `--json`, where no table can be kept in place.
     fn report(&self, line: impl std::fmt::Display) {
-        let _ = writeln!(std::io::stderr(), "{line}");
+        let _ = writeln!(std::io::stderr(), "{}", text::printable(&line.to_string()));
     }
 
     /// Prints the command's JSON object; silent without `--json`.
@@ -164,19 +167,21 @@ impl Console {
     /// Says why a command failed: the error and its causes on standard error, a sentence each, and with `--json` as an object on
     /// standard output. Not by `Debug`, which adds stack traces where `RUST_BACKTRACE` is set.
     pub fn fail(&self, error: &anyhow::Error) {
-        let message = error.to_string();
+        let message = text::shortened(&error.to_string()).into_owned();
         let mut causes: Vec<String> = Vec::new();
         for cause in error.chain().skip(1).map(ToString::to_string) {
             // Many errors quote their cause.
-            if !causes.last().unwrap_or(&message).contains(&cause) {
-                causes.push(cause);
+            let cause = text::shortened(&cause);
+            if !causes.last().unwrap_or(&message).contains(&*cause) {
+                causes.push(cause.into_owned());
             }
         }
         let mut stderr = std::io::stderr().lock();
         // Where standard error is closed there is nobody left to tell; the exit status still says it.
-        let _ = writeln!(stderr, "{}", text::wrapped_for_errors(&format!("error: {message}")));
+        let told = format!("error: {}", text::printable(&message));
+        let _ = writeln!(stderr, "{}", text::wrapped_for_errors(&told));
         for cause in &causes {
-            let _ = writeln!(stderr, "  caused by: {cause}");
+            let _ = writeln!(stderr, "  caused by: {}", text::printable(cause));
         }
         // Some commands fail after they have said what they found.
         if self.json && !OBJECT_PRINTED.load(Ordering::Relaxed) {

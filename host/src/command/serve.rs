@@ -8,15 +8,16 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::Args;
 
-use super::Console;
 use super::interrupt::stop_on_signal;
-use crate::serve::serve;
+use super::{Console, RangeArguments};
+use crate::serve::{Stepper, serve};
 use crate::story::Project;
 
 const EXAMPLES: &str = "Examples:
   belfry serve canton               prints an address; open it in the browser
   belfry serve canton --open        opens it
   belfry serve canton --port 7300   always at this port
+  belfry serve tower --last 7d      its steps take the last week of a live setup
 
 The page shows what `belfry report` writes, and takes the steps of the commands: identify, compare, update, covalidate, diagnose, profile, add, remove. It runs the same commands, shows them, and changes nothing but the study's folder. Commands in a terminal and other windows on the same study are seen at once.
 
@@ -40,6 +41,9 @@ pub struct Arguments {
     /// Open the page in the browser
     #[arg(long)]
     pub open: bool,
+    /// Which windows of a live setup the page's steps analyse
+    #[command(flatten)]
+    pub range: RangeArguments,
 }
 
 /// Runs the command.
@@ -49,6 +53,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let project = Project::open(&arguments.study)?;
     let program = std::env::current_exe().context("this program cannot be found again")?;
+    arguments.range.range_of(project.study())?;
+    let stepper = Stepper { program, range: arguments.range.words() };
     let stop = stop_on_signal()?;
     let stopped = async move {
         while !Arc::clone(&stop).load(Ordering::Relaxed) {
@@ -65,5 +71,5 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             console.warn(format!("{error:#}"));
         }
     };
-    Ok(serve(project.study(), program, arguments.port, ready, stopped)?)
+    Ok(serve(project.study(), stepper, arguments.port, ready, stopped)?)
 }

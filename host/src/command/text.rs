@@ -24,6 +24,48 @@ pub(super) struct Columns {
     width: Option<u16>,
 }
 
+/// A text as a terminal may have it: control characters, and those that turn the direction of writing, would let a name in a study write
+/// anywhere on the screen. They are shown as escapes.
+pub(crate) fn printable(text: &str) -> Cow<'_, str> {
+    let is_harmless = |letter: char| {
+        matches!(letter, '\n' | '\t')
+            || !(letter.is_control() || matches!(letter, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}'))
+    };
+    if text.chars().all(is_harmless) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len());
+    for letter in text.chars() {
+        if is_harmless(letter) {
+            shown.push(letter);
+        } else {
+            shown.extend(letter.escape_unicode());
+        }
+    }
+    Cow::Owned(shown)
+}
+
+/// A message in which no word is longer than anybody reads: a cell of a damaged file may have megabytes.
+pub(crate) fn shortened(message: &str) -> Cow<'_, str> {
+    /// Paths and names are shorter.
+    const LONGEST: usize = 1000;
+    const KEPT: usize = 60;
+    if message.split_whitespace().all(|word| word.len() <= LONGEST) {
+        return Cow::Borrowed(message);
+    }
+    let mut short = String::new();
+    for word in message.split_inclusive(char::is_whitespace) {
+        if word.len() <= LONGEST {
+            short.push_str(word);
+            continue;
+        }
+        let letters = word.trim_end().chars().count();
+        short.extend(word.chars().take(KEPT));
+        short.push_str(&format!("… ({letters} characters) "));
+    }
+    Cow::Owned(short)
+}
+
 /// Blanks beside a cell's text, and the line before it.
 const AROUND_CELL: u16 = 3;
 
@@ -244,6 +286,22 @@ pub(super) fn next_lines(commands: &[(String, &str)]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_cannot_write_elsewhere_on_the_screen() {
+        assert_eq!(printable("a\u{1b}[2J\u{7}\r\u{9b}b\u{202e}c"), "a\\u{1b}[2J\\u{7}\\u{d}\\u{9b}b\\u{202e}c");
+        for harmless in ["Großer Turm │ ± 0.1 Hz\n\tnext", "塔 \"north\"", ""] {
+            assert!(matches!(printable(harmless), Cow::Borrowed(text) if text == harmless));
+        }
+    }
+
+    #[test]
+    fn a_word_of_megabytes_is_cut_in_messages() {
+        let message = format!("line 3: `{}` where a number was expected", "塔".repeat(1_000_000));
+        let short = shortened(&message);
+        assert!(short.len() < 400 && short.contains("… (1000002 characters) where a number was expected"), "{short}");
+        assert_eq!(shortened("a usual message\nof two lines"), "a usual message\nof two lines");
+    }
 
     fn widest(text: &str) -> usize {
         text.lines().map(|line| line.chars().count()).max().unwrap_or(0)

@@ -16,7 +16,7 @@ use belfry_shared::decimation::Stages;
 
 use crate::spectra::{LineGrid, WindowLines};
 use crate::study::Setup;
-use crate::window::{GridAssembler, channels_by_node, node_configuration};
+use crate::window::{GridAssembler, NodeWindow, channels_by_node, node_configuration};
 pub use in_process::InProcess;
 use node::{Feed, NodeSettings, SimulatedNode};
 pub use types::{FleetError, FleetOptions, NodeReport, Pace};
@@ -55,6 +55,8 @@ pub struct Fleet {
     channels: usize,
     row_count: u64,
     sampling_rate_hz: f64,
+    /// Gets every node's windows as they came.
+    copies: Option<Sender<NodeWindow>>,
 }
 
 impl Fleet {
@@ -97,7 +99,13 @@ impl Fleet {
             channels: setup.sensors.len(),
             row_count: 0,
             sampling_rate_hz: setup.sampling_rate_hz,
+            copies: None,
         })
+    }
+
+    /// Sends every node's windows there as well, as they came.
+    pub fn with_windows_to(self, copies: Sender<NodeWindow>) -> Self {
+        Self { copies: Some(copies), ..self }
     }
 
     /// Takes rows (row-major, a value a channel, NaN where one is missing) and hands out windows that are whole.
@@ -118,6 +126,10 @@ impl Fleet {
     fn take(&mut self, feed: Feed, on_window: &mut dyn FnMut(WindowLines)) -> Option<NodeReport> {
         match feed {
             Feed::Window(window) => {
+                if let Some(copies) = &self.copies {
+                    // Whoever has gone away wants none.
+                    let _ = copies.send((*window).clone());
+                }
                 self.assembler.add(*window, on_window);
                 None
             }

@@ -1,14 +1,24 @@
 //! Delivery of one node's windows: parts flow in, whole windows flow into the sink, and what to acknowledge and to ask again
 //! flows out. A node that starts anew begins another life, whose windows are counted from zero.
 
-use belfry_shared::message::{Acknowledgement, Again, Hello, NodeMessage};
-use belfry_shared::time::HostTime;
+use std::collections::VecDeque;
+use std::io::ErrorKind;
+
+use belfry_shared::message::{Acknowledgement, Again, Hello, NodeMessage, WindowHead};
+use belfry_shared::time::{HostTime, WindowGrid};
 
 use super::error::SessionError;
-use crate::window::{Assembler, Configurations, KeptWindows, Outcome, WindowSink};
+use crate::window::{Assembler, ChannelData, Configurations, KeptWindows, NodeWindow, Outcome, WindowSink};
 
 /// Earlier lives of a node that are remembered.
 const LIVES_KEPT: usize = 8;
+
+/// Bytes of windows that are held until they can be stored, of each node: hours of a tower's.
+const MOST_WAITING_BYTES: usize = 1 << 20;
+
+/// A window that begins further ahead of the host's clock, or further behind, was not measured then, whatever its head says.
+const MOST_AHEAD_US: i64 = 86_400_000_000;
+const MOST_BEHIND_US: i64 = 10 * 366 * 86_400_000_000;
 
 /// What has become of parts and windows.
 #[derive(Debug, Clone, Copy, Default)]
@@ -32,6 +42,9 @@ pub(super) struct Delivery {
     /// Its earlier lives, oldest first.
     earlier: Vec<Assembler>,
     forgotten_losses: u64,
+    /// Windows that the sink could not take yet, oldest first. They are not acknowledged, so that the node keeps them too as long as it has
+    /// room.
+    waiting: VecDeque<Box<NodeWindow>>,
     /// Whether the node has something to forget.
     acknowledge: bool,
     counts: DeliveryCounts,
@@ -46,6 +59,7 @@ impl Delivery {
             present: None,
             earlier: Vec::new(),
             forgotten_losses: 0,
+            waiting: VecDeque::new(),
             acknowledge: false,
             counts: DeliveryCounts::default(),
         }
@@ -83,7 +97,7 @@ impl Delivery {
     /// Begins a life of which windows from `first_window` on are wanted.
     pub(super) fn begin(&mut self, boot: u32, first_window: u32) {
         let kept = KeptWindows { first: first_window, ..KeptWindows::default() };
-        self.present = Some(Assembler::resuming(boot, &kept));
+        self.present = Some(Assembler::resuming(self.node, boot, &kept));
     }
 
     /// Takes note of a greeting; whether the node has another life than before.
@@ -97,7 +111,9 @@ impl Delivery {
                 Some(index) => self.earlier.remove(index),
                 None => self.met(hello, sink)?,
             };
-            self.earlier.extend(self.present.replace(next));
+            let mut last = self.present.replace(next);
+            last.iter_mut().for_each(Assembler::forget_parts);
+            self.earlier.extend(last);
             if self.earlier.len() > LIVES_KEPT {
                 let oldest = self.earlier.remove(0);
                 self.forgotten_losses += oldest.lost() + oldest.missing();
@@ -113,15 +129,15 @@ impl Delivery {
         let fail = |source| SessionError::Store { node, source };
         let kept = sink.kept(node, hello.boot, hello.oldest_window).map_err(fail)?;
         let held = hello.next_window.saturating_sub(hello.oldest_window);
-        if kept.is_none() && held > 0 {
-            if !self.drops_foreign {
-                return Err(SessionError::ForeignWindows { node });
-            }
-            self.counts.foreign_windows += u64::from(held);
+        if kept.is_none() && held > 0 && !self.drops_foreign {
+            return Err(SessionError::ForeignWindows { node });
         }
         sink.meet(node, hello.boot, hello.next_window).map_err(fail)?;
+        if kept.is_none() {
+            self.counts.foreign_windows += u64::from(held);
+        }
         let kept = kept.unwrap_or(KeptWindows { first: hello.next_window, ..KeptWindows::default() });
-        Ok(Assembler::resuming(hello.boot, &kept))
+        Ok(Assembler::resuming(node, hello.boot, &kept))
     }
 
     /// Takes note of which windows the node holds; `false` where it does so in another life.
@@ -133,17 +149,38 @@ impl Delivery {
         true
     }
 
-    /// Takes a part of a window; a window that is whole with it goes into the sink.
+    /// Takes note of something that cannot be.
+    pub(super) fn contradicted(&mut self) {
+        self.counts.contradictions += 1;
+    }
+
+    /// Whether a window may have begun when its head says, as of `now`.
+    fn is_plausible(&self, head: &WindowHead, now: HostTime) -> bool {
+        let Some(configuration) = self.configurations.by_hash(head.configuration_hash) else { return true };
+        let (sampling_rate_uhz, hop_samples) = (configuration.sampling_rate_uhz, configuration.hop_samples());
+        let start = WindowGrid { sampling_rate_uhz, hop_samples }.start(head.grid_index);
+        (now.0.saturating_sub(MOST_BEHIND_US)..=now.0.saturating_add(MOST_AHEAD_US)).contains(&start.0)
+    }
+
+    /// Takes a part of a window; a window that is whole with it goes into the sink. `now` is the host's time, where windows are
+    /// measured in it.
     pub(super) fn take(
         &mut self,
+        now: Option<HostTime>,
         part: &NodeMessage<'_>,
         encoded: &[u8],
         sink: &mut dyn WindowSink,
     ) -> Result<(), SessionError> {
         let node = self.node;
+        if let (NodeMessage::Head(head), Some(now)) = (part, now)
+            && !self.is_plausible(head, now)
+        {
+            self.contradicted();
+            return Ok(());
+        }
         let Some(assembler) = &mut self.present else { return Ok(()) };
         match assembler.take(&self.configurations, part, encoded) {
-            Outcome::Taken => {}
+            Outcome::Taken | Outcome::NoRoom => {}
             Outcome::Foreign if self.drops_foreign => {
                 if let NodeMessage::Head(head) = part {
                     assembler.stored(head.name.number);
@@ -160,21 +197,59 @@ impl Delivery {
             Outcome::Contradiction => self.counts.contradictions += 1,
             Outcome::Whole(window) => {
                 let number = window.name.number;
-                if let Err(source) = sink.store(*window) {
-                    assembler.unstored(number);
-                    return Err(SessionError::Store { node, source });
+                // One after the other, as they came.
+                let stored = if self.waiting.is_empty() {
+                    sink.store((*window).clone())
+                } else {
+                    Err(ErrorKind::WouldBlock.into())
+                };
+                match stored {
+                    Ok(()) => {
+                        assembler.stored(number);
+                        self.counts.windows += 1;
+                        self.acknowledge = true;
+                    }
+                    Err(error) if error.kind() != ErrorKind::WouldBlock => {
+                        assembler.unstored(number);
+                        return Err(SessionError::Store { node, source: error });
+                    }
+                    Err(_) if bytes(&self.waiting) < MOST_WAITING_BYTES => {
+                        assembler.waits(number);
+                        self.waiting.push_back(window);
+                    }
+                    // It is asked again when there is room.
+                    Err(_) => assembler.unstored(number),
                 }
-                assembler.stored(number);
-                self.counts.windows += 1;
-                self.acknowledge = true;
             }
         }
         Ok(())
     }
 
-    /// What to ask again, as [`Assembler::overdue`] says.
+    /// Stores the windows that wait, once the sink is ready.
+    pub(super) fn retry(&mut self, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        while let Some(window) = self.waiting.front().filter(|_| sink.is_ready()) {
+            let name = window.name;
+            match sink.store((**window).clone()) {
+                Ok(()) => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                Err(source) => return Err(SessionError::Store { node: self.node, source }),
+            }
+            self.waiting.pop_front();
+            let mut lives = self.earlier.iter_mut().chain(&mut self.present);
+            if let Some(assembler) = lives.find(|assembler| assembler.boot() == name.boot) {
+                assembler.stored(name.number);
+            }
+            self.counts.windows += 1;
+            self.acknowledge = true;
+        }
+        Ok(())
+    }
+
+    /// What to ask again, as [`Assembler::overdue`] says; nothing while there is no room for it.
     pub(super) fn overdue(&mut self, now: HostTime, before: HostTime, heard: HostTime, busy: bool) -> Vec<Again> {
-        self.present.as_mut().map_or_else(Vec::new, |assembler| assembler.overdue(now, before, heard, busy))
+        let has_room = bytes(&self.waiting) < MOST_WAITING_BYTES;
+        let present = self.present.as_mut().filter(|_| has_room);
+        present.map_or_else(Vec::new, |assembler| assembler.overdue(now, before, heard, busy))
     }
 
     /// What to tell the node of its windows, with what to ask again; `None` where there is nothing to tell.
@@ -187,4 +262,14 @@ impl Delivery {
         self.counts.asked_again += again.len() as u64;
         Some(Acknowledgement { boot: assembler.boot(), below: assembler.below(), again: again.into_iter().collect() })
     }
+}
+
+/// About what windows take in memory.
+fn bytes(windows: &VecDeque<Box<NodeWindow>>) -> usize {
+    let of = |data: &ChannelData| match data {
+        ChannelData::Unsound(_) => 0,
+        ChannelData::Lines(lines) => size_of_val(lines.as_slice()),
+        ChannelData::Psd { densities, peaks, .. } => size_of_val(densities.as_slice()) + size_of_val(peaks.as_slice()),
+    };
+    windows.iter().map(|window| size_of::<NodeWindow>() + window.channels.iter().map(of).sum::<usize>()).sum()
 }

@@ -37,6 +37,14 @@ pub enum SessionError {
         /// The node that answered.
         found: u16,
     },
+    /// Another program greets the node as well.
+    #[error(
+        "another program collects from node {node} on this line: end one of the two, each takes windows from the other"
+    )]
+    TakenOver {
+        /// The node the session is for.
+        node: u16,
+    },
     /// The node cannot run the configuration.
     #[error("node {node} cannot measure what the study asks: {reason}")]
     Refused {

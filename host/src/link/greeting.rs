@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::error::SessionError;
 use super::transport::Transport;
-use super::wire::Wire;
+use super::wire::{MOST_READS, Wire};
 
 /// Time between greetings that nobody answers.
 const RETRY: Duration = Duration::from_millis(500);
@@ -81,19 +81,22 @@ impl Greeting {
         }
         self.wire.send(transport).map_err(failed)?;
         let mut buffer = [0; 512];
-        loop {
+        for _ in 0..MOST_READS {
             let count = transport.read(&mut buffer).map_err(failed)?;
             if count == 0 {
-                return Ok(None);
+                break;
             }
             for frame in self.wire.receive(&buffer[..count]) {
                 let frame = frame.map_err(|found| GreetingError::Version { found })?;
                 if let Some(NodeMessage::Hello(hello)) = self.wire.message(&frame) {
                     check_build(hello.node, &hello)?;
-                    return Ok(Some(hello));
+                    if self.wire.is_listened_to(&hello) {
+                        return Ok(Some(hello));
+                    }
                 }
             }
         }
+        Ok(None)
     }
 }
 

@@ -274,7 +274,8 @@ impl<'a> Player<'a> {
                     self.heartbeat = Some(heartbeat.clone());
                 }
                 NodeMessage::Hello(_) | NodeMessage::Refused(_) | NodeMessage::Clock(_) => {}
-                part => self.delivery.take(part, &frame.encoded, &mut self.windows)?,
+                // A recording's time is its own.
+                part => self.delivery.take(None, part, &frame.encoded, &mut self.windows)?,
             }
         }
         Ok(false)

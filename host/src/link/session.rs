@@ -5,6 +5,8 @@
 
 mod stages;
 
+use std::io::ErrorKind;
+
 use belfry_shared::message::{ClockReply, Heartbeat, Hello, HostMessage, NodeMessage, Summary};
 use belfry_shared::time::HostTime;
 
@@ -13,7 +15,7 @@ use super::delivery::Delivery;
 use super::error::SessionError;
 use super::greeting::check_build;
 use super::transport::Transport;
-use super::wire::{Frame, Wire, WireCounts};
+use super::wire::{Frame, MOST_READS, Wire, WireCounts};
 use crate::window::{Configurations, WindowSink};
 
 /// Time over which the clock is measured before an earlier host's estimate is replaced.
@@ -24,6 +26,8 @@ const WRONG_TIME_US: u64 = 1_000_000;
 /// only there they cost bytes.
 const REPEATS: u32 = 5;
 const REPEAT_PERIOD_US: i64 = 1_000_000;
+/// How often another host may greet the node meanwhile, before the session leaves the node to it.
+const MOST_TAKEOVERS: u32 = 5;
 /// Clock exchanges before the clock is set first.
 const FIRST_EXCHANGES: usize = 6;
 
@@ -86,6 +90,8 @@ pub struct Session {
     knows_time: bool,
     /// Whether the host's own clock was set, and the node's time is wrong with it.
     must_set_time: bool,
+    /// How often the node listened to another host.
+    takeovers: u32,
     hello: Option<Hello>,
     heartbeat: Option<Heartbeat>,
 }
@@ -108,6 +114,7 @@ impl Session {
             inspected: None,
             knows_time: false,
             must_set_time: false,
+            takeovers: 0,
             hello: None,
             heartbeat: None,
         }
@@ -137,6 +144,7 @@ impl Session {
     /// Begins anew with the greeting, on a line that was away: the node may have started anew meanwhile.
     pub fn reconnect(&mut self) {
         self.wire.reconnect();
+        self.takeovers = 0;
         self.greet_again();
     }
 
@@ -188,7 +196,15 @@ impl Session {
         }
     }
 
-    /// Reads everything that has arrived, says what is due, and sends it. `clock` is read when bytes have come: what arrives
+    /// Stores the windows that wait for the sink, as far as it takes them.
+    ///
+    /// # Errors
+    /// Where it never will.
+    pub fn store_waiting(&mut self, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        self.delivery.retry(sink)
+    }
+
+    /// Reads what has arrived, as far as that comes to an end, says what is due, and sends it. `clock` is read when bytes have come: what arrives
     /// while others are stored must not seem to have come before.
     pub fn service(
         &mut self,
@@ -198,8 +214,9 @@ impl Session {
     ) -> Result<(), SessionError> {
         let node = self.node;
         let fail = |source| SessionError::Transport { node, source };
+        self.delivery.retry(sink)?;
         let mut buffer = [0; 512];
-        loop {
+        for _ in 0..MOST_READS {
             let count = transport.read(&mut buffer).map_err(fail)?;
             if count == 0 {
                 break;
@@ -229,7 +246,7 @@ impl Session {
         sink: &mut dyn WindowSink,
     ) -> Result<(), SessionError> {
         match message {
-            NodeMessage::Hello(hello) => self.greeted(hello, sink)?,
+            NodeMessage::Hello(hello) => self.greeted(now, hello, sink)?,
             NodeMessage::Refused(refusal)
                 if refusal.configuration_hash == self.delivery.configurations().current.hash() =>
             {
@@ -237,6 +254,7 @@ impl Session {
             }
             NodeMessage::Refused(_) => {}
             NodeMessage::Clock(reply) => self.timed(now, reply, frame.bytes),
+            NodeMessage::Heartbeat(heartbeat) if heartbeat.node != self.node => self.delivery.contradicted(),
             NodeMessage::Heartbeat(heartbeat) => {
                 self.heartbeat = Some(heartbeat.clone());
                 if !self.delivery.holds(heartbeat.boot, heartbeat.oldest_window, heartbeat.next_window) {
@@ -250,7 +268,7 @@ impl Session {
                     // The earlier host was not there for long enough to know the drift.
                     self.knows_time = false;
                 }
-                self.delivery.take(part, &frame.encoded, sink)?;
+                self.delivery.take(Some(now), part, &frame.encoded, sink)?;
             }
         }
         Ok(())
@@ -280,13 +298,24 @@ impl Session {
         }
     }
 
-    fn greeted(&mut self, hello: &Hello, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+    fn greeted(&mut self, now: HostTime, hello: &Hello, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
         let node = self.node;
         check_build(node, hello)?;
         if hello.node != node {
             return Err(SessionError::WrongNode { node, found: hello.node });
         }
-        if self.delivery.greeted(hello, sink)? {
+        if !self.wire.is_listened_to(hello) {
+            return self.not_listened_to(now, hello);
+        }
+        let is_new_life = match self.delivery.greeted(hello, sink) {
+            // It is greeted again, until the sink can say what it has of this life.
+            Err(SessionError::Store { source, .. }) if source.kind() == ErrorKind::WouldBlock => {
+                self.stage = Stage::Greeting;
+                return Ok(());
+            }
+            greeted => greeted?,
+        };
+        if is_new_life {
             self.clock.clear();
             self.knows_time = hello.clock_set;
             self.heartbeat = None;
@@ -325,6 +354,21 @@ impl Session {
                 self.next_exchange = HostTime(i64::MIN);
             }
         }
+        Ok(())
+    }
+
+    /// Greets a node that has started anew, or that another host has greeted, so that it listens to this one.
+    fn not_listened_to(&mut self, now: HostTime, hello: &Hello) -> Result<(), SessionError> {
+        if self.stage == Stage::Greeting && now < self.next_try {
+            // What has been said already has still to arrive.
+            return Ok(());
+        }
+        self.takeovers += u32::from(hello.conversation.is_some());
+        if self.takeovers > MOST_TAKEOVERS {
+            return Err(SessionError::TakenOver { node: self.node });
+        }
+        self.stage = Stage::Greeting;
+        self.next_try = HostTime(i64::MIN);
         Ok(())
     }
 

@@ -2,11 +2,22 @@
 
 use std::collections::VecDeque;
 use std::io;
+use std::sync::OnceLock;
 
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES};
-use belfry_shared::message::{self, HostMessage, NodeMessage};
+use belfry_shared::message::{self, Conversation, Hello, HostMessage, InConversation, NodeMessage};
 
 use super::transport::Transport;
+
+/// How often a line is read before anything else has its turn: a peer that never pauses must not keep its host from looking at the time, or from
+/// ending.
+pub(super) const MOST_READS: usize = 64;
+
+/// The number under which this program speaks with nodes.
+pub fn conversation() -> Conversation {
+    static CONVERSATION: OnceLock<Conversation> = OnceLock::new();
+    *CONVERSATION.get_or_init(|| Conversation(rand::random()))
+}
 
 /// A frame that has come undamaged.
 #[derive(Debug)]
@@ -29,6 +40,7 @@ pub(super) struct WireCounts {
 /// The host's end of a byte stream.
 #[derive(Debug)]
 pub(super) struct Wire {
+    conversation: Conversation,
     decoder: FrameDecoder,
     /// Bytes since the last frame ended.
     frame_bytes: usize,
@@ -40,7 +52,13 @@ pub(super) struct Wire {
 
 impl Wire {
     pub(super) fn new() -> Self {
+        Self::of(conversation())
+    }
+
+    /// The end of another program than this one.
+    fn of(conversation: Conversation) -> Self {
         Self {
+            conversation,
             decoder: FrameDecoder::new(),
             frame_bytes: 0,
             joins_midway: false,
@@ -57,6 +75,11 @@ impl Wire {
         self.joins_midway = true;
     }
 
+    /// Whether a node that says this listens to this end.
+    pub(super) fn is_listened_to(&self, hello: &Hello) -> bool {
+        hello.conversation == Some(self.conversation)
+    }
+
     pub(super) fn counts(&self) -> WireCounts {
         self.counts
     }
@@ -65,7 +88,8 @@ impl Wire {
     pub(super) fn say(&mut self, message: &HostMessage) -> usize {
         let mut frame = [0; MAX_FRAME_BYTES];
         // The host's messages fit into a frame by their types.
-        let length = message::encode(message, &mut frame).unwrap_or(0);
+        let message = InConversation { conversation: self.conversation, message: message.clone() };
+        let length = message::encode(&message, &mut frame).unwrap_or(0);
         self.outgoing.extend(&frame[..length]);
         length
     }

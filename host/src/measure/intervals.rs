@@ -44,7 +44,7 @@ pub fn measure_intervals(
     progress: Progress<'_>,
     mut on_interval: impl FnMut(Interval) + Send,
 ) -> Result<(), MeasureError> {
-    let opened = Opened::open(setup, &study.folder)?;
+    let opened = Opened::open(setup, &study.folder, &study.range)?;
     let interval_rows = (every_s * setup.sampling_rate_hz).round() as u64;
     let extent = SetupExtent { rows: interval_rows.min(opened.rows), ..opened.extent() };
     let analysis = &opened.settled().map_or_else(|| analysis.clone(), |grid| as_collected(analysis, &grid));

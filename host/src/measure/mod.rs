@@ -20,7 +20,9 @@ mod stream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::archive::{Archive, Collected};
+use serde::Serialize;
+
+use crate::archive::{Archive, Collected, TimeRange, damage_in_words};
 use crate::fleet::{FleetOptions, FleetReport};
 use crate::identify::MeasuredSetup;
 use crate::record::Recording;
@@ -68,6 +70,17 @@ pub struct Timings {
     pub averaging: Duration,
 }
 
+/// From when to when the windows of a live setup are that were averaged.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct CollectedSpan {
+    /// The setup.
+    pub setup: String,
+    /// When the first begins, in UTC.
+    pub from: String,
+    /// When the last ends, in UTC.
+    pub to: String,
+}
+
 /// What measuring gave.
 #[derive(Debug)]
 pub struct Measurement<'a> {
@@ -75,6 +88,8 @@ pub struct Measurement<'a> {
     pub plan: SpectralPlan,
     /// Why this band (where it was chosen), rate and segment, a line each.
     pub reasons: Vec<String>,
+    /// From when to when the windows of live setups are.
+    pub collected: Vec<CollectedSpan>,
     /// The setups that could be measured.
     pub setups: Vec<MeasuredSetup<'a>>,
     /// Each of them at one glance.
@@ -130,6 +145,7 @@ fn measure_prepared<'a>(
     let Prepared { setups: opened, plan, reasons, mut warnings, mut failure, counting } = prepared;
     let mut timings = Timings { counting, ..Timings::default() };
     let total_rows: u64 = opened.iter().map(|opened| opened.rows).sum();
+    let collected = opened.iter().filter_map(Opened::span).collect();
     let mut done_rows = 0;
     let (mut setups, mut overviews, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
     for ((Opened { setup, material, rows }, &decimation), &windows) in
@@ -153,7 +169,7 @@ fn measure_prepared<'a>(
     if setups.is_empty() {
         return Err(failure.unwrap_or(MeasureError::NoSetups));
     }
-    Ok(Measurement { plan, reasons, setups, overviews, fleets, warnings, duration_s, timings })
+    Ok(Measurement { plan, reasons, collected, setups, overviews, fleets, warnings, duration_s, timings })
 }
 
 /// Where a setup's windows come from.
@@ -178,13 +194,13 @@ pub struct Opened<'a> {
 
 impl<'a> Opened<'a> {
     /// Opens a setup's recording, or its part of the archive.
-    fn open(setup: &'a Setup, folder: &Path) -> Result<Self, MeasureError> {
+    fn open(setup: &'a Setup, folder: &Path, range: &TimeRange) -> Result<Self, MeasureError> {
         let name = || setup.name.clone();
         if setup.live {
             let failed = |source| MeasureError::Archive { setup: name(), source: Box::new(source) };
             let nothing = || MeasureError::NothingCollected { setup: name() };
             let archive = Archive::open(folder).map_err(failed)?.ok_or_else(nothing)?;
-            let collected = archive.collected(setup).map_err(failed)?.ok_or_else(nothing)?;
+            let collected = archive.collected(setup, range).map_err(failed)?.ok_or_else(nothing)?;
             let rows = rows_for(collected.setup.windows, collected.setup.decimation, collected.setup.grid.segment);
             return Ok(Self { setup, material: Material::Archive(Box::new(collected)), rows });
         }
@@ -200,6 +216,13 @@ impl<'a> Opened<'a> {
             Material::Archive(collected) => Some(collected.setup.grid),
             Material::Recording(_) => None,
         }
+    }
+
+    /// From when to when its windows are, where nodes have sent them.
+    fn span(&self) -> Option<CollectedSpan> {
+        let Material::Archive(collected) = &self.material else { return None };
+        let [from, to] = collected.setup.span.clone();
+        Some(CollectedSpan { setup: self.setup.name.clone(), from, to })
     }
 
     fn extent(&self) -> SetupExtent {
@@ -242,7 +265,7 @@ fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'
     let mut opened: Vec<Opened<'_>> = Vec::new();
     let mut settled: Option<(LineGrid, &str)> = None;
     for setup in &study.setups {
-        match Opened::open(setup, &study.folder) {
+        match Opened::open(setup, &study.folder, &study.range) {
             Ok(next) => match (next.settled(), settled) {
                 (Some(grid), Some((first_grid, first))) if grid != first_grid => {
                     let (setup, first) = (setup.name.clone(), first.to_owned());
@@ -290,6 +313,10 @@ fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'
         Some((grid, setup)) => collected_reason(&grid, setup, plan.windows.iter().sum()),
         None => plan.reason.clone(),
     });
+    let spans = opened.iter().filter_map(Opened::span);
+    reasons.extend(
+        spans.map(|CollectedSpan { setup, from, to }| format!("Setup \"{setup}\": windows from {from} to {to}.")),
+    );
     Ok(Prepared { setups: opened, plan, reasons, warnings, failure, counting })
 }
 
@@ -372,7 +399,7 @@ fn measure_setup<'a>(
         }
     };
     let grid = task.plan.grid;
-    let Streamed { report, fleet, faults, silenced, overview } =
+    let Streamed { report, fleet, faults, silenced, overview, damages } =
         stream::stream(task, on_rows, observer, average, timings)?;
     if let Some(error) = refused {
         return Err(spectra(error));
@@ -389,6 +416,7 @@ fn measure_setup<'a>(
         }
         error => spectra(error),
     })?;
+    warnings.extend(damage_in_words(&damages).into_iter().map(several));
     let (spectrum, cut_off) = without_cut_off(spectrum, &faults.cut_off);
     warnings.extend(fault_sentences(setup, &faults, &cut_off).into_iter().map(several));
     warnings.extend(silenced_sentences(setup, &grid, &silenced).into_iter().map(several));

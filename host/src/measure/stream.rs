@@ -11,7 +11,7 @@ use super::limits::{CutOff, Limits};
 use super::overview::{Overview, Ranges, Waterfall};
 use super::spikes::{SpikeFilter, Spikes};
 use super::{Material, MeasureError, Observer, Route, Timings};
-use crate::archive::Collected;
+use crate::archive::{Collected, Damage};
 use crate::fleet::{Fleet, FleetError, FleetReport};
 use crate::record::{Block, RecordError, RecordReport, Recording};
 use crate::spectra::direct::Welch;
@@ -59,6 +59,8 @@ pub(super) struct Streamed {
     pub(super) silenced: Vec<Silenced>,
     /// All of it at one glance.
     pub(super) overview: Overview,
+    /// What is damaged in the archive, and left out.
+    pub(super) damages: Vec<Damage>,
 }
 
 /// What was found in the rows of a recording.
@@ -143,7 +145,14 @@ pub(super) fn stream(
         timings.averaging += averaging;
         let fleet = made.map_err(fleet_failed)?;
         let record_failed = |source| MeasureError::Record { setup: setup.name.clone(), source: Box::new(source) };
-        Ok(Streamed { report: Some(read.map_err(record_failed)?), fleet, faults, silenced, overview })
+        Ok(Streamed {
+            report: Some(read.map_err(record_failed)?),
+            fleet,
+            faults,
+            silenced,
+            overview,
+            damages: Vec::new(),
+        })
     })
 }
 
@@ -177,8 +186,9 @@ fn stream_archive(
         timings.averaging += averaging;
         (read, silenced)
     });
-    read.map_err(|source| MeasureError::Archive { setup: setup.name.clone(), source: Box::new(source) })?;
-    Ok(Streamed { report: None, fleet: None, faults: Faults::default(), silenced, overview })
+    let damages =
+        read.map_err(|source| MeasureError::Archive { setup: setup.name.clone(), source: Box::new(source) })?;
+    Ok(Streamed { report: None, fleet: None, faults: Faults::default(), silenced, overview, damages })
 }
 
 /// A thread's result; its panic goes on here.

@@ -1,6 +1,5 @@
 //! Beam tables: `beam.csv` flows in, checked segments flow out, base first.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -193,7 +192,8 @@ impl BeamTable {
     /// # Errors
     /// [`BeamError`] with the file, the line and the column.
     pub fn read(path: &Path) -> Result<Self, BeamError> {
-        let file = File::open(path).map_err(|source| BeamError::Unreadable { file: path.to_owned(), source })?;
+        let file =
+            crate::files::open_plain(path).map_err(|source| BeamError::Unreadable { file: path.to_owned(), source })?;
         Self::from_reader(file, path)
     }
 

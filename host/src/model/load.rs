@@ -1,15 +1,17 @@
 //! From a study's `[model]` to a body and the effects that the study has put into it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use thiserror::Error;
 
+use super::DOFS_A_NODE;
 use super::assembly::Assembly;
 use super::beam::{BeamError, BeamTable};
 use super::custom::{Custom, CustomError};
 use super::effect::{Effect, EffectError};
 use super::matrices::{ImportedMatrices, MatrixError};
+use super::size::{self, TooManyUnknowns};
 use super::structure::{Body, Structure};
 use crate::study::{CustomSource, ModelSource, STUDY_FILE, Study};
 
@@ -36,6 +38,16 @@ pub enum ModelError {
     /// The beam table.
     #[error(transparent)]
     Beam(#[from] BeamError),
+    /// A table of more segments than fit into memory.
+    #[error("{}, {segments} segments: {why}; join segments, or bring reduced matrices", file.display())]
+    TooManySegments {
+        /// The table.
+        file: PathBuf,
+        /// Its segments.
+        segments: usize,
+        /// What it would take.
+        why: TooManyUnknowns,
+    },
     /// The matrices.
     #[error(transparent)]
     Matrices(#[from] MatrixError),
@@ -69,7 +81,7 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
     let file = study.folder.join(STUDY_FILE);
     let model = study.model.as_ref().ok_or_else(|| ModelError::NoModel { file: file.clone() })?;
     let body = match &model.source {
-        ModelSource::Beam(path) => Body::Beam(BeamTable::read(&study.folder.join(path))?),
+        ModelSource::Beam(path) => Body::Beam(read_beam(&study.folder.join(path))?),
         ModelSource::Matrices(source) => Body::Matrices(ImportedMatrices::read(source, &study.folder)?),
     };
     let custom = |source: &CustomSource| {
@@ -90,6 +102,14 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
         effects.push(effect);
     }
     Ok(LoadedModel { body, effects, customs })
+}
+
+fn read_beam(file: &Path) -> Result<BeamTable, ModelError> {
+    let table = BeamTable::read(file)?;
+    let segments = table.segments().len();
+    let too_many = |why| ModelError::TooManySegments { file: file.to_owned(), segments, why };
+    size::fits(segments.saturating_mul(DOFS_A_NODE)).map_err(too_many)?;
+    Ok(table)
 }
 
 impl LoadedModel {

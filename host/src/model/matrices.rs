@@ -10,8 +10,9 @@ use npyz::{NpyFile, WriterBuilder};
 use thiserror::Error;
 
 use super::layout::{LayoutError, LayoutNode, is_line, read_dofs, read_nodes};
+use super::size;
 use crate::record::MatError;
-use crate::record::mat::read_matrix;
+use crate::record::mat::{read_matrix, variables};
 use crate::study::{LayoutFile, MatrixSource, MatrixTerm};
 
 /// Mass and stiffness matrices from files, and where their rows stand.
@@ -208,7 +209,13 @@ fn read_one(name: &str, file: Option<&Path>, folder: &Path) -> Result<(PathBuf, 
                 .map_err(|reason| unreadable(&path, format!("not a NumPy file of 64-bit numbers ({reason})")))?;
             Ok((path, matrix))
         }
-        (_, Some(file)) => Ok((file.to_owned(), read_matrix(file, name)?)),
+        (_, Some(file)) => {
+            let known = variables(file)?.into_iter().find(|variable| variable.name == name);
+            let rows = known.and_then(|variable| variable.dimensions.first().copied()).unwrap_or(0);
+            let rows = usize::try_from(rows).unwrap_or(usize::MAX);
+            size::fits(rows).map_err(|why| unreadable(file, format!("`{name}` is too large: {why}")))?;
+            Ok((file.to_owned(), read_matrix(file, name)?))
+        }
         (_, None) => Err(MatrixError::NoFile { name: name.to_owned() }),
     }
 }
@@ -224,12 +231,14 @@ fn check_sizes(text: &str) -> Result<(), String> {
     let mut lines = text.lines().enumerate().filter(|(_, line)| is_content(line));
     let Some((index, sizes)) = lines.next() else { return Ok(()) };
     let is_size = |word: &str| word.parse::<usize>().is_ok_and(|size| (1..=MOST_ROWS).contains(&size));
+    let rows = sizes.split_whitespace().next().and_then(|word| word.parse().ok()).unwrap_or(0);
     if let Some(word) = sizes.split_whitespace().take(2).find(|word| !is_size(word)) {
         return Err(format!(
             "line {}: `{word}` where a number of rows or columns, 1 to {MOST_ROWS}, was expected",
             index + 1
         ));
     }
+    size::fits(rows).map_err(|why| why.to_string())?;
     let is_no_index = |word: &&str| word.parse::<u32>().is_err();
     if let Some(word) = sizes.split_whitespace().nth(2).filter(is_no_index) {
         return Err(format!("line {}: `{word}` where a number of entries was expected", index + 1));
@@ -248,6 +257,11 @@ fn square_npy(bytes: &[u8]) -> Result<DMatrix<f64>, String> {
         return Err(format!("{} dimensions where a matrix has 2", file.shape().len()));
     };
     let (rows, columns) = (*rows as usize, *columns as usize);
+    size::fits(rows).map_err(|why| why.to_string())?;
+    // The library makes room for what is announced before it reads.
+    if rows.checked_mul(columns).is_none_or(|numbers| numbers > bytes.len() / size_of::<f64>()) {
+        return Err(format!("{rows} x {columns} numbers are announced, and {} bytes are there", bytes.len()));
+    }
     let by_column = file.order() == npyz::Order::Fortran;
     let values: Vec<f64> = file.into_vec().map_err(|error| error.to_string())?;
     if rows.checked_mul(columns) != Some(values.len()) {

@@ -31,6 +31,7 @@ mod matrices;
 mod sensing;
 mod sensitivity;
 mod sensor;
+mod size;
 mod structure;
 #[cfg(test)]
 pub(crate) mod tests;
@@ -52,6 +53,7 @@ pub use matrices::{ImportedMatrices, MatrixError, matrix_market, npy};
 pub use sensing::{Sensing, SensorChange, phases_rad};
 pub use sensitivity::{Change, ModeDerivative, derivatives, frequency_derivatives};
 pub use sensor::SensorError;
+pub use size::TooManyUnknowns;
 pub use structure::{Body, SegmentChange, Structure};
 
 /// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.

@@ -49,7 +49,24 @@ pub(super) fn picture(
         draw(&root)?;
         Ok(root.present()?)
     })();
-    drawn.map(|()| svg).map_err(|reason: Box<dyn std::error::Error>| PictureError { what, reason: reason.to_string() })
+    drawn
+        .map(|()| without_controls(svg))
+        .map_err(|reason: Box<dyn std::error::Error>| PictureError { what, reason: reason.to_string() })
+}
+
+/// Control characters of names are none of XML's, and no reader would show the picture.
+fn without_controls(svg: String) -> String {
+    let is_none = |letter: char| letter.is_control() && !matches!(letter, '\n' | '\r' | '\t');
+    if svg.contains(is_none) { svg.replace(is_none, "\u{fffd}") } else { svg }
+}
+
+/// Bottom and top of a logarithmic axis for values between `low` and `high`, whatever they are: with a range that is empty or without end the
+/// library would look for labels for ever.
+pub(super) fn log_range(low: f64, high: f64) -> (f64, f64) {
+    const LIMITS: (f64, f64) = (1e-200, 1e200);
+    let (low, high) = (low.clamp(LIMITS.0, LIMITS.1), high.clamp(LIMITS.0, LIMITS.1));
+    // Also where there are no values at all, and the least is infinite.
+    if low < high { (low, high) } else { (1e-12, 1.0) }
 }
 
 /// Digits after the point that tell the labels of an axis of this length apart: their distance is 1, 2 or 5 of a decade and no less than an
@@ -77,6 +94,17 @@ pub(super) fn width_of(text: &str, size: u32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn control_characters_of_names_stay_out_of_pictures() {
+        let drawn = picture("a name", (200, 100), |root| {
+            root.draw(&Text::new("evil\u{1b}[31m\u{7}\0name\nbelow", (0, 0), ("sans-serif", 12)))?;
+            Ok(())
+        });
+        let svg = drawn.unwrap();
+        assert!(svg.contains("evil\u{fffd}[31m\u{fffd}\u{fffd}name"), "{svg}");
+        assert!(svg.chars().all(|letter| !letter.is_control() || letter == '\n'));
+    }
 
     /// Five labels between the ends of an axis differ.
     #[test]

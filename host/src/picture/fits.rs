@@ -3,7 +3,7 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BESIDE, DrawResult, FRAME, MODE, PictureError, picture};
+use super::canvas::{Area, BESIDE, DrawResult, FRAME, MODE, PictureError, log_range, picture};
 use super::units::density_unit;
 use crate::identify::{FittedSpectrum, Identification, Mode};
 use crate::study::Setup;
@@ -73,9 +73,10 @@ fn draw(area: &Area<'_>, mode: &Mode, spectrum: &FittedSpectrum) -> DrawResult {
     let (Some(&first_hz), Some(&last_hz)) = (spectrum.frequency_hz.first(), spectrum.frequency_hz.last()) else {
         return Ok(());
     };
-    let positive = || spectrum.measured.iter().chain(&spectrum.fitted).copied().filter(|value| *value > 0.0);
+    let positive =
+        || spectrum.measured.iter().chain(&spectrum.fitted).copied().filter(|value| *value > 0.0 && value.is_finite());
     let (low, high) = positive().fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
-    let (low, high) = (0.6 * low, 1.6 * high);
+    let (low, high) = log_range(0.6 * low, 1.6 * high);
     let warning = if spectrum.is_misfit { ", something else lies here" } else { "" };
     let caption = format!(
         "mode {}: {:.4} Hz, damping {:.2} %{warning}",
@@ -179,6 +180,19 @@ mod tests {
             fitted: vec![1.0, 4.0, 1.0],
             scatter,
             is_misfit: false,
+        }
+    }
+
+    #[test]
+    fn any_numbers_make_a_picture() {
+        let mut identification = found();
+        identification.modes.truncate(1);
+        for wrong in [0.0, f64::INFINITY, f64::NAN, -1.0, f64::MAX, f64::MIN_POSITIVE] {
+            for measured in [vec![wrong; 3], vec![1.0, wrong, 2.0]] {
+                let fitted = vec![wrong, 1.0, wrong];
+                identification.modes[0].fitted = vec![FittedSpectrum { measured, fitted, ..spectrum(0.1) }];
+                assert!(fits("Tower", &[], &identification).unwrap().is_some());
+            }
         }
     }
 

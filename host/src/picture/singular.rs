@@ -2,7 +2,7 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, DIRECTIONS, DrawResult, MODE, PictureError, picture, width_of};
+use super::canvas::{Area, DIRECTIONS, DrawResult, MODE, PictureError, log_range, picture, width_of};
 use super::units::density_unit;
 use crate::identify::{Identification, SingularSpectrum};
 use crate::study::Setup;
@@ -73,16 +73,16 @@ pub fn singular_values(
 ) -> Result<String, PictureError> {
     let spectra = &identification.singular_values;
     let lines = lines(spectra);
-    let values = || lines.iter().flat_map(|line| line.values().iter().copied()).filter(|v| *v > 0.0);
+    let values = || lines.iter().flat_map(|line| line.values().iter().copied()).filter(|v| *v > 0.0 && v.is_finite());
     let highest = values().fold(0.0, f64::max);
-    let first_rank_lowest =
-        spectra.iter().filter_map(|s| s.values.first()).flatten().copied().fold(f64::INFINITY, f64::min);
+    let first_rank = spectra.iter().filter_map(|s| s.values.first()).flatten().copied();
+    let first_rank_lowest = first_rank.filter(|v| *v > 0.0 && v.is_finite()).fold(f64::INFINITY, f64::min);
     let (first_hz, last_hz) = spectra
         .first()
         .and_then(|s| Some((*s.frequency_hz.first()?, *s.frequency_hz.last()?)))
         .ok_or(PictureError { what: WHAT, reason: "nothing was measured".to_owned() })?;
-    let lowest = values().fold(f64::INFINITY, f64::min).max(first_rank_lowest * 1e-3).max(highest * 1e-12);
-    let (bottom, top) = (lowest * 0.5, highest * 4.0);
+    let lowest = values().fold(f64::INFINITY, f64::min).max(first_rank_lowest.min(highest) * 1e-3).max(highest * 1e-12);
+    let (bottom, top) = log_range(lowest * 0.5, highest * 4.0);
     let legend = legend(&lines, spectra.len() > 1, identification);
     let rows = legend.last().map_or(1, |entry| 1 + (entry.at.1 - LEGEND_AT.1) / LEGEND_ROW);
     picture(WHAT, SIZE, |root| {
@@ -126,7 +126,7 @@ pub fn singular_values(
             chart.draw_series(LineSeries::new(line, MODE.mix(0.45).stroke_width(1)))?;
         }
         for line in lines.iter().rev() {
-            let points = line.spectrum.frequency_hz.iter().zip(line.values()).map(|(f, v)| (*f, v.max(bottom)));
+            let points = line.spectrum.frequency_hz.iter().zip(line.values()).map(|(f, v)| (*f, v.clamp(bottom, top)));
             chart.draw_series(LineSeries::new(points, line.style))?;
         }
         let rejected = identification.rejected.iter().map(|peak| (peak.frequency_hz, top * 0.4));
@@ -229,6 +229,23 @@ mod tests {
         let of = |svg: &str, color: &str| svg.matches(color).count();
         assert!(of(&marked, "#825AA0") > 10 && of(&plain, "#825AA0") == 0, "the dashes of a forced line");
         assert_eq!((of(&marked, "#787878"), of(&plain, "#787878")), (3, 0), "two strokes of a cross, and the legend");
+    }
+
+    /// As one flipped bit in a recording leaves them, and as a silent structure does.
+    #[test]
+    fn any_numbers_make_a_picture() {
+        let mut identification = found();
+        let frequency_hz: Vec<f64> = (1..10).map(f64::from).collect();
+        for wrong in [0.0, f64::INFINITY, f64::NAN, -1.0, f64::MAX, f64::MIN_POSITIVE] {
+            for count in [1, 9] {
+                let row: Vec<f64> = (0..9).map(|at| if at < count { wrong } else { 1.0 }).collect();
+                let values = vec![row.clone(), row];
+                let setup = "first".to_owned();
+                identification.singular_values =
+                    vec![SingularSpectrum { setup, frequency_hz: frequency_hz.clone(), values }];
+                assert!(singular_values("Tower", &[], &identification).unwrap().contains("</svg>"));
+            }
+        }
     }
 
     /// Of one setup all singular values, of each of several the first, with its name.

@@ -30,6 +30,11 @@ impl Block {
         self.values.chunks_exact(self.channels.max(1))
     }
 
+    /// The values of one channel in time order.
+    pub(super) fn channel_mut(&mut self, channel: usize) -> impl Iterator<Item = &mut f64> {
+        self.values.iter_mut().skip(channel).step_by(self.channels.max(1))
+    }
+
     /// All values, row after row.
     pub fn values(&self) -> &[f64] {
         &self.values

@@ -1,7 +1,7 @@
 //! MATLAB v5 files: their variables, read as whole matrices (models) or row by row (recordings).
 //!
 //! The format is that of MathWorks' "MAT-File Format": elements with a tag, a variable being an element of elements,
-//! compressed or not. An uncompressed recording is read by seeking; a compressed one is inflated into memory first.
+//! compressed or not. An uncompressed recording is read by seeking; a compressed one is inflated first, a long one into a file.
 
 mod element;
 
@@ -87,8 +87,8 @@ pub(super) fn open_recording(path: &Path, variable: Option<&str>) -> Result<Arra
     let chosen = recording_variable(path, variable)?;
     let shape = shape_of(path, &chosen)?;
     let numbers = MatFile::open(path)?.numbers(&chosen)?;
-    let source = match numbers.in_memory {
-        Some(bytes) => Source::Memory(bytes),
+    let source = match numbers.inflated {
+        Some(source) => source,
         None => Source::File(File::open(path).map_err(MatError::io(path))?),
     };
     let layout = Layout {
@@ -100,6 +100,13 @@ pub(super) fn open_recording(path: &Path, variable: Option<&str>) -> Result<Arra
         row_by_row: shape.row_by_row,
     };
     Ok(ArrayReader::new(path.to_owned(), source, layout))
+}
+
+/// Whether a compressed recording's numbers are kept in memory.
+#[cfg(test)]
+pub(super) fn inflated_into_memory(path: &Path) -> Option<bool> {
+    let numbers = MatFile::open(path).ok()?.numbers(&recording_variable(path, None).ok()?).ok()?;
+    numbers.inflated.map(|source| matches!(source, Source::Memory(_)))
 }
 
 fn shape_of(path: &Path, variable: &Variable) -> Result<RecordingShape, MatError> {

@@ -8,6 +8,9 @@ use super::warning::{Affected, RecordWarning};
 
 /// Gaps that are kept one by one for each channel.
 const GAPS_KEPT: usize = 5;
+/// No sensor gives more, in m/s², m/s or any other unit, nor do counts of 64 bits: a bit of a number's exponent was flipped. Its square is
+/// still a number of 32 bits, as spectra have them.
+const MOST: f64 = 1e19;
 /// A channel with a larger part of its samples missing is warned of as such.
 const MOSTLY_MISSING: f64 = 0.5;
 
@@ -77,6 +80,9 @@ struct ChannelSums {
     gaps: Vec<Gap>,
     /// The last sample was missing; the length of the run so far counts on in `gaps` while it is kept there.
     in_gap: bool,
+    /// Samples beyond [`MOST`], and where the first of them stands, with its row and its value.
+    beyond: u64,
+    first_beyond: Option<(FilePosition, u64, f64)>,
 }
 
 impl Statistics {
@@ -90,10 +96,11 @@ impl Statistics {
         }
     }
 
-    /// Takes a block in; `position` says where a row of the block (from 0) stands. Refuses infinite values.
+    /// Takes a block in; `position` says where a row of the block (from 0) stands. Refuses infinite values; those beyond any
+    /// sensor's range count as missing, and are so in the block from then on.
     pub(super) fn add(
         &mut self,
-        block: &Block,
+        block: &mut Block,
         selection: &Selection,
         position: impl Fn(usize) -> FilePosition,
     ) -> Result<(), RecordError> {
@@ -109,21 +116,27 @@ impl Statistics {
         }
         for (index, channel) in self.channels.iter_mut().enumerate() {
             let (Some(sum), Some(square)) = (self.sums.get(index), self.squares.get(index)) else { continue };
-            if square.is_finite() {
-                // Every sample is there: the common case, for which the loop above is all the work.
+            if *square < MOST * MOST {
+                // Every sample is there, and within reach of the first: the common case, for which the loop above is all the work.
                 channel.sum += sum;
                 channel.square += square;
                 channel.present += block.row_count() as u64;
                 channel.in_gap = false;
                 continue;
             }
-            // A missing or infinite sample (or the channel's first) spoilt the sums: take the samples one by one.
-            for (row, value) in block.rows().filter_map(|row| row.get(index)).enumerate() {
+            // A missing, infinite or impossible sample (or the channel's first) spoilt the sums: take the samples one by one.
+            for (row, value) in block.channel_mut(index).enumerate() {
                 if value.is_infinite() {
                     let (position, channel) = (position(row), selection.channel(index));
                     return Err(RecordError::Infinite { position, channel });
                 }
-                channel.push(*value, self.rows + row as u64, || position(row));
+                let row_of_all = self.rows + row as u64;
+                if value.abs() > MOST {
+                    channel.beyond += 1;
+                    channel.first_beyond.get_or_insert_with(|| (position(row), row_of_all, *value));
+                    *value = f64::NAN;
+                }
+                channel.push(*value, row_of_all, || position(row));
             }
             if let (Some(pivot), Some(known)) = (self.pivots.get_mut(index), channel.pivot) {
                 *pivot = known;
@@ -138,17 +151,22 @@ impl Statistics {
         let seconds = |rows: u64| rows as f64 / sampling_rate_hz;
         let rows = self.rows;
         let filled_rows = clock.missing_rows.min(rows);
+        let all = selection.channels.len();
+        let beyond = self.channels.iter().zip(&selection.channels).filter_map(|(sums, name)| {
+            let (first, row, value) = sums.first_beyond.clone()?;
+            let (channels, samples) = (Affected::new([name], all), sums.beyond);
+            Some(RecordWarning::Impossible { channels, samples, value, first, first_s: seconds(row) })
+        });
+        let beyond = beyond.collect();
         let channels: Vec<ChannelReport> =
             self.channels.into_iter().zip(&selection.channels).map(|(sums, name)| sums.report(name)).collect();
-        let mut warnings: Vec<RecordWarning> = clock
-            .gaps
-            .iter()
-            .map(|TimeGap { position, rows }| RecordWarning::TimeGap {
-                position: position.clone(),
-                rows: *rows,
-                seconds: seconds(*rows),
-            })
-            .collect();
+        let mut warnings: Vec<RecordWarning> = beyond;
+        let gaps = clock.gaps.iter().map(|TimeGap { position, rows }| RecordWarning::TimeGap {
+            position: position.clone(),
+            rows: *rows,
+            seconds: seconds(*rows),
+        });
+        warnings.extend(gaps);
         if clock.gap_count > clock.gaps.len() as u64 {
             warnings.push(RecordWarning::TimeGaps {
                 count: clock.gap_count,

@@ -67,6 +67,8 @@ pub enum RecordWarning {
     TimeGaps { count: u64, rows: u64, seconds: f64 },
     /// The same samples of these channels are missing from rows that are there.
     MissingSamples { channels: Affected, samples: u64, seconds: f64, gap_count: u64, first: FilePosition, first_s: f64 },
+    /// Numbers that no sensor gives; they count as missing.
+    Impossible { channels: Affected, samples: u64, value: f64, first: FilePosition, first_s: f64 },
     /// More than half of the samples of these channels are missing.
     MostlyMissing { channels: Affected, percent: f64 },
     /// These channels do not move at all.
@@ -97,6 +99,14 @@ impl fmt::Display for RecordWarning {
                 write!(
                     formatter,
                     "{channels} {have} {gaps}{which} at {first}, {into} into the record; the analysis leaves out the segments that {they}"
+                )
+            }
+            Self::Impossible { channels, samples, value, first, first_s } => {
+                let noun = if *samples == 1 { "sample" } else { "samples" };
+                write!(
+                    formatter,
+                    "{channels}: {samples} {noun} that no sensor can give, the first {value:.3e} at {first}, {} into the record: the file is damaged there; they count as missing",
+                    time_of_day(*first_s)
                 )
             }
             Self::MostlyMissing { channels, percent } => {

@@ -111,7 +111,8 @@ mod tests {
 
     #[test]
     fn only_the_window_that_was_opened_with_the_token_comes_in() {
-        let shared = Shared::new("study".into(), "belfry".into(), 7300, "right".to_owned(), "session".to_owned());
+        let stepper = super::super::Stepper { program: "belfry".into(), range: Vec::new() };
+        let shared = Shared::new("study".into(), stepper, 7300, "right".to_owned(), "session".to_owned());
         let (host, cookie) = ((HOST, "127.0.0.1:7300"), (COOKIE, "other=1; belfry_7300=session"));
         let (get, post) = (Method::GET, Method::POST);
         let forbidden = Err(StatusCode::FORBIDDEN);

@@ -28,6 +28,18 @@ const ALLOWED: [(&str, &[&str], bool); 9] = [
     ("history", &[], false),
 ];
 
+/// Of these, those that read windows, which take a range of time.
+const OF_WINDOWS: [&str; 2] = ["identify", "covalidate"];
+
+/// What takes steps for the page.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stepper {
+    /// This program.
+    pub program: PathBuf,
+    /// The range of time among collected windows, as it is typed: `--last`, `7d`.
+    pub range: Vec<String>,
+}
+
 /// How far a command is, or how it ended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct JobStatus {
@@ -68,7 +80,7 @@ impl Order {
     ///
     /// # Errors
     /// A sentence, where the page may not ask for that.
-    pub(super) fn of(words: &[String], program: &Path, study: &Path) -> Result<Self, String> {
+    pub(super) fn of(words: &[String], stepper: &Stepper, study: &Path) -> Result<Self, String> {
         let (command, rest) = words.split_first().ok_or("no command was named")?;
         let known = ALLOWED.iter().find(|(name, ..)| name == command);
         let (_, flags, takes_word) =
@@ -80,8 +92,9 @@ impl Order {
                 return Err(format!("{command} takes no {word} here; run it in a terminal"));
             }
         }
-        let arguments = std::iter::once(command).chain(rest).cloned().collect();
-        Ok(Self { program: program.to_owned(), arguments, study: study.to_owned() })
+        let range = if OF_WINDOWS.contains(&command.as_str()) { &stepper.range[..] } else { &[] };
+        let arguments = std::iter::once(command).chain(rest).chain(range).cloned().collect();
+        Ok(Self { program: stepper.program.clone(), arguments, study: study.to_owned() })
     }
 
     /// What a user would type.
@@ -162,10 +175,12 @@ mod tests {
     fn the_page_runs_commands_of_belfry_on_its_study_and_nothing_else() {
         let of = |words: &[&str]| {
             let words: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
-            Order::of(&words, Path::new("/bin/belfry"), Path::new("my tower"))
+            let stepper =
+                Stepper { program: "/bin/belfry".into(), range: ["--last", "7d"].map(str::to_owned).to_vec() };
+            Order::of(&words, &stepper, Path::new("my tower"))
         };
         assert_eq!(of(&["add", "added-mass@443.6m"]).unwrap().typed(), "belfry add 'my tower' added-mass@443.6m");
-        assert_eq!(of(&["identify", "--direct"]).unwrap().typed(), "belfry identify 'my tower' --direct");
+        assert_eq!(of(&["identify", "--direct"]).unwrap().typed(), "belfry identify 'my tower' --direct --last 7d");
         for words in [
             &[][..],
             &["init"],

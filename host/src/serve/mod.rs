@@ -13,7 +13,6 @@ mod shared;
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -24,6 +23,7 @@ use thiserror::Error;
 use tokio::net::TcpListener;
 
 use crate::study::Study;
+pub use job::Stepper;
 use shared::Shared;
 
 /// How long what runs may take to end in good order.
@@ -53,7 +53,7 @@ pub enum ServeError {
 /// When the port cannot be listened on, or the server breaks.
 pub fn serve(
     study: &Study,
-    program: PathBuf,
+    stepper: Stepper,
     port: u16,
     on_ready: impl FnOnce(&str),
     stop: impl Future<Output = ()> + Send + 'static,
@@ -65,7 +65,7 @@ pub fn serve(
         let listener = TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).await.map_err(listen)?;
         let port = listener.local_addr().map_err(listen)?.port();
         let secret = || rand::rng().sample_iter(Alphanumeric).take(TOKEN_LETTERS).map(char::from).collect::<String>();
-        let shared = Arc::new(Shared::new(study.folder.clone(), program, port, secret(), secret()));
+        let shared = Arc::new(Shared::new(study.folder.clone(), stepper, port, secret(), secret()));
         on_ready(&shared.opening_address());
         let watcher = tokio::spawn(shared::watch_files(Arc::clone(&shared)));
         let (ended, mut is_ended) = (Arc::clone(&shared), shared.ended());

@@ -9,7 +9,7 @@ use serde::Serialize;
 use tokio::sync::watch;
 
 use super::GRACE;
-use super::job::{JobState, JobStatus, Order, follow};
+use super::job::{JobState, JobStatus, Order, Stepper, follow};
 use super::samples::Loaded;
 use crate::files::{LOCK_FILE, UNFINISHED_SUFFIX};
 use crate::page::PageData;
@@ -31,7 +31,7 @@ pub(super) struct News {
 /// What all requests share.
 pub(super) struct Shared {
     folder: PathBuf,
-    program: PathBuf,
+    stepper: Stepper,
     port: u16,
     token: String,
     session: String,
@@ -58,12 +58,12 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Shared {
-    pub(super) fn new(folder: PathBuf, program: PathBuf, port: u16, token: String, session: String) -> Self {
+    pub(super) fn new(folder: PathBuf, stepper: Stepper, port: u16, token: String, session: String) -> Self {
         let files = Mutex::new(state_of(&folder));
         Self {
             folder,
             files,
-            program,
+            stepper,
             port,
             token,
             session,
@@ -158,7 +158,7 @@ impl Shared {
 
     /// Starts a command; its status, or why it does not start.
     pub(super) fn run(self: &Arc<Self>, words: &[String]) -> Result<JobStatus, RunError> {
-        let order = Order::of(words, &self.program, &self.folder).map_err(RunError::Refused)?;
+        let order = Order::of(words, &self.stepper, &self.folder).map_err(RunError::Refused)?;
         let mut running = lock(&self.running);
         if running.is_some() {
             let command = self.news.borrow().job.as_ref().map(|job| job.command.clone()).unwrap_or_default();

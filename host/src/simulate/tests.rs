@@ -7,6 +7,7 @@ use belfry_numerics::forward_transform;
 use num_complex::Complex64;
 
 use super::*;
+use crate::archive::TimeRange;
 use crate::model::tests::canton;
 use crate::study::{Analysis, Direction, Sensor, Structure as Named, Study};
 
@@ -356,6 +357,7 @@ fn study(folder: &Path, setups: Vec<Setup>) -> Study {
         setups,
         analysis: Analysis { band_hz: None, decimated_rate_hz: None, segment: None, ..Analysis::default() },
         model: None,
+        range: TimeRange::ALL,
         measured: None,
     }
 }

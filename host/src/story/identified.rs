@@ -15,7 +15,7 @@ use crate::identify::phases::phase_suspicions;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
 use crate::identify::{Identification, hold_to_standards, identify as identify_setups, note_idle_bands};
-use crate::measure::{MeasureError, Measurement, Progress, Route, measure};
+use crate::measure::{CollectedSpan, MeasureError, Measurement, Progress, Route, measure};
 use crate::page::{Records, Spectra};
 use crate::progress::{OnProgress, rows_of};
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
@@ -43,6 +43,9 @@ pub struct ModesReport {
     pub identification: Identification,
     /// How the recordings were cut.
     pub segments: SegmentReport,
+    /// From when to when the windows are that nodes have sent; nothing of recordings.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub collected: Vec<CollectedSpan>,
     /// The record that a wished accuracy would need.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub record_needed: Option<Vec<RecordNeeded>>,
@@ -253,6 +256,7 @@ fn report(study: &Study, identification: Identification, measurement: &Measureme
             duration_s: 1.0 / grid.spacing_hz(),
             reasons: measurement.reasons.clone(),
         },
+        collected: measurement.collected.clone(),
         record_needed: None,
         trends: None,
         choice: study.analysis.modes.clone(),

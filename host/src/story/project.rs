@@ -16,6 +16,7 @@ use super::profiled::{self, profiles};
 use super::since::{SinceReport, SinceRequest, since};
 use super::trends;
 use super::updated::{UpdateReport, update};
+use crate::archive::TimeRange;
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
 use crate::diagnose::steps::{Profiles, Step, StepRecord};
@@ -88,6 +89,11 @@ impl Project {
     /// What the study says.
     pub fn study(&self) -> &Study {
         &self.study
+    }
+
+    /// Has windows of a range of time analysed alone, where they were collected live.
+    pub fn analyse_only(&mut self, range: TimeRange) {
+        self.study.range = range;
     }
 
     /// Where results are.

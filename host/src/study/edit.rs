@@ -42,9 +42,19 @@ pub fn set_mode_choice(folder: &Path, choice: &ModeChoice) -> Result<(), StudyEr
 fn edit(folder: &Path, change: impl FnOnce(&str) -> Result<String, String>) -> Result<(), StudyError> {
     let file = folder.join(STUDY_FILE);
     let text = std::fs::read_to_string(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
-    let changed = change(&text).map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
+    let changed = change(&text)
+        .map(|changed| with_line_ends_of(&text, changed))
+        .map_err(|message| StudyError::Syntax { file: file.clone(), line: 1, message })?;
     Study::from_text(&changed, folder)?;
     write_whole(&file, changed.as_bytes()).map_err(|source| StudyError::Write { file, source })
+}
+
+/// The text with the line ends, and the byte order mark, that an editor gave the file before.
+fn with_line_ends_of(before: &str, text: String) -> String {
+    const MARK: char = '\u{feff}';
+    let is_windows = before.contains("\r\n") && !before.replace("\r\n", "").contains('\n');
+    let text = if is_windows { text.replace("\r\n", "\n").replace('\n', "\r\n") } else { text };
+    if before.starts_with(MARK) && !text.starts_with(MARK) { format!("{MARK}{text}") } else { text }
 }
 
 fn with_choice(text: &str, choice: &ModeChoice) -> Result<String, String> {

@@ -42,6 +42,18 @@ pub enum StudyError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// More sensors than any analysis of all of them against each other could take.
+    #[error(
+        "{position}: {found} sensors, where one measurement has {most} at most: make setups of parts that share reference points"
+    )]
+    TooManySensors {
+        /// The first of them.
+        position: FilePosition,
+        /// How many there are.
+        found: usize,
+        /// How many there may be.
+        most: usize,
+    },
     /// The file is no TOML.
     #[error("{}, line {line}: {message}; see https://toml.io for how TOML is written", file.display())]
     Syntax {

@@ -42,7 +42,8 @@ impl Study {
     pub fn load(folder: &Path) -> Result<Self, StudyError> {
         let folder = Self::folder_of(folder);
         let file = folder.join(STUDY_FILE);
-        let bytes = std::fs::read(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
+        let bytes =
+            crate::files::read_plain(&file).map_err(|source| StudyError::Read { file: file.clone(), source })?;
         let text = String::from_utf8(bytes).map_err(|error| {
             let good = error.utf8_error().valid_up_to();
             let line = section::line_of(error.as_bytes(), good);

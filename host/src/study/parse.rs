@@ -12,6 +12,7 @@ use super::types::{
     Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
     ModelSource, NO_KINDS, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
 };
+use crate::archive::TimeRange;
 use crate::model::effect::KINDS;
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
@@ -86,13 +87,13 @@ pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
         Some(entry) => Some(model(&entry.section("a section, written [model]")?)?),
         None => None,
     };
-    Ok(Study { folder: folder.to_owned(), structure, setups, measured, analysis, model })
+    Ok(Study { folder: folder.to_owned(), structure, setups, measured, analysis, model, range: TimeRange::ALL })
 }
 
 /// `[measured]` with its `[[sensor]]`s; a study has these or setups.
 fn measured(document: &Section<'_>, setups: &[Section<'_>]) -> Result<Option<MeasuredSource>, StudyError> {
     const MODES: &str = "the name of a file of modes, in quotes, such as \"modes.csv\"";
-    let sections = document.tables("sensor")?;
+    let sections = sensor_tables(document)?;
     let Some(entry) = document.get("measured") else {
         return match (sections.first(), setups.is_empty()) {
             (Some(section), false) => Err(StudyError::SensorOutsideSetup { position: section.position() }),
@@ -111,6 +112,20 @@ fn measured(document: &Section<'_>, setups: &[Section<'_>]) -> Result<Option<Mea
     let sensors = sections.iter().map(|section| sensor(section, false)).collect::<Result<Vec<_>, _>>()?;
     check::places(&sensors, &sections)?;
     Ok(Some(MeasuredSource { modes, sensors }))
+}
+
+/// Sensors of one measurement: spectra are kept of each against each.
+const MOST_SENSORS: usize = 4096;
+
+fn sensor_tables<'a>(section: &Section<'a>) -> Result<Vec<Section<'a>>, StudyError> {
+    let tables = section.tables("sensor")?;
+    match tables.first() {
+        Some(first) if tables.len() > MOST_SENSORS => {
+            let (position, found, most) = (first.position(), tables.len(), MOST_SENSORS);
+            Err(StudyError::TooManySensors { position, found, most })
+        }
+        _ => Ok(tables),
+    }
 }
 
 fn structure(section: &Section<'_>) -> Result<Structure, StudyError> {
@@ -152,7 +167,7 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
     };
     let temperature = section.get("temperature").map(|entry| entry.text(TEMPERATURE)).transpose()?.map(PathBuf::from);
 
-    let sensor_sections = section.tables("sensor")?;
+    let sensor_sections = sensor_tables(section)?;
     if sensor_sections.is_empty() {
         let expected = "one [[setup.sensor]] for each channel of the recording, below the setup's own keys";
         return Err(section.missing("sensor", expected));

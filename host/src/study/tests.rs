@@ -296,6 +296,34 @@ fn a_folder_without_a_readable_study_is_told_by_its_file() {
 }
 
 #[test]
+fn a_change_keeps_the_line_ends_and_the_mark_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join(STUDY_FILE);
+    let choice = ModeChoice { add_hz: vec![0.5], ..ModeChoice::default() };
+    let changed = |before: &str| {
+        std::fs::write(&file, before).unwrap();
+        edit::set_mode_choice(folder.path(), &choice).unwrap();
+        std::fs::read_to_string(&file).unwrap()
+    };
+    let plain = changed(SOUND);
+    assert!(plain.contains("add_modes_hz") && !plain.contains('\r'));
+    assert_eq!(changed(&SOUND.replace('\n', "\r\n")), plain.replace('\n', "\r\n"));
+    let marked = format!("\u{feff}{}", SOUND.replace('\n', "\r\n"));
+    assert_eq!(changed(&marked), format!("\u{feff}{}", plain.replace('\n', "\r\n")));
+}
+
+#[test]
+fn more_sensors_than_can_be_analysed_are_refused_at_once() {
+    let head = &SOUND[..SOUND.find("[[setup.sensor]]").unwrap()];
+    let sensors: String =
+        (0..65_537).map(|n| format!("[[setup.sensor]]\nchannel = \"c{n}\"\nnode = {}\n", n / 4 + 1)).collect();
+    let start = std::time::Instant::now();
+    let message = load(&format!("{head}{sensors}")).unwrap_err().to_string();
+    assert!(message.contains("65537 sensors") && message.contains("4096"), "{message}");
+    assert!(start.elapsed() < std::time::Duration::from_secs(10), "{:?}", start.elapsed());
+}
+
+#[test]
 fn the_templates_are_sound_studies() {
     let blank = load(template::BLANK_STUDY).unwrap();
     assert_eq!(blank.setups[0].sensors.len(), 2);

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::archive::TimeRange;
+
 /// The file of a study that a user writes.
 pub const STUDY_FILE: &str = "study.toml";
 
@@ -22,6 +24,8 @@ pub struct Study {
     pub analysis: Analysis,
     /// The finite element model, where the study has one.
     pub model: Option<Model>,
+    /// Which part of what nodes have sent is analysed: all, where a command names none.
+    pub range: TimeRange,
 }
 
 /// `[structure]`.

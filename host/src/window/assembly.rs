@@ -14,6 +14,11 @@ use super::sink::KeptWindows;
 const MAX_AHEAD: u32 = 1 << 16;
 /// Parts a window may have; a head that says more is taken for a fault.
 const MAX_DATA_PARTS: u16 = 4096;
+/// Bytes of unfinished windows that are kept, with what it takes to keep them. A node's outbox has less than a tenth.
+const MOST_BYTES: usize = 1 << 20;
+/// What a window and a part take beside their bytes, about.
+const WINDOW_BYTES: usize = 256;
+const PART_BYTES: usize = 64;
 /// How often a part is asked again before its window is given up.
 const MAX_ASKS: u32 = 30;
 
@@ -27,6 +32,11 @@ struct Partial {
 }
 
 impl Partial {
+    /// About what it takes in memory.
+    fn bytes(&self) -> usize {
+        WINDOW_BYTES + self.parts.values().map(|part| PART_BYTES + part.capacity()).sum::<usize>()
+    }
+
     fn is_whole(&self) -> bool {
         self.head.as_ref().is_some_and(|head| self.parts.len() == usize::from(head.data_parts))
     }
@@ -35,7 +45,16 @@ impl Partial {
 #[derive(Debug)]
 enum Progress {
     Partial(Partial),
+    /// Whole, and held by the host until it can be stored.
+    Waiting,
     Done,
+}
+
+impl Progress {
+    /// Whether the host has all of it.
+    fn is_had(&self) -> bool {
+        !matches!(self, Self::Partial(_))
+    }
 }
 
 /// What became of a part.
@@ -51,6 +70,8 @@ pub enum Outcome {
     Contradiction,
     /// It has the name of a window that is kept, but is a later one: the node has started anew under its old name.
     Repeated,
+    /// There is no room for it before older windows are whole; it is asked again.
+    NoRoom,
     /// It was measured with a configuration that is not known here, for another study: a window that is only done when
     /// [`Assembler::stored`] says so.
     Foreign,
@@ -59,29 +80,33 @@ pub enum Outcome {
 /// Assembles one boot's windows.
 #[derive(Debug)]
 pub struct Assembler {
+    node: u16,
     boot: u32,
     /// All windows with lower numbers are done or given up.
     below: u32,
     /// One above the highest number known to exist.
     known: u32,
     windows: BTreeMap<u32, Progress>,
+    /// What unfinished windows take in memory, as of the last count and what has come since: never too little.
+    bytes: usize,
     /// Of windows kept from before: the last one's number and start.
     last_kept: Option<(u32, u64)>,
     lost: u64,
 }
 
 impl Assembler {
-    /// An assembler for a boot, before its first window.
-    pub fn new(boot: u32) -> Self {
-        Self::resuming(boot, &KeptWindows::default())
+    /// An assembler for a node's boot, before its first window.
+    pub fn new(node: u16, boot: u32) -> Self {
+        Self::resuming(node, boot, &KeptWindows::default())
     }
 
-    /// An assembler for a boot of which windows are kept from before.
-    pub fn resuming(boot: u32, kept: &KeptWindows) -> Self {
+    /// An assembler for a node's boot of which windows are kept from before.
+    pub fn resuming(node: u16, boot: u32, kept: &KeptWindows) -> Self {
         let wanted = kept.numbers.iter().filter(|&&number| number >= kept.first);
         let windows: BTreeMap<u32, Progress> = wanted.map(|&number| (number, Progress::Done)).collect();
         let known = windows.last_key_value().map_or(kept.first, |(&last, _)| last.saturating_add(1));
-        let mut assembler = Self { boot, below: kept.first, known, windows, last_kept: kept.last, lost: 0 };
+        let mut assembler =
+            Self { node, boot, below: kept.first, known, windows, bytes: 0, last_kept: kept.last, lost: 0 };
         assembler.advance();
         assembler
     }
@@ -116,7 +141,7 @@ impl Assembler {
             NodeMessage::Peaks(peaks) => (peaks.name, peaks.part),
             _ => return Outcome::Contradiction,
         };
-        if name.boot != self.boot {
+        if (name.node, name.boot) != (self.node, self.boot) {
             return Outcome::Contradiction;
         }
         if let (NodeMessage::Head(head), Some((last, start))) = (message, self.last_kept)
@@ -145,6 +170,9 @@ impl Assembler {
             return Outcome::Contradiction;
         }
         self.known = self.known.max(name.number.saturating_add(1));
+        if !self.makes_room(name.number, encoded.len()) {
+            return Outcome::NoRoom;
+        }
         let progress = self.windows.entry(name.number).or_insert_with(|| Progress::Partial(Partial::default()));
         let Progress::Partial(partial) = progress else { return Outcome::Duplicate };
         match message {
@@ -169,12 +197,52 @@ impl Assembler {
         }
     }
 
+    /// Makes room for a part of a window, at the cost of newer ones, which are then asked again; whether there is room. The oldest
+    /// window always has it, so that every window comes in its turn.
+    fn makes_room(&mut self, number: u32, length: usize) -> bool {
+        let needed = WINDOW_BYTES + PART_BYTES + length;
+        if self.bytes + needed > MOST_BYTES {
+            self.bytes = self.partials().map(|(_, partial)| partial.bytes()).sum();
+        }
+        while self.bytes + needed > MOST_BYTES {
+            let newest = self.partials().next_back().map(|(&newest, partial)| (newest, partial.bytes()));
+            match newest {
+                Some((newest, bytes)) if newest > number => {
+                    self.windows.remove(&newest);
+                    self.bytes -= bytes;
+                }
+                _ if number == self.below => break,
+                _ => return false,
+            }
+        }
+        self.bytes += needed;
+        true
+    }
+
+    fn partials(&self) -> impl DoubleEndedIterator<Item = (&u32, &Partial)> {
+        self.windows.iter().filter_map(|(number, progress)| match progress {
+            Progress::Partial(partial) => Some((number, partial)),
+            _ => None,
+        })
+    }
+
+    /// Forgets the parts of unfinished windows, of a life that is over.
+    pub fn forget_parts(&mut self) {
+        self.windows.retain(|_, progress| progress.is_had());
+        self.bytes = 0;
+    }
+
     /// Marks a whole window as stored.
     pub fn stored(&mut self, number: u32) {
         if number >= self.below {
             self.windows.insert(number, Progress::Done);
             self.advance();
         }
+    }
+
+    /// Marks a whole window as one that waits to be stored: it is neither acknowledged nor asked again, nor lost when the node drops it.
+    pub fn waits(&mut self, number: u32) {
+        self.windows.insert(number, Progress::Waiting);
     }
 
     /// Forgets a whole window that could not be stored, so that it is asked again.
@@ -184,7 +252,7 @@ impl Assembler {
 
     /// Windows known to exist that are neither done nor given up: what is lost if the node has restarted.
     pub fn missing(&self) -> u64 {
-        let done = self.windows.values().filter(|progress| matches!(progress, Progress::Done)).count();
+        let done = self.windows.values().filter(|progress| progress.is_had()).count();
         u64::from(self.known.saturating_sub(self.below)).saturating_sub(done as u64)
     }
 
@@ -206,7 +274,7 @@ impl Assembler {
         let gone = oldest.min(next);
         if gone > self.below {
             let kept = self.windows.split_off(&gone);
-            let done = self.windows.values().filter(|progress| matches!(progress, Progress::Done)).count();
+            let done = self.windows.values().filter(|progress| progress.is_had()).count();
             self.lost += u64::from(gone - self.below) - done as u64;
             self.windows = kept;
             self.below = gone;

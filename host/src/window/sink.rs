@@ -5,9 +5,17 @@ use std::io;
 use super::node_window::NodeWindow;
 
 /// Where whole windows go. A window counts as delivered when `store` has returned; only then is it acknowledged.
+///
+/// An error of the kind [`io::ErrorKind::WouldBlock`] passes by itself: what failed is to be tried again once the sink is ready. Any other ends
+/// the session.
 pub trait WindowSink {
     /// Keeps a window.
     fn store(&mut self, window: NodeWindow) -> io::Result<()>;
+
+    /// Whether it is worth trying.
+    fn is_ready(&self) -> bool {
+        true
+    }
 
     /// What is kept already of a node's life when it greets; `None` where it is met for the first time, so that what it holds was
     /// asked for by others. `oldest_window` is the oldest that it still has.

@@ -13,7 +13,8 @@ pub const MAX_AGAIN: usize = 8;
 pub struct Acknowledgement {
     /// Boot id of the node it is for; a node that has restarted ignores it.
     pub boot: u32,
-    /// The host has stored (or given up) all windows with lower numbers; the node forgets them.
+    /// The host has stored (or given up) all windows with lower numbers; the node forgets those that it has
+    /// sent.
     pub below: u32,
     /// Parts wanted again.
     pub again: Vec<Again, MAX_AGAIN>,

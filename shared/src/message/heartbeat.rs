@@ -22,6 +22,9 @@ pub struct Heartbeat {
     pub lost_windows: u32,
     /// Frames from the host that arrived damaged or could not be understood, since the start.
     pub damaged_frames: u32,
+    /// Messages from hosts that it did not take, since the start: of a host that had not greeted last, or acknowledgements of
+    /// windows that there are not yet.
+    pub refused_messages: u32,
     /// Each channel's level: the RMS of the raw reading about its bias in m/s² since the last heartbeat. Good to 6 % only (a
     /// fast square root): enough to tell a live sensor from a dead one, not a measurement.
     pub level: Vec<f32, MAX_CHANNELS>,

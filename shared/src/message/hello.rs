@@ -4,6 +4,8 @@ use heapless::String;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use super::Conversation;
+
 /// Longest [`Fault::place`] in bytes.
 pub const MAX_PLACE_BYTES: usize = 64;
 
@@ -32,6 +34,8 @@ pub struct Hello {
     pub next_window: u32,
     /// Whether it measures a recording.
     pub replaying: bool,
+    /// The host that greeted last, to which it listens; `None` before any has.
+    pub conversation: Option<Conversation>,
     /// Why it restarted, unless it was only switched on.
     pub fault: Option<Fault>,
 }

@@ -24,6 +24,8 @@ fn configuration() -> Configuration {
     }
 }
 
+const CONVERSATION: Conversation = Conversation([1, 2, 3, 4]);
+
 const NAME: WindowName = WindowName { node: 3, boot: 0xB007, number: 300 };
 
 /// Changes to these bytes are changes of the wire format: raise [`frame::PROTOCOL_VERSION`] with them.
@@ -40,9 +42,11 @@ fn golden_node_messages() {
         oldest_window: 299,
         next_window: 301,
         replaying: false,
+        conversation: Some(CONVERSATION),
         fault: Some(Fault { kind: FaultKind::HardFault, address: 0x0800_0123, place: String::new() }),
     };
-    let golden = "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 ab 02 ad 02 00 01 01 a3 82 80 40 00";
+    let golden =
+        "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 ab 02 ad 02 00 01 01 02 03 04 01 01 a3 82 80 40 00";
     assert_eq!(hex(&NodeMessage::Hello(hello)), golden);
     let refusal = Refusal { configuration_hash: 1, reason: RefusalReason::Memory { needed: 300, available: 200 } };
     assert_eq!(hex(&NodeMessage::Refused(refusal)), "01 01 06 ac 02 c8 01");
@@ -60,6 +64,7 @@ fn golden_node_messages() {
         oldest_window: 299,
         lost_windows: 0,
         damaged_frames: 1,
+        refused_messages: 6,
         level: Vec::from_slice(&[0.5]).unwrap(),
         sensors: Vec::from_slice(&[SensorState::Stuck]).unwrap(),
         lost_rows: 2,
@@ -72,7 +77,7 @@ fn golden_node_messages() {
             dropped_frames: 5,
         },
     };
-    let golden = "03 03 87 e0 02 ad 02 ab 02 00 01 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 90 03 01 01 05";
+    let golden = "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 90 03 01 01 05";
     assert_eq!(hex(&NodeMessage::Heartbeat(heartbeat)), golden);
     let head = WindowHead {
         name: NAME,
@@ -114,12 +119,14 @@ fn golden_host_messages() {
     let part = FeedPart { first_row: 300, readings: Vec::from_slice(&[0.5]).unwrap() };
     assert_eq!(hex(&HostMessage::Feed(part)), "06 ac 02 01 00 00 00 3f");
     assert_eq!(hex(&HostMessage::EndReplay), "07");
+    let greeting = InConversation { conversation: CONVERSATION, message: HostMessage::Greet };
+    assert_eq!(hex(&greeting), "01 02 03 04 00");
 }
 
 #[test]
 fn the_schema_hash_is_pinned() {
     assert_eq!(
-        SCHEMA_HASH, 0xc2dc_f207_9fa6_147f,
+        SCHEMA_HASH, 0x079a_30d7_5a7f_20c2,
         "the messages changed: raise PROTOCOL_VERSION and pin the new hash {SCHEMA_HASH:#018x}"
     );
 }
@@ -142,7 +149,8 @@ fn a_full_data_part_fits_into_a_message() {
         assert!(encode(&message, &mut [0; MAX_FRAME_BYTES]).is_ok());
     }
     let part = FeedPart { first_row: u64::MAX, readings: Vec::from_slice(&[1.0; MAX_FEED]).unwrap() };
-    assert!(encode(&HostMessage::Feed(part), &mut [0; MAX_FRAME_BYTES]).is_ok());
+    let fed = InConversation { conversation: CONVERSATION, message: HostMessage::Feed(part) };
+    assert!(encode(&fed, &mut [0; MAX_FRAME_BYTES]).is_ok());
 }
 
 #[test]
@@ -220,36 +228,43 @@ fn refusal_reason() -> impl Strategy<Value = RefusalReason> {
 fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
     let code = &code[..code.len().min(MAX_DATA_BYTES)];
     prop_oneof![
-        (any::<(u8, u64, u16, u32, u8, Option<u32>, bool, u32, bool)>(), prop::option::of(fault())).prop_map(
-            |(
-                (
-                    protocol_version,
-                    schema_hash,
-                    node,
-                    boot,
-                    channels,
-                    configuration_hash,
-                    clock_set,
-                    oldest_window,
-                    replaying,
-                ),
-                fault,
-            )| {
-                NodeMessage::Hello(Hello {
-                    protocol_version,
-                    schema_hash,
-                    node,
-                    boot,
-                    channels,
-                    configuration_hash,
-                    clock_set,
-                    oldest_window,
-                    next_window: oldest_window.wrapping_add(u32::from(node)),
-                    replaying,
+        (
+            any::<(u8, u64, u16, u32, u8, Option<u32>, bool, u32, bool)>(),
+            prop::option::of(fault()),
+            any::<Option<[u8; 4]>>()
+        )
+            .prop_map(
+                |(
+                    (
+                        protocol_version,
+                        schema_hash,
+                        node,
+                        boot,
+                        channels,
+                        configuration_hash,
+                        clock_set,
+                        oldest_window,
+                        replaying,
+                    ),
                     fault,
-                })
-            }
-        ),
+                    conversation,
+                )| {
+                    NodeMessage::Hello(Hello {
+                        protocol_version,
+                        schema_hash,
+                        node,
+                        boot,
+                        channels,
+                        configuration_hash,
+                        clock_set,
+                        oldest_window,
+                        next_window: oldest_window.wrapping_add(u32::from(node)),
+                        replaying,
+                        conversation: conversation.map(Conversation),
+                        fault,
+                    })
+                }
+            ),
         (any::<u32>(), refusal_reason())
             .prop_map(|(configuration_hash, reason)| NodeMessage::Refused(Refusal { configuration_hash, reason })),
         any::<(i64, u64, u64, Option<i64>)>().prop_map(|(sent, received, replied, believed_delay_us)| {
@@ -260,27 +275,29 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                 believed_delay_us,
             })
         }),
-        (any::<(u16, u32, u32, u32, u32, u32, u32)>(), heapless(finite()), heapless(sensor_state()), board()).prop_map(
-            |(
-                (node, boot, next_window, oldest_window, lost_windows, damaged_frames, lost_rows),
-                level,
-                sensors,
-                board,
-            )| {
-                NodeMessage::Heartbeat(Heartbeat {
-                    node,
-                    boot,
-                    next_window,
-                    oldest_window,
-                    lost_windows,
-                    damaged_frames,
+        (any::<(u16, u32, u32, u32, u32, u32, u32, u32)>(), heapless(finite()), heapless(sensor_state()), board())
+            .prop_map(
+                |(
+                    (node, boot, next_window, oldest_window, lost_windows, damaged_frames, refused_messages, lost_rows),
                     level,
                     sensors,
-                    lost_rows,
                     board,
-                })
-            }
-        ),
+                )| {
+                    NodeMessage::Heartbeat(Heartbeat {
+                        node,
+                        boot,
+                        next_window,
+                        oldest_window,
+                        lost_windows,
+                        damaged_frames,
+                        refused_messages,
+                        level,
+                        sensors,
+                        lost_rows,
+                        board,
+                    })
+                }
+            ),
         (name(), any::<(u32, u64, i32, i32, u16)>(), heapless(channel_state())).prop_map(
             |(name, (configuration_hash, grid_index, middle_offset_us, drift_ppb, data_parts), channels)| {
                 NodeMessage::Head(WindowHead {
@@ -373,17 +390,18 @@ proptest! {
     }
 
     #[test]
-    fn host_messages_come_back_from_their_frames(message in host_message()) {
+    fn host_messages_come_back_from_their_frames(message in host_message(), conversation in any::<[u8; 4]>()) {
+        let message = InConversation { conversation: Conversation(conversation), message };
         let mut frame = [0; MAX_FRAME_BYTES];
         let length = encode(&message, &mut frame).unwrap();
         let bytes = opened(&frame[..length]);
-        prop_assert_eq!(decode::<HostMessage>(&bytes), Ok(message));
+        prop_assert_eq!(decode::<InConversation>(&bytes), Ok(message));
     }
 
     #[test]
     fn any_bytes_decode_without_panic(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
         let _ = decode::<NodeMessage<'_>>(&bytes);
-        let _ = decode::<HostMessage>(&bytes);
+        let _ = decode::<InConversation>(&bytes);
         let mut decoder = frame::FrameDecoder::new();
         for &byte in &bytes {
             let _ = decoder.push(byte);

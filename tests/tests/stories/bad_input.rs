@@ -366,3 +366,173 @@ fn wrong_usage_has_status_two() {
     belfry_command().args(["identify", ".", "--direct", "--bits", "8"]).assert().code(2);
     belfry_command().arg("identify").assert().code(2);
 }
+
+/// A NumPy file of these rows, in which one number is changed.
+fn npy(rows: &[[f64; 4]], change: (usize, usize), by: impl Fn(f64) -> f64) -> Vec<u8> {
+    let mut header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 4), }}", rows.len());
+    while (10 + header.len() + 1) % 64 != 0 {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    for (row, values) in rows.iter().enumerate() {
+        for (column, &value) in values.iter().enumerate() {
+            bytes.extend(if (row, column) == change { by(value) } else { value }.to_le_bytes());
+        }
+    }
+    bytes
+}
+
+/// Any bit of a number may be flipped: its exponent's make it anything from 1e-308 to 1e308.
+#[test]
+fn one_flipped_bit_of_a_recording_is_told_or_does_no_harm() {
+    let rows = recording();
+    for bit in [63, 62, 61, 60, 58, 57, 55, 52, 30] {
+        let folder = tempfile::tempdir().unwrap();
+        study(folder.path(), &[("first", "data.npy", RATE_HZ as f64)], ["1", "2", "3", "4"]);
+        let flipped = |value: f64| f64::from_bits(value.to_bits() ^ (1 << bit));
+        let (at, before) = ((9001, 2), rows[9001][2]);
+        fs::write(folder.path().join("data.npy"), npy(&rows, at, flipped)).unwrap();
+        let (status, stderr, report) = run(folder.path());
+        assert_eq!(status, 0, "bit {bit}: {stderr}");
+        if (flipped(before) - before).abs() > 1.0 {
+            assert!(stderr.contains("\"3\"") && stderr.contains("0:07:30 into the record"), "bit {bit}: {stderr}");
+        }
+        assert_both_modes(&report);
+        for picture in ["singular_values.svg", "fits.svg"] {
+            assert!(fs::metadata(folder.path().join("results").join(picture)).unwrap().len() > 1000, "bit {bit}");
+        }
+    }
+}
+
+/// Runs `belfry` with so many KB of memory, which ends within half a minute; exit status and standard error.
+#[cfg(target_os = "linux")]
+fn within_memory(kilobytes: u64, words: &[&str]) -> (i32, String) {
+    let start = std::time::Instant::now();
+    let mut command = std::process::Command::new("bash");
+    command.args(["-c", &format!("ulimit -v {kilobytes}; exec \"$@\""), "bash", "timeout", "60"]);
+    let output = command.arg(belfry_command().get_program()).args(words).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(!said.contains("panicked"), "{said}");
+    assert!(start.elapsed() < std::time::Duration::from_secs(30), "{:?}: {said}", start.elapsed());
+    (output.status.code().unwrap_or(-1), said)
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_model_that_does_not_fit_into_memory_is_refused_with_what_it_would_take() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().to_str().unwrap();
+    study(folder.path(), &[("first", "data.csv", RATE_HZ as f64)], CHANNELS);
+    fs::write(folder.path().join("data.csv"), csv(&recording(), plain)).unwrap();
+    assert_eq!(run(folder.path()).0, 0);
+    let with = |model: &str| {
+        let file = folder.path().join("study.toml");
+        let text = fs::read_to_string(&file).unwrap();
+        fs::write(&file, format!("{}\n[model]\n{model}\n", text.split("\n[model]").next().unwrap())).unwrap();
+    };
+    with("beam = \"beam.csv\"");
+    for (segments, kilobytes, takes) in [(200_000, 8_000_000, "640000 GB"), (1000, 2_000_000, "16 GB")] {
+        let mut table = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2\n".to_owned();
+        for n in 0..segments {
+            writeln!(table, "{n},{},1e12,1e12,0,1e10,1e12,1e4,1e5,1e5,1e5", n + 1).unwrap();
+        }
+        fs::write(folder.path().join("beam.csv"), table).unwrap();
+        let (status, said) = within_memory(kilobytes, &["compare", path]);
+        assert_eq!(status, 1, "{said}");
+        for part in ["beam.csv", &format!("{segments} segments"), takes, "GB are free", "join segments"] {
+            assert!(said.contains(part), "no {part:?} in: {said}");
+        }
+    }
+    // A sparse matrix of 11 000 rows without an entry: 44 KB.
+    let mut file = b"MATLAB 5.0 MAT-file".to_vec();
+    file.resize(124, b' ');
+    file.extend([0, 1, b'I', b'M']);
+    let element = |kind: u32, content: &[u8]| {
+        let mut bytes = [kind.to_le_bytes(), (content.len() as u32).to_le_bytes()].concat();
+        bytes.extend(content);
+        bytes.resize(bytes.len().next_multiple_of(8), 0);
+        bytes
+    };
+    let words = |values: &[u32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    for name in [&b"kk"[..], b"mm"] {
+        let parts = [
+            element(6, &words(&[5, 1])),
+            element(5, &words(&[11_000, 11_000])),
+            element(1, name),
+            element(5, &words(&[0])),
+            element(5, &words(&[0; 11_001])),
+            element(9, &[]),
+        ];
+        file.extend(element(14, &parts.concat()));
+    }
+    fs::write(folder.path().join("model.mat"), file).unwrap();
+    with("matrices = { file = \"model.mat\", stiffness = \"kk\", mass = \"mm\" }");
+    let (status, said) = within_memory(4_000_000, &["compare", path]);
+    assert_eq!(status, 1, "{said}");
+    for part in ["model.mat", "`kk` is too large", "11000 unknowns", "77 GB"] {
+        assert!(said.contains(part), "no {part:?} in: {said}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_in_place_of_a_file_is_refused_and_not_waited_for() {
+    // A recording that is one is no file that a pattern finds.
+    for (pipe, reason) in [("study.toml", "a pipe"), ("beam.csv", "a pipe"), ("data.csv", "no file matches")] {
+        let folder = tempfile::tempdir().unwrap();
+        study(folder.path(), &[("first", "data.csv", RATE_HZ as f64)], CHANNELS);
+        fs::write(folder.path().join("data.csv"), csv(&recording()[..4000], plain)).unwrap();
+        let file = folder.path().join("study.toml");
+        let text = fs::read_to_string(&file).unwrap() + "\n[model]\nbeam = \"beam.csv\"\n";
+        fs::write(&file, text).unwrap();
+        // Whoever waits would wait for ever.
+        let _ = fs::remove_file(folder.path().join(pipe));
+        assert!(std::process::Command::new("mkfifo").arg(folder.path().join(pipe)).status().unwrap().success());
+        let command: &[&str] =
+            if pipe == "beam.csv" { &["plan", "--effect", "added-mass@5m=1e3"] } else { &["identify"] };
+        let mut waits = std::process::Command::new("timeout");
+        let output =
+            waits.arg("20").arg(belfry_command().get_program()).args(command).arg(folder.path()).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{pipe}: {said}");
+        assert!(said.contains(pipe) && said.contains(reason), "{pipe}: {said}");
+    }
+}
+
+/// Of a study that somebody else has sent: links lead out of it, and its names are no names.
+#[cfg(unix)]
+#[test]
+fn a_study_from_somebody_else_writes_into_no_other_file_and_not_on_the_terminal() {
+    use std::os::unix::fs::symlink;
+    let (folder, own) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    study(folder.path(), &[("first", "data.csv", RATE_HZ as f64)], CHANNELS);
+    fs::write(folder.path().join("data.csv"), csv(&recording(), plain)).unwrap();
+    let file = folder.path().join("study.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, text.replace("Test mast", "mast\\u001b[2J\\u0007\\u202e")).unwrap();
+    fs::create_dir(folder.path().join("results")).unwrap();
+    let results = ["modes.json", "singular_values.svg", "fits.svg", "stabilisation.svg", "report.html", "spectra.json"];
+    let links: Vec<String> = results.iter().map(|name| format!("results/{name}")).collect();
+    for link in &links {
+        let mine = own.path().join(link.replace('/', "-"));
+        fs::write(&mine, "mine").unwrap();
+        symlink(&mine, folder.path().join(link)).unwrap();
+    }
+    let mut said = Vec::new();
+    for command in ["identify", "report"] {
+        let output = belfry_command().arg(command).arg(folder.path()).output().unwrap();
+        assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
+        said.extend(output.stdout);
+        said.extend(output.stderr);
+    }
+    for link in &links {
+        assert_eq!(fs::read_to_string(own.path().join(link.replace('/', "-"))).unwrap(), "mine", "{link}");
+    }
+    let said = String::from_utf8(said).unwrap();
+    assert!(!said.contains(['\u{1b}', '\u{7}', '\u{202e}']), "{said:?}");
+    let picture = fs::read_to_string(folder.path().join("results/singular_values.svg")).unwrap();
+    assert!(picture.contains("mast\u{fffd}[2J") && !picture.contains('\u{1b}'));
+}

@@ -2,7 +2,9 @@
 
 use belfry_firmware::{Identity, Memory, Node, SUPPORTED_SEGMENTS, welch_segment};
 use belfry_shared::frame::{MAX_FRAME_BYTES, crc32};
-use belfry_shared::message::{self, Band, Configuration, HostMessage, MAX_CHANNELS, Summary};
+use belfry_shared::message::{
+    self, Band, Configuration, Conversation, HostMessage, InConversation, MAX_CHANNELS, Summary,
+};
 use belfry_shared::time::{ClockModel, HostTime, NodeTime};
 use cortex_m_semihosting::{debug, hprintln};
 use panic_semihosting as _;
@@ -85,11 +87,13 @@ fn whole_node(node: &mut Node<&'static mut Memory>, rate_hz: u32, decimation: u3
     };
     let mut frame = [0; MAX_FRAME_BYTES];
     let mut say = |node: &mut Node<&'static mut Memory>, message: &HostMessage| {
-        let length = message::encode(message, &mut frame).unwrap_or(0);
+        let message = InConversation { conversation: Conversation([1; 4]), message: message.clone() };
+        let length = message::encode(&message, &mut frame).unwrap_or(0);
         for &byte in frame.iter().take(length) {
             node.receive(NodeTime(0), byte);
         }
     };
+    say(node, &HostMessage::Greet);
     say(node, &HostMessage::Configure(configuration));
     say(node, &HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 }));
     // Two windows, after the filters are full.

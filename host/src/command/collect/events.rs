@@ -20,6 +20,7 @@ enum What<'a> {
     Port { port: &'a str, node: Option<u16>, state: &'static str, reason: Option<&'a str> },
     Window { port: &'a str, node: u16, boot: u32, number: u32, start: String },
     Gap { port: &'a str, node: u16, boot: u32, number: u32, channel: String, reason: &'static str },
+    Archive { state: &'static str, reason: Option<&'a str>, after_s: Option<f64> },
     Lost { port: &'a str, node: Option<u16>, windows: u64 },
     End(&'a Report),
 }
@@ -47,6 +48,12 @@ impl<'a> EventLine<'a> {
                 channel: words.name(event.node, *channel).map_or_else(|| (channel + 1).to_string(), str::to_owned),
                 reason: gap_in_words(*reason),
             },
+            Happening::ArchiveAway { reason } => {
+                What::Archive { state: "waiting", reason: Some(reason), after_s: None }
+            }
+            Happening::ArchiveBack { after } => {
+                What::Archive { state: "writable", reason: None, after_s: Some(after.as_secs_f64()) }
+            }
             Happening::Lost { windows } => What::Lost { port, node: event.node, windows: *windows },
         };
         Self { time: time(event.unix), what }

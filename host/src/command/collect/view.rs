@@ -12,7 +12,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::events::time;
 use crate::collect::{Clock, Collection, Event, Happening, PortStatus, SystemClock, Words, seconds_in_words};
 use crate::command::Console;
-use crate::command::text::align_right;
+use crate::command::text::{align_right, printable};
 use crate::spectra::SpectralPlan;
 use crate::study::Setup;
 
@@ -64,12 +64,13 @@ impl View {
 
     /// Shows the ports as they are now, and what has happened.
     pub(super) fn show(&self, statuses: &[PortStatus], events: &[Event]) {
+        self.tell_archive(events);
         if self.bar.is_hidden() {
             self.tell_changes(statuses);
             self.tell_losses(events);
         } else if self.shown.get().is_none_or(|shown| shown.elapsed() >= REDRAW) {
             self.shown.set(Some(Instant::now()));
-            self.bar.set_message(format!("{}\n{}", self.text(statuses), self.next_window()));
+            self.bar.set_message(format!("{}\n{}", printable(&self.text(statuses)), self.next_window()));
             self.bar.tick();
         }
     }
@@ -90,6 +91,22 @@ impl View {
                 self.log(format_args!("{}: {state}", named(status)));
                 told.insert(status.port.clone(), kind);
             }
+        }
+    }
+
+    /// Says once when the archive cannot be written, and once when it can again.
+    fn tell_archive(&self, events: &[Event]) {
+        for event in events {
+            let line = match &event.what {
+                Happening::ArchiveAway { reason } => {
+                    format!("{reason}. It is tried again; nodes keep their windows meanwhile.")
+                }
+                Happening::ArchiveBack { after } => {
+                    format!("the archive is written again, after {} s", seconds_in_words(after.as_secs_f64()))
+                }
+                _ => continue,
+            };
+            self.bar.suspend(|| self.log(line));
         }
     }
 

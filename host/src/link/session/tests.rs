@@ -4,11 +4,14 @@ use std::io;
 
 use super::stages::{INSPECTIONS, RETRY_US};
 use super::*;
+use crate::link::conversation;
 use crate::link::memory::{Faults, Line};
 use crate::window::NodeWindow;
 use belfry_firmware::{Identity, Memory, Node};
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
-use belfry_shared::message::{self, Band, Configuration, RefusalReason, SCHEMA_HASH};
+use belfry_shared::message::{
+    self, Acknowledgement, Band, Configuration, Conversation, InConversation, RefusalReason, SCHEMA_HASH, WindowHead,
+};
 use belfry_shared::time::{NodeTime, WindowGrid};
 use proptest::prelude::*;
 
@@ -202,6 +205,7 @@ fn hello() -> Hello {
         oldest_window: 0,
         next_window: 0,
         replaying: false,
+        conversation: Some(conversation()),
         fault: None,
     }
 }
@@ -256,7 +260,7 @@ proptest! {
 fn measuring(boot: u32) -> Session {
     let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
     let ready = Hello { boot, configuration_hash: Some(configuration().hash()), clock_set: true, ..hello() };
-    session.greeted(&ready, &mut Vec::<NodeWindow>::new()).unwrap();
+    session.greeted(HostTime(0), &ready, &mut Vec::<NodeWindow>::new()).unwrap();
     session.stage = Stage::Measuring;
     session
 }
@@ -269,6 +273,7 @@ fn heartbeat(boot: u32, oldest_window: u32, next_window: u32) -> NodeMessage<'st
         oldest_window,
         lost_windows: 0,
         damaged_frames: 0,
+        refused_messages: 0,
         level: Default::default(),
         sensors: Default::default(),
         lost_rows: 0,
@@ -281,7 +286,8 @@ fn unsound(boot: u32, number: u32) -> NodeMessage<'static> {
     NodeMessage::Head(belfry_shared::message::WindowHead {
         name: belfry_shared::message::WindowName { node: 3, boot, number },
         configuration_hash: configuration().hash(),
-        grid_index: u64::from(number),
+        // Within a day, however long the node has measured.
+        grid_index: u64::from(number % 1000),
         middle_offset_us: 0,
         drift_ppb: 0,
         data_parts: 0,
@@ -369,7 +375,7 @@ fn said(session: &mut Session) -> Vec<HostMessage> {
     session.wire.send(&mut said).unwrap();
     let bytes = said.0;
     let frames = bytes.iter().filter_map(|&byte| decoder.push(byte).map(|frame| frame.unwrap().to_vec()));
-    frames.map(|frame| message::decode(&frame).unwrap()).collect()
+    frames.map(|frame| message::decode::<InConversation>(&frame).unwrap().message).collect()
 }
 
 #[test]
@@ -436,6 +442,109 @@ fn a_node_that_measures_for_another_study_is_asked_for_windows_before_it_is_told
     }
     assert_eq!(messages.iter().filter(|message| is_for_the_oldest(message)).count(), INSPECTIONS as usize);
     assert!(messages.iter().any(|message| matches!(message, HostMessage::Configure(_))), "{messages:?}");
+}
+
+/// Writes on the line what another program says.
+fn say_as_other(line: &Line, message: HostMessage) {
+    let message = InConversation { conversation: Conversation([9; 4]), message };
+    let mut frame = [0; MAX_FRAME_BYTES];
+    let length = message::encode(&message, &mut frame).unwrap();
+    line.host_end().write(&frame[..length]).unwrap();
+}
+
+#[test]
+fn what_another_program_says_on_the_line_costs_no_window() {
+    let mut bench = Bench::new(Faults::default());
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    for _ in 0..200 {
+        for below in [1, 2, 9, u32::MAX] {
+            let forged = Acknowledgement { boot: 77, below, again: Default::default() };
+            say_as_other(&bench.line, HostMessage::Acknowledge(forged));
+        }
+        let other = Configuration { segment: 512, ..configuration() };
+        say_as_other(&bench.line, HostMessage::Configure(other));
+        bench.run(50, &mut windows).unwrap();
+    }
+    let numbers: Vec<u32> = windows.iter().map(|window| window.name.number).collect();
+    assert!(
+        numbers.len() >= 12 && numbers.iter().enumerate().all(|(at, &number)| at == number as usize),
+        "{numbers:?}"
+    );
+    assert_eq!(bench.session.statistics().lost_windows, 0);
+}
+
+#[test]
+fn a_node_that_another_program_has_greeted_is_greeted_again_and_left_to_it_where_it_goes_on() {
+    let mut bench = Bench::new(Faults::default());
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    bench.run(50 * 20, &mut windows).unwrap();
+    say_as_other(&bench.line, HostMessage::Greet);
+    bench.run(50 * 60, &mut windows).unwrap();
+    assert!(bench.session.is_measuring() && windows.len() >= 4, "{}", windows.len());
+    assert!(windows.iter().zip(&windows[1..]).all(|(a, b)| b.name.number == a.name.number + 1));
+    let mut fight = || {
+        say_as_other(&bench.line, HostMessage::Greet);
+        bench.run(50, &mut windows)
+    };
+    let error = (0..20).find_map(|_| fight().err()).expect("it is said that another program collects");
+    assert!(matches!(error, SessionError::TakenOver { node: 3 }), "{error}");
+}
+
+#[test]
+fn windows_of_another_node_or_of_a_time_that_has_not_been_are_refused() {
+    let NodeMessage::Head(head) = unsound(1, 0) else { panic!("a window without data is a head") };
+    let mut session = measuring(1);
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    let of_another = belfry_shared::message::WindowName { node: 8, ..head.name };
+    // A hop is 12.8 s; the host's clock stands at 1 s. Two days ahead, a century, and what no date has.
+    let grid_indices = [2 * 86_400 * 10 / 128, 100 * 366 * 86_400 * 10 / 128, u64::MAX / 2, u64::MAX];
+    let wrong = grid_indices.map(|grid_index| WindowHead { grid_index, ..head.clone() });
+    let wrong = wrong.into_iter().chain([WindowHead { name: of_another, ..head.clone() }]);
+    for (refused, head) in (1..).zip(wrong) {
+        tell(&mut session, &NodeMessage::Head(head.clone()), &mut windows).unwrap();
+        assert_eq!((session.statistics().contradictions, windows.len()), (refused, 0), "{head:?}");
+    }
+    // Nor does another node's sign of life say what this one has.
+    let NodeMessage::Heartbeat(heartbeat) = heartbeat(1, 5, 9) else { panic!("a heartbeat") };
+    let of_another = belfry_shared::message::Heartbeat { node: 8, ..heartbeat };
+    tell(&mut session, &NodeMessage::Heartbeat(of_another), &mut windows).unwrap();
+    assert_eq!((session.statistics().lost_windows, session.heartbeat()), (0, None));
+    tell(&mut session, &NodeMessage::Head(head), &mut windows).unwrap();
+    assert_eq!(windows.len(), 1, "the window itself still comes");
+}
+
+/// A peer that always has something to say.
+struct Endless {
+    said: Vec<u8>,
+    at: usize,
+}
+
+impl Transport for Endless {
+    fn write(&mut self, _: &[u8]) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        for place in buffer.iter_mut() {
+            *place = self.said[self.at % self.said.len()];
+            self.at += 1;
+        }
+        Ok(buffer.len())
+    }
+}
+
+#[test]
+fn a_peer_that_never_pauses_leaves_its_host_time_for_everything_else() {
+    for said in [vec![7], vec![0], frame(&NodeMessage::Hello(hello())), frame(&heartbeat(1, 0, 9))] {
+        let mut peer = Endless { said, at: 0 };
+        let mut session = measuring(1);
+        for _ in 0..3 {
+            session.service(&|| HostTime(0), &mut peer, &mut Vec::<NodeWindow>::new()).unwrap();
+        }
+        let mut peer = Endless { said: vec![7, 0], at: 0 };
+        let greeted = crate::link::Greeting::new().service(std::time::Duration::ZERO, &mut peer);
+        assert!(matches!(greeted, Ok(None)));
+    }
 }
 
 fn message_of_another_study(head: belfry_shared::message::WindowHead) -> belfry_shared::message::WindowHead {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use flate2::read::ZlibDecoder;
 
-use crate::record::array::Sample;
+use crate::record::array::{Sample, Source};
 use crate::record::error::MatError;
 
 const FILE_HEADER_BYTES: usize = 128;
@@ -17,6 +17,9 @@ const COMPRESSED: u32 = 15;
 const COMPLEX_FLAG: u32 = 0x0800;
 /// Bytes of a variable's flags, dimensions or name; more is damage.
 const LONGEST_HEADER_PART: u32 = 1 << 16;
+
+/// More bytes than this are inflated into a file.
+const MOST_IN_MEMORY: u32 = 1 << 26;
 
 /// What a variable is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,10 +87,10 @@ struct Element {
 pub(super) struct Numbers {
     pub(super) sample: Sample,
     pub(super) big_endian: bool,
-    /// Byte of the first number, in the file or in `in_memory`.
+    /// Byte of the first number, in the file or in `inflated`.
     pub(super) offset: u64,
     /// The numbers, where they had to be inflated.
-    pub(super) in_memory: Option<Vec<u8>>,
+    pub(super) inflated: Option<Source>,
 }
 
 /// A MATLAB v5 file, its header read.
@@ -172,10 +175,10 @@ impl MatFile {
             if offset + expected > self.bytes {
                 return Err(reading(io::ErrorKind::UnexpectedEof.into()));
             }
-            return Ok(Numbers { sample, big_endian: self.big_endian, offset, in_memory: None });
+            return Ok(Numbers { sample, big_endian: self.big_endian, offset, inflated: None });
         }
-        let bytes = content.payload(&tag).map_err(&reading)?;
-        Ok(Numbers { sample, big_endian: self.big_endian, offset: 0, in_memory: Some(bytes) })
+        let inflated = content.inflated(&tag).map_err(&reading)?;
+        Ok(Numbers { sample, big_endian: self.big_endian, offset: 0, inflated: Some(inflated) })
     }
 
     /// All numbers of a full variable, column after column.
@@ -304,6 +307,20 @@ impl Content {
         let skipped = io::copy(&mut (&mut self.reader).take(padding), &mut io::sink())?;
         self.consumed += bytes + skipped;
         Ok(payload)
+    }
+
+    /// The bytes behind `tag`, in memory where they are few, else in a file without a name: a small file may inflate to gigabytes.
+    fn inflated(&mut self, tag: &Tag) -> io::Result<Source> {
+        if tag.packed.is_some() || tag.bytes <= MOST_IN_MEMORY {
+            return self.payload(tag).map(Source::Memory);
+        }
+        let mut file = tempfile::tempfile()?;
+        let bytes = u64::from(tag.bytes);
+        if io::copy(&mut (&mut self.reader).take(bytes), &mut file)? != bytes {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        self.consumed += bytes;
+        Ok(Source::File(file))
     }
 
     fn header_part(&mut self) -> io::Result<Vec<u8>> {

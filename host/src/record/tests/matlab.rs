@@ -161,6 +161,29 @@ fn what_is_wrong_with_a_file_is_named() {
     expect_error(&named, &[("a.mat", &damaged)], &["a.mat"]);
 }
 
+/// 72 MB of numbers in a file of 70 KB: they are read in blocks from disk, and only those of the last rows are not zero.
+#[test]
+fn what_inflates_to_much_is_read_from_disk() {
+    let writer = Writer { big_endian: false, compressed: true };
+    let rows = 4_500_000;
+    let mut values = vec![0.0; 2 * rows];
+    (values[rows - 1], values[2 * rows - 1]) = (7.0, -3.0);
+    let file = writer.file(&[writer.matrix("a", rows as u32, 2, &values)]);
+    drop(values);
+    assert!(file.len() < 1 << 20, "{} bytes", file.len());
+    let folder = folder(&[("a.mat", &file)]);
+    let setup = setup(&["1", "2"], &["a.mat"]);
+    let mut recording = Recording::open(&setup, folder.path()).unwrap();
+    let (mut block, mut last, mut count) = (Block::new(), Vec::new(), 0);
+    while recording.next_block(&mut block).unwrap() {
+        count += block.row_count();
+        last = block.rows().last().unwrap().to_vec();
+    }
+    assert_eq!((count, last), (rows, vec![7.0, -3.0]));
+    let numbers = crate::record::mat::inflated_into_memory(&folder.path().join("a.mat"));
+    assert_eq!(numbers, Some(false));
+}
+
 proptest! {
     #[test]
     fn what_is_written_is_read(rows in 1_u32..40, columns in 1_u32..6, big_endian: bool, compressed: bool, seed in -1e3..1e3) {

@@ -106,3 +106,25 @@ fn mostly_missing_channels_are_warned_of() {
     assert!(report.channels[2].constant && report.channels[2].rms.is_nan());
     assert!(!report.channels[1].constant, "one sample has nothing to differ from");
 }
+
+#[test]
+fn numbers_that_no_sensor_gives_are_told_and_count_as_missing() {
+    let sound = |row: usize| (row as f64 * 0.3).sin();
+    // The bit of an exponent that makes most of a number: 1e-308 or 1e308 times as much.
+    let flipped = |value: f64| f64::from_bits(value.to_bits() ^ (1 << 62));
+    for wrong in [0, 5000] {
+        let value = |row: usize| if row == wrong { flipped(sound(row) + 0.5) } else { sound(row) + 0.5 };
+        assert!(value(wrong).abs() > 1e300);
+        let text: String = (0..9000).map(|row| format!("{row} {:e}\n", value(row))).collect();
+        let folder = folder(&[("a.txt", text.as_bytes())]);
+        let (rows, report) = read(&setup(&["1", "2"], &["a.txt"]), folder.path()).unwrap();
+        assert!(rows.iter().enumerate().all(|(row, values)| values[1].is_nan() == (row == wrong)));
+        assert_eq!((report.channels[0].missing, report.channels[1].missing), (0, 1));
+        assert!(report.channels[1].rms < 1.0 && report.channels[1].mean < 1.0);
+        let told: Vec<String> = report.warnings.iter().map(ToString::to_string).collect();
+        let line = format!("a.txt, line {}", wrong + 1);
+        let is_told =
+            |told: &&String| told.contains("channel \"2\": 1 sample that no sensor can give") && told.contains(&line);
+        assert_eq!(told.iter().filter(is_told).count(), 1, "{told:?}");
+    }
+}

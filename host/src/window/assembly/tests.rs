@@ -117,7 +117,7 @@ proptest! {
         let parts: Vec<Vec<u8>> = (0..5).flat_map(lines_window).collect();
         // A random sequence with repetitions, then every part once more, so that all have come.
         let sequence = order.iter().map(|index| index.index(parts.len())).chain(0..parts.len());
-        let mut assembler = Assembler::new(BOOT);
+        let mut assembler = Assembler::new(1, BOOT);
         let mut whole = Vec::new();
         for part in sequence {
             if let Outcome::Whole(window) = take(&mut assembler, &configuration, &parts[part]) {
@@ -136,7 +136,7 @@ proptest! {
         numbers in prop::collection::vec((any::<u32>(), any::<u16>(), 0_u8..6, any::<u16>(), any::<u16>(), any::<u8>()), 0..200),
     ) {
         let configuration = lines_configuration();
-        let mut assembler = Assembler::new(BOOT);
+        let mut assembler = Assembler::new(1, BOOT);
         for (number, part, channel, first_line, lines, bits) in numbers {
             let message = LinesPart { name: name(number), part, channel, first_line, lines, bits, code: &[1, 2, 3] };
             let encoded = encode(&NodeMessage::Lines(message));
@@ -148,6 +148,33 @@ proptest! {
             let _ = assembler.overdue(HostTime(i64::from(number)), HostTime(0), HostTime(i64::from(part)), part % 2 == 0);
         }
     }
+}
+
+/// A peer that begins windows and never ends one, the newest first.
+#[test]
+fn unfinished_windows_take_bounded_memory_and_the_oldest_ones_still_come() {
+    let configuration = lines_configuration();
+    let mut assembler = Assembler::new(1, BOOT);
+    let mut most = 0;
+    for number in (0..20_000).rev() {
+        // All but the head.
+        for part in &lines_window(number)[..6] {
+            take(&mut assembler, &configuration, part);
+        }
+        if number % 100 == 0 {
+            most = most.max(assembler.partials().map(|(_, partial)| partial.bytes()).sum::<usize>());
+        }
+    }
+    assert!((MOST_BYTES / 2..=MOST_BYTES).contains(&most), "{most} bytes");
+    for number in 0..100 {
+        let whole = lines_window(number).iter().any(|part| {
+            let outcome = take(&mut assembler, &configuration, part);
+            matches!(outcome, Outcome::Whole(_))
+        });
+        assert!(whole, "window {number}");
+        assembler.stored(number);
+    }
+    assert_eq!(assembler.below(), 100);
 }
 
 #[test]
@@ -166,7 +193,7 @@ fn densities_and_peaks_make_a_window_too() {
     parts.push(encode(&NodeMessage::Peaks(peaks)));
     let states = [ChannelState::Sound { segments: 4 }, ChannelState::Missing, ChannelState::Constant];
     parts.push(encode(&head_of(&configuration, 0, 3, states)));
-    let mut assembler = Assembler::new(BOOT);
+    let mut assembler = Assembler::new(1, BOOT);
     let outcomes: Vec<Outcome> = parts.iter().map(|part| take(&mut assembler, &configuration, part)).collect();
     let Outcome::Whole(window) = &outcomes[3] else { panic!("{outcomes:?}") };
     let ChannelData::Psd { segments, densities: found, peaks } = &window.channels[0] else { panic!("{window:?}") };
@@ -181,7 +208,7 @@ fn densities_and_peaks_make_a_window_too() {
 fn what_contradicts_itself_is_refused_and_given_up_not_stored() {
     let configuration = lines_configuration();
     let sound = ChannelState::Sound { segments: 1 };
-    let refused = |message: NodeMessage<'_>| take(&mut Assembler::new(BOOT), &configuration, &encode(&message));
+    let refused = |message: NodeMessage<'_>| take(&mut Assembler::new(1, BOOT), &configuration, &encode(&message));
     let part =
         |number, part| LinesPart { name: name(number), part, channel: 0, first_line: 3, lines: 0, bits: 8, code: &[] };
     assert_eq!(refused(NodeMessage::Lines(part(0, 0))), Outcome::Contradiction, "part 0 is the head's");
@@ -191,7 +218,7 @@ fn what_contradicts_itself_is_refused_and_given_up_not_stored() {
     other_boot.name.boot = 6;
     assert_eq!(refused(NodeMessage::Lines(other_boot)), Outcome::Contradiction);
     // A window whose head says fewer parts than make all lines.
-    let mut assembler = Assembler::new(BOOT);
+    let mut assembler = Assembler::new(1, BOOT);
     assert_eq!(take(&mut assembler, &configuration, &lines_window(0)[0]), Outcome::Taken);
     let too_few = encode(&head(0, 1, [sound, ChannelState::Missing, ChannelState::Missing]));
     assert_eq!(take(&mut assembler, &configuration, &too_few), Outcome::Contradiction);
@@ -203,7 +230,7 @@ fn a_window_of_an_earlier_configuration_comes_and_one_of_another_study_is_told_a
     let sound = ChannelState::Sound { segments: 1 };
     let configurations =
         Configurations { current: configuration(Summary::Lines { bits: 8 }), earlier: vec![lines_configuration()] };
-    let mut assembler = Assembler::new(BOOT);
+    let mut assembler = Assembler::new(1, BOOT);
     let mut take = |encoded: &[u8]| {
         let message = belfry_shared::message::decode::<NodeMessage<'_>>(encoded).unwrap();
         assembler.take(&configurations, &message, encoded)
@@ -224,7 +251,7 @@ fn a_window_of_an_earlier_configuration_comes_and_one_of_another_study_is_told_a
 #[test]
 fn what_is_kept_from_before_is_not_asked_again_and_what_is_missing_among_it_is() {
     let kept = KeptWindows { first: 10, numbers: vec![14, 10, 11, 3], last: Some((14, 114)) };
-    let mut assembler = Assembler::resuming(BOOT, &kept);
+    let mut assembler = Assembler::resuming(1, BOOT, &kept);
     assert_eq!((assembler.below(), assembler.lost(), assembler.missing()), (12, 0, 2));
     assert_eq!(asked(&mut assembler, 1000, false), [(12, 13, 0, u16::MAX)]);
     assert_eq!(take(&mut assembler, &lines_configuration(), &lines_window(14)[0]), Outcome::Duplicate);
@@ -243,7 +270,7 @@ fn what_is_kept_from_before_is_not_asked_again_and_what_is_missing_among_it_is()
 #[test]
 fn a_late_frame_is_a_duplicate_not_four_billion_lost_ones() {
     let configuration = lines_configuration();
-    let mut assembler = Assembler::new(BOOT);
+    let mut assembler = Assembler::new(1, BOOT);
     for number in 0..2 {
         for part in lines_window(number) {
             if let Outcome::Whole(window) = take(&mut assembler, &configuration, &part) {
@@ -266,7 +293,7 @@ fn asked(assembler: &mut Assembler, now: i64, busy: bool) -> Vec<(u32, u32, u16,
 #[test]
 fn exactly_what_is_missing_is_asked_again_and_not_before_its_time() {
     let configuration = lines_configuration();
-    let mut assembler = Assembler::new(BOOT);
+    let mut assembler = Assembler::new(1, BOOT);
     let parts = lines_window(0);
     for index in [0, 3, 6] {
         take(&mut assembler, &configuration, &parts[index]);
@@ -293,7 +320,7 @@ fn exactly_what_is_missing_is_asked_again_and_not_before_its_time() {
 
 #[test]
 fn what_the_node_no_longer_has_and_what_never_comes_is_given_up_and_counted() {
-    let mut assembler = Assembler::new(BOOT);
+    let mut assembler = Assembler::new(1, BOOT);
     assembler.heartbeat(3, 5);
     assert_eq!((assembler.below(), assembler.lost(), assembler.is_complete()), (3, 3, false));
     for round in 0..=MAX_ASKS {
@@ -304,7 +331,7 @@ fn what_the_node_no_longer_has_and_what_never_comes_is_given_up_and_counted() {
 
 #[test]
 fn a_line_on_which_nothing_is_heard_gives_no_window_up() {
-    let mut assembler = Assembler::new(BOOT);
+    let mut assembler = Assembler::new(1, BOOT);
     assembler.heartbeat(0, 1);
     for round in 0..i64::from(10 * MAX_ASKS) {
         let again = assembler.overdue(HostTime(round * 1000), HostTime(round * 1000 - 100), HostTime(-1), false);
@@ -316,7 +343,7 @@ fn a_line_on_which_nothing_is_heard_gives_no_window_up() {
 #[test]
 fn an_acknowledgement_has_no_more_ranges_than_a_message_holds() {
     let configuration = lines_configuration();
-    let mut assembler = Assembler::new(BOOT);
+    let mut assembler = Assembler::new(1, BOOT);
     for number in 0..20 {
         take(&mut assembler, &configuration, &lines_window(number)[2]);
     }
@@ -348,7 +375,7 @@ fn a_part_of_a_channel_band_or_size_that_cannot_be_is_refused_and_the_window_sti
             })),
         ),
     ] {
-        let mut assembler = Assembler::new(BOOT);
+        let mut assembler = Assembler::new(1, BOOT);
         assert_eq!(take(&mut assembler, &configuration, &wrong), Outcome::Contradiction, "{what}");
         let whole =
             lines_window(0).iter().any(|part| matches!(take(&mut assembler, &configuration, part), Outcome::Whole(_)));

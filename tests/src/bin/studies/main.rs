@@ -2,6 +2,7 @@
 //!
 //! `cargo run --release -p belfry-tests -- help` lists them.
 
+mod archive;
 mod blind;
 mod canton;
 mod cases;
@@ -24,6 +25,7 @@ struct CommandLine {
 
 #[derive(Debug, Subcommand)]
 enum StudyCommand {
+    Archive(archive::Arguments),
     Blind(blind::Arguments),
     Canton(canton::Arguments),
     Clock(clock::Arguments),
@@ -34,6 +36,7 @@ enum StudyCommand {
 
 fn main() -> ExitCode {
     let outcome = match CommandLine::parse().study {
+        StudyCommand::Archive(arguments) => archive::run(&arguments),
         StudyCommand::Blind(arguments) => blind::run(&arguments),
         StudyCommand::Canton(arguments) => canton::run(&arguments),
         StudyCommand::Clock(arguments) => clock::run(&arguments),

@@ -1,6 +1,6 @@
 //! Nodes, cables, and a host that collects, all in simulated time.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::io;
@@ -142,6 +142,8 @@ pub(super) struct Bench {
     nodes: RefCell<BTreeMap<u16, SimulatedNode>>,
     /// Ports that are there, but are not listed yet.
     hidden: RefCell<Vec<String>>,
+    /// Bytes that the archive has room for.
+    room: Cell<Option<u64>>,
 }
 
 impl Bench {
@@ -160,6 +162,7 @@ impl Bench {
             clock: SimulatedClock::default(),
             nodes: RefCell::new(nodes),
             hidden: RefCell::default(),
+            room: Cell::default(),
         }
     }
 
@@ -182,6 +185,11 @@ impl Bench {
         let mut nodes = self.nodes.borrow_mut();
         let node = nodes.get_mut(&node).unwrap();
         (node.port, node.connection) = (port.to_owned(), None);
+    }
+
+    /// Has a disk that is full once the archive is so long.
+    pub(super) fn fill_disk(&self, room: u64) {
+        self.room.set(Some(room));
     }
 
     /// Leaves a port out of the list, or puts it back.
@@ -240,6 +248,9 @@ impl Bench {
     ) -> Result<Report, Box<dyn Error>> {
         let study = Study::load(folder)?;
         let mut archive = Archive::create(folder)?;
+        if let Some(room) = self.room.get() {
+            archive.limit_bytes(room)?;
+        }
         let (setup, collection) = Collection::of(&study, &mut archive, options, self.clock.unix())?;
         let begin = self.clock.steady();
         let collector = Collector::new(&collection, archive, &self.clock);

@@ -139,6 +139,50 @@ fn interrupt(child: &Child) {
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
 }
 
+/// Something on the other end that always has bytes, faster than any line of a node.
+fn flood(socket: &Path, said: &'static [u8]) {
+    let listener = UnixListener::bind(socket).unwrap();
+    thread::spawn(move || {
+        let bytes = said.repeat(4096);
+        // It ends with the tests.
+        for mut stream in listener.incoming().flatten() {
+            let bytes = bytes.clone();
+            thread::spawn(move || while stream.write_all(&bytes).is_ok() {});
+        }
+    });
+}
+
+#[test]
+fn a_port_that_is_never_quiet_keeps_collecting_from_no_end() {
+    let folder = folder_in_memory();
+    write_study(folder.path());
+    let sockets = [("noise", &b"noise"[..]), ("ends", b"\x07\x00")].map(|(name, said)| {
+        let socket = folder.path().join(name);
+        flood(&socket, said);
+        format!("unix:{}", socket.display())
+    });
+    let collect = |more: &[&str]| {
+        let mut command = belfry_command();
+        command.arg("collect").arg(folder.path()).args(["--port", &sockets[0], "--port", &sockets[1]]).args(more);
+        command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    };
+    let ended = |mut child: Child, what: &str| {
+        let start = Instant::now();
+        while child.try_wait().unwrap().is_none() {
+            if start.elapsed() > Duration::from_secs(15) {
+                kill(child);
+                panic!("{what} does not end it");
+            }
+            thread::sleep(Duration::from_millis(50));
+        }
+    };
+    ended(collect(&["--for", "2s"]), "its time");
+    let child = collect(&[]);
+    thread::sleep(Duration::from_secs(1));
+    interrupt(&child);
+    ended(child, "an interrupt");
+}
+
 #[test]
 fn windows_come_once_whatever_happens_to_the_host_and_modes_come_of_them_while_they_grow() {
     let bench = LiveBench::new();

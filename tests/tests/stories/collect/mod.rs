@@ -2,6 +2,7 @@
 
 mod bench;
 mod disk;
+mod keeping;
 mod live;
 mod mast;
 mod ports;

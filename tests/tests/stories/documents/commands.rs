@@ -21,12 +21,12 @@ impl CommandHelp {
         Self { repository: repository.to_owned(), asked: Mutex::default() }
     }
 
-    /// Whether a program has the subcommand, and the subcommand every long option among `words`.
+    /// Whether a program has the subcommand, with its own where there is a blank in it, and that one every long option among `words`.
     fn check(&self, mut program: Command, subcommand: &str, words: &[&str]) -> Result<(), String> {
         let key = format!("{} {subcommand}", program.get_program().display());
         let mut asked = self.asked.lock().unwrap();
         let help = asked.entry(key).or_insert_with(|| {
-            let output = program.args([subcommand, "--help"]).output().unwrap();
+            let output = program.args(subcommand.split(' ')).arg("--help").output().unwrap();
             output.status.success().then(|| String::from_utf8(output.stdout).unwrap())
         });
         let help = help.as_ref().ok_or_else(|| format!("there is no command {subcommand}"))?;
@@ -50,6 +50,7 @@ impl CommandHelp {
         match words {
             ["help", command, ..] => self.check(belfry_command(), command, &[]),
             ["help"] | [] => Ok(()),
+            ["archive", step, rest @ ..] => self.check(belfry_command(), &format!("archive {step}"), rest),
             [command, rest @ ..] => self.check(belfry_command(), command, rest),
         }
     }

@@ -15,12 +15,12 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use belfry_host::link::port::Port;
-use belfry_host::link::{Session, Transport};
+use belfry_host::link::{Session, Transport, conversation};
 use belfry_host::window::{ChannelData, Configurations, NodeWindow};
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
-    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Heartbeat, HostMessage, LinesPart, NodeMessage,
-    Refusal, RefusalReason, Replay, SensorState, Summary,
+    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Heartbeat, HostMessage, InConversation,
+    LinesPart, NodeMessage, Refusal, RefusalReason, Replay, SensorState, Summary,
 };
 use belfry_shared::time::{HostTime, NodeTime, WindowGrid};
 
@@ -135,7 +135,8 @@ impl BusyLine {
 
     fn say(&mut self, message: &HostMessage) -> io::Result<()> {
         let mut frame = [0; MAX_FRAME_BYTES];
-        let length = message::encode(message, &mut frame).unwrap();
+        let message = InConversation { conversation: conversation(), message: message.clone() };
+        let length = message::encode(&message, &mut frame).unwrap();
         self.port.write(&frame[..length])
     }
 

@@ -1,0 +1,236 @@
+//! `belfry archive`: the collected windows themselves, checked, repaired, pruned and written elsewhere.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::{Context, bail};
+use belfry_shared::time::HostTime;
+use clap::{Args, Subcommand};
+use serde::Serialize;
+
+use super::Console;
+use super::interrupt::leave_nothing_unfinished;
+use super::range::{RangeArguments, duration};
+use super::text::{Columns, in_shell};
+use crate::archive::{Archive, ArchiveError, CheckReport, Damage, PruneReport};
+use crate::collect::{Clock, SystemClock};
+use crate::study::Study;
+
+const EXAMPLES: &str = "Examples:
+  belfry archive check tower
+  belfry archive repair tower
+  belfry archive prune tower --keep 30d --dry-run
+  belfry archive export tower --last 7d --output week.sqlite
+  belfry archive export tower --from 2026-11-02 --to 2026-11-03 --output day.csv
+
+Every window has a checksum. Damaged windows are left out of every analysis, with a warning; `check` lists them, and `repair` saves what can be saved. Nothing is ever dropped unless you prune.";
+
+/// Check, repair, prune or export the windows that nodes have sent
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    #[command(subcommand)]
+    step: Step,
+}
+
+#[derive(Debug, Subcommand)]
+enum Step {
+    /// Hold every row against its checksum, and have SQLite check the file; nothing is changed
+    Check(Check),
+    /// Save what is not damaged into a new archive; the old one is kept under another name
+    Repair(Repair),
+    /// Drop windows that are older than what is to be kept
+    Prune(Prune),
+    /// Write the windows of a range of time into another archive, or a table
+    Export(Export),
+}
+
+#[derive(Debug, Args)]
+struct Check {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    study: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "A row of which a single bit has changed is mended from its checksum. Stop `belfry collect` first; nodes keep their windows meanwhile. It takes as much room again as the archive has."
+)]
+struct Repair {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    study: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "What is kept is counted back from the newest window, so that nothing is dropped while nobody collects. It works while `belfry collect` runs. To do it every night, have cron run: belfry archive prune STUDY --keep 90d"
+)]
+struct Prune {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    study: PathBuf,
+    /// How much to keep, such as 30d or 1year
+    #[arg(long, value_name = "DURATION", value_parser = duration)]
+    keep: Duration,
+    /// Say what would be dropped, and drop nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "A file that ends in .sqlite is an archive as `belfry collect` writes it: put it into another study's folder as archive.sqlite. One that ends in .csv has a row for each line of each channel. Lines of all nodes side by side, and averaged spectra, come from `belfry export --of lines` and `--of psd`, which take the same ranges."
+)]
+struct Export {
+    /// The study's folder
+    #[arg(value_name = "STUDY")]
+    study: PathBuf,
+    #[command(flatten)]
+    range: RangeArguments,
+    /// The file to write, ending in .sqlite or .csv
+    #[arg(long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+/// What `belfry archive prune --json` prints.
+#[derive(Debug, Serialize)]
+struct Pruned<'a> {
+    #[serde(flatten)]
+    found: &'a PruneReport,
+    /// Windows that were dropped, or would be.
+    windows: u64,
+    dry_run: bool,
+}
+
+/// What `belfry archive export --json` prints.
+#[derive(Debug, Serialize)]
+struct Exported<'a> {
+    file: &'a Path,
+    windows: u64,
+    damages: &'a [Damage],
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When there is no archive, it is damaged (on a check), or cannot be read or written.
+pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    leave_nothing_unfinished()?;
+    match &arguments.step {
+        Step::Check(check) => run_check(&folder(&check.study)?, console),
+        Step::Repair(repair) => run_repair(&folder(&repair.study)?, console),
+        Step::Prune(prune) => run_prune(prune, console),
+        Step::Export(export) => run_export(export, console),
+    }
+}
+
+/// The folder of a study, which is one.
+fn folder(study: &Path) -> anyhow::Result<PathBuf> {
+    Ok(Study::load(study)?.folder)
+}
+
+fn run_check(folder: &Path, console: &Console) -> anyhow::Result<()> {
+    let report = Archive::check(folder)?;
+    console.json(&report)?;
+    let CheckReport { archive, version, bytes, sound_windows, damages, structure, is_sound } = &report;
+    let size = format!("{:.1} MB", *bytes as f64 * 1e-6);
+    if *version == 1 && *is_sound {
+        console.say(format!("{}, {size}: {sound_windows} windows of nodes. Its tables are of version 1 and have no checksums, so changed numbers cannot be told; whatever reads it next brings it up to date.", archive.display()));
+        return Ok(());
+    }
+    if *is_sound {
+        console.say(format!("{}, {size}: {sound_windows} windows of nodes, all sound.", archive.display()));
+        return Ok(());
+    }
+    for damage in damages {
+        console.say(damage);
+    }
+    for line in structure {
+        console.say(format!("SQLite: {line}"));
+    }
+    bail!(
+        "{} is damaged: {sound_windows} windows of nodes are sound; analyses leave out what is not. `belfry archive repair {}` saves what can be saved",
+        archive.display(),
+        in_shell(folder)
+    )
+}
+
+fn run_repair(folder: &Path, console: &Console) -> anyhow::Result<()> {
+    let report = Archive::repair(folder)?;
+    console.json(&report)?;
+    let Some(kept_as) = &report.kept_as else {
+        console.say(format!("{} is sound; nothing was done.", report.archive.display()));
+        return Ok(());
+    };
+    for damage in &report.lost {
+        console.say(format!("not saved: {damage}"));
+    }
+    console.say(format!(
+        "{} windows of nodes are saved; {} rows of which one bit was flipped are mended. The damaged archive is {}: delete it when you no longer need it.",
+        report.windows,
+        report.mended,
+        kept_as.display()
+    ));
+    Ok(())
+}
+
+fn run_prune(arguments: &Prune, console: &Console) -> anyhow::Result<()> {
+    let folder = folder(&arguments.study)?;
+    let now = HostTime(i64::try_from(SystemClock::new().unix().as_micros()).unwrap_or(i64::MAX));
+    // Whether there is one, before one is made.
+    opened(&folder)?;
+    let mut archive = Archive::create(&folder)?;
+    let found = archive.prunable(arguments.keep, now)?;
+    let windows = found.windows();
+    let Some(before) = &found.before else {
+        bail!(match found.kept_windows {
+            0 => "the archive has no windows",
+            _ => "all windows are dated later than now, so that nothing can be counted back: set this computer's clock",
+        })
+    };
+    if !found.nodes.is_empty() {
+        let mut table = Columns::new(["setup", "node", "windows", "first", "last"]);
+        for node in &found.nodes {
+            let (number, count) = (node.node.to_string(), node.windows.to_string());
+            table.row([node.setup.clone(), number, count, node.first.clone(), node.last.clone()]);
+        }
+        console.say(table);
+    }
+    let kept = found.kept_windows;
+    if arguments.dry_run {
+        console
+            .say(format!("{windows} windows of nodes began before {before} and would be dropped; {kept} would stay."));
+    } else {
+        archive.prune(&found)?;
+        console.say(format!("{windows} windows of nodes that began before {before} are dropped; {kept} stay."));
+    }
+    console.json(&Pruned { found: &found, windows, dry_run: arguments.dry_run })
+}
+
+fn run_export(arguments: &Export, console: &Console) -> anyhow::Result<()> {
+    let (range, output) = (arguments.range.range()?, &arguments.output);
+    let folder = folder(&arguments.study)?;
+    let archive = opened(&folder)?;
+    let ending = output.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let real = |path: &Path| path.canonicalize().ok();
+    if real(output).is_some_and(|output| Some(output) == real(archive.file())) {
+        bail!("{} is the archive itself: name another file", output.display());
+    }
+    let extract = match ending.as_str() {
+        "sqlite" => archive.extract_archive(&range, output)?,
+        "csv" => archive.extract_csv(&range, output)?,
+        _ => bail!("--output {}: expected a file that ends in .sqlite or .csv", output.display()),
+    };
+    for damage in &extract.damages {
+        console.warn(format_args!("damaged, and left out: {damage}"));
+    }
+    console.json(&Exported { file: output, windows: extract.windows, damages: &extract.damages })?;
+    console.say(format!("{}: {} windows of nodes", output.display(), extract.windows));
+    Ok(())
+}
+
+fn opened(folder: &Path) -> anyhow::Result<Archive> {
+    let absent = || ArchiveError::Absent { file: folder.join(crate::archive::ARCHIVE_FILE) };
+    Archive::open(folder)?.ok_or_else(absent).context("run `belfry collect` first")
+}
