@@ -13,8 +13,9 @@ pub(super) const ADEQUATE: f64 = 20.0;
 pub(super) const SOMETHING_ELSE: f64 = 0.05;
 /// Kinds that are more or less likely than most: foundations are clamped in most models; a standard's modulus and estimated loads are
 /// off as a rule; the weight above is left out by every linear model; few towers have arms to outer columns, guys or dampers that
-/// their drawings do not show.
-const LIKELY: [(&str, f64); 8] = [
+/// their drawings do not show; and bracing that shears as it bends, or frames beside a wall, are what a kind of structure has: whoever made
+/// its table knows, and most others have neither.
+const LIKELY: [(&str, f64); 10] = [
     ("base-rotation", 2.0),
     ("stiffness-scale", 2.0),
     ("mass-scale", 2.0),
@@ -23,6 +24,8 @@ const LIKELY: [(&str, f64); 8] = [
     ("lateral-support", 0.5),
     ("tuned-mass-damper", 0.5),
     ("foundation-mass", 0.5),
+    ("coupled-shear", 0.2),
+    ("wall-frame", 0.2),
 ];
 
 /// Odds by name: those of a study, or else the usual ones.
