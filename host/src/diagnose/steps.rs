@@ -10,6 +10,7 @@ use super::discrepancy::{Settled, here};
 use super::error::DiagnoseError;
 use super::fit::{Estimate, Fit};
 use super::found::Found;
+use super::goodness::fit_as_given;
 use super::held_out::held_out;
 use super::joint::Joint;
 use super::problem::Problem;
@@ -305,14 +306,16 @@ impl Setting<'_> {
         let view = ModelView::of(&structure.assemble(), self.sensors)?;
         let comparison = compare(&view, problem.measured(), self.sensors, None);
         let scattered = compare(&fit.state.view, problem.measured(), self.sensors, None);
-        let test = fit.goodness_as_stated(problem);
+        // As every other command states it of the model with these effects.
+        let stated = self.problem(&effects).ok().and_then(|problem| fit_as_given(&problem, &effects));
+        let test = stated.map_or_else(|| fit.goodness_as_stated(problem).into(), |(test, _)| test);
         let held_out = held_out(problem, fit);
         let record = StepRecord {
             step: 0,
             action: action.to_owned(),
             effects: names(&effects),
-            chi_squared: test.all.chi_squared,
-            degrees_of_freedom: test.all.degrees_of_freedom,
+            chi_squared: test.chi_squared,
+            degrees_of_freedom: test.degrees_of_freedom,
             p_value: test.p_value,
             mean_abs_frequency_error_percent: comparison.mean_abs_frequency_error_percent.unwrap_or(0.0),
             mean_mac: comparison.mean_mac,
