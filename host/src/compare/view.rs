@@ -93,10 +93,8 @@ impl ModelView {
             Some(damped) => damped.derivatives(&self.basis, sensor_vectors, modes, change),
             None => derivatives(&self.basis, sensor_vectors, modes, change),
         };
-        if let Some(phases) = &self.phases_rad {
-            for (derivative, &mode) in derivatives.iter_mut().zip(modes) {
-                derivative.shape.zip_apply(&phases.column(mode), |value, phase: f64| *value *= phase.cos());
-            }
+        for (derivative, &mode) in derivatives.iter_mut().zip(modes) {
+            self.record(&mut derivative.shape, mode);
         }
         derivatives
     }
@@ -106,12 +104,17 @@ impl ModelView {
     pub(crate) fn derivatives_by_rows(&self, rows: &DMatrix<f64>, modes: &[usize]) -> Vec<ModeDerivative> {
         let of = |&mode: &usize| {
             let mut shape = rows * self.modes.shapes.column(mode);
-            if let Some(phases) = &self.phases_rad {
-                shape.zip_apply(&phases.column(mode), |value, phase: f64| *value *= phase.cos());
-            }
+            self.record(&mut shape, mode);
             ModeDerivative { ln_frequency: 0.0, shape, damping_ratio: 0.0 }
         };
         modes.iter().map(of).collect()
+    }
+
+    /// Turns motion at the sensors in a mode into what they record of it, where clocks are off.
+    fn record(&self, motion: &mut DVector<f64>, mode: usize) {
+        if let Some(phases) = &self.phases_rad {
+            motion.zip_apply(&phases.column(mode), |value, phase: f64| *value *= phase.cos());
+        }
     }
 
     /// Derivatives of ln f of `modes` (0-based) by a change.

@@ -267,55 +267,6 @@ impl Problem {
         self.better_discrepancy(fit, &STARTS)
     }
 
-    /// A fit that does not pass, with sizes of the discrepancy that are not 20 times less probable and with which it fits better; `None`
-    /// where there are none. The test of fit is that of a hypothesis with unknown sizes, whose p-value is the highest over those that
-    /// the data leave (Berger and Boos 1994, J. Am. Stat. Assoc. 89, 1012): the sizes of the highest evidence are one choice of many.
-    pub(super) fn fitting_best(&self, fit: &Fit) -> Settled {
-        if !self.has_shapes() {
-            return None;
-        }
-        let least = fit.log_evidence() - STANDS_OUT;
-        let expected = self.discrepancy.expected_scatter;
-        let ranges = self.ranges();
-        let mut best: Settled = None;
-        for _ in 0..MOST_ROUNDS {
-            let (problem, from) = here(&best, self, fit);
-            let near = Near::of_seen(problem, from);
-            let present = from.discrepancy.numbers();
-            let Some(evidence) = near.log_evidence(problem, &from.discrepancy) else { break };
-            let step = |(at, change): (usize, f64)| {
-                let mut there = present;
-                there[at] = (there[at] + change).clamp(ranges[at][0], ranges[at][1]);
-                let sizes = Discrepancy::of_numbers(there, expected);
-                let is_left = near.log_evidence(problem, &sizes)? - evidence + from.log_evidence() > least;
-                let other = problem.with_discrepancy(sizes);
-                let refitted = (is_left && there != present).then(|| other.refitted(from).ok())??;
-                (refitted.log_evidence() > least).then_some((other, refitted))
-            };
-            let steps: Vec<(usize, f64)> = ALL.into_iter().flat_map(|at| [(at, FINE[0]), (at, -FINE[0])]).collect();
-            let p_value = |fit: &Fit| fit.goodness_of_fit().p_value;
-            let found: Vec<(Problem, Fit)> = steps.into_par_iter().filter_map(step).collect();
-            let found = found.into_iter().max_by(|a, b| p_value(&a.1).total_cmp(&p_value(&b.1)));
-            match found.filter(|(_, found)| p_value(found) > p_value(from)) {
-                Some(found) => best = Some(found),
-                None => break,
-            }
-            if best.as_ref().is_some_and(|(_, fit)| fit.passes()) {
-                break;
-            }
-        }
-        best
-    }
-
-    /// How far each number may go.
-    fn ranges(&self) -> [[f64; 2]; NUMBERS] {
-        let scatter = if self.background.is_none() { [0.0; 2] } else { SCATTER.map(f64::ln) };
-        let [frequency, shape, coupling, family] =
-            [FREQUENCY, SHAPE, COUPLING, FAMILY].map(|range| [range.least.ln(), range.most.ln()]);
-        let family = if self.families.ncols() == 0 { [family[0]; 2] } else { family };
-        [frequency, shape, coupling, GROWTH, scatter, family, shape]
-    }
-
     /// The same, beside that of the fit from these growths.
     fn better_discrepancy(&self, fit: &Fit, growths: &[f64]) -> (Discrepancy, f64) {
         // A dozen frequencies alone do not tell what a model misses from what it lacks.
@@ -368,6 +319,54 @@ impl Problem {
             }
         }
         (of_numbers(best.0), less_cost(&best) - less_cost(&(present, before)))
+    }
+
+    /// A fit that does not pass, with sizes of the discrepancy that are not 20 times less probable and with which it fits better; `None`
+    /// where there are none. The test of fit is that of a hypothesis with unknown sizes, whose p-value is the highest over those that
+    /// the data leave (Berger and Boos 1994, J. Am. Stat. Assoc. 89, 1012): the sizes of the highest evidence are one choice of many.
+    pub(super) fn fitting_best(&self, fit: &Fit) -> Settled {
+        if !self.has_shapes() {
+            return None;
+        }
+        let least = fit.log_evidence() - STANDS_OUT;
+        let expected = self.discrepancy.expected_scatter;
+        let ranges = self.ranges();
+        let mut best: Settled = None;
+        for _ in 0..MOST_ROUNDS {
+            let (problem, from) = here(&best, self, fit);
+            let near = Near::of_seen(problem, from);
+            let present = from.discrepancy.numbers();
+            let Some(evidence) = near.log_evidence(problem, &from.discrepancy) else { break };
+            let step = |(at, change): (usize, f64)| {
+                let there = stepped(present, at, change, &ranges);
+                let sizes = Discrepancy::of_numbers(there, expected);
+                let is_left = near.log_evidence(problem, &sizes)? - evidence + from.log_evidence() > least;
+                let other = problem.with_discrepancy(sizes);
+                let refitted = (is_left && there != present).then(|| other.refitted(from).ok())??;
+                (refitted.log_evidence() > least).then_some((other, refitted))
+            };
+            let steps: Vec<(usize, f64)> = ALL.into_iter().flat_map(|at| [(at, FINE[0]), (at, -FINE[0])]).collect();
+            let p_value = |fit: &Fit| fit.goodness_of_fit().p_value;
+            let found: Vec<(Problem, Fit)> = steps.into_par_iter().filter_map(step).collect();
+            let found = found.into_iter().max_by(|a, b| p_value(&a.1).total_cmp(&p_value(&b.1)));
+            match found.filter(|(_, found)| p_value(found) > p_value(from)) {
+                Some(found) => best = Some(found),
+                None => break,
+            }
+            if best.as_ref().is_some_and(|(_, fit)| fit.passes()) {
+                break;
+            }
+        }
+        best
+    }
+
+    /// How far each number may go.
+    fn ranges(&self) -> [[f64; 2]; NUMBERS] {
+        let scatter = if self.background.is_none() { [0.0; 2] } else { SCATTER.map(f64::ln) };
+        let [frequency, shape, coupling, family] =
+            [FREQUENCY, SHAPE, COUPLING, FAMILY].map(|range| [range.least.ln(), range.most.ln()]);
+        let family = if self.families.ncols() == 0 { [family[0]; 2] } else { family };
+        [frequency, shape, coupling, GROWTH, scatter, family, shape]
     }
 
     /// The same, if the study stated a tolerance this many times as large.
@@ -446,6 +445,12 @@ impl Problem {
     }
 }
 
+/// Numbers of which one is another by a step, within its range.
+fn stepped(mut numbers: Numbers, at: usize, change: f64, ranges: &[[f64; 2]; NUMBERS]) -> Numbers {
+    numbers[at] = (numbers[at] + change).clamp(ranges[at][0], ranges[at][1]);
+    numbers
+}
+
 /// Where steps in one number at a time lead that raise the evidence: numbers and their evidence flow in and out.
 fn climb(
     from: (Numbers, f64),
@@ -461,8 +466,7 @@ fn climb(
             has_moved = false;
             for &at in along {
                 for change in [*step, -step] {
-                    let mut there = best;
-                    there[at] = (there[at] + change).clamp(ranges[at][0], ranges[at][1]);
+                    let there = stepped(best, at, change, ranges);
                     if there == best {
                         continue;
                     }

@@ -262,8 +262,8 @@ impl Problem {
     }
 
     /// How much smaller the squared differences of each block of a fit are to be expected than the numbers compared: the coupling and the
-    /// racking that are always allowed are bounds for what directions, supports and sections do, not what they do. Of `E q = tr(P S)`, P what a fit leaves
-    /// (`slopes` with the `covariance` of what is fitted), S without these.
+    /// racking that are always allowed are bounds for what directions, supports and sections do, not what they do. Of `E q = tr(P S)`, P
+    /// what a fit leaves (`slopes` with the `covariance` of what is fitted), S without these.
     pub(super) fn allowed(&self, state: &State, slopes: &DMatrix<f64>, covariance: &DMatrix<f64>) -> Vec<f64> {
         let of_block = |(first, block, factor): (usize, &Block, &Cholesky<f64, Dyn>)| {
             let Some(shape) = &block.shape else { return 0.0 };

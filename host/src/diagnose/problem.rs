@@ -17,7 +17,7 @@ use super::smooth::smooth_covariance;
 use super::state::State;
 use crate::compare::{ModelView, Pair, Tolerance, ViewError, complement, correlation_length_m, pair, shape_deviations};
 use crate::model::effect::Effect;
-use crate::model::{Assembly, Body, Distortion, Sensing, Structure};
+use crate::model::{Assembly, Body, Distortion, Structure};
 use crate::modes::{CLOSE, MeasuredMode};
 use crate::progress::Tally;
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, groups, median};
@@ -259,10 +259,8 @@ fn racking(
     measured: &[MeasuredMode],
     sensors: &[Sensor],
 ) -> Result<DMatrix<f64>, DiagnoseError> {
-    let mut as_stated = assembly.clone();
-    as_stated.sensing = Sensing::default();
-    let rows = as_stated.distorted_rows(sensors, Distortion { racking: 1.0, ..Distortion::default() });
-    let rows = rows.map_err(ViewError::from)?;
+    let as_far_as_they_turn = Distortion { racking: 1.0, ..Distortion::default() };
+    let rows = assembly.with_perfect_sensors().distorted_rows(sensors, as_far_as_they_turn).map_err(ViewError::from)?;
     let mut racking = DMatrix::zeros(sensors.len(), measured.len());
     for ((mut column, pair), mode) in racking.column_iter_mut().zip(pairs).zip(measured) {
         let Some(shape) = &mode.shape else { continue };
@@ -290,11 +288,11 @@ fn without_strangers(mut pairs: Vec<Pair>, view: &ModelView, measured: &[Measure
         let is_stated = measured[pair.measured].stated.is_some();
         !is_stated && likeness(pair).is_some_and(|mac| mac < UNLIKE) && off(pair) > FAR_OFF
     };
-    let mut strangers: Vec<usize> = (0..pairs.len()).filter(|&at| is_stranger(&pairs[at])).collect();
-    let badness = |at: &usize| off(&pairs[*at]) * (1.0 - likeness(&pairs[*at]).unwrap_or(1.0));
+    let badness = |pair: &&Pair| off(pair) * (1.0 - likeness(pair).unwrap_or(1.0));
+    let mut strangers: Vec<&Pair> = pairs.iter().filter(|pair| is_stranger(pair)).collect();
     strangers.sort_by(|a, b| badness(b).total_cmp(&badness(a)));
-    strangers.truncate(pairs.len() / PAIRS_TO_ONE_STRANGER);
-    let strangers: Vec<usize> = strangers.iter().map(|&at| pairs[at].measured).collect();
+    let strangers: Vec<usize> =
+        strangers.into_iter().take(pairs.len() / PAIRS_TO_ONE_STRANGER).map(|pair| pair.measured).collect();
     pairs.retain(|pair| !strangers.contains(&pair.measured));
     pairs
 }

@@ -306,10 +306,10 @@ impl Problem {
         let best = found.into_iter().max_by(|a, b| p_value(&a.1).total_cmp(&p_value(&b.1)));
         let best = best.filter(|(_, best)| !is_as_probable(stands) || p_value(best) > p_value(stands)).or(settled);
         let (problem, best_fit) = here(&best, self, fit);
-        match best_fit.passes() {
-            true => best,
-            false => problem.fitting_best(best_fit).filter(|(_, fit)| is_allowed(fit)).or(best),
+        if best_fit.passes() {
+            return best;
         }
+        problem.fitting_best(best_fit).filter(|(_, fit)| is_allowed(fit)).or(best)
     }
 
     /// Every kind near the present model, with this discrepancy.

@@ -10,7 +10,7 @@ use num_complex::Complex64;
 use super::modes::{Component, Mode, Modes};
 use super::{ExportError, table, universal, write_bytes, write_file};
 use crate::model::effect::{Effect, EffectError};
-use crate::model::{Assembly, EigenError, LayoutNode, Sensing, Structure, dof_of_row, dofs_csv, matrix_market, npy};
+use crate::model::{Assembly, EigenError, LayoutNode, Structure, dof_of_row, dofs_csv, matrix_market, npy};
 use crate::study::Sensor;
 
 /// The lowest modes that are written.
@@ -101,8 +101,7 @@ impl ModelExport<'_> {
 
     /// Modes as perfect sensors would see them, where they have a place: faults of sensors are none of the model.
     fn modes_at_sensors(&self, modes: &crate::model::Modes, warnings: &mut Vec<String>) -> Result<Modes, EigenError> {
-        let mut perfect = self.assembly.clone();
-        perfect.sensing = Sensing::default();
+        let perfect = self.assembly.with_perfect_sensors();
         let (sensors, rows) = match perfect.sensor_rows(self.sensors) {
             Ok(rows) => (self.sensors.to_vec(), Some(rows)),
             Err(error) => {

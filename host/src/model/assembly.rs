@@ -69,6 +69,12 @@ impl Assembly {
         }
     }
 
+    /// The same with sensors that are as the study says: faults of sensors are none of the model.
+    #[must_use]
+    pub fn with_perfect_sensors(&self) -> Self {
+        Self { sensing: Sensing::default(), ..self.clone() }
+    }
+
     /// Number of degrees of freedom.
     pub fn dofs(&self) -> usize {
         self.stiffness.nrows()

@@ -111,7 +111,8 @@ fn a_clamped_beam_without_shear_has_the_euler_bernoulli_frequencies() {
     }
 }
 
-/// A beam that a couple at its top bends has one curvature, and each section narrows as Poisson's ratio has it; one that turns racks. Sensors on the axis, tilts and strains see neither, and the top of a mode is free.
+/// A beam that a couple at its top bends has one curvature, and each section narrows as Poisson's ratio has it; one that turns racks.
+/// Sensors on the axis, tilts and strains see neither, and the top of a mode is free.
 #[test]
 fn sections_that_distort_move_sensors_off_the_axis_alone() {
     let beam = Uniform::default();

@@ -4,12 +4,7 @@ use super::*;
 
 /// Six windows of a node, of which something is changed by SQL.
 fn damaged_by(change: &str) -> Read {
-    let mut bench = Bench::new();
-    let two = configuration(2, 256);
-    bench.ask(&two, 1);
-    for number in 0..6 {
-        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
-    }
+    let (bench, _) = Bench::of_one(6);
     bench.archive.connection.execute_batch(change).unwrap();
     read(bench.folder.path(), &TimeRange::ALL).unwrap().unwrap()
 }
@@ -55,10 +50,7 @@ fn a_window_that_is_gone_is_missed() {
 
 #[test]
 fn what_was_asked_is_held_against_its_checksum_too() {
-    let mut bench = Bench::new();
-    let (two, one) = (configuration(2, 256), configuration(1, 256));
-    bench.ask(&two, 1);
-    bench.ask(&one, 1);
+    let (mut bench, two, one) = Bench::of_both();
     for number in 0..4 {
         bench.store(&two, &sent(&two, 1, number, u64::from(number)));
         bench.store(&one, &sent(&one, 2, number, u64::from(number)));
@@ -119,12 +111,7 @@ fn an_archive_without_any_sound_window_says_what_is_damaged() {
 
 #[test]
 fn a_damaged_start_does_not_move_what_is_counted_back_from_the_last() {
-    let mut bench = Bench::new();
-    let two = configuration(2, 256);
-    bench.ask(&two, 1);
-    for number in 0..9 {
-        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
-    }
+    let (bench, _) = Bench::of_one(9);
     let last = TimeRange { last: Some(std::time::Duration::from_secs_f64(5.12 * 4.0)), ..TimeRange::ALL };
     let before = read(bench.folder.path(), &last).unwrap().unwrap();
     // One bit in the start of the second window, years later.
@@ -160,12 +147,7 @@ fn an_archive_whose_first_page_is_damaged_says_so_whatever_is_asked_of_it() {
 
 #[test]
 fn a_damaged_first_page_is_rebuilt() {
-    let mut bench = Bench::new();
-    let two = configuration(2, 256);
-    bench.ask(&two, 1);
-    for number in 0..300 {
-        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
-    }
+    let (bench, _) = Bench::of_one(300);
     let sound = read(bench.folder.path(), &TimeRange::ALL).unwrap().unwrap();
     // As a collector leaves it that was killed: the last windows are in the log alone.
     let killed = tempfile::tempdir().unwrap();

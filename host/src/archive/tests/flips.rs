@@ -9,10 +9,7 @@ const FLIPS: usize = 1500;
 
 /// Eight hours of two nodes, as a file.
 fn archive() -> Vec<u8> {
-    let mut bench = Bench::new();
-    let (two, one) = (configuration(2, 256), configuration(1, 256));
-    bench.ask(&two, 1);
-    bench.ask(&one, 1);
+    let (mut bench, two, one) = Bench::of_both();
     bench.archive.meet("now", 1, 7, 0, HostTime(0)).unwrap();
     bench.archive.meet("now", 2, 7, 0, HostTime(0)).unwrap();
     for number in 0..60 {

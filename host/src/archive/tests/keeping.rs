@@ -7,10 +7,7 @@ use super::*;
 
 /// Hours of windows of both nodes, ten an hour, from the epoch on.
 fn hours(hours: u32) -> Bench {
-    let mut bench = Bench::new();
-    let (two, one) = (configuration(2, 256), configuration(1, 256));
-    bench.ask(&two, 1);
-    bench.ask(&one, 1);
+    let (mut bench, two, one) = Bench::of_both();
     for node in [1, 2] {
         bench.archive.meet("now", node, 7, 0, HostTime(0)).unwrap();
     }

@@ -7,7 +7,7 @@ use super::*;
 /// The archive of two nodes as version 1 wrote it.
 fn version_1(folder: &Path, windows: u32) {
     let archive = Connection::open(folder.join(ARCHIVE_FILE)).unwrap();
-    archive.execute_batch(include_str!("../schema_1.sql")).unwrap();
+    archive.execute_batch(include_str!("schema_1.sql")).unwrap();
     archive.pragma_update(None, "application_id", APPLICATION_ID).unwrap();
     archive.pragma_update(None, "user_version", 1).unwrap();
     for (node, channels) in [(1, 2), (2, 1)] {

@@ -87,6 +87,26 @@ impl Bench {
         Self { folder, archive }
     }
 
+    /// With both nodes asked: the one with two channels, then the one with one.
+    fn of_both() -> (Self, Configuration, Configuration) {
+        let mut bench = Self::new();
+        let (two, one) = (configuration(2, 256), configuration(1, 256));
+        bench.ask(&two, 1);
+        bench.ask(&one, 1);
+        (bench, two, one)
+    }
+
+    /// With node 1 asked, and so many windows that it sent from the epoch on.
+    fn of_one(windows: u32) -> (Self, Configuration) {
+        let mut bench = Self::new();
+        let two = configuration(2, 256);
+        bench.ask(&two, 1);
+        for number in 0..windows {
+            bench.store(&two, &sent(&two, 1, number, u64::from(number)));
+        }
+        (bench, two)
+    }
+
     /// Asks the node that has as many channels.
     fn ask(&mut self, configuration: &Configuration, second: i64) {
         let (node, channels): (_, &[&str]) = match configuration.channels {
@@ -139,10 +159,7 @@ fn read(folder: &Path, range: &TimeRange) -> Result<Option<Read>, ArchiveError> 
 
 #[test]
 fn windows_come_back_in_the_order_of_the_grid_each_channel_in_its_place() {
-    let mut bench = Bench::new();
-    let (two, one) = (configuration(2, 256), configuration(1, 256));
-    bench.ask(&two, 1);
-    bench.ask(&one, 1);
+    let (mut bench, two, one) = Bench::of_both();
     assert_eq!(bench.read().unwrap(), None);
     // Out of order, node 2 lacks grid index 1001, and node 1 says one window twice.
     for (number, grid_index) in [(2, 1002), (0, 1000), (1, 1001), (1, 1001), (3, 1003), (4, 1004)] {

@@ -6,10 +6,7 @@ use super::*;
 
 /// Ten windows of both nodes, one every 5.12 s from 1970-01-01T14:13:20 on.
 fn bench() -> Bench {
-    let mut bench = Bench::new();
-    let (two, one) = (configuration(2, 256), configuration(1, 256));
-    bench.ask(&two, 1);
-    bench.ask(&one, 1);
+    let (mut bench, two, one) = Bench::of_both();
     for number in 0..10 {
         bench.store(&two, &sent(&two, 1, number, 10_000 + u64::from(number)));
         bench.store(&one, &sent(&one, 2, number, 10_000 + u64::from(number)));
