@@ -139,7 +139,7 @@ mod tests {
         let mut frames = Vec::new();
         while let Some((time, byte)) = reader.next_byte() {
             assert_eq!(time.is_some(), byte == END_OF_FRAME);
-            frames.extend(decoder.push(byte).map(|frame| (time.unwrap().0, frame.map(<[u8]>::to_vec))));
+            frames.extend(decoder.push(byte).map(|frame| (time.unwrap().0, frame.map(|frame| frame.message.to_vec()))));
         }
         frames
     }
@@ -210,7 +210,7 @@ mod tests {
             let mut heard = Vec::new();
             let mut listen = |reader: &mut InboxReader<'_>| while let Some((time, byte)) = reader.next_byte() {
                 if let Some(Ok(frame)) = decoder.push(byte) {
-                    heard.push((time.unwrap().0, frame.to_vec()));
+                    heard.push((time.unwrap().0, frame.message.to_vec()));
                 }
             };
             for (n, message) in messages.iter().enumerate() {

@@ -3,10 +3,10 @@
 use core::ops::DerefMut;
 
 use belfry_shared::frame;
-use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
+use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES};
 use belfry_shared::message::{
     self, Acknowledgement, BoardState, ClockReply, ClockRequest, Configuration, Conversation, Fault, Fed, FeedPart,
-    Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, Replay, SCHEMA_HASH, WindowName,
+    Heard, Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, Replay, Versions, WindowName,
 };
 use belfry_shared::time::{ClockModel, NodeTime};
 
@@ -45,6 +45,8 @@ struct Pending {
     /// An empty frame: a conversation begins, and what the host has heard before may be the beginning of a frame.
     end_mark: bool,
     hello: bool,
+    /// The host that the next greeting answers.
+    answers: Option<Conversation>,
     refusal: Option<Refusal>,
     clock: Option<(ClockRequest, NodeTime)>,
     heartbeat: bool,
@@ -109,6 +111,7 @@ pub struct Node<M> {
     /// The host that greeted last; `None` before any has.
     conversation: Option<Conversation>,
     refused_messages: u32,
+    unknown_messages: u32,
     lost_rows: u32,
     fault: Option<Fault>,
     board: BoardState,
@@ -135,6 +138,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             damaged_frames: 0,
             conversation: None,
             refused_messages: 0,
+            unknown_messages: 0,
             lost_rows: 0,
             fault: None,
             board: BoardState {
@@ -145,7 +149,15 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 temperature_centi_c: None,
                 dropped_frames: 0,
             },
-            pending: Pending { end_mark: true, hello: true, refusal: None, clock: None, heartbeat: false, fed: false },
+            pending: Pending {
+                end_mark: true,
+                hello: true,
+                answers: None,
+                refusal: None,
+                clock: None,
+                heartbeat: false,
+                fed: false,
+            },
             transmitter: Transmitter { frame: [0; MAX_FRAME_BYTES], length: 0, sent: 0 },
         }
     }
@@ -184,20 +196,29 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
 
     /// Takes a byte from the host that arrived at `now`.
     pub fn receive(&mut self, now: NodeTime, byte: u8) {
-        let message = match self.decoder.push(byte) {
+        let heard = match self.decoder.push(byte) {
             None => return,
-            Some(frame) => frame.and_then(message::decode::<InConversation>),
+            Some(frame) => frame.and_then(|frame| message::hear(&frame)),
         };
-        match message {
+        match heard {
+            Ok(Heard::Message(InConversation { conversation, message })) => self.hear(now, conversation, message),
+            // Its host learns from the answer which versions the node speaks.
+            Ok(Heard::OtherVersion) => self.pending.hello = true,
+            Err(FrameError::Unknown { .. }) => self.unknown_messages = self.unknown_messages.saturating_add(1),
             Err(_) => self.damaged_frames = self.damaged_frames.saturating_add(1),
-            Ok(InConversation { conversation, message: HostMessage::Greet }) => {
+        }
+    }
+
+    /// Takes what a host says. Greetings decide who is listened to, before anything else.
+    fn hear(&mut self, now: NodeTime, conversation: Conversation, message: HostMessage) {
+        match message {
+            HostMessage::Greet(versions) if versions.common(Versions::OF_NODES).is_some() => {
                 self.conversation = Some(conversation);
-                (self.pending.end_mark, self.pending.hello) = (true, true);
+                self.answer(conversation);
             }
-            Ok(InConversation { conversation, message }) if self.conversation == Some(conversation) => {
-                self.hear(now, message);
-            }
-            Ok(_) => {
+            HostMessage::Greet(_) | HostMessage::Ask(_) => self.answer(conversation),
+            _ if self.conversation == Some(conversation) => self.obey(now, message),
+            _ => {
                 // Its host learns from the answer who has greeted since, or that the node has started anew.
                 self.refuse();
                 self.pending.hello = true;
@@ -205,11 +226,15 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         }
     }
 
-    /// Takes what the host says that greeted last.
-    fn hear(&mut self, now: NodeTime, message: HostMessage) {
+    fn answer(&mut self, conversation: Conversation) {
+        (self.pending.end_mark, self.pending.hello) = (true, true);
+        self.pending.answers = Some(conversation);
+    }
+
+    /// Does what the host says that greeted last.
+    fn obey(&mut self, now: NodeTime, message: HostMessage) {
         match message {
-            // It decides who is listened to, before anything else.
-            HostMessage::Greet => {}
+            HostMessage::Greet(_) | HostMessage::Ask(_) => {}
             HostMessage::Configure(configuration) => self.configure(configuration),
             HostMessage::Acknowledge(acknowledgement) => self.acknowledged(&acknowledgement),
             HostMessage::Clock(request) => self.pending.clock = Some((request, now)),
@@ -391,7 +416,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
 
     /// Whether [`transmit`](Self::transmit) has bytes to send.
     pub fn has_bytes(&self) -> bool {
-        let Pending { end_mark, hello, refusal, clock, heartbeat, fed } = &self.pending;
+        let Pending { end_mark, hello, answers: _, refusal, clock, heartbeat, fed } = &self.pending;
         self.transmitter.sent < self.transmitter.length
             || *end_mark
             || *hello
@@ -436,17 +461,17 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             })
         } else if core::mem::take(&mut self.pending.hello) {
             NodeMessage::Hello(Hello {
-                protocol_version: PROTOCOL_VERSION,
-                schema_hash: SCHEMA_HASH,
+                versions: Versions::OF_NODES,
                 node: self.identity.node,
                 boot: self.identity.boot,
+                answers: self.pending.answers.take(),
+                conversation: self.conversation,
                 channels: self.identity.channels,
                 configuration_hash: self.plan.as_ref().map(|plan| plan.hash),
                 clock_set: self.clock.is_some(),
                 oldest_window,
                 next_window,
                 replaying: self.replay.is_some(),
-                conversation: self.conversation,
                 fault: self.fault.clone(),
             })
         } else if let Some(refusal) = self.pending.refusal.take() {
@@ -465,6 +490,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 sensors,
                 lost_rows: self.lost_rows,
                 board: self.board,
+                unknown_messages: self.unknown_messages,
             })
         } else {
             let (_, ring) = self.memory.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));

@@ -1,9 +1,26 @@
 //! The messages between a sensor node and its host, and the rules for both: the specification of the protocol.
 //!
 //! # On the line
-//! A message is one postcard value ([`NodeMessage`] or [`InConversation`]) in one frame ([`crate::frame`]). Integers are
-//! postcard varints, floats IEEE 754 little endian, byte strings start with their length. One serial line connects one node
-//! with the host.
+//! A frame ([`crate::frame`]) holds one message. What a node says ([`NodeMessage`]) is a key, which tells messages apart, and the fields of
+//! the message. What a host says ([`InConversation`]) has the number of its conversation in front. Everything is coded by postcard: integers
+//! and keys are varints, floats IEEE 754 little endian, byte strings start with their length. One serial line connects one node with the
+//! host.
+//!
+//! # Versions
+//! Nodes hang on towers for years, and hosts are updated. So messages grow, and a version of the protocol talks to the next:
+//!
+//! - A later version adds fields at a message's end, further messages under new keys, and further values of enums (`message/growth.rs`
+//!   says how). A reader leaves what it does not know unread. It skips messages with unknown keys and counts them
+//!   ([`Heartbeat::unknown_messages`]).
+//! - Whatever changes otherwise needs a new version of the protocol, and an end that goes on speaking the one before.
+//! - Each end says which versions it speaks ([`Versions`]): the host in [`HostMessage::Greet`] and [`HostMessage::Ask`], the node in [`Hello`].
+//!   They go on in the highest that both speak. Where there is none, the host names the one of the two to be updated.
+//! - These three messages keep their key, their place in the frame and the fields that they have now in all later versions, and each end
+//!   reads them in frames of any version from 6 on. All others count only in a version that the end speaks.
+//! - A node answers any undamaged frame of a version that it does not speak, also of one that it cannot know, with its own [`Hello`].
+//! - A configuration is as the agreed version has it, and no longer: both ends name it by a hash of the whole.
+//!
+//! Version 6 is the first of these. A host speaks version 5 too ([`version_5`]); nodes do not.
 //!
 //! # Windows and their names
 //! A *window* is one measurement interval of one node. It is named by node id, boot id (drawn anew at every start of the
@@ -33,8 +50,8 @@
 //! who can write on the line and means to.
 //!
 //! Each end opens with an empty frame, which ends whatever an earlier conversation left unfinished on the line. The host says
-//! [`HostMessage::Greet`]; the node answers with [`Hello`], which it also says when it starts. The host compares protocol version
-//! and schema hash and refuses a node that differs. It sends a [`Configuration`]; the node answers with
+//! [`HostMessage::Greet`]; the node answers with [`Hello`], which it also says when it starts. A host that only wants to know who is there says
+//! [`HostMessage::Ask`] instead, which leaves the node with the host that it listens to. It sends a [`Configuration`]; the node answers with
 //! a `Hello` that carries the configuration's hash, or a [`Refusal`]. Then [`ClockRequest`]s and [`ClockReply`]s measure the
 //! node's clock, and a [`ClockModel`] tells the node the time (a later `Hello` confirms it). From then on it measures, window by
 //! window on the grid of host time ([`crate::time::WindowGrid`]), and host and node exchange windows, acknowledgements and clock
@@ -53,35 +70,34 @@
 mod acknowledgement;
 mod clock;
 mod configuration;
+#[cfg(test)]
+mod goldens;
+mod growth;
 mod heartbeat;
 mod hello;
 mod recording;
 #[cfg(test)]
 mod tests;
+pub mod version_5;
 mod window;
 
-use postcard_schema::{Schema, key::Key};
 use serde::{Deserialize, Serialize};
 
 pub use acknowledgement::{Acknowledgement, Again, MAX_AGAIN};
 pub use clock::{ClockReply, ClockRequest};
 pub use configuration::{Band, Configuration, MAX_BANDS, MAX_CHANNELS, Refusal, RefusalReason, Summary};
 pub use heartbeat::{BoardState, Heartbeat, SensorState};
-pub use hello::{Fault, FaultKind, Hello, MAX_PLACE_BYTES};
+pub use hello::{Fault, FaultKind, Hello, MAX_PLACE_BYTES, Versions};
 pub use recording::{Fed, FeedPart, MAX_FEED, Replay};
 pub use window::{
     ChannelState, DensityPart, LinesPart, MAX_DATA_BYTES, MAX_PEAKS, Peak, PeaksPart, WindowHead, WindowName,
 };
 
-use crate::frame::{self, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
+use crate::frame::{self, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened, PROTOCOL_VERSION};
 use crate::time::ClockModel;
 
-/// A hash over the names, types and order of everything in the messages. Host and node talk only if theirs are equal.
-pub const SCHEMA_HASH: u64 =
-    u64::from_le_bytes(Key::for_path::<(NodeMessage<'static>, InConversation)>("belfry").to_bytes());
-
-/// What a node says.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+/// What a node says. Messages have the keys 0, 1, 2 and so on, in this order.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NodeMessage<'a> {
     /// Who the node is; said after a start, a greeting or an accepted configuration.
@@ -95,10 +111,8 @@ pub enum NodeMessage<'a> {
     /// Part 0 of a window.
     Head(WindowHead),
     /// A data part: complex lines.
-    #[serde(borrow)]
     Lines(LinesPart<'a>),
     /// A data part: averaged power spectral densities.
-    #[serde(borrow)]
     Density(DensityPart<'a>),
     /// A data part: peak frequencies.
     Peaks(PeaksPart),
@@ -106,13 +120,13 @@ pub enum NodeMessage<'a> {
     Fed(Fed),
 }
 
-/// What the host says.
+/// What the host says. Messages have the keys 0, 1, 2 and so on, in this order.
 #[expect(clippy::large_enum_variant, reason = "nodes have no heap to put the rows of a recording on")]
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum HostMessage {
-    /// Asks for a [`Hello`].
-    Greet,
+    /// Asks for a [`Hello`], and to be listened to. A node that speaks none of the host's versions does not listen.
+    Greet(Versions),
     /// Tells the node what to measure.
     Configure(Configuration),
     /// What the host has stored, and what it wants again.
@@ -128,15 +142,17 @@ pub enum HostMessage {
     Feed(FeedPart),
     /// Tells the node to measure with its sensor again. It forgets the time, which was the recording's.
     EndReplay,
+    /// Asks for a [`Hello`], and changes nothing.
+    Ask(Versions),
 }
 
 /// The number of a host's conversation with nodes, drawn at random when the host starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Conversation(pub [u8; 4]);
 
 /// What a host says, and in which conversation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct InConversation {
     /// The host's.
@@ -152,10 +168,80 @@ pub fn encode(message: &impl Serialize, out: &mut [u8; MAX_FRAME_BYTES]) -> Resu
     frame::encode(bytes, out)
 }
 
-/// Reads the message in a frame ([`frame::FrameDecoder::push`]'s result). Bytes left over make it unreadable.
-pub fn decode<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Result<T, FrameError> {
-    match postcard::take_from_bytes(bytes) {
-        Ok((message, [])) => Ok(message),
-        _ => Err(FrameError::Message),
+/// What can be read from a frame.
+pub trait Readable<'a>: Sized {
+    /// Reads a message of this version, or of a later one as far as this version knows it.
+    fn read(message: &'a [u8]) -> Result<Self, FrameError>;
+}
+
+/// Reads the message in a frame ([`frame::Opened::message`]).
+pub fn decode<'a, T: Readable<'a>>(message: &'a [u8]) -> Result<T, FrameError> {
+    T::read(message)
+}
+
+/// The key in front, and what stands behind it.
+fn split_key(message: &[u8]) -> Result<(u32, &[u8]), FrameError> {
+    postcard::take_from_bytes(message).map_err(|_| FrameError::Message)
+}
+
+impl<'a> Readable<'a> for NodeMessage<'a> {
+    fn read(message: &'a [u8]) -> Result<Self, FrameError> {
+        let (key, body) = split_key(message)?;
+        Ok(match key {
+            0 => Self::Hello(growth::read(body)?),
+            1 => Self::Refused(growth::read(body)?),
+            2 => Self::Clock(growth::read(body)?),
+            3 => Self::Heartbeat(growth::read(body)?),
+            4 => Self::Head(growth::read(body)?),
+            5 => Self::Lines(growth::read(body)?),
+            6 => Self::Density(growth::read(body)?),
+            7 => Self::Peaks(growth::read(body)?),
+            8 => Self::Fed(growth::read(body)?),
+            key => return Err(FrameError::Unknown { key }),
+        })
     }
+}
+
+impl Readable<'_> for InConversation {
+    fn read(message: &[u8]) -> Result<Self, FrameError> {
+        let (&conversation, message) = message.split_first_chunk().ok_or(FrameError::Message)?;
+        let (key, body) = split_key(message)?;
+        let message = match key {
+            0 => HostMessage::Greet(growth::read(body)?),
+            1 => HostMessage::Configure(growth::read(body)?),
+            2 => HostMessage::Acknowledge(growth::read(body)?),
+            3 => HostMessage::Clock(growth::read(body)?),
+            4 => HostMessage::SetClock(growth::read(body)?),
+            5 => HostMessage::Replay(growth::read(body)?),
+            6 => HostMessage::Feed(growth::read(body)?),
+            7 => HostMessage::EndReplay,
+            8 => HostMessage::Ask(growth::read(body)?),
+            key => return Err(FrameError::Unknown { key }),
+        };
+        Ok(Self { conversation: Conversation(conversation), message })
+    }
+}
+
+/// What a node hears in an undamaged frame.
+#[expect(clippy::large_enum_variant, reason = "as of HostMessage")]
+#[derive(Debug, Clone, PartialEq)]
+pub enum Heard {
+    /// A message of a version that it speaks, or a greeting of any.
+    Message(InConversation),
+    /// A frame of another version.
+    OtherVersion,
+}
+
+/// Reads what a node hears: a message in its own version, or greetings in any other that has them where version 6 has.
+pub fn hear(frame: &Opened<'_>) -> Result<Heard, FrameError> {
+    if frame.version == PROTOCOL_VERSION {
+        return decode(frame.message).map(Heard::Message);
+    }
+    if frame.version > PROTOCOL_VERSION
+        && let Ok(message @ InConversation { message: HostMessage::Greet(_) | HostMessage::Ask(_), .. }) =
+            decode(frame.message)
+    {
+        return Ok(Heard::Message(message));
+    }
+    Ok(Heard::OtherVersion)
 }

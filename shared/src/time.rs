@@ -3,17 +3,16 @@
 //! A node's crystal is off by up to some 20 ppm (1.7 s a day). The host measures offset and drift by two-way exchanges
 //! ([`crate::message::ClockRequest`]), tells the node ([`ClockModel`]), and the node converts its own time to the host's.
 
-use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// Host time in microseconds since the host's epoch (the Unix epoch on a live host, the recording's epoch when a
 /// recording is replayed).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HostTime(pub i64);
 
 /// A node's own time in microseconds since it started.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NodeTime(pub u64);
 
@@ -30,7 +29,7 @@ impl NodeTime {
 }
 
 /// How a node's clock relates to the host's: host = `host` + (node - `node`) (1 + `drift_ppb` 1e-9).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ClockModel {
     /// A moment on the node's clock.

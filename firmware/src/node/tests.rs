@@ -2,6 +2,7 @@
 
 use super::*;
 use belfry_shared::decimation::Stages;
+use belfry_shared::frame::PROTOCOL_VERSION;
 use belfry_shared::message::{Acknowledgement, Again, Band, ChannelState, RefusalReason, Summary};
 use belfry_shared::quantise::{decode_density, decode_lines};
 use belfry_shared::time::HostTime;
@@ -14,6 +15,7 @@ use std::{vec, vec::Vec};
 const IDENTITY: Identity =
     Identity { node: 3, boot: 77, channels: 4, full_scale_m_s2: 19.6, highest_rate_mhz: 4_000_000 };
 const HOST: Conversation = Conversation([1, 2, 3, 4]);
+const GREET: HostMessage = HostMessage::Greet(Versions::OF_HOSTS);
 const OTHER: Conversation = Conversation([5, 6, 7, 8]);
 /// Raw sampling period in µs (50 Hz).
 const PERIOD_US: u64 = 20_000;
@@ -44,7 +46,7 @@ impl Bench {
     /// A node with a configuration whose clock is the host's.
     fn new(summary: Summary) -> Self {
         let mut bench = Self { node: new_node(), row: 0, frames: Vec::new() };
-        bench.say(&HostMessage::Greet);
+        bench.say(&GREET);
         bench.say(&HostMessage::Configure(configuration(summary)));
         bench.say(&HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 }));
         bench
@@ -59,12 +61,33 @@ impl Bench {
     }
 
     fn say_in(&mut self, conversation: Conversation, message: &HostMessage) {
+        self.say_as(PROTOCOL_VERSION, conversation, message, &[]);
+    }
+
+    /// Says a message of another version, with fields that this one does not know.
+    fn say_as(&mut self, version: u8, conversation: Conversation, message: &HostMessage, added: &[u8]) {
         let message = &InConversation { conversation, message: message.clone() };
+        let mut bytes = postcard::to_slice(message, &mut [0; 512]).unwrap().to_vec();
+        bytes.extend(added);
+        self.say_bytes(version, &bytes);
+    }
+
+    fn say_bytes(&mut self, version: u8, bytes: &[u8]) {
         let mut frame = [0; MAX_FRAME_BYTES];
-        let length = message::encode(message, &mut frame).unwrap();
+        let length = frame::encode_as(version, bytes, &mut frame).unwrap();
         for &byte in &frame[..length] {
             self.node.receive(self.now(), byte);
         }
+    }
+
+    /// What the node says of itself when it is heard next.
+    fn next_hello(&mut self) -> Option<Hello> {
+        self.frames.clear();
+        self.listen();
+        self.messages().into_iter().find_map(|message| match message {
+            NodeMessage::Hello(hello) => Some(hello),
+            _ => None,
+        })
     }
 
     /// Feeds rows without letting the node work.
@@ -87,7 +110,7 @@ impl Bench {
             }
             for &byte in &bytes[..count] {
                 if let Some(frame) = decoder.push(byte) {
-                    self.frames.push(frame.unwrap().to_vec());
+                    self.frames.push(frame.unwrap().message.to_vec());
                 }
             }
         }
@@ -113,6 +136,67 @@ impl Bench {
     }
 }
 
+/// A host of the next version, which adds fields and a message and still speaks this one.
+#[test]
+fn a_newer_host_that_still_speaks_its_version_is_served() {
+    let added = [9, 0, 200];
+    let mut plain = Bench::new(Summary::Lines { bits: 8 });
+    let mut bench = Bench { node: new_node(), row: 0, frames: Vec::new() };
+    let versions = Versions { lowest: PROTOCOL_VERSION, highest: PROTOCOL_VERSION + 1 };
+    bench.say_as(PROTOCOL_VERSION + 1, HOST, &HostMessage::Greet(versions), &added);
+    let hello = bench.next_hello().unwrap();
+    assert_eq!((hello.conversation, hello.answers), (Some(HOST), Some(HOST)));
+    let set = HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 });
+    for message in [HostMessage::Configure(configuration(Summary::Lines { bits: 8 })), set] {
+        bench.say_as(PROTOCOL_VERSION, HOST, &message, &added);
+    }
+    // A message that came with the next version.
+    bench.say_bytes(PROTOCOL_VERSION, &[1, 2, 3, 4, 99, 1, 2]);
+    for bench in [&mut plain, &mut bench] {
+        bench.run(256 * 5 * 3, |row| [tone(row), tone(row + 7)]);
+    }
+    let lines = |bench: &Bench| -> Vec<Vec<u8>> {
+        let is_line = |frame: &&Vec<u8>| matches!(message::decode(frame).unwrap(), NodeMessage::Lines(_));
+        bench.frames.iter().filter(is_line).cloned().collect()
+    };
+    assert!(lines(&bench).len() == 6 && lines(&bench) == lines(&plain));
+    let heartbeat = bench.messages().into_iter().find_map(|message| match message {
+        NodeMessage::Heartbeat(heartbeat) => Some((heartbeat.unknown_messages, heartbeat.damaged_frames)),
+        _ => None,
+    });
+    assert_eq!(heartbeat, Some((1, 0)));
+}
+
+#[test]
+fn it_answers_hosts_of_any_version_with_its_own_and_listens_to_none_with_which_it_shares_none() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.listen();
+    // What a host of version 5 says as its greeting, and what hosts of versions that nobody knows may say.
+    for (version, bytes) in [(5, &[5, 6, 7, 8, 0][..]), (3, &[0]), (9, &[5, 6, 7, 8, 0xFF, 0xFF]), (255, &[])] {
+        bench.say_bytes(version, bytes);
+        let hello = bench.next_hello().unwrap();
+        assert_eq!((hello.versions, hello.conversation), (Versions::OF_NODES, Some(HOST)), "version {version}");
+    }
+    for versions in [Versions { lowest: 7, highest: 9 }, Versions { lowest: 1, highest: 5 }] {
+        bench.say_as(versions.highest.max(6), OTHER, &HostMessage::Greet(versions), &[]);
+        let hello = bench.next_hello().unwrap();
+        assert_eq!((hello.answers, hello.conversation), (Some(OTHER), Some(HOST)), "{versions}");
+    }
+}
+
+#[test]
+fn a_question_is_answered_and_leaves_it_with_its_host() {
+    let mut bench = Bench::new(Summary::Lines { bits: 8 });
+    bench.listen();
+    bench.say_in(OTHER, &HostMessage::Ask(Versions::OF_HOSTS));
+    let hello = bench.next_hello().unwrap();
+    assert_eq!((hello.answers, hello.conversation), (Some(OTHER), Some(HOST)));
+    bench.say(&HostMessage::Clock(ClockRequest { host_sent: HostTime(1) }));
+    bench.listen();
+    assert!(matches!(bench.messages().last(), Some(NodeMessage::Clock(_))));
+    assert_eq!(bench.next_hello(), None);
+}
+
 fn tone(row: u64) -> f32 {
     let t = row as f64 * 0.02;
     ((std::f64::consts::TAU * 1.0 * t).sin() + 0.3 * (std::f64::consts::TAU * 2.2 * t + 0.5).cos()) as f32
@@ -125,18 +209,18 @@ fn it_greets_and_confirms_its_configuration_by_hash() {
     let mut bench = Bench { node: new_node(), row: 0, frames: Vec::new() };
     bench.listen();
     let wanted = configuration(Summary::Lines { bits: 8 });
-    bench.say(&HostMessage::Greet);
+    bench.say(&GREET);
     bench.say(&HostMessage::Configure(wanted.clone()));
     bench.listen();
     let hashes: Vec<_> = bench
         .messages()
         .iter()
         .map(|message| match message {
-            NodeMessage::Hello(hello) => (hello.node, hello.boot, hello.schema_hash, hello.configuration_hash),
+            NodeMessage::Hello(hello) => (hello.node, hello.boot, hello.versions, hello.configuration_hash),
             other => panic!("{other:?}"),
         })
         .collect();
-    assert_eq!(hashes, [(3, 77, SCHEMA_HASH, None), (3, 77, SCHEMA_HASH, Some(wanted.hash()))]);
+    assert_eq!(hashes, [(3, 77, Versions::OF_NODES, None), (3, 77, Versions::OF_NODES, Some(wanted.hash()))]);
 }
 
 #[test]
@@ -151,12 +235,12 @@ fn an_empty_frame_opens_every_conversation() {
             assert!(decoder.push(noise).is_none());
         }
         while bench.node.transmit(bench.now(), &mut byte) > 0 {
-            heard.extend(decoder.push(byte[0]).map(|frame| frame.map(<[u8]>::to_vec)));
+            heard.extend(decoder.push(byte[0]).map(|frame| frame.map(|frame| frame.message.to_vec())));
         }
         assert!(heard[0].is_err() && heard.len() == 2);
         let hello: NodeMessage<'_> = message::decode(heard[1].as_ref().unwrap()).unwrap();
         assert!(matches!(hello, NodeMessage::Hello(_)), "{hello:?}");
-        bench.say(&HostMessage::Greet);
+        bench.say(&GREET);
     }
 }
 
@@ -168,7 +252,7 @@ fn it_refuses_what_it_cannot_run_and_goes_on_with_what_it_had() {
     let mut impossible = configuration(Summary::Lines { bits: 8 });
     impossible.decimation = 11;
     bench.say(&HostMessage::Configure(impossible.clone()));
-    bench.say(&HostMessage::Greet);
+    bench.say(&GREET);
     bench.listen();
     let refusal = Refusal { configuration_hash: impossible.hash(), reason: RefusalReason::Decimation };
     assert!(bench.messages().contains(&NodeMessage::Refused(refusal)));
@@ -381,7 +465,7 @@ fn a_host_that_has_not_greeted_last_changes_nothing_and_learns_it() {
     }
     assert_eq!(bench.node.clock.unwrap().host, HostTime(0));
     // The one that greets is listened to from then on, and the one before no longer.
-    bench.say_in(OTHER, &HostMessage::Greet);
+    bench.say_in(OTHER, &GREET);
     bench.say(&acknowledge(3));
     assert_eq!(bench.holds(), (0, 3, Some(OTHER)));
     bench.say_in(OTHER, &acknowledge(2));
@@ -450,7 +534,7 @@ fn a_recording_gives_the_windows_of_the_same_rows_from_a_sensor() {
     sampled.run(256 * 5 * 3, readings);
 
     let mut fed = Bench { node: new_node(), row: 0, frames: Vec::new() };
-    fed.say(&HostMessage::Greet);
+    fed.say(&GREET);
     fed.say(&HostMessage::Replay(message::Replay { start: HostTime(0) }));
     fed.listen();
     let replaying = |bench: &Bench| {

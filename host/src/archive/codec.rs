@@ -33,11 +33,12 @@ impl ChannelRow {
 }
 
 const SOUND: &str = "sound";
-const UNSOUND: [(&str, ChannelState); 4] = [
+const UNSOUND: [(&str, ChannelState); 5] = [
     ("missing", ChannelState::Missing),
     ("clipped", ChannelState::Clipped),
     ("constant", ChannelState::Constant),
     ("overrun", ChannelState::Overrun),
+    ("unknown", ChannelState::Unknown),
 ];
 
 /// No vibration sensor gives a line or a density beyond this, in m/s²/√Hz and its square.

@@ -67,9 +67,21 @@ impl Words {
                     heartbeat.refused_messages
                 );
             }
+            if heartbeat.unknown_messages > 0 {
+                words += &format!(
+                    "; the node passed over {} messages, which later firmware would know",
+                    heartbeat.unknown_messages
+                );
+            }
             if heartbeat.board.dropped_frames > 0 {
                 words += &format!("; the node dropped {} messages from this computer", heartbeat.board.dropped_frames);
             }
+        }
+        if status.statistics.unknown_messages > 0 {
+            words += &format!(
+                "; {} messages of the node passed over, which a later version of Belfry would know",
+                status.statistics.unknown_messages
+            );
         }
         if status.statistics.contradictions > 0 {
             words += &format!(
@@ -104,6 +116,7 @@ pub(crate) fn gap_in_words(reason: ChannelState) -> &'static str {
         ChannelState::Clipped => "was clipped",
         ChannelState::Constant => "always read the same",
         ChannelState::Overrun => "was not computed in time",
+        ChannelState::Unknown => "was not sound, for a reason that this version of Belfry does not know",
     }
 }
 
@@ -111,7 +124,11 @@ pub(crate) fn gap_in_words(reason: ChannelState) -> &'static str {
 pub(crate) fn fault_in_words(fault: &Fault) -> String {
     match fault.kind {
         FaultKind::Clock => fault.to_string(),
-        FaultKind::Panic | FaultKind::HardFault | FaultKind::StackOverflow | FaultKind::Watchdog => {
+        FaultKind::Panic
+        | FaultKind::HardFault
+        | FaultKind::StackOverflow
+        | FaultKind::Watchdog
+        | FaultKind::Unknown => {
             format!("restarted: {fault}")
         }
     }

@@ -2,32 +2,21 @@
 
 use std::io;
 
-use belfry_shared::frame::PROTOCOL_VERSION;
-use belfry_shared::message::{RefusalReason, SCHEMA_HASH};
+use belfry_shared::message::RefusalReason;
 use thiserror::Error;
+
+use super::wire::NoCommonVersion;
 
 /// Why a conversation cannot go on.
 #[derive(Debug, Error)]
 pub enum SessionError {
-    /// The node speaks another version of the protocol.
-    #[error(
-        "node {node} speaks protocol version {found}, this host speaks version {PROTOCOL_VERSION}: flash the node with the firmware of this release"
-    )]
+    /// The node speaks other versions of the protocol.
+    #[error("node {node} {problem}")]
     Version {
         /// The node the session is for.
         node: u16,
-        /// The version it speaks.
-        found: u8,
-    },
-    /// The node's messages are laid out differently although the version is the same.
-    #[error(
-        "node {node} runs firmware of another build (messages {found:#018x}, here {SCHEMA_HASH:#018x}): flash it with the firmware of this release"
-    )]
-    Schema {
-        /// The node the session is for.
-        node: u16,
-        /// Its schema hash.
-        found: u64,
+        /// Which versions.
+        problem: NoCommonVersion,
     },
     /// Another node is on the line.
     #[error("node {found} answers where node {node} was expected: check the cables or the node numbers in study.toml")]

@@ -1,15 +1,13 @@
-//! The greeting: who is on a line, and whether its firmware is of this release.
+//! The greeting: who is on a line, and whether this host speaks a version that the node speaks.
 
 use std::io;
 use std::time::{Duration, Instant};
 
-use belfry_shared::frame::PROTOCOL_VERSION;
-use belfry_shared::message::{Hello, HostMessage, NodeMessage, SCHEMA_HASH};
+use belfry_shared::message::{Hello, HostMessage, NodeMessage, Versions};
 use thiserror::Error;
 
-use super::error::SessionError;
 use super::transport::Transport;
-use super::wire::{MOST_READS, Wire};
+use super::wire::{MOST_READS, NoCommonVersion, Wire};
 
 /// Time between greetings that nobody answers.
 const RETRY: Duration = Duration::from_millis(500);
@@ -17,17 +15,9 @@ const RETRY: Duration = Duration::from_millis(500);
 /// Why it is not known who is on a line.
 #[derive(Debug, Error)]
 pub enum GreetingError {
-    /// The node's version or build does not fit.
-    #[error(transparent)]
-    Session(#[from] SessionError),
-    /// The node that answers speaks another version of the protocol.
-    #[error(
-        "the node speaks protocol version {found}, this host speaks version {PROTOCOL_VERSION}: flash it with the firmware of this release"
-    )]
-    Version {
-        /// The version it speaks.
-        found: u8,
-    },
+    /// The node that answers speaks other versions of the protocol.
+    #[error("the node {0}")]
+    Version(#[from] NoCommonVersion),
     /// The line failed.
     #[error("the line failed")]
     Line {
@@ -39,18 +29,8 @@ pub enum GreetingError {
     Silent,
 }
 
-/// Whether the node that says `hello` can be understood; `node` is named where it cannot.
-pub(super) fn check_build(node: u16, hello: &Hello) -> Result<(), SessionError> {
-    if hello.protocol_version != PROTOCOL_VERSION {
-        return Err(SessionError::Version { node, found: hello.protocol_version });
-    }
-    if hello.schema_hash != SCHEMA_HASH {
-        return Err(SessionError::Schema { node, found: hello.schema_hash });
-    }
-    Ok(())
-}
-
-/// Asks who is on a line, again and again, until a node answers.
+/// Asks who is on a line, again and again, until a node answers. The node goes on listening to whom it listens (of version 5: it listens to
+/// this host now).
 #[derive(Debug)]
 pub struct Greeting {
     wire: Wire,
@@ -77,7 +57,7 @@ impl Greeting {
         let failed = |source| GreetingError::Line { source };
         if self.last_asked.is_none_or(|asked| now.saturating_sub(asked) >= RETRY) {
             self.last_asked = Some(now);
-            self.wire.say(&HostMessage::Greet);
+            self.wire.say(&HostMessage::Ask(Versions::OF_HOSTS));
         }
         self.wire.send(transport).map_err(failed)?;
         let mut buffer = [0; 512];
@@ -87,12 +67,10 @@ impl Greeting {
                 break;
             }
             for frame in self.wire.receive(&buffer[..count]) {
-                let frame = frame.map_err(|found| GreetingError::Version { found })?;
-                if let Some(NodeMessage::Hello(hello)) = self.wire.message(&frame) {
-                    check_build(hello.node, &hello)?;
-                    if self.wire.is_listened_to(&hello) {
-                        return Ok(Some(hello));
-                    }
+                if let Some(NodeMessage::Hello(hello)) = self.wire.message(&frame)?
+                    && self.wire.is_answered_by(&hello)
+                {
+                    return Ok(Some(hello));
                 }
             }
         }
@@ -103,7 +81,7 @@ impl Greeting {
 /// Asks who is on a line, for as long as `patience` lasts.
 ///
 /// # Errors
-/// [`GreetingError::Silent`], the version or build where it is another one, or what is wrong with the line.
+/// [`GreetingError::Silent`], the node's versions where this host speaks none of them, or what is wrong with the line.
 pub fn who_is_there(transport: &mut dyn Transport, patience: Duration) -> Result<Hello, GreetingError> {
     let start = Instant::now();
     let mut greeting = Greeting::new();

@@ -168,7 +168,7 @@ mod tests {
     use std::os::unix::net::UnixListener;
 
     use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
-    use belfry_shared::message::{self, HostMessage, InConversation};
+    use belfry_shared::message::{self, HostMessage, InConversation, Versions};
 
     use super::*;
 
@@ -179,7 +179,10 @@ mod tests {
         let listener = UnixListener::bind(&socket).unwrap();
         let mut port = Port::open(&format!("unix:{}", socket.display()), 115_200).unwrap();
         let mut frame = [0; MAX_FRAME_BYTES];
-        let greet = InConversation { conversation: crate::link::conversation(), message: HostMessage::Greet };
+        let greet = InConversation {
+            conversation: crate::link::conversation(),
+            message: HostMessage::Greet(Versions::OF_HOSTS),
+        };
         let length = message::encode(&greet, &mut frame).unwrap();
         port.write(&frame[..length]).unwrap();
         drop(port);
@@ -189,7 +192,7 @@ mod tests {
         let mut decoder = FrameDecoder::new();
         assert!(decoder.push(0xA5).is_none());
         let frames: Vec<_> =
-            said.iter().filter_map(|&byte| decoder.push(byte).map(|f| f.map(<[u8]>::to_vec))).collect();
+            said.iter().filter_map(|&byte| decoder.push(byte).map(|f| f.map(|f| f.message.to_vec()))).collect();
         let [Err(_), Ok(greeting)] = frames.as_slice() else { panic!("{frames:?}") };
         assert_eq!(message::decode::<InConversation>(greeting), Ok(greet));
     }

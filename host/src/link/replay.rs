@@ -7,7 +7,9 @@ use std::collections::VecDeque;
 use std::io;
 use std::time::{Duration, Instant};
 
-use belfry_shared::message::{Configuration, FeedPart, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay};
+use belfry_shared::message::{
+    Configuration, FeedPart, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay, Versions,
+};
 use belfry_shared::time::HostTime;
 use thiserror::Error;
 
@@ -15,7 +17,7 @@ use super::delivery::Delivery;
 use super::error::SessionError;
 use super::greeting::{GreetingError, who_is_there};
 use super::transport::Transport;
-use super::wire::{Frame, Wire};
+use super::wire::{Frame, Wire, conversation};
 use crate::window::{Configurations, NodeWindow};
 
 /// What is not answered within this time is said again.
@@ -28,8 +30,8 @@ const TRIES: u32 = 20;
 pub enum ReplayError {
     /// Nobody answers who could play the recording.
     #[error(transparent)]
-    Greeting(GreetingError),
-    /// The node's version, build or memory does not fit, or its line failed.
+    Greeting(#[from] GreetingError),
+    /// The node's version or memory does not fit, or its line failed.
     #[error(transparent)]
     Session(#[from] SessionError),
     /// The node answers, but does not follow.
@@ -54,15 +56,6 @@ pub enum ReplayError {
         /// What it says of the end before.
         reason: String,
     },
-}
-
-impl From<GreetingError> for ReplayError {
-    fn from(error: GreetingError) -> Self {
-        match error {
-            GreetingError::Session(error) => Self::Session(error),
-            error => Self::Greeting(error),
-        }
-    }
 }
 
 /// What came back.
@@ -96,6 +89,7 @@ pub fn replay(
 ) -> Result<Replayed, ReplayError> {
     let node = who_is_there(transport, RETRY * TRIES)?.node;
     let mut player = Player::new(transport, node, configuration);
+    player.greet()?;
     player.configure(configuration)?;
     let hello = player.start(start)?;
     let began = Instant::now();
@@ -171,10 +165,13 @@ impl<'a> Player<'a> {
                 return Ok(None);
             }
             let count = self.transport.read(&mut buffer).map_err(|source| self.failed(source))?;
-            for frame in self.wire.receive(&buffer[..count]) {
-                self.frames.push_back(frame.map_err(|found| SessionError::Version { node: self.node, found })?);
-            }
+            self.frames.extend(self.wire.receive(&buffer[..count]));
         }
+    }
+
+    /// The message of a frame, where it can be read.
+    fn message<'f>(&mut self, frame: &'f Frame) -> Result<Option<NodeMessage<'f>>, SessionError> {
+        self.wire.message(frame).map_err(|problem| SessionError::Version { node: self.node, problem })
     }
 
     /// Says something until a greeting of the node shows that it was done.
@@ -188,7 +185,7 @@ impl<'a> Player<'a> {
             self.say(message)?;
             let deadline = Instant::now() + RETRY;
             while let Some(frame) = self.next_frame(deadline)? {
-                match self.wire.message(&frame) {
+                match self.message(&frame)? {
                     Some(NodeMessage::Hello(hello)) if is_done(&hello) => return Ok(hello),
                     Some(NodeMessage::Refused(refusal)) => {
                         return Err(SessionError::Refused { node: self.node, reason: refusal.reason }.into());
@@ -199,6 +196,13 @@ impl<'a> Player<'a> {
             self.retries += 1;
         }
         Err(ReplayError::Unwilling { node: self.node, what })
+    }
+
+    /// Makes the node listen to this host.
+    fn greet(&mut self) -> Result<(), ReplayError> {
+        let conversation = Some(conversation());
+        let greet = HostMessage::Greet(Versions::OF_HOSTS);
+        self.hello_after(&greet, "listen", |hello| hello.conversation == conversation).map(drop)
     }
 
     fn configure(&mut self, configuration: &Configuration) -> Result<(), ReplayError> {
@@ -214,7 +218,7 @@ impl<'a> Player<'a> {
             let hello = self.hello_after(&HostMessage::Replay(Replay { start }), what, |hello| hello.replaying)?;
             let deadline = Instant::now() + RETRY;
             while let Some(frame) = self.next_frame(deadline)? {
-                if let Some(NodeMessage::Heartbeat(heartbeat)) = self.wire.message(&frame) {
+                if let Some(NodeMessage::Heartbeat(heartbeat)) = self.message(&frame)? {
                     self.delivery.begin(hello.boot, heartbeat.next_window);
                     return Ok(hello);
                 }
@@ -257,7 +261,7 @@ impl<'a> Player<'a> {
     fn listen_until(&mut self, next_row: u64) -> Result<bool, ReplayError> {
         let deadline = Instant::now() + RETRY;
         while let Some(frame) = self.next_frame(deadline)? {
-            let Some(message) = self.wire.message(&frame) else { continue };
+            let Some(message) = self.message(&frame)? else { continue };
             match &message {
                 NodeMessage::Fed(progress) => {
                     self.row = progress.next_row;

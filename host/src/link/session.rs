@@ -1,6 +1,6 @@
 //! The host's end of the conversation with one node.
 //!
-//! Bytes and the time flow in, bytes to send and whole windows flow out. The session greets, checks the version, configures,
+//! Bytes and the time flow in, bytes to send and whole windows flow out. The session greets, agrees on a version, configures,
 //! sets the clock, then collects: it acknowledges what the sink has stored and asks again for what is overdue.
 
 mod stages;
@@ -13,7 +13,6 @@ use belfry_shared::time::HostTime;
 use super::clock::ClockEstimator;
 use super::delivery::Delivery;
 use super::error::SessionError;
-use super::greeting::check_build;
 use super::transport::Transport;
 use super::wire::{Frame, MOST_READS, Wire, WireCounts};
 use crate::window::{Configurations, WindowSink};
@@ -42,6 +41,8 @@ pub struct SessionStatistics {
     pub frames: u64,
     /// Frames that came damaged.
     pub damaged_frames: u64,
+    /// Messages that only a later version of Belfry would know.
+    pub unknown_messages: u64,
     /// Parts that were known already.
     pub duplicate_parts: u64,
     /// Parts that contradicted the configuration or other parts.
@@ -180,13 +181,14 @@ impl Session {
 
     /// What it has seen.
     pub fn statistics(&self) -> SessionStatistics {
-        let WireCounts { bytes_received, bytes_sent, frames, damaged_frames } = self.wire.counts();
+        let WireCounts { bytes_received, bytes_sent, frames, damaged_frames, unknown_messages } = self.wire.counts();
         let delivery = self.delivery.counts();
         SessionStatistics {
             bytes_received,
             bytes_sent,
             frames,
             damaged_frames,
+            unknown_messages,
             duplicate_parts: delivery.duplicate_parts,
             contradictions: delivery.contradictions,
             asked_again: delivery.asked_again,
@@ -230,8 +232,8 @@ impl Session {
     fn receive(&mut self, now: HostTime, bytes: &[u8], sink: &mut dyn WindowSink) -> Result<(), SessionError> {
         self.last_received = now;
         for frame in self.wire.receive(bytes) {
-            let frame = frame.map_err(|found| SessionError::Version { node: self.node, found })?;
-            if let Some(message) = self.wire.message(&frame) {
+            let message = self.wire.message(&frame);
+            if let Some(message) = message.map_err(|problem| SessionError::Version { node: self.node, problem })? {
                 self.handle(now, &message, &frame, sink)?;
             }
         }
@@ -300,7 +302,6 @@ impl Session {
 
     fn greeted(&mut self, now: HostTime, hello: &Hello, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
         let node = self.node;
-        check_build(node, hello)?;
         if hello.node != node {
             return Err(SessionError::WrongNode { node, found: hello.node });
         }

@@ -1,14 +1,13 @@
 //! What the host has stored, and what it wants again.
 
 use heapless::Vec;
-use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// Most ranges of parts that one acknowledgement asks for again.
 pub const MAX_AGAIN: usize = 8;
 
 /// What the host has, and what it wants again.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Acknowledgement {
     /// Boot id of the node it is for; a node that has restarted ignores it.
@@ -21,7 +20,7 @@ pub struct Acknowledgement {
 }
 
 /// Parts wanted again: those numbered `first_part` to `last_part` of every window from `first_window` to `last_window`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Again {
     /// First window.

@@ -1,12 +1,11 @@
 //! Two-way exchanges that measure the node's clock.
 
-use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::time::{HostTime, NodeTime};
 
 /// Asks for the node's time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ClockRequest {
     /// When the host sent this.
@@ -14,7 +13,7 @@ pub struct ClockRequest {
 }
 
 /// The node's answer. With the time of its arrival the host has all four times of a two-way exchange.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ClockReply {
     /// The request's `host_sent`.

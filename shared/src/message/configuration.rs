@@ -1,7 +1,6 @@
 //! What a node is to measure and send, and why it may refuse to.
 
 use heapless::Vec;
-use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::frame::{self, MAX_MESSAGE_BYTES};
@@ -11,8 +10,8 @@ pub const MAX_CHANNELS: usize = 4;
 /// Most frequency bands a configuration has.
 pub const MAX_BANDS: usize = 8;
 
-/// What a node is to measure.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+/// What a node is to measure. It does not grow within a version: its hash is over all of it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Configuration {
     /// Channels to measure, 1 to [`MAX_CHANNELS`].
@@ -49,7 +48,7 @@ impl Configuration {
 }
 
 /// What a node makes of its segments.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Summary {
     /// The complex lines of every segment, for modes: a window is one segment.
@@ -65,7 +64,7 @@ pub enum Summary {
 }
 
 /// A run of consecutive spectral lines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Band {
     /// Index of the first line.
@@ -75,7 +74,7 @@ pub struct Band {
 }
 
 /// A configuration the node cannot run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Refusal {
     /// [`Configuration::hash`] of the refused configuration.
@@ -85,7 +84,7 @@ pub struct Refusal {
 }
 
 /// Why a node refuses a configuration.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum RefusalReason {
     /// More channels than the node has, or none.
@@ -120,4 +119,8 @@ pub enum RefusalReason {
         /// Bytes there are.
         available: u32,
     },
+    /// Something of which only a later version knows.
+    #[error("for a reason that this version of Belfry does not know: update it")]
+    #[serde(other)]
+    Unknown,
 }

@@ -1,13 +1,13 @@
 //! Signs of life: which windows there are, what was lost, and the state of sensors and board.
 
 use heapless::Vec;
-use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::configuration::MAX_CHANNELS;
+use super::growth;
 
 /// A sign of life.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Heartbeat {
     /// The node's id.
@@ -33,11 +33,14 @@ pub struct Heartbeat {
     /// Samples that never arrived since the start, in rows of all channels.
     pub lost_rows: u32,
     /// State of its board.
+    #[serde(with = "growth::delimited")]
     pub board: BoardState,
+    /// Messages from hosts that only a later version of its program would know, since the start.
+    pub unknown_messages: u32,
 }
 
 /// What readings say about a sensor; the first that is true.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SensorState {
     /// There was no reading.
@@ -58,10 +61,14 @@ pub enum SensorState {
     /// Nothing is wrong.
     #[error("sound")]
     Sound,
+    /// Something of which only a later version knows.
+    #[error("in a state that this version of Belfry does not know")]
+    #[serde(other)]
+    Unknown,
 }
 
 /// State of a node's board; zeros for a node without one.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BoardState {
     /// Size of the stack in bytes.

@@ -1,26 +1,62 @@
 //! Who a node is, and why it restarted.
 
 use heapless::String;
-use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::Conversation;
+use super::{Conversation, growth};
+use crate::frame::PROTOCOL_VERSION;
 
 /// Longest [`Fault::place`] in bytes.
 pub const MAX_PLACE_BYTES: usize = 64;
 
-/// Who a node is.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+/// The versions of the protocol that an end speaks: all from the lowest to the highest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Versions {
+    /// The lowest.
+    pub lowest: u8,
+    /// The highest.
+    pub highest: u8,
+}
+
+impl Versions {
+    /// A node's of this release.
+    pub const OF_NODES: Self = Self { lowest: PROTOCOL_VERSION, highest: PROTOCOL_VERSION };
+    /// A host's of this release.
+    pub const OF_HOSTS: Self = Self { lowest: super::version_5::VERSION, highest: PROTOCOL_VERSION };
+
+    /// The highest version that both ends speak.
+    pub fn common(self, other: Self) -> Option<u8> {
+        let highest = self.highest.min(other.highest);
+        (highest >= self.lowest.max(other.lowest)).then_some(highest)
+    }
+}
+
+impl core::fmt::Display for Versions {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { lowest, highest } = self;
+        match highest.saturating_sub(*lowest) {
+            0 => write!(formatter, "version {highest}"),
+            1 => write!(formatter, "versions {lowest} and {highest}"),
+            _ => write!(formatter, "versions {lowest} to {highest}"),
+        }
+    }
+}
+
+/// Who a node is. From here to the conversations, the fields are the same in all versions.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Hello {
-    /// [`crate::frame::PROTOCOL_VERSION`] of the node.
-    pub protocol_version: u8,
-    /// [`crate::message::SCHEMA_HASH`] of the node.
-    pub schema_hash: u64,
+    /// The versions of the protocol that the node speaks.
+    pub versions: Versions,
     /// The node's id, as on its label and in study.toml.
     pub node: u16,
     /// Drawn anew at every start.
     pub boot: u32,
+    /// The host whose greeting or question this answers; `None` where it answers none.
+    pub answers: Option<Conversation>,
+    /// The host that greeted last, to which it listens; `None` before any has.
+    pub conversation: Option<Conversation>,
     /// Number of channels of the node's sensor.
     pub channels: u8,
     /// [`crate::message::Configuration::hash`] of what it runs; `None` before the first configuration.
@@ -34,14 +70,13 @@ pub struct Hello {
     pub next_window: u32,
     /// Whether it measures a recording.
     pub replaying: bool,
-    /// The host that greeted last, to which it listens; `None` before any has.
-    pub conversation: Option<Conversation>,
     /// Why it restarted, unless it was only switched on.
+    #[serde(with = "growth::optional")]
     pub fault: Option<Fault>,
 }
 
 /// Why a node restarted.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fault {
     /// What went wrong.
@@ -60,7 +95,7 @@ impl core::fmt::Display for Fault {
 }
 
 /// Kinds of [`Fault`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FaultKind {
     /// The program panicked.
@@ -78,4 +113,8 @@ pub enum FaultKind {
     /// The external clock did not start; the node runs on its inexact internal one.
     #[error("the external clock does not run, and the node's own is inexact")]
     Clock,
+    /// Something of which only a later version knows.
+    #[error("of a kind that this version of Belfry does not know")]
+    #[serde(other)]
+    Unknown,
 }

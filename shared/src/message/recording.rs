@@ -1,7 +1,6 @@
 //! Measuring a recording instead of the sensor.
 
 use heapless::Vec;
-use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::time::HostTime;
@@ -10,7 +9,7 @@ use crate::time::HostTime;
 pub const MAX_FEED: usize = 120;
 
 /// Tells a node to measure a recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Replay {
     /// When row 0 was sampled, in the recording's time. Row n follows n sampling periods of the configuration later.
@@ -18,7 +17,7 @@ pub struct Replay {
 }
 
 /// Rows of a recording.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FeedPart {
     /// Number of the first row in this part. The node takes rows in order and ignores a part that does not start with the row it
@@ -29,7 +28,7 @@ pub struct FeedPart {
 }
 
 /// How much of a recording a node has taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fed {
     /// The row it expects next.

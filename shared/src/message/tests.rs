@@ -1,135 +1,11 @@
-//! Golden bytes and round trips of every message.
+//! How messages grow, and round trips of every message.
 
+use super::goldens::{CONVERSATION, configuration, encoded, heartbeat, hello};
 use super::*;
 use crate::time::{HostTime, NodeTime};
 use heapless::{String, Vec};
 use proptest::prelude::*;
-use std::string::String as StdString;
 use std::vec::Vec as StdVec;
-
-fn hex(message: &impl Serialize) -> StdString {
-    let mut buffer = [0; MAX_MESSAGE_BYTES];
-    let bytes = postcard::to_slice(message, &mut buffer).unwrap();
-    bytes.iter().map(|byte| std::format!("{byte:02x}")).collect::<StdVec<_>>().join(" ")
-}
-
-fn configuration() -> Configuration {
-    Configuration {
-        channels: 4,
-        sampling_rate_uhz: 50_000_000,
-        decimation: 10,
-        segment: 4096,
-        summary: Summary::Lines { bits: 6 },
-        bands: Vec::from_slice(&[Band { first_line: 41, lines: 1188 }]).unwrap(),
-    }
-}
-
-const CONVERSATION: Conversation = Conversation([1, 2, 3, 4]);
-
-const NAME: WindowName = WindowName { node: 3, boot: 0xB007, number: 300 };
-
-/// Changes to these bytes are changes of the wire format: raise [`frame::PROTOCOL_VERSION`] with them.
-#[test]
-fn golden_node_messages() {
-    let hello = Hello {
-        protocol_version: 2,
-        schema_hash: 0x0123_4567_89AB_CDEF,
-        node: 3,
-        boot: 0xB007,
-        channels: 4,
-        configuration_hash: Some(1),
-        clock_set: true,
-        oldest_window: 299,
-        next_window: 301,
-        replaying: false,
-        conversation: Some(CONVERSATION),
-        fault: Some(Fault { kind: FaultKind::HardFault, address: 0x0800_0123, place: String::new() }),
-    };
-    let golden =
-        "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 ab 02 ad 02 00 01 01 02 03 04 01 01 a3 82 80 40 00";
-    assert_eq!(hex(&NodeMessage::Hello(hello)), golden);
-    let refusal = Refusal { configuration_hash: 1, reason: RefusalReason::Memory { needed: 300, available: 200 } };
-    assert_eq!(hex(&NodeMessage::Refused(refusal)), "01 01 06 ac 02 c8 01");
-    let reply = ClockReply {
-        host_sent: HostTime(-1),
-        node_received: NodeTime(2),
-        node_sent: NodeTime(300),
-        believed_delay_us: Some(5),
-    };
-    assert_eq!(hex(&NodeMessage::Clock(reply)), "02 01 02 ac 02 01 0a");
-    let heartbeat = Heartbeat {
-        node: 3,
-        boot: 0xB007,
-        next_window: 301,
-        oldest_window: 299,
-        lost_windows: 0,
-        damaged_frames: 1,
-        refused_messages: 6,
-        level: Vec::from_slice(&[0.5]).unwrap(),
-        sensors: Vec::from_slice(&[SensorState::Stuck]).unwrap(),
-        lost_rows: 2,
-        board: BoardState {
-            stack_bytes: 300,
-            stack_free_bytes: 200,
-            longest_step_us: 4,
-            latest_sample_ns: 400,
-            temperature_centi_c: Some(-1),
-            dropped_frames: 5,
-        },
-    };
-    let golden = "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 90 03 01 01 05";
-    assert_eq!(hex(&NodeMessage::Heartbeat(heartbeat)), golden);
-    let head = WindowHead {
-        name: NAME,
-        configuration_hash: 1,
-        grid_index: 5,
-        middle_offset_us: -2,
-        drift_ppb: 1,
-        data_parts: 7,
-        channels: Vec::from_slice(&[
-            ChannelState::Sound { segments: 1 },
-            ChannelState::Missing,
-            ChannelState::Clipped,
-            ChannelState::Overrun,
-        ])
-        .unwrap(),
-    };
-    assert_eq!(hex(&NodeMessage::Head(head)), "04 03 87 e0 02 ac 02 01 05 03 02 07 04 00 01 01 02 04");
-    let lines = LinesPart { name: NAME, part: 1, channel: 2, first_line: 41, lines: 2, bits: 4, code: &[192, 0x97, 1] };
-    assert_eq!(hex(&NodeMessage::Lines(lines)), "05 03 87 e0 02 ac 02 01 02 29 02 04 03 c0 97 01");
-    let density = DensityPart { name: NAME, part: 1, channel: 2, first_line: 41, base: -31, code: &[248, 0] };
-    assert_eq!(hex(&NodeMessage::Density(density)), "06 03 87 e0 02 ac 02 01 02 29 3d 02 f8 00");
-    let peaks = Vec::from_slice(&[Peak { frequency_hz: 0.5, density: 2.0 }]).unwrap();
-    let peaks = PeaksPart { name: NAME, part: 1, channel: 2, peaks };
-    assert_eq!(hex(&NodeMessage::Peaks(peaks)), "07 03 87 e0 02 ac 02 01 02 01 00 00 00 3f 00 00 00 40");
-    assert_eq!(hex(&NodeMessage::Fed(Fed { next_row: 300 })), "08 ac 02");
-}
-
-#[test]
-fn golden_host_messages() {
-    assert_eq!(hex(&HostMessage::Greet), "00");
-    assert_eq!(hex(&HostMessage::Configure(configuration())), "01 04 80 e1 eb 17 0a 80 20 00 06 01 29 a4 09");
-    let again = Again { first_window: 1, last_window: 2, first_part: 0, last_part: u16::MAX };
-    let acknowledgement = Acknowledgement { boot: 0xB007, below: 300, again: Vec::from_slice(&[again]).unwrap() };
-    assert_eq!(hex(&HostMessage::Acknowledge(acknowledgement)), "02 87 e0 02 ac 02 01 01 02 00 ff ff 03");
-    assert_eq!(hex(&HostMessage::Clock(ClockRequest { host_sent: HostTime(64) })), "03 80 01");
-    let model = ClockModel { node: NodeTime(1), host: HostTime(2), drift_ppb: -3 };
-    assert_eq!(hex(&HostMessage::SetClock(model)), "04 01 04 05");
-    assert_eq!(hex(&HostMessage::Replay(Replay { start: HostTime(-2) })), "05 03");
-    let part = FeedPart { first_row: 300, readings: Vec::from_slice(&[0.5]).unwrap() };
-    assert_eq!(hex(&HostMessage::Feed(part)), "06 ac 02 01 00 00 00 3f");
-    assert_eq!(hex(&HostMessage::EndReplay), "07");
-    let greeting = InConversation { conversation: CONVERSATION, message: HostMessage::Greet };
-    assert_eq!(hex(&greeting), "01 02 03 04 00");
-}
-
-#[test]
-fn the_schema_hash_is_pinned() {
-    assert_eq!(
-        SCHEMA_HASH, 0x079a_30d7_5a7f_20c2,
-        "the messages changed: raise PROTOCOL_VERSION and pin the new hash {SCHEMA_HASH:#018x}"
-    );
-}
 
 #[test]
 fn configurations_that_differ_have_different_hashes() {
@@ -153,10 +29,119 @@ fn a_full_data_part_fits_into_a_message() {
     assert!(encode(&fed, &mut [0; MAX_FRAME_BYTES]).is_ok());
 }
 
+/// As a later version would say it.
+fn grown(message: &impl Serialize) -> StdVec<u8> {
+    let mut bytes = encoded(message);
+    bytes.extend([0xFF, 7, 0, 9]);
+    bytes
+}
+
 #[test]
-fn bytes_left_over_make_a_message_unreadable() {
-    assert_eq!(decode::<HostMessage>(&[0]), Ok(HostMessage::Greet));
-    assert_eq!(decode::<HostMessage>(&[0, 0]), Err(FrameError::Message));
+fn fields_that_a_later_version_adds_are_left_unread() {
+    for message in
+        [NodeMessage::Hello(hello()), NodeMessage::Heartbeat(heartbeat()), NodeMessage::Fed(Fed { next_row: 9 })]
+    {
+        assert_eq!(decode(&grown(&message)), Ok(message));
+    }
+    for message in
+        [HostMessage::Greet(Versions::OF_HOSTS), HostMessage::Configure(configuration()), HostMessage::EndReplay]
+    {
+        let message = InConversation { conversation: CONVERSATION, message };
+        assert_eq!(decode(&grown(&message)), Ok(message));
+    }
+    // Within another struct too: five more bytes of the board, and its length in front says so.
+    let mut bytes = encoded(&NodeMessage::Heartbeat(heartbeat()));
+    let board = bytes.iter().position(|&byte| byte == 0x0A).unwrap();
+    bytes[board] += 5;
+    let end = bytes.len() - 1;
+    bytes.splice(end..end, [1, 2, 3, 4, 5]);
+    assert_eq!(decode(&bytes), Ok(NodeMessage::Heartbeat(heartbeat())));
+}
+
+#[test]
+fn a_message_without_a_field_that_was_there_from_the_start_cannot_be_read() {
+    let whole = encoded(&NodeMessage::Heartbeat(heartbeat()));
+    for length in 0..whole.len() {
+        assert_eq!(decode::<NodeMessage<'_>>(&whole[..length]), Err(FrameError::Message), "{length}");
+    }
+}
+
+/// What this version would read had it begun with fewer fields.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Shorter {
+    node: u16,
+    level: Vec<f32, 2>,
+}
+
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Longer<'a> {
+    node: u16,
+    level: Vec<f32, 2>,
+    #[serde(default = "seven")]
+    added: u32,
+    #[serde(default)]
+    also: &'a [u8],
+}
+
+fn seven() -> u32 {
+    7
+}
+
+#[test]
+fn fields_that_an_older_version_does_not_have_take_their_defaults() {
+    let level = Vec::from_slice(&[1.0]).unwrap();
+    let shorter = Shorter { node: 300, level: level.clone() };
+    let longer = Longer { node: 300, level: level.clone(), added: 7, also: &[] };
+    assert_eq!(growth::read(&encoded(&shorter)), Ok(longer));
+    let longer = Longer { node: 300, level, added: 1, also: &[2, 3] };
+    let bytes = encoded(&longer);
+    assert_eq!(growth::read(&bytes), Ok(longer));
+    assert_eq!(growth::read(&bytes), Ok(shorter));
+    assert_eq!(
+        growth::read::<Longer<'_>>(&bytes[..bytes.len() - 1]),
+        Err(FrameError::Message),
+        "a field cut in the middle"
+    );
+}
+
+#[test]
+fn messages_and_values_that_a_later_version_adds_are_named_as_unknown() {
+    assert_eq!(decode::<NodeMessage<'_>>(&[9, 1, 2]), Err(FrameError::Unknown { key: 9 }));
+    assert_eq!(decode::<InConversation>(&[1, 2, 3, 4, 0xC8, 1]), Err(FrameError::Unknown { key: 200 }));
+    let mut bytes = encoded(&NodeMessage::Heartbeat(heartbeat()));
+    let stuck = bytes.windows(2).position(|pair| pair == [1, 1]).unwrap() + 1;
+    bytes[stuck] = 0x63;
+    let Ok(NodeMessage::Heartbeat(read)) = decode(&bytes) else { panic!("a heartbeat") };
+    assert_eq!(read, Heartbeat { sensors: Vec::from_slice(&[SensorState::Unknown]).unwrap(), ..heartbeat() });
+    // Behind a reason may stand anything.
+    let refusal = Refusal { configuration_hash: 1, reason: RefusalReason::Unknown };
+    assert_eq!(decode(&[1, 1, 0x63, 8, 8]), Ok(NodeMessage::Refused(refusal)));
+}
+
+#[test]
+fn both_ends_go_on_in_the_highest_version_that_both_speak() {
+    let versions = |lowest, highest| Versions { lowest, highest };
+    assert_eq!(versions(5, 6).common(versions(6, 7)), Some(6));
+    assert_eq!(versions(5, 6).common(versions(5, 9)), Some(6));
+    assert_eq!(versions(6, 6).common(versions(7, 8)), None);
+    assert_eq!(versions(6, 6).common(versions(3, 3)), None);
+    assert_eq!(versions(7, 6).common(versions(5, 9)), None, "no version is as high as 7 and as low as 6");
+}
+
+#[test]
+fn a_node_hears_greetings_of_any_version_from_6_on_and_nothing_else_of_others() {
+    let hear = |version, message: &HostMessage| {
+        let message = grown(&InConversation { conversation: CONVERSATION, message: message.clone() });
+        super::hear(&Opened { version, message: &message }).unwrap()
+    };
+    let greeting = HostMessage::Greet(Versions { lowest: 6, highest: 9 });
+    for version in [6, 7, 255] {
+        let heard = InConversation { conversation: CONVERSATION, message: greeting.clone() };
+        assert_eq!(hear(version, &greeting), Heard::Message(heard));
+    }
+    for (version, message) in [(7, &HostMessage::EndReplay), (5, &greeting), (0, &greeting)] {
+        assert_eq!(hear(version, message), Heard::OtherVersion);
+    }
 }
 
 fn heapless<T: core::fmt::Debug + Clone, const N: usize>(
@@ -229,38 +214,29 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
     let code = &code[..code.len().min(MAX_DATA_BYTES)];
     prop_oneof![
         (
-            any::<(u8, u64, u16, u32, u8, Option<u32>, bool, u32, bool)>(),
+            any::<(u8, u8, u16, u32, u8, Option<u32>, bool, u32, bool)>(),
             prop::option::of(fault()),
-            any::<Option<[u8; 4]>>()
+            any::<[Option<[u8; 4]>; 2]>()
         )
             .prop_map(
                 |(
-                    (
-                        protocol_version,
-                        schema_hash,
-                        node,
-                        boot,
-                        channels,
-                        configuration_hash,
-                        clock_set,
-                        oldest_window,
-                        replaying,
-                    ),
+                    (lowest, highest, node, boot, channels, configuration_hash, clock_set, oldest_window, replaying),
                     fault,
-                    conversation,
+                    conversations,
                 )| {
+                    let [answers, conversation] = conversations.map(|number| number.map(Conversation));
                     NodeMessage::Hello(Hello {
-                        protocol_version,
-                        schema_hash,
+                        versions: Versions { lowest, highest },
                         node,
                         boot,
+                        answers,
+                        conversation,
                         channels,
                         configuration_hash,
                         clock_set,
                         oldest_window,
                         next_window: oldest_window.wrapping_add(u32::from(node)),
                         replaying,
-                        conversation: conversation.map(Conversation),
                         fault,
                     })
                 }
@@ -295,6 +271,7 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                         sensors,
                         lost_rows,
                         board,
+                        unknown_messages: lost_windows / 2,
                     })
                 }
             ),
@@ -339,7 +316,8 @@ fn host_message() -> impl Strategy<Value = HostMessage> {
         last_part,
     });
     prop_oneof![
-        Just(HostMessage::Greet),
+        any::<(u8, u8)>().prop_map(|(lowest, highest)| HostMessage::Greet(Versions { lowest, highest })),
+        any::<(u8, u8)>().prop_map(|(lowest, highest)| HostMessage::Ask(Versions { lowest, highest })),
         any::<i64>().prop_map(|start| HostMessage::Replay(Replay { start: HostTime(start) })),
         (any::<u64>(), heapless(finite()))
             .prop_map(|(first_row, readings)| HostMessage::Feed(FeedPart { first_row, readings })),
@@ -372,7 +350,7 @@ fn opened(frame: &[u8]) -> StdVec<u8> {
     let mut decoder = frame::FrameDecoder::new();
     for &byte in frame {
         if let Some(message) = decoder.push(byte) {
-            return message.unwrap().to_vec();
+            return message.unwrap().message.to_vec();
         }
     }
     panic!("no frame in the bytes");
@@ -402,6 +380,8 @@ proptest! {
     fn any_bytes_decode_without_panic(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
         let _ = decode::<NodeMessage<'_>>(&bytes);
         let _ = decode::<InConversation>(&bytes);
+        let _ = version_5::decode_node(&bytes);
+        let _ = hear(&Opened { version: 7, message: &bytes });
         let mut decoder = frame::FrameDecoder::new();
         for &byte in &bytes {
             let _ = decoder.push(byte);

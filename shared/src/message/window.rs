@@ -1,7 +1,6 @@
 //! Windows: what was measured in one interval, in parts that each fit into a frame.
 
 use heapless::Vec;
-use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use super::configuration::MAX_CHANNELS;
@@ -14,7 +13,7 @@ pub const MAX_PEAKS: usize = 8;
 pub const MAX_DATA_BYTES: usize = 480;
 
 /// A window's name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WindowName {
     /// The node's id.
@@ -26,7 +25,7 @@ pub struct WindowName {
 }
 
 /// Part 0 of a window.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WindowHead {
     /// Which window.
@@ -48,7 +47,7 @@ pub struct WindowHead {
 }
 
 /// State of a channel in a window.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ChannelState {
     /// The data are sound; data parts follow.
@@ -64,10 +63,13 @@ pub enum ChannelState {
     Constant,
     /// New samples replaced the segment before the node had time to transform it.
     Overrun,
+    /// Something of which only a later version knows. There are no data.
+    #[serde(other)]
+    Unknown,
 }
 
 /// Complex lines of one channel, coded as in [`crate::quantise`].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinesPart<'a> {
     /// Which window.
@@ -87,7 +89,7 @@ pub struct LinesPart<'a> {
 }
 
 /// Averaged power spectral densities of one channel, coded as in [`crate::quantise`], one byte per line.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DensityPart<'a> {
     /// Which window.
@@ -105,7 +107,7 @@ pub struct DensityPart<'a> {
 }
 
 /// The highest peaks of one channel's averaged density.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PeaksPart {
     /// Which window.
@@ -119,7 +121,7 @@ pub struct PeaksPart {
 }
 
 /// A spectral peak.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Peak {
     /// Frequency in Hz, interpolated between lines.

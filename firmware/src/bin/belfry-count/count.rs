@@ -3,7 +3,7 @@
 use belfry_firmware::{Identity, Memory, Node, SUPPORTED_SEGMENTS, welch_segment};
 use belfry_shared::frame::{MAX_FRAME_BYTES, crc32};
 use belfry_shared::message::{
-    self, Band, Configuration, Conversation, HostMessage, InConversation, MAX_CHANNELS, Summary,
+    self, Band, Configuration, Conversation, HostMessage, InConversation, MAX_CHANNELS, Summary, Versions,
 };
 use belfry_shared::time::{ClockModel, HostTime, NodeTime};
 use cortex_m_semihosting::{debug, hprintln};
@@ -93,7 +93,7 @@ fn whole_node(node: &mut Node<&'static mut Memory>, rate_hz: u32, decimation: u3
             node.receive(NodeTime(0), byte);
         }
     };
-    say(node, &HostMessage::Greet);
+    say(node, &HostMessage::Greet(Versions::OF_HOSTS));
     say(node, &HostMessage::Configure(configuration));
     say(node, &HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 }));
     // Two windows, after the filters are full.

@@ -27,7 +27,7 @@ fn encode(message: &NodeMessage<'_>) -> Vec<u8> {
     let mut frame = [0; belfry_shared::frame::MAX_FRAME_BYTES];
     let length = belfry_shared::message::encode(message, &mut frame).unwrap();
     let mut decoder = belfry_shared::frame::FrameDecoder::new();
-    frame[..length].iter().find_map(|&byte| decoder.push(byte).map(|frame| frame.unwrap().to_vec())).unwrap()
+    frame[..length].iter().find_map(|&byte| decoder.push(byte).map(|frame| frame.unwrap().message.to_vec())).unwrap()
 }
 
 fn name(number: u32) -> WindowName {

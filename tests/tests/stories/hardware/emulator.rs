@@ -177,7 +177,9 @@ fn first_hello(port: &mut Port) -> Hello {
         let count = port.read(&mut buffer).unwrap();
         for &byte in &buffer[..count] {
             if let Some(frame) = decoder.push(byte) {
-                let NodeMessage::Hello(hello) = message::decode(frame.unwrap()).unwrap() else { panic!("no greeting") };
+                let NodeMessage::Hello(hello) = message::decode(frame.unwrap().message).unwrap() else {
+                    panic!("no greeting")
+                };
                 return hello;
             }
         }

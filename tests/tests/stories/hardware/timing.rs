@@ -20,7 +20,7 @@ use belfry_host::window::{ChannelData, Configurations, NodeWindow};
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
     self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Heartbeat, HostMessage, InConversation,
-    LinesPart, NodeMessage, Refusal, RefusalReason, Replay, SensorState, Summary,
+    LinesPart, NodeMessage, Refusal, RefusalReason, Replay, SensorState, Summary, Versions,
 };
 use belfry_shared::time::{HostTime, NodeTime, WindowGrid};
 
@@ -153,7 +153,7 @@ impl BusyLine {
     fn burst(&mut self) {
         for _ in 0..BURST {
             self.port.write(&[7, 1, 2, END_OF_FRAME]).unwrap();
-            self.say(&HostMessage::Greet).unwrap();
+            self.say(&HostMessage::Greet(Versions::OF_HOSTS)).unwrap();
         }
         self.garbage += BURST;
     }
@@ -214,7 +214,7 @@ impl Transport for BusyLine {
             }
             let frame = std::mem::take(&mut self.frame);
             let mut decoder = FrameDecoder::new();
-            let opened = frame.iter().find_map(|&byte| decoder.push(byte).map(|frame| frame.unwrap().to_vec()));
+            let opened = frame.iter().find_map(|&byte| decoder.push(byte).map(|frame| frame.unwrap().message.to_vec()));
             if opened.is_none_or(|opened| self.hear(&message::decode(&opened).unwrap())) {
                 self.for_session.extend(frame);
             }
