@@ -3,11 +3,14 @@
 use core::ops::DerefMut;
 
 use belfry_shared::frame;
-use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES};
-use belfry_shared::message::{
-    self, Acknowledgement, BoardState, ClockReply, ClockRequest, Configuration, Conversation, Fault, Fed, FeedPart,
-    Heard, Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, Replay, Versions, WindowName,
+use belfry_shared::frame::{
+    END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened, PROTOCOL_VERSION,
 };
+use belfry_shared::message::{
+    self, Acknowledgement, BoardState, ClockReply, ClockRequest, Configuration, Conversation, Counters, Fault, Fed,
+    FeedPart, Heard, Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, Replay, Versions, WindowName,
+};
+use belfry_shared::seal::{Key, Sender, next_counter};
 use belfry_shared::time::{ClockModel, NodeTime};
 
 use crate::acquisition::{Acquisition, Rings, empty_rings};
@@ -51,6 +54,48 @@ struct Pending {
     clock: Option<(ClockRequest, NodeTime)>,
     heartbeat: bool,
     fed: bool,
+}
+
+/// What a node with a key knows of sealed frames. There is one for all its ports.
+#[derive(Debug, Clone)]
+struct Sealing {
+    /// `None` where what was written into the node is no key.
+    key: Option<Key>,
+    boot: u32,
+    counters: Counters,
+}
+
+impl Sealing {
+    /// Whether a frame is of a host with the key, and was not heard before. Greetings say their whole counter.
+    fn admits(&mut self, frame: &Opened<'_>, heard: &Heard) -> bool {
+        let (Some(key), Some(seal)) = (&self.key, frame.seal) else { return false };
+        let counter = match heard {
+            Heard::Message(InConversation { message: HostMessage::Greet(greeting), .. }) => {
+                Some(greeting.counter).filter(|&counter| counter > self.counters.heard)
+            }
+            _ => next_counter(self.counters.heard, seal.counter),
+        };
+        let admitted = counter.filter(|&counter| key.admits(Sender::Host, self.boot, counter, frame));
+        self.counters.heard = admitted.unwrap_or(self.counters.heard);
+        admitted.is_some()
+    }
+
+    /// Writes the frame of a message, and returns its length. 0 when counters are used up.
+    fn encode(&mut self, message: &[u8], frame: &mut [u8; MAX_FRAME_BYTES]) -> usize {
+        let Some(key) = &self.key else { return frame::encode(message, frame).unwrap_or(0) };
+        let Some(counter) = self.counters.said.checked_add(1) else { return 0 };
+        self.counters.said = counter;
+        let seal = key.seal(Sender::Node, self.boot, counter, PROTOCOL_VERSION, message);
+        frame::encode_sealed(PROTOCOL_VERSION, message, &seal, frame).unwrap_or(0)
+    }
+}
+
+/// Writes the frame of a message, sealed where there is a key, and returns its length.
+fn encode(sealing: &mut Option<Sealing>, message: &[u8], frame: &mut [u8; MAX_FRAME_BYTES]) -> usize {
+    match sealing {
+        Some(sealing) => sealing.encode(message, frame),
+        None => frame::encode(message, frame).unwrap_or(0),
+    }
 }
 
 /// The frame on its way out.
@@ -112,6 +157,8 @@ pub struct Node<M> {
     conversation: Option<Conversation>,
     refused_messages: u32,
     unknown_messages: u32,
+    unsealed_messages: u32,
+    sealing: Option<Sealing>,
     lost_rows: u32,
     fault: Option<Fault>,
     board: BoardState,
@@ -139,6 +186,8 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             conversation: None,
             refused_messages: 0,
             unknown_messages: 0,
+            unsealed_messages: 0,
+            sealing: None,
             lost_rows: 0,
             fault: None,
             board: BoardState {
@@ -165,6 +214,13 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     /// Its identity.
     pub fn identity(&self) -> Identity {
         self.identity
+    }
+
+    /// Gives it its key, before anything else: from now on it only obeys hosts that have it. `None` where there should be a key and is none that can
+    /// be read: it can be asked who it is then, and obeys nobody.
+    pub fn set_key(&mut self, key: Option<Key>) {
+        let counters = Counters { said: 0, heard: 0 };
+        self.sealing = Some(Sealing { key, boot: self.identity.boot, counters });
     }
 
     /// Sets the reason for the restart, for every greeting.
@@ -198,12 +254,25 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     pub fn receive(&mut self, now: NodeTime, byte: u8) {
         let heard = match self.decoder.push(byte) {
             None => return,
-            Some(frame) => frame.and_then(|frame| message::hear(&frame)),
+            Some(frame) => frame.and_then(|frame| {
+                let heard = message::hear(&frame)?;
+                let is_admitted = self.sealing.as_mut().is_none_or(|sealing| sealing.admits(&frame, &heard));
+                Ok((heard, is_admitted))
+            }),
         };
         match heard {
-            Ok(Heard::Message(InConversation { conversation, message })) => self.hear(now, conversation, message),
+            Ok((Heard::Message(InConversation { conversation, message }), true)) => {
+                self.hear(now, conversation, message);
+            }
+            Ok((Heard::Message(InConversation { conversation, message }), false)) => {
+                // A question needs no seal. Other hosts with the key learn from the answer what they have to seal for.
+                if !matches!(message, HostMessage::Ask(_)) {
+                    self.unsealed_messages = self.unsealed_messages.saturating_add(1);
+                }
+                self.answer(conversation);
+            }
             // Its host learns from the answer which versions the node speaks.
-            Ok(Heard::OtherVersion) => self.pending.hello = true,
+            Ok((Heard::OtherVersion, _)) => self.pending.hello = true,
             Err(FrameError::Unknown { .. }) => self.unknown_messages = self.unknown_messages.saturating_add(1),
             Err(_) => self.damaged_frames = self.damaged_frames.saturating_add(1),
         }
@@ -212,7 +281,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     /// Takes what a host says. Greetings decide who is listened to, before anything else.
     fn hear(&mut self, now: NodeTime, conversation: Conversation, message: HostMessage) {
         match message {
-            HostMessage::Greet(versions) if versions.common(Versions::OF_NODES).is_some() => {
+            HostMessage::Greet(greeting) if greeting.versions.common(Versions::OF_NODES).is_some() => {
                 self.conversation = Some(conversation);
                 self.answer(conversation);
             }
@@ -473,6 +542,11 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 next_window,
                 replaying: self.replay.is_some(),
                 fault: self.fault.clone(),
+                // As it will be in a moment.
+                counters: self
+                    .sealing
+                    .as_ref()
+                    .map(|sealing| Counters { said: sealing.counters.said.saturating_add(1), ..sealing.counters }),
             })
         } else if let Some(refusal) = self.pending.refusal.take() {
             NodeMessage::Refused(refusal)
@@ -491,11 +565,12 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 lost_rows: self.lost_rows,
                 board: self.board,
                 unknown_messages: self.unknown_messages,
+                unsealed_messages: self.unsealed_messages,
             })
         } else {
             let (_, ring) = self.memory.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));
             match (self.outbox.next(ring), self.replay) {
-                (Some(part), _) => return frame::encode(part, frame).unwrap_or(0),
+                (Some(part), _) => return encode(&mut self.sealing, part, frame),
                 // Only now, with everything that follows from the last rows computed and sent, it takes more.
                 (None, Some(next_row)) if self.pending.fed && !self.windows.is_busy() => {
                     self.pending.fed = false;
@@ -507,7 +582,12 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 }
             }
         };
-        message::encode(&message, frame).unwrap_or(0)
+        let mut buffer = [0; MAX_MESSAGE_BYTES];
+        match postcard::to_slice(&message, &mut buffer) {
+            Ok(message) => encode(&mut self.sealing, message, frame),
+            // What a node says fits by its types.
+            Err(_) => 0,
+        }
     }
 }
 

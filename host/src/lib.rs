@@ -4,7 +4,7 @@
 //!
 //! Below it, data goes one way, one folder a step. [`study`] says what stands where and [`record`] reads what was
 //! measured. [`window`] is what a node sends of it, [`link`] talks to the nodes, [`archive`] keeps their windows,
-//! [`collect`] does both live, and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of
+//! [`keys`] holds their keys, [`collect`] does all of this live, and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of
 //! these. [`identify`] makes modes of it, and [`trend`] follows them over the hours. [`modes`] reads modes, its own or
 //! another tool's. [`change`] compares two measurements of one structure. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
 //! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks. [`plan`] says before
@@ -24,6 +24,7 @@ pub mod export;
 pub mod files;
 pub mod fleet;
 pub mod identify;
+pub mod keys;
 pub mod link;
 pub mod measure;
 pub mod model;

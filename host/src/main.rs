@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use belfry_host::command::{
     Console, add, archive, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify,
-    init, plan, ports, profile, remove, replay, report, serve, simulate, update,
+    init, key, plan, ports, profile, remove, replay, report, serve, simulate, update,
 };
 use clap::{Parser, Subcommand};
 
@@ -41,6 +41,7 @@ enum Command {
     Plan(plan::Arguments),
     Simulate(simulate::Arguments),
     Ports(ports::Arguments),
+    Key(key::Arguments),
     Collect(collect::Arguments),
     Archive(archive::Arguments),
     Replay(replay::Arguments),
@@ -69,6 +70,7 @@ fn main() -> ExitCode {
         Command::Plan(arguments) => plan::run(arguments, &console),
         Command::Simulate(arguments) => simulate::run(arguments, &console),
         Command::Ports(arguments) => ports::run(arguments, &console),
+        Command::Key(arguments) => key::run(arguments, &console),
         Command::Collect(arguments) => collect::run(arguments, &console),
         Command::Archive(arguments) => archive::run(arguments, &console),
         Command::Replay(arguments) => replay::run(arguments, &console),

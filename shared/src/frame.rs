@@ -5,6 +5,9 @@
 //! CRC is CRC-32/ISO-HDLC (Ethernet's) over version and message, little endian. The version stands outside the message, so that
 //! each end recognises a peer of another version whatever its messages look like. This has been so since version 1.
 //!
+//! A sealed frame ([`crate::seal`]) is `COBS(version + 128, message, counter, tag, CRC-32) 0x00`: the seal stands between message and CRC, and the
+//! version's highest bit says so. The CRC stays, so that noise on the line is not taken for an attack.
+//!
 //! Both ends send an empty frame, a lone zero, when a conversation begins. It ends a frame that an earlier conversation left
 //! unfinished, or noise on the line, which would otherwise spoil the first message.
 
@@ -15,11 +18,16 @@ use thiserror::Error;
 pub const PROTOCOL_VERSION: u8 = 6;
 /// Longest message in a frame, in bytes.
 pub const MAX_MESSAGE_BYTES: usize = 512;
+/// Counter and tag of a sealed frame.
+pub const SEAL_BYTES: usize = 9;
+const COUNTER_BYTES: usize = 1;
+/// Set in the version byte of a sealed frame; so versions go up to 127.
+const SEALED: u8 = 0x80;
 /// Version byte and CRC.
 const ENVELOPE_BYTES: usize = 1 + CRC_BYTES;
 const CRC_BYTES: usize = 4;
 /// Longest frame body before COBS.
-const MAX_BODY_BYTES: usize = MAX_MESSAGE_BYTES + ENVELOPE_BYTES;
+const MAX_BODY_BYTES: usize = MAX_MESSAGE_BYTES + SEAL_BYTES + ENVELOPE_BYTES;
 /// Longest frame on the line, with its end mark.
 pub const MAX_FRAME_BYTES: usize = cobs::max_encoding_length(MAX_BODY_BYTES) + 1;
 /// The byte that ends a frame and occurs nowhere else.
@@ -52,11 +60,20 @@ pub enum FrameError {
     #[error("the frame's message cannot be read")]
     Message,
     /// The message is one that a later version has added.
-    #[error("the frame has a message {key}, which this version does not know")]
+    #[error("the frame has a message of kind {kind}, which this version does not know")]
     Unknown {
-        /// Its key.
-        key: u32,
+        /// Its kind.
+        kind: u32,
     },
+}
+
+/// What shows who has made a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Seal {
+    /// The low 8 bits of its counter.
+    pub counter: u8,
+    /// The tag.
+    pub tag: [u8; SEAL_BYTES - COUNTER_BYTES],
 }
 
 /// What is in a frame.
@@ -66,6 +83,8 @@ pub struct Opened<'a> {
     pub version: u8,
     /// The message.
     pub message: &'a [u8],
+    /// Its seal, which nobody has checked yet.
+    pub seal: Option<Seal>,
 }
 
 /// Writes the frame of `message` to `frame` and returns its length.
@@ -77,13 +96,33 @@ pub fn encode(message: &[u8], frame: &mut [u8; MAX_FRAME_BYTES]) -> Result<usize
 
 /// The same for a message of another version.
 pub fn encode_as(version: u8, message: &[u8], frame: &mut [u8; MAX_FRAME_BYTES]) -> Result<usize, FrameError> {
+    write(version, message, &[], frame)
+}
+
+/// The same with a seal.
+pub fn encode_sealed(
+    version: u8,
+    message: &[u8],
+    seal: &Seal,
+    frame: &mut [u8; MAX_FRAME_BYTES],
+) -> Result<usize, FrameError> {
+    let mut bytes = [seal.counter; SEAL_BYTES];
+    bytes[COUNTER_BYTES..].copy_from_slice(&seal.tag);
+    write(version | SEALED, message, &bytes, frame)
+}
+
+fn write(version: u8, message: &[u8], seal: &[u8], frame: &mut [u8; MAX_FRAME_BYTES]) -> Result<usize, FrameError> {
+    if message.len() > MAX_MESSAGE_BYTES {
+        return Err(FrameError::TooLong);
+    }
     let mut body = [0_u8; MAX_BODY_BYTES];
-    let length = message.len();
-    let body = body.get_mut(..length + ENVELOPE_BYTES).ok_or(FrameError::TooLong)?;
+    let (length, end) = (message.len(), message.len() + seal.len());
+    let body = body.get_mut(..end + ENVELOPE_BYTES).ok_or(FrameError::TooLong)?;
     body[0] = version;
     body[1..=length].copy_from_slice(message);
-    let checksum = crc32(&body[..=length]);
-    body[length + 1..].copy_from_slice(&checksum.to_le_bytes());
+    body[length + 1..=end].copy_from_slice(seal);
+    let checksum = crc32(&body[..=end]);
+    body[end + 1..].copy_from_slice(&checksum.to_le_bytes());
     let stuffed = cobs::try_encode(body, frame).map_err(|_| FrameError::TooLong)?;
     *frame.get_mut(stuffed).ok_or(FrameError::TooLong)? = END_OF_FRAME;
     Ok(stuffed + 1)
@@ -140,7 +179,13 @@ fn open(stuffed: &mut [u8]) -> Result<Opened<'_>, FrameError> {
     if crc32(content) != u32::from_le_bytes(*checksum) {
         return Err(FrameError::Checksum);
     }
-    Ok(Opened { version, message })
+    if version & SEALED == 0 {
+        return Ok(Opened { version, message, seal: None });
+    }
+    let (message, seal) = message.split_last_chunk::<SEAL_BYTES>().ok_or(FrameError::TooShort)?;
+    let [counter, tag @ ..] = *seal;
+    let seal = Seal { counter, tag };
+    Ok(Opened { version: version & !SEALED, message, seal: Some(seal) })
 }
 
 #[cfg(test)]

@@ -11,4 +11,5 @@ pub mod decimation;
 pub mod frame;
 pub mod message;
 pub mod quantise;
+pub mod seal;
 pub mod time;

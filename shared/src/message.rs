@@ -1,21 +1,21 @@
 //! The messages between a sensor node and its host, and the rules for both: the specification of the protocol.
 //!
 //! # On the line
-//! A frame ([`crate::frame`]) holds one message. What a node says ([`NodeMessage`]) is a key, which tells messages apart, and the fields of
+//! A frame ([`crate::frame`]) holds one message. What a node says ([`NodeMessage`]) is its kind, a number, and the fields of
 //! the message. What a host says ([`InConversation`]) has the number of its conversation in front. Everything is coded by postcard: integers
-//! and keys are varints, floats IEEE 754 little endian, byte strings start with their length. One serial line connects one node with the
+//! and kinds are varints, floats IEEE 754 little endian, byte strings start with their length. One serial line connects one node with the
 //! host.
 //!
 //! # Versions
 //! Nodes hang on towers for years, and hosts are updated. So messages grow, and a version of the protocol talks to the next:
 //!
-//! - A later version adds fields at a message's end, further messages under new keys, and further values of enums (`message/growth.rs`
-//!   says how). A reader leaves what it does not know unread. It skips messages with unknown keys and counts them
+//! - A later version adds fields at a message's end, further kinds of messages, and further values of enums (`message/growth.rs`
+//!   says how). A reader leaves what it does not know unread. It passes over messages of kinds that it does not know and counts them
 //!   ([`Heartbeat::unknown_messages`]).
 //! - Whatever changes otherwise needs a new version of the protocol, and an end that goes on speaking the one before.
 //! - Each end says which versions it speaks ([`Versions`]): the host in [`HostMessage::Greet`] and [`HostMessage::Ask`], the node in [`Hello`].
 //!   They go on in the highest that both speak. Where there is none, the host names the one of the two to be updated.
-//! - These three messages keep their key, their place in the frame and the fields that they have now in all later versions, and each end
+//! - These three messages keep their kind, their place in the frame and the fields that they have now in all later versions, and each end
 //!   reads them in frames of any version from 6 on. All others count only in a version that the end speaks.
 //! - A node answers any undamaged frame of a version that it does not speak, also of one that it cannot know, with its own [`Hello`].
 //! - A configuration is as the agreed version has it, and no longer: both ends name it by a hash of the whole.
@@ -47,7 +47,7 @@
 //! A host draws a number for all that it says ([`Conversation`]). The node listens to the host that greeted it last: what comes
 //! under another number is dropped and counted, and answered with a [`Hello`] that says whom the node listens to. So two hosts on
 //! one line notice each other, and neither erases windows that the other has not stored. This keeps mistakes out. It keeps nobody out
-//! who can write on the line and means to.
+//! who can write on the line and means to; a key does.
 //!
 //! Each end opens with an empty frame, which ends whatever an earlier conversation left unfinished on the line. The host says
 //! [`HostMessage::Greet`]; the node answers with [`Hello`], which it also says when it starts. A host that only wants to know who is there says
@@ -56,6 +56,21 @@
 //! node's clock, and a [`ClockModel`] tells the node the time (a later `Hello` confirms it). From then on it measures, window by
 //! window on the grid of host time ([`crate::time::WindowGrid`]), and host and node exchange windows, acknowledgements and clock
 //! readings.
+//!
+//! # Keys
+//! A node may have a key, which its host has too. Every frame of both then carries a seal ([`crate::seal`]), made for the node's boot id and with a
+//! counter that only rises, and an end takes nothing without one:
+//!
+//! - The host does not know the boot id yet, so it first says [`HostMessage::Ask`], which needs no seal and changes nothing. The sealed `Hello` that
+//!   answers has the number of the host's conversation, which no earlier one has ([`Hello::answers`]): so the host knows that the boot id is the
+//!   present one. From its [`Counters`] it knows from where to count. Whatever the node says from then on is new where its counter is higher.
+//! - Now the host greets, sealed, and goes on as without a key. What it said in an earlier boot, or has said already, the node refuses, by whatever
+//!   way it comes: a node has one counter for all that it hears. Where it no longer hears the host, because too many frames in a row were lost,
+//!   its `Hello` says how far it has counted, and a greeting with the whole counter ([`Greeting::counter`]) puts that right.
+//! - A node counts the messages without a sound seal ([`Heartbeat::unsealed_messages`]), obeys none, and answers with a `Hello`. Parts of windows are
+//!   sealed when they are sent, so those kept through an outage are as good as others.
+//! - A host that has a node's key takes nothing from it without a seal; it takes a node for another whose frames are sealed with another key, and
+//!   has no use for a sealed node of which it has no key.
 //!
 //! # Recordings
 //! A node can measure a recording instead of its sensor: after [`HostMessage::Replay`] the recording's rows arrive as
@@ -72,6 +87,7 @@ mod clock;
 mod configuration;
 #[cfg(test)]
 mod goldens;
+mod greeting;
 mod growth;
 mod heartbeat;
 mod hello;
@@ -86,8 +102,9 @@ use serde::{Deserialize, Serialize};
 pub use acknowledgement::{Acknowledgement, Again, MAX_AGAIN};
 pub use clock::{ClockReply, ClockRequest};
 pub use configuration::{Band, Configuration, MAX_BANDS, MAX_CHANNELS, Refusal, RefusalReason, Summary};
+pub use greeting::Greeting;
 pub use heartbeat::{BoardState, Heartbeat, SensorState};
-pub use hello::{Fault, FaultKind, Hello, MAX_PLACE_BYTES, Versions};
+pub use hello::{Counters, Fault, FaultKind, Hello, MAX_PLACE_BYTES, Versions};
 pub use recording::{Fed, FeedPart, MAX_FEED, Replay};
 pub use window::{
     ChannelState, DensityPart, LinesPart, MAX_DATA_BYTES, MAX_PEAKS, Peak, PeaksPart, WindowHead, WindowName,
@@ -96,7 +113,7 @@ pub use window::{
 use crate::frame::{self, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened, PROTOCOL_VERSION};
 use crate::time::ClockModel;
 
-/// What a node says. Messages have the keys 0, 1, 2 and so on, in this order.
+/// What a node says. The kinds are 0, 1, 2 and so on, in this order.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum NodeMessage<'a> {
@@ -120,13 +137,13 @@ pub enum NodeMessage<'a> {
     Fed(Fed),
 }
 
-/// What the host says. Messages have the keys 0, 1, 2 and so on, in this order.
+/// What the host says. The kinds are 0, 1, 2 and so on, in this order.
 #[expect(clippy::large_enum_variant, reason = "nodes have no heap to put the rows of a recording on")]
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum HostMessage {
     /// Asks for a [`Hello`], and to be listened to. A node that speaks none of the host's versions does not listen.
-    Greet(Versions),
+    Greet(Greeting),
     /// Tells the node what to measure.
     Configure(Configuration),
     /// What the host has stored, and what it wants again.
@@ -163,9 +180,12 @@ pub struct InConversation {
 
 /// Writes the frame of a message and returns its length.
 pub fn encode(message: &impl Serialize, out: &mut [u8; MAX_FRAME_BYTES]) -> Result<usize, FrameError> {
-    let mut buffer = [0; MAX_MESSAGE_BYTES];
-    let bytes = postcard::to_slice(message, &mut buffer).map_err(|_| FrameError::TooLong)?;
-    frame::encode(bytes, out)
+    frame::encode(bytes(message, &mut [0; MAX_MESSAGE_BYTES])?, out)
+}
+
+/// Writes a message without its frame.
+pub fn bytes<'b>(message: &impl Serialize, buffer: &'b mut [u8; MAX_MESSAGE_BYTES]) -> Result<&'b [u8], FrameError> {
+    postcard::to_slice(message, buffer).map(|bytes| &*bytes).map_err(|_| FrameError::TooLong)
 }
 
 /// What can be read from a frame.
@@ -179,15 +199,15 @@ pub fn decode<'a, T: Readable<'a>>(message: &'a [u8]) -> Result<T, FrameError> {
     T::read(message)
 }
 
-/// The key in front, and what stands behind it.
-fn split_key(message: &[u8]) -> Result<(u32, &[u8]), FrameError> {
+/// The kind in front, and what stands behind it.
+fn split_kind(message: &[u8]) -> Result<(u32, &[u8]), FrameError> {
     postcard::take_from_bytes(message).map_err(|_| FrameError::Message)
 }
 
 impl<'a> Readable<'a> for NodeMessage<'a> {
     fn read(message: &'a [u8]) -> Result<Self, FrameError> {
-        let (key, body) = split_key(message)?;
-        Ok(match key {
+        let (kind, body) = split_kind(message)?;
+        Ok(match kind {
             0 => Self::Hello(growth::read(body)?),
             1 => Self::Refused(growth::read(body)?),
             2 => Self::Clock(growth::read(body)?),
@@ -197,7 +217,7 @@ impl<'a> Readable<'a> for NodeMessage<'a> {
             6 => Self::Density(growth::read(body)?),
             7 => Self::Peaks(growth::read(body)?),
             8 => Self::Fed(growth::read(body)?),
-            key => return Err(FrameError::Unknown { key }),
+            kind => return Err(FrameError::Unknown { kind }),
         })
     }
 }
@@ -205,8 +225,8 @@ impl<'a> Readable<'a> for NodeMessage<'a> {
 impl Readable<'_> for InConversation {
     fn read(message: &[u8]) -> Result<Self, FrameError> {
         let (&conversation, message) = message.split_first_chunk().ok_or(FrameError::Message)?;
-        let (key, body) = split_key(message)?;
-        let message = match key {
+        let (kind, body) = split_kind(message)?;
+        let message = match kind {
             0 => HostMessage::Greet(growth::read(body)?),
             1 => HostMessage::Configure(growth::read(body)?),
             2 => HostMessage::Acknowledge(growth::read(body)?),
@@ -216,7 +236,7 @@ impl Readable<'_> for InConversation {
             6 => HostMessage::Feed(growth::read(body)?),
             7 => HostMessage::EndReplay,
             8 => HostMessage::Ask(growth::read(body)?),
-            key => return Err(FrameError::Unknown { key }),
+            kind => return Err(FrameError::Unknown { kind }),
         };
         Ok(Self { conversation: Conversation(conversation), message })
     }

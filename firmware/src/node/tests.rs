@@ -3,7 +3,7 @@
 use super::*;
 use belfry_shared::decimation::Stages;
 use belfry_shared::frame::PROTOCOL_VERSION;
-use belfry_shared::message::{Acknowledgement, Again, Band, ChannelState, RefusalReason, Summary};
+use belfry_shared::message::{Acknowledgement, Again, Band, ChannelState, Greeting, RefusalReason, Summary};
 use belfry_shared::quantise::{decode_density, decode_lines};
 use belfry_shared::time::HostTime;
 use heapless::Vec as HeaplessVec;
@@ -15,7 +15,7 @@ use std::{vec, vec::Vec};
 const IDENTITY: Identity =
     Identity { node: 3, boot: 77, channels: 4, full_scale_m_s2: 19.6, highest_rate_mhz: 4_000_000 };
 const HOST: Conversation = Conversation([1, 2, 3, 4]);
-const GREET: HostMessage = HostMessage::Greet(Versions::OF_HOSTS);
+const GREET: HostMessage = HostMessage::Greet(Greeting::OF_HOSTS);
 const OTHER: Conversation = Conversation([5, 6, 7, 8]);
 /// Raw sampling period in µs (50 Hz).
 const PERIOD_US: u64 = 20_000;
@@ -143,7 +143,7 @@ fn a_newer_host_that_still_speaks_its_version_is_served() {
     let mut plain = Bench::new(Summary::Lines { bits: 8 });
     let mut bench = Bench { node: new_node(), row: 0, frames: Vec::new() };
     let versions = Versions { lowest: PROTOCOL_VERSION, highest: PROTOCOL_VERSION + 1 };
-    bench.say_as(PROTOCOL_VERSION + 1, HOST, &HostMessage::Greet(versions), &added);
+    bench.say_as(PROTOCOL_VERSION + 1, HOST, &HostMessage::Greet(Greeting { versions, counter: 0 }), &added);
     let hello = bench.next_hello().unwrap();
     assert_eq!((hello.conversation, hello.answers), (Some(HOST), Some(HOST)));
     let set = HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 });
@@ -172,13 +172,13 @@ fn it_answers_hosts_of_any_version_with_its_own_and_listens_to_none_with_which_i
     let mut bench = Bench::new(Summary::Lines { bits: 8 });
     bench.listen();
     // What a host of version 5 says as its greeting, and what hosts of versions that nobody knows may say.
-    for (version, bytes) in [(5, &[5, 6, 7, 8, 0][..]), (3, &[0]), (9, &[5, 6, 7, 8, 0xFF, 0xFF]), (255, &[])] {
+    for (version, bytes) in [(5, &[5, 6, 7, 8, 0][..]), (3, &[0]), (9, &[5, 6, 7, 8, 0xFF, 0xFF]), (127, &[])] {
         bench.say_bytes(version, bytes);
         let hello = bench.next_hello().unwrap();
         assert_eq!((hello.versions, hello.conversation), (Versions::OF_NODES, Some(HOST)), "version {version}");
     }
     for versions in [Versions { lowest: 7, highest: 9 }, Versions { lowest: 1, highest: 5 }] {
-        bench.say_as(versions.highest.max(6), OTHER, &HostMessage::Greet(versions), &[]);
+        bench.say_as(versions.highest.max(6), OTHER, &HostMessage::Greet(Greeting { versions, counter: 0 }), &[]);
         let hello = bench.next_hello().unwrap();
         assert_eq!((hello.answers, hello.conversation), (Some(OTHER), Some(HOST)), "{versions}");
     }
@@ -195,6 +195,158 @@ fn a_question_is_answered_and_leaves_it_with_its_host() {
     bench.listen();
     assert!(matches!(bench.messages().last(), Some(NodeMessage::Clock(_))));
     assert_eq!(bench.next_hello(), None);
+}
+
+/// A host with a node's key, which counts what it says.
+struct SealingHost {
+    key: Key,
+    boot: u32,
+    said: u32,
+}
+
+impl SealingHost {
+    fn of(boot: u32) -> Self {
+        Self { key: KEY, boot, said: 0 }
+    }
+
+    /// The frame of what it says next.
+    fn frame(&mut self, message: &HostMessage) -> Vec<u8> {
+        self.said += 1;
+        let message = match message {
+            HostMessage::Greet(greeting) => HostMessage::Greet(Greeting { counter: self.said, ..*greeting }),
+            other => other.clone(),
+        };
+        let message = InConversation { conversation: HOST, message };
+        let bytes = postcard::to_slice(&message, &mut [0; 512]).unwrap().to_vec();
+        let seal = self.key.seal(Sender::Host, self.boot, self.said, PROTOCOL_VERSION, &bytes);
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let length = frame::encode_sealed(PROTOCOL_VERSION, &bytes, &seal, &mut frame).unwrap();
+        frame[..length].to_vec()
+    }
+}
+
+const KEY: Key = Key::new([0x4B; 32]);
+
+/// A node with a key.
+fn keyed(boot: u32) -> Bench {
+    let mut node = Box::new(Node::new(Identity { boot, ..IDENTITY }, Box::new(Memory::new())));
+    node.set_key(Some(KEY));
+    Bench { node, row: 0, frames: Vec::new() }
+}
+
+impl Bench {
+    fn take(&mut self, frame: &[u8]) {
+        frame.iter().for_each(|&byte| self.node.receive(self.now(), byte));
+    }
+
+    fn unsealed_messages(&self) -> u32 {
+        self.node.unsealed_messages
+    }
+}
+
+fn set_up() -> [HostMessage; 3] {
+    let set = HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 });
+    [GREET, HostMessage::Configure(configuration(Summary::Lines { bits: 8 })), set]
+}
+
+#[test]
+fn with_a_key_it_obeys_nothing_without_a_seal_counts_it_and_answers() {
+    let mut bench = keyed(77);
+    bench.listen();
+    let replay = HostMessage::Replay(message::Replay { start: HostTime(0) });
+    let acknowledgement = HostMessage::Acknowledge(Acknowledgement { boot: 77, below: 0, again: HeaplessVec::new() });
+    let refused = [set_up().as_slice(), &[replay, acknowledgement]].concat();
+    for message in &refused {
+        bench.say(message);
+    }
+    let hello = bench.next_hello().unwrap();
+    assert_eq!((hello.conversation, hello.configuration_hash, hello.clock_set), (None, None, false));
+    assert_eq!((hello.counters.map(|counters| counters.heard), bench.unsealed_messages()), (Some(0), 5));
+    // A question is answered, and no offence.
+    bench.say(&HostMessage::Ask(Versions::OF_HOSTS));
+    let hello = bench.next_hello().unwrap();
+    assert_eq!((hello.answers, hello.conversation, bench.unsealed_messages()), (Some(HOST), None, 5));
+}
+
+#[test]
+fn where_its_key_is_none_it_says_who_it_is_and_obeys_nobody() {
+    let mut bench = Bench { node: new_node(), row: 0, frames: Vec::new() };
+    bench.node.set_key(None);
+    let mut host = SealingHost { key: Key::new([0; 32]), ..SealingHost::of(77) };
+    for message in set_up() {
+        bench.say(&message);
+        bench.take(&host.frame(&message));
+    }
+    let hello = bench.next_hello().unwrap();
+    assert_eq!((hello.node, hello.conversation, bench.unsealed_messages()), (3, None, 6));
+}
+
+#[test]
+fn it_obeys_each_sealed_message_once_in_the_boot_that_it_was_sealed_for() {
+    let mut bench = keyed(77);
+    let mut host = SealingHost::of(77);
+    let said: Vec<Vec<u8>> = set_up().iter().map(|message| host.frame(message)).collect();
+    said.iter().for_each(|frame| bench.take(frame));
+    let hello = bench.next_hello().unwrap();
+    assert!(hello.conversation == Some(HOST) && hello.configuration_hash.is_some() && hello.clock_set);
+    assert_eq!((hello.counters.map(|counters| counters.heard), bench.unsealed_messages()), (Some(3), 0));
+    // Again, on this port or another: the node has one counter.
+    said.iter().for_each(|frame| bench.take(frame));
+    assert_eq!(bench.unsealed_messages(), 3);
+    // A frame that was lost leaves a gap, and one that is late is refused.
+    let (late, next) = (host.frame(&GREET), host.frame(&GREET));
+    bench.take(&next);
+    bench.take(&late);
+    assert_eq!(bench.unsealed_messages(), 4);
+    // More frames in a row are lost than the low bits count: only a greeting finds the way back.
+    host.said += 1000;
+    let ask_time = HostMessage::Clock(ClockRequest { host_sent: HostTime(1) });
+    bench.take(&host.frame(&ask_time));
+    assert_eq!(bench.unsealed_messages(), 5);
+    bench.take(&host.frame(&GREET));
+    bench.take(&host.frame(&ask_time));
+    assert_eq!(bench.unsealed_messages(), 5);
+    // After a restart.
+    let mut restarted = keyed(78);
+    said.iter().chain([&next]).for_each(|frame| restarted.take(frame));
+    let hello = restarted.next_hello().unwrap();
+    assert_eq!((hello.conversation, hello.configuration_hash, restarted.unsealed_messages()), (None, None, 4));
+    // With another key, or back to the node what the node itself has said.
+    let mut stranger = SealingHost { key: Key::new([0; 32]), ..SealingHost::of(78) };
+    restarted.take(&stranger.frame(&GREET));
+    assert_eq!(restarted.unsealed_messages(), 5);
+}
+
+#[test]
+fn all_that_it_says_is_sealed_and_counted_and_windows_from_an_outage_when_they_are_sent() {
+    let mut bench = keyed(77);
+    let mut host = SealingHost::of(77);
+    set_up().iter().for_each(|message| bench.take(&host.frame(message)));
+    let (mut decoder, mut counter, mut kinds) = (FrameDecoder::new(), 0, Vec::new());
+    let mut listen = |bench: &mut Bench| {
+        while bench.node.poll(bench.now()) {}
+        let mut byte = [0];
+        while bench.node.transmit(bench.now(), &mut byte) > 0 {
+            let Some(frame) = decoder.push(byte[0]) else { continue };
+            let frame = frame.unwrap();
+            counter += 1;
+            assert!(KEY.admits(Sender::Node, 77, counter, &frame), "frame {counter}");
+            kinds.push(frame.message[0]);
+        }
+    };
+    // Nobody listens during three windows.
+    for _ in 0..256 * 5 * 3 {
+        bench.feed(1, |row| [tone(row); 2]);
+        while bench.node.poll(bench.now()) {}
+    }
+    listen(&mut bench);
+    let everything = Again { first_window: 0, last_window: u32::MAX, first_part: 0, last_part: u16::MAX };
+    let again = HeaplessVec::from_slice(&[everything]).unwrap();
+    bench.take(&host.frame(&HostMessage::Acknowledge(Acknowledgement { boot: 77, below: 0, again })));
+    listen(&mut bench);
+    // Three windows of two parts and a head, each sent twice, and the last counter is that of the last frame.
+    assert_eq!(kinds.iter().filter(|&&kind| (4..=5).contains(&kind)).count(), 2 * 3 * 3);
+    assert_eq!(kinds.len() as u32, counter);
 }
 
 fn tone(row: u64) -> f32 {

@@ -8,6 +8,7 @@ use belfry_shared::time::HostTime;
 
 use super::settings::{CollectOptions, CollectionError, Settings, settings, study_file};
 use crate::archive::Archive;
+use crate::keys::Keys;
 use crate::spectra::LineGrid;
 use crate::study::{Setup, Study};
 use crate::window::{Configurations, channels_by_node, node_configuration};
@@ -21,6 +22,8 @@ pub struct Collection {
     pub baud: u32,
     /// Its nodes, and what each has to measure.
     pub nodes: BTreeMap<u16, Configurations>,
+    /// The nodes' keys.
+    pub keys: Keys,
     /// Whether windows that nodes hold for another study are dropped.
     pub drop_foreign: bool,
     /// The lines that the nodes send.
@@ -56,8 +59,9 @@ impl Collection {
             archive.ask(&setup.name, node, &current, &names, now)?;
             nodes.insert(node, Configurations { current, earlier: earlier.clone() });
         }
-        let CollectOptions { baud, drop_foreign, .. } = *options;
-        Ok((setup, Self { setup: setup.name.clone(), baud, nodes, drop_foreign, grid, decimation, reason }))
+        let CollectOptions { baud, drop_foreign, ref keys, .. } = *options;
+        let keys = keys.clone();
+        Ok((setup, Self { setup: setup.name.clone(), baud, nodes, keys, drop_foreign, grid, decimation, reason }))
     }
 
     /// The live setup of a study; the one of this name where one is given.

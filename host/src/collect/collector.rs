@@ -233,11 +233,13 @@ impl<'a> Collector<'a> {
         port: &str,
         configurations: &Configurations,
     ) -> Result<Box<NodeState>, String> {
-        let Collection { baud, drop_foreign, .. } = *self.collection;
+        let Collection { baud, drop_foreign, ref keys, .. } = *self.collection;
         let mut nodes = lock(&self.nodes);
         match nodes.insert(node, Whereabouts::Served(port.to_owned())) {
             None => Ok(Box::new(NodeState {
-                session: Session::new(node, configurations.clone(), baud).dropping_foreign(drop_foreign),
+                session: Session::new(node, configurations.clone(), baud)
+                    .dropping_foreign(drop_foreign)
+                    .with_key(keys.of(node).cloned()),
                 generation: self.host_time().1,
                 peaks: PeakMeter::new(&configurations.current),
                 gaps: Gaps::default(),

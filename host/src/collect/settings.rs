@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use super::words::seconds_in_words;
 use crate::archive::{Archive, ArchiveError};
+use crate::keys::Keys;
 use crate::spectra::{LineGrid, PlanError, SetupExtent, SpectralPlan};
 use crate::study::{Analysis, Setup, Study};
 use crate::window::{node_configuration, node_lines};
@@ -29,6 +30,8 @@ pub struct CollectOptions {
     pub drop_foreign: bool,
     /// Baud rate of the lines.
     pub baud: u32,
+    /// The nodes' keys.
+    pub keys: Keys,
 }
 
 /// Why a study cannot be collected.

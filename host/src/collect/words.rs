@@ -67,6 +67,12 @@ impl Words {
                     heartbeat.refused_messages
                 );
             }
+            if heartbeat.unsealed_messages > 0 {
+                words += &format!(
+                    "; the node refused {} messages that were not sealed with its key, or that it had heard before",
+                    heartbeat.unsealed_messages
+                );
+            }
             if heartbeat.unknown_messages > 0 {
                 words += &format!(
                     "; the node passed over {} messages, which later firmware would know",
@@ -81,6 +87,12 @@ impl Words {
             words += &format!(
                 "; {} messages of the node passed over, which a later version of Belfry would know",
                 status.statistics.unknown_messages
+            );
+        }
+        if status.statistics.unsealed_frames > 0 {
+            words += &format!(
+                "; {} frames refused that the node has not sealed, or that had come before",
+                status.statistics.unsealed_frames
             );
         }
         if status.statistics.contradictions > 0 {
@@ -123,7 +135,7 @@ pub(crate) fn gap_in_words(reason: ChannelState) -> &'static str {
 /// What a node has recorded of its last end, or of its board.
 pub(crate) fn fault_in_words(fault: &Fault) -> String {
     match fault.kind {
-        FaultKind::Clock => fault.to_string(),
+        FaultKind::Clock | FaultKind::Key => fault.to_string(),
         FaultKind::Panic
         | FaultKind::HardFault
         | FaultKind::StackOverflow

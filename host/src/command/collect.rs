@@ -19,6 +19,8 @@ use crate::collect::{
     Clock, CollectOptions, Collection, CollectionError, Collector, Patience, Report, SystemClock, SystemPorts,
     all_ports, collect,
 };
+use crate::keys::Keys;
+use crate::link::port::{is_remote, open_to_others};
 use crate::link::with_cause;
 use crate::study::Study;
 use events::EventLine;
@@ -32,6 +34,8 @@ const EXAMPLES: &str = "Examples:
   belfry collect tower --setup upper                   one of several live setups
 
 In study.toml the setup has `live = true` instead of `files`. Its sensors say which node samples them; a node's channels are its sensors in their order there. [analysis] needs band_hz: nodes must know it before there are data. The segment is the finest that leaves enough averages after --hours, unless [analysis] gives one.
+
+A node with a key (`belfry key`) is only collected from with it.
 
 Windows go into the study's archive.sqlite. A node forgets a window only when it is on this disk, and keeps the others as long as it has room, so collecting can be stopped and started again at any time. A full disk, or another program that writes into the archive, does not end it: it is tried again. While it runs, `belfry identify`, `belfry compare` and the rest work on what has come so far.
 
@@ -101,7 +105,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         bits: arguments.bits,
         drop_foreign: arguments.drop_foreign,
         baud: arguments.baud,
+        keys: Keys::load()?,
     };
+    let remote: Vec<&String> = arguments.ports.iter().filter(|port| is_remote(port)).collect();
     let stop = stop_on_signal()?;
     let begin = || {
         let mut archive = Archive::create(&study.folder)?;
@@ -121,6 +127,12 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let collector = Collector::new(&collection, archive, &clock);
     let mut unprinted = None;
     collect(&collector, &ports, &mut |statuses, events| {
+        for status in statuses {
+            let is_open = status.hello.as_ref().is_some_and(|hello| hello.counters.is_none());
+            if is_open && remote.contains(&&status.port) {
+                console.warn(open_to_others(&status.port));
+            }
+        }
         view.show(statuses, events);
         for event in events {
             if let Err(error) = console.json_line(&EventLine::new(event, view.words())) {

@@ -16,6 +16,7 @@ pub mod history;
 pub mod identify;
 pub mod init;
 mod interrupt;
+pub mod key;
 pub mod paper;
 mod partial;
 pub mod plan;

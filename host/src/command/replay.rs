@@ -19,8 +19,9 @@ use serde::Serialize;
 use super::Console;
 use super::interrupt::stop_on_signal;
 use crate::fleet::{FleetOptions, InProcess};
+use crate::keys::Keys;
 use crate::link::Transport;
-use crate::link::port::Port;
+use crate::link::port::{Port, is_remote, open_to_others};
 use crate::link::replay::{Replayed, replay};
 use crate::measure::{Material, Opened, Route, prepare};
 use crate::record::{Block, Recording};
@@ -93,6 +94,9 @@ struct Played {
     latest_sample_ns: Option<u32>,
     lost_rows: Option<u32>,
     dropped_frames: Option<u32>,
+    /// Whether the node has no key.
+    #[serde(skip)]
+    is_open: bool,
 }
 
 #[derive(Debug, Serialize)]
@@ -151,6 +155,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if roles.is_empty() {
         bail!("the study has none of the nodes {}", list(&arguments.nodes));
     }
+    let keys = Keys::load()?;
     let mut ports = Vec::new();
     for name in &arguments.ports {
         ports.push(Port::open(name, arguments.baud)?);
@@ -161,7 +166,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let queue = Mutex::new(roles);
     let played: Vec<anyhow::Result<Played>> = std::thread::scope(|scope| {
         let workers: Vec<_> =
-            ports.iter_mut().map(|port| scope.spawn(|| work(port, &queue, &progress, &stop))).collect();
+            ports.iter_mut().map(|port| scope.spawn(|| work(port, &keys, &queue, &progress, &stop))).collect();
         let joined = |worker: std::thread::ScopedJoinHandle<'_, _>| -> Vec<_> {
             worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         };
@@ -169,6 +174,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     });
     progress.end();
     let mut nodes = played.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
+    for node in nodes.iter().filter(|node| node.is_open && is_remote(&node.port)) {
+        console.warn(open_to_others(&node.port));
+    }
     nodes.sort_by(|a, b| (&a.setup, a.node).cmp(&(&b.setup, b.node)));
     tell(&nodes, console);
     let complete = nodes.len() == roles_count && nodes.iter().all(|node| node.rows >= node.recording_rows);
@@ -207,6 +215,7 @@ fn list(nodes: &[u16]) -> String {
 /// Plays roles on a port until there are none left.
 fn work(
     port: &mut Port,
+    keys: &Keys,
     queue: &Mutex<VecDeque<Role<'_>>>,
     progress: &FeedingProgress,
     stop: &AtomicBool,
@@ -215,7 +224,7 @@ fn work(
     while !stop.load(Ordering::Relaxed) {
         let next = queue.lock().map_or(None, |mut queue| queue.pop_front());
         let Some(role) = next else { return played };
-        let result = play(port, &role, progress, stop)
+        let result = play(port, keys, &role, progress, stop)
             .with_context(|| format!("setup \"{}\", node {}, played on {}", role.setup.name, role.node, port.name()));
         let failed = result.is_err();
         played.push(result);
@@ -226,7 +235,13 @@ fn work(
     played
 }
 
-fn play(port: &mut Port, role: &Role<'_>, progress: &FeedingProgress, stop: &AtomicBool) -> anyhow::Result<Played> {
+fn play(
+    port: &mut Port,
+    keys: &Keys,
+    role: &Role<'_>,
+    progress: &FeedingProgress,
+    stop: &AtomicBool,
+) -> anyhow::Result<Played> {
     let name = port.name().to_owned();
     let mut fed = 0;
     let mut on_rows = |rows: u64| {
@@ -234,7 +249,7 @@ fn play(port: &mut Port, role: &Role<'_>, progress: &FeedingProgress, stop: &Ato
         fed = rows.max(fed);
     };
     let wanted = || !stop.load(Ordering::Relaxed);
-    let on_board = through(port, role, &wanted, &mut on_rows)?;
+    let on_board = through(port, keys, role, &wanted, &mut on_rows)?;
     let identity = Identity {
         node: on_board.hello.node,
         boot: on_board.hello.boot,
@@ -245,7 +260,7 @@ fn play(port: &mut Port, role: &Role<'_>, progress: &FeedingProgress, stop: &Ato
     // As many rows as the board has taken, where it was stopped before the end.
     let left = Cell::new(on_board.rows);
     let is_left = || left.replace(left.get().saturating_sub(1)) > 0;
-    let here = through(&mut InProcess::new(identity), role, &is_left, &mut |_| {})?;
+    let here = through(&mut InProcess::new(identity), &Keys::default(), role, &is_left, &mut |_| {})?;
     let same = |pair: &(&NodeWindow, &NodeWindow)| {
         let (board, here) = pair;
         (board.grid_index, board.middle_offset_us, &board.channels)
@@ -272,12 +287,14 @@ fn play(port: &mut Port, role: &Role<'_>, progress: &FeedingProgress, stop: &Ato
         latest_sample_ns: board.map(|board| board.latest_sample_ns),
         lost_rows: on_board.heartbeat.as_ref().map(|heartbeat| heartbeat.lost_rows),
         dropped_frames: board.map(|board| board.dropped_frames),
+        is_open: on_board.hello.counters.is_none(),
     })
 }
 
 /// Plays a role, row by row as long as `wanted` says so.
 fn through(
     transport: &mut dyn Transport,
+    keys: &Keys,
     role: &Role<'_>,
     wanted: &dyn Fn() -> bool,
     on_rows: &mut dyn FnMut(u64),
@@ -285,7 +302,7 @@ fn through(
     let mut failure = None;
     let rows =
         Rows::open(role)?.take_while(|_| wanted()).map_while(|row| row.map_err(|error| failure = Some(error)).ok());
-    let replayed = replay(transport, &role.configuration, start(role), rows, on_rows)?;
+    let replayed = replay(transport, keys, &role.configuration, start(role), rows, on_rows)?;
     match failure {
         Some(error) => Err(error.into()),
         None => Ok(replayed),

@@ -46,6 +46,7 @@ impl RouteArguments {
             faults: Faults::damaging(self.damaged_frames / 100.0),
             pace: Pace::Recording,
             seed: self.seed,
+            has_keys: false,
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use belfry_firmware::{Identity, Memory, Node};
 use belfry_shared::message::{Configuration, MAX_CHANNELS};
+use belfry_shared::seal::Key;
 use belfry_shared::time::{HostTime, NodeTime};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -98,16 +99,22 @@ impl SimulatedNode {
                 (crystal, Some(Resampler::new(first_row, period_ns, crystal)))
             }
         };
+        let mut node = Node::new(identity, Box::new(Memory::new()));
+        // Drawn last, so that all else is as without.
+        let key = options.has_keys.then(|| Key::new(random.random()));
+        if key.is_some() {
+            node.set_key(key.clone());
+        }
         Self {
             number,
             channels,
-            node: Node::new(identity, Box::new(Memory::new())),
+            node,
             crystal,
             resampler,
             node_end: line.node_end(),
             host_end: line.host_end(),
             line,
-            session: Session::new(number, Configurations::only(configuration), options.baud),
+            session: Session::new(number, Configurations::only(configuration), options.baud).with_key(key),
             windows: Vec::new(),
             now: start,
             row: 0,

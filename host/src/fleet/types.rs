@@ -19,6 +19,8 @@ pub struct FleetOptions {
     pub pace: Pace,
     /// Draws clocks, boot ids and faults.
     pub seed: u64,
+    /// Whether the nodes have keys, which are drawn too.
+    pub has_keys: bool,
 }
 
 /// When simulated nodes sample.
@@ -46,6 +48,7 @@ impl Default for FleetOptions {
             faults: Faults::default(),
             pace: Pace::Recording,
             seed: 1,
+            has_keys: false,
         }
     }
 }

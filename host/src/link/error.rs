@@ -5,7 +5,7 @@ use std::io;
 use belfry_shared::message::RefusalReason;
 use thiserror::Error;
 
-use super::wire::NoCommonVersion;
+use super::wire::{NoCommonVersion, Untaken};
 
 /// Why a conversation cannot go on.
 #[derive(Debug, Error)]
@@ -17,6 +17,30 @@ pub enum SessionError {
         node: u16,
         /// Which versions.
         problem: NoCommonVersion,
+    },
+    /// The node has no key, and should have one.
+    #[error(
+        "node {node} answers without its key: write the key's image into it (`belfry key image {node}`), or remove its line from the file of keys if it is to have none"
+    )]
+    Unsealed {
+        /// The node the session is for.
+        node: u16,
+    },
+    /// The node has another key than this computer.
+    #[error(
+        "node {node} has another key than this computer has for it: write the image of this one into it (`belfry key image {node}`), or copy its line from the file of keys where it was made"
+    )]
+    OtherKey {
+        /// The node the session is for.
+        node: u16,
+    },
+    /// The node has a key that this computer does not have.
+    #[error(
+        "node {node} has a key, and this computer does not have it: copy its line from the file of keys where it was made (`belfry key list` says where that file is)"
+    )]
+    KeyMissing {
+        /// The node the session is for.
+        node: u16,
     },
     /// Another node is on the line.
     #[error("node {found} answers where node {node} was expected: check the cables or the node numbers in study.toml")]
@@ -74,4 +98,14 @@ pub enum SessionError {
         /// The cause.
         source: io::Error,
     },
+}
+
+impl SessionError {
+    pub(super) fn untaken(node: u16, why: Untaken) -> Self {
+        match why {
+            Untaken::Version(problem) => Self::Version { node, problem },
+            Untaken::Unsealed => Self::Unsealed { node },
+            Untaken::OtherKey => Self::OtherKey { node },
+        }
+    }
 }

@@ -7,7 +7,7 @@ use belfry_shared::message::{Hello, HostMessage, NodeMessage, Versions};
 use thiserror::Error;
 
 use super::transport::Transport;
-use super::wire::{MOST_READS, NoCommonVersion, Wire};
+use super::wire::{MOST_READS, NoCommonVersion, Untaken, Wire};
 
 /// Time between greetings that nobody answers.
 const RETRY: Duration = Duration::from_millis(500);
@@ -67,7 +67,12 @@ impl Greeting {
                 break;
             }
             for frame in self.wire.receive(&buffer[..count]) {
-                if let Some(NodeMessage::Hello(hello)) = self.wire.message(&frame)?
+                let message = self.wire.message(&frame).map_err(|why| match why {
+                    Untaken::Version(problem) => GreetingError::Version(problem),
+                    // It is asked without a key: whose it is shows only now.
+                    Untaken::Unsealed | Untaken::OtherKey => GreetingError::Silent,
+                })?;
+                if let Some(NodeMessage::Hello(hello)) = message
                     && self.wire.is_answered_by(&hello)
                 {
                     return Ok(Some(hello));

@@ -133,6 +133,20 @@ impl Transport for Port {
     }
 }
 
+/// Whether a port leads to another computer: what goes over it passes a network, on which others may listen and speak.
+pub fn is_remote(name: &str) -> bool {
+    let Some(address) = name.strip_prefix("tcp:") else { return false };
+    // What has no address now may have one of another computer later.
+    address.to_socket_addrs().map_or(true, |mut addresses| addresses.any(|address| !address.ip().is_loopback()))
+}
+
+/// What to say of a node without a key on a port to another computer.
+pub fn open_to_others(port: &str) -> String {
+    format!(
+        "{port} leads over a network, and its node has no key: whoever reaches it can make the node drop windows, and send invented ones; give the node a key (`belfry key new`), or connect through a tunnel that ends on this computer"
+    )
+}
+
 /// Connects to the first of a name's addresses that answers; a host that is switched off must not hold anybody up for minutes.
 fn connect(address: &str) -> io::Result<TcpStream> {
     let mut failure = io::Error::new(ErrorKind::NotFound, "the name has no address");
@@ -168,9 +182,19 @@ mod tests {
     use std::os::unix::net::UnixListener;
 
     use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
-    use belfry_shared::message::{self, HostMessage, InConversation, Versions};
+    use belfry_shared::message::{self, Greeting, HostMessage, InConversation};
 
     use super::*;
+
+    #[test]
+    fn only_a_network_leads_to_others() {
+        for near in ["/dev/ttyACM0", "unix:/tmp/node", "tcp:127.0.0.1:4001", "tcp:[::1]:4001"] {
+            assert!(!is_remote(near), "{near}");
+        }
+        for far in ["tcp:10.0.0.7:4001", "tcp:[2001:db8::1]:4001", "tcp:nobody.invalid:4001"] {
+            assert!(is_remote(far), "{far}");
+        }
+    }
 
     #[test]
     fn what_strayed_onto_the_line_before_a_port_was_opened_does_not_spoil_the_first_message() {
@@ -181,7 +205,7 @@ mod tests {
         let mut frame = [0; MAX_FRAME_BYTES];
         let greet = InConversation {
             conversation: crate::link::conversation(),
-            message: HostMessage::Greet(Versions::OF_HOSTS),
+            message: HostMessage::Greet(Greeting::OF_HOSTS),
         };
         let length = message::encode(&greet, &mut frame).unwrap();
         port.write(&frame[..length]).unwrap();

@@ -8,7 +8,7 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use belfry_shared::message::{
-    Configuration, FeedPart, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay, Versions,
+    Configuration, FeedPart, Greeting, Heartbeat, Hello, HostMessage, MAX_FEED, NodeMessage, Replay,
 };
 use belfry_shared::time::HostTime;
 use thiserror::Error;
@@ -18,6 +18,7 @@ use super::error::SessionError;
 use super::greeting::{GreetingError, who_is_there};
 use super::transport::Transport;
 use super::wire::{Frame, Wire, conversation};
+use crate::keys::Keys;
 use crate::window::{Configurations, NodeWindow};
 
 /// What is not answered within this time is said again.
@@ -76,19 +77,25 @@ pub struct Replayed {
 }
 
 /// Lets the node on a line measure `rows` (readings in m/s², one a channel), of which the first was at `start`. It ends where
-/// `rows` do.
+/// `rows` do. A node with a key needs it among `keys`.
 ///
 /// # Errors
 /// [`ReplayError`].
 pub fn replay(
     transport: &mut dyn Transport,
+    keys: &Keys,
     configuration: &Configuration,
     start: HostTime,
     mut rows: impl Iterator<Item = Vec<f32>>,
     on_rows: &mut dyn FnMut(u64),
 ) -> Result<Replayed, ReplayError> {
-    let node = who_is_there(transport, RETRY * TRIES)?.node;
+    let Hello { node, counters, .. } = who_is_there(transport, RETRY * TRIES)?;
     let mut player = Player::new(transport, node, configuration);
+    match keys.of(node) {
+        Some(key) => player.wire.set_key(key.clone()),
+        None if counters.is_some() => return Err(SessionError::KeyMissing { node }.into()),
+        None => {}
+    }
     player.greet()?;
     player.configure(configuration)?;
     let hello = player.start(start)?;
@@ -171,7 +178,7 @@ impl<'a> Player<'a> {
 
     /// The message of a frame, where it can be read.
     fn message<'f>(&mut self, frame: &'f Frame) -> Result<Option<NodeMessage<'f>>, SessionError> {
-        self.wire.message(frame).map_err(|problem| SessionError::Version { node: self.node, problem })
+        self.wire.message(frame).map_err(|why| SessionError::untaken(self.node, why))
     }
 
     /// Says something until a greeting of the node shows that it was done.
@@ -201,7 +208,7 @@ impl<'a> Player<'a> {
     /// Makes the node listen to this host.
     fn greet(&mut self) -> Result<(), ReplayError> {
         let conversation = Some(conversation());
-        let greet = HostMessage::Greet(Versions::OF_HOSTS);
+        let greet = HostMessage::Greet(Greeting::OF_HOSTS);
         self.hello_after(&greet, "listen", |hello| hello.conversation == conversation).map(drop)
     }
 

@@ -8,6 +8,7 @@ mod stages;
 use std::io::ErrorKind;
 
 use belfry_shared::message::{ClockReply, Heartbeat, Hello, HostMessage, NodeMessage, Summary};
+use belfry_shared::seal::Key;
 use belfry_shared::time::HostTime;
 
 use super::clock::ClockEstimator;
@@ -43,6 +44,8 @@ pub struct SessionStatistics {
     pub damaged_frames: u64,
     /// Messages that only a later version of Belfry would know.
     pub unknown_messages: u64,
+    /// Frames without a sound seal, of a node that has a key, or heard before.
+    pub unsealed_frames: u64,
     /// Parts that were known already.
     pub duplicate_parts: u64,
     /// Parts that contradicted the configuration or other parts.
@@ -127,6 +130,14 @@ impl Session {
         self
     }
 
+    /// Takes nothing from the node, and says nothing to it, without a seal of this key; `None` where it has none.
+    pub fn with_key(mut self, key: Option<Key>) -> Self {
+        if let Some(key) = key {
+            self.wire.set_key(key);
+        }
+        self
+    }
+
     /// The node it is for.
     pub fn node(&self) -> u16 {
         self.node
@@ -181,7 +192,8 @@ impl Session {
 
     /// What it has seen.
     pub fn statistics(&self) -> SessionStatistics {
-        let WireCounts { bytes_received, bytes_sent, frames, damaged_frames, unknown_messages } = self.wire.counts();
+        let WireCounts { bytes_received, bytes_sent, frames, damaged_frames, unknown_messages, unsealed_frames } =
+            self.wire.counts();
         let delivery = self.delivery.counts();
         SessionStatistics {
             bytes_received,
@@ -189,6 +201,7 @@ impl Session {
             frames,
             damaged_frames,
             unknown_messages,
+            unsealed_frames,
             duplicate_parts: delivery.duplicate_parts,
             contradictions: delivery.contradictions,
             asked_again: delivery.asked_again,
@@ -233,7 +246,7 @@ impl Session {
         self.last_received = now;
         for frame in self.wire.receive(bytes) {
             let message = self.wire.message(&frame);
-            if let Some(message) = message.map_err(|problem| SessionError::Version { node: self.node, problem })? {
+            if let Some(message) = message.map_err(|why| SessionError::untaken(self.node, why))? {
                 self.handle(now, &message, &frame, sink)?;
             }
         }
@@ -305,6 +318,14 @@ impl Session {
         if hello.node != node {
             return Err(SessionError::WrongNode { node, found: hello.node });
         }
+        if hello.counters.is_some() && !self.wire.has_key() {
+            return Err(SessionError::KeyMissing { node });
+        }
+        if self.wire.is_out_of_step(hello) {
+            self.stage = Stage::Greeting;
+            self.next_try = HostTime(i64::MIN);
+            return Ok(());
+        }
         if !self.wire.is_listened_to(hello) {
             return self.not_listened_to(now, hello);
         }
@@ -360,6 +381,12 @@ impl Session {
 
     /// Greets a node that has started anew, or that another host has greeted, so that it listens to this one.
     fn not_listened_to(&mut self, now: HostTime, hello: &Hello) -> Result<(), SessionError> {
+        if self.wire.has_key() && self.wire.is_answered_by(hello) {
+            // It was asked, not greeted; now it can be.
+            self.stage = Stage::Greeting;
+            self.next_try = HostTime(i64::MIN);
+            return Ok(());
+        }
         if self.stage == Stage::Greeting && now < self.next_try {
             // What has been said already has still to arrive.
             return Ok(());

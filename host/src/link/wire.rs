@@ -5,10 +5,14 @@ use std::collections::VecDeque;
 use std::io;
 use std::sync::OnceLock;
 
-use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, PROTOCOL_VERSION};
-use belfry_shared::message::{
-    self, Conversation, Hello, HostMessage, InConversation, NodeMessage, Versions, version_5,
+use belfry_shared::frame::{
+    END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened, PROTOCOL_VERSION, Seal,
+    encode_sealed,
 };
+use belfry_shared::message::{
+    self, Conversation, Greeting, Hello, HostMessage, InConversation, NodeMessage, Versions, version_5,
+};
+use belfry_shared::seal::{Key, Sender, next_counter};
 use thiserror::Error;
 
 use super::transport::Transport;
@@ -17,10 +21,49 @@ use super::transport::Transport;
 /// ending.
 pub(super) const MOST_READS: usize = 64;
 
+/// Of so many frames without a sound seal, one is answered with a question.
+const ASK_EVERY: u64 = 8;
+/// So many sealed frames may be on their way to a node, or lost, before it is greeted: fewer than their counters tell apart.
+const MOST_UNHEARD: u32 = 100;
+
 /// The number under which this program speaks with nodes.
 pub fn conversation() -> Conversation {
     static CONVERSATION: OnceLock<Conversation> = OnceLock::new();
     *CONVERSATION.get_or_init(|| Conversation(rand::random()))
+}
+
+/// Why nothing that a node says can be taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub(super) enum Untaken {
+    /// It speaks other versions.
+    #[error(transparent)]
+    Version(#[from] NoCommonVersion),
+    /// It answers, and has no key.
+    #[error("answers without its key")]
+    Unsealed,
+    /// It answers, and has another key.
+    #[error("has another key")]
+    OtherKey,
+}
+
+/// The present boot of a node with a key, and how far sealed frames have been counted in it.
+#[derive(Debug, Clone, Copy)]
+struct Proven {
+    boot: u32,
+    /// The counter of the last frame to the node, of this host or, as the node says, of another.
+    said: u32,
+    /// The counter of the last frame of the node.
+    heard: u32,
+}
+
+/// What a frame of a node with a key is worth.
+enum Worth {
+    /// The node has said it now, and once.
+    Sound,
+    /// Anybody may have said it, or it has been heard before.
+    None,
+    /// The node is in another boot, or was once: it is asked.
+    OtherBoot,
 }
 
 /// The node on the line speaks no version that this host speaks.
@@ -48,6 +91,13 @@ pub(super) struct Frame {
     pub(super) encoded: Vec<u8>,
     /// Bytes that it had on the line.
     pub(super) bytes: usize,
+    seal: Option<Seal>,
+}
+
+impl Frame {
+    fn opened(&self) -> Opened<'_> {
+        Opened { version: self.version, message: &self.encoded, seal: self.seal }
+    }
 }
 
 /// What has passed.
@@ -58,6 +108,7 @@ pub(super) struct WireCounts {
     pub(super) frames: u64,
     pub(super) damaged_frames: u64,
     pub(super) unknown_messages: u64,
+    pub(super) unsealed_frames: u64,
 }
 
 /// The host's end of a byte stream.
@@ -73,6 +124,10 @@ pub(super) struct Wire {
     version: Option<u8>,
     /// The version of the last greeting before that.
     tried: u8,
+    /// The node's key, where it has one.
+    key: Option<Key>,
+    /// What is known of a node with a key; `None` before it has answered.
+    proven: Option<Proven>,
     outgoing: VecDeque<u8>,
     counts: WireCounts,
 }
@@ -91,6 +146,8 @@ impl Wire {
             joins_midway: false,
             version: None,
             tried: version_5::VERSION,
+            key: None,
+            proven: None,
             outgoing: VecDeque::new(),
             counts: WireCounts::default(),
         }
@@ -106,9 +163,25 @@ impl Wire {
         self.version = None;
     }
 
+    /// Takes nothing any more from the node that is not sealed with its key.
+    pub(super) fn set_key(&mut self, key: Key) {
+        self.key = Some(key);
+    }
+
+    /// Whether the node has a key here.
+    pub(super) fn has_key(&self) -> bool {
+        self.key.is_some()
+    }
+
     /// Whether a node that says this listens to this end.
     pub(super) fn is_listened_to(&self, hello: &Hello) -> bool {
         hello.conversation == Some(self.conversation)
+    }
+
+    /// Whether a node that says this hears nothing more but a greeting: too many sealed frames in a row have not come to it.
+    pub(super) fn is_out_of_step(&self, hello: &Hello) -> bool {
+        let heard = hello.counters.map_or(0, |counters| counters.heard);
+        self.proven.is_some_and(|proven| proven.said.saturating_sub(heard) > MOST_UNHEARD)
     }
 
     /// Whether a node that says this answers a greeting or question of this end.
@@ -120,13 +193,24 @@ impl Wire {
         self.counts
     }
 
-    /// Queues a message; how many bytes it has on the line.
+    /// Queues a message; how many bytes it has on the line. Before a node with a key has answered, nothing can be said to it but the question
+    /// who it is, which takes a greeting's place.
     pub(super) fn say(&mut self, message: &HostMessage) -> usize {
         let mut frame = [0; MAX_FRAME_BYTES];
-        let message = InConversation { conversation: self.conversation, message: message.clone() };
+        let message = match (&self.key, self.proven, message) {
+            (Some(_), None, HostMessage::Greet(greeting)) => HostMessage::Ask(greeting.versions),
+            (Some(_), Some(proven), HostMessage::Greet(greeting)) => {
+                HostMessage::Greet(Greeting { counter: proven.said.saturating_add(1), ..*greeting })
+            }
+            (Some(_), None, HostMessage::Ask(_)) | (None, ..) | (_, Some(_), _) => message.clone(),
+            (Some(_), None, _) => return 0,
+        };
+        let message = InConversation { conversation: self.conversation, message };
+        let version = self.version.unwrap_or_else(|| self.next_try());
         // The host's messages fit into a frame by their types.
-        let length = match self.version.unwrap_or_else(|| self.next_try()) {
-            version_5::VERSION => version_5::encode_host(&message, &mut frame),
+        let length = match (&self.key, &mut self.proven) {
+            (Some(key), Some(proven)) if version != version_5::VERSION => seal(key, proven, &message, &mut frame),
+            _ if version == version_5::VERSION => version_5::encode_host(&message, &mut frame),
             _ => message::encode(&message, &mut frame),
         };
         let length = length.unwrap_or(0);
@@ -161,6 +245,7 @@ impl Wire {
                     version: opened.version,
                     encoded: opened.message.to_vec(),
                     bytes: self.frame_bytes,
+                    seal: opened.seal,
                 }),
                 Some(Err(_)) if self.joins_midway => {}
                 Some(Err(_)) => self.counts.damaged_frames += 1,
@@ -174,11 +259,89 @@ impl Wire {
         frames
     }
 
-    /// The message of a frame. `None` where it cannot be read, which counts as damage, or where only a later version knows it.
+    /// The message of a frame. `None` where it cannot be read, which counts as damage, where only a later version knows it, or where it lacks
+    /// the seal that it should have.
     ///
     /// # Errors
-    /// Where the node speaks no version that this host does.
-    pub(super) fn message<'f>(&mut self, frame: &'f Frame) -> Result<Option<NodeMessage<'f>>, NoCommonVersion> {
+    /// Where the node speaks no version that this host does, or answers a question without its key.
+    pub(super) fn message<'f>(&mut self, frame: &'f Frame) -> Result<Option<NodeMessage<'f>>, Untaken> {
+        let message = self.read(frame)?;
+        if message.is_none() || self.key.is_none() {
+            return Ok(message);
+        }
+        let worth = match &message {
+            Some(NodeMessage::Hello(hello)) => self.weigh_hello(frame, hello)?,
+            _ => self.weigh(frame),
+        };
+        match worth {
+            Worth::Sound => return Ok(message),
+            Worth::OtherBoot => {
+                // Not greeted: an old greeting that somebody repeats must not cost more than a question.
+                self.say_unsealed(&HostMessage::Ask(Versions::OF_HOSTS));
+            }
+            Worth::None => {
+                self.counts.unsealed_frames += 1;
+                if self.counts.unsealed_frames % ASK_EVERY == 1 {
+                    // It may be that too many frames of the node were lost in a row; its answer says how far it has counted.
+                    self.say_unsealed(&HostMessage::Ask(Versions::OF_HOSTS));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether a frame is the node's, of its present boot and new.
+    fn weigh(&mut self, frame: &Frame) -> Worth {
+        let (Some(key), Some(proven), Some(seal)) = (&self.key, &mut self.proven, frame.seal) else {
+            return Worth::None;
+        };
+        let counter = next_counter(proven.heard, seal.counter);
+        match counter.filter(|&counter| key.admits(Sender::Node, proven.boot, counter, &frame.opened())) {
+            Some(counter) => {
+                proven.heard = counter;
+                Worth::Sound
+            }
+            None => Worth::None,
+        }
+    }
+
+    /// The same for a greeting, which says itself for which boot and under which counter it was sealed. One of another boot is the present
+    /// one's if it answers this host, whose number no node has known before.
+    fn weigh_hello(&mut self, frame: &Frame, hello: &Hello) -> Result<Worth, Untaken> {
+        let is_answer = self.is_answered_by(hello);
+        let Some(key) = &self.key else { return Ok(Worth::None) };
+        let Some(counters) = hello.counters.filter(|_| frame.seal.is_some()) else {
+            return if is_answer { Err(Untaken::Unsealed) } else { Ok(Worth::None) };
+        };
+        if !key.admits(Sender::Node, hello.boot, counters.said, &frame.opened()) {
+            return if is_answer { Err(Untaken::OtherKey) } else { Ok(Worth::None) };
+        }
+        match &mut self.proven {
+            Some(proven) if proven.boot == hello.boot => {
+                if counters.said <= proven.heard {
+                    return Ok(Worth::None);
+                }
+                proven.heard = counters.said;
+                // Another host with the key may have spoken meanwhile.
+                proven.said = proven.said.max(counters.heard);
+                Ok(Worth::Sound)
+            }
+            _ if is_answer => {
+                self.proven = Some(Proven { boot: hello.boot, said: counters.heard, heard: counters.said });
+                Ok(Worth::Sound)
+            }
+            _ => Ok(Worth::OtherBoot),
+        }
+    }
+
+    fn say_unsealed(&mut self, message: &HostMessage) {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let message = InConversation { conversation: self.conversation, message: message.clone() };
+        let length = message::encode(&message, &mut frame).unwrap_or(0);
+        self.outgoing.extend(&frame[..length]);
+    }
+
+    fn read<'f>(&mut self, frame: &'f Frame) -> Result<Option<NodeMessage<'f>>, NoCommonVersion> {
         let Frame { version, ref encoded, .. } = *frame;
         let message = match version {
             version_5::VERSION => version_5::decode_node(encoded),
@@ -190,7 +353,7 @@ impl Wire {
             // All that can be read is who is there. The rest is for whom the node has agreed on that version with.
             _ => match message::decode(encoded) {
                 Ok(NodeMessage::Hello(hello)) => Ok(NodeMessage::Hello(hello)),
-                _ => Err(FrameError::Unknown { key: 0 }),
+                _ => Err(FrameError::Unknown { kind: 0 }),
             },
         };
         match &message {
@@ -205,6 +368,20 @@ impl Wire {
         }
         Ok(message.ok())
     }
+}
+
+/// Writes the sealed frame of a message, and returns its length.
+fn seal(
+    key: &Key,
+    proven: &mut Proven,
+    message: &InConversation,
+    frame: &mut [u8; MAX_FRAME_BYTES],
+) -> Result<usize, FrameError> {
+    let mut buffer = [0; MAX_MESSAGE_BYTES];
+    let bytes = message::bytes(message, &mut buffer)?;
+    proven.said = proven.said.checked_add(1).ok_or(FrameError::Message)?;
+    let seal = key.seal(Sender::Host, proven.boot, proven.said, PROTOCOL_VERSION, bytes);
+    encode_sealed(PROTOCOL_VERSION, bytes, &seal, frame)
 }
 
 #[cfg(test)]

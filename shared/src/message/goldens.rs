@@ -59,6 +59,7 @@ pub(super) fn hello() -> Hello {
         next_window: 301,
         replaying: false,
         fault: Some(Fault { kind: FaultKind::HardFault, address: 0x0800_0123, place: String::new() }),
+        counters: Some(Counters { said: 300, heard: 2 }),
     }
 }
 
@@ -83,6 +84,7 @@ pub(super) fn heartbeat() -> Heartbeat {
             dropped_frames: 5,
         },
         unknown_messages: 7,
+        unsealed_messages: 8,
     }
 }
 
@@ -90,10 +92,10 @@ const HELLO_3: &str = "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 
 const HELLO_5: &str =
     "00 05 c2 c1 fc d3 f5 9a 8c cd 07 03 87 e0 02 04 01 01 01 ab 02 ad 02 00 01 01 02 03 04 01 01 a3 82 80 40 00";
 const HELLO_6: &str =
-    "00 06 06 03 87 e0 02 01 01 02 03 04 01 01 02 03 04 04 01 01 01 ab 02 ad 02 00 06 01 a3 82 80 40 00";
+    "00 06 06 03 87 e0 02 01 01 02 03 04 01 01 02 03 04 04 01 01 01 ab 02 ad 02 00 06 01 a3 82 80 40 00 01 ac 02 02";
 const HEARTBEAT_5: &str = "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 90 03 01 01 05";
 const HEARTBEAT_6: &str =
-    "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 0a ac 02 c8 01 04 90 03 01 01 05 07";
+    "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 0a ac 02 c8 01 04 90 03 01 01 05 07 08";
 
 /// What a node says in the same bytes since version 3.
 fn unchanged_of_nodes() -> StdVec<(NodeMessage<'static>, &'static str)> {
@@ -165,7 +167,7 @@ fn golden_messages_of_version_6() {
         assert_eq!(decode(&bytes(golden)), Ok(message));
     }
     let mut of_hosts = unchanged_of_hosts();
-    of_hosts.push((HostMessage::Greet(VERSIONS), "00 05 06"));
+    of_hosts.push((HostMessage::Greet(Greeting { versions: VERSIONS, counter: 300 }), "00 05 06 ac 02"));
     of_hosts.push((HostMessage::Ask(VERSIONS), "08 05 06"));
     for (message, golden) in of_hosts {
         let (golden, message) = (std::format!("01 02 03 04 {golden}"), said(message));
@@ -178,14 +180,17 @@ fn golden_messages_of_version_6() {
 fn golden_messages_of_version_5_are_read_and_written() {
     let version_5 = Versions { lowest: 5, highest: 5 };
     let mut of_nodes = unchanged_of_nodes();
-    of_nodes.push((NodeMessage::Hello(Hello { versions: version_5, ..hello() }), HELLO_5));
-    of_nodes.push((NodeMessage::Heartbeat(Heartbeat { unknown_messages: 0, ..heartbeat() }), HEARTBEAT_5));
+    of_nodes.push((NodeMessage::Hello(Hello { versions: version_5, counters: None, ..hello() }), HELLO_5));
+    of_nodes.push((
+        NodeMessage::Heartbeat(Heartbeat { unknown_messages: 0, unsealed_messages: 0, ..heartbeat() }),
+        HEARTBEAT_5,
+    ));
     for (message, golden) in of_nodes {
         assert_eq!(version_5::decode_node(&bytes(golden)), Ok(message));
     }
     let mut of_hosts = unchanged_of_hosts();
     // A question is a greeting there.
-    of_hosts.push((HostMessage::Greet(VERSIONS), "00"));
+    of_hosts.push((HostMessage::Greet(Greeting { versions: VERSIONS, counter: 0 }), "00"));
     of_hosts.push((HostMessage::Ask(VERSIONS), "00"));
     for (message, golden) in of_hosts {
         let mut frame = [0; MAX_FRAME_BYTES];
@@ -209,6 +214,6 @@ fn golden_messages_of_version_3() {
         let length = frame::encode_as(3, &bytes(golden), &mut frame).unwrap();
         let (version, message) = opened(&frame[..length]);
         assert_eq!((version, hex(&message).as_str()), (3, golden));
-        assert_eq!(hear(&Opened { version, message: &message }), Ok(Heard::OtherVersion));
+        assert_eq!(hear(&Opened { version, message: &message, seal: None }), Ok(Heard::OtherVersion));
     }
 }

@@ -37,6 +37,8 @@ pub struct Heartbeat {
     pub board: BoardState,
     /// Messages from hosts that only a later version of its program would know, since the start.
     pub unknown_messages: u32,
+    /// Messages from hosts without a seal, with a wrong one, or heard before, since the start; 0 of a node without a key.
+    pub unsealed_messages: u32,
 }
 
 /// What readings say about a sensor; the first that is true.

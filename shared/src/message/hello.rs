@@ -73,6 +73,18 @@ pub struct Hello {
     /// Why it restarted, unless it was only switched on.
     #[serde(with = "growth::optional")]
     pub fault: Option<Fault>,
+    /// How far sealed frames have been counted; `None` of a node without a key.
+    pub counters: Option<Counters>,
+}
+
+/// How far a node has counted sealed frames ([`crate::seal`]) since its start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Counters {
+    /// The counter of the frame that says this.
+    pub said: u32,
+    /// The counter of the last frame that it took from a host; 0 before the first.
+    pub heard: u32,
 }
 
 /// Why a node restarted.
@@ -113,6 +125,9 @@ pub enum FaultKind {
     /// The external clock did not start; the node runs on its inexact internal one.
     #[error("the external clock does not run, and the node's own is inexact")]
     Clock,
+    /// Where its key should be is something else. It can be asked who it is, and does nothing.
+    #[error("its key is damaged or another node's, so it obeys nobody: write the image of its key again")]
+    Key,
     /// Something of which only a later version knows.
     #[error("of a kind that this version of Belfry does not know")]
     #[serde(other)]

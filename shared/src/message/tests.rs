@@ -44,7 +44,7 @@ fn fields_that_a_later_version_adds_are_left_unread() {
         assert_eq!(decode(&grown(&message)), Ok(message));
     }
     for message in
-        [HostMessage::Greet(Versions::OF_HOSTS), HostMessage::Configure(configuration()), HostMessage::EndReplay]
+        [HostMessage::Greet(Greeting::OF_HOSTS), HostMessage::Configure(configuration()), HostMessage::EndReplay]
     {
         let message = InConversation { conversation: CONVERSATION, message };
         assert_eq!(decode(&grown(&message)), Ok(message));
@@ -53,7 +53,7 @@ fn fields_that_a_later_version_adds_are_left_unread() {
     let mut bytes = encoded(&NodeMessage::Heartbeat(heartbeat()));
     let board = bytes.iter().position(|&byte| byte == 0x0A).unwrap();
     bytes[board] += 5;
-    let end = bytes.len() - 1;
+    let end = bytes.len() - 2;
     bytes.splice(end..end, [1, 2, 3, 4, 5]);
     assert_eq!(decode(&bytes), Ok(NodeMessage::Heartbeat(heartbeat())));
 }
@@ -106,8 +106,8 @@ fn fields_that_an_older_version_does_not_have_take_their_defaults() {
 
 #[test]
 fn messages_and_values_that_a_later_version_adds_are_named_as_unknown() {
-    assert_eq!(decode::<NodeMessage<'_>>(&[9, 1, 2]), Err(FrameError::Unknown { key: 9 }));
-    assert_eq!(decode::<InConversation>(&[1, 2, 3, 4, 0xC8, 1]), Err(FrameError::Unknown { key: 200 }));
+    assert_eq!(decode::<NodeMessage<'_>>(&[9, 1, 2]), Err(FrameError::Unknown { kind: 9 }));
+    assert_eq!(decode::<InConversation>(&[1, 2, 3, 4, 0xC8, 1]), Err(FrameError::Unknown { kind: 200 }));
     let mut bytes = encoded(&NodeMessage::Heartbeat(heartbeat()));
     let stuck = bytes.windows(2).position(|pair| pair == [1, 1]).unwrap() + 1;
     bytes[stuck] = 0x63;
@@ -132,10 +132,10 @@ fn both_ends_go_on_in_the_highest_version_that_both_speak() {
 fn a_node_hears_greetings_of_any_version_from_6_on_and_nothing_else_of_others() {
     let hear = |version, message: &HostMessage| {
         let message = grown(&InConversation { conversation: CONVERSATION, message: message.clone() });
-        super::hear(&Opened { version, message: &message }).unwrap()
+        super::hear(&Opened { version, message: &message, seal: None }).unwrap()
     };
-    let greeting = HostMessage::Greet(Versions { lowest: 6, highest: 9 });
-    for version in [6, 7, 255] {
+    let greeting = HostMessage::Greet(Greeting { versions: Versions { lowest: 6, highest: 9 }, counter: 0 });
+    for version in [6, 7, 127] {
         let heard = InConversation { conversation: CONVERSATION, message: greeting.clone() };
         assert_eq!(hear(version, &greeting), Heard::Message(heard));
     }
@@ -189,8 +189,8 @@ fn board() -> impl Strategy<Value = BoardState> {
 }
 
 fn fault() -> impl Strategy<Value = Fault> {
-    use FaultKind::{Clock, HardFault, Panic, StackOverflow, Watchdog};
-    let kind = prop::sample::select(std::vec![Panic, HardFault, StackOverflow, Watchdog, Clock]);
+    use FaultKind::{Clock, HardFault, Key, Panic, StackOverflow, Watchdog};
+    let kind = prop::sample::select(std::vec![Panic, HardFault, StackOverflow, Watchdog, Clock, Key]);
     (kind, any::<u32>(), "[ -~]{0,64}").prop_map(|(kind, address, place)| Fault {
         kind,
         address,
@@ -238,6 +238,7 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                         next_window: oldest_window.wrapping_add(u32::from(node)),
                         replaying,
                         fault,
+                        counters: replaying.then_some(Counters { said: boot, heard: oldest_window }),
                     })
                 }
             ),
@@ -272,6 +273,7 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                         lost_rows,
                         board,
                         unknown_messages: lost_windows / 2,
+                        unsealed_messages: lost_windows / 3,
                     })
                 }
             ),
@@ -316,7 +318,10 @@ fn host_message() -> impl Strategy<Value = HostMessage> {
         last_part,
     });
     prop_oneof![
-        any::<(u8, u8)>().prop_map(|(lowest, highest)| HostMessage::Greet(Versions { lowest, highest })),
+        any::<(u8, u8, u32)>().prop_map(|(lowest, highest, counter)| HostMessage::Greet(Greeting {
+            versions: Versions { lowest, highest },
+            counter
+        })),
         any::<(u8, u8)>().prop_map(|(lowest, highest)| HostMessage::Ask(Versions { lowest, highest })),
         any::<i64>().prop_map(|start| HostMessage::Replay(Replay { start: HostTime(start) })),
         (any::<u64>(), heapless(finite()))
@@ -381,7 +386,7 @@ proptest! {
         let _ = decode::<NodeMessage<'_>>(&bytes);
         let _ = decode::<InConversation>(&bytes);
         let _ = version_5::decode_node(&bytes);
-        let _ = hear(&Opened { version: 7, message: &bytes });
+        let _ = hear(&Opened { version: 7, message: &bytes, seal: None });
         let mut decoder = frame::FrameDecoder::new();
         for &byte in &bytes {
             let _ = decoder.push(byte);

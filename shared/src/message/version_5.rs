@@ -1,6 +1,6 @@
 //! Version 5, which nodes of the release before this one speak: what a host needs to talk to them.
 //!
-//! Its messages have the keys of version 6, and most have the fields that version 6 began with. Those that differ are frozen here, with golden
+//! Its messages have the kinds of version 6, and most have the fields that version 6 began with. Those that differ are frozen here, with golden
 //! bytes. A reader of version 5 takes no byte more and none less, so nothing that version 6 has added may be said to it.
 
 use heapless::{String, Vec};
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::configuration::MAX_CHANNELS;
 use super::{
     BoardState, Conversation, FaultKind, HostMessage, InConversation, MAX_PLACE_BYTES, NodeMessage, SensorState,
-    Versions, decode, split_key,
+    Versions, decode, split_kind,
 };
 use crate::frame::{self, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
 
@@ -84,6 +84,7 @@ impl From<Hello> for super::Hello {
             next_window: old.next_window,
             replaying: old.replaying,
             fault: old.fault.map(|Fault { kind, address, place }| super::Fault { kind, address, place }),
+            counters: None,
         }
     }
 }
@@ -118,14 +119,15 @@ impl From<Heartbeat> for super::Heartbeat {
                 dropped_frames,
             },
             unknown_messages: 0,
+            unsealed_messages: 0,
         }
     }
 }
 
 /// Reads what a node of version 5 says.
 pub fn decode_node(message: &[u8]) -> Result<NodeMessage<'_>, FrameError> {
-    let (key, body) = split_key(message)?;
-    match key {
+    let (kind, body) = split_kind(message)?;
+    match kind {
         0 => whole::<Hello>(body).map(|hello| NodeMessage::Hello(hello.into())),
         3 => whole::<Heartbeat>(body).map(|heartbeat| NodeMessage::Heartbeat(heartbeat.into())),
         _ => decode(message),

@@ -94,6 +94,27 @@ fn lines_of_the_reference_band_take_less_than_five_bytes_a_second_and_densities_
 }
 
 #[test]
+fn keys_take_at_most_three_percent_of_the_bytes_that_a_node_sends() {
+    // 10 bits are what nodes send where nothing is said; with 6, frames are as many for fewer bytes.
+    for bits in [10, 6] {
+        let bytes = |has_keys: bool| {
+            let options = FleetOptions { summary: Summary::Lines { bits }, has_keys, ..FleetOptions::default() };
+            let (windows, report) = run(4, 4, 6 * 3600, 10, &reference_grid(), &options);
+            assert!(windows.len() >= 50 && report.nodes[0].session.unsealed_frames == 0);
+            [report.nodes[0].to_host.bytes as f64, report.nodes[0].to_node.bytes as f64]
+        };
+        let (plain, sealed) = (bytes(false), bytes(true));
+        let more = |sealed: f64, plain: f64| 100.0 * (sealed / plain - 1.0);
+        let (from_node, both) = (more(sealed[0], plain[0]), more(sealed.iter().sum(), plain.iter().sum()));
+        println!(
+            "{bits} bits: {} and {} bytes to host and node without a key, {} and {} with: {from_node:.2} % more of the node's, {both:.2} % of all",
+            plain[0], plain[1], sealed[0], sealed[1]
+        );
+        assert!(from_node < 3.0 && both < 3.5, "{bits} bits: {from_node} %, {both} %");
+    }
+}
+
+#[test]
 fn with_two_percent_of_frames_damaged_every_window_of_eight_nodes_arrives_exactly_once() {
     let grid = LineGrid { sampling_rate_hz: 6.25, segment: 512, first_line: 5, lines: 118 };
     let options = FleetOptions { faults: Faults::damaging(0.02), seed: 4, ..FleetOptions::default() };

@@ -15,6 +15,7 @@ mod fitted;
 mod hardware;
 mod identify;
 mod init;
+mod keys;
 mod link;
 mod model;
 mod next;

@@ -1,10 +1,11 @@
 //! The counts.
 
 use belfry_firmware::{Identity, Memory, Node, SUPPORTED_SEGMENTS, welch_segment};
-use belfry_shared::frame::{MAX_FRAME_BYTES, crc32};
+use belfry_shared::frame::{MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, PROTOCOL_VERSION, crc32, encode, encode_sealed};
 use belfry_shared::message::{
-    self, Band, Configuration, Conversation, HostMessage, InConversation, MAX_CHANNELS, Summary, Versions,
+    self, Band, Configuration, Conversation, Greeting, HostMessage, InConversation, MAX_CHANNELS, Summary,
 };
+use belfry_shared::seal::{Key, Sender};
 use belfry_shared::time::{ClockModel, HostTime, NodeTime};
 use cortex_m_semihosting::{debug, hprintln};
 use panic_semihosting as _;
@@ -13,6 +14,8 @@ use stm32f4xx_hal::pac::TIM5;
 /// What the board's core runs at.
 const CORE_HZ: u64 = 168_000_000;
 const LONGEST: usize = 4096;
+const BOOT: u32 = 1;
+const KEY: Key = Key::new([0x4B; 32]);
 
 static mut MEMORY: Memory = Memory::new();
 
@@ -53,10 +56,17 @@ fn run() -> ! {
     );
     // SAFETY: this function runs once, and nothing else names MEMORY.
     let memory: &'static mut Memory = unsafe { &mut *core::ptr::addr_of_mut!(MEMORY) };
-    let identity = Identity { node: 1, boot: 1, channels: 4, full_scale_m_s2: 20.0, highest_rate_mhz: 4_000_000 };
+    let identity = Identity { node: 1, boot: BOOT, channels: 4, full_scale_m_s2: 20.0, highest_rate_mhz: 4_000_000 };
     let mut node = Node::new(identity, memory);
-    whole_node(&mut node, 50, 10);
-    whole_node(&mut node, 1000, 200);
+    whole_node(&mut node, "second", None, 50, 10);
+    whole_node(&mut node, "second", None, 1000, 200);
+    hprintln!("a seal in bytes of its message and instructions; and the same seconds of a node with a key");
+    seals();
+    node.set_key(Some(KEY));
+    // What a host has said under a key is counted on.
+    let mut said = 0;
+    whole_node(&mut node, "sealed", Some(&mut said), 50, 10);
+    whole_node(&mut node, "sealed", Some(&mut said), 1000, 200);
     debug::exit(debug::EXIT_SUCCESS);
     #[expect(clippy::empty_loop, reason = "the emulator has stopped")]
     loop {}
@@ -76,7 +86,25 @@ fn segments(length: usize) {
     hprintln!("checksum {} {}", length, crc32(bytemuck::cast_slice(sums)));
 }
 
-fn whole_node(node: &mut Node<&'static mut Memory>, rate_hz: u32, decimation: u32) {
+fn seals() {
+    let message = [0x5A; MAX_MESSAGE_BYTES];
+    for length in [16, 128, MAX_MESSAGE_BYTES] {
+        let message = message.get(..length).unwrap_or(&[]);
+        let instructions = count(|| {
+            core::hint::black_box(KEY.seal(Sender::Node, BOOT, 1, PROTOCOL_VERSION, core::hint::black_box(message)));
+        });
+        hprintln!("seal {} {}", length, instructions);
+    }
+}
+
+/// Counts a second of the node. With a key, `said` is how many sealed frames the host has sent.
+fn whole_node(
+    node: &mut Node<&'static mut Memory>,
+    kind: &str,
+    mut said: Option<&mut u32>,
+    rate_hz: u32,
+    decimation: u32,
+) {
     let configuration = Configuration {
         channels: MAX_CHANNELS as u8,
         sampling_rate_uhz: u64::from(rate_hz) * 1_000_000,
@@ -85,15 +113,26 @@ fn whole_node(node: &mut Node<&'static mut Memory>, rate_hz: u32, decimation: u3
         summary: Summary::Lines { bits: 6 },
         bands: [Band { first_line: 41, lines: 1188 }].into_iter().collect(),
     };
+    let greeting_counter = said.as_deref().map_or(0, |said| said + 1);
     let mut frame = [0; MAX_FRAME_BYTES];
     let mut say = |node: &mut Node<&'static mut Memory>, message: &HostMessage| {
         let message = InConversation { conversation: Conversation([1; 4]), message: message.clone() };
-        let length = message::encode(&message, &mut frame).unwrap_or(0);
+        let mut buffer = [0; MAX_MESSAGE_BYTES];
+        let bytes = message::bytes(&message, &mut buffer).unwrap_or(&[]);
+        let length = match said.as_deref_mut() {
+            Some(said) => {
+                *said += 1;
+                let seal = KEY.seal(Sender::Host, BOOT, *said, PROTOCOL_VERSION, bytes);
+                encode_sealed(PROTOCOL_VERSION, bytes, &seal, &mut frame)
+            }
+            None => encode(bytes, &mut frame),
+        };
+        let length = length.unwrap_or(0);
         for &byte in frame.iter().take(length) {
             node.receive(NodeTime(0), byte);
         }
     };
-    say(node, &HostMessage::Greet(Versions::OF_HOSTS));
+    say(node, &HostMessage::Greet(Greeting { counter: greeting_counter, ..Greeting::OF_HOSTS }));
     say(node, &HostMessage::Configure(configuration));
     say(node, &HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 }));
     // Two windows, after the filters are full.
@@ -130,7 +169,8 @@ fn whole_node(node: &mut Node<&'static mut Memory>, rate_hz: u32, decimation: u3
     // In units of 0.001 %.
     let share = a_second * 100_000 / CORE_HZ;
     hprintln!(
-        "second {} {} = {}.{:03} % of 168 MHz; a row {} (most {}), work {}, sending {} for {} bytes; longest step {}",
+        "{} {} {} = {}.{:03} % of 168 MHz; a row {} (most {}), work {}, sending {} for {} bytes; longest step {}",
+        kind,
         rate_hz,
         a_second,
         share / 1000,

@@ -1,6 +1,6 @@
 //! What a session says at each stage, and when.
 
-use belfry_shared::message::{Acknowledgement, Again, ClockRequest, HostMessage, Versions};
+use belfry_shared::message::{Acknowledgement, Again, ClockRequest, Greeting, HostMessage};
 use belfry_shared::time::HostTime;
 
 use super::{FIRST_EXCHANGES, Session, Stage};
@@ -44,7 +44,7 @@ impl Session {
         let retry = now >= self.next_try;
         match self.stage {
             Stage::Greeting if retry => {
-                self.wire.say(&HostMessage::Greet(Versions::OF_HOSTS));
+                self.wire.say(&HostMessage::Greet(Greeting::OF_HOSTS));
                 self.next_try = HostTime(now.0 + RETRY_US);
             }
             Stage::Inspecting { asked } if retry => self.inspect(now, asked),
@@ -62,7 +62,7 @@ impl Session {
                     self.wire.say(&HostMessage::SetClock(model));
                     self.must_set_time = false;
                 }
-                self.wire.say(&HostMessage::Greet(Versions::OF_HOSTS));
+                self.wire.say(&HostMessage::Greet(Greeting::OF_HOSTS));
                 self.next_try = HostTime(now.0 + RETRY_US);
             }
             Stage::Measuring => self.poll_measuring(now),

@@ -1,5 +1,6 @@
 //! Conversations with a real node over a simulated line, and with impostors.
 
+mod keys;
 mod versions;
 
 use std::io;
@@ -12,7 +13,8 @@ use crate::window::NodeWindow;
 use belfry_firmware::{Identity, Memory, Node};
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
 use belfry_shared::message::{
-    self, Acknowledgement, Band, Configuration, Conversation, InConversation, RefusalReason, Versions, WindowHead,
+    self, Acknowledgement, Band, Configuration, Conversation, Greeting, InConversation, RefusalReason, Versions,
+    WindowHead,
 };
 use belfry_shared::time::{NodeTime, WindowGrid};
 use proptest::prelude::*;
@@ -48,6 +50,8 @@ struct Bench {
     /// What makes one of the ends one of another version.
     to_node: Option<Translator>,
     to_host: Option<Translator>,
+    /// What the node has said.
+    carried: Vec<u8>,
 }
 
 impl Bench {
@@ -62,6 +66,7 @@ impl Bench {
             host_ahead_us: 0,
             to_node: None,
             to_host: None,
+            carried: Vec::new(),
         }
     }
 
@@ -89,6 +94,7 @@ impl Bench {
                 let count = self.node.transmit(node_time, &mut frame);
                 let bytes = frame[..count].to_vec();
                 let bytes = self.to_host.as_mut().map_or(bytes.clone(), |translator| translator.carry(&bytes));
+                self.carried.extend(&bytes);
                 node_end.write(&bytes).unwrap();
             }
             let host_time = HostTime(now_us + self.host_ahead_us);
@@ -219,6 +225,7 @@ fn hello() -> Hello {
         next_window: 0,
         replaying: false,
         fault: None,
+        counters: None,
     }
 }
 
@@ -274,6 +281,7 @@ fn heartbeat(boot: u32, oldest_window: u32, next_window: u32) -> NodeMessage<'st
         lost_rows: 0,
         board: Default::default(),
         unknown_messages: 0,
+        unsealed_messages: 0,
     })
 }
 
@@ -474,12 +482,12 @@ fn a_node_that_another_program_has_greeted_is_greeted_again_and_left_to_it_where
     let mut bench = Bench::new(Faults::default());
     let mut windows: Vec<NodeWindow> = Vec::new();
     bench.run(50 * 20, &mut windows).unwrap();
-    say_as_other(&bench.line, HostMessage::Greet(Versions::OF_HOSTS));
+    say_as_other(&bench.line, HostMessage::Greet(Greeting::OF_HOSTS));
     bench.run(50 * 60, &mut windows).unwrap();
     assert!(bench.session.is_measuring() && windows.len() >= 4, "{}", windows.len());
     assert!(windows.iter().zip(&windows[1..]).all(|(a, b)| b.name.number == a.name.number + 1));
     let mut fight = || {
-        say_as_other(&bench.line, HostMessage::Greet(Versions::OF_HOSTS));
+        say_as_other(&bench.line, HostMessage::Greet(Greeting::OF_HOSTS));
         bench.run(50, &mut windows)
     };
     let error = (0..20).find_map(|_| fight().err()).expect("it is said that another program collects");

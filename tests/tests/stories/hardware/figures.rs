@@ -39,7 +39,7 @@ fn counts() -> &'static [(String, u32, u64)] {
         let of_line = |line: &str| {
             let mut words = line.split(' ');
             let (kind, size, number) = (words.next()?, words.next()?.parse().ok()?, words.next()?.parse().ok()?);
-            ["segment", "checksum", "second"].contains(&kind).then(|| (kind.to_owned(), size, number))
+            ["segment", "checksum", "second", "seal", "sealed"].contains(&kind).then(|| (kind.to_owned(), size, number))
         };
         text.lines().filter_map(of_line).collect()
     })
@@ -80,7 +80,7 @@ fn the_program_is_no_larger_and_no_slower_than_recorded() {
     let mut measured = vec![("bytes.flash".to_owned(), flash), ("bytes.ram".to_owned(), ram)];
     let counted = counts().iter().filter(|(kind, ..)| kind != "checksum");
     measured.extend(counted.map(|(kind, size, count)| (format!("instructions.{kind}.{size}"), *count)));
-    assert_eq!(measured.len(), 9, "{measured:?}");
+    assert_eq!(measured.len(), 14, "{measured:?}");
     let grown: Vec<String> = measured
         .iter()
         .filter(|(name, now)| 100 * now > 105 * recorded(name))
@@ -90,6 +90,12 @@ fn the_program_is_no_larger_and_no_slower_than_recorded() {
     // The whole node on a core of 168 MHz: 0.5 % at 50 Hz, 10 % at 1000 Hz.
     let of = |name: &str| measured.iter().find(|(known, _)| known == name).unwrap().1 as f64 / 168e6;
     assert!(of("instructions.second.50") < 0.005 && of("instructions.second.1000") < 0.1, "{measured:?}");
+    // Seals take at most 5 % of what the node does.
+    for rate_hz in [50, 1000] {
+        let (plain, sealed) =
+            (of(&format!("instructions.second.{rate_hz}")), of(&format!("instructions.sealed.{rate_hz}")));
+        assert!(sealed < 1.05 * plain, "{measured:?}");
+    }
     // CMSIS-DSP's window, FFT, power and sum.
     for (length, cmsis) in [(256, 14_449), (1024, 57_595), (2048, 134_087)] {
         let name = format!("instructions.segment.{length}");

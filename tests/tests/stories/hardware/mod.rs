@@ -5,6 +5,7 @@
 mod emulator;
 mod faults;
 mod figures;
+mod keys;
 mod refusals;
 mod replay;
 mod timing;

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use belfry_firmware::Identity;
 use belfry_host::fleet::InProcess;
+use belfry_host::keys::Keys;
 use belfry_host::link::replay::{ReplayError, replay};
 use belfry_host::link::{SessionError, Transport};
 use belfry_host::window::ChannelData;
@@ -90,6 +91,7 @@ fn kind(reason: &RefusalReason) -> usize {
         RefusalReason::Bands => 4,
         RefusalReason::Summary => 5,
         RefusalReason::Memory { .. } => 6,
+        RefusalReason::Unknown => panic!("a node has no reasons that it does not know"),
     }
 }
 const KINDS: usize = 7;
@@ -103,7 +105,7 @@ fn rows() -> impl Iterator<Item = Vec<f32>> {
 
 /// What comes of the rows.
 fn windows(transport: &mut dyn Transport) -> Vec<Vec<ChannelData>> {
-    let replayed = replay(transport, &possible(), HostTime(0), rows(), &mut |_| {}).unwrap();
+    let replayed = replay(transport, &Keys::default(), &possible(), HostTime(0), rows(), &mut |_| {}).unwrap();
     replayed.windows.into_iter().map(|window| window.channels).collect()
 }
 
@@ -124,7 +126,7 @@ fn every_impossible_configuration_is_refused_in_words_and_the_node_goes_on() {
     assert_eq!(windows(&mut board.port()), expected);
     let mut seen = BTreeSet::new();
     for (configuration, sentence) in impossible() {
-        let refused = replay(&mut board.port(), &configuration, HostTime(0), rows(), &mut |_| {});
+        let refused = replay(&mut board.port(), &Keys::default(), &configuration, HostTime(0), rows(), &mut |_| {});
         let Err(ReplayError::Session(SessionError::Refused { node, reason })) = refused else {
             panic!("{configuration:?} is not refused: {refused:?}");
         };

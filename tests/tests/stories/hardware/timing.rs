@@ -19,8 +19,8 @@ use belfry_host::link::{Session, Transport, conversation};
 use belfry_host::window::{ChannelData, Configurations, NodeWindow};
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
-    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Heartbeat, HostMessage, InConversation,
-    LinesPart, NodeMessage, Refusal, RefusalReason, Replay, SensorState, Summary, Versions,
+    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Greeting, Heartbeat, HostMessage,
+    InConversation, LinesPart, NodeMessage, Refusal, RefusalReason, Replay, SensorState, Summary,
 };
 use belfry_shared::time::{HostTime, NodeTime, WindowGrid};
 
@@ -153,7 +153,7 @@ impl BusyLine {
     fn burst(&mut self) {
         for _ in 0..BURST {
             self.port.write(&[7, 1, 2, END_OF_FRAME]).unwrap();
-            self.say(&HostMessage::Greet(Versions::OF_HOSTS)).unwrap();
+            self.say(&HostMessage::Greet(Greeting::OF_HOSTS)).unwrap();
         }
         self.garbage += BURST;
     }

@@ -7,6 +7,7 @@ use belfry_firmware::Identity;
 use belfry_firmware::adxl355::{CHANNELS, FULL_SCALE_M_S2, HIGHEST_RATE_MHZ};
 use belfry_shared::frame::crc32;
 use belfry_shared::message::MAX_CHANNELS;
+use belfry_shared::seal::{IMAGE_BYTES, ImageError, Key};
 
 /// The node's number, from BELFRY_NODE when it is built. It has a symbol so that it can be changed in the built program.
 #[unsafe(no_mangle)]
@@ -17,8 +18,11 @@ static BELFRY_NODE: u16 = number(option_env!("BELFRY_NODE"));
 const DEVICE_ID: *const u32 = 0xE004_2000 as *const u32;
 /// The chip's own number.
 const CHIP: *const [u32; 3] = 0x1FFF_7A10 as *const [u32; 3];
-/// Number of words that a start does not set.
-const WORDS: usize = 16;
+/// The image of the node's key: the last sector of the flash, which the program leaves alone (memory.x).
+const KEY: *const [u8; IMAGE_BYTES] = 0x0806_0000 as *const [u8; IMAGE_BYTES];
+/// Number of words that a start does not set. Some 3 % of a RAM's bits are anybody's guess after power-on (Holcomb, Burleson, Fu 2009: 128 of 4096);
+/// a boot id of 32 bits needs twice as many words as that, for it is what a sealed frame is sealed for.
+const WORDS: usize = 64;
 
 /// What stands here after power-on differs from time to time; the first word counts restarts.
 #[unsafe(link_section = ".uninit.SEED")]
@@ -41,6 +45,13 @@ const fn number(text: Option<&str>) -> u16 {
 pub(super) fn is_emulated() -> bool {
     // SAFETY: the register is there on every chip of the family, and is only read.
     unsafe { DEVICE_ID.read_volatile() == 0 }
+}
+
+/// The node's key, where one was written.
+pub(super) fn key(node: u16) -> Result<Option<Key>, ImageError> {
+    // SAFETY: it lies within the flash, and is only read.
+    let image = unsafe { KEY.read_volatile() };
+    Key::from_image(&image, node)
 }
 
 /// The node's identity; its boot id is another one at every start.

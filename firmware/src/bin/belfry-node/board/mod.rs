@@ -78,8 +78,19 @@ fn run() -> ! {
     let memory: &'static mut Memory = unsafe { &mut *core::ptr::addr_of_mut!(MEMORY) };
     let mut node = Node::new(identity::identity(), memory);
     let watchdog_fault = was_watchdog.then(|| simple_fault(FaultKind::Watchdog));
+    let key_fault = match identity::key(node.identity().node) {
+        Ok(None) => None,
+        Ok(key) => {
+            node.set_key(key);
+            None
+        }
+        Err(_) => {
+            node.set_key(None);
+            Some(simple_fault(FaultKind::Key))
+        }
+    };
     let clock_fault = (!has_external).then(|| simple_fault(FaultKind::Clock));
-    if let Some(fault) = ended.or(watchdog_fault).or(clock_fault) {
+    if let Some(fault) = key_fault.or(ended).or(watchdog_fault).or(clock_fault) {
         defmt::warn!("restarted: {}", fault);
         node.report_fault(fault);
     }

@@ -45,6 +45,11 @@ impl Translator {
     }
 }
 
+/// A line on which everything is lost.
+pub(super) fn silence() -> Translator {
+    Translator { decoder: FrameDecoder::new(), translate: |_, _| Vec::new() }
+}
+
 fn postcard_bytes(value: &impl Serialize) -> Vec<u8> {
     postcard::to_slice(value, &mut [0; 512]).unwrap().to_vec()
 }
@@ -56,7 +61,7 @@ fn from_host_5(version: u8, mut message: Vec<u8>) -> Vec<(u8, Vec<u8>)> {
         return Vec::new();
     }
     if message[4..] == [0] {
-        message.extend([PROTOCOL_VERSION, PROTOCOL_VERSION]);
+        message.extend([PROTOCOL_VERSION, PROTOCOL_VERSION, 0]);
     }
     vec![(PROTOCOL_VERSION, message)]
 }
@@ -97,7 +102,7 @@ fn from_next_node(_: u8, mut message: Vec<u8>) -> Vec<(u8, Vec<u8>)> {
             assert_eq!(heartbeat.sensors.len(), 1);
             // A state that came with it, in front of the lost rows, the board and its length.
             let behind = postcard_bytes(&(heartbeat.lost_rows, heartbeat.board)).len() + 1;
-            let state = message.len() - 1 - behind - 1;
+            let state = message.len() - 2 - behind - 1;
             message[state] = 99;
             message.extend(ADDED);
             vec![(PROTOCOL_VERSION, message)]
