@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use belfry_tests::belfry_command;
 
 /// Programs of other people, whose options are their affair.
-const FOREIGN: [&str; 4] = ["rustup", "qemu-system-arm", "git", "$EDITOR"];
+const FOREIGN: [&str; 6] = ["probe-rs", "rm", "rustup", "qemu-system-arm", "git", "$EDITOR"];
 
 /// The help of belfry's commands and of the studies, asked for once each.
 pub(crate) struct CommandHelp {
