@@ -3,9 +3,13 @@
 
 pub mod archive;
 pub mod blind;
+pub mod campaign;
 mod canton;
 pub mod clock;
 mod footbridge;
+pub mod fuzz;
+#[cfg(unix)]
+pub mod live;
 mod npy;
 pub mod records;
 mod statistics;

@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use rusqlite::Row;
 use serde::Serialize;
 
-use super::checksum::{Checksum, Kind, SERVICE_COLUMNS, Tally, hour_start_us};
+use super::checksum::{Checksum, Kind, Tally, hour_start_us};
 use super::damage::Damage;
 use super::error::is_damage;
 use super::heads::Survey;
-use super::{ARCHIVE_FILE, Archive, ArchiveError, VERSION};
+use super::loss::ListedLoss;
+use super::{ARCHIVE_FILE, Archive, ArchiveError};
 
 /// What SQLite says of a file's structure is cut off after so many lines.
 const MOST_SAID: usize = 100;
@@ -30,6 +31,8 @@ pub struct CheckReport {
     pub damages: Vec<Damage>,
     /// What SQLite finds wrong with the file.
     pub structure: Vec<String>,
+    /// Windows that no longer exist anywhere. That is no damage of the archive.
+    pub lost: Vec<ListedLoss>,
     /// Whether nothing is wrong.
     pub is_sound: bool,
 }
@@ -47,13 +50,15 @@ impl Archive {
         let version = archive.version()?;
         let structure = archive.structure();
         let (sound_windows, damages) = match version {
-            VERSION => archive.check_rows().map_err(failed)?,
-            _ => (archive.window_ids().len() as u64, Vec::new()),
+            1 => (archive.window_ids().len() as u64, Vec::new()),
+            version => archive.check_rows(version).map_err(failed)?,
         };
+        // Where that table is damaged, it has been said.
+        let lost = if version < 3 { Vec::new() } else { archive.losses().unwrap_or_default() };
         let is_sound = damages.is_empty() && structure.is_empty();
         let bytes = std::fs::metadata(&archive.file).map_or(0, |metadata| metadata.len());
         let file = archive.file.clone();
-        Ok(CheckReport { archive: file, version, bytes, sound_windows, damages, structure, is_sound })
+        Ok(CheckReport { archive: file, version, bytes, sound_windows, damages, structure, lost, is_sound })
     }
 
     /// What SQLite finds wrong with the file.
@@ -70,9 +75,12 @@ impl Archive {
     }
 
     /// Windows that are sound, and all that is damaged.
-    fn check_rows(&self) -> rusqlite::Result<(u64, Vec<Damage>)> {
+    fn check_rows(&self, version: i32) -> rusqlite::Result<(u64, Vec<Damage>)> {
         let (_, mut damages) = self.asked()?;
-        damages.extend(self.check_service()?);
+        damages.extend(self.check_table(Kind::Service)?);
+        if version >= 3 {
+            damages.extend(self.check_table(Kind::Loss)?);
+        }
         let mut sound = 0;
         for setup in self.setups()? {
             let survey = Survey::new(self, &setup)?;
@@ -110,13 +118,14 @@ impl Archive {
         Ok(setups)
     }
 
-    fn check_service(&self) -> rusqlite::Result<Vec<Damage>> {
+    fn check_table(&self, kind: Kind) -> rusqlite::Result<Vec<Damage>> {
+        let (table, columns) = (kind.name(), kind.columns());
         let (mut damages, mut found) = (Vec::new(), Tally::default());
-        let mut statement = self.connection.prepare(&format!("SELECT {SERVICE_COLUMNS}, checksum FROM service"))?;
+        let mut statement = self.connection.prepare(&format!("SELECT {columns}, checksum FROM {table}"))?;
         let mut rows = statement.query([])?;
         let mut read = |row: &Row<'_>| -> rusqlite::Result<bool> {
             let mut checksum = Checksum::new();
-            checksum.add(row, SERVICE_COLUMNS)?;
+            checksum.add(row, columns)?;
             let stored = row.get("checksum")?;
             found.add(stored);
             Ok(checksum.value() == stored)
@@ -127,17 +136,17 @@ impl Archive {
                 Ok(Some(row)) if read(row).is_ok_and(|is_sound| is_sound) => {}
                 Ok(Some(row)) => {
                     let id = row.get(0).unwrap_or_default();
-                    damages.push(Damage::row("service", id, "it does not match its checksum"));
+                    damages.push(Damage::row(table, id, "it does not match its checksum"));
                 }
                 Err(error) if is_damage(&error) => {
-                    damages.push(Damage::table("service", error.to_string()));
+                    damages.push(Damage::table(table, error.to_string()));
                     break;
                 }
                 Err(error) => return Err(error),
             }
         }
         let found = if found == Tally::default() { BTreeMap::new() } else { BTreeMap::from([(String::new(), found)]) };
-        damages.extend(self.miscounted(Kind::Service, found)?);
+        damages.extend(self.miscounted(kind, found)?);
         Ok(damages)
     }
 }

@@ -17,7 +17,9 @@ pub(super) const CHANNEL_COLUMNS: &str = "window, channel, state, segments, bits
 /// The columns of what was asked that its checksum covers.
 pub(super) const ASKED_COLUMNS: &str = "id, setup, node, since_us, configuration, settings, channels";
 /// The columns of a service that its checksum covers.
-pub(super) const SERVICE_COLUMNS: &str = "id, setup, node, boot, first_window, since_us";
+const SERVICE_COLUMNS: &str = "id, setup, node, boot, first_window, since_us";
+/// The columns of a loss that its checksum covers.
+const LOSS_COLUMNS: &str = "id, node, boot, first_number, last_number, reason, noted_us";
 
 const US_PER_HOUR: i64 = 3_600_000_000;
 
@@ -83,12 +85,13 @@ impl Tally {
     }
 }
 
-/// What tallies count.
+/// What tallies count: tables of these names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Window,
     Asked,
     Service,
+    Loss,
 }
 
 impl Kind {
@@ -97,6 +100,17 @@ impl Kind {
             Self::Window => "window",
             Self::Asked => "asked",
             Self::Service => "service",
+            Self::Loss => "loss",
+        }
+    }
+
+    /// The columns that a checksum of a row covers.
+    pub(super) fn columns(self) -> &'static str {
+        match self {
+            Self::Window => WINDOW_COLUMNS,
+            Self::Asked => ASKED_COLUMNS,
+            Self::Service => SERVICE_COLUMNS,
+            Self::Loss => LOSS_COLUMNS,
         }
     }
 }
@@ -161,17 +175,16 @@ pub(super) fn seal_window(connection: &Connection, id: i64) -> rusqlite::Result<
     count(connection, Kind::Window, &setup, hour_of(start_us), checksum)
 }
 
-/// The same of a row of `asked` or `service`.
+/// The same of a row of another table.
 pub(super) fn seal(connection: &Connection, kind: Kind, id: i64) -> rusqlite::Result<()> {
-    let columns = if kind == Kind::Asked { ASKED_COLUMNS } else { SERVICE_COLUMNS };
-    let table = kind.name();
+    let (table, columns) = (kind.name(), kind.columns());
     let mut checksum = Checksum::new();
     let setup: String =
         connection.prepare_cached(&format!("SELECT {columns} FROM {table} WHERE id = ?1"))?.query_row([id], |row| {
             checksum.add(row, columns)?;
-            row.get("setup")
+            if kind == Kind::Asked { row.get("setup") } else { Ok(String::new()) }
         })?;
     let checksum = checksum.value();
     connection.prepare_cached(&format!("UPDATE {table} SET checksum = ?2 WHERE id = ?1"))?.execute([id, checksum])?;
-    count(connection, kind, if kind == Kind::Asked { &setup } else { "" }, 0, checksum)
+    count(connection, kind, &setup, 0, checksum)
 }

@@ -10,7 +10,7 @@ use rusqlite::{ErrorCode, OpenFlags};
 use serde::Serialize;
 
 use super::asked::Asked;
-use super::checksum::{ASKED_COLUMNS, CHANNEL_COLUMNS, Kind, SERVICE_COLUMNS, WINDOW_COLUMNS, seal};
+use super::checksum::{CHANNEL_COLUMNS, Kind, WINDOW_COLUMNS, seal};
 use super::damage::Damage;
 use super::heads::{Head, Survey};
 use super::mend::Values;
@@ -76,11 +76,11 @@ impl Archive {
         new.prepare().map_err(failed)?;
         let transaction = new.connection.transaction().map_err(failed)?;
         let mut write = || -> rusqlite::Result<()> {
-            for (kind, columns) in [(Kind::Asked, ASKED_COLUMNS), (Kind::Service, SERVICE_COLUMNS)] {
+            for kind in [Kind::Asked, Kind::Service, Kind::Loss] {
                 for id in self.row_ids(kind.name()) {
                     // A checksum of its own would make damage good.
-                    let Some((values, _)) = self.row(kind.name(), columns, id) else { continue };
-                    Values::insert(&values.0, kind.name(), columns, true, &transaction)?;
+                    let Some((values, _)) = self.row(kind.name(), kind.columns(), id) else { continue };
+                    Values::insert(&values.0, kind.name(), kind.columns(), true, &transaction)?;
                     seal(&transaction, kind, id)?;
                 }
             }

@@ -1,5 +1,5 @@
-//! From tables of version 1 to those of version 2, in one transaction: checksums and tallies come, lines take as many bits as they were
-//! sent in.
+//! From tables of earlier versions to those of this one, in one transaction. Version 1 had no checksums and no tallies, and lines as
+//! floating-point numbers; version 2 had no list of what is lost.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use super::checksum::{Kind, seal, seal_window};
 use super::{Archive, ArchiveError, VERSION, codec, write};
 use crate::window::ChannelData;
 
-/// The tables of version 1, out of the way of those of version 2. Names of indices are free then as well.
+/// The tables of version 1, out of the way of those of this version. Names of indices are free then as well.
 const SET_ASIDE: &str = "
     DROP INDEX service_by_life;
     DROP INDEX window_by_start;
@@ -37,18 +37,26 @@ impl Archive {
             let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
             // Another program may have done it meanwhile.
             let version: i32 = transaction.pragma_query_value(None, "user_version", |row| row.get(0))?;
-            if version == 1 {
+            if version == 2 {
+                transaction.execute_batch(loss_table())?;
+            } else if version == 1 {
                 transaction.execute_batch(SET_ASIDE)?;
                 transaction.execute_batch(include_str!("schema.sql"))?;
                 transaction.execute_batch(COPY)?;
                 copy_channels(&transaction)?;
                 transaction.execute_batch(DROP)?;
-                transaction.pragma_update(None, "user_version", VERSION)?;
             }
+            transaction.pragma_update(None, "user_version", VERSION)?;
             transaction.commit()
         };
         migrate().map_err(|why| ArchiveError::Migration { file: self.file.clone(), found, why })
     }
+}
+
+/// What version 3 has beside version 2: the last table.
+fn loss_table() -> &'static str {
+    let schema = include_str!("schema.sql");
+    schema.find("CREATE TABLE loss").map_or("", |start| &schema[start..])
 }
 
 fn copy_channels(connection: &Connection) -> rusqlite::Result<()> {

@@ -14,6 +14,7 @@ mod error;
 mod extract;
 mod heads;
 mod health;
+mod loss;
 mod mend;
 mod migrate;
 mod prune;
@@ -34,6 +35,7 @@ pub(crate) use damage::in_words as damage_in_words;
 pub use error::ArchiveError;
 pub use extract::Extract;
 pub use health::NodeHealth;
+pub use loss::ListedLoss;
 pub use prune::{PruneReport, PrunedNode};
 pub(crate) use range::moment;
 pub use range::{TimeRange, parse_moment};
@@ -47,7 +49,7 @@ const LOCK_FILE: &str = ".belfry-archive-lock";
 /// "Blfr": what tells an archive from other databases.
 const APPLICATION_ID: i32 = 0x426C_6672;
 /// The version of the tables.
-const VERSION: i32 = 2;
+const VERSION: i32 = 3;
 /// How long another program that writes is waited for.
 const BUSY: Duration = Duration::from_secs(10);
 /// Time between tries of what SQLite does not wait for by itself.

@@ -11,9 +11,7 @@ use rusqlite::{Connection, OpenFlags};
 use serde::Serialize;
 
 use super::check::lost_in;
-use super::checksum::{
-    ASKED_COLUMNS, CHANNEL_COLUMNS, Kind, SERVICE_COLUMNS, WINDOW_COLUMNS, hour_of, seal, seal_window,
-};
+use super::checksum::{CHANNEL_COLUMNS, Kind, WINDOW_COLUMNS, hour_of, seal, seal_window};
 use super::damage::Damage;
 use super::mend::Values;
 use super::{ARCHIVE_FILE, Archive, ArchiveError, PAGE_BYTES, VERSION, lock_file};
@@ -141,8 +139,8 @@ impl Archive {
     fn save_into(&self, new: &mut Connection) -> rusqlite::Result<(u64, u64, Vec<Damage>)> {
         let transaction = new.transaction()?;
         let (mut windows, mut mended, mut lost) = (0, 0, Vec::new());
-        for (kind, columns) in [(Kind::Asked, ASKED_COLUMNS), (Kind::Service, SERVICE_COLUMNS)] {
-            let table = kind.name();
+        for kind in [Kind::Asked, Kind::Service, Kind::Loss] {
+            let (table, columns) = (kind.name(), kind.columns());
             for id in self.row_ids(table) {
                 match self.row(table, columns, id) {
                     Some((values, was_mended)) => {

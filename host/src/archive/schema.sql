@@ -63,10 +63,25 @@ CREATE TABLE channel (
 
 -- How many rows there are, so that one that is gone is missed.
 CREATE TABLE tally (
-    kind TEXT NOT NULL,                 -- window, asked, service
-    setup TEXT NOT NULL,                -- of a window and of what was asked; empty for service
+    kind TEXT NOT NULL,                 -- window, asked, service, loss
+    setup TEXT NOT NULL,                -- of a window and of what was asked; else empty
     hour INTEGER NOT NULL,              -- of windows: in which they began, in hours of Unix time; else 0
     entries INTEGER NOT NULL,           -- rows
     digest INTEGER NOT NULL,            -- their checksums, joined by exclusive or
     PRIMARY KEY (kind, setup, hour)
 ) STRICT, WITHOUT ROWID;
+
+-- Windows that no longer exist anywhere, by runs of their numbers, as far as they are not in `window`.
+CREATE TABLE loss (
+    id INTEGER PRIMARY KEY,
+    node INTEGER NOT NULL,
+    boot INTEGER NOT NULL,
+    first_number INTEGER NOT NULL,
+    last_number INTEGER,                -- null: all from the first on that the node made before it started anew, if any
+    reason TEXT NOT NULL,               -- overwritten: the node had no room for them; restarted: it started anew before they were
+                                        -- stored; unreadable: asked for in vain, or their parts contradict each other;
+                                        -- misdated: of a time that has not been, for the computer's clock was set
+    noted_us INTEGER NOT NULL,          -- µs of Unix time
+    checksum INTEGER NOT NULL
+) STRICT;
+CREATE INDEX loss_by_life ON loss (node, boot);

@@ -1,21 +1,25 @@
 //! Writing: what nodes are asked, which setup they serve, and the windows that they send.
 
-use belfry_shared::message::{Configuration, Summary};
+use belfry_shared::message::{Configuration, Summary, WindowName};
 use belfry_shared::time::{HostTime, WindowGrid};
 use rusqlite::{Connection, ErrorCode, OptionalExtension, Transaction, TransactionBehavior, params};
 
 use super::checksum::{Kind, seal, seal_window};
+use super::loss::end_earlier_lives;
 use super::{Archive, ArchiveError, codec};
 use crate::window::{ChannelData, KeptWindows, NodeWindow};
 
 impl Archive {
     /// At once, for a reading transaction that turns to writing is refused where another program writes.
-    fn writing(&mut self) -> rusqlite::Result<Transaction<'_>> {
+    pub(super) fn writing(&mut self) -> rusqlite::Result<Transaction<'_>> {
         self.connection.transaction_with_behavior(TransactionBehavior::Immediate)
     }
 
     /// Writes, on a full disk after giving back what the log takes: its pages may already have room in the file itself.
-    fn write<T>(&mut self, mut write: impl FnMut(&mut Self) -> rusqlite::Result<T>) -> Result<T, ArchiveError> {
+    pub(super) fn write<T>(
+        &mut self,
+        mut write: impl FnMut(&mut Self) -> rusqlite::Result<T>,
+    ) -> Result<T, ArchiveError> {
         let is_full = |error: &rusqlite::Error| error.sqlite_error_code() == Some(ErrorCode::DiskFull);
         let written = match write(self) {
             Err(error) if is_full(&error) && self.empty_log() => write(self),
@@ -61,7 +65,7 @@ impl Archive {
     }
 
     /// Notes that a life of a node serves a setup from now on, where it has not before; where it is met for the first time, its windows
-    /// are wanted from `first_window` on.
+    /// are wanted from `first_window` on, and what has not come of the node's earlier lives is lost.
     ///
     /// # Errors
     /// Where the database cannot be written.
@@ -75,6 +79,7 @@ impl Archive {
     ) -> Result<(), ArchiveError> {
         self.write(|archive| {
             let transaction = archive.writing()?;
+            end_earlier_lives(&transaction, node, boot, now)?;
             let new = transaction.execute(
                 "INSERT INTO service (setup, node, boot, first_window, since_us, checksum)
                  SELECT ?1, ?2, ?3, ?4, ?5, 0 WHERE ?1 IS NOT
@@ -113,9 +118,21 @@ impl Archive {
                     |row| Ok((row.get(0)?, row.get(1)?)),
                 )
                 .optional()?;
-            Ok(Some(KeptWindows { first, numbers, last }))
+            Ok(Some(KeptWindows { first, numbers, lost: self.lost_numbers(node, boot)?, last }))
         };
         known().map_err(|source| self.failed(source))
+    }
+
+    /// When the window of a name begins, in hops since the epoch; `None` where it is not kept.
+    ///
+    /// # Errors
+    /// Where the database cannot be read.
+    pub fn start(&self, name: &WindowName) -> Result<Option<u64>, ArchiveError> {
+        let query = "SELECT grid_index FROM window WHERE node = ?1 AND boot = ?2 AND number = ?3";
+        let start = self.connection.prepare_cached(query).and_then(|mut statement| {
+            statement.query_row(params![name.node, name.boot, name.number], |row| row.get(0)).optional()
+        });
+        start.map_err(|source| self.failed(source))
     }
 
     /// Keeps a window; it is on the disk when this returns. A window that is kept already is left as it is.

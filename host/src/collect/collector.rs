@@ -150,6 +150,11 @@ impl<'a> Collector<'a> {
         std::mem::take(&mut lock(&self.events))
     }
 
+    /// Looks at the archive that windows go into, or sets how it is written.
+    pub fn with_archive<T>(&self, look: impl FnOnce(&Archive) -> T) -> T {
+        look(&lock(&self.archive))
+    }
+
     /// Ends collecting.
     pub fn stop(&self) {
         self.stopped.store(true, Ordering::Relaxed);

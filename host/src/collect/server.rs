@@ -23,6 +23,8 @@ const SILENT_PAUSE: Duration = Duration::from_secs(5);
 const ASK_AGAIN: Duration = Duration::from_secs(15);
 /// Time between looks at what the node has come to.
 const LOOK: Duration = Duration::from_millis(200);
+/// Time between looks at whether a greeting is due.
+const GREETING_PAUSE: Duration = Duration::from_millis(100);
 /// A node counts as silent when nothing came for this long: two heartbeats.
 const SILENT: Duration = Duration::from_secs(250);
 
@@ -57,7 +59,7 @@ impl PortServer {
         Self { port: port.to_owned(), status, stage: Stage::Closed { until: Duration::ZERO } }
     }
 
-    /// Does what is due; how long nothing will be. Where that is no time at all, the wait for bytes is the line's.
+    /// Does what is due; how long nothing will be, unless bytes come.
     pub fn step(&mut self, collector: &Collector<'_>, ports: &dyn Ports) -> Duration {
         let now = collector.steady();
         let stage = std::mem::replace(&mut self.stage, Stage::Closed { until: now });
@@ -73,7 +75,27 @@ impl PortServer {
             Stage::Greeting { line, greeting, until } => self.greet(collector, line, greeting, until),
             Stage::Serving { line, node } => self.serve(collector, line, node),
         };
-        Duration::ZERO
+        match &self.stage {
+            Stage::Closed { .. } => Duration::ZERO,
+            Stage::Greeting { .. } => GREETING_PAUSE,
+            Stage::Serving { node, .. } => {
+                let due_us = node.state.session.next_due().0.saturating_sub(collector.host_time().0.0);
+                Duration::from_micros(u64::try_from(due_us).unwrap_or(0)).min(LOOK)
+            }
+        }
+    }
+
+    /// Waits until bytes have come, or so long; a line that fails meanwhile says so in the next step.
+    pub fn wait(&mut self, longest: Duration) {
+        let line = match &mut self.stage {
+            Stage::Closed { .. } => None,
+            Stage::Greeting { line, .. } | Stage::Serving { line, .. } => Some(line),
+        };
+        match line.map(|line| line.wait(longest)) {
+            Some(Ok(())) => {}
+            // Not at once again, whatever is wrong with it.
+            Some(Err(_)) | None => std::thread::sleep(longest),
+        }
     }
 
     /// Ends the service, with a last look at the node.

@@ -2,6 +2,7 @@
 
 use std::io::{self, ErrorKind};
 
+use belfry_shared::message::WindowName;
 use belfry_shared::time::{HostTime, WindowGrid};
 
 use super::collector::Collector;
@@ -9,7 +10,7 @@ use super::event::Happening;
 use super::lock::lock;
 use crate::archive::{Archive, ArchiveError};
 use crate::link::with_cause;
-use crate::window::{Configurations, KeptWindows, NodeWindow, WindowSink};
+use crate::window::{Configurations, KeptWindows, Loss, NodeWindow, WindowSink};
 
 /// Puts windows of one node into the archive.
 pub(super) struct ArchiveSink<'a> {
@@ -49,6 +50,11 @@ impl ArchiveSink<'_> {
     }
 }
 
+/// Why the archive could not be read, for a session.
+fn unread(error: ArchiveError) -> io::Error {
+    if error.may_pass() { ErrorKind::WouldBlock.into() } else { io::Error::other(error) }
+}
+
 impl WindowSink for ArchiveSink<'_> {
     fn store(&mut self, window: NodeWindow) -> io::Result<()> {
         let configuration = self.configurations.by_hash(window.configuration_hash);
@@ -65,12 +71,19 @@ impl WindowSink for ArchiveSink<'_> {
     }
 
     fn kept(&mut self, node: u16, boot: u32, _: u32) -> io::Result<Option<KeptWindows>> {
-        let kept = lock(&self.collector.archive).kept(node, boot);
-        kept.map_err(|error| if error.may_pass() { ErrorKind::WouldBlock.into() } else { io::Error::other(error) })
+        lock(&self.collector.archive).kept(node, boot).map_err(unread)
+    }
+
+    fn start(&mut self, name: &WindowName) -> io::Result<Option<u64>> {
+        lock(&self.collector.archive).start(name).map_err(unread)
     }
 
     fn meet(&mut self, node: u16, boot: u32, first_window: u32) -> io::Result<()> {
         let setup = &self.collector.collection().setup;
         self.write(|archive| archive.meet(setup, node, boot, first_window, self.now))
+    }
+
+    fn lost(&mut self, loss: &Loss) -> io::Result<()> {
+        self.write(|archive| archive.lose(loss, self.now))
     }
 }

@@ -1,4 +1,5 @@
-//! Collecting in real time: a thread a port, so that a slow one holds nobody up, and bytes are timed when they come.
+//! Collecting in real time: a thread a port, so that a slow one holds nobody up, and bytes are timed when they come. A thread sleeps
+//! until bytes come or something is due.
 
 use std::ops::ControlFlow;
 use std::thread;
@@ -43,7 +44,7 @@ fn work(collector: &Collector<'_>, ports: &dyn Ports, port: &str) {
     while !collector.is_stopped() {
         let pause = server.step(collector, ports);
         // A stop is not to wait for a long pause.
-        thread::sleep(pause.min(LOOK));
+        server.wait(pause.min(LOOK));
     }
     server.end(collector);
 }

@@ -1,5 +1,6 @@
 //! `belfry archive`: the collected windows themselves, checked, repaired, pruned and written elsewhere.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -12,9 +13,10 @@ use super::Console;
 use super::interrupt::leave_nothing_unfinished;
 use super::range::{RangeArguments, duration};
 use super::text::{Columns, in_shell};
-use crate::archive::{Archive, ArchiveError, CheckReport, Damage, PruneReport};
+use crate::archive::{Archive, ArchiveError, CheckReport, Damage, ListedLoss, PruneReport};
 use crate::collect::{Clock, SystemClock};
 use crate::study::Study;
+use crate::window::LossReason;
 
 const EXAMPLES: &str = "Examples:
   belfry archive check tower
@@ -133,7 +135,10 @@ fn folder(study: &Path) -> anyhow::Result<PathBuf> {
 fn run_check(folder: &Path, console: &Console) -> anyhow::Result<()> {
     let report = Archive::check(folder)?;
     console.json(&report)?;
-    let CheckReport { archive, version, bytes, sound_windows, damages, structure, is_sound } = &report;
+    let CheckReport { archive, version, bytes, sound_windows, damages, structure, lost, is_sound } = &report;
+    for line in losses(lost) {
+        console.say(line);
+    }
     let size = format!("{:.1} MB", *bytes as f64 * 1e-6);
     if *version == 1 && *is_sound {
         console.say(format!("{}, {size}: {sound_windows} windows of nodes. Its tables are of version 1 and have no checksums, so changed numbers cannot be told; whatever reads it next brings it up to date.", archive.display()));
@@ -154,6 +159,27 @@ fn run_check(folder: &Path, console: &Console) -> anyhow::Result<()> {
         archive.display(),
         in_shell(folder)
     )
+}
+
+/// What is lost, by node and reason.
+fn losses(lost: &[ListedLoss]) -> Vec<String> {
+    let mut sums: BTreeMap<(u16, LossReason), (u64, u64)> = BTreeMap::new();
+    for loss in lost.iter().map(|listed| &listed.loss) {
+        let (windows, unknown) = sums.entry((loss.node, loss.reason)).or_default();
+        match loss.windows() {
+            Some(count) => *windows += count,
+            None => *unknown += 1,
+        }
+    }
+    let line = |((node, reason), (windows, unknown)): (&(u16, LossReason), &(u64, u64))| {
+        let more = if *unknown == 0 {
+            String::new()
+        } else {
+            format!("; {unknown} times it may have made more, which nobody knows")
+        };
+        format!("node {node}: {windows} windows are lost: {reason}{more}")
+    };
+    sums.iter().map(line).collect()
 }
 
 fn run_repair(folder: &Path, console: &Console) -> anyhow::Result<()> {

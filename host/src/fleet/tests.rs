@@ -130,7 +130,7 @@ fn with_two_percent_of_frames_damaged_every_window_arrives_exactly_once_and_unch
         let (windows, report) = through_nodes(&setup, &rows, &options);
         let indices: Vec<u64> = windows.iter().map(|window| window.grid_index).collect();
         assert_eq!(indices, (0..sound.len() as u64).collect::<Vec<_>>(), "seed {seed}");
-        let damaged: u64 = report.nodes.iter().map(|node| node.to_host.damaged + node.to_node.damaged).sum();
+        let damaged: u64 = report.nodes.iter().map(|node| node.to_host.damaged() + node.to_node.damaged()).sum();
         assert!(damaged > 0, "seed {seed}: the line did no damage");
         for node in &report.nodes {
             assert_eq!((node.session.windows, node.session.lost_windows), (sound.len() as u64, 0), "seed {seed}");

@@ -93,6 +93,9 @@ impl Strip {
 #[derive(Debug, Clone, Default)]
 pub struct ClockEstimator {
     exchanges: VecDeque<Exchange>,
+    /// What follows from them. Whoever shows a node's drift asks for it several times a second, and finding it takes 0.1 ms.
+    model: Option<ClockModel>,
+    span_us: i64,
 }
 
 impl ClockEstimator {
@@ -108,6 +111,8 @@ impl ClockEstimator {
         while self.exchanges.front().is_some_and(|oldest| newest.since(oldest.sent) > KEPT_US) {
             self.exchanges.pop_front();
         }
+        self.model = self.find_model();
+        self.span_us = self.find_span_us();
     }
 
     /// Exchanges there are.
@@ -122,7 +127,7 @@ impl ClockEstimator {
 
     /// Forgets everything; for a node that has restarted.
     pub fn clear(&mut self) {
-        self.exchanges.clear();
+        *self = Self::default();
     }
 
     /// Whether the last exchange was slow, and another would say more.
@@ -136,13 +141,17 @@ impl ClockEstimator {
     /// Time over which exchanges with short round trips have been made, in µs: what the drift is known from. A burst of
     /// replies that a stalled line held back adds nothing.
     pub fn span_us(&self) -> i64 {
+        self.span_us
+    }
+
+    fn find_span_us(&self) -> i64 {
         let span = self.good().and_then(|(_, good)| Some(good.last()?.sent.since(good.first()?.sent)));
         span.unwrap_or(0)
     }
 
     /// How much faster the host's clock runs than the node's, in parts per million; `None` before it is known.
     pub fn drift_ppm(&self) -> Option<f64> {
-        (self.span_us() >= DRIFT_SPAN_US).then(|| self.model().map(|model| f64::from(model.drift_ppb) * 1e-3))?
+        (self.span_us() >= DRIFT_SPAN_US).then(|| self.model.map(|model| f64::from(model.drift_ppb) * 1e-3))?
     }
 
     /// The shortest round trip, and the exchanges that took little longer.
@@ -156,6 +165,10 @@ impl ClockEstimator {
     /// The best model so far: the middle of the strip that the exchanges leave, level while they span less than 20 s. `None` before
     /// the first exchange.
     pub fn model(&self) -> Option<ClockModel> {
+        self.model
+    }
+
+    fn find_model(&self) -> Option<ClockModel> {
         let (first, last) = (self.exchanges.front()?, self.exchanges.back()?);
         let point =
             |node: NodeTime, bound: i64| (node.since(last.sent) as f64, bound.saturating_sub(last.least_us) as f64);

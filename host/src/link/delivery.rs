@@ -8,7 +8,7 @@ use belfry_shared::message::{Acknowledgement, Again, Hello, NodeMessage, WindowH
 use belfry_shared::time::{HostTime, WindowGrid};
 
 use super::error::SessionError;
-use crate::window::{Assembler, ChannelData, Configurations, KeptWindows, NodeWindow, Outcome, WindowSink};
+use crate::window::{Assembler, ChannelData, Configurations, KeptWindows, Loss, NodeWindow, Outcome, WindowSink};
 
 /// Earlier lives of a node that are remembered.
 const LIVES_KEPT: usize = 8;
@@ -45,6 +45,8 @@ pub(super) struct Delivery {
     /// Windows that the sink could not take yet, oldest first. They are not acknowledged, so that the node keeps them too as long as it has
     /// room.
     waiting: VecDeque<Box<NodeWindow>>,
+    /// What is lost, and has not been taken down yet.
+    losses: VecDeque<Loss>,
     /// Whether the node has something to forget.
     acknowledge: bool,
     counts: DeliveryCounts,
@@ -60,6 +62,7 @@ impl Delivery {
             earlier: Vec::new(),
             forgotten_losses: 0,
             waiting: VecDeque::new(),
+            losses: VecDeque::new(),
             acknowledge: false,
             counts: DeliveryCounts::default(),
         }
@@ -115,7 +118,8 @@ impl Delivery {
             last.iter_mut().for_each(Assembler::forget_parts);
             self.earlier.extend(last);
             if self.earlier.len() > LIVES_KEPT {
-                let oldest = self.earlier.remove(0);
+                let mut oldest = self.earlier.remove(0);
+                self.losses.extend(oldest.take_losses());
                 self.forgotten_losses += oldest.lost() + oldest.missing();
             }
         }
@@ -176,9 +180,24 @@ impl Delivery {
             && !self.is_plausible(head, now)
         {
             self.contradicted();
+            self.present.iter_mut().for_each(|assembler| assembler.misdated(head.name));
             return Ok(());
         }
         let Some(assembler) = &mut self.present else { return Ok(()) };
+        if let NodeMessage::Head(head) = part
+            && assembler.is_out_of_order(head)
+        {
+            let is_another = match sink.start(&head.name) {
+                Ok(Some(start)) => start != head.grid_index,
+                Ok(None) => !assembler.was_wanted(head.name.number),
+                // It is asked for again.
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
+                Err(source) => return Err(SessionError::Store { node, source }),
+            };
+            if is_another {
+                return Err(SessionError::RepeatedLife { node });
+            }
+        }
         match assembler.take(&self.configurations, part, encoded) {
             Outcome::Taken | Outcome::NoRoom => {}
             Outcome::Foreign if self.drops_foreign => {
@@ -193,7 +212,6 @@ impl Delivery {
                 self.counts.duplicate_parts += 1;
                 self.acknowledge = true;
             }
-            Outcome::Repeated => return Err(SessionError::RepeatedLife { node }),
             Outcome::Contradiction => self.counts.contradictions += 1,
             Outcome::Whole(window) => {
                 let number = window.name.number;
@@ -241,6 +259,23 @@ impl Delivery {
             }
             self.counts.windows += 1;
             self.acknowledge = true;
+        }
+        self.note_losses(sink)
+    }
+
+    /// Has the sink take down what is lost, once it is ready.
+    fn note_losses(&mut self, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        for loss in self.earlier.iter_mut().chain(&mut self.present).flat_map(Assembler::take_losses) {
+            if !self.losses.back_mut().is_some_and(|before| before.join(&loss)) {
+                self.losses.push_back(loss);
+            }
+        }
+        while let Some(loss) = self.losses.front().filter(|_| sink.is_ready()) {
+            match sink.lost(loss) {
+                Ok(()) => drop(self.losses.pop_front()),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                Err(source) => return Err(SessionError::Store { node: self.node, source }),
+            }
         }
         Ok(())
     }

@@ -26,10 +26,14 @@ pub struct Faults {
     pub flip: f64,
     /// One of its bytes is lost.
     pub lose_byte: f64,
+    /// A byte of noise comes into it.
+    pub insert: f64,
     /// It arrives twice.
     pub duplicate: f64,
     /// It arrives after the frame behind it.
     pub reorder: f64,
+    /// Its end arrives up to half a second later than its beginning.
+    pub split: f64,
     /// It, and all behind it, arrive up to two seconds late.
     pub stall: f64,
     /// Every frame arrives up to this much late, in µs; no probability.
@@ -48,7 +52,7 @@ impl Faults {
             duplicate: third,
             reorder: third,
             stall: third,
-            jitter_us: 0,
+            ..Self::default()
         }
     }
 }
@@ -60,10 +64,36 @@ pub struct LineStatistics {
     pub bytes: u64,
     /// Frames handed to the line.
     pub frames: u64,
-    /// Frames dropped, changed or cut.
-    pub damaged: u64,
-    /// Frames duplicated, reordered or late.
-    pub disturbed: u64,
+    /// What befell them.
+    pub befell: Befallen,
+}
+
+/// How many frames suffered which fault.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[expect(missing_docs, reason = "they are those of `Faults`")]
+pub struct Befallen {
+    pub drop: u64,
+    pub flip: u64,
+    pub lose_byte: u64,
+    pub insert: u64,
+    pub duplicate: u64,
+    pub reorder: u64,
+    pub split: u64,
+    pub stall: u64,
+}
+
+impl LineStatistics {
+    /// Frames dropped, changed, cut or lengthened.
+    pub fn damaged(&self) -> u64 {
+        let Befallen { drop, flip, lose_byte, insert, .. } = self.befell;
+        drop + flip + lose_byte + insert
+    }
+
+    /// Frames duplicated, reordered or late, as a whole or in part.
+    pub fn disturbed(&self) -> u64 {
+        let Befallen { duplicate, reorder, split, stall, .. } = self.befell;
+        duplicate + reorder + split + stall
+    }
 }
 
 #[derive(Debug)]
@@ -113,20 +143,26 @@ impl Pipe {
     /// Puts a frame on its way, with whatever befalls it.
     fn carry(&mut self, mut frame: Vec<(Nanoseconds, u8)>) {
         self.statistics.frames += 1;
-        let Faults { drop, flip, lose_byte, duplicate, reorder, stall, jitter_us } = self.faults;
+        let Faults { drop, flip, lose_byte, insert, duplicate, reorder, split, stall, jitter_us } = self.faults;
         let mut lot: f64 = self.random.random();
-        let mut befalls = |probability: f64| {
+        let mut befalls = |probability: f64, count: &mut u64| {
             let hit = (0.0..probability).contains(&lot);
             lot -= probability;
+            *count += u64::from(hit);
             hit
         };
-        let (drop, flip, lose_byte) = (befalls(drop), befalls(flip), befalls(lose_byte));
-        let (duplicate, reorder, stall) = (befalls(duplicate), befalls(reorder), befalls(stall));
-        self.statistics.damaged += u64::from(drop || flip || lose_byte);
-        self.statistics.disturbed += u64::from(duplicate || reorder || stall);
-        if drop {
+        let befell = &mut self.statistics.befell;
+        if befalls(drop, &mut befell.drop) {
             return;
         }
+        let (flip, lose_byte) = (befalls(flip, &mut befell.flip), befalls(lose_byte, &mut befell.lose_byte));
+        let insert = befalls(insert, &mut befell.insert);
+        let duplicate = befalls(duplicate, &mut befell.duplicate);
+        let mut reordered = 0;
+        // One at a time can be held back.
+        let reorder = befalls(reorder, &mut reordered) && self.held_back.is_none();
+        let (split, stall) = (befalls(split, &mut befell.split), befalls(stall, &mut befell.stall));
+        befell.reorder += u64::from(reorder);
         if flip {
             let bit = self.random.random_range(0..frame.len() * 8);
             frame[bit / 8].1 ^= 1 << (bit % 8);
@@ -135,7 +171,16 @@ impl Pipe {
             let lost = self.random.random_range(0..frame.len());
             frame.remove(lost);
         }
-        if reorder && self.held_back.is_none() {
+        if insert {
+            let place = self.random.random_range(0..frame.len());
+            let noise = (frame[place].0, self.random.random());
+            frame.insert(place, noise);
+        }
+        if split {
+            let (place, late_by) = (self.random.random_range(0..frame.len()), self.random.random_range(0..500_000_000));
+            frame.iter_mut().skip(place).for_each(|(arrival, _)| *arrival += late_by);
+        }
+        if reorder {
             self.held_back = Some(frame.into_iter().map(|(_, byte)| byte).collect());
             return;
         }
@@ -301,7 +346,7 @@ mod tests {
         let (_, statistics) = line.statistics();
         assert_eq!(statistics.frames, frames);
         // A binomial count of 10 000 draws at 0.3 has the standard deviation 46.
-        for count in [statistics.damaged, statistics.disturbed] {
+        for count in [statistics.damaged(), statistics.disturbed()] {
             assert!((count as f64 - share * frames as f64).abs() < 5.0 * 46.0, "{statistics:?}");
         }
     }

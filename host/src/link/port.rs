@@ -2,6 +2,7 @@
 //!
 //! A port is named as the system names it (`/dev/ttyACM0`, `COM3`), or `tcp:HOST:PORT`, or `unix:PATH`.
 
+use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
@@ -11,8 +12,10 @@ use thiserror::Error;
 
 use super::transport::Transport;
 
-/// How long a look for bytes waits.
+/// How long a look for bytes waits. More of a frame whose beginning has come is there by then.
 const WAIT: Duration = Duration::from_millis(2);
+/// Bytes that are taken while they are waited for.
+const WAITED_BYTES: usize = 512;
 /// How long a connection may take.
 const CONNECT: Duration = Duration::from_secs(3);
 /// How long bytes may wait for the line before it counts as dead.
@@ -40,6 +43,10 @@ enum Line {
 pub struct Port {
     name: String,
     line: Line,
+    /// What came while it was waited for, and has not been read yet.
+    waited: VecDeque<u8>,
+    /// Whether nothing came while it was waited for: then there is no need to look again.
+    is_quiet: bool,
 }
 
 impl Port {
@@ -50,7 +57,8 @@ impl Port {
     /// [`PortError`] names the port, and what may help.
     pub fn open(name: &str, baud: u32) -> Result<Self, PortError> {
         let open = || {
-            let mut port = Self { name: name.to_owned(), line: Self::line(name, baud)? };
+            let mut port =
+                Self { name: name.to_owned(), line: Self::line(name, baud)?, waited: VecDeque::new(), is_quiet: false };
             port.write(&[END_OF_FRAME])?;
             Ok(port)
         };
@@ -90,25 +98,19 @@ impl Port {
     pub fn name(&self) -> &str {
         &self.name
     }
-}
 
-impl Transport for Port {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+    /// Has looks for bytes wait so long.
+    fn set_wait(&mut self, longest: Duration) -> io::Result<()> {
         match &mut self.line {
-            Line::Serial(port) => {
-                // The wait for bytes to come is short; that for bytes to go must outlast a full buffer.
-                port.set_timeout(PATIENCE)?;
-                let written = port.write_all(bytes);
-                port.set_timeout(WAIT)?;
-                written
-            }
-            Line::Tcp(stream) => stream.write_all(bytes),
+            Line::Serial(port) => port.set_timeout(longest).map_err(io::Error::from),
+            Line::Tcp(stream) => stream.set_read_timeout(Some(longest)),
             #[cfg(unix)]
-            Line::Unix(stream) => stream.write_all(bytes),
+            Line::Unix(stream) => stream.set_read_timeout(Some(longest)),
         }
     }
 
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+    /// Reads what the line has, or gets while a look for bytes waits.
+    fn look(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let closed = || Err(io::Error::new(ErrorKind::UnexpectedEof, "the other end has closed it"));
         let read = match &mut self.line {
             Line::Serial(port) => port.read(buffer),
@@ -130,6 +132,47 @@ impl Transport for Port {
             }
             read => read,
         }
+    }
+}
+
+impl Transport for Port {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        match &mut self.line {
+            Line::Serial(port) => {
+                // The wait for bytes to come is short; that for bytes to go must outlast a full buffer.
+                port.set_timeout(PATIENCE)?;
+                let written = port.write_all(bytes);
+                port.set_timeout(WAIT)?;
+                written
+            }
+            Line::Tcp(stream) => stream.write_all(bytes),
+            #[cfg(unix)]
+            Line::Unix(stream) => stream.write_all(bytes),
+        }
+    }
+
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if std::mem::take(&mut self.is_quiet) {
+            return Ok(0);
+        }
+        if self.waited.is_empty() {
+            return self.look(buffer);
+        }
+        self.waited.read(buffer)
+    }
+
+    fn wait(&mut self, longest: Duration) -> io::Result<()> {
+        // A wait of no time would be one without end.
+        if !self.waited.is_empty() || longest <= WAIT {
+            return Ok(());
+        }
+        self.set_wait(longest)?;
+        let mut buffer = [0; WAITED_BYTES];
+        let count = self.look(&mut buffer);
+        self.set_wait(WAIT)?;
+        self.waited.extend(&buffer[..count?]);
+        self.is_quiet = self.waited.is_empty();
+        Ok(())
     }
 }
 

@@ -174,7 +174,7 @@ pub(super) fn read_sum(
 ) -> Result<DMatrix<f64>, MatrixError> {
     let mut total: Option<DMatrix<f64>> = None;
     for MatrixTerm { name, factor } in terms {
-        let (path, matrix) = read_one(name, file, folder)?;
+        let (path, matrix) = read_one(name, quantity, file, folder)?;
         check(&matrix, &path, name, quantity, size)?;
         size = Some(matrix.nrows());
         let scaled = symmetric(&matrix) * *factor;
@@ -187,7 +187,12 @@ pub(super) fn read_sum(
     Ok(total.unwrap_or_else(|| DMatrix::zeros(0, 0)))
 }
 
-fn read_one(name: &str, file: Option<&Path>, folder: &Path) -> Result<(PathBuf, DMatrix<f64>), MatrixError> {
+fn read_one(
+    name: &str,
+    quantity: &'static str,
+    file: Option<&Path>,
+    folder: &Path,
+) -> Result<(PathBuf, DMatrix<f64>), MatrixError> {
     let unreadable = |path: &Path, reason: String| MatrixError::Unreadable { file: path.to_owned(), reason };
     let path = folder.join(name);
     match (Path::new(name).extension().and_then(|extension| extension.to_str()), file) {
@@ -211,8 +216,16 @@ fn read_one(name: &str, file: Option<&Path>, folder: &Path) -> Result<(PathBuf, 
         }
         (_, Some(file)) => {
             let known = variables(file)?.into_iter().find(|variable| variable.name == name);
-            let rows = known.and_then(|variable| variable.dimensions.first().copied()).unwrap_or(0);
-            let rows = usize::try_from(rows).unwrap_or(usize::MAX);
+            let size = |length: u64| usize::try_from(length).unwrap_or(usize::MAX);
+            let dimensions = known.map(|variable| variable.dimensions).unwrap_or_default();
+            let rows = dimensions.first().copied().map_or(0, size);
+            // Before it is read: a long one may take more memory than any square one that is let through.
+            if let [_, columns] = dimensions[..]
+                && size(columns) != rows
+            {
+                let (file, name) = (file.to_owned(), name.to_owned());
+                return Err(MatrixError::NotSquare { file, name, quantity, rows, columns: size(columns) });
+            }
             size::fits(rows).map_err(|why| unreadable(file, format!("`{name}` is too large: {why}")))?;
             Ok((file.to_owned(), read_matrix(file, name)?))
         }

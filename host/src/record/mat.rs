@@ -41,17 +41,17 @@ pub fn read_matrix(path: &Path, name: &str) -> Result<DMatrix<f64>, MatError> {
         return Err(MatError::TooLarge { file: path.to_owned(), variable: variable.name, rows, columns });
     };
     if variable.class == Class::Sparse {
-        let entries = file.sparse(&variable)?;
         let mut matrix = DMatrix::zeros(row_count, column_count);
-        for (row, column, value) in entries {
-            match matrix.get_mut((row, column)) {
-                Some(entry) => *entry += value,
-                None => {
-                    let reason = format!("entry ({row}, {column}) is outside {rows} × {columns}");
-                    return Err(MatError::Damaged { file: path.to_owned(), variable: variable.name, reason });
-                }
+        file.sparse(&variable, [rows, columns], &mut |row, column, value| match matrix.get_mut((row, column)) {
+            Some(entry) => {
+                *entry += value;
+                Ok(())
             }
-        }
+            None => {
+                let reason = format!("entry ({row}, {column}) is outside {rows} × {columns}");
+                Err(MatError::Damaged { file: path.to_owned(), variable: variable.name.clone(), reason })
+            }
+        })?;
         return Ok(matrix);
     }
     // MATLAB stores column after column, as nalgebra does.

@@ -284,7 +284,7 @@ fn link_report(fleets: &[FleetReport]) -> Option<LinkReport> {
     (!fleets.is_empty()).then(|| LinkReport {
         windows: nodes().map(|node| node.session.windows).sum(),
         lost_windows: nodes().map(|node| node.session.lost_windows).sum(),
-        damaged_frames: nodes().map(|node| node.to_host.damaged + node.to_node.damaged).sum(),
+        damaged_frames: nodes().map(|node| node.to_host.damaged() + node.to_node.damaged()).sum(),
         parts_asked_again: nodes().map(|node| node.session.asked_again).sum(),
         bytes_per_second_and_channel: nodes().map(|node| node.to_host.bytes).sum::<u64>() as f64 / channel_seconds,
     })

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use belfry_shared::message::{Again, MAX_AGAIN, NodeMessage, WindowHead};
+use belfry_shared::message::{Again, MAX_AGAIN, NodeMessage, WindowHead, WindowName};
 use belfry_shared::time::HostTime;
 
 use super::configuration::Configurations;
+use super::loss::{Loss, LossReason};
 use super::node_window::NodeWindow;
 use super::parts::{build, fits};
 use super::sink::KeptWindows;
@@ -29,6 +30,8 @@ struct Partial {
     parts: BTreeMap<u16, Vec<u8>>,
     last_asked: Option<HostTime>,
     asks: u32,
+    /// Whether its head was refused for its time.
+    is_misdated: bool,
 }
 
 impl Partial {
@@ -68,8 +71,6 @@ pub enum Outcome {
     Whole(Box<NodeWindow>),
     /// It contradicts the configuration or other parts.
     Contradiction,
-    /// It has the name of a window that is kept, but is a later one: the node has started anew under its old name.
-    Repeated,
     /// There is no room for it before older windows are whole; it is asked again.
     NoRoom,
     /// It was measured with a configuration that is not known here, for another study: a window that is only done when
@@ -91,7 +92,12 @@ pub struct Assembler {
     bytes: usize,
     /// Of windows kept from before: the last one's number and start.
     last_kept: Option<(u32, u64)>,
+    first_wanted: u32,
+    /// First and last numbers of windows that were lost before, where they are too many to be noted one by one.
+    lost_before: Vec<[u32; 2]>,
     lost: u64,
+    /// What of it has not been taken down yet.
+    losses: Vec<Loss>,
 }
 
 impl Assembler {
@@ -103,10 +109,26 @@ impl Assembler {
     /// An assembler for a node's boot of which windows are kept from before.
     pub fn resuming(node: u16, boot: u32, kept: &KeptWindows) -> Self {
         let wanted = kept.numbers.iter().filter(|&&number| number >= kept.first);
-        let windows: BTreeMap<u32, Progress> = wanted.map(|&number| (number, Progress::Done)).collect();
+        let mut windows: BTreeMap<u32, Progress> = wanted.map(|&number| (number, Progress::Done)).collect();
+        // Nothing is asked of what was lost before, and it is not lost again.
+        let (few, many): (Vec<[u32; 2]>, Vec<[u32; 2]>) =
+            kept.lost.iter().copied().partition(|[first, last]| last.saturating_sub(*first) < MAX_AHEAD);
+        let lost = few.into_iter().flat_map(|[first, last]| first.max(kept.first)..=last);
+        windows.extend(lost.map(|number| (number, Progress::Done)));
         let known = windows.last_key_value().map_or(kept.first, |(&last, _)| last.saturating_add(1));
-        let mut assembler =
-            Self { node, boot, below: kept.first, known, windows, bytes: 0, last_kept: kept.last, lost: 0 };
+        let mut assembler = Self {
+            node,
+            boot,
+            below: kept.first,
+            known,
+            windows,
+            bytes: 0,
+            last_kept: kept.last,
+            first_wanted: kept.first,
+            lost_before: many,
+            lost: 0,
+            losses: Vec::new(),
+        };
         assembler.advance();
         assembler
     }
@@ -126,9 +148,27 @@ impl Assembler {
         self.lost
     }
 
+    /// The windows given up since the last call, and why.
+    pub fn take_losses(&mut self) -> Vec<Loss> {
+        std::mem::take(&mut self.losses)
+    }
+
     /// Whether all windows known to exist are done or given up.
     pub fn is_complete(&self) -> bool {
         self.below >= self.known
+    }
+
+    /// Whether a window's name is one up to the last that was kept from before, and it begins later than that one. Either the node has
+    /// started anew under its old name, or the window is late and the node's time was set back meanwhile: what is kept under the name tells
+    /// which, [`Assembler::was_wanted`] where nothing is.
+    pub fn is_out_of_order(&self, head: &WindowHead) -> bool {
+        let is_ours = (head.name.node, head.name.boot) == (self.node, self.boot);
+        is_ours && self.last_kept.is_some_and(|(last, start)| head.name.number <= last && head.grid_index > start)
+    }
+
+    /// Whether a window may still have to come: earlier ones were not wanted, or have been dropped since they came.
+    pub fn was_wanted(&self, number: u32) -> bool {
+        number >= self.first_wanted
     }
 
     /// Takes a part: the message and its encoding.
@@ -143,12 +183,6 @@ impl Assembler {
         };
         if (name.node, name.boot) != (self.node, self.boot) {
             return Outcome::Contradiction;
-        }
-        if let (NodeMessage::Head(head), Some((last, start))) = (message, self.last_kept)
-            && name.number <= last
-            && head.grid_index > start
-        {
-            return Outcome::Repeated;
         }
         if name.number < self.below {
             return Outcome::Duplicate;
@@ -191,7 +225,7 @@ impl Assembler {
         match built {
             Some(window) => Outcome::Whole(Box::new(window)),
             None => {
-                self.give_up(name.number);
+                self.give_up(name.number, LossReason::Unreadable);
                 Outcome::Contradiction
             }
         }
@@ -232,6 +266,15 @@ impl Assembler {
         self.bytes = 0;
     }
 
+    /// Notes that the head of a window that was asked for is dated at a time that has not been, so that it is not taken.
+    pub fn misdated(&mut self, name: WindowName) {
+        if (name.node, name.boot) == (self.node, self.boot)
+            && let Some(Progress::Partial(partial)) = self.windows.get_mut(&name.number)
+        {
+            partial.is_misdated = true;
+        }
+    }
+
     /// Marks a whole window as stored.
     pub fn stored(&mut self, number: u32) {
         if number >= self.below {
@@ -256,16 +299,39 @@ impl Assembler {
         u64::from(self.known.saturating_sub(self.below)).saturating_sub(done as u64)
     }
 
-    fn give_up(&mut self, number: u32) {
+    fn give_up(&mut self, number: u32, reason: LossReason) {
         self.windows.insert(number, Progress::Done);
-        self.lost += 1;
+        self.lose(number, number, reason);
         self.advance();
     }
 
+    fn lose(&mut self, first: u32, last: u32, reason: LossReason) {
+        let loss = Loss { node: self.node, boot: self.boot, first, last: Some(last), reason };
+        self.lost += loss.windows().unwrap_or(0);
+        if !self.losses.last_mut().is_some_and(|before| before.join(&loss)) {
+            self.losses.push(loss);
+        }
+    }
+
     fn advance(&mut self) {
-        while matches!(self.windows.first_key_value(), Some((&number, Progress::Done)) if number == self.below) {
-            self.windows.pop_first();
-            self.below = self.below.saturating_add(1);
+        loop {
+            let below = self.below;
+            if matches!(self.windows.first_key_value(), Some((&number, Progress::Done)) if number == below) {
+                self.windows.pop_first();
+                self.below = below.saturating_add(1);
+                continue;
+            }
+            self.lost_before.retain(|&[_, last]| last >= below);
+            let Some(&[_, last]) = self.lost_before.iter().find(|[first, last]| (*first..=*last).contains(&below))
+            else {
+                return;
+            };
+            self.below = last.saturating_add(1);
+            self.windows = self.windows.split_off(&self.below);
+            self.known = self.known.max(self.below);
+            if last == u32::MAX {
+                return;
+            }
         }
     }
 
@@ -274,9 +340,14 @@ impl Assembler {
         let gone = oldest.min(next);
         if gone > self.below {
             let kept = self.windows.split_off(&gone);
-            let done = self.windows.values().filter(|progress| progress.is_had()).count();
-            self.lost += u64::from(gone - self.below) - done as u64;
-            self.windows = kept;
+            let had = std::mem::replace(&mut self.windows, kept).into_iter();
+            let mut next = self.below;
+            for number in had.filter(|(_, progress)| progress.is_had()).map(|(number, _)| number).chain([gone]) {
+                if number > next {
+                    self.lose(next, number - 1, LossReason::Overwritten);
+                }
+                next = number.saturating_add(1);
+            }
             self.below = gone;
             self.advance();
         }
@@ -303,7 +374,8 @@ impl Assembler {
                 continue;
             }
             if partial.asks >= MAX_ASKS {
-                hopeless.push(number);
+                let reason = if partial.is_misdated { LossReason::Misdated } else { LossReason::Unreadable };
+                hopeless.push((number, reason));
                 continue;
             }
             if partial.last_asked.is_none_or(|asked| heard > asked) {
@@ -314,8 +386,8 @@ impl Assembler {
                 ranges.push(Again { first_window: number, last_window: number, first_part, last_part });
             }
         }
-        for number in hopeless {
-            self.give_up(number);
+        for (number, reason) in hopeless {
+            self.give_up(number, reason);
         }
         join_whole_windows(&mut ranges);
         ranges.truncate(MAX_AGAIN);

@@ -7,6 +7,7 @@
 pub mod assembly;
 mod configuration;
 mod gather;
+mod loss;
 mod node_window;
 mod parts;
 mod placement;
@@ -15,6 +16,7 @@ mod sink;
 pub use assembly::{Assembler, Outcome};
 pub use configuration::{Configurations, channels_by_node, node_configuration, node_lines};
 pub(crate) use gather::GridAssembler;
+pub use loss::{Loss, LossReason};
 pub use node_window::{ChannelData, NodeWindow};
 pub(crate) use placement::place_lines;
 pub use sink::{KeptWindows, WindowSink};

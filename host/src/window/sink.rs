@@ -2,6 +2,9 @@
 
 use std::io;
 
+use belfry_shared::message::WindowName;
+
+use super::loss::Loss;
 use super::node_window::NodeWindow;
 
 /// Where whole windows go. A window counts as delivered when `store` has returned; only then is it acknowledged.
@@ -21,12 +24,24 @@ pub trait WindowSink {
     /// asked for by others. `oldest_window` is the oldest that it still has.
     fn kept(&mut self, node: u16, boot: u32, oldest_window: u32) -> io::Result<Option<KeptWindows>> {
         let _ = (node, boot);
-        Ok(Some(KeptWindows { first: oldest_window, numbers: Vec::new(), last: None }))
+        Ok(Some(KeptWindows { first: oldest_window, ..KeptWindows::default() }))
     }
 
     /// Notes that a node's life serves here from now on; where it is met for the first time, from window `first_window` on.
     fn meet(&mut self, node: u16, boot: u32, first_window: u32) -> io::Result<()> {
         let _ = (node, boot, first_window);
+        Ok(())
+    }
+
+    /// When a window begins that is kept under this name, in hops since the epoch; `None` where none is.
+    fn start(&mut self, name: &WindowName) -> io::Result<Option<u64>> {
+        let _ = name;
+        Ok(None)
+    }
+
+    /// Notes that windows no longer exist anywhere.
+    fn lost(&mut self, loss: &Loss) -> io::Result<()> {
+        let _ = loss;
         Ok(())
     }
 }
@@ -38,6 +53,8 @@ pub struct KeptWindows {
     pub first: u32,
     /// Numbers of the windows that are kept, in any order.
     pub numbers: Vec<u32>,
+    /// First and last numbers of those that are known to be lost, in any order.
+    pub lost: Vec<[u32; 2]>,
     /// Number and start (in hops since the epoch) of the last of them: a lower number with a later start is another life's.
     pub last: Option<(u32, u64)>,
 }

@@ -126,7 +126,7 @@ fn with_two_percent_of_frames_damaged_every_window_of_eight_nodes_arrives_exactl
         (0..expected).collect::<Vec<_>>()
     );
     assert!(windows.iter().all(|window| window.channels.iter().all(Option::is_some)));
-    let damaged: u64 = report.nodes.iter().map(|node| node.to_host.damaged + node.to_node.damaged).sum();
+    let damaged: u64 = report.nodes.iter().map(|node| node.to_host.damaged() + node.to_node.damaged()).sum();
     assert!(damaged > 10, "{damaged} frames damaged");
     for node in &report.nodes {
         assert_eq!((node.session.windows as usize, node.session.lost_windows), (expected, 0), "node {}", node.node);

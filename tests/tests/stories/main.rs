@@ -5,6 +5,7 @@
 mod analysis;
 mod bad_input;
 mod blind;
+mod campaign;
 mod change;
 mod collect;
 mod demo;

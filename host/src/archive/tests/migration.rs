@@ -76,7 +76,7 @@ fn a_sound_archive_of_version_1_is_brought_up_by_a_repair_and_no_other_is_made()
     assert_eq!((checked.version, checked.sound_windows), (1, 40));
     let repaired = Archive::repair(folder.path()).unwrap();
     assert_eq!((repaired.kept_as, repaired.windows), (None, 40));
-    assert_eq!(Archive::check(folder.path()).unwrap().version, 2);
+    assert_eq!(Archive::check(folder.path()).unwrap().version, VERSION);
 }
 
 #[test]
@@ -104,4 +104,27 @@ fn a_migration_that_fails_leaves_version_1_as_it_was() {
     assert_eq!(count, 40);
     other.execute_batch("DROP TABLE tally").unwrap();
     assert_eq!(read(folder.path(), &TimeRange::ALL).unwrap().unwrap().1.len(), 20);
+}
+
+#[test]
+fn an_archive_of_version_2_gets_a_list_of_what_is_lost() {
+    let (bench, two) = Bench::of_one(30);
+    let Bench { folder, archive } = bench;
+    archive.connection.execute_batch("DROP TABLE loss; PRAGMA user_version = 2").unwrap();
+    drop(archive);
+    let checked = Archive::check(folder.path()).unwrap();
+    assert_eq!((checked.version, checked.sound_windows, checked.is_sound), (2, 30, true));
+    // Checksums are there already, so that damage shows before anything is changed.
+    let database = Connection::open(folder.path().join(ARCHIVE_FILE)).unwrap();
+    let damage = "UPDATE window SET drift_ppb = drift_ppb + 1 WHERE number = 3";
+    database.execute(damage, []).unwrap();
+    assert_eq!(Archive::check(folder.path()).unwrap().damages.len(), 1);
+    database.execute("UPDATE window SET drift_ppb = drift_ppb - 1 WHERE number = 3", []).unwrap();
+    let (_, windows, damages) = read(folder.path(), &TimeRange::ALL).unwrap().unwrap();
+    // The newest two may still lack the other node.
+    assert_eq!((windows.len(), damages), (28, Vec::new()));
+    let checked = Archive::check(folder.path()).unwrap();
+    assert_eq!((checked.version, checked.is_sound, checked.lost), (VERSION, true, Vec::new()));
+    let mut archive = Archive::create(folder.path()).unwrap();
+    archive.store("now", &two, &sent(&two, 1, 30, 30), HostTime(0)).unwrap();
 }

@@ -4,6 +4,7 @@ mod creation;
 mod damage;
 mod flips;
 mod keeping;
+mod losses;
 mod migration;
 mod ranges;
 
@@ -284,7 +285,7 @@ fn a_life_that_is_met_again_says_what_is_kept_and_where_it_began() {
     }
     assert_eq!(
         met(&mut bench, "now", 7, 43, 2),
-        Some(KeptWindows { first: 40, numbers: vec![40, 42], last: Some((42, 42)) })
+        Some(KeptWindows { first: 40, numbers: vec![40, 42], last: Some((42, 42)), ..KeptWindows::default() })
     );
     assert_eq!(met(&mut bench, "now", 8, 0, 3), None);
 }

@@ -32,8 +32,8 @@ impl Session {
             }
             Stage::Measuring => self.next_exchange,
         };
-        // Only a session that measures acknowledges; in the other stages that has to wait.
-        if self.delivery.must_acknowledge() && self.is_measuring() {
+        // A session acknowledges while it measures the clock, and from then on; in the other stages that has to wait.
+        if self.delivery.must_acknowledge() && matches!(self.stage, Stage::Timing | Stage::Measuring) {
             HostTime(due.0.min(self.last_received.0.saturating_add(1)))
         } else {
             due
@@ -56,7 +56,13 @@ impl Session {
                 self.stage = if self.knows_time { Stage::Measuring } else { Stage::SettingClock };
                 self.next_try = now;
             }
-            Stage::Timing if now >= self.next_exchange => self.ask_time(now, FIRST_EXCHANGE_PERIOD_US),
+            Stage::Timing => {
+                if now >= self.next_exchange {
+                    self.ask_time(now, FIRST_EXCHANGE_PERIOD_US);
+                }
+                // A host that never lives for long must not leave the node without acknowledgements until it has no more room.
+                self.poll_delivery(now);
+            }
             Stage::SettingClock if retry => {
                 if let Some(model) = self.clock.model() {
                     self.wire.say(&HostMessage::SetClock(model));
@@ -91,6 +97,11 @@ impl Session {
             let longest_us = if self.needs_phase() { EXCHANGE_PERIOD_US } else { 2 * EXCHANGE_PERIOD_US };
             self.ask_time(now, period_us.clamp(LEAST_EXCHANGE_PERIOD_US, longest_us));
         }
+        self.poll_delivery(now);
+    }
+
+    /// Acknowledges what is stored, and asks again for what is overdue.
+    fn poll_delivery(&mut self, now: HostTime) {
         let busy = now.0.saturating_sub(self.last_received.0) < SILENCE_US;
         let again = if self.delivery.has_all() || (busy && now < self.next_try) {
             Vec::new()

@@ -9,12 +9,12 @@ use super::stages::{INSPECTIONS, RETRY_US};
 use super::*;
 use crate::link::conversation;
 use crate::link::memory::{Faults, Line};
-use crate::window::NodeWindow;
+use crate::window::{KeptWindows, NodeWindow};
 use belfry_firmware::{Identity, Memory, Node};
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, PROTOCOL_VERSION};
 use belfry_shared::message::{
-    self, Acknowledgement, Band, Configuration, Conversation, Greeting, InConversation, RefusalReason, Versions,
-    WindowHead,
+    self, Acknowledgement, Band, ChannelState, Configuration, Conversation, Greeting, InConversation, RefusalReason,
+    Versions, WindowHead, WindowName,
 };
 use belfry_shared::time::{NodeTime, WindowGrid};
 use proptest::prelude::*;
@@ -295,7 +295,7 @@ fn unsound(boot: u32, number: u32) -> NodeMessage<'static> {
         middle_offset_us: 0,
         drift_ppb: 0,
         data_parts: 0,
-        channels: [belfry_shared::message::ChannelState::Missing].into_iter().collect(),
+        channels: [ChannelState::Missing].into_iter().collect(),
     })
 }
 
@@ -578,4 +578,72 @@ fn an_earlier_hosts_time_stays_until_a_better_one_is_known() {
     bench.session.restart();
     bench.run(50 * 60, &mut windows).unwrap();
     assert!(bench.session.is_measuring() && !bench.session.knows_time && !bench.session.must_set_time);
+}
+
+/// Windows that were kept of a life before this session, as an archive has them.
+struct KeptBefore {
+    kept: Vec<(u32, u64)>,
+    stored: Vec<NodeWindow>,
+}
+
+impl WindowSink for KeptBefore {
+    fn store(&mut self, window: NodeWindow) -> io::Result<()> {
+        self.kept.push((window.name.number, window.grid_index));
+        self.stored.push(window);
+        Ok(())
+    }
+
+    fn kept(&mut self, _: u16, _: u32, _: u32) -> io::Result<Option<KeptWindows>> {
+        let numbers = self.kept.iter().map(|(number, _)| *number).collect();
+        Ok(Some(KeptWindows { numbers, last: self.kept.last().copied(), ..KeptWindows::default() }))
+    }
+
+    fn start(&mut self, name: &WindowName) -> io::Result<Option<u64>> {
+        Ok(self.kept.iter().find(|(number, _)| *number == name.number).map(|(_, start)| *start))
+    }
+}
+
+#[test]
+fn a_late_window_from_before_the_clock_was_set_back_is_no_other_life() {
+    let head = |number: u32, grid_index: u64| WindowHead {
+        name: WindowName { node: 3, boot: 77, number },
+        configuration_hash: configuration().hash(),
+        grid_index,
+        middle_offset_us: 0,
+        drift_ppb: 0,
+        data_parts: 0,
+        channels: [ChannelState::Missing].into_iter().collect(),
+    };
+    let deliver = |head: WindowHead| {
+        let mut delivery = crate::link::delivery::Delivery::new(3, Configurations::only(configuration()));
+        // Window 1 had not come when the time was set back, after which window 2 began earlier than it.
+        let mut sink = KeptBefore { kept: vec![(0, 100), (2, 50)], stored: Vec::new() };
+        delivery.present = Some(crate::window::Assembler::resuming(3, 77, &sink.kept(3, 77, 0).unwrap().unwrap()));
+        let part = NodeMessage::Head(head);
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let length = message::encode(&part, &mut frame).unwrap();
+        let mut decoder = FrameDecoder::new();
+        let encoded = frame[..length].iter().find_map(|&byte| decoder.push(byte).map(|m| m.unwrap().to_vec())).unwrap();
+        delivery.take(None, &part, &encoded, &mut sink).map(|()| sink.stored.len())
+    };
+    assert_eq!(deliver(head(1, 101)).unwrap(), 1);
+    assert_eq!(deliver(head(0, 100)).unwrap(), 0, "it is kept already");
+    assert!(matches!(deliver(head(0, 130)), Err(SessionError::RepeatedLife { node: 3 })));
+}
+
+#[test]
+fn a_host_that_never_lives_for_long_has_the_node_forget_what_is_stored() {
+    let mut bench = Bench::new(Faults::default());
+    let mut sink = KeptBefore { kept: Vec::new(), stored: Vec::new() };
+    bench.run(2000, &mut sink).unwrap();
+    // Half a second each: too short for the exchanges that its clock is measured with first.
+    for _ in 0..100 {
+        bench.session = Session::new(3, Configurations::only(configuration()), BAUD);
+        bench.run(25, &mut sink).unwrap();
+        assert!(!bench.session.is_measuring());
+    }
+    let numbers: Vec<u32> = sink.kept.iter().map(|(number, _)| *number).collect();
+    assert!(numbers.len() > 2 && numbers.iter().copied().eq(0..numbers.len() as u32), "{numbers:?}");
+    let oldest = bench.session.hello().unwrap().oldest_window;
+    assert!(oldest as usize >= numbers.len() - 1, "the node still has windows from {oldest} on of {numbers:?}");
 }

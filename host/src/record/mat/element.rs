@@ -186,28 +186,35 @@ impl MatFile {
         let part = format!("variable `{}`", variable.name);
         let reading = MatError::reading(&self.path, &part);
         self.numbers(variable)?; // checks type and size
-        self.after_header(variable).and_then(|mut content| content.values()).map_err(&reading)
+        self.after_header(variable).and_then(|mut content| content.values(u64::MAX)).map_err(&reading)
     }
 
-    /// The entries of a sparse variable: row and column from 0, and value.
-    pub(super) fn sparse(&self, variable: &Variable) -> Result<Vec<(usize, usize, f64)>, MatError> {
+    /// Hands out the entries of a sparse variable of so many rows and columns: row and column from 0, and value. No more is read than so
+    /// many can have: a small compressed file may announce billions.
+    pub(super) fn sparse(
+        &self,
+        variable: &Variable,
+        [rows, columns]: [u64; 2],
+        on_entry: &mut dyn FnMut(usize, usize, f64) -> Result<(), MatError>,
+    ) -> Result<(), MatError> {
         let part = format!("variable `{}`", variable.name);
         let reading = MatError::reading(&self.path, &part);
+        let most = rows.saturating_mul(columns);
         let mut content = self.after_header(variable).map_err(&reading)?;
-        let rows = content.values().map_err(&reading)?;
-        let column_starts = content.values().map_err(&reading)?;
-        let values = content.values().map_err(&reading)?;
-        let mut entries = Vec::with_capacity(values.len());
+        // MATLAB writes one entry where there is none.
+        let row_numbers = content.values(most.max(1)).map_err(&reading)?;
+        let column_starts = content.values(columns.saturating_add(1)).map_err(&reading)?;
+        let values = content.values(most.max(1)).map_err(&reading)?;
         for (column, bounds) in column_starts.windows(2).enumerate() {
             let (start, end) = (bounds[0] as usize, bounds[1] as usize);
-            let (Some(rows), Some(values)) = (rows.get(start..end), values.get(start..end)) else {
+            let (Some(rows), Some(values)) = (row_numbers.get(start..end), values.get(start..end)) else {
                 let reason = format!("column {} of the sparse matrix has no entries {start} to {end}", column + 1);
                 let (file, variable) = (self.path.clone(), variable.name.clone());
                 return Err(MatError::Damaged { file, variable, reason });
             };
-            entries.extend(rows.iter().zip(values).map(|(row, value)| (*row as usize, column, *value)));
+            rows.iter().zip(values).try_for_each(|(row, value)| on_entry(*row as usize, column, *value))?;
         }
-        Ok(entries)
+        Ok(())
     }
 
     fn tag_at(&self, offset: u64) -> io::Result<Tag> {
@@ -354,10 +361,14 @@ impl Content {
         Ok(Some(Header { name, class, dimensions, complex: flags & COMPLEX_FLAG != 0 }))
     }
 
-    /// Reads an element of numbers.
-    fn values(&mut self) -> io::Result<Vec<f64>> {
+    /// Reads an element of numbers, of which there are `most` at most.
+    fn values(&mut self, most: u64) -> io::Result<Vec<f64>> {
         let tag = self.tag()?;
         let sample = sample_of(tag.kind).ok_or_else(|| invalid(format!("numbers of type {}", tag.kind)))?;
+        let numbers = u64::from(tag.bytes) / sample.bytes() as u64;
+        if numbers > most {
+            return Err(invalid(format!("{numbers} numbers where there are {most} at most")));
+        }
         let mut raw = self.payload(&tag)?;
         Ok(sample.decode_all(&mut raw, self.big_endian))
     }

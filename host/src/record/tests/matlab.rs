@@ -194,3 +194,18 @@ proptest! {
         prop_assert_eq!(matrix.as_slice(), &values[..]);
     }
 }
+
+#[test]
+fn a_small_sparse_matrix_that_announces_billions_of_entries_is_refused_before_they_are_read() {
+    // As they compress best: 80 million zeros are 80 KB of file, and would be 640 MB of numbers.
+    let many = vec![0; 80_000_000];
+    let writer = Writer { compressed: true, ..PLAIN };
+    let parts = [writer.element(2, &many), writer.words(5, &[0, 1, 2]), writer.element(2, &many)];
+    let file = writer.file(&[writer.variable("k", 5, &[2, 2], &parts)]);
+    assert!(file.len() < 400_000, "{} bytes", file.len());
+    let folder = folder(&[("a.mat", &file)]);
+    let error = read_matrix(&folder.path().join("a.mat"), "k").unwrap_err().to_string();
+    for part in ["a.mat", "variable `k`", "80000000 numbers where there are 4 at most"] {
+        assert!(error.contains(part), "no {part:?} in: {error}");
+    }
+}

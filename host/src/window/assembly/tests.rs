@@ -250,7 +250,7 @@ fn a_window_of_an_earlier_configuration_comes_and_one_of_another_study_is_told_a
 
 #[test]
 fn what_is_kept_from_before_is_not_asked_again_and_what_is_missing_among_it_is() {
-    let kept = KeptWindows { first: 10, numbers: vec![14, 10, 11, 3], last: Some((14, 114)) };
+    let kept = KeptWindows { first: 10, numbers: vec![14, 10, 11, 3], last: Some((14, 114)), ..KeptWindows::default() };
     let mut assembler = Assembler::resuming(1, BOOT, &kept);
     assert_eq!((assembler.below(), assembler.lost(), assembler.missing()), (12, 0, 2));
     assert_eq!(asked(&mut assembler, 1000, false), [(12, 13, 0, u16::MAX)]);
@@ -260,8 +260,11 @@ fn what_is_kept_from_before_is_not_asked_again_and_what_is_missing_among_it_is()
     let of_last_life = encode(&head(14, 6, [sound; 3]));
     assert_eq!(take(&mut assembler, &lines_configuration(), &of_last_life), Outcome::Duplicate);
     let NodeMessage::Head(later) = head(14, 6, [sound; 3]) else { panic!("a head") };
-    let later = encode(&NodeMessage::Head(WindowHead { grid_index: 115, ..later }));
-    assert_eq!(take(&mut assembler, &lines_configuration(), &later), Outcome::Repeated);
+    assert!(!assembler.is_out_of_order(&later), "it begins when it did");
+    let later = WindowHead { grid_index: 115, ..later };
+    let of_others = WindowName { boot: BOOT + 1, ..later.name };
+    assert!(assembler.is_out_of_order(&later) && !assembler.is_out_of_order(&WindowHead { name: of_others, ..later }));
+    assert!(assembler.was_wanted(10) && !assembler.was_wanted(9));
     // The node says that window 12 is gone.
     assembler.heartbeat(13, 15);
     assert_eq!((assembler.below(), assembler.lost()), (13, 1));

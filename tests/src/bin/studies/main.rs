@@ -4,11 +4,16 @@
 
 mod archive;
 mod blind;
+mod campaign;
 mod canton;
 mod cases;
 mod clock;
 mod footbridge;
 mod identification;
+#[cfg(unix)]
+mod kills;
+#[cfg(unix)]
+mod load;
 mod records;
 
 use std::process::ExitCode;
@@ -27,10 +32,15 @@ struct CommandLine {
 enum StudyCommand {
     Archive(archive::Arguments),
     Blind(blind::Arguments),
+    Campaign(campaign::Arguments),
     Canton(canton::Arguments),
     Clock(clock::Arguments),
     Footbridge(footbridge::Arguments),
     Identification(identification::Arguments),
+    #[cfg(unix)]
+    Kills(kills::Arguments),
+    #[cfg(unix)]
+    Load(load::Arguments),
     Records(records::Arguments),
 }
 
@@ -38,10 +48,15 @@ fn main() -> ExitCode {
     let outcome = match CommandLine::parse().study {
         StudyCommand::Archive(arguments) => archive::run(&arguments),
         StudyCommand::Blind(arguments) => blind::run(&arguments),
+        StudyCommand::Campaign(arguments) => campaign::run(&arguments),
         StudyCommand::Canton(arguments) => canton::run(&arguments),
         StudyCommand::Clock(arguments) => clock::run(&arguments),
         StudyCommand::Footbridge(arguments) => footbridge::run(&arguments),
         StudyCommand::Identification(arguments) => identification::run(&arguments),
+        #[cfg(unix)]
+        StudyCommand::Kills(arguments) => kills::run(&arguments),
+        #[cfg(unix)]
+        StudyCommand::Load(arguments) => load::run(&arguments),
         StudyCommand::Records(arguments) => records::run(&arguments),
     };
     match outcome {

@@ -4,6 +4,7 @@ use std::fs;
 use std::time::Duration;
 
 use belfry_host::collect::CollectOptions;
+use belfry_tests::belfry_command;
 
 use super::bench::{Bench, at, options};
 use super::mast::{archive, folder_in_memory, is_without_gaps, numbers};
@@ -27,6 +28,10 @@ fn a_host_that_stays_away_for_long_gets_what_the_node_still_has_and_is_told_what
     assert!(after.len() > 30 && after.iter().copied().eq(first_after..first_after + after.len() as u32), "{numbers:?}");
     let lost = report.ports.iter().find(|port| port.node == Some(3)).unwrap().lost_windows;
     assert_eq!(lost, u64::from(first_after - last_before - 1));
+    let checked = belfry_command().args(["archive", "check"]).arg(bench.folder()).output().unwrap();
+    let said = String::from_utf8(checked.stderr).unwrap() + &String::from_utf8(checked.stdout).unwrap();
+    let listed = format!("node 3: {lost} windows are lost: the node had no room for them any longer");
+    assert!(checked.status.success() && said.contains(&listed), "{said}");
     // Another study, of the very same settings: nothing of what the node measured before is taken for its own.
     bench.collect_for(3).unwrap();
     bench.pass(Duration::from_secs(2));

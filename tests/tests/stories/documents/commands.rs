@@ -71,7 +71,16 @@ impl CommandHelp {
                 self.exists(&format!("tests/benches/benches/{name}.rs"))
             }
             ["cargo", "install", "--path", path] => self.exists(path),
-            ["cargo", "build", "--release"] | ["cargo", "run"] | ["cargo", "install", "probe-rs-tools"] => Ok(()),
+            ["cargo", "+nightly", "fuzz", "run", "-s", "none", target, ..] => {
+                self.exists(&format!("fuzz/fuzz_targets/{target}.rs"))
+            }
+            ["cargo", "+nightly", "miri", "test", "-p", package, ..] => {
+                self.exists(package.trim_start_matches("belfry-"))
+            }
+            ["cargo", "build", "--release"]
+            | ["cargo", "run"]
+            | ["cargo", "install", "probe-rs-tools" | "cargo-fuzz"]
+            | ["cargo", "+nightly", "fuzz", "list"] => Ok(()),
             ["./test", options @ ..] => {
                 let script =
                     std::fs::read_to_string(self.repository.join("test")).map_err(|error| error.to_string())?;

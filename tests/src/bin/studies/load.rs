@@ -1,0 +1,30 @@
+//! What collecting costs.
+
+use std::time::Duration;
+
+use belfry_tests::live;
+use clap::Args;
+
+/// Share of one core, and bytes of memory.
+const MOST_CORE_SHARE: f64 = 0.2;
+const MOST_BYTES: u64 = 200_000_000;
+
+/// Many nodes on one host: what share of a core and how much memory does `belfry collect` take?
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// Nodes, of four channels each, with a window every 25.6 s
+    #[arg(long, default_value_t = 64)]
+    nodes: u16,
+    /// Time over which it is measured
+    #[arg(long, default_value_t = 240.0)]
+    seconds: f64,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
+    let report = live::load(arguments.nodes, Duration::try_from_secs_f64(arguments.seconds)?)?;
+    println!("{report}");
+    if report.core_share <= MOST_CORE_SHARE && report.most_bytes <= MOST_BYTES {
+        return Ok(());
+    }
+    Err(format!("at most {MOST_CORE_SHARE} of one core and {MOST_BYTES} bytes").into())
+}
