@@ -8,6 +8,7 @@ pub mod clock;
 mod footbridge;
 mod npy;
 pub mod records;
+mod spectral;
 mod statistics;
 
 pub use canton::{CantonRun, run_canton};
