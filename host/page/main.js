@@ -1,9 +1,9 @@
 // Starts the page: data in, sections drawn, view followed. Pictures on screen are drawn first, the others while the
 // browser has nothing else to do, all of them again before printing.
 
-import { actionsOf, button, can, sliders, status, typed } from "@/actions.js"
+import { actionsOf, button, can, candidateName, sliders, status, typed } from "@/actions.js"
 import { make } from "@/canvas.js"
-import { duration, fixed, hertz, known, plural } from "@/numbers.js"
+import { duration, fixed, hertz, known, plural, significant } from "@/numbers.js"
 import { pictures } from "@/pictures/all.js"
 import { modesOf } from "@/pictures/structure.js"
 import { data, isPreview, live, load, on } from "@/store.js"
@@ -152,7 +152,8 @@ function header(d) {
         modes?.record_s && duration(modes.record_s) + " of record",
         rate && `at ${rate} Hz`,
         modes?.averages && plural(modes.averages, "average")].filter(Boolean).join(", ")])
-    if (d.model) rows.push(["Model", d.model.effects?.length ? `with ${d.model.effects.join(", ")}` : "as given, without effects"])
+    const inWords = effect => [candidateName(effect), effect.parameters.map(p => `${effect.parameters.length > 1 ? p.name + " " : ""}${significant(p.value)}${p.unit === "-" ? "" : " " + p.unit}`).join(", ")].filter(Boolean).join(" of ")
+    if (d.model) rows.push(["Model", d.model.values?.length ? `with ${d.model.values.map(inWords).join("; ")}` : "as given, without effects"])
     const { written } = d.belfry ?? {}, date = written ? written.replace("T", " at ").replace(/(:\d\d):.*$/, "$1") + " UTC" : ""
     if (date) rows.push([live ? "Shown" : "Written", date])
     byId("header").replaceChildren(
@@ -256,6 +257,8 @@ function show(reason) {
 function printing(begins) {
     root.classList.toggle("printing", begins)
     for (const figure of figures.values()) if (begins) figure.draw(); else figure.dirty = true
+    // On paper nothing can be unfolded; what is drawn anew is folded again.
+    if (begins) for (const folded of document.querySelectorAll("figure details")) folded.open = true
     if (!begins) pump()
 }
 

@@ -47,12 +47,13 @@ export function power(value, digits = 0) {
     return front === "1" ? tens : decade === 0 ? front : `${front}·${tens}`
 }
 
-/** A value with its standard deviation, both to the deviation's two digits. */
+/** A value with its standard deviation, both to the deviation's two digits, and to one power of ten where they are large or small. */
 export function within(x, std, scale = 1) {
     if (!known(x)) return "–"
     if (!known(std) || std <= 0) return significant(x * scale, 4)
-    const digits = clamp(1 - Math.floor(Math.log10(std * scale)), 0, 8)
-    return fixed(x * scale, digits) + " ± " + fixed(std * scale, digits)
+    const decade = Math.floor(Math.log10(scale * Math.max(Math.abs(x), std))), own = decade < -3 || decade > 5 ? decade : 0, by = scale / 10 ** own
+    const digits = clamp(1 - Math.floor(Math.log10(std * by)), 0, 8), both = fixed(x * by, digits) + " ± " + fixed(std * by, digits)
+    return own ? `(${both}) × 10${raised(own)}` : both
 }
 
 /** The modal assurance criterion to four digits, never rounded to a value that it does not reach. */

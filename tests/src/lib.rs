@@ -12,6 +12,7 @@ pub mod fuzz;
 pub mod live;
 mod npy;
 pub mod records;
+mod spectral;
 mod statistics;
 
 pub use canton::{CantonRun, run_canton};

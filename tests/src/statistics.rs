@@ -24,6 +24,16 @@ pub(crate) fn beyond(values: &[f64], limit: f64) -> f64 {
     100.0 * values.iter().filter(|value| value.abs() > limit).count() as f64 / known.max(1) as f64
 }
 
+/// Wilson's 95 % interval of a share, in percent (Wilson 1927, J. Am. Stat. Assoc. 22, 209).
+pub(crate) fn wilson_percent(yes: usize, of: usize) -> [f64; 2] {
+    const Z: f64 = 1.96;
+    let (share, count) = (yes as f64 / of as f64, of as f64);
+    let scale = 1.0 + Z * Z / count;
+    let middle = (share + Z * Z / (2.0 * count)) / scale;
+    let half = Z * (share * (1.0 - share) / count + Z * Z / (4.0 * count * count)).sqrt() / scale;
+    [middle - half, middle + half].map(|end| 100.0 * end.clamp(0.0, 1.0))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -36,5 +46,17 @@ mod tests {
         assert!((rms(&values) - 12.5_f64.sqrt()).abs() < 1e-12);
         assert_eq!((beyond(&values, 3.5), beyond(&values, 5.0)), (50.0, 0.0));
         assert!(rms(&values[2..]).is_nan());
+    }
+
+    #[test]
+    fn shares_have_wilsons_interval() {
+        // Newcombe (1998), Stat. Med. 17, 857, table I: 81 of 263, 15 of 148, 0 of 20, 1 of 29.
+        let published =
+            [(81, 263, [25.53, 36.62]), (15, 148, [6.24, 16.05]), (0, 20, [0.0, 16.11]), (1, 29, [0.61, 17.18])];
+        for (yes, of, expected) in published {
+            let found = wilson_percent(yes, of);
+            let is_near = found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 0.01);
+            assert!(is_near, "{yes} of {of}: {found:?}");
+        }
     }
 }

@@ -4,7 +4,7 @@ import { button, can, candidateName, isAmong, isIn } from "@/actions.js"
 import { colour, make, mix } from "@/canvas.js"
 import { chosenMode, items } from "@/curves.js"
 import { matrix } from "@/matrix.js"
-import { clamp, fixed, hertz, known, metres, percent, probability, pvalue, signed, significant } from "@/numbers.js"
+import { clamp, fixed, hertz, known, metres, percent, probability, pvalue, signed, significant, within } from "@/numbers.js"
 import { bars } from "@/pictures/frequency-errors.js"
 import { bar, table } from "@/tables.js"
 
@@ -18,7 +18,7 @@ function chosenOf(data, view) {
 // Each set is what the data cannot tell apart.
 const setsOf = ambiguous => items(ambiguous).map(names => [names].flat())
 const sumOf = rows => probability(rows.reduce((sum, one) => sum + (one.probability ?? 0), 0))
-const sized = ({ value, std, unit }) => `${significant(value, 3)}${std != null ? " ± " + significant(std, 2) : ""}${unit && unit !== "-" ? " " + unit : ""}`
+const sized = ({ value, std, unit }) => `${std > 0 ? within(value, std) : significant(value, 3)}${unit && unit !== "-" ? " " + unit : ""}`
 
 export const candidates = {
     id: "candidates", title: "What the model may lack", long: true, follows: ["candidate"], from: "diagnosis",

@@ -4,10 +4,10 @@ import { make } from "@/canvas.js"
 import { chosenMode, extent, items, plot } from "@/curves.js"
 import { KINDS, fixed, hertz, known, plural, pvalue, signed } from "@/numbers.js"
 
-/** The errors of each mode: of the model as given, with its effects, after the update. */
-function errorsOf({ modes, comparison, update }) {
+/** The errors of each mode: of the model as given, with its effects, after the update, unless that is of other modes. */
+function errorsOf({ modes, comparison, update, stale }) {
     const rows = new Map(), std = new Map(items(modes?.modes).map(mode => [mode.number, 100 * mode.frequency_std_hz / mode.frequency_hz]))
-    for (const [kind, pairs] of [["given", comparison?.given?.pairs], ["effects", comparison?.effects?.pairs], ["updated", update?.pairs]]) for (const pair of items(pairs)) {
+    for (const [kind, pairs] of [["given", comparison?.given?.pairs], ["effects", comparison?.effects?.pairs], ["updated", stale?.update ? [] : update?.pairs]]) for (const pair of items(pairs)) {
         const { measured, measured_hz } = pair, { frequency_error_percent, frequency_z } = kind === "updated" ? pair.after ?? {} : pair
         // z is the error over the deviation; it gives the deviation where modes.json does not.
         if (!rows.has(measured)) rows.set(measured, { mode: measured, hz: measured_hz, std: std.get(measured) ?? Math.abs(frequency_error_percent / frequency_z) })

@@ -8,7 +8,8 @@ import { KINDS, clamp, fixed, known, mac as written, percent, significant } from
 
 const sane = d => Object.keys(KINDS).flatMap(what => (d.mac ?? []).filter(m => m.what === what && m.values?.length && m.measured?.length && m.model?.length))
 const best = m => m.values.map(row => row.reduce((a, b) => Math.max(a, b ?? 0), 0))
-const short = (v, brief) => v >= 0.05 ? written(v).slice(0, brief ? 4 : 6).replace("0.", ".") : ""
+// One is the same shape: nothing less is rounded to it.
+const short = (v, brief) => v >= 0.05 ? (brief ? fixed(v < 1 ? Math.min(v, 0.99) : v, 2) : written(v)).replace("0.", ".") : ""
 
 export const macs = {
     id: "mac", title: "Agreement of shapes (MAC)", follows: ["mode"], uses: ["mac"],

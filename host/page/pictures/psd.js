@@ -26,7 +26,8 @@ export function byHeight(channels, data) {
 
 function chosenOf(data, view) {
     const channels = channelsOf(setupsOf(data)), wanted = view.get("channels")
-    const found = Array.isArray(wanted) ? channels.filter(one => wanted.map(String).includes(one.name)) : []
+    // In the order in which they were ticked: a curve keeps its colour when others come.
+    const found = items(wanted).map(name => channels.find(one => one.name === String(name))).filter(Boolean)
     // By itself two at the highest level that look in different directions.
     const [first, ...others] = byHeight(channels, data)[0]?.[1] ?? [], of = one => items(data.study?.sensors).find(sensor => sensor.channel === one.name)?.direction ?? []
     const second = others.find(one => Math.abs(of(one).reduce((sum, v, k) => sum + v * of(first)[k], 0)) < 0.9) ?? others[0]

@@ -50,7 +50,7 @@ export default {
     follows: ["channel"],
     says(data, view) {
         const { name, setup, most, factor, unit } = chosenOf(data, view)
-        return `Channel ${name} over ${duration(setup.duration_s)}: least and greatest value of every ${significant(setup.bin_s, 2)} s, at most ${significant(most * factor, 3)} ${unit}.${can() ? " In a zoom, those of finer pieces, down to the samples." : ""}`
+        return `Channel ${name} over ${duration(setup.duration_s)}: least and greatest value of every ${significant(setup.bin_s, 2)} s, at most ${significant(most * factor, 3)} ${unit}.${can() ? " In a zoom, those of finer pieces, down to the samples." : " A closer look shows no more here; belfry serve has the samples."}`
     },
     has: data => allOf(data).length > 0,
     draw(host, data, view) {

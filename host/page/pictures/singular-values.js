@@ -110,7 +110,8 @@ export default {
                 if (near) return near.chosen ? offerMode() : view.set({ mode: near.is.number })
                 let peak = nearest(hz, where)
                 for (let i = nearest(hz, where - reach); i <= nearest(hz, where + reach); i++) if (singular[0][i] > singular[0][peak]) peak = i
-                offer(`Peak at ${hertz(hz[peak])}.`, `Add a mode at ${hertz(hz[peak])}`, rounded(hz[peak]), true)
+                const is = [-1, 1].every(side => singular[0][peak + side] < singular[0][peak]) ? "Peak" : "No peak, but a line,"
+                offer(`${is} at ${hertz(hz[peak])}.`, `Add a mode at ${hertz(hz[peak])}`, rounded(hz[peak]), true)
             } : null,
         })
         const offerMode = () => {

@@ -16,7 +16,7 @@ const has = d => modesOf(d).length > 0 && scene(d, modesOf(d)[0].number) !== nul
 function where(d, above) {
     const c = d.comparison?.effects ?? d.comparison?.given
     const rows = ((above ? c?.by_sensor : c?.by_height) ?? []).filter(r => known(r.misfit) && (above || known(r.elevation_m)))
-    return rows.map(r => ({ misfit: r.misfit, z: r.elevation_m, label: above ? r.channel : metres(r.elevation_m) })).sort((a, b) => b.misfit - a.misfit)
+    return rows.map(r => ({ misfit: r.misfit, z: r.elevation_m, label: above ? "ch " + r.channel : metres(r.elevation_m) })).sort((a, b) => b.misfit - a.misfit)
 }
 
 let playing = true

@@ -1,7 +1,7 @@
 // Every mode over hours and months: frequency and damping, beside temperature and level.
 
 import { make } from "@/canvas.js"
-import { choice, chosenMode, clean, extent, freeing, items, legend, motionIn, plot, setupChoice, setupOf } from "@/curves.js"
+import { choice, chosenMode, clean, extent, freeing, items, legend, motionIn, plot, scaled, setupChoice, setupOf } from "@/curves.js"
 import { fixed, known, significant, within } from "@/numbers.js"
 import { timeAxis } from "@/pictures/record.js"
 
@@ -26,10 +26,11 @@ export default {
         host.append(setupChoice(setups), choice("of each mode", "trend", [["frequency"], ["damping"]], isDamping ? "damping" : "frequency"),
             legend([{ label: "each interval, bar: ± 2 standard deviations", colour: "measured", kind: "dot" }, { label: "mean", kind: "dash" }]))
         const levels = intervals.map(interval => Math.sqrt(items(interval.modes).reduce((sum, mode) => sum + (mode.response_rms || 0) ** 2, 0)) || NaN), [least, most] = extent(levels, true) ?? [1, 1]
+        const { factor, unit } = scaled(motionIn(items(data.spectra?.setups).find(one => one.setup === setup)), most)
         const numbers = new Set(intervals.flatMap(interval => items(interval.modes).map(mode => mode.number)))
         const panels = [
             { name: "temperature in °C", values: intervals.map(interval => interval.temperature_degc), colour: "forced" },
-            { name: `response, RMS of all modes in ${motionIn(items(data.spectra?.setups).find(one => one.setup === setup))}`, values: levels, colour: "rejected", log: most > 4 * least },
+            { name: `response, RMS of all modes in ${unit}`, values: levels.map(level => level * factor), colour: "rejected", log: most > 4 * least },
             ...[...numbers].sort((a, b) => a - b).map(number => {
                 const seen = intervals.map(interval => items(interval.modes).find(mode => mode.number === number)), trend = of(data, "modes").find(mode => mode.number === number)
                 const [value, deviation, factor] = isDamping ? ["damping_ratio", "damping_ratio_std", 100] : ["frequency_hz", "frequency_std_hz", 1], pick = name => seen.map(mode => mode ? factor * mode[name] : NaN)

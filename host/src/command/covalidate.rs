@@ -7,7 +7,8 @@ use clap::Args;
 use super::interrupt::leave_nothing_unfinished;
 use super::text::{Columns, or_dash};
 use super::{Console, RangeArguments, RouteArguments};
-use crate::story::{CovalidationReport, CovalidationRequest, Project, Stretch};
+use crate::story::{ChannelReport, CovalidationReport, CovalidationRequest, Project, Stretch};
+use crate::study::{Motion, Setup};
 
 const EXAMPLES: &str = "Examples:
   belfry covalidate canton                             two channels, chosen
@@ -99,11 +100,17 @@ pub(super) fn covalidate_project(
             if let [name] = names[..] { format!("{name} is") } else { format!("{} are", names.join(" and ")) }
         ));
     }
-    tell(&report, &project.results().path("covalidation.svg"), console);
+    let measures = |setup: &&Setup| {
+        let has = |channel: &ChannelReport| setup.sensors.iter().any(|sensor| sensor.channel == channel.channel);
+        request.setup.as_ref().is_none_or(|name| *name == setup.name) && report.channels.iter().all(has)
+    };
+    let unit = project.study().setups.iter().find(measures).map_or(Motion::Acceleration, Setup::motion).unit();
+    tell(&report, unit, &project.results().path("covalidation.svg"), console);
     Ok(report)
 }
 
-fn tell(report: &CovalidationReport, picture: &std::path::Path, console: &Console) {
+/// `unit` is that of the motion.
+fn tell(report: &CovalidationReport, unit: &str, picture: &std::path::Path, console: &Console) {
     console.say(format!(
         "\nLeft-out channels from the {} others, through {} modes, {:.0} s, {:.3} to {:.3} Hz",
         report.kept_channels.len(),
@@ -112,9 +119,10 @@ fn tell(report: &CovalidationReport, picture: &std::path::Path, console: &Consol
         report.band_hz[0],
         report.band_hz[1]
     ));
+    let rms = format!("RMS {unit}");
     let mut table = Columns::new([
         "channel",
-        "RMS m/s²",
+        &rms,
         "predicted",
         "noise gain",
         "E_d % model",

@@ -95,13 +95,15 @@ const HARDLY: f64 = 0.1;
 fn table(profile: &Profile) -> Columns {
     let names: Vec<String> =
         profile.quantities.iter().map(|one| one.quantity.name().replace('_', " ") + " %").collect();
-    let mut table = Columns::new(std::iter::once("height m").chain(names.iter().map(String::as_str)));
+    let mut table = Columns::new(std::iter::once("height m").chain(names.iter().map(String::as_str))).expendable(&[2]);
     let segments = profile.quantities.first().map_or(0, |one| one.segments.len());
     let rows = segments.min(MOST_ROWS);
     let at = |row: usize| if rows > 1 { row * (segments - 1) / (rows - 1) } else { 0 };
     for index in (0..rows).rev().map(at) {
         let Some(first) = profile.quantities.first().and_then(|one| one.segments.get(index)) else { continue };
-        let height = format!("{:.1} - {:.1}", first.z_bottom_m, first.z_top_m);
+        // Metres say enough of a tall structure, and leave room.
+        let places = if first.z_top_m < 100.0 { 1 } else { 0 };
+        let height = format!("{:.places$} - {:.places$}", first.z_bottom_m, first.z_top_m);
         let cells = profile.quantities.iter().map(|one| one.segments.get(index).map_or_else(dash, cell));
         table.row(std::iter::once(height).chain(cells));
     }
@@ -112,7 +114,7 @@ fn table(profile: &Profile) -> Columns {
     };
     table.row(std::iter::once("study.toml".to_owned()).chain(before(1.0)));
     if profile.discrepancy.scatter_in_words().is_some() {
-        table.row(std::iter::once(format!("{scatter:.1} times that")).chain(before(scatter)));
+        table.row(std::iter::once(format!("times {scatter:.1}")).chain(before(scatter)));
     }
     table
 }

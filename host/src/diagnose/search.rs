@@ -11,6 +11,7 @@ use super::fit::Fit;
 use super::found::{AtHeight, Found, NEAR};
 use super::misfit::Loss;
 use super::problem::Problem;
+use super::relief::is_called_for;
 use super::score::{Scored, Sighting};
 use super::state::State;
 use crate::model::effect::{Effect, EffectKind, Evidence, KINDS, Where};
@@ -158,7 +159,8 @@ impl Problem {
         found.left = without.and_then(|without| self.left_with(without, found));
         // Where the tolerance accounts for all that is left, the evidence is right about what scatter can do.
         let is_accounted_for = !found.own().discrepancy.misses_more();
-        let falls = is_accounted_for || found.left.is_none_or(|left| left.is_relief(passes));
+        let is_called_for = is_called_for(passes, found.own().passes(), found.log_bayes_factor);
+        let falls = is_accounted_for || is_called_for || found.left.is_none_or(|left| left.is_relief(passes));
         found.helps = falls && !found.own().is_usual(found.index());
     }
 

@@ -86,7 +86,7 @@ pub(super) fn fit(
             let at_hz = setups.first().and_then(|setup| setup.modes.get(index)).map(|mode| mode.resonance.frequency_hz);
             warnings.push(format!(
                 "the mode asked for near {:.4} Hz is hardly visible in the data: its fit is at {:.4} Hz, and its values are mostly noise",
-                pick.frequency_hz(grid),
+                pick.asked_hz.unwrap_or_else(|| pick.frequency_hz(grid)),
                 at_hz.unwrap_or(f64::NAN)
             ));
         }

@@ -256,9 +256,14 @@ impl LocalMotion {
         self.add_squares(total, first_row, [factor; 2]);
     }
 
-    /// The same with a factor for each of the two rows.
-    pub(super) fn add_squares(&self, total: &mut DMatrix<f64>, first_row: usize, factors: [f64; 2]) {
-        let rows = self.motion.rows(first_row, 2);
+    /// The same of as many rows as there are factors.
+    pub(super) fn add_squares<const ROWS: usize>(
+        &self,
+        total: &mut DMatrix<f64>,
+        first_row: usize,
+        factors: [f64; ROWS],
+    ) {
+        let rows = self.motion.rows(first_row, ROWS);
         let mut weighted = rows.into_owned();
         weighted.row_iter_mut().zip(factors).for_each(|(mut row, factor)| row *= factor);
         let part = rows.tr_mul(&weighted);

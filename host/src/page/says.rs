@@ -194,9 +194,10 @@ fn candidates(diagnosis: &Value) -> Option<String> {
         "effect" if !named.is_empty() => format!("Most probably the model lacks {named}: {}.", together(&best)),
         _ => "Most probably the model lacks something that is not among the candidates.".to_owned(),
     };
+    let leading = if groups.is_empty() { named.as_str() } else { "the best of these" };
     let tests = [
         test("present").map(|test| format!("The model as it is: {test}.")),
-        test("present_beside_best").map(|test| format!("If it may miss no more than with it: {test}.")),
+        test("present_beside_best").map(|test| format!("If it may miss no more than with {leading}: {test}.")),
         test("goodness_of_fit").filter(|_| verdict == "effect").map(|test| format!("With {named}: {test}.")),
     ];
     let all: Vec<String> = [said].into_iter().chain(tests.into_iter().flatten()).collect();
@@ -241,10 +242,10 @@ fn modes(sources: &Sources<'_>) -> Option<String> {
     let second = match (asked.len(), no.len()) {
         (0, _) => "No second method was asked.".to_owned(),
         (has, 0) => {
-            format!("A second method, which shares no step with the first, has {has} of them and agrees on all.")
+            format!("A second method, which fits correlations instead of spectra, has {has} of them and agrees on all.")
         }
         (has, _) => format!(
-            "A second method, which shares no step with the first, has {has} of them; it disagrees on {}.",
+            "A second method, which fits correlations instead of spectra, has {has} of them; it disagrees on {}.",
             numbered("mode", no.iter().map(|mode| &mode["number"]))
         ),
     };
@@ -279,13 +280,7 @@ pub(super) fn method(sources: &Sources<'_>, has_compared: bool, update: &Value, 
     if !update.is_null() {
         sentences.push("The direct update is that of Lei, Wang, Shen (2012): K* = K + M Φ Ψ Φᵀ M.".to_owned());
     }
-    let run = [
-        ("compare", has_compared),
-        ("update", !update.is_null()),
-        ("covalidate", !sources.covalidation.is_null()),
-        ("diagnose", !sources.diagnosis.is_null()),
-    ];
-    commands.extend(run.into_iter().filter(|(_, is)| *is).map(|(name, _)| vec![name.to_owned()]));
+    // Effects first: what is shown is of the model with them.
     for action in sources.history.as_array().into_iter().flatten().filter_map(|step| step["action"].as_str()) {
         if let Some((verb @ ("add" | "drop"), effect)) = action.split_once(' ')
             && !effect.contains(", ")
@@ -293,7 +288,25 @@ pub(super) fn method(sources: &Sources<'_>, has_compared: bool, update: &Value, 
             commands.push(vec![if verb == "add" { "add" } else { "remove" }.to_owned(), effect.to_owned()]);
         }
     }
-    commands.extend((!profile.is_null()).then(|| vec!["profile".to_owned()]));
+    let channels: Vec<&str> = sources.covalidation["channels"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter_map(|channel| channel["channel"].as_str())
+        .collect();
+    let covalidate = if channels.is_empty() {
+        vec!["covalidate".to_owned()]
+    } else {
+        vec!["covalidate".to_owned(), "--channels".to_owned(), channels.join(",")]
+    };
+    let run = [
+        (vec!["compare".to_owned()], has_compared),
+        (vec!["update".to_owned()], !update.is_null()),
+        (covalidate, !sources.covalidation.is_null()),
+        (vec!["diagnose".to_owned()], !sources.diagnosis.is_null()),
+        (vec!["profile".to_owned()], !profile.is_null()),
+    ];
+    commands.extend(run.into_iter().filter(|(_, is)| *is).map(|(words, _)| words));
     json!({ "sentences": sentences, "commands": commands })
 }
 

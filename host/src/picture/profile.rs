@@ -12,6 +12,9 @@ const HEADER: u32 = 58;
 const TOLERANCE: RGBColor = RGBColor(226, 226, 226);
 /// The scale is that of the widest band, and at least this in percent.
 const LEAST_PERCENT: f64 = 1.0;
+/// Segments that are this share of all in length, and further off than the others reach by this factor, go beyond the scale.
+const SHORT: f64 = 0.05;
+const FAR: f64 = 3.0;
 
 /// One of the lines of a panel.
 struct Band<'a> {
@@ -35,13 +38,13 @@ pub fn profile(structure: &str, profiles: &Profiles) -> Result<String, PictureEr
         let as_given = Band { profile: &profiles.as_given, label: "without effects", color: GIVEN, is_dashed: true };
         bands.insert(0, as_given);
     }
-    let greatest = bands
+    let segments = bands
         .iter()
         .flat_map(|band| &band.profile.quantities)
-        .flat_map(|quantity| quantity.segments.iter().filter(|segment| segment.given.is_some()))
-        .map(|segment| (segment.factor - 1.0).abs() + segment.std)
-        .chain(present.quantities.iter().map(|one| stated(present, one)))
-        .fold(0.0, f64::max);
+        .flat_map(|quantity| quantity.segments.iter().filter(|segment| segment.given.is_some()).copied())
+        .collect();
+    let (reach, beyond) = reach(segments);
+    let greatest = present.quantities.iter().map(|one| stated(present, one)).fold(reach, f64::max);
     let scale = 1.05 * (100.0 * greatest).max(LEAST_PERCENT);
     let count = present.quantities.len().max(1);
     let size = (PANEL.0 * count.max(4) as u32, HEADER + PANEL.1);
@@ -54,7 +57,7 @@ pub fn profile(structure: &str, profiles: &Profiles) -> Result<String, PictureEr
             (10, 8),
             ("sans-serif", 16),
         ))?;
-        legend(&header, &bands)?;
+        legend(&header, &bands, &beyond)?;
         let (panels, _) = body.split_horizontally(PANEL.0 * count as u32);
         for (index, panel) in panels.split_evenly((1, count)).iter().enumerate() {
             draw(panel, index, &bands, scale)?;
@@ -63,7 +66,30 @@ pub fn profile(structure: &str, profiles: &Profiles) -> Result<String, PictureEr
     })
 }
 
-fn legend(header: &Area<'_>, bands: &[Band<'_>]) -> DrawResult {
+/// How far bands reach, as a share of the table, and in words the heights of the few that reach much further than all others.
+fn reach(mut segments: Vec<ProfileSegment>) -> (f64, Vec<String>) {
+    let reach = |segment: &ProfileSegment| (segment.factor - 1.0).abs() + segment.std;
+    let length_m = |segment: &ProfileSegment| segment.z_top_m - segment.z_bottom_m;
+    let short_m = SHORT * segments.iter().map(length_m).sum::<f64>();
+    segments.sort_by(|a, b| reach(b).total_cmp(&reach(a)));
+    let mut sum_m = 0.0;
+    let is_short = |segment: &&ProfileSegment| {
+        sum_m += length_m(segment);
+        sum_m < short_m
+    };
+    let short = segments.iter().take_while(is_short).count();
+    let usual = segments.get(short).map_or(0.0, reach);
+    let far = segments[..short].partition_point(|segment| reach(segment) > FAR * usual);
+    let mut words: Vec<String> = segments[..far]
+        .iter()
+        .map(|segment| format!("{:.0} to {:.0} m", segment.z_bottom_m, segment.z_top_m))
+        .collect();
+    words.sort();
+    words.dedup();
+    (segments.get(far).map_or(0.0, reach), words)
+}
+
+fn legend(header: &Area<'_>, bands: &[Band<'_>], beyond: &[String]) -> DrawResult {
     let y = 36;
     let words = |x: i32, text: &str| Text::new(text.to_owned(), (x, y - 6), ("sans-serif", 12));
     header.draw(&Rectangle::new([(12, y - 5), (34, y + 5)], TOLERANCE.filled()))?;
@@ -77,7 +103,8 @@ fn legend(header: &Area<'_>, bands: &[Band<'_>]) -> DrawResult {
         }
         header.draw(&words(x + 28, band.label))?;
     }
-    header.draw(&words(300 + 190 * bands.len() as i32, "bands: ± one standard deviation"))?;
+    let beyond = if beyond.is_empty() { String::new() } else { format!("; beyond the scale: {}", beyond.join(", ")) };
+    header.draw(&words(300 + 190 * bands.len() as i32, &format!("bands: ± one standard deviation{beyond}")))?;
     Ok(())
 }
 
@@ -115,7 +142,7 @@ fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawR
     let std = stated(bands[0].profile, &bands[0].profile.quantities[index]);
     let before = |one: ProfileSegment| ProfileSegment { factor: 1.0, std, ..one };
     let tolerance: Vec<ProfileSegment> = of(&bands[0]).into_iter().map(before).collect();
-    chart.draw_series(std::iter::once(Polygon::new(outline(&tolerance), TOLERANCE.filled())))?;
+    chart.draw_series(std::iter::once(Polygon::new(outline(&tolerance, scale), TOLERANCE.filled())))?;
     chart
         .configure_mesh()
         .disable_mesh()
@@ -131,8 +158,8 @@ fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawR
     chart.draw_series(LineSeries::new([(0.0, lowest.z_bottom_m), (0.0, highest.z_top_m)], WHITE.stroke_width(1)))?;
     for band in bands {
         let segments = of(band);
-        chart.draw_series(std::iter::once(Polygon::new(outline(&segments), band.color.mix(0.25).filled())))?;
-        let middle = side(&segments, 0.0);
+        chart.draw_series(std::iter::once(Polygon::new(outline(&segments, scale), band.color.mix(0.25).filled())))?;
+        let middle = side(&segments, 0.0, scale);
         match band.is_dashed {
             true => chart.draw_series(DashedLineSeries::new(middle, 5, 3, band.color.stroke_width(2)))?,
             false => chart.draw_series(LineSeries::new(middle, band.color.stroke_width(2)))?,
@@ -141,18 +168,46 @@ fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawR
     Ok(())
 }
 
-/// Changes in percent this many deviations away, bottom and top of each segment.
-fn side(segments: &[ProfileSegment], deviations: f64) -> Vec<(f64, f64)> {
+/// Changes in percent this many deviations away, bottom and top of each segment, none beyond the scale.
+fn side(segments: &[ProfileSegment], deviations: f64, scale: f64) -> Vec<(f64, f64)> {
     let ends = |segment: &ProfileSegment| {
-        let percent = 100.0 * (segment.factor - 1.0 + deviations * segment.std);
+        let percent = (100.0 * (segment.factor - 1.0 + deviations * segment.std)).clamp(-scale, scale);
         [(percent, segment.z_bottom_m), (percent, segment.z_top_m)]
     };
     segments.iter().flat_map(ends).collect()
 }
 
 /// The outline of a band of one standard deviation either way.
-fn outline(segments: &[ProfileSegment]) -> Vec<(f64, f64)> {
-    let mut outline = side(segments, -1.0);
-    outline.extend(side(segments, 1.0).into_iter().rev());
+fn outline(segments: &[ProfileSegment], scale: f64) -> Vec<(f64, f64)> {
+    let mut outline = side(segments, -1.0, scale);
+    outline.extend(side(segments, 1.0, scale).into_iter().rev());
     outline
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_short_segment_far_off_does_not_set_the_scale() {
+        let segment = |index: u32, factor: f64| ProfileSegment {
+            z_bottom_m: f64::from(index),
+            z_top_m: f64::from(index + 1),
+            given: Some(1.0),
+            factor,
+            std: 0.01,
+            prior_std: 0.03,
+        };
+        let mut segments: Vec<ProfileSegment> = (0..40).map(|index| segment(index, 1.03)).collect();
+        let (all, beyond) = reach(segments.clone());
+        assert!((all - 0.04).abs() < 1e-12 && beyond.is_empty());
+        segments[7].factor = 0.4;
+        let (others, beyond) = reach(segments.clone());
+        assert!((others - 0.04).abs() < 1e-12);
+        assert_eq!(beyond, ["7 to 8 m"]);
+        // Many that are far off are what there is to see.
+        segments[..10].iter_mut().for_each(|segment| segment.factor = 0.4);
+        assert!((reach(segments).0 - 0.61).abs() < 1e-12);
+        assert_eq!(reach(Vec::new()), (0.0, Vec::new()));
+    }
 }

@@ -130,13 +130,14 @@ impl Case {
         };
         let mut warnings = comparison.warnings;
         let wide = allowed.scatter_in_words().filter(|_| allowed.scatter > 1.0);
-        let allowed: Vec<String> = [allowed.missed_in_words().map(|missed| format!("the model misses {missed}")), wide]
-            .into_iter()
-            .flatten()
-            .collect();
+        let allowed: Vec<String> =
+            [allowed.missed_in_words().map(|missed| format!("the model misses {missed} beyond its tolerance")), wide]
+                .into_iter()
+                .flatten()
+                .collect();
         if !allowed.is_empty() {
             warnings.push(format!(
-                "chi-squared allows that {}; `belfry diagnose` weighs that against effects that could be missing",
+                "the test of fit takes it as given that {}, whatever the reason; `belfry diagnose` weighs that against effects that could be missing",
                 allowed.join(" and ")
             ));
         }

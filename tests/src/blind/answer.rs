@@ -45,6 +45,8 @@ pub(super) struct Diagnosis {
     pub(super) p_value: f64,
     /// Parameters of the best name's candidate.
     pub(super) parameters: Vec<Parameter>,
+    /// How probable it says that its verdict is: of all that it names together. NaN where the evidence is not in the modes.
+    pub(super) probability: f64,
 }
 
 /// A mode as identified.
@@ -81,9 +83,22 @@ pub(super) fn diagnosis(object: &Value) -> Option<Diagnosis> {
         Some(Parameter { name, value: number(&value["value"]), std: number(&value["std"]) })
     };
     let candidate = list(&object["candidates"]).iter().find(of_best);
+    let verdict = object["verdict"].as_str()?.to_owned();
+    let ambiguous: Vec<Name> = list(&object["ambiguous"]).iter().flat_map(names).collect();
+    let is_named = |candidate: &&Value| {
+        best.iter().chain(&ambiguous).any(|name| {
+            candidate["effect"].as_str() == Some(&name.kind) && candidate["where"].as_str() == name.place.as_deref()
+        })
+    };
+    let probability = match verdict.as_str() {
+        "adequate" => number(&object["probabilities"]["adequate"]),
+        "unknown" => number(&object["probabilities"]["something_else"]),
+        _ => list(&object["candidates"]).iter().filter(is_named).map(|named| number(&named["probability"])).sum(),
+    };
     Some(Diagnosis {
-        verdict: object["verdict"].as_str()?.to_owned(),
-        ambiguous: list(&object["ambiguous"]).iter().flat_map(names).collect(),
+        verdict,
+        probability,
+        ambiguous,
         p_value: number(&object["goodness_of_fit"]["p_value"]),
         parameters: candidate.map_or_else(Vec::new, |c| list(&c["parameters"]).iter().filter_map(parameter).collect()),
         best,
@@ -136,17 +151,28 @@ mod tests {
         let object = serde_json::json!({
             "verdict": "ambiguous",
             "candidates": [
-                {"effect": "added-mass", "where": "20.0m", "parameters": [{"name": "mass", "value": 1.0, "std": 0.5, "unit": "kg"}]},
-                {"effect": "mass-scale", "where": null, "parameters": [{"name": "relative", "value": 0.1, "std": 0.01, "unit": "-"}]}
+                {"effect": "added-mass", "where": "20.0m", "probability": 0.25,
+                 "parameters": [{"name": "mass", "value": 1.0, "std": 0.5, "unit": "kg"}]},
+                {"effect": "mass-scale", "where": null, "probability": 0.5,
+                 "parameters": [{"name": "relative", "value": 0.1, "std": 0.01, "unit": "-"}]},
+                {"effect": "p-delta", "where": null, "probability": 0.125, "parameters": []}
             ],
             "best": ["mass-scale"],
             "ambiguous": [["mass-scale", "stiffness-scale"], ["added-mass@20.0m"]],
+            "probabilities": {"adequate": 0.03125, "something_else": 0.0625},
             "goodness_of_fit": {"chi_squared": 9.0, "degrees_of_freedom": 9, "p_value": 0.4},
         });
         let read = diagnosis(&object).expect("it has a verdict");
         assert_eq!(read.best, [Name::parse("mass-scale")]);
         assert_eq!(read.ambiguous.len(), 3);
         assert_eq!(read.ambiguous[2].place.as_deref(), Some("20.0m"));
+        assert_eq!(read.probability, 0.75);
+        let with = |verdict: &str| {
+            let mut object = object.clone();
+            object["verdict"] = verdict.into();
+            diagnosis(&object).expect("it has a verdict").probability
+        };
+        assert_eq!((with("adequate"), with("unknown")), (0.03125, 0.0625));
         assert_eq!(read.parameters, [Parameter { name: "relative".into(), value: 0.1, std: 0.01 }]);
         assert!(diagnosis(&serde_json::json!({})).is_none());
     }

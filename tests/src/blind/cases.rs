@@ -10,6 +10,7 @@ use super::magnitude::{Band, draw, log_uniform};
 use super::outside;
 use super::scatter::scatter;
 use super::structures::{NAMES, Structure};
+use super::world::{World, Worlds};
 
 /// Kinds that stand in the matrices.
 const STRUCTURAL: [&str; 15] = [
@@ -90,10 +91,8 @@ pub struct Options {
     pub kinds: Kinds,
     /// Length of the recordings.
     pub hours: f64,
-    /// Loads that drive modes together, as wind does, and not each by itself.
-    pub uneven: bool,
-    /// How far segments scatter, in units of the 2 to 3 % (mass: 1 %) that the study is right about at 1.
-    pub scatter: f64,
+    /// What of scatter, loads and sizes the study does not know.
+    pub worlds: Worlds,
 }
 
 /// A structure with what is hidden in it.
@@ -113,7 +112,7 @@ pub struct Case {
     pub(super) sound: Body,
     pub(super) damping_ratios: Vec<f64>,
     pub(super) hours: f64,
-    pub(super) uneven: bool,
+    pub(super) world: World,
     /// What is left for the recording.
     pub(super) random: ChaCha8Rng,
 }
@@ -128,6 +127,7 @@ impl Case {
         random.set_stream(index);
         let turn = (index % NAMES.len() as u64) as usize;
         let round = (index / NAMES.len() as u64) as usize;
+        let world = options.worlds.of(options.seed, index);
         let category = match options.kinds {
             Kinds::Mix => categories()[round % 20],
             Kinds::Category(category) => category,
@@ -137,8 +137,8 @@ impl Case {
         for offset in 0..NAMES.len() {
             let name = options.structure.as_deref().unwrap_or(NAMES[(turn + offset) % NAMES.len()]);
             let structure = Structure::named(name)?;
-            let sound = sound(&structure, options.scatter, &mut random);
-            let defect = hidden(category, &options.kinds, &sound, &structure, &mut random);
+            let sound = sound(&structure, &world, &mut random);
+            let defect = hidden(category, &options.kinds, &world, &sound, &structure, &mut random);
             if let Some((body, effects, outside)) = defect {
                 let damping_ratios = (0..MODES).map(|_| log_uniform(&mut random, [0.005, 0.02])).collect();
                 let hours = options.hours;
@@ -152,7 +152,7 @@ impl Case {
                     sound,
                     damping_ratios,
                     hours,
-                    uneven: options.uneven,
+                    world,
                     random,
                 });
             }
@@ -165,6 +165,13 @@ impl Case {
         let modes = self.body.modes(MODES).ok_or("the structure buckles")?;
         let highest_hz = HIGHEST * 0.5 * self.structure.sampling_rate_hz;
         Ok(damped_modes(&self.body, &modes, &self.damping_ratios, highest_hz))
+    }
+
+    /// The largest relative shift of a frequency by what is hidden; `None` where it moves none.
+    pub(super) fn shift(&self) -> Option<f64> {
+        let sound = Band::of(&self.sound, &self.structure, None)?;
+        let shift = sound.shift(&Band::of(&self.body, &self.structure, Some(sound.frequencies_hz.len()))?);
+        (shift > 1e-9).then_some(shift)
     }
 
     /// The mean frequency error that scatter alone leaves.
@@ -208,10 +215,10 @@ fn categories() -> [Category; 20] {
     })
 }
 
-fn sound(structure: &Structure, times: f64, random: &mut impl Rng) -> Body {
+fn sound(structure: &Structure, world: &World, random: &mut impl Rng) -> Body {
     let mut body = Body::fine(structure);
     let stiffness = random.random_range(0.02..0.03);
-    scatter(&mut body, times * stiffness, times * 0.01, structure.correlation_length_m(), random);
+    scatter(&mut body, [stiffness, 0.01], structure.correlation_length_m(), world, random);
     body
 }
 
@@ -225,6 +232,7 @@ fn pick<'a>(kinds: &[&'a str], random: &mut impl Rng) -> &'a str {
 fn hidden(
     category: Category,
     kinds: &Kinds,
+    world: &World,
     sound: &Body,
     structure: &Structure,
     random: &mut impl Rng,
@@ -252,7 +260,8 @@ fn hidden(
         {
             continue;
         }
-        let effects: Option<Vec<_>> = wanted.iter().map(|kind| draw(kind, sound, structure, random)).collect();
+        let effects: Option<Vec<_>> =
+            wanted.iter().map(|kind| draw(kind, sound, structure, world.shift, random)).collect();
         if let Some(effects) = effects {
             let mut body = sound.clone();
             effects.iter().for_each(|effect| effect.apply(&mut body, structure));
@@ -270,7 +279,7 @@ mod tests {
     use super::*;
 
     fn options(kinds: Kinds) -> Options {
-        Options { seed: 3, structure: None, kinds, hours: 12.0, uneven: false, scatter: 1.0 }
+        Options { seed: 3, structure: None, kinds, hours: 12.0, worlds: Worlds::default() }
     }
 
     #[test]

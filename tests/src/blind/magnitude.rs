@@ -11,8 +11,6 @@ use super::body::Body;
 use super::effect::Effect;
 use super::structures::Structure;
 
-/// Largest relative shift of a frequency.
-pub(super) const SHIFT: [f64; 2] = [0.03, 0.15];
 /// Largest sine of the angle between a shape before and after, for what moves shapes and not frequencies.
 const TURN: [f64; 2] = [0.1, 0.4];
 /// A mode below this share of every channel's squared motion is not seen.
@@ -71,23 +69,35 @@ pub(super) fn log_uniform(random: &mut impl Rng, [low, high]: [f64; 2]) -> f64 {
     (random.random_range(low.ln()..high.ln())).exp()
 }
 
+/// Between which bounds an effect is to be felt.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Reach {
+    /// Largest relative shift of a frequency.
+    Shift([f64; 2]),
+    /// Largest sine of the angle between a shape before and after.
+    Turn([f64; 2]),
+}
+
 /// What an effect, of a size between bounds, is to do.
 pub(super) struct Wanted<'a> {
     pub(super) bounds: [f64; 2],
     pub(super) change: &'a dyn Fn(&mut Body, f64),
-    /// Shapes are to turn, rather than frequencies to shift.
-    pub(super) by_shape: bool,
+    /// How far.
+    pub(super) by: Reach,
 }
 
 /// The size with which a change does what `wanted` asks for, on a log scale between its bounds; `None` where no size does.
 pub(super) fn sized(sound: &Body, structure: &Structure, wanted: &Wanted<'_>, random: &mut impl Rng) -> Option<f64> {
     let before = Band::of(sound, structure, None)?;
-    let range = if wanted.by_shape { TURN } else { SHIFT };
+    let (Reach::Shift(range) | Reach::Turn(range)) = wanted.by;
     let done = |size: f64| {
         let mut body = sound.clone();
         (wanted.change)(&mut body, size);
         let after = Band::of(&body, structure, Some(before.frequencies_hz.len()));
-        after.map_or(f64::INFINITY, |after| if wanted.by_shape { before.turn(&after) } else { before.shift(&after) })
+        after.map_or(f64::INFINITY, |after| match wanted.by {
+            Reach::Shift(_) => before.shift(&after),
+            Reach::Turn(_) => before.turn(&after),
+        })
     };
     let [mut low, mut high] = wanted.bounds;
     let (least, most) = (done(low), done(high));
@@ -104,8 +114,14 @@ pub(super) fn sized(sound: &Body, structure: &Structure, wanted: &Wanted<'_>, ra
     (0.8 * range[0]..1.2 * range[1]).contains(&done(size)).then_some(size)
 }
 
-/// An effect of a kind on a structure; `None` where this draw cannot be seen.
-pub(super) fn draw(kind: &str, sound: &Body, structure: &Structure, random: &mut impl Rng) -> Option<Effect> {
+/// An effect of a kind on a structure, which moves a frequency by a share between bounds; `None` where this draw cannot be seen.
+pub(super) fn draw(
+    kind: &str,
+    sound: &Body,
+    structure: &Structure,
+    shift: [f64; 2],
+    random: &mut impl Rng,
+) -> Option<Effect> {
     let before = Band::of(sound, structure, None)?;
     let (height, base) = (structure.height_m(), structure.base_m());
     let (first, last) = (sound.elements.first()?, sound.elements.last()?);
@@ -157,9 +173,9 @@ pub(super) fn draw(kind: &str, sound: &Body, structure: &Structure, random: &mut
         }
         _ => return turned_or_heard(kind, &before, sound, structure, random),
     };
-    let by_shape = kind == "mass-eccentricity";
+    let by = if kind == "mass-eccentricity" { Reach::Turn(TURN) } else { Reach::Shift(shift) };
     let change = |body: &mut Body, size: f64| make(size).apply(body, structure);
-    sized(sound, structure, &Wanted { bounds, change: &change, by_shape }, random).map(make)
+    sized(sound, structure, &Wanted { bounds, change: &change, by }, random).map(make)
 }
 
 /// The top of what carries nearly all mass: dampers do not hang in a mast.

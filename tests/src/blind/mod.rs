@@ -23,9 +23,12 @@ mod score;
 mod structures;
 mod study;
 mod table;
+mod wind;
+mod world;
 
 pub use cases::{Case, Category, Kinds, Options};
 pub use report::print_summary;
 pub use run::{Bench, BenchError};
 pub use score::{CaseRecord, line};
 pub use structures::Structure;
+pub use world::{Kernel, Loads, World, Worlds};

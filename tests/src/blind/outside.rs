@@ -3,8 +3,9 @@
 use rand::{Rng, RngExt};
 
 use super::body::{Attachment, Body};
-use super::magnitude::{Band, SHIFT, Wanted, sized};
+use super::magnitude::{Band, Reach, Wanted, sized};
 use super::structures::Structure;
+use super::world::SHIFT;
 
 /// Their names.
 pub(super) const NAMES: [&str; 4] = ["one-axis-bending", "jumping-storeys", "secondary-structure", "soil-springs"];
@@ -20,7 +21,7 @@ pub(super) fn put(name: &str, sound: &Body, structure: &Structure, random: &mut 
             let springs = |size: f64| nodes.clone().flat_map(move |node| [(node, 0, size), (node, 1, size)]);
             let stiff = structure.total_mass_kg() * (std::f64::consts::TAU * before.frequencies_hz[0]).powi(2);
             let change = |body: &mut Body, size: f64| body.springs.extend(springs(size));
-            let wanted = Wanted { bounds: [1e-4 * stiff, 1e3 * stiff], change: &change, by_shape: false };
+            let wanted = Wanted { bounds: [1e-4 * stiff, 1e3 * stiff], change: &change, by: Reach::Shift(SHIFT) };
             let size = sized(sound, structure, &wanted, random)?;
             change(&mut body, size);
             return Some(body);

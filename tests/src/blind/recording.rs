@@ -1,4 +1,4 @@
-//! Recordings: white-noise loads on all nodes, modal superposition by exact recursion, sensor noise. A case flows in, rows of
+//! Recordings: white-noise loads on all nodes, modal superposition by exact recursion, or wind; sensor noise. A case flows in, rows of
 //! 32-bit samples flow out, and their NPY file.
 //!
 //! A sample is the acceleration averaged over the step before it: the difference of two velocities, which the modes give exactly
@@ -15,6 +15,8 @@ use rand_distr::{Distribution, StandardNormal};
 use super::cases::{Case, MODES};
 use super::damped::DampedMode;
 use super::motion::{Clock, Motion, modal_forces};
+use super::wind;
+use super::world::Loads;
 
 /// Steps that are made at once.
 const BLOCK: usize = 256;
@@ -33,46 +35,42 @@ pub(super) struct Recording {
     pub(super) temperatures: Option<Vec<(f64, f64)>>,
 }
 
+/// How the air's temperature goes on a day, about its mean over the record, where the model's stiffness is meant to be.
+struct Day {
+    phase: f64,
+    mean_k: f64,
+}
+
+impl Day {
+    fn of(case: &Case, random: &mut impl Rng) -> Self {
+        let day = Self { phase: random.random_range(0.0..TAU), mean_k: 0.0 };
+        let seconds = case.hours * 3600.0;
+        let mean_k = (0..1000).map(|at| day.above_mean_k(seconds * f64::from(at) / 1000.0)).sum::<f64>() / 1000.0;
+        Self { mean_k, ..day }
+    }
+
+    fn above_mean_k(&self, t_s: f64) -> f64 {
+        SWING_K * (TAU * t_s / DAY_S + self.phase).sin() - self.mean_k
+    }
+}
+
 /// Records a case.
 pub(super) fn record(case: &Case) -> Result<Recording, String> {
     let mut random = case.random.clone();
     let modes = case.body.modes(MODES).ok_or("the structure buckles")?;
     let damped = case.damped_modes()?;
     let rate = case.structure.sampling_rate_hz;
-    let rows = (case.hours * 3600.0 * rate).round() as usize;
     let channels = case.body.sensors.len();
-    let forces = modal_forces(&case.body, &modes, case.uneven, &mut random);
-    let mut samples = vec![0.0_f32; rows * channels];
-
-    let slowest = damped.iter().map(|mode| -mode.pole.re).fold(f64::INFINITY, f64::min);
-    let clock = Clock::of(&case.body, rate);
-    let margin = clock.late.iter().map(|steps| steps.unsigned_abs() as usize).max().unwrap_or(0);
-    let warm_up = (8.0 / slowest * rate) as usize + margin;
-    let phase = random.random_range(0.0..TAU);
     let warmth = case.body.stiffness_per_kelvin;
-    // Around its mean over the record, where the model's stiffness is meant to be.
-    let swing = |t_s: f64| SWING_K * (TAU * t_s / DAY_S + phase).sin();
-    let hours_s = case.hours * 3600.0;
-    let mean_k = (0..1000).map(|at| swing(hours_s * f64::from(at) / 1000.0)).sum::<f64>() / 1000.0;
-
-    let mut motion = Motion::new(&damped, &forces, &clock, 1.0);
-    let mut first = 0;
-    while first < warm_up + rows + margin {
-        if warmth != 0.0 {
-            let t_s = (first as f64 - warm_up as f64).max(0.0) / rate;
-            motion.pace(&damped, &forces, &clock, (1.0 + warmth * (swing(t_s) - mean_k)).sqrt());
-        }
-        let block = motion.run(BLOCK, &mut random);
-        for (at, row) in block.column_iter().enumerate() {
-            for (channel, value) in row.iter().enumerate() {
-                let to = (first + at) as i64 - warm_up as i64 + clock.late[channel];
-                if (0..rows as i64).contains(&to) {
-                    samples[to as usize * channels + channel] = *value as f32;
-                }
-            }
-        }
-        first += BLOCK;
-    }
+    // Lines of a spectrum know no frequencies that move: a day's temperature goes with noise.
+    let is_windy = case.world.loads == Loads::Wind && warmth == 0.0;
+    let forces = modal_forces(&case.body, &modes, case.world.loads != Loads::Even, &mut random);
+    let day = Day::of(case, &mut random);
+    let mut samples = if is_windy {
+        wind::samples(case, &modes, &damped, &mut random)
+    } else {
+        under_noise(case, &damped, &forces, &day, &mut random)
+    };
     let levels = levels(&samples, channels);
     if let Some(tone_hz) = case.body.tone_hz {
         let deflection = deflection_at(tone_hz, &damped, &forces, &mut random);
@@ -93,11 +91,49 @@ pub(super) fn record(case: &Case) -> Result<Recording, String> {
     }
     let temperature = |minutes: u32| {
         let t_s = 60.0 * f64::from(minutes);
-        (t_s, MEAN_DEGC + swing(t_s) - mean_k)
+        (t_s, MEAN_DEGC + day.above_mean_k(t_s))
     };
     let minutes = (0..=(case.hours * 60.0) as u32).step_by(10);
     let temperatures = (warmth != 0.0).then(|| minutes.map(temperature).collect());
     Ok(Recording { channels, samples, temperatures })
+}
+
+/// Accelerations under white forces on the modes, row by row, without the sensors' noise.
+fn under_noise(
+    case: &Case,
+    damped: &[DampedMode],
+    forces: &DMatrix<f64>,
+    day: &Day,
+    random: &mut impl Rng,
+) -> Vec<f32> {
+    let rate = case.structure.sampling_rate_hz;
+    let rows = (case.hours * 3600.0 * rate).round() as usize;
+    let channels = case.body.sensors.len();
+    let mut samples = vec![0.0_f32; rows * channels];
+    let slowest = damped.iter().map(|mode| -mode.pole.re).fold(f64::INFINITY, f64::min);
+    let clock = Clock::of(&case.body, rate);
+    let margin = clock.late.iter().map(|steps| steps.unsigned_abs() as usize).max().unwrap_or(0);
+    let warm_up = (8.0 / slowest * rate) as usize + margin;
+    let warmth = case.body.stiffness_per_kelvin;
+    let mut motion = Motion::new(damped, forces, &clock, 1.0);
+    let mut first = 0;
+    while first < warm_up + rows + margin {
+        if warmth != 0.0 {
+            let t_s = (first as f64 - warm_up as f64).max(0.0) / rate;
+            motion.pace(damped, forces, &clock, (1.0 + warmth * day.above_mean_k(t_s)).sqrt());
+        }
+        let block = motion.run(BLOCK, random);
+        for (at, row) in block.column_iter().enumerate() {
+            for (channel, value) in row.iter().enumerate() {
+                let to = (first + at) as i64 - warm_up as i64 + clock.late[channel];
+                if (0..rows as i64).contains(&to) {
+                    samples[to as usize * channels + channel] = *value as f32;
+                }
+            }
+        }
+        first += BLOCK;
+    }
+    samples
 }
 
 /// Root mean squares of the channels.

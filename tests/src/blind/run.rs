@@ -216,6 +216,8 @@ fn blank(case: &Case) -> Result<CaseRecord, String> {
         effects: case.effects.iter().map(effect).collect(),
         outside: case.outside,
         height_m: case.structure.height_m(),
+        world: case.world,
+        shift: case.shift(),
         honesty: Default::default(),
         error_before: f64::NAN,
         error_after: None,

@@ -6,6 +6,7 @@ use super::answer::{Diagnosis, Name};
 use super::cases::Category;
 use super::effect::Place;
 use super::honesty::Honesty;
+use super::world::World;
 
 /// Share of the height within which the place of an effect of a pair counts as found.
 const NEAR_SHARE: f64 = 0.1;
@@ -33,6 +34,9 @@ pub struct CaseRecord {
     pub(super) effects: Vec<TrueEffect>,
     pub(super) outside: Option<&'static str>,
     pub(super) height_m: f64,
+    pub(super) world: World,
+    /// Largest relative shift of a frequency by what is hidden; `None` where it moves none.
+    pub(super) shift: Option<f64>,
     pub(super) honesty: Honesty,
     /// Mean frequency error in percent: of the model as given, after adding what was named, and of scatter alone.
     pub(super) error_before: f64,
@@ -159,6 +163,17 @@ impl CaseRecord {
     pub fn known_unknown(&self) -> Option<bool> {
         let diagnosis = self.diagnosis.as_ref().filter(|_| self.category == Category::Outside)?;
         Some(diagnosis.verdict == "unknown")
+    }
+
+    /// Whether the verdict is true. Two effects at once are something else than one of the catalogue.
+    pub(super) fn is_true(&self) -> Option<bool> {
+        let diagnosis = self.diagnosis.as_ref()?;
+        Some(match diagnosis.verdict.as_str() {
+            "adequate" => self.category == Category::Nothing,
+            "effect" => self.first_right() == Some(true),
+            "ambiguous" => self.in_set() == Some(true),
+            _ => matches!(self.category, Category::Outside | Category::Pair),
+        })
     }
 
     /// Whether it was unknown once the true kind was taken out of the catalogue.

@@ -19,6 +19,8 @@ fn record(
         effects,
         outside: None,
         height_m: 100.0,
+        world: World::ASSUMED,
+        shift: None,
         honesty: Honesty::default(),
         error_before: 5.0,
         error_after: None,
@@ -29,6 +31,7 @@ fn record(
             best: names(best),
             ambiguous: names(ambiguous),
             p_value: 0.5,
+            probability: 0.9,
             parameters: vec![Parameter { name: "mass".to_owned(), value: 12.0, std: 2.0 }],
         }),
         without: None,
@@ -108,4 +111,30 @@ fn an_error_has_fallen_to_a_tenth_or_to_the_scatter() {
         record.error_after = Some(after);
         assert_eq!(record.error_fell(), Some(fell));
     }
+}
+
+#[test]
+fn a_verdict_is_true_where_it_says_what_is_hidden() {
+    let mass = || vec![effect("added-mass", Place::Height(50.0))];
+    let pair = || vec![effect("added-mass", Place::Height(50.0)), effect("p-delta", Place::Whole)];
+    let cases = [
+        (Category::Nothing, vec![], "adequate", vec![], true),
+        (Category::Nothing, vec![], "effect", vec!["added-mass@50m"], false),
+        (Category::Single, mass(), "adequate", vec![], false),
+        (Category::Single, mass(), "effect", vec!["added-mass@50m"], true),
+        (Category::Single, mass(), "effect", vec!["p-delta"], false),
+        (Category::Single, mass(), "unknown", vec![], false),
+        (Category::Pair, pair(), "unknown", vec![], true),
+        (Category::Pair, pair(), "effect", vec!["added-mass@50m"], false),
+        (Category::Outside, vec![], "unknown", vec![], true),
+    ];
+    for (category, effects, verdict, best, is_true) in cases {
+        assert_eq!(
+            record(category, effects, verdict, &best, &[]).is_true(),
+            Some(is_true),
+            "{category:?} {verdict} {best:?}"
+        );
+    }
+    let among = record(Category::Single, mass(), "ambiguous", &["p-delta"], &["added-mass@40m"]);
+    assert_eq!(among.is_true(), Some(true));
 }

@@ -9,9 +9,7 @@ use rand_distr::{Distribution, Exp1, StandardNormal};
 
 use super::load::{Forces, Load};
 use super::structure::Structure;
-
-/// Extra length, as a share of the record, that is simulated and cut off, because the inverse transform is periodic.
-const CUT_OFF: f64 = 0.15;
+use crate::spectral::{columns_of, simulated_length};
 
 /// Forces that come in bursts: how long one lasts, the mean time from one to the next, and what the force has between them.
 const BURST_S: f64 = 15.0;
@@ -29,7 +27,7 @@ pub(super) fn record(
     random: &mut impl Rng,
 ) -> Vec<f32> {
     let rows = (rate_hz * seconds).round() as usize;
-    let length = smooth((rows as f64 * (1.0 + CUT_OFF)) as usize);
+    let length = simulated_length(rows);
     let channels = structure.shapes.nrows();
     let forces = Forces::new(load, structure, random);
     let mut lines = vec![vec![Complex::from(0.0); length / 2 + 1]; channels];
@@ -55,17 +53,7 @@ pub(super) fn record(
             line_of[line] = shape.iter().zip(modal.iter()).map(|(shape, response)| *response * *shape).sum();
         }
     }
-    let transform = inverse_transform(length);
-    let first = (length - rows) / 2;
-    let mut columns: Vec<Vec<f64>> = lines
-        .iter_mut()
-        .map(|lines| {
-            let mut samples = vec![0.0; length];
-            // Lengths match, and the ends are real: nothing that it refuses.
-            let _ = transform.process(lines, &mut samples);
-            samples[first..first + rows].to_vec()
-        })
-        .collect();
+    let mut columns = columns_of(&mut lines, length, rows);
     let rms: Vec<f64> = columns
         .iter()
         .map(|column| (column.iter().map(|value| value * value).sum::<f64>() / rows as f64).sqrt())
@@ -107,17 +95,4 @@ fn come_in_bursts(drawn: &mut [DVector<Complex<f64>>], length: usize, rate_hz: f
         forward.process(&mut samples, &mut lines).expect("lengths match");
         drawn.iter_mut().zip(&lines[1..]).for_each(|(forces, line)| forces[mode] = *line);
     }
-}
-
-/// The next even length with no prime factor above 5.
-fn smooth(least: usize) -> usize {
-    let is_smooth = |mut length: usize| {
-        for factor in [2, 3, 5] {
-            while length.is_multiple_of(factor) {
-                length /= factor;
-            }
-        }
-        length == 1
-    };
-    (least.max(2)..).find(|&length| length.is_multiple_of(2) && is_smooth(length)).unwrap_or(least)
 }

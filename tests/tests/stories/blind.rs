@@ -1,8 +1,8 @@
 //! A short slice of the blind bench: structures of another simulator, of which the study's model lacks something or nothing.
-//! The whole of it: `cargo run --release -p belfry-tests -- blind --cases 300 --seed 1`.
+//! The whole of it: `cargo run --release -p belfry-tests -- blind --cases 300`.
 
 use belfry_tests::belfry_command;
-use belfry_tests::blind::{Bench, Case, CaseRecord, Category, Kinds, Options, line};
+use belfry_tests::blind::{Bench, Case, CaseRecord, Category, Kinds, Options, Worlds, line};
 
 /// Draws every case of the slices.
 const SEED: u64 = 41;
@@ -17,7 +17,8 @@ fn run(cases: &[(u64, Kinds)]) -> Vec<CaseRecord> {
         let mut bench = Bench { program, folder, keep: false, diagnoses: true, leaves_out: false };
         let run = |(index, kinds): &(u64, Kinds)| {
             let kinds = kinds.clone();
-            let options = Options { seed: SEED, structure: None, kinds, hours: 12.0, uneven: false, scatter: 1.0 };
+            let worlds = Worlds::default();
+            let options = Options { seed: SEED, structure: None, kinds, hours: 12.0, worlds };
             let record = bench.run(&Case::draw(*index, &options).unwrap()).unwrap();
             println!("{}", line(&record));
             record

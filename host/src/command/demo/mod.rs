@@ -271,12 +271,18 @@ fn show_gain(outcome: &mut Outcome, project: &mut Project, route: Route, console
     Ok(())
 }
 
-/// Whether anything else is missing.
+/// Whether anything else is missing, and what the segments are like.
 fn show_state(outcome: &mut Outcome, project: &mut Project, console: &Console) -> anyhow::Result<()> {
     heading("Is anything else missing? (belfry diagnose)", console);
     let diagnosis = console.with_progress(|on_progress| project.diagnose(&[], on_progress))?;
     tell_verdict(&diagnosis, console);
     outcome.diagnosis_with_effects = Some(diagnosis);
+    heading("Stiffness and mass over the height (belfry profile)", console);
+    console.with_progress(|on_progress| project.profile(None, on_progress))?;
+    console.say(format!(
+        "Picture: {}, as fitted, without the effect and with it",
+        project.results().path("profile.svg").display()
+    ));
     Ok(())
 }
 

@@ -19,7 +19,8 @@ pub(super) enum Motion {
     Rotation = 2,
 }
 
-/// A kind of springs to the ground. Its parameters are `stiffness`, or `stiffness_x` and `stiffness_y`.
+/// A kind of springs to the ground. Its parameters are `stiffness`, or `stiffness_x` and `stiffness_y`, and `stiffness_z` of those that resist
+/// twist as well.
 #[derive(Debug)]
 pub(super) struct GroundSprings {
     pub(super) about: &'static About,
@@ -49,7 +50,8 @@ impl EffectKind for GroundSprings {
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
         let z_m = given.height_m(self, structure)?;
         let stiffness = given.of_axes("stiffness", ["stiffness_x", "stiffness_y"]);
-        Ok(Arc::new(GroundSpring { z_m, resisted: self.resisted, stiffness }))
+        let twist_n_m = given.or_zero("stiffness_z");
+        Ok(Arc::new(GroundSpring { z_m, resisted: self.resisted, stiffness, twist_n_m }))
     }
 }
 
@@ -60,12 +62,17 @@ struct GroundSpring {
     resisted: Motion,
     /// Along X and Y in N/m, or about X and Y in N m/rad.
     stiffness: [f64; 2],
+    /// About Z in N m/rad.
+    twist_n_m: f64,
 }
 
 impl Contribution for GroundSpring {
     fn attach(&self, assembly: &mut Assembly) {
         if let Some(motion) = assembly.local_motion(self.z_m) {
             motion.add_squares(&mut assembly.stiffness, self.resisted as usize, self.stiffness);
+            if self.twist_n_m != 0.0 {
+                motion.add_squares(&mut assembly.stiffness, 4, [self.twist_n_m]);
+            }
         }
     }
 }

@@ -6,8 +6,9 @@ use super::parameter::Parameter;
 
 const ABOUT: About = About {
     name: "lateral-support",
-    physics: "Guys, a tie to a neighbour, or a floor that leans on one resist sway at one height. The model leaves them out.",
-    formula: "K += k (n_x^T n_x + n_y^T n_y), n the motion of the axis at z",
+    physics: "Guys, a tie to a neighbour, or a floor that leans on one resist sway at one height, and twist where they \
+         hold the structure away from its axis. The model leaves them out.",
+    formula: "K += k (n_x^T n_x + n_y^T n_y) + k_z n_rz^T n_rz, n the motion of the axis at z",
     fingerprint: "frequencies too high, most in modes that move most at z, and not in those with a node there; shapes held back at z",
     look_alikes: &[
         LookAlike { kind: "stiffness-scale", separated_by: "modes with a node at z, which a support leaves alone" },
@@ -21,12 +22,21 @@ const fn stiffness(name: &'static str, meaning: &'static str) -> Parameter {
     Parameter::positive(name, "N/m", meaning)
 }
 
+const ALONG_X: Parameter = stiffness("stiffness_x", "the same along X");
+const ALONG_Y: Parameter = stiffness("stiffness_y", "the same along Y");
+const TWIST: Parameter = Parameter::positive(
+    "stiffness_z",
+    "N m/rad",
+    "moment for a unit twist; guys at a distance r from the axis have their stiffness times r²",
+);
+
 /// See [`ABOUT`].
 pub(super) const KIND: GroundSprings = GroundSprings {
     about: &ABOUT,
     parameter_sets: &[
         &[stiffness("stiffness", "force to the ground for a unit displacement along X or Y")],
-        &[stiffness("stiffness_x", "the same along X"), stiffness("stiffness_y", "the same along Y")],
+        &[ALONG_X, ALONG_Y],
+        &[ALONG_X, ALONG_Y, TWIST],
     ],
     resisted: Motion::Sway,
     looked_for_above: 0.1,

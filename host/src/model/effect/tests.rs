@@ -30,6 +30,24 @@ fn frequencies(words: &[&str]) -> Vec<f64> {
     Structure::with_effects(beam(), &effects).unwrap().assemble().modes().unwrap().frequency_hz
 }
 
+/// A ring at a node is one row of the table that is heavier, with half of the polar inertia about X and Y.
+#[test]
+fn an_added_ring_is_a_heavier_row_of_the_table() {
+    let heavier = |text: String| BeamTable::from_reader(text.as_bytes(), Path::new("ring.csv")).unwrap();
+    let mut text = String::from(HEADER);
+    for index in 0..10 {
+        let (bottom, top) = (10 * index, 10 * (index + 1));
+        let row = if index == 6 { "1.3e5,4e5,4e5,11e5" } else { "1e5,1e5,1e5,5e5" };
+        text.push_str(&format!("{bottom},{top},1e11,3e11,20,5e9,2e10,{row}\n"));
+    }
+    let expected = Structure::new(heavier(text)).assemble().modes().unwrap().frequency_hz;
+    let found = frequencies(&["added-mass@70m=mass=3e4,polar_inertia=6e5"]);
+    let alone = frequencies(&["added-mass@70m=3e4"]);
+    let furthest = |other: &[f64]| expected.iter().zip(other).map(|(a, b)| (b / a - 1.0).abs()).fold(0.0, f64::max);
+    assert!(furthest(&found) < 1e-9, "{}", furthest(&found));
+    assert!(furthest(&alone) > 1e-2, "the inertia counts: {}", furthest(&alone));
+}
+
 #[test]
 fn scales_move_all_frequencies_by_the_square_root_and_are_twins() {
     let sound = frequencies(&[]);
@@ -95,6 +113,26 @@ fn a_small_added_mass_lowers_a_frequency_as_rayleigh_says() {
             assert!((change - expected).abs() < 1e-3 * expected.abs() + 1e-8, "mode {mode}: {change} {expected}");
         }
     }
+}
+
+/// Guys away from the axis hold its twist too: d ln f = k phi²/(2 w²) with the mode's own rotation about Z.
+#[test]
+fn guys_away_from_the_axis_raise_torsion_as_rayleigh_says() {
+    let assembly = Structure::new(beam()).assemble();
+    let modes = assembly.modes().unwrap();
+    let stiffness = 1e3;
+    let found = frequencies(&[&format!("lateral-support@63m=stiffness_x=0,stiffness_y=0,stiffness_z={stiffness}")]);
+    let twist = &assembly.axis_motion(63.0) * &modes.shapes;
+    let mut most: f64 = 0.0;
+    for mode in 0..6 {
+        let squared = twist[(4, mode)].powi(2);
+        let omega = std::f64::consts::TAU * modes.frequency_hz[mode];
+        let expected = 0.5 * stiffness * squared / (omega * omega);
+        let change = (found[mode] / modes.frequency_hz[mode]).ln();
+        assert!((change - expected).abs() < 1e-3 * expected + 1e-9, "mode {mode}: {change} {expected}");
+        most = most.max(expected);
+    }
+    assert!(most > 1e-7, "torsion is among them: {most}");
 }
 
 fn segments(structure: &Structure) -> Vec<Segment> {

@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 
 use belfry_tests::belfry_command;
-use belfry_tests::blind::{Bench, Case, Kinds, Options, line, print_summary};
+use belfry_tests::blind::{self, Bench, Case, Kinds, Options, Worlds, line, print_summary};
 use clap::{Args, ValueEnum};
 
 /// Structures that lack one effect, two, none, or one outside the catalogue: what does `belfry diagnose` say?
@@ -18,9 +18,12 @@ pub(super) struct Arguments {
     /// The first case
     #[arg(long, value_name = "CASE", default_value_t = 0)]
     first: u64,
-    /// Draws all cases
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
+    /// Draws all cases [default: drawn now, and printed]
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Whether scatter, loads and sizes are what belfry assumes
+    #[arg(long, value_enum, default_value_t = World::Drawn)]
+    world: World,
     /// Keep the studies in this folder
     #[arg(long, value_name = "DIR")]
     keep: Option<PathBuf>,
@@ -33,21 +36,33 @@ pub(super) struct Arguments {
     /// Length of each recording
     #[arg(long, default_value_t = 12.0, value_parser = hours)]
     hours: f64,
-    /// Whether all modes are driven alike
-    #[arg(long, value_enum, default_value_t = Loads::Even)]
-    loads: Loads,
-    /// How far segments scatter, in units of what the study states
-    #[arg(long, default_value_t = 1.0, value_parser = scatter)]
-    scatter: f64,
+    /// What shakes all structures
+    #[arg(long, value_enum)]
+    loads: Option<Loads>,
+    /// How far the segments of all structures scatter, in units of what the study states
+    #[arg(long, value_parser = scatter)]
+    scatter: Option<f64>,
     /// The program to judge [default: this workspace's]
     #[arg(long, value_name = "PROGRAM")]
     belfry: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum World {
+    /// Each case draws kernel, length and size of its scatter, its loads, and effects that move frequencies by 0.5 to 15 %
+    Drawn,
+    /// As belfry assumes them, and effects that move frequencies by 3 to 15 %
+    Assumed,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Loads {
+    /// Noise that drives all modes alike
     Even,
+    /// Noise that drives them together
     Uneven,
+    /// Coherent, coloured wind
+    Wind,
 }
 
 fn kinds(word: &str) -> Result<Kinds, String> {
@@ -69,13 +84,19 @@ fn scatter(text: &str) -> Result<f64, String> {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     let program = arguments.belfry.clone().unwrap_or_else(|| belfry_command().get_program().into());
+    let seed = arguments.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
+    println!("seed {seed}");
+    let loads = arguments.loads.map(|loads| match loads {
+        Loads::Even => blind::Loads::Even,
+        Loads::Uneven => blind::Loads::Uneven,
+        Loads::Wind => blind::Loads::Wind,
+    });
     let options = Options {
-        seed: arguments.seed,
+        seed,
         structure: arguments.structure.clone(),
         kinds: arguments.only.clone(),
         hours: arguments.hours,
-        uneven: arguments.loads == Loads::Uneven,
-        scatter: arguments.scatter,
+        worlds: Worlds { are_drawn: arguments.world == World::Drawn, scatter: arguments.scatter, loads },
     };
     let scratch = tempfile::tempdir()?;
     let folder = arguments.keep.clone().unwrap_or_else(|| scratch.path().to_owned());
