@@ -10,7 +10,9 @@ use belfry_host::link::Transport;
 use belfry_host::link::memory::Line;
 use belfry_host::window::{Assembler, ChannelData, Configurations, NodeWindow, Outcome};
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
-use belfry_shared::message::{self, Configuration, Conversation, Greeting, HostMessage, InConversation, NodeMessage, Summary};
+use belfry_shared::message::{
+    self, Configuration, Conversation, Greeting, HostMessage, InConversation, NodeMessage, Summary,
+};
 use belfry_shared::quantise::{encode_decoded_lines, encoded_bytes};
 use belfry_shared::time::NodeTime;
 
@@ -206,7 +208,8 @@ impl SimulatedNode {
         let later = NodeTime(time.0.saturating_add_signed(HEARTBEAT_US));
         while node.poll(later) {}
         let mut frame = [0; MAX_FRAME_BYTES];
-        let greeting = InConversation { conversation: Conversation([1; 4]), message: HostMessage::Greet(Greeting::OF_HOSTS) };
+        let greeting =
+            InConversation { conversation: Conversation([1; 4]), message: HostMessage::Greet(Greeting::OF_HOSTS) };
         let length = message::encode(&greeting, &mut frame).unwrap_or(0);
         [0].iter().chain(&frame[..length]).for_each(|&byte| node.receive(later, byte));
         let mut life = Life { node: self.number, boot: self.boot, made: 0, held: 0, dropped: 0, sent: tap.sent };

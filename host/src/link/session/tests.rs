@@ -623,7 +623,8 @@ fn a_late_window_from_before_the_clock_was_set_back_is_no_other_life() {
         let mut frame = [0; MAX_FRAME_BYTES];
         let length = message::encode(&part, &mut frame).unwrap();
         let mut decoder = FrameDecoder::new();
-        let encoded = frame[..length].iter().find_map(|&byte| decoder.push(byte).map(|m| m.unwrap().to_vec())).unwrap();
+        let encoded =
+            frame[..length].iter().find_map(|&byte| decoder.push(byte).map(|m| m.unwrap().message.to_vec())).unwrap();
         delivery.take(None, &part, &encoded, &mut sink).map(|()| sink.stored.len())
     };
     assert_eq!(deliver(head(1, 101)).unwrap(), 1);

@@ -29,7 +29,7 @@ const ABOUT: About = About {
         },
     ],
     source: "Lord Rayleigh (1894), The Theory of Sound, section 90",
-    examples: &["added-mass@443.6m=2e5"],
+    examples: &["added-mass@443.6m=2e5", "added-mass@443.6m=mass=2e5,polar_inertia=7e6"],
 };
 
 const MASS: Parameter = Parameter::positive("mass", "kg", "a mass on the beam axis");

@@ -15,7 +15,11 @@ const ABOUT: About = About {
         LookAlike { kind: "outrigger", separated_by: "which modes rise: an outrigger holds those that turn at z" },
     ],
     source: "H. M. Irvine (1981), Cable Structures, chapter 4",
-    examples: &["lateral-support@60m=5e6", "lateral-support@60m=stiffness_x=5e6,stiffness_y=0"],
+    examples: &[
+        "lateral-support@60m=5e6",
+        "lateral-support@60m=stiffness_x=5e6,stiffness_y=0",
+        "lateral-support@60m=stiffness_x=5e6,stiffness_y=0,stiffness_z=1e8",
+    ],
 };
 
 const fn stiffness(name: &'static str, meaning: &'static str) -> Parameter {
