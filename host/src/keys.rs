@@ -251,11 +251,21 @@ pub fn add_new(file: &Path, node: u16) -> Result<Key, KeysError> {
 
 /// Refuses a place within a study.
 fn outside_studies(file: &Path) -> Result<(), KeysError> {
-    let absolute = std::path::absolute(file).map_err(|source| KeysError::File { file: file.to_owned(), source })?;
-    match absolute.ancestors().skip(1).find(|folder| folder.join("study.toml").is_file()) {
-        Some(study) => Err(KeysError::InStudy { file: file.to_owned(), study: study.to_owned() }),
+    let study = study_around(file).map_err(|source| KeysError::File { file: file.to_owned(), source })?;
+    match study {
+        Some(study) => Err(KeysError::InStudy { file: file.to_owned(), study }),
         None => Ok(()),
     }
+}
+
+/// The study in whose folder a file is or would be.
+///
+/// # Errors
+/// When the current folder is not known.
+pub fn study_around(file: &Path) -> io::Result<Option<PathBuf>> {
+    let absolute = std::path::absolute(file)?;
+    let study = absolute.ancestors().skip(1).find(|folder| folder.join("study.toml").is_file());
+    Ok(study.map(Path::to_owned))
 }
 
 /// Writes a file that only the user can read, whole or not at all. Without `replaces` there must be none.

@@ -57,7 +57,14 @@ pub fn find_published(name: &str) -> Option<PathBuf> {
 pub fn belfry_command() -> Command {
     static PROGRAM: LazyLock<PathBuf> =
         LazyLock::new(|| env::var_os("BELFRY_PROGRAM").map_or_else(build, PathBuf::from));
-    Command::new(&*PROGRAM)
+    let mut command = Command::new(&*PROGRAM);
+    command.env("BELFRY_KEYS", no_keys());
+    command
+}
+
+/// A file of keys that is not there: the keys of whoever runs the tests belong to other nodes.
+fn no_keys() -> PathBuf {
+    env::temp_dir().join("belfry-tests-have-no-keys")
 }
 
 /// A line as a user types it into a shell, with this workspace's `belfry` in front on the path.
@@ -71,6 +78,7 @@ pub fn shell(line: &str) -> Command {
     folders.extend(env::split_paths(&env::var_os("PATH").unwrap_or_default()));
     let mut command = Command::new("sh");
     command.args(["-e", "-c", line]).env("PATH", env::join_paths(folders).expect("the path was one before"));
+    command.env("BELFRY_KEYS", no_keys());
     command
 }
 

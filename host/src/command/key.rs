@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::Console;
 use super::text::in_shell;
-use crate::keys::{Keys, KeysError, add_new, file, write_private};
+use crate::keys::{Keys, KeysError, add_new, file, study_around, write_private};
 
 /// Where a node's program looks for its key: the last sector of the board's flash.
 const ADDRESS: u32 = 0x0806_0000;
@@ -104,6 +104,13 @@ fn free_output(image: &Image) -> anyhow::Result<PathBuf> {
         "{} is there already: remove it, or name another file with --output",
         output.display()
     );
+    if let Some(study) = study_around(&output)? {
+        anyhow::bail!(
+            "{} would lie in the study {}, and be handed on with it: it is the key; name another file with --output",
+            output.display(),
+            study.display()
+        );
+    }
     Ok(output)
 }
 

@@ -133,7 +133,7 @@ impl Fleet {
                 self.assembler.add(*window, on_window);
                 None
             }
-            Feed::Done(report) => Some(report),
+            Feed::Done(report) => Some(*report),
         }
     }
 
@@ -177,7 +177,7 @@ fn work(settings: Vec<NodeSettings>, width: usize, rows: &Receiver<Rows>, result
         for node in &mut nodes {
             let report = node.finish()?;
             hand_over(node);
-            let _ = results.send(Ok(Feed::Done(report)));
+            let _ = results.send(Ok(Feed::Done(Box::new(report))));
         }
         Ok(())
     }();

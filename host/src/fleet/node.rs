@@ -29,7 +29,7 @@ pub(super) enum Feed {
     /// A window of one node.
     Window(Box<NodeWindow>),
     /// A node has delivered everything.
-    Done(NodeReport),
+    Done(Box<NodeReport>),
 }
 
 /// What makes a simulated node; can be sent to the thread that runs it.

@@ -20,7 +20,7 @@ pub enum SessionError {
     },
     /// The node has no key, and should have one.
     #[error(
-        "node {node} answers without its key: write the key's image into it (`belfry key image {node}`), or remove its line from the file of keys if it is to have none"
+        "node {node} answers without its key: write the key's image into it (`belfry key image {node}`), or remove its line from the file of keys if it is to have none; unless somebody else on the line answers in its name"
     )]
     Unsealed {
         /// The node the session is for.

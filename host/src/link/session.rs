@@ -381,13 +381,13 @@ impl Session {
 
     /// Greets a node that has started anew, or that another host has greeted, so that it listens to this one.
     fn not_listened_to(&mut self, now: HostTime, hello: &Hello) -> Result<(), SessionError> {
-        if self.wire.has_key() && self.wire.is_answered_by(hello) {
+        let is_asked = self.wire.has_key() && self.wire.is_answered_by(hello);
+        if is_asked && self.stage == Stage::Greeting {
             // It was asked, not greeted; now it can be.
-            self.stage = Stage::Greeting;
             self.next_try = HostTime(i64::MIN);
             return Ok(());
         }
-        if self.stage == Stage::Greeting && now < self.next_try {
+        if !is_asked && self.stage == Stage::Greeting && now < self.next_try {
             // What has been said already has still to arrive.
             return Ok(());
         }

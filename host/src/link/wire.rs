@@ -128,6 +128,8 @@ pub(super) struct Wire {
     key: Option<Key>,
     /// What is known of a node with a key; `None` before it has answered.
     proven: Option<Proven>,
+    /// Boots that it has left: what it has said in them counts never again, although it may answer this run of the program.
+    left: Vec<u32>,
     outgoing: VecDeque<u8>,
     counts: WireCounts,
 }
@@ -148,6 +150,7 @@ impl Wire {
             tried: version_5::VERSION,
             key: None,
             proven: None,
+            left: Vec::new(),
             outgoing: VecDeque::new(),
             counts: WireCounts::default(),
         }
@@ -206,7 +209,9 @@ impl Wire {
             (Some(_), None, _) => return 0,
         };
         let message = InConversation { conversation: self.conversation, message };
-        let version = self.version.unwrap_or_else(|| self.next_try());
+        // A node that has shown its key speaks a version that has keys: no frame without a seal may come from here any more.
+        let first = if self.proven.is_some() { Some(PROTOCOL_VERSION) } else { None };
+        let version = self.version.or(first).unwrap_or_else(|| self.next_try());
         // The host's messages fit into a frame by their types.
         let length = match (&self.key, &mut self.proven) {
             (Some(key), Some(proven)) if version != version_5::VERSION => seal(key, proven, &message, &mut frame),
@@ -265,29 +270,59 @@ impl Wire {
     /// # Errors
     /// Where the node speaks no version that this host does, or answers a question without its key.
     pub(super) fn message<'f>(&mut self, frame: &'f Frame) -> Result<Option<NodeMessage<'f>>, Untaken> {
-        let message = self.read(frame)?;
-        if message.is_none() || self.key.is_none() {
-            return Ok(message);
-        }
-        let worth = match &message {
-            Some(NodeMessage::Hello(hello)) => self.weigh_hello(frame, hello)?,
-            _ => self.weigh(frame),
-        };
-        match worth {
-            Worth::Sound => return Ok(message),
-            Worth::OtherBoot => {
-                // Not greeted: an old greeting that somebody repeats must not cost more than a question.
-                self.say_unsealed(&HostMessage::Ask(Versions::OF_HOSTS));
+        // Nothing of a frame counts before its seal has been looked at.
+        let message = match read(frame) {
+            Ok(message) => message,
+            Err(Unread::TooOld) if self.proven.is_some() => {
+                self.refuse();
+                return Ok(None);
             }
-            Worth::None => {
-                self.counts.unsealed_frames += 1;
-                if self.counts.unsealed_frames % ASK_EVERY == 1 {
-                    // It may be that too many frames of the node were lost in a row; its answer says how far it has counted.
+            Err(Unread::TooOld) => {
+                let versions = Versions { lowest: frame.version, highest: frame.version };
+                return Err(NoCommonVersion { versions }.into());
+            }
+            Err(Unread::Frame(FrameError::Unknown { .. })) => {
+                self.counts.unknown_messages += 1;
+                return Ok(None);
+            }
+            Err(Unread::Frame(_)) => {
+                self.counts.damaged_frames += 1;
+                return Ok(None);
+            }
+        };
+        if self.key.is_some() {
+            let worth = match &message {
+                NodeMessage::Hello(hello) => self.weigh_hello(frame, hello)?,
+                _ => self.weigh(frame),
+            };
+            match worth {
+                Worth::Sound => {}
+                Worth::OtherBoot => {
+                    // Not greeted: an old greeting that somebody repeats must not cost more than a question.
                     self.say_unsealed(&HostMessage::Ask(Versions::OF_HOSTS));
+                    return Ok(None);
+                }
+                Worth::None => {
+                    self.refuse();
+                    return Ok(None);
                 }
             }
         }
-        Ok(None)
+        if let NodeMessage::Hello(Hello { versions, .. }) = &message {
+            let common = Versions::OF_HOSTS.common(*versions);
+            self.version = Some(common.ok_or(NoCommonVersion { versions: *versions })?);
+        }
+        self.counts.frames += 1;
+        Ok(Some(message))
+    }
+
+    /// Counts a frame that is not taken.
+    fn refuse(&mut self) {
+        self.counts.unsealed_frames += 1;
+        if self.counts.unsealed_frames % ASK_EVERY == 1 {
+            // It may be that too many frames of the node were lost in a row; its answer says how far it has counted.
+            self.say_unsealed(&HostMessage::Ask(Versions::OF_HOSTS));
+        }
     }
 
     /// Whether a frame is the node's, of its present boot and new.
@@ -306,15 +341,17 @@ impl Wire {
     }
 
     /// The same for a greeting, which says itself for which boot and under which counter it was sealed. One of another boot is the present
-    /// one's if it answers this host, whose number no node has known before.
+    /// one's if it answers this host, whose number no node has known before, and if the node has not left that boot since.
     fn weigh_hello(&mut self, frame: &Frame, hello: &Hello) -> Result<Worth, Untaken> {
         let is_answer = self.is_answered_by(hello);
+        // A node that has shown its key has it: whoever answers in its name without it is another.
+        let is_unknown = is_answer && self.proven.is_none();
         let Some(key) = &self.key else { return Ok(Worth::None) };
         let Some(counters) = hello.counters.filter(|_| frame.seal.is_some()) else {
-            return if is_answer { Err(Untaken::Unsealed) } else { Ok(Worth::None) };
+            return if is_unknown { Err(Untaken::Unsealed) } else { Ok(Worth::None) };
         };
         if !key.admits(Sender::Node, hello.boot, counters.said, &frame.opened()) {
-            return if is_answer { Err(Untaken::OtherKey) } else { Ok(Worth::None) };
+            return if is_unknown { Err(Untaken::OtherKey) } else { Ok(Worth::None) };
         }
         match &mut self.proven {
             Some(proven) if proven.boot == hello.boot => {
@@ -326,7 +363,9 @@ impl Wire {
                 proven.said = proven.said.max(counters.heard);
                 Ok(Worth::Sound)
             }
+            _ if self.left.contains(&hello.boot) => Ok(Worth::None),
             _ if is_answer => {
+                self.left.extend(self.proven.map(|proven| proven.boot));
                 self.proven = Some(Proven { boot: hello.boot, said: counters.heard, heard: counters.said });
                 Ok(Worth::Sound)
             }
@@ -340,34 +379,28 @@ impl Wire {
         let length = message::encode(&message, &mut frame).unwrap_or(0);
         self.outgoing.extend(&frame[..length]);
     }
+}
 
-    fn read<'f>(&mut self, frame: &'f Frame) -> Result<Option<NodeMessage<'f>>, NoCommonVersion> {
-        let Frame { version, ref encoded, .. } = *frame;
-        let message = match version {
-            version_5::VERSION => version_5::decode_node(encoded),
-            PROTOCOL_VERSION => message::decode(encoded),
-            // Versions before that have greetings of their own; but they were never spoken beside another.
-            ..version_5::VERSION => {
-                return Err(NoCommonVersion { versions: Versions { lowest: version, highest: version } });
-            }
-            // All that can be read is who is there. The rest is for whom the node has agreed on that version with.
-            _ => match message::decode(encoded) {
-                Ok(NodeMessage::Hello(hello)) => Ok(NodeMessage::Hello(hello)),
-                _ => Err(FrameError::Unknown { kind: 0 }),
-            },
-        };
-        match &message {
-            Ok(NodeMessage::Hello(Hello { versions, .. })) => {
-                let common = Versions::OF_HOSTS.common(*versions);
-                self.version = Some(common.ok_or(NoCommonVersion { versions: *versions })?);
-                self.counts.frames += 1;
-            }
-            Ok(_) => self.counts.frames += 1,
-            Err(FrameError::Unknown { .. }) => self.counts.unknown_messages += 1,
-            Err(_) => self.counts.damaged_frames += 1,
-        }
-        Ok(message.ok())
-    }
+/// Why a frame's message is not known.
+enum Unread {
+    /// It is of a version that has never been spoken beside another, with greetings of its own.
+    TooOld,
+    Frame(FrameError),
+}
+
+/// The message of a frame; of versions beyond this one all that can be read is who is there. The rest is for whom the node has agreed on
+/// that version with.
+fn read(frame: &Frame) -> Result<NodeMessage<'_>, Unread> {
+    let message = match frame.version {
+        version_5::VERSION => version_5::decode_node(&frame.encoded),
+        PROTOCOL_VERSION => message::decode(&frame.encoded),
+        ..version_5::VERSION => return Err(Unread::TooOld),
+        _ => match message::decode(&frame.encoded) {
+            Ok(NodeMessage::Hello(hello)) => Ok(NodeMessage::Hello(hello)),
+            _ => Err(FrameError::Unknown { kind: 0 }),
+        },
+    };
+    message.map_err(Unread::Frame)
 }
 
 /// Writes the sealed frame of a message, and returns its length.

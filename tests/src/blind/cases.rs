@@ -10,7 +10,7 @@ use super::magnitude::{Band, draw, log_uniform};
 use super::outside;
 use super::scatter::scatter;
 use super::structures::{NAMES, Structure};
-use super::world::{World, Worlds};
+use super::world::{Loads, World, Worlds};
 
 /// Kinds that stand in the matrices.
 const STRUCTURAL: [&str; 15] = [
@@ -142,6 +142,9 @@ impl Case {
             if let Some((body, effects, outside)) = defect {
                 let damping_ratios = (0..MODES).map(|_| log_uniform(&mut random, [0.005, 0.02])).collect();
                 let hours = options.hours;
+                // Lines of a spectrum know no frequencies that move with a day's temperature.
+                let is_noise = body.stiffness_per_kelvin != 0.0 && world.loads == Loads::Wind;
+                let world = if is_noise { World { loads: Loads::Uneven, ..world } } else { world };
                 return Ok(Self {
                     index,
                     category,

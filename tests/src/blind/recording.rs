@@ -62,11 +62,9 @@ pub(super) fn record(case: &Case) -> Result<Recording, String> {
     let rate = case.structure.sampling_rate_hz;
     let channels = case.body.sensors.len();
     let warmth = case.body.stiffness_per_kelvin;
-    // Lines of a spectrum know no frequencies that move: a day's temperature goes with noise.
-    let is_windy = case.world.loads == Loads::Wind && warmth == 0.0;
     let forces = modal_forces(&case.body, &modes, case.world.loads != Loads::Even, &mut random);
     let day = Day::of(case, &mut random);
-    let mut samples = if is_windy {
+    let mut samples = if case.world.loads == Loads::Wind {
         wind::samples(case, &modes, &damped, &mut random)
     } else {
         under_noise(case, &damped, &forces, &day, &mut random)

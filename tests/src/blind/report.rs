@@ -171,7 +171,7 @@ fn print_worlds(records: &[CaseRecord]) {
         for (name, of_it) in of_part {
             let alarms = rate(of_it.iter().map(|record| record.false_alarm()));
             let is_large = |record: &&&CaseRecord| {
-                record.category == Category::Single && record.shift.is_none_or(|shift| shift >= SHIFTS[3])
+                record.category == Category::Single && record.shift.is_some_and(|shift| shift >= SHIFTS[3])
             };
             let named = rate(of_it.iter().filter(is_large).map(|record| record.first_right()));
             println!("{name:24} {alarms:40} {named}");

@@ -127,7 +127,7 @@ impl WindowSink for Kept {
         }
         let stored = self.lives.get(&loss.boot).map(|(_, numbers)| numbers);
         let is_lost = |number: &u32| *number >= loss.first && loss.last.is_some_and(|last| *number <= last);
-        assert!(!stored.is_some_and(|numbers| numbers.iter().any(|number| is_lost(number))), "{loss}, and is stored");
+        assert!(!stored.is_some_and(|numbers| numbers.iter().any(is_lost)), "{loss}, and is stored");
         Ok(())
     }
 }

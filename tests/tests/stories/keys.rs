@@ -61,6 +61,10 @@ fn keys_are_refused_in_a_study_and_where_others_may_read_them() {
     let (done, said) = key(&study.join("keys"), folder.path(), &["new", "1"]);
     assert!(!done && said.contains("lies in the study"), "{said}");
     assert!(!study.join("keys").exists() && !folder.path().join("node-1.key").exists());
+    // An image is the key.
+    let (done, said) = key(&folder.path().join("keys"), &study, &["new", "1"]);
+    assert!(!done && said.contains("would lie in the study"), "{said}");
+    assert!(!study.join("node-1.key").exists() && !folder.path().join("keys").exists());
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;

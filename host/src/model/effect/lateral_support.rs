@@ -31,7 +31,7 @@ const ALONG_Y: Parameter = stiffness("stiffness_y", "the same along Y");
 const TWIST: Parameter = Parameter::positive(
     "stiffness_z",
     "N m/rad",
-    "moment for a unit twist; guys at a distance r from the axis have their stiffness times r²",
+    "moment for a unit twist; springs at a distance r from the axis have r² times their stiffness across r",
 );
 
 /// See [`ABOUT`].

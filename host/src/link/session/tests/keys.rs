@@ -67,6 +67,8 @@ fn nobody_without_the_key_makes_the_node_forget_a_window_or_the_host_store_one()
     let mut bench = bench(Faults::default());
     let mut windows: Vec<NodeWindow> = Vec::new();
     let forged = Acknowledgement { boot: 77, below: 2, again: Default::default() };
+    // Until the node has shown its key.
+    bench.run(50 * 2, &mut windows).unwrap();
     for second in 0..120 {
         // With the host's own number, which stands on the line for everyone to read.
         for message in [
@@ -80,11 +82,21 @@ fn nobody_without_the_key_makes_the_node_forget_a_window_or_the_host_store_one()
             bench.line.host_end().write(&frame[..length]).unwrap();
         }
         // A fake node.
-        let impostor = Hello { boot: 99, configuration_hash: Some(configuration().hash()), ..hello() };
+        let impostor = Hello {
+            boot: 99,
+            configuration_hash: Some(configuration().hash()),
+            answers: Some(conversation()),
+            versions: Versions { lowest: 5, highest: 5 },
+            ..hello()
+        };
         let invented = [NodeMessage::Hello(impostor), unsound(77, second), unsound(99, second), heartbeat(77, 9, 90)];
         for message in invented {
             bench.line.node_end().write(&frame(&message)).unwrap();
         }
+        // And one of an age that had no keys.
+        let mut old = [0; MAX_FRAME_BYTES];
+        let length = encode_as(3, &[0, 3], &mut old).unwrap();
+        bench.line.node_end().write(&old[..length]).unwrap();
         bench.run(50, &mut windows).unwrap();
     }
     assert!(windows.len() >= 7, "{}", windows.len());
@@ -92,7 +104,7 @@ fn nobody_without_the_key_makes_the_node_forget_a_window_or_the_host_store_one()
     assert!(windows.iter().all(|window| window.name.boot == 77 && is_true(window)));
     assert!(windows.iter().zip(&windows[1..]).all(|(a, b)| b.name.number == a.name.number + 1));
     let statistics = bench.session.statistics();
-    assert_eq!((statistics.lost_windows, statistics.contradictions, statistics.unsealed_frames), (0, 0, 4 * 120));
+    assert_eq!((statistics.lost_windows, statistics.contradictions, statistics.unsealed_frames), (0, 0, 5 * 120));
     let refused = bench.session.heartbeat().unwrap().unsealed_messages;
     // The first heartbeat comes after ten seconds, the next two minutes later.
     assert!(refused >= 3 * 10, "{refused}");
@@ -155,6 +167,31 @@ fn what_the_node_has_said_before_counts_neither_again_nor_in_another_boot() {
     assert!(bench.session.is_measuring());
     bench.run(50 * 30, &mut windows).unwrap();
     assert!(windows.len() >= stored + 2 && windows.iter().all(|window| window.name.boot == 77));
+}
+
+#[test]
+fn what_the_node_has_said_in_a_boot_that_it_has_left_counts_no_more_in_the_same_run() {
+    let mut bench = bench(Faults::default());
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    let mut lives = [Vec::new(), Vec::new()];
+    for (boot, carried) in [77, 78].into_iter().zip(&mut lives) {
+        (bench.node, bench.node_start) = (keyed_node(boot), bench.step);
+        for _ in 0..50 * 60 {
+            bench.run(1, &mut windows).unwrap();
+            carried.append(&mut bench.carried);
+        }
+    }
+    let (stored, counts) = (windows.len(), bench.session.statistics());
+    assert_eq!(bench.session.hello().unwrap().boot, 78);
+    // Both lives have greetings that answer this run.
+    for bytes in [&lives[0], &lives[1]] {
+        bench.session.receive(HostTime(bench.step * 20_000), bytes, &mut windows).unwrap();
+    }
+    assert_eq!(windows.len(), stored);
+    assert_eq!(bench.session.statistics().duplicate_parts, counts.duplicate_parts);
+    assert!(bench.session.is_measuring() && bench.session.hello().unwrap().boot == 78);
+    bench.run(50 * 30, &mut windows).unwrap();
+    assert!(windows.len() >= stored + 2 && windows[stored..].iter().all(|window| window.name.boot == 78));
 }
 
 #[test]
