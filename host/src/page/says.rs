@@ -280,14 +280,6 @@ pub(super) fn method(sources: &Sources<'_>, has_compared: bool, update: &Value, 
     if !update.is_null() {
         sentences.push("The direct update is that of Lei, Wang, Shen (2012): K* = K + M Φ Ψ Φᵀ M.".to_owned());
     }
-    // Effects first: what is shown is of the model with them.
-    for action in sources.history.as_array().into_iter().flatten().filter_map(|step| step["action"].as_str()) {
-        if let Some((verb @ ("add" | "drop"), effect)) = action.split_once(' ')
-            && !effect.contains(", ")
-        {
-            commands.push(vec![if verb == "add" { "add" } else { "remove" }.to_owned(), effect.to_owned()]);
-        }
-    }
     let channels: Vec<&str> = sources.covalidation["channels"]
         .as_array()
         .into_iter()
@@ -300,13 +292,24 @@ pub(super) fn method(sources: &Sources<'_>, has_compared: bool, update: &Value, 
         vec!["covalidate".to_owned(), "--channels".to_owned(), channels.join(",")]
     };
     let run = [
-        (vec!["compare".to_owned()], has_compared),
-        (vec!["update".to_owned()], !update.is_null()),
-        (covalidate, !sources.covalidation.is_null()),
-        (vec!["diagnose".to_owned()], !sources.diagnosis.is_null()),
-        (vec!["profile".to_owned()], !profile.is_null()),
+        (vec!["compare".to_owned()], "", has_compared),
+        (vec!["update".to_owned()], "update", !update.is_null()),
+        (covalidate, "covalidation", !sources.covalidation.is_null()),
+        (vec!["diagnose".to_owned()], "diagnosis", !sources.diagnosis.is_null()),
+        (vec!["profile".to_owned()], "profile", !profile.is_null()),
     ];
-    commands.extend(run.into_iter().filter(|(_, is)| *is).map(|(words, _)| words));
+    // What is shown is of the model with its effects, but for what is of an older state.
+    let (older, newer): (Vec<_>, Vec<_>) =
+        run.into_iter().filter(|(.., is)| *is).partition(|(_, result, _)| sources.stale.contains_key(*result));
+    commands.extend(older.into_iter().map(|(words, ..)| words));
+    for action in sources.history.as_array().into_iter().flatten().filter_map(|step| step["action"].as_str()) {
+        if let Some((verb @ ("add" | "drop"), effect)) = action.split_once(' ')
+            && !effect.contains(", ")
+        {
+            commands.push(vec![if verb == "add" { "add" } else { "remove" }.to_owned(), effect.to_owned()]);
+        }
+    }
+    commands.extend(newer.into_iter().map(|(words, ..)| words));
     json!({ "sentences": sentences, "commands": commands })
 }
 

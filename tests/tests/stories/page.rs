@@ -99,7 +99,13 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
     assert!((shown / said - 1.0).abs() < 0.01, "{shown} {said}");
     assert_eq!(
         data["method"]["commands"],
-        json!([["identify", "--direct"], ["update"], ["covalidate"], ["diagnose"], ["add", "base-rotation"]])
+        json!([
+            ["identify", "--direct"],
+            ["update"],
+            ["covalidate", "--channels", "09"],
+            ["diagnose"],
+            ["add", "base-rotation"]
+        ])
     );
     let shown = &data["comparison"]["effects"];
     assert!(
