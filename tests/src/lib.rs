@@ -3,6 +3,7 @@
 
 pub mod archive;
 pub mod blind;
+pub mod cable;
 pub mod campaign;
 mod canton;
 pub mod clock;
@@ -19,6 +20,7 @@ pub use canton::{CantonRun, run_canton};
 pub use footbridge::{FOOTBRIDGE_STIFFNESS, write_footbridge_study};
 
 use std::env;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
@@ -45,6 +47,15 @@ pub fn published(name: &str) -> PathBuf {
 /// As [`published`], `None` where it is not there.
 pub fn find_published(name: &str) -> Option<PathBuf> {
     repository().join("../shared").join(name).canonicalize().ok()
+}
+
+/// A folder in memory where the system has one: every window is on the disk before the next is taken, and a disk that others keep busy
+/// makes minutes of that.
+///
+/// # Errors
+/// When no folder can be made.
+pub fn folder_in_memory() -> io::Result<tempfile::TempDir> {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir())
 }
 
 /// The `belfry` program of this workspace as a command to run, built beforehand in the profile the tests have.

@@ -382,14 +382,16 @@ impl Session {
     /// Greets a node that has started anew, or that another host has greeted, so that it listens to this one.
     fn not_listened_to(&mut self, now: HostTime, hello: &Hello) -> Result<(), SessionError> {
         let is_asked = self.wire.has_key() && self.wire.is_answered_by(hello);
-        if is_asked && self.stage == Stage::Greeting {
-            // It was asked, not greeted; now it can be.
-            self.next_try = HostTime(i64::MIN);
-            return Ok(());
-        }
-        if !is_asked && self.stage == Stage::Greeting && now < self.next_try {
-            // What has been said already has still to arrive.
-            return Ok(());
+        if self.stage == Stage::Greeting {
+            if is_asked {
+                // It was asked, not greeted; now it can be.
+                self.next_try = HostTime(i64::MIN);
+                return Ok(());
+            }
+            if now < self.next_try {
+                // What has been said already has still to arrive.
+                return Ok(());
+            }
         }
         self.takeovers += u32::from(hello.conversation.is_some());
         if self.takeovers > MOST_TAKEOVERS {

@@ -210,7 +210,7 @@ impl Wire {
         };
         let message = InConversation { conversation: self.conversation, message };
         // A node that has shown its key speaks a version that has keys: no frame without a seal may come from here any more.
-        let first = if self.proven.is_some() { Some(PROTOCOL_VERSION) } else { None };
+        let first = self.proven.map(|_| PROTOCOL_VERSION);
         let version = self.version.or(first).unwrap_or_else(|| self.next_try());
         // The host's messages fit into a frame by their types.
         let length = match (&self.key, &mut self.proven) {

@@ -73,11 +73,10 @@ fn names(value: &Value) -> Vec<Name> {
 /// Reads the object of `belfry diagnose --json`; `None` where it has no verdict.
 pub(super) fn diagnosis(object: &Value) -> Option<Diagnosis> {
     let best = names(&object["best"]);
-    let of_best = |candidate: &&Value| {
-        best.first().is_some_and(|name| {
-            candidate["effect"].as_str() == Some(&name.kind) && candidate["where"].as_str() == name.place.as_deref()
-        })
+    let is = |candidate: &Value, name: &Name| {
+        candidate["effect"].as_str() == Some(&name.kind) && candidate["where"].as_str() == name.place.as_deref()
     };
+    let of_best = |candidate: &&Value| best.first().is_some_and(|name| is(candidate, name));
     let parameter = |value: &Value| {
         let name = value["name"].as_str()?.to_owned();
         Some(Parameter { name, value: number(&value["value"]), std: number(&value["std"]) })
@@ -85,11 +84,7 @@ pub(super) fn diagnosis(object: &Value) -> Option<Diagnosis> {
     let candidate = list(&object["candidates"]).iter().find(of_best);
     let verdict = object["verdict"].as_str()?.to_owned();
     let ambiguous: Vec<Name> = list(&object["ambiguous"]).iter().flat_map(names).collect();
-    let is_named = |candidate: &&Value| {
-        best.iter().chain(&ambiguous).any(|name| {
-            candidate["effect"].as_str() == Some(&name.kind) && candidate["where"].as_str() == name.place.as_deref()
-        })
-    };
+    let is_named = |candidate: &&Value| best.iter().chain(&ambiguous).any(|name| is(candidate, name));
     let probability = match verdict.as_str() {
         "adequate" => number(&object["probabilities"]["adequate"]),
         "unknown" => number(&object["probabilities"]["something_else"]),

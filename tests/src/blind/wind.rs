@@ -1,22 +1,17 @@
 //! Recordings under wind, line by line: forces along X and Y and moments about Z at the top of every segment, coloured as in Davenport
 //! (1961), coherent over the height. A case flows in, accelerations at the sensors flow out, each channel at its own clock.
 
-use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+use std::f64::consts::TAU;
 
 use nalgebra::{Complex, DMatrix, DVector};
 use rand::{Rng, RngExt};
-use rand_distr::{Distribution, StandardNormal};
 
 use super::banded::Modes;
 use super::body::{Body, DOFS};
 use super::cases::Case;
 use super::damped::DampedMode;
-use crate::spectral::{columns_of, simulated_length};
+use crate::spectral::{columns_of, gust_above, gust_coherence, gust_density, normal, simulated_length};
 
-/// Davenport's decay of coherence along the height: exp(-C f dz / U).
-const DECAY: f64 = 10.0;
-/// The length of his spectrum in m.
-const LENGTH_M: f64 = 1200.0;
 /// Bounds of a mean speed in m/s.
 const SPEED_M_S: [f64; 2] = [8.0, 20.0];
 /// Forces grow with the height to this power, as speed squared does over open country.
@@ -28,18 +23,13 @@ const LEVEL: f64 = 1e-3;
 /// Nothing near half the sampling rate: recorders have a filter there.
 const HIGHEST: f64 = 0.45;
 
-/// What wind does along one direction.
-struct Direction {
-    /// Of the modes, per unit force at each height: modes x heights.
-    modal: DMatrix<f64>,
-}
-
 /// Wind on a body.
 struct Wind {
     speed_m_s: f64,
     /// From one height to the next.
     apart_m: Vec<f64>,
-    directions: Vec<Direction>,
+    /// Forces on the modes by a gust at each height, along X, along Y and about Z: modes x heights.
+    directions: [DMatrix<f64>; 3],
 }
 
 impl Wind {
@@ -59,39 +49,31 @@ impl Wind {
         let direction = |(dof, share): (usize, f64)| {
             let force = |at: usize| share * below_m(at) * (z_m(at) / top_m).powf(GROWTH);
             let modal = |mode: usize, at: usize| modes.shapes[(tops[at] * DOFS + dof, mode)] * force(at);
-            Direction { modal: DMatrix::from_fn(modes.shapes.ncols(), tops.len(), modal) }
+            DMatrix::from_fn(modes.shapes.ncols(), tops.len(), modal)
         };
         Self {
             speed_m_s: random.random_range(SPEED_M_S[0]..SPEED_M_S[1]),
             apart_m: (1..tops.len()).map(below_m).collect(),
-            directions: [(0, along_x), (1, along_y), (4, TURNING * gyration_m)].map(direction).into(),
+            directions: [(0, along_x), (1, along_y), (4, TURNING * gyration_m)].map(direction),
         }
     }
 
     /// Forces on the modes in a line of unit bandwidth.
     fn draw(&self, frequency_hz: f64, random: &mut impl Rng) -> DVector<Complex<f64>> {
-        // Davenport (1961), Q. J. R. Meteorol. Soc. 87, 194: f S / u² = 4 x² / (1 + x²)^(4/3), x = 1200 m f / U.
-        let x = LENGTH_M * frequency_hz / self.speed_m_s;
-        let amplitude = (4.0 * x * x / ((1.0 + x * x).powf(4.0 / 3.0) * frequency_hz)).sqrt();
-        let mut sum: DVector<Complex<f64>> = DVector::zeros(self.directions.first().map_or(0, |d| d.modal.nrows()));
-        for direction in &self.directions {
-            // An exponential coherence is that of a Markov chain over the height.
-            let mut here = normal(random);
-            for (at, modal) in direction.modal.column_iter().enumerate() {
-                if let Some(apart_m) = at.checked_sub(1).map(|below| self.apart_m[below]) {
-                    let coherence = (-DECAY * frequency_hz * apart_m / self.speed_m_s).exp();
-                    here = here * coherence + normal(random) * (1.0 - coherence * coherence).sqrt();
+        let amplitude = gust_density(frequency_hz, self.speed_m_s).sqrt();
+        let mut sum: DVector<Complex<f64>> = DVector::zeros(self.directions[0].nrows());
+        for modal in &self.directions {
+            let mut gust = normal(random);
+            for (at, modal) in modal.column_iter().enumerate() {
+                if let Some(below) = at.checked_sub(1) {
+                    let coherence = gust_coherence(frequency_hz, self.apart_m[below], self.speed_m_s);
+                    gust = gust_above(gust, coherence, random);
                 }
-                sum.iter_mut().zip(modal.iter()).for_each(|(sum, share)| *sum += here * (*share * amplitude));
+                sum.iter_mut().zip(modal.iter()).for_each(|(sum, share)| *sum += gust * (*share * amplitude));
             }
         }
         sum
     }
-}
-
-fn normal(random: &mut impl Rng) -> Complex<f64> {
-    let (re, im): (f64, f64) = (StandardNormal.sample(random), StandardNormal.sample(random));
-    Complex::new(re, im) * FRAC_1_SQRT_2
 }
 
 /// Accelerations in m/s² under wind, row by row, without the sensors' noise.
@@ -106,16 +88,14 @@ pub(super) fn samples(case: &Case, modes: &Modes, damped: &[DampedMode], random:
         let frequency_hz = line as f64 * rate_hz / length as f64;
         let turn = Complex::new(0.0, TAU * frequency_hz);
         let forces = wind.draw(frequency_hz, random);
-        let on = |input: &mut dyn Iterator<Item = Complex<f64>>| -> Complex<f64> {
-            input.zip(forces.iter()).map(|(input, force)| input * force).sum()
-        };
         // x = sum of shape s and its twin of the conjugate pole; an acceleration is -w² times that.
         let states: Vec<[Complex<f64>; 2]> = damped
             .iter()
             .map(|mode| {
-                let driven = on(&mut mode.input.iter().copied()) / (turn - mode.pole);
-                let twin = on(&mut mode.input.iter().map(Complex::conj)) / (turn - mode.pole.conj());
-                [driven, twin].map(|state| state * (turn * turn))
+                let pairs = || mode.input.iter().zip(forces.iter());
+                let driven: Complex<f64> = pairs().map(|(input, force)| input * force).sum();
+                let twin: Complex<f64> = pairs().map(|(input, force)| input.conj() * force).sum();
+                [driven / (turn - mode.pole), twin / (turn - mode.pole.conj())].map(|state| state * (turn * turn))
             })
             .collect();
         for (channel, lines) in lines.iter_mut().enumerate() {
@@ -141,8 +121,8 @@ mod tests {
 
     /// Wind along one direction on three heights, each of which is a mode.
     fn wind() -> Wind {
-        let modal = DMatrix::from_diagonal_element(3, 3, 1.0);
-        Wind { speed_m_s: 10.0, apart_m: vec![20.0, 60.0], directions: vec![Direction { modal }] }
+        let (along, none) = (DMatrix::from_diagonal_element(3, 3, 1.0), DMatrix::zeros(3, 3));
+        Wind { speed_m_s: 10.0, apart_m: vec![20.0, 60.0], directions: [along, none.clone(), none] }
     }
 
     #[test]

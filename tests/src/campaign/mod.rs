@@ -24,6 +24,8 @@ pub use report::Report;
 use schedule::Schedule;
 use world::World;
 
+use crate::folder_in_memory;
+
 /// Nodes of a run.
 const NODES: usize = 8;
 /// What is left over is delivered within this time once faults have ended.
@@ -84,8 +86,7 @@ pub fn run(campaign: &Campaign, on_run: &(dyn Fn(&Report) + Sync)) -> Result<Rep
 fn one(campaign: &Campaign, run: u64) -> Result<Report, String> {
     let seed = campaign.seed.wrapping_add(run.wrapping_mul(0x9E37_79B9_7F4A_7C15));
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let folder =
-        tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).map_err(|error| error.to_string())?;
+    let folder = folder_in_memory().map_err(|error| error.to_string())?;
     let study = study::Drawn::new(&mut random);
     study.write(folder.path()).map_err(|error| error.to_string())?;
     let length = Duration::from_secs_f64(campaign.days_a_run * 86_400.0);

@@ -2,12 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::rc::{Rc, Weak};
 use std::time::Duration;
 
 use belfry_firmware::{Identity, Memory, Node};
 use belfry_host::link::Transport;
-use belfry_host::link::memory::Line;
 use belfry_host::window::{Assembler, ChannelData, Configurations, NodeWindow, Outcome};
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
@@ -18,6 +16,7 @@ use belfry_shared::time::NodeTime;
 
 use super::report::Report;
 use super::schedule::SensorFault;
+use crate::cable::Connection;
 
 const FULL_SCALE_M_S2: f32 = 20.0;
 /// Bytes are looked at so often where there are any.
@@ -37,14 +36,6 @@ pub(super) struct Life {
     pub(super) dropped: u32,
     /// What was sent, by number: where the window begins on the grid, and a hash of all that was in it.
     pub(super) sent: BTreeMap<u32, (u64, u64)>,
-}
-
-/// A line as the node has it.
-struct Connection {
-    line: Line,
-    /// The host sees that the cable is pulled.
-    _cable: Rc<()>,
-    host: Weak<()>,
 }
 
 /// Hears what the node says before anything befalls it.
@@ -254,9 +245,9 @@ impl SimulatedNode {
     }
 
     /// Has a line from now on.
-    pub(super) fn connect(&mut self, line: Line, cable: Rc<()>, host: Weak<()>, report: &mut Report) {
+    pub(super) fn connect(&mut self, connection: Connection, report: &mut Report) {
         self.disconnect(report);
-        self.connection = Some(Connection { line, _cable: cable, host });
+        self.connection = Some(connection);
     }
 
     pub(super) fn disconnect(&mut self, report: &mut Report) {
@@ -279,7 +270,7 @@ impl SimulatedNode {
 
     /// Does what is due up to `now`.
     pub(super) fn step(&mut self, now: Duration, noise: &[f32], report: &mut Report) {
-        if self.connection.as_ref().is_some_and(|connection| connection.host.upgrade().is_none()) {
+        if self.connection.as_ref().is_some_and(|connection| !connection.is_held()) {
             self.disconnect(report);
         }
         if self.node.is_none() {

@@ -1,15 +1,13 @@
 //! All but the host: its clocks, the nodes with their cables, and what is to fail when.
 
 use std::cell::RefCell;
-use std::io;
 use std::path::{Path, PathBuf};
-use std::rc::{Rc, Weak};
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::Duration;
 
 use belfry_host::collect::{Clock, Collection, Ports};
 use belfry_host::link::Transport;
-use belfry_host::link::memory::{Faults, HostEnd, Line};
+use belfry_host::link::memory::{Faults, Line};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -17,6 +15,7 @@ use super::node::{Life, SimulatedNode};
 use super::report::Report;
 use super::schedule::{Fault, Schedule};
 use super::study::Drawn;
+use crate::cable::connect;
 
 /// Baud rate of all lines.
 pub(super) const BAUD: u32 = 115_200;
@@ -46,32 +45,6 @@ impl Clock for WorldClock {
         let ahead_us = self.ahead_us.load(Ordering::Relaxed);
         let ahead = Duration::from_micros(ahead_us.unsigned_abs());
         if ahead_us < 0 { right.saturating_sub(ahead) } else { right + ahead }
-    }
-}
-
-/// The host's end of a cable; it fails once the cable is pulled.
-struct Plug {
-    end: HostEnd,
-    cable: Weak<()>,
-    /// The node sees that the host has let go.
-    _held: Rc<()>,
-}
-
-impl Plug {
-    fn check(&self) -> io::Result<()> {
-        self.cable.upgrade().map(drop).ok_or_else(|| io::Error::other("the cable is pulled"))
-    }
-}
-
-impl Transport for Plug {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.check()?;
-        self.end.write(bytes)
-    }
-
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        self.check()?;
-        self.end.read(buffer)
     }
 }
 
@@ -234,9 +207,8 @@ impl Ports for World {
         };
         let line = Line::new(BAUD, faults, parts.random.random());
         line.advance(now.as_nanos() as i64);
-        let (cable, held) = (Rc::new(()), Rc::new(()));
-        let plug = Plug { end: line.host_end(), cable: Rc::downgrade(&cable), _held: Rc::clone(&held) };
-        node.connect(line, cable, Rc::downgrade(&held), &mut parts.report);
+        let (connection, plug) = connect(line);
+        node.connect(connection, &mut parts.report);
         Ok(Box::new(plug))
     }
 }

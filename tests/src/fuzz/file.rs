@@ -9,8 +9,8 @@ use belfry_host::record::{Block, Recording};
 use belfry_host::study::{LayoutFile, MatrixSource, MatrixTerm, Setup, Study};
 
 thread_local! {
-    /// Where files are written, in memory where the system has a folder there.
-    static FOLDER: tempfile::TempDir = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a folder for files");
+    /// Where files are written.
+    static FOLDER: tempfile::TempDir = crate::folder_in_memory().expect("a folder for files");
 }
 
 /// Larger models are refused by the memory that they take, which depends on the computer; smaller ones are checked quickly.

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use belfry_firmware::{Identity, Memory, Node};
 use belfry_shared::time::NodeTime;
 
-use crate::belfry_command;
+use crate::{belfry_command, folder_in_memory};
 
 /// Threads that the nodes share.
 const THREADS: usize = 4;
@@ -121,7 +121,7 @@ pub(super) struct LiveNodes {
 impl LiveNodes {
     pub(super) fn start(measured: &Measured) -> io::Result<Self> {
         // Others that use the disk would be measured as well.
-        let folder = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir())?;
+        let folder = folder_in_memory()?;
         measured.write_study(folder.path())?;
         let on = Instant::now();
         let stop = Arc::new(AtomicBool::new(false));

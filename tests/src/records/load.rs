@@ -4,9 +4,9 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Complex, DMatrix, DVector};
 use rand::{Rng, RngExt};
-use rand_distr::{Distribution, StandardNormal};
 
 use super::structure::Structure;
+use crate::spectral::{gust_above, gust_coherence, gust_density, normal};
 
 /// What shakes a structure.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,21 +34,12 @@ impl Load {
     }
 }
 
-/// Davenport's decay of coherence along the height, and the length of his spectrum in m.
-const DECAY: f64 = 10.0;
-const LENGTH_M: f64 = 1200.0;
-
 /// A load, ready to be drawn line by line.
 pub(super) struct Forces<'a> {
     load: Load,
     structure: &'a Structure,
     /// Lower factor of the modal forces' covariance.
     factor: DMatrix<Complex<f64>>,
-}
-
-fn normal(random: &mut impl Rng) -> Complex<f64> {
-    let (re, im): (f64, f64) = (StandardNormal.sample(random), StandardNormal.sample(random));
-    Complex::new(re, im) * std::f64::consts::FRAC_1_SQRT_2
 }
 
 impl<'a> Forces<'a> {
@@ -75,22 +66,18 @@ impl<'a> Forces<'a> {
                 &self.factor * white * Complex::from(amplitude)
             }
             Load::Wind { speed_m_s } => {
-                let x = LENGTH_M * frequency_hz / speed_m_s;
-                let density = x * x / frequency_hz / (1.0 + x * x).powf(4.0 / 3.0);
                 let mut total = DVector::from_element(modes, Complex::from(0.0));
                 let mut gusts = [normal(random), normal(random)];
                 let mut below_m: Option<f64> = None;
                 for (z_m, shapes) in &self.structure.levels {
-                    // exp(-a |dz|) is the correlation of a Markov chain up the height.
-                    let kept =
-                        below_m.map_or(0.0, |below_m| (-DECAY * frequency_hz * (z_m - below_m) / speed_m_s).exp());
+                    let kept = below_m.map_or(0.0, |below_m| gust_coherence(frequency_hz, z_m - below_m, speed_m_s));
                     below_m = Some(*z_m);
                     for (gust, shape) in gusts.iter_mut().zip(shapes) {
-                        *gust = *gust * kept + normal(random) * (1.0 - kept * kept).sqrt();
+                        *gust = gust_above(*gust, kept, random);
                         total += shape.map(Complex::from) * *gust;
                     }
                 }
-                total * Complex::from(density.sqrt())
+                total * Complex::from(gust_density(frequency_hz, speed_m_s).sqrt())
             }
         }
     }

@@ -75,10 +75,8 @@ impl Contribution for Plant {
     fn attach(&self, assembly: &mut Assembly) {
         if let Some(motion) = assembly.local_motion(self.mass.z_m) {
             motion.add_square(&mut assembly.mass, 0, self.mass.mass_kg);
-            if self.polar_kg_m2 != 0.0 {
-                let rotary = 0.5 * self.polar_kg_m2;
-                motion.add_squares(&mut assembly.mass, 2, [rotary, rotary, self.polar_kg_m2]);
-            }
+            let rotary = 0.5 * self.polar_kg_m2;
+            motion.add_squares(&mut assembly.mass, 2, [rotary, rotary, self.polar_kg_m2]);
         }
     }
 

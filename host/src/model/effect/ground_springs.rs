@@ -70,9 +70,7 @@ impl Contribution for GroundSpring {
     fn attach(&self, assembly: &mut Assembly) {
         if let Some(motion) = assembly.local_motion(self.z_m) {
             motion.add_squares(&mut assembly.stiffness, self.resisted as usize, self.stiffness);
-            if self.twist_n_m != 0.0 {
-                motion.add_squares(&mut assembly.stiffness, 4, [self.twist_n_m]);
-            }
+            motion.add_squares(&mut assembly.stiffness, 4, [self.twist_n_m]);
         }
     }
 }

@@ -3,9 +3,7 @@
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::error::Error;
-use std::io;
 use std::path::Path;
-use std::rc::{Rc, Weak};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -15,10 +13,11 @@ use belfry_host::collect::{
     Clock, CollectOptions, Collection, Collector, Event, PortServer, PortState, PortStatus, Ports, Report,
 };
 use belfry_host::link::Transport;
-use belfry_host::link::memory::{Faults, HostEnd, Line};
+use belfry_host::link::memory::{Faults, Line};
 use belfry_host::study::Study;
 use belfry_shared::frame::MAX_FRAME_BYTES;
 use belfry_shared::time::NodeTime;
+use belfry_tests::cable::{Connection, connect};
 
 use super::mast::{RATE_HZ, folder_in_memory, fresh_node, is_without_gaps, motion, numbers, write_study};
 
@@ -46,39 +45,6 @@ impl Clock for SimulatedClock {
     fn unix(&self) -> Duration {
         BEGIN + self.steady() + Duration::from_secs(self.ahead_s.load(Ordering::Relaxed))
     }
-}
-
-/// The host's end of a cable; it fails once the cable is pulled.
-struct Plug {
-    end: HostEnd,
-    cable: Weak<()>,
-    /// The node sees that the host has let go.
-    _held: Rc<()>,
-}
-
-impl Plug {
-    fn check(&self) -> io::Result<()> {
-        self.cable.upgrade().map(drop).ok_or_else(|| io::Error::other("the cable is pulled"))
-    }
-}
-
-impl Transport for Plug {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.check()?;
-        self.end.write(bytes)
-    }
-
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        self.check()?;
-        self.end.read(buffer)
-    }
-}
-
-/// A connection as the node has it.
-struct Connection {
-    line: Line,
-    _cable: Rc<()>,
-    host: Weak<()>,
 }
 
 /// The firmware, with its crystal and its columns of the motion; it goes on when the host has gone.
@@ -114,7 +80,7 @@ impl SimulatedNode {
             while self.node.poll(time) {}
             self.rows += 1;
         }
-        if self.connection.as_ref().is_some_and(|connection| connection.host.upgrade().is_none()) {
+        if self.connection.as_ref().is_some_and(|connection| !connection.is_held()) {
             self.connection = None;
         }
         let time = self.time(now_s);
@@ -297,9 +263,8 @@ impl Ports for Bench {
         let node = nodes.values_mut().find(|node| node.port == name).ok_or("there is no such port")?;
         let line = Line::new(BAUD, Faults::default(), 1);
         line.advance(self.clock.steady().as_nanos() as i64);
-        let (cable, held) = (Rc::new(()), Rc::new(()));
-        let plug = Plug { end: line.host_end(), cable: Rc::downgrade(&cable), _held: Rc::clone(&held) };
-        node.connection = Some(Connection { line, _cable: cable, host: Rc::downgrade(&held) });
+        let (connection, plug) = connect(line);
+        node.connection = Some(connection);
         Ok(Box::new(plug))
     }
 }

@@ -41,10 +41,9 @@ pub(super) fn fresh_node(number: u16, boot: u32) -> Node<Box<Memory>> {
     Node::new(identity, Box::new(Memory::new()))
 }
 
-/// A folder in memory where the system has one: every window is on the disk before the next is taken, and a disk that others keep busy
-/// makes minutes of that.
+/// See [`belfry_tests::folder_in_memory`].
 pub(super) fn folder_in_memory() -> tempfile::TempDir {
-    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
+    belfry_tests::folder_in_memory().unwrap()
 }
 
 /// Writes a study of four sensors on two nodes, which send 32 lines of every segment of 256.
