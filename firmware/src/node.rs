@@ -334,8 +334,11 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             return;
         }
         self.outbox.acknowledge(acknowledgement.below);
+        let oldest = self.outbox.oldest_window().unwrap_or(self.windows.next_number());
         for wanted in &acknowledgement.again {
             self.outbox.again(wanted);
+            // The host waits for what is gone, and would give it up as unreadable before the next heartbeat is due.
+            self.pending.heartbeat |= wanted.first_window < oldest;
         }
     }
 

@@ -16,12 +16,12 @@ from world import RX, RY, RZ, STIFF, X, Y, Z
 EFFECTS = ["stiffness-loss", "added-mass", "base-rotation", "base-translation", "p-delta", "stiffness-scale",
            "mass-eccentricity", "connection-flexibility", "base-torsion", "lateral-support"]
 # Effects that only one kind of structure can have.
-OWN_EFFECTS = {"lattice": ["coupled-shear"], "frame": ["wall-frame"]}
+OWN_EFFECTS = {"lattice": ["coupled-shear", "one-leg-springs"], "frame": ["wall-frame"]}
 # Those that are in the body from the start, and that the engineer forgets to state.
 FORGOTTEN = ["coupled-shear", "wall-frame"]
 CHANNELS = ["sensor-gain", "sensor-polarity", "sensor-swap"]
 OUTSIDERS = {
-    "lattice": ["one-leg-springs", "one-direction-loss"],
+    "lattice": ["one-direction-loss"],
     "frame": ["one-direction-loss"],
     "tube": ["one-direction-loss"],
 }
@@ -94,6 +94,15 @@ def turning(body, level, spring_n_m):
     return {"flexibility": (min(x, y), max(x, y)), "flexibility_x": (x, x), "flexibility_y": (y, y)}
 
 
+def turning_over(body, leg, spring_n_m):
+    """The same of one upright spring under a leg: it shortens by its share of the moment, and the base turns about a diagonal."""
+    x, y = np.array(body.nodes[leg][:2]) - np.mean([body.nodes[tag][:2] for tag in body.level_nodes[0]], axis=0)
+    about_y_lever, about_x_lever = x / levers(body, 0)[1], y / levers(body, 0)[0]
+    along_x, along_y = about_x_lever**2 / spring_n_m, about_y_lever**2 / spring_n_m
+    diagonal = -2 * about_x_lever * about_y_lever / spring_n_m
+    return {"flexibility_x": (0, along_x), "flexibility_y": (0, along_y), "flexibility_diagonal": (diagonal, diagonal)}
+
+
 def stiffness_of(body, sound):
     """A stiffness in N/m to begin sizes with: that of the first mode."""
     return body.total_mass_kg() * (2 * math.pi * sound.frequencies_hz[0]) ** 2
@@ -155,6 +164,12 @@ def hide_effect(kind, body, sound, table, random):
 
         result = sized(body, sound, load, 0.05 * body.total_mass_kg(), 0.5 * body.total_mass_kg(), random)
         truth.values = {"mass": (result[0], result[0])}
+    elif kind == "one-leg-springs":
+        truth.kind, truth.detail = "base-rotation", "springs under one leg"
+        leg = int(random.choice(body.level_nodes[0]))
+        foot = 40 * stiff * (height_m / 2) ** 2 / levers(body, 0)[0]
+        result = sized(body, sound, lambda b, size: b.feet_n_m.update({leg: foot / size}), 1.0, 1e4, random)
+        truth.values = turning_over(body, leg, foot / result[0])
     elif kind == "base-rotation":
         if body.kind == "lattice":
             truth.detail = "springs under the legs"
@@ -265,23 +280,15 @@ def forget(kind, body, sound, whole):
 
 def hide_outsider(kind, body, sound, random):
     """Puts in what no effect of the catalogue describes."""
-    height_m, levels = body.height_m(), body.levels_m
-    count = len(levels) - 1
-    stiff = stiffness_of(body, sound)
+    count = len(body.levels_m) - 1
     truth = Truth("outsider", kind)
-    if kind == "one-leg-springs":
-        leg = int(random.choice(body.level_nodes[0]))
-        foot = 40 * stiff * (height_m / 2) ** 2 / levers(body, 0)[0]
-        change, guess, limit = lambda b, size: b.feet_n_m.update({leg: foot / size}), 1.0, 1e4
-    else:
-        axis = str(random.choice(["x", "y"]))
-        lower = bool(random.random() < 0.5)
-        bays = set(range(count // 2)) if lower else set(range(count // 2, count))
-        families = {"lattice": (f"brace_{axis}",), "frame": (f"wall_{axis}",), "tube": (f"shell_{axis}",)}
-        named = families[body.kind]
-        truth.detail = f"{named[0]} over the {'lower' if lower else 'upper'} half"
-        change, guess, limit = lambda b, size: scale(b, bays, named, 1 - size), 0.3, 0.8
-    _, changed, modes, reached = sized(body, sound, change, guess, limit, random)
+    axis = str(random.choice(["x", "y"]))
+    lower = bool(random.random() < 0.5)
+    bays = set(range(count // 2)) if lower else set(range(count // 2, count))
+    families = {"lattice": (f"brace_{axis}",), "frame": (f"wall_{axis}",), "tube": (f"shell_{axis}",)}
+    named = families[body.kind]
+    truth.detail = f"{named[0]} over the {'lower' if lower else 'upper'} half"
+    _, changed, modes, reached = sized(body, sound, lambda b, size: scale(b, bays, named, 1 - size), 0.3, 0.8, random)
     truth.shift_percent = 100 * reached
     return truth, changed, modes
 

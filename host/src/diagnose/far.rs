@@ -22,6 +22,8 @@ const MULTIPLES: [f64; 4] = [4.0, 20.0, 200.0, 5000.0];
 /// Values with bounds are tried at so many places between them, where those are far apart in units of what is typical.
 const BETWEEN_BOUNDS: usize = 12;
 const FAR_APART: f64 = 6.0;
+/// And those of several parameters at once at these multiples, each with each.
+const AROUND: [f64; 7] = [-6.0, -2.0, -0.5, 0.0, 0.5, 2.0, 6.0];
 /// Delays are tried at quarters of the shortest period, the phase being the same again after a whole one; so many to each side.
 const PERIOD_SHARE: f64 = 0.25;
 const DELAYS: i32 = 60;
@@ -114,6 +116,25 @@ impl<'a> Far<'a> {
     }
 }
 
+/// Values all around those at which an effect of several parameters does nothing: every combination of [`AROUND`] times what is typical.
+fn around(candidate: &Candidate) -> Vec<Vec<f64>> {
+    let mut all = vec![candidate.neutral()];
+    for (at, parameter) in candidate.parameters.iter().enumerate() {
+        let Prior::Value(typical) = parameter.prior else { continue };
+        let values = AROUND.map(|multiple| parameter.neutral + multiple * typical);
+        let admissible = values.into_iter().filter(|value| (parameter.least..=parameter.greatest).contains(value));
+        let with = |value: f64| {
+            all.iter().map(move |values| {
+                let mut values = values.clone();
+                values[at] = value;
+                values
+            })
+        };
+        all = admissible.flat_map(with).collect();
+    }
+    all
+}
+
 impl Problem {
     /// Places and values to start from.
     fn far_starts(
@@ -125,14 +146,19 @@ impl Problem {
         if kind.place() == PlaceKind::TwoChannels {
             return candidates.into_iter().map(|candidate| (candidate, Vec::new())).collect();
         }
-        // Values of several parameters are found from those of one for all.
-        candidates.retain(|candidate| candidate.parameters.iter().filter(|p| p.is_fitted()).count() == 1);
+        // Values of several parameters are found from those of one for all, where a kind has such a set.
+        let fitted = |candidate: &Candidate| candidate.parameters.iter().filter(|p| p.is_fitted()).count();
+        let fewest = candidates.iter().map(&fitted).filter(|count| *count > 0).min();
+        candidates.retain(|candidate| Some(fitted(candidate)) == fewest);
         if kind.place() == PlaceKind::Height {
             let step = candidates.len().div_ceil(HEIGHTS).max(1);
             candidates = candidates.into_iter().rev().step_by(step).collect();
         }
         let of_candidate = |candidate: Candidate| {
             let neutral = candidate.neutral();
+            if fewest > Some(1) {
+                return Some(around(&candidate).into_iter().map(|values| (candidate.clone(), values)).collect());
+            }
             let at = candidate.parameters.iter().position(Parameter::is_fitted)?;
             let with = |value: f64| {
                 let mut values = neutral.clone();

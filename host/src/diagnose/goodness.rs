@@ -154,6 +154,11 @@ impl Fit {
         self.goodness_of_fit().p_value >= FAILS
     }
 
+    /// The same, where identification has got no mode wrong.
+    pub(super) fn passes_with_every_mode(&self) -> bool {
+        self.tests(&self.strangers()).p_value >= FAILS
+    }
+
     /// The tests without some modes.
     fn tests(&self, without: &[usize]) -> Tests {
         let state = &self.state;

@@ -3,6 +3,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use super::found::Found;
 use super::testing::{measured, scattered, study};
 use super::*;
 use crate::model::Structure;
@@ -18,6 +19,12 @@ fn fitted(wrong: &[(usize, f64)], seed: u64) -> Fit {
     Problem::new(structure, &[], &model, &sensors, &modes).unwrap().present(&[]).unwrap()
 }
 
+/// A fit as if an effect led to it, by far.
+fn with_an_effect(mut fit: Fit) -> Found {
+    fit.state.effects.push("added-mass@443.6m=1e5".parse().unwrap());
+    Found::alone(fit.state.effects[0].of_kind(), fit, 142.0, 1)
+}
+
 /// One in fifty modes is identified wrongly: of thirteen one is with 23 %, three are with 0.2 %. Wrong by 1 % is twenty deviations.
 #[test]
 fn one_wrong_mode_is_named_and_three_fail() {
@@ -26,6 +33,10 @@ fn one_wrong_mode_is_named_and_three_fail() {
     let one = fitted(&[(6, 1.01)], 21);
     assert!(one.passes(), "{:?}", one.goodness_of_fit());
     assert_eq!(one.wrong_modes(), [6]);
+    assert!(sound.passes_with_every_mode() && !one.passes_with_every_mode());
+    let [sound_with, one_with] = [&[][..], &[(6, 1.01)]].map(|wrong| with_an_effect(fitted(wrong, 21)));
+    assert!(sound_with.is_called_for_by(&one));
+    assert!(!one_with.is_called_for_by(&one) && !sound_with.is_called_for_by(&sound));
     let three = fitted(&[(4, 0.99), (6, 1.01), (9, 0.99)], 21);
     assert!(!three.passes() && three.wrong_modes().is_empty(), "{:?}", three.goodness_of_fit());
 }

@@ -118,7 +118,7 @@ impl Problem {
             self.all_candidates(fit, options).into_iter().map(|kind| thinned(kind, NEXT_AT)).collect()
         });
         let without = self.state_without_scatter(set.effects()).ok();
-        found.iter_mut().for_each(|found| self.note_left(without.as_ref(), false, found));
+        found.iter_mut().for_each(|found| self.note_left(without.as_ref(), set, found));
         found.retain(brings_nearer);
         let position = self.leading_position(&found)?;
         let mut next = found.swap_remove(position);

@@ -11,7 +11,6 @@ use super::fit::Fit;
 use super::found::{AtHeight, Found, NEAR};
 use super::misfit::Loss;
 use super::problem::Problem;
-use super::relief::is_called_for;
 use super::score::{Scored, Sighting};
 use super::state::State;
 use crate::model::effect::{Effect, EffectKind, Evidence, KINDS, Where};
@@ -148,19 +147,20 @@ impl Problem {
         }
         let own = problem.weigh_each(present, &mut found);
         let without = problem.state_without_scatter(present.effects()).ok();
-        let passes = own.as_ref().map_or(present, |(_, own)| own).passes();
-        found.par_iter_mut().for_each(|found| problem.note_left(without.as_ref(), passes, found));
+        let at_its_own = own.as_ref().map_or(present, |(_, own)| own);
+        found.par_iter_mut().for_each(|found| problem.note_left(without.as_ref(), at_its_own, found));
         Searched { settled, own, found, rejected }
     }
 
-    /// Notes what an effect leaves of the differences of the model `without` it and without scatter, and whether that helps; `passes`
-    /// says whether that model fits as it is.
-    pub(super) fn note_left(&self, without: Option<&State>, passes: bool, found: &mut Found) {
+    /// Notes what an effect leaves of the differences of the model `without` it and without scatter, and whether that helps; `present`
+    /// is the fit of that model as it is.
+    pub(super) fn note_left(&self, without: Option<&State>, present: &Fit, found: &mut Found) {
         found.left = without.and_then(|without| self.left_with(without, found));
         // Where the tolerance accounts for all that is left, the evidence is right about what scatter can do.
         let is_accounted_for = !found.own().discrepancy.misses_more();
-        let is_called_for = is_called_for(passes, found.own().passes(), found.log_bayes_factor);
-        let falls = is_accounted_for || is_called_for || found.left.is_none_or(|left| left.is_relief(passes));
+        let falls = is_accounted_for
+            || found.is_called_for_by(present)
+            || found.left.is_none_or(|left| left.is_relief(present.passes()));
         found.helps = falls && !found.own().is_usual(found.index());
     }
 

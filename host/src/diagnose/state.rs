@@ -175,17 +175,12 @@ impl State {
     ) {
         for ((first, block), factor) in self.residual.blocks().zip(factors) {
             let mut part = differences.rows_mut(first, block.size());
-            // Columns are solved for one after the other; of many, as many as the block has rows, and a fast product, are less.
-            let whitens = (part.ncols() > block.size())
-                .then(|| factor.l_dirty().solve_lower_triangular(&DMatrix::identity(block.size(), block.size())));
-            match whitens.flatten() {
-                Some(whitens) => {
-                    let whitened = whitens * &part;
-                    part.copy_from(&whitened);
-                }
-                None => {
-                    factor.l_dirty().solve_lower_triangular_mut(&mut part);
-                }
+            // Columns are solved for one after the other; where there are many, an inverse and a fast product are less.
+            if part.ncols() > block.size() {
+                let whitened = inverse_of_lower(factor.l_dirty()) * &part;
+                part.copy_from(&whitened);
+            } else {
+                factor.l_dirty().solve_lower_triangular_mut(&mut part);
             }
         }
     }
@@ -206,5 +201,35 @@ impl State {
     /// The value of a knob.
     pub(super) fn value(&self, knob: &Knob) -> f64 {
         self.effects[knob.effect].parameters().nth(knob.parameter).map_or(knob.neutral, |(_, value)| value)
+    }
+}
+
+/// The inverse of the lower triangle of a matrix, which has no zero on its diagonal; what is above the triangle does not count.
+fn inverse_of_lower(lower: &DMatrix<f64>) -> DMatrix<f64> {
+    let size = lower.nrows();
+    let mut inverse = DMatrix::identity(size, size);
+    for (first, column) in inverse.as_mut_slice().chunks_exact_mut(size.max(1)).enumerate() {
+        for at in first..size {
+            let below = &lower.as_slice()[at * size..(at + 1) * size];
+            let value = column[at] / below[at];
+            column[at] = value;
+            for (number, factor) in column[at + 1..].iter_mut().zip(&below[at + 1..]) {
+                *number -= value * factor;
+            }
+        }
+    }
+    inverse
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_inverse_of_a_triangle_undoes_it() {
+        // Above the triangle stands what a factor leaves there.
+        let lower = DMatrix::from_row_slice(3, 3, &[2.0, 7.0, 9.0, -1.0, 0.5, 8.0, 3.0, 4.0, -5.0]);
+        let product = inverse_of_lower(&lower) * lower.lower_triangle();
+        assert!((product - DMatrix::identity(3, 3)).amax() < 1e-15);
     }
 }

@@ -16,6 +16,8 @@ pub struct BaseFlexibility {
     pub translation_m_n: [f64; 2],
     /// About X and Y in rad/(N m).
     pub rotation_rad_n_m: [f64; 2],
+    /// About Y by a unit moment about X, and the other way round, in rad/(N m): the axes of largest and least rotation are turned.
+    pub skew_rad_n_m: f64,
     /// About Z in rad/(N m).
     pub torsion_rad_n_m: f64,
     /// Translation along X by a unit moment about Y, and along Y by one about X, in 1/N: sway and rocking are coupled.
@@ -30,6 +32,7 @@ impl BaseFlexibility {
             self.rotation_rad_n_m[axis] += more.rotation_rad_n_m[axis];
             self.coupling_per_n[axis] += more.coupling_per_n[axis];
         }
+        self.skew_rad_n_m += more.skew_rad_n_m;
         self.torsion_rad_n_m += more.torsion_rad_n_m;
     }
 
@@ -41,8 +44,16 @@ impl BaseFlexibility {
             rotation_rad_n_m,
             translation_m_n: [about_y, about_x].map(|flexibility| flexibility * depth_m * depth_m),
             coupling_per_n: [about_y * depth_m, -about_x * depth_m],
-            torsion_rad_n_m: 0.0,
+            ..Self::default()
         }
+    }
+
+    /// A base that rotates about X and Y, and besides about one diagonal between them: that of X and Y for a positive flexibility, that of X
+    /// and -Y for a negative one.
+    pub(super) fn rocking_about_diagonal(rotation_rad_n_m: [f64; 2], diagonal_rad_n_m: f64) -> Self {
+        let half = 0.5 * diagonal_rad_n_m;
+        let rotation_rad_n_m = rotation_rad_n_m.map(|flexibility| flexibility + half.abs());
+        Self { rotation_rad_n_m, skew_rad_n_m: half, ..Self::default() }
     }
 
     /// All of it times a factor.
@@ -51,6 +62,7 @@ impl BaseFlexibility {
         Self {
             translation_m_n: both(self.translation_m_n),
             rotation_rad_n_m: both(self.rotation_rad_n_m),
+            skew_rad_n_m: self.skew_rad_n_m * factor,
             torsion_rad_n_m: self.torsion_rad_n_m * factor,
             coupling_per_n: both(self.coupling_per_n),
         }
@@ -60,7 +72,8 @@ impl BaseFlexibility {
     fn matrix(&self) -> SMatrix<f64, DOFS_A_NODE, DOFS_A_NODE> {
         let ([along_x, along_y], [about_x, about_y]) = (self.translation_m_n, self.rotation_rad_n_m);
         let mut matrix = SMatrix::from_diagonal(&[along_x, along_y, about_x, about_y, self.torsion_rad_n_m].into());
-        for ((one, other), coupling) in [(0, 3), (1, 2)].into_iter().zip(self.coupling_per_n) {
+        let [of_x, of_y] = self.coupling_per_n;
+        for (one, other, coupling) in [(0, 3, of_x), (1, 2, of_y), (2, 3, self.skew_rad_n_m)] {
             (matrix[(one, other)], matrix[(other, one)]) = (coupling, coupling);
         }
         matrix

@@ -9,14 +9,13 @@ use crate::model::base::BaseFlexibility;
 use crate::model::contribution::Contribution;
 use crate::model::structure::Structure;
 
-/// A kind of effect on the base. Its parameters are `flexibility`, or `flexibility_x` and `flexibility_y`; one may have a
-/// `depth` besides.
+/// A kind of effect on the base. Its parameters are `flexibility`, or `flexibility_x` and `flexibility_y`; others may stand beside them.
 #[derive(Debug)]
 pub(super) struct BaseSprings {
     pub(super) about: &'static About,
     pub(super) parameter_sets: &'static [&'static [Parameter]],
-    /// The base with these flexibilities of X and Y, and this depth in m.
-    pub(super) base: fn([f64; 2], f64) -> BaseFlexibility,
+    /// The base with these flexibilities of X and Y, and what else is given.
+    pub(super) base: fn([f64; 2], &Given<'_>) -> BaseFlexibility,
 }
 
 impl EffectKind for BaseSprings {
@@ -31,7 +30,7 @@ impl EffectKind for BaseSprings {
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
         given.check_beam(self, structure)?;
         let each = given.of_axes("flexibility", ["flexibility_x", "flexibility_y"]);
-        Ok(Arc::new((self.base)(each, given.or_zero("depth"))))
+        Ok(Arc::new((self.base)(each, given)))
     }
 }
 

@@ -9,11 +9,16 @@ const HEADER: &str = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,
 
 /// Ten segments of 10 m, stiffer by a factor, above rows of the table's own.
 fn beam(below: &str, factor: f64) -> BeamTable {
+    turned_beam(below, factor, 20)
+}
+
+/// The same with its first axis at this angle in degrees.
+fn turned_beam(below: &str, factor: f64, axis_deg: i32) -> BeamTable {
     let mut text = HEADER.to_owned() + below;
     for index in 0..10 {
         let [bending, shear, torsion] = [1e11, 5e9, 2e10].map(|stiffness| stiffness * factor);
         text += &format!(
-            "{},{},{bending},{},20,{shear},{torsion},1e5,1e5,1e5,5e5\n",
+            "{},{},{bending},{},{axis_deg},{shear},{torsion},1e5,1e5,1e5,5e5\n",
             10 * index,
             10 * (index + 1),
             3.0 * bending
@@ -55,6 +60,19 @@ fn rocking_about_a_point_below_is_that_of_a_rigid_block() {
     assert_alike(&found, &expected, 8, 1e-5);
     let at_the_base = frequencies(beam("", 1.0), &["base-rotation=4e-11"]);
     assert!(found[0] < 0.999 * at_the_base[0], "{} {}", found[0], at_the_base[0]);
+}
+
+/// A base that turns about a diagonal is one that turns about X, seen from axes turned by 45 degrees; the sign says which diagonal.
+#[test]
+fn a_diagonal_is_an_axis_that_is_turned() {
+    let about_x = frequencies(turned_beam("", 1.0, 20), &["base-rotation=flexibility_x=4e-11,flexibility_y=0"]);
+    let about_diagonal = |axis_deg: i32, diagonal: f64| {
+        let word = format!("base-rotation=flexibility_x=0,flexibility_y=0,flexibility_diagonal={diagonal:e}");
+        frequencies(turned_beam("", 1.0, axis_deg), &[&word])
+    };
+    assert_alike(&about_diagonal(65, 4e-11), &about_x, 10, 1e-9);
+    assert_alike(&about_diagonal(-25, -4e-11), &about_x, 10, 1e-9);
+    assert!((about_diagonal(65, -4e-11)[0] / about_x[0] - 1.0).abs() > 1e-3);
 }
 
 /// A mass at the base does nothing where the base is clamped; on a spring it is the mass of one more node, as long as it stays below

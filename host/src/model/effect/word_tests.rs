@@ -51,7 +51,7 @@ fn wrong_words_are_refused_with_what_was_expected() {
         ("mass-scale=", "no value"),
         ("mass-scale=much", "`much` is not a value for it; expected relative (-0.9 to 9)"),
         ("base-rotation=flexibility_x=1e-14", "expected flexibility (0 or more rad/(N m)), or flexibility_x"),
-        ("base-rotation=1e-14,2e-14,3e-14", "or base-rotation=flexibility_x=7e-15,flexibility_y=9e-15"),
+        ("base-rotation=1e-14,2e-14,3e-14,4e-14", "or base-rotation=flexibility_x=7e-15,flexibility_y=9e-15"),
         ("tuned-mass-damper@300m", "for instance tuned-mass-damper@300m=mass=1e5,frequency=0.14,damping_ratio=0.05 or"),
         ("tuned-mass-damper@300m=1e5", "for instance tuned-mass-damper@300m=mass=1e5,"),
     ] {
