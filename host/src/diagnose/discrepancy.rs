@@ -6,6 +6,9 @@
 //! (Kennedy and O'Hagan 2001; Simoen, De Roeck and Lombaert 2015). How large they are is not known before: a [`Fit`] flows in, the
 //! sizes with the highest evidence flow out, so that a model pays for each size by the volume of what it could then predict.
 
+use std::cell::RefCell;
+use std::collections::HashMap;
+
 use nalgebra::{Cholesky, DVector, Dyn};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -276,10 +279,14 @@ impl Problem {
         let near = Near::of_seen(self, fit);
         let expected = self.discrepancy.expected_scatter;
         let of_numbers = |numbers| Discrepancy::of_numbers(numbers, expected);
+        // Steps come back to where others have been.
+        let known = RefCell::new(HashMap::new());
         // Steps do not lead over what a number costs once it is in use: that is counted in the end.
         let evidence_of = |numbers: Numbers| {
-            let sizes = of_numbers(numbers);
-            Some(near.log_evidence(self, &sizes)? + sizes.cost())
+            *known.borrow_mut().entry(numbers.map(f64::to_bits)).or_insert_with(|| {
+                let sizes = of_numbers(numbers);
+                Some(near.log_evidence(self, &sizes)? + sizes.cost())
+            })
         };
         let less_cost = |(numbers, evidence): &(Numbers, f64)| evidence - of_numbers(*numbers).cost();
         let present = fit.discrepancy.numbers();

@@ -344,7 +344,7 @@ fn tests_of_fit_hold_what_they_say() {
 
 #[test]
 fn sound_models_are_left_alone() {
-    are_left_alone(100..102);
+    are_left_alone(100..101);
 }
 
 fn are_left_alone(seeds: std::ops::Range<u64>) {
@@ -514,7 +514,7 @@ mod long {
     #[test]
     #[ignore = "long: ./test --all runs it"]
     fn more_sound_models_are_left_alone() {
-        are_left_alone(102..108);
+        are_left_alone(101..108);
     }
 
     #[test]
