@@ -145,15 +145,17 @@ export function sliders() {
     const host = make("div.sliders.no-print")
     let effects = [], built = null, wanted = false, flying = false, changed = false
 
+    // As GET /try and the address have them.
+    const words = () => effects.map(one => candidateName(one) + (one.parameters.length ? "=" : "") + one.parameters.map(p => `${p.name}=${p.now ?? p.value}`).join(","))
+
     // One request at a time; the newest values follow when it is back.
     async function send() {
         if (flying || !wanted) return
         wanted = false
         flying = true
-        const query = effects.map(one => ["effect", candidateName(one) + (one.parameters.length ? "=" : "") + one.parameters.map(p => `${p.name}=${p.now ?? p.value}`).join(",")])
         let said
         try {
-            const answer = await ask("/try?" + new URLSearchParams(query))
+            const answer = await ask("/try?" + new URLSearchParams(words().map(word => ["effect", word])))
             const { mean_abs_frequency_error_percent: error, mean_mac } = answer.comparison
             said = `A preview, nothing is written: mean error of frequencies ${fixed(error, 2)} %, mean MAC ${mac(mean_mac)}. The commands fit the values themselves.`
             // Not after a reset meanwhile.
@@ -173,35 +175,53 @@ export function sliders() {
             wanted = changed
             return send()
         }
+        // Values in the address are of the effects that there were.
+        if (built) {
+            built = ""
+            view.set({ try: null })
+        }
         built = key
-        changed = wanted = false
         effects = structuredClone(values)
+        const tried = [view.get("try") ?? []].flat().map(word => String(word).match(/^([^=]*)=(.*)$/) ?? [])
+        for (const one of effects) for (const pair of tried.find(([, name]) => name === candidateName(one))?.[2].split(",") ?? []) {
+            const [name, value] = pair.split("="), p = one.parameters.find(p => p.name === name)
+            if (p?.value && Number(value) / p.value >= 0.1 && Number(value) / p.value <= 10) p.now = Number(value)
+        }
+        changed = wanted = effects.some(one => one.parameters.some(p => p.now))
         const rows = []
         for (const effect of effects) for (const p of effect.parameters) {
             const fitted = p.value
             if (!fitted) continue
             const id = `slider-${rows.length}`, output = make("output", { htmlFor: id })
-            const say = value => output.textContent = `${significant(value)} ${p.unit.replace(/^-$/, "")}, ${value === fitted ? "as fitted" : `${significant(value / fitted)} times the fitted`}`
-            const input = make("input", { id, type: "range", min: "-1", max: "1", step: "0.01", value: "0", oninput: () => {
+            const say = value => input.ariaValueText = output.textContent = `${significant(value)} ${p.unit.replace(/^-$/, "")}, ${value === fitted ? "as fitted" : `${significant(value / fitted)} times the fitted`}`
+            const input = make("input", { id, type: "range", min: "-1", max: "1", step: "0.01", oninput: () => {
                 const value = Number(input.value) ? Number((fitted * 10 ** input.value).toPrecision(5)) : fitted
                 say(p.now = value)
-                input.setAttribute("aria-valuetext", output.textContent)
                 changed = wanted = true
+                view.set({ try: words() })
                 send()
             } })
-            say(fitted)
+            input.value = String(Math.log10((p.now ?? fitted) / fitted))
+            say(p.now ?? fitted)
             rows.push(make("label", { for: id }, `${candidateName(effect)}, ${p.name}`), input, output)
         }
         host.replaceChildren(...rows.length ? [make("p", "Try other values of the model's effects: frequencies, shapes and MAC follow."), ...rows,
             make("button", { onclick: () => {
-                built = ""
-                build("data")
+                view.set({ try: null })
                 host.querySelector("button").focus()
-                preview(null)
             } }, "Reset to the fitted values"),
             make("span.note.quiet", { role: "status" }, "From a tenth to ten times the fitted value. A value of your own cannot be kept: belfry add fits all of them.")] : [])
+        send()
     }
-    if (live) on(build)
+    if (live) {
+        on(build)
+        view.follow(names => {
+            if (!names.includes("try") || !built || String(view.get("try")) === String(words())) return
+            built = ""
+            build("data")
+            if (!changed) preview(null)
+        })
+    }
     return host
 }
 

@@ -69,4 +69,8 @@ export function inkOn(hex) {
     return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.18 ? "#000000" : "#ffffff"
 }
 
-export const still = () => matchMedia("(prefers-reduced-motion: reduce)").matches || document.documentElement.classList.contains("printing")
+/** Whether it is drawn for paper. */
+export const printing = () => document.documentElement.classList.contains("printing")
+export const still = () => matchMedia("(prefers-reduced-motion: reduce)").matches || printing()
+// Smaller text is not read on paper: 8 points.
+export const LEAST_PRINTED = 10.7

@@ -1,7 +1,7 @@
 // What all curves share: uPlot with axes that have units, the page's colours, zoom, marks whose labels do not overlap, a legend with the
 // values at the cursor, sharp print. Pictures give data and painters, and free what they get back.
 
-import { colour, font, make } from "@/canvas.js"
+import { colour, font, make, printing } from "@/canvas.js"
 import { clamp, decimals, fixed, hertz, known, percent, power } from "@/numbers.js"
 import { view } from "@/view.js"
 
@@ -14,6 +14,8 @@ const SIZE = 11
 const MARK_ROW = 16
 // A zoom goes into the address when it has rested so long.
 const SETTLED_MS = 250
+// How high plots are on paper.
+const PRINTED = 0.8
 const MOST_ZOOM = 1e7
 
 // ---- numbers
@@ -115,7 +117,7 @@ function penOf(u) {
     /** Bars from least to greatest in every column of pixels: much faster than strokes. False where points are further apart. */
     function columns(xs, upper, lower, thickness) {
         // A column is a pixel of the screen; on paper, which does not move, one of the canvas.
-        const [from, to] = inSight(xs), step = document.documentElement.classList.contains("printing") ? 1 : Math.floor(ratio)
+        const [from, to] = inSight(xs), step = printing() ? 1 : Math.floor(ratio)
         if (to - from < width / step) return false
         let column = -1, low = Infinity, high = -Infinity, before = [NaN, NaN]
         const flush = () => {
@@ -286,7 +288,7 @@ export function plot(host, options) {
     box.append(again)
     host.append(box, hint || "")
 
-    const rows = marks.some(mark => mark.text) ? 2 : 0, height = options.height ?? 300
+    const rows = marks.some(mark => mark.text) ? 2 : 0, height = Math.round((options.height ?? 300) * (printing() ? PRINTED : 1))
     const width = () => Math.max(120, Math.floor(box.clientWidth))
     let settled = 0, applying = true
     const isWhole = () => u.scales.x.min <= whole[0] && u.scales.x.max >= whole[1]

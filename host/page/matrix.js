@@ -1,12 +1,12 @@
 // Tables of numbers as coloured cells on a canvas: MAC, Psi, shapes by sensor and mode. Numbers stand in the cells where there is room.
 
-import { canvas, colour, font, inkOn, ramp, size } from "@/canvas.js"
+import { LEAST_PRINTED, canvas, colour, font, inkOn, printing, ramp, size } from "@/canvas.js"
 import { clamp } from "@/numbers.js"
 
 // Room for column labels and the key, pixels.
 const BELOW = 72
 // Smaller numbers cannot be read.
-const LEAST_TEXT = 7
+const LEAST_TEXT = 8
 // Least distance of labels.
 const APART = 12.5
 
@@ -26,12 +26,12 @@ export function matrix(host, values, { rows, columns, axes, sentence, hue, text,
         pen.textAlign = align
         pen.fillText(words, x, y)
     }
-    const weight = (r, c) => strong(r, c) ? "700" : ""
+    const least = printing() ? LEAST_PRINTED : LEAST_TEXT, weight = (r, c) => strong(r, c) ? "700" : ""
     pen.textBaseline = "middle"
     pen.font = font(10)
     let texts, pixels = 0
     // Fewer digits where all do not fit.
-    for (const brief of text ? [false, true] : []) if (pixels < LEAST_TEXT) {
+    for (const brief of text ? [false, true] : []) if (pixels < least) {
         texts = values.map(line => line.map(value => text(value, brief)))
         pixels = Math.min(11, 10 * (side - 4) / pen.measureText(texts.flat().reduce((a, b) => b.length > a.length ? b : a, "0")).width)
     }
@@ -40,9 +40,9 @@ export function matrix(host, values, { rows, columns, axes, sentence, hue, text,
         pen.fillStyle = fill
         pen.fillRect(x, y, Math.max(side - 0.6, 0.4), Math.max(high - 0.6, 0.4))
         pen.fillStyle = inkOn(fill)
-        if (pixels >= LEAST_TEXT) write(texts[r][c], x + side / 2, y + side / 2, pixels, "center", weight(r, c))
+        if (pixels >= least) write(texts[r][c], x + side / 2, y + side / 2, pixels, "center", weight(r, c))
     }))
-    const labels = clamp(side * 0.5 + 1, 8, 12)
+    const labels = clamp(side * 0.5 + 1, Math.max(least, 8), 12)
     pen.fillStyle = colour("ink")
     const along = (list, at, put) => {
         let last = -Infinity
@@ -54,8 +54,8 @@ export function matrix(host, values, { rows, columns, axes, sentence, hue, text,
     }
     along(rows, r => 4 + (r + 0.5) * high, (label, y, r) => write(label, left - 5, y, down ? 11 : labels, "right", weight(r)))
     along(columns, c => left + (c + 0.5) * side, (label, x, c) => write(label, x, tall + 10, labels, "center", weight(undefined, c)))
-    const [title, least, largest, ...ends] = key, long = clamp(wide / 2, 110, 240), y = tall + 42
-    ramp(pen, left, y, long, share => hue(least + (largest - least) * share))
+    const [title, from, to, ...ends] = key, long = clamp(wide / 2, 150, 240), y = tall + 42
+    ramp(pen, left, y, long, share => hue(from + (to - from) * share))
     pen.fillStyle = colour("quiet")
     write(axes[1], left + wide / 2, tall + 25, 11)
     write(ends[0], left, y + 18, 11, "left")

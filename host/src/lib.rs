@@ -16,6 +16,7 @@
 pub mod archive;
 pub mod change;
 pub mod collect;
+mod colour;
 pub mod command;
 pub mod compare;
 pub mod covalidate;

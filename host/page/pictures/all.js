@@ -1,7 +1,7 @@
 // All pictures and tables: the sections in which they stand, and their order there.
 
 import { tables } from "@/tables.js"
-import { candidates, fingerprint } from "@/pictures/candidates.js"
+import { candidates, fingerprint, fingerprints } from "@/pictures/candidates.js"
 import covalidation from "@/pictures/covalidation.js"
 import fits from "@/pictures/fits.js"
 import { change, frequencyErrors } from "@/pictures/frequency-errors.js"
@@ -23,7 +23,7 @@ const sections = {
     spectra: [singularValues, psd, record, waterfall],
     model: [frequencyErrors, macs, tables.comparison],
     update: [psi, covalidation],
-    diagnosis: [candidates, fingerprint, profile, history],
+    diagnosis: [candidates, fingerprint, fingerprints, profile, history],
     trends: [trends, change],
     nodes: [tables.nodes],
     method: [tables.method],

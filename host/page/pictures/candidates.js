@@ -1,10 +1,10 @@
 // What the model may lack: candidates with their probabilities and values, and what the chosen one would do beside what is missing.
 
 import { button, can, candidateName, isAmong, isIn } from "@/actions.js"
-import { colour, make, mix } from "@/canvas.js"
-import { chosenMode, items } from "@/curves.js"
+import { canvas, colour, make, mix, printing, size } from "@/canvas.js"
+import { chosenMode, items, legend } from "@/curves.js"
 import { matrix } from "@/matrix.js"
-import { clamp, fixed, hertz, known, metres, percent, probability, pvalue, signed, significant, within } from "@/numbers.js"
+import { clamp, fixed, hertz, known, metres, percent, plural, probability, pvalue, signed, significant, within } from "@/numbers.js"
 import { bars } from "@/pictures/frequency-errors.js"
 import { bar, table } from "@/tables.js"
 
@@ -59,8 +59,8 @@ export const fingerprint = {
     has: data => printsOf(data).length > 0 && items(data.fingerprints.modes).length > 0,
     says(data, view) {
         const { wanted, print } = chosenOf(data, view)
-        return print ? `${print.effect} explains ${percent(print.explained, 0)} of the squares of what is missing.`
-            : `No fingerprint was computed for ${wanted}: it is among the least probable.`
+        return print ? `${print.effect} explains ${percent(Math.max(print.explained, 0), 0)} of the squares of what is missing.`
+            : `No fingerprint was computed for ${wanted}.`
     },
     draw(host, data, view) {
         const { print } = chosenOf(data, view), { measured } = data.fingerprints
@@ -78,11 +78,58 @@ export const fingerprint = {
     },
 }
 
+/** Where numbers end. One outlier must not pale the rest: it is the size that one in fifty exceeds. */
+function endOf(values) {
+    const sizes = values.filter(known).map(Math.abs).sort((a, b) => a - b)
+    return Math.max(sizes[Math.floor(0.98 * (sizes.length - 1))] ?? 1, 1)
+}
+/** The colours of changes of shapes, for the misfit and for candidates alike. */
+function huesOf(shape) {
+    const reach = endOf(shape.flat()), [none, less, more, paper] = ["panel", "less", "more", "paper"].map(name => colour(name))
+    return { reach, hue: value => known(value) ? mix(none, value < 0 ? less : more, Math.abs(value / reach)) : paper }
+}
+
+// A small fingerprint, CSS pixels: its width, the height of frequencies, the gap between the two tables of shapes, a sensor's row.
+const SMALL = 208, FREQUENCIES = 52, BETWEEN = 8, SENSOR = 3
+
+/** Every candidate with its fingerprint beside what is missing; those of little probability folded away. */
+export const fingerprints = {
+    id: "fingerprints", title: "Every candidate beside what is missing", from: "diagnosis", follows: ["candidate"], long: true,
+    has: data => fingerprint.has(data) && printsOf(data).length > 1,
+    says: data => `${plural(printsOf(data).length, "candidate")}, the most probable first. The more alike the two sides, the more it explains. Choose one to see it large.`,
+    draw(host, data, view) {
+        const prints = printsOf(data), { print: chosen } = chosenOf(data, view), { measured } = data.fingerprints
+        const end = Math.max(1, ...measured.frequency.map(Math.abs)), { hue } = huesOf(measured.shape ?? [])
+        const cell = one => {
+            const { effect, explained } = one, about = `${probability(one.probability)}, ${explained > 0 ? `explains ${percent(explained, 0)}` : "explains nothing"}`, sheet = canvas(`${effect}: ${about}`)
+            const modes = measured.frequency.length, step = SMALL / modes, rows = Math.max(0, ...(measured.shape ?? []).map(row => row.length))
+            const pen = size(sheet, SMALL, FREQUENCIES + BETWEEN + rows * SENSOR), up = value => FREQUENCIES / 2 * (1 - clamp(value / end, -1, 1))
+            pen.fillStyle = colour("line")
+            pen.fillRect(0, up(0), SMALL, 1)
+            measured.frequency.forEach((value, m) => {
+                pen.fillStyle = colour("measured", 0.45)
+                pen.fillRect((m + 0.15) * step, Math.min(up(0), up(value)), 0.7 * step, Math.abs(up(value) - up(0)))
+                pen.fillStyle = colour("effects")
+                pen.fillRect((m + 0.15) * step, up(one.fingerprint.frequency[m]) - 1.2, 0.7 * step, 2.4)
+            })
+            const wide = (SMALL - BETWEEN) / 2, across = wide / modes
+            ;[measured, one.fingerprint].forEach(({ shape }, side) => shape?.forEach((row, m) => row.forEach((value, s) => {
+                pen.fillStyle = hue(value)
+                pen.fillRect(side * (wide + BETWEEN) + m * across, FREQUENCIES + BETWEEN + (rows - 1 - s) * SENSOR, across, SENSOR)
+            })))
+            return make("button", { "aria-pressed": String(one === chosen), onclick: () => view.set({ candidate: effect }) }, make("b", effect), make("span", about), sheet)
+        }
+        const grid = list => make("div.shapes.prints", ...list.map(cell)), isShown = (one, i) => i < 4 || one.probability >= 0.01 || printing(), rest = prints.filter((one, i) => !isShown(one, i))
+        host.append(legend([
+            { label: "frequencies by mode: what is missing", colour: "measured", alpha: 0.45, kind: "bar" }, { label: "what the candidate would do", colour: "effects" },
+            { label: "below, shapes by mode and sensor: what is missing, and beside it the candidate;", kind: "none" }, { label: "more motion", colour: "more", kind: "bar" }, { label: "less", colour: "less", kind: "bar" },
+        ]), grid(prints.filter(isShown)), rest.length ? make("details", make("summary", `${rest.length} more, each below 1 %`), grid(rest)) : "")
+    },
+}
+
 /** The shapes' misfit by sensor and mode: measured, and what the candidate would do, side by side in the same colours. */
 function heatMaps(host, modes, sensors, shapes, view) {
-    // One outlier must not pale the rest: the colours end at the value that one in fifty exceeds.
-    const sizes = shapes[0][1].flat().filter(known).map(Math.abs).sort((a, b) => a - b), reach = Math.max(sizes[Math.floor(0.98 * (sizes.length - 1))] ?? 1, 1)
-    const [none, less, more, paper] = ["panel", "less", "more", "paper"].map(name => colour(name))
+    const { reach, hue } = huesOf(shapes[0][1])
     // From the top down; one label for all sensors of a height.
     const down = sensors.map((_, i) => sensors.length - 1 - i), heights = down.map(s => sensors[s].elevation_m)
     const rows = down.map((s, r) => {
@@ -92,9 +139,9 @@ function heatMaps(host, modes, sensors, shapes, view) {
     const cells = shapes.map(([title]) => make("div.cell", make("p.caption", `Shapes: ${title}`))), output = make("output.note")
     host.append(make("div.pair", ...cells), output)
     shapes.forEach(([title, shape], which) => matrix(cells[which], down.map(s => modes.map((_, m) => shape[m]?.[s] ?? null)), {
-        rows, columns: modes.map(mode => mode.measured ?? ""), axes: ["sensors", "measured mode"], left: 62, most: 80, down: clamp(520 / sensors.length, 3, 12),
+        rows, columns: modes.map(mode => mode.measured ?? ""), axes: ["sensors", "measured mode"], left: 62, most: 80, down: clamp((printing() ? 360 : 520) / sensors.length, 3, 12),
         sentence: `Shapes by sensor and mode, ${title}: ${modes.length} modes, ${sensors.length} sensors`,
-        hue: value => known(value) ? mix(none, value < 0 ? less : more, Math.abs(value / reach)) : paper,
+        hue,
         key: ["std", -reach, reach, `${signed(-reach, 1)} less`, `${signed(reach, 1)} more`], strong: (r, c) => modes[c]?.measured === chosenMode(),
         point(r, c, click) {
             const { channel, elevation_m } = sensors[down[r]], { measured: mode } = modes[c]

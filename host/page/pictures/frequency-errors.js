@@ -33,7 +33,7 @@ export const frequencyErrors = {
     draw(host, data, view) {
         const list = errorsOf(data)
         return bars(host, {
-            height: 280, x: "measured mode", y: "(model − measured) / measured in %", more: "± 2 standard deviations of the measurement",
+            height: 280, x: "measured mode", y: "error of the model in %", more: "± 2 standard deviations of the measurement",
             groups: list.map(one => ({ mode: one.mode, below: hertz(one.hz, 3), one })),
             kinds: Object.entries(KINDS).filter(([kind]) => list.some(one => known(one[kind]))),
             value: ({ one }, kind) => one[kind], error: ({ one }) => one.std,

@@ -2,7 +2,7 @@
 // given, after the direct update, and with effects. And what did the direct update change: Psi, which couples the model's modes; its
 // diagonal moves frequencies, the rest turns shapes.
 
-import { colour, make, mix } from "@/canvas.js"
+import { colour, make, mix, printing } from "@/canvas.js"
 import { matrix } from "@/matrix.js"
 import { KINDS, clamp, fixed, known, mac as written, percent, significant } from "@/numbers.js"
 
@@ -58,7 +58,7 @@ export const psi = {
     draw(host, d, view) {
         const { psi } = d.update, names = labels(d), most = largest(psi) || 1, digits = clamp(2 - Math.floor(Math.log10(most)), 0, 6)
         const zero = colour("low"), more = colour("given"), less = colour("measured"), note = make("p.quiet.no-print", "\u00a0")
-        matrix(host, psi, { rows: names, columns: names, axes: ["mode", "mode"], most: 46, key: ["Psi, 1/s²", -most, most, significant(-most), "+" + significant(most)], sentence: this.says(d),
+        matrix(host, psi, { rows: names, columns: names, axes: ["mode", "mode"], most: printing() ? 20 : 46, key: ["Psi, 1/s²", -most, most, significant(-most), "+" + significant(most)], sentence: this.says(d),
             // Square root: couplings of a tenth are to be seen beside the largest.
             hue: v => mix(zero, v > 0 ? more : less, Math.sqrt(Math.abs(v) / most || 0)), text: v => known(v) ? fixed(v, digits) : "",
             strong: (r, c) => [names[r], names[c]].includes(view.get("mode")),

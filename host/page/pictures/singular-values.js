@@ -1,6 +1,6 @@
-// Singular values over frequency: where modes were found, which lines are forced, what was rejected and why.
+// Singular values over frequency: where modes were found and what was fitted there, which lines are forced, what was rejected and why.
 
-import { button, can, fitTo, identify, pick, picks } from "@/actions.js"
+import { button, can, fitTo, identify, pick, picks, typed } from "@/actions.js"
 import { make } from "@/canvas.js"
 import { clean, densityIn, extent, items, modeMarks, nearest, plot, setupChoice, setupOf, steps, unpack } from "@/curves.js"
 import { fixed, hertz, inWords, known, percent, plural, power } from "@/numbers.js"
@@ -8,6 +8,23 @@ import { fixed, hertz, inWords, known, percent, plural, power } from "@/numbers.
 const LOOKS = [{ width: 1.8 }, { width: 1.2, alpha: 0.72 }, { width: 1, alpha: 0.52 }, { width: 0.8, alpha: 0.42 }].map(look => ({ colour: "measured", ...look }))
 // A click finds a peak so near, in CSS pixels.
 const SNAP = 8
+// A peak is of a mode that is so near, as a share of its frequency and in lines.
+const SAME = 0.01, SAME_LINES = 2
+// As identification does (identify/pick.rs): so many deviations above the ground between peaks; half-overlapped windows scatter so much more.
+const PROMINENCE = 4, OVERLAP = 1.06
+
+/** Indices of the peaks that stand out of their surroundings by more than averages scatter. */
+function peaksOf(values, averages) {
+    const rise = Math.exp(PROMINENCE * Math.sqrt(2 * OVERLAP / Math.max(averages || 1, 1))), found = []
+    const ground = (at, side) => {
+        let low = values[at]
+        for (let i = at + side; values[i] <= values[at]; i += side) low = Math.min(low, values[i])
+        return low
+    }
+    for (let i = 2; i < values.length - 2; i++)
+        if (values[i] > values[i - 1] && values[i] >= values[i + 1] && values[i] >= rise * Math.max(ground(i, -1), ground(i, 1))) found.push(i)
+    return found
+}
 
 const setupsOf = data => items(data.spectra?.setups).filter(setup => items(setup.singular).length)
 const of = (data, name) => items(data.modes?.[name]).filter(one => known(one.frequency_hz))
@@ -41,7 +58,7 @@ export default {
         const offer = (words, label, ...what) => {
             if (!can()) return
             action.hidden = false
-            action.replaceChildren(words + " ", make("button", { onclick: () => pick(...what) }, label))
+            action.replaceChildren(words + " ", label ? make("button", { onclick: () => pick(...what) }, label) : "")
         }
         const { added_hz: added, dropped, bands, standing } = picks()
         // What a mode is called in study.toml: where it was asked for, it may lie beside.
@@ -71,17 +88,23 @@ export default {
             ...items(standing?.dropped_hz).filter(hz => !added.includes(hz)).map(hz => ({
                 x: hz, text: "−", colour: "rejected", dash: [2, 4], title: `dropped at ${hertz(hz)} in study.toml`, press: () => offer(`Dropped at ${hertz(hz)} in study.toml.`, "Take it back", hz, true),
             })),
+            ...items(standing?.absent_hz).filter(hz => !added.includes(hz)).map(hz => ({
+                x: hz, text: "+", colour: "rejected", dash: [2, 4], isStruck: true, title: `asked for at ${hertz(hz)} in study.toml, where no mode was found`,
+                press: () => offer(`No mode was found at ${hertz(hz)}, where study.toml asks for one.`, "Take it back", hz, false),
+            })),
             ...rejected.map(({ frequency_hz, in_words, because }) => ({
                 x: frequency_hz, y: level(frequency_hz), text: "×", colour: "rejected", line: false, title: `${hertz(frequency_hz)} is no mode: ${in_words ?? because}`,
                 press: () => offer(`Rejected at ${hertz(frequency_hz)}.`, "Add it as a mode", rounded(frequency_hz), true),
             })),
         ]
         // The lower values reach far down in places; three decades below the first are enough.
+        let peaks = null
+        const fits = items(data.spectra.fitted).filter(one => one.setup === setup.setup && one.frequency_hz)
         const [low, high] = extent(singular[0], true) ?? [1e-12, 1], least = Math.max(low * 1e-3, extent(singular.at(-1), true)?.[0] ?? 0)
         const chart = plot(host, {
             zoom: "hz", height: 340, noted: true, marks,
             x: { label: "frequency in Hz", range: [hz[0], hz.at(-1)] },
-            y: { label: `density in ${densityIn(setup)}`, log: true, fit: (from, to) => [Math.max(from ?? least, least) * 0.7, (to ?? high) * 1.6] },
+            y: { label: `density in ${densityIn(setup)}`, log: true, fit: (from, to) => [Math.max(from ?? least, least) * 0.7, (to ?? high) * 4] },
             data: [hz, ...singular.map(values => clean(values, true))],
             lines: LOOKS.slice(0, singular.length),
             behind(pen) {
@@ -92,11 +115,16 @@ export default {
                 pen.style("rejected", { width: 0.8, alpha: 0.55 })
                 for (const [xs, ys] of others) pen.trace(xs, ys)
             },
+            front(pen) {
+                pen.style("ink", { width: 1.2, dash: [3, 2] })
+                for (const { frequency_hz, fitted } of fits) pen.line(Array.from(unpack(fitted), (value, i) => [frequency_hz[i], value]))
+            },
             moved: (from, to) => offerBand(from, to),
             at: (_, index) => hertz(hz[index]),
             legend: [
                 ...singular.map((values, rank) => ({ ...LOOKS[rank], label: ["first", "second", "third", "fourth"][rank], value: index => power(values[index], 1) })),
                 others.length > 0 && { label: others.length > 1 ? `first of the other ${others.length} setups` : "first of the other setup", colour: "rejected", alpha: 0.6 },
+                fits.length > 0 && { label: "fit of each mode", kind: "dash" },
                 modes.length > 0 && { label: "mode", kind: "up" },
                 added.length > 0 && { label: "added, not identified yet", kind: "dash" },
                 dropped.length > 0 && { label: "dropped mode", colour: "rejected", kind: "dots" },
@@ -108,10 +136,13 @@ export default {
                 const reach = u.posToVal(SNAP, "x") - u.posToVal(0, "x"), near = modes.find(({ x }) => Math.abs(x - where) < reach)
                 // The line of a mode is that mode; beside it, zoom in.
                 if (near) return near.chosen ? offerMode() : view.set({ mode: near.is.number })
-                let peak = nearest(hz, where)
-                for (let i = nearest(hz, where - reach); i <= nearest(hz, where + reach); i++) if (singular[0][i] > singular[0][peak]) peak = i
-                const is = [-1, 1].every(side => singular[0][peak + side] < singular[0][peak]) ? "Peak" : "No peak, but a line,"
-                offer(`${is} at ${hertz(hz[peak])}.`, `Add a mode at ${hertz(hz[peak])}`, rounded(hz[peak]), true)
+                // A mode below a stronger one's bell has its peak in a lower curve.
+                peaks ??= singular.flatMap(values => peaksOf(values, setup.averages)).map(i => hz[i])
+                const peak = peaks.reduce((best, at) => Math.abs(at - where) >= Math.abs(best - where) ? best : at, NaN), at = hertz(peak)
+                const own = modes.find(({ x }) => Math.abs(x - peak) <= Math.max(SAME * peak, SAME_LINES * setup.spacing_hz)), none = `No peak stands out at ${hertz(where)}`
+                if (!known(peak)) offer(`${none}, nor anywhere else.`)
+                else if (own) offer(`${none}; the nearest is mode ${own.text}, at ${hertz(own.x)}.`)
+                else offer(Math.abs(peak - where) < reach ? `Peak at ${at}.` : `${none}; the nearest peak is at ${at}.`, `Add a mode at ${at}`, rounded(peak), true)
             } : null,
         })
         const offerMode = () => {
@@ -121,7 +152,7 @@ export default {
         if (mode) offerMode()
         queueMicrotask(() => offerBand(chart.u.scales.x.min, chart.u.scales.x.max))
         const count = [added.length && `${added.length} added`, dropped.length && `${dropped.length} dropped`, bands.length && plural(bands.length, "band")].filter(Boolean).join(", ")
-        host.append(action, fitting, standing ? make("p.quiet", standing.in_words) : "", count && make("p.pick", `Picked: ${count}, not identified yet. `, button("Identify modes", identify(data))))
+        host.append(action, fitting, standing ? make("p.quiet", standing.in_words) : "", count && make("p.pick", `Picked: ${count}, in study.toml, not identified yet. `, button("Identify modes", identify(data)), typed(identify(data))))
         return chart.free
     },
 }

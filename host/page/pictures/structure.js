@@ -1,7 +1,7 @@
 // How does the structure move, and where does the model miss it? One mode in three dimensions, and all modes from three sides.
 
-import { canvas, colour, font, make, size, still } from "@/canvas.js"
-import { legend } from "@/curves.js"
+import { canvas, colour, font, make, printing, size, still } from "@/canvas.js"
+import { items, legend } from "@/curves.js"
 import { KINDS, clamp, fixed, hertz, known, mac, metres, signed } from "@/numbers.js"
 import { cameras, lens, misfits, paint, scales, scene } from "@/structure.js"
 
@@ -19,11 +19,8 @@ function where(d, above) {
     return rows.map(r => ({ misfit: r.misfit, z: r.elevation_m, label: above ? "ch " + r.channel : metres(r.elevation_m) })).sort((a, b) => b.misfit - a.misfit)
 }
 
-let playing = true
-const hidden = new Set()
-
 export const structure = {
-    id: "structure-3d", title: "The structure", follows: ["mode"], uses: ["model", "comparison"], has,
+    id: "structure-3d", title: "The structure", follows: ["mode", "hidden"], uses: ["model", "comparison"], has,
     says(d, view) {
         const mode = at(d, view), s = scene(d, mode), parts = [`Mode ${mode} at ${hertz(modesOf(d).find(m => m.number === mode)?.frequency_hz)}${s.character ? ", " + s.character : ""}.`]
         for (const name of ["given", "effects"]) {
@@ -39,18 +36,18 @@ export const structure = {
         const s = scene(d, at(d, view))
         // Most of the mode's motion is seen from there.
         const free = [s.towards - 0.4, 0.3]
-        const width = Math.max(260, host.clientWidth), height = width < 560 ? 470 : 600
+        const width = Math.max(260, host.clientWidth), height = printing() ? 420 : width < 560 ? 470 : 600
         const camera = () => { const c = view.get("camera"); return Array.isArray(c) && c.length === 2 && c.every(known) ? c : free }
         const amplitude = () => { const a = view.get("amplitude"); return typeof a === "number" ? clamp(a, 0, 3) : 1 }
-        const shown = kind => !hidden.has(kind), runs = () => playing && !still()
+        const hidden = items(view.get("hidden")), shown = kind => !hidden.includes(kind), playing = () => !view.get("paused"), runs = () => playing() && !still()
 
-        const key = keyOf(s, kind => ({ checked: shown(kind), onchange: event => {
-            hidden[event.target.checked ? "delete" : "add"](kind)
-            look()
+        const key = keyOf(s, kind => ({ checked: shown(kind), onchange: () => {
+            const others = hidden.filter(one => one !== kind)
+            view.set({ hidden: shown(kind) ? [...others, kind] : others.length ? others : null })
         } }))
         const sides = Object.entries({ x: "Side X", y: "Side Y", above: "Above", free: "Free" }).map(([name, label]) =>
             [cameras[name] ?? free, make("button", { onclick: () => view.set({ camera: cameras[name] ?? null }) }, label)])
-        const play = make("button", { hidden: still(), onclick: () => { playing = !playing; run() } })
+        const play = make("button", { hidden: still(), onclick: () => view.set({ paused: playing() || null }) })
         const slider = make("input", { type: "range", min: 0, max: 3, step: 0.05, oninput: () => view.set({ amplitude: Number(slider.value) === 1 ? null : Number(slider.value) }) })
         slider.value = String(amplitude())
         const stage = make("div.structure", { tabIndex: 0, role: "group", "aria-label": "Camera. Drag, or use the arrow keys, to turn the structure." })
@@ -95,7 +92,7 @@ export const structure = {
             if (runs() && onScreen) frame = requestAnimationFrame(tick)
         }
         function run() {
-            play.textContent = playing ? "Pause" : "Play"
+            play.textContent = playing() ? "Pause" : "Play"
             frame ||= requestAnimationFrame(tick)
         }
 
@@ -119,6 +116,7 @@ export const structure = {
         for (const ends of ["pointerup", "pointercancel"]) element.addEventListener(ends, () => grip = null)
         const unfollow = view.follow(names => {
             if (names.includes("amplitude")) slider.value = String(amplitude())
+            if (names.includes("paused")) run()
             if (names.includes("camera") || names.includes("amplitude")) look()
         })
         const sight = new IntersectionObserver(([entry]) => { onScreen = entry.isIntersecting; if (onScreen) run() })
@@ -153,7 +151,7 @@ export const shapes = {
             for (const [label, camera, box] of panels) {
                 paint(pen, s, lens(s, camera, box, 1, undefined, label === "above" ? Infinity : both), { phase: 1, small: true })
                 pen.fillStyle = colour("quiet")
-                pen.font = font(10)
+                pen.font = font(11)
                 pen.textAlign = "center"
                 pen.fillText(label, box[0] + box[2] / 2, height - 5)
             }

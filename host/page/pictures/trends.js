@@ -1,6 +1,6 @@
 // Every mode over hours and months: frequency and damping, beside temperature and level.
 
-import { make } from "@/canvas.js"
+import { make, printing } from "@/canvas.js"
 import { choice, chosenMode, clean, extent, freeing, items, legend, motionIn, plot, scaled, setupChoice, setupOf } from "@/curves.js"
 import { fixed, known, significant, within } from "@/numbers.js"
 import { timeAxis } from "@/pictures/record.js"
@@ -13,6 +13,14 @@ function setupsOf(data) {
     return [...setups].map(([setup, intervals]) => ({ setup, intervals })).sort((a, b) => b.intervals.length - a.intervals.length)
 }
 
+// Apart by more than so many intervals, two are not joined: what lies between was not measured.
+const GAP = 1.5
+/** The intervals with an empty one in each gap, which breaks every curve. */
+const withGaps = intervals => intervals.flatMap((one, i) => {
+    const next = intervals[i + 1], long = one.end_s - one.start_s
+    return next && next.start_s - one.start_s > GAP * long ? [one, { start_s: one.end_s, end_s: next.start_s }] : [one]
+})
+
 export default {
     id: "trends",
     title: "Modes over time",
@@ -20,7 +28,7 @@ export default {
     follows: ["setup", "trend", "mode"],
     has: data => of(data, "intervals").some(interval => items(interval.modes).length),
     draw(host, data, view) {
-        const setups = setupsOf(data), { setup, intervals } = setupOf(setups), isDamping = view.get("trend") === "damping"
+        const setups = setupsOf(data), { setup, intervals: measured } = setupOf(setups), intervals = withGaps(measured), isDamping = view.get("trend") === "damping"
         const middle = intervals.map(interval => (interval.start_s + interval.end_s) / 2), range = extent(intervals.flatMap(interval => [interval.start_s, interval.end_s])) ?? [0, 1]
         const axis = timeAxis(items(data.record?.setups).find(one => one.setup === setup)?.start, range[1])
         host.append(setupChoice(setups), choice("of each mode", "trend", [["frequency"], ["damping"]], isDamping ? "damping" : "frequency"),
@@ -29,7 +37,7 @@ export default {
         const { factor, unit } = scaled(motionIn(items(data.spectra?.setups).find(one => one.setup === setup)), most)
         const numbers = new Set(intervals.flatMap(interval => items(interval.modes).map(mode => mode.number)))
         const panels = [
-            { name: "temperature in °C", values: intervals.map(interval => interval.temperature_degc), colour: "forced" },
+            { name: "temperature in °C", values: intervals.map(interval => interval.temperature_degc), colour: "series-3" },
             { name: `response, RMS of all modes in ${unit}`, values: levels.map(level => level * factor), colour: "rejected", log: most > 4 * least },
             ...[...numbers].sort((a, b) => a - b).map(number => {
                 const seen = intervals.map(interval => items(interval.modes).find(mode => mode.number === number)), trend = of(data, "modes").find(mode => mode.number === number)
@@ -39,16 +47,18 @@ export default {
                 const weights = values.map((value, i) => known(value) && std[i] > 0 ? std[i] ** -2 : 0), sum = weights.reduce((a, b) => a + b, 0), mean = weights.reduce((total, weight, i) => total + (weight && weight * values[i]), 0) / sum
                 return {
                     number, values, std, mean, colour: "measured", on: number === chosenMode(), name: `mode ${number}: ${isDamping ? "damping in %" : "frequency in Hz"}, mean ${fixed(mean, isDamping ? 2 : 4)}`,
-                    more: isDamping || trend?.changes == null ? "" : trend.changes ? " — changes" : " — does not change beyond scatter",
+                    more: isDamping || trend?.changes == null ? "" : trend.changes ? " — changes" : " — no change",
                 }
             }),
         ].filter(panel => panel.values.some(known))
-        const both = { zoom: this.id, sync: this.id, with: new Set() }
+        const both = { zoom: this.id, sync: this.id, with: new Set() }, grid = make("div.trends")
+        host.append(grid)
         return freeing(panels.map(({ number, name, more, values, std, mean, colour, on, log }, index) => {
-            const isLast = index === panels.length - 1
+            // On paper there are two columns.
+            const isLast = index >= panels.length - (printing() ? 2 : 1)
             const cell = make("div", { class: on ? "cell chosen" : "cell" }, number
                 ? make("button.caption", { "aria-pressed": String(on), onclick: () => view.set({ mode: on ? null : number }) }, name, make("span.quiet", more)) : make("p.caption", name))
-            host.append(cell)
+            grid.append(cell)
             const bar = i => 2 * (std?.[i] || 0), [low, high] = extent(values.flatMap((value, i) => [value - bar(i), value + bar(i)]), log) ?? [0, 1], room = 0.08 * (high - low || Math.abs(high) || 1)
             return plot(cell, {
                 ...both, name: `${name}, from ${significant(low, 4)} to ${significant(high, 4)}`, height: isLast ? 124 : 92, quiet: !isLast,

@@ -17,7 +17,7 @@ use super::state::State;
 use crate::compare::Block;
 use crate::study::Direction;
 
-/// The misfit of the present model, no segment adjusted, beside what the first candidates would do.
+/// The misfit of the present model, no segment adjusted, beside what the candidates would do.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Fingerprints {
     /// The measured modes.
@@ -72,9 +72,6 @@ pub struct CandidateFingerprint {
     pub fingerprint: Fingerprint,
 }
 
-/// Candidates that are shown.
-const SHOWN: usize = 4;
-
 impl Problem {
     /// The misfit of the present model beside what was found; `None` where the model cannot be compared without its scatter.
     pub(super) fn fingerprints(&self, present: &Fit, found: &[(&Found, f64)]) -> Option<Fingerprints> {
@@ -106,7 +103,7 @@ impl Problem {
             modes: modes.collect(),
             sensors: order.iter().map(sensor).collect(),
             measured: print(&missed),
-            candidates: found.iter().filter_map(candidate).take(SHOWN).collect(),
+            candidates: found.iter().filter_map(candidate).collect(),
         })
     }
 

@@ -45,7 +45,8 @@ pub(super) fn drop_picks(grid: &LineGrid, picks: &mut Vec<Pick>, choice: &ModeCh
     }
 }
 
-/// Adds the modes that the user names: at the highest point near by of what the other picks leave.
+/// Adds the modes that the user names: at the highest point near by of what the other picks leave. One stays whatever the data say where a
+/// peak stands out; elsewhere it is judged as all picks are, and the fit may find nothing there.
 pub(super) fn add_picks(
     grid: &LineGrid,
     measured: &[MeasuredSetup<'_>],
@@ -88,11 +89,7 @@ pub(super) fn add_picks(
             (already.by_user, already.asked_hz) = (true, Some(frequency_hz));
             continue;
         }
-        if !stands_out {
-            warnings.push(format!(
-                "no peak stands out at {frequency_hz} Hz, where you asked for a mode: its values may come from noise or from neighbouring modes"
-            ));
-        }
+        pick.by_user = stands_out;
         picks.push(pick);
     }
     picks.sort_by_key(|pick| pick.line);

@@ -2,13 +2,14 @@
 //!
 //! Picks flow in; an identification flows out, and in it what the next fit may start from.
 
+use super::choice::meant_hz;
 use super::estimate;
 use super::judge;
 use super::merge;
 use super::pick::Pick;
-use super::result::{Identification, Rejected, SingularSpectrum};
+use super::result::{Identification, Rejected, RejectedBecause, SingularSpectrum};
 use super::setup::{MeasuredSetup, quantity};
-use super::setup_mode::SetupModes;
+use super::setup_mode::{SetupMode, SetupModes};
 use super::tone::{self, Tone};
 use super::twins::Lone;
 use crate::spectra::LineGrid;
@@ -39,7 +40,7 @@ pub(super) fn fit(
     mut basis: Basis,
     singular: Vec<SingularSpectrum>,
 ) -> Identification {
-    let Basis { picks, harmonics, rejected, bands_hz, .. } = &mut basis;
+    let Basis { picks, harmonics, rejected, bands_hz, warnings, .. } = &mut basis;
     for pick in picks.iter_mut() {
         pick.band_hz = band_at(bands_hz, pick.frequency_hz(grid));
     }
@@ -72,15 +73,39 @@ pub(super) fn fit(
         let mut worst =
             judge::worst(&setups, grid.spacing_hz(), may_go, |pick| picks[pick].unseen, |pick| picks[pick].is_twin);
         if worst.is_empty() {
+            // Where nothing stands out, a fit goes elsewhere, or is a wide one through what others leave.
+            let is_elsewhere = |pick: usize, asked_hz: f64| {
+                estimates(pick).all(|SetupMode { resonance, .. }| {
+                    (resonance.frequency_hz - asked_hz).abs() > meant_hz(grid.spacing_hz(), asked_hz)
+                        || resonance.damping_ratio > judge::BRIDGING_DAMPING
+                })
+            };
+            let is_nothing = |&pick: &usize| {
+                may_go(pick) && picks[pick].asked_hz.is_some_and(|asked_hz| is_elsewhere(pick, asked_hz))
+            };
+            worst.extend((0..picks.len()).find(is_nothing).map(|pick| (pick, RejectedBecause::NotShown)));
+        }
+        if worst.is_empty() {
             break;
         }
         worst.sort_by_key(|(pick, _)| std::cmp::Reverse(*pick));
         for (pick, because) in worst {
-            let frequency_hz = picks.remove(pick).frequency_hz(grid);
-            rejected.push(Rejected { frequency_hz, because });
+            let pick = picks.remove(pick);
+            let Some(asked_hz) = pick.asked_hz else {
+                rejected.push(Rejected { frequency_hz: pick.frequency_hz(grid), because });
+                continue;
+            };
+            // No peak: it is said in a warning, and is none of those that were rejected.
+            let others = picks.iter().chain(harmonics.iter()).map(|other| other.frequency_hz(grid));
+            warnings.push(none_is_added(asked_hz, others.chain(rejected.iter().map(|peak| peak.frequency_hz))));
         }
     }
     let mut warnings = basis.warnings.clone();
+    for asked_hz in basis.picks.iter().filter(|pick| !pick.by_user).filter_map(|pick| pick.asked_hz) {
+        warnings.push(format!(
+            "no peak stands out at {asked_hz} Hz, where you asked for a mode: its values may come from noise or from neighbouring modes"
+        ));
+    }
     for (index, pick) in basis.picks.iter().enumerate() {
         if pick.by_user && judge::is_doubtful(&setups, grid.spacing_hz(), index) {
             let at_hz = setups.first().and_then(|setup| setup.modes.get(index)).map(|mode| mode.resonance.frequency_hz);
@@ -115,6 +140,15 @@ pub(super) fn fit(
         singular_values: singular,
         basis,
     }
+}
+
+/// Says that there is no mode where the user asked for one, and where the nearest peak is.
+fn none_is_added(asked_hz: f64, peaks_hz: impl Iterator<Item = f64>) -> String {
+    let nearest = peaks_hz.min_by(|a, b| (a - asked_hz).abs().total_cmp(&(b - asked_hz).abs()));
+    let nearest = nearest.map_or(String::new(), |hz| format!("; the nearest peak is at {hz:.4} Hz"));
+    format!(
+        "no peak stands out at {asked_hz} Hz, where you asked for a mode, and no resonance fits there, so none is added{nearest}"
+    )
 }
 
 /// The median of damping ratios; 0 of none.

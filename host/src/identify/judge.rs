@@ -43,7 +43,7 @@ const MAX_FREQUENCY_BANDWIDTHS: f64 = 0.15;
 const MAX_FINER_BANDWIDTHS: f64 = 0.5;
 
 /// A wide resonance that is so far from the measured spectrum, in units of its scatter, bridges several modes.
-const BRIDGING_DAMPING: f64 = 0.04;
+pub(super) const BRIDGING_DAMPING: f64 = 0.04;
 const MAX_MISFIT: f64 = 5.0;
 
 /// Of the picks that may go, those that are no modes, and why: the least likely one, and with it those that are too far away to

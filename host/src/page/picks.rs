@@ -25,6 +25,8 @@ pub struct Picks {
 struct Standing {
     /// Frequencies at which modes were dropped.
     dropped_hz: Vec<f64>,
+    /// Frequencies at which modes were asked for and none was found.
+    absent_hz: Vec<f64>,
     in_words: String,
 }
 
@@ -60,7 +62,7 @@ impl Picks {
             let is_new = band_hz != band_at(&then.bands_hz, mode.frequency_hz);
             is_new.then_some(PickedBand { mode: mode.number, band_hz })
         };
-        let standing = Standing::of(then);
+        let standing = Standing::of(then, &modes);
         Self {
             standing,
             added_hz,
@@ -71,7 +73,7 @@ impl Picks {
 }
 
 impl Standing {
-    fn of(then: &ModeChoice) -> Option<Self> {
+    fn of(then: &ModeChoice, modes: &[KnownMode]) -> Option<Self> {
         let in_hz = |list: &[f64]| list.iter().map(|hz| short_hz(*hz)).collect::<Vec<_>>().join(", ");
         let bands: Vec<String> =
             then.bands_hz.iter().map(|[from, to]| format!("{} to {}", short_hz(*from), short_hz(*to))).collect();
@@ -83,7 +85,9 @@ impl Standing {
         ];
         let parts: Vec<String> = parts.into_iter().flatten().collect();
         let in_words = format!("The modes were identified with the choice of study.toml: {}.", parts.join("; "));
-        (!parts.is_empty()).then(|| Self { dropped_hz: then.drop_hz.clone(), in_words })
+        let found: Vec<f64> = modes.iter().map(|mode| mode.asked_hz).collect();
+        let absent_hz = new_in(&then.wanted_hz(), &found);
+        (!parts.is_empty()).then(|| Self { dropped_hz: then.drop_hz.clone(), absent_hz, in_words })
     }
 }
 
@@ -135,6 +139,9 @@ mod tests {
             standing.in_words,
             "The modes were identified with the choice of study.toml: added at 0.8 Hz; dropped at 1 Hz; fitted to bands of 0.4 to 0.6 Hz."
         );
+        assert!(standing.absent_hz.is_empty());
+        let more = ModeChoice { add_hz: vec![0.8, 0.65], ..ModeChoice::default() };
+        assert_eq!(Picks::between(&more, &more, &modes).standing.unwrap().absent_hz, [0.65]);
         assert_eq!(Picks::between(&ModeChoice::default(), &then, &modes).standing, None);
         assert_eq!(picks(&then), Picks::default());
         // What was added is taken back, what was dropped as well, one more is dropped and one is added.

@@ -3,7 +3,9 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BESIDE, Chart, DrawResult, FRAME, MODE, PictureError, picture, signed};
+use super::canvas::{
+    Area, Chart, Dashes, DrawResult, FRAME, INK, MEASURED, PictureError, Plane, WITH_EFFECTS, picture, signed,
+};
 use crate::change::ModeChange;
 use crate::diagnose::Predicted;
 use crate::numbers::metres;
@@ -34,9 +36,9 @@ pub fn change(
         let title = format!("{structure}: change of each frequency in %, bars of two deviations");
         header.draw(&Text::new(title, (10, 6), ("sans-serif", 15)))?;
         let style = |color: &RGBColor| ("sans-serif", 12).into_font().color(color);
-        header.draw(&Text::new("measured", (10, 26), style(&MODE)))?;
+        header.draw(&Text::new("measured", (10, 26), style(&MEASURED)))?;
         if predicted.iter().any(|one| one.predicted_percent.is_some()) {
-            header.draw(&Text::new("with the named effect", (90, 26), style(&BESIDE)))?;
+            header.draw(&Text::new("with the named effect", (90, 26), style(&WITH_EFFECTS)))?;
         }
         let (of_modes, of_place) = body.split_horizontally(WIDTH);
         draw_modes(&of_modes, modes, predicted)?;
@@ -71,16 +73,17 @@ fn draw_modes(area: &Area<'_>, modes: &[ModeChange], predicted: &[Predicted]) ->
         .y_label_formatter(&|percent| signed(*percent, 2))
         .label_style(("sans-serif", 11))
         .draw()?;
-    chart.draw_series(LineSeries::new([(0.5, 0.0), (count + 0.5, 0.0)], BLACK.stroke_width(1)))?;
+    let plane = Plane::of(&chart, 0.5..count + 0.5, least - room..most + room, false);
+    plane.curve([(0.5, 0.0), (count + 0.5, 0.0)], Dashes::Full, INK.stroke_width(1))?;
     for (mode, place) in modes.iter().zip(1..) {
         let place = f64::from(place);
         let [low, high] = ends(mode);
-        chart.draw_series(LineSeries::new([(place, low), (place, high)], MODE.stroke_width(1)))?;
-        chart.draw_series(std::iter::once(Circle::new((place, mode.change_percent), 3, MODE.filled())))?;
+        plane.curve([(place, low), (place, high)], Dashes::Full, MEASURED.stroke_width(1))?;
+        plane.dot((place, mode.change_percent), 3, MEASURED.filled())?;
         let effect = predicted.iter().find(|one| one.now == mode.now).and_then(|one| one.predicted_percent);
         if let Some(percent) = effect {
             let beside = [(place + 0.12, percent), (place + 0.42, percent)];
-            chart.draw_series(LineSeries::new(beside, BESIDE.stroke_width(3)))?;
+            plane.curve(beside, Dashes::Full, WITH_EFFECTS.stroke_width(3))?;
         }
     }
     Ok(())
@@ -115,8 +118,8 @@ fn draw_place(area: &Area<'_>, ((z_m, std_m), [base_m, top_m]): Place) -> DrawRe
     chart.draw_series(LineSeries::new([(0.0, base_m), (0.0, top_m)], FRAME.stroke_width(5)))?;
     if let Some(std_m) = std_m.filter(|std_m| std_m.is_finite()) {
         let bar = [(0.0, (z_m - 2.0 * std_m).max(base_m)), (0.0, (z_m + 2.0 * std_m).min(top_m))];
-        chart.draw_series(LineSeries::new(bar, MODE.stroke_width(5)))?;
+        chart.draw_series(LineSeries::new(bar, WITH_EFFECTS.stroke_width(5)))?;
     }
-    chart.draw_series(std::iter::once(Circle::new((0.0, z_m), 6, MODE.filled())))?;
+    chart.draw_series(std::iter::once(Circle::new((0.0, z_m), 6, WITH_EFFECTS.filled())))?;
     Ok(())
 }

@@ -3,8 +3,10 @@
 use plotters::prelude::*;
 
 use super::canvas::{
-    Area, Chart, DIRECTIONS, DrawResult, FRAME, PictureError, axis_digits, fixed, picture, signed, width_of,
+    Area, Chart, Dashes, DrawResult, FRAME, GIVEN, INK, MEASURED, PictureError, Plane, WITH_EFFECTS, axis_digits,
+    fixed, of_direction, picture, sample, sample_mark, signed, width_of,
 };
+use crate::colour;
 use crate::compare::{Comparison, HeightMisfit, ModelView, PairReport, scale};
 use crate::model::Assembly;
 use crate::modes::{MeasuredMode, MeasuredShape};
@@ -23,11 +25,11 @@ const POINTS: usize = 320;
 const LONGEST_BAR: f64 = 1.6;
 /// What stands above the highest sensor may move so many times as far as the sensors and is still drawn at their scale.
 const SAME_SCALE: f64 = 2.5;
-const MISFIT: RGBColor = RGBColor(190, 60, 60);
+const MISFIT: RGBColor = colour::HIGH.on_paper();
 
-/// Draws the pairs: dots with bars of two standard deviations are measured, open circles are the model at the same sensors, curves are the
-/// model where most sensors of a direction stand in plan; the last panel is the misfit by height. `None` where the model is no line,
-/// no pair has a shape, or no sensor a height.
+/// Draws the pairs: full marks with bars of two standard deviations are measured, open marks are the model at the same sensors, curves are the
+/// model where most sensors of a direction stand in plan; the last panel is the misfit by height. The model has the colour of one with
+/// effects where it has some. `None` where the model is no line, no pair has a shape, or no sensor a height.
 ///
 /// # Errors
 /// When drawing fails.
@@ -38,6 +40,7 @@ pub fn comparison(
     sensors: &[Sensor],
     measured: &[MeasuredMode],
     comparison: &Comparison,
+    has_effects: bool,
 ) -> Result<Option<String>, PictureError> {
     let verticals = verticals(sensors);
     let shapes: Vec<(&PairReport, &MeasuredShape)> = comparison
@@ -59,13 +62,14 @@ pub fn comparison(
     let rows = count.div_ceil(MOST_COLUMNS);
     let columns = count.div_ceil(rows).max(LEAST_COLUMNS);
     let scene = Scene { sensors, verticals: &verticals, curves: &curves };
+    let model = if has_effects { WITH_EFFECTS } else { GIVEN };
     picture(WHAT, (WIDTH, HEADER + PANEL * rows as u32), |root| {
         let (header, body) = root.split_vertically(HEADER);
-        draw_header(&header, structure, &verticals)?;
+        draw_header(&header, structure, &verticals, model)?;
         let panels = body.split_evenly((rows, columns));
         for (index, (panel, (pair, shape))) in panels.iter().zip(&shapes).enumerate() {
             let lines = scene.lines(pair, shape, view.shape(pair.model - 1));
-            draw(panel, index.is_multiple_of(columns), pair, &lines, range_m)?;
+            draw(panel, index.is_multiple_of(columns), pair, &lines, range_m, model)?;
         }
         let is_first = shapes.len().is_multiple_of(columns);
         panels.get(shapes.len()).map_or(Ok(()), |panel| draw_misfit(panel, is_first, &comparison.by_height, range_m))
@@ -73,20 +77,23 @@ pub fn comparison(
     .map(Some)
 }
 
-fn draw_header(header: &Area<'_>, structure: &str, verticals: &Verticals) -> DrawResult {
+fn draw_header(header: &Area<'_>, structure: &str, verticals: &Verticals, model: RGBColor) -> DrawResult {
     let title = format!("{structure}: the model's mode shapes against the measured ones");
     header.draw(&Text::new(title, (12, 8), ("sans-serif", 18)))?;
     let mut x = 12;
-    for ((name, _), color) in verticals.iter().zip(DIRECTIONS.iter().cycle()) {
-        header.draw(&Text::new(name.clone(), (x, 34), ("sans-serif", 13).into_font().color(color)))?;
-        x += width_of(name, 13) + 24;
+    for (index, (name, _)) in verticals.iter().enumerate() {
+        let (dashes, mark) = of_direction(index);
+        sample(header, (x, 41), 26, dashes, model.stroke_width(1))?;
+        sample_mark(header, (x + 13, 41), mark, 4, model.stroke_width(1))?;
+        sample_mark(header, (x + 13, 41), mark, 2, MEASURED.filled())?;
+        header.draw(&Text::new(name.clone(), (x + 32, 34), ("sans-serif", 13)))?;
+        x += 32 + width_of(name, 13) + 20;
     }
-    let words =
-        "dots, bars of two standard deviations: measured; circles: the model at the same sensors; curves: the model";
+    let words = "full marks, bars of two deviations: measured; open marks, curves: the model";
     header.draw(&Text::new(words, (x, 34), ("sans-serif", 13)))?;
     let words = "Motion over height, without unit: the largest measured is 1. Above each panel: mode, the model's frequency against the measured, MAC.";
     header.draw(&Text::new(words, (12, 54), ("sans-serif", 13)))?;
-    let words = "Dashes lead to sensors that stand elsewhere in plan: torsion moves them otherwise. Above a dotted line curves are divided by the number there.";
+    let words = "Fine dots lead to sensors that stand elsewhere in plan: torsion moves them otherwise. Above a dotted line curves are divided by the number there.";
     header.draw(&Text::new(words, (12, 72), ("sans-serif", 13)))?;
     Ok(())
 }
@@ -220,13 +227,17 @@ fn round_factor(least: f64) -> f64 {
     [1.0, 2.0, 5.0, 10.0].map(|front| front * decade).into_iter().find(|factor| *factor >= least).unwrap_or(least)
 }
 
+fn heights([base_m, top_m]: [f64; 2]) -> std::ops::Range<f64> {
+    base_m..top_m + 0.02 * (top_m - base_m)
+}
+
 /// A panel over height, with the heights' numbers where it is the first of a row.
 fn over_height<'a, 'b>(
     panel: &'a Area<'b>,
     is_first: bool,
     caption: &str,
     motion: std::ops::Range<f64>,
-    [base_m, top_m]: [f64; 2],
+    range_m: [f64; 2],
     label: &dyn Fn(&f64) -> String,
 ) -> DrawResult<Chart<'a, 'b>> {
     let mut chart = ChartBuilder::on(panel)
@@ -235,12 +246,12 @@ fn over_height<'a, 'b>(
         .margin_right(9)
         .x_label_area_size(20)
         .y_label_area_size(if is_first { 46 } else { 8 })
-        .build_cartesian_2d(motion, base_m..top_m + 0.02 * (top_m - base_m))?;
+        .build_cartesian_2d(motion, heights(range_m))?;
     chart
         .configure_mesh()
         .disable_x_mesh()
         .light_line_style(WHITE)
-        .bold_line_style(RGBColor(236, 236, 236))
+        .bold_line_style(FRAME.mix(0.5))
         .x_labels(3)
         .y_labels(5)
         .x_label_formatter(label)
@@ -251,38 +262,47 @@ fn over_height<'a, 'b>(
     Ok(chart)
 }
 
-fn draw(panel: &Area<'_>, is_first: bool, pair: &PairReport, lines: &Lines, range_m: [f64; 2]) -> DrawResult {
+fn draw(
+    panel: &Area<'_>,
+    is_first: bool,
+    pair: &PairReport,
+    lines: &Lines,
+    range_m: [f64; 2],
+    model: RGBColor,
+) -> DrawResult {
     let mac = pair.mac.map_or_else(String::new, |mac| format!(", MAC {}", mac_words(mac, 4)));
     let caption = format!("{}: {} %{mac}", pair.measured, signed(pair.frequency_error_percent, 1));
     let edge = lines.edge;
     let label = |motion: &f64| fixed(*motion, axis_digits(2.0 * edge).min(1));
     let mut chart = over_height(panel, is_first, &caption, -edge..edge, range_m, &label)?;
     let [base_m, top_m] = range_m;
-    chart.draw_series(LineSeries::new([(0.0, base_m), (0.0, top_m)], FRAME.stroke_width(1)))?;
+    let plane = Plane::of(&chart, -edge..edge, heights(range_m), false);
+    plane.curve([(0.0, base_m), (0.0, top_m)], Dashes::Full, FRAME.stroke_width(1))?;
     if let Some((above_m, factor)) = lines.reduced {
         let ends = [(-edge, above_m), (edge, above_m)];
-        chart.draw_series(DashedLineSeries::new(ends, 1, 4, RGBColor(130, 130, 130).stroke_width(1)))?;
+        plane.curve(ends, Dashes::Dots, INK.mix(0.6).stroke_width(1))?;
         let words = Text::new(format!("÷ {factor:.0}"), (3, -14), ("sans-serif", 12));
         chart.draw_series(std::iter::once(EmptyElement::at((-edge, above_m)) + words))?;
     }
-    for ((line, dots), color) in lines.of_directions.iter().zip(DIRECTIONS.iter().cycle()) {
+    for (index, (line, dots)) in lines.of_directions.iter().enumerate() {
+        let (dashes, mark) = of_direction(index);
         // Where the scale changes, the curve begins anew.
         let above_m = lines.reduced.map_or(f64::INFINITY, |(above_m, _)| above_m);
         for part in line.chunk_by(|a, b| (a.1 > above_m) == (b.1 > above_m)) {
             let factor = lines.reduced.filter(|_| part[0].1 > above_m).map_or(1.0, |(_, factor)| factor);
             let points = part.iter().map(|&(motion, z_m)| (motion / factor, z_m));
-            chart.draw_series(LineSeries::new(points, color.stroke_width(1)))?;
+            plane.curve(points, dashes, model.stroke_width(1))?;
         }
         for dot in dots {
             let off = [(dot.curve, dot.z_m), (dot.model, dot.z_m)];
-            chart.draw_series(DashedLineSeries::new(off, 3, 3, color.mix(0.7).stroke_width(1)))?;
+            plane.curve(off, Dashes::Fine, model.stroke_width(1))?;
             if let Some(std) = dot.std {
                 let ends = [dot.measured - 2.0 * std, dot.measured + 2.0 * std];
                 let bar = ends.map(|end| (end.clamp(-edge, edge), dot.z_m));
-                chart.draw_series(LineSeries::new(bar, color.stroke_width(1)))?;
+                plane.curve(bar, Dashes::Full, MEASURED.stroke_width(1))?;
             }
-            chart.draw_series(std::iter::once(Circle::new((dot.measured, dot.z_m), 2, color.filled())))?;
-            chart.draw_series(std::iter::once(Circle::new((dot.model, dot.z_m), 4, color.stroke_width(1))))?;
+            plane.mark((dot.measured, dot.z_m), mark, 2, MEASURED.filled())?;
+            plane.mark((dot.model, dot.z_m), mark, 4, model.stroke_width(1))?;
         }
     }
     Ok(())
@@ -401,14 +421,18 @@ mod tests {
         let result = compare(&view, &measured, &sensors, None);
         let mac = result.pairs[1].mac.unwrap();
         assert!((0.99995..1.0).contains(&mac), "{mac}");
-        let svg = comparison("Tower", &assembly, &view, &sensors, &measured, &result).unwrap().unwrap();
+        let svg = comparison("Tower", &assembly, &view, &sensors, &measured, &result, false).unwrap().unwrap();
         assert!(svg.contains("2: 0.0 %, MAC 0.9999") && !svg.contains("2: 0.0 %, MAC 1.0000"));
         assert!(!svg.contains("-0.0"));
-        let circles = |radius: u32| {
-            let radius = format!("r=\"{radius}\"");
-            svg.lines().filter(|line| line.starts_with("<circle") && line.contains(&radius)).count()
-        };
-        assert_eq!((circles(2), circles(4)), (3 * 20, 3 * 20), "dots, and circles around them");
+        // Dots and circles of the first direction, squares of the other; one each in the legend.
+        let marks =
+            |tag: &str, what: &str| svg.lines().filter(|line| line.starts_with(tag) && line.contains(what)).count();
+        let (measured, model) = ("#0068A8", "#B83200");
+        assert_eq!(marks("<circle", measured) + marks("<polygon", measured), 3 * 20 + 2);
+        let is_closed = |line: &&str| line.matches(',').count() == 5;
+        let squares =
+            svg.lines().filter(|line| line.starts_with("<polyline") && line.contains(model)).filter(is_closed);
+        assert_eq!(marks("<circle", model) + squares.count(), 3 * 20 + 2, "around them");
     }
 
     #[test]

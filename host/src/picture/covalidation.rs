@@ -3,8 +3,8 @@
 use plotters::prelude::*;
 
 use super::canvas::{
-    Area, Chart, DrawResult, GIVEN, MEASURED, PictureError, UPDATED, WITH_EFFECTS, axis_digits, fixed, picture,
-    prefixed, width_of,
+    Area, Dashes, DrawResult, FRAME, GIVEN, INK, MEASURED, PictureError, Plane, UPDATED, WITH_EFFECTS, axis_digits,
+    fixed, picture, prefixed, sample, width_of,
 };
 
 /// A left-out channel over time.
@@ -69,28 +69,28 @@ pub fn covalidation(structure: &str, curves: &[Curves]) -> Result<String, Pictur
     })
 }
 
-/// How a curve looks: colour, width, dash and gap in pixels.
+/// How a curve looks.
 #[derive(Debug, Clone, Copy)]
 struct Look {
     color: RGBAColor,
     width: u32,
-    dashes: Option<(i32, i32)>,
+    dashes: Dashes,
 }
 
 impl Look {
     /// Wide and pale, so that it shows beneath those that lie on it.
     fn measured() -> Self {
-        Self { color: MEASURED.mix(0.35), width: 6, dashes: None }
+        Self { color: MEASURED.mix(0.35), width: 6, dashes: Dashes::Full }
     }
 
     /// Dashes in turn, so that curves on each other all show; the page has the same colours and dashes.
     fn of(label: &str) -> (Self, &'static str) {
         let look = |color: RGBColor, width, dashes| Self { color: color.to_rgba(), width, dashes };
         match label {
-            "model" => (look(GIVEN, 2, None), "model as first given"),
-            "with_effects" => (look(WITH_EFFECTS, 2, Some((10, 7))), "model with its effects"),
-            "updated" => (look(UPDATED, 3, Some((4, 9))), "after direct update"),
-            _ => (look(BLACK, 1, Some((2, 4))), "by the measured shapes"),
+            "model" => (look(GIVEN, 2, Dashes::Full), "model as first given"),
+            "with_effects" => (look(WITH_EFFECTS, 2, Dashes::Long), "model with its effects"),
+            "updated" => (look(UPDATED, 2, Dashes::Dots), "after direct update"),
+            _ => (look(INK, 1, Dashes::Fine), "by the measured shapes"),
         }
     }
 
@@ -187,11 +187,7 @@ impl<'a> Channel<'a> {
         panel.draw(&Text::new(words, (12, 30), ("sans-serif", 13)))?;
         for (line, (x, row)) in self.motion.iter().zip(self.legend()) {
             let y = (TITLE + ROW * row) as i32;
-            let dashes = line.look.dashes.unwrap_or((28, 0));
-            for from in (0..28).step_by((dashes.0 + dashes.1) as usize) {
-                let dash = [(x + from, y + 8), (x + (from + dashes.0).min(28), y + 8)];
-                panel.draw(&PathElement::new(dash, line.look.style()))?;
-            }
+            sample(panel, (x, y + 8), 28, line.look.dashes, line.look.style())?;
             panel.draw(&Text::new(line.words.clone(), (x + 36, y), ("sans-serif", 13)))?;
         }
         let (_, body) = panel.split_vertically(self.header());
@@ -217,7 +213,7 @@ impl<'a> Channel<'a> {
             .configure_mesh()
             .disable_x_mesh()
             .light_line_style(WHITE)
-            .bold_line_style(RGBColor(232, 232, 232))
+            .bold_line_style(FRAME.mix(0.6))
             .y_labels(5)
             .x_desc("time in s")
             .y_desc(y_name)
@@ -226,25 +222,13 @@ impl<'a> Channel<'a> {
             .label_style(("sans-serif", 12))
             .axis_desc_style(("sans-serif", 13))
             .draw()?;
+        let plane = Plane::of(&chart, time(0)..time(samples.max(1)), -largest..largest, false);
         for line in lines {
-            let points: Vec<(f64, f64)> =
-                line.values.iter().enumerate().map(|(sample, &value)| (time(sample), value)).collect();
-            for sound in points.chunk_by(|a, b| a.1.is_finite() && b.1.is_finite()).filter(|part| part[0].1.is_finite())
-            {
-                draw_line(&mut chart, sound, line.look)?;
-            }
+            let points = line.values.iter().enumerate().map(|(sample, &value)| (time(sample), value));
+            plane.curve(points, line.look.dashes, line.look.style())?;
         }
         Ok(())
     }
-}
-
-fn draw_line(chart: &mut Chart<'_, '_>, points: &[(f64, f64)], look: Look) -> DrawResult {
-    let (points, style) = (points.iter().copied(), look.style());
-    match look.dashes {
-        Some((dash, gap)) => chart.draw_series(DashedLineSeries::new(points.collect::<Vec<_>>(), dash, gap, style))?,
-        None => chart.draw_series(LineSeries::new(points, style))?,
-    };
-    Ok(())
 }
 
 #[cfg(test)]
@@ -288,17 +272,6 @@ mod tests {
                 && svg.contains("time in s")
         );
         assert!(!svg.contains("\n-0.0\n") && !svg.contains("\n-0.00\n") && !svg.contains("NaN"));
-    }
-
-    /// The page and the picture give one thing one colour.
-    #[test]
-    fn colours_are_those_of_the_page() {
-        let style = include_str!("../../page/style.css").to_lowercase();
-        for (name, color) in [("measured", MEASURED), ("given", GIVEN), ("effects", WITH_EFFECTS), ("updated", UPDATED)]
-        {
-            let RGBColor(r, g, b) = color;
-            assert!(style.contains(&format!("--{name}: #{r:02x}{g:02x}{b:02x};")), "{name}");
-        }
     }
 
     #[test]

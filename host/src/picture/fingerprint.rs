@@ -3,8 +3,9 @@
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::canvas::{Area, BESIDE, DrawResult, FRAME, PictureError, picture};
-use crate::diagnose::{Fingerprint, Fingerprints};
+use super::canvas::{Area, DrawResult, FRAME, MEASURED, PictureError, WITH_EFFECTS, picture};
+use crate::colour;
+use crate::diagnose::{CandidateFingerprint, Fingerprint, Fingerprints};
 
 const HEADER: u32 = 82;
 /// Above each panel: the name of the effect and what it explains.
@@ -22,9 +23,10 @@ const GAP: u32 = 14;
 const LEAST_PANEL: u32 = 168;
 /// Sensors that are drawn: of more, those where the misfit is greatest.
 const MOST_SENSORS: usize = 60;
-const MISFIT: RGBColor = RGBColor(120, 120, 120);
-const MORE: RGBColor = BESIDE;
-const LESS: RGBColor = RGBColor(214, 124, 38);
+const MORE: RGBColor = colour::MORE.on_paper();
+const LESS: RGBColor = colour::LESS.on_paper();
+/// Candidates that are drawn, the most probable.
+const MOST_CANDIDATES: usize = 4;
 /// Changes below this many deviations are not drawn as dots.
 const LEAST_DOT: f64 = 0.3;
 /// The scale ends at the greatest number, but at no more than this many times what nine of ten stay below.
@@ -40,7 +42,7 @@ pub fn fingerprints(structure: &str, prints: &Fingerprints) -> Result<String, Pi
         let title = format!("{structure}: what the model misses, and what effects would do");
         root.draw(&Text::new(title, (12, 8), ("sans-serif", 16)))?;
         layout.legend(root, prints)?;
-        let columns = std::iter::once(None).chain(prints.candidates.iter().map(Some));
+        let columns = std::iter::once(None).chain(drawn(prints).map(Some));
         for (index, candidate) in columns.enumerate() {
             let left = (LEFT + index as u32 * (layout.panel + GAP)) as i32;
             let bold = ("sans-serif", 13).into_font().style(FontStyle::Bold);
@@ -64,6 +66,10 @@ pub fn fingerprints(structure: &str, prints: &Fingerprints) -> Result<String, Pi
         }
         layout.scales(root, prints)
     })
+}
+
+fn drawn(prints: &Fingerprints) -> impl Iterator<Item = &CandidateFingerprint> {
+    prints.candidates.iter().take(MOST_CANDIDATES)
 }
 
 fn probability(probability: f64) -> String {
@@ -103,7 +109,7 @@ struct Layout {
 impl Layout {
     fn of(prints: &Fingerprints) -> Self {
         let modes = prints.modes.len().max(1) as u32;
-        let all = || std::iter::once(&prints.measured).chain(prints.candidates.iter().map(|one| &one.fingerprint));
+        let all = || std::iter::once(&prints.measured).chain(drawn(prints).map(|one| &one.fingerprint));
         let at = |sensor: usize| prints.measured.shape.iter().filter_map(move |row| row.get(sensor).copied().flatten());
         let mut sensors: Vec<usize> = (0..prints.sensors.len()).filter(|&sensor| at(sensor).next().is_some()).collect();
         if sensors.len() > MOST_SENSORS {
@@ -119,7 +125,7 @@ impl Layout {
             column,
             row,
             panel: (column * modes).max(LEAST_PANEL),
-            panels: 1 + prints.candidates.len() as u32,
+            panels: 1 + drawn(prints).count() as u32,
             sensors,
             frequency: end_of_scale(all().flat_map(|print| print.frequency.iter().copied())),
             shape: end_of_scale(shapes),
@@ -168,11 +174,11 @@ impl Layout {
         let words = |x: i32, y: i32, text: String| Text::new(text, (x, y - 6), ("sans-serif", 12));
         root.draw(&words(12, 40, units))?;
         let (mut x, y) = (12, 62);
-        root.draw(&Rectangle::new([(x, y - 6), (x + 10, y + 6)], MISFIT.mix(0.35).filled()))?;
+        root.draw(&Rectangle::new([(x, y - 6), (x + 10, y + 6)], MEASURED.mix(0.35).filled()))?;
         root.draw(&words(x + 16, y, "frequency: measured - model".to_owned()))?;
         x += 210;
-        root.draw(&PathElement::new([(x + 3, y + 6), (x + 3, y - 3)], BESIDE))?;
-        root.draw(&Circle::new((x + 3, y - 3), 3, BESIDE.filled()))?;
+        root.draw(&PathElement::new([(x + 3, y + 6), (x + 3, y - 3)], WITH_EFFECTS))?;
+        root.draw(&Circle::new((x + 3, y - 3), 3, WITH_EFFECTS.filled()))?;
         root.draw(&words(x + 14, y, "what the effect would do".to_owned()))?;
         x += 190;
         for (value, text) in [(self.shape, "moves more"), (-self.shape, "moves less")] {
@@ -200,18 +206,18 @@ impl Layout {
         for (mode, value) in missed.frequency.iter().enumerate() {
             let (x, reach) = (self.x(left, mode), self.column as i32 / 2 - 2);
             let bar = [(x - reach, middle), (x + reach, middle - self.rise(*value))];
-            root.draw(&Rectangle::new(bar, MISFIT.mix(if change.is_some() { 0.35 } else { 0.9 }).filled()))?;
+            root.draw(&Rectangle::new(bar, MEASURED.mix(if change.is_some() { 0.35 } else { 0.9 }).filled()))?;
             if value.abs() > self.frequency {
-                cut(root, (x, middle - self.rise(*value)), *value, MISFIT)?;
+                cut(root, (x, middle - self.rise(*value)), *value, MEASURED)?;
             }
         }
         root.draw(&PathElement::new([(left, middle), (left + width, middle)], BLACK))?;
         for (mode, value) in change.iter().flat_map(|change| change.frequency.iter().enumerate()) {
             let at = (self.x(left, mode), middle - self.rise(*value));
-            root.draw(&PathElement::new([(at.0, middle), at], BESIDE.stroke_width(1)))?;
-            root.draw(&Circle::new(at, 3, BESIDE.filled()))?;
+            root.draw(&PathElement::new([(at.0, middle), at], WITH_EFFECTS.stroke_width(1)))?;
+            root.draw(&Circle::new(at, 3, WITH_EFFECTS.filled()))?;
             if value.abs() > self.frequency {
-                cut(root, at, *value, BESIDE)?;
+                cut(root, at, *value, WITH_EFFECTS)?;
             }
         }
         Ok(())
@@ -323,7 +329,7 @@ fn end_of_scale(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::{CandidateFingerprint, FingerprintMode, FingerprintSensor};
+    use crate::diagnose::{FingerprintMode, FingerprintSensor};
 
     fn prints(shape: &[Vec<Option<f64>>]) -> Fingerprints {
         let print = |frequency: [f64; 2]| Fingerprint { frequency: frequency.to_vec(), shape: shape.to_vec() };
@@ -349,11 +355,11 @@ mod tests {
     #[test]
     fn every_number_has_its_mark() {
         let svg = fingerprints("Mast", &prints(&[vec![Some(2.0), Some(-1.0)], vec![Some(0.1), None]])).unwrap();
-        let full = format!("fill=\"{}\"", "#1F5793");
+        let full = format!("fill=\"{}\"", "#01665E");
         let circles =
             |what: &str| svg.lines().filter(|line| line.starts_with("<circle") && line.contains(what)).count();
-        // Two panels and the legend; the legend's and two frequencies' marks of the candidate.
-        assert_eq!((circles(&full), circles("#D67C26")), (2 + 1 + 1 + 2, 2 + 1));
+        // Two panels and the legend; then the legend's and two frequencies' marks of the candidate.
+        assert_eq!((circles(&full), circles("#8C510A"), circles("#009873")), (2 + 1, 2 + 1, 1 + 2));
         for text in
             ["connection-flexibility", "@443.6m", "probability 95.0 %, explains 84 %", "55.5 m", "measured mode"]
         {

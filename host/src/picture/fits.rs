@@ -3,7 +3,9 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BESIDE, DrawResult, FRAME, MODE, PictureError, log_range, picture};
+use super::canvas::{
+    Area, BAD, Dashes, DrawResult, FRAME, INK, MEASURED, PictureError, Plane, REJECTED, log_range, picture,
+};
 use super::units::density_unit;
 use crate::identify::{FittedSpectrum, Identification, Mode};
 use crate::study::Setup;
@@ -87,7 +89,7 @@ fn draw(area: &Area<'_>, mode: &Mode, spectrum: &FittedSpectrum) -> DrawResult {
     area.draw(&Text::new(
         caption,
         (14, 6),
-        ("sans-serif", 13).into_font().color(if spectrum.is_misfit { &MODE } else { &BLACK }),
+        ("sans-serif", 13).into_font().color(if spectrum.is_misfit { &BAD } else { &INK }),
     ))?;
     let (upper, lower) = area.split_vertically(PANEL.1 - RESIDUAL);
     draw_residuals(&lower, spectrum, first_hz..last_hz)?;
@@ -112,16 +114,14 @@ fn draw(area: &Area<'_>, mode: &Mode, spectrum: &FittedSpectrum) -> DrawResult {
         let above = fitted().map(|(hz, density)| (hz, (density * edge(1.0)).min(high)));
         let below = fitted().map(|(hz, density)| (hz, (density * edge(-1.0)).max(low)));
         let outline: Vec<(f64, f64)> = above.chain(below.collect::<Vec<_>>().into_iter().rev()).collect();
-        chart.draw_series(std::iter::once(Polygon::new(outline, FRAME.mix(0.6))))?;
+        chart.draw_series(std::iter::once(Polygon::new(outline, REJECTED.mix(0.22))))?;
     }
-    chart.draw_series(std::iter::once(PathElement::new(
-        [(mode.frequency_hz, low), (mode.frequency_hz, high)],
-        FRAME.stroke_width(1),
-    )))?;
-    chart.draw_series(LineSeries::new(fitted(), MODE.stroke_width(2)))?;
+    let plane = Plane::of(&chart, first_hz..last_hz, low..high, true);
+    let at = [(mode.frequency_hz, low), (mode.frequency_hz, high)];
+    plane.curve(at, Dashes::Full, FRAME.stroke_width(1))?;
+    plane.curve(fitted(), Dashes::Full, INK.stroke_width(2))?;
     let dots = spectrum.frequency_hz.iter().copied().zip(spectrum.measured.iter().copied());
-    chart.draw_series(dots.filter(|(_, density)| *density > 0.0).map(|at| Circle::new(at, 2, BESIDE.filled())))?;
-    Ok(())
+    dots.filter(|(_, density)| *density > 0.0).try_for_each(|at| plane.dot(at, 2, MEASURED.filled()))
 }
 
 /// Draws what the fit leaves, line by line, in standard deviations of a measured density.
@@ -131,7 +131,7 @@ fn draw_residuals(area: &Area<'_>, spectrum: &FittedSpectrum, band_hz: std::ops:
     let reach = (1.1 * largest).clamp(LEAST_DRAWN, MOST_DRAWN);
     let mut chart = ChartBuilder::on(area)
         .margin(6)
-        .margin_top(2)
+        .margin_top(8)
         .x_label_area_size(22)
         .y_label_area_size(LABELS)
         .build_cartesian_2d(band_hz.clone(), -reach..reach)?;
@@ -151,13 +151,13 @@ fn draw_residuals(area: &Area<'_>, spectrum: &FittedSpectrum, band_hz: std::ops:
         return Ok(());
     }
     let corners = [(band_hz.start, -BAND), (band_hz.end, BAND)];
-    chart.draw_series(std::iter::once(Rectangle::new(corners, FRAME.mix(0.6).filled())))?;
-    chart.draw_series(LineSeries::new([(band_hz.start, 0.0), (band_hz.end, 0.0)], MODE.stroke_width(1)))?;
-    chart.draw_series(residuals.into_iter().map(|(hz, residual)| {
-        let color = if residual.abs() > BAND { MODE } else { BESIDE };
-        Circle::new((hz, residual.clamp(-reach, reach)), 2, color.filled())
-    }))?;
-    Ok(())
+    chart.draw_series(std::iter::once(Rectangle::new(corners, REJECTED.mix(0.22).filled())))?;
+    chart.draw_series(LineSeries::new([(band_hz.start, 0.0), (band_hz.end, 0.0)], INK.stroke_width(1)))?;
+    let plane = Plane::of(&chart, band_hz, -reach..reach, false);
+    residuals.into_iter().try_for_each(|(hz, residual)| {
+        let color = if residual.abs() > BAND { BAD } else { MEASURED };
+        plane.dot((hz, residual.clamp(-reach, reach)), 2, color.filled())
+    })
 }
 
 /// Frequency in Hz of each line, and measured less fitted density there in standard deviations; none where these are not known.
@@ -210,7 +210,7 @@ mod tests {
             fits("Tower", &[], identification).unwrap().unwrap()
         };
         let circles = |svg: &str| svg.matches("<circle").count();
-        let red = |svg: &str| svg.lines().filter(|line| line.contains("<circle") && line.contains("#BE2828")).count();
+        let red = |svg: &str| svg.lines().filter(|line| line.contains("<circle") && line.contains("#B3261E")).count();
         let svg = drawn(0.1, &mut identification);
         assert_eq!((circles(&svg), red(&svg)), (6, 1), "three dots above and three below");
         let svg = drawn(f64::NAN, &mut identification);

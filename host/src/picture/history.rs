@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::canvas::{Area, BESIDE, DrawResult, MODE, PictureError, axis_digits, fixed, picture, width_of};
+use super::canvas::{Area, Dashes, DrawResult, FRAME, INK, PictureError, Plane, axis_digits, fixed, picture, width_of};
 use crate::diagnose::steps::StepRecord;
 
 /// Widths of a panel: what stands left of its steps, a step, and of all together.
@@ -17,17 +17,16 @@ const TITLE: u32 = 36;
 /// Height of a line of a step's name, and how many there are at most.
 const NAME: u32 = 15;
 const MOST_NAMES: usize = 6;
-const THIRD: RGBColor = RGBColor(90, 90, 90);
 /// Room above the largest value for its number.
 const ABOVE: f64 = 1.25;
 /// Values so far apart in pixels have numbers of their own places.
 const APART: i32 = 15;
 
-/// A line of a panel: what it is, its values (none where a step has none), its colour.
+/// A line of a panel: what it is, its values (none where a step has none), and whether they were left out of the fit: in dashes then, with rings.
 struct Line {
     name: &'static str,
     values: Vec<Option<f64>>,
-    color: RGBColor,
+    is_left_out: bool,
 }
 
 /// Draws the steps, on scales from 0: what is left of an error is seen beside what was.
@@ -35,21 +34,21 @@ struct Line {
 /// # Errors
 /// When drawing fails.
 pub fn history(structure: &str, steps: &[StepRecord]) -> Result<String, PictureError> {
-    let line = |name, color, value: &dyn Fn(&StepRecord) -> Option<f64>| Line {
+    let line = |name, is_left_out, value: &dyn Fn(&StepRecord) -> Option<f64>| Line {
         name,
         values: steps.iter().map(value).collect(),
-        color,
+        is_left_out,
     };
     let panels = [
         vec![
-            line("frequency error in %", MODE, &|step| Some(step.mean_abs_frequency_error_percent)),
-            line("of modes left out", BESIDE, &|step| step.held_out_mode_error_percent),
+            line("frequency error in %", false, &|step| Some(step.mean_abs_frequency_error_percent)),
+            line("of modes left out", true, &|step| step.held_out_mode_error_percent),
         ],
-        vec![line("motion of sensors left out, error in %", BESIDE, &|step| step.held_out_error_percent)],
-        vec![line("chi-squared over numbers compared", MODE, &|step| {
+        vec![line("motion of sensors left out, error in %", true, &|step| step.held_out_error_percent)],
+        vec![line("chi-squared over numbers compared", false, &|step| {
             Some(step.chi_squared / step.degrees_of_freedom.max(1) as f64)
         })],
-        vec![line("1 - MAC, in %", THIRD, &|step| step.mean_mac.map(|mac| 100.0 * (1.0 - mac)))],
+        vec![line("1 - MAC, in %", false, &|step| step.mean_mac.map(|mac| 100.0 * (1.0 - mac)))],
     ];
     let panels: Vec<&Vec<Line>> =
         panels.iter().filter(|lines| lines.iter().any(|line| line.values.iter().any(Option::is_some))).collect();
@@ -89,18 +88,23 @@ fn draw(area: &Area<'_>, lines: &[Line], names: &[Vec<String>], below: u32) -> D
         .disable_x_mesh()
         .x_labels(0)
         .light_line_style(WHITE)
-        .bold_line_style(RGBColor(232, 232, 232))
+        .bold_line_style(FRAME.mix(0.6))
         .y_labels(5)
         .y_label_formatter(&|value| fixed(*value, axis_digits(highest)))
         .label_style(("sans-serif", 12))
         .draw()?;
     let mut name_at = LABELS as i32;
+    let plane = Plane::of(&chart, -0.4..names.len() as f64 - 0.4, 0.0..highest, false);
     for line in lines {
         let points = line.points();
-        chart.draw_series(LineSeries::new(points.iter().copied(), line.color.stroke_width(2)))?;
-        chart.draw_series(points.iter().map(|point| Circle::new(*point, 3, line.color.filled())))?;
+        let dashes = if line.is_left_out { Dashes::Long } else { Dashes::Full };
+        plane.curve(points.iter().copied(), dashes, INK.stroke_width(2))?;
+        for point in points {
+            plane.dot(point, 4, WHITE.filled())?;
+            plane.dot(point, if line.is_left_out { 4 } else { 3 }, line.point_style())?;
+        }
         if lines.len() > 1 {
-            area.draw(&Rectangle::new([(name_at, 10), (name_at + 10, 16)], line.color.filled()))?;
+            area.draw(&Circle::new((name_at + 4, 13), if line.is_left_out { 4 } else { 3 }, line.point_style()))?;
             name_at += 15;
         }
         area.draw(&Text::new(line.name, (name_at, 6), ("sans-serif", 13)))?;
@@ -114,10 +118,9 @@ fn draw(area: &Area<'_>, lines: &[Line], names: &[Vec<String>], below: u32) -> D
     for (step, name) in names.iter().enumerate() {
         let at = step as f64;
         let of_step = |line: &Line| line.values.get(step).copied().flatten();
-        let mut here: Vec<(f64, RGBColor)> =
-            lines.iter().filter_map(|line| Some((of_step(line)?, line.color))).collect();
-        here.sort_by(|a, b| b.0.total_cmp(&a.0));
-        here.dedup_by(|a, b| digits(a.0) == digits(b.0));
+        let mut here: Vec<f64> = lines.iter().filter_map(of_step).collect();
+        here.sort_by(|a, b| b.total_cmp(a));
+        here.dedup_by(|a, b| digits(*a) == digits(*b));
         // The largest number highest, each above its point and above the next. Lines mostly fall, so numbers stand right of the points, left where
         // one rises, and above the point of a valley.
         let is_rising = |step: usize| lines.iter().any(|line| line.rises_after(step));
@@ -128,7 +131,7 @@ fn draw(area: &Area<'_>, lines: &[Line], names: &[Vec<String>], below: u32) -> D
             (true, true) => (HPos::Center, 0),
         };
         let mut lowest = i32::MAX;
-        for (value, color) in here.iter().rev() {
+        for value in here.iter().rev() {
             let (x, y) = pixel((at, *value));
             let (x, y) = (x + beside, (y - 18).min(lowest.saturating_sub(APART)));
             lowest = y;
@@ -141,7 +144,7 @@ fn draw(area: &Area<'_>, lines: &[Line], names: &[Vec<String>], below: u32) -> D
             };
             // Paper behind the number, where a line passes all the same.
             area.draw(&Rectangle::new([(left, y), (left + width, y + 12)], WHITE.mix(0.8).filled()))?;
-            let style = ("sans-serif", size).into_font().color(color).pos(Pos::new(side, VPos::Top));
+            let style = ("sans-serif", size).into_font().color(&INK).pos(Pos::new(side, VPos::Top));
             area.draw(&Text::new(number, (x, y), style))?;
         }
         let (x, y) = pixel((at, 0.0));
@@ -154,6 +157,10 @@ fn draw(area: &Area<'_>, lines: &[Line], names: &[Vec<String>], below: u32) -> D
 }
 
 impl Line {
+    fn point_style(&self) -> ShapeStyle {
+        if self.is_left_out { INK.stroke_width(2) } else { INK.filled() }
+    }
+
     /// The value of a step and of the next.
     fn pair(&self, step: usize) -> Option<(f64, f64)> {
         let value = |step: usize| self.values.get(step).copied().flatten();
@@ -245,9 +252,10 @@ mod tests {
     fn scales_begin_at_nothing() {
         let steps = [step("start", 2.0, 400.0), step("add a", 1.0, 200.0), step("add b", 0.0, 0.0)];
         let svg = history("Tower", &steps).unwrap();
-        let red = heights(&svg, "#BE2828");
-        assert_eq!(red.len(), 6, "frequencies and chi-squared");
-        for panel in red.chunks(3) {
+        let full = heights(&svg, "fill=\"#16191D\"");
+        // After the first panel's comes one in the legend.
+        assert_eq!(full.len(), 3 + 1 + 3 + 3, "frequencies, chi-squared, shapes");
+        for panel in [&full[..3], &full[4..7]] {
             assert!((2.0 * (panel[2] - panel[1]) - (panel[2] - panel[0])).abs() <= 2.0, "{panel:?}");
         }
         assert!(!svg.contains(">\n-0"));

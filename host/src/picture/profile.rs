@@ -2,14 +2,16 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, DrawResult, FRAME, GIVEN, PictureError, WITH_EFFECTS, picture};
+use super::canvas::{
+    Area, Dashes, DrawResult, FRAME, GIVEN, INK, PictureError, Plane, REJECTED, WITH_EFFECTS, picture,
+};
 use crate::diagnose::steps::Profiles;
 use crate::diagnose::{Profile, ProfileSegment, Quantity, QuantityProfile};
 
 const PANEL: (u32, u32) = (190, 430);
 const HEADER: u32 = 58;
-/// What the study states before anything is measured.
-const TOLERANCE: RGBColor = RGBColor(226, 226, 226);
+/// How strong the tolerance is drawn, which the study states before anything is measured.
+const TOLERANCE: f64 = 0.18;
 /// The scale is that of the widest band, and at least this in percent.
 const LEAST_PERCENT: f64 = 1.0;
 /// Segments that are this share of all in length, and further off than the others reach by this factor, go beyond the scale.
@@ -92,7 +94,7 @@ fn reach(mut segments: Vec<ProfileSegment>) -> (f64, Vec<String>) {
 fn legend(header: &Area<'_>, bands: &[Band<'_>], beyond: &[String]) -> DrawResult {
     let y = 36;
     let words = |x: i32, text: &str| Text::new(text.to_owned(), (x, y - 6), ("sans-serif", 12));
-    header.draw(&Rectangle::new([(12, y - 5), (34, y + 5)], TOLERANCE.filled()))?;
+    header.draw(&Rectangle::new([(12, y - 5), (34, y + 5)], REJECTED.mix(TOLERANCE).filled()))?;
     header.draw(&words(40, "tolerance that study.toml states"))?;
     for (index, band) in bands.iter().enumerate() {
         let x = 300 + 190 * index as i32;
@@ -142,7 +144,7 @@ fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawR
     let std = stated(bands[0].profile, &bands[0].profile.quantities[index]);
     let before = |one: ProfileSegment| ProfileSegment { factor: 1.0, std, ..one };
     let tolerance: Vec<ProfileSegment> = of(&bands[0]).into_iter().map(before).collect();
-    chart.draw_series(std::iter::once(Polygon::new(outline(&tolerance, scale), TOLERANCE.filled())))?;
+    chart.draw_series(std::iter::once(Polygon::new(outline(&tolerance, scale), REJECTED.mix(TOLERANCE).filled())))?;
     chart
         .configure_mesh()
         .disable_mesh()
@@ -155,15 +157,14 @@ fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawR
         .label_style(("sans-serif", 11))
         .axis_style(FRAME)
         .draw()?;
-    chart.draw_series(LineSeries::new([(0.0, lowest.z_bottom_m), (0.0, highest.z_top_m)], WHITE.stroke_width(1)))?;
+    let plane = Plane::of(&chart, -scale..scale, lowest.z_bottom_m..highest.z_top_m, false);
+    plane.curve([(0.0, lowest.z_bottom_m), (0.0, highest.z_top_m)], Dashes::Full, INK.stroke_width(1))?;
     for band in bands {
         let segments = of(band);
         chart.draw_series(std::iter::once(Polygon::new(outline(&segments, scale), band.color.mix(0.25).filled())))?;
         let middle = side(&segments, 0.0, scale);
-        match band.is_dashed {
-            true => chart.draw_series(DashedLineSeries::new(middle, 5, 3, band.color.stroke_width(2)))?,
-            false => chart.draw_series(LineSeries::new(middle, band.color.stroke_width(2)))?,
-        };
+        let dashes = if band.is_dashed { Dashes::Short } else { Dashes::Full };
+        plane.curve(middle, dashes, band.color.stroke_width(2))?;
     }
     Ok(())
 }

@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, Chart, DIRECTIONS, DrawResult, FRAME, MODE, PictureError, fixed, picture, width_of};
+use super::canvas::{
+    Area, Dashes, DrawResult, FRAME, INK, MEASURED, PictureError, Plane, fixed, of_direction, picture, sample,
+    sample_mark, width_of,
+};
 use crate::identify::{Identification, Mode};
 use crate::study::{Direction, Sensor, Setup};
 
@@ -25,12 +28,12 @@ pub type TrueShape = BTreeMap<String, f64>;
 struct MeasuredPoint<'a> {
     sensor: &'a Sensor,
     elevation_m: f64,
-    color: RGBColor,
+    /// Which of the directions it is.
+    direction: usize,
 }
 
-/// Draws the shapes of all modes; dots with bars of two standard deviations are measured, thin lines join the points of
-/// one vertical and direction, dashes those of one height and direction, open circles are the truth (one entry a mode, in the modes'
-/// order). `None` where no sensor has a height and a direction that is not upwards.
+/// Draws the shapes of all modes; marks with bars of two standard deviations are measured, lines join the points of one vertical and
+/// direction, fine dots those of one height and direction, open marks are the truth (one entry a mode, in the modes' order). `None` where no sensor has a height and a direction that is not upwards.
 ///
 /// # Errors
 /// When drawing fails.
@@ -60,7 +63,7 @@ pub fn mode_shapes(
             let label = format!("{}: {:.3} Hz", mode.number, mode.frequency_hz);
             let is_first = index % columns == 0;
             let mut chart = ChartBuilder::on(panel)
-                .caption(label, ("sans-serif", 14).into_font().color(&MODE))
+                .caption(label, ("sans-serif", 14))
                 .margin(6)
                 .x_label_area_size(18)
                 .y_label_area_size(if is_first { 40 } else { 6 })
@@ -76,9 +79,9 @@ pub fn mode_shapes(
                 .y_label_formatter(&|m| format!("{} m", fixed(*m, 0)))
                 .label_style(("sans-serif", 12))
                 .draw()?;
-            let axis = LineSeries::new([(0.0, bottom_m), (0.0, top_m * 1.05)], FRAME);
-            chart.draw_series(axis)?;
-            draw_mode(&mut chart, mode, &points_by_name, truth.get(index).and_then(Option::as_ref))?;
+            let plane = Plane::of(&chart, -EDGE..EDGE, bottom_m..top_m * 1.05, false);
+            plane.curve([(0.0, bottom_m), (0.0, top_m * 1.05)], Dashes::Full, FRAME.stroke_width(1))?;
+            draw_mode(&plane, mode, &points_by_name, truth.get(index).and_then(Option::as_ref))?;
         }
         Ok(())
     })
@@ -97,8 +100,7 @@ fn points_by_name(setups: &[Setup]) -> BTreeMap<&str, MeasuredPoint<'_>> {
             directions.push(direction);
             directions.len() - 1
         });
-        let color = DIRECTIONS[index % DIRECTIONS.len()];
-        points_by_name.insert(sensor.point.as_str(), MeasuredPoint { sensor, elevation_m, color });
+        points_by_name.insert(sensor.point.as_str(), MeasuredPoint { sensor, elevation_m, direction: index });
     }
     points_by_name
 }
@@ -109,53 +111,54 @@ fn draw_header(
     points_by_name: &BTreeMap<&str, MeasuredPoint<'_>>,
     truth: bool,
 ) -> DrawResult {
-    let text = |words: &str, x: i32, y: i32, size: i32, color: &RGBColor| {
-        Text::new(words.to_owned(), (x, y), ("sans-serif", size).into_font().color(color))
-    };
-    let black = RGBColor(0, 0, 0);
-    header.draw(&text(&format!("{structure}: mode shapes"), 12, 10, 20, &black))?;
-    let mut legend: Vec<(String, RGBColor)> = Vec::new();
+    let text = |words: &str, x: i32, y: i32, size: i32| Text::new(words.to_owned(), (x, y), ("sans-serif", size));
+    header.draw(&text(&format!("{structure}: mode shapes"), 12, 10, 20))?;
+    let mut legend: Vec<(String, usize)> = Vec::new();
     for point in points_by_name.values() {
         let label = match point.sensor.direction {
-            Some(Direction::AzimuthDeg(azimuth)) => Some(format!("● towards {azimuth}°")),
+            Some(Direction::AzimuthDeg(azimuth)) => Some(format!("towards {azimuth}°")),
             Some(Direction::Inclined { azimuth_deg, inclination_deg }) => {
-                Some(format!("● towards {azimuth_deg}°, {inclination_deg}° up"))
+                Some(format!("towards {azimuth_deg}°, {inclination_deg}° up"))
             }
             Some(Direction::Up) | None => None,
         };
         if let Some(label) = label.filter(|label| !legend.iter().any(|(other, _)| other == label)) {
-            legend.push((label, point.color));
+            legend.push((label, point.direction));
         }
     }
     let mut x = 14;
-    for (label, color) in &legend {
-        header.draw(&text(label, x, 38, 13, color))?;
-        x += width_of(label, 13) + 24;
+    for (label, direction) in &legend {
+        let (dashes, mark) = of_direction(*direction);
+        sample(header, (x, 45), 26, dashes, MEASURED.stroke_width(1))?;
+        sample_mark(header, (x + 13, 45), mark, 3, MEASURED.filled())?;
+        header.draw(&text(label, x + 32, 38, 13))?;
+        x += 32 + width_of(label, 13) + 20;
     }
-    let rest = if truth { "bars: two standard deviations; circles: truth" } else { "bars: two standard deviations" };
-    header.draw(&text(rest, x, 38, 13, &black))?;
-    let words = "Motion over height, without unit: the largest of each mode is 1. Dashes join sensors of one height and direction: torsion moves them apart.";
-    header.draw(&text(words, 14, 58, 13, &black))?;
+    let rest = if truth { "bars: two standard deviations; open: truth" } else { "bars: two standard deviations" };
+    header.draw(&text(rest, x, 38, 13))?;
+    let words = "Motion over height, without unit: the largest of each mode is 1. Fine dots join sensors of one height and direction: torsion moves them apart.";
+    header.draw(&text(words, 14, 58, 13))?;
     Ok(())
 }
 
 fn draw_mode(
-    chart: &mut Chart<'_, '_>,
+    plane: &Plane<'_>,
     mode: &Mode,
     points_by_name: &BTreeMap<&str, MeasuredPoint<'_>>,
     truth: Option<&TrueShape>,
 ) -> DrawResult {
-    join(chart, mode, points_by_name)?;
+    join(plane, mode, points_by_name)?;
     for component in &mode.shape {
         let Some(point) = points_by_name.get(component.point.as_str()) else { continue };
         let (x, y) = (component.re, point.elevation_m);
         if component.std.is_finite() {
             let bar = [((x - 2.0 * component.std).max(-EDGE), y), ((x + 2.0 * component.std).min(EDGE), y)];
-            chart.draw_series(LineSeries::new(bar, point.color.stroke_width(1)))?;
+            plane.curve(bar, Dashes::Full, MEASURED.stroke_width(1))?;
         }
-        chart.draw_series(std::iter::once(Circle::new((x, y), 2, point.color.filled())))?;
+        let (_, mark) = of_direction(point.direction);
+        plane.mark((x, y), mark, 2, MEASURED.filled())?;
         if let Some(&true_x) = truth.and_then(|truth| truth.get(&component.point)) {
-            chart.draw_series(std::iter::once(Circle::new((true_x, y), 4, point.color.stroke_width(1))))?;
+            plane.mark((true_x, y), mark, 4, INK.stroke_width(1))?;
         }
     }
     Ok(())
@@ -164,15 +167,14 @@ fn draw_mode(
 /// Points of one direction at one height.
 struct Level {
     elevation_m: f64,
-    color: RGBColor,
     motions: Vec<f64>,
     /// Whether a vertical's line passes through one of them.
     is_on_curve: bool,
 }
 
-/// Joins the points, so that none stands alone: a line for each vertical, the points of one direction and plan position; dashes from one to
-/// the other where several of a direction stand at one height; dashes from the axis to a point that has neither.
-fn join(chart: &mut Chart<'_, '_>, mode: &Mode, points_by_name: &BTreeMap<&str, MeasuredPoint<'_>>) -> DrawResult {
+/// Joins the points, so that none stands alone: a line for each vertical, the points of one direction and plan position; fine dots from one
+/// to the other where several of a direction stand at one height, and from the axis to a point that has neither.
+fn join(plane: &Plane<'_>, mode: &Mode, points_by_name: &BTreeMap<&str, MeasuredPoint<'_>>) -> DrawResult {
     let mut verticals: BTreeMap<String, Vec<(&MeasuredPoint<'_>, f64)>> = BTreeMap::new();
     for component in &mode.shape {
         let Some(point) = points_by_name.get(component.point.as_str()) else { continue };
@@ -183,26 +185,26 @@ fn join(chart: &mut Chart<'_, '_>, mode: &Mode, points_by_name: &BTreeMap<&str, 
     for mut points in verticals.into_values() {
         points.sort_by(|(a, _), (b, _)| a.elevation_m.total_cmp(&b.elevation_m));
         let is_curve = points.len() >= CURVE;
-        for &(&MeasuredPoint { sensor, elevation_m, color }, motion) in &points {
+        for &(&MeasuredPoint { sensor, elevation_m, .. }, motion) in &points {
             let key = format!("{:?} {elevation_m:.2}", sensor.direction);
-            let new = Level { elevation_m, color, motions: Vec::new(), is_on_curve: false };
+            let new = Level { elevation_m, motions: Vec::new(), is_on_curve: false };
             let level = levels.entry(key).or_insert(new);
             level.motions.push(motion);
             level.is_on_curve |= is_curve;
         }
         if let (true, Some((first, _))) = (is_curve, points.first()) {
             let line = points.iter().map(|(point, motion)| (*motion, point.elevation_m));
-            chart.draw_series(LineSeries::new(line, first.color.mix(0.5).stroke_width(1)))?;
+            plane.curve(line, of_direction(first.direction).0, MEASURED.mix(0.6).stroke_width(1))?;
         }
     }
-    for Level { elevation_m, color, mut motions, is_on_curve } in levels.into_values() {
+    for Level { elevation_m, mut motions, is_on_curve } in levels.into_values() {
         if let ([_], false) = (&motions[..], is_on_curve) {
             motions.push(0.0);
         }
         motions.sort_by(f64::total_cmp);
         if let [least, .., most] = motions[..] {
             let ends = [(least, elevation_m), (most, elevation_m)];
-            chart.draw_series(DashedLineSeries::new(ends, 3, 3, color.mix(0.7).stroke_width(1)))?;
+            plane.curve(ends, Dashes::Fine, MEASURED.mix(0.7).stroke_width(1))?;
         }
     }
     Ok(())
@@ -215,8 +217,8 @@ mod tests {
     use crate::identify::accuracy::tests::found;
     use crate::study::{Study, template};
 
-    /// Dashes of the tower's mode, drawn with this motion at the sensors that have one.
-    fn dashes(motion: impl Fn(&Sensor) -> Option<f64>) -> usize {
+    /// Lengths of the dotted lines of the tower's mode, drawn with this motion at the sensors that have one; pixels.
+    fn joints(motion: impl Fn(&Sensor) -> Option<f64>) -> Vec<f64> {
         let study = Study::from_text(template::CANTON_STUDY, std::path::Path::new("canton")).unwrap();
         let component = |sensor: &Sensor| {
             let (channel, point) = (sensor.channel.clone(), sensor.point.clone());
@@ -225,24 +227,37 @@ mod tests {
         let mut identification = found();
         identification.modes[0].shape = study.sensors().iter().filter_map(component).collect();
         let svg = mode_shapes("Tower", &study.setups, &identification, &[]).unwrap().unwrap();
-        svg.lines().filter(|line| line.starts_with("<polyline") && line.contains("opacity=\"0.7\"")).count()
+        let length = |line: &str| {
+            let mut points = line.split("points=\"").nth(1).unwrap().split([',', ' ', '"']);
+            let from: f64 = points.next().unwrap().parse().unwrap();
+            (points.nth(1).unwrap().parse::<f64>().unwrap() - from).abs()
+        };
+        svg.lines()
+            .filter(|line| line.starts_with("<polyline") && line.contains("opacity=\"0.7\""))
+            .map(length)
+            .collect()
     }
 
-    /// Sensors of one direction move together in bending, apart in torsion by the arms of their offsets, and dashes show it.
+    /// Sensors of one direction move together in bending, apart in torsion by the arms of their offsets, and dotted lines show it.
     #[test]
     fn torsion_joins_sensors_of_one_height() {
-        let bending = dashes(|sensor| sensor.elevation_m.map(|z_m| z_m / 450.0));
-        let torsion = dashes(|sensor| {
+        let bending = joints(|sensor| sensor.elevation_m.map(|z_m| z_m / 450.0));
+        let torsion = joints(|sensor| {
             let [along_x, along_y, _] = sensor.direction?.cosines();
             Some((sensor.offset_m[0] * along_y - sensor.offset_m[1] * along_x) / 7.0)
         });
-        assert!(bending <= 4, "{bending}: four pairs stand on each other");
-        assert!(torsion > 20, "{torsion}: two of the pairs are apart");
+        assert!(bending.iter().all(|length| *length < 1.0), "{bending:?}: four pairs stand on each other");
+        assert_eq!(
+            torsion.iter().filter(|length| **length > 20.0).count(),
+            2,
+            "{torsion:?}: two of the pairs are apart"
+        );
     }
 
     #[test]
     fn a_point_alone_is_joined_to_the_axis() {
-        let one = |channel: &'static str| dashes(move |sensor| (sensor.channel == channel).then_some(1.0));
-        assert!(one("08") > 5);
+        let one = |channel: &'static str| joints(move |sensor| (sensor.channel == channel).then_some(1.0));
+        let joints = one("08");
+        assert!(joints.len() == 1 && joints[0] > 20.0, "{joints:?}");
     }
 }

@@ -2,23 +2,18 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, DIRECTIONS, DrawResult, MODE, PictureError, log_range, picture, width_of};
+use super::canvas::{
+    Area, Dashes, DrawResult, FORCED, FRAME, INK, MEASURED, PictureError, Plane, REJECTED, log_range, picture, width_of,
+};
 use super::units::density_unit;
+use crate::colour::{Colour, SERIES};
 use crate::identify::{Identification, SingularSpectrum};
 use crate::study::Setup;
 
 const WHAT: &str = "the singular values";
 const SIZE: (u32, u32) = (960, 540);
-const RANKS: [RGBColor; 4] =
-    [RGBColor(31, 87, 147), RGBColor(214, 124, 38), RGBColor(90, 150, 90), RGBColor(160, 160, 160)];
-/// Of setups in turn (Okabe-Ito, without its reds, which are modes, and purples, which are forced lines).
-const SETUPS: [RGBColor; 5] =
-    [RGBColor(0, 114, 178), RGBColor(230, 159, 0), RGBColor(0, 158, 115), RGBColor(86, 180, 233), RGBColor(90, 90, 90)];
-
-/// Forced lines.
-const FORCED: RGBColor = DIRECTIONS[3];
-/// Rejected peaks.
-const REJECTED: RGBColor = RGBColor(120, 120, 120);
+/// How strong a singular value is drawn, and how wide: the first most.
+const RANKS: [(f64, u32); 4] = [(1.0, 2), (0.72, 1), (0.52, 1), (0.36, 1)];
 /// Where title and legend begin, from the left and from the top, and what a row of the legend takes.
 const TITLE_AT: (i32, i32) = (12, 8);
 const LEGEND_AT: (i32, i32) = (12, 36);
@@ -49,12 +44,13 @@ fn lines(spectra: &[SingularSpectrum]) -> Vec<Line<'_>> {
             .map(|rank| {
                 let name =
                     ["first", "second", "third", "fourth"].get(rank).map_or(String::new(), |&name| name.to_owned());
-                one(spectrum, rank, name, RANKS[rank.min(RANKS.len() - 1)].stroke_width(2))
+                let (strength, width) = RANKS[rank.min(RANKS.len() - 1)];
+                one(spectrum, rank, name, MEASURED.mix(strength).stroke_width(width))
             })
             .collect(),
         spectra => spectra
             .iter()
-            .zip(SETUPS.iter().cycle())
+            .zip(std::iter::once(MEASURED).chain(SERIES.map(Colour::on_paper)).cycle())
             .filter(|(spectrum, _)| !spectrum.values.is_empty())
             .map(|(spectrum, color)| one(spectrum, 0, spectrum.setup.clone(), color.stroke_width(1)))
             .collect(),
@@ -83,7 +79,7 @@ pub fn singular_values(
         .ok_or(PictureError { what: WHAT, reason: "nothing was measured".to_owned() })?;
     let lowest = values().fold(f64::INFINITY, f64::min).max(first_rank_lowest.min(highest) * 1e-3).max(highest * 1e-12);
     let (bottom, top) = log_range(lowest * 0.5, highest * 4.0);
-    let legend = legend(&lines, spectra.len() > 1, identification);
+    let legend = legend(&lines, identification);
     let rows = legend.last().map_or(1, |entry| 1 + (entry.at.1 - LEGEND_AT.1) / LEGEND_ROW);
     picture(WHAT, SIZE, |root| {
         let which = if spectra.len() > 1 {
@@ -111,27 +107,28 @@ pub fn singular_values(
             .label_style(("sans-serif", 12))
             .axis_desc_style(("sans-serif", 13))
             .light_line_style(WHITE.mix(0.0))
-            .bold_line_style(RGBColor(228, 228, 228))
+            .bold_line_style(FRAME.mix(0.6))
             .draw()?;
+        let plane = Plane::of(&chart, first_hz..last_hz, bottom..top, true);
         for forced in &identification.harmonics {
             let half_hz = forced.wanders_hz;
             let corners = [(forced.frequency_hz - half_hz, bottom), (forced.frequency_hz + half_hz, top)];
             let inside = corners.map(|(hz, value)| (hz.clamp(first_hz, last_hz), value));
             chart.draw_series(std::iter::once(Rectangle::new(inside, FORCED.mix(0.15).filled())))?;
             let line = [(forced.frequency_hz, bottom), (forced.frequency_hz, top)];
-            chart.draw_series(DashedLineSeries::new(line, 5, 4, FORCED.stroke_width(1)))?;
+            plane.curve(line, Dashes::Short, FORCED.stroke_width(1))?;
         }
         for mode in &identification.modes {
             let line = [(mode.frequency_hz, bottom), (mode.frequency_hz, top)];
-            chart.draw_series(LineSeries::new(line, MODE.mix(0.45).stroke_width(1)))?;
+            plane.curve(line, Dashes::Full, INK.mix(0.4).stroke_width(1))?;
         }
         for line in lines.iter().rev() {
             let points = line.spectrum.frequency_hz.iter().zip(line.values()).map(|(f, v)| (*f, v.clamp(bottom, top)));
-            chart.draw_series(LineSeries::new(points, line.style))?;
+            plane.curve(points, Dashes::Full, line.style)?;
         }
         let rejected = identification.rejected.iter().map(|peak| (peak.frequency_hz, top * 0.4));
         chart.draw_series(rejected.map(|at| Cross::new(at, 3, REJECTED)))?;
-        let mode_labels = identification.modes.iter().map(|mode| (mode.number.to_string(), mode.frequency_hz, MODE));
+        let mode_labels = identification.modes.iter().map(|mode| (mode.number.to_string(), mode.frequency_hz, INK));
         let forced_labels = identification.harmonics.iter().map(|forced| ("F".to_owned(), forced.frequency_hz, FORCED));
         let mut labels: Vec<(String, f64, RGBColor)> = mode_labels.chain(forced_labels).collect();
         labels.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -179,14 +176,13 @@ impl Entry {
 }
 
 /// What the lines and marks mean, of those that there are, in rows.
-fn legend(lines: &[Line<'_>], are_setups: bool, identification: &Identification) -> Vec<Entry> {
+fn legend(lines: &[Line<'_>], identification: &Identification) -> Vec<Entry> {
     let of_lines = lines.iter().filter(|line| !line.name.is_empty()).map(|line| {
         let name = line.name.clone();
-        let color = if are_setups { BLACK } else { RANKS[line.rank.min(RANKS.len() - 1)] };
-        (name, color, Some(line.style))
+        (name, INK, Some(line.style))
     });
     let marks = [
-        (!identification.modes.is_empty(), "1, 2, ... modes", MODE),
+        (!identification.modes.is_empty(), "1, 2, ... modes", INK),
         (!identification.harmonics.is_empty(), "F forced lines: machinery or vortices", FORCED),
         (!identification.rejected.is_empty(), "x rejected peaks", REJECTED),
     ];
@@ -227,8 +223,8 @@ mod tests {
         assert!(marked.contains("F forced lines: machinery or vortices") && marked.contains("x rejected peaks"));
         // Text of their own, and what stands at their frequencies.
         let of = |svg: &str, color: &str| svg.matches(color).count();
-        assert!(of(&marked, "#825AA0") > 10 && of(&plain, "#825AA0") == 0, "the dashes of a forced line");
-        assert_eq!((of(&marked, "#787878"), of(&plain, "#787878")), (3, 0), "two strokes of a cross, and the legend");
+        assert!(of(&marked, "#AD8400") > of(&plain, "#AD8400") && of(&plain, "#AD8400") == 0, "a forced line");
+        assert_eq!((of(&marked, "#555555"), of(&plain, "#555555")), (3, 0), "two strokes of a cross, and the legend");
     }
 
     /// As one flipped bit in a recording leaves them, and as a silent structure does.

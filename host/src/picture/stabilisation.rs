@@ -2,7 +2,7 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BESIDE, DrawResult, FRAME, MODE, PictureError, picture};
+use super::canvas::{Area, Dashes, DrawResult, INK, MEASURED, PictureError, Plane, REJECTED, picture};
 use crate::identify::ssi::StabilisationDiagram;
 use crate::identify::{Identification, SingularSpectrum};
 
@@ -21,7 +21,7 @@ pub fn stabilisation(structure: &str, identification: &Identification) -> Result
     }
     let size = (WIDTH, TITLE + PANEL * diagrams.len() as u32);
     picture("the stabilisation diagram", size, |root| {
-        let title = format!("{structure}: poles by order of the model; red ones are stable, lines are the modes");
+        let title = format!("{structure}: poles by order of the model; blue ones are stable, lines are the modes");
         root.draw(&Text::new(title, (12, 10), ("sans-serif", 18)))?;
         let (_, mut rest) = root.split_vertically(TITLE);
         for diagram in diagrams {
@@ -60,6 +60,7 @@ fn draw(
         .y_desc("order of the model")
         .y_label_formatter(&|order| format!("{order:.0}"))
         .draw()?;
+    let plane = Plane::of(&chart, first_hz..last_hz, 0.0..highest, false);
     if let Some(values) = spectrum.values.first() {
         let logs = || values.iter().filter(|value| **value > 0.0).map(|value| value.log10());
         let (low, high) = logs().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -67,16 +68,16 @@ fn draw(
         let scale = highest / (high - low).max(f64::MIN_POSITIVE);
         let points = spectrum.frequency_hz.iter().zip(values).filter(|(_, value)| **value > 0.0);
         let points = points.map(|(hz, value)| (*hz, (value.log10() - low) * scale));
-        chart.draw_series(LineSeries::new(points, BESIDE.mix(0.4)))?;
+        plane.curve(points, Dashes::Full, REJECTED.mix(0.6).stroke_width(1))?;
     }
     for mode in &identification.modes {
         let line = [(mode.frequency_hz, 0.0), (mode.frequency_hz, highest)];
-        chart.draw_series(LineSeries::new(line, FRAME))?;
+        plane.curve(line, Dashes::Full, INK.mix(0.4).stroke_width(1))?;
     }
-    let dots = diagram.poles.iter().map(|pole| (pole.frequency_hz, pole.order as f64));
-    chart.draw_series(dots.map(|at| Circle::new(at, 1, BLACK.mix(0.35).filled())))?;
-    let stable =
+    for pole in &diagram.poles {
+        plane.dot((pole.frequency_hz, pole.order as f64), 1, REJECTED.mix(0.7).filled())?;
+    }
+    let mut stable =
         diagram.stable.iter().flat_map(|pole| pole.orders.iter().map(|&order| (pole.frequency_hz, order as f64)));
-    chart.draw_series(stable.map(|at| Circle::new(at, 2, MODE.filled())))?;
-    Ok(())
+    stable.try_for_each(|at| plane.dot(at, 2, MEASURED.filled()))
 }

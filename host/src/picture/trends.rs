@@ -2,8 +2,11 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BESIDE, DrawResult, MODE, PictureError, axis_digits, fixed, picture, prefixed};
+use super::canvas::{
+    Area, Dashes, DrawResult, FRAME, MEASURED, PictureError, Plane, REJECTED, axis_digits, fixed, picture, prefixed,
+};
 use super::units::motion_unit;
+use crate::colour;
 use crate::study::Setup;
 use crate::trend::{IntervalMode, Trend, TrendInterval};
 
@@ -15,6 +18,10 @@ const AXIS: u32 = 40;
 const BAR: f64 = 2.0;
 /// A response that varies by more than this is drawn on a logarithmic scale.
 const LINEAR: f64 = 10.0;
+
+/// Points further apart than so many intervals are not joined: what lies between was not measured.
+const GAP: f64 = 1.5;
+const TEMPERATURE: RGBColor = colour::SERIES[1].on_paper();
 
 /// A point of a panel: time in hours, value, and its standard deviation.
 type Point = (f64, f64, f64);
@@ -56,7 +63,7 @@ pub fn trends(structure: &str, setups: &[Setup], trend: &Trend) -> Result<Option
         for (index, panel) in panels.iter().enumerate() {
             let is_last = index + 1 == panels.len();
             let (area, below) = rest.split_vertically(if is_last { PANEL + AXIS } else { PANEL });
-            draw(&area, panel, hours, is_last)?;
+            draw(&area, panel, hours, trend.every_s / 3600.0, is_last)?;
             rest = below;
         }
         Ok(())
@@ -79,7 +86,12 @@ fn panels(trend: &Trend, intervals: &[&TrendInterval], unit: &str) -> Vec<Panel>
     let hour = |interval: &TrendInterval| 0.5 * (interval.start_s + interval.end_s) / 3600.0;
     let mut panels = Vec::new();
     let temperatures = intervals.iter().filter_map(|i| Some((hour(i), i.temperature_degc?, 0.0))).collect();
-    panels.push(Panel { name: "temperature in °C".to_owned(), points: temperatures, color: BESIDE, is_log: false });
+    panels.push(Panel {
+        name: "temperature in °C".to_owned(),
+        points: temperatures,
+        color: TEMPERATURE,
+        is_log: false,
+    });
     let levels: Vec<(f64, f64)> = intervals
         .iter()
         .map(|i| (hour(i), i.modes.iter().map(|mode| mode.response_rms.powi(2)).sum::<f64>().sqrt()))
@@ -99,7 +111,7 @@ fn panels(trend: &Trend, intervals: &[&TrendInterval], unit: &str) -> Vec<Panel>
             })
             .collect();
         let name = format!("mode {}: frequency, in % off {:.4} Hz", mode.number, mode.frequency_hz);
-        panels.push(Panel { name, points, color: MODE, is_log: false });
+        panels.push(Panel { name, points, color: MEASURED, is_log: false });
     }
     panels.retain(|panel| !panel.points.is_empty());
     panels
@@ -114,12 +126,12 @@ fn of_response(levels: &[(f64, f64)], unit: &str) -> Panel {
     Panel {
         name: format!("response, RMS of all modes in {prefix}{unit}"),
         points: levels.iter().map(|&(hour, level)| (hour, value(level), 0.0)).collect(),
-        color: BESIDE,
+        color: REJECTED,
         is_log,
     }
 }
 
-fn draw(area: &Area<'_>, panel: &Panel, hours: f64, is_last: bool) -> DrawResult {
+fn draw(area: &Area<'_>, panel: &Panel, hours: f64, every: f64, is_last: bool) -> DrawResult {
     let lowest = panel.points.iter().map(|(_, value, std)| value - BAR * std).fold(f64::INFINITY, f64::min);
     let highest = panel.points.iter().map(|(_, value, std)| value + BAR * std).fold(f64::NEG_INFINITY, f64::max);
     // One interval alone has no span of its own.
@@ -140,7 +152,7 @@ fn draw(area: &Area<'_>, panel: &Panel, hours: f64, is_last: bool) -> DrawResult
     let mut mesh = chart.configure_mesh();
     mesh.disable_x_mesh()
         .light_line_style(WHITE)
-        .bold_line_style(RGBColor(232, 232, 232))
+        .bold_line_style(FRAME.mix(0.6))
         .y_labels(5)
         .x_label_formatter(&hour)
         .y_label_formatter(&label)
@@ -151,12 +163,16 @@ fn draw(area: &Area<'_>, panel: &Panel, hours: f64, is_last: bool) -> DrawResult
     }
     mesh.draw()?;
     area.draw(&Text::new(panel.name.clone(), (76, 4), ("sans-serif", 13)))?;
-    chart.draw_series(LineSeries::new(panel.points.iter().map(|&(x, y, _)| (x, y)), panel.color.mix(0.35)))?;
-    let bars = panel.points.iter().filter(|point| point.2 > 0.0);
-    chart.draw_series(
-        bars.map(|&(x, y, std)| PathElement::new([(x, y - BAR * std), (x, y + BAR * std)], panel.color)),
-    )?;
-    chart.draw_series(panel.points.iter().map(|&(x, y, _)| Circle::new((x, y), 2, panel.color.filled())))?;
+    let plane = Plane::of(&chart, 0.0..hours, lowest..highest, false);
+    for run in panel.points.chunk_by(|a, b| b.0 - a.0 < GAP * every) {
+        plane.curve(run.iter().map(|&(x, y, _)| (x, y)), Dashes::Full, panel.color.mix(0.35).into())?;
+    }
+    for &(x, y, std) in &panel.points {
+        if std > 0.0 {
+            plane.curve([(x, y - BAR * std), (x, y + BAR * std)], Dashes::Full, panel.color.into())?;
+        }
+        plane.dot((x, y), 2, panel.color.filled())?;
+    }
     Ok(())
 }
 
@@ -227,6 +243,20 @@ mod tests {
         let panels = panels(&trend, &intervals, "m/s²");
         let &(_, _, std) = panels.last().unwrap().points.first().unwrap();
         assert!((BAR * std - 0.05).abs() < 1e-12);
+    }
+
+    /// Of six intervals two in the middle are missing: the rest are two runs of two.
+    #[test]
+    fn what_was_not_measured_is_not_joined() {
+        let mut trend = trend(1.0, 1.0);
+        let runs = |trend: &Trend| {
+            let svg = trends("Tower", &[], trend).unwrap().unwrap();
+            let curves = svg.lines().filter(|line| line.starts_with("<polyline") && line.contains("opacity=\"0.35\""));
+            curves.map(|line| line.matches(',').count()).collect::<Vec<_>>()
+        };
+        assert_eq!(runs(&trend), [6, 6], "the response, and the mode");
+        trend.intervals.drain(2..4);
+        assert_eq!(runs(&trend), [2, 2, 2, 2]);
     }
 
     #[test]

@@ -245,6 +245,7 @@ impl Project {
             &case.sensors,
             &case.measured.modes,
             &comparison,
+            case.study.model.as_ref().is_some_and(|model| !model.effects.is_empty()),
         )?;
         self.results.write_json(COMPARISON_FILE, &comparison)?;
         let write = |picture: String| self.results.write("comparison.svg", picture.as_bytes());
@@ -295,7 +296,7 @@ impl Project {
     }
 
     /// Says which physical effect the model lacks; kinds named in `without` are left out. Writes `diagnosis.json`, and as
-    /// figures and picture what each of the first candidates would do to every number measured.
+    /// figures what each candidate would do to every number measured, and as a picture those of the first.
     ///
     /// # Errors
     /// As [`Project::case`], or when the effects in the model cannot be fitted.

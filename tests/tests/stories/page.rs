@@ -4,7 +4,7 @@
 mod browser;
 #[cfg(browser)]
 mod driver;
-mod server;
+pub(crate) mod server;
 
 use std::fs;
 use std::path::Path;

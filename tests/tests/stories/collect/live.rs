@@ -14,6 +14,8 @@ use belfry_shared::time::NodeTime;
 use belfry_tests::belfry_command;
 use serde_json::Value;
 
+use crate::page::server::Server;
+
 use super::mast::{MODES, RATE_HZ, folder_in_memory, fresh_node, is_without_gaps, motion, numbers, write_study};
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -198,6 +200,17 @@ fn windows_come_once_whatever_happens_to_the_host_and_modes_come_of_them_while_t
     let modes = belfry_command().args(["identify", bench.study(), "--json"]).assert().success();
     let modes: Value = serde_json::from_slice(&modes.get_output().stdout).unwrap();
     let after = numbers(bench.folder.path(), 3).len();
+    // The page shows how the nodes serve, and follows by itself.
+    let server = Server::start(bench.study());
+    let windows = |data: &Value, node: u64| {
+        let nodes = data["nodes"].as_array().unwrap();
+        let one = nodes.iter().find(|one| one["node"] == node).unwrap();
+        assert_eq!((&one["lost_windows"], &one["bad_windows"]), (&0.into(), &0.into()), "{one}");
+        one["windows"].as_u64().unwrap()
+    };
+    let shown = server.data();
+    assert!(windows(&shown, 3) >= 120 && windows(&shown, 8) >= 120, "{}", shown["nodes"]);
+    server.wait_for("more windows", |data| [3, 8].iter().all(|&node| windows(data, node) > windows(&shown, node) + 2));
     bench.wait_for(after + 4);
     interrupt(&again);
     let output = again.wait_with_output().unwrap();

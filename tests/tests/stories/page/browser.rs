@@ -63,6 +63,12 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     browser.picture("3 added").await;
     let again = "return document.querySelectorAll('[aria-label=\"Add base-rotation to the model\"]').length";
     assert_eq!(browser.script(again).await, json!(0), "what is in the model is not to be added");
+    // Each candidate that could be there has its fingerprint.
+    let data = server.data();
+    let candidates = data["diagnosis"]["candidates"].as_array().unwrap();
+    let possible = candidates.iter().filter(|one| one["admissible"] != false).count();
+    let shown = browser.script("return document.querySelectorAll('#fingerprints button canvas').length").await;
+    assert!(possible > 4 && shown == json!(possible), "{shown} of {possible}");
 
     // A slider: shapes and frequencies follow, the study does not.
     let toml = fs::read(format!("{study}/study.toml")).unwrap();
@@ -76,6 +82,24 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
     let note =
         "return document.querySelector('#structure .sliders .note').textContent.includes('mean error of frequencies')";
     browser.wait_for("the slider's numbers", note).await;
+    // A link shows the same: the slider's value, and which curves are on.
+    let hide = "[...document.querySelectorAll('#structure-3d .key label')].find(one => one.textContent === 'model as first given').querySelector('input')";
+    browser.script(&format!("{hide}.click()")).await;
+    let tried = "location.hash.includes('try=') && location.hash.includes('hidden=')";
+    browser.wait_for("the view in the address", &format!("return {tried}")).await;
+    let moved = browser.script(frequencies).await;
+    let here = browser.client.current_url().await.unwrap();
+    let window = browser.client.window().await.unwrap();
+    let other = browser.client.new_window(true).await.unwrap().handle;
+    browser.client.switch_to_window(other).await.unwrap();
+    browser.client.goto(here.as_str()).await.unwrap();
+    browser.wait_for("the other window is drawn", DRAWN).await;
+    browser.wait_for("the slider's model there", &format!("{frequencies} === {moved}")).await;
+    let at = "return [document.getElementById('slider-0').value, document.querySelectorAll('#structure-3d .key input:not(:checked)').length]";
+    assert_eq!(browser.script(at).await, json!(["0.2", 1]));
+    browser.client.close_window().await.unwrap();
+    browser.client.switch_to_window(window).await.unwrap();
+    browser.script(&format!("{hide}.click()")).await;
     browser.click("Reset to the fitted values").await;
     browser.wait_for("the fitted model again", &format!("{frequencies} === {fitted}")).await;
 
@@ -128,6 +152,13 @@ async fn the_missing_effect_is_found_and_added_by_clicks_and_the_error_falls() {
         return [mark.left + mark.width / 2 + 3, over.top + 60]";
     browser.press(&browser.script(at).await).await;
     browser.wait_for("the mode of the line", &format!("{mode} === '2'")).await;
+
+    // Half way to the next mode no peak stands: the page says which is the nearest, and there is nothing to add.
+    let between = "const over = document.querySelector('#singular-values .u-over').getBoundingClientRect(), [a, b] = ['2', '3'].map(number => [...document.querySelectorAll('#singular-values .mark')].find(one => one.textContent === number).getBoundingClientRect());
+        return [(a.left + b.right) / 2, over.top + 60]";
+    browser.press(&browser.script(between).await).await;
+    let none = "const text = document.getElementById('singular-values').textContent; return text.includes('No peak stands out at 0.2') && text.includes('; the nearest is mode ') && !text.includes('Add a mode')";
+    browser.wait_for("no peak there", none).await;
 
     // A study that cannot be read says so until it can.
     let toml = fs::read_to_string(format!("{study}/study.toml")).unwrap();
@@ -196,6 +227,14 @@ async fn a_report_opens_from_disk_with_all_its_pictures() {
         "a report has nothing to click that asks a server"
     );
     browser.colours().await;
+    // On paper no text is smaller than 8 points, and the report is short.
+    let small = "window.dispatchEvent(new Event('beforeprint'));
+        const small = [...document.querySelectorAll('main *, header *')].filter(one => one.checkVisibility() && [...one.childNodes].some(node => node.nodeType === 3 && node.data.trim()) && parseFloat(getComputedStyle(one).fontSize) < 10.6);
+        window.dispatchEvent(new Event('afterprint'));
+        return small.map(one => one.outerHTML.slice(0, 80))";
+    assert_eq!(browser.script(small).await, json!([]));
+    let pages = browser.printed_pages().await;
+    assert!((5..=14).contains(&pages), "{pages} pages");
     browser.picture("5 report").await;
     browser.no_errors().await;
     browser.end().await;

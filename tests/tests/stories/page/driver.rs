@@ -6,6 +6,8 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use fantoccini::actions::{InputSource, MOUSE_BUTTON_LEFT, MouseActions, PointerAction};
 use fantoccini::error::CmdError;
 use fantoccini::key::Key;
@@ -53,6 +55,21 @@ impl WebDriverCompatibleCommand for BeforeEachPage {
     }
 }
 
+/// Prints the page to A4.
+#[derive(Debug)]
+struct Print;
+
+impl WebDriverCompatibleCommand for Print {
+    fn endpoint(&self, base: &url::Url, session: Option<&str>) -> Result<url::Url, url::ParseError> {
+        base.join(&format!("session/{}/print", session.unwrap_or_default()))
+    }
+
+    fn method_and_body(&self, _: &url::Url) -> (http::Method, Option<String>) {
+        let body = json!({ "background": true, "shrinkToFit": false, "page": { "width": 21.0, "height": 29.7 } });
+        (http::Method::POST, Some(body.to_string()))
+    }
+}
+
 impl Browser {
     pub(crate) async fn start(more: &[&str]) -> Self {
         let driver = Command::new("chromedriver").arg("--port=0").stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
@@ -86,6 +103,15 @@ impl Browser {
     #[cfg_attr(test, allow(dead_code, reason = "the benchmark uses it"))]
     pub(crate) async fn before_each_page(&self, script: &str) {
         self.client.issue_cmd(BeforeEachPage(script.to_owned())).await.unwrap();
+    }
+
+    /// Pages of A4 that the page is printed to.
+    #[cfg_attr(not(test), allow(dead_code, reason = "the stories use it"))]
+    pub(crate) async fn printed_pages(&self) -> usize {
+        let printed = self.client.issue_cmd(Print).await.unwrap();
+        let pdf = STANDARD.decode(printed.as_str().expect("a PDF in base64")).unwrap();
+        let text = String::from_utf8_lossy(&pdf);
+        text.match_indices("/Type /Page").filter(|(at, found)| !text[at + found.len()..].starts_with('s')).count()
     }
 
     /// Waits until a script's value is true.

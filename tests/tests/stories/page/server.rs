@@ -12,36 +12,36 @@ use serde_json::{Value, json};
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A server, which ends with this value.
-pub(super) struct Server {
+pub(crate) struct Server {
     child: Child,
     /// The address that opens the page.
-    pub(super) address: String,
+    pub(crate) address: String,
     host: String,
     cookie: String,
 }
 
 /// An answer.
-pub(super) struct Answer {
-    pub(super) status: u16,
+pub(crate) struct Answer {
+    pub(crate) status: u16,
     head: String,
-    pub(super) body: String,
+    pub(crate) body: String,
 }
 
 impl Answer {
-    pub(super) fn header(&self, name: &str) -> &str {
+    pub(crate) fn header(&self, name: &str) -> &str {
         let line =
             self.head.lines().find_map(|line| line.split_once(": ").filter(|(key, _)| key.eq_ignore_ascii_case(name)));
         line.map_or("", |(_, value)| value)
     }
 
-    pub(super) fn json(&self) -> Value {
+    pub(crate) fn json(&self) -> Value {
         serde_json::from_str(&self.body).unwrap_or_else(|_| panic!("{} {}", self.status, self.body))
     }
 }
 
 impl Server {
     /// Serves a study and opens its page.
-    pub(super) fn start(study: &str) -> Self {
+    pub(crate) fn start(study: &str) -> Self {
         let mut child =
             belfry_command().args(["serve", study, "--json"]).stdout(Stdio::piped()).spawn().expect("belfry starts");
         let mut line = String::new();
@@ -59,7 +59,7 @@ impl Server {
     }
 
     /// Asks with these headers and no others than a client needs.
-    pub(super) fn ask_as(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Answer {
+    pub(crate) fn ask_as(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Answer {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let mut request =
@@ -79,29 +79,29 @@ impl Server {
     }
 
     /// What lets a window in.
-    pub(super) fn cookie(&self) -> &str {
+    pub(crate) fn cookie(&self) -> &str {
         &self.cookie
     }
 
     /// Asks as the page does.
-    pub(super) fn get(&self, path: &str) -> Answer {
+    pub(crate) fn get(&self, path: &str) -> Answer {
         self.ask_as("GET", path, &[("cookie", &self.cookie)], "")
     }
 
     /// Sends as the page does.
-    pub(super) fn post(&self, path: &str, body: &Value) -> Answer {
+    pub(crate) fn post(&self, path: &str, body: &Value) -> Answer {
         let origin = format!("http://{}", self.host);
         self.ask_as("POST", path, &[("cookie", &self.cookie), ("origin", &origin)], &body.to_string())
     }
 
-    pub(super) fn data(&self) -> Value {
+    pub(crate) fn data(&self) -> Value {
         let answer = self.get("/data");
         assert_eq!(answer.status, 200, "{}", answer.body);
         answer.json()
     }
 
     /// Waits until the data are as they should be.
-    pub(super) fn wait_for(&self, what: &str, is_there: impl Fn(&Value) -> bool) {
+    pub(crate) fn wait_for(&self, what: &str, is_there: impl Fn(&Value) -> bool) {
         let start = Instant::now();
         while !is_there(&self.data()) {
             assert!(start.elapsed() < PATIENCE, "{what}: in vain");
@@ -110,26 +110,26 @@ impl Server {
     }
 
     /// Runs a command to its good end; its last state.
-    pub(super) fn finish(&self, words: &[&str]) -> Value {
+    pub(crate) fn finish(&self, words: &[&str]) -> Value {
         let job = self.finish_with(words);
         assert_eq!(job["state"], "done", "{job}");
         job
     }
 
     /// The same to whatever end.
-    pub(super) fn finish_with(&self, words: &[&str]) -> Value {
+    pub(crate) fn finish_with(&self, words: &[&str]) -> Value {
         let started = self.post("/run", &json!({ "command": words }));
         assert_eq!(started.status, 202, "{}", started.body);
         self.job_ended()
     }
 
     /// The last state of the command that runs.
-    pub(super) fn job_ended(&self) -> Value {
+    pub(crate) fn job_ended(&self) -> Value {
         self.job_until(|job| job["state"] != "running")
     }
 
     /// The first state of the command that is as it should be, from the events that a window follows.
-    pub(super) fn job_until(&self, mut is_there: impl FnMut(&Value) -> bool) -> Value {
+    pub(crate) fn job_until(&self, mut is_there: impl FnMut(&Value) -> bool) -> Value {
         let mut stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         write!(stream, "GET /events HTTP/1.1\r\nhost: {}\r\ncookie: {}\r\n\r\n", self.host, self.cookie).unwrap();
