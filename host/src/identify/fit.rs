@@ -73,11 +73,12 @@ pub(super) fn fit(
         let mut worst =
             judge::worst(&setups, grid.spacing_hz(), may_go, |pick| picks[pick].unseen, |pick| picks[pick].is_twin);
         if worst.is_empty() {
-            // Where nothing stands out, a fit goes elsewhere, or is a wide one through what others leave.
+            // Where nothing stands out, a fit goes elsewhere, is a wide one through what others leave, or a narrow one to a few lines of noise.
             let is_elsewhere = |pick: usize, asked_hz: f64| {
-                estimates(pick).all(|SetupMode { resonance, .. }| {
+                estimates(pick).all(|SetupMode { resonance, damping_std, .. }| {
                     (resonance.frequency_hz - asked_hz).abs() > meant_hz(grid.spacing_hz(), asked_hz)
                         || resonance.damping_ratio > judge::BRIDGING_DAMPING
+                        || resonance.damping_ratio < judge::SHOWN_SIGMAS * damping_std
                 })
             };
             let is_nothing = |&pick: &usize| {

@@ -18,7 +18,7 @@ pub(super) const MIN_DAMPING: f64 = 5e-4;
 /// Less is believed, as of a cable, where the lines that a mode was fitted to show its width: so many lie in its bandwidth, and its damping
 /// is so many of its standard deviations, and no less than of a taut string.
 const SHOWN_LINES: f64 = 0.5;
-const SHOWN_SIGMAS: f64 = 2.0;
+pub(super) const SHOWN_SIGMAS: f64 = 2.0;
 const MIN_SHOWN_DAMPING: f64 = 1e-4;
 /// So little is not believed of a pick whose kurtosis is that of a forced line, and so many standard deviations below a mode's.
 const FORCED_SIGMAS: f64 = 2.0;

@@ -293,7 +293,7 @@ fn finished(svg: &str) -> String {
         let digits = rest.bytes().take_while(u8::is_ascii_digit).count();
         let far = rest[..digits].parse::<i32>().ok().filter(|number| is_tag && *number > FAR / 2);
         if let Some(number) = far {
-            finished += &format!("{:.2}", f64::from(number - FAR) / FINE).trim_end_matches('0').trim_end_matches('.');
+            finished += format!("{:.2}", f64::from(number - FAR) / FINE).trim_end_matches('0').trim_end_matches('.');
         } else if digits > 0 {
             finished += &rest[..digits];
         } else {

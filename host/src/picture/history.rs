@@ -100,7 +100,6 @@ fn draw(area: &Area<'_>, lines: &[Line], names: &[Vec<String>], below: u32) -> D
         let dashes = if line.is_left_out { Dashes::Long } else { Dashes::Full };
         plane.curve(points.iter().copied(), dashes, INK.stroke_width(2))?;
         for point in points {
-            plane.dot(point, 4, WHITE.filled())?;
             plane.dot(point, if line.is_left_out { 4 } else { 3 }, line.point_style())?;
         }
         if lines.len() > 1 {
