@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Builds the program of the sensor-node board (Cortex-M4F) and says where it is; other programs by their names.
+# Builds the program of the sensor-node board (Cortex-M4F) and says where it is; other programs by their names. With BELFRY_STORE=yes it is built
+# for a memory chip beside the sensor.
 # Uses rustup's target where it is installed (rustup target add thumbv7em-none-eabihf); otherwise Debian's Rust for
 # embedded targets (packages rustc-web, cargo-web, rust-web-src), which builds `core` from its source.
 set -euo pipefail
@@ -7,7 +8,13 @@ cd "$(dirname "$0")/.."
 
 programs=("${@:-belfry-node}")
 target=thumbv7em-none-eabihf
-arguments=(--locked --package belfry-firmware "${programs[@]/#/--bin=}" --profile firmware --target "$target")
+profile=firmware
+features=()
+if [ "${BELFRY_STORE:-}" = yes ]; then
+    profile=firmware-store
+    features=(--features store)
+fi
+arguments=(--locked --package belfry-firmware "${programs[@]/#/--bin=}" --profile "$profile" "${features[@]}" --target "$target")
 
 if [ -d "$(rustc --print sysroot)/lib/rustlib/$target" ]; then
     folder=${CARGO_TARGET_DIR:-target}
@@ -25,4 +32,4 @@ else
     PATH="/usr/bin:$PATH:$linker" RUSTC_BOOTSTRAP=1 RUSTC=/usr/bin/rustc \
         /usr/bin/cargo build -Zbuild-std=core --target-dir "$folder" "${arguments[@]}"
 fi
-printf '%s\n' "${programs[@]/#/$folder/$target/firmware/}"
+printf '%s\n' "${programs[@]/#/$folder/$target/$profile/}"

@@ -6,7 +6,7 @@
 //!
 //! Samples pass the decimating filter (`decimator`) into a ring of recent history (`acquisition`). Whenever the schedule says
 //! that a segment is complete, `spectrum` transforms it, and its lines or averaged densities wait in the `outbox` until the host
-//! acknowledges them.
+//! acknowledges them. A [`Store`] on a memory chip keeps them over a power cut, where there is one.
 #![no_std]
 
 #[cfg(test)]
@@ -23,9 +23,11 @@ mod plan;
 mod psd;
 mod schedule;
 mod spectrum;
+mod store;
 mod tables;
 mod windows;
 
 pub use inbox::{Inbox, InboxReader, InboxWriter};
 pub use node::{Identity, Memory, Node};
 pub use spectrum::{SUPPORTED_SEGMENTS, welch_segment};
+pub use store::{Chip, Keeper, NoStore, NoSupply, SECTOR_BYTES, STEP_BYTES, SimulatedChip, SpiChip, Store, Technology};

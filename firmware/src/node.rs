@@ -7,18 +7,20 @@ use belfry_shared::frame::{
     END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened, PROTOCOL_VERSION,
 };
 use belfry_shared::message::{
-    self, Acknowledgement, BoardState, ClockReply, ClockRequest, Configuration, Conversation, Counters, Fault, Fed,
-    FeedPart, Heard, Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, Replay, Versions, WindowName,
+    self, Acknowledgement, Again, BoardState, ClockReply, ClockRequest, Configuration, Conversation, Counters, Fault,
+    Fed, FeedPart, Heard, Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, Replay, Versions,
+    WindowName,
 };
 use belfry_shared::seal::{Key, Sender, next_counter};
 use belfry_shared::time::{ClockModel, NodeTime};
 
 use crate::acquisition::{Acquisition, Rings, empty_rings};
 use crate::level::LevelMeter;
-use crate::outbox::Outbox;
+use crate::outbox::{Keeping, Outbox};
 use crate::plan::Plan;
 use crate::schedule::{SampleMoment, rows_to_us};
 use crate::spectrum::LONGEST_SEGMENT;
+use crate::store::{Keeper, NoStore};
 use crate::windows::{Arena, Files, WindowMaker, Workshop};
 
 /// Time between heartbeats in µs. The first comes earlier, so that the host soon knows of an absent sensor.
@@ -135,8 +137,8 @@ impl Default for Memory {
 /// A sensor node, with its [`Memory`] in a static or a box.
 ///
 /// Feed it with [`sample`](Self::sample) and [`receive`](Self::receive), call [`poll`](Self::poll) whenever there is nothing else
-/// to do, and send what [`transmit`](Self::transmit) returns.
-pub struct Node<M> {
+/// to do, and send what [`transmit`](Self::transmit) returns. One with a [`Store`](crate::Store) also wants [`keep`](Self::keep).
+pub struct Node<M, K = NoStore> {
     identity: Identity,
     plan: Option<Plan>,
     clock: Option<ClockModel>,
@@ -147,6 +149,7 @@ pub struct Node<M> {
     acquisition: Acquisition,
     windows: WindowMaker,
     outbox: Outbox,
+    store: K,
     memory: M,
     level: LevelMeter,
     /// When the next heartbeat is due; `None` before the node has looked at the time.
@@ -169,6 +172,12 @@ pub struct Node<M> {
 impl<M: DerefMut<Target = Memory>> Node<M> {
     /// A node that has just started; it greets the host and waits for a configuration and the time.
     pub const fn new(identity: Identity, memory: M) -> Self {
+        Self::start(identity, memory, NoStore)
+    }
+}
+
+impl<M, K> Node<M, K> {
+    const fn start(identity: Identity, memory: M, store: K) -> Self {
         Self {
             identity,
             plan: None,
@@ -178,6 +187,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             acquisition: Acquisition::START,
             windows: WindowMaker::START,
             outbox: Outbox::new(),
+            store,
             memory,
             level: LevelMeter::START,
             next_heartbeat: None,
@@ -209,6 +219,28 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             },
             transmitter: Transmitter { frame: [0; MAX_FRAME_BYTES], length: 0, sent: 0 },
         }
+    }
+}
+
+impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
+    /// A node that has just started and keeps its windows in a store. It measures what it measured before, once a host has set its clock: how long
+    /// it was without supply it cannot know.
+    pub fn with_store(identity: Identity, memory: M, store: K) -> Self {
+        let mut node = Self::start(identity, memory, store);
+        if let Some(configuration) = node.store.configuration() {
+            node.configure(configuration);
+        }
+        node
+    }
+
+    /// Its store, which outlasts it.
+    pub fn release(self) -> K {
+        self.store
+    }
+
+    /// Its store, while it is in use.
+    pub fn store(&mut self) -> &mut K {
+        &mut self.store
     }
 
     /// Its identity.
@@ -326,20 +358,41 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
     }
 
     fn acknowledged(&mut self, acknowledgement: &Acknowledgement) {
-        if acknowledgement.boot != self.identity.boot {
+        let Acknowledgement { boot, below, again } = acknowledgement;
+        if *boot != self.identity.boot {
+            if !self.store.acknowledge(*boot, *below) {
+                self.refuse();
+                return;
+            }
+            again.iter().for_each(|wanted| self.store.want(*boot, wanted));
+            self.pending.hello |= self.store.take_news();
             return;
         }
-        if acknowledgement.below > self.windows.next_number() {
+        if *below > self.windows.next_number() {
             self.refuse();
             return;
         }
-        self.outbox.acknowledge(acknowledgement.below);
-        let oldest = self.outbox.oldest_window().unwrap_or(self.windows.next_number());
-        for wanted in &acknowledgement.again {
-            self.outbox.again(wanted);
+        let below = self.outbox.acknowledge(*below);
+        self.store.acknowledge(*boot, below);
+        let oldest = self.oldest_window();
+        for wanted in again {
             // The host waits for what is gone, and would give it up as unreadable before the next heartbeat is due.
             self.pending.heartbeat |= wanted.first_window < oldest;
+            self.outbox.again(wanted);
+            // What the outbox has is not read from the store.
+            let last_window = match self.outbox.oldest_window() {
+                Some(oldest) if oldest <= wanted.first_window => continue,
+                Some(oldest) => wanted.last_window.min(oldest - 1),
+                None => wanted.last_window,
+            };
+            self.store.want(*boot, &Again { last_window, ..*wanted });
         }
+    }
+
+    /// The oldest window of this life that it still has, or else the next.
+    fn oldest_window(&self) -> u32 {
+        let in_outbox = self.outbox.oldest_window().unwrap_or(self.windows.next_number());
+        self.store.oldest_window().map_or(in_outbox, |oldest| oldest.min(in_outbox))
     }
 
     fn start_replay(&mut self, replay: Replay) {
@@ -387,6 +440,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             Ok(plan) => {
                 let (_, ring) = self.memory.arena.split(plan.cells);
                 self.outbox.shrink(ring.len());
+                self.store.set_configuration(&plan.configuration);
                 self.plan = Some(plan);
                 // A recording's rows were meant for the plan before this one.
                 self.end_replay();
@@ -481,9 +535,29 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
         let Memory { rings, segment, arena } = &mut *self.memory;
         let (cells, ring) = arena.split(plan.cells);
         let name = WindowName { node: self.identity.node, boot: self.identity.boot, number: 0 };
-        let mut files = Files { outbox: &mut self.outbox, ring, name };
+        // A recording can be measured again.
+        let keeps = self.store.keeps() && self.replay.is_none();
+        let keeping = if keeps { Keeping::Waiting } else { Keeping::Never };
+        let mut files = Files { outbox: &mut self.outbox, ring, name, keeping };
         let workshop = Workshop { acquisition: &mut self.acquisition, rings, segment, cells };
         self.windows.work(plan, workshop, &mut files)
+    }
+
+    /// Does one step of what the store has to do: no more than [`STEP_BYTES`](crate::STEP_BYTES) go over the chip's bus. Returns whether there was
+    /// any; if so, call it again.
+    pub fn keep(&mut self, now: NodeTime) -> bool {
+        if let Some(clock) = self.clock.filter(|_| self.replay.is_none()) {
+            self.store.set_time(clock.host_time(now));
+        }
+        if let Some((window, part)) = self.store.take_written() {
+            self.outbox.kept(window, part);
+        }
+        let (_, ring) = self.memory.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));
+        let has_put =
+            self.outbox.to_keep(ring).is_some_and(|(window, part, message)| self.store.put(window, part, message));
+        let has_worked = self.store.step();
+        self.pending.hello |= self.store.take_news();
+        has_put || has_worked
     }
 
     /// Whether [`transmit`](Self::transmit) has bytes to send.
@@ -496,6 +570,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             || refusal.is_some()
             || clock.is_some()
             || self.outbox.is_pending()
+            || self.store.is_loaded()
             || (*fed && !self.windows.is_busy())
     }
 
@@ -516,13 +591,13 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
 
     /// Makes the most urgent frame that waits and returns its length, 0 if there is none.
     fn next_frame(&mut self, now: NodeTime) -> usize {
+        let oldest_window = self.oldest_window();
         let frame = &mut self.transmitter.frame;
         if core::mem::take(&mut self.pending.end_mark) {
             frame[0] = END_OF_FRAME;
             return 1;
         }
         let next_window = self.windows.next_number();
-        let oldest_window = self.outbox.oldest_window().unwrap_or(next_window);
         let message = if let Some((request, node_received)) = self.pending.clock.take() {
             let believed = self.clock.filter(|_| self.replay.is_none()).map(|clock| clock.host_time(node_received));
             NodeMessage::Clock(ClockReply {
@@ -550,6 +625,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                     .sealing
                     .as_ref()
                     .map(|sealing| Counters { said: sealing.counters.said.saturating_add(1), ..sealing.counters }),
+                kept: self.store.kept(),
             })
         } else if let Some(refusal) = self.pending.refusal.take() {
             NodeMessage::Refused(refusal)
@@ -560,7 +636,7 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
                 boot: self.identity.boot,
                 next_window,
                 oldest_window,
-                lost_windows: self.outbox.lost_windows(),
+                lost_windows: self.outbox.lost_windows().saturating_add(self.store.lost_windows()),
                 damaged_frames: self.damaged_frames,
                 refused_messages: self.refused_messages,
                 level,
@@ -574,6 +650,9 @@ impl<M: DerefMut<Target = Memory>> Node<M> {
             let (_, ring) = self.memory.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));
             match (self.outbox.next(ring), self.replay) {
                 (Some(part), _) => return encode(&mut self.sealing, part, frame),
+                (None, _) if self.store.is_loaded() => {
+                    return self.store.take_loaded().map_or(0, |part| encode(&mut self.sealing, part, frame));
+                }
                 // Only now, with everything that follows from the last rows computed and sent, it takes more.
                 (None, Some(next_row)) if self.pending.fed && !self.windows.is_busy() => {
                     self.pending.fed = false;

@@ -1,6 +1,7 @@
 //! The outbox: every part of every window, kept until the host acknowledges it.
 //!
-//! Messages lie in a ring of bytes that the caller owns, oldest first. A full ring loses its oldest window, and counts it.
+//! Messages lie in a ring of bytes that the caller owns, oldest first. A full ring loses its oldest window, and counts it, unless the store
+//! keeps it.
 
 use belfry_shared::message::Again;
 use heapless::Deque;
@@ -8,20 +9,42 @@ use heapless::Deque;
 /// Most parts the outbox holds.
 pub(crate) const MAX_PARTS: usize = 112;
 
+/// How far a part has come on its way to the host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sending {
+    /// Never sent.
+    New,
+    Sent,
+    /// Sent, and asked for again.
+    Again,
+}
+
+/// How far a part has come on its way to the store.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Keeping {
+    /// It does not go there.
+    Never,
+    Waiting,
+    Kept,
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     window: u32,
     part: u16,
     offset: u16,
     length: u16,
-    pending: bool,
-    /// Whether it was sent ever.
-    was_sent: bool,
+    sending: Sending,
+    keeping: Keeping,
 }
 
 impl Entry {
     fn end(&self) -> usize {
         usize::from(self.offset) + usize::from(self.length)
+    }
+
+    fn is_pending(&self) -> bool {
+        self.sending != Sending::Sent
     }
 }
 
@@ -50,7 +73,7 @@ impl Outbox {
 
     /// Stores a part behind the others; drops the oldest windows to make room. Returns whether it was stored: a message larger than
     /// the whole ring is not.
-    pub(crate) fn push(&mut self, ring: &mut [u8], window: u32, part: u16, message: &[u8]) -> bool {
+    pub(crate) fn push(&mut self, ring: &mut [u8], window: u32, part: u16, message: &[u8], keeping: Keeping) -> bool {
         let Ok(length) = u16::try_from(message.len()) else { return false };
         if message.len() > ring.len() {
             return false;
@@ -67,7 +90,7 @@ impl Outbox {
         let Some(place) = ring.get_mut(offset..offset + message.len()) else { return false };
         let Ok(offset) = u16::try_from(offset) else { return false };
         place.copy_from_slice(message);
-        self.entries.push_back(Entry { window, part, offset, length, pending: true, was_sent: false }).is_ok()
+        self.entries.push_back(Entry { window, part, offset, length, sending: Sending::New, keeping }).is_ok()
     }
 
     /// Where the next `length` bytes fit, if anywhere.
@@ -90,8 +113,10 @@ impl Outbox {
 
     fn drop_oldest_window(&mut self) {
         let Some(window) = self.oldest_window() else { return };
+        let mut parts = self.entries.iter().take_while(|entry| entry.window == window);
+        let is_lost = parts.any(|entry| entry.keeping != Keeping::Kept);
         self.forget(|entry| entry.window == window);
-        self.lost_windows = self.lost_windows.saturating_add(1);
+        self.lost_windows = self.lost_windows.saturating_add(u32::from(is_lost));
     }
 
     fn forget(&mut self, done: impl Fn(&Entry) -> bool) {
@@ -107,30 +132,50 @@ impl Outbox {
         }
     }
 
-    /// Forgets all windows below `window`, up to the first that was not sent whole: nobody can have stored that one.
-    pub(crate) fn acknowledge(&mut self, window: u32) {
-        let unsent = self.entries.iter().filter(|entry| !entry.was_sent).map(|entry| entry.window).min();
+    /// Forgets all windows below `window`, up to the first that was not sent whole: nobody can have stored that one. Returns which it was.
+    pub(crate) fn acknowledge(&mut self, window: u32) -> u32 {
+        let is_new = |entry: &&Entry| entry.sending == Sending::New;
+        let unsent = self.entries.iter().filter(is_new).map(|entry| entry.window).min();
         let window = unsent.map_or(window, |unsent| window.min(unsent));
         self.forget(|entry| entry.window < window);
+        window
+    }
+
+    /// The oldest part that waits for the store: its window, its number and itself.
+    pub(crate) fn to_keep<'a>(&self, ring: &'a [u8]) -> Option<(u32, u16, &'a [u8])> {
+        let entry = self.entries.iter().find(|entry| entry.keeping == Keeping::Waiting)?;
+        Some((entry.window, entry.part, ring.get(usize::from(entry.offset)..entry.end())?))
+    }
+
+    /// Notes that the store keeps a part.
+    pub(crate) fn kept(&mut self, window: u32, part: u16) {
+        let mut entries = self.entries.iter_mut();
+        if let Some(entry) = entries.find(|entry| (entry.window, entry.part) == (window, part)) {
+            entry.keeping = Keeping::Kept;
+        }
     }
 
     /// Marks parts to be sent again.
     pub(crate) fn again(&mut self, wanted: &Again) {
         for entry in &mut self.entries {
-            entry.pending |= (wanted.first_window..=wanted.last_window).contains(&entry.window)
-                && (wanted.first_part..=wanted.last_part).contains(&entry.part);
+            if entry.sending == Sending::Sent
+                && (wanted.first_window..=wanted.last_window).contains(&entry.window)
+                && (wanted.first_part..=wanted.last_part).contains(&entry.part)
+            {
+                entry.sending = Sending::Again;
+            }
         }
     }
 
     /// Whether a part waits to be sent.
     pub(crate) fn is_pending(&self) -> bool {
-        self.entries.iter().any(|entry| entry.pending)
+        self.entries.iter().any(Entry::is_pending)
     }
 
     /// The next part to send, marked as sent.
     pub(crate) fn next<'a>(&mut self, ring: &'a [u8]) -> Option<&'a [u8]> {
-        let entry = self.entries.iter_mut().find(|entry| entry.pending)?;
-        (entry.pending, entry.was_sent) = (false, true);
+        let entry = self.entries.iter_mut().find(|entry| entry.is_pending())?;
+        entry.sending = Sending::Sent;
         ring.get(usize::from(entry.offset)..entry.end())
     }
 }
@@ -154,7 +199,7 @@ mod tests {
         let mut ring = [0; 100];
         let mut outbox = Outbox::new();
         for (window, part) in [(4, 1), (4, 0), (5, 1), (5, 0)] {
-            assert!(outbox.push(&mut ring, window, part, &[window as u8, part as u8]));
+            assert!(outbox.push(&mut ring, window, part, &[window as u8, part as u8], Keeping::Never));
         }
         assert_eq!(sent(&mut outbox, &ring), [[4, 1], [4, 0], [5, 1], [5, 0]]);
         assert!(!outbox.is_pending());
@@ -173,7 +218,7 @@ mod tests {
         let mut ring = [0; 100];
         let mut outbox = Outbox::new();
         for (window, part) in [(4, 1), (4, 0), (5, 1), (5, 0)] {
-            assert!(outbox.push(&mut ring, window, part, &[window as u8, part as u8]));
+            assert!(outbox.push(&mut ring, window, part, &[window as u8, part as u8], Keeping::Never));
         }
         assert_eq!(core::iter::from_fn(|| outbox.next(&ring).map(<[u8]>::to_vec)).take(3).count(), 3);
         outbox.acknowledge(u32::MAX);
@@ -182,6 +227,28 @@ mod tests {
         assert_eq!(sent(&mut outbox, &ring), [[5, 1], [5, 0]]);
         outbox.acknowledge(6);
         assert_eq!((outbox.oldest_window(), outbox.lost_windows()), (None, 0));
+    }
+
+    #[test]
+    fn a_window_that_the_store_keeps_is_not_lost_when_it_leaves() {
+        let mut ring = [0; 4];
+        let mut outbox = Outbox::new();
+        let mut push = |outbox: &mut Outbox, window, part| {
+            assert!(outbox.push(&mut ring, window, part, &[window as u8], Keeping::Waiting));
+        };
+        for (window, part) in [(0, 1), (0, 0), (1, 1), (1, 0)] {
+            push(&mut outbox, window, part);
+        }
+        outbox.kept(0, 1);
+        outbox.kept(0, 0);
+        outbox.kept(1, 1);
+        push(&mut outbox, 2, 1);
+        assert_eq!((outbox.oldest_window(), outbox.lost_windows()), (Some(1), 0));
+        // Of window 1 the store has one part of two.
+        push(&mut outbox, 2, 0);
+        push(&mut outbox, 3, 1);
+        assert_eq!((outbox.oldest_window(), outbox.lost_windows()), (Some(2), 1));
+        assert_eq!(outbox.to_keep(&ring), Some((2, 1, &[2][..])));
     }
 
     proptest! {
@@ -194,7 +261,7 @@ mod tests {
             for (window, parts) in windows.iter().enumerate() {
                 for (part, &length) in parts.iter().enumerate() {
                     let message = vec![(7 * window + part) as u8; length];
-                    prop_assert!(outbox.push(&mut ring, window as u32, part as u16, &message));
+                    prop_assert!(outbox.push(&mut ring, window as u32, part as u16, &message, Keeping::Never));
                     pushed.push((window as u32, message));
                 }
             }

@@ -11,7 +11,7 @@ use heapless::{Deque, Vec};
 use num_complex::Complex32;
 
 use crate::acquisition::{Acquisition, Rings};
-use crate::outbox::Outbox;
+use crate::outbox::{Keeping, Outbox};
 use crate::plan::{ARENA_WORDS, Plan, lines_a_part};
 use crate::psd::{DensityAverage, add_peaks};
 use crate::schedule::{SampleMoment, WindowSpan};
@@ -80,6 +80,8 @@ pub(crate) struct Files<'a> {
     pub(crate) outbox: &'a mut Outbox,
     pub(crate) ring: &'a mut [u8],
     pub(crate) name: WindowName,
+    /// Whether they go to the store as well.
+    pub(crate) keeping: Keeping,
 }
 
 impl Files<'_> {
@@ -87,7 +89,7 @@ impl Files<'_> {
         let mut buffer = [0; MAX_MESSAGE_BYTES];
         // Parts are cut to fit. Should one not fit, the host misses it by the head's count of parts, asks for it, and gives up.
         if let Ok(bytes) = postcard::to_slice(message, &mut buffer) {
-            self.outbox.push(self.ring, self.name.number, part, bytes);
+            self.outbox.push(self.ring, self.name.number, part, bytes, self.keeping);
         }
     }
 }

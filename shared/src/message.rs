@@ -37,8 +37,15 @@
 //! many windows there are, so that the host notices when even the last one is missing. When the outbox is full, the node drops
 //! its oldest window and says so (`oldest_window`, `lost_windows`): no loss is silent.
 //!
-//! A node takes no acknowledgement of windows that it has not sent yet: whoever sends it cannot have stored them. One that names
+//! A node takes no acknowledgement of windows in its outbox that it has not sent yet: whoever sends it cannot have stored them. One that names
 //! windows beyond the newest is dropped whole and counted ([`Heartbeat::refused_messages`]).
+//!
+//! # Windows of earlier boots
+//! A node with a store keeps windows over restarts. Its [`Hello`] names the oldest earlier boot of which it holds windows, and which ([`Kept`]).
+//! It sends none of them unasked: the host asks for those that it lacks with an [`Acknowledgement`] that names that boot, and acknowledges
+//! them in the same way. A window keeps the name that it was given when it was measured. Once the last one of a boot is acknowledged or
+//! overwritten, another `Hello` names the next boot, or none: whatever the host lacks of boots that are no longer held is lost. A store also
+//! holds windows of the present boot for which the outbox has no room; `oldest_window` counts them, and they are asked for like all others.
 //!
 //! The node has room for the messages that arrive while it computes. One that finds none is dropped and counted
 //! ([`BoardState::dropped_frames`]); the host repeats whatever is not answered.
@@ -104,7 +111,7 @@ pub use clock::{ClockReply, ClockRequest};
 pub use configuration::{Band, Configuration, MAX_BANDS, MAX_CHANNELS, Refusal, RefusalReason, Summary};
 pub use greeting::Greeting;
 pub use heartbeat::{BoardState, Heartbeat, SensorState};
-pub use hello::{Counters, Fault, FaultKind, Hello, MAX_PLACE_BYTES, Versions};
+pub use hello::{Counters, Fault, FaultKind, Hello, Kept, MAX_PLACE_BYTES, Versions};
 pub use recording::{Fed, FeedPart, MAX_FEED, Replay};
 pub use window::{
     ChannelState, DensityPart, LinesPart, MAX_DATA_BYTES, MAX_PEAKS, Peak, PeaksPart, WindowHead, WindowName,
@@ -135,6 +142,19 @@ pub enum NodeMessage<'a> {
     Peaks(PeaksPart),
     /// How much of a recording the node has taken.
     Fed(Fed),
+}
+
+impl NodeMessage<'_> {
+    /// The window of which this is a part.
+    pub fn window(&self) -> Option<WindowName> {
+        match self {
+            Self::Head(head) => Some(head.name),
+            Self::Lines(part) => Some(part.name),
+            Self::Density(part) => Some(part.name),
+            Self::Peaks(part) => Some(part.name),
+            _ => None,
+        }
+    }
 }
 
 /// What the host says. The kinds are 0, 1, 2 and so on, in this order.

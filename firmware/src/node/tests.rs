@@ -665,6 +665,48 @@ fn an_outbox_that_overflows_counts_what_it_lost_and_keeps_the_newest() {
     assert_eq!(heads.len() as u32, 197 - oldest);
 }
 
+/// How long an outage may last of which a chip of 512 KB keeps all windows: three channels with segments of 4096 points at 5 Hz, lines from 0.05 to
+/// 1.5 Hz.
+fn hours_kept(bits: u8) -> f64 {
+    let configuration = Configuration {
+        channels: 3,
+        sampling_rate_uhz: 5_000_000,
+        decimation: 1,
+        segment: 4096,
+        summary: Summary::Lines { bits },
+        bands: HeaplessVec::from_slice(&[Band { first_line: 41, lines: 1188 }]).unwrap(),
+    };
+    let chip = crate::SimulatedChip::new(vec![0xFF; 512 << 10], crate::Technology::Fram);
+    let store = crate::Store::open(chip, IDENTITY.boot);
+    let mut node = Node::with_store(IDENTITY, Box::new(Memory::new()), store);
+    let clock = ClockModel { node: NodeTime(0), host: HostTime(0), drift_ppb: 0 };
+    for message in [GREET, HostMessage::Configure(configuration), HostMessage::SetClock(clock)] {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let length = message::encode(&InConversation { conversation: HOST, message }, &mut frame).unwrap();
+        frame[..length].iter().for_each(|&byte| node.receive(NodeTime(0), byte));
+    }
+    let mut row = 0_u64;
+    while node.store().lost_windows() == 0 {
+        let time = NodeTime(row * 200_000);
+        node.sample(time, &[tone(row), tone(3 * row), tone(7 * row)]);
+        while node.poll(time) | node.keep(time) {}
+        row += 1;
+    }
+    let oldest = node.store().oldest_window().unwrap();
+    let windows = f64::from(node.windows.next_number() - oldest);
+    windows * 2048.0 / 5.0 / 3600.0
+}
+
+#[test]
+fn a_chip_of_512_kilobytes_keeps_the_windows_of_hours() {
+    let (coarse, fine) = (hours_kept(6), hours_kept(10));
+    std::println!("{coarse:.1} h of 6 bits, {fine:.1} h of 10 bits");
+    // Bits of lines, of 8 Mbit s, leave no more than a quarter for the rest, with the sector that is overwritten next.
+    let most = |bits: f64| (512 << 10) as f64 * 8.0 / (3.0 * 1188.0 * 2.0 * bits) * 2048.0 / 5.0 / 3600.0;
+    assert!((0.75 * most(6.0)..most(6.0)).contains(&coarse), "{coarse} of {}", most(6.0));
+    assert!((0.75 * most(10.0)..most(10.0)).contains(&fine), "{fine} of {}", most(10.0));
+}
+
 #[test]
 fn a_clock_setting_that_was_overtaken_or_lies_in_the_future_changes_nothing() {
     let mut bench = Bench::new(Summary::Lines { bits: 8 });

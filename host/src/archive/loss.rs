@@ -1,8 +1,10 @@
 //! What is lost: windows that no longer exist anywhere, each run of numbers with its reason.
 //!
-//! What a node has dropped is listed as soon as the host hears of it. What a node still held when it started anew is listed when its next
-//! life is met: it is all that was wanted of the earlier one and is neither stored nor listed, and whatever came behind.
+//! What a node has dropped is listed as soon as the host hears of it. What a node still held when it started anew is listed when a later life
+//! of it is met and has nothing of the earlier one (a node with a store delivers that first): it is all that was wanted of the earlier one and
+//! is neither stored nor listed, and whatever came behind.
 
+use belfry_shared::message::WindowName;
 use belfry_shared::time::HostTime;
 use rusqlite::{Connection, Row, params};
 use serde::Serialize;
@@ -19,6 +21,15 @@ pub struct ListedLoss {
     pub loss: Loss,
     /// When it was noted, in s of Unix time.
     pub noted_s: f64,
+    /// How many of these windows have come all the same.
+    pub came: u64,
+}
+
+impl ListedLoss {
+    /// How many windows it comes to, where that is known.
+    pub fn windows(&self) -> Option<u64> {
+        self.loss.windows().map(|windows| windows.saturating_sub(self.came))
+    }
 }
 
 impl Archive {
@@ -40,8 +51,10 @@ impl Archive {
     /// Where the database cannot be read.
     pub fn losses(&self) -> Result<Vec<ListedLoss>, ArchiveError> {
         let read = || -> rusqlite::Result<Vec<ListedLoss>> {
-            let query =
-                "SELECT node, boot, first_number, last_number, reason, noted_us FROM loss ORDER BY noted_us, id";
+            let query = "SELECT node, boot, first_number, last_number, reason, noted_us,
+                         (SELECT count(*) FROM window WHERE (window.node, window.boot) = (loss.node, loss.boot)
+                          AND number >= first_number AND (last_number IS NULL OR number <= last_number))
+                         FROM loss ORDER BY noted_us, id";
             let mut statement = self.connection.prepare(query)?;
             let listed = |row: &Row<'_>| -> rusqlite::Result<Option<ListedLoss>> {
                 let reason: String = row.get(4)?;
@@ -50,7 +63,7 @@ impl Archive {
                 };
                 let (node, boot, first, last) = (row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?);
                 let loss = Loss { node, boot, first, last, reason };
-                Ok(Some(ListedLoss { loss, noted_s: row.get::<_, i64>(5)? as f64 * 1e-6 }))
+                Ok(Some(ListedLoss { loss, noted_s: row.get::<_, i64>(5)? as f64 * 1e-6, came: row.get(6)? }))
             };
             statement.query_map([], listed)?.filter_map(Result::transpose).collect()
         };
@@ -65,6 +78,22 @@ impl Archive {
         let mut statement = self.connection.prepare_cached(query)?;
         statement.query_map(params![node, boot], |row| Ok([row.get(0)?, row.get(1)?]))?.collect()
     }
+}
+
+/// Lists windows that a repair could not save, by names that were read from damaged rows: only those that lie between others of their life and
+/// are not there count, for the name may be what is damaged.
+pub(super) fn list_damaged(connection: &Connection, names: &[WindowName], now: HostTime) -> rusqlite::Result<()> {
+    let query = "SELECT ifnull(min(number) < ?3 AND max(number) > ?3 AND max(number = ?3) = 0, 0) FROM window
+                 WHERE node = ?1 AND boot = ?2";
+    for &WindowName { node, boot, number } in names {
+        let is_missing =
+            connection.prepare_cached(query)?.query_row(params![node, boot, number], |row| row.get::<_, bool>(0))?;
+        if is_missing {
+            let loss = Loss { node, boot, first: number, last: Some(number), reason: LossReason::Damaged };
+            list(connection, &loss, now)?;
+        }
+    }
+    Ok(())
 }
 
 /// Lists a loss, unless all of it is listed.
@@ -84,20 +113,15 @@ fn list(connection: &Connection, loss: &Loss, now: HostTime) -> rusqlite::Result
     Ok(())
 }
 
-/// Where a life of a node is met for the first time: lists what has not come of its earlier ones.
+/// Lists what has not come of the lives of a node that were met before this one, and have not been ended yet.
 pub(super) fn end_earlier_lives(connection: &Connection, node: u16, boot: u32, now: HostTime) -> rusqlite::Result<()> {
-    let is_known = connection
-        .prepare_cached("SELECT count(*) FROM service WHERE node = ?1 AND boot = ?2")?
-        .query_row(params![node, boot], |row| row.get::<_, u64>(0))?;
-    if is_known > 0 {
-        return Ok(());
-    }
     let lives: Vec<(u32, u32)> = connection
         .prepare_cached(
-            "SELECT boot, min(first_window) FROM service WHERE node = ?1 AND boot NOT IN (
-                 SELECT boot FROM loss WHERE node = ?1 AND last_number IS NULL) GROUP BY boot",
+            "SELECT boot, min(first_window) FROM service WHERE node = ?1 AND boot <> ?2 AND boot NOT IN (
+                 SELECT boot FROM loss WHERE node = ?1 AND last_number IS NULL)
+             GROUP BY boot HAVING min(id) < (SELECT min(id) FROM service WHERE node = ?1 AND boot = ?2)",
         )?
-        .query_map([node], |row| Ok((row.get(0)?, row.get(1)?)))?
+        .query_map(params![node, boot], |row| Ok((row.get(0)?, row.get(1)?)))?
         .collect::<rusqlite::Result<_>>()?;
     for (boot, first_window) in lives {
         end_life(connection, node, boot, first_window, now)?;

@@ -6,6 +6,7 @@ use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use belfry_shared::time::HostTime;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OpenFlags};
 use serde::Serialize;
@@ -13,6 +14,7 @@ use serde::Serialize;
 use super::check::lost_in;
 use super::checksum::{CHANNEL_COLUMNS, Kind, WINDOW_COLUMNS, hour_of, seal, seal_window};
 use super::damage::Damage;
+use super::loss::list_damaged;
 use super::mend::Values;
 use super::{ARCHIVE_FILE, Archive, ArchiveError, PAGE_BYTES, VERSION, lock_file};
 use crate::files::{UNFINISHED_SUFFIX, sync_folder};
@@ -153,6 +155,7 @@ impl Archive {
             }
         }
         let mut saved: BTreeMap<(String, i64), u64> = BTreeMap::new();
+        let mut damaged = Vec::new();
         for id in self.window_ids() {
             match self.whole_window(id) {
                 Some((head, channels, was_mended)) => {
@@ -167,6 +170,7 @@ impl Archive {
                 }
                 None => {
                     if let Ok(Some(head)) = self.head(id) {
+                        damaged.push(head.window.name);
                         lost.push(head.damaged("it does not match its checksum"));
                     }
                 }
@@ -184,6 +188,8 @@ impl Archive {
                 }
             }
         }
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        list_damaged(&transaction, &damaged, HostTime(i64::try_from(now.as_micros()).unwrap_or(i64::MAX)))?;
         transaction.commit()?;
         Ok((windows, mended, lost))
     }

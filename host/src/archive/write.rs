@@ -65,7 +65,7 @@ impl Archive {
     }
 
     /// Notes that a life of a node serves a setup from now on, where it has not before; where it is met for the first time, its windows
-    /// are wanted from `first_window` on, and what has not come of the node's earlier lives is lost.
+    /// are wanted from `first_window` on.
     ///
     /// # Errors
     /// Where the database cannot be written.
@@ -79,7 +79,6 @@ impl Archive {
     ) -> Result<(), ArchiveError> {
         self.write(|archive| {
             let transaction = archive.writing()?;
-            end_earlier_lives(&transaction, node, boot, now)?;
             let new = transaction.execute(
                 "INSERT INTO service (setup, node, boot, first_window, since_us, checksum)
                  SELECT ?1, ?2, ?3, ?4, ?5, 0 WHERE ?1 IS NOT
@@ -89,6 +88,18 @@ impl Archive {
             if new > 0 {
                 seal(&transaction, Kind::Service, transaction.last_insert_rowid())?;
             }
+            transaction.commit()
+        })
+    }
+
+    /// Notes that a node has no windows any more of the lives that were met before this one: what has not come of them is lost.
+    ///
+    /// # Errors
+    /// Where the database cannot be written.
+    pub fn end_before(&mut self, node: u16, boot: u32, now: HostTime) -> Result<(), ArchiveError> {
+        self.write(|archive| {
+            let transaction = archive.writing()?;
+            end_earlier_lives(&transaction, node, boot, now)?;
             transaction.commit()
         })
     }

@@ -83,6 +83,10 @@ impl WindowSink for ArchiveSink<'_> {
         self.write(|archive| archive.meet(setup, node, boot, first_window, self.now))
     }
 
+    fn end_before(&mut self, node: u16, boot: u32) -> io::Result<()> {
+        self.write(|archive| archive.end_before(node, boot, self.now))
+    }
+
     fn lost(&mut self, loss: &Loss) -> io::Result<()> {
         self.write(|archive| archive.lose(loss, self.now))
     }

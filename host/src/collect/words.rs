@@ -135,7 +135,7 @@ pub(crate) fn gap_in_words(reason: ChannelState) -> &'static str {
 /// What a node has recorded of its last end, or of its board.
 pub(crate) fn fault_in_words(fault: &Fault) -> String {
     match fault.kind {
-        FaultKind::Clock | FaultKind::Key => fault.to_string(),
+        FaultKind::Clock | FaultKind::Key | FaultKind::Store => fault.to_string(),
         FaultKind::Panic
         | FaultKind::HardFault
         | FaultKind::StackOverflow

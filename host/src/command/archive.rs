@@ -164,9 +164,13 @@ fn run_check(folder: &Path, console: &Console) -> anyhow::Result<()> {
 /// What is lost, by node and reason.
 fn losses(lost: &[ListedLoss]) -> Vec<String> {
     let mut sums: BTreeMap<(u16, LossReason), (u64, u64)> = BTreeMap::new();
-    for loss in lost.iter().map(|listed| &listed.loss) {
-        let (windows, unknown) = sums.entry((loss.node, loss.reason)).or_default();
-        match loss.windows() {
+    for listed in lost {
+        // What has come all the same is not lost.
+        if listed.windows() == Some(0) {
+            continue;
+        }
+        let (windows, unknown) = sums.entry((listed.loss.node, listed.loss.reason)).or_default();
+        match listed.windows() {
             Some(count) => *windows += count,
             None => *unknown += 1,
         }

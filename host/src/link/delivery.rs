@@ -1,10 +1,11 @@
 //! Delivery of one node's windows: parts flow in, whole windows flow into the sink, and what to acknowledge and to ask again
-//! flows out. A node that starts anew begins another life, whose windows are counted from zero.
+//! flows out. A node that starts anew begins another life, whose windows are counted from zero. Where it has a store, it still delivers the
+//! windows of its earlier lives, one life after the other.
 
 use std::collections::VecDeque;
 use std::io::ErrorKind;
 
-use belfry_shared::message::{Acknowledgement, Again, Hello, NodeMessage, WindowHead};
+use belfry_shared::message::{Acknowledgement, Hello, Kept, NodeMessage, WindowHead};
 use belfry_shared::time::{HostTime, WindowGrid};
 
 use super::error::SessionError;
@@ -41,6 +42,10 @@ pub(super) struct Delivery {
     pub(super) present: Option<Assembler>,
     /// Its earlier lives, oldest first.
     earlier: Vec<Assembler>,
+    /// The earlier life of which the node still has windows.
+    kept_boot: Option<u32>,
+    /// Whether the lives before the present one have been ended.
+    has_ended_earlier: bool,
     forgotten_losses: u64,
     /// Windows that the sink could not take yet, oldest first. They are not acknowledged, so that the node keeps them too as long as it has
     /// room.
@@ -49,6 +54,8 @@ pub(super) struct Delivery {
     losses: VecDeque<Loss>,
     /// Whether the node has something to forget.
     acknowledge: bool,
+    /// The same of the earlier life that it still has.
+    acknowledge_kept: bool,
     counts: DeliveryCounts,
 }
 
@@ -60,10 +67,13 @@ impl Delivery {
             drops_foreign: false,
             present: None,
             earlier: Vec::new(),
+            kept_boot: None,
+            has_ended_earlier: false,
             forgotten_losses: 0,
             waiting: VecDeque::new(),
             losses: VecDeque::new(),
             acknowledge: false,
+            acknowledge_kept: false,
             counts: DeliveryCounts::default(),
         }
     }
@@ -83,17 +93,28 @@ impl Delivery {
 
     /// Whether all windows known to exist are stored or given up.
     pub(super) fn has_all(&self) -> bool {
-        self.present.as_ref().is_none_or(Assembler::is_complete)
+        let kept = self.earlier.iter().filter(|life| Some(life.boot()) == self.kept_boot);
+        self.present.iter().chain(kept).all(Assembler::is_complete)
     }
 
     /// Whether the node is to be told what is stored.
     pub(super) fn must_acknowledge(&self) -> bool {
-        self.acknowledge
+        self.acknowledge || self.acknowledge_kept
+    }
+
+    /// Takes note that a life has windows for the node to forget.
+    fn will_acknowledge(&mut self, boot: u32) {
+        if self.boot() == Some(boot) {
+            self.acknowledge = true;
+        } else {
+            self.acknowledge_kept |= self.kept_boot == Some(boot);
+        }
     }
 
     /// Windows that no longer exist anywhere, of all lives.
     pub(super) fn lost(&self) -> u64 {
-        let earlier: u64 = self.earlier.iter().map(|assembler| assembler.lost() + assembler.missing()).sum();
+        let missing = |life: &Assembler| if Some(life.boot()) == self.kept_boot { 0 } else { life.missing() };
+        let earlier: u64 = self.earlier.iter().map(|life| life.lost() + missing(life)).sum();
         self.forgotten_losses + earlier + self.present.as_ref().map_or(0, Assembler::lost)
     }
 
@@ -117,14 +138,76 @@ impl Delivery {
             let mut last = self.present.replace(next);
             last.iter_mut().for_each(Assembler::forget_parts);
             self.earlier.extend(last);
-            if self.earlier.len() > LIVES_KEPT {
-                let mut oldest = self.earlier.remove(0);
-                self.losses.extend(oldest.take_losses());
-                self.forgotten_losses += oldest.lost() + oldest.missing();
-            }
+            self.forget_oldest_life();
+            self.has_ended_earlier = false;
         }
         self.holds(hello.boot, hello.oldest_window, hello.next_window);
+        self.keeps(hello, sink)?;
         Ok(is_new_life)
+    }
+
+    fn forget_oldest_life(&mut self) {
+        let forgets = |life: &Assembler| Some(life.boot()) != self.kept_boot;
+        if self.earlier.len() > LIVES_KEPT
+            && let Some(oldest) = self.earlier.iter().position(forgets)
+        {
+            let mut oldest = self.earlier.remove(oldest);
+            self.losses.extend(oldest.take_losses());
+            self.forgotten_losses += oldest.lost() + oldest.missing();
+        }
+    }
+
+    /// Takes note of what the node says to have kept of its earlier lives.
+    fn keeps(&mut self, hello: &Hello, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        let node = self.node;
+        let fail = |source| SessionError::Store { node, source };
+        let kept = hello.kept.filter(|kept| kept.has_windows() && kept.boot != hello.boot);
+        let kept_boot = kept.map(|kept| kept.boot);
+        if self.kept_boot != kept_boot {
+            let before = self.earlier.iter_mut().find(|life| Some(life.boot()) == self.kept_boot);
+            before.into_iter().for_each(Assembler::overwritten);
+            self.kept_boot = None;
+            self.acknowledge_kept = false;
+        }
+        let Some(Kept { boot, oldest_window, next_window, .. }) = kept else {
+            return self.end_earlier(hello.boot, sink);
+        };
+        if !self.earlier.iter().any(|life| life.boot() == boot) {
+            let known = sink.kept(node, boot, oldest_window).map_err(fail)?;
+            if known.is_none() && !self.drops_foreign {
+                return Err(SessionError::ForeignWindows { node });
+            }
+            let known = known.unwrap_or_else(|| {
+                self.counts.foreign_windows += u64::from(next_window - oldest_window);
+                KeptWindows { first: next_window, ..KeptWindows::default() }
+            });
+            self.earlier.push(Assembler::resuming(node, boot, &known));
+        }
+        self.kept_boot = Some(boot);
+        self.has_ended_earlier = false;
+        self.forget_oldest_life();
+        if let Some(life) = self.earlier.iter_mut().find(|life| life.boot() == boot) {
+            life.heartbeat(oldest_window, next_window);
+            self.acknowledge_kept |= oldest_window < life.below();
+        }
+        Ok(())
+    }
+
+    /// Takes note that the node has nothing of its earlier lives.
+    fn end_earlier(&mut self, boot: u32, sink: &mut dyn WindowSink) -> Result<(), SessionError> {
+        if self.has_ended_earlier {
+            return Ok(());
+        }
+        let node = self.node;
+        let fail = |source| SessionError::Store { node, source };
+        // What is lost for a reason of its own is listed with it first.
+        self.note_losses(sink)?;
+        if !self.losses.is_empty() {
+            return Err(fail(ErrorKind::WouldBlock.into()));
+        }
+        sink.end_before(node, boot).map_err(fail)?;
+        self.has_ended_earlier = true;
+        Ok(())
     }
 
     /// What there is to assemble of a life that is seen for the first time.
@@ -180,10 +263,14 @@ impl Delivery {
             && !self.is_plausible(head, now)
         {
             self.contradicted();
-            self.present.iter_mut().for_each(|assembler| assembler.misdated(head.name));
+            let life = life_of(head.name.boot, &mut self.present, &mut self.earlier, self.kept_boot);
+            life.into_iter().for_each(|life| life.misdated(head.name));
             return Ok(());
         }
-        let Some(assembler) = &mut self.present else { return Ok(()) };
+        let Some(boot) = part.window().map(|name| name.boot) else { return Ok(()) };
+        let Some(assembler) = life_of(boot, &mut self.present, &mut self.earlier, self.kept_boot) else {
+            return Ok(());
+        };
         if let NodeMessage::Head(head) = part
             && assembler.is_out_of_order(head)
         {
@@ -205,12 +292,12 @@ impl Delivery {
                     assembler.stored(head.name.number);
                 }
                 self.counts.foreign_windows += 1;
-                self.acknowledge = true;
+                self.will_acknowledge(boot);
             }
             Outcome::Foreign => return Err(SessionError::ForeignWindows { node }),
             Outcome::Duplicate => {
                 self.counts.duplicate_parts += 1;
-                self.acknowledge = true;
+                self.will_acknowledge(boot);
             }
             Outcome::Contradiction => self.counts.contradictions += 1,
             Outcome::Whole(window) => {
@@ -225,7 +312,7 @@ impl Delivery {
                     Ok(()) => {
                         assembler.stored(number);
                         self.counts.windows += 1;
-                        self.acknowledge = true;
+                        self.will_acknowledge(boot);
                     }
                     Err(error) if error.kind() != ErrorKind::WouldBlock => {
                         assembler.unstored(number);
@@ -258,7 +345,7 @@ impl Delivery {
                 assembler.stored(name.number);
             }
             self.counts.windows += 1;
-            self.acknowledge = true;
+            self.will_acknowledge(name.boot);
         }
         self.note_losses(sink)
     }
@@ -280,23 +367,56 @@ impl Delivery {
         Ok(())
     }
 
-    /// What to ask again, as [`Assembler::overdue`] says; nothing while there is no room for it.
-    pub(super) fn overdue(&mut self, now: HostTime, before: HostTime, heard: HostTime, busy: bool) -> Vec<Again> {
+    /// What to tell the node of its windows: of the earlier life that it still has, and of its present one.
+    pub(super) fn acknowledgements(&mut self, overdue: Option<Overdue>) -> Vec<Acknowledgement> {
         let has_room = bytes(&self.waiting) < MOST_WAITING_BYTES;
-        let present = self.present.as_mut().filter(|_| has_room);
-        present.map_or_else(Vec::new, |assembler| assembler.overdue(now, before, heard, busy))
-    }
-
-    /// What to tell the node of its windows, with what to ask again; `None` where there is nothing to tell.
-    pub(super) fn acknowledgement(&mut self, again: Vec<Again>) -> Option<Acknowledgement> {
-        let assembler = self.present.as_ref()?;
-        if again.is_empty() && !self.acknowledge {
-            return None;
+        let kept_boot = self.kept_boot;
+        let kept = self.earlier.iter_mut().find(|life| Some(life.boot()) == kept_boot);
+        // Of an earlier life, no window is on its way that nobody has asked for.
+        let overdue_kept = overdue.map(|overdue| Overdue { is_busy: false, ..overdue });
+        let lives =
+            [(kept, &mut self.acknowledge_kept, overdue_kept), (self.present.as_mut(), &mut self.acknowledge, overdue)];
+        let mut said = Vec::new();
+        for (life, acknowledge, overdue) in lives {
+            let Some(life) = life else { continue };
+            // What is asked for has to have room.
+            let again = match overdue.filter(|_| has_room) {
+                Some(Overdue { now, before, heard, is_busy }) => life.overdue(now, before, heard, is_busy),
+                None => Vec::new(),
+            };
+            if !again.is_empty() || std::mem::take(acknowledge) {
+                *acknowledge = false;
+                self.counts.asked_again += again.len() as u64;
+                said.push(Acknowledgement {
+                    boot: life.boot(),
+                    below: life.below(),
+                    again: again.into_iter().collect(),
+                });
+            }
         }
-        self.acknowledge = false;
-        self.counts.asked_again += again.len() as u64;
-        Some(Acknowledgement { boot: assembler.boot(), below: assembler.below(), again: again.into_iter().collect() })
+        said
     }
+}
+
+/// Which parts to ask again, as [`Assembler::overdue`] says.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Overdue {
+    pub(super) now: HostTime,
+    pub(super) before: HostTime,
+    pub(super) heard: HostTime,
+    pub(super) is_busy: bool,
+}
+
+/// The life to which a part belongs that the node sends: its present one, or the earlier one that it still has. What is of neither is judged by
+/// the present one, as a contradiction.
+fn life_of<'a>(
+    boot: u32,
+    present: &'a mut Option<Assembler>,
+    earlier: &'a mut [Assembler],
+    kept_boot: Option<u32>,
+) -> Option<&'a mut Assembler> {
+    let kept = earlier.iter_mut().find(|life| life.boot() == boot && kept_boot == Some(boot));
+    kept.or(present.as_mut())
 }
 
 /// About what windows take in memory.

@@ -13,7 +13,7 @@ use belfry_shared::message::{
 use belfry_shared::time::HostTime;
 use thiserror::Error;
 
-use super::delivery::Delivery;
+use super::delivery::{Delivery, Overdue};
 use super::error::SessionError;
 use super::greeting::{GreetingError, who_is_there};
 use super::transport::Transport;
@@ -243,13 +243,11 @@ impl<'a> Player<'a> {
             // Everything that came of the rows has been sent before the node says that it has taken them: what is missing now
             // was lost on the way.
             let now = HostTime(0);
-            let again = if is_taken && !self.delivery.has_all() {
-                self.delivery.overdue(now, now, HostTime(1), false)
-            } else {
-                Vec::new()
-            };
-            let asks_again = !again.is_empty();
-            if let Some(acknowledgement) = self.delivery.acknowledgement(again) {
+            let overdue = Overdue { now, before: now, heard: HostTime(1), is_busy: false };
+            let is_missing = is_taken && !self.delivery.has_all();
+            let acknowledgements = self.delivery.acknowledgements(is_missing.then_some(overdue));
+            let asks_again = acknowledgements.iter().any(|acknowledgement| !acknowledgement.again.is_empty());
+            for acknowledgement in acknowledgements {
                 self.say(&HostMessage::Acknowledge(acknowledgement))?;
             }
             if asks_again {

@@ -62,6 +62,46 @@ pub(crate) const WRONGLY_IDENTIFIED: f64 = 0.02;
 pub(crate) const WRONG_BY: [f64; 2] = [5.0, 3.0];
 
 impl MeasuredMode {
+    /// All its numbers, little endian, each run of them with its length in front: the same bytes for the same mode, and other ones for any other.
+    pub(crate) fn canonical_bytes(&self) -> Vec<u8> {
+        let Self {
+            number,
+            frequency_hz,
+            frequency_std_hz,
+            damping_ratio,
+            damping_ratio_std,
+            stated,
+            shape,
+            covariance_factor,
+        } = self;
+        let mut bytes = Vec::new();
+        let mut put = |values: &mut dyn ExactSizeIterator<Item = [u8; 8]>| {
+            bytes.extend((values.len() as u64).to_le_bytes());
+            values.for_each(|value| bytes.extend(value));
+        };
+        let count = |value: usize| (value as u64).to_le_bytes();
+        put(&mut [count(*number), frequency_hz.to_le_bytes()].into_iter());
+        for value in [frequency_std_hz, damping_ratio, damping_ratio_std] {
+            put(&mut value.iter().map(|value| value.to_le_bytes()));
+        }
+        // The line that says it, and what the model makes of it, are no part of the measurement.
+        put(&mut stated.iter().map(|stated| count(stated.number)));
+        if let Some(MeasuredShape { sensors, values, imaginary, stds }) = shape {
+            put(&mut sensors.iter().map(|&sensor| count(sensor)));
+            put(&mut values.as_slice().iter().map(|value| value.to_le_bytes()));
+            for values in [imaginary, stds] {
+                let values = values.as_ref().map_or(&[][..], |values| values.as_slice());
+                put(&mut values.iter().map(|value| value.to_le_bytes()));
+            }
+        }
+        if let Some(MeasuredCovarianceFactor { group, frequency_hz, shape }) = covariance_factor {
+            put(&mut [count(*group), count(shape.nrows())].into_iter());
+            put(&mut frequency_hz.as_slice().iter().map(|value| value.to_le_bytes()));
+            put(&mut shape.as_slice().iter().map(|value| value.to_le_bytes()));
+        }
+        bytes
+    }
+
     /// The same with its shape at some of its sensors only; without a shape where it is known at none of them.
     #[must_use]
     pub(crate) fn at_sensors(&self, keep: &dyn Fn(usize) -> bool) -> Self {

@@ -30,6 +30,8 @@ struct Partial {
     parts: BTreeMap<u16, Vec<u8>>,
     last_asked: Option<HostTime>,
     asks: u32,
+    /// How many parts of the node's life had come when it was asked last.
+    parts_before: u64,
     /// Whether its head was refused for its time.
     is_misdated: bool,
 }
@@ -90,6 +92,8 @@ pub struct Assembler {
     windows: BTreeMap<u32, Progress>,
     /// What unfinished windows take in memory, as of the last count and what has come since: never too little.
     bytes: usize,
+    /// Parts that have come, each once.
+    parts_taken: u64,
     /// Of windows kept from before: the last one's number and start.
     last_kept: Option<(u32, u64)>,
     first_wanted: u32,
@@ -123,6 +127,7 @@ impl Assembler {
             known,
             windows,
             bytes: 0,
+            parts_taken: 0,
             last_kept: kept.last,
             first_wanted: kept.first,
             lost_before: many,
@@ -215,6 +220,7 @@ impl Assembler {
             _ if partial.parts.contains_key(&part) => return Outcome::Duplicate,
             _ => drop(partial.parts.insert(part, encoded.to_vec())),
         }
+        self.parts_taken += 1;
         if !partial.is_whole() {
             return Outcome::Taken;
         }
@@ -355,9 +361,15 @@ impl Assembler {
         self.known = self.known.max(next.min(self.below.saturating_add(MAX_AHEAD)));
     }
 
+    /// Takes note that the node has none of its windows any more.
+    pub fn overwritten(&mut self) {
+        self.heartbeat(self.known, self.known);
+    }
+
     /// What to ask again at `now`, of windows not asked since `before`; at most [`MAX_AGAIN`] ranges.
     ///
-    /// An ask counts towards giving up only if the node was `heard` since the last one: a line that is away costs no window.
+    /// An ask counts towards giving up only if the node was `heard` since the last one, and no part came: a line that is away costs no window,
+    /// nor does a node that has many to deliver.
     /// `settled` is the number below which parts are overdue: all windows known when the line has fallen silent, all but the
     /// newest while it is busy.
     pub fn overdue(&mut self, now: HostTime, before: HostTime, heard: HostTime, busy: bool) -> Vec<Again> {
@@ -378,9 +390,11 @@ impl Assembler {
                 hopeless.push((number, reason));
                 continue;
             }
-            if partial.last_asked.is_none_or(|asked| heard > asked) {
+            let is_idle = partial.parts_before == self.parts_taken;
+            if partial.last_asked.is_none_or(|asked| heard > asked && is_idle) {
                 partial.asks += 1;
             }
+            partial.parts_before = self.parts_taken;
             partial.last_asked = Some(now);
             for (first_part, last_part) in missing_parts(partial) {
                 ranges.push(Again { first_window: number, last_window: number, first_part, last_part });

@@ -16,11 +16,13 @@ pub enum LossReason {
     Unreadable,
     /// They are dated at a time that has not been: the computer's clock was set meanwhile.
     Misdated,
+    /// The archive had them, was damaged, and could not be repaired there.
+    Damaged,
 }
 
 impl LossReason {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Overwritten, Self::Restarted, Self::Unreadable, Self::Misdated];
+    pub const ALL: [Self; 5] = [Self::Overwritten, Self::Restarted, Self::Unreadable, Self::Misdated, Self::Damaged];
 
     /// In a word, for programs.
     pub fn name(self) -> &'static str {
@@ -29,6 +31,7 @@ impl LossReason {
             Self::Restarted => "restarted",
             Self::Unreadable => "unreadable",
             Self::Misdated => "misdated",
+            Self::Damaged => "damaged",
         }
     }
 }
@@ -40,6 +43,7 @@ impl fmt::Display for LossReason {
             Self::Restarted => "the node started anew before they were stored",
             Self::Unreadable => "they cannot be read",
             Self::Misdated => "they are dated at a time that has not been",
+            Self::Damaged => "they were damaged in the archive",
         })
     }
 }

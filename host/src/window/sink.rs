@@ -33,6 +33,12 @@ pub trait WindowSink {
         Ok(())
     }
 
+    /// Notes that a node has no windows any more of the boots before this one: what has not come of them is lost.
+    fn end_before(&mut self, node: u16, boot: u32) -> io::Result<()> {
+        let _ = (node, boot);
+        Ok(())
+    }
+
     /// When a window begins that is kept under this name, in hops since the epoch; `None` where none is.
     fn start(&mut self, name: &WindowName) -> io::Result<Option<u64>> {
         let _ = name;

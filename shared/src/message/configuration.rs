@@ -3,6 +3,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
+use super::growth;
 use crate::frame::{self, MAX_MESSAGE_BYTES};
 
 /// Most channels a node has.
@@ -31,9 +32,18 @@ pub struct Configuration {
 impl Configuration {
     /// The hash by which node and host name a configuration: CRC-32 of its encoding.
     pub fn hash(&self) -> u32 {
-        let mut buffer = [0; MAX_MESSAGE_BYTES];
-        // A configuration takes 70 bytes at most, so this cannot fail; a hash of 0 would only make the host send it again.
-        postcard::to_slice(self, &mut buffer).map_or(0, |bytes| frame::crc32(bytes))
+        // A hash of 0 would only make the host send it again.
+        self.bytes(&mut [0; MAX_MESSAGE_BYTES]).map_or(0, frame::crc32)
+    }
+
+    /// Its encoding, of 70 bytes at most; `None` where `buffer` is shorter than that.
+    pub fn bytes<'b>(&self, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
+        postcard::to_slice(self, buffer).ok().map(|bytes| &*bytes)
+    }
+
+    /// Reads an encoding.
+    pub fn read(bytes: &[u8]) -> Option<Self> {
+        growth::read(bytes).ok()
     }
 
     /// Lines per channel in all bands together.

@@ -60,7 +60,14 @@ pub(super) fn hello() -> Hello {
         replaying: false,
         fault: Some(Fault { kind: FaultKind::HardFault, address: 0x0800_0123, place: String::new() }),
         counters: Some(Counters { said: 300, heard: 2 }),
+        kept: None,
     }
+}
+
+/// Of a node that has windows 7 and 8 of the boot before.
+pub(super) fn hello_with_store() -> Hello {
+    let kept = Kept { last_time: Some(HostTime(1)), boot: 0xB006, oldest_window: 7, next_window: 9 };
+    Hello { kept: Some(kept), ..hello() }
 }
 
 pub(super) fn heartbeat() -> Heartbeat {
@@ -161,6 +168,8 @@ fn said(message: HostMessage) -> InConversation {
 fn golden_messages_of_version_6() {
     let mut of_nodes = unchanged_of_nodes();
     of_nodes.push((NodeMessage::Hello(hello()), HELLO_6));
+    let with_store = std::format!("{HELLO_6} 07 01 02 86 e0 02 07 09");
+    of_nodes.push((NodeMessage::Hello(hello_with_store()), &with_store));
     of_nodes.push((NodeMessage::Heartbeat(heartbeat()), HEARTBEAT_6));
     for (message, golden) in of_nodes {
         assert_eq!(hex(&encoded(&message)), golden);

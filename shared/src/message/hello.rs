@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Conversation, growth};
 use crate::frame::PROTOCOL_VERSION;
+use crate::time::HostTime;
 
 /// Longest [`Fault::place`] in bytes.
 pub const MAX_PLACE_BYTES: usize = 64;
@@ -75,6 +76,31 @@ pub struct Hello {
     pub fault: Option<Fault>,
     /// How far sealed frames have been counted; `None` of a node without a key.
     pub counters: Option<Counters>,
+    /// What it has kept over restarts; `None` of a node without a store. Nodes without one say nothing here, as before there were
+    /// stores; once another field stands behind this one, they have to.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "growth::optional")]
+    pub kept: Option<Kept>,
+}
+
+/// What a node with a store has kept from before its last start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Kept {
+    /// The last time that was stored before this start, by the host's clock; `None` where no host had set the clock.
+    pub last_time: Option<HostTime>,
+    /// The oldest earlier boot of which it still holds windows.
+    pub boot: u32,
+    /// The oldest window of that boot that it still holds. Windows with lower numbers are gone, delivered or overwritten.
+    pub oldest_window: u32,
+    /// One above the last window of that boot that it holds; `oldest_window` where it holds none of any earlier boot.
+    pub next_window: u32,
+}
+
+impl Kept {
+    /// Whether it holds windows of an earlier boot.
+    pub fn has_windows(&self) -> bool {
+        self.oldest_window < self.next_window
+    }
 }
 
 /// How far a node has counted sealed frames ([`crate::seal`]) since its start.
@@ -128,6 +154,9 @@ pub enum FaultKind {
     /// Where its key should be is something else. It can be asked who it is, and does nothing.
     #[error("its key is damaged or another node's, so it obeys nobody: write the image of its key again")]
     Key,
+    /// It was built for a store, and no memory chip that it knows answers. It keeps windows in its RAM only.
+    #[error("its memory chip does not answer, so it keeps nothing over a restart: check the chip's wires")]
+    Store,
     /// Something of which only a later version knows.
     #[error("of a kind that this version of Belfry does not know")]
     #[serde(other)]

@@ -1,6 +1,6 @@
 //! How messages grow, and round trips of every message.
 
-use super::goldens::{CONVERSATION, configuration, encoded, heartbeat, hello};
+use super::goldens::{CONVERSATION, configuration, encoded, heartbeat, hello_with_store};
 use super::*;
 use crate::time::{HostTime, NodeTime};
 use heapless::{String, Vec};
@@ -38,9 +38,11 @@ fn grown(message: &impl Serialize) -> StdVec<u8> {
 
 #[test]
 fn fields_that_a_later_version_adds_are_left_unread() {
-    for message in
-        [NodeMessage::Hello(hello()), NodeMessage::Heartbeat(heartbeat()), NodeMessage::Fed(Fed { next_row: 9 })]
-    {
+    for message in [
+        NodeMessage::Hello(hello_with_store()),
+        NodeMessage::Heartbeat(heartbeat()),
+        NodeMessage::Fed(Fed { next_row: 9 }),
+    ] {
         assert_eq!(decode(&grown(&message)), Ok(message));
     }
     for message in
@@ -239,6 +241,12 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                         replaying,
                         fault,
                         counters: replaying.then_some(Counters { said: boot, heard: oldest_window }),
+                        kept: clock_set.then_some(Kept {
+                            last_time: replaying.then_some(HostTime(i64::from(boot) << channels.min(30))),
+                            boot: boot.wrapping_sub(1),
+                            oldest_window,
+                            next_window: oldest_window.wrapping_add(u32::from(channels)),
+                        }),
                     })
                 }
             ),

@@ -85,6 +85,7 @@ impl From<Hello> for super::Hello {
             replaying: old.replaying,
             fault: old.fault.map(|Fault { kind, address, place }| super::Fault { kind, address, place }),
             counters: None,
+            kept: None,
         }
     }
 }

@@ -60,9 +60,10 @@ enum Ended {
     Away(Duration),
 }
 
-/// Has the time between two looks at everything pass; `serve` gets the ports where something has happened.
+/// Has the time between two looks at everything pass, or until something fails; `serve` gets the ports where something has happened.
 fn tick(world: &World, serve: &mut dyn FnMut(&[String])) {
-    let end = world.now() + TICK;
+    let latest = world.now() + TICK;
+    let end = world.next_fault().map_or(latest, |fault| fault.clamp(world.now(), latest));
     while world.now() < end {
         let ports = world.step(end);
         serve(&ports);
@@ -76,7 +77,7 @@ fn host(world: &World, is_done: &mut dyn FnMut(&World) -> bool, report: &mut Rep
     let is_full = |world: &World| world.now() < world.troubles().disk_full_until;
     let started = || -> Result<(Archive, Collection), String> {
         let mut archive = Archive::create(&world.folder).map_err(|error| told(&error))?;
-        let options = CollectOptions { baud: BAUD, ..CollectOptions::default() };
+        let options = CollectOptions { baud: BAUD, keys: world.keys(), ..CollectOptions::default() };
         let collection = Collection::of(&study, &mut archive, &options, world.clock.unix());
         let (_, collection) = collection.map_err(|error| told(&error))?;
         Ok((archive, collection))
@@ -98,7 +99,7 @@ fn host(world: &World, is_done: &mut dyn FnMut(&World) -> bool, report: &mut Rep
         world.fail();
         if let Some((until, is_killed)) = world.take_away() {
             if is_killed {
-                // In the middle of a tick, whatever it is about: nothing is said or written any more.
+                // Whatever it is about: nothing is said or written any more.
                 servers.clear();
                 return Ok(Ended::Away(until));
             }

@@ -1,9 +1,11 @@
 //! The fault campaign: eight nodes and a host over days of simulated time, with faults of lines, nodes, host, disk and sensors.
 //!
+//! Half of the nodes have keys, and an attacker on their lines; half have memory chips, ample or small, whose writes power cuts tear.
 //! The node's own code talks over simulated lines to the collector's own code, which writes into a real archive. After each run every
 //! window that a node has made is held against the archive: it is there once, as it was sent, or it is listed as lost with a reason, and
 //! then the node's own count says that it could not be helped.
 
+mod attacker;
 mod audit;
 mod host;
 mod node;

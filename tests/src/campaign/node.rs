@@ -4,16 +4,20 @@ use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::Duration;
 
-use belfry_firmware::{Identity, Memory, Node};
+use belfry_firmware::{Identity, Keeper, Memory, Node, SimulatedChip, Store, Technology};
 use belfry_host::link::Transport;
 use belfry_host::window::{Assembler, ChannelData, Configurations, NodeWindow, Outcome};
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
-    self, Configuration, Conversation, Greeting, HostMessage, InConversation, NodeMessage, Summary,
+    self, Configuration, Conversation, HostMessage, InConversation, Kept, NodeMessage, Summary, Versions,
 };
 use belfry_shared::quantise::{encode_decoded_lines, encoded_bytes};
+use belfry_shared::seal::Key;
 use belfry_shared::time::NodeTime;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 
+use super::attacker::Attacker;
 use super::report::Report;
 use super::schedule::SensorFault;
 use crate::cable::Connection;
@@ -38,13 +42,19 @@ pub(super) struct Life {
     pub(super) sent: BTreeMap<u32, (u64, u64)>,
 }
 
+/// The windows of one boot that a node has sent whole, in that boot or a later one.
+struct Sent {
+    assembler: Assembler,
+    windows: BTreeMap<u32, (u64, u64)>,
+}
+
 /// Hears what the node says before anything befalls it.
 struct Tap {
+    node: u16,
     decoder: FrameDecoder,
-    assembler: Assembler,
     /// What it is to measure, once it is known.
     configurations: Option<Configurations>,
-    sent: BTreeMap<u32, (u64, u64)>,
+    boots: BTreeMap<u32, Sent>,
 }
 
 impl Tap {
@@ -54,9 +64,14 @@ impl Tap {
             let encoded = frame.message.to_vec();
             let Ok(part) = message::decode::<NodeMessage<'_>>(&encoded) else { continue };
             let Some(configurations) = &self.configurations else { continue };
-            if let Outcome::Whole(window) = self.assembler.take(configurations, &part, &encoded) {
-                self.assembler.stored(window.name.number);
-                self.sent.insert(window.name.number, (window.grid_index, fingerprint(&window)));
+            let Some(name) = part.window() else { continue };
+            let sent = self
+                .boots
+                .entry(name.boot)
+                .or_insert_with(|| Sent { assembler: Assembler::new(self.node, name.boot), windows: BTreeMap::new() });
+            if let Outcome::Whole(window) = sent.assembler.take(configurations, &part, &encoded) {
+                sent.assembler.stored(window.name.number);
+                sent.windows.insert(window.name.number, (window.grid_index, fingerprint(&window)));
             }
         }
     }
@@ -100,17 +115,36 @@ pub(super) fn fingerprint_of_rows(
 /// Bits a component of the lines.
 const BITS: u8 = 10;
 
+/// A chip of this size has room for all windows of the longest outage.
+const AMPLE_BYTES: usize = 512 << 10;
+/// A node with a chip loses its supply while it writes, where it writes within this time.
+const DOOM: Duration = Duration::from_secs(30);
+
+/// What a node has beside the sensor.
+#[derive(Debug, Clone)]
+pub(super) struct Equipment {
+    pub(super) channels: usize,
+    pub(super) ppm: f64,
+    pub(super) rate_hz: f64,
+    pub(super) key: Option<Key>,
+    pub(super) technology: Technology,
+    /// Of its memory chip; 0 where it has none.
+    pub(super) chip_bytes: usize,
+}
+
 /// A node.
 pub(super) struct SimulatedNode {
     number: u16,
-    channels: usize,
-    ppm: f64,
-    rate_hz: f64,
+    equipment: Equipment,
+    /// What its chip holds while it is without supply.
+    memory: Vec<u8>,
     boot: u32,
     /// When it was switched on last.
     on_since: Duration,
-    node: Option<Node<Box<Memory>>>,
-    tap: Option<Tap>,
+    node: Option<Node<Box<Memory>, Store<SimulatedChip<Vec<u8>>>>>,
+    tap: Tap,
+    /// When its supply fails at the latest, and until when it is away then: it fails sooner if it writes its chip.
+    doom: Option<[Duration; 2]>,
     /// It is without supply until then.
     off_until: Duration,
     /// Its cable is pulled until then.
@@ -119,31 +153,38 @@ pub(super) struct SimulatedNode {
     pub(super) samples: bool,
     sensor_faults: Vec<(Duration, usize, SensorFault)>,
     connection: Option<Connection>,
+    /// Who writes on its line.
+    attacker: Option<Attacker>,
     lives: Vec<Life>,
-    /// What the node is to measure, once it is known.
-    configuration: Option<Configuration>,
 }
 
 impl SimulatedNode {
-    pub(super) fn new(number: u16, channels: usize, ppm: f64, rate_hz: f64, boot: u32) -> Self {
+    pub(super) fn new(number: u16, equipment: Equipment, boot: u32) -> Self {
+        // Without a key anybody is believed.
+        let attacker = equipment.key.is_some().then(|| Attacker::new(ChaCha8Rng::seed_from_u64(u64::from(boot))));
         Self {
             number,
-            channels,
-            ppm,
-            rate_hz,
+            memory: vec![u8::MAX; equipment.chip_bytes],
+            equipment,
             boot,
             on_since: Duration::ZERO,
             node: None,
-            tap: None,
+            tap: Tap { node: number, decoder: FrameDecoder::new(), configurations: None, boots: BTreeMap::new() },
+            doom: None,
             off_until: Duration::ZERO,
             unplugged_until: Duration::ZERO,
             rows: 0,
             samples: true,
             sensor_faults: Vec::new(),
             connection: None,
+            attacker,
             lives: Vec::new(),
-            configuration: None,
         }
+    }
+
+    /// Its key.
+    pub(super) fn key(&self) -> Option<(u16, Key)> {
+        Some((self.number, self.equipment.key.clone()?))
     }
 
     /// Its port's name.
@@ -154,56 +195,78 @@ impl SimulatedNode {
     /// Says what the node will be asked to measure, so that what it sends can be understood.
     pub(super) fn will_measure(&mut self, configuration: &Configuration) {
         debug_assert!(matches!(configuration.summary, Summary::Lines { bits: BITS }));
-        self.configuration = Some(configuration.clone());
-        if let Some(tap) = &mut self.tap {
-            tap.configurations = Some(Configurations::only(configuration.clone()));
-        }
+        self.tap.configurations = Some(Configurations::only(configuration.clone()));
     }
 
     fn time(&self, now: Duration) -> NodeTime {
-        NodeTime((now.saturating_sub(self.on_since).as_secs_f64() * (1.0 + self.ppm * 1e-6) * 1e6) as u64)
+        NodeTime((now.saturating_sub(self.on_since).as_secs_f64() * (1.0 + self.equipment.ppm * 1e-6) * 1e6) as u64)
     }
 
-    /// Takes its supply away until then.
-    pub(super) fn switch_off(&mut self, now: Duration, until: Duration) {
-        self.end_life(now);
-        self.off_until = self.off_until.max(until);
+    /// Takes its supply away until then, or for as long a little later: in the middle of a write of so many bytes, if it has a chip.
+    pub(super) fn switch_off(&mut self, now: Duration, until: Duration, bytes: u64) {
+        match &mut self.node {
+            Some(node) if self.equipment.chip_bytes > 0 => {
+                node.store().chip().fail_after(bytes, bytes as u8);
+                self.doom = Some([now + DOOM, until + DOOM]);
+            }
+            _ => {
+                self.end_life(now);
+                self.off_until = self.off_until.max(until);
+            }
+        }
     }
 
     fn switch_on(&mut self, now: Duration) {
-        self.boot = self.boot.wrapping_mul(0x9E37_79B1).wrapping_add(1);
+        let random = self.boot.wrapping_mul(0x9E37_79B1).wrapping_add(1);
+        let chip = SimulatedChip::new(std::mem::take(&mut self.memory), self.equipment.technology);
+        let store = Store::open(chip, random);
+        if let Some(kept) = store.kept().filter(Kept::has_windows) {
+            self.has_kept(&kept);
+        }
+        self.boot = store.boot();
         let identity = Identity {
             node: self.number,
             boot: self.boot,
-            channels: self.channels as u8,
+            channels: self.equipment.channels as u8,
             full_scale_m_s2: FULL_SCALE_M_S2,
             highest_rate_mhz: 4_000_000,
         };
-        self.node = Some(Node::new(identity, Box::new(Memory::new())));
+        let mut node = Node::with_store(identity, Box::new(Memory::new()), store);
+        if let Some(key) = &self.equipment.key {
+            node.set_key(Some(key.clone()));
+        }
+        self.node = Some(node);
+        self.tap.decoder = FrameDecoder::new();
         self.on_since = now;
         self.rows = 0;
-        self.tap = Some(Tap {
-            decoder: FrameDecoder::new(),
-            assembler: Assembler::new(self.number, self.boot),
-            configurations: self.configuration.clone().map(Configurations::only),
-            sent: BTreeMap::new(),
-        });
+    }
+
+    /// Of a life whose windows are on an ample chip, no more is lost with the supply than what had not been written.
+    fn has_kept(&mut self, kept: &Kept) {
+        if self.equipment.chip_bytes >= AMPLE_BYTES
+            && let Some(life) = self.lives.iter_mut().find(|life| life.boot == kept.boot)
+        {
+            life.held = life.held.min(life.made.saturating_sub(kept.next_window));
+        }
     }
 
     /// Ends its life, and takes down what it says of it in the end.
     fn end_life(&mut self, now: Duration) {
         let time = self.time(now);
-        let (Some(mut node), Some(tap)) = (self.node.take(), self.tap.take()) else { return };
+        let Some(mut node) = self.node.take() else { return };
+        self.doom = None;
         let mut decoder = FrameDecoder::new();
         // Ahead of the next heartbeat.
         let later = NodeTime(time.0.saturating_add_signed(HEARTBEAT_US));
         while node.poll(later) {}
         let mut frame = [0; MAX_FRAME_BYTES];
-        let greeting =
-            InConversation { conversation: Conversation([1; 4]), message: HostMessage::Greet(Greeting::OF_HOSTS) };
-        let length = message::encode(&greeting, &mut frame).unwrap_or(0);
+        // Every node answers a question, also without its key.
+        let question = HostMessage::Ask(Versions::OF_HOSTS);
+        let question = InConversation { conversation: Conversation([1; 4]), message: question };
+        let length = message::encode(&question, &mut frame).unwrap_or(0);
         [0].iter().chain(&frame[..length]).for_each(|&byte| node.receive(later, byte));
-        let mut life = Life { node: self.number, boot: self.boot, made: 0, held: 0, dropped: 0, sent: tap.sent };
+        let sent = BTreeMap::new();
+        let mut life = Life { node: self.number, boot: self.boot, made: 0, held: 0, dropped: 0, sent };
         let mut buffer = [0; MAX_FRAME_BYTES];
         while let count @ 1.. = node.transmit(later, &mut buffer) {
             for &byte in &buffer[..count] {
@@ -217,12 +280,17 @@ impl SimulatedNode {
             }
         }
         self.lives.push(life);
+        self.memory = node.release().release().release();
     }
 
     /// Ends its last life.
     pub(super) fn take_lives(&mut self, now: Duration) -> Vec<Life> {
         self.end_life(now);
-        std::mem::take(&mut self.lives)
+        let mut lives = std::mem::take(&mut self.lives);
+        for life in &mut lives {
+            life.sent = self.tap.boots.remove(&life.boot).map_or_else(BTreeMap::new, |sent| sent.windows);
+        }
+        lives
     }
 
     pub(super) fn unplug(&mut self, until: Duration, report: &mut Report) {
@@ -235,12 +303,13 @@ impl SimulatedNode {
     }
 
     pub(super) fn disturb(&mut self, until: Duration, channel: usize, what: SensorFault) {
-        self.sensor_faults.push((until, channel % self.channels, what));
+        self.sensor_faults.push((until, channel % self.equipment.channels, what));
     }
 
     /// Ends all that ails it.
     pub(super) fn heal(&mut self) {
         (self.off_until, self.unplugged_until) = (Duration::ZERO, Duration::ZERO);
+        self.attacker = None;
         self.sensor_faults.clear();
     }
 
@@ -280,6 +349,7 @@ impl SimulatedNode {
             self.switch_on(now);
         }
         self.sample(now, noise);
+        self.lose_supply(now);
         let time = self.time(now);
         let Some(node) = &mut self.node else { return };
         let Some(Connection { line, .. }) = &self.connection else { return };
@@ -289,15 +359,28 @@ impl SimulatedNode {
         let mut buffer = [0; MAX_FRAME_BYTES];
         // A line in memory does not fail.
         while let Ok(count @ 1..) = end.read(&mut buffer) {
-            buffer[..count].iter().for_each(|&byte| node.receive(time, byte));
+            let attack =
+                self.attacker.as_mut().map_or_else(Vec::new, |attacker| attacker.to_node(&buffer[..count], report));
+            buffer[..count].iter().chain(&attack).for_each(|&byte| node.receive(time, byte));
         }
-        while node.poll(time) {}
+        while node.poll(time) | node.keep(time) {}
         if node.has_bytes() && line.node_free_at() <= now_ns {
             let count = node.transmit(time, &mut buffer);
-            if let Some(tap) = &mut self.tap {
-                tap.hear(&buffer[..count]);
-            }
+            self.tap.hear(&buffer[..count]);
             let _ = end.write(&buffer[..count]);
+            if let Some(attacker) = &mut self.attacker {
+                let _ = end.write(&attacker.to_host(self.number, self.boot, &buffer[..count], report));
+            }
+        }
+    }
+
+    /// Ends its life where its chip has failed, or it has lived for long enough.
+    fn lose_supply(&mut self, now: Duration) {
+        let has_failed = self.node.as_mut().is_some_and(|node| node.store().chip().has_failed());
+        if let Some([latest, until]) = self.doom.filter(|[latest, _]| has_failed || now >= *latest) {
+            let lasting = until.saturating_sub(latest);
+            self.end_life(now);
+            self.off_until = now + lasting;
         }
     }
 
@@ -305,14 +388,14 @@ impl SimulatedNode {
         let time = self.time(now);
         let Some(node) = &mut self.node else { return };
         self.sensor_faults.retain(|(until, ..)| now < *until);
-        let due = (time.0 as f64 * 1e-6 * self.rate_hz) as u64;
+        let due = (time.0 as f64 * 1e-6 * self.equipment.rate_hz) as u64;
         let is_silent = self.sensor_faults.iter().any(|(.., what)| *what == SensorFault::Silent);
         if !self.samples || is_silent {
             self.rows = due;
             return;
         }
         while self.rows < due {
-            let at = NodeTime((self.rows as f64 / self.rate_hz * 1e6) as u64);
+            let at = NodeTime((self.rows as f64 / self.equipment.rate_hz * 1e6) as u64);
             let mut readings = [0.0; 4];
             for (channel, reading) in readings.iter_mut().enumerate() {
                 let place = self.rows as usize * 4 + channel + usize::from(self.number) * 1009;
@@ -328,8 +411,8 @@ impl SimulatedNode {
                     SensorFault::Spikes | SensorFault::Silent => *reading,
                 };
             }
-            node.sample(at, &readings[..self.channels]);
-            while node.poll(at) {}
+            node.sample(at, &readings[..self.equipment.channels]);
+            while node.poll(at) | node.keep(at) {}
             self.rows += 1;
         }
     }

@@ -122,6 +122,11 @@ impl Schedule {
         Self(faults)
     }
 
+    /// When the next fault comes.
+    pub(super) fn next(&self) -> Option<Duration> {
+        self.0.last().map(|(at, _)| *at)
+    }
+
     /// The next fault, if it is due.
     pub(super) fn due(&mut self, now: Duration) -> Option<Fault> {
         let is_due = self.0.last().is_some_and(|(at, _)| *at <= now);

@@ -15,13 +15,28 @@ pub(super) struct Drawn {
     segment: usize,
     /// Channels of each node.
     pub(super) channels: Vec<usize>,
+    /// The bytes of a node's key; `None` where it has none.
+    pub(super) keys: Vec<Option<[u8; 32]>>,
+    /// Bytes of each node's memory chip, 0 where it has none, and whether it is NOR flash.
+    pub(super) chips: Vec<(usize, bool)>,
 }
+
+/// Sizes of memory chips. The smallest is too small for a long outage.
+const CHIP_BYTES: [usize; 4] = [0, 0, 48 << 10, 512 << 10];
 
 impl Drawn {
     pub(super) fn new(random: &mut ChaCha8Rng) -> Self {
         let rate_hz = [10.0, 20.0][random.random_range(0..2)];
         let segment = [256, 512, 1024][random.random_range(0..3)];
-        Self { rate_hz, segment, channels: (0..NODES).map(|_| random.random_range(1..=4)).collect() }
+        Self {
+            rate_hz,
+            segment,
+            channels: (0..NODES).map(|_| random.random_range(1..=4)).collect(),
+            keys: (0..NODES).map(|_| random.random::<bool>().then(|| random.random())).collect(),
+            chips: (0..NODES)
+                .map(|_| (CHIP_BYTES[random.random_range(0..CHIP_BYTES.len())], random.random()))
+                .collect(),
+        }
     }
 
     pub(super) fn write(&self, folder: &Path) -> io::Result<()> {

@@ -5,13 +5,16 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::Duration;
 
+use belfry_firmware::Technology;
 use belfry_host::collect::{Clock, Collection, Ports};
+use belfry_host::keys::Keys;
 use belfry_host::link::Transport;
 use belfry_host::link::memory::{Faults, Line};
+use belfry_shared::seal::Key;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::node::{Life, SimulatedNode};
+use super::node::{Equipment, Life, SimulatedNode};
 use super::report::Report;
 use super::schedule::{Fault, Schedule};
 use super::study::Drawn;
@@ -25,6 +28,8 @@ const BEGIN_S: u64 = 1_900_000_000;
 const MOST_OFF_US: i64 = 3 * 86_400_000_000;
 /// Shares of frames that a line damages.
 const DAMAGED: [f64; 4] = [0.0, 0.01, 0.05, 0.2];
+/// A node's chip takes up to so many bytes more before its supply fails: a few windows.
+const MOST_BYTES_BEFORE_CUT: u64 = 5000;
 /// Readings that come again and again.
 const READINGS: usize = 65_537;
 
@@ -80,8 +85,16 @@ impl World {
     pub(super) fn new(study: &Drawn, folder: &Path, schedule: Schedule, damaged: Option<f64>, seed: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let node = |(index, &channels): (usize, &usize)| {
-            let ppm = random.random_range(-50.0..50.0);
-            SimulatedNode::new(index as u16 + 1, channels, ppm, study.rate_hz, random.random())
+            let (chip_bytes, is_nor) = study.chips[index];
+            let equipment = Equipment {
+                channels,
+                ppm: random.random_range(-50.0..50.0),
+                rate_hz: study.rate_hz,
+                key: study.keys[index].map(Key::new),
+                technology: if is_nor { Technology::Nor } else { Technology::Fram },
+                chip_bytes,
+            };
+            SimulatedNode::new(index as u16 + 1, equipment, random.random())
         };
         let nodes = study.channels.iter().enumerate().map(node).collect();
         let noise = (0..READINGS).map(|_| random.random_range(-0.01..0.01)).collect();
@@ -129,6 +142,17 @@ impl World {
         self.parts.borrow_mut().troubles.away.take()
     }
 
+    /// The nodes' keys.
+    pub(super) fn keys(&self) -> Keys {
+        self.parts.borrow().nodes.iter().filter_map(SimulatedNode::key).collect()
+    }
+
+    /// When something fails next.
+    pub(super) fn next_fault(&self) -> Option<Duration> {
+        let parts = self.parts.borrow();
+        parts.schedule.next().filter(|_| !parts.is_faultless)
+    }
+
     /// Tells the nodes' listeners what is measured.
     pub(super) fn will_measure(&self, collection: &Collection) {
         for node in &mut self.parts.borrow_mut().nodes {
@@ -165,7 +189,9 @@ impl World {
             parts.report.fault(fault.name());
             let nodes = &mut parts.nodes;
             match fault {
-                Fault::NodeOff { node, lasting } => nodes[node].switch_off(now, now + lasting),
+                Fault::NodeOff { node, lasting } => {
+                    nodes[node].switch_off(now, now + lasting, parts.random.random_range(1..MOST_BYTES_BEFORE_CUT));
+                }
                 Fault::Unplugged { node, lasting } => nodes[node].unplug(now + lasting, &mut parts.report),
                 Fault::Sensor { node, channel, what, lasting } => nodes[node].disturb(now + lasting, channel, what),
                 Fault::HostKilled { lasting } => parts.troubles.away = Some((now + lasting, true)),

@@ -10,6 +10,7 @@ use belfry_host::archive::Archive;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rusqlite::{Connection, OpenFlags};
+use tempfile::NamedTempFile;
 
 use super::nodes::{LiveNodes, Measured};
 
@@ -73,34 +74,30 @@ pub fn kills(kills: usize, seed: u64) -> Result<KillReport, Box<dyn Error>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut recoveries = Vec::new();
     // Once in peace, so that there is an archive.
-    let mut first = start(&live)?;
+    let first = start(&live)?;
     wait_for(&live, 0)?;
-    kill(&mut first)?;
+    drop(first);
     for number in 0..kills {
         let before = windows(&live)?;
         let begin = Instant::now();
-        let mut child = start(&live)?;
+        let child = start(&live)?;
         if number % 2 == 0 {
             thread::sleep(Duration::from_secs_f64(random.random_range(0.0..1.0)));
         } else {
-            let waited = wait_for(&live, before);
+            wait_for(&live, before)?;
             recoveries.push(begin.elapsed());
-            if let Err(error) = waited {
-                kill(&mut child)?;
-                return Err(error);
-            }
             thread::sleep(Duration::from_secs_f64(random.random_range(0.0..0.6)));
         }
-        kill(&mut child)?;
+        drop(child);
         thread::sleep(Duration::from_secs_f64(random.random_range(0.0..AWAY_S)));
     }
     // Then until all is there, and an end as it should be.
-    let child = start(&live)?;
+    let mut child = start(&live)?;
     thread::sleep(Duration::from_secs(5));
-    Command::new("kill").args(["-INT", &child.id().to_string()]).status()?;
-    let ended = child.wait_with_output()?;
-    if !ended.status.success() {
-        return Err(format!("the command failed in the end: {}", String::from_utf8_lossy(&ended.stderr)).into());
+    Command::new("kill").args(["-INT", &child.0.id().to_string()]).status()?;
+    let status = child.0.wait()?;
+    if !status.success() {
+        return Err(format!("the command failed in the end: {status}; {}", child.said()?).into());
     }
     recoveries.sort_unstable();
     let archive = archive(&live)?;
@@ -114,13 +111,28 @@ pub fn kills(kills: usize, seed: u64) -> Result<KillReport, Box<dyn Error>> {
     Ok(KillReport { seed, kills, windows: windows(&live)?, lost, doubled, recoveries, is_sound })
 }
 
-fn start(live: &LiveNodes) -> std::io::Result<Child> {
-    live.collect().stdout(Stdio::null()).stderr(Stdio::null()).spawn()
+/// The command. It is killed when it goes out of scope, however that comes about, so that none is left behind.
+struct Running(Child, NamedTempFile);
+
+impl Running {
+    /// What it has said of errors.
+    fn said(&self) -> std::io::Result<String> {
+        std::fs::read_to_string(self.1.path())
+    }
 }
 
-fn kill(child: &mut Child) -> std::io::Result<()> {
-    child.kill()?;
-    child.wait().map(drop)
+impl Drop for Running {
+    fn drop(&mut self) {
+        // One that has ended cannot be killed, and need not be.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn start(live: &LiveNodes) -> std::io::Result<Running> {
+    let errors = NamedTempFile::new()?;
+    let child = live.collect().stdout(Stdio::null()).stderr(errors.reopen()?).spawn()?;
+    Ok(Running(child, errors))
 }
 
 fn archive(live: &LiveNodes) -> rusqlite::Result<Connection> {

@@ -5,10 +5,8 @@
 
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 use stm32f4xx_hal::gpio::Pin;
-use stm32f4xx_hal::pac::SPI2;
-use stm32f4xx_hal::rcc::Rcc;
 
-use crate::board::bus::{BusError, SensorBus};
+use crate::board::bus::{BusError, SensorBus, Wires};
 
 /// Samples of a period of the wave.
 const PERIOD: u32 = 32;
@@ -32,13 +30,8 @@ pub(crate) struct Imitation {
 
 impl Imitation {
     /// As the bus without it.
-    pub(crate) fn new(
-        spi: SPI2,
-        select: Pin<'B', 12>,
-        wires: (Pin<'B', 13>, Pin<'B', 14>, Pin<'B', 15>),
-        rcc: &mut Rcc,
-    ) -> Self {
-        Self { bus: SensorBus::new(spi, select, wires, rcc), register: 0, sample: 0 }
+    pub(crate) fn new(wires: &'static Wires, select: Pin<'B', 12>) -> Self {
+        Self { bus: SensorBus::new(wires, select), register: 0, sample: 0 }
     }
 
     fn answer(&mut self, bytes: &mut [u8]) {

@@ -45,9 +45,16 @@ fn what_a_node_still_had_when_it_started_anew_is_lost_and_so_is_whatever_came_be
     // The same life again, and another node, end nothing.
     bench.archive.meet("then", 1, 7, 12, HostTime(7)).unwrap();
     bench.archive.meet("now", 2, 8, 0, HostTime(7)).unwrap();
-    assert_eq!(listed(&bench.archive).len(), 1);
+    bench.archive.end_before(2, 8, HostTime(7)).unwrap();
+    // The next life still has what was kept of this one, and the one after it has nothing.
     for boot in [8, 9] {
         bench.archive.meet("now", 1, boot, 0, HostTime(8)).unwrap();
+        // What an earlier life says, late, ends no later one.
+        bench.archive.end_before(1, 7, HostTime(8)).unwrap();
+        assert_eq!(listed(&bench.archive).len(), 1);
+    }
+    for _ in 0..2 {
+        bench.archive.end_before(1, 9, HostTime(8)).unwrap();
     }
     let restarted = |first, last: Option<u32>| loss(first, last, LossReason::Restarted);
     let expected = [
@@ -60,6 +67,37 @@ fn what_a_node_still_had_when_it_started_anew_is_lost_and_so_is_whatever_came_be
     assert_eq!(listed(&bench.archive), expected);
     // Should the life come back, it is asked for what it may still have.
     assert_eq!(bench.archive.kept(1, 7).unwrap().unwrap().lost, [[4, 4]]);
+}
+
+#[test]
+fn what_has_come_all_the_same_does_not_count() {
+    let (mut bench, two) = Bench::of_one(0);
+    bench.archive.meet("now", 1, 7, 0, HostTime(5)).unwrap();
+    bench.archive.lose(&loss(3, 9, LossReason::Restarted), HostTime(6)).unwrap();
+    bench.archive.lose(&loss(10, None, LossReason::Restarted), HostTime(6)).unwrap();
+    for number in [2, 4, 9, 12] {
+        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
+    }
+    let listed = bench.archive.losses().unwrap();
+    let counts: Vec<_> = listed.iter().map(|listed| (listed.came, listed.windows())).collect();
+    assert_eq!(counts, [(2, Some(5)), (1, None)]);
+}
+
+#[test]
+fn windows_that_a_repair_cannot_save_are_listed_where_their_names_can_be_trusted() {
+    let (bench, _) = Bench::of_one(10);
+    let change = |what: &str| bench.archive.connection.execute(what, []).unwrap();
+    // Two bits of one number are no longer mended.
+    change("UPDATE window SET grid_index = grid_index + 3 * 1024 WHERE number = 4");
+    // Another name, which no window can have had that lies between others.
+    change("UPDATE window SET number = 77, middle_offset_us = middle_offset_us + 1000 WHERE number = 6");
+    let folder = bench.folder.path();
+    drop(bench.archive);
+    let repaired = Archive::repair(folder).unwrap();
+    assert_eq!(repaired.windows, 8, "{repaired:?}");
+    let archive = Archive::open(folder).unwrap().unwrap();
+    assert_eq!(listed(&archive), [loss(4, 4, LossReason::Damaged)]);
+    assert!(Archive::check(folder).unwrap().is_sound);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use belfry_shared::message::{Acknowledgement, Again, ClockRequest, Greeting, HostMessage};
 use belfry_shared::time::HostTime;
 
+use super::super::delivery::Overdue;
 use super::{FIRST_EXCHANGES, Session, Stage};
 
 /// Time between tries of a greeting, configuration or clock setting, in µs.
@@ -102,14 +103,14 @@ impl Session {
 
     /// Acknowledges what is stored, and asks again for what is overdue.
     fn poll_delivery(&mut self, now: HostTime) {
-        let busy = now.0.saturating_sub(self.last_received.0) < SILENCE_US;
-        let again = if self.delivery.has_all() || (busy && now < self.next_try) {
-            Vec::new()
+        let is_busy = now.0.saturating_sub(self.last_received.0) < SILENCE_US;
+        let overdue = if self.delivery.has_all() || (is_busy && now < self.next_try) {
+            None
         } else {
             self.next_try = HostTime(now.0 + SILENCE_US);
-            self.delivery.overdue(now, HostTime(now.0 - ASK_PERIOD_US), self.last_received, busy)
+            Some(Overdue { now, before: HostTime(now.0 - ASK_PERIOD_US), heard: self.last_received, is_busy })
         };
-        if let Some(acknowledgement) = self.delivery.acknowledgement(again) {
+        for acknowledgement in self.delivery.acknowledgements(overdue) {
             self.wire.say(&HostMessage::Acknowledge(acknowledgement));
         }
     }

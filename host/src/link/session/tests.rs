@@ -226,6 +226,7 @@ fn hello() -> Hello {
         replaying: false,
         fault: None,
         counters: None,
+        kept: None,
     }
 }
 

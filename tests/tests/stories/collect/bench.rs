@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use belfry_firmware::{Memory, Node};
+use belfry_firmware::{Identity, Keeper, Memory, Node, SimulatedChip, Store, Technology};
 use belfry_host::archive::Archive;
 use belfry_host::collect::{
     Clock, CollectOptions, Collection, Collector, Event, PortServer, PortState, PortStatus, Ports, Report,
@@ -16,10 +16,11 @@ use belfry_host::link::Transport;
 use belfry_host::link::memory::{Faults, Line};
 use belfry_host::study::Study;
 use belfry_shared::frame::MAX_FRAME_BYTES;
+use belfry_shared::message::Kept;
 use belfry_shared::time::NodeTime;
 use belfry_tests::cable::{Connection, connect};
 
-use super::mast::{RATE_HZ, folder_in_memory, fresh_node, is_without_gaps, motion, numbers, write_study};
+use super::mast::{RATE_HZ, folder_in_memory, identity, is_without_gaps, motion, numbers, write_study};
 
 const BAUD: u32 = 115_200;
 /// Bytes are looked at this often.
@@ -47,13 +48,23 @@ impl Clock for SimulatedClock {
     }
 }
 
+/// The memory chip of a node; of one without, it has no bytes.
+type Chip = SimulatedChip<Vec<u8>>;
+
+fn node_with(number: u16, boot: u32, chip: Chip) -> Node<Box<Memory>, Store<Chip>> {
+    let store = Store::open(chip, boot);
+    let identity = Identity { boot: store.boot(), ..identity(number) };
+    Node::with_store(identity, Box::new(Memory::new()), store)
+}
+
 /// The firmware, with its crystal and its columns of the motion; it goes on when the host has gone.
 struct SimulatedNode {
     number: u16,
     boot: u32,
     ppm: f64,
     first_column: usize,
-    node: Node<Box<Memory>>,
+    node: Node<Box<Memory>, Store<Chip>>,
+    technology: Technology,
     rows: usize,
     /// The port where its cable is plugged in.
     port: String,
@@ -63,8 +74,9 @@ struct SimulatedNode {
 impl SimulatedNode {
     fn new(number: u16, ppm: f64, first_column: usize) -> Self {
         let boot = u32::from(number) + 1000;
-        let (node, port) = (fresh_node(number, boot), format!("node{number}"));
-        Self { number, boot, ppm, first_column, node, rows: 0, port, connection: None }
+        let technology = Technology::Fram;
+        let (node, port) = (node_with(number, boot, Chip::new(Vec::new(), technology)), format!("node{number}"));
+        Self { number, boot, ppm, first_column, node, technology, rows: 0, port, connection: None }
     }
 
     fn time(&self, seconds: f64) -> NodeTime {
@@ -77,7 +89,7 @@ impl SimulatedNode {
             let row = &motion[self.rows % motion.len()];
             let time = self.time(self.rows as f64 / RATE_HZ);
             self.node.sample(time, &row[self.first_column..self.first_column + 2]);
-            while self.node.poll(time) {}
+            while self.node.poll(time) | self.node.keep(time) {}
             self.rows += 1;
         }
         if self.connection.as_ref().is_some_and(|connection| !connection.is_held()) {
@@ -92,7 +104,7 @@ impl SimulatedNode {
         while let count @ 1.. = end.read(&mut buffer).unwrap() {
             buffer[..count].iter().for_each(|&byte| self.node.receive(time, byte));
         }
-        while self.node.poll(time) {}
+        while self.node.poll(time) | self.node.keep(time) {}
         if self.node.has_bytes() && line.node_free_at() <= now_ns {
             let count = self.node.transmit(time, &mut buffer);
             end.write(&buffer[..count]).unwrap();
@@ -170,8 +182,31 @@ impl Bench {
         let mut nodes = self.nodes.borrow_mut();
         let node = nodes.get_mut(&node).unwrap();
         node.boot += 1;
-        node.node = fresh_node(node.number, node.boot);
+        node.node = node_with(node.number, node.boot, Chip::new(Vec::new(), node.technology));
         node.boot
+    }
+
+    /// Gives a node a blank memory chip, before it has begun.
+    pub(super) fn give_chip(&self, node: u16, technology: Technology, bytes: usize) {
+        let mut nodes = self.nodes.borrow_mut();
+        let node = nodes.get_mut(&node).unwrap();
+        node.technology = technology;
+        node.node = node_with(node.number, node.boot, Chip::new(vec![0xFF; bytes], technology));
+    }
+
+    /// Has a node with a chip lose its supply while it writes the chip, after so many more bytes; what it has kept of earlier boots when it starts again.
+    pub(super) fn cut(&self, node: u16, bytes: u64) -> Kept {
+        self.nodes.borrow_mut().get_mut(&node).unwrap().node.store().chip().fail_after(bytes, 0x5A);
+        while !self.nodes.borrow_mut().get_mut(&node).unwrap().node.store().chip().has_failed() {
+            self.step();
+        }
+        let mut nodes = self.nodes.borrow_mut();
+        let node = nodes.get_mut(&node).unwrap();
+        let fresh = node_with(node.number, node.boot, Chip::new(Vec::new(), node.technology));
+        let memory = std::mem::replace(&mut node.node, fresh).release().release().release();
+        node.node = node_with(node.number, node.boot, Chip::new(memory, node.technology));
+        node.connection = None;
+        node.node.store().kept().unwrap()
     }
 
     fn step(&self) {

@@ -36,9 +36,13 @@ pub(super) fn motion(seconds: f64) -> Vec<[f32; 4]> {
 }
 
 pub(super) fn fresh_node(number: u16, boot: u32) -> Node<Box<Memory>> {
+    Node::new(Identity { boot, ..identity(number) }, Box::new(Memory::new()))
+}
+
+/// A node's identity, before it has drawn a boot id.
+pub(super) fn identity(number: u16) -> Identity {
     let full_scale_m_s2 = 20.0;
-    let identity = Identity { node: number, boot, channels: 2, full_scale_m_s2, highest_rate_mhz: 4_000_000 };
-    Node::new(identity, Box::new(Memory::new()))
+    Identity { node: number, boot: 0, channels: 2, full_scale_m_s2, highest_rate_mhz: 4_000_000 }
 }
 
 /// See [`belfry_tests::folder_in_memory`].

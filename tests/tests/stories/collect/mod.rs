@@ -6,4 +6,5 @@ mod keeping;
 mod live;
 mod mast;
 mod ports;
+mod store;
 mod time;

@@ -1,8 +1,10 @@
-//! SPI2 with the sensor on it, as an `SpiDevice` that never waits long.
+//! SPI2 with what is on it: the sensor and, where the program is built for one, a memory chip. Each is an `SpiDevice` that never waits long.
+
+use core::cell::UnsafeCell;
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, MODE_0, Operation, SpiDevice};
-use stm32f4xx_hal::gpio::{Output, Pin};
+use stm32f4xx_hal::gpio::{Output, Pin, PinState};
 use stm32f4xx_hal::pac::SPI2;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Rcc;
@@ -37,35 +39,57 @@ impl DelayNs for Delay {
     }
 }
 
-/// The bus.
-pub(crate) struct SensorBus {
-    spi: Spi<SPI2>,
-    select: Pin<'B', 12, Output>,
-}
+/// The bus without its selects.
+pub(crate) struct Wires(UnsafeCell<Spi<SPI2>>);
 
-impl SensorBus {
-    /// On SPI2: select on PB12, clock on PB13, data in on PB14 and out on PB15.
-    pub(crate) fn new(
+// SAFETY: one device uses it at a time, as `Device` says.
+unsafe impl Sync for Wires {}
+
+impl Wires {
+    /// SPI2: clock on PB13, data in on PB14 and out on PB15.
+    pub(crate) fn start(
         spi: SPI2,
-        select: Pin<'B', 12>,
         (clock, input, output): (Pin<'B', 13>, Pin<'B', 14>, Pin<'B', 15>),
         rcc: &mut Rcc,
-    ) -> Self {
+    ) -> &'static Self {
         let spi = Spi::new(spi, (Some(clock), Some(input), Some(output)), MODE_0, CLOCK_MHZ.MHz(), rcc);
-        Self { spi, select: select.into_push_pull_output_in_state(stm32f4xx_hal::gpio::PinState::High) }
+        // This function runs once.
+        let Some(wires) = cortex_m::singleton!(: Wires = Wires(UnsafeCell::new(spi))) else { panic!("started twice") };
+        wires
+    }
+}
+
+/// What is selected by pin `N` of port B.
+///
+/// The sampling interrupt uses the sensor, and the loop does only while the interrupt has none. The loop uses another device only with that
+/// interrupt held back. So a transaction is over before the next begins.
+pub(crate) struct Device<const N: u8> {
+    wires: &'static Wires,
+    select: Pin<'B', N, Output>,
+}
+
+/// The sensor, on PB12.
+pub(crate) type SensorBus = Device<12>;
+
+impl<const N: u8> Device<N> {
+    /// Not selected yet.
+    pub(crate) fn new(wires: &'static Wires, select: Pin<'B', N>) -> Self {
+        Self { wires, select: select.into_push_pull_output_in_state(PinState::High) }
     }
 
     fn exchange(&mut self, byte: u8) -> Result<u8, BusError> {
+        // SAFETY: no other device is in a transaction, as the type says, and no reference outlives this function.
+        let spi = unsafe { &mut *self.wires.0.get() };
         let mut written = false;
         for _ in 0..MOST_LOOKS {
             if !written {
-                match self.spi.write_nonblocking(byte) {
+                match spi.write_nonblocking(byte) {
                     Ok(()) => written = true,
                     Err(nb::Error::WouldBlock) => {}
                     Err(nb::Error::Other(_)) => return Err(BusError::Fault),
                 }
             } else {
-                match self.spi.read_nonblocking() {
+                match spi.read_nonblocking() {
                     Ok(answer) => return Ok(answer),
                     Err(nb::Error::WouldBlock) => {}
                     Err(nb::Error::Other(_)) => return Err(BusError::Fault),
@@ -103,11 +127,11 @@ impl SensorBus {
     }
 }
 
-impl ErrorType for SensorBus {
+impl<const N: u8> ErrorType for Device<N> {
     type Error = BusError;
 }
 
-impl SpiDevice for SensorBus {
+impl<const N: u8> SpiDevice for Device<N> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), BusError> {
         self.select.set_low();
         let result = operations.iter_mut().try_for_each(|operation| self.run(operation));

@@ -54,10 +54,8 @@ pub(super) fn key(node: u16) -> Result<Option<Key>, ImageError> {
     Key::from_image(&image, node)
 }
 
-/// The node's identity; its boot id is another one at every start.
-pub(super) fn identity() -> Identity {
-    // SAFETY: a constant, but one that may be changed in the built program, so the compiler must not rely on it.
-    let node = unsafe { addr_of!(BELFRY_NODE).read_volatile() };
+/// A boot id that is another one at every start, as far as chance goes. To be called once.
+pub(super) fn random_boot() -> u32 {
     let chip = if is_emulated() {
         [0; 3]
     } else {
@@ -76,11 +74,18 @@ pub(super) fn identity() -> Identity {
     for (place, word) in bytes.chunks_exact_mut(4).zip(chip.iter().chain(&seed).chain(&took)) {
         place.copy_from_slice(&word.to_le_bytes());
     }
+    crc32(&bytes)
+}
+
+/// The node's identity, with the boot id of this start.
+pub(super) fn identity(boot: u32) -> Identity {
+    // SAFETY: a constant, but one that may be changed in the built program, so the compiler must not rely on it.
+    let node = unsafe { addr_of!(BELFRY_NODE).read_volatile() };
     // In the emulator recordings may have more channels than the sensor.
     let channels = if is_emulated() { MAX_CHANNELS } else { CHANNELS };
     Identity {
         node,
-        boot: crc32(&bytes),
+        boot,
         channels: channels as u8,
         full_scale_m_s2: FULL_SCALE_M_S2,
         highest_rate_mhz: HIGHEST_RATE_MHZ,

@@ -2,12 +2,14 @@
 //!
 //! Interrupts only move data: the timer's reads the sensor into a queue of rows ([`sampler`]), the serial port's moves bytes
 //! between the line and its queues ([`port`]). The loop below does all the work, a step at a time, and delays no sample: the
-//! timer's interrupt goes before all others, and the few critical sections are some instructions long. Every wait has a deadline of
-//! its own, and the watchdog covers the rest.
+//! timer's interrupt goes before all others, and the few critical sections are some instructions long. A memory chip on the sensor's bus is used
+//! only while there is time before the next sample. Every wait has a deadline of its own, and the watchdog covers the rest.
 
 pub(crate) mod bus;
 mod identity;
 mod last_words;
+#[cfg(feature = "store")]
+mod memory_chip;
 mod port;
 mod sampler;
 mod stack;
@@ -38,6 +40,10 @@ const WATCHDOG_MS: u32 = 2000;
 /// The loop comes round at least this often, in ticks of the core's clock.
 const WAKE_TICKS: u32 = 8_000_000;
 
+/// The longest step of the store: `STEP_BYTES` and a few commands on the bus, 2.6 µs a byte, and half as much again.
+#[cfg(feature = "store")]
+const STORE_STEP_US: u32 = 160;
+
 /// The node's memory; all zeros, so that it takes no flash.
 static mut MEMORY: Memory = Memory::new();
 
@@ -57,7 +63,13 @@ fn run() -> ! {
     let (mut rcc, has_external) = clocks(device.RCC, is_emulated);
     ticks::start(device.TIM5, &mut rcc, is_emulated);
     let (port_a, port_b) = (device.GPIOA.split(&mut rcc), device.GPIOB.split(&mut rcc));
-    let bus = crate::Bus::new(device.SPI2, port_b.pb12, (port_b.pb13, port_b.pb14, port_b.pb15), &mut rcc);
+    let wires = bus::Wires::start(device.SPI2, (port_b.pb13, port_b.pb14, port_b.pb15), &mut rcc);
+    let bus = crate::Bus::new(wires, port_b.pb12);
+    #[cfg(feature = "store")]
+    let store = {
+        watchdog.feed();
+        memory_chip::open(wires, port_b.pb1, identity::random_boot())
+    };
     let mut sampler = Sampler::start(device.TIM2, port_b.pb10, bus, &mut rcc, is_emulated);
     let mut port = port::Port::start(device.USART2, (port_a.pa2, port_a.pa3), &mut rcc);
     core.SYST.set_clock_source(SystClkSource::Core);
@@ -76,7 +88,15 @@ fn run() -> ! {
 
     // SAFETY: this function runs once and never returns, and nothing else names MEMORY.
     let memory: &'static mut Memory = unsafe { &mut *core::ptr::addr_of_mut!(MEMORY) };
-    let mut node = Node::new(identity::identity(), memory);
+    #[cfg(not(feature = "store"))]
+    let mut node = Node::new(identity::identity(identity::random_boot()), memory);
+    #[cfg(feature = "store")]
+    let (mut node, store_fault) = {
+        let fault = (!store.has_chip()).then(|| simple_fault(FaultKind::Store));
+        (Node::with_store(identity::identity(store.boot()), memory, store), fault)
+    };
+    #[cfg(not(feature = "store"))]
+    let store_fault = None;
     let watchdog_fault = was_watchdog.then(|| simple_fault(FaultKind::Watchdog));
     let key_fault = match identity::key(node.identity().node) {
         Ok(None) => None,
@@ -90,7 +110,7 @@ fn run() -> ! {
         }
     };
     let clock_fault = (!has_external).then(|| simple_fault(FaultKind::Clock));
-    if let Some(fault) = key_fault.or(ended).or(watchdog_fault).or(clock_fault) {
+    if let Some(fault) = key_fault.or(ended).or(watchdog_fault).or(clock_fault).or(store_fault) {
         defmt::warn!("restarted: {}", fault);
         node.report_fault(fault);
     }
@@ -112,6 +132,8 @@ fn run() -> ! {
         }
         sampler.follow(node.sampling_rate_uhz());
         let worked = node.poll(now);
+        #[cfg(feature = "store")]
+        let worked = (sampler.has_time(STORE_STEP_US) && node.keep(now)) | worked;
         if port.has_sent_all() && node.has_bytes() {
             node.report_board(BoardState {
                 stack_bytes: stack::size(),

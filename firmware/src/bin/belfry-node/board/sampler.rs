@@ -141,6 +141,17 @@ impl Sampler {
         Self { timer, timer_hz, is_emulated, rows, rate_uhz: None, bus: Some(bus), looked: None }
     }
 
+    /// Whether the sensor's bus is free for so many µs before the next sample comes.
+    #[cfg(feature = "store")]
+    pub(super) fn has_time(&self, us: u32) -> bool {
+        // In the emulator counts run on, and nothing takes the bus for long.
+        if self.rate_uhz.is_none() || self.is_emulated {
+            return true;
+        }
+        let (end, count) = (self.timer.arr().read().bits(), self.timer.cnt().read().bits());
+        end.saturating_sub(count) > us.saturating_mul(self.timer_hz / 1_000_000)
+    }
+
     /// Samples at a rate in µHz, or not at all. Call it every time the loop comes round, with what the node wants.
     pub(super) fn follow(&mut self, rate_uhz: Option<u64>) {
         self.look_for_sensor(rate_uhz);
