@@ -7,10 +7,11 @@ use std::sync::LazyLock;
 use belfry_firmware::{Identity, Memory, Node};
 use belfry_host::link::{Session, Transport, conversation};
 use belfry_host::window::{Configurations, KeptWindows, Loss, NodeWindow, WindowSink};
-use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
+use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, PROTOCOL_VERSION, encode_sealed};
 use belfry_shared::message::{
-    self, Band, Configuration, Greeting, Hello, HostMessage, InConversation, NodeMessage, Summary, WindowName,
+    self, Band, Configuration, Counters, Greeting, Hello, HostMessage, InConversation, NodeMessage, Summary, WindowName,
 };
+use belfry_shared::seal::{Key, Sender};
 use belfry_shared::time::{HostTime, NodeTime};
 
 use super::input::Input;
@@ -55,17 +56,63 @@ static HELLO: LazyLock<Hello> = LazyLock::new(|| {
     }
 });
 
+/// The key of a node that has one, and another.
+const KEY: Key = Key::new([0x4B; 32]);
+const OTHER_KEY: Key = Key::new([0x4C; 32]);
+/// Numbers from here on have only windows that somebody without the key has made up.
+const FORGED: u32 = 100;
+
 /// A line whose other end is the bytes.
 #[derive(Default)]
-struct Pipe(VecDeque<u8>);
+struct Pipe {
+    bytes: VecDeque<u8>,
+    /// Of a node with a key: the boot in which it is, and what it has sealed so far.
+    sealed: Option<(u32, u32)>,
+}
 
 impl Pipe {
-    fn say(&mut self, message: &NodeMessage<'_>) {
-        let mut frame = [0; MAX_FRAME_BYTES];
-        if let Ok(length) = message::encode(message, &mut frame) {
-            self.0.extend(&frame[..length]);
-        }
+    fn say(&mut self, message: NodeMessage<'_>) {
+        self.say_with(&KEY, message);
     }
+
+    /// Somebody without the key says it: sealed with another, or not at all.
+    fn forge(&mut self, message: NodeMessage<'_>, is_sealed: bool) {
+        let sealed = self.sealed;
+        if !is_sealed {
+            self.sealed = None;
+        }
+        self.say_with(&OTHER_KEY, renumbered(message));
+        self.sealed = sealed;
+    }
+
+    fn say_with(&mut self, key: &Key, mut message: NodeMessage<'_>) {
+        let (mut buffer, mut frame) = ([0; MAX_MESSAGE_BYTES], [0; MAX_FRAME_BYTES]);
+        let length = match &mut self.sealed {
+            None => message::encode(&message, &mut frame),
+            Some((boot, said)) => {
+                *said = said.saturating_add(1);
+                if let NodeMessage::Hello(hello) = &mut message {
+                    *boot = hello.boot;
+                    hello.counters = Some(Counters { said: *said, heard: 0 });
+                }
+                message::bytes(&message, &mut buffer).and_then(|bytes| {
+                    let seal = key.seal(Sender::Node, *boot, *said, PROTOCOL_VERSION, bytes);
+                    encode_sealed(PROTOCOL_VERSION, bytes, &seal, &mut frame)
+                })
+            }
+        };
+        self.bytes.extend(&frame[..length.unwrap_or(0)]);
+    }
+}
+
+/// A part of a window that the node has not made.
+fn renumbered(mut message: NodeMessage<'_>) -> NodeMessage<'_> {
+    match &mut message {
+        NodeMessage::Head(head) => head.name.number += FORGED,
+        NodeMessage::Lines(part) => part.name.number += FORGED,
+        _ => {}
+    }
+    message
 }
 
 impl Transport for Pipe {
@@ -74,8 +121,8 @@ impl Transport for Pipe {
     }
 
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let count = buffer.len().min(self.0.len());
-        buffer.iter_mut().zip(self.0.drain(..count)).for_each(|(place, byte)| *place = byte);
+        let count = buffer.len().min(self.bytes.len());
+        buffer.iter_mut().zip(self.bytes.drain(..count)).for_each(|(place, byte)| *place = byte);
         Ok(count)
     }
 }
@@ -85,6 +132,7 @@ impl Transport for Pipe {
 struct Kept {
     lives: BTreeMap<u32, (u32, BTreeSet<u32>)>,
     is_busy: bool,
+    has_key: bool,
 }
 
 impl WindowSink for Kept {
@@ -94,6 +142,7 @@ impl WindowSink for Kept {
         }
         let WindowName { node, boot, number } = window.name;
         assert_eq!(node, NODE, "a window of another node");
+        assert!(!self.has_key || number < FORGED, "a window that somebody without the key has made up");
         let is_new = self.lives.entry(boot).or_default().1.insert(number);
         assert!(is_new, "window {number} of boot {boot} is stored a second time");
         Ok(())
@@ -176,25 +225,33 @@ fn at_home(message: NodeMessage<'_>) -> NodeMessage<'_> {
 /// Where the host does, or stores a window twice, or one that it has taken for lost.
 pub fn host(bytes: &[u8]) {
     let mut input = Input(bytes);
+    let flags = input.number::<1>();
+    let has_key = flags & 2 != 0;
     let mut session = Session::new(NODE, Configurations::only(configuration()), 115_200)
-        .dropping_foreign(input.number::<1>() % 2 == 1);
-    let (mut pipe, mut kept) = (Pipe::default(), Kept::default());
+        .dropping_foreign(flags & 1 != 0)
+        .with_key(has_key.then_some(KEY));
+    let mut pipe = Pipe { bytes: VecDeque::new(), sealed: has_key.then_some((0, 0)) };
+    let mut kept = Kept { has_key, ..Kept::default() };
     let mut now_us = BEGIN_US;
     while let Some(choice) = input.byte() {
         match choice % 8 {
             0..=3 => {
                 if let Some(message) = input.message::<NodeMessage<'_>>() {
-                    pipe.say(&if choice < 0xC0 { at_home(message) } else { message });
+                    match choice {
+                        _ if has_key && choice >= 0xC0 => pipe.forge(at_home(message), choice % 8 < 2),
+                        0..0xC0 => pipe.say(at_home(message)),
+                        _ => pipe.say(message),
+                    }
                 }
             }
             4 => now_us = now_us.saturating_add(input.number::<4>() as i64).min(LATEST_US),
             5 if choice < 0x20 => now_us = (input.number::<7>() as i64).min(LATEST_US),
             5 if choice < 0x40 => session.restart(),
-            5 => pipe.0.extend(input.byte()),
+            5 => pipe.bytes.extend(input.byte()),
             6 => kept.is_busy = choice >= 0x80,
             _ => {}
         }
-        if choice % 8 >= 4 || pipe.0.len() > 4096 {
+        if choice % 8 >= 4 || pipe.bytes.len() > 4096 {
             let now = HostTime(now_us);
             if session.service(&|| now, &mut pipe, &mut kept).is_err() {
                 session.reconnect();

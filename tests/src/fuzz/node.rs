@@ -1,8 +1,9 @@
 //! The node: well-formed messages of hosts in any order, samples, noise and time.
 
 use belfry_firmware::{Identity, Memory, Node};
-use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
+use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, PROTOCOL_VERSION, encode_sealed};
 use belfry_shared::message::{self, Conversation, Greeting, HostMessage, InConversation, NodeMessage};
+use belfry_shared::seal::{Key, Sender};
 use belfry_shared::time::NodeTime;
 
 use super::input::Input;
@@ -12,8 +13,15 @@ const MOST_ROWS: u64 = 4096;
 /// Times at which the node is to be right: a century.
 const LATEST_US: u64 = 3_200_000_000_000_000;
 
+const BOOT: u32 = 7;
+/// The key of a node that has one, and another.
+const KEY: Key = Key::new([0x4B; 32]);
+const OTHER_KEY: Key = Key::new([0x4C; 32]);
+
 struct Bench {
     node: Node<Box<Memory>>,
+    /// Of a node with a key: what hosts have sealed so far.
+    sealed: Option<u32>,
     time: NodeTime,
     heard: FrameDecoder,
     channels: u8,
@@ -21,10 +29,37 @@ struct Bench {
 
 impl Bench {
     fn hear(&mut self, conversation: u8, message: HostMessage) {
+        self.hear_with(&KEY, conversation, message);
+    }
+
+    /// A message with a seal of another key, or of none, changes nothing.
+    fn hear_forged(&mut self, conversation: u8, message: HostMessage) {
+        let (rate, sealed) = (self.node.sampling_rate_uhz(), self.sealed);
+        if conversation.is_multiple_of(2) {
+            self.sealed = None;
+        }
+        self.hear_with(&OTHER_KEY, conversation, message);
+        self.sealed = sealed;
+        assert_eq!(self.node.sampling_rate_uhz(), rate, "the node has obeyed somebody without its key");
+    }
+
+    fn hear_with(&mut self, key: &Key, conversation: u8, mut message: HostMessage) {
+        let counter = self.sealed.map(|sealed| sealed.saturating_add(1));
+        if let (HostMessage::Greet(greeting), Some(counter)) = (&mut message, counter) {
+            greeting.counter = counter;
+        }
         let message = InConversation { conversation: Conversation([conversation; 4]), message };
-        let mut frame = [0; MAX_FRAME_BYTES];
+        let (mut buffer, mut frame) = ([0; MAX_MESSAGE_BYTES], [0; MAX_FRAME_BYTES]);
         // Rows of a recording may take more than a frame has.
-        let Ok(length) = message::encode(&message, &mut frame) else { return };
+        let length = match counter {
+            None => message::encode(&message, &mut frame),
+            Some(counter) => message::bytes(&message, &mut buffer).and_then(|bytes| {
+                let seal = key.seal(Sender::Host, BOOT, counter, PROTOCOL_VERSION, bytes);
+                encode_sealed(PROTOCOL_VERSION, bytes, &seal, &mut frame)
+            }),
+        };
+        let Ok(length) = length else { return };
+        self.sealed = counter;
         frame[..length].iter().for_each(|&byte| self.node.receive(self.time, byte));
     }
 
@@ -72,17 +107,27 @@ impl Bench {
 /// Where the node does, or says what cannot be read.
 pub fn node(bytes: &[u8]) {
     let mut input = Input(bytes);
-    let channels = 1 + (input.number::<1>() % 4) as u8;
-    let identity = Identity { node: 3, boot: 7, channels, full_scale_m_s2: 20.0, highest_rate_mhz: 4_000_000 };
-    let node = Node::new(identity, Box::new(Memory::new()));
-    let mut bench = Bench { node, time: NodeTime(1), heard: FrameDecoder::new(), channels };
+    let first = input.number::<1>();
+    let (channels, has_key) = (1 + (first % 4) as u8, first >= 0x80);
+    let identity = Identity { node: 3, boot: BOOT, channels, full_scale_m_s2: 20.0, highest_rate_mhz: 4_000_000 };
+    let mut node = Node::new(identity, Box::new(Memory::new()));
+    if has_key {
+        node.set_key(Some(KEY));
+    }
+    let sealed = has_key.then_some(0);
+    let mut bench = Bench { node, sealed, time: NodeTime(1), heard: FrameDecoder::new(), channels };
     let mut rows_left = MOST_ROWS;
     bench.hear(1, HostMessage::Greet(Greeting::OF_HOSTS));
     while let Some(choice) = input.byte() {
         match choice % 8 {
             0..=2 => {
                 if let Some(said) = input.message::<InConversation>() {
-                    bench.hear(if choice < 0xE0 { 1 } else { 2 }, said.message);
+                    let conversation = if choice < 0xE0 { 1 } else { 2 };
+                    if has_key && choice % 8 == 2 {
+                        bench.hear_forged(conversation, said.message);
+                    } else {
+                        bench.hear(conversation, said.message);
+                    }
                 }
             }
             3 => bench.time = NodeTime(bench.time.0.saturating_add(input.number::<5>()).min(LATEST_US)),
