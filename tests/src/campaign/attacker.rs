@@ -49,7 +49,7 @@ impl Attacker {
     }
 
     /// What it says to the node behind what the host has said.
-    pub(super) fn on_its_way_to_node(&mut self, said: &[u8], report: &mut Report) -> Vec<u8> {
+    pub(super) fn tell_node(&mut self, said: &[u8], report: &mut Report) -> Vec<u8> {
         self.partial.extend_from_slice(said);
         while let Some(end) = self.partial.iter().position(|&byte| byte == END_OF_FRAME) {
             let frame: Vec<u8> = self.partial.drain(..=end).collect();
@@ -81,7 +81,7 @@ impl Attacker {
     }
 
     /// What it says to the host behind what the node has said.
-    pub(super) fn on_its_way_to_host(&mut self, node: u16, boot: u32, said: &[u8], report: &mut Report) -> Vec<u8> {
+    pub(super) fn tell_host(&mut self, node: u16, boot: u32, said: &[u8], report: &mut Report) -> Vec<u8> {
         remember(&mut self.of_node, said);
         // In the middle of a frame, what it says would be noise on the line.
         if said.last() != Some(&END_OF_FRAME) || !self.random.random_bool(SHARE) {

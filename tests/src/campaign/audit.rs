@@ -17,8 +17,33 @@ struct Stored {
     fingerprint: u64,
 }
 
+/// What windows can be dated.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Dates {
+    /// The earliest Unix time in µs that the computer's clock has shown.
+    pub(super) earliest_us: i64,
+    /// From a window to the next.
+    pub(super) hop_us: i64,
+}
+
+/// Windows that begin further ahead of the computer's clock are misdated.
+const MOST_AHEAD_US: i64 = 86_400_000_000;
+
+impl Dates {
+    /// Whether the computer's clock has ever been so far behind a window that begins there.
+    fn can_be_misdated(&self, grid_index: u64) -> bool {
+        let start_us = i64::try_from(grid_index).unwrap_or(i64::MAX).saturating_mul(self.hop_us);
+        start_us > self.earliest_us.saturating_add(MOST_AHEAD_US)
+    }
+}
+
 /// Holds the lives of all nodes against the archive in `folder`.
-pub(super) fn audit(folder: &Path, lives: &[Life], report: &mut Report) -> Result<(), Box<dyn std::error::Error>> {
+pub(super) fn audit(
+    folder: &Path,
+    lives: &[Life],
+    dates: Dates,
+    report: &mut Report,
+) -> Result<(), Box<dyn std::error::Error>> {
     let checked = Archive::check(folder)?;
     if !checked.is_sound {
         report.violations.push(format!("the archive is damaged: {:?} {:?}", checked.damages, checked.structure));
@@ -29,7 +54,7 @@ pub(super) fn audit(folder: &Path, lives: &[Life], report: &mut Report) -> Resul
         report.lives += 1;
         report.made += u64::from(life.made);
         let stored = stored.remove(&(life.node, life.boot)).unwrap_or_default();
-        judge(life, &stored, &losses, report);
+        judge(life, &stored, &losses, dates, report);
     }
     for ((node, boot), windows) in stored {
         report.violations.push(format!("{} windows of node {node}, boot {boot}, which has not been", windows.len()));
@@ -61,7 +86,7 @@ fn read(folder: &Path, report: &mut Report) -> rusqlite::Result<BTreeMap<(u16, u
 }
 
 /// Whether each window of a life is in the archive once, as it was sent, or listed as lost.
-fn judge(life: &Life, stored: &BTreeMap<u32, Stored>, losses: &[Loss], report: &mut Report) {
+fn judge(life: &Life, stored: &BTreeMap<u32, Stored>, losses: &[Loss], dates: Dates, report: &mut Report) {
     let Life { node, boot, made, .. } = *life;
     let mut wrong = |number: u32, what: &str| {
         report.violations.push(format!("window {number} of {made} of node {node}, boot {boot}: {what}"));
@@ -90,6 +115,14 @@ fn judge(life: &Life, stored: &BTreeMap<u32, Stored>, losses: &[Loss], report: &
             Some(loss) => {
                 *lost.entry(loss.reason).or_insert(0_u32) += 1;
                 report.lose(&loss.reason.to_string());
+                let sent = life.sent.get(&number);
+                if loss.reason == LossReason::Misdated
+                    && !sent.is_some_and(|&(grid_index, _)| dates.can_be_misdated(grid_index))
+                {
+                    report.violations.push(format!(
+                        "window {number} of {made} of node {node}, boot {boot}: it is listed as misdated, and its date is possible"
+                    ));
+                }
             }
             None => report.violations.push(format!(
                 "window {number} of {made} of node {node}, boot {boot}: it is neither in the archive nor listed as lost"
@@ -133,7 +166,9 @@ mod tests {
             (number, Stored { count, grid_index: u64::from(number), fingerprint })
         });
         let mut report = Report::new(0);
-        judge(&life, &stored.collect(), losses, &mut report);
+        // Windows from 8 on are dated further ahead than a day.
+        let dates = Dates { earliest_us: -MOST_AHEAD_US + 7, hop_us: 1 };
+        judge(&life, &stored.collect(), losses, dates, &mut report);
         report
     }
 
@@ -147,9 +182,13 @@ mod tests {
 
     #[test]
     fn what_is_stored_once_or_listed_is_right() {
-        let lost = [loss(2, Some(3), LossReason::Overwritten), loss(9, None, LossReason::Restarted)];
-        let report = judged(&all_but(&[2, 3, 9]), &lost);
-        assert_eq!((report.violations, report.stored, report.lost.len()), (Vec::new(), 7, 2));
+        let lost = [
+            loss(2, Some(3), LossReason::Overwritten),
+            loss(8, Some(8), LossReason::Misdated),
+            loss(9, None, LossReason::Restarted),
+        ];
+        let report = judged(&all_but(&[2, 3, 8, 9]), &lost);
+        assert_eq!((report.violations, report.stored, report.lost.len()), (Vec::new(), 6, 3));
     }
 
     #[test]
@@ -165,6 +204,7 @@ mod tests {
             (judged(&invented, &[]), "never made"),
             (judged(&all_but(&[]), &[loss(4, Some(4), LossReason::Overwritten)]), "and listed as lost"),
             (judged(&all_but(&[4]), &[loss(4, Some(4), LossReason::Unreadable)]), "could not be read"),
+            (judged(&all_but(&[4]), &[loss(4, Some(4), LossReason::Misdated)]), "its date is possible"),
             (
                 judged(&all_but(&[1, 2, 3, 4]), &[loss(1, Some(4), LossReason::Overwritten)]),
                 "are lost; it has dropped 2",

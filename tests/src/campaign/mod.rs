@@ -99,7 +99,8 @@ fn one(campaign: &Campaign, run: u64) -> Result<Report, String> {
     world.end_faults();
     host::deliver_the_rest(&world, AFTERMATH, PATIENCE, &mut report)?;
     let lives = world.take_lives(&mut report);
-    audit::audit(folder.path(), &lives, &mut report).map_err(|error| format!("run {run}: {error}"))?;
+    let dates = audit::Dates { earliest_us: world.earliest_us(), hop_us: study.hop_us() };
+    audit::audit(folder.path(), &lives, dates, &mut report).map_err(|error| format!("run {run}: {error}"))?;
     report.runs = 1;
     report.node_days = NODES as f64 * campaign.days_a_run;
     for violation in &mut report.violations {

@@ -120,6 +120,9 @@ const AMPLE_BYTES: usize = 512 << 10;
 /// A node with a chip loses its supply while it writes, where it writes within this time.
 const DOOM: Duration = Duration::from_secs(30);
 
+/// The firmware, whose store has no chip where the node has none.
+type Firmware = Node<Box<Memory>, Store<SimulatedChip<Vec<u8>>>>;
+
 /// What a node has beside the sensor.
 #[derive(Debug, Clone)]
 pub(super) struct Equipment {
@@ -132,9 +135,6 @@ pub(super) struct Equipment {
     pub(super) chip_bytes: usize,
 }
 
-/// A node with a memory chip beside it.
-type Board = Node<Box<Memory>, Store<SimulatedChip<Vec<u8>>>>;
-
 /// A node.
 pub(super) struct SimulatedNode {
     number: u16,
@@ -144,7 +144,7 @@ pub(super) struct SimulatedNode {
     boot: u32,
     /// When it was switched on last.
     on_since: Duration,
-    node: Option<Board>,
+    node: Option<Firmware>,
     tap: Tap,
     /// When its supply fails at the latest, and until when it is away then: it fails sooner if it writes its chip.
     doom: Option<[Duration; 2]>,
@@ -362,10 +362,8 @@ impl SimulatedNode {
         let mut buffer = [0; MAX_FRAME_BYTES];
         // A line in memory does not fail.
         while let Ok(count @ 1..) = end.read(&mut buffer) {
-            let attack = self
-                .attacker
-                .as_mut()
-                .map_or_else(Vec::new, |attacker| attacker.on_its_way_to_node(&buffer[..count], report));
+            let attack =
+                self.attacker.as_mut().map_or_else(Vec::new, |attacker| attacker.tell_node(&buffer[..count], report));
             buffer[..count].iter().chain(&attack).for_each(|&byte| node.receive(time, byte));
         }
         while node.poll(time) | node.keep(time) {}
@@ -374,7 +372,7 @@ impl SimulatedNode {
             self.tap.hear(&buffer[..count]);
             let _ = end.write(&buffer[..count]);
             if let Some(attacker) = &mut self.attacker {
-                let _ = end.write(&attacker.on_its_way_to_host(self.number, self.boot, &buffer[..count], report));
+                let _ = end.write(&attacker.tell_host(self.number, self.boot, &buffer[..count], report));
             }
         }
     }

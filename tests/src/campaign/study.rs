@@ -24,6 +24,8 @@ pub(super) struct Drawn {
 /// Sizes of memory chips. The smallest is too small for a long outage.
 const CHIP_BYTES: [usize; 4] = [0, 0, 48 << 10, 512 << 10];
 
+const DECIMATED_RATE_HZ: i64 = 5;
+
 impl Drawn {
     pub(super) fn new(random: &mut ChaCha8Rng) -> Self {
         let rate_hz = [10.0, 20.0][random.random_range(0..2)];
@@ -39,6 +41,11 @@ impl Drawn {
         }
     }
 
+    /// µs from the beginning of a window to that of the next.
+    pub(super) fn hop_us(&self) -> i64 {
+        (self.segment / 2) as i64 * 1_000_000 / DECIMATED_RATE_HZ
+    }
+
     pub(super) fn write(&self, folder: &Path) -> io::Result<()> {
         let mut text = "[structure]\nname = \"Mast\"\n[[setup]]\nname = \"now\"\nlive = true\n".to_owned();
         text += &format!("sampling_rate_hz = {}\n", self.rate_hz);
@@ -48,7 +55,10 @@ impl Drawn {
                 text += &format!("[[setup.sensor]]\nchannel = \"{node}-{channel}\"\nnode = {node}\n");
             }
         }
-        text += &format!("[analysis]\nband_hz = [0.3, 1.5]\ndecimated_rate_hz = 5.0\nsegment = {}\n", self.segment);
+        text += &format!(
+            "[analysis]\nband_hz = [0.3, 1.5]\ndecimated_rate_hz = {DECIMATED_RATE_HZ}.0\nsegment = {}\n",
+            self.segment
+        );
         fs::write(folder.join("study.toml"), text)
     }
 }

@@ -38,6 +38,8 @@ const READINGS: usize = 65_537;
 pub(super) struct WorldClock {
     steady_ns: AtomicU64,
     ahead_us: AtomicI64,
+    /// The least of it so far.
+    least_ahead_us: AtomicI64,
 }
 
 impl Clock for WorldClock {
@@ -105,6 +107,11 @@ impl World {
 
     pub(super) fn now(&self) -> Duration {
         self.clock.steady()
+    }
+
+    /// The earliest Unix time in µs that the computer's clock has shown, or would have shown at the beginning.
+    pub(super) fn earliest_us(&self) -> i64 {
+        BEGIN_S as i64 * 1_000_000 + self.clock.least_ahead_us.load(Ordering::Relaxed)
     }
 
     /// Ends all faults, for good.
@@ -200,6 +207,7 @@ impl World {
                     let ahead_us = self.clock.ahead_us.load(Ordering::Relaxed);
                     let by_us = if ahead_us.abs() > MOST_OFF_US { -ahead_us.signum() * by_us.abs() } else { by_us };
                     self.clock.ahead_us.store(ahead_us + by_us, Ordering::Relaxed);
+                    self.clock.least_ahead_us.fetch_min(ahead_us + by_us, Ordering::Relaxed);
                 }
                 Fault::DiskFull { lasting } => parts.troubles.disk_full_until = now + lasting,
                 Fault::ArchiveBusy { lasting } => parts.troubles.busy_until = now + lasting,
