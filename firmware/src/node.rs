@@ -376,8 +376,9 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
         self.store.acknowledge(*boot, below);
         let oldest = self.oldest_window();
         for wanted in again {
-            // The host waits for what is gone, and would give it up as unreadable before the next heartbeat is due.
-            self.pending.heartbeat |= wanted.first_window < oldest;
+            // The host waits for what is gone, and would give it up as unreadable before the next heartbeat is due. A heartbeat now would cut
+            // short the time over which levels are measured.
+            self.pending.hello |= wanted.first_window < oldest;
             self.outbox.again(wanted);
             // What the outbox has is not read from the store.
             let last_window = match self.outbox.oldest_window() {

@@ -568,8 +568,8 @@ fn parts_are_kept_until_acknowledged_and_sent_again_when_asked() {
     // Window 1 is gone, which is said at once.
     bench.say(&again(77, 2, 1, 2));
     bench.listen();
-    let NodeMessage::Heartbeat(heartbeat) = bench.messages().pop().unwrap() else { panic!("no heartbeat") };
-    assert_eq!((bench.frames.len(), heartbeat.oldest_window), (1, 2));
+    let NodeMessage::Hello(hello) = bench.messages().pop().unwrap() else { panic!("no hello") };
+    assert_eq!((bench.frames.len(), hello.oldest_window, hello.next_window), (1, 2, 3));
     bench.row += 120 * 50;
     bench.listen();
     let NodeMessage::Heartbeat(heartbeat) = bench.messages().pop().unwrap() else { panic!("no heartbeat") };
