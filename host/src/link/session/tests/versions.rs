@@ -87,6 +87,8 @@ fn from_node_5(_: u8, message: Vec<u8>) -> Vec<(u8, Vec<u8>)> {
 }
 
 const ADDED: [u8; 3] = [0xFF, 0, 9];
+/// What a hello has at its end once something stands behind it: that the node has no store.
+const NO_STORE: u8 = 0;
 
 /// What the node of this release says as one of the next version would that has agreed on this one.
 fn from_next_node(_: u8, mut message: Vec<u8>) -> Vec<(u8, Vec<u8>)> {
@@ -94,6 +96,7 @@ fn from_next_node(_: u8, mut message: Vec<u8>) -> Vec<(u8, Vec<u8>)> {
     match read {
         NodeMessage::Hello(_) => {
             message[2] = NEXT;
+            message.push(NO_STORE);
             message.extend(ADDED);
             // A message that came with it.
             vec![(NEXT, message), (PROTOCOL_VERSION, vec![40, 1, 2, 3])]
@@ -195,6 +198,7 @@ fn of_two_that_share_no_version_the_older_is_to_be_updated() {
     let hello = |lowest, highest| {
         let hello = Hello { versions: Versions { lowest, highest }, ..hello() };
         let mut bytes = postcard_bytes(&NodeMessage::Hello(hello));
+        bytes.push(NO_STORE);
         bytes.extend(ADDED);
         bytes
     };
