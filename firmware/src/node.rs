@@ -3,9 +3,7 @@
 use core::ops::DerefMut;
 
 use belfry_shared::frame;
-use belfry_shared::frame::{
-    END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened, PROTOCOL_VERSION,
-};
+use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened};
 use belfry_shared::message::{
     self, Acknowledgement, Again, BoardState, ClockReply, ClockRequest, Configuration, Conversation, Counters, Fault,
     Fed, FeedPart, Heard, Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, Replay, Versions,
@@ -87,8 +85,7 @@ impl Sealing {
         let Some(key) = &self.key else { return frame::encode(message, frame).unwrap_or(0) };
         let Some(counter) = self.counters.said.checked_add(1) else { return 0 };
         self.counters.said = counter;
-        let seal = key.seal(Sender::Node, self.boot, counter, PROTOCOL_VERSION, message);
-        frame::encode_sealed(PROTOCOL_VERSION, message, &seal, frame).unwrap_or(0)
+        key.encode(Sender::Node, self.boot, counter, message, frame).unwrap_or(0)
     }
 }
 
@@ -374,25 +371,28 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
         }
         let below = self.outbox.acknowledge(*below);
         self.store.acknowledge(*boot, below);
-        let oldest = self.oldest_window();
+        let (oldest, in_outbox) = (self.oldest_window(), self.oldest_in_outbox());
         for wanted in again {
             // The host waits for what is gone, and would give it up as unreadable before the next heartbeat is due. A heartbeat now would cut
             // short the time over which levels are measured.
             self.pending.hello |= wanted.first_window < oldest;
             self.outbox.again(wanted);
             // What the outbox has is not read from the store.
-            let last_window = match self.outbox.oldest_window() {
-                Some(oldest) if oldest <= wanted.first_window => continue,
-                Some(oldest) => wanted.last_window.min(oldest - 1),
-                None => wanted.last_window,
-            };
-            self.store.want(*boot, &Again { last_window, ..*wanted });
+            if wanted.first_window < in_outbox {
+                let last_window = wanted.last_window.min(in_outbox - 1);
+                self.store.want(*boot, &Again { last_window, ..*wanted });
+            }
         }
+    }
+
+    /// The oldest window in the outbox, or else the next.
+    fn oldest_in_outbox(&self) -> u32 {
+        self.outbox.oldest_window().unwrap_or(self.windows.next_number())
     }
 
     /// The oldest window of this life that it still has, or else the next.
     fn oldest_window(&self) -> u32 {
-        let in_outbox = self.outbox.oldest_window().unwrap_or(self.windows.next_number());
+        let in_outbox = self.oldest_in_outbox();
         self.store.oldest_window().map_or(in_outbox, |oldest| oldest.min(in_outbox))
     }
 

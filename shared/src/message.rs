@@ -145,13 +145,13 @@ pub enum NodeMessage<'a> {
 }
 
 impl NodeMessage<'_> {
-    /// The window of which this is a part.
-    pub fn window(&self) -> Option<WindowName> {
+    /// The window of which this is a part, and which part: the head is part 0.
+    pub fn part(&self) -> Option<(WindowName, u16)> {
         match self {
-            Self::Head(head) => Some(head.name),
-            Self::Lines(part) => Some(part.name),
-            Self::Density(part) => Some(part.name),
-            Self::Peaks(part) => Some(part.name),
+            Self::Head(head) => Some((head.name, 0)),
+            Self::Lines(lines) => Some((lines.name, lines.part)),
+            Self::Density(density) => Some((density.name, density.part)),
+            Self::Peaks(peaks) => Some((peaks.name, peaks.part)),
             _ => None,
         }
     }

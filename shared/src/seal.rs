@@ -13,7 +13,7 @@ use blake2::Blake2sMac;
 use blake2::digest::consts::U8;
 use blake2::digest::{FixedOutput, KeyInit, Update};
 
-use crate::frame::{Opened, SEAL_BYTES, Seal, crc32};
+use crate::frame::{FrameError, MAX_FRAME_BYTES, Opened, PROTOCOL_VERSION, SEAL_BYTES, Seal, crc32, encode_sealed};
 
 /// Bytes of a key.
 pub const KEY_BYTES: usize = 32;
@@ -88,6 +88,19 @@ impl Key {
         Seal { counter: counter as u8, tag: self.tag(sender, boot, counter, version, message) }
     }
 
+    /// Writes the sealed frame of a message of this version, and returns its length.
+    pub fn encode(
+        &self,
+        sender: Sender,
+        boot: u32,
+        counter: u32,
+        message: &[u8],
+        frame: &mut [u8; MAX_FRAME_BYTES],
+    ) -> Result<usize, FrameError> {
+        let seal = self.seal(sender, boot, counter, PROTOCOL_VERSION, message);
+        encode_sealed(PROTOCOL_VERSION, message, &seal, frame)
+    }
+
     /// Whether the frame was sealed with this key by that sender in that boot under that counter. It takes as long whatever the tag is.
     pub fn admits(&self, sender: Sender, boot: u32, counter: u32, frame: &Opened<'_>) -> bool {
         let Some(seal) = &frame.seal else { return false };
@@ -135,7 +148,7 @@ pub fn next_counter(last: u32, low: u8) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{FrameDecoder, MAX_FRAME_BYTES, encode_sealed};
+    use crate::frame::FrameDecoder;
     use proptest::prelude::*;
     use std::vec::Vec;
 

@@ -3,6 +3,8 @@
 //! A node's crystal is off by up to some 20 ppm (1.7 s a day). The host measures offset and drift by two-way exchanges
 //! ([`crate::message::ClockRequest`]), tells the node ([`ClockModel`]), and the node converts its own time to the host's.
 
+use core::time::Duration;
+
 use serde::{Deserialize, Serialize};
 
 /// Host time in microseconds since the host's epoch (the Unix epoch on a live host, the recording's epoch when a
@@ -15,6 +17,13 @@ pub struct HostTime(pub i64);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NodeTime(pub u64);
+
+impl HostTime {
+    /// The time so long after the epoch; the latest there is where that is longer than microseconds reach.
+    pub fn since_epoch(elapsed: Duration) -> Self {
+        Self(i64::try_from(elapsed.as_micros()).unwrap_or(i64::MAX))
+    }
+}
 
 impl NodeTime {
     /// Microseconds from `earlier` to `self`; negative if `earlier` is in fact later.

@@ -31,7 +31,7 @@ impl<C: Chip> Store<C> {
             present,
             earlier: Vec::new(),
             lost_windows: 0,
-            state: State { done: Key { boot: random, window: 0 }, time: None, configuration: None },
+            state: State::new(random),
             is_state_due: true,
             last_time: None,
             has_news: false,
@@ -43,7 +43,7 @@ impl<C: Chip> Store<C> {
         if store.sectors < LEAST_SECTORS || store.look().and_then(|()| store.note_start()).is_err() {
             store.sectors = 0;
             store.boot = random;
-            store.state = State { done: Key { boot: random, window: 0 }, time: None, configuration: None };
+            store.state = State::new(random);
             store.earlier.clear();
         }
         store

@@ -122,6 +122,11 @@ pub(super) const MAX_STATE_BYTES: usize = STATE_BYTES + 80;
 const NO_TIME: i64 = i64::MIN;
 
 impl State {
+    /// Of a first start.
+    pub(super) const fn new(boot: u32) -> Self {
+        Self { done: Key { boot, window: 0 }, time: None, configuration: None }
+    }
+
     /// Writes it to `buffer`; its bytes.
     pub(super) fn write<'b>(&self, buffer: &'b mut [u8; MAX_STATE_BYTES]) -> &'b [u8] {
         let time = self.time.map_or(NO_TIME, |time| time.0);

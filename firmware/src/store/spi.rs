@@ -21,9 +21,8 @@ const BUSY: u8 = 0x01;
 const FUJITSU: [u8; 2] = [0x04, 0x7F];
 /// The part of Fujitsu's product code that says the size: 2^(code + 10) bytes.
 const DENSITY: u8 = 0x1F;
-/// NOR flash says the exponent of its size; addresses of three bytes reach 16 MB.
-const NOR_EXPONENTS: core::ops::RangeInclusive<u8> = 16..=24;
-const FRAM_EXPONENTS: core::ops::RangeInclusive<u8> = 16..=24;
+/// Exponents of sizes: addresses of three bytes reach 16 MB.
+const EXPONENTS: core::ops::RangeInclusive<u8> = 16..=24;
 
 /// A memory chip behind a chip select of its own.
 #[derive(Debug)]
@@ -49,14 +48,13 @@ impl<S: SpiDevice> SpiChip<S> {
 
 /// Size in bytes, and whether it is FRAM.
 fn identify([manufacturer, second, third, _]: [u8; 4]) -> (u32, bool) {
-    let size = |exponent: u8, known: core::ops::RangeInclusive<u8>| {
-        if known.contains(&exponent) { 1 << exponent } else { 0 }
-    };
+    let size = |exponent: u8| if EXPONENTS.contains(&exponent) { 1 << exponent } else { 0 };
     match [manufacturer, second] {
-        FUJITSU => (size((third & DENSITY) + 10, FRAM_EXPONENTS), true),
+        FUJITSU => (size((third & DENSITY) + 10), true),
         // A line without a chip.
         [0, 0] | [0xFF, 0xFF] => (0, false),
-        _ => (size(third, NOR_EXPONENTS), false),
+        // NOR flash says the exponent of its size.
+        _ => (size(third), false),
     }
 }
 

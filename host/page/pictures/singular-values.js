@@ -10,22 +10,6 @@ const LOOKS = [{ width: 1.8 }, { width: 1.2, alpha: 0.72 }, { width: 1, alpha: 0
 const SNAP = 8
 // A peak is of a mode that is so near, as a share of its frequency and in lines.
 const SAME = 0.01, SAME_LINES = 2
-// As identification does (identify/pick.rs): so many deviations above the ground between peaks; half-overlapped windows scatter so much more.
-const PROMINENCE = 4, OVERLAP = 1.06
-
-/** Indices of the peaks that stand out of their surroundings by more than averages scatter. */
-function peaksOf(values, averages) {
-    const rise = Math.exp(PROMINENCE * Math.sqrt(2 * OVERLAP / Math.max(averages || 1, 1))), found = []
-    const ground = (at, side) => {
-        let low = values[at]
-        for (let i = at + side; values[i] <= values[at]; i += side) low = Math.min(low, values[i])
-        return low
-    }
-    for (let i = 2; i < values.length - 2; i++)
-        if (values[i] > values[i - 1] && values[i] >= values[i + 1] && values[i] >= rise * Math.max(ground(i, -1), ground(i, 1))) found.push(i)
-    return found
-}
-
 const setupsOf = data => items(data.spectra?.setups).filter(setup => items(setup.singular).length)
 const of = (data, name) => items(data.modes?.[name]).filter(one => known(one.frequency_hz))
 const rounded = hz => Number(hz.toFixed(4))
@@ -98,7 +82,6 @@ export default {
             })),
         ]
         // The lower values reach far down in places; three decades below the first are enough.
-        let peaks = null
         const fits = items(data.spectra.fitted).filter(one => one.setup === setup.setup && one.frequency_hz)
         const [low, high] = extent(singular[0], true) ?? [1e-12, 1], least = Math.max(low * 1e-3, extent(singular.at(-1), true)?.[0] ?? 0)
         const chart = plot(host, {
@@ -137,8 +120,8 @@ export default {
                 // The line of a mode is that mode; beside it, zoom in.
                 if (near) return near.chosen ? offerMode() : view.set({ mode: near.is.number })
                 // A mode below a stronger one's bell has its peak in a lower curve.
-                peaks ??= singular.flatMap(values => peaksOf(values, setup.averages)).map(i => hz[i])
-                const peak = peaks.reduce((best, at) => Math.abs(at - where) >= Math.abs(best - where) ? best : at, NaN), at = hertz(peak)
+                if (!setup.peaks_hz) return offer("Where peaks stand out is known once modes are identified again.")
+                const peak = setup.peaks_hz.reduce((best, at) => Math.abs(at - where) >= Math.abs(best - where) ? best : at, NaN), at = hertz(peak)
                 const own = modes.find(({ x }) => Math.abs(x - peak) <= Math.max(SAME * peak, SAME_LINES * setup.spacing_hz)), none = `No peak stands out at ${hertz(where)}`
                 if (!known(peak)) offer(`${none}, nor anywhere else.`)
                 else if (own) offer(`${none}; the nearest is mode ${own.text}, at ${hertz(own.x)}.`)

@@ -189,7 +189,7 @@ impl Archive {
             }
         }
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-        list_damaged(&transaction, &damaged, HostTime(i64::try_from(now.as_micros()).unwrap_or(i64::MAX)))?;
+        list_damaged(&transaction, &damaged, HostTime::since_epoch(now))?;
         transaction.commit()?;
         Ok((windows, mended, lost))
     }

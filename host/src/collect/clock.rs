@@ -79,7 +79,7 @@ impl HostClock {
     pub(super) fn look(&self, clock: &dyn Clock) -> (HostTime, u64) {
         let mut base = lock(&self.base);
         let now = base.look(clock.unix(), clock.steady());
-        (HostTime(i64::try_from(now.as_micros()).unwrap_or(i64::MAX)), base.generation)
+        (HostTime::since_epoch(now), base.generation)
     }
 }
 

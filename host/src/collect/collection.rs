@@ -49,7 +49,7 @@ impl Collection {
         let Settings { grid, decimation, bits, reason } = settings(study, setup, archive, options)?;
         // Of other setups too: a node that has moved may still have windows of the one before.
         let earlier = archive.configurations(None)?;
-        let now = HostTime(i64::try_from(now.as_micros()).unwrap_or(i64::MAX));
+        let now = HostTime::since_epoch(now);
         let mut nodes = BTreeMap::new();
         for (node, channels) in channels_by_node(setup) {
             let summary = Summary::Lines { bits };

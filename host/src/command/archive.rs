@@ -207,7 +207,7 @@ fn run_repair(folder: &Path, console: &Console) -> anyhow::Result<()> {
 
 fn run_prune(arguments: &Prune, console: &Console) -> anyhow::Result<()> {
     let folder = folder(&arguments.study)?;
-    let now = HostTime(i64::try_from(SystemClock::new().unix().as_micros()).unwrap_or(i64::MAX));
+    let now = HostTime::since_epoch(SystemClock::new().unix());
     // Whether there is one, before one is made.
     opened(&folder)?;
     let mut archive = Archive::create(&folder)?;

@@ -64,6 +64,7 @@ use singular::SingularValues;
 pub(crate) use choice::NEAR_SHARE;
 pub use choice::note_idle_bands;
 pub use covariance::CovarianceFactor;
+pub(crate) use pick::peaks_of;
 pub use result::{
     FittedSpectrum, Harmonic, Identification, Mode, ModeMethod, OnInPart, Rejected, RejectedBecause, ShapeComponent,
     SingularSpectrum,

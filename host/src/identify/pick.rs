@@ -213,7 +213,27 @@ fn prominence(sources: &[Source<'_>]) -> f64 {
     let averages: usize = sources.iter().map(Source::averages).sum();
     let tells_noise = sources.iter().all(|source| source.channels() >= NOISE_EDGE_CHANNELS);
     let sigmas = if tells_noise { PROMINENCE_SIGMAS } else { PROMINENCE_SIGMAS_ALONE };
-    sigmas * (2.0 * OVERLAP_VARIANCE / averages.max(1) as f64).sqrt()
+    sigmas * scatter(averages)
+}
+
+/// Standard deviation of the difference of two log spectra of so many averages.
+fn scatter(averages: usize) -> f64 {
+    (2.0 * OVERLAP_VARIANCE / averages.max(1) as f64).sqrt()
+}
+
+/// Peaks of a log spectrum that stand out of their surroundings by so much: how far each does, and its index.
+fn prominent(curve: &[f64], prominence: f64) -> impl Iterator<Item = (f64, usize)> {
+    (EDGE_LINES..curve.len().saturating_sub(EDGE_LINES))
+        .filter(|&line| curve[line] > curve[line - 1] && curve[line] >= curve[line + 1])
+        .map(|line| (curve[line] - saddle(curve, line), line))
+        .filter(move |&(height, _)| height >= prominence)
+}
+
+/// Indices of the peaks of a spectrum of so many averages that stand out of their surroundings by more than averages scatter, whatever else
+/// they may be.
+pub(crate) fn peaks_of(spectrum: &[f64], averages: usize) -> Vec<usize> {
+    let log: Vec<f64> = spectrum.iter().map(|value| value.max(f64::MIN_POSITIVE).ln()).collect();
+    prominent(&log, PROMINENCE_SIGMAS * scatter(averages)).map(|(_, line)| line).collect()
 }
 
 /// A mode's domain in lines to either side.
@@ -291,14 +311,9 @@ impl<'a> Layer<'a> {
     /// The modes in these lines: peaks of sufficient prominence (in ln density) that are significant, and coherent with at
     /// least `sides` of their neighbouring lines; most prominent first.
     fn modes(&self, prominence: f64, sides: usize) -> Vec<Pick> {
-        let curve = &self.log_first;
-        let last = curve.len().saturating_sub(EDGE_LINES);
-        let mut peaks: Vec<(f64, usize)> = (EDGE_LINES..last)
-            .filter(|&line| curve[line] > curve[line - 1] && curve[line] >= curve[line + 1])
-            .map(|line| (curve[line] - saddle(curve, line), line))
-            .filter(|&(height, line)| {
-                height >= prominence
-                    && self.is_significant(line)
+        let mut peaks: Vec<(f64, usize)> = prominent(&self.log_first, prominence)
+            .filter(|&(_, line)| {
+                self.is_significant(line)
                     && self.coherence(line, sides) >= COHERENT
                     && self.is_above_own_noise(line)
                     && self.is_beyond_chance(line)
@@ -455,6 +470,14 @@ mod tests {
         assert_eq!(saddle(&curve, 2), 1.0);
         assert_eq!(saddle(&curve, 4), 1.5);
         assert_eq!(saddle(&curve, 6), 9.0, "nothing to the right: the edge is ground");
+    }
+
+    /// With a hundred averages a peak has to be exp(0.58) = 1.8 times as high as the saddle.
+    #[test]
+    fn peaks_stand_out_by_more_than_averages_scatter() {
+        let spectrum = [1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.7, 1.0, 1.0, 9.0, 1.0];
+        assert_eq!(peaks_of(&spectrum, 100), [3], "the second is too low, the third too near the end");
+        assert_eq!(peaks_of(&spectrum, 400), [3, 6]);
     }
 
     #[test]

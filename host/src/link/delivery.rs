@@ -164,8 +164,7 @@ impl Delivery {
         let kept = hello.kept.filter(|kept| kept.has_windows() && kept.boot != hello.boot);
         let kept_boot = kept.map(|kept| kept.boot);
         if self.kept_boot != kept_boot {
-            let before = self.earlier.iter_mut().find(|life| Some(life.boot()) == self.kept_boot);
-            before.into_iter().for_each(Assembler::overwritten);
+            kept_life(&mut self.earlier, self.kept_boot).into_iter().for_each(Assembler::overwritten);
             self.kept_boot = None;
             self.acknowledge_kept = false;
         }
@@ -186,7 +185,7 @@ impl Delivery {
         self.kept_boot = Some(boot);
         self.has_ended_earlier = false;
         self.forget_oldest_life();
-        if let Some(life) = self.earlier.iter_mut().find(|life| life.boot() == boot) {
+        if let Some(life) = kept_life(&mut self.earlier, self.kept_boot) {
             life.heartbeat(oldest_window, next_window);
             self.acknowledge_kept |= oldest_window < life.below();
         }
@@ -267,7 +266,7 @@ impl Delivery {
             life.into_iter().for_each(|life| life.misdated(head.name));
             return Ok(());
         }
-        let Some(boot) = part.window().map(|name| name.boot) else { return Ok(()) };
+        let Some(boot) = part.part().map(|(name, _)| name.boot) else { return Ok(()) };
         let Some(assembler) = life_of(boot, &mut self.present, &mut self.earlier, self.kept_boot) else {
             return Ok(());
         };
@@ -370,8 +369,7 @@ impl Delivery {
     /// What to tell the node of its windows: of the earlier life that it still has, and of its present one.
     pub(super) fn acknowledgements(&mut self, overdue: Option<Overdue>) -> Vec<Acknowledgement> {
         let has_room = bytes(&self.waiting) < MOST_WAITING_BYTES;
-        let kept_boot = self.kept_boot;
-        let kept = self.earlier.iter_mut().find(|life| Some(life.boot()) == kept_boot);
+        let kept = kept_life(&mut self.earlier, self.kept_boot);
         // Of an earlier life, no window is on its way that nobody has asked for.
         let overdue_kept = overdue.map(|overdue| Overdue { is_busy: false, ..overdue });
         let lives =
@@ -415,8 +413,12 @@ fn life_of<'a>(
     earlier: &'a mut [Assembler],
     kept_boot: Option<u32>,
 ) -> Option<&'a mut Assembler> {
-    let kept = earlier.iter_mut().find(|life| life.boot() == boot && kept_boot == Some(boot));
-    kept.or(present.as_mut())
+    kept_life(earlier, kept_boot).filter(|life| life.boot() == boot).or(present.as_mut())
+}
+
+/// The earlier life of which the node still has windows.
+fn kept_life(earlier: &mut [Assembler], kept_boot: Option<u32>) -> Option<&mut Assembler> {
+    earlier.iter_mut().find(|life| Some(life.boot()) == kept_boot)
 }
 
 /// About what windows take in memory.

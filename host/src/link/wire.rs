@@ -7,7 +7,6 @@ use std::sync::OnceLock;
 
 use belfry_shared::frame::{
     END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened, PROTOCOL_VERSION, Seal,
-    encode_sealed,
 };
 use belfry_shared::message::{
     self, Conversation, Greeting, Hello, HostMessage, InConversation, NodeMessage, Versions, version_5,
@@ -413,8 +412,7 @@ fn seal(
     let mut buffer = [0; MAX_MESSAGE_BYTES];
     let bytes = message::bytes(message, &mut buffer)?;
     proven.said = proven.said.checked_add(1).ok_or(FrameError::Message)?;
-    let seal = key.seal(Sender::Host, proven.boot, proven.said, PROTOCOL_VERSION, bytes);
-    encode_sealed(PROTOCOL_VERSION, bytes, &seal, frame)
+    key.encode(Sender::Host, proven.boot, proven.said, bytes, frame)
 }
 
 #[cfg(test)]

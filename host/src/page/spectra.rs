@@ -3,12 +3,14 @@
 use serde::Serialize;
 
 use super::packed::Packed;
-use crate::identify::{FittedSpectrum, Identification, MeasuredSetup};
+use crate::identify::{FittedSpectrum, Identification, MeasuredSetup, peaks_of};
 use crate::measure::Overview;
 use crate::study::Setup;
 
 /// Lines of a setup that are shown at most; more are taken together by their largest.
 const LINES: usize = 8192;
+/// Singular values that the page draws.
+const SHOWN_VALUES: usize = 4;
 
 /// What `results/spectra.json` holds.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -33,6 +35,8 @@ struct SetupSpectra {
     unit: String,
     /// Singular values of the cross-spectral matrix, the largest first.
     singular: Vec<Packed>,
+    /// Where peaks of the singular values that are shown stand out, in Hz: those of the largest first.
+    peaks_hz: Vec<f64>,
     /// Power spectral densities, channel by channel.
     psd: Vec<Packed>,
 }
@@ -90,16 +94,21 @@ fn setup_spectra(
         largest(&values)
     };
     let singular = identification.singular_values.iter().filter(|one| one.setup == setup.name);
+    let singular: Vec<Vec<f64>> = singular.flat_map(|one| &one.values).map(|values| largest(values)).collect();
+    // The middle of those that are taken together.
+    let first_hz = grid.frequency_hz(0) + 0.5 * (together - 1) as f64 * grid.spacing_hz();
+    let spacing_hz = together as f64 * grid.spacing_hz();
+    let peaks = singular.iter().take(SHOWN_VALUES).flat_map(|values| peaks_of(values, spectrum.averages()));
     SetupSpectra {
         setup: setup.name.clone(),
-        // The middle of those that are taken together.
-        first_hz: grid.frequency_hz(0) + 0.5 * (together - 1) as f64 * grid.spacing_hz(),
-        spacing_hz: together as f64 * grid.spacing_hz(),
+        first_hz,
+        spacing_hz,
         lines: grid.lines.div_ceil(together),
         averages: spectrum.averages(),
         channels: spectrum.channels().iter().map(|channel| channel_name(setup, *channel, all)).collect(),
         unit: format!("({})²/Hz", setup.motion().unit()),
-        singular: singular.flat_map(|one| &one.values).map(|values| Packed::fine_log(largest(values))).collect(),
+        peaks_hz: peaks.map(|line| first_hz + line as f64 * spacing_hz).collect(),
+        singular: singular.into_iter().map(Packed::fine_log).collect(),
         psd: (0..spectrum.channels().len()).map(|channel| Packed::fine_log(density(channel))).collect(),
     }
 }

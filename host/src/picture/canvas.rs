@@ -178,7 +178,7 @@ impl<'b> Plane<'b> {
         for part in places.split(Option::is_none) {
             let path: Vec<[f64; 2]> = part.iter().copied().flatten().collect();
             if !path.is_empty() {
-                self.area.draw(&Stroke { path, dashes, style })?;
+                self.area.draw(&Fine { shape: Shape::Stroke { path, dashes }, style })?;
             }
         }
         Ok(())
@@ -187,7 +187,7 @@ impl<'b> Plane<'b> {
     /// A full mark, or an open one where the style is not filled; `reach` is half its size.
     pub(super) fn mark(&self, at: (f64, f64), mark: Mark, reach: u32, style: ShapeStyle) -> DrawResult {
         let Some(middle) = self.place(at) else { return Ok(()) };
-        Ok(self.area.draw(&Marked { middle, mark, reach, style })?)
+        Ok(self.area.draw(&Fine { shape: Shape::Mark { middle, mark, reach }, style })?)
     }
 
     pub(super) fn dot(&self, at: (f64, f64), radius: u32, style: impl Into<ShapeStyle>) -> DrawResult {
@@ -203,55 +203,42 @@ pub(super) fn sample(
     dashes: Dashes,
     style: ShapeStyle,
 ) -> DrawResult {
-    let (left, top) = area.get_base_pixel();
-    let place = |x: i32| [f64::from(left + x), f64::from(top + y)];
-    Ok(area.draw(&Stroke { path: vec![place(x), place(x + length)], dashes, style })?)
+    let path = [x, x + length].map(|x| on_picture(area, (x, y))).to_vec();
+    Ok(area.draw(&Fine { shape: Shape::Stroke { path, dashes }, style })?)
 }
 
 /// A mark for a legend.
-pub(super) fn sample_mark(
-    area: &Area<'_>,
-    (x, y): (i32, i32),
-    mark: Mark,
-    reach: u32,
-    style: ShapeStyle,
-) -> DrawResult {
+pub(super) fn sample_mark(area: &Area<'_>, at: (i32, i32), mark: Mark, reach: u32, style: ShapeStyle) -> DrawResult {
+    let shape = Shape::Mark { middle: on_picture(area, at), mark, reach };
+    Ok(area.draw(&Fine { shape, style })?)
+}
+
+/// Where a place in an area is on the whole picture.
+fn on_picture(area: &Area<'_>, (x, y): (i32, i32)) -> [f64; 2] {
     let (left, top) = area.get_base_pixel();
-    Ok(area.draw(&Marked { middle: [f64::from(left + x), f64::from(top + y)], mark, reach, style })?)
+    [left + x, top + y].map(f64::from)
 }
 
 fn far_out([x, y]: [f64; 2]) -> (i32, i32) {
     ((x * FINE).round() as i32 + FAR, (y * FINE).round() as i32 + FAR)
 }
 
-/// A path in pixels.
-struct Stroke {
-    path: Vec<[f64; 2]>,
-    dashes: Dashes,
+/// What is drawn between pixels.
+struct Fine {
+    shape: Shape,
     style: ShapeStyle,
 }
 
-/// A mark in pixels.
-struct Marked {
-    middle: [f64; 2],
-    mark: Mark,
-    reach: u32,
-    style: ShapeStyle,
+/// Its shape, in pixels.
+enum Shape {
+    Stroke { path: Vec<[f64; 2]>, dashes: Dashes },
+    Mark { middle: [f64; 2], mark: Mark, reach: u32 },
 }
 
-/// They know their places; the library asks for one.
+/// A shape knows its places; the library asks for one.
 const ANYWHERE: [(i32, i32); 1] = [(0, 0)];
 
-impl<'a> PointCollection<'a, (i32, i32)> for &'a Stroke {
-    type Point = &'a (i32, i32);
-    type IntoIter = std::slice::Iter<'a, (i32, i32)>;
-
-    fn point_iter(self) -> Self::IntoIter {
-        ANYWHERE.iter()
-    }
-}
-
-impl<'a> PointCollection<'a, (i32, i32)> for &'a Marked {
+impl<'a> PointCollection<'a, (i32, i32)> for &'a Fine {
     type Point = &'a (i32, i32);
     type IntoIter = std::slice::Iter<'a, (i32, i32)>;
 
@@ -262,24 +249,26 @@ impl<'a> PointCollection<'a, (i32, i32)> for &'a Marked {
 
 type Drawn<'b> = Result<(), DrawingErrorKind<<SVGBackend<'b> as DrawingBackend>::ErrorType>>;
 
-impl<'b> Drawable<SVGBackend<'b>> for Stroke {
+impl<'b> Drawable<SVGBackend<'b>> for Fine {
     fn draw<I: Iterator<Item = (i32, i32)>>(&self, _: I, backend: &mut SVGBackend<'b>, _: (u32, u32)) -> Drawn<'b> {
-        let style = ShapeStyle { stroke_width: self.style.stroke_width + FAR_WIDTH * self.dashes as u32, ..self.style };
-        backend.draw_path(self.path.iter().map(|place| far_out(*place)), &style)
-    }
-}
-
-impl<'b> Drawable<SVGBackend<'b>> for Marked {
-    fn draw<I: Iterator<Item = (i32, i32)>>(&self, _: I, backend: &mut SVGBackend<'b>, _: (u32, u32)) -> Drawn<'b> {
-        let ([x, y], reach) = (self.middle, f64::from(self.reach));
-        let mut corners: Vec<(i32, i32)> =
-            self.mark.corners().iter().map(|[right, down]| far_out([x + right * reach, y + down * reach])).collect();
-        match (corners.first().copied(), self.style.filled) {
-            (None, is_full) => backend.draw_circle(far_out([x, y]), self.reach, &self.style, is_full),
-            (Some(_), true) => backend.fill_polygon(corners, &self.style),
-            (Some(first), false) => {
-                corners.push(first);
-                backend.draw_path(corners, &self.style)
+        let style = self.style;
+        match &self.shape {
+            Shape::Stroke { path, dashes } => {
+                let style = ShapeStyle { stroke_width: style.stroke_width + FAR_WIDTH * *dashes as u32, ..style };
+                backend.draw_path(path.iter().map(|place| far_out(*place)), &style)
+            }
+            Shape::Mark { middle: [x, y], mark, reach } => {
+                let far = f64::from(*reach);
+                let corner = |[right, down]: &[f64; 2]| far_out([x + right * far, y + down * far]);
+                let mut corners: Vec<(i32, i32)> = mark.corners().iter().map(corner).collect();
+                match (corners.first().copied(), style.filled) {
+                    (None, is_full) => backend.draw_circle(far_out([*x, *y]), *reach, &style, is_full),
+                    (Some(_), true) => backend.fill_polygon(corners, &style),
+                    (Some(first), false) => {
+                        corners.push(first);
+                        backend.draw_path(corners, &style)
+                    }
+                }
             }
         }
     }

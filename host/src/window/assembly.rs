@@ -178,14 +178,10 @@ impl Assembler {
 
     /// Takes a part: the message and its encoding.
     pub fn take(&mut self, configurations: &Configurations, message: &NodeMessage<'_>, encoded: &[u8]) -> Outcome {
-        let (name, part) = match message {
-            NodeMessage::Head(head) if head.data_parts > MAX_DATA_PARTS => return Outcome::Contradiction,
-            NodeMessage::Head(head) => (head.name, 0),
-            NodeMessage::Lines(lines) => (lines.name, lines.part),
-            NodeMessage::Density(density) => (density.name, density.part),
-            NodeMessage::Peaks(peaks) => (peaks.name, peaks.part),
-            _ => return Outcome::Contradiction,
-        };
+        let Some((name, part)) = message.part() else { return Outcome::Contradiction };
+        if matches!(message, NodeMessage::Head(head) if head.data_parts > MAX_DATA_PARTS) {
+            return Outcome::Contradiction;
+        }
         if (name.node, name.boot) != (self.node, self.boot) {
             return Outcome::Contradiction;
         }

@@ -2,9 +2,7 @@
 
 use std::collections::VecDeque;
 
-use belfry_shared::frame::{
-    END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, PROTOCOL_VERSION, encode, encode_sealed,
-};
+use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, encode};
 use belfry_shared::message::{
     self, Acknowledgement, Band, Configuration, Conversation, Greeting, HostMessage, InConversation, NodeMessage,
     Summary, WindowHead, WindowName,
@@ -59,22 +57,20 @@ impl Attacker {
         if !self.random.random_bool(SHARE) {
             return Vec::new();
         }
-        let again = self.again(true);
-        let configuration = Configuration {
-            channels: 1,
-            sampling_rate_uhz: 10_000_000,
-            decimation: 2,
-            segment: 256,
-            summary: Summary::Lines { bits: 4 },
-            bands: std::iter::once(Band { first_line: 1, lines: 3 }).collect(),
-        };
         let boot = self.random.random();
         let message = match self.random.random_range(0..5) {
             0 => HostMessage::Greet(Greeting { counter: self.random.random(), ..Greeting::OF_HOSTS }),
-            1 => HostMessage::Configure(configuration),
+            1 => HostMessage::Configure(Configuration {
+                channels: 1,
+                sampling_rate_uhz: 10_000_000,
+                decimation: 2,
+                segment: 256,
+                summary: Summary::Lines { bits: 4 },
+                bands: std::iter::once(Band { first_line: 1, lines: 3 }).collect(),
+            }),
             2 => HostMessage::Acknowledge(Acknowledgement { boot, below: u32::MAX, again: Default::default() }),
             3 => HostMessage::SetClock(ClockModel { node: NodeTime(0), host: HostTime(1), drift_ppb: 0 }),
-            _ => return count(again, "host's frame repeated", report),
+            _ => return count(self.again(true), "host's frame repeated", report),
         };
         let message = InConversation { conversation: self.conversation, message };
         count(self.frame(Sender::Host, boot, &message), "host's frame forged", report)
@@ -88,8 +84,7 @@ impl Attacker {
             return Vec::new();
         }
         if self.random.random() {
-            let again = self.again(false);
-            return count(again, "node's frame repeated", report);
+            return count(self.again(false), "node's frame repeated", report);
         }
         let name = WindowName { node, boot, number: self.random.random_range(0..10_000) };
         let head = WindowHead {
@@ -130,8 +125,7 @@ impl Attacker {
             encode(message, &mut frame)
         } else {
             let counter = self.random.random();
-            let seal = Key::new(self.random.random()).seal(sender, boot, counter, PROTOCOL_VERSION, message);
-            encode_sealed(PROTOCOL_VERSION, message, &seal, &mut frame)
+            Key::new(self.random.random()).encode(sender, boot, counter, message, &mut frame)
         };
         frame[..length.unwrap_or(0)].to_vec()
     }

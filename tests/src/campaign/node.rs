@@ -64,7 +64,7 @@ impl Tap {
             let encoded = frame.message.to_vec();
             let Ok(part) = message::decode::<NodeMessage<'_>>(&encoded) else { continue };
             let Some(configurations) = &self.configurations else { continue };
-            let Some(name) = part.window() else { continue };
+            let Some((name, _)) = part.part() else { continue };
             let sent = self
                 .boots
                 .entry(name.boot)

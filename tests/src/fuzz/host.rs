@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use belfry_firmware::{Identity, Memory, Node};
 use belfry_host::link::{Session, Transport, conversation};
 use belfry_host::window::{Configurations, KeptWindows, Loss, NodeWindow, WindowSink};
-use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, PROTOCOL_VERSION, encode_sealed};
+use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
 use belfry_shared::message::{
     self, Band, Configuration, Counters, Greeting, Hello, HostMessage, InConversation, NodeMessage, Summary, WindowName,
 };
@@ -95,10 +95,8 @@ impl Pipe {
                     *boot = hello.boot;
                     hello.counters = Some(Counters { said: *said, heard: 0 });
                 }
-                message::bytes(&message, &mut buffer).and_then(|bytes| {
-                    let seal = key.seal(Sender::Node, *boot, *said, PROTOCOL_VERSION, bytes);
-                    encode_sealed(PROTOCOL_VERSION, bytes, &seal, &mut frame)
-                })
+                message::bytes(&message, &mut buffer)
+                    .and_then(|bytes| key.encode(Sender::Node, *boot, *said, bytes, &mut frame))
             }
         };
         self.bytes.extend(&frame[..length.unwrap_or(0)]);

@@ -1,7 +1,7 @@
 //! The node: well-formed messages of hosts in any order, samples, noise and time.
 
 use belfry_firmware::{Identity, Memory, Node};
-use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, PROTOCOL_VERSION, encode_sealed};
+use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
 use belfry_shared::message::{self, Conversation, Greeting, HostMessage, InConversation, NodeMessage};
 use belfry_shared::seal::{Key, Sender};
 use belfry_shared::time::NodeTime;
@@ -53,10 +53,8 @@ impl Bench {
         // Rows of a recording may take more than a frame has.
         let length = match counter {
             None => message::encode(&message, &mut frame),
-            Some(counter) => message::bytes(&message, &mut buffer).and_then(|bytes| {
-                let seal = key.seal(Sender::Host, BOOT, counter, PROTOCOL_VERSION, bytes);
-                encode_sealed(PROTOCOL_VERSION, bytes, &seal, &mut frame)
-            }),
+            Some(counter) => message::bytes(&message, &mut buffer)
+                .and_then(|bytes| key.encode(Sender::Host, BOOT, counter, bytes, &mut frame)),
         };
         let Ok(length) = length else { return };
         self.sealed = counter;

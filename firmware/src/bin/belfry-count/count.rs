@@ -1,7 +1,7 @@
 //! The counts.
 
 use belfry_firmware::{Identity, Memory, Node, SUPPORTED_SEGMENTS, welch_segment};
-use belfry_shared::frame::{MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, PROTOCOL_VERSION, crc32, encode, encode_sealed};
+use belfry_shared::frame::{MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, PROTOCOL_VERSION, crc32, encode};
 use belfry_shared::message::{
     self, Band, Configuration, Conversation, Greeting, HostMessage, InConversation, MAX_CHANNELS, Summary,
 };
@@ -122,8 +122,7 @@ fn whole_node(
         let length = match said.as_deref_mut() {
             Some(said) => {
                 *said += 1;
-                let seal = KEY.seal(Sender::Host, BOOT, *said, PROTOCOL_VERSION, bytes);
-                encode_sealed(PROTOCOL_VERSION, bytes, &seal, &mut frame)
+                KEY.encode(Sender::Host, BOOT, *said, bytes, &mut frame)
             }
             None => encode(bytes, &mut frame),
         };
