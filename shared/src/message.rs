@@ -183,7 +183,7 @@ pub enum HostMessage {
     Ask(Versions),
 }
 
-/// The number of a host's conversation with nodes, drawn at random when the host starts.
+/// The number of a conversation of a host with a node, drawn at random for each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Conversation(pub [u8; 4]);

@@ -379,7 +379,7 @@ impl Delivery {
             let Some(life) = life else { continue };
             // What is asked for has to have room.
             let again = match overdue.filter(|_| has_room) {
-                Some(Overdue { now, before, heard, is_busy }) => life.overdue(now, before, heard, is_busy),
+                Some(Overdue { now, before, answered, is_busy }) => life.overdue(now, before, answered, is_busy),
                 None => Vec::new(),
             };
             if !again.is_empty() || std::mem::take(acknowledge) {
@@ -401,7 +401,7 @@ impl Delivery {
 pub(super) struct Overdue {
     pub(super) now: HostTime,
     pub(super) before: HostTime,
-    pub(super) heard: HostTime,
+    pub(super) answered: HostTime,
     pub(super) is_busy: bool,
 }
 

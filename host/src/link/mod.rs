@@ -20,7 +20,7 @@ pub use error::SessionError;
 pub use greeting::{Greeting, GreetingError, who_is_there};
 pub use session::{Session, SessionStatistics};
 pub use transport::Transport;
-pub use wire::{NoCommonVersion, conversation};
+pub use wire::NoCommonVersion;
 
 /// An error with its causes, in one sentence.
 pub(crate) fn with_cause(error: &dyn std::error::Error) -> String {

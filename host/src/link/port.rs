@@ -225,7 +225,7 @@ mod tests {
     use std::os::unix::net::UnixListener;
 
     use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
-    use belfry_shared::message::{self, Greeting, HostMessage, InConversation};
+    use belfry_shared::message::{self, Conversation, Greeting, HostMessage, InConversation};
 
     use super::*;
 
@@ -247,7 +247,7 @@ mod tests {
         let mut port = Port::open(&format!("unix:{}", socket.display()), 115_200).unwrap();
         let mut frame = [0; MAX_FRAME_BYTES];
         let greet = InConversation {
-            conversation: crate::link::conversation(),
+            conversation: Conversation([1, 2, 3, 4]),
             message: HostMessage::Greet(Greeting::OF_HOSTS),
         };
         let length = message::encode(&greet, &mut frame).unwrap();

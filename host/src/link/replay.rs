@@ -17,7 +17,7 @@ use super::delivery::{Delivery, Overdue};
 use super::error::SessionError;
 use super::greeting::{GreetingError, who_is_there};
 use super::transport::Transport;
-use super::wire::{Frame, Wire, conversation};
+use super::wire::{Frame, Wire};
 use crate::keys::Keys;
 use crate::window::{Configurations, NodeWindow};
 
@@ -207,7 +207,7 @@ impl<'a> Player<'a> {
 
     /// Makes the node listen to this host.
     fn greet(&mut self) -> Result<(), ReplayError> {
-        let conversation = Some(conversation());
+        let conversation = Some(self.wire.conversation());
         let greet = HostMessage::Greet(Greeting::OF_HOSTS);
         self.hello_after(&greet, "listen", |hello| hello.conversation == conversation).map(drop)
     }
@@ -243,7 +243,7 @@ impl<'a> Player<'a> {
             // Everything that came of the rows has been sent before the node says that it has taken them: what is missing now
             // was lost on the way.
             let now = HostTime(0);
-            let overdue = Overdue { now, before: now, heard: HostTime(1), is_busy: false };
+            let overdue = Overdue { now, before: now, answered: HostTime(1), is_busy: false };
             let is_missing = is_taken && !self.delivery.has_all();
             let acknowledgements = self.delivery.acknowledgements(is_missing.then_some(overdue));
             let asks_again = acknowledgements.iter().any(|acknowledgement| !acknowledgement.again.is_empty());

@@ -7,7 +7,7 @@ mod stages;
 
 use std::io::ErrorKind;
 
-use belfry_shared::message::{ClockReply, Heartbeat, Hello, HostMessage, NodeMessage, Summary};
+use belfry_shared::message::{ClockReply, Conversation, Heartbeat, Hello, HostMessage, NodeMessage, Summary};
 use belfry_shared::seal::Key;
 use belfry_shared::time::HostTime;
 
@@ -88,6 +88,13 @@ pub struct Session {
     next_try: HostTime,
     next_exchange: HostTime,
     last_received: HostTime,
+    /// When the last request for the time was said that the node has answered, and the last that was said at all.
+    answered: HostTime,
+    last_exchange: HostTime,
+    /// Whether parts are asked for again.
+    is_asking: bool,
+    /// When all that has been said is off the line, at its rate.
+    said_until: HostTime,
     /// The life of the node that has been asked for windows of another study, and had none.
     inspected: Option<u32>,
     /// Whether an earlier host's time is on the node: a better one takes a while.
@@ -115,6 +122,10 @@ impl Session {
             next_try: HostTime(i64::MIN),
             next_exchange: HostTime(i64::MIN),
             last_received: HostTime(i64::MIN),
+            answered: HostTime(i64::MIN),
+            last_exchange: HostTime(i64::MIN),
+            is_asking: false,
+            said_until: HostTime(i64::MIN),
             inspected: None,
             knows_time: false,
             must_set_time: false,
@@ -135,6 +146,12 @@ impl Session {
         if let Some(key) = key {
             self.wire.set_key(key);
         }
+        self
+    }
+
+    /// Speaks under this number, for whoever says what a node would answer; it has a random one of its own otherwise.
+    pub fn with_conversation(mut self, conversation: Conversation) -> Self {
+        self.wire.set_conversation(conversation);
         self
     }
 
@@ -173,6 +190,7 @@ impl Session {
         self.knows_time = false;
         self.must_set_time = true;
         self.next_exchange = HostTime(i64::MIN);
+        (self.answered, self.said_until) = (HostTime(i64::MIN), HostTime(i64::MIN));
     }
 
     /// The node's last greeting.
@@ -238,8 +256,13 @@ impl Session {
             }
             self.receive(clock(), &buffer[..count], sink)?;
         }
-        self.poll(clock());
-        self.wire.send(transport).map_err(fail)
+        let now = clock();
+        self.poll(now);
+        let sent_before = self.wire.counts().bytes_sent;
+        self.wire.send(transport).map_err(fail)?;
+        let on_line_us = (self.wire.counts().bytes_sent - sent_before) as f64 * self.byte_us;
+        self.said_until = HostTime(self.said_until.max(now).0.saturating_add(on_line_us as i64));
+        Ok(())
     }
 
     fn receive(&mut self, now: HostTime, bytes: &[u8], sink: &mut dyn WindowSink) -> Result<(), SessionError> {
@@ -291,6 +314,9 @@ impl Session {
 
     /// Takes an exchange of times, and corrects the node's time where it makes the estimate better.
     fn timed(&mut self, now: HostTime, reply: &ClockReply, reply_bytes: usize) {
+        if reply.host_sent <= now {
+            self.answered = self.answered.max(reply.host_sent);
+        }
         let on_line = |bytes: usize| (bytes as f64 * self.byte_us).round() as i64;
         let (request_us, reply_us) = (on_line(self.request_bytes), on_line(reply_bytes));
         self.clock.add(reply, now, request_us, reply_us);

@@ -3,7 +3,6 @@
 
 use std::collections::VecDeque;
 use std::io;
-use std::sync::OnceLock;
 
 use belfry_shared::frame::{
     END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened, PROTOCOL_VERSION, Seal,
@@ -24,12 +23,6 @@ pub(super) const MOST_READS: usize = 64;
 const ASK_EVERY: u64 = 8;
 /// So many sealed frames may be on their way to a node, or lost, before it is greeted: fewer than their counters tell apart.
 const MOST_UNHEARD: u32 = 100;
-
-/// The number under which this program speaks with nodes.
-pub fn conversation() -> Conversation {
-    static CONVERSATION: OnceLock<Conversation> = OnceLock::new();
-    *CONVERSATION.get_or_init(|| Conversation(rand::random()))
-}
 
 /// Why nothing that a node says can be taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -127,21 +120,18 @@ pub(super) struct Wire {
     key: Option<Key>,
     /// What is known of a node with a key; `None` before it has answered.
     proven: Option<Proven>,
-    /// Boots that it has left: what it has said in them counts never again, although it may answer this run of the program.
+    /// Boots that it has left: what it has said in them counts never again, although it may answer this end.
     left: Vec<u32>,
     outgoing: VecDeque<u8>,
     counts: WireCounts,
 }
 
 impl Wire {
+    /// An end that speaks under a number of its own: what a node has answered to any other end, also to one of this program in an earlier
+    /// boot, is no answer to it.
     pub(super) fn new() -> Self {
-        Self::of(conversation())
-    }
-
-    /// The end of another program than this one.
-    fn of(conversation: Conversation) -> Self {
         Self {
-            conversation,
+            conversation: Conversation(rand::random()),
             decoder: FrameDecoder::new(),
             frame_bytes: 0,
             joins_midway: false,
@@ -163,6 +153,16 @@ impl Wire {
         self.joins_midway = true;
         // It may have been flashed meanwhile.
         self.version = None;
+    }
+
+    /// The number under which it speaks.
+    pub(super) fn conversation(&self) -> Conversation {
+        self.conversation
+    }
+
+    /// Speaks under another number.
+    pub(super) fn set_conversation(&mut self, conversation: Conversation) {
+        self.conversation = conversation;
     }
 
     /// Takes nothing any more from the node that is not sealed with its key.

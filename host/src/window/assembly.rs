@@ -364,11 +364,11 @@ impl Assembler {
 
     /// What to ask again at `now`, of windows not asked since `before`; at most [`MAX_AGAIN`] ranges.
     ///
-    /// An ask counts towards giving up only if the node was `heard` since the last one, and no part came: a line that is away costs no window,
-    /// nor does a node that has many to deliver.
+    /// An ask counts towards giving up only if the node has `answered` what the host said since the last one, and no part came: a line that is away,
+    /// or carries only what the node says, costs no window, nor does a node that has many to deliver.
     /// `settled` is the number below which parts are overdue: all windows known when the line has fallen silent, all but the
     /// newest while it is busy.
-    pub fn overdue(&mut self, now: HostTime, before: HostTime, heard: HostTime, busy: bool) -> Vec<Again> {
+    pub fn overdue(&mut self, now: HostTime, before: HostTime, answered: HostTime, busy: bool) -> Vec<Again> {
         let settled = if busy { self.known.saturating_sub(1) } else { self.known };
         let mut ranges: Vec<Again> = Vec::new();
         let mut hopeless = Vec::new();
@@ -378,7 +378,8 @@ impl Assembler {
             }
             let progress = self.windows.entry(number).or_insert_with(|| Progress::Partial(Partial::default()));
             let Progress::Partial(partial) = progress else { continue };
-            if partial.last_asked.is_some_and(|asked| asked > before) {
+            // One that was asked later than now was asked before the host's clock was set back.
+            if partial.last_asked.is_some_and(|asked| asked > before && asked <= now) {
                 continue;
             }
             if partial.asks >= MAX_ASKS {
@@ -387,7 +388,7 @@ impl Assembler {
                 continue;
             }
             let is_idle = partial.parts_before == self.parts_taken;
-            if partial.last_asked.is_none_or(|asked| heard > asked && is_idle) {
+            if partial.last_asked.is_none_or(|asked| answered > asked && is_idle) {
                 partial.asks += 1;
             }
             partial.parts_before = self.parts_taken;

@@ -5,11 +5,12 @@ use std::io::{self, ErrorKind};
 use std::sync::LazyLock;
 
 use belfry_firmware::{Identity, Memory, Node};
-use belfry_host::link::{Session, Transport, conversation};
+use belfry_host::link::{Session, Transport};
 use belfry_host::window::{Configurations, KeptWindows, Loss, NodeWindow, WindowSink};
 use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
 use belfry_shared::message::{
-    self, Band, Configuration, Counters, Greeting, Hello, HostMessage, InConversation, NodeMessage, Summary, WindowName,
+    self, Band, Configuration, Conversation, Counters, Greeting, Hello, HostMessage, InConversation, NodeMessage,
+    Summary, WindowName,
 };
 use belfry_shared::seal::{Key, Sender};
 use belfry_shared::time::{HostTime, NodeTime};
@@ -33,12 +34,15 @@ fn configuration() -> Configuration {
     }
 }
 
+/// The number under which the sessions speak.
+const CONVERSATION: Conversation = Conversation([0xC0, 0x4E, 0x56, 1]);
+
 /// What a node of this release says when this program greets it.
 static HELLO: LazyLock<Hello> = LazyLock::new(|| {
     let identity = Identity { node: NODE, boot: 0, channels: 1, full_scale_m_s2: 20.0, highest_rate_mhz: 4_000_000 };
     let mut node = Node::new(identity, Box::new(Memory::new()));
     let mut frame = [0; MAX_FRAME_BYTES];
-    let greeting = InConversation { conversation: conversation(), message: HostMessage::Greet(Greeting::OF_HOSTS) };
+    let greeting = InConversation { conversation: CONVERSATION, message: HostMessage::Greet(Greeting::OF_HOSTS) };
     let length = message::encode(&greeting, &mut frame).expect("a greeting fits into a frame");
     frame[..length].iter().for_each(|&byte| node.receive(NodeTime(1), byte));
     let mut decoder = FrameDecoder::new();
@@ -227,6 +231,7 @@ pub fn host(bytes: &[u8]) {
     let has_key = flags & 2 != 0;
     let mut session = Session::new(NODE, Configurations::only(configuration()), 115_200)
         .dropping_foreign(flags & 1 != 0)
+        .with_conversation(CONVERSATION)
         .with_key(has_key.then_some(KEY));
     let mut pipe = Pipe { bytes: VecDeque::new(), sealed: has_key.then_some((0, 0)) };
     let mut kept = Kept { has_key, ..Kept::default() };

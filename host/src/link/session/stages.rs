@@ -93,7 +93,9 @@ impl Session {
     }
 
     fn poll_measuring(&mut self, now: HostTime) {
-        if now >= self.next_exchange {
+        // Its answer tells whether the node hears what it is asked again.
+        let is_in_doubt = self.is_asking && now.0.saturating_sub(self.last_exchange.0) >= LEAST_EXCHANGE_PERIOD_US;
+        if now >= self.next_exchange || is_in_doubt {
             let period_us = self.clock.span_us() / EXCHANGE_SHARE;
             let longest_us = if self.needs_phase() { EXCHANGE_PERIOD_US } else { 2 * EXCHANGE_PERIOD_US };
             self.ask_time(now, period_us.clamp(LEAST_EXCHANGE_PERIOD_US, longest_us));
@@ -106,11 +108,19 @@ impl Session {
         let is_busy = now.0.saturating_sub(self.last_received.0) < SILENCE_US;
         let overdue = if self.delivery.has_all() || (is_busy && now < self.next_try) {
             None
+        } else if self.said_until.0 > now.0 + SILENCE_US {
+            // What the host says waits on a slow line: the answers to its last questions cannot have come.
+            self.next_try = HostTime(self.said_until.0 - SILENCE_US);
+            None
         } else {
             self.next_try = HostTime(now.0 + SILENCE_US);
-            Some(Overdue { now, before: HostTime(now.0 - ASK_PERIOD_US), heard: self.last_received, is_busy })
+            Some(Overdue { now, before: HostTime(now.0 - ASK_PERIOD_US), answered: self.answered, is_busy })
         };
+        if overdue.is_some() || self.delivery.has_all() {
+            self.is_asking = false;
+        }
         for acknowledgement in self.delivery.acknowledgements(overdue) {
+            self.is_asking |= !acknowledgement.again.is_empty();
             self.wire.say(&HostMessage::Acknowledge(acknowledgement));
         }
     }
@@ -118,5 +128,6 @@ impl Session {
     fn ask_time(&mut self, now: HostTime, period_us: i64) {
         self.request_bytes = self.wire.say(&HostMessage::Clock(ClockRequest { host_sent: now }));
         self.next_exchange = HostTime(now.0 + period_us);
+        self.last_exchange = now;
     }
 }

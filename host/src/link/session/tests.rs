@@ -7,7 +7,6 @@ use std::io;
 
 use super::stages::{INSPECTIONS, RETRY_US};
 use super::*;
-use crate::link::conversation;
 use crate::link::memory::{Faults, Line};
 use crate::window::{KeptWindows, NodeWindow};
 use belfry_firmware::{Identity, Memory, Node};
@@ -54,13 +53,20 @@ struct Bench {
     carried: Vec<u8>,
 }
 
+/// The number under which sessions speak here.
+const CONVERSATION: Conversation = Conversation([0xC0, 0x4E, 0x56, 1]);
+
+fn new_session() -> Session {
+    Session::new(3, Configurations::only(configuration()), BAUD).with_conversation(CONVERSATION)
+}
+
 impl Bench {
     fn new(faults: Faults) -> Self {
         let line = Line::new(BAUD, faults, 11);
         Self {
             line,
             node: node(77),
-            session: Session::new(3, Configurations::only(configuration()), BAUD),
+            session: new_session(),
             step: 0,
             node_start: -900,
             host_ahead_us: 0,
@@ -191,18 +197,14 @@ fn a_window_that_cannot_be_stored_ends_the_session_and_is_not_acknowledged() {
     // Windows 0 and 1 are stored; 2 is not, and stays in the node.
     assert_eq!(bench.session.delivery.present.as_ref().unwrap().below(), 2);
     let mut windows: Vec<NodeWindow> = Vec::new();
-    bench.session = Session::new(3, Configurations::only(configuration()), BAUD);
+    bench.session = new_session();
     bench.run(50 * 100, &mut windows).unwrap();
     assert!(windows.iter().any(|window| window.name.number == 2), "a new session gets it");
 }
 
 /// What a session says to the given bytes.
 fn heard(bytes: &[u8]) -> Result<(), SessionError> {
-    Session::new(3, Configurations::only(configuration()), BAUD).receive(
-        HostTime(0),
-        bytes,
-        &mut Vec::<NodeWindow>::new(),
-    )
+    new_session().receive(HostTime(0), bytes, &mut Vec::<NodeWindow>::new())
 }
 
 fn frame(message: &NodeMessage<'_>) -> Vec<u8> {
@@ -217,7 +219,7 @@ fn hello() -> Hello {
         node: 3,
         boot: 1,
         answers: None,
-        conversation: Some(conversation()),
+        conversation: Some(CONVERSATION),
         channels: 1,
         configuration_hash: None,
         clock_set: false,
@@ -247,7 +249,7 @@ fn nodes_that_do_not_fit_are_refused_with_what_to_do() {
 proptest! {
     #[test]
     fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..2000), chunks in 1_usize..50) {
-        let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
+        let mut session = new_session();
         let mut windows: Vec<NodeWindow> = Vec::new();
         for (index, chunk) in bytes.chunks(chunks).enumerate() {
             let now = HostTime(index as i64 * 100_000);
@@ -261,7 +263,7 @@ proptest! {
 
 /// A session that a node of the given boot has greeted, configured and with its clock set.
 fn measuring(boot: u32) -> Session {
-    let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
+    let mut session = new_session();
     let ready = Hello { boot, configuration_hash: Some(configuration().hash()), clock_set: true, ..hello() };
     session.greeted(HostTime(0), &ready, &mut Vec::<NodeWindow>::new()).unwrap();
     session.stage = Stage::Measuring;
@@ -426,7 +428,7 @@ fn a_node_that_measures_for_another_study_is_asked_for_windows_before_it_is_told
         NodeMessage::Hello(Hello { configuration_hash, oldest_window: 7, next_window: 8, ..hello() })
     };
     let mut windows: Vec<NodeWindow> = Vec::new();
-    let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
+    let mut session = new_session();
     tell(&mut session, &greeting(), &mut windows).unwrap();
     let is_for_the_oldest = |message: &HostMessage| {
         let HostMessage::Acknowledge(asked) = message else { return false };
@@ -438,7 +440,7 @@ fn a_node_that_measures_for_another_study_is_asked_for_windows_before_it_is_told
     let error = tell(&mut session, &foreign, &mut windows).unwrap_err();
     assert!(matches!(error, SessionError::ForeignWindows { node: 3 }), "{error}");
     // One that has none is taken over.
-    let mut session = Session::new(3, Configurations::only(configuration()), BAUD);
+    let mut session = new_session();
     tell(&mut session, &greeting(), &mut windows).unwrap();
     let mut messages = Vec::new();
     for tick in 0..10 {
@@ -561,13 +563,13 @@ fn an_earlier_hosts_time_stays_until_a_better_one_is_known() {
     let mut bench = Bench::new(Faults::default());
     let mut windows: Vec<NodeWindow> = Vec::new();
     bench.run(50 * 60, &mut windows).unwrap();
-    bench.session = Session::new(3, Configurations::only(configuration()), BAUD);
+    bench.session = new_session();
     // Four seconds, in which no window comes.
     bench.run(50 * 4, &mut windows).unwrap();
     assert!(bench.session.is_measuring() && bench.session.knows_time);
     // One that was told by a host whose clock was wrong does not.
     bench.host_ahead_us = 3_600_000_000;
-    bench.session = Session::new(3, Configurations::only(configuration()), BAUD);
+    bench.session = new_session();
     bench.run(50 * 4, &mut windows).unwrap();
     assert!(bench.session.is_measuring() && !bench.session.knows_time);
     let before = windows.len();
@@ -640,7 +642,7 @@ fn a_host_that_never_lives_for_long_has_the_node_forget_what_is_stored() {
     bench.run(2000, &mut sink).unwrap();
     // Half a second each: too short for the exchanges that its clock is measured with first.
     for _ in 0..100 {
-        bench.session = Session::new(3, Configurations::only(configuration()), BAUD);
+        bench.session = new_session();
         bench.run(25, &mut sink).unwrap();
         assert!(!bench.session.is_measuring());
     }

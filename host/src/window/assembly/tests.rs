@@ -333,7 +333,7 @@ fn what_the_node_no_longer_has_and_what_never_comes_is_given_up_and_counted() {
 }
 
 #[test]
-fn a_line_on_which_nothing_is_heard_gives_no_window_up() {
+fn a_line_on_which_nothing_is_answered_gives_no_window_up() {
     let mut assembler = Assembler::new(1, BOOT);
     assembler.heartbeat(0, 1);
     for round in 0..i64::from(10 * MAX_ASKS) {

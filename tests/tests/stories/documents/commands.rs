@@ -67,6 +67,7 @@ impl CommandHelp {
                 self.exists(&format!("{story}.rs")).or_else(|_| self.exists(&story))
             }
             ["cargo", "test", "-p", "belfry-host", module] => self.exists(&format!("host/src/{module}")),
+            ["cargo", "test", "-p", "belfry-firmware", module] => self.exists(&format!("firmware/src/{module}")),
             ["cargo", "bench", "-p", "belfry-benches", "--bench", name] => {
                 self.exists(&format!("tests/benches/benches/{name}.rs"))
             }

@@ -15,11 +15,11 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use belfry_host::link::port::Port;
-use belfry_host::link::{Session, Transport, conversation};
+use belfry_host::link::{Session, Transport};
 use belfry_host::window::{ChannelData, Configurations, NodeWindow};
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, MAX_FRAME_BYTES};
 use belfry_shared::message::{
-    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Greeting, Heartbeat, HostMessage,
+    self, Band, ChannelState, ClockReply, ClockRequest, Configuration, Conversation, Greeting, Heartbeat, HostMessage,
     InConversation, LinesPart, NodeMessage, Refusal, RefusalReason, Replay, SensorState, Summary,
 };
 use belfry_shared::time::{HostTime, NodeTime, WindowGrid};
@@ -30,6 +30,8 @@ use super::emulator::{Board, program};
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 /// A whole measurement takes some 20 s where nothing else runs.
 const PATIENCE: Duration = Duration::from_secs(300);
+/// The number of the conversation, also of what is said beside the session.
+const CONVERSATION: Conversation = Conversation([0xC0, 0x4E, 0x56, 1]);
 /// The emulated line takes no time.
 const BAUD: u32 = u32::MAX;
 /// Pairs of frames in a burst.
@@ -135,7 +137,7 @@ impl BusyLine {
 
     fn say(&mut self, message: &HostMessage) -> io::Result<()> {
         let mut frame = [0; MAX_FRAME_BYTES];
-        let message = InConversation { conversation: conversation(), message: message.clone() };
+        let message = InConversation { conversation: CONVERSATION, message: message.clone() };
         let length = message::encode(&message, &mut frame).unwrap();
         self.port.write(&frame[..length])
     }
@@ -235,7 +237,8 @@ fn measure(program_name: &'static str, task: Task) -> Measured {
     let assert_patience = || assert!(start.elapsed() < PATIENCE, "the node does not say what it should");
     let configuration = task.configuration();
     let impossible = HostMessage::Configure(Configuration { segment: 300, ..configuration.clone() });
-    let mut session = Session::new(hello.node, Configurations::only(configuration), BAUD);
+    let mut session =
+        Session::new(hello.node, Configurations::only(configuration), BAUD).with_conversation(CONVERSATION);
     let mut line = BusyLine::new(port);
     let clock = Rc::clone(&line.clock);
     let mut windows: Vec<NodeWindow> = Vec::new();

@@ -1,7 +1,7 @@
 //! Conversations with a node that has a key, and with others who do not have it.
 
 use super::*;
-use belfry_shared::frame::{Opened, encode_as};
+use belfry_shared::frame::encode_as;
 use belfry_shared::seal::Key;
 
 fn key() -> Key {
@@ -15,7 +15,7 @@ fn keyed_node(boot: u32) -> Node<Box<Memory>> {
 }
 
 fn session(key: Option<Key>) -> Session {
-    Session::new(3, Configurations::only(configuration()), BAUD).with_key(key)
+    new_session().with_key(key)
 }
 
 fn bench(faults: Faults) -> Bench {
@@ -76,7 +76,7 @@ fn nobody_without_the_key_makes_the_node_forget_a_window_or_the_host_store_one()
             HostMessage::Acknowledge(forged.clone()),
             HostMessage::Configure(Configuration { segment: 512, ..configuration() }),
         ] {
-            let said = InConversation { conversation: conversation(), message };
+            let said = InConversation { conversation: CONVERSATION, message };
             let mut frame = [0; MAX_FRAME_BYTES];
             let length = message::encode(&said, &mut frame).unwrap();
             bench.line.host_end().write(&frame[..length]).unwrap();
@@ -85,7 +85,7 @@ fn nobody_without_the_key_makes_the_node_forget_a_window_or_the_host_store_one()
         let impostor = Hello {
             boot: 99,
             configuration_hash: Some(configuration().hash()),
-            answers: Some(conversation()),
+            answers: Some(CONVERSATION),
             versions: Versions { lowest: 5, highest: 5 },
             ..hello()
         };
@@ -111,8 +111,8 @@ fn nobody_without_the_key_makes_the_node_forget_a_window_or_the_host_store_one()
 }
 
 /// What a line has carried to the host, with its end marks.
-fn recorded(boot: u32) -> Vec<u8> {
-    let mut bench = Bench { node: keyed_node(boot), ..bench(Faults::default()) };
+fn recorded(boot: u32, session: Session) -> Vec<u8> {
+    let mut bench = Bench { node: keyed_node(boot), session, ..bench(Faults::default()) };
     let mut bytes = Vec::new();
     for _ in 0..50 * 40 {
         bench.run(1, &mut Vec::<NodeWindow>::new()).unwrap();
@@ -128,24 +128,9 @@ fn messages(bytes: &[u8]) -> Vec<Vec<u8>> {
 
 #[test]
 fn what_the_node_has_said_before_counts_neither_again_nor_in_another_boot() {
-    // In an earlier boot, to an earlier run of this program: of which this process has the number, so that is made another here.
-    let other = |bytes: Vec<u8>| -> Vec<u8> {
-        let number = conversation().0;
-        let mut decoder = FrameDecoder::new();
-        let mut frames = Vec::new();
-        for byte in bytes {
-            if let Some(Ok(Opened { version, message, seal })) = decoder.push(byte) {
-                let is_of_this_run = message[0] == 0 && message.windows(4).any(|four| four == number);
-                if !is_of_this_run && let Some(seal) = seal {
-                    let mut frame = [0; MAX_FRAME_BYTES];
-                    let length = belfry_shared::frame::encode_sealed(version, message, &seal, &mut frame).unwrap();
-                    frames.extend(&frame[..length]);
-                }
-            }
-        }
-        frames
-    };
-    let old = other(recorded(76));
+    // In an earlier boot, to another session: each has a number of its own, also in one run of the program.
+    let earlier = Session::new(3, Configurations::only(configuration()), BAUD).with_key(Some(key()));
+    let old = recorded(76, earlier);
     let mut bench = bench(Faults::default());
     let mut windows: Vec<NodeWindow> = Vec::new();
     let mut present = Vec::new();
@@ -240,7 +225,7 @@ fn more_frames_lost_in_a_row_than_counters_tell_apart_end_nothing() {
     // First nothing comes to the host, while the node is made to say much; then nothing to the node.
     bench.to_host = Some(versions::silence());
     for _ in 0..300 {
-        let asked = InConversation { conversation: conversation(), message: HostMessage::Ask(Versions::OF_HOSTS) };
+        let asked = InConversation { conversation: CONVERSATION, message: HostMessage::Ask(Versions::OF_HOSTS) };
         let mut frame = [0; MAX_FRAME_BYTES];
         let length = message::encode(&asked, &mut frame).unwrap();
         bench.line.host_end().write(&frame[..length]).unwrap();
@@ -263,11 +248,39 @@ fn more_frames_lost_in_a_row_than_counters_tell_apart_end_nothing() {
 }
 
 #[test]
+fn what_the_node_does_not_hear_costs_no_window_whatever_else_is_on_the_line() {
+    let mut bench = bench(Faults::default());
+    let mut windows: Vec<NodeWindow> = Vec::new();
+    bench.run(50 * 40, &mut windows).unwrap();
+    // A window does not arrive; then nothing comes to the node, while somebody goes on to talk to the host.
+    bench.to_host = Some(versions::silence());
+    bench.run(50 * 14, &mut windows).unwrap();
+    (bench.to_host, bench.to_node) = (None, Some(versions::silence()));
+    let noise = frame(&unsound(77, 1));
+    for _ in 0..2 * 240 {
+        bench.line.node_end().write(&noise).unwrap();
+        bench.run(25, &mut windows).unwrap();
+    }
+    assert_eq!(bench.session.statistics().lost_windows, 0);
+    let mut numbers: Vec<u32> = windows.iter().map(|window| window.name.number).collect();
+    assert!(numbers.windows(2).any(|pair| pair[1] > pair[0] + 1), "one is missing: {numbers:?}");
+    bench.to_node = None;
+    bench.run(50 * 30, &mut windows).unwrap();
+    numbers = windows.iter().map(|window| window.name.number).collect();
+    numbers.sort_unstable();
+    assert!(
+        numbers.len() > 15 && numbers.iter().enumerate().all(|(index, &number)| number == index as u32),
+        "{numbers:?}"
+    );
+    assert_eq!(bench.session.statistics().lost_windows, 0);
+}
+
+#[test]
 fn a_node_of_the_version_before_has_no_key() {
     // Its first frame tells the version, and its greeting that it is not sealed.
     let golden = "00 05 c2 c1 fc d3 f5 9a 8c cd 07 03 87 e0 02 04 00 00 00 00 00 01";
     let mut bytes: Vec<u8> = golden.split(' ').map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
-    bytes.extend(conversation().0);
+    bytes.extend(CONVERSATION.0);
     bytes.push(0);
     let mut frame = [0; MAX_FRAME_BYTES];
     let length = encode_as(5, &bytes, &mut frame).unwrap();
