@@ -73,11 +73,11 @@ pub(crate) fn exceeding(chi_squared: f64, degrees_of_freedom: f64) -> f64 {
 
 /// G, residual x changes.
 fn sensitivities(view: &ModelView, residual: &Residual, tolerance: &Tolerance) -> DMatrix<f64> {
-    let sensor_vectors = view.sensor_vectors();
     let models = residual.models();
+    let responses = view.responses(&models);
     let mut sensitivities = DMatrix::zeros(residual.size(), tolerance.changes.len());
     for (mut column, change) in sensitivities.column_iter_mut().zip(&tolerance.changes) {
-        column.copy_from(&residual.slope(&models, &view.derivatives(&sensor_vectors, &models, change)));
+        column.copy_from(&residual.slope(&models, &view.derivatives(&responses, &models, change)));
     }
     sensitivities
 }

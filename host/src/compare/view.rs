@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, RowDVector};
 
 use crate::model::{
-    Assembly, Change, DampedModes, EigenError, ModalBasis, ModeDerivative, Modes, SensorError, derivatives,
+    Assembly, Change, DampedModes, EigenError, ModalBasis, ModeDerivative, Modes, Responses, SensorError,
     frequency_derivatives, phases_rad,
 };
 use crate::study::Sensor;
@@ -77,22 +77,15 @@ impl ModelView {
         self.damped.as_ref().map_or(0.0, |damped| damped.damping_ratio(mode))
     }
 
-    /// The basis' vectors at the sensors, sensors x DOFs.
-    pub(crate) fn sensor_vectors(&self) -> DMatrix<f64> {
-        &self.sensor_rows * &self.basis.vectors
+    /// How `modes` (0-based), as the sensors see them, follow forces at the DOFs.
+    pub(crate) fn responses(&self, modes: &[usize]) -> Responses {
+        let sensor_vectors = &self.sensor_rows * &self.basis.vectors;
+        Responses::of(&self.basis, self.damped.as_ref(), &sensor_vectors, modes)
     }
 
-    /// Derivatives of `modes` (0-based), as the sensors record them, by a change.
-    pub(crate) fn derivatives(
-        &self,
-        sensor_vectors: &DMatrix<f64>,
-        modes: &[usize],
-        change: &Change,
-    ) -> Vec<ModeDerivative> {
-        let mut derivatives = match &self.damped {
-            Some(damped) => damped.derivatives(&self.basis, sensor_vectors, modes, change),
-            None => derivatives(&self.basis, sensor_vectors, modes, change),
-        };
+    /// Derivatives of `modes` (0-based), whose responses are given, as the sensors record them, by a change.
+    pub(crate) fn derivatives(&self, responses: &Responses, modes: &[usize], change: &Change) -> Vec<ModeDerivative> {
+        let mut derivatives = responses.derivatives(change);
         for (derivative, &mode) in derivatives.iter_mut().zip(modes) {
             self.record(&mut derivative.shape, mode);
         }

@@ -10,7 +10,7 @@ use super::knob::{Knob, with_values};
 use super::problem::Problem;
 use super::state::State;
 use crate::compare::ModelView;
-use crate::model::{Change, ModeDerivative, SegmentChange, Stiffness, Structure, eccentricity_changes};
+use crate::model::{Change, ModeDerivative, Responses, SegmentChange, Stiffness, Structure, eccentricity_changes};
 
 impl State {
     /// Derivatives of [`State::differences`] by the background's numbers.
@@ -24,6 +24,10 @@ impl State {
         by_numbers.resize_vertically(self.size(), 0.0)
     }
 
+    fn responses(&self) -> &Responses {
+        self.responses.get_or_init(|| self.view.responses(&self.models))
+    }
+
     /// Of the differences of modes before they are weighed, by the numbers of segments and masses; `None` where there are none.
     fn by_scatter(&self, problem: &Problem) -> Option<DMatrix<f64>> {
         let changes = if problem.background.is_none() { Vec::new() } else { self.structure.segment_changes() };
@@ -31,7 +35,7 @@ impl State {
             return None;
         }
         let column = |change: &Change| {
-            let derivatives = self.view.derivatives(&self.sensor_vectors, &self.models, change);
+            let derivatives = self.view.derivatives(self.responses(), &self.models, change);
             self.residual.slope(&self.models, &derivatives)
         };
         let by_quantity = |quantity: Option<Stiffness>| {
@@ -60,7 +64,7 @@ impl State {
         let (rows, delays_s) = (there.sensor_rows(&problem.sensors).ok()?, there.sensing.delays_s(&problem.sensors));
         let change = self.assembly.change_to(&there, step);
         let mut slopes = match &change {
-            Some(change) => self.view.derivatives(&self.sensor_vectors, &self.models, change),
+            Some(change) => self.view.derivatives(self.responses(), &self.models, change),
             None => {
                 let still = DVector::zeros(self.view.at_sensors.nrows());
                 vec![ModeDerivative { ln_frequency: 0.0, shape: still, damping_ratio: 0.0 }; self.models.len()]

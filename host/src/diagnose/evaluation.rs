@@ -1,6 +1,8 @@
 //! From effects and background to a [`State`]: the structure with both is assembled, its modes are paired with the measured ones
 //! and the differences are whitened.
 
+use std::sync::OnceLock;
+
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn};
 
 use super::discrepancy::Discrepancy;
@@ -107,7 +109,6 @@ impl Problem {
         let factors = self.covariance_factors(&residual, &self.discrepancy);
         let factors = factors.ok_or("the covariance of a measured mode is not positive definite")?;
         let models = residual.models();
-        let sensor_vectors = view.sensor_vectors();
         let mut state = State {
             modes: DVector::zeros(0),
             phases: DVector::zeros(0),
@@ -124,7 +125,7 @@ impl Problem {
             residual,
             factors,
             models,
-            sensor_vectors,
+            responses: OnceLock::new(),
         };
         state.modes = state.whiten(state.residual.vector());
         state.phases = self.phase_differences(&state, &state.view);

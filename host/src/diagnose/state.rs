@@ -3,13 +3,15 @@
 //! `evaluation` makes a state from effects and background; whitened differences, their weights and what they cost together
 //! flow out, to `derivatives` and `fit`.
 
+use std::sync::OnceLock;
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dim, Dyn, Matrix, RowDVector, StorageMut};
 
 use super::knob::Knob;
 use super::misfit::{Group, Loss, TWIN};
 use crate::compare::{Block, ModelView, Pair, Residual};
 use crate::model::effect::Effect;
-use crate::model::{Assembly, Structure};
+use crate::model::{Assembly, Responses, Structure};
 use crate::modes::WRONG_BY;
 
 /// A model compared with the measurement.
@@ -44,8 +46,8 @@ pub(super) struct State {
     pub(super) damping: DVector<f64>,
     /// The model's modes in use, ascending.
     pub(super) models: Vec<usize>,
-    /// Eigenvectors at the sensors, sensors x DOFs.
-    pub(super) sensor_vectors: DMatrix<f64>,
+    /// How these follow forces, made when first asked for.
+    pub(super) responses: OnceLock<Responses>,
 }
 
 impl State {

@@ -10,7 +10,7 @@ use belfry_numerics::{EigenPairs, general_eigen};
 use nalgebra::{Complex, DMatrix, DMatrixView, DVector};
 
 use super::eigen::{EigenError, ModalBasis, Modes};
-use super::sensitivity::{Change, ModeDerivative, derivatives, frequency_derivatives};
+use super::sensitivity::{Change, ModeDerivative, frequency_derivatives};
 
 type Vector = DVector<Complex<f64>>;
 
@@ -159,83 +159,182 @@ impl DampedModes {
             Mode::Damped(pole) => {
                 let local = self.motion(basis, pole).select_rows(change.rows());
                 let s = self.poles[pole];
-                let force = change.undamped(s, &local) + change.damped(&local) * s;
+                let mut force = change.undamped(s, &local);
+                if let Some(dashpots) = change.damped(&local) {
+                    force += dashpots * s;
+                }
                 (-local.dot(&force) / self.norms[pole] / s).re
             }
         };
         modes.iter().map(of).collect()
     }
 
-    /// As [`derivatives`]; `sensor_vectors` are the basis' vectors at the sensors, which are also the rows to whose phase
-    /// [`DampedModes::modes`] turned the shapes.
-    ///
-    /// With the residues of the receptance, `P(s)⁻¹ = sum_m q_m q_mᵀ / ((s - s_m) n_m)`, a vector changes by
-    /// `-sum_(m≠k) q_m q_mᵀ dP q_k / ((s_k - s_m) n_m)`, up to its own multiple, and in undamped modes by what their receptance
-    /// makes of the force.
-    pub fn derivatives(
+    /// How the mode `mode` follows forces at the DOFs; where no dashpot moves it, which undamped mode it is. `sensor_vectors` are the basis' vectors
+    /// at the sensors, which are also the rows to whose phase [`DampedModes::modes`] turned the shapes, `transposed` those at the DOFs.
+    pub(super) fn response(
         &self,
         basis: &ModalBasis,
         sensor_vectors: &DMatrix<f64>,
-        modes: &[usize],
-        change: &Change,
-    ) -> Vec<ModeDerivative> {
-        let at_change = basis.vectors.select_rows(change.rows());
-        let of = |&mode: &usize| match self.modes[mode] {
-            Mode::Undamped(index) => derivatives(basis, sensor_vectors, &[index], change).pop(),
-            Mode::Damped(pole) => Some(self.derivative(basis, sensor_vectors, &at_change, pole, change)),
-        };
-        modes.iter().filter_map(of).collect()
+        transposed: &DMatrix<f64>,
+        mixing: &Mixing,
+        mode: usize,
+    ) -> Result<DampedResponse, usize> {
+        match self.modes[mode] {
+            Mode::Undamped(index) => Err(index),
+            Mode::Damped(pole) => Ok(self.response_of(basis, sensor_vectors, transposed, mixing, pole)),
+        }
     }
 
-    fn derivative(
+    /// The vectors of all poles at the sensors and at the DOFs.
+    pub(super) fn mixing(&self, basis: &ModalBasis, sensor_vectors: &DMatrix<f64>) -> Mixing {
+        let scaled = |vectors: DMatrixView<'_, f64>| {
+            let mut vectors = vectors.into_owned();
+            for (mut vector, mu) in vectors.column_iter_mut().zip(&basis.inverse_lambda) {
+                vector /= mu.sqrt();
+            }
+            vectors
+        };
+        let vectors = Complexes::of(&self.vectors);
+        let at_sensors = vectors.after(&scaled(sensor_vectors.columns(0, self.mixed)));
+        let at_dofs = vectors.after(&scaled(basis.vectors.columns(0, self.mixed)));
+        Mixing { at_sensors, at_dofs: at_dofs.transpose() }
+    }
+
+    /// With the residues of the receptance, `P(s)⁻¹ = sum_m q_m q_mᵀ / ((s - s_m) n_m)`, a vector changes by
+    /// `-sum_(m≠k) q_m q_mᵀ dP q_k / ((s_k - s_m) n_m)`, up to its own multiple, and in undamped modes by what their receptance
+    /// makes of the force.
+    fn response_of(
         &self,
         basis: &ModalBasis,
-        at_sensors: &DMatrix<f64>,
-        at_change: &DMatrix<f64>,
+        sensor_vectors: &DMatrix<f64>,
+        transposed: &DMatrix<f64>,
+        mixing: &Mixing,
         pole: usize,
-        change: &Change,
-    ) -> ModeDerivative {
-        let (s, q) = (self.poles[pole], self.vectors.column(pole).into_owned());
-        let own = self.in_basis(basis, &q);
-        let local = product(at_change.columns(0, self.mixed), &own);
-        let undamped = change.undamped(s, &local);
-        let damped = &undamped + change.damped(&local) * s;
-        // Dashpots mix no further modes, nor does their change.
-        let force = transposed_product(at_change.as_view(), &undamped);
-        let mut moved: Vector =
-            force.map_with_location(|mode, _, force| -force / (s * s * basis.inverse_lambda[mode] + 1.0));
-        let on_mixed = self.in_basis(basis, &transposed_product(at_change.columns(0, self.mixed), &damped));
-        let mut mixed = Vector::zeros(self.mixed);
-        for (other, vector) in self.vectors.column_iter().enumerate() {
+    ) -> DampedResponse {
+        let s = self.poles[pole];
+        let weight = |(other, &norm): (usize, &Complex<f64>)| {
             let distance = s - self.poles[other];
-            if distance.norm() > DEGENERATE * s.norm() {
-                mixed.axpy(-vector.dot(&on_mixed) / (distance * self.norms[other]), &vector, Complex::ONE);
+            if distance.norm() > DEGENERATE * s.norm() { -(distance * norm).inv() } else { Complex::ZERO }
+        };
+        let weights: Vec<Complex<f64>> = self.norms.iter().enumerate().map(weight).collect();
+        let by_mixed = mixing.at_sensors.times_columns(&weights).times(&mixing.at_dofs);
+        // Dashpots mix no further modes, nor does their change.
+        let others = basis.inverse_lambda.len() - self.mixed;
+        let weights: Vec<Complex<f64>> =
+            basis.inverse_lambda[self.mixed..].iter().map(|&mu| -(s * s * mu + 1.0).inv()).collect();
+        let (unmixed, transposed) = (sensor_vectors.columns(self.mixed, others), transposed.rows(self.mixed, others));
+        let part = |of: fn(&Complex<f64>) -> f64| {
+            let mut unmixed = unmixed.into_owned();
+            unmixed.column_iter_mut().zip(&weights).for_each(|(mut column, weight)| column *= of(weight));
+            unmixed * transposed
+        };
+        let by_force =
+            Complexes { re: part(|weight| weight.re) + &by_mixed.re, im: part(|weight| weight.im) + &by_mixed.im };
+        let own = self.in_basis(basis, &self.vectors.column(pole).into_owned());
+        let (seen, whole) = (product(sensor_vectors.columns(0, self.mixed), &own), self.motion(basis, pole));
+        let turn = self.turn(pole, &seen, &whole);
+        DampedResponse { pole: s, norm: self.norms[pole], whole, seen, turn, by_force, by_mixed }
+    }
+}
+
+/// The vectors of all poles of [`DampedModes`].
+pub(super) struct Mixing {
+    /// Sensors x poles.
+    at_sensors: Complexes,
+    /// Poles x DOFs.
+    at_dofs: Complexes,
+}
+
+/// How a mode that dashpots move follows forces at the DOFs.
+#[derive(Debug, Clone)]
+pub(super) struct DampedResponse {
+    pole: Complex<f64>,
+    /// `qᵀ (2 s + C) q`.
+    norm: Complex<f64>,
+    /// Its vector in DOFs, and at the sensors.
+    whole: Vector,
+    seen: Vector,
+    /// What turns it to the phase in which its shape is given.
+    turn: Complex<f64>,
+    /// Change of what the sensors see by a force at each DOF, sensors x DOFs: by all modes, and by those alone that the dashpots mix.
+    by_force: Complexes,
+    by_mixed: Complexes,
+}
+
+impl DampedResponse {
+    pub(super) fn derivative(&self, change: &Change) -> ModeDerivative {
+        let s = self.pole;
+        let local = self.whole.select_rows(change.rows());
+        let mut force = change.undamped(s, &local);
+        let mut change_seen = Vector::zeros(self.seen.len());
+        self.by_force.add_columns(change.rows(), &force, &mut change_seen);
+        if let Some(dashpots) = change.damped(&local) {
+            let by_dashpots = dashpots * s;
+            self.by_mixed.add_columns(change.rows(), &by_dashpots, &mut change_seen);
+            force += by_dashpots;
+        }
+        // The phase at which the sensors see the most turns with them.
+        let square = self.seen.dot(&self.seen);
+        let turns = if square.norm() > 0.0 { (self.seen.dot(&change_seen) / square).im } else { 0.0 };
+        let across = |change: Complex<f64>, seen: Complex<f64>| (change - seen * Complex::new(0.0, turns)) * self.turn;
+        let shape = change_seen.zip_map(&self.seen, |change, seen| across(change, seen).re);
+        // d ln s = d ln|s| + i d arg s, and the damping ratio is -cos(arg s).
+        let ln_pole = -local.dot(&force) / self.norm / s;
+        ModeDerivative { ln_frequency: ln_pole.re, shape, damping_ratio: s.arg().sin() * ln_pole.im }
+    }
+}
+
+/// A complex matrix as two real ones, whose products are several times as fast.
+#[derive(Debug, Clone)]
+struct Complexes {
+    re: DMatrix<f64>,
+    im: DMatrix<f64>,
+}
+
+impl Complexes {
+    fn of(matrix: &DMatrix<Complex<f64>>) -> Self {
+        Self { re: matrix.map(|value| value.re), im: matrix.map(|value| value.im) }
+    }
+
+    /// A real matrix times this one.
+    fn after(&self, matrix: &DMatrix<f64>) -> Self {
+        Self { re: matrix * &self.re, im: matrix * &self.im }
+    }
+
+    fn transpose(&self) -> Self {
+        Self { re: self.re.transpose(), im: self.im.transpose() }
+    }
+
+    fn times(&self, other: &Self) -> Self {
+        Self { re: &self.re * &other.re - &self.im * &other.im, im: &self.re * &other.im + &self.im * &other.re }
+    }
+
+    /// Each column times a number.
+    fn times_columns(&self, factors: &[Complex<f64>]) -> Self {
+        let (mut re, mut im) = (self.re.clone(), self.im.clone());
+        for ((mut re, mut im), factor) in re.column_iter_mut().zip(im.column_iter_mut()).zip(factors) {
+            for (re, im) in re.iter_mut().zip(im.iter_mut()) {
+                let value = Complex::new(*re, *im) * factor;
+                (*re, *im) = (value.re, value.im);
             }
         }
-        moved.rows_mut(0, self.mixed).copy_from(&self.in_basis(basis, &mixed));
-        let seen = product(at_sensors.columns(0, self.mixed), &own);
-        let turn = self.turn(pole, &seen, &self.motion(basis, pole));
-        let change_seen = product(at_sensors.as_view(), &moved);
-        // The phase at which the sensors see the most turns with them.
-        let square = seen.dot(&seen);
-        let turns = if square.norm() > 0.0 { (seen.dot(&change_seen) / square).im } else { 0.0 };
-        let shape = (&change_seen - seen * Complex::new(0.0, turns)).map(|value| (value * turn).re);
-        // d ln s = d ln|s| + i d arg s, and the damping ratio is -cos(arg s).
-        let ln_pole = -q.dot(&on_mixed) / self.norms[pole] / s;
-        ModeDerivative { ln_frequency: ln_pole.re, shape, damping_ratio: s.arg().sin() * ln_pole.im }
+        Self { re, im }
+    }
+
+    /// Adds these columns, each times a number.
+    fn add_columns(&self, columns: &[usize], factors: &Vector, sum: &mut Vector) {
+        for (&column, factor) in columns.iter().zip(factors.iter()) {
+            let (re, im) = (self.re.column(column), self.im.column(column));
+            for (sum, (re, im)) in sum.iter_mut().zip(re.iter().zip(im.iter())) {
+                *sum += Complex::new(*re, *im) * factor;
+            }
+        }
     }
 }
 
 /// A real matrix times a complex vector, as two real products: half the work, and no complex copy of the matrix.
 fn product(matrix: DMatrixView<'_, f64>, vector: &Vector) -> Vector {
     let part = |of: fn(&Complex<f64>) -> f64| matrix * DVector::from_iterator(vector.len(), vector.iter().map(of));
-    part(|value| value.re).zip_map(&part(|value| value.im), Complex::new)
-}
-
-/// The same with the transposed matrix.
-fn transposed_product(matrix: DMatrixView<'_, f64>, vector: &Vector) -> Vector {
-    let part =
-        |of: fn(&Complex<f64>) -> f64| matrix.tr_mul(&DVector::from_iterator(vector.len(), vector.iter().map(of)));
     part(|value| value.re).zip_map(&part(|value| value.im), Complex::new)
 }
 

@@ -70,12 +70,9 @@ impl Change {
         part(&self.stiffness) + part(&self.mass) * (s * s)
     }
 
-    /// `dC x`, x at the rows that change.
-    pub(super) fn damped(&self, x: &DVector<Complex<f64>>) -> DVector<Complex<f64>> {
-        match &self.damping {
-            Some(damping) => damping.map(Complex::from) * x,
-            None => x.map(|_| Complex::from(0.0)),
-        }
+    /// `dC x`, x at the rows that change; `None` where no dashpot changes.
+    pub(super) fn damped(&self, x: &DVector<Complex<f64>>) -> Option<DVector<Complex<f64>>> {
+        self.damping.as_ref().map(|damping| damping.map(Complex::from) * x)
     }
 }
 
@@ -93,42 +90,56 @@ pub fn frequency_derivatives(basis: &ModalBasis, modes: &[usize], change: &Chang
     modes.iter().enumerate().map(slope).collect()
 }
 
-/// Derivatives of the modes `modes` (0-based, with mass) by a change. `sensor_vectors` are the basis' vectors at the
-/// sensors, sensors x DOFs.
+/// How an undamped mode follows forces at the DOFs: worth making where more than one change of a structure is looked at.
 ///
 /// With K-orthonormal vectors x_j and mu_j = 1/lambda_j, `d lambda = phiᵀ (dK - lambda dM) phi` and
 /// `d phi = -sum_(j≠i) x_j x_jᵀ (dK - lambda dM) phi / (1 - lambda mu_j) - phi phiᵀ dM phi / 2`: motions without mass
 /// (mu_j = 0) take part, so nothing is truncated (Fox and Kapoor 1968, AIAA Journal 6, eq. 13, in K-orthonormal form).
-pub fn derivatives(
-    basis: &ModalBasis,
-    sensor_vectors: &DMatrix<f64>,
-    modes: &[usize],
-    change: &Change,
-) -> Vec<ModeDerivative> {
-    let vectors = basis.vectors.select_rows(&change.rows);
-    // All modes at once: products of matrices are several times as fast as those of a matrix with one vector after the other.
-    let mu: Vec<f64> = modes.iter().map(|&mode| basis.inverse_lambda[mode]).collect();
-    let mut local = vectors.select_columns(modes);
-    local.column_iter_mut().zip(&mu).for_each(|(mut local, mu)| local /= mu.sqrt());
-    let inertial = &change.mass * &local;
-    let mut force = &change.stiffness * &local;
-    force.column_iter_mut().zip(inertial.column_iter()).zip(&mu).for_each(|((mut force, inertial), mu)| {
-        force.axpy(-1.0 / mu, &inertial, 1.0);
-    });
-    let mut shares = vectors.transpose() * &force;
-    for (at, &mode) in modes.iter().enumerate() {
-        for (other, share) in shares.column_mut(at).iter_mut().enumerate() {
-            let distance = 1.0 - basis.inverse_lambda[other] / mu[at];
-            *share = if other == mode || distance.abs() < DEGENERATE { 0.0 } else { -*share / distance };
+#[derive(Debug, Clone)]
+pub(super) struct UndampedResponse {
+    /// 1/lambda.
+    mu: f64,
+    /// phi = x / sqrt(mu), of the sign that [`ModalBasis::modes`] gives it.
+    shape: DVector<f64>,
+    /// What the sensors see of it.
+    seen: DVector<f64>,
+    /// Change of what they see by a force at each DOF, sensors x DOFs: `-sum_(j≠i) s_j x_jᵀ / (1 - lambda mu_j)`.
+    by_force: DMatrix<f64>,
+}
+
+impl UndampedResponse {
+    /// Of the mode `mode` (0-based, with mass). `sensor_vectors` are the basis' vectors at the sensors, sensors x DOFs, `transposed` those at the
+    /// DOFs, vectors x DOFs.
+    pub(super) fn of(
+        basis: &ModalBasis,
+        sensor_vectors: &DMatrix<f64>,
+        transposed: &DMatrix<f64>,
+        mode: usize,
+    ) -> Self {
+        let mu = basis.inverse_lambda[mode];
+        let mut shares = sensor_vectors.clone();
+        for (other, mut share) in shares.column_iter_mut().enumerate() {
+            let distance = 1.0 - basis.inverse_lambda[other] / mu;
+            share *= if other == mode || distance.abs() < DEGENERATE { 0.0 } else { -distance.recip() };
         }
-        // phi = x / sqrt(mu)
-        shares[(mode, at)] = -0.5 * local.column(at).dot(&inertial.column(at)) / mu[at].sqrt();
+        let length = basis.sign(mode) / mu.sqrt();
+        Self {
+            mu,
+            shape: basis.vectors.column(mode) * length,
+            seen: sensor_vectors.column(mode) * length,
+            by_force: shares * transposed,
+        }
     }
-    let shapes = sensor_vectors * shares;
-    let derivative = |(at, &mode): (usize, &usize)| ModeDerivative {
-        ln_frequency: 0.5 * local.column(at).dot(&force.column(at)) * mu[at],
-        shape: shapes.column(at) * basis.sign(mode),
-        damping_ratio: 0.0,
-    };
-    modes.iter().enumerate().map(derivative).collect()
+
+    pub(super) fn derivative(&self, change: &Change) -> ModeDerivative {
+        let local = self.shape.select_rows(&change.rows);
+        let inertial = &change.mass * &local;
+        let mut force = &change.stiffness * &local;
+        force.axpy(-1.0 / self.mu, &inertial, 1.0);
+        let mut shape = &self.seen * (-0.5 * local.dot(&inertial));
+        for (&row, force) in change.rows.iter().zip(force.iter()) {
+            shape.axpy(*force, &self.by_force.column(row), 1.0);
+        }
+        ModeDerivative { ln_frequency: 0.5 * local.dot(&force) * self.mu, shape, damping_ratio: 0.0 }
+    }
 }

@@ -5,7 +5,7 @@ use nalgebra::DVector;
 use super::*;
 use crate::model::effect::tuned_mass_damper::TunedMass;
 use crate::model::tests::Uniform;
-use crate::model::{Assembly, Structure};
+use crate::model::{Assembly, Responses, Structure};
 
 const DAMPER: TunedMass =
     TunedMass { z_m: 90.0, mass_kg: 1e3, frequency_hz: 0.5, damping_ratio: 0.06, moves: [true, true] };
@@ -111,7 +111,7 @@ fn derivatives_are_those_of_differences() {
         let ((shapes_above, above_hz), (shapes_below, below_hz)) = (seen(&above), seen(&below));
         let (shapes, _) = seen(&middle);
         let modes = [0, 1, 2, 3, 5, 6];
-        let found = view.derivatives(&basis, &sensor_vectors, &modes, &change);
+        let found = Responses::of(&basis, Some(&view), &sensor_vectors, &modes).derivatives(&change);
         let frequencies = view.frequency_derivatives(&basis, &modes, &change);
         for ((derivative, slope), mode) in found.iter().zip(frequencies).zip(modes) {
             let ln = (above_hz[mode] / below_hz[mode]).ln() * half;

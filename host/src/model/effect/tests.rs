@@ -514,7 +514,7 @@ fn segment_changes_are_those_of_the_matrices() {
             };
             let (above, below) = (moved(step), moved(-step));
             let change = stiffness.map_or(&change.mass, |stiffness| &change.stiffness[stiffness as usize]);
-            let slopes = crate::model::derivatives(&basis, &sensor_vectors, &[0, 1, 4], change);
+            let slopes = crate::model::Responses::of(&basis, None, &sensor_vectors, &[0, 1, 4]).derivatives(change);
             for (slope, mode) in slopes.iter().zip([0, 1, 4]) {
                 let expected = (above[mode] / below[mode]).ln() / (2.0 * step);
                 // Second order in the steps.

@@ -1,0 +1,52 @@
+//! How modes follow a small change of K, M and C: exact first derivatives over all eigenvectors.
+//!
+//! A [`ModalBasis`], the modes of a structure with dashpots where it has any, and what sensors see flow in. What does not hang on the change is
+//! made once; then each of many changes costs little.
+
+use nalgebra::DMatrix;
+
+use super::damped::{DampedModes, DampedResponse};
+use super::eigen::ModalBasis;
+use super::sensitivity::{Change, ModeDerivative, UndampedResponse};
+
+/// How some modes follow forces at the DOFs.
+#[derive(Debug, Clone)]
+pub struct Responses(Vec<Response>);
+
+#[derive(Debug, Clone)]
+enum Response {
+    Undamped(UndampedResponse),
+    Damped(Box<DampedResponse>),
+}
+
+impl Responses {
+    /// Of the modes `modes` (0-based, with mass). `sensor_vectors` are the basis' vectors at the sensors, sensors x DOFs, which are also the rows
+    /// to whose phase [`DampedModes::modes`] turned the shapes of damped modes.
+    pub fn of(
+        basis: &ModalBasis,
+        damped: Option<&DampedModes>,
+        sensor_vectors: &DMatrix<f64>,
+        modes: &[usize],
+    ) -> Self {
+        let transposed = basis.vectors.transpose();
+        let undamped = |mode| Response::Undamped(UndampedResponse::of(basis, sensor_vectors, &transposed, mode));
+        let Some(damped) = damped else {
+            return Self(modes.iter().map(|&mode| undamped(mode)).collect());
+        };
+        let mixing = damped.mixing(basis, sensor_vectors);
+        let of = |&mode: &usize| match damped.response(basis, sensor_vectors, &transposed, &mixing, mode) {
+            Ok(response) => Response::Damped(Box::new(response)),
+            Err(mode) => undamped(mode),
+        };
+        Self(modes.iter().map(of).collect())
+    }
+
+    /// Derivatives of the modes by a change.
+    pub fn derivatives(&self, change: &Change) -> Vec<ModeDerivative> {
+        let derivative = |response: &Response| match response {
+            Response::Undamped(response) => response.derivative(change),
+            Response::Damped(response) => response.derivative(change),
+        };
+        self.0.iter().map(derivative).collect()
+    }
+}
