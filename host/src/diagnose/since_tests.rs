@@ -78,24 +78,26 @@ fn what_has_gone_is_found_from_now_to_before() {
     assert!(found.predicted.iter().all(|mode| mode.predicted_percent.unwrap() > -0.01), "{:?}", found.predicted);
 }
 
-/// An effect that the model has grows: what is named is the increase.
-#[test]
-fn an_effect_in_the_model_that_has_grown_is_found_with_its_increase() {
-    let found = since(&[FOUNDATION], &[FOUNDATION], &["base-rotation=9e-15"], 9);
-    assert_eq!(found.best, ["base-rotation"], "{:?}", found.candidates[0]);
-    let value = &found.candidates[0].parameters[0];
-    assert!((value.value - 3e-15).abs() < 4.0 * value.std.unwrap() + 0.3e-15, "{value:?}");
-}
-
-#[test]
-fn a_sensor_that_was_replaced_is_no_damage() {
-    let found = since(&[], &[FOUNDATION], &[FOUNDATION, "sensor-gain@ch09=1.1"], 11);
-    assert_eq!(found.best, ["sensor-gain@ch09"], "{:?}", found.candidates[0]);
-}
-
 /// More of what the tests above try.
 mod long {
     use super::*;
+
+    /// An effect that the model has grows: what is named is the increase.
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn an_effect_in_the_model_that_has_grown_is_found_with_its_increase() {
+        let found = since(&[FOUNDATION], &[FOUNDATION], &["base-rotation=9e-15"], 9);
+        assert_eq!(found.best, ["base-rotation"], "{:?}", found.candidates[0]);
+        let value = &found.candidates[0].parameters[0];
+        assert!((value.value - 3e-15).abs() < 4.0 * value.std.unwrap() + 0.3e-15, "{value:?}");
+    }
+
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn a_sensor_that_was_replaced_is_no_damage() {
+        let found = since(&[], &[FOUNDATION], &[FOUNDATION, "sensor-gain@ch09=1.1"], 11);
+        assert_eq!(found.best, ["sensor-gain@ch09"], "{:?}", found.candidates[0]);
+    }
 
     #[test]
     #[ignore = "long: ./test --all runs it"]

@@ -248,6 +248,7 @@ fn what_the_analysis_was_chosen_by_and_what_more_record_would_bring_is_said() {
 }
 
 #[test]
+#[cfg_attr(not(long_tests), ignore = "long: ./test --all runs it")]
 fn a_tower_that_is_sampled_fast_keeps_its_lowest_modes_without_a_band() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("fast");

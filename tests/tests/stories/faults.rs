@@ -60,6 +60,7 @@ fn a_structure_that_stands_still_has_no_modes_in_the_eyes_of_both_methods() {
 
 /// Records in which the fit alone, one mode after the other, leaves the place of most.
 #[test]
+#[cfg_attr(not(long_tests), ignore = "long: ./test --all runs it")]
 fn what_the_subspace_shows_of_close_modes_is_where_the_fit_of_all_begins() {
     for (name, seed, modes) in [("alike", 510_003, 6), ("cables", 510_004, 8), ("cables", 510_007, 8)] {
         let folder = tempfile::tempdir().unwrap();

@@ -20,7 +20,7 @@ fn a_real_recording_gives_the_same_bits_on_the_board() {
 
 /// Half an hour is three windows: the ring of samples comes round twice, and heartbeats come.
 #[test]
-#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
+#[cfg_attr(not(all(long_tests, emulator)), ignore = "long: ./test --all runs it where qemu-system-arm is")]
 fn half_an_hour_of_the_tower_gives_the_same_bits_on_two_boards_at_once() {
     let boards = Board::start_two();
     let folder = tempfile::tempdir().unwrap();
