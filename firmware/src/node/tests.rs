@@ -218,9 +218,8 @@ impl SealingHost {
         };
         let message = InConversation { conversation: HOST, message };
         let bytes = postcard::to_slice(&message, &mut [0; 512]).unwrap().to_vec();
-        let seal = self.key.seal(Sender::Host, self.boot, self.said, PROTOCOL_VERSION, &bytes);
         let mut frame = [0; MAX_FRAME_BYTES];
-        let length = frame::encode_sealed(PROTOCOL_VERSION, &bytes, &seal, &mut frame).unwrap();
+        let length = self.key.encode(Sender::Host, self.boot, self.said, &bytes, &mut frame).unwrap();
         frame[..length].to_vec()
     }
 }

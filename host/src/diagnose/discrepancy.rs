@@ -435,7 +435,7 @@ impl Problem {
         Some(volume(&state.factors) - volume(&without))
     }
 
-    /// A fit of the same problem with another discrepancy, again with that of this one.
+    /// A fit of a problem that differs by little (another discrepancy, a sensor or a mode less), again of this one, from where it was.
     pub(super) fn refitted(&self, fit: &Fit) -> Result<Fit, String> {
         let state = self.state(fit.state.effects.clone(), self.carried(fit), Some(&fit.state))?;
         self.fit_by(&[Loss::Robust], state, &fit.knobs)

@@ -8,7 +8,6 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::fit::Fit;
-use super::misfit::Loss;
 use super::problem::Problem;
 use super::state::State;
 use crate::model::effect::{Effect, PlaceKind, Where};
@@ -59,9 +58,7 @@ fn refitted(problem: &Problem, fit: &Fit) -> Option<Vec<Effect>> {
         return Some(fit.effects().to_vec());
     }
     // With one number less the best values are near those with all: squares need not bring them there first.
-    let state = problem.state(fit.effects().to_vec(), fit.state.numbers.clone(), Some(&fit.state)).ok()?;
-    let refitted = problem.fit_by(&[Loss::Robust], state, &fit.knobs).ok()?;
-    Some(refitted.effects().to_vec())
+    Some(problem.refitted(fit).ok()?.effects().to_vec())
 }
 
 /// Squared error and squared measured motion at a sensor over all modes: each measured shape at the other sensors says how

@@ -158,7 +158,7 @@ impl<'a> Player<'a> {
 
     fn say(&mut self, message: &HostMessage) -> Result<(), SessionError> {
         self.wire.say(message);
-        self.wire.send(self.transport).map_err(|source| self.failed(source))
+        self.wire.send(self.transport).map(drop).map_err(|source| self.failed(source))
     }
 
     /// The next frame, where one comes before `deadline`.

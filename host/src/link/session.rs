@@ -88,11 +88,8 @@ pub struct Session {
     next_try: HostTime,
     next_exchange: HostTime,
     last_received: HostTime,
-    /// When the last request for the time was said that the node has answered, and the last that was said at all.
+    /// When the last request for the time was said that the node has answered.
     answered: HostTime,
-    last_exchange: HostTime,
-    /// Whether parts are asked for again.
-    is_asking: bool,
     /// When all that has been said is off the line, at its rate.
     said_until: HostTime,
     /// The life of the node that has been asked for windows of another study, and had none.
@@ -123,8 +120,6 @@ impl Session {
             next_exchange: HostTime(i64::MIN),
             last_received: HostTime(i64::MIN),
             answered: HostTime(i64::MIN),
-            last_exchange: HostTime(i64::MIN),
-            is_asking: false,
             said_until: HostTime(i64::MIN),
             inspected: None,
             knows_time: false,
@@ -180,7 +175,7 @@ impl Session {
     fn greet_again(&mut self) {
         self.stage = Stage::Greeting;
         self.next_try = HostTime(i64::MIN);
-        self.last_received = HostTime(i64::MIN);
+        (self.last_received, self.said_until) = (HostTime(i64::MIN), HostTime(i64::MIN));
     }
 
     /// Begins anew with the greeting and the time; for a host whose own clock was set. What is known of windows stays.
@@ -190,7 +185,7 @@ impl Session {
         self.knows_time = false;
         self.must_set_time = true;
         self.next_exchange = HostTime(i64::MIN);
-        (self.answered, self.said_until) = (HostTime(i64::MIN), HostTime(i64::MIN));
+        self.answered = HostTime(i64::MIN);
     }
 
     /// The node's last greeting.
@@ -258,9 +253,7 @@ impl Session {
         }
         let now = clock();
         self.poll(now);
-        let sent_before = self.wire.counts().bytes_sent;
-        self.wire.send(transport).map_err(fail)?;
-        let on_line_us = (self.wire.counts().bytes_sent - sent_before) as f64 * self.byte_us;
+        let on_line_us = self.wire.send(transport).map_err(fail)? as f64 * self.byte_us;
         self.said_until = HostTime(self.said_until.max(now).0.saturating_add(on_line_us as i64));
         Ok(())
     }

@@ -228,14 +228,14 @@ impl Wire {
         self.tried
     }
 
-    /// Sends what is queued.
-    pub(super) fn send(&mut self, transport: &mut dyn Transport) -> io::Result<()> {
+    /// Sends what is queued; how many bytes that is.
+    pub(super) fn send(&mut self, transport: &mut dyn Transport) -> io::Result<usize> {
         if self.outgoing.is_empty() {
-            return Ok(());
+            return Ok(0);
         }
         let bytes: Vec<u8> = self.outgoing.drain(..).collect();
         self.counts.bytes_sent += bytes.len() as u64;
-        transport.write(&bytes)
+        transport.write(&bytes).map(|()| bytes.len())
     }
 
     /// The frames that end within `bytes`.

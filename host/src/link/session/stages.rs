@@ -93,9 +93,7 @@ impl Session {
     }
 
     fn poll_measuring(&mut self, now: HostTime) {
-        // Its answer tells whether the node hears what it is asked again.
-        let is_in_doubt = self.is_asking && now.0.saturating_sub(self.last_exchange.0) >= LEAST_EXCHANGE_PERIOD_US;
-        if now >= self.next_exchange || is_in_doubt {
+        if now >= self.next_exchange {
             let period_us = self.clock.span_us() / EXCHANGE_SHARE;
             let longest_us = if self.needs_phase() { EXCHANGE_PERIOD_US } else { 2 * EXCHANGE_PERIOD_US };
             self.ask_time(now, period_us.clamp(LEAST_EXCHANGE_PERIOD_US, longest_us));
@@ -116,11 +114,11 @@ impl Session {
             self.next_try = HostTime(now.0 + SILENCE_US);
             Some(Overdue { now, before: HostTime(now.0 - ASK_PERIOD_US), answered: self.answered, is_busy })
         };
-        if overdue.is_some() || self.delivery.has_all() {
-            self.is_asking = false;
-        }
         for acknowledgement in self.delivery.acknowledgements(overdue) {
-            self.is_asking |= !acknowledgement.again.is_empty();
+            if !acknowledgement.again.is_empty() {
+                // Its answer tells whether the node hears what it is asked.
+                self.next_exchange = self.next_exchange.min(HostTime(now.0 + LEAST_EXCHANGE_PERIOD_US));
+            }
             self.wire.say(&HostMessage::Acknowledge(acknowledgement));
         }
     }
@@ -128,6 +126,5 @@ impl Session {
     fn ask_time(&mut self, now: HostTime, period_us: i64) {
         self.request_bytes = self.wire.say(&HostMessage::Clock(ClockRequest { host_sent: now }));
         self.next_exchange = HostTime(now.0 + period_us);
-        self.last_exchange = now;
     }
 }

@@ -453,7 +453,11 @@ fn a_node_that_measures_for_another_study_is_asked_for_windows_before_it_is_told
 
 /// Writes on the line what another program says.
 fn say_as_other(line: &Line, message: HostMessage) {
-    let message = InConversation { conversation: Conversation([9; 4]), message };
+    say_as(line, Conversation([9; 4]), message);
+}
+
+fn say_as(line: &Line, conversation: Conversation, message: HostMessage) {
+    let message = InConversation { conversation, message };
     let mut frame = [0; MAX_FRAME_BYTES];
     let length = message::encode(&message, &mut frame).unwrap();
     line.host_end().write(&frame[..length]).unwrap();

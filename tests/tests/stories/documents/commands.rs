@@ -66,8 +66,9 @@ impl CommandHelp {
                 let story = format!("tests/tests/stories/{story}");
                 self.exists(&format!("{story}.rs")).or_else(|_| self.exists(&story))
             }
-            ["cargo", "test", "-p", "belfry-host", module] => self.exists(&format!("host/src/{module}")),
-            ["cargo", "test", "-p", "belfry-firmware", module] => self.exists(&format!("firmware/src/{module}")),
+            ["cargo", "test", "-p", package @ ("belfry-host" | "belfry-firmware"), module] => {
+                self.exists(&format!("{}/src/{module}", package.trim_start_matches("belfry-")))
+            }
             ["cargo", "bench", "-p", "belfry-benches", "--bench", name] => {
                 self.exists(&format!("tests/benches/benches/{name}.rs"))
             }
