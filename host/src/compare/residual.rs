@@ -246,7 +246,7 @@ impl Block {
     }
 
     /// The model's modes that the block depends on.
-    fn models(&self) -> &[usize] {
+    pub(crate) fn models(&self) -> &[usize] {
         self.shape.as_ref().map_or(std::slice::from_ref(&self.model), |shape| &shape.models)
     }
 }

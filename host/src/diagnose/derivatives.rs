@@ -101,4 +101,45 @@ impl State {
         let along = self.towards(problem, &problem.structure_with(&effects, &self.numbers)?, step)? * knob.scale;
         Some(self.whiten(along))
     }
+
+    /// Derivatives at this state from those at another one near by: what a step from there has shown of them is put right (Broyden 1965,
+    /// "A Class of Methods for Solving Nonlinear Simultaneous Equations", eq. 4.5). `None` where the two compare other modes.
+    pub(super) fn carry(&self, from: &State, knobs: &[Knob], jacobian: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        let mut carried = jacobian.clone().insert_column(jacobian.ncols(), 0.0);
+        carried.column_mut(jacobian.ncols()).copy_from(&from.differences());
+        self.turn(from, &mut carried)?;
+        let before = carried.column(jacobian.ncols()).into_owned();
+        let mut carried = carried.remove_column(jacobian.ncols());
+        let of_knob = |knob: &Knob| (self.value(knob) - from.value(knob)) / knob.scale;
+        let of_knobs = DVector::from_iterator(knobs.len(), knobs.iter().map(of_knob));
+        let mut step = of_knobs.resize_vertically(jacobian.ncols(), 0.0);
+        step.rows_mut(knobs.len(), self.numbers.len()).copy_from(&(&self.numbers - &from.numbers));
+        let unforeseen = self.differences() - before - &carried * &step;
+        carried.ger(step.norm_squared().recip(), &unforeseen, &step, 1.0);
+        carried.iter().all(|value| value.is_finite()).then_some(carried)
+    }
+
+    /// Brings differences (rows) of another state into the directions and the standard deviations of this one; `None` where the two compare
+    /// other modes.
+    fn turn(&self, from: &State, differences: &mut DMatrix<f64>) -> Option<()> {
+        if self.size() != from.size() {
+            return None;
+        }
+        for ((first, own, factor), (_, other, other_factor)) in self.blocks().zip(from.blocks()) {
+            if (own.measured, own.size()) != (other.measured, other.size()) || own.models() != other.models() {
+                return None;
+            }
+            // Directions of a single mode stay as they are.
+            let (Some(shape), Some(other)) = (&own.shape, &other.shape) else { continue };
+            if shape.models.len() > 1 {
+                let turn = shape.directions.tr_mul(&other.directions);
+                let mut part = other_factor.l() * differences.rows(first, own.size());
+                let of_shape = turn * part.rows(1, own.size() - 1);
+                part.rows_mut(1, own.size() - 1).copy_from(&of_shape);
+                factor.l_dirty().solve_lower_triangular_mut(&mut part);
+                differences.rows_mut(first, own.size()).copy_from(&part);
+            }
+        }
+        Some(())
+    }
 }

@@ -71,7 +71,20 @@ const SETTLED: f64 = 0.02;
 const SETTLED_SHARE: f64 = 1e-4;
 /// The same of squares, from where the robust loss takes over.
 const NEAR_SHARE: f64 = 0.05;
+/// A step that promises less than this share of that is not taken.
+const WORTH: f64 = 0.25;
+const LEAST_DAMPING: f64 = 1e-3;
 const MOST_DAMPING: f64 = 1e8;
+/// Derivatives are carried over a step that gains this share of what they promise.
+const KEPT: f64 = 0.5;
+
+/// Where a step of a fit leads.
+enum Step {
+    /// To a lower cost, by how much where differences were linear.
+    Moved { state: Box<State>, promised: f64 },
+    /// Nowhere that is better by what is worth it.
+    Settled,
+}
 
 impl Problem {
     /// Fits effects, from the values they have, and the background from `numbers`; `knobs` say what is free.
@@ -90,23 +103,43 @@ impl Problem {
     }
 
     /// The same of a state by one loss after the other.
+    ///
+    /// Derivatives are carried from step to step by Broyden's update (Madsen, Nielsen and Tingleff 2004, "Methods for Non-Linear Least
+    /// Squares Problems", section 3.5), and made anew where a step gains less than they promise: they take as long as a state.
     pub(super) fn fit_by(&self, losses: &[Loss], mut state: State, knobs: &[Knob]) -> Result<Fit, String> {
-        let mut jacobian = self.jacobian(&state, knobs)?;
+        let (mut jacobian, mut is_exact) = (self.jacobian(&state, knobs)?, true);
         for &loss in losses {
-            let mut damping = 1e-3;
+            let mut damping = LEAST_DAMPING;
             for _ in 0..MOST_ITERATIONS {
-                let Some(moved) = self.step(&state, knobs, &jacobian, loss, &mut damping) else { break };
-                let gain = cost(&state, loss) - cost(&moved, loss);
-                state = moved;
-                jacobian = self.jacobian(&state, knobs)?;
+                let before = cost(&state, loss);
                 let settled = match loss {
-                    Loss::Squares => NEAR_SHARE * cost(&state, loss),
-                    Loss::Robust => SETTLED.max(SETTLED_SHARE * cost(&state, loss)),
+                    Loss::Squares => NEAR_SHARE * before,
+                    Loss::Robust => SETTLED.max(SETTLED_SHARE * before),
                 };
-                if gain < settled {
+                let (is_last, carried) = match self.step(&state, knobs, &jacobian, loss, settled, &mut damping) {
+                    Step::Moved { state: moved, promised } => {
+                        let gain = before - cost(&moved, loss);
+                        let is_close = gain > KEPT * promised && gain > settled;
+                        let carried = if is_close { moved.carry(&state, knobs, &jacobian) } else { None };
+                        let is_last = gain < settled && is_exact;
+                        state = *moved;
+                        (is_last, carried)
+                    }
+                    Step::Settled if is_exact => break,
+                    Step::Settled => (false, None),
+                };
+                is_exact = carried.is_none();
+                jacobian = match carried {
+                    Some(carried) => carried,
+                    None => self.jacobian(&state, knobs)?,
+                };
+                if is_last {
                     break;
                 }
             }
+        }
+        if !is_exact {
+            jacobian = self.jacobian(&state, knobs)?;
         }
         self.finish(state, knobs.to_vec(), jacobian)
     }
@@ -160,15 +193,16 @@ impl Problem {
         self.finish(state, knobs, jacobian)
     }
 
-    /// One step that lowers the cost; `None` where no step does.
+    /// One step that lowers the cost, unless the best promises less than a share of `settled`.
     fn step(
         &self,
         state: &State,
         knobs: &[Knob],
         jacobian: &DMatrix<f64>,
         loss: Loss,
+        settled: f64,
         damping: &mut f64,
-    ) -> Option<State> {
+    ) -> Step {
         let (count, before) = (knobs.len(), cost(state, loss));
         let size = jacobian.ncols();
         let weights = state.weights(loss);
@@ -191,7 +225,15 @@ impl Problem {
                 let diagonal = system[(index, index)];
                 system[(index, index)] += *damping * diagonal.max(1e-9);
             }
-            let step = Cholesky::new(system).map(|factor| factor.solve(&-gradient.select_rows(&free)));
+            let downhill = -gradient.select_rows(&free);
+            let step = Cholesky::new(system).map(|factor| factor.solve(&downhill));
+            let promised = step.as_ref().map_or(0.0, |step| {
+                let bent = (curvature.select_rows(&free).select_columns(&free) * step).dot(step);
+                2.0 * downhill.dot(step) - bent
+            });
+            if *damping <= LEAST_DAMPING && promised < WORTH * settled {
+                return Step::Settled;
+            }
             let moved = step.and_then(|step| {
                 let mut all = DVector::zeros(size);
                 for (&index, value) in free.iter().zip(step.iter()) {
@@ -205,12 +247,12 @@ impl Problem {
             match moved {
                 Some(moved) if cost(&moved, loss) < before => {
                     *damping = (*damping * 0.1).max(1e-9);
-                    return Some(moved);
+                    return Step::Moved { state: Box::new(moved), promised };
                 }
                 _ => *damping *= 10.0,
             }
         }
-        None
+        Step::Settled
     }
 
     pub(super) fn jacobian(&self, state: &State, knobs: &[Knob]) -> Result<DMatrix<f64>, String> {

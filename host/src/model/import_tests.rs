@@ -171,6 +171,48 @@ fn matrices_that_no_structure_has_are_refused_by_file_and_entry() {
 }
 
 #[test]
+fn numpy_matrices_are_read_in_each_order_and_type_and_damaged_ones_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let good = DMatrix::<f64>::from_row_slice(2, 2, &[2.0, -1.0, -1.0, 2.0]);
+    fs::write(folder.path().join("m.npy"), npy(&good).unwrap()).unwrap();
+    let read = |header: &str, numbers: &[u8]| {
+        let length = u16::try_from(header.len()).unwrap().to_le_bytes();
+        let bytes = [b"\x93NUMPY\x01\0", &length[..], header.as_bytes(), numbers].concat();
+        fs::write(folder.path().join("k.npy"), bytes).unwrap();
+        ImportedMatrices::read(&files("k.npy", "m.npy", None), folder.path())
+            .map(|read| read.stiffness)
+            .map_err(|error| error.to_string())
+    };
+    let header =
+        |descr: &str, shape: &str| format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n");
+    // Not symmetric by less than rounding: which entry is which shows.
+    let numbers = [2.0, -1.0, -1.0 + 1e-9, 3.0_f64];
+    let expected = DMatrix::from_row_slice(2, 2, &[2.0, -1.0 + 0.5e-9, -1.0 + 0.5e-9, 3.0]);
+    assert_eq!(read(&header("<f8", "(2, 2)"), &numbers.map(f64::to_le_bytes).concat()), Ok(expected.clone()));
+    assert_eq!(read(&header(">f8", "(2, 2)"), &numbers.map(f64::to_be_bytes).concat()), Ok(expected));
+    let whole = DMatrix::from_row_slice(2, 2, &[2.0, -1.0, -1.0, 3.0]);
+    assert_eq!(
+        read(&header("<f4", "(2, 2)"), &[2.0, -1.0, -1.0, 3.0_f32].map(f32::to_le_bytes).concat()),
+        Ok(whole.clone())
+    );
+    assert_eq!(read(&header("|i1", "(2, 2)"), &[2, 255, 255, 3]), Ok(whole));
+
+    let nested = format!("{{'': (4,), {}  True : True\n", "{".repeat(400));
+    for (header, numbers, expected) in [
+        (nested.as_str(), 8, "no `descr`"),
+        (&header("<f8", "(2, 2)"), 31, "32 bytes of numbers announced, 31 there"),
+        (&header("<f8", "(4,)"), 32, "an array of shape [4]; a matrix has two dimensions"),
+        (&header("<f8", "(1, 1000000000000)"), 32, "1 x 1000000000000"),
+        (&header("<f8", "(1000000000000, 1000000000000)"), 32, "too large"),
+        (&header("<c16", "(2, 2)"), 64, "type `<c16`"),
+        (&header("<f8", "(0, 0)"), 0, "0 x 0"),
+    ] {
+        let message = read(header, &vec![0; numbers]).unwrap_err();
+        assert!(message.contains("k.npy") && message.contains(expected), "{message}");
+    }
+}
+
+#[test]
 fn effects_that_need_segments_say_that_matrices_have_none() {
     let folder = tempfile::tempdir().unwrap();
     let own = write_beam(folder.path(), &Uniform::default().table());

@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
 use nalgebra_sparse::io::load_coo_from_matrix_market_str;
-use npyz::{NpyFile, WriterBuilder};
+use npyz::WriterBuilder;
 use thiserror::Error;
 
 use super::layout::{LayoutError, LayoutNode, is_line, read_dofs, read_nodes};
 use super::size;
-use crate::record::MatError;
 use crate::record::mat::{read_matrix, variables};
+use crate::record::{MatError, NpyArray, RecordError};
 use crate::study::{LayoutFile, MatrixSource, MatrixTerm};
 
 /// Mass and stiffness matrices from files, and where their rows stand.
@@ -32,6 +32,9 @@ pub enum MatrixError {
     /// A MATLAB file.
     #[error(transparent)]
     Mat(#[from] MatError),
+    /// A NumPy file.
+    #[error(transparent)]
+    Npy(#[from] RecordError),
     /// A name that no file goes with.
     #[error(
         "[model] matrices: `{name}` is neither a Matrix Market file (.mtx), a NumPy file (.npy), nor a variable of a MATLAB file named by `file`"
@@ -209,24 +212,24 @@ fn read_one(
             Ok((path, matrix))
         }
         (Some("npy"), _) => {
-            let bytes = std::fs::read(&path).map_err(|error| unreadable(&path, format!("cannot be read ({error})")))?;
-            let matrix = square_npy(&bytes)
-                .map_err(|reason| unreadable(&path, format!("not a NumPy file of 64-bit numbers ({reason})")))?;
-            Ok((path, matrix))
+            let array = NpyArray::open(&path)?;
+            let lengths: Vec<_> = array.shape().iter().map(|&length| usize::try_from(length)).collect();
+            let [Ok(rows), Ok(columns)] = lengths[..] else {
+                return Err(unreadable(
+                    &path,
+                    format!("an array of shape {:?}; a matrix has two dimensions", array.shape()),
+                ));
+            };
+            check_size(rows, columns, &path, name, quantity)?;
+            Ok((path, array.read_matrix()?))
         }
         (_, Some(file)) => {
             let known = variables(file)?.into_iter().find(|variable| variable.name == name);
             let size = |length: u64| usize::try_from(length).unwrap_or(usize::MAX);
             let dimensions = known.map(|variable| variable.dimensions).unwrap_or_default();
             let rows = dimensions.first().copied().map_or(0, size);
-            // Before it is read: a long one may take more memory than any square one that is let through.
-            if let [_, columns] = dimensions[..]
-                && size(columns) != rows
-            {
-                let (file, name) = (file.to_owned(), name.to_owned());
-                return Err(MatrixError::NotSquare { file, name, quantity, rows, columns: size(columns) });
-            }
-            size::fits(rows).map_err(|why| unreadable(file, format!("`{name}` is too large: {why}")))?;
+            let columns = dimensions.get(1).copied().map_or(rows, size);
+            check_size(rows, columns, file, name, quantity)?;
             Ok((file.to_owned(), read_matrix(file, name)?))
         }
         (_, None) => Err(MatrixError::NoFile { name: name.to_owned() }),
@@ -264,27 +267,13 @@ fn check_sizes(text: &str) -> Result<(), String> {
     Ok(())
 }
 
-fn square_npy(bytes: &[u8]) -> Result<DMatrix<f64>, String> {
-    let file = NpyFile::new(bytes).map_err(|error| error.to_string())?;
-    let [rows, columns] = file.shape() else {
-        return Err(format!("{} dimensions where a matrix has 2", file.shape().len()));
-    };
-    let (rows, columns) = (*rows as usize, *columns as usize);
-    size::fits(rows).map_err(|why| why.to_string())?;
-    // The library makes room for what is announced before it reads.
-    if rows.checked_mul(columns).is_none_or(|numbers| numbers > bytes.len() / size_of::<f64>()) {
-        return Err(format!("{rows} x {columns} numbers are announced, and {} bytes are there", bytes.len()));
+/// Before a matrix is read: a long one may take more memory than any square one that is let through.
+fn check_size(rows: usize, columns: usize, file: &Path, name: &str, quantity: &'static str) -> Result<(), MatrixError> {
+    let (file, name) = (file.to_owned(), name.to_owned());
+    if rows != columns {
+        return Err(MatrixError::NotSquare { file, name, quantity, rows, columns });
     }
-    let by_column = file.order() == npyz::Order::Fortran;
-    let values: Vec<f64> = file.into_vec().map_err(|error| error.to_string())?;
-    if rows.checked_mul(columns) != Some(values.len()) {
-        return Err(format!("{} numbers where {rows} x {columns} are announced", values.len()));
-    }
-    Ok(if by_column {
-        DMatrix::from_vec(rows, columns, values)
-    } else {
-        DMatrix::from_row_slice(rows, columns, &values)
-    })
+    size::fits(rows).map_err(|why| MatrixError::Unreadable { file, reason: format!("`{name}` is too large: {why}") })
 }
 
 fn check(

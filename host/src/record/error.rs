@@ -117,14 +117,14 @@ pub enum RecordError {
     )]
     GapTooLong { position: FilePosition, previous_s: f64, time_s: f64, limit: u64 },
     #[error(
-        "{file} is cut short: {expected} bytes of samples announced, {found} there; copy the file again, or cut the shape in its header"
+        "{file} is cut short: {expected} bytes of numbers announced, {found} there; copy the file again, or cut the shape in its header"
     )]
     Truncated { file: PathBuf, expected: u64, found: u64 },
     #[error(
         "{file} holds numbers of type `{found}`: expected real numbers (f4, f8 or integers of 1 to 8 bytes); convert with numpy's astype('<f8')"
     )]
     WrongDtype { file: PathBuf, found: String },
-    #[error("{file} is not a NumPy array file: {reason}; save the recording again with numpy.save")]
+    #[error("{file} is not a NumPy array file: {reason}; save it again with numpy.save")]
     NpyHeader { file: PathBuf, reason: String },
     #[error("{file} holds an array of shape {shape}: expected rows × channels (or one channel)")]
     Shape { file: PathBuf, shape: String },

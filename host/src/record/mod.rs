@@ -32,6 +32,7 @@ use std::path::Path;
 pub use block::Block;
 pub use error::{At, FilePosition, MatError, RecordError};
 pub(crate) use files::matching_files;
+pub(crate) use npy::NpyArray;
 pub use report::{ChannelReport, Gap, RecordReport};
 pub(crate) use warning::time_of_day;
 pub use warning::{Affected, RecordWarning};

@@ -1,12 +1,14 @@
-//! NPY recordings: `rows × channels`, or one channel.
+//! NPY files: recordings of `rows × channels` or of one channel, and matrices.
 //!
 //! The format is that of NumPy Enhancement Proposal 1: a short header, a Python dictionary, that says type, order and
 //! shape, then the numbers. The header is read here and not by a library because a damaged one must not end the
 //! program: those at hand multiply the shape unchecked and follow nested brackets without a limit.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
-use std::path::Path;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use nalgebra::DMatrix;
 
 use super::array::{ArrayReader, Layout, Sample, Source};
 use super::error::{RecordError, quoted};
@@ -23,38 +25,109 @@ struct Header {
     shape: Vec<u64>,
 }
 
+/// An array in a file, of real numbers as its header describes them.
+#[derive(Debug)]
+pub(crate) struct NpyArray {
+    path: PathBuf,
+    file: File,
+    shape: Vec<u64>,
+    fortran_order: bool,
+    sample: Sample,
+    big_endian: bool,
+    /// Byte at which the numbers start.
+    offset: u64,
+    /// Bytes from there on.
+    found: u64,
+}
+
+impl NpyArray {
+    /// Reads the header of an NPY file.
+    ///
+    /// # Errors
+    /// [`RecordError`] names the file and what is wrong with its header.
+    pub(crate) fn open(path: &Path) -> Result<Self, RecordError> {
+        let file = File::open(path).map_err(RecordError::io(path))?;
+        let file_bytes = file.metadata().map_err(RecordError::io(path))?.len();
+        let damaged = |reason: String| RecordError::NpyHeader { file: path.to_owned(), reason };
+        let (text, offset) = header_text(BufReader::new(&file)).map_err(damaged)?;
+        let Header { descr, fortran_order, shape } = parse_header(&text).map_err(damaged)?;
+        let Some((sample, big_endian)) = sample_type(&descr) else {
+            return Err(RecordError::WrongDtype { file: path.to_owned(), found: descr });
+        };
+        let found = file_bytes.saturating_sub(offset);
+        Ok(Self { path: path.to_owned(), file, shape, fortran_order, sample, big_endian, offset, found })
+    }
+
+    /// Numbers along each dimension.
+    pub(crate) fn shape(&self) -> &[u64] {
+        &self.shape
+    }
+
+    /// Reads all numbers of an array of two dimensions.
+    ///
+    /// # Errors
+    /// [`RecordError`] where it has other dimensions, is cut short or cannot be read.
+    pub(crate) fn read_matrix(mut self) -> Result<DMatrix<f64>, RecordError> {
+        let (rows, columns) = match self.shape[..] {
+            [rows, columns] => usize::try_from(rows).ok().zip(usize::try_from(columns).ok()),
+            _ => None,
+        }
+        .ok_or_else(|| shape_error(&self.path, &self.shape))?;
+        let numbers = self.shape.iter().try_fold(1, |numbers: u64, &length| numbers.checked_mul(length));
+        let bytes = numbers.and_then(|numbers| numbers.checked_mul(self.sample.bytes() as u64));
+        self.check_length(bytes)?;
+        let mut raw = Vec::new();
+        let io = RecordError::io(&self.path);
+        self.file
+            .seek(SeekFrom::Start(self.offset))
+            .and_then(|_| (&self.file).take(bytes.unwrap_or_default()).read_to_end(&mut raw))
+            .map_err(io)?;
+        let values = self.sample.decode_all(&mut raw, self.big_endian);
+        if values.len() as u64 != numbers.unwrap_or_default() {
+            // Somebody has cut it since.
+            self.found = raw.len() as u64;
+            self.check_length(bytes)?;
+        }
+        Ok(if self.fortran_order {
+            DMatrix::from_vec(rows, columns, values)
+        } else {
+            DMatrix::from_row_slice(rows, columns, &values)
+        })
+    }
+
+    /// That the file has this many bytes of numbers; `None` stands for more than any file has.
+    fn check_length(&self, bytes: Option<u64>) -> Result<(), RecordError> {
+        let expected = bytes.ok_or_else(|| shape_error(&self.path, &self.shape))?;
+        if self.found < expected {
+            return Err(RecordError::Truncated { file: self.path.clone(), expected, found: self.found });
+        }
+        Ok(())
+    }
+}
+
 /// Opens an NPY file for reading row by row. Of two dimensions the longer is time (the first, where they are equal).
 pub(super) fn open(path: &Path) -> Result<ArrayReader, RecordError> {
-    let file = File::open(path).map_err(RecordError::io(path))?;
-    let file_bytes = file.metadata().map_err(RecordError::io(path))?.len();
-    if file_bytes == 0 {
+    if path.metadata().map_err(RecordError::io(path))?.len() == 0 {
         return Err(RecordError::Empty { file: path.to_owned() });
     }
-    let damaged = |reason: String| RecordError::NpyHeader { file: path.to_owned(), reason };
-    let (text, offset) = header_text(BufReader::new(&file)).map_err(damaged)?;
-    let header = parse_header(&text).map_err(damaged)?;
-    let (sample, big_endian) = sample_type(&header.descr)
-        .ok_or_else(|| RecordError::WrongDtype { file: path.to_owned(), found: header.descr.clone() })?;
-    let (first, second) = match header.shape[..] {
+    let array = NpyArray::open(path)?;
+    let (first, second) = match array.shape[..] {
         [rows] => (rows, 1),
         [first, second] => (first, second),
-        _ => return Err(shape_error(path, &header.shape)),
+        _ => return Err(shape_error(path, &array.shape)),
     };
     if first == 0 || second == 0 {
         return Err(RecordError::Empty { file: path.to_owned() });
     }
     // In C order the second index runs fastest: a row stands together if rows are the first dimension.
-    let time_first = first >= second || header.shape.len() == 1;
+    let time_first = first >= second || array.shape.len() == 1;
     let (rows, columns) = if time_first { (first, second) } else { (second, first) };
-    let columns = usize::try_from(columns).map_err(|_| shape_error(path, &header.shape))?;
-    let row_by_row = time_first != header.fortran_order;
+    let columns = usize::try_from(columns).map_err(|_| shape_error(path, &array.shape))?;
+    let row_by_row = time_first != array.fortran_order;
+    let NpyArray { offset, sample, big_endian, .. } = array;
     let layout = Layout { offset, sample, big_endian, rows, columns, row_by_row };
-    let expected = layout.bytes().ok_or_else(|| shape_error(path, &header.shape))?;
-    let found = file_bytes.saturating_sub(offset);
-    if found < expected {
-        return Err(RecordError::Truncated { file: path.to_owned(), expected, found });
-    }
-    Ok(ArrayReader::new(path.to_owned(), Source::File(file), layout))
+    array.check_length(layout.bytes())?;
+    Ok(ArrayReader::new(path.to_owned(), Source::File(array.file), layout))
 }
 
 fn shape_error(path: &Path, shape: &[u64]) -> RecordError {
