@@ -119,6 +119,10 @@ impl Archive {
     }
 
     fn connect(file: PathBuf, flags: OpenFlags, lock: Option<File>) -> Result<Self, ArchiveError> {
+        // SQLite waits for ever for somebody to write into a pipe.
+        if std::fs::metadata(&file).is_ok_and(|metadata| !metadata.is_file()) {
+            return Err(ArchiveError::NotAnArchive { file });
+        }
         let connection = Connection::open_with_flags(&file, flags)
             .and_then(|connection| connection.busy_timeout(BUSY).map(|()| connection))
             .map_err(|why| ArchiveError::Database { file: file.clone(), why })?;

@@ -247,6 +247,9 @@ fn run_export(arguments: &Export, console: &Console) -> anyhow::Result<()> {
     if real(output).is_some_and(|output| Some(output) == real(archive.file())) {
         bail!("{} is the archive itself: name another file", output.display());
     }
+    if ending == "sqlite" {
+        refuse_taken(output)?;
+    }
     let extract = match ending.as_str() {
         "sqlite" => archive.extract_archive(&range, output)?,
         "csv" => archive.extract_csv(&range, output)?,
@@ -257,6 +260,16 @@ fn run_export(arguments: &Export, console: &Console) -> anyhow::Result<()> {
     }
     console.json(&Exported { file: output, windows: extract.windows, damages: &extract.damages })?;
     console.say(format!("{}: {} windows of nodes", output.display(), extract.windows));
+    Ok(())
+}
+
+/// That nothing stands where an archive would be written: it may be the only copy of another study's windows. A log that a killed program has
+/// left beside it would be taken for the new one's.
+fn refuse_taken(output: &Path) -> anyhow::Result<()> {
+    let log = PathBuf::from(format!("{}-wal", output.display()));
+    if let Some(taken) = [output, &log].into_iter().find(|file| file.symlink_metadata().is_ok()) {
+        bail!("{} is there already: name another file, or move it away", taken.display());
+    }
     Ok(())
 }
 

@@ -48,7 +48,7 @@ use crate::progress::{OnProgress, Progress};
 
 pub use range::RangeArguments;
 pub use route::RouteArguments;
-pub(crate) use text::{in_shell, p_is};
+pub(crate) use text::{in_shell, p_is, printable};
 
 /// A variable of the environment: where it is set, progress is told on standard error as JSON objects, a line each, instead of bars.
 pub(crate) const PROGRESS_LINES: &str = "BELFRY_PROGRESS_LINES";

@@ -11,7 +11,7 @@ use super::interrupt::leave_nothing_unfinished;
 use super::text::{in_shell, next_lines};
 use crate::files::write_whole;
 use crate::model::effect::Effect;
-use crate::model::{BeamTable, Structure};
+use crate::model::{Structure, read_beam};
 use crate::simulate::{Options, PlannedRecording, Simulation, Truth, adopt, plan, scattered};
 use crate::study::{ModelSource, Study};
 
@@ -128,7 +128,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if study.model.as_ref().is_some_and(|model| !model.effects.is_empty()) {
         console.warn("the [[model.effect]] of study.toml are not in the simulated structure; name them with --effect");
     }
-    let mut beam = BeamTable::read(&beam_file)?;
+    let mut beam = read_beam(&beam_file)?;
     if arguments.scatter > 0.0 {
         let model = study.model.as_ref().filter(|model| model.background_stiffness.or(model.background_mass).is_some());
         let model = model.context("--scatter needs background_stiffness or background_mass in [model]")?;

@@ -104,7 +104,11 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
     Ok(LoadedModel { body, effects, customs })
 }
 
-fn read_beam(file: &Path) -> Result<BeamTable, ModelError> {
+/// Reads a beam table whose model fits into the memory.
+///
+/// # Errors
+/// [`ModelError`] names the file, and its line or how many segments are too many.
+pub fn read_beam(file: &Path) -> Result<BeamTable, ModelError> {
     let table = BeamTable::read(file)?;
     let segments = table.segments().len();
     let too_many = |why| ModelError::TooManySegments { file: file.to_owned(), segments, why };

@@ -49,7 +49,7 @@ pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use element::Compression;
 pub use joint::Element;
 pub use layout::{LayoutError, LayoutNode, dof_of_row, dofs_csv};
-pub use load::{LoadedModel, ModelError, load};
+pub use load::{LoadedModel, ModelError, load, read_beam};
 pub use matrices::{ImportedMatrices, MatrixError, matrix_market, npy};
 pub use response::Responses;
 pub use sensing::{Sensing, SensorChange, phases_rad};

@@ -9,6 +9,7 @@ use base64::engine::general_purpose::STANDARD;
 use include_dir::{Dir, include_dir};
 
 use crate::colour;
+use crate::command::printable;
 
 static FRONT_END: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/page");
 /// The frame, whose parts between `<!--name-->` and `<!--/name-->` are replaced.
@@ -214,7 +215,7 @@ fn with_part(page: &str, name: &str, text: &str) -> String {
 }
 
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    printable(text).replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
@@ -223,8 +224,10 @@ mod tests {
 
     #[test]
     fn a_report_holds_every_module_and_asks_for_nothing() {
-        let page = report("Tower <1>", "{\"name\": \"</script><script>alert(1)</script>\"}");
-        assert!(page.contains("<title>Tower &lt;1&gt;</title>") && !page.contains("alert(1)</script>"));
+        let page = report("Tower <1>\u{1b}[2J\u{202e}", "{\"name\": \"</script><script>alert(1)</script>\"}");
+        assert!(
+            page.contains("<title>Tower &lt;1&gt;\\u{1b}[2J\\u{202e}</title>") && !page.contains("alert(1)</script>")
+        );
         for part in ["style", "modules", "start", "data"] {
             assert!(!page.contains(&format!("<!--{part}-->")), "{part} has its place in the frame");
         }

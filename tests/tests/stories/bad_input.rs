@@ -440,10 +440,12 @@ fn a_model_that_does_not_fit_into_memory_is_refused_with_what_it_would_take() {
             writeln!(table, "{n},{},1e12,1e12,0,1e10,1e12,1e4,1e5,1e5,1e5", n + 1).unwrap();
         }
         fs::write(folder.path().join("beam.csv"), table).unwrap();
-        let (status, said) = within_memory(kilobytes, &["compare", path]);
-        assert_eq!(status, 1, "{said}");
-        for part in ["beam.csv", &format!("{segments} segments"), takes, "GB are free", "join segments"] {
-            assert!(said.contains(part), "no {part:?} in: {said}");
+        for command in ["compare", "simulate"] {
+            let (status, said) = within_memory(kilobytes, &[command, path]);
+            assert_eq!(status, 1, "{command}: {said}");
+            for part in ["beam.csv", &format!("{segments} segments"), takes, "GB are free", "join segments"] {
+                assert!(said.contains(part), "{command}: no {part:?} in: {said}");
+            }
         }
     }
     // A sparse matrix of 11 000 rows without an entry: 44 KB.

@@ -34,6 +34,17 @@ fn a_window_that_is_not_as_it_was_written_is_left_out_and_named() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn a_pipe_in_the_place_of_an_archive_is_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let made = std::process::Command::new("mkfifo").arg(folder.path().join(ARCHIVE_FILE)).status().unwrap();
+    assert!(made.success());
+    assert!(matches!(Archive::open(folder.path()), Err(ArchiveError::NotAnArchive { .. })));
+    assert!(matches!(Archive::check(folder.path()), Err(ArchiveError::NotAnArchive { .. })));
+    assert!(matches!(Archive::create(folder.path()), Err(ArchiveError::NotAnArchive { .. })));
+}
+
 #[test]
 fn a_window_that_is_gone_is_missed() {
     let read = damaged_by("DELETE FROM channel WHERE window = 3; DELETE FROM window WHERE id = 3");

@@ -92,7 +92,12 @@ fn an_archive_is_analysed_in_part_checked_repaired_and_taken_elsewhere() {
     let elsewhere = folder_in_memory();
     fs::copy(folder.join("study.toml"), elsewhere.path().join("study.toml")).unwrap();
     let output = elsewhere.path().join("archive.sqlite");
-    said(&belfry(&["archive", "export", study, "--last", "30s", "--output", output.to_str().unwrap()]), true);
+    let export = ["archive", "export", study, "--last", "30s", "--output", output.to_str().unwrap()];
+    said(&belfry(&export), true);
+    let written = fs::read(&output).unwrap();
+    let refused = said(&belfry(&export), false);
+    assert!(refused.contains("archive.sqlite is there already"), "{refused}");
+    assert_eq!(fs::read(&output).unwrap(), written);
     let (there, _) = modes(elsewhere.path().to_str().unwrap(), &[]);
     assert_eq!((averages(&there), &there["modes"]), (averages(&part), &part["modes"]));
 }
