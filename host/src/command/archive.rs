@@ -247,11 +247,11 @@ fn run_export(arguments: &Export, console: &Console) -> anyhow::Result<()> {
     if real(output).is_some_and(|output| Some(output) == real(archive.file())) {
         bail!("{} is the archive itself: name another file", output.display());
     }
-    if ending == "sqlite" {
-        refuse_taken(output)?;
-    }
     let extract = match ending.as_str() {
-        "sqlite" => archive.extract_archive(&range, output)?,
+        "sqlite" => {
+            refuse_taken(output)?;
+            archive.extract_archive(&range, output)?
+        }
         "csv" => archive.extract_csv(&range, output)?,
         _ => bail!("--output {}: expected a file that ends in .sqlite or .csv", output.display()),
     };

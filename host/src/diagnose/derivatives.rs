@@ -105,23 +105,20 @@ impl State {
     /// Derivatives at this state from those at another one near by: what a step from there has shown of them is put right (Broyden 1965,
     /// "A Class of Methods for Solving Nonlinear Simultaneous Equations", eq. 4.5). `None` where the two compare other modes.
     pub(super) fn carry(&self, from: &State, knobs: &[Knob], jacobian: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-        let mut carried = jacobian.clone().insert_column(jacobian.ncols(), 0.0);
-        carried.column_mut(jacobian.ncols()).copy_from(&from.differences());
-        self.turn(from, &mut carried)?;
-        let before = carried.column(jacobian.ncols()).into_owned();
-        let mut carried = carried.remove_column(jacobian.ncols());
+        let before = self.turned(from, DMatrix::from_columns(&[from.differences()]))?;
+        let mut carried = self.turned(from, jacobian.clone())?;
         let of_knob = |knob: &Knob| (self.value(knob) - from.value(knob)) / knob.scale;
         let of_knobs = DVector::from_iterator(knobs.len(), knobs.iter().map(of_knob));
         let mut step = of_knobs.resize_vertically(jacobian.ncols(), 0.0);
         step.rows_mut(knobs.len(), self.numbers.len()).copy_from(&(&self.numbers - &from.numbers));
-        let unforeseen = self.differences() - before - &carried * &step;
+        let unforeseen = self.differences() - before.column(0) - &carried * &step;
         carried.ger(step.norm_squared().recip(), &unforeseen, &step, 1.0);
         carried.iter().all(|value| value.is_finite()).then_some(carried)
     }
 
-    /// Brings differences (rows) of another state into the directions and the standard deviations of this one; `None` where the two compare
-    /// other modes.
-    fn turn(&self, from: &State, differences: &mut DMatrix<f64>) -> Option<()> {
+    /// Differences (rows) of another state, in the directions and the standard deviations of this one; `None` where the two compare other
+    /// modes.
+    fn turned(&self, from: &State, mut differences: DMatrix<f64>) -> Option<DMatrix<f64>> {
         if self.size() != from.size() {
             return None;
         }
@@ -140,6 +137,6 @@ impl State {
                 differences.rows_mut(first, own.size()).copy_from(&part);
             }
         }
-        Some(())
+        Some(differences)
     }
 }

@@ -80,8 +80,8 @@ const KEPT: f64 = 0.5;
 
 /// Where a step of a fit leads.
 enum Step {
-    /// To a lower cost, by how much where differences were linear.
-    Moved { state: Box<State>, promised: f64 },
+    /// To a cost that is lower by `gain`, by `promised` where differences were linear; a step that gains less than `settled` is the last.
+    Moved { state: Box<State>, gain: f64, promised: f64, settled: f64 },
     /// Nowhere that is better by what is worth it.
     Settled,
 }
@@ -111,14 +111,8 @@ impl Problem {
         for &loss in losses {
             let mut damping = LEAST_DAMPING;
             for _ in 0..MOST_ITERATIONS {
-                let before = cost(&state, loss);
-                let settled = match loss {
-                    Loss::Squares => NEAR_SHARE * before,
-                    Loss::Robust => SETTLED.max(SETTLED_SHARE * before),
-                };
-                let (is_last, carried) = match self.step(&state, knobs, &jacobian, loss, settled, &mut damping) {
-                    Step::Moved { state: moved, promised } => {
-                        let gain = before - cost(&moved, loss);
+                let (is_last, carried) = match self.step(&state, knobs, &jacobian, loss, &mut damping) {
+                    Step::Moved { state: moved, gain, promised, settled } => {
                         let is_close = gain > KEPT * promised && gain > settled;
                         let carried = if is_close { moved.carry(&state, knobs, &jacobian) } else { None };
                         let is_last = gain < settled && is_exact;
@@ -193,18 +187,14 @@ impl Problem {
         self.finish(state, knobs, jacobian)
     }
 
-    /// One step that lowers the cost, unless the best promises less than a share of `settled`.
-    fn step(
-        &self,
-        state: &State,
-        knobs: &[Knob],
-        jacobian: &DMatrix<f64>,
-        loss: Loss,
-        settled: f64,
-        damping: &mut f64,
-    ) -> Step {
-        let (count, before) = (knobs.len(), cost(state, loss));
-        let size = jacobian.ncols();
+    /// One step that lowers the cost, unless the best promises too little to be worth it.
+    fn step(&self, state: &State, knobs: &[Knob], jacobian: &DMatrix<f64>, loss: Loss, damping: &mut f64) -> Step {
+        let (count, size) = (knobs.len(), jacobian.ncols());
+        let before = cost(state, loss);
+        let settled = match loss {
+            Loss::Squares => NEAR_SHARE * before,
+            Loss::Robust => SETTLED.max(SETTLED_SHARE * before),
+        };
         let weights = state.weights(loss);
         let weighted = weighted(jacobian, &weights);
         let mut gradient = weighted.tr_mul(&state.differences().component_mul(&weights));
@@ -219,18 +209,15 @@ impl Problem {
             (outwards(knob.bounds[0], -1.0) || outwards(knob.bounds[1], 1.0)).then_some(())
         };
         let free: Vec<usize> = (0..size).filter(|&index| frozen(index).is_none()).collect();
+        let (curvature, downhill) = (curvature.select_rows(&free).select_columns(&free), -gradient.select_rows(&free));
         while *damping < MOST_DAMPING {
-            let mut system = curvature.select_rows(&free).select_columns(&free);
+            let mut system = curvature.clone();
             for index in 0..free.len() {
                 let diagonal = system[(index, index)];
                 system[(index, index)] += *damping * diagonal.max(1e-9);
             }
-            let downhill = -gradient.select_rows(&free);
             let step = Cholesky::new(system).map(|factor| factor.solve(&downhill));
-            let promised = step.as_ref().map_or(0.0, |step| {
-                let bent = (curvature.select_rows(&free).select_columns(&free) * step).dot(step);
-                2.0 * downhill.dot(step) - bent
-            });
+            let promised = step.as_ref().map_or(0.0, |step| 2.0 * downhill.dot(step) - (&curvature * step).dot(step));
             if *damping <= LEAST_DAMPING && promised < WORTH * settled {
                 return Step::Settled;
             }
@@ -244,13 +231,14 @@ impl Problem {
                 let numbers = &state.numbers + all.rows(count, size - count);
                 self.state(with_values(&state.effects, knobs, &values), numbers, Some(state)).ok()
             });
-            match moved {
-                Some(moved) if cost(&moved, loss) < before => {
+            if let Some(moved) = moved {
+                let gain = before - cost(&moved, loss);
+                if gain > 0.0 {
                     *damping = (*damping * 0.1).max(1e-9);
-                    return Step::Moved { state: Box::new(moved), promised };
+                    return Step::Moved { state: Box::new(moved), gain, promised, settled };
                 }
-                _ => *damping *= 10.0,
             }
+            *damping *= 10.0;
         }
         Step::Settled
     }

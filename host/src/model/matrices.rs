@@ -197,6 +197,7 @@ fn read_one(
     folder: &Path,
 ) -> Result<(PathBuf, DMatrix<f64>), MatrixError> {
     let unreadable = |path: &Path, reason: String| MatrixError::Unreadable { file: path.to_owned(), reason };
+    let size = |length: u64| usize::try_from(length).unwrap_or(usize::MAX);
     let path = folder.join(name);
     match (Path::new(name).extension().and_then(|extension| extension.to_str()), file) {
         (Some("mtx"), _) => {
@@ -213,19 +214,15 @@ fn read_one(
         }
         (Some("npy"), _) => {
             let array = NpyArray::open(&path)?;
-            let lengths: Vec<_> = array.shape().iter().map(|&length| usize::try_from(length)).collect();
-            let [Ok(rows), Ok(columns)] = lengths[..] else {
-                return Err(unreadable(
-                    &path,
-                    format!("an array of shape {:?}; a matrix has two dimensions", array.shape()),
-                ));
+            let &[rows, columns] = array.shape() else {
+                let shape = array.shape();
+                return Err(unreadable(&path, format!("an array of shape {shape:?}; a matrix has two dimensions")));
             };
-            check_size(rows, columns, &path, name, quantity)?;
+            check_size(size(rows), size(columns), &path, name, quantity)?;
             Ok((path, array.read_matrix()?))
         }
         (_, Some(file)) => {
             let known = variables(file)?.into_iter().find(|variable| variable.name == name);
-            let size = |length: u64| usize::try_from(length).unwrap_or(usize::MAX);
             let dimensions = known.map(|variable| variable.dimensions).unwrap_or_default();
             let rows = dimensions.first().copied().map_or(0, size);
             let columns = dimensions.get(1).copied().map_or(rows, size);

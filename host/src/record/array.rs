@@ -4,6 +4,8 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::PathBuf;
 
+use nalgebra::DMatrix;
+
 use super::columns::Selection;
 use super::error::{FilePosition, RecordError};
 use super::row_reader::{Progress, RowReader, Rows};
@@ -173,6 +175,19 @@ impl ArrayReader {
 
     pub(super) fn columns(&self) -> usize {
         self.layout.columns
+    }
+
+    /// Reads all numbers at once.
+    pub(super) fn read_matrix(mut self) -> Result<DMatrix<f64>, RecordError> {
+        let Layout { rows, columns, sample, row_by_row, .. } = self.layout;
+        let rows = usize::try_from(rows).unwrap_or(usize::MAX);
+        self.fetch(0, rows.saturating_mul(columns))?;
+        let values = sample.decode_all(&mut self.raw, false);
+        Ok(if row_by_row {
+            DMatrix::from_row_slice(rows, columns, &values)
+        } else {
+            DMatrix::from_vec(rows, columns, values)
+        })
     }
 
     /// Fetches `count` numbers from the `first` on, little-endian, into `raw`.

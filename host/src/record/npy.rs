@@ -5,7 +5,7 @@
 //! program: those at hand multiply the shape unchecked and follow nested brackets without a limit.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
@@ -30,8 +30,7 @@ struct Header {
 pub(crate) struct NpyArray {
     path: PathBuf,
     file: File,
-    shape: Vec<u64>,
-    fortran_order: bool,
+    header: Header,
     sample: Sample,
     big_endian: bool,
     /// Byte at which the numbers start.
@@ -50,58 +49,39 @@ impl NpyArray {
         let file_bytes = file.metadata().map_err(RecordError::io(path))?.len();
         let damaged = |reason: String| RecordError::NpyHeader { file: path.to_owned(), reason };
         let (text, offset) = header_text(BufReader::new(&file)).map_err(damaged)?;
-        let Header { descr, fortran_order, shape } = parse_header(&text).map_err(damaged)?;
-        let Some((sample, big_endian)) = sample_type(&descr) else {
-            return Err(RecordError::WrongDtype { file: path.to_owned(), found: descr });
-        };
+        let header = parse_header(&text).map_err(damaged)?;
+        let (sample, big_endian) = sample_type(&header.descr)
+            .ok_or_else(|| RecordError::WrongDtype { file: path.to_owned(), found: header.descr.clone() })?;
         let found = file_bytes.saturating_sub(offset);
-        Ok(Self { path: path.to_owned(), file, shape, fortran_order, sample, big_endian, offset, found })
+        Ok(Self { path: path.to_owned(), file, header, sample, big_endian, offset, found })
     }
 
     /// Numbers along each dimension.
     pub(crate) fn shape(&self) -> &[u64] {
-        &self.shape
+        &self.header.shape
     }
 
     /// Reads all numbers of an array of two dimensions.
     ///
     /// # Errors
     /// [`RecordError`] where it has other dimensions, is cut short or cannot be read.
-    pub(crate) fn read_matrix(mut self) -> Result<DMatrix<f64>, RecordError> {
-        let (rows, columns) = match self.shape[..] {
-            [rows, columns] => usize::try_from(rows).ok().zip(usize::try_from(columns).ok()),
-            _ => None,
-        }
-        .ok_or_else(|| shape_error(&self.path, &self.shape))?;
-        let numbers = self.shape.iter().try_fold(1, |numbers: u64, &length| numbers.checked_mul(length));
-        let bytes = numbers.and_then(|numbers| numbers.checked_mul(self.sample.bytes() as u64));
-        self.check_length(bytes)?;
-        let mut raw = Vec::new();
-        let io = RecordError::io(&self.path);
-        self.file
-            .seek(SeekFrom::Start(self.offset))
-            .and_then(|_| (&self.file).take(bytes.unwrap_or_default()).read_to_end(&mut raw))
-            .map_err(io)?;
-        let values = self.sample.decode_all(&mut raw, self.big_endian);
-        if values.len() as u64 != numbers.unwrap_or_default() {
-            // Somebody has cut it since.
-            self.found = raw.len() as u64;
-            self.check_length(bytes)?;
-        }
-        Ok(if self.fortran_order {
-            DMatrix::from_vec(rows, columns, values)
-        } else {
-            DMatrix::from_row_slice(rows, columns, &values)
-        })
+    pub(crate) fn read_matrix(self) -> Result<DMatrix<f64>, RecordError> {
+        let [rows, columns] = self.header.shape[..] else { return Err(shape_error(&self.path, self.shape())) };
+        let row_by_row = !self.header.fortran_order;
+        self.reader(rows, columns, row_by_row)?.read_matrix()
     }
 
-    /// That the file has this many bytes of numbers; `None` stands for more than any file has.
-    fn check_length(&self, bytes: Option<u64>) -> Result<(), RecordError> {
-        let expected = bytes.ok_or_else(|| shape_error(&self.path, &self.shape))?;
-        if self.found < expected {
-            return Err(RecordError::Truncated { file: self.path.clone(), expected, found: self.found });
+    /// A reader of the numbers as `rows × columns`.
+    fn reader(self, rows: u64, columns: u64, row_by_row: bool) -> Result<ArrayReader, RecordError> {
+        let Self { path, file, header, sample, big_endian, offset, found } = self;
+        let wrong_shape = || shape_error(&path, &header.shape);
+        let columns = usize::try_from(columns).map_err(|_| wrong_shape())?;
+        let layout = Layout { offset, sample, big_endian, rows, columns, row_by_row };
+        let expected = layout.bytes().ok_or_else(wrong_shape)?;
+        if found < expected {
+            return Err(RecordError::Truncated { file: path, expected, found });
         }
-        Ok(())
+        Ok(ArrayReader::new(path, Source::File(file), layout))
     }
 }
 
@@ -111,23 +91,19 @@ pub(super) fn open(path: &Path) -> Result<ArrayReader, RecordError> {
         return Err(RecordError::Empty { file: path.to_owned() });
     }
     let array = NpyArray::open(path)?;
-    let (first, second) = match array.shape[..] {
+    let (first, second) = match array.header.shape[..] {
         [rows] => (rows, 1),
         [first, second] => (first, second),
-        _ => return Err(shape_error(path, &array.shape)),
+        _ => return Err(shape_error(path, array.shape())),
     };
     if first == 0 || second == 0 {
         return Err(RecordError::Empty { file: path.to_owned() });
     }
     // In C order the second index runs fastest: a row stands together if rows are the first dimension.
-    let time_first = first >= second || array.shape.len() == 1;
+    let time_first = first >= second || array.shape().len() == 1;
     let (rows, columns) = if time_first { (first, second) } else { (second, first) };
-    let columns = usize::try_from(columns).map_err(|_| shape_error(path, &array.shape))?;
-    let row_by_row = time_first != array.fortran_order;
-    let NpyArray { offset, sample, big_endian, .. } = array;
-    let layout = Layout { offset, sample, big_endian, rows, columns, row_by_row };
-    array.check_length(layout.bytes())?;
-    Ok(ArrayReader::new(path.to_owned(), Source::File(array.file), layout))
+    let row_by_row = time_first != array.header.fortran_order;
+    array.reader(rows, columns, row_by_row)
 }
 
 fn shape_error(path: &Path, shape: &[u64]) -> RecordError {
