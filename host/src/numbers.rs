@@ -15,6 +15,11 @@ pub(crate) fn signed(value: f64, digits: usize) -> String {
     if value > 0.0 && text.bytes().any(|byte| matches!(byte, b'1'..=b'9')) { format!("+{text}") } else { text }
 }
 
+/// "1 window", "3 windows", "0 windows".
+pub(crate) fn counted(count: u64, one: &str) -> String {
+    format!("{count} {one}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Three digits, with an exponent where the number is far from 1.
 pub(crate) fn short(value: f64) -> String {
     if value == 0.0 {

@@ -10,7 +10,7 @@ use super::checksum::{Checksum, Kind, Tally, hour_start_us};
 use super::damage::Damage;
 use super::error::is_damage;
 use super::heads::Survey;
-use super::loss::ListedLoss;
+use super::loss::{DamagedHour, ListedLoss};
 use super::{ARCHIVE_FILE, Archive, ArchiveError};
 
 /// What SQLite says of a file's structure is cut off after so many lines.
@@ -33,6 +33,8 @@ pub struct CheckReport {
     pub structure: Vec<String>,
     /// Windows that no longer exist anywhere. That is no damage of the archive.
     pub lost: Vec<ListedLoss>,
+    /// What repairs could not save of an hour: those of it whose numbers are known are in `lost` as well.
+    pub lost_in_repairs: Vec<DamagedHour>,
     /// Whether nothing is wrong.
     pub is_sound: bool,
 }
@@ -43,7 +45,7 @@ impl Archive {
     /// # Errors
     /// Where there is none, it cannot be opened, or is no archive. What is damaged is no error.
     pub fn check(folder: &Path) -> Result<CheckReport, ArchiveError> {
-        let absent = || ArchiveError::Absent { file: folder.join(ARCHIVE_FILE) };
+        let absent = || ArchiveError::absent(folder.join(ARCHIVE_FILE));
         let archive = Self::open_any(folder)?.ok_or_else(absent)?;
         let failed = |source| archive.failed(source);
         archive.connection.execute_batch("BEGIN").map_err(failed)?;
@@ -55,10 +57,21 @@ impl Archive {
         };
         // Where that table is damaged, it has been said.
         let lost = if version < 3 { Vec::new() } else { archive.losses().unwrap_or_default() };
+        let lost_in_repairs = if version < 2 { Vec::new() } else { archive.damaged_hours().unwrap_or_default() };
         let is_sound = damages.is_empty() && structure.is_empty();
         let bytes = std::fs::metadata(&archive.file).map_or(0, |metadata| metadata.len());
         let file = archive.file.clone();
-        Ok(CheckReport { archive: file, version, bytes, sound_windows, damages, structure, lost, is_sound })
+        Ok(CheckReport {
+            archive: file,
+            version,
+            bytes,
+            sound_windows,
+            damages,
+            structure,
+            lost,
+            lost_in_repairs,
+            is_sound,
+        })
     }
 
     /// What SQLite finds wrong with the file.

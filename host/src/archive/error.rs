@@ -62,8 +62,18 @@ pub enum ArchiveError {
         /// What SQLite says.
         why: rusqlite::Error,
     },
+    /// Its end is missing.
+    #[error("the archive {file} has been cut: {has} of its {of} pages are there. `belfry archive repair` saves what is on them", file = .file.display())]
+    Cut {
+        /// The archive.
+        file: PathBuf,
+        /// Pages that the file has.
+        has: u64,
+        /// Pages that it should have.
+        of: u64,
+    },
     /// No row of it can be found.
-    #[error("nothing of the archive {file} can be saved", file = .file.display())]
+    #[error("nothing of the archive {file} can be saved: move it away, or put a copy in its place", file = .file.display())]
     NothingSaved {
         /// The archive.
         file: PathBuf,
@@ -86,6 +96,12 @@ pub enum ArchiveError {
         /// The archive.
         file: PathBuf,
     },
+    /// It has no content.
+    #[error("{file} is there and has 0 bytes: either nothing has been collected yet, or what it had is lost, as on a full disk or by a copy that broke off", file = .file.display())]
+    Empty {
+        /// The archive.
+        file: PathBuf,
+    },
     /// There is none.
     #[error("there is no {file}: no node has been collected from", file = .file.display())]
     Absent {
@@ -103,12 +119,29 @@ pub enum ArchiveError {
 }
 
 impl ArchiveError {
+    /// Why there is nothing in an archive that nobody has made yet.
+    pub(crate) fn absent(file: PathBuf) -> Self {
+        if file.exists() { Self::Empty { file } } else { Self::Absent { file } }
+    }
+
     /// What the database says, where it refuses.
     fn code(&self) -> Option<ErrorCode> {
         match self {
             Self::Database { why, .. } => why.sqlite_error_code(),
             _ => None,
         }
+    }
+
+    /// Whether there is nothing to go by in the file.
+    pub(super) fn is_beyond_repair(&self) -> bool {
+        matches!(
+            self,
+            Self::Unopenable { .. }
+                | Self::Cut { .. }
+                | Self::NotAnArchive { .. }
+                | Self::NothingSaved { .. }
+                | Self::Damaged { .. }
+        )
     }
 
     /// Whether another program writes or repairs, or the disk is full: that passes, also for an archive that is still to be opened.

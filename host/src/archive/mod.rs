@@ -35,7 +35,7 @@ pub(crate) use damage::in_words as damage_in_words;
 pub use error::ArchiveError;
 pub use extract::Extract;
 pub use health::NodeHealth;
-pub use loss::ListedLoss;
+pub use loss::{DamagedHour, ListedLoss};
 pub use prune::{PruneReport, PrunedNode};
 pub(crate) use range::moment;
 pub use range::{TimeRange, parse_moment};
@@ -216,8 +216,10 @@ impl Archive {
 
     /// Why what every use begins with has failed.
     fn unopened(&self, why: rusqlite::Error) -> ArchiveError {
-        match why.sqlite_error_code() {
-            Some(ErrorCode::DatabaseCorrupt) => ArchiveError::Unopenable { file: self.file.clone(), why },
+        let file = self.file.clone();
+        match (why.sqlite_error_code(), repair::cut(&file)) {
+            (Some(ErrorCode::DatabaseCorrupt), Some([has, of])) => ArchiveError::Cut { file, has, of },
+            (Some(ErrorCode::DatabaseCorrupt), None) => ArchiveError::Unopenable { file, why },
             _ => self.failed(why),
         }
     }

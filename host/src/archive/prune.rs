@@ -87,8 +87,8 @@ impl Archive {
             }
             // Windows of whole hours before that may be gone by damage; nobody misses them any more.
             self.connection.execute(
-                "DELETE FROM tally WHERE kind = ?1 AND hour < ?2",
-                params![Kind::Window.name(), hour_of(found.before_us)],
+                "DELETE FROM tally WHERE kind IN ('window', 'damaged') AND hour < ?1",
+                [hour_of(found.before_us)],
             )?;
             // Where pages are given back at all: an archive that was begun by an earlier version keeps them for new windows.
             let mut vacuum = self.connection.prepare("PRAGMA incremental_vacuum")?;

@@ -1,11 +1,13 @@
 //! Repair: what can be saved goes into a new archive, which takes the place of the damaged one. That stays under another name.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind, Read, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+use belfry_shared::message::MAX_CHANNELS;
 use belfry_shared::time::HostTime;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OpenFlags};
@@ -14,10 +16,18 @@ use serde::Serialize;
 use super::check::lost_in;
 use super::checksum::{CHANNEL_COLUMNS, Kind, WINDOW_COLUMNS, hour_of, seal, seal_window};
 use super::damage::Damage;
-use super::loss::list_damaged;
+use super::loss::{DamagedHour, list_damaged, remember};
 use super::mend::Values;
 use super::{ARCHIVE_FILE, Archive, ArchiveError, PAGE_BYTES, VERSION, lock_file};
 use crate::files::{UNFINISHED_SUFFIX, sync_folder};
+
+/// Where the first page says how large pages are, how often the file was changed, how many pages it has, which of them are free, and at which of
+/// the changes they were counted.
+const PAGE_SIZE: Range<usize> = 16..18;
+const CHANGES: Range<usize> = 24..28;
+const PAGES: Range<usize> = 28..32;
+const FREE: Range<usize> = 32..40;
+const COUNTED_AT: Range<usize> = 92..96;
 
 /// What a repair has done.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -43,8 +53,8 @@ impl Archive {
     /// it was.
     pub fn repair(folder: &Path) -> Result<RepairReport, ArchiveError> {
         let file = folder.join(ARCHIVE_FILE);
-        if !file.exists() {
-            return Err(ArchiveError::Absent { file });
+        if !file.exists() || fs::metadata(&file).is_ok_and(|metadata| metadata.len() == 0) {
+            return Err(ArchiveError::absent(file));
         }
         let lock = lock_file(folder)?;
         // Some network file systems know no locks.
@@ -52,6 +62,14 @@ impl Archive {
             return Err(ArchiveError::InUse { file });
         }
         let checked = match Self::check(folder) {
+            // The first page says how many there are.
+            Err(error @ ArchiveError::Cut { .. }) => {
+                let page = first_page(&file).map_err(|source| ArchiveError::Write { file, source })?;
+                return match Self::repair_with_page(folder, page) {
+                    Err(without) if without.is_beyond_repair() => Self::repair_first_page(folder, error),
+                    repaired => repaired,
+                };
+            }
             Err(error @ (ArchiveError::Unopenable { .. } | ArchiveError::NotAnArchive { .. })) => {
                 return Self::repair_first_page(folder, error);
             }
@@ -74,12 +92,23 @@ impl Archive {
     /// Repairs an archive whose first page is damaged, so that it does not open, or not as an archive. That page says where its tables begin. They begin where those of any archive do that
     /// was made with these tables: the first page of a fresh one takes its place in a copy, and checksums show whether that was right.
     fn repair_first_page(folder: &Path, unopenable: ArchiveError) -> Result<RepairReport, ArchiveError> {
+        match Self::repair_with_page(folder, fresh_first_page(folder)?) {
+            // The tables began elsewhere.
+            Err(error) if error.is_beyond_repair() => Err(match unopenable {
+                other @ ArchiveError::NotAnArchive { .. } => other,
+                _ => ArchiveError::NothingSaved { file: folder.join(ARCHIVE_FILE) },
+            }),
+            repaired => repaired,
+        }
+    }
+
+    /// Repairs an archive in a copy that gets another first page.
+    fn repair_with_page(folder: &Path, page: Vec<u8>) -> Result<RepairReport, ArchiveError> {
         let file = folder.join(ARCHIVE_FILE);
         let copy = folder.join(format!(".belfry-copy-{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"));
         let failed = |source| ArchiveError::Write { file: copy.clone(), source };
         remove(&copy)?;
-        let with_page = fresh_first_page(folder)?.and_then(|page| {
-            fs::copy(&file, &copy)?;
+        let with_page = fs::copy(&file, &copy).and_then(|_| {
             // What a collector that was killed has left in its log is on no page yet.
             let log = |path: &Path| PathBuf::from(format!("{}-wal", path.display()));
             match fs::copy(log(&file), log(&copy)) {
@@ -94,13 +123,7 @@ impl Archive {
         };
         // What has failed before is what counts.
         let removed = remove(&copy);
-        match repaired {
-            // The tables began elsewhere.
-            Err(ArchiveError::Unopenable { .. } | ArchiveError::NothingSaved { .. } | ArchiveError::Damaged { .. }) => {
-                Err(unopenable)
-            }
-            repaired => repaired.and_then(|repaired| removed.map(|()| repaired)),
-        }
+        repaired.and_then(|repaired| removed.map(|()| repaired))
     }
 
     /// Puts what can be saved of `source` in the place of the archive.
@@ -155,25 +178,44 @@ impl Archive {
             }
         }
         let mut saved: BTreeMap<(String, i64), u64> = BTreeMap::new();
-        let mut damaged = Vec::new();
-        for id in self.window_ids() {
-            match self.whole_window(id) {
-                Some((head, channels, was_mended)) => {
-                    if !write_window(&transaction, id, &head, &channels)? {
-                        continue;
-                    }
-                    if let (Some(Value::Text(setup)), Some(Value::Integer(start_us))) = (head.get(4), head.get(7)) {
-                        *saved.entry((setup.clone(), hour_of(*start_us))).or_default() += 1;
-                    }
-                    windows += 1;
-                    mended += u64::from(was_mended);
+        let ids = every(self.window_ids());
+        let mut failed = BTreeSet::new();
+        let mut save = |id: i64, window: SavedWindow| -> rusqlite::Result<()> {
+            let SavedWindow { head, channels, was_mended } = window;
+            if write_window(&transaction, id, &head, &channels)? {
+                if let (Some(Value::Text(setup)), Some(Value::Integer(start_us))) = (head.get(4), head.get(7)) {
+                    *saved.entry((setup.clone(), hour_of(*start_us))).or_default() += 1;
                 }
+                windows += 1;
+                mended += u64::from(was_mended);
+            }
+            Ok(())
+        };
+        for &id in &ids {
+            match self.indexed_channels(id).and_then(|channels| self.whole_window(id, channels)) {
+                Some(window) => save(id, window)?,
                 None => {
-                    if let Ok(Some(head)) = self.head(id) {
-                        damaged.push(head.window.name);
-                        lost.push(head.damaged("it does not match its checksum"));
-                    }
+                    failed.insert(id);
                 }
+            }
+        }
+        // Where the way by the index is broken, the channels may still stand where they were written.
+        let most_rows = self.most_channel_rows(ids.last().copied().unwrap_or(0));
+        if !failed.is_empty() {
+            self.each_written(most_rows, &mut |id, mut channels| {
+                if !failed.contains(&id) {
+                    return Ok(());
+                }
+                channels.sort_by_key(|(channel, _)| *channel);
+                let channels = channels.into_iter().flat_map(|(_, values)| values).collect();
+                let Some(window) = self.whole_window(id, channels) else { return Ok(()) };
+                failed.remove(&id);
+                save(id, window)
+            })?;
+        }
+        for id in failed {
+            if let Ok(Some(head)) = self.head(id) {
+                lost.push(head.damaged("it does not match its checksum"));
             }
         }
         let named = lost.iter().filter_map(|damage| damage.start_s.map(|start_s| hour_of((start_s * 1e6) as i64)));
@@ -181,15 +223,20 @@ impl Archive {
         // What is gone without a trace is known from the tallies.
         for setup in self.setups().unwrap_or_default() {
             for (hour, tally) in self.window_tallies(&setup)?.0 {
-                let seen = saved.get(&(setup.clone(), hour)).copied().unwrap_or(0)
-                    + named.iter().filter(|&&other| other == hour).count() as u64;
+                let saved = saved.get(&(setup.clone(), hour)).copied().unwrap_or(0);
+                let seen = saved + named.iter().filter(|&&other| other == hour).count() as u64;
                 if tally.entries > seen {
                     lost.push(lost_in(&setup, hour, tally.entries - seen));
                 }
+                remember(&transaction, &setup, hour, tally.entries.saturating_sub(saved))?;
             }
         }
+        for DamagedHour { setup, hour, windows, .. } in self.damaged_hours().unwrap_or_default() {
+            remember(&transaction, &setup, hour, windows)?;
+        }
+        meet_again(&transaction)?;
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-        list_damaged(&transaction, &damaged, HostTime::since_epoch(now))?;
+        list_damaged(&transaction, HostTime::since_epoch(now))?;
         transaction.commit()?;
         Ok((windows, mended, lost))
     }
@@ -224,28 +271,111 @@ impl Archive {
         values.mend(stored).then_some((values, true))
     }
 
-    /// The same of a window, and of its channels one after the other.
-    fn whole_window(&self, id: i64) -> Option<(Vec<Value>, Vec<Value>, bool)> {
+    /// The channels of a window one after the other, as the index leads to them.
+    fn indexed_channels(&self, id: i64) -> Option<Vec<Value>> {
+        let query = format!("SELECT {CHANNEL_COLUMNS} FROM channel WHERE window = ?1 ORDER BY channel");
+        let mut statement = self.connection.prepare_cached(&query).ok()?;
+        let mut rows = statement.query([id]).ok()?;
+        let mut values = Vec::new();
+        while let Some(row) = rows.next().ok()? {
+            values.extend(Values::read(row, CHANNEL_COLUMNS).ok()?.0);
+        }
+        Some(values)
+    }
+
+    /// The number of the last row of `channel` that there may be: rows were numbered as windows were, so many to each of them.
+    fn most_channel_rows(&self, last_window: i64) -> i64 {
+        let most = |query: &str| self.connection.query_row(query, [], |row| row.get::<_, i64>(0)).ok();
+        most("SELECT max(rowid) FROM channel NOT INDEXED").unwrap_or_else(|| {
+            let channels = most("SELECT max(channels) FROM window NOT INDEXED").unwrap_or(MAX_CHANNELS as i64);
+            last_window.saturating_mul(channels.clamp(1, MAX_CHANNELS as i64))
+        })
+    }
+
+    /// Walks over rows of `channel` in the order in which they were written, and over those that cannot be read: the channels of a window at a
+    /// time, each with its number.
+    fn each_written(
+        &self,
+        last: i64,
+        take: &mut dyn FnMut(i64, Vec<(i64, Vec<Value>)>) -> rusqlite::Result<()>,
+    ) -> rusqlite::Result<()> {
+        let query = format!("SELECT {CHANNEL_COLUMNS}, rowid FROM channel NOT INDEXED WHERE rowid >= ?1 ORDER BY rowid");
+        let Ok(mut statement) = self.connection.prepare(&query) else { return Ok(()) };
+        let (mut next, mut window, mut channels) = (1, 0, Vec::new());
+        while next <= last {
+            let mut rows = statement.query([next])?;
+            loop {
+                match rows.next() {
+                    Ok(None) => return take(window, channels),
+                    Ok(Some(row)) => {
+                        next = row.get::<_, i64>("rowid").unwrap_or(next).max(next).saturating_add(1);
+                        let Ok(Values(values)) = Values::read(row, CHANNEL_COLUMNS) else { continue };
+                        let (Some(&Value::Integer(of)), Some(&Value::Integer(channel))) = (values.first(), values.get(1))
+                        else {
+                            continue;
+                        };
+                        if of != window {
+                            take(window, std::mem::take(&mut channels))?;
+                            window = of;
+                        }
+                        channels.push((channel, values));
+                    }
+                    // On a page that is gone: the one after it, or the one after that.
+                    Err(_) => break,
+                }
+            }
+            next = next.saturating_add(1);
+        }
+        take(window, channels)
+    }
+
+    /// A window with these channels, if they are its own.
+    fn whole_window(&self, id: i64, channels: Vec<Value>) -> Option<SavedWindow> {
         let query = format!("SELECT {WINDOW_COLUMNS}, checksum FROM window WHERE id = ?1");
         let read = self.connection.prepare_cached(&query).and_then(|mut statement| {
             statement.query_row([id], |row| Ok((Values::read(row, WINDOW_COLUMNS)?, row.get::<_, i64>("checksum")?)))
         });
         let (Values(mut values), stored) = read.ok()?;
         let head = values.len();
-        let query = format!("SELECT {CHANNEL_COLUMNS} FROM channel WHERE window = ?1 ORDER BY channel");
-        let mut statement = self.connection.prepare_cached(&query).ok()?;
-        let mut rows = statement.query([id]).ok()?;
-        while let Some(row) = rows.next().ok()? {
-            values.extend(Values::read(row, CHANNEL_COLUMNS).ok()?.0);
-        }
+        values.extend(channels);
         let mut values = Values(values);
         let was_mended = values.checksum() != stored;
         if was_mended && !values.mend(stored) {
             return None;
         }
         let channels = values.0.split_off(head);
-        Some((values.0, channels, was_mended))
+        Some(SavedWindow { head: values.0, channels, was_mended })
     }
+}
+
+/// A window that is sound, or has been mended: its own columns, and those of its channels one after the other.
+struct SavedWindow {
+    head: Vec<Value>,
+    channels: Vec<Value>,
+    was_mended: bool,
+}
+
+/// All numbers between the first and the last of those that were found, as far as that is not far more: where pages are gone, so are the lists of
+/// numbers on them, and windows are numbered without gaps.
+fn every(found: BTreeSet<i64>) -> BTreeSet<i64> {
+    const MOST_MORE: i64 = 1_000_000;
+    let (Some(&first), Some(&last)) = (found.first(), found.last()) else { return found };
+    let count = i64::try_from(found.len()).unwrap_or(i64::MAX);
+    let more = last.saturating_sub(first).saturating_sub(count);
+    if more < count.saturating_add(MOST_MORE) { (first..=last).collect() } else { found }
+}
+
+/// Notes lives of which there are windows, but no longer when they were met: without that, nothing of them would be missed.
+fn meet_again(transaction: &Connection) -> rusqlite::Result<()> {
+    // In the order in which they were met, as far as it is known. Of several columns beside a minimum, SQLite gives those of its row.
+    let query = "INSERT INTO service (setup, node, boot, first_window, since_us, checksum)
+                 SELECT setup, node, boot, number, start_us, 0 FROM
+                     (SELECT setup, node, boot, min(number) AS number, start_us FROM window GROUP BY node, boot)
+                 WHERE (node, boot) NOT IN (SELECT node, boot FROM service) ORDER BY start_us";
+    let before: i64 = transaction.query_row("SELECT ifnull(max(id), 0) FROM service", [], |row| row.get(0))?;
+    transaction.execute(query, [])?;
+    let after: i64 = transaction.query_row("SELECT ifnull(max(id), 0) FROM service", [], |row| row.get(0))?;
+    (before + 1..=after).try_for_each(|id| seal(transaction, Kind::Service, id))
 }
 
 /// Writes a window with its channels; `false` where it is there already.
@@ -268,7 +398,7 @@ pub(super) fn write_window(
 }
 
 /// The first page of an archive that has just been made.
-fn fresh_first_page(folder: &Path) -> Result<io::Result<Vec<u8>>, ArchiveError> {
+fn fresh_first_page(folder: &Path) -> Result<Vec<u8>, ArchiveError> {
     let file = folder.join(format!(".belfry-fresh-{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"));
     remove(&file)?;
     let fresh = Archive::create_file(file.clone(), None)?;
@@ -276,18 +406,34 @@ fn fresh_first_page(folder: &Path) -> Result<io::Result<Vec<u8>>, ArchiveError> 
     let closed = fresh.connection.pragma_update_and_check(None, "journal_mode", "delete", |_| Ok(()));
     closed.map_err(|source| fresh.failed(source))?;
     drop(fresh);
-    let page = fs::read(&file).map(|mut bytes| {
-        bytes.truncate(PAGE_BYTES as usize);
-        bytes
-    });
+    let page = first_page(&file).map_err(|source| ArchiveError::Write { file: file.clone(), source })?;
     remove(&file)?;
     Ok(page)
 }
 
+/// The first page of a file, or what there is of it.
+fn first_page(file: &Path) -> io::Result<Vec<u8>> {
+    let mut page = Vec::new();
+    File::open(file)?.take(PAGE_BYTES as u64).read_to_end(&mut page)?;
+    Ok(page)
+}
+
+/// How many pages a database that is no longer whole has, and should have (SQLite's file format, section 1.3).
+pub(super) fn cut(file: &Path) -> Option<[u64; 2]> {
+    let bytes = fs::metadata(file).ok()?.len();
+    let page = first_page(file).ok()?;
+    let size = u16::from_be_bytes(page.get(PAGE_SIZE)?.try_into().ok()?);
+    // Its greatest size does not fit.
+    let size = if size == 1 { 65536 } else { u64::from(size) };
+    let of = u64::from(u32::from_be_bytes(page.get(PAGES)?.try_into().ok()?));
+    // The count holds where whoever wrote last has counted.
+    let is_counted = page.get(CHANGES)? == page.get(COUNTED_AT)?;
+    let has = bytes.checked_div(size)?;
+    (is_counted && has < of).then_some([has, of])
+}
+
 /// Puts a first page into a database, with the count of its pages, none of which are free (SQLite's file format, section 1.3).
 fn write_first_page(file: &Path, mut page: Vec<u8>) -> io::Result<()> {
-    const PAGES: std::ops::Range<usize> = 28..32;
-    const FREE: std::ops::Range<usize> = 32..40;
     let mut database = File::options().write(true).open(file)?;
     let pages = u32::try_from(database.metadata()?.len() / PAGE_BYTES as u64).unwrap_or(u32::MAX);
     if let Some(place) = page.get_mut(PAGES) {

@@ -63,8 +63,8 @@ CREATE TABLE channel (
 
 -- How many rows there are, so that one that is gone is missed.
 CREATE TABLE tally (
-    kind TEXT NOT NULL,                 -- window, asked, service, loss
-    setup TEXT NOT NULL,                -- of a window and of what was asked; else empty
+    kind TEXT NOT NULL,                 -- window, asked, service, loss; damaged: windows that a repair could not save
+    setup TEXT NOT NULL,                -- of windows and of what was asked; else empty
     hour INTEGER NOT NULL,              -- of windows: in which they began, in hours of Unix time; else 0
     entries INTEGER NOT NULL,           -- rows
     digest INTEGER NOT NULL,            -- their checksums, joined by exclusive or
@@ -80,7 +80,8 @@ CREATE TABLE loss (
     last_number INTEGER,                -- null: all from the first on that the node made before it started anew, if any
     reason TEXT NOT NULL,               -- overwritten: the node had no room for them; restarted: it started anew before they were
                                         -- stored; unreadable: asked for in vain, or their parts contradict each other;
-                                        -- misdated: of a time that has not been, for the computer's clock was set
+                                        -- misdated: of a time that has not been, for the computer's clock was set;
+                                        -- damaged: the archive had them, and a repair could not save them
     noted_us INTEGER NOT NULL,          -- µs of Unix time
     checksum INTEGER NOT NULL
 ) STRICT;

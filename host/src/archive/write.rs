@@ -129,7 +129,8 @@ impl Archive {
                     |row| Ok((row.get(0)?, row.get(1)?)),
                 )
                 .optional()?;
-            Ok(Some(KeptWindows { first, numbers, lost: self.lost_numbers(node, boot)?, last }))
+            let (lost, damaged) = (self.lost_numbers(node, boot)?, self.damaged_numbers(node, boot)?);
+            Ok(Some(KeptWindows { first, numbers, lost, damaged, last }))
         };
         known().map_err(|source| self.failed(source))
     }

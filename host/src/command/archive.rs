@@ -13,8 +13,9 @@ use super::Console;
 use super::interrupt::leave_nothing_unfinished;
 use super::range::{RangeArguments, duration};
 use super::text::{Columns, in_shell};
-use crate::archive::{Archive, ArchiveError, CheckReport, Damage, ListedLoss, PruneReport};
+use crate::archive::{Archive, ArchiveError, CheckReport, Damage, DamagedHour, ListedLoss, PruneReport, moment};
 use crate::collect::{Clock, SystemClock};
+use crate::numbers::counted;
 use crate::study::Study;
 use crate::window::LossReason;
 
@@ -135,17 +136,19 @@ fn folder(study: &Path) -> anyhow::Result<PathBuf> {
 fn run_check(folder: &Path, console: &Console) -> anyhow::Result<()> {
     let report = Archive::check(folder)?;
     console.json(&report)?;
-    let CheckReport { archive, version, bytes, sound_windows, damages, structure, lost, is_sound } = &report;
-    for line in losses(lost) {
+    let CheckReport { archive, version, bytes, sound_windows, damages, structure, lost, lost_in_repairs, is_sound } =
+        &report;
+    for line in losses(lost).into_iter().chain(repairs(lost_in_repairs)) {
         console.say(line);
     }
     let size = format!("{:.1} MB", *bytes as f64 * 1e-6);
+    let windows = of_nodes(*sound_windows);
     if *version == 1 && *is_sound {
-        console.say(format!("{}, {size}: {sound_windows} windows of nodes. Its tables are of version 1 and have no checksums, so changed numbers cannot be told; whatever reads it next brings it up to date.", archive.display()));
+        console.say(format!("{}, {size}: {windows}. Its tables are of version 1 and have no checksums, so changed numbers cannot be told; whatever reads it next brings it up to date.", archive.display()));
         return Ok(());
     }
     if *is_sound {
-        console.say(format!("{}, {size}: {sound_windows} windows of nodes, all sound.", archive.display()));
+        console.say(format!("{}, {size}: {windows}, all sound.", archive.display()));
         return Ok(());
     }
     for damage in damages {
@@ -155,10 +158,19 @@ fn run_check(folder: &Path, console: &Console) -> anyhow::Result<()> {
         console.say(format!("SQLite: {line}"));
     }
     bail!(
-        "{} is damaged: {sound_windows} windows of nodes are sound; analyses leave out what is not. `belfry archive repair {}` saves what can be saved",
+        "{} is damaged: {windows} {} sound; analyses leave out what is not. `belfry archive repair {}` saves what can be saved",
         archive.display(),
+        is_or_are(*sound_windows),
         in_shell(folder)
     )
+}
+
+fn of_nodes(windows: u64) -> String {
+    format!("{} of nodes", counted(windows, "window"))
+}
+
+fn is_or_are(count: u64) -> &'static str {
+    if count == 1 { "is" } else { "are" }
 }
 
 /// What is lost, by node and reason.
@@ -181,9 +193,20 @@ fn losses(lost: &[ListedLoss]) -> Vec<String> {
         } else {
             format!("; {unknown} times it may have made more, which nobody knows")
         };
-        format!("node {node}: {windows} windows are lost: {reason}{more}")
+        format!("node {node}: {} {} lost: {reason}{more}", counted(*windows, "window"), is_or_are(*windows))
     };
     sums.iter().map(line).collect()
+}
+
+/// What repairs could not save, by setup.
+fn repairs(hours: &[DamagedHour]) -> Vec<String> {
+    let line = |hours: &[DamagedHour]| {
+        let first = hours.first()?;
+        let windows = counted(hours.iter().map(|hour| hour.windows).sum(), "window");
+        let (setup, since) = (&first.setup, moment((first.start_s * 1e6) as i64));
+        Some(format!("setup \"{setup}\": repairs could not save {windows}, begun in {} from {since} on", counted(hours.len() as u64, "hour")))
+    };
+    hours.chunk_by(|one, next| one.setup == next.setup).filter_map(line).collect()
 }
 
 fn run_repair(folder: &Path, console: &Console) -> anyhow::Result<()> {
@@ -197,9 +220,11 @@ fn run_repair(folder: &Path, console: &Console) -> anyhow::Result<()> {
         console.say(format!("not saved: {damage}"));
     }
     console.say(format!(
-        "{} windows of nodes are saved; {} rows of which one bit was flipped are mended. The damaged archive is {}: delete it when you no longer need it.",
-        report.windows,
-        report.mended,
+        "{} {} saved; {} of which one bit was flipped {} mended. The damaged archive is {}: delete it when you no longer need it.",
+        of_nodes(report.windows),
+        is_or_are(report.windows),
+        counted(report.mended, "row"),
+        is_or_are(report.mended),
         kept_as.display()
     ));
     Ok(())
@@ -230,10 +255,10 @@ fn run_prune(arguments: &Prune, console: &Console) -> anyhow::Result<()> {
     let kept = found.kept_windows;
     if arguments.dry_run {
         console
-            .say(format!("{windows} windows of nodes began before {before} and would be dropped; {kept} would stay."));
+            .say(format!("{} began before {before} and would be dropped; {kept} would stay.", of_nodes(windows)));
     } else {
         archive.prune(&found)?;
-        console.say(format!("{windows} windows of nodes that began before {before} are dropped; {kept} stay."));
+        console.say(format!("{} that began before {before} {} dropped; {kept} stay.", of_nodes(windows), is_or_are(windows)));
     }
     console.json(&Pruned { found: &found, windows, dry_run: arguments.dry_run })
 }
@@ -258,8 +283,11 @@ fn run_export(arguments: &Export, console: &Console) -> anyhow::Result<()> {
     for damage in &extract.damages {
         console.warn(format_args!("damaged, and left out: {damage}"));
     }
+    if extract.windows == 0 {
+        console.warn("no window is in it: the archive has none, or none of this range of time");
+    }
     console.json(&Exported { file: output, windows: extract.windows, damages: &extract.damages })?;
-    console.say(format!("{}: {} windows of nodes", output.display(), extract.windows));
+    console.say(format!("{}: {}", output.display(), of_nodes(extract.windows)));
     Ok(())
 }
 
@@ -274,6 +302,6 @@ fn refuse_taken(output: &Path) -> anyhow::Result<()> {
 }
 
 fn opened(folder: &Path) -> anyhow::Result<Archive> {
-    let absent = || ArchiveError::Absent { file: folder.join(crate::archive::ARCHIVE_FILE) };
+    let absent = || ArchiveError::absent(folder.join(crate::archive::ARCHIVE_FILE));
     Archive::open(folder)?.ok_or_else(absent).context("run `belfry collect` first")
 }

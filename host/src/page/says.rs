@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::findings::{Sources, listed, name_of, strings};
 use crate::command::p_is;
-use crate::numbers::{metres, probability_text, signed};
+use crate::numbers::{counted, metres, probability_text, signed};
 
 /// Errors of a step of the history, and what they are called.
 const ERRORS: [(&str, &str); 3] = [
@@ -102,8 +102,8 @@ fn trends(trends: &Value) -> Option<String> {
     });
     Some(format!(
         "{} followed through {} of {every}; {what}{slope}.",
-        counted(modes.len(), "mode"),
-        counted(intervals.len(), "interval")
+        counted(modes.len() as u64, "mode"),
+        counted(intervals.len() as u64, "interval")
     ))
 }
 
@@ -230,7 +230,7 @@ fn fits(spectra: &Value) -> Option<String> {
 /// Where the modes come from, and what a second method says of them.
 fn modes(sources: &Sources<'_>) -> Option<String> {
     let modes = sources.modes["modes"].as_array()?;
-    let count = counted(modes.len(), "mode");
+    let count = counted(modes.len() as u64, "mode");
     if let Some(measured) = &sources.study.measured {
         return Some(format!(
             "{count} from {}, with the standard deviations that stand there.",
@@ -311,10 +311,6 @@ pub(super) fn method(sources: &Sources<'_>, has_compared: bool, update: &Value, 
     }
     commands.extend(newer.into_iter().map(|(words, ..)| words));
     json!({ "sentences": sentences, "commands": commands })
-}
-
-fn counted(count: usize, one: &str) -> String {
-    format!("{count} {one}{}", if count == 1 { "" } else { "s" })
 }
 
 /// "mode 3", "modes 3, 7".

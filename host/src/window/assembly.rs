@@ -6,7 +6,7 @@ use belfry_shared::message::{Again, MAX_AGAIN, NodeMessage, WindowHead, WindowNa
 use belfry_shared::time::HostTime;
 
 use super::configuration::Configurations;
-use super::loss::{Loss, LossReason};
+use super::loss::{Loss, LossReason, without};
 use super::node_window::NodeWindow;
 use super::parts::{build, fits};
 use super::sink::KeptWindows;
@@ -99,6 +99,8 @@ pub struct Assembler {
     first_wanted: u32,
     /// First and last numbers of windows that were lost before, where they are too many to be noted one by one.
     lost_before: Vec<[u32; 2]>,
+    /// The same of windows that are listed as lost, but may come.
+    listed_before: Vec<[u32; 2]>,
     lost: u64,
     /// What of it has not been taken down yet.
     losses: Vec<Loss>,
@@ -131,6 +133,7 @@ impl Assembler {
             last_kept: kept.last,
             first_wanted: kept.first,
             lost_before: many,
+            listed_before: kept.damaged.clone(),
             lost: 0,
             losses: Vec::new(),
         };
@@ -308,10 +311,12 @@ impl Assembler {
     }
 
     fn lose(&mut self, first: u32, last: u32, reason: LossReason) {
-        let loss = Loss { node: self.node, boot: self.boot, first, last: Some(last), reason };
-        self.lost += loss.windows().unwrap_or(0);
-        if !self.losses.last_mut().is_some_and(|before| before.join(&loss)) {
-            self.losses.push(loss);
+        for [first, last] in without([first, last], &self.listed_before) {
+            let loss = Loss { node: self.node, boot: self.boot, first, last: Some(last), reason };
+            self.lost += loss.windows().unwrap_or(0);
+            if !self.losses.last_mut().is_some_and(|before| before.join(&loss)) {
+                self.losses.push(loss);
+            }
         }
     }
 

@@ -48,6 +48,25 @@ impl fmt::Display for LossReason {
     }
 }
 
+/// What of a run of numbers, first and last, is in none of the others, which are in any order.
+pub(crate) fn without([first, last]: [u32; 2], others: &[[u32; 2]]) -> Vec<[u32; 2]> {
+    let mut others: Vec<[u32; 2]> = others.iter().copied().filter(|other| other[0] <= last && other[1] >= first).collect();
+    others.sort_unstable();
+    let mut left = Vec::new();
+    // Wider than the numbers, for the last of them may be the last there is.
+    let mut next = u64::from(first);
+    for [other_first, other_last] in others {
+        if let Some(before) = other_first.checked_sub(1).filter(|&before| u64::from(before) >= next) {
+            left.push([next as u32, before]);
+        }
+        next = next.max(u64::from(other_last) + 1);
+    }
+    if next <= u64::from(last) {
+        left.push([next as u32, last]);
+    }
+    left
+}
+
 /// Windows of one life of a node that are lost for the same reason, by their numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Loss {
@@ -89,5 +108,20 @@ impl fmt::Display for Loss {
             None => write!(formatter, "windows from {first} on, if there were any,")?,
         }
         write!(formatter, " of node {node} (boot {boot}): {reason}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_of_a_run_is_in_none_of_the_others() {
+        assert_eq!(without([3, 9], &[]), [[3, 9]]);
+        assert_eq!(without([3, 9], &[[8, 12], [0, 3], [5, 5], [5, 6]]), [[4, 4], [7, 7]]);
+        assert_eq!(without([3, 9], &[[0, 20]]), <[[u32; 2]; 0]>::default());
+        assert_eq!(without([3, 9], &[[10, 20], [0, 2]]), [[3, 9]]);
+        assert_eq!(without([7, u32::MAX], &[[0, 7], [9, u32::MAX]]), [[8, 8]]);
+        assert_eq!(without([7, u32::MAX], &[[u32::MAX, u32::MAX]]), [[7, u32::MAX - 1]]);
     }
 }

@@ -16,6 +16,7 @@ mod sink;
 pub use assembly::{Assembler, Outcome};
 pub use configuration::{Configurations, channels_by_node, node_configuration, node_lines};
 pub(crate) use gather::GridAssembler;
+pub(crate) use loss::without;
 pub use loss::{Loss, LossReason};
 pub use node_window::{ChannelData, NodeWindow};
 pub(crate) use placement::place_lines;

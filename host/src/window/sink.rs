@@ -61,6 +61,9 @@ pub struct KeptWindows {
     pub numbers: Vec<u32>,
     /// First and last numbers of those that are known to be lost, in any order.
     pub lost: Vec<[u32; 2]>,
+    /// The same of those that a damaged archive no longer had. They are listed as lost, but the node may still have some: they come if it does, and
+    /// are not lost a second time if it does not.
+    pub damaged: Vec<[u32; 2]>,
     /// Number and start (in hops since the epoch) of the last of them: a lower number with a later start is another life's.
     pub last: Option<(u32, u64)>,
 }

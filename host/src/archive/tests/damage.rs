@@ -146,14 +146,15 @@ fn an_archive_whose_first_page_is_damaged_says_so_whatever_is_asked_of_it() {
     let errors = [
         Archive::open(folder.path()).map(drop).unwrap_err(),
         Archive::check(folder.path()).map(drop).unwrap_err(),
-        // There is no window in it that would show where its tables begin.
-        Archive::repair(folder.path()).map(drop).unwrap_err(),
         Archive::create(folder.path()).map(drop).unwrap_err(),
     ];
     for error in errors {
         assert!(matches!(error, ArchiveError::Unopenable { .. }), "{error}");
         assert!(error.to_string().contains("belfry archive repair"), "{error}");
     }
+    // There is no window in it that would show where its tables begin.
+    let error = Archive::repair(folder.path()).map(drop).unwrap_err();
+    assert!(matches!(error, ArchiveError::NothingSaved { .. }), "{error}");
 }
 
 #[test]

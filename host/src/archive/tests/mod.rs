@@ -1,6 +1,7 @@
 //! What is stored comes back, once, to the setup it belongs to; a file that is no archive stays as it is.
 
 mod creation;
+mod cuts;
 mod damage;
 mod flips;
 mod keeping;
