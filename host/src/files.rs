@@ -174,8 +174,33 @@ impl FolderLock {
     }
 
     fn file(folder: &Path) -> io::Result<File> {
-        // Never removed: another program may just have opened it.
-        File::options().create(true).truncate(false).write(true).open(folder.join(LOCK_FILE))
+        open_lock(&folder.join(LOCK_FILE))
+    }
+}
+
+/// Opens a file that programs lock, and makes it where there is none. It is never removed: another program may just have opened it.
+///
+/// # Errors
+/// When it cannot be made, or is none: a link in a folder from someone else may lead anywhere, and a pipe waits for ever.
+pub(crate) fn open_lock(path: &Path) -> io::Result<File> {
+    if fs::symlink_metadata(path).is_ok_and(|metadata| !metadata.is_file()) {
+        let said = format!("{} is a link or something else, where a file was expected: remove it", path.display());
+        return Err(io::Error::new(ErrorKind::InvalidInput, said));
+    }
+    File::options().create(true).truncate(false).write(true).open(path)
+}
+
+/// The file that a symbolic link leads to, so that it is changed and the link stays; any other path as it is.
+///
+/// # Errors
+/// Where a link leads nowhere: what it led to may be away for a while.
+pub(crate) fn behind_links(path: &Path) -> io::Result<PathBuf> {
+    match fs::canonicalize(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => match fs::symlink_metadata(path) {
+            Ok(_) => Err(io::Error::new(ErrorKind::NotFound, "it is a link that leads to no file")),
+            Err(_) => Ok(path.to_owned()),
+        },
+        found => found,
     }
 }
 
@@ -256,6 +281,17 @@ mod tests {
             fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
         names
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_lock_that_is_a_link_makes_no_file_where_it_leads() {
+        let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let target = elsewhere.path().join("made");
+        std::os::unix::fs::symlink(&target, folder.path().join(LOCK_FILE)).unwrap();
+        let error = FolderLock::take(folder.path(), || {}).unwrap_err().to_string();
+        assert!(error.contains(LOCK_FILE) && error.contains("remove it"), "{error}");
+        assert!(!target.exists());
     }
 
     #[test]

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use belfry_shared::seal::{KEY_BYTES, Key};
 use thiserror::Error;
 
-use crate::files::{FolderLock, sync_folder};
+use crate::files::{FolderLock, behind_links, sync_folder};
 
 /// A variable of the environment that names the file.
 const VARIABLE: &str = "BELFRY_KEYS";
@@ -222,6 +222,8 @@ pub fn file() -> Result<PathBuf, KeysError> {
 /// [`KeysError`]; where the node has one already, too.
 pub fn add_new(file: &Path, node: u16) -> Result<Key, KeysError> {
     let fail = |source| KeysError::File { file: file.to_owned(), source };
+    // A link to it stays.
+    let file = &behind_links(file).map_err(fail)?;
     outside_studies(file)?;
     let folder = match file.parent() {
         Some(folder) if folder != Path::new("") => folder,
@@ -328,6 +330,18 @@ mod tests {
         let keys = Keys::of_file(&file).unwrap();
         assert_eq!((keys.of(1), keys.of(2)), (Some(&first), Some(&second)));
         assert!(matches!(add_new(&file, 1), Err(KeysError::Exists { node: 1, .. })));
+        #[cfg(unix)]
+        {
+            let link = folder.path().join("link");
+            std::os::unix::fs::symlink(&file, &link).unwrap();
+            add_new(&link, 3).unwrap();
+            assert!(link.symlink_metadata().unwrap().is_symlink());
+            assert_eq!(Keys::of_file(&file).unwrap().nodes().collect::<Vec<_>>(), [1, 2, 3]);
+            let nowhere = folder.path().join("nowhere");
+            std::os::unix::fs::symlink(folder.path().join("away/keys"), &nowhere).unwrap();
+            assert!(matches!(add_new(&nowhere, 4), Err(KeysError::File { .. })));
+            assert!(nowhere.symlink_metadata().unwrap().is_symlink());
+        }
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;

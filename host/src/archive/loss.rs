@@ -98,7 +98,8 @@ impl Archive {
     /// First and last numbers of what a life has lost while it lasted, beside what a damaged archive no longer had.
     pub(super) fn lost_numbers(&self, node: u16, boot: u32) -> rusqlite::Result<Vec<[u32; 2]>> {
         // Should a life come back that was taken for over, it may have what was listed when its successor was met.
-        let counts = |reason: &str| ![LossReason::Restarted, LossReason::Damaged].map(LossReason::name).contains(&reason);
+        let counts =
+            |reason: &str| ![LossReason::Restarted, LossReason::Damaged].map(LossReason::name).contains(&reason);
         self.listed_numbers(node, boot, counts)
     }
 
@@ -223,10 +224,10 @@ fn end_life(connection: &Connection, node: u16, boot: u32, first_window: u32, no
     let query = "SELECT max(?3,
                      (SELECT ifnull(max(number) + 1, 0) FROM window WHERE node = ?1 AND boot = ?2),
                      (SELECT ifnull(max(last_number) + 1, 0) FROM loss WHERE node = ?1 AND boot = ?2))";
-    let end: i64 =
-        connection.prepare_cached(query)?.query_row(params![node, boot, first_window], |row| row.get(0))?;
+    let end: i64 = connection.prepare_cached(query)?.query_row(params![node, boot, first_window], |row| row.get(0))?;
     let end = u32::try_from(end).unwrap_or(u32::MAX);
-    let gaps = missing(connection, node, boot, [first_window, end])?.into_iter().map(|[first, last]| (first, Some(last)));
+    let gaps =
+        missing(connection, node, boot, [first_window, end])?.into_iter().map(|[first, last]| (first, Some(last)));
     for (first, last) in gaps.chain([(end, None)]) {
         list(connection, &Loss { node, boot, first, last, reason: LossReason::Restarted }, now)?;
     }

@@ -29,6 +29,8 @@ use std::time::{Duration, Instant};
 
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 
+use crate::files::open_lock;
+
 pub use check::CheckReport;
 pub use damage::Damage;
 pub(crate) use damage::in_words as damage_in_words;
@@ -255,9 +257,7 @@ fn lock(folder: &Path) -> Result<Option<File>, ArchiveError> {
 
 fn lock_file(folder: &Path) -> Result<File, ArchiveError> {
     let path = folder.join(LOCK_FILE);
-    // Never removed: another program may just have opened it.
-    let file = File::options().create(true).truncate(false).write(true).open(&path);
-    file.map_err(|source| ArchiveError::Write { file: path, source })
+    open_lock(&path).map_err(|source| ArchiveError::Write { file: path, source })
 }
 
 #[cfg(test)]

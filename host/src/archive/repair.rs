@@ -56,6 +56,8 @@ impl Archive {
         if !file.exists() || fs::metadata(&file).is_ok_and(|metadata| metadata.len() == 0) {
             return Err(ArchiveError::absent(file));
         }
+        // Where it is kept elsewhere, the new one is to stand there, and the link to it stays.
+        let file = fs::canonicalize(&file).map_err(|source| ArchiveError::Write { file, source })?;
         let lock = lock_file(folder)?;
         // Some network file systems know no locks.
         if let Err(fs::TryLockError::WouldBlock) = lock.try_lock() {
@@ -64,14 +66,15 @@ impl Archive {
         let checked = match Self::check(folder) {
             // The first page says how many there are.
             Err(error @ ArchiveError::Cut { .. }) => {
-                let page = first_page(&file).map_err(|source| ArchiveError::Write { file, source })?;
-                return match Self::repair_with_page(folder, page) {
-                    Err(without) if without.is_beyond_repair() => Self::repair_first_page(folder, error),
+                let page = first_page(&file);
+                let page = page.map_err(|source| ArchiveError::Write { file: file.clone(), source })?;
+                return match Self::repair_with_page(&file, page) {
+                    Err(without) if without.is_beyond_repair() => Self::repair_first_page(&file, error),
                     repaired => repaired,
                 };
             }
             Err(error @ (ArchiveError::Unopenable { .. } | ArchiveError::NotAnArchive { .. })) => {
-                return Self::repair_first_page(folder, error);
+                return Self::repair_first_page(&file, error);
             }
             checked => checked?,
         };
@@ -86,39 +89,38 @@ impl Archive {
             let windows = checked.sound_windows;
             return Ok(RepairReport { archive: file, kept_as: None, windows, mended: 0, lost: Vec::new() });
         }
-        Self::repair_from(&folder.join(ARCHIVE_FILE), folder)
+        Self::repair_from(&file, &file)
     }
 
     /// Repairs an archive whose first page is damaged, so that it does not open, or not as an archive. That page says where its tables begin. They begin where those of any archive do that
     /// was made with these tables: the first page of a fresh one takes its place in a copy, and checksums show whether that was right.
-    fn repair_first_page(folder: &Path, unopenable: ArchiveError) -> Result<RepairReport, ArchiveError> {
-        match Self::repair_with_page(folder, fresh_first_page(folder)?) {
+    fn repair_first_page(file: &Path, unopenable: ArchiveError) -> Result<RepairReport, ArchiveError> {
+        match Self::repair_with_page(file, fresh_first_page(file)?) {
             // The tables began elsewhere.
             Err(error) if error.is_beyond_repair() => Err(match unopenable {
                 other @ ArchiveError::NotAnArchive { .. } => other,
-                _ => ArchiveError::NothingSaved { file: folder.join(ARCHIVE_FILE) },
+                _ => ArchiveError::NothingSaved { file: file.to_owned() },
             }),
             repaired => repaired,
         }
     }
 
     /// Repairs an archive in a copy that gets another first page.
-    fn repair_with_page(folder: &Path, page: Vec<u8>) -> Result<RepairReport, ArchiveError> {
-        let file = folder.join(ARCHIVE_FILE);
-        let copy = folder.join(format!(".belfry-copy-{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"));
+    fn repair_with_page(file: &Path, page: Vec<u8>) -> Result<RepairReport, ArchiveError> {
+        let copy = unfinished("copy-", file);
         let failed = |source| ArchiveError::Write { file: copy.clone(), source };
         remove(&copy)?;
-        let with_page = fs::copy(&file, &copy).and_then(|_| {
+        let with_page = fs::copy(file, &copy).and_then(|_| {
             // What a collector that was killed has left in its log is on no page yet.
             let log = |path: &Path| PathBuf::from(format!("{}-wal", path.display()));
-            match fs::copy(log(&file), log(&copy)) {
+            match fs::copy(log(file), log(&copy)) {
                 Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
                 _ => {}
             }
             write_first_page(&copy, page)
         });
         let repaired = match with_page.map_err(failed) {
-            Ok(()) => Self::repair_from(&copy, folder),
+            Ok(()) => Self::repair_from(&copy, file),
             Err(error) => Err(error),
         };
         // What has failed before is what counts.
@@ -127,13 +129,12 @@ impl Archive {
     }
 
     /// Puts what can be saved of `source` in the place of the archive.
-    fn repair_from(source: &Path, folder: &Path) -> Result<RepairReport, ArchiveError> {
-        let file = folder.join(ARCHIVE_FILE);
+    fn repair_from(source: &Path, file: &Path) -> Result<RepairReport, ArchiveError> {
         let old = Self::connect(source.to_owned(), OpenFlags::default(), None)?;
         old.version()?;
         // So that the old file is all there is of it. Where that fails, its log is kept beside it.
         let _ = old.connection.pragma_update_and_check(None, "wal_checkpoint", "truncate", |_| Ok(()));
-        let new_file = folder.join(format!(".belfry-{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"));
+        let new_file = unfinished("", file);
         remove(&new_file)?;
         let mut new = Self::create_file(new_file.clone(), None)?;
         let saved = old.save_into(&mut new.connection).and_then(|saved| {
@@ -154,10 +155,10 @@ impl Archive {
         drop((new, old));
         if source != file && windows == 0 {
             remove(&new_file)?;
-            return Err(ArchiveError::NothingSaved { file });
+            return Err(ArchiveError::NothingSaved { file: file.to_owned() });
         }
-        let kept_as = swap(&new_file, &file)?;
-        Ok(RepairReport { archive: file, kept_as: Some(kept_as), windows, mended, lost })
+        let kept_as = swap(&new_file, file)?;
+        Ok(RepairReport { archive: file.to_owned(), kept_as: Some(kept_as), windows, mended, lost })
     }
 
     /// Copies all rows that are sound, or can be mended; windows copied, rows mended, and what is lost.
@@ -299,7 +300,8 @@ impl Archive {
         last: i64,
         take: &mut dyn FnMut(i64, Vec<(i64, Vec<Value>)>) -> rusqlite::Result<()>,
     ) -> rusqlite::Result<()> {
-        let query = format!("SELECT {CHANNEL_COLUMNS}, rowid FROM channel NOT INDEXED WHERE rowid >= ?1 ORDER BY rowid");
+        let query =
+            format!("SELECT {CHANNEL_COLUMNS}, rowid FROM channel NOT INDEXED WHERE rowid >= ?1 ORDER BY rowid");
         let Ok(mut statement) = self.connection.prepare(&query) else { return Ok(()) };
         let (mut next, mut window, mut channels) = (1, 0, Vec::new());
         while next <= last {
@@ -310,7 +312,8 @@ impl Archive {
                     Ok(Some(row)) => {
                         next = row.get::<_, i64>("rowid").unwrap_or(next).max(next).saturating_add(1);
                         let Ok(Values(values)) = Values::read(row, CHANNEL_COLUMNS) else { continue };
-                        let (Some(&Value::Integer(of)), Some(&Value::Integer(channel))) = (values.first(), values.get(1))
+                        let (Some(&Value::Integer(of)), Some(&Value::Integer(channel))) =
+                            (values.first(), values.get(1))
                         else {
                             continue;
                         };
@@ -398,8 +401,8 @@ pub(super) fn write_window(
 }
 
 /// The first page of an archive that has just been made.
-fn fresh_first_page(folder: &Path) -> Result<Vec<u8>, ArchiveError> {
-    let file = folder.join(format!(".belfry-fresh-{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"));
+fn fresh_first_page(beside: &Path) -> Result<Vec<u8>, ArchiveError> {
+    let file = unfinished("fresh-", beside);
     remove(&file)?;
     let fresh = Archive::create_file(file.clone(), None)?;
     // All of it is then in the file.
@@ -443,6 +446,11 @@ fn write_first_page(file: &Path, mut page: Vec<u8>) -> io::Result<()> {
         place.fill(0);
     }
     database.write_all(&page)
+}
+
+/// A file beside another that is unfinished as long as it is there.
+fn unfinished(what: &str, file: &Path) -> PathBuf {
+    file.with_file_name(format!(".belfry-{what}{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"))
 }
 
 /// Puts the new archive in the place of the old one, which gets another name. At no moment is there neither.

@@ -204,7 +204,10 @@ fn repairs(hours: &[DamagedHour]) -> Vec<String> {
         let first = hours.first()?;
         let windows = counted(hours.iter().map(|hour| hour.windows).sum(), "window");
         let (setup, since) = (&first.setup, moment((first.start_s * 1e6) as i64));
-        Some(format!("setup \"{setup}\": repairs could not save {windows}, begun in {} from {since} on", counted(hours.len() as u64, "hour")))
+        Some(format!(
+            "setup \"{setup}\": repairs could not save {windows}, begun in {} from {since} on",
+            counted(hours.len() as u64, "hour")
+        ))
     };
     hours.chunk_by(|one, next| one.setup == next.setup).filter_map(line).collect()
 }
@@ -254,11 +257,14 @@ fn run_prune(arguments: &Prune, console: &Console) -> anyhow::Result<()> {
     }
     let kept = found.kept_windows;
     if arguments.dry_run {
-        console
-            .say(format!("{} began before {before} and would be dropped; {kept} would stay.", of_nodes(windows)));
+        console.say(format!("{} began before {before} and would be dropped; {kept} would stay.", of_nodes(windows)));
     } else {
         archive.prune(&found)?;
-        console.say(format!("{} that began before {before} {} dropped; {kept} stay.", of_nodes(windows), is_or_are(windows)));
+        console.say(format!(
+            "{} that began before {before} {} dropped; {kept} stay.",
+            of_nodes(windows),
+            is_or_are(windows)
+        ));
     }
     console.json(&Pruned { found: &found, windows, dry_run: arguments.dry_run })
 }

@@ -120,6 +120,13 @@ impl ClockEstimator {
         self.exchanges.len()
     }
 
+    /// How many were about as quick as the quickest.
+    pub fn quick(&self) -> usize {
+        let round_trips = || self.exchanges.iter().map(|exchange| exchange.round_trip_us);
+        let shortest = round_trips().min().unwrap_or(0);
+        round_trips().filter(|round_trip_us| round_trip_us.saturating_sub(shortest) <= SLOW_US).count()
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.exchanges.is_empty()

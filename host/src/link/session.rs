@@ -28,8 +28,12 @@ const REPEATS: u32 = 5;
 const REPEAT_PERIOD_US: i64 = 1_000_000;
 /// How often another host may greet the node meanwhile, before the session leaves the node to it.
 const MOST_TAKEOVERS: u32 = 5;
-/// Clock exchanges before the clock is set first.
+/// Clock exchanges before the clock is set first, where enough of them are about as quick as the quickest; else there are more, up to so many. On a
+/// computer that is busy, or a line that jitters, the quickest of six may be late by milliseconds, which turns the shapes of all that is
+/// measured until the next exchanges.
 const FIRST_EXCHANGES: usize = 6;
+const QUICK_EXCHANGES: usize = 3;
+const MOST_FIRST_EXCHANGES: usize = 30;
 
 /// What a session has seen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -384,7 +388,7 @@ impl Session {
         let clock_set = hello.clock_set && !self.must_set_time;
         let stage = match (configured, clock_set) {
             (false, _) => Stage::Configuring,
-            (true, _) if self.clock.len() < FIRST_EXCHANGES => Stage::Timing,
+            (true, _) if !self.is_timed() => Stage::Timing,
             (true, false) => Stage::SettingClock,
             (true, true) => Stage::Measuring,
         };
@@ -419,6 +423,16 @@ impl Session {
         self.stage = Stage::Greeting;
         self.next_try = HostTime(i64::MIN);
         Ok(())
+    }
+
+    /// Whether the clock has been measured well enough to be set.
+    fn is_timed(&self) -> bool {
+        let enough = if self.needs_phase() && self.clock.quick() < QUICK_EXCHANGES {
+            MOST_FIRST_EXCHANGES
+        } else {
+            FIRST_EXCHANGES
+        };
+        self.clock.len() >= enough
     }
 
     /// Averaged densities have no phase for which exact clocks would be worth their bytes.

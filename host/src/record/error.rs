@@ -92,10 +92,6 @@ pub enum RecordError {
     Ragged { position: FilePosition, expected: usize, found: usize },
     #[error("{position}, channel `{channel}`: `{text}` is not a number: {hint}")]
     NotANumber { position: FilePosition, channel: String, text: String, hint: &'static str },
-    #[error(
-        "{position}, channel `{channel}`: the value is infinite: expected finite numbers; write a missing or clipped sample as NaN"
-    )]
-    Infinite { position: FilePosition, channel: String },
     #[error("{position}: longer than {limit} bytes: expected one row of numbers a line; is this a text file?")]
     LineTooLong { position: FilePosition, limit: usize },
     #[error("{position}: a quote is not closed on its line: cells of a recording must not run over several lines")]

@@ -160,7 +160,7 @@ impl Recording {
             };
             let mut into = Rows { selection: &self.selection, clock: &mut self.clock, values };
             if reader.read(rows, &mut into)? > 0 {
-                self.statistics.add(block, &self.selection, |row| reader.position(row))?;
+                self.statistics.add(block, |row| reader.position(row));
                 if let Some(rows) = self.setup.block_rows() {
                     let before = block.row_count();
                     let is_start = self.next_file == 1 && self.rows_of_file == 0;

@@ -3,7 +3,7 @@
 use super::block::Block;
 use super::clock::{Clock, TimeGap};
 use super::columns::Selection;
-use super::error::{FilePosition, RecordError};
+use super::error::FilePosition;
 use super::warning::{Affected, RecordWarning};
 
 /// Gaps that are kept one by one for each channel.
@@ -96,14 +96,9 @@ impl Statistics {
         }
     }
 
-    /// Takes a block in; `position` says where a row of the block (from 0) stands. Refuses infinite values; those beyond any
-    /// sensor's range count as missing, and are so in the block from then on.
-    pub(super) fn add(
-        &mut self,
-        block: &mut Block,
-        selection: &Selection,
-        position: impl Fn(usize) -> FilePosition,
-    ) -> Result<(), RecordError> {
+    /// Takes a block in; `position` says where a row of the block (from 0) stands. Values beyond any sensor's
+    /// range, and infinite ones, count as missing, and are so in the block from then on.
+    pub(super) fn add(&mut self, block: &mut Block, position: impl Fn(usize) -> FilePosition) {
         self.sums.fill(0.0);
         self.squares.fill(0.0);
         for row in block.rows() {
@@ -126,10 +121,6 @@ impl Statistics {
             }
             // A missing, infinite or impossible sample (or the channel's first) spoilt the sums: take the samples one by one.
             for (row, value) in block.channel_mut(index).enumerate() {
-                if value.is_infinite() {
-                    let (position, channel) = (position(row), selection.channel(index));
-                    return Err(RecordError::Infinite { position, channel });
-                }
                 let row_of_all = self.rows + row as u64;
                 if value.abs() > MOST {
                     channel.beyond += 1;
@@ -143,7 +134,6 @@ impl Statistics {
             }
         }
         self.rows += block.row_count() as u64;
-        Ok(())
     }
 
     /// The report of all that was taken in, with the gaps in time that `clock` found.

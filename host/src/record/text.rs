@@ -262,10 +262,6 @@ impl TextReader {
                 text: quoted(text),
                 hint: if self.separator == Separator::WhiteSpace { WHITE_SPACE_HINT } else { CSV_HINT },
             })?;
-            if value.is_infinite() {
-                let (position, channel) = (self.lines.position(), selection.channel(channel));
-                return Err(RecordError::Infinite { position, channel });
-            }
             values.push(value * factor);
         }
         Ok(())

@@ -50,7 +50,8 @@ impl fmt::Display for LossReason {
 
 /// What of a run of numbers, first and last, is in none of the others, which are in any order.
 pub(crate) fn without([first, last]: [u32; 2], others: &[[u32; 2]]) -> Vec<[u32; 2]> {
-    let mut others: Vec<[u32; 2]> = others.iter().copied().filter(|other| other[0] <= last && other[1] >= first).collect();
+    let mut others: Vec<[u32; 2]> =
+        others.iter().copied().filter(|other| other[0] <= last && other[1] >= first).collect();
     others.sort_unstable();
     let mut left = Vec::new();
     // Wider than the numbers, for the last of them may be the last there is.

@@ -49,8 +49,10 @@ fn what_a_repair_cannot_save_is_listed_whatever_part_of_the_file_is_gone() {
         bytes[first * PAGE_BYTES as usize..(first + count) * PAGE_BYTES as usize].fill(0x55);
         bytes
     };
-    let damaged: Vec<Vec<u8>> =
-        (4..8).map(cut).chain([overwritten(pages / 3, 2), overwritten(pages / 2, 6), overwritten(pages - 4, 4)]).collect();
+    let damaged: Vec<Vec<u8>> = (4..8)
+        .map(cut)
+        .chain([overwritten(pages / 3, 2), overwritten(pages / 2, 6), overwritten(pages - 4, 4)])
+        .collect();
     fs::write(&file, cut(4)).unwrap();
     let words = Archive::check(folder.path()).unwrap_err().to_string();
     assert!(words.contains("has been cut") && words.contains(&format!("of its {pages} pages")), "{words}");
@@ -79,7 +81,9 @@ fn what_a_repair_cannot_save_is_listed_whatever_part_of_the_file_is_gone() {
         // It stays known when the archive is damaged once more.
         drop(archive);
         let archive = rusqlite::Connection::open(&file).unwrap();
-        archive.execute("UPDATE window SET grid_index = grid_index + 3 * 1024 WHERE id = (SELECT min(id) FROM window)", []).unwrap();
+        archive
+            .execute("UPDATE window SET grid_index = grid_index + 3 * 1024 WHERE id = (SELECT min(id) FROM window)", [])
+            .unwrap();
         drop(archive);
         Archive::repair(folder.path()).unwrap();
         let again = Archive::check(folder.path()).unwrap();
@@ -113,4 +117,21 @@ fn a_node_that_still_has_what_an_archive_lost_is_asked_for_it_and_the_rest_is_lo
     }
     assert_eq!((assembler.below(), assembler.lost()), (20, 0));
     assert_eq!(archive.losses().unwrap()[0].windows(), Some(3));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_archive_that_is_kept_elsewhere_is_repaired_there_and_the_link_to_it_stays() {
+    let Bench { folder, archive } = Bench::of_one(20).0;
+    archive.connection.execute("UPDATE window SET grid_index = grid_index + 3 * 1024 WHERE number = 5", []).unwrap();
+    drop(archive);
+    let (elsewhere, link) = (tempfile::tempdir().unwrap(), folder.path().join(ARCHIVE_FILE));
+    let real = elsewhere.path().join("tower.sqlite");
+    fs::rename(&link, &real).unwrap();
+    std::os::unix::fs::symlink(&real, &link).unwrap();
+    let repaired = Archive::repair(folder.path()).unwrap();
+    assert_eq!(repaired.windows, 19);
+    assert!(link.symlink_metadata().unwrap().is_symlink());
+    assert!(Archive::check(folder.path()).unwrap().is_sound);
+    assert_eq!(repaired.kept_as.unwrap().parent(), real.canonicalize().unwrap().parent());
 }

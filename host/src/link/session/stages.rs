@@ -4,7 +4,7 @@ use belfry_shared::message::{Acknowledgement, Again, ClockRequest, Greeting, Hos
 use belfry_shared::time::HostTime;
 
 use super::super::delivery::Overdue;
-use super::{FIRST_EXCHANGES, Session, Stage};
+use super::{Session, Stage};
 
 /// Time between tries of a greeting, configuration or clock setting, in µs.
 pub(super) const RETRY_US: i64 = 500_000;
@@ -53,7 +53,7 @@ impl Session {
                 self.wire.say(&HostMessage::Configure(self.delivery.configurations().current.clone()));
                 self.next_try = HostTime(now.0 + RETRY_US);
             }
-            Stage::Timing if self.clock.len() >= FIRST_EXCHANGES => {
+            Stage::Timing if self.is_timed() => {
                 self.stage = if self.knows_time { Stage::Measuring } else { Stage::SettingClock };
                 self.next_try = now;
             }

@@ -73,6 +73,18 @@ fn rows_of(setup: &Setup, name: &str, content: &[u8]) -> Vec<Vec<f64>> {
     read(setup, folder(&[(name, content)]).path()).unwrap().0
 }
 
+/// That a file reads, with one sample that is told at its place as none that a sensor can give, and counts as missing.
+fn expect_impossible(setup: &Setup, name: &str, content: &[u8], parts: &[&str]) {
+    let (rows, report) = read(setup, folder(&[(name, content)]).path()).unwrap();
+    assert_eq!(rows.iter().flatten().filter(|value| value.is_nan()).count(), 1, "{rows:?}");
+    assert_eq!(report.channels.iter().map(|channel| channel.missing).sum::<u64>(), 1);
+    let told: Vec<String> = report.warnings.iter().map(ToString::to_string).collect();
+    let is_told = |told: &&String| {
+        told.contains("1 sample that no sensor can give") && parts.iter().all(|part| told.contains(part))
+    };
+    assert_eq!(told.iter().filter(is_told).count(), 1, "{parts:?} in {told:?}");
+}
+
 /// The error text of one file, which must hold all of `parts`.
 fn expect_error(setup: &Setup, files: &[(&str, &[u8])], parts: &[&str]) {
     let folder = folder(files);
