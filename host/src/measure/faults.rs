@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::epoch_s;
 use super::fill::Filled;
 use super::flat::Flat;
+use super::gains::Drift;
 use super::jumps::Jumps;
 use super::limits::{CutOff, MOST_CUT_OFF};
 use super::spikes::Spikes;
@@ -105,6 +106,30 @@ fn filled_sentences(setup: &Setup, filled: &[Filled]) -> Vec<String> {
         format!("{channels}: {samples}{gaps} {at} into the record, {are} filled by straight lines")
     };
     alike.into_iter().map(sentence).collect()
+}
+
+/// Channels that are copies, a line each.
+pub(super) fn copy_sentences(setup: &Setup, copies: &[[usize; 2]]) -> Vec<String> {
+    let sentence = |&[copy, of]: &[usize; 2]| {
+        let [copy, of] = [copy, of].map(|channel| channels_at(setup, &[channel]));
+        format!(
+            "{copy} has the same samples as {of} in every row, and is left out: two sensors never have; is one recorded twice, under the other's name?"
+        )
+    };
+    copies.iter().map(sentence).collect()
+}
+
+/// Channels whose gain drifts, a line each.
+pub(super) fn drift_sentences(setup: &Setup, drifts: &[Drift]) -> Vec<String> {
+    let sentence = |drift: &Drift| {
+        format!(
+            "{}: its gain {} by {:.0} % over the record, as the other channels tell; it stays, and its components of shapes are means: check the sensor, its supply and its mounting",
+            channels_at(setup, &[drift.channel]),
+            if drift.change > 0.0 { "rises" } else { "falls" },
+            100.0 * drift.change.abs()
+        )
+    };
+    drifts.iter().map(sentence).collect()
 }
 
 /// Which channels hold one value at times: a line for all that do so in the same pieces.

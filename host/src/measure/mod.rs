@@ -4,10 +4,12 @@
 //! A study flows in; averaged cross spectra flow out, with what was left out, what the link did and where the time went. A
 //! setup that cannot be measured is left out with a warning as long as another can.
 
+mod copies;
 mod error;
 mod faults;
 mod fill;
 mod flat;
+mod gains;
 mod intervals;
 mod jumps;
 mod limits;
@@ -32,8 +34,10 @@ use crate::spectra::{
 };
 use crate::study::{Analysis, Setup, Study};
 use faults::{
-    alone_sentence, fault_sentences, left_out_sentences, noisy_sentence, reader_sentences, silenced_sentences,
+    alone_sentence, copy_sentences, drift_sentences, fault_sentences, left_out_sentences, noisy_sentence,
+    reader_sentences, silenced_sentences,
 };
+use gains::Gains;
 use limits::{CutOff, MOST_CUT_OFF};
 use stream::{Streamed, Task};
 
@@ -393,7 +397,9 @@ fn measure_setup<'a>(
     let mut accumulator =
         CrossSpectrumAccumulator::expecting(task.plan.grid, setup.sensors.len(), task.windows).map_err(spectra)?;
     let mut refused = None;
+    let mut gains = Gains::new(setup.sensors.len());
     let average = |window| {
+        gains.push(&window);
         if let Err(error) = accumulator.add(window) {
             refused.get_or_insert(error);
         }
@@ -417,6 +423,8 @@ fn measure_setup<'a>(
         error => spectra(error),
     })?;
     warnings.extend(damage_in_words(&damages).into_iter().map(several));
+    warnings.extend(copy_sentences(setup, &faults.copies).into_iter().map(several));
+    let spectrum = spectrum.without_channels(&faults.copies.iter().map(|&[copy, _]| copy).collect::<Vec<_>>());
     let (spectrum, cut_off) = without_cut_off(spectrum, &faults.cut_off);
     warnings.extend(fault_sentences(setup, &faults, &cut_off).into_iter().map(several));
     warnings.extend(silenced_sentences(setup, &grid, &silenced).into_iter().map(several));
@@ -424,6 +432,7 @@ fn measure_setup<'a>(
     let (spectrum, alone) = spectrum.without_noisy_channels();
     warnings.extend(noisy_sentence(setup, &alone.loud).map(several));
     warnings.extend(alone_sentence(setup, &alone.quiet).map(several));
+    warnings.extend(drift_sentences(setup, &gains.finish(spectrum.channels())).into_iter().map(several));
     if let Some(fleet) = &fleet {
         let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();
         if lost > 0 {

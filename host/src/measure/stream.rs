@@ -4,6 +4,7 @@ use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
+use super::copies::CopyFinder;
 use super::fill::{Filled, Filler};
 use super::flat::{Flat, FlatFinder};
 use super::jumps::{JumpFinder, Jumps};
@@ -78,6 +79,8 @@ pub(super) struct Faults {
     pub(super) cut_off: Vec<CutOff>,
     /// Places where all channels jump.
     pub(super) jumps: Jumps,
+    /// Channels that are copies, each with the one that it is a copy of.
+    pub(super) copies: Vec<[usize; 2]>,
 }
 
 /// Streams a setup's windows, in the order of the grid, past `observer` (on this thread) into `sink` (on another), which gets
@@ -107,7 +110,8 @@ pub(super) fn stream(
         let (rows_sender, sound_rows) = sync_channel(BLOCKS_AHEAD);
         let (used_sender, used) = channel();
         let reader = scope.spawn(move || {
-            read_ahead(recording, Checks::new(setup.sensors.len(), setup.sampling_rate_hz), &rows_sender, &used)
+            let checks = Checks::new(&as_recorded(setup), setup.sampling_rate_hz);
+            read_ahead(recording, checks, &rows_sender, &used)
         });
         let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
         let taker = scope.spawn(move || take_in(&windows, setup.sensors.len(), sink));
@@ -229,12 +233,20 @@ struct Checks {
     spikes: SpikeFilter,
     limits: Limits,
     jumps: JumpFinder,
+    copies: CopyFinder,
     filler: Filler,
 }
 
+/// By channel, what makes its samples what was recorded, up to what all have in common.
+fn as_recorded(setup: &Setup) -> Vec<f64> {
+    setup.sensors.iter().map(|sensor| sensor.sensitivity_v_per_m_s2.unwrap_or(1.0)).collect()
+}
+
 impl Checks {
-    fn new(channels: usize, sampling_rate_hz: f64) -> Self {
+    fn new(as_recorded: &[f64], sampling_rate_hz: f64) -> Self {
+        let channels = as_recorded.len();
         Self {
+            copies: CopyFinder::new(as_recorded.to_vec()),
             spikes: SpikeFilter::new(channels),
             limits: Limits::new(channels),
             jumps: JumpFinder::new(channels),
@@ -244,6 +256,7 @@ impl Checks {
 
     /// Takes rows, row-major, NaN where a sample is missing; fills `sound` with those that are complete with them.
     fn push(&mut self, rows: &[f64], sound: &mut Vec<f64>) {
+        self.copies.push(rows);
         let rows = self.spikes.push(rows);
         self.limits.push(rows);
         self.jumps.push(rows);
@@ -260,8 +273,8 @@ impl Checks {
         let count = self.limits.rows();
         let (last, filled, flat) = self.filler.finish();
         rows.extend(last);
-        let (cut_off, jumps) = (self.limits.finish(), self.jumps.finish());
-        (rows, Faults { spikes, filled, flat, rows: count, cut_off, jumps })
+        let (cut_off, jumps, copies) = (self.limits.finish(), self.jumps.finish(), self.copies.finish());
+        (rows, Faults { spikes, filled, flat, rows: count, cut_off, jumps, copies })
     }
 }
 
@@ -332,7 +345,7 @@ mod tests {
     fn a_part_of_a_row_is_no_row_and_without_channels_there_is_none() {
         let rows: Vec<f64> = (0..600).map(|at| f64::from(at * at % 83)).collect();
         let checked = |channels: usize, rows: &[f64]| {
-            let (mut checks, mut sound) = (Checks::new(channels, 50.0), Vec::new());
+            let (mut checks, mut sound) = (Checks::new(&vec![1.0; channels], 50.0), Vec::new());
             checks.push(rows, &mut sound);
             let (last, faults) = checks.finish();
             sound.extend(last);

@@ -655,3 +655,23 @@ fn a_host_that_never_lives_for_long_has_the_node_forget_what_is_stored() {
     let oldest = bench.session.hello().unwrap().oldest_window;
     assert!(oldest as usize >= numbers.len() - 1, "the node still has windows from {oldest} on of {numbers:?}");
 }
+
+#[test]
+fn on_a_line_that_jitters_the_clock_is_measured_for_longer_before_it_is_set() {
+    let exchanges = |faults: Faults| {
+        let mut bench = Bench::new(faults);
+        while !bench.session.is_measuring() {
+            bench.run(1, &mut Vec::<NodeWindow>::new()).unwrap();
+            assert!(bench.step < 1000, "it never measures");
+        }
+        let now_us = bench.step * 20_000;
+        let node_us = (now_us - bench.node_start * 20_000) as f64 * (1.0 + 15e-6);
+        let model = bench.session.clock.model().unwrap();
+        (bench.session.clock.len(), model.host_time(NodeTime(node_us as u64)).0 - now_us)
+    };
+    assert_eq!(exchanges(Faults::default()).0, FIRST_EXCHANGES);
+    let (count, error_us) = exchanges(Faults { jitter_us: 40_000, ..Faults::default() });
+    assert_eq!(count, MOST_FIRST_EXCHANGES);
+    // The quickest of thirty draws of up to 40 ms each way is 1.3 ms late, give or take as much.
+    assert!(error_us.abs() < 4_000, "{error_us} µs");
+}
