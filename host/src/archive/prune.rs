@@ -1,6 +1,7 @@
 //! Pruning: windows that are older than what is to be kept are dropped, an hour at a time, so that nodes may go on delivering.
 
 use std::collections::BTreeMap;
+use std::thread;
 use std::time::Duration;
 
 use belfry_shared::time::HostTime;
@@ -10,6 +11,11 @@ use serde::Serialize;
 use super::checksum::{Kind, hour_of, hour_start_us, seal, uncount};
 use super::range::moment;
 use super::{Archive, ArchiveError};
+
+/// How often pruning is tried again, and after which pauses, each twice as long as the one before: two minutes, and what SQLite itself waits.
+const MOST_TRIES: u32 = 16;
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 
 /// What is dropped of a node.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -101,6 +107,34 @@ impl Archive {
             Ok(())
         };
         prune().map_err(|source| self.failed(source))
+    }
+
+    /// The same, again and again while another program writes or the disk is full; `on_wait` gets the first reason. What is dropped makes room for
+    /// the rest.
+    ///
+    /// # Errors
+    /// As [`Archive::prune`], where that does not pass for minutes.
+    pub fn prune_patiently(
+        &mut self,
+        found: &PruneReport,
+        on_wait: &mut dyn FnMut(&ArchiveError),
+    ) -> Result<(), ArchiveError> {
+        let mut pause = FIRST_PAUSE;
+        for tries in 0.. {
+            match self.prune(found) {
+                Err(error) if error.will_pass() && tries < MOST_TRIES => {
+                    if tries == 0 {
+                        on_wait(&error);
+                    }
+                    // Where the disk is full, the log may give back what it takes.
+                    self.empty_log();
+                }
+                pruned => return pruned,
+            }
+            thread::sleep(pause);
+            pause = (2 * pause).min(LONGEST_PAUSE);
+        }
+        Ok(())
     }
 
     /// Drops what a setup has before a moment in the first hour of which it has anything; `false` where there is nothing.

@@ -298,7 +298,7 @@ impl Archive {
     fn each_written(
         &self,
         last: i64,
-        take: &mut dyn FnMut(i64, Vec<(i64, Vec<Value>)>) -> rusqlite::Result<()>,
+        take: &mut dyn FnMut(i64, Vec<Numbered>) -> rusqlite::Result<()>,
     ) -> rusqlite::Result<()> {
         let query =
             format!("SELECT {CHANNEL_COLUMNS}, rowid FROM channel NOT INDEXED WHERE rowid >= ?1 ORDER BY rowid");
@@ -350,6 +350,9 @@ impl Archive {
         Some(SavedWindow { head: values.0, channels, was_mended })
     }
 }
+
+/// A channel's number within its window, and its columns.
+type Numbered = (i64, Vec<Value>);
 
 /// A window that is sound, or has been mended: its own columns, and those of its channels one after the other.
 struct SavedWindow {

@@ -29,7 +29,7 @@ impl Archive {
     }
 
     /// Moves what is in the log into the file, and whether all of it could be.
-    fn empty_log(&self) -> bool {
+    pub(super) fn empty_log(&self) -> bool {
         let is_busy = self.connection.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |row| row.get::<_, i64>(0));
         is_busy.is_ok_and(|is_busy| is_busy == 0)
     }

@@ -259,7 +259,9 @@ fn run_prune(arguments: &Prune, console: &Console) -> anyhow::Result<()> {
     if arguments.dry_run {
         console.say(format!("{} began before {before} and would be dropped; {kept} would stay.", of_nodes(windows)));
     } else {
-        archive.prune(&found)?;
+        archive.prune_patiently(&found, &mut |error| {
+            console.warn(format_args!("{error}; trying again for some minutes"))
+        })?;
         console.say(format!(
             "{} that began before {before} {} dropped; {kept} stay.",
             of_nodes(windows),

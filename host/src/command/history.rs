@@ -47,9 +47,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 
 /// Tells the steps.
 pub(super) fn show_history(project: &Project, console: &Console) -> anyhow::Result<Vec<StepRecord>> {
-    if let Some(torn) = project.results().torn_history()? {
-        console.warn(torn);
-    }
+    project.results().history_damage()?.into_iter().for_each(|damage| console.warn(damage));
     let steps = project.history()?;
     tell_history(&steps, console);
     console.detail(format!("Picture: {}", project.results().path("history.svg").display()));

@@ -116,7 +116,13 @@ fn free_output(image: &Image) -> anyhow::Result<PathBuf> {
 
 fn write_image(node: u16, key: &Key, output: &Path, keys: PathBuf, console: &Console) -> anyhow::Result<()> {
     write_private(output, &key.image(node), false)
-        .with_context(|| format!("the image of node {node}'s key cannot be written to {}", output.display()))?;
+        .with_context(|| {
+            format!(
+                "the image of node {node}'s key cannot be written to {}; the key itself is in {}, and `belfry key image {node} --output FILE` writes its image elsewhere",
+                output.display(),
+                keys.display()
+            )
+        })?;
     let name = in_shell(output);
     console.say(format!(
         "Its image is {}. Write it into the node through the board's USB connector, and delete it:\n  probe-rs download --chip STM32F446RETx --binary-format bin --base-address {ADDRESS:#010x} {name}\n  probe-rs reset --chip STM32F446RETx\n  rm {name}",

@@ -122,11 +122,19 @@ pub(super) fn copy_sentences(setup: &Setup, copies: &[[usize; 2]]) -> Vec<String
 /// Channels whose gain drifts, a line each.
 pub(super) fn drift_sentences(setup: &Setup, drifts: &[Drift]) -> Vec<String> {
     let sentence = |drift: &Drift| {
+        let change = format!("{:.0} %", 100.0 * drift.change.abs());
+        let told = match drift.channels.as_slice() {
+            [_] if drift.change > 0.0 => {
+                format!("its gain rises by {change} over the record, as the other channels tell")
+            }
+            [_] => format!("its gain falls by {change} over the record, as the other channels tell"),
+            _ => format!(
+                "the gain of one of them drifts by {change} over the record, as the other channels tell, but not of which"
+            ),
+        };
+        let channels = channels_at(setup, &drift.channels);
         format!(
-            "{}: its gain {} by {:.0} % over the record, as the other channels tell; it stays, and its components of shapes are means: check the sensor, its supply and its mounting",
-            channels_at(setup, &[drift.channel]),
-            if drift.change > 0.0 { "rises" } else { "falls" },
-            100.0 * drift.change.abs()
+            "{channels}: {told}; it stays, and its components of shapes are means: check the sensor, its supply and its mounting"
         )
     };
     drifts.iter().map(sentence).collect()

@@ -1,8 +1,11 @@
 //! Channels whose gain drifts over the record.
 //!
-//! Windows flow in; which channels' gains drift, and how far, flows out. What the other channels tell of a channel's motion is a straight
-//! regression over the whole record. A channel whose own motion, beside that, grows or falls steadily from the first part of the record to the
-//! last has a gain that drifts. Whatever the load does, all channels take part in it.
+//! Windows flow in; which channels' gains drift, and how far, flows out. In a narrow band few modes take part, so that a straight regression over
+//! the whole record tells a channel's motion from that of the others. A channel whose own motion, beside that, grows or falls steadily from
+//! the first part of the record to the last, alike in many bands, has a gain that drifts. Whatever the load does, all channels take part in it;
+//! a mode that changes does so in its own bands.
+
+use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -13,35 +16,44 @@ use crate::statistics::median;
 const PARTS: usize = 32;
 /// Windows that a part has at least.
 const LEAST_WINDOWS: usize = 2;
-/// Lines of a window that are looked at, at most.
-const MOST_LINES: usize = 256;
+/// Bands at most, lines that one has at least, and lines of it that are looked at, about.
+const MOST_BANDS: usize = 48;
+const LEAST_LINES: usize = 4;
+const LINES: usize = 16;
 /// Channels between which a drift can be told, at least, and that are looked at, at most.
 const LEAST_CHANNELS: usize = 4;
-const MOST_CHANNELS: usize = 256;
-/// The others must tell so much of a channel's motion...
+const MOST_CHANNELS: usize = 64;
+/// The others must tell so much of a channel's motion, in so many bands...
 const TOLD: f64 = 0.8;
+const LEAST_BANDS: usize = 3;
 /// ...and its gain must change by so much (ln) from one end of the record to the other...
 const LEAST_CHANGE: f64 = 0.1;
 /// ...which is so many standard errors of a straight line through the parts.
 const ERRORS: f64 = 8.0;
-/// How often a drift that was found is measured anew, and what more of it (ln) is not worth another time.
+/// Channels that are tried in turn, how often the drift of one is measured anew, and what more of it (ln) is not worth another time.
+const MOST_TRIED: usize = 4;
 const MOST_ROUNDS: usize = 20;
 const ENOUGH: f64 = 2e-3;
+/// Errors (ln) below this are not believed.
+const LEAST_ERROR: f64 = 5e-3;
+/// A drift of one channel explains all as well as that of another where it leaves no more than so many times the other's squares, and so many more.
+const AS_WELL: f64 = 3.0;
+const AS_WELL_MORE: f64 = 20.0;
 /// What the others tell is only as sure as so many times the mean power of a channel.
 const RIDGE: f64 = 1e-6;
 /// More channels than this share do not drift by chance: then it is not the channels.
 const MOST_SHARE: f64 = 0.34;
 
 /// A channel whose gain drifts.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Drift {
-    /// The channel, in the setup's order.
-    pub(super) channel: usize,
-    /// By how much its gain changes from the record's beginning to its end: 0.1 for a tenth more.
+    /// The channel, in the setup's order; behind it those of which it may be one as well, for they move much as it does.
+    pub(super) channels: Vec<usize>,
+    /// By how much the gain changes from the record's beginning to its end: 0.1 for a tenth more.
     pub(super) change: f64,
 }
 
-/// A part of the record: sums of products of channels, and windows in which both of two were sound.
+/// A part of the record: sums of products of channels in each band, and windows in which both of two channels were sound.
 #[derive(Debug, Clone)]
 struct Part {
     products: Vec<f64>,
@@ -61,24 +73,23 @@ impl Part {
 #[derive(Debug)]
 pub(super) struct Gains {
     channels: usize,
+    lines: usize,
+    bands: usize,
     /// Windows of a part.
     length: usize,
     parts: Vec<Part>,
 }
 
 impl Gains {
-    /// For so many channels.
-    pub(super) fn new(channels: usize) -> Self {
-        Self { channels, length: 1, parts: Vec::new() }
-    }
-
-    fn is_watched(&self) -> bool {
-        (LEAST_CHANNELS..=MOST_CHANNELS).contains(&self.channels)
+    /// For so many channels, in windows of so many lines.
+    pub(super) fn new(channels: usize, lines: usize) -> Self {
+        Self { channels, lines, bands: (lines / LEAST_LINES).clamp(1, MOST_BANDS), length: 1, parts: Vec::new() }
     }
 
     /// Takes a window.
     pub(super) fn push(&mut self, window: &WindowLines) {
-        if !self.is_watched() || window.channels.len() != self.channels {
+        let count = self.channels;
+        if !(LEAST_CHANNELS..=MOST_CHANNELS).contains(&count) || window.channels.len() != count {
             return;
         }
         if self.parts.last().is_none_or(|part| part.windows >= self.length) {
@@ -91,21 +102,24 @@ impl Gains {
                 self.parts = joined.collect();
                 self.length *= 2;
             }
-            let size = self.channels * self.channels;
-            self.parts.push(Part { products: vec![0.0; size], sound: vec![0.0; size], windows: 0 });
+            let (products, sound) = (vec![0.0; self.bands * count * count], vec![0.0; count * count]);
+            self.parts.push(Part { products, sound, windows: 0 });
         }
         let Some(part) = self.parts.last_mut() else { return };
         part.windows += 1;
+        let width = self.lines.div_ceil(self.bands).max(1);
+        let step = width.div_ceil(LINES).max(1);
         for (first, one) in window.channels.iter().enumerate() {
             let Some(one) = one else { continue };
-            let step = one.len().div_ceil(MOST_LINES).max(1);
             for (second, other) in window.channels.iter().enumerate().take(first + 1) {
                 let Some(other) = other else { continue };
-                let lines = one.iter().zip(other).step_by(step);
-                let product: f64 = lines.map(|(a, b)| f64::from(a.re * b.re + a.im * b.im)).sum();
-                let at = first * self.channels + second;
-                part.products[at] += product;
+                let at = first * count + second;
                 part.sound[at] += 1.0;
+                for (band, (one, other)) in one.chunks(width).zip(other.chunks(width)).enumerate().take(self.bands) {
+                    let lines = one.iter().zip(other).step_by(step);
+                    part.products[band * count * count + at] +=
+                        lines.map(|(a, b)| f64::from(a.re * b.re + a.im * b.im)).sum::<f64>();
+                }
             }
         }
     }
@@ -122,118 +136,202 @@ impl Gains {
         if self.length < LEAST_WINDOWS || self.parts.len() < PARTS / 2 - 1 {
             return Vec::new();
         }
-        let mut channels: Vec<usize> =
+        let channels: Vec<usize> =
             are_used.iter().copied().filter(|&channel| channel < self.channels && self.is_there(channel)).collect();
-        let most = (MOST_SHARE * channels.len() as f64) as usize;
-        let mut drifts = Vec::new();
-        while channels.len() >= LEAST_CHANNELS {
-            // Beside one that drifts a lot, others seem to drift the other way: the furthest goes first.
-            let Some(drift) = self.furthest(&channels) else { break };
-            channels.retain(|&channel| channel != drift.channel);
-            drifts.push(drift);
-            if drifts.len() > most {
-                return Vec::new();
-            }
+        if channels.len() < LEAST_CHANNELS {
+            return Vec::new();
         }
-        drifts.sort_unstable_by_key(|drift| drift.channel);
-        drifts
+        Regressions::new(&self, channels).drifts()
     }
 
     /// Whether a channel is sound in half of all windows of each part.
     fn is_there(&self, channel: usize) -> bool {
         let at = channel * self.channels + channel;
-        self.parts.iter().all(|part| 2.0 * part.sound[at] >= part.windows as f64 && part.products[at] > 0.0)
+        self.parts.iter().all(|part| 2.0 * part.sound[at] >= part.windows as f64)
     }
 
-    /// Mean products of some channels in a part.
-    fn matrix(&self, part: &Part, channels: &[usize]) -> DMatrix<f64> {
+    /// Mean products of some channels in a part of a band.
+    fn matrix(&self, part: &Part, band: usize, channels: &[usize]) -> DMatrix<f64> {
         DMatrix::from_fn(channels.len(), channels.len(), |row, column| {
             let (first, second) = (channels[row].max(channels[column]), channels[row].min(channels[column]));
             let at = first * self.channels + second;
-            part.products[at] / part.sound[at].max(1.0)
+            part.products[band * self.channels * self.channels + at] / part.sound[at].max(1.0)
         })
     }
+}
 
-    /// The channel of these whose gain drifts furthest, if any does.
-    fn furthest(&self, channels: &[usize]) -> Option<Drift> {
-        let told = self.told(channels, None)?;
-        let common = common(&told);
-        let lines = told.iter().map(|(channel, gains)| (*channel, line(&beside(gains, &common))));
-        let may_drift = |(_, (change, error)): &(usize, (f64, f64))| {
-            change.abs() > 0.5 * LEAST_CHANGE && change.abs() > 0.5 * ERRORS * error
+/// Drifts (ln) by channel.
+type Known = BTreeMap<usize, f64>;
+/// Gains (ln) of a channel, part by part.
+type Told = (usize, Vec<f64>);
+
+/// What channels tell of one another. Channels are numbered as they come.
+struct Regressions {
+    channels: Vec<usize>,
+    /// By band and part.
+    bands: Vec<Vec<DMatrix<f64>>>,
+}
+
+impl Regressions {
+    fn new(gains: &Gains, channels: Vec<usize>) -> Self {
+        let of_band = |band| -> Option<Vec<DMatrix<f64>>> {
+            let parts: Vec<DMatrix<f64>> = gains.parts.iter().map(|part| gains.matrix(part, band, &channels)).collect();
+            // Channels of any unit count alike.
+            let mean_power = |at: usize| parts.iter().map(|part| part[(at, at)]).sum::<f64>() / parts.len() as f64;
+            let powers: Vec<f64> = (0..channels.len()).map(mean_power).collect();
+            let alike = |part: &DMatrix<f64>| {
+                DMatrix::from_fn(channels.len(), channels.len(), |row, column| {
+                    part[(row, column)] / (powers[row] * powers[column]).sqrt()
+                })
+            };
+            powers.iter().all(|power| power.is_normal()).then(|| parts.iter().map(alike).collect())
         };
-        let mut candidates: Vec<(usize, (f64, f64))> = lines.filter(may_drift).collect();
-        candidates.sort_by(|(_, one), (_, other)| other.0.abs().total_cmp(&one.0.abs()));
-        candidates.into_iter().find_map(|(channel, (change, _))| self.settled(channels, channel, change))
+        let bands = (0..gains.bands).filter_map(of_band).collect();
+        Self { channels, bands }
     }
 
-    /// A drift (ln) of about this size, if it is one. The regression believes a channel most where it moves most. So what is known of the drift is
-    /// taken off, and the regression made again.
-    fn settled(&self, channels: &[usize], channel: usize, mut change: f64) -> Option<Drift> {
+    fn drifts(&self) -> Vec<Drift> {
+        let most = (MOST_SHARE * self.channels.len() as f64).max(1.0) as usize;
+        let mut known = Known::new();
+        let mut names: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for _ in 0..=most {
+            let Some((channel, change, others)) = self.next(&known) else { break };
+            known.insert(channel, change);
+            names.insert(channel, others);
+            // Beside one that drifts, others seem to drift the other way: each anew, with what is known of all.
+            for channel in known.keys().copied().collect::<Vec<_>>() {
+                match self.settled(&known, channel) {
+                    Some(change) => known.insert(channel, change),
+                    None => known.remove(&channel),
+                };
+            }
+        }
+        if known.len() > most {
+            return Vec::new();
+        }
+        let drift = |(channel, change): (usize, f64)| {
+            let others = names.get(&channel).into_iter().flatten().copied();
+            let channels = std::iter::once(channel).chain(others).map(|at| self.channels[at]).collect();
+            Drift { channels, change: change.exp_m1() }
+        };
+        known.into_iter().map(drift).collect()
+    }
+
+    /// The channel whose drift explains most of what is not known yet, how far it drifts, and other channels whose drift explains as much.
+    fn next(&self, known: &Known) -> Option<(usize, f64, Vec<usize>)> {
+        let told = self.told(known)?;
+        let common = common(&told);
+        let mut candidates: Vec<(usize, f64)> = Vec::new();
+        for (channel, gains) in told.iter().filter(|(channel, _)| !known.contains_key(channel)) {
+            let (change, error) = line(&beside(gains, &common));
+            if change.abs() > 0.5 * LEAST_CHANGE && change.abs() > 0.5 * ERRORS * error {
+                candidates.push((*channel, change));
+            }
+        }
+        candidates.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
+        let tried = candidates.into_iter().take(MOST_TRIED).filter_map(|(channel, change)| {
+            let mut with = known.clone();
+            with.insert(channel, change);
+            let change = self.settled(&with, channel)?;
+            with.insert(channel, change);
+            Some((self.misfit(&with)?, channel, change))
+        });
+        let mut tried: Vec<(f64, usize, f64)> = tried.collect();
+        tried.sort_by(|one, other| one.0.total_cmp(&other.0));
+        let &(least, channel, change) = tried.first()?;
+        let as_well = tried[1..].iter().filter(|(misfit, ..)| *misfit < AS_WELL * least + AS_WELL_MORE);
+        Some((channel, change, as_well.map(|(_, channel, _)| *channel).collect()))
+    }
+
+    /// How far a channel drifts, beginning from what is known, if it does. The regression believes a channel most where it moves most. So what is
+    /// known of its drift is taken off, and the regression made again.
+    fn settled(&self, known: &Known, channel: usize) -> Option<f64> {
+        let mut known = known.clone();
         for _ in 0..MOST_ROUNDS {
-            let told = self.told(channels, Some((channel, change)))?;
+            let told = self.told(&known)?;
             let (_, gains) = told.iter().find(|(other, _)| *other == channel)?;
             let (more, error) = line(&beside(gains, &common(&told)));
-            change += more;
+            let change = known.entry(channel).or_default();
+            *change += more;
             if more.abs() < ENOUGH {
-                let is_sure = change.abs() > LEAST_CHANGE && change.abs() > ERRORS * error;
-                return is_sure.then(|| Drift { channel, change: change.exp_m1() });
+                return (change.abs() > LEAST_CHANGE && change.abs() > ERRORS * error).then_some(*change);
             }
         }
         None
     }
 
-    /// Of the channels that the others tell of, the gain (ln) in each part: what a channel shows beside what they tell. A drift (ln) that is known is
-    /// taken off its channel.
-    fn told(&self, channels: &[usize], known: Option<(usize, f64)>) -> Option<Vec<(usize, Vec<f64>)>> {
-        let count = channels.len();
-        let mut parts: Vec<DMatrix<f64>> = self.parts.iter().map(|part| self.matrix(part, channels)).collect();
-        if let Some((channel, change)) = known
-            && let Some(at) = channels.iter().position(|&other| other == channel)
-        {
-            let last = (parts.len() - 1).max(1) as f64;
-            for (number, part) in parts.iter_mut().enumerate() {
-                let gain = (change * (number as f64 / last - 0.5)).exp();
-                part.row_mut(at).scale_mut(1.0 / gain);
-                part.column_mut(at).scale_mut(1.0 / gain);
+    /// Squares of what is left of drifts, in their standard errors.
+    fn misfit(&self, known: &Known) -> Option<f64> {
+        let told = self.told(known)?;
+        let common = common(&told);
+        let left = told.iter().map(|(_, gains)| {
+            let (change, error) = line(&beside(gains, &common));
+            (change / error.max(LEAST_ERROR)).powi(2)
+        });
+        Some(left.sum())
+    }
+
+    /// Of the channels that the others tell of, the gain in each part: what a channel shows beside what they tell, in the mean of bands, each of
+    /// which counts as much as it scatters little. Drifts that are known are taken off their channels.
+    fn told(&self, known: &Known) -> Option<Vec<Told>> {
+        let count = self.channels.len();
+        let mut sums: Vec<(usize, f64, Vec<f64>)> = vec![(0, 0.0, Vec::new()); count];
+        for parts in &self.bands {
+            let parts = without(parts, known);
+            let whole = parts.iter().fold(DMatrix::zeros(count, count), |sum, part| sum + part) / parts.len() as f64;
+            let ridge = DMatrix::identity(count, count) * RIDGE;
+            let Some(inverse) = (whole + ridge).cholesky().map(|factors| factors.inverse()) else { continue };
+            for (at, (bands, weight, sum)) in sums.iter_mut().enumerate() {
+                // The regression on the others, and what it leaves, stand in the inverse (Whittaker 1990, section 5.8).
+                if 1.0 - 1.0 / inverse[(at, at)] < TOLD {
+                    continue;
+                }
+                let mut weights: DVector<f64> = -inverse.column(at) / inverse[(at, at)];
+                weights[at] = 0.0;
+                let gain = |part: &DMatrix<f64>| {
+                    let expected = part * &weights;
+                    (expected[at] / weights.dot(&expected)).ln()
+                };
+                let gains: Vec<f64> = parts.iter().map(gain).collect();
+                if !gains.iter().all(|gain| gain.is_finite()) {
+                    continue;
+                }
+                let steps: f64 = gains.iter().zip(&gains[1..]).map(|(one, next)| (next - one).powi(2)).sum();
+                let scatter = (0.5 * steps / (gains.len() - 1) as f64).max(1e-6);
+                let mean = gains.iter().sum::<f64>() / gains.len() as f64;
+                sum.resize(gains.len(), 0.0);
+                sum.iter_mut().zip(gains).for_each(|(sum, gain)| *sum += (gain - mean) / scatter);
+                *weight += 1.0 / scatter;
+                *bands += 1;
             }
         }
-        // Channels of any unit count alike.
-        let powers: Vec<f64> =
-            (0..count).map(|at| parts.iter().map(|part| part[(at, at)]).sum::<f64>() / parts.len() as f64).collect();
-        if powers.iter().any(|power| !power.is_normal()) {
-            return None;
-        }
-        let alike = |part: &DMatrix<f64>| {
-            DMatrix::from_fn(count, count, |row, column| part[(row, column)] / (powers[row] * powers[column]).sqrt())
-        };
-        let parts: Vec<DMatrix<f64>> = parts.iter().map(alike).collect();
-        let whole = parts.iter().fold(DMatrix::zeros(count, count), |sum, part| sum + part) / parts.len() as f64;
-        let ridge = DMatrix::identity(count, count) * RIDGE;
-        let inverse = (whole + ridge).cholesky()?.inverse();
-        let mut told: Vec<(usize, Vec<f64>)> = Vec::new();
-        for at in 0..count {
-            // The regression on the others, and what it leaves, stand in the inverse (Whittaker 1990, section 5.8).
-            if 1.0 - 1.0 / inverse[(at, at)] < TOLD {
-                continue;
-            }
-            let mut weights: DVector<f64> = -inverse.column(at) / inverse[(at, at)];
-            weights[at] = 0.0;
-            let gain = |part: &DMatrix<f64>| {
-                let expected = part * &weights;
-                (expected[at] / weights.dot(&expected)).ln()
-            };
-            let gains: Vec<f64> = parts.iter().map(gain).collect();
-            if gains.iter().all(|gain| gain.is_finite()) {
-                told.push((channels[at], gains));
-            }
-        }
+        let told: Vec<Told> = sums
+            .into_iter()
+            .enumerate()
+            .filter(|(_, (bands, ..))| *bands >= LEAST_BANDS)
+            .map(|(at, (_, weight, sum))| (at, sum.into_iter().map(|sum| sum / weight).collect()))
+            .collect();
         (told.len() >= LEAST_CHANNELS - 1).then_some(told)
     }
 }
 
+/// The parts without drifts that are known.
+fn without(parts: &[DMatrix<f64>], known: &Known) -> Vec<DMatrix<f64>> {
+    let last = parts.len().saturating_sub(1).max(1) as f64;
+    let without = |(number, part): (usize, &DMatrix<f64>)| {
+        let mut part = part.clone();
+        for (&at, change) in known {
+            let gain = (change * (number as f64 / last - 0.5)).exp();
+            part.row_mut(at).scale_mut(1.0 / gain);
+            part.column_mut(at).scale_mut(1.0 / gain);
+        }
+        part
+    };
+    parts.iter().enumerate().map(without).collect()
+}
+
 /// What the gains of all channels have in common, part by part: in a calm one noise makes what the others tell too large.
-fn common(told: &[(usize, Vec<f64>)]) -> Vec<f64> {
+fn common(told: &[Told]) -> Vec<f64> {
     let parts = told.first().map_or(0, |(_, gains)| gains.len());
     let of_part = |part: usize| {
         let mut gains: Vec<f64> = told.iter().map(|(_, gains)| gains[part]).collect();
@@ -279,7 +377,7 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = move || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
         let shape = |mode: usize, channel: usize| ((mode + 1) as f64 * (channel + 1) as f64 * 0.4).sin();
-        let mut gains = Gains::new(CHANNELS);
+        let mut gains = Gains::new(CHANNELS, 40);
         let (mut levels, lines) = ([0.0_f64; 3], 40);
         for window in 0..WINDOWS {
             let share = window as f64 / (WINDOWS - 1) as f64;
@@ -311,7 +409,7 @@ mod tests {
             assert_eq!(drifts(seed, |channel, _| 1.0 + channel as f64), []);
             for change in [0.3, -0.25] {
                 let found = drifts(seed, |channel, share| if channel == 2 { 1.0 + change * share } else { 1.0 });
-                assert_eq!(found.iter().map(|drift| drift.channel).collect::<Vec<_>>(), [2], "{found:?}");
+                assert_eq!(found.iter().map(|drift| &drift.channels[..]).collect::<Vec<_>>(), [&[2]], "{found:?}");
                 assert!((found[0].change - change).abs() < 0.05, "{change}: {found:?}");
             }
         }
@@ -320,15 +418,15 @@ mod tests {
             5 => 1.0 - 0.3 * share,
             _ => 1.0,
         };
-        assert_eq!(drifts(9, two).iter().map(|drift| drift.channel).collect::<Vec<_>>(), [1, 5]);
+        assert_eq!(drifts(9, two).iter().map(|drift| drift.channels[0]).collect::<Vec<_>>(), [1, 5]);
     }
 
     #[test]
     fn all_at_once_and_few_windows_tell_nothing() {
         assert_eq!(drifts(3, |_, share| 1.0 + share), [], "that is the load, or the recorder");
-        let mut gains = Gains::new(CHANNELS);
+        let mut gains = Gains::new(CHANNELS, 40);
         gains.push(&WindowLines { grid_index: 0, channels: vec![None; CHANNELS] });
         assert_eq!(gains.finish(&[0, 1, 2, 3]), []);
-        assert_eq!(Gains::new(2).finish(&[0, 1]), []);
+        assert_eq!(Gains::new(2, 40).finish(&[0, 1]), []);
     }
 }

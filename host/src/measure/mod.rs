@@ -397,7 +397,7 @@ fn measure_setup<'a>(
     let mut accumulator =
         CrossSpectrumAccumulator::expecting(task.plan.grid, setup.sensors.len(), task.windows).map_err(spectra)?;
     let mut refused = None;
-    let mut gains = Gains::new(setup.sensors.len());
+    let mut gains = Gains::new(setup.sensors.len(), task.plan.grid.lines);
     let average = |window| {
         gains.push(&window);
         if let Err(error) = accumulator.add(window) {

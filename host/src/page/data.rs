@@ -159,7 +159,7 @@ impl PageData {
         if let (Value::Null, Some(case)) = (&modes, &case) {
             modes = published_modes(case);
         }
-        results.torn_history().ok().flatten().into_iter().for_each(note);
+        results.history_damage().unwrap_or_default().into_iter().for_each(note);
         let steps = results.history().unwrap_or_else(|error| {
             note(error.to_string());
             Vec::new()

@@ -102,10 +102,13 @@ impl fmt::Display for RecordWarning {
                 )
             }
             Self::Impossible { channels, samples, value, first, first_s } => {
-                let noun = if *samples == 1 { "sample" } else { "samples" };
+                let (samples, which, count) = match samples {
+                    1 => ("1 sample".to_owned(), "", "it counts"),
+                    samples => (format!("{samples} samples"), " the first", "they count"),
+                };
                 write!(
                     formatter,
-                    "{channels}: {samples} {noun} that no sensor can give, the first {value:.3e} at {first}, {} into the record: the file is damaged there; they count as missing",
+                    "{channels}: {samples} that no sensor can give,{which} {value:.3e} at {first}, {} into the record: the file is damaged there; {count} as missing",
                     time_of_day(*first_s)
                 )
             }

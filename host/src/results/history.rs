@@ -4,40 +4,34 @@ use super::{HISTORY_FILE, Results, ResultsError};
 use crate::diagnose::steps::StepRecord;
 
 impl Results {
-    /// The steps so far; none where nothing was done yet.
-    ///
-    /// # Errors
-    /// When the file cannot be read; names the line.
-    pub fn history(&self) -> Result<Vec<StepRecord>, ResultsError> {
-        self.steps_of(whole_lines(&self.read(HISTORY_FILE)?.unwrap_or_default()))
-    }
-
-    fn steps_of(&self, text: &str) -> Result<Vec<StepRecord>, ResultsError> {
-        let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-        let step = |(index, line): (usize, &str)| {
-            serde_json::from_str(line).map_err(|source| ResultsError::Syntax {
-                file: self.path(HISTORY_FILE),
-                line: index + 1,
-                step: "add",
-                source,
-            })
-        };
-        lines.map(step).collect()
-    }
-
-    /// A sentence, where the file ends in half a line, which is left out.
+    /// The steps so far; none where nothing was done yet. Lines that are no steps are left out: [`Results::history_damage`] tells them.
     ///
     /// # Errors
     /// When the file cannot be read.
-    pub fn torn_history(&self) -> Result<Option<String>, ResultsError> {
+    pub fn history(&self) -> Result<Vec<StepRecord>, ResultsError> {
+        Ok(steps_of(&self.read(HISTORY_FILE)?.unwrap_or_default()))
+    }
+
+    /// What is wrong with the history's file, a sentence a line that is left out.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn history_damage(&self) -> Result<Vec<String>, ResultsError> {
         let text = self.read(HISTORY_FILE)?.unwrap_or_default();
-        let is_torn = whole_lines(&text).len() < text.len();
-        Ok(is_torn.then(|| {
-            format!(
+        let file = self.path(HISTORY_FILE);
+        let whole = whole_lines(&text);
+        let broken = whole.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        let broken = broken.filter_map(|(index, line)| Some((index, step(line).err()?)));
+        let mut sentences: Vec<String> = broken
+            .map(|(index, why)| format!("{}, line {} is no step and is left out: {why}", file.display(), index + 1))
+            .collect();
+        if whole.len() < text.len() {
+            sentences.push(format!(
                 "{} ends in half a line, as a program leaves it that was stopped while it wrote; it is left out",
-                self.path(HISTORY_FILE).display()
-            )
-        }))
+                file.display()
+            ));
+        }
+        Ok(sentences)
     }
 
     /// Appends steps and returns them as they stand there: numbered on, with the mark of the `data` that they are of.
@@ -46,7 +40,7 @@ impl Results {
     /// When the history cannot be read or written; it is then as it was.
     pub fn append_history(&self, steps: &[StepRecord], data: &str) -> Result<Vec<StepRecord>, ResultsError> {
         let mut text = whole_lines(&self.read(HISTORY_FILE)?.unwrap_or_default()).to_owned();
-        let first = self.steps_of(&text)?.last().map_or(0, |last| last.step + 1);
+        let first = steps_of(&text).last().map_or(0, |last| last.step + 1);
         let numbered: Vec<StepRecord> = (first..)
             .zip(steps)
             .map(|(step, record)| StepRecord { step, data: data.to_owned(), ..record.clone() })
@@ -65,9 +59,16 @@ impl Results {
     }
 }
 
+fn step(line: &str) -> serde_json::Result<StepRecord> {
+    serde_json::from_str(line)
+}
+
+fn steps_of(text: &str) -> Vec<StepRecord> {
+    text.lines().filter_map(|line| step(line).ok()).collect()
+}
+
 /// The text without a last line that lacks its end and is no step.
 fn whole_lines(text: &str) -> &str {
     let end = text.rfind('\n').map_or(0, |end| end + 1);
-    let is_step = |line: &str| serde_json::from_str::<StepRecord>(line).is_ok();
-    if text[end..].trim().is_empty() || is_step(&text[end..]) { text } else { &text[..end] }
+    if text[end..].trim().is_empty() || step(&text[end..]).is_ok() { text } else { &text[..end] }
 }

@@ -144,9 +144,22 @@ fn broken_rows_are_named_by_file_line_and_column() {
         csv(&rows, |row, column, value| if (row, column) == (9, 2) { "inf".into() } else { plain(0, 0, value) });
     let (status, said, report) = identify("data.csv", &infinite, 20.0, CHANNELS);
     assert_eq!(status, 0, "{said}");
-    for part in ["data.csv, line 11", "\"south\"", "1 sample that no sensor can give", "left out"] {
+    for part in ["data.csv, line 11", "\"south\"", "1 sample that no sensor can give", "it counts as missing"] {
         assert!(said.contains(part), "no {part:?} in: {said}");
     }
+    assert_both_modes(&report);
+}
+
+#[test]
+fn a_channel_that_is_a_copy_of_another_is_told_and_left_out() {
+    let rows = recording();
+    let text = csv(&rows, |row, column, value| plain(0, 0, if column == 3 { rows[row][0] } else { value }));
+    let (status, said, report) = identify("data.csv", &text, 20.0, CHANNELS);
+    assert_eq!(status, 0, "{said}");
+    assert!(
+        said.contains("channel \"west\" has the same samples as channel \"north\" in every row, and is left out"),
+        "{said}"
+    );
     assert_both_modes(&report);
 }
 

@@ -47,4 +47,20 @@ fn two_commands_that_change_a_study_at_once_both_do() {
     belfry_command().args(["remove", &study, "base-rotation"]).assert().success();
     let after = fs::read_to_string(&file).unwrap();
     assert!(after.starts_with(&history) && after.lines().count() == history.lines().count() + 1, "{after}");
+
+    // So is a line that was broken afterwards; it stays in the file.
+    let broken: Vec<String> = after
+        .lines()
+        .enumerate()
+        .map(|(at, line)| if at == 1 { line.replacen('"', "'", 1) } else { line.to_owned() })
+        .collect();
+    fs::write(&file, broken.join("\n") + "\n").unwrap();
+    let output = belfry_command().args(["history", &study, "--json"]).assert().success().get_output().clone();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("history.jsonl, line 2 is no step and is left out"), "{said}");
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(told["steps"].as_array().unwrap().len(), after.lines().count() - 1);
+    belfry_command().args(["remove", &study, "added-mass"]).assert().success();
+    let last = fs::read_to_string(&file).unwrap();
+    assert!(last.starts_with(&broken.join("\n")) && last.lines().count() == after.lines().count() + 1, "{last}");
 }

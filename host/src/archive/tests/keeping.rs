@@ -212,3 +212,25 @@ fn windows_that_damage_has_taken_are_not_missed_once_their_time_is_pruned() {
     bench.archive.prune(&found).unwrap();
     assert_eq!(Archive::check(bench.folder.path()).unwrap().damages, []);
 }
+
+#[test]
+fn pruning_waits_for_another_program_that_writes_and_says_so() {
+    let (mut bench, _) = Bench::of_one(9);
+    bench.archive.wait_for_others(std::time::Duration::from_millis(20)).unwrap();
+    let found = bench.archive.prunable(std::time::Duration::from_secs(10), HostTime(i64::MAX)).unwrap();
+    let file = bench.archive.file().to_owned();
+    let (locked_sender, locked) = std::sync::mpsc::channel();
+    let other = std::thread::spawn(move || {
+        let other = rusqlite::Connection::open(file).unwrap();
+        other.execute_batch("BEGIN IMMEDIATE").unwrap();
+        locked_sender.send(()).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        other.execute_batch("ROLLBACK").unwrap();
+    });
+    locked.recv().unwrap();
+    let mut told = Vec::new();
+    bench.archive.prune_patiently(&found, &mut |error| told.push(error.to_string())).unwrap();
+    other.join().unwrap();
+    assert!(told.len() == 1 && told[0].contains("locked"), "{told:?}");
+    assert_eq!(Archive::check(bench.folder.path()).unwrap().sound_windows, 9 - found.windows());
+}

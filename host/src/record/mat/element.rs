@@ -356,7 +356,12 @@ impl Content {
         };
         let dimensions = self.header_part()?;
         let (dimensions, _) = dimensions.as_chunks();
-        let dimensions: Vec<u64> = dimensions.iter().map(|length| u64::from(self.number(*length))).collect();
+        // They are signed (MAT-file format, section "Dimensions array subelement").
+        let length = |bytes: &[u8; 4]| {
+            let length = self.number(*bytes).cast_signed();
+            u64::try_from(length).map_err(|_| invalid(format!("a dimension of {length}")))
+        };
+        let dimensions: Vec<u64> = dimensions.iter().map(length).collect::<io::Result<_>>()?;
         let name = String::from_utf8_lossy(&self.header_part()?).escape_debug().to_string();
         Ok(Some(Header { name, class, dimensions, complex: flags & COMPLEX_FLAG != 0 }))
     }

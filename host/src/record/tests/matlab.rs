@@ -140,6 +140,8 @@ fn what_is_wrong_with_a_file_is_named() {
     let whole = PLAIN.file(std::slice::from_ref(&a));
     check(&whole[..whole.len() - 8], &["a.mat is cut short", "variable `a`"]);
     check(&whole[..140], &["a.mat is cut short", "byte 128"]);
+    let negative = PLAIN.matrix("a", 0xffff_fffb, 2, &[1.0; 6]);
+    check(&PLAIN.file(&[negative]), &["a.mat", "a dimension of -5"]);
     let infinite = PLAIN.matrix("a", 3, 2, &[1.0, 1.0, f64::NEG_INFINITY, 1.0, 1.0, 1.0]);
     expect_impossible(&one, "a.mat", &PLAIN.file(&[infinite]), &["a.mat, row 3", "\"1\"", "inf"]);
     check(&PLAIN.file(&[PLAIN.matrix("a", 9, 2, &[1.0; 6])]), &["`a`", "48 bytes", "9 × 2 need 144"]);
