@@ -80,8 +80,7 @@ fn an_archive_is_analysed_in_part_checked_repaired_and_taken_elsewhere() {
     assert_eq!(averages(&damaged), averages(&whole) - 2);
 
     let repaired = said(&belfry(&["archive", "repair", study]), true);
-    for part in ["not saved: window 30 of node 3", "1 row of which one bit was flipped is mended", "archive.damaged-"]
-    {
+    for part in ["not saved: window 30 of node 3", "1 row of which one bit was flipped is mended", "archive.damaged-"] {
         assert!(repaired.contains(part), "no {part:?} in: {repaired}");
     }
     said(&belfry(&["archive", "check", study]), true);
