@@ -10,13 +10,13 @@ use rusqlite::{ErrorCode, OpenFlags};
 use serde::Serialize;
 
 use super::asked::Asked;
-use super::checksum::{CHANNEL_COLUMNS, Kind, WINDOW_COLUMNS, seal};
+use super::checksum::{CHANNEL_COLUMNS, Kind, WINDOW_COLUMNS};
 use super::damage::Damage;
 use super::heads::{Head, Survey};
 use super::mend::Values;
 use super::range::moment;
 use super::read::{clock, hop_us};
-use super::repair::write_window;
+use super::repair::{copy_row, write_window};
 use super::{Archive, ArchiveError, TimeRange};
 use crate::files::WholeFile;
 use crate::window::ChannelData;
@@ -80,8 +80,7 @@ impl Archive {
                 for id in self.row_ids(kind.name()) {
                     // A checksum of its own would make damage good.
                     let Some((values, _)) = self.row(kind.name(), kind.columns(), id) else { continue };
-                    Values::insert(&values.0, kind.name(), kind.columns(), true, &transaction)?;
-                    seal(&transaction, kind, id)?;
+                    copy_row(&values, kind, &transaction)?;
                 }
             }
             self.each_in(range, &mut extract, &mut |Extracted { head, .. }| {

@@ -8,7 +8,7 @@ use belfry_shared::time::HostTime;
 use rusqlite::{Connection, Row, params};
 use serde::Serialize;
 
-use super::checksum::{Kind, hour_start_us, seal};
+use super::checksum::{Kind, hour_start_us, seal, uncount};
 use super::{Archive, ArchiveError};
 use crate::window::{Loss, LossReason, without};
 
@@ -153,7 +153,7 @@ pub(super) fn list_damaged(connection: &Connection, now: HostTime) -> rusqlite::
     for (node, boot, first_window, end) in lives {
         let Some(end) = end else { continue };
         for [first, last] in missing(connection, node, boot, [first_window, end])? {
-            list(connection, &Loss { node, boot, first, last: Some(last), reason: LossReason::Damaged }, now)?;
+            insert(connection, &Loss { node, boot, first, last: Some(last), reason: LossReason::Damaged }, now)?;
         }
     }
     Ok(())
@@ -161,7 +161,7 @@ pub(super) fn list_damaged(connection: &Connection, now: HostTime) -> rusqlite::
 
 /// Lists a loss, as far as it is not listed.
 fn list(connection: &Connection, loss: &Loss, now: HostTime) -> rusqlite::Result<()> {
-    let &Loss { node, boot, first, last, reason } = loss;
+    let &Loss { node, boot, first, last, .. } = loss;
     let listed: Vec<[u32; 2]> = connection
         .prepare_cached("SELECT first_number, ifnull(last_number, ?3) FROM loss WHERE node = ?1 AND boot = ?2")?
         .query_map(params![node, boot, u32::MAX], |row| Ok([row.get(0)?, row.get(1)?]))?
@@ -169,13 +169,44 @@ fn list(connection: &Connection, loss: &Loss, now: HostTime) -> rusqlite::Result
     for [first, until] in without([first, last.unwrap_or(u32::MAX)], &listed) {
         // No life makes so many: what reaches so far has no end that is known.
         let last = Some(until).filter(|&until| until < u32::MAX).or(last);
-        connection
-            .prepare_cached(
-                "INSERT INTO loss (node, boot, first_number, last_number, reason, noted_us, checksum)
-                 VALUES (?1, ?2, ?3, ?4, ?5, ?6, 0)",
-            )?
-            .execute(params![node, boot, first, last, reason.name(), now.0])?;
-        seal(connection, Kind::Loss, connection.last_insert_rowid())?;
+        insert(connection, &Loss { first, last, ..*loss }, now)?;
+    }
+    Ok(())
+}
+
+/// Lists a loss of which nothing is listed.
+fn insert(connection: &Connection, loss: &Loss, now: HostTime) -> rusqlite::Result<()> {
+    let Loss { node, boot, first, last, reason } = loss;
+    connection
+        .prepare_cached(
+            "INSERT INTO loss (node, boot, first_number, last_number, reason, noted_us, checksum)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, 0)",
+        )?
+        .execute(params![node, boot, first, last, reason.name(), now.0])?;
+    seal(connection, Kind::Loss, connection.last_insert_rowid())
+}
+
+/// Takes a window out of the lists: it has come all the same, and is dropped now.
+pub(super) fn unlist(connection: &Connection, node: u16, boot: u32, number: u32) -> rusqlite::Result<()> {
+    type Row = (i64, i64, u32, u32, String, i64);
+    let rows: Vec<Row> = connection
+        .prepare_cached(
+            "SELECT id, checksum, first_number, last_number, reason, noted_us FROM loss
+             WHERE node = ?1 AND boot = ?2 AND first_number <= ?3 AND last_number >= ?3",
+        )?
+        .query_map(params![node, boot, number], |row| {
+            Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?, row.get(4)?, row.get(5)?))
+        })?
+        .collect::<rusqlite::Result<_>>()?;
+    for (id, checksum, first, last, reason, noted_us) in rows {
+        uncount(connection, Kind::Loss, "", 0, checksum)?;
+        connection.prepare_cached("DELETE FROM loss WHERE id = ?1")?.execute([id])?;
+        let reason = LossReason::ALL.into_iter().find(|known| known.name() == reason);
+        for [first, last] in without([first, last], &[[number, number]]) {
+            if let Some(reason) = reason {
+                insert(connection, &Loss { node, boot, first, last: Some(last), reason }, HostTime(noted_us))?;
+            }
+        }
     }
     Ok(())
 }
@@ -229,7 +260,7 @@ fn end_life(connection: &Connection, node: u16, boot: u32, first_window: u32, no
     let gaps =
         missing(connection, node, boot, [first_window, end])?.into_iter().map(|[first, last]| (first, Some(last)));
     for (first, last) in gaps.chain([(end, None)]) {
-        list(connection, &Loss { node, boot, first, last, reason: LossReason::Restarted }, now)?;
+        insert(connection, &Loss { node, boot, first, last, reason: LossReason::Restarted }, now)?;
     }
     Ok(())
 }

@@ -256,7 +256,9 @@ fn lock(folder: &Path) -> Result<Option<File>, ArchiveError> {
 }
 
 fn lock_file(folder: &Path) -> Result<File, ArchiveError> {
-    let path = folder.join(LOCK_FILE);
+    // Studies whose archives are links to one have one lock: beside it.
+    let real = std::fs::canonicalize(folder.join(ARCHIVE_FILE)).ok();
+    let path = real.as_deref().and_then(Path::parent).unwrap_or(folder).join(LOCK_FILE);
     open_lock(&path).map_err(|source| ArchiveError::Write { file: path, source })
 }
 

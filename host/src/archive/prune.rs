@@ -9,6 +9,7 @@ use rusqlite::{Connection, OptionalExtension, TransactionBehavior, params};
 use serde::Serialize;
 
 use super::checksum::{Kind, hour_of, hour_start_us, seal, uncount};
+use super::loss::unlist;
 use super::range::moment;
 use super::{Archive, ArchiveError};
 
@@ -158,6 +159,7 @@ impl Archive {
             transaction.prepare_cached("DELETE FROM channel WHERE window = ?1")?.execute([id])?;
             transaction.prepare_cached("DELETE FROM window WHERE id = ?1")?.execute([id])?;
             uncount(&transaction, Kind::Window, setup, hour, checksum)?;
+            unlist(&transaction, node, boot, number)?;
             let next = lives.entry((node, boot)).or_default();
             *next = (*next).max(number.saturating_add(1));
         }

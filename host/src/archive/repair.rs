@@ -14,7 +14,7 @@ use rusqlite::{Connection, OpenFlags};
 use serde::Serialize;
 
 use super::check::lost_in;
-use super::checksum::{CHANNEL_COLUMNS, Kind, WINDOW_COLUMNS, hour_of, seal, seal_window};
+use super::checksum::{CHANNEL_COLUMNS, Kind, Tally, WINDOW_COLUMNS, hour_of, seal, seal_window};
 use super::damage::Damage;
 use super::loss::{DamagedHour, list_damaged, remember};
 use super::mend::Values;
@@ -28,6 +28,10 @@ const CHANGES: Range<usize> = 24..28;
 const PAGES: Range<usize> = 28..32;
 const FREE: Range<usize> = 32..40;
 const COUNTED_AT: Range<usize> = 92..96;
+
+/// How often rows are looked for behind those that cannot be read, and over how many at once: pages between two that are gone have more.
+const MOST_TRIES: u32 = 1_000_000;
+const LONGEST_STEP: i64 = 16;
 
 /// What a repair has done.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -137,6 +141,8 @@ impl Archive {
         let new_file = unfinished("", file);
         remove(&new_file)?;
         let mut new = Self::create_file(new_file.clone(), None)?;
+        // One look at it for all of it; where that cannot be had, each row is looked at alone.
+        let _ = old.connection.execute_batch("BEGIN");
         let saved = old.save_into(&mut new.connection).and_then(|saved| {
             // The new file is then all there is of it.
             new.connection.pragma_update_and_check(None, "journal_mode", "delete", |_| Ok(()))?;
@@ -169,23 +175,21 @@ impl Archive {
             let (table, columns) = (kind.name(), kind.columns());
             for id in self.row_ids(table) {
                 match self.row(table, columns, id) {
-                    Some((values, was_mended)) => {
-                        Values::insert(&values.0, table, columns, true, &transaction)?;
-                        seal(&transaction, kind, id)?;
+                    Some((values, was_mended)) if copy_row(&values, kind, &transaction)? => {
                         mended += u64::from(was_mended);
                     }
-                    None => lost.push(Damage::row(table, id, "it does not match its checksum")),
+                    _ => lost.push(Damage::row(table, id, "it does not match its checksum")),
                 }
             }
         }
-        let mut saved: BTreeMap<(String, i64), u64> = BTreeMap::new();
+        let mut saved: BTreeMap<(String, i64), Tally> = BTreeMap::new();
         let ids = every(self.window_ids());
         let mut failed = BTreeSet::new();
         let mut save = |id: i64, window: SavedWindow| -> rusqlite::Result<()> {
-            let SavedWindow { head, channels, was_mended } = window;
+            let SavedWindow { head, channels, stored, was_mended } = window;
             if write_window(&transaction, id, &head, &channels)? {
                 if let (Some(Value::Text(setup)), Some(Value::Integer(start_us))) = (head.get(4), head.get(7)) {
-                    *saved.entry((setup.clone(), hour_of(*start_us))).or_default() += 1;
+                    saved.entry((setup.clone(), hour_of(*start_us))).or_default().add(stored);
                 }
                 windows += 1;
                 mended += u64::from(was_mended);
@@ -201,7 +205,8 @@ impl Archive {
             }
         }
         // Where the way by the index is broken, the channels may still stand where they were written.
-        let most_rows = self.most_channel_rows(ids.last().copied().unwrap_or(0));
+        // Rows were numbered as windows were, so many to each of them.
+        let most_rows = ids.last().copied().unwrap_or(0).saturating_mul(MAX_CHANNELS as i64);
         if !failed.is_empty() {
             self.each_written(most_rows, &mut |id, mut channels| {
                 if !failed.contains(&id) {
@@ -224,12 +229,16 @@ impl Archive {
         // What is gone without a trace is known from the tallies.
         for setup in self.setups().unwrap_or_default() {
             for (hour, tally) in self.window_tallies(&setup)?.0 {
-                let saved = saved.get(&(setup.clone(), hour)).copied().unwrap_or(0);
-                let seen = saved + named.iter().filter(|&&other| other == hour).count() as u64;
+                let saved = saved.get(&(setup.clone(), hour)).copied().unwrap_or_default();
+                // All of them, whatever the count says: that may be what is damaged.
+                if saved.digest == tally.digest && saved.entries > 0 {
+                    continue;
+                }
+                let seen = saved.entries + named.iter().filter(|&&other| other == hour).count() as u64;
                 if tally.entries > seen {
                     lost.push(lost_in(&setup, hour, tally.entries - seen));
                 }
-                remember(&transaction, &setup, hour, tally.entries.saturating_sub(saved))?;
+                remember(&transaction, &setup, hour, tally.entries.saturating_sub(saved.entries))?;
             }
         }
         for DamagedHour { setup, hour, windows, .. } in self.damaged_hours().unwrap_or_default() {
@@ -284,17 +293,8 @@ impl Archive {
         Some(values)
     }
 
-    /// The number of the last row of `channel` that there may be: rows were numbered as windows were, so many to each of them.
-    fn most_channel_rows(&self, last_window: i64) -> i64 {
-        let most = |query: &str| self.connection.query_row(query, [], |row| row.get::<_, i64>(0)).ok();
-        most("SELECT max(rowid) FROM channel NOT INDEXED").unwrap_or_else(|| {
-            let channels = most("SELECT max(channels) FROM window NOT INDEXED").unwrap_or(MAX_CHANNELS as i64);
-            last_window.saturating_mul(channels.clamp(1, MAX_CHANNELS as i64))
-        })
-    }
-
-    /// Walks over rows of `channel` in the order in which they were written, and over those that cannot be read: the channels of a window at a
-    /// time, each with its number.
+    /// Walks over rows of `channel` in the order in which they were written, up to a number, and over those that cannot be read: the channels of a
+    /// window at a time, each with its number.
     fn each_written(
         &self,
         last: i64,
@@ -304,13 +304,17 @@ impl Archive {
             format!("SELECT {CHANNEL_COLUMNS}, rowid FROM channel NOT INDEXED WHERE rowid >= ?1 ORDER BY rowid");
         let Ok(mut statement) = self.connection.prepare(&query) else { return Ok(()) };
         let (mut next, mut window, mut channels) = (1, 0, Vec::new());
-        while next <= last {
+        // Each time takes microseconds; a number that is damaged must not make years of it.
+        let mut tries = 0;
+        while next <= last && tries < MOST_TRIES {
             let mut rows = statement.query([next])?;
             loop {
                 match rows.next() {
                     Ok(None) => return take(window, channels),
                     Ok(Some(row)) => {
-                        next = row.get::<_, i64>("rowid").unwrap_or(next).max(next).saturating_add(1);
+                        // One that is damaged leads nowhere.
+                        let number = row.get("rowid").ok().filter(|&number: &i64| number <= last);
+                        next = number.map_or(next, |number| next.max(number.saturating_add(1)));
                         let Ok(Values(values)) = Values::read(row, CHANNEL_COLUMNS) else { continue };
                         let (Some(&Value::Integer(of)), Some(&Value::Integer(channel))) =
                             (values.first(), values.get(1))
@@ -323,11 +327,25 @@ impl Archive {
                         }
                         channels.push((channel, values));
                     }
-                    // On a page that is gone: the one after it, or the one after that.
+                    // On a page that is gone: somewhere behind it.
                     Err(_) => break,
                 }
             }
-            next = next.saturating_add(1);
+            drop(rows);
+            tries += 1;
+            let mut reads = |number: i64| statement.query([number]).is_ok_and(|mut rows| rows.next().is_ok());
+            let mut step = 1;
+            let (mut bad, mut good) = (next, next.saturating_add(1));
+            while good <= last && tries < MOST_TRIES && !reads(good) {
+                tries += 1;
+                step = (2 * step).min(LONGEST_STEP);
+                (bad, good) = (good, good.saturating_add(step));
+            }
+            while good - bad > 1 {
+                let middle = bad + (good - bad) / 2;
+                if reads(middle) { good = middle } else { bad = middle }
+            }
+            next = good;
         }
         take(window, channels)
     }
@@ -347,7 +365,7 @@ impl Archive {
             return None;
         }
         let channels = values.0.split_off(head);
-        Some(SavedWindow { head: values.0, channels, was_mended })
+        Some(SavedWindow { head: values.0, channels, stored, was_mended })
     }
 }
 
@@ -358,7 +376,21 @@ type Numbered = (i64, Vec<Value>);
 struct SavedWindow {
     head: Vec<Value>,
     channels: Vec<Value>,
+    /// Its checksum.
+    stored: i64,
     was_mended: bool,
+}
+
+/// Writes a row of a small table under the number that it was written with; `false` where that is taken.
+pub(super) fn copy_row(values: &Values, kind: Kind, into: &Connection) -> rusqlite::Result<bool> {
+    // The number that leads to the row may be what was damaged.
+    let Some(&Value::Integer(id)) = values.0.first() else { return Ok(false) };
+    match Values::insert(&values.0, kind.name(), kind.columns(), true, into) {
+        Err(error) if error.sqlite_error_code() == Some(rusqlite::ErrorCode::ConstraintViolation) => return Ok(false),
+        inserted => inserted?,
+    }
+    seal(into, kind, id)?;
+    Ok(true)
 }
 
 /// All numbers between the first and the last of those that were found, as far as that is not far more: where pages are gone, so are the lists of
@@ -424,13 +456,18 @@ fn first_page(file: &Path) -> io::Result<Vec<u8>> {
     Ok(page)
 }
 
+/// Bytes of a page, as the first one says: an archive that version 1 began has smaller ones.
+fn page_size(page: &[u8]) -> Option<u64> {
+    let size = u16::from_be_bytes(page.get(PAGE_SIZE)?.try_into().ok()?);
+    // Its greatest size does not fit.
+    Some(if size == 1 { 65536 } else { u64::from(size) })
+}
+
 /// How many pages a database that is no longer whole has, and should have (SQLite's file format, section 1.3).
 pub(super) fn cut(file: &Path) -> Option<[u64; 2]> {
     let bytes = fs::metadata(file).ok()?.len();
     let page = first_page(file).ok()?;
-    let size = u16::from_be_bytes(page.get(PAGE_SIZE)?.try_into().ok()?);
-    // Its greatest size does not fit.
-    let size = if size == 1 { 65536 } else { u64::from(size) };
+    let size = page_size(&page)?;
     let of = u64::from(u32::from_be_bytes(page.get(PAGES)?.try_into().ok()?));
     // The count holds where whoever wrote last has counted.
     let is_counted = page.get(CHANGES)? == page.get(COUNTED_AT)?;
@@ -441,7 +478,9 @@ pub(super) fn cut(file: &Path) -> Option<[u64; 2]> {
 /// Puts a first page into a database, with the count of its pages, none of which are free (SQLite's file format, section 1.3).
 fn write_first_page(file: &Path, mut page: Vec<u8>) -> io::Result<()> {
     let mut database = File::options().write(true).open(file)?;
-    let pages = u32::try_from(database.metadata()?.len() / PAGE_BYTES as u64).unwrap_or(u32::MAX);
+    let size = page_size(&page).filter(|&size| size > 0).unwrap_or(PAGE_BYTES as u64);
+    page.truncate(size as usize);
+    let pages = u32::try_from(database.metadata()?.len() / size).unwrap_or(u32::MAX);
     if let Some(place) = page.get_mut(PAGES) {
         place.copy_from_slice(&pages.to_be_bytes());
     }
@@ -453,7 +492,8 @@ fn write_first_page(file: &Path, mut page: Vec<u8>) -> io::Result<()> {
 
 /// A file beside another that is unfinished as long as it is there.
 fn unfinished(what: &str, file: &Path) -> PathBuf {
-    file.with_file_name(format!(".belfry-{what}{ARCHIVE_FILE}{UNFINISHED_SUFFIX}"))
+    let name = file.file_name().unwrap_or_else(|| ARCHIVE_FILE.as_ref()).to_string_lossy();
+    file.with_file_name(format!(".belfry-{what}{name}{UNFINISHED_SUFFIX}"))
 }
 
 /// Puts the new archive in the place of the old one, which gets another name. At no moment is there neither.

@@ -89,6 +89,8 @@ pub struct Session {
     request_bytes: usize,
     /// How often the last exchange has been made again.
     repeats: u32,
+    /// Whether the clock has been measured once: later exchanges are further apart, and old ones are forgotten.
+    was_timed: bool,
     next_try: HostTime,
     next_exchange: HostTime,
     last_received: HostTime,
@@ -120,6 +122,7 @@ impl Session {
             clock: ClockEstimator::default(),
             request_bytes: 0,
             repeats: 0,
+            was_timed: false,
             next_try: HostTime(i64::MIN),
             next_exchange: HostTime(i64::MIN),
             last_received: HostTime(i64::MIN),
@@ -186,6 +189,7 @@ impl Session {
     pub fn restart(&mut self) {
         self.greet_again();
         self.clock.clear();
+        self.was_timed = false;
         self.knows_time = false;
         self.must_set_time = true;
         self.next_exchange = HostTime(i64::MIN);
@@ -362,6 +366,7 @@ impl Session {
         };
         if is_new_life {
             self.clock.clear();
+            self.was_timed = false;
             self.knows_time = hello.clock_set;
             self.heartbeat = None;
         }
@@ -427,7 +432,7 @@ impl Session {
 
     /// Whether the clock has been measured well enough to be set.
     fn is_timed(&self) -> bool {
-        let enough = if self.needs_phase() && self.clock.quick() < QUICK_EXCHANGES {
+        let enough = if !self.was_timed && self.needs_phase() && self.clock.quick() < QUICK_EXCHANGES {
             MOST_FIRST_EXCHANGES
         } else {
             FIRST_EXCHANGES

@@ -14,7 +14,7 @@ use super::spikes::{SpikeFilter, Spikes};
 use super::{Material, MeasureError, Observer, Route, Timings};
 use crate::archive::{Collected, Damage};
 use crate::fleet::{Fleet, FleetError, FleetReport};
-use crate::record::{Block, RecordError, RecordReport, Recording};
+use crate::record::{Block, RecordError, RecordReport, Recording, si_factor};
 use crate::spectra::direct::Welch;
 use crate::spectra::{Silenced, SpectralPlan, StandOut, WindowLines};
 use crate::study::Setup;
@@ -110,7 +110,9 @@ pub(super) fn stream(
         let (rows_sender, sound_rows) = sync_channel(BLOCKS_AHEAD);
         let (used_sender, used) = channel();
         let reader = scope.spawn(move || {
-            let checks = Checks::new(&as_recorded(setup), setup.sampling_rate_hz);
+            let stay = setup.sensors.iter().map(|sensor| sensor.reference).collect();
+            let copies = CopyFinder::new(as_recorded(setup), stay);
+            let checks = Checks::new(setup.sensors.len(), setup.sampling_rate_hz, copies);
             read_ahead(recording, checks, &rows_sender, &used)
         });
         let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
@@ -237,16 +239,15 @@ struct Checks {
     filler: Filler,
 }
 
-/// By channel, what makes its samples what was recorded, up to what all have in common.
+/// By channel, what makes its samples what was recorded.
 fn as_recorded(setup: &Setup) -> Vec<f64> {
-    setup.sensors.iter().map(|sensor| sensor.sensitivity_v_per_m_s2.unwrap_or(1.0)).collect()
+    setup.sensors.iter().map(|sensor| si_factor(setup.unit_of(sensor), sensor).map_or(1.0, f64::recip)).collect()
 }
 
 impl Checks {
-    fn new(as_recorded: &[f64], sampling_rate_hz: f64) -> Self {
-        let channels = as_recorded.len();
+    fn new(channels: usize, sampling_rate_hz: f64, copies: CopyFinder) -> Self {
         Self {
-            copies: CopyFinder::new(as_recorded.to_vec()),
+            copies,
             spikes: SpikeFilter::new(channels),
             limits: Limits::new(channels),
             jumps: JumpFinder::new(channels),
@@ -345,7 +346,8 @@ mod tests {
     fn a_part_of_a_row_is_no_row_and_without_channels_there_is_none() {
         let rows: Vec<f64> = (0..600).map(|at| f64::from(at * at % 83)).collect();
         let checked = |channels: usize, rows: &[f64]| {
-            let (mut checks, mut sound) = (Checks::new(&vec![1.0; channels], 50.0), Vec::new());
+            let (mut checks, mut sound) =
+                (Checks::new(channels, 50.0, CopyFinder::new(vec![1.0; channels], Vec::new())), Vec::new());
             checks.push(rows, &mut sound);
             let (last, faults) = checks.finish();
             sound.extend(last);

@@ -30,6 +30,7 @@ mod tests;
 use std::path::Path;
 
 pub use block::Block;
+pub(crate) use columns::si_factor;
 pub use error::{At, FilePosition, MatError, RecordError};
 pub(crate) use files::matching_files;
 pub(crate) use npy::NpyArray;

@@ -40,7 +40,9 @@ impl Results {
     /// When the history cannot be read or written; it is then as it was.
     pub fn append_history(&self, steps: &[StepRecord], data: &str) -> Result<Vec<StepRecord>, ResultsError> {
         let mut text = whole_lines(&self.read(HISTORY_FILE)?.unwrap_or_default()).to_owned();
-        let first = steps_of(&text).last().map_or(0, |last| last.step + 1);
+        // Lines that are broken have had numbers as well.
+        let lines = text.lines().filter(|line| !line.trim().is_empty()).count();
+        let first = steps_of(&text).iter().map(|step| step.step + 1).max().unwrap_or(0).max(lines);
         let numbered: Vec<StepRecord> = (first..)
             .zip(steps)
             .map(|(step, record)| StepRecord { step, data: data.to_owned(), ..record.clone() })

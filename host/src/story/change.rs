@@ -230,9 +230,10 @@ fn adopt(
     case: &Case,
     start: Option<StepRecord>,
     step: &Step,
-    warnings: Vec<String>,
+    mut warnings: Vec<String>,
 ) -> Result<ChangeReport, StoryError> {
     let results = Results::of(&case.study);
+    warnings.extend(results.history_damage()?);
     let previous = match &start {
         Some(start) => Some(start.clone()),
         None => results.history()?.pop(),

@@ -9,13 +9,23 @@ use assert_cmd::prelude::*;
 use belfry_tests::{belfry_command, published};
 use serde_json::Value;
 
-/// The frequencies of the modes that `belfry identify` finds in a study.
-fn modes(study: &str) -> Vec<Value> {
+/// The modes that `belfry identify` finds in a study, and what it warns of.
+fn identified(study: &str) -> (Vec<Value>, String) {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("study.toml"), study).unwrap();
     let output = belfry_command().arg("identify").arg(folder.path()).args(["--direct", "--json"]).assert().success();
     let report: Value = serde_json::from_slice(&output.get_output().stdout).expect("one JSON object");
-    report["modes"].as_array().unwrap().clone()
+    let said = String::from_utf8_lossy(&output.get_output().stderr).into_owned();
+    (report["modes"].as_array().unwrap().clone(), said)
+}
+
+/// The modes of a study whose sensors are sound.
+fn modes(study: &str) -> Vec<Value> {
+    let (modes, said) = identified(study);
+    for fault in ["its gain", "the gain of one", "has the same samples as"] {
+        assert!(!said.contains(fault), "{said}");
+    }
+    modes
 }
 
 fn frequency_hz(mode: &Value) -> f64 {
@@ -98,6 +108,46 @@ fn scatter_over_stated(modes: &[Values]) -> f64 {
         freedom += values.len() as f64 - 1.0;
     }
     (squares / freedom).sqrt()
+}
+
+/// A file of doubles in the order of rows, in which the gain of one of so many channels rises steadily by a share.
+fn with_drift(file: &Path, channels: usize, channel: usize, rise: f64) -> Vec<u8> {
+    let mut bytes = fs::read(file).unwrap();
+    let header = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let head = String::from_utf8_lossy(&bytes[10..header]).into_owned();
+    assert!(
+        head.contains("'<f8'") && head.contains("'fortran_order': False") && head.contains(&format!(", {channels})")),
+        "{head}"
+    );
+    let rows = (bytes.len() - header) / (8 * channels);
+    for row in 0..rows {
+        let at = header + 8 * (row * channels + channel);
+        let value = f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+        let value = value * (1.0 + rise * row as f64 / rows as f64);
+        bytes[at..at + 8].copy_from_slice(&value.to_le_bytes());
+    }
+    bytes
+}
+
+#[test]
+#[cfg_attr(not(real_data), ignore = "needs ../shared/real")]
+fn a_gain_that_drifts_in_four_minutes_of_a_frame_is_told_by_channel() {
+    let folder = published("real/weimar-frame");
+    for (measurement, channel, rise) in [(1, 2, -0.24), (6, 1, -0.33)] {
+        let file = folder.join(format!("measurement_{measurement}/measurement_{measurement}.npy"));
+        let changed = tempfile::tempdir().unwrap();
+        let path = changed.path().join("drift.npy");
+        fs::write(&path, with_drift(&file, 6, channel, rise)).unwrap();
+        let mut study = format!(
+            "[structure]\nname = \"frame\"\n[analysis]\nband_hz = [1.0, 15.0]\n[[setup]]\nname = \"m\"\nfiles = [{path:?}]\nsampling_rate_hz = 256.0\nunit = \"m/s2\"\n"
+        );
+        for number in 1..=5 {
+            write!(study, "[[setup.sensor]]\nchannel = \"{number}\"\nnode = {}\n", 1 + number / 3).unwrap();
+        }
+        let (_, said) = identified(&study);
+        let told = said.lines().find(|line| line.contains("its gain falls by")).unwrap_or_default();
+        assert!(told.contains(&format!("channel \"{}\"", channel + 1)), "measurement {measurement}: {said}");
+    }
 }
 
 #[test]

@@ -92,6 +92,52 @@ fn what_a_repair_cannot_save_is_listed_whatever_part_of_the_file_is_gone() {
 }
 
 #[test]
+fn channels_whose_index_is_gone_are_found_where_they_were_written() {
+    let Bench { folder, archive } = two_lives();
+    let query = "SELECT rootpage FROM sqlite_schema WHERE name = 'sqlite_autoindex_channel_1'";
+    let root: usize = archive.connection.query_row(query, [], |row| row.get(0)).unwrap();
+    drop(archive);
+    let file = folder.path().join(ARCHIVE_FILE);
+    let mut bytes = fs::read(&file).unwrap();
+    bytes[(root - 1) * PAGE_BYTES as usize..root * PAGE_BYTES as usize].fill(0x55);
+    fs::write(&file, bytes).unwrap();
+    let repaired = Archive::repair(folder.path()).unwrap();
+    assert_eq!((repaired.windows, repaired.lost.len()), (u64::from(2 * WINDOWS), 0));
+    let report = Archive::check(folder.path()).unwrap();
+    assert!(report.is_sound && report.lost_in_repairs.is_empty(), "{report:?}");
+}
+
+#[test]
+fn an_archive_with_small_pages_is_saved_up_to_where_it_was_cut() {
+    let Bench { folder, archive } = two_lives();
+    // As version 1 began them.
+    archive.connection.execute_batch("PRAGMA journal_mode = delete; PRAGMA page_size = 4096; VACUUM").unwrap();
+    drop(archive);
+    let file = folder.path().join(ARCHIVE_FILE);
+    let bytes = fs::read(&file).unwrap();
+    fs::write(&file, &bytes[..bytes.len() - 4096]).unwrap();
+    let repaired = Archive::repair(folder.path()).unwrap();
+    // One page has no more than some dozens of them.
+    assert!(repaired.windows > u64::from(2 * WINDOWS) - 100, "{repaired:?}");
+}
+
+#[test]
+fn a_number_and_a_count_that_are_damaged_cost_nothing() {
+    let Bench { folder, archive } = two_lives();
+    archive.connection.execute("UPDATE service SET id = id + 4 WHERE id = 1", []).unwrap();
+    archive.connection.execute("UPDATE tally SET entries = entries + 16384 WHERE kind = 'window'", []).unwrap();
+    drop(archive);
+    let repaired = Archive::repair(folder.path()).unwrap();
+    assert_eq!(
+        (repaired.windows, repaired.mended, repaired.lost.len()),
+        (u64::from(2 * WINDOWS), 1, 0),
+        "{repaired:?}"
+    );
+    let report = Archive::check(folder.path()).unwrap();
+    assert!(report.is_sound && report.lost_in_repairs.is_empty(), "{report:?}");
+}
+
+#[test]
 fn a_node_that_still_has_what_an_archive_lost_is_asked_for_it_and_the_rest_is_lost_once() {
     let (mut bench, two) = Bench::of_one(20);
     bench.archive.meet("now", 1, 7, 0, HostTime(1)).unwrap();
@@ -117,6 +163,14 @@ fn a_node_that_still_has_what_an_archive_lost_is_asked_for_it_and_the_rest_is_lo
     }
     assert_eq!((assembler.below(), assembler.lost()), (20, 0));
     assert_eq!(archive.losses().unwrap()[0].windows(), Some(3));
+    // So it is when they have been dropped since.
+    let found = archive.prunable(Duration::from_secs(20), HostTime(i64::MAX)).unwrap();
+    assert!(found.windows() > 10);
+    archive.prune(&found).unwrap();
+    let lost: Vec<[u32; 2]> =
+        archive.losses().unwrap().iter().map(|listed| [listed.loss.first, listed.loss.last.unwrap()]).collect();
+    assert_eq!(lost, [[5, 7]]);
+    assert!(Archive::check(folder.path()).unwrap().is_sound);
 }
 
 #[cfg(unix)]

@@ -86,7 +86,7 @@ fn a_repair_keeps_the_damaged_archive_and_all_that_is_sound() {
         words,
         [
             "window 1 of node 1 (boot 7), begun 1970-01-01T00:05:58Z: it does not match its checksum",
-            "the hour from 1970-01-01T00:00:00Z: 1 windows of setup \"now\" are lost",
+            "the hour from 1970-01-01T00:00:00Z: 1 window of setup \"now\" is lost",
         ]
     );
     let after = all(folder.path());
