@@ -453,7 +453,7 @@ mod tests {
 
     #[test]
     fn a_storm_that_fades_is_no_drift_of_noisy_channels() {
-        let noise = |channel: usize| if channel % 3 == 0 { 0.3 } else { 0.02 };
+        let noise = |channel: usize| if channel.is_multiple_of(3) { 0.3 } else { 0.02 };
         for seed in 1..6 {
             assert_eq!(drifts_in(seed, |_, share| 1.15 - 2.3 * share, noise, |_, _| 1.0), [], "seed {seed}");
         }
