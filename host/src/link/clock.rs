@@ -127,6 +127,12 @@ impl ClockEstimator {
         round_trips().filter(|round_trip_us| round_trip_us.saturating_sub(shortest) <= SLOW_US).count()
     }
 
+    /// Time from the first of them to the last, in µs.
+    pub fn elapsed_us(&self) -> i64 {
+        let ends = self.exchanges.front().zip(self.exchanges.back());
+        ends.map_or(0, |(first, last)| last.sent.since(first.sent))
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.exchanges.is_empty()

@@ -28,12 +28,13 @@ const REPEATS: u32 = 5;
 const REPEAT_PERIOD_US: i64 = 1_000_000;
 /// How often another host may greet the node meanwhile, before the session leaves the node to it.
 const MOST_TAKEOVERS: u32 = 5;
-/// Clock exchanges before the clock is set first, where enough of them are about as quick as the quickest; else there are more, up to so many. On a
-/// computer that is busy, or a line that jitters, the quickest of six may be late by milliseconds, which turns the shapes of all that is
-/// measured until the next exchanges.
+/// Clock exchanges before the clock is set first, where enough of them are about as quick as the quickest; else there are more, up to so many or for
+/// so long: on a slow line they wait for one another. On a computer that is busy, or a line that jitters, the quickest of six may be late by
+/// milliseconds, which turns the shapes of all that is measured until the next exchanges.
 const FIRST_EXCHANGES: usize = 6;
 const QUICK_EXCHANGES: usize = 3;
 const MOST_FIRST_EXCHANGES: usize = 30;
+const LONGEST_FIRST_US: i64 = 4_000_000;
 
 /// What a session has seen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -432,7 +433,8 @@ impl Session {
 
     /// Whether the clock has been measured well enough to be set.
     fn is_timed(&self) -> bool {
-        let enough = if !self.was_timed && self.needs_phase() && self.clock.quick() < QUICK_EXCHANGES {
+        let is_rough = self.needs_phase() && self.clock.quick() < QUICK_EXCHANGES;
+        let enough = if is_rough && !self.was_timed && self.clock.elapsed_us() < LONGEST_FIRST_US {
             MOST_FIRST_EXCHANGES
         } else {
             FIRST_EXCHANGES
