@@ -20,6 +20,11 @@ pub(crate) fn counted(count: u64, one: &str) -> String {
     format!("{count} {one}{}", if count == 1 { "" } else { "s" })
 }
 
+/// The verb that goes with a count.
+pub(crate) fn is_or_are(count: u64) -> &'static str {
+    if count == 1 { "is" } else { "are" }
+}
+
 /// Three digits, with an exponent where the number is far from 1.
 pub(crate) fn short(value: f64) -> String {
     if value == 0.0 {

@@ -12,7 +12,7 @@ use super::error::is_damage;
 use super::heads::Survey;
 use super::loss::{DamagedHour, ListedLoss};
 use super::{ARCHIVE_FILE, Archive, ArchiveError};
-use crate::numbers::counted;
+use crate::numbers::{counted, is_or_are};
 
 /// What SQLite says of a file's structure is cut off after so many lines.
 const MOST_SAID: usize = 100;
@@ -167,7 +167,6 @@ impl Archive {
 
 /// What is damaged, an hour of a setup that has lost windows.
 pub(super) fn lost_in(setup: &str, hour: i64, windows: u64) -> Damage {
-    let are = if windows == 1 { "is" } else { "are" };
-    let what = format!("{} of setup \"{setup}\" {are} lost", counted(windows, "window"));
+    let what = format!("{} of setup \"{setup}\" {} lost", counted(windows, "window"), is_or_are(windows));
     Damage { start_s: Some(hour_start_us(hour) as f64 * 1e-6), ..Damage::table("window", what) }
 }

@@ -95,31 +95,19 @@ impl Archive {
         read().map_err(|source| self.failed(source))
     }
 
-    /// First and last numbers of what a life has lost while it lasted, beside what a damaged archive no longer had.
-    pub(super) fn lost_numbers(&self, node: u16, boot: u32) -> rusqlite::Result<Vec<[u32; 2]>> {
+    /// First and last numbers of what a life has lost while it lasted, and of what a damaged archive no longer had of it.
+    pub(super) fn lost_numbers(&self, node: u16, boot: u32) -> rusqlite::Result<[Vec<[u32; 2]>; 2]> {
         // Should a life come back that was taken for over, it may have what was listed when its successor was met.
-        let counts =
-            |reason: &str| ![LossReason::Restarted, LossReason::Damaged].map(LossReason::name).contains(&reason);
-        self.listed_numbers(node, boot, counts)
-    }
-
-    /// The same of what a damaged archive no longer had.
-    pub(super) fn damaged_numbers(&self, node: u16, boot: u32) -> rusqlite::Result<Vec<[u32; 2]>> {
-        self.listed_numbers(node, boot, |reason| reason == LossReason::Damaged.name())
-    }
-
-    fn listed_numbers(&self, node: u16, boot: u32, counts: impl Fn(&str) -> bool) -> rusqlite::Result<Vec<[u32; 2]>> {
-        let query = "SELECT first_number, last_number, reason FROM loss
-                     WHERE node = ?1 AND boot = ?2 AND last_number IS NOT NULL";
+        let query = "SELECT first_number, last_number, reason = 'damaged' FROM loss
+                     WHERE node = ?1 AND boot = ?2 AND last_number IS NOT NULL AND reason <> 'restarted'";
+        let (mut lost, mut damaged) = (Vec::new(), Vec::new());
         let mut statement = self.connection.prepare_cached(query)?;
         let mut rows = statement.query(params![node, boot])?;
-        let mut numbers = Vec::new();
         while let Some(row) = rows.next()? {
-            if counts(row.get_ref(2)?.as_str()?) {
-                numbers.push([row.get(0)?, row.get(1)?]);
-            }
+            let numbers = if row.get(2)? { &mut damaged } else { &mut lost };
+            numbers.push([row.get(0)?, row.get(1)?]);
         }
-        Ok(numbers)
+        Ok([lost, damaged])
     }
 }
 
@@ -186,26 +174,29 @@ fn insert(connection: &Connection, loss: &Loss, now: HostTime) -> rusqlite::Resu
     seal(connection, Kind::Loss, connection.last_insert_rowid())
 }
 
-/// Takes a window out of the lists: it has come all the same, and is dropped now.
-pub(super) fn unlist(connection: &Connection, node: u16, boot: u32, number: u32) -> rusqlite::Result<()> {
+/// Takes windows of a life out of the lists: they have come all the same, and are dropped now.
+pub(super) fn unlist(connection: &Connection, node: u16, boot: u32, numbers: &[u32]) -> rusqlite::Result<()> {
     type Row = (i64, i64, u32, u32, String, i64);
     let rows: Vec<Row> = connection
         .prepare_cached(
             "SELECT id, checksum, first_number, last_number, reason, noted_us FROM loss
-             WHERE node = ?1 AND boot = ?2 AND first_number <= ?3 AND last_number >= ?3",
+             WHERE node = ?1 AND boot = ?2 AND last_number IS NOT NULL",
         )?
-        .query_map(params![node, boot, number], |row| {
+        .query_map(params![node, boot], |row| {
             Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?, row.get(4)?, row.get(5)?))
         })?
         .collect::<rusqlite::Result<_>>()?;
+    let numbers: Vec<[u32; 2]> = numbers.iter().map(|&number| [number, number]).collect();
     for (id, checksum, first, last, reason, noted_us) in rows {
+        let left = without([first, last], &numbers);
+        if left == [[first, last]] {
+            continue;
+        }
         uncount(connection, Kind::Loss, "", 0, checksum)?;
         connection.prepare_cached("DELETE FROM loss WHERE id = ?1")?.execute([id])?;
-        let reason = LossReason::ALL.into_iter().find(|known| known.name() == reason);
-        for [first, last] in without([first, last], &[[number, number]]) {
-            if let Some(reason) = reason {
-                insert(connection, &Loss { node, boot, first, last: Some(last), reason }, HostTime(noted_us))?;
-            }
+        let Some(reason) = LossReason::ALL.into_iter().find(|known| known.name() == reason) else { continue };
+        for [first, last] in left {
+            insert(connection, &Loss { node, boot, first, last: Some(last), reason }, HostTime(noted_us))?;
         }
     }
     Ok(())

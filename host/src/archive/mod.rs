@@ -218,11 +218,13 @@ impl Archive {
 
     /// Why what every use begins with has failed.
     fn unopened(&self, why: rusqlite::Error) -> ArchiveError {
+        if why.sqlite_error_code() != Some(ErrorCode::DatabaseCorrupt) {
+            return self.failed(why);
+        }
         let file = self.file.clone();
-        match (why.sqlite_error_code(), repair::cut(&file)) {
-            (Some(ErrorCode::DatabaseCorrupt), Some([has, of])) => ArchiveError::Cut { file, has, of },
-            (Some(ErrorCode::DatabaseCorrupt), None) => ArchiveError::Unopenable { file, why },
-            _ => self.failed(why),
+        match repair::cut(&file) {
+            Some([has, of]) => ArchiveError::Cut { file, has, of },
+            None => ArchiveError::Unopenable { file, why },
         }
     }
 

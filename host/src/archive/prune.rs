@@ -1,8 +1,7 @@
 //! Pruning: windows that are older than what is to be kept are dropped, an hour at a time, so that nodes may go on delivering.
 
 use std::collections::BTreeMap;
-use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use belfry_shared::time::HostTime;
 use rusqlite::{Connection, OptionalExtension, TransactionBehavior, params};
@@ -12,11 +11,10 @@ use super::checksum::{Kind, hour_of, hour_start_us, seal, uncount};
 use super::loss::unlist;
 use super::range::moment;
 use super::{Archive, ArchiveError};
+use crate::patience::patiently;
 
-/// How often pruning is tried again, and after which pauses, each twice as long as the one before: two minutes, and what SQLite itself waits.
-const MOST_TRIES: u32 = 16;
-const FIRST_PAUSE: Duration = Duration::from_millis(100);
-const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+/// How long pruning is tried again.
+const LONGEST_WAIT: Duration = Duration::from_secs(300);
 
 /// What is dropped of a node.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -120,22 +118,17 @@ impl Archive {
         found: &PruneReport,
         on_wait: &mut dyn FnMut(&ArchiveError),
     ) -> Result<(), ArchiveError> {
-        let mut pause = FIRST_PAUSE;
-        for tries in 0.. {
-            match self.prune(found) {
-                Err(error) if error.will_pass() && tries < MOST_TRIES => {
-                    if tries == 0 {
-                        on_wait(&error);
-                    }
-                    // Where the disk is full, the log may give back what it takes.
-                    self.empty_log();
-                }
-                pruned => return pruned,
+        let start = Instant::now();
+        let prune = || {
+            let pruned = self.prune(found);
+            if pruned.is_err() {
+                // Where the disk is full, the log may give back what it takes.
+                self.empty_log();
             }
-            thread::sleep(pause);
-            pause = (2 * pause).min(LONGEST_PAUSE);
-        }
-        Ok(())
+            pruned
+        };
+        let passes = |error: &ArchiveError| error.will_pass() && start.elapsed() < LONGEST_WAIT;
+        patiently(prune, passes, on_wait, || false).map(drop)
     }
 
     /// Drops what a setup has before a moment in the first hour of which it has anything; `false` where there is nothing.
@@ -148,7 +141,7 @@ impl Archive {
         let Some(first) = first.filter(|&first| first < before_us) else { return Ok(false) };
         let hour = hour_of(first);
         let end_us = before_us.min(hour_start_us(hour.saturating_add(1)));
-        let mut lives: BTreeMap<(u16, u32), u32> = BTreeMap::new();
+        let mut lives: BTreeMap<(u16, u32), Vec<u32>> = BTreeMap::new();
         let rows: Vec<(i64, i64, u16, u32, u32)> = transaction
             .prepare_cached("SELECT id, checksum, node, boot, number FROM window WHERE setup = ?1 AND start_us < ?2")?
             .query_map(params![setup, end_us], |row| {
@@ -159,11 +152,11 @@ impl Archive {
             transaction.prepare_cached("DELETE FROM channel WHERE window = ?1")?.execute([id])?;
             transaction.prepare_cached("DELETE FROM window WHERE id = ?1")?.execute([id])?;
             uncount(&transaction, Kind::Window, setup, hour, checksum)?;
-            unlist(&transaction, node, boot, number)?;
-            let next = lives.entry((node, boot)).or_default();
-            *next = (*next).max(number.saturating_add(1));
+            lives.entry((node, boot)).or_default().push(number);
         }
-        for ((node, boot), next) in lives {
+        for ((node, boot), dropped) in lives {
+            unlist(&transaction, node, boot, &dropped)?;
+            let next = dropped.into_iter().max().map_or(0, |last| last.saturating_add(1));
             want_from(&transaction, node, boot, next)?;
         }
         transaction.commit()?;

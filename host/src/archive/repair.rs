@@ -385,12 +385,19 @@ struct SavedWindow {
 pub(super) fn copy_row(values: &Values, kind: Kind, into: &Connection) -> rusqlite::Result<bool> {
     // The number that leads to the row may be what was damaged.
     let Some(&Value::Integer(id)) = values.0.first() else { return Ok(false) };
-    match Values::insert(&values.0, kind.name(), kind.columns(), true, into) {
-        Err(error) if error.sqlite_error_code() == Some(rusqlite::ErrorCode::ConstraintViolation) => return Ok(false),
-        inserted => inserted?,
+    let is_new = insert_once(&values.0, kind, into)?;
+    if is_new {
+        seal(into, kind, id)?;
     }
-    seal(into, kind, id)?;
-    Ok(true)
+    Ok(is_new)
+}
+
+/// Writes a row; `false` where one of its name is there already.
+fn insert_once(values: &[Value], kind: Kind, into: &Connection) -> rusqlite::Result<bool> {
+    match Values::insert(values, kind.name(), kind.columns(), true, into) {
+        Err(error) if error.sqlite_error_code() == Some(rusqlite::ErrorCode::ConstraintViolation) => Ok(false),
+        inserted => inserted.map(|()| true),
+    }
 }
 
 /// All numbers between the first and the last of those that were found, as far as that is not far more: where pages are gone, so are the lists of
@@ -423,10 +430,9 @@ pub(super) fn write_window(
     head: &[Value],
     channels: &[Value],
 ) -> rusqlite::Result<bool> {
-    match Values::insert(head, "window", WINDOW_COLUMNS, true, connection) {
-        // A damaged index lets a window in a second time.
-        Err(error) if error.sqlite_error_code() == Some(rusqlite::ErrorCode::ConstraintViolation) => return Ok(false),
-        inserted => inserted?,
+    // A damaged index lets a window in a second time.
+    if !insert_once(head, Kind::Window, connection)? {
+        return Ok(false);
     }
     for channel in channels.chunks(CHANNEL_COLUMNS.split(", ").count()) {
         Values::insert(channel, "channel", CHANNEL_COLUMNS, false, connection)?;

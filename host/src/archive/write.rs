@@ -129,7 +129,7 @@ impl Archive {
                     |row| Ok((row.get(0)?, row.get(1)?)),
                 )
                 .optional()?;
-            let (lost, damaged) = (self.lost_numbers(node, boot)?, self.damaged_numbers(node, boot)?);
+            let [lost, damaged] = self.lost_numbers(node, boot)?;
             Ok(Some(KeptWindows { first, numbers, lost, damaged, last }))
         };
         known().map_err(|source| self.failed(source))

@@ -12,13 +12,13 @@ use super::clock::{Clock, HostClock};
 use super::collection::Collection;
 use super::event::{Event, Happening};
 use super::lock::lock;
-use super::patience::Patience;
 use super::peaks::PeakMeter;
 use super::ports::Ports;
 use super::sink::ArchiveSink;
 use super::status::{Gaps, PortStatus};
 use crate::archive::Archive;
 use crate::link::{Session, SessionError};
+use crate::patience::Patience;
 use crate::window::{Configurations, NodeWindow};
 
 /// How long another program that writes into the archive is waited for, before it is left for a moment.

@@ -15,7 +15,7 @@ use super::range::{RangeArguments, duration};
 use super::text::{Columns, in_shell};
 use crate::archive::{Archive, ArchiveError, CheckReport, Damage, DamagedHour, ListedLoss, PruneReport, moment};
 use crate::collect::{Clock, SystemClock};
-use crate::numbers::counted;
+use crate::numbers::{counted, is_or_are};
 use crate::study::Study;
 use crate::window::LossReason;
 
@@ -167,10 +167,6 @@ fn run_check(folder: &Path, console: &Console) -> anyhow::Result<()> {
 
 fn of_nodes(windows: u64) -> String {
     format!("{} of nodes", counted(windows, "window"))
-}
-
-fn is_or_are(count: u64) -> &'static str {
-    if count == 1 { "is" } else { "are" }
 }
 
 /// What is lost, by node and reason.

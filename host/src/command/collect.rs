@@ -5,7 +5,7 @@ mod view;
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use anyhow::bail;
@@ -16,12 +16,12 @@ use super::interrupt::stop_on_signal;
 use super::text::{in_shell, next_lines};
 use crate::archive::Archive;
 use crate::collect::{
-    Clock, CollectOptions, Collection, CollectionError, Collector, Patience, Report, SystemClock, SystemPorts,
-    all_ports, collect,
+    Clock, CollectOptions, Collection, CollectionError, Collector, Report, SystemClock, SystemPorts, all_ports, collect,
 };
 use crate::keys::Keys;
 use crate::link::port::{is_remote, open_to_others};
 use crate::link::with_cause;
+use crate::patience::patiently;
 use crate::study::Study;
 use events::EventLine;
 use view::View;
@@ -114,7 +114,10 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         let (setup, collection) = Collection::of(&study, &mut archive, &options, clock.unix())?;
         Ok((archive, setup, collection))
     };
-    let Some((archive, setup, collection)) = patiently(begin, &clock, &stop, console)? else { return Ok(()) };
+    // Another program may have the archive, or the disk may be full.
+    let said = |error: &CollectionError| console.report(format_args!("{}. It is tried again.", with_cause(error)));
+    let begun = patiently(begin, CollectionError::will_pass, said, || stop.load(Ordering::Relaxed))?;
+    let Some((archive, setup, collection)) = begun else { return Ok(()) };
     let view = View::new(setup, &collection, console);
     let numbers: Vec<String> = collection.nodes.keys().map(u16::to_string).collect();
     console.say(format!("Setup \"{}\", nodes {}. {}", setup.name, numbers.join(", "), collection.reason));
@@ -164,34 +167,6 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(next_lines(&[(format!("identify {study}"), "the modes, of what has come so far")]));
     }
     Ok(())
-}
-
-/// Does what may fail for a while, because another program has the archive or the disk is full, until it works; `None` where it is
-/// stopped before.
-fn patiently<T>(
-    begin: impl Fn() -> Result<T, CollectionError>,
-    clock: &SystemClock,
-    stop: &AtomicBool,
-    console: &Console,
-) -> anyhow::Result<Option<T>> {
-    const LOOK: Duration = Duration::from_millis(200);
-    let mut patience = Patience::default();
-    loop {
-        match begin() {
-            Err(error) if error.will_pass() => {
-                if patience.failed(clock.steady()) {
-                    console.report(format_args!("{}. It is tried again.", with_cause(&error)));
-                }
-            }
-            begun => return Ok(Some(begun?)),
-        }
-        while patience.is_waiting(clock.steady()) {
-            if stop.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-            std::thread::sleep(LOOK);
-        }
-    }
 }
 
 /// The ports that are named, or all that there are.

@@ -51,6 +51,7 @@ mod twins;
 
 use thiserror::Error;
 
+use crate::numbers::counted;
 use crate::spectra::plan::{AVERAGES_A_CHANNEL, SHORTEST_SEGMENT};
 use crate::spectra::{LineGrid, around};
 use crate::statistics::median;
@@ -86,7 +87,7 @@ pub enum IdentifyError {
     /// The average is rank-deficient.
     #[error(
         "setup \"{setup}\": {} for {channels} channels: a cross-spectral matrix averaged over fewer segments than channels cannot tell modes from noise; record {:.1} times as long, {needed_min:.0} min{}",
-        if *averages == 1 { "1 average".to_owned() } else { format!("{averages} averages") },
+        counted(*averages as u64, "average"),
         needed_min / present_min,
         if *is_shortest { "" } else { ", or shorten the segment in [analysis]" }
     )]

@@ -24,6 +24,13 @@ const LEAST_WHOLE_ROUND_TRIP_US: i64 = -1_000;
 const KEPT_US: i64 = 1_200_000_000;
 /// An exchange whose round trip is longer than the shortest by more than this bounds little.
 const SLOW_US: i64 = 500;
+/// Exchanges before the clock is set first, where enough of them are about as quick as the quickest; else there are more, up to so many or for so
+/// long: on a slow line they wait for one another. On a computer that is busy, or a line that jitters, the quickest of six may be late by
+/// milliseconds, which turns the shapes of all that is measured until the next exchanges.
+pub(super) const FIRST_EXCHANGES: usize = 6;
+const QUICK_EXCHANGES: usize = 3;
+pub(super) const MOST_FIRST_EXCHANGES: usize = 30;
+const LONGEST_FIRST_US: i64 = 4_000_000;
 /// Span of exchanges from which drift is estimated.
 const DRIFT_SPAN_US: i64 = 20_000_000;
 /// Crystals do not drift more; a larger estimate is a fault of the measurement.
@@ -96,6 +103,8 @@ pub struct ClockEstimator {
     /// What follows from them. Whoever shows a node's drift asks for it several times a second, and finding it takes 0.1 ms.
     model: Option<ClockModel>,
     span_us: i64,
+    /// Stays: later exchanges are further apart, and old ones are forgotten.
+    is_settled: bool,
 }
 
 impl ClockEstimator {
@@ -113,24 +122,12 @@ impl ClockEstimator {
         }
         self.model = self.find_model();
         self.span_us = self.find_span_us();
+        self.is_settled |= self.is_settling_over();
     }
 
     /// Exchanges there are.
     pub fn len(&self) -> usize {
         self.exchanges.len()
-    }
-
-    /// How many were about as quick as the quickest.
-    pub fn quick(&self) -> usize {
-        let round_trips = || self.exchanges.iter().map(|exchange| exchange.round_trip_us);
-        let shortest = round_trips().min().unwrap_or(0);
-        round_trips().filter(|round_trip_us| round_trip_us.saturating_sub(shortest) <= SLOW_US).count()
-    }
-
-    /// Time from the first of them to the last, in µs.
-    pub fn elapsed_us(&self) -> i64 {
-        let ends = self.exchanges.front().zip(self.exchanges.back());
-        ends.map_or(0, |(first, last)| last.sent.since(first.sent))
     }
 
     /// Whether there are none.
@@ -145,10 +142,24 @@ impl ClockEstimator {
 
     /// Whether the last exchange was slow, and another would say more.
     pub fn is_last_slow(&self) -> bool {
-        let shortest = self.exchanges.iter().map(|exchange| exchange.round_trip_us).min();
-        let excess =
-            self.exchanges.back().zip(shortest).map(|(last, shortest)| last.round_trip_us.saturating_sub(shortest));
+        let excess = self
+            .exchanges
+            .back()
+            .zip(self.shortest_us())
+            .map(|(last, shortest)| last.round_trip_us.saturating_sub(shortest));
         excess.is_some_and(|excess| excess > SLOW_US)
+    }
+
+    /// Whether there have been enough exchanges for phases, since the first or since all was forgotten.
+    pub fn is_settled(&self) -> bool {
+        self.is_settled
+    }
+
+    fn is_settling_over(&self) -> bool {
+        let ends = self.exchanges.front().zip(self.exchanges.back());
+        let elapsed_us = ends.map_or(0, |(first, last)| last.sent.since(first.sent));
+        let is_sure = self.within(SLOW_US).count() >= QUICK_EXCHANGES || elapsed_us >= LONGEST_FIRST_US;
+        self.len() >= if is_sure { FIRST_EXCHANGES } else { MOST_FIRST_EXCHANGES }
     }
 
     /// Time over which exchanges with short round trips have been made, in µs: what the drift is known from. A burst of
@@ -158,8 +169,9 @@ impl ClockEstimator {
     }
 
     fn find_span_us(&self) -> i64 {
-        let span = self.good().and_then(|(_, good)| Some(good.last()?.sent.since(good.first()?.sent)));
-        span.unwrap_or(0)
+        let mut good = self.within(ROUND_TRIP_TOLERANCE_US);
+        let first = good.next();
+        first.map_or(0, |first| good.last().unwrap_or(first).sent.since(first.sent))
     }
 
     /// How much faster the host's clock runs than the node's, in parts per million; `None` before it is known.
@@ -167,12 +179,14 @@ impl ClockEstimator {
         (self.span_us() >= DRIFT_SPAN_US).then(|| self.model.map(|model| f64::from(model.drift_ppb) * 1e-3))?
     }
 
-    /// The shortest round trip, and the exchanges that took little longer.
-    fn good(&self) -> Option<(i64, Vec<&Exchange>)> {
-        let shortest = self.exchanges.iter().map(|exchange| exchange.round_trip_us).min()?;
-        let is_short =
-            |exchange: &&Exchange| exchange.round_trip_us <= shortest.saturating_add(ROUND_TRIP_TOLERANCE_US);
-        Some((shortest, self.exchanges.iter().filter(is_short).collect()))
+    fn shortest_us(&self) -> Option<i64> {
+        self.exchanges.iter().map(|exchange| exchange.round_trip_us).min()
+    }
+
+    /// The exchanges that took no longer than the shortest and so much more.
+    fn within(&self, more_us: i64) -> impl Iterator<Item = &Exchange> {
+        let longest = self.shortest_us().unwrap_or(0).saturating_add(more_us);
+        self.exchanges.iter().filter(move |exchange| exchange.round_trip_us <= longest)
     }
 
     /// The best model so far: the middle of the strip that the exchanges leave, level while they span less than 20 s. `None` before

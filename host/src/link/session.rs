@@ -11,7 +11,7 @@ use belfry_shared::message::{ClockReply, Conversation, Heartbeat, Hello, HostMes
 use belfry_shared::seal::Key;
 use belfry_shared::time::HostTime;
 
-use super::clock::ClockEstimator;
+use super::clock::{ClockEstimator, FIRST_EXCHANGES};
 use super::delivery::Delivery;
 use super::error::SessionError;
 use super::transport::Transport;
@@ -28,14 +28,6 @@ const REPEATS: u32 = 5;
 const REPEAT_PERIOD_US: i64 = 1_000_000;
 /// How often another host may greet the node meanwhile, before the session leaves the node to it.
 const MOST_TAKEOVERS: u32 = 5;
-/// Clock exchanges before the clock is set first, where enough of them are about as quick as the quickest; else there are more, up to so many or for
-/// so long: on a slow line they wait for one another. On a computer that is busy, or a line that jitters, the quickest of six may be late by
-/// milliseconds, which turns the shapes of all that is measured until the next exchanges.
-const FIRST_EXCHANGES: usize = 6;
-const QUICK_EXCHANGES: usize = 3;
-const MOST_FIRST_EXCHANGES: usize = 30;
-const LONGEST_FIRST_US: i64 = 4_000_000;
-
 /// What a session has seen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct SessionStatistics {
@@ -90,8 +82,6 @@ pub struct Session {
     request_bytes: usize,
     /// How often the last exchange has been made again.
     repeats: u32,
-    /// Whether the clock has been measured once: later exchanges are further apart, and old ones are forgotten.
-    was_timed: bool,
     next_try: HostTime,
     next_exchange: HostTime,
     last_received: HostTime,
@@ -123,7 +113,6 @@ impl Session {
             clock: ClockEstimator::default(),
             request_bytes: 0,
             repeats: 0,
-            was_timed: false,
             next_try: HostTime(i64::MIN),
             next_exchange: HostTime(i64::MIN),
             last_received: HostTime(i64::MIN),
@@ -190,7 +179,6 @@ impl Session {
     pub fn restart(&mut self) {
         self.greet_again();
         self.clock.clear();
-        self.was_timed = false;
         self.knows_time = false;
         self.must_set_time = true;
         self.next_exchange = HostTime(i64::MIN);
@@ -367,7 +355,6 @@ impl Session {
         };
         if is_new_life {
             self.clock.clear();
-            self.was_timed = false;
             self.knows_time = hello.clock_set;
             self.heartbeat = None;
         }
@@ -433,13 +420,7 @@ impl Session {
 
     /// Whether the clock has been measured well enough to be set.
     fn is_timed(&self) -> bool {
-        let is_rough = self.needs_phase() && self.clock.quick() < QUICK_EXCHANGES;
-        let enough = if is_rough && !self.was_timed && self.clock.elapsed_us() < LONGEST_FIRST_US {
-            MOST_FIRST_EXCHANGES
-        } else {
-            FIRST_EXCHANGES
-        };
-        self.clock.len() >= enough
+        self.clock.len() >= FIRST_EXCHANGES && (self.clock.is_settled() || !self.needs_phase())
     }
 
     /// Averaged densities have no phase for which exact clocks would be worth their bytes.

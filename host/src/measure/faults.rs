@@ -10,6 +10,7 @@ use super::jumps::Jumps;
 use super::limits::{CutOff, MOST_CUT_OFF};
 use super::spikes::Spikes;
 use super::stream::Faults;
+use crate::numbers::{counted, is_or_are};
 use crate::record::{Affected, RecordWarning, time_of_day};
 use crate::spectra::{LineGrid, Silenced, SpectraWarning};
 use crate::study::{Sensor, Setup};
@@ -99,10 +100,8 @@ fn filled_sentences(setup: &Setup, filled: &[Filled]) -> Vec<String> {
     let alike = channels_by(setup, filled.iter().map(|one| (one.count > 0).then_some(*one)));
     let sentence = |(filled, channels): (Filled, Affected)| {
         let at = time_of_day(filled.first_row as f64 / setup.sampling_rate_hz);
-        let (samples, gaps, are) = match filled.count {
-            1 => ("1 missing sample".to_owned(), "", "is"),
-            count => (format!("{count} missing samples"), " in short gaps, the first", "are"),
-        };
+        let gaps = if filled.count == 1 { "" } else { " in short gaps, the first" };
+        let (samples, are) = (counted(filled.count, "missing sample"), is_or_are(filled.count));
         format!("{channels}: {samples}{gaps} {at} into the record, {are} filled by straight lines")
     };
     alike.into_iter().map(sentence).collect()
@@ -145,10 +144,8 @@ fn flat_sentences(setup: &Setup, flat: &[Flat], rows: u64) -> Vec<String> {
     let alike = channels_by(setup, flat.iter().map(|one| (one.pieces > 0).then_some(*one)));
     let sentence = |(flat, channels): (Flat, Affected)| {
         let at = time_of_day(flat.first_row as f64 / setup.sampling_rate_hz);
-        let (pieces, which) = match flat.pieces {
-            1 => ("1 piece".to_owned(), "which begins"),
-            pieces => (format!("{pieces} pieces"), "the first"),
-        };
+        let which = if flat.pieces == 1 { "which begins" } else { "the first" };
+        let pieces = counted(flat.pieces, "piece");
         format!(
             "{channels} {} one value in {pieces}, {:.1} % of the time, {which} {at} into the record: these samples are taken as missing; check {} and the recorder",
             channels.verb("holds", "hold"),
@@ -192,9 +189,10 @@ fn spike_sentences(setup: &Setup, spikes: &[Spikes]) -> Vec<String> {
     let alike = channels_by(setup, spikes.iter().map(|one| (one.count > 0).then(|| when(one))));
     let sentence = |((first_row, count), channels): ((u64, u64), Affected)| {
         let at = time_of_day(first_row as f64 / setup.sampling_rate_hz);
-        let (noun, which) = if count == 1 { ("spike", "") } else { ("spikes", ", the first") };
+        let which = if count == 1 { "" } else { ", the first" };
+        let spikes = counted(count, "spike");
         format!(
-            "{channels}: {count} {noun} of a single sample{which} {at} into the record, replaced by the mean of the samples beside; check {}",
+            "{channels}: {spikes} of a single sample{which} {at} into the record, replaced by the mean of the samples beside; check {}",
             channels.verb("the cable", "the cables and the recorder")
         )
     };
@@ -234,7 +232,7 @@ pub(super) fn left_out_sentences(setup: &Setup, warnings: &[SpectraWarning]) -> 
             }
             SpectraWarning::WindowsLeftOut { left_out, windows } => {
                 let joints = if setup.block_s.is_some() { "they reach over a joint of blocks, or " } else { "" };
-                let are = if left_out == 1 { "is" } else { "are" };
+                let are = is_or_are(left_out as u64);
                 sentences.push(format!(
                     "{left_out} of {windows} windows {are} left out: {joints}a channel has gaps, clipped or constant samples in them, or stands far off what is usual"
                 ));

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::regression::slopes;
 use crate::spectra::WindowLines;
 use crate::statistics::median;
 
@@ -170,7 +171,7 @@ struct Regressions {
     channels: Vec<usize>,
     /// By band and part.
     bands: Vec<Vec<DMatrix<f64>>>,
-    /// How loud each part is (ln), about its mean.
+    /// How loud each part is (ln).
     levels: Vec<f64>,
 }
 
@@ -191,37 +192,19 @@ impl Regressions {
         let bands: Vec<Vec<DMatrix<f64>>> = (0..gains.bands).filter_map(of_band).collect();
         let loud =
             |part: usize| bands.iter().map(|parts| parts[part].trace().ln()).sum::<f64>() / bands.len().max(1) as f64;
-        let loud: Vec<f64> = (0..gains.parts.len()).map(loud).collect();
-        let mean = loud.iter().sum::<f64>() / loud.len().max(1) as f64;
-        let levels = loud.iter().map(|level| level - mean).collect();
+        let levels = (0..gains.parts.len()).map(loud).collect();
         Self { channels, bands, levels }
     }
 
     /// How much values change over all parts along a straight line, and the standard error of that. What goes with the level of the motion is taken
     /// off at the same time: noise makes channels that are known less well seem to fall as the motion does.
     fn line(&self, values: &[f64]) -> (f64, f64) {
-        let count = values.len() as f64;
-        let (middle, mean) = (0.5 * (count - 1.0), values.iter().sum::<f64>() / count);
-        let (mut tt, mut tl, mut ll, mut tv, mut lv) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for (at, (value, level)) in values.iter().zip(&self.levels).enumerate() {
-            let (time, value) = (at as f64 - middle, value - mean);
-            tt += time * time;
-            tl += time * level;
-            ll += level * level;
-            tv += time * value;
-            lv += level * value;
-        }
-        // A level that does not change explains nothing.
-        ll += f64::EPSILON * tt;
-        let determinant = tt * ll - tl * tl;
-        let (slope, with_level) = ((ll * tv - tl * lv) / determinant, (tt * lv - tl * tv) / determinant);
-        let left = values
-            .iter()
-            .zip(&self.levels)
-            .enumerate()
-            .map(|(at, (value, level))| (value - mean - slope * (at as f64 - middle) - with_level * level).powi(2));
-        let error = (left.sum::<f64>() / (count - 3.0) * ll / determinant).sqrt();
-        if error.is_finite() { (slope * count, error * count) } else { (0.0, f64::INFINITY) }
+        let count = values.len();
+        let time = (0..count).map(|part| part as f64).collect();
+        // Of their deviations nothing is known but how they scatter, which is more than this.
+        let slope = slopes(values, &vec![1e-9; count], &[time, self.levels.clone()]);
+        let slope = slope.and_then(|slopes| slopes.first().copied());
+        slope.map_or((0.0, f64::INFINITY), |slope| (slope.value * count as f64, slope.std * count as f64))
     }
 
     fn drifts(&self) -> Vec<Drift> {

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use crate::compare::Comparison;
 use crate::diagnose::FAILS;
-use crate::numbers::{mac_words, metres, with_std};
+use crate::numbers::{is_or_are, mac_words, metres, with_std};
 use crate::study::Study;
 
 /// A sentence.
@@ -91,7 +91,7 @@ fn stale(stale: &Map<String, Value>) -> Vec<String> {
     }
     let sentence = |(cause, of): (&str, Vec<&str>)| {
         let names: Vec<String> = of.into_iter().map(str::to_owned).collect();
-        let is_are = if names.len() == 1 { "is" } else { "are" };
+        let is_are = is_or_are(names.len() as u64);
         format!("{} {is_are} of an older state: {cause}.", capital(&listed(&names)))
     };
     causes.into_iter().map(sentence).collect()

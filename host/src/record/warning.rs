@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::error::FilePosition;
+use crate::numbers::counted;
 
 /// Channels of a setup that have something in common.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -88,12 +89,10 @@ impl fmt::Display for RecordWarning {
             ),
             Self::MissingSamples { channels, samples, seconds, gap_count, first, first_s } => {
                 let have = channels.verb("has", "have");
-                let noun = if *samples == 1 { "sample" } else { "samples" };
+                let samples = counted(*samples, "sample");
                 let (gaps, which, they) = match gap_count {
-                    1 => (format!("a gap of {samples} {noun} ({seconds:.3} s)"), "", "it touches"),
-                    count => {
-                        (format!("{count} gaps, {samples} {noun} ({seconds:.3} s) in all"), ", the first", "they touch")
-                    }
+                    1 => (format!("a gap of {samples} ({seconds:.3} s)"), "", "it touches"),
+                    count => (format!("{count} gaps, {samples} ({seconds:.3} s) in all"), ", the first", "they touch"),
                 };
                 let into = time_of_day(*first_s);
                 write!(
@@ -102,10 +101,8 @@ impl fmt::Display for RecordWarning {
                 )
             }
             Self::Impossible { channels, samples, value, first, first_s } => {
-                let (samples, which, count) = match samples {
-                    1 => ("1 sample".to_owned(), "", "it counts"),
-                    samples => (format!("{samples} samples"), " the first", "they count"),
-                };
+                let (which, count) = if *samples == 1 { ("", "it counts") } else { (" the first", "they count") };
+                let samples = counted(*samples, "sample");
                 write!(
                     formatter,
                     "{channels}: {samples} that no sensor can give,{which} {value:.3e} at {first}, {} into the record: the file is damaged there; {count} as missing",

@@ -4,22 +4,21 @@
 //! and the temperature of that interval, and for each mode whether it changes at all and what with.
 
 mod link;
-mod regression;
 mod temperature;
 
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 use thiserror::Error;
 
-pub use regression::Slope;
+pub use crate::regression::Slope;
 pub use temperature::{TemperatureError, Temperatures};
 
 use crate::identify::{Identification, MeasuredSetup, Mode};
 use crate::measure::{Interval, MeasureError, Progress, Route, measure_intervals};
+use crate::regression::slopes;
 use crate::spectra::LineGrid;
 use crate::study::{Analysis, Setup, Study};
 use link::Follower;
-use regression::slopes;
 
 /// Why there is no trend.
 #[derive(Debug, Error)]

@@ -54,7 +54,6 @@ impl Session {
                 self.next_try = HostTime(now.0 + RETRY_US);
             }
             Stage::Timing if self.is_timed() => {
-                self.was_timed = true;
                 self.stage = if self.knows_time { Stage::Measuring } else { Stage::SettingClock };
                 self.next_try = now;
             }

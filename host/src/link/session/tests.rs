@@ -7,6 +7,7 @@ use std::io;
 
 use super::stages::{INSPECTIONS, RETRY_US};
 use super::*;
+use crate::link::clock::MOST_FIRST_EXCHANGES;
 use crate::link::memory::{Faults, Line};
 use crate::window::{KeptWindows, NodeWindow};
 use belfry_firmware::{Identity, Memory, Node};

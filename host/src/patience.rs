@@ -1,7 +1,7 @@
 //! Patience with an archive that cannot be written for a while: another program writes, or the disk is full. It is tried again with
 //! growing pauses; meanwhile nodes keep their windows, for nothing is acknowledged.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The pause after the first failure; each further one takes twice as long.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
@@ -52,6 +52,37 @@ impl Patience {
     /// Takes note that it has worked; how long it had not.
     pub(crate) fn worked(&mut self, now: Duration) -> Option<Duration> {
         self.0.take().map(|trouble| now.saturating_sub(trouble.since))
+    }
+}
+
+/// Does what may fail for a while, again and again with growing pauses, as long as the failure `passes`; `on_wait` gets the first one. `None` where
+/// it `stops` before.
+///
+/// # Errors
+/// The first failure that does not pass.
+pub(crate) fn patiently<T, E>(
+    mut work: impl FnMut() -> Result<T, E>,
+    passes: impl Fn(&E) -> bool,
+    mut on_wait: impl FnMut(&E),
+    stops: impl Fn() -> bool,
+) -> Result<Option<T>, E> {
+    const LOOK: Duration = Duration::from_millis(200);
+    let (start, mut patience) = (Instant::now(), Patience::default());
+    loop {
+        match work() {
+            Err(error) if passes(&error) => {
+                if patience.failed(start.elapsed()) {
+                    on_wait(&error);
+                }
+            }
+            done => return done.map(Some),
+        }
+        while patience.is_waiting(start.elapsed()) {
+            if stops() {
+                return Ok(None);
+            }
+            std::thread::sleep(LOOK);
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! What a mode's frequency depends on: weighted least squares of ln f on temperature and response level.
+//! What a number depends on: weighted least squares on several others at once.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -13,7 +13,7 @@ pub struct Slope {
 
 /// Least-squares slopes of `y` (with standard deviations) on centred regressors, all together; `None` where there are fewer
 /// than two points more than unknowns, or the regressors do not vary independently.
-pub(super) fn slopes(y: &[f64], std: &[f64], regressors: &[Vec<f64>]) -> Option<Vec<Slope>> {
+pub(crate) fn slopes(y: &[f64], std: &[f64], regressors: &[Vec<f64>]) -> Option<Vec<Slope>> {
     let (points, unknowns) = (y.len(), regressors.len() + 1);
     if points < unknowns + 2 || std.iter().any(|std| !(std.is_finite() && *std > 0.0)) {
         return None;
