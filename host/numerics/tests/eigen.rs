@@ -92,3 +92,23 @@ fn a_complex_matrix_only_stretches_its_eigenvectors() {
         assert!((stretched - vectors.column(column) * *value).norm() < 1e-12, "{value}");
     }
 }
+
+/// As large as problems are that are solved by parts.
+#[test]
+fn vectors_of_a_large_problem_solve_it_to_rounding() {
+    let size = 185;
+    let spring = |i: usize, j: usize| match i.abs_diff(j) {
+        0 => 3.0 + (i as f64 * 0.7).sin(),
+        1 => -0.9,
+        7 => 0.05,
+        _ => 0.0,
+    };
+    let metric = DMatrix::from_fn(size, size, spring);
+    let other = DMatrix::from_diagonal(&DVector::from_fn(size, |i, _| 1.0 + 0.5 * (i as f64 * 0.3).cos()));
+    let EigenPairs { values, vectors } = CholeskyFactor::of(&metric, 1e-13).unwrap().generalised_eigen(&other).unwrap();
+    let greatest = values.iter().copied().fold(0.0, f64::max);
+    assert!(values.is_sorted());
+    assert!((vectors.transpose() * &metric * &vectors - DMatrix::identity(size, size)).amax() < 1e-12);
+    let left = &other * &vectors - &metric * &vectors * DMatrix::from_diagonal(&values.into());
+    assert!(left.amax() < 1e-12 * greatest, "{}", left.amax());
+}

@@ -1,9 +1,11 @@
 //! Comparison: a model's modes and measured modes flow in; pairs, and where they disagree, flow out.
 //!
-//! `pairing` says which belongs to which, `residual` makes whitened differences of the pairs, `misfit` looks at them sensor
+//! `pairing` says which belongs to which, `residual` makes whitened differences of the pairs, `following` says how they
+//! follow a change of the model, `misfit` looks at them sensor
 //! by sensor, `tolerance` says how far the model itself is trusted. What is computed here is printed and stored by the commands.
 
 mod deviation;
+mod following;
 mod misfit;
 mod pairing;
 mod residual;
@@ -18,6 +20,7 @@ use crate::modes::MeasuredMode;
 use crate::study::Sensor;
 
 pub(crate) use deviation::{Errors, shape_deviations};
+pub(crate) use following::Following;
 pub use pairing::{Pair, pair};
 pub(crate) use pairing::{assigned, pair_above};
 pub(crate) use residual::{Block, Residual, ShapeBlock, complement, exceeding};

@@ -10,7 +10,6 @@ use super::tolerance::Tolerance;
 use super::view::ModelView;
 use crate::model::ModeDerivative;
 use crate::modes::{MeasuredMode, MeasuredShape};
-use crate::statistics::largest_first;
 
 /// A chi-squared test.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -245,6 +244,11 @@ impl Block {
         self.residual.len()
     }
 
+    /// Indices of the sensors that see the shape; none where it is not compared.
+    pub(crate) fn sensors(&self) -> &[usize] {
+        self.shape.as_ref().map_or(&[], |shape| &shape.sensors)
+    }
+
     /// The model's modes that the block depends on.
     pub(crate) fn models(&self) -> &[usize] {
         self.shape.as_ref().map_or(std::slice::from_ref(&self.model), |shape| &shape.models)
@@ -290,6 +294,17 @@ impl ShapeBlock {
         self.directions.tr_mul(&(self.nearest() - &self.measured))
     }
 
+    /// How the difference follows the shape of one of the model's modes at all sensors, directions x sensors.
+    pub(super) fn by_shape(&self, index: usize, sensors: usize) -> DMatrix<f64> {
+        let mut whole = DMatrix::zeros(self.directions.ncols(), sensors);
+        for (at, &sensor) in self.sensors.iter().enumerate() {
+            let mut change = DMatrix::zeros(self.sensors.len(), self.models.len());
+            change[(at, index)] = 1.0;
+            whole.set_column(sensor, &self.slope(&change));
+        }
+        whole
+    }
+
     /// How the difference follows a change of the model's shapes at the sensors (sensors x models).
     fn slope(&self, change: &DMatrix<f64>) -> DVector<f64> {
         let moved = change * &self.combination;
@@ -305,13 +320,12 @@ impl ShapeBlock {
     }
 }
 
-/// An orthonormal basis of what is orthogonal to independent columns.
+/// An orthonormal basis of what is orthogonal to independent columns; `None` where there are more of them than rows.
 pub(crate) fn complement(columns: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let (size, count) = columns.shape();
-    let directions = columns.clone().svd(true, false).u?;
-    let outside = DMatrix::identity(size, size) - &directions * directions.transpose();
-    let eigen = outside.symmetric_eigen();
-    // Eigenvalues are 1 outside and 0 inside.
-    let order = largest_first(eigen.eigenvalues.as_slice());
-    Some(eigen.eigenvectors.select_columns(&order[..size.checked_sub(count)?]))
+    let outside = size.checked_sub(count)?;
+    // The last columns of a whole Q.
+    let mut transposed = DMatrix::identity(size, size);
+    columns.clone().qr().q_tr_mul(&mut transposed);
+    Some(transposed.rows(count, outside).transpose())
 }

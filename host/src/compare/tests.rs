@@ -8,7 +8,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
-use crate::model::{BeamTable, Body, Structure};
+use crate::model::effect::Effect;
+use crate::model::{BeamTable, Body, Structure, eccentricity_changes};
 use crate::modes::MeasuredShape;
 use crate::study::{Model, ModelSource, Study, template};
 
@@ -355,4 +356,45 @@ fn correlated_errors_are_weighed_by_their_covariance() {
     assert!((mean(&joint) / n - 1.0).abs() < 0.05, "{} {n}", mean(&joint));
     assert!((0.7..1.4).contains(&(variance(&joint) / (2.0 * n))), "{}", variance(&joint) / (2.0 * n));
     assert!(variance(&alone) > 5.0 * variance(&joint), "{} {}", variance(&alone), variance(&joint));
+}
+
+/// One product of what is made once and the change says the same as the derivatives of every mode do, for close modes, sensors that are late
+/// and modes that a sensor did not see.
+#[test]
+fn differences_follow_a_change_as_the_modes_do() {
+    let (beam, sensors) = tower();
+    let late: Effect = "clock-offset@2=0.1".parse().unwrap();
+    let structure = Structure::new(beam).and(&[late.in_study(&sensors).unwrap()]).unwrap();
+    let view = seen(&structure, &sensors);
+    let mut random = ChaCha8Rng::seed_from_u64(9);
+    let mut measured = measure(&view, 0..6, &mut random);
+    measured[1] = measured[1].at_sensors(&|sensor| sensor != 3);
+    measured[2].shape = None;
+    let pairs = pair(&view, &measured);
+    let close = |pair: &Pair| if pair.model > 3 { vec![4, 5] } else { vec![pair.model] };
+    let residual = Residual::of(&view, &measured, &pairs, &close);
+    let models = residual.models();
+    let responses = view.responses(&models);
+    let following = Following::of(&view, &residual, &responses, &models).unwrap();
+    let changes = structure.segment_changes();
+    let [eccentric, _] = eccentricity_changes(&structure.assemble());
+    let all = changes.iter().flat_map(|change| change.stiffness.iter().chain([&change.mass])).chain([&eccentric]);
+    for change in all {
+        let of_modes = residual.slope(&models, &view.derivatives(&responses, &models, change));
+        let along = following.along(change);
+        assert!((&along - &of_modes).amax() <= 1e-9 * of_modes.amax(), "{along} {of_modes}");
+    }
+}
+
+#[test]
+fn a_complement_is_at_right_angles_to_all_that_it_is_the_complement_of() {
+    let mut random = ChaCha8Rng::seed_from_u64(10);
+    for count in 0..=5 {
+        let columns = DMatrix::from_fn(5, count, |_, _| deviates(1.0, &mut random));
+        let outside = complement(&columns).unwrap();
+        assert_eq!(outside.shape(), (5, 5 - count));
+        assert!((outside.tr_mul(&outside) - DMatrix::identity(5 - count, 5 - count)).norm() < 1e-14);
+        assert!(outside.tr_mul(&columns).norm() < 1e-14 * columns.norm().max(1.0));
+    }
+    assert_eq!(complement(&DMatrix::zeros(2, 3)), None);
 }

@@ -1,5 +1,7 @@
 //! What sensors see of a model's modes.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector, RowDVector};
 
 use crate::model::{
@@ -12,11 +14,11 @@ use crate::study::Sensor;
 #[derive(Debug, Clone)]
 pub struct ModelView {
     /// All eigenvectors of the structure without its dashpots.
-    pub basis: ModalBasis,
+    pub basis: Arc<ModalBasis>,
     /// Where dashpots hang on it: its damped modes, which are those of `modes`.
     pub damped: Option<DampedModes>,
     /// The modes that have mass, lowest first.
-    pub modes: Modes,
+    pub modes: Arc<Modes>,
     /// Their shapes as the sensors record them, sensors x modes, in the sensors' positive directions; where clocks are off,
     /// the real part at the phase at which it is the largest.
     pub at_sensors: DMatrix<f64>,
@@ -45,12 +47,12 @@ impl ModelView {
     pub fn of(assembly: &Assembly, sensors: &[Sensor]) -> Result<Self, ViewError> {
         let (basis, sensor_rows) = (assembly.modal_basis()?, assembly.sensor_rows(sensors)?);
         let damped = assembly.damped_modes(&basis)?;
-        Ok(Self::of_basis(basis, damped, sensor_rows, assembly.sensing.delays_s(sensors)))
+        Ok(Self::of_basis(Arc::new(basis), damped, sensor_rows, assembly.sensing.delays_s(sensors)))
     }
 
     /// From eigenvectors, motion at the sensors (sensors x DOFs) and by how much each is late.
     pub(crate) fn of_basis(
-        basis: ModalBasis,
+        basis: Arc<ModalBasis>,
         damped: Option<DampedModes>,
         sensor_rows: DMatrix<f64>,
         delays_s: Option<RowDVector<f64>>,
@@ -59,6 +61,26 @@ impl ModelView {
             Some(damped) => damped.modes(&basis, &sensor_rows),
             None => basis.modes(usize::MAX),
         };
+        Self::of_modes(basis, damped, Arc::new(modes), sensor_rows, delays_s)
+    }
+
+    /// The same structure, as it is seen by sensors with other rows (motion at them, sensors x DOFs) and delays.
+    pub(crate) fn seen_by(&self, sensor_rows: DMatrix<f64>, delays_s: Option<RowDVector<f64>>) -> Self {
+        let (basis, damped) = (self.basis.clone(), self.damped.clone());
+        // Shapes of damped modes are turned to the phase that the sensors see.
+        match damped {
+            Some(damped) => Self::of_basis(basis, Some(damped), sensor_rows, delays_s),
+            None => Self::of_modes(basis, None, self.modes.clone(), sensor_rows, delays_s),
+        }
+    }
+
+    fn of_modes(
+        basis: Arc<ModalBasis>,
+        damped: Option<DampedModes>,
+        modes: Arc<Modes>,
+        sensor_rows: DMatrix<f64>,
+        delays_s: Option<RowDVector<f64>>,
+    ) -> Self {
         let mut at_sensors = &sensor_rows * &modes.shapes;
         let phases_rad = delays_s.map(|delays_s| {
             let mut phases = DMatrix::zeros(at_sensors.nrows(), at_sensors.ncols());
@@ -101,6 +123,11 @@ impl ModelView {
             ModeDerivative { ln_frequency: 0.0, shape, damping_ratio: 0.0 }
         };
         modes.iter().map(of).collect()
+    }
+
+    /// What motion at each sensor in a mode counts for in what is recorded of it, where clocks are off.
+    pub(super) fn recorded(&self, mode: usize) -> Option<DVector<f64>> {
+        self.phases_rad.as_ref().map(|phases| phases.column(mode).map(f64::cos))
     }
 
     /// Turns motion at the sensors in a mode into what they record of it, where clocks are off.

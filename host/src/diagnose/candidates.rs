@@ -144,7 +144,7 @@ impl Problem {
             .filter_map(|(_, block)| {
                 let shape = block.shape.as_ref().filter(|shape| shape.models.len() == 1)?;
                 let measured = self.measured[block.measured].shape.as_ref()?;
-                let model = state.view.at_sensors.column(block.model) * shape.combination[0];
+                let model = state.model.view.at_sensors.column(block.model) * shape.combination[0];
                 Some((
                     model,
                     measured.sensors.clone(),

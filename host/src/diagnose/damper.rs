@@ -159,12 +159,12 @@ impl<'a> Hanging<'a> {
         place: Option<&Where>,
     ) -> Option<Self> {
         let state = &present.state;
-        let shape = state.view.modes.shapes.column(state.pairs.get(clue.mode)?.model);
+        let shape = state.model.view.modes.shapes.column(state.pairs.get(clue.mode)?.model);
         let heights = match place {
             Some(Where::Height(z_m)) => vec![*z_m],
             _ => problem.heights_m(),
         };
-        let motion = |&z_m: &f64| (z_m, (state.assembly.axis_motion(z_m).rows(0, 2) * shape).norm_squared());
+        let motion = |&z_m: &f64| (z_m, (state.model.assembly.axis_motion(z_m).rows(0, 2) * shape).norm_squared());
         let mut places: Vec<(f64, f64)> = heights.iter().map(motion).collect();
         let most = places.iter().map(|place| place.1).fold(0.0, f64::max);
         places.retain(|place| place.1 > MOVES * most);

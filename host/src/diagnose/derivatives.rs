@@ -8,9 +8,41 @@ use super::background::Background;
 use super::evaluation::SCATTER_OF_DAMPING;
 use super::knob::{Knob, with_values};
 use super::problem::Problem;
-use super::state::State;
-use crate::compare::ModelView;
+use super::state::{Modelled, State};
+use crate::compare::Following;
 use crate::model::{Change, ModeDerivative, Responses, SegmentChange, Stiffness, Structure, eccentricity_changes};
+
+/// How the differences of modes, before they are weighed, follow what is not trusted.
+pub(super) struct BySegments {
+    /// Relative changes of each segment's quantities, in the order of [`Background::quantities`], each differences x segments.
+    quantities: Vec<DMatrix<f64>>,
+    /// How far masses are spread and off the axis, and how far sections narrow.
+    others: Vec<DVector<f64>>,
+}
+
+impl BySegments {
+    /// At a state; `None` where there are no segments.
+    fn of(state: &State, problem: &Problem) -> Option<Self> {
+        let Modelled { structure, assembly, view, .. } = state.model.as_ref();
+        let changes = structure.segment_changes();
+        if changes.is_empty() {
+            return None;
+        }
+        let by_quantity = |quantity: Option<Stiffness>| {
+            let change = |change: &SegmentChange| match quantity {
+                Some(stiffness) => state.along(&change.stiffness[stiffness as usize]),
+                None => state.along(&change.mass),
+            };
+            DMatrix::from_columns(&changes.iter().map(change).collect::<Vec<_>>())
+        };
+        let quantities = problem.background.quantities().map(by_quantity).collect();
+        let [along_x, along_y] = eccentricity_changes(assembly);
+        let by_masses = [&structure.spread_change(), &along_x, &along_y].map(|change| state.along(change));
+        let rows = assembly.distorted_rows(&problem.sensors, Background::distortion(1.0)).ok()?;
+        let by_sections = state.residual.slope(&state.models, &view.derivatives_by_rows(&rows, &state.models));
+        Some(Self { quantities, others: by_masses.into_iter().chain([by_sections]).collect() })
+    }
+}
 
 impl State {
     /// Derivatives of [`State::differences`] by the background's numbers.
@@ -25,66 +57,69 @@ impl State {
     }
 
     fn responses(&self) -> &Responses {
-        self.responses.get_or_init(|| self.view.responses(&self.models))
+        self.slopes.responses.get_or_init(|| self.model.view.responses(&self.models))
+    }
+
+    fn following(&self) -> Option<&Following> {
+        let of = || Following::of(&self.model.view, &self.residual, self.responses(), &self.models);
+        self.slopes.following.get_or_init(of).as_ref()
+    }
+
+    /// The derivative of the differences of modes before they are weighed by a change of the structure.
+    fn along(&self, change: &Change) -> DVector<f64> {
+        match self.following() {
+            Some(following) => following.along(change),
+            None => {
+                let derivatives = self.model.view.derivatives(self.responses(), &self.models, change);
+                self.residual.slope(&self.models, &derivatives)
+            }
+        }
     }
 
     /// Of the differences of modes before they are weighed, by the numbers of segments and masses; `None` where there are none.
     fn by_scatter(&self, problem: &Problem) -> Option<DMatrix<f64>> {
-        let changes = if problem.background.is_none() { Vec::new() } else { self.structure.segment_changes() };
-        if changes.is_empty() {
+        if problem.background.is_none() {
             return None;
         }
-        let column = |change: &Change| {
-            let derivatives = self.view.derivatives(self.responses(), &self.models, change);
-            self.residual.slope(&self.models, &derivatives)
-        };
-        let by_quantity = |quantity: Option<Stiffness>| {
-            let change = |change: &SegmentChange| match quantity {
-                Some(stiffness) => column(&change.stiffness[stiffness as usize]),
-                None => column(&change.mass),
-            };
-            DMatrix::from_columns(&changes.iter().map(change).collect::<Vec<_>>())
-        };
-        let by_quantities: Vec<DMatrix<f64>> = problem.background.quantities().map(by_quantity).collect();
-        let [along_x, along_y] = eccentricity_changes(&self.assembly);
-        let by_masses = [&self.structure.spread_change(), &along_x, &along_y].map(column);
-        let rows = self.assembly.distorted_rows(&problem.sensors, Background::distortion(1.0)).ok()?;
-        let by_sections = self.residual.slope(&self.models, &self.view.derivatives_by_rows(&rows, &self.models));
-        let by_others: Vec<DVector<f64>> = by_masses.into_iter().chain([by_sections]).collect();
-        Some(problem.background.chain(&by_quantities, &by_others, &self.numbers))
+        let by_segments = self.slopes.by_segments.get_or_init(|| BySegments::of(self, problem)).as_ref()?;
+        Some(problem.background.chain(&by_segments.quantities, &by_segments.others, &self.numbers))
     }
 
     /// The derivative of the differences by what takes the structure to `structure` in a step of the size `step`; those of modes
     /// before they are weighed.
     pub(super) fn towards(&self, problem: &Problem, structure: &Structure, step: f64) -> Option<DVector<f64>> {
+        let Modelled { assembly, view, delays_s, .. } = self.model.as_ref();
         let there = structure.assemble();
-        if there.dofs() != self.assembly.dofs() {
+        if there.dofs() != assembly.dofs() {
             return None;
         }
-        let (rows, delays_s) = (there.sensor_rows(&problem.sensors).ok()?, there.sensing.delays_s(&problem.sensors));
-        let change = self.assembly.change_to(&there, step);
-        let mut slopes = match &change {
-            Some(change) => self.view.derivatives(self.responses(), &self.models, change),
-            None => {
-                let still = DVector::zeros(self.view.at_sensors.nrows());
-                vec![ModeDerivative { ln_frequency: 0.0, shape: still, damping_ratio: 0.0 }; self.models.len()]
-            }
-        };
-        let mut phases = DVector::zeros(self.phases.len());
-        if rows != self.view.sensor_rows || delays_s != self.delays_s {
-            let view = ModelView::of_basis(self.view.basis.clone(), self.view.damped.clone(), rows, delays_s);
-            for (slope, &model) in slopes.iter_mut().zip(&self.models) {
-                slope.shape += (view.at_sensors.column(model) - self.view.at_sensors.column(model)) / step;
-            }
-            phases = (problem.phase_differences(self, &view) - &self.phases) / step;
+        let (rows, delays_there_s) =
+            (there.sensor_rows(&problem.sensors).ok()?, there.sensing.delays_s(&problem.sensors));
+        let change = assembly.change_to(&there, step);
+        let mut modes = DVector::zeros(self.modes.len());
+        let still = DVector::zeros(view.at_sensors.nrows());
+        let still = ModeDerivative { ln_frequency: 0.0, shape: still, damping_ratio: 0.0 };
+        let mut slopes = vec![still; self.models.len()];
+        match (&change, self.following()) {
+            (Some(change), Some(following)) => modes = following.along(change),
+            (Some(change), None) => slopes = view.derivatives(self.responses(), &self.models, change),
+            (None, _) => {}
         }
-        let modes = self.residual.slope(&self.models, &slopes);
+        let mut phases = DVector::zeros(self.phases.len());
+        if rows != view.sensor_rows || delays_there_s != *delays_s {
+            let seen = view.seen_by(rows, delays_there_s);
+            for (slope, &model) in slopes.iter_mut().zip(&self.models) {
+                slope.shape += (seen.at_sensors.column(model) - view.at_sensors.column(model)) / step;
+            }
+            phases = (problem.phase_differences(self, &seen) - &self.phases) / step;
+        }
+        modes += self.residual.slope(&self.models, &slopes);
         let damping = DVector::from_fn(self.damping.len(), |mode, _| {
             let pair = self.pairs.get(mode);
             let at = pair.and_then(|pair| Some((pair.model, self.models.binary_search(&pair.model).ok()?)));
             let known = problem.damping.get(mode).copied().flatten();
             at.filter(|_| known.is_some()).map_or(0.0, |(model, at)| {
-                let predicted = problem.ordinary_damping + self.view.damping_ratio(model);
+                let predicted = problem.ordinary_damping + view.damping_ratio(model);
                 slopes[at].damping_ratio / predicted / SCATTER_OF_DAMPING
             })
         });

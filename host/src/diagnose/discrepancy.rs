@@ -437,8 +437,7 @@ impl Problem {
 
     /// A fit of a problem that differs by little (another discrepancy, a sensor or a mode less), again of this one, from where it was.
     pub(super) fn refitted(&self, fit: &Fit) -> Result<Fit, String> {
-        let state = self.state(fit.state.effects.clone(), self.carried(fit), Some(&fit.state))?;
-        self.fit_by(&[Loss::Robust], state, &fit.knobs)
+        self.fit_by(&[Loss::Robust], self.state_like(&fit.state, self.carried(fit))?, &fit.knobs)
     }
 
     /// The numbers with which segments are as those of a fit with another discrepancy have them: in units of how far they scatter.

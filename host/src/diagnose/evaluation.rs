@@ -1,13 +1,13 @@
 //! From effects and background to a [`State`]: the structure with both is assembled, its modes are paired with the measured ones
 //! and the differences are whitened.
 
-use std::sync::OnceLock;
+use std::sync::Arc;
 
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn};
 
 use super::discrepancy::Discrepancy;
 use super::problem::Problem;
-use super::state::State;
+use super::state::{Modelled, Slopes, State};
 use crate::compare::{Block, ModelView, Pair, Residual, ShapeBlock, pair_above};
 use crate::model::Structure;
 use crate::model::effect::Effect;
@@ -65,18 +65,34 @@ impl Problem {
         let structure = structure.and(&effects).map_err(|error| error.to_string())?;
         let assembly = structure.assemble();
         let rows = assembly.sensor_rows(&self.sensors).map_err(|error| error.to_string())?;
-        let same = previous.filter(|previous| {
+        let same = previous.map(|previous| &previous.model).filter(|previous| {
             previous.assembly.stiffness == assembly.stiffness && previous.assembly.mass == assembly.mass
         });
         let basis = match same {
             Some(previous) => previous.view.basis.clone(),
-            None => assembly.modal_basis().map_err(|error| error.to_string())?,
+            None => Arc::new(assembly.modal_basis().map_err(|error| error.to_string())?),
         };
         let delays_s = assembly.sensing.delays_s(&self.sensors);
         let damped = assembly.damped_modes(&basis).map_err(|error| error.to_string())?;
         let view = ModelView::of_basis(basis, damped, rows, delays_s.clone());
-        let measured = self.seen_by(&structure);
-        let pairs = pair_above(&view, measured, LEAST_LIKENESS);
+        self.compared(Arc::new(Modelled { structure, assembly, view, delays_s }), effects, numbers)
+    }
+
+    /// The same with the structure and the effects of `other`, whose background has the same segments with its own numbers and its own
+    /// size of scatter.
+    pub(super) fn state_like(&self, other: &State, numbers: DVector<f64>) -> Result<State, String> {
+        let mut state = self.compared(other.model.clone(), other.effects.clone(), numbers)?;
+        if state.is_compared_like(other) {
+            state.slopes = other.slopes.clone();
+        }
+        Ok(state)
+    }
+
+    /// A structure with its effects and background, compared with the measurement.
+    fn compared(&self, model: Arc<Modelled>, effects: Vec<Effect>, numbers: DVector<f64>) -> Result<State, String> {
+        let Modelled { structure, assembly, view, .. } = model.as_ref();
+        let measured = self.seen_by(structure);
+        let pairs = pair_above(view, measured, LEAST_LIKENESS);
         if pairs.len() < measured.len() {
             return Err("a measured mode has no partner".to_owned());
         }
@@ -97,7 +113,7 @@ impl Problem {
             models.dedup();
             models
         };
-        let mut residual = Residual::of(&view, measured, &pairs, &partners);
+        let mut residual = Residual::of(view, measured, &pairs, &partners);
         if self.discrepancy.family > 0.0 {
             residual.shift_frequencies(&(self.by_families(&residual, &self.discrepancy) * self.of_families(&numbers)));
         }
@@ -115,20 +131,17 @@ impl Problem {
             damping: DVector::zeros(0),
             effects,
             numbers,
-            structure,
-            assembly,
-            view,
-            delays_s,
             twins_left,
             twins: measured.len() - self.paired,
             pairs,
             residual,
             factors,
             models,
-            responses: OnceLock::new(),
+            slopes: Arc::new(Slopes::default()),
+            model,
         };
         state.modes = state.whiten(state.residual.vector());
-        state.phases = self.phase_differences(&state, &state.view);
+        state.phases = self.phase_differences(&state, &state.model.view);
         state.damping = self.damping_differences(&state);
         if state.differences().iter().all(|value| value.is_finite()) {
             Ok(state)
@@ -286,7 +299,7 @@ impl Problem {
     fn damping_differences(&self, state: &State) -> DVector<f64> {
         let difference = |mode: usize| {
             let measured = self.damping.get(mode).copied().flatten()?;
-            let predicted = self.ordinary_damping + state.view.damping_ratio(state.pairs.get(mode)?.model);
+            let predicted = self.ordinary_damping + state.model.view.damping_ratio(state.pairs.get(mode)?.model);
             Some((predicted / measured).ln() / SCATTER_OF_DAMPING)
         };
         DVector::from_fn(self.measured.len(), |mode, _| difference(mode).unwrap_or(0.0))

@@ -206,14 +206,14 @@ impl Problem {
     fn factors(&self, given: &State) -> Vec<Option<f64>> {
         let of = |sensor: usize| {
             let measured = self.without_sensors(&[sensor]);
-            let pairs = pair_above(&given.view, measured.measured(), LEAST_LIKENESS);
+            let pairs = pair_above(&given.model.view, measured.measured(), LEAST_LIKENESS);
             let mut ratios: Vec<f64> = pairs
                 .iter()
                 .filter_map(|pair| {
                     let others = measured.measured()[pair.measured].shape.as_ref()?;
                     let shape = self.measured[pair.measured].shape.as_ref()?;
                     let at = shape.sensors.iter().position(|other| *other == sensor)?;
-                    let model = given.view.at_sensors.column(pair.model);
+                    let model = given.model.view.at_sensors.column(pair.model);
                     let there = model.select_rows(&others.sensors);
                     let scale = there.dot(&others.values) / there.norm_squared();
                     let predicted = scale * model[sensor];

@@ -98,8 +98,13 @@ impl Problem {
         numbers: &DVector<f64>,
         previous: Option<&State>,
     ) -> Result<Fit, String> {
+        self.fit_from(self.state(effects, numbers.clone(), previous)?, knobs)
+    }
+
+    /// The same of a state.
+    pub(super) fn fit_from(&self, state: State, knobs: &[Knob]) -> Result<Fit, String> {
         // The robust loss lets go of what is far off, wherever it starts; squares bring it near first.
-        self.fit_by(&[Loss::Squares, Loss::Robust], self.state(effects, numbers.clone(), previous)?, knobs)
+        self.fit_by(&[Loss::Squares, Loss::Robust], state, knobs)
     }
 
     /// The same of a state by one loss after the other.
@@ -140,10 +145,9 @@ impl Problem {
 
     /// The present model's best values, from those of the effects in it.
     pub(super) fn present(&self, effects: &[Effect]) -> Result<Fit, String> {
-        let numbers = DVector::zeros(self.background.size());
-        let state = self.state(effects.to_vec(), numbers.clone(), None)?;
+        let state = self.state_without_scatter(effects)?;
         let knobs = self.all_knobs(&state);
-        self.fit(effects.to_vec(), &knobs, &numbers, Some(&state))
+        self.fit_from(state, &knobs)
     }
 
     /// The knobs of all effects of a state.
@@ -162,7 +166,7 @@ impl Problem {
         let mut own = state.knobs(self, &state.effects, state.effects.len() - 1, &[])?;
         own.iter_mut().for_each(narrow);
         let knobs = [present.knobs.clone(), own].concat();
-        self.fit(state.effects.clone(), &knobs, &state.numbers, Some(state)).ok()
+        self.fit_from(self.state_like(state, state.numbers.clone()).ok()?, &knobs).ok()
     }
 
     /// The model of a fit without its scatter, from where the effects of a search are linearised a second time.

@@ -87,7 +87,7 @@ fn squares(problem: &Problem, state: &State, mode: usize, sensor: usize) -> Opti
     let rows: Vec<usize> = kept.iter().map(|&row| shape.sensors[row]).collect();
     let models: Vec<usize> =
         problem.close[mode].iter().filter_map(|&close| Some(state.pairs.get(close)?.model)).collect();
-    let shapes = state.view.at_sensors.select_columns(&models);
+    let shapes = state.model.view.at_sensors.select_columns(&models);
     let seen: DMatrix<f64> = shapes.select_rows(&rows);
     let measured = shape.values.normalize();
     let share = seen.svd(true, true).solve(&measured.select_rows(&kept), 1e-6).ok()?;

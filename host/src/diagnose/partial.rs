@@ -249,8 +249,7 @@ impl Problem {
     fn fitted_from(&self, fit: &Fit, effects: Vec<Effect>) -> Option<Fit> {
         let state = self.state(effects, self.carried(fit), Some(&fit.state)).ok()?;
         let knobs = self.all_knobs(&state);
-        let (effects, numbers) = (state.effects.clone(), state.numbers.clone());
-        self.fit(effects, &knobs, &numbers, Some(&state)).ok()
+        self.fit_from(state, &knobs).ok()
     }
 }
 

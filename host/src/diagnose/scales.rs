@@ -7,7 +7,7 @@ use std::sync::Mutex;
 
 use super::knob::{Knob, with_values};
 use super::problem::{Problem, Reference, Typical};
-use super::state::State;
+use super::state::{Modelled, State};
 use crate::model::effect::{Effect, Prior, Where};
 
 /// A step moves frequencies by about this.
@@ -88,10 +88,10 @@ impl State {
         let shift_at = |step: f64| {
             let effects = with_values(effects, std::slice::from_ref(knob), &[value + step]);
             problem.structure_with(&effects, &self.numbers).map_or(f64::INFINITY, |structure| {
-                let shifts = self
-                    .assembly
+                let Modelled { assembly, view, .. } = self.model.as_ref();
+                let shifts = assembly
                     .change_to(&structure.assemble(), 1.0)
-                    .map_or_else(Vec::new, |change| self.view.frequency_derivatives(&self.models, &change));
+                    .map_or_else(Vec::new, |change| view.frequency_derivatives(&self.models, &change));
                 shifts.iter().fold(0.0, |most: f64, shift| most.max(shift.abs()))
             })
         };

@@ -107,8 +107,7 @@ impl Problem {
     fn score(&self, sighting: &Sighting<'_>) -> Vec<Scored> {
         let (near, fit) = (&sighting.near, sighting.near.fit);
         let Some(marginal) = near.marginal(self) else { return Vec::new() };
-        let numbers = self.carried(fit);
-        let Ok(here) = self.state(fit.state.effects.clone(), numbers, Some(&fit.state)) else { return Vec::new() };
+        let Ok(here) = self.state_like(&fit.state, self.carried(fit)) else { return Vec::new() };
         let of_candidate = |direction: &Direction| match &direction.shown {
             Some((knobs, columns)) => {
                 let mut columns = columns.clone();

@@ -294,9 +294,16 @@ impl Problem {
         is_allowed: &(dyn Fn(&Fit) -> bool + Sync),
     ) -> Settled {
         let (_, stands) = here(&settled, self, fit);
+        let is_straight = |numbers: &DVector<f64>| numbers.iter().all(|number| *number == 0.0);
+        let straight = starts.iter().any(|(_, numbers)| is_straight(numbers));
+        let straight = straight.then(|| self.state_without_scatter(fit.effects()).ok()).flatten();
         let from = |(discrepancy, numbers): &(Discrepancy, DVector<f64>)| {
             let start = self.with_discrepancy(*discrepancy);
-            let first = start.fit(fit.state.effects.clone(), &fit.knobs, numbers, None).ok()?;
+            let state = match straight.as_ref().filter(|_| is_straight(numbers)) {
+                Some(straight) => start.state_like(straight, numbers.clone()),
+                None => start.state(fit.state.effects.clone(), numbers.clone(), None),
+            };
+            let first = start.fit_from(state.ok()?, &fit.knobs).ok()?;
             Some(start.settled(&first).unwrap_or((start, first)))
         };
         let mut found: Vec<(Problem, Fit)> =

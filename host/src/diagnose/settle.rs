@@ -65,7 +65,7 @@ fn shape_difference(problem: &Problem, one: &Fit, other: &Fit) -> Option<(f64, c
         places.extend([(z_m, 'X', probe(z_m, 0.0)), (z_m, 'Y', probe(z_m, 90.0))]);
     }
     let probes: Vec<Sensor> = places.iter().map(|(_, _, probe)| probe.clone()).collect();
-    let rows = |fit: &Fit| fit.state.assembly.sensor_rows(&probes).ok();
+    let rows = |fit: &Fit| fit.state.model.assembly.sensor_rows(&probes).ok();
     let (rows, other_rows) = (rows(one)?, rows(other)?);
     let mut best: Option<(f64, char, usize, f64)> = None;
     for (index, mode) in problem.measured.iter().enumerate() {
@@ -85,14 +85,14 @@ fn motion(fit: &Fit, measured: usize, rows: &DMatrix<f64>) -> Option<DVector<f64
     let state = &fit.state;
     let (_, block) = state.residual.block_of(measured)?;
     let shape = block.shape.as_ref().filter(|shape| shape.models.len() == 1)?;
-    let largest = state.view.at_sensors.column(block.model).amax();
-    Some(rows * state.view.modes.shapes.column(block.model) * (shape.combination[0].signum() / largest))
+    let largest = state.model.view.at_sensors.column(block.model).amax();
+    Some(rows * state.model.view.modes.shapes.column(block.model) * (shape.combination[0].signum() / largest))
 }
 
 /// Frequencies of the mode above or between the measured ones that differs most.
 fn mode_difference(one: &Fit, other: &Fit) -> Option<(f64, f64)> {
     let unmeasured = |fit: &Fit| -> Vec<f64> {
-        let view: &ModelView = &fit.state.view;
+        let view: &ModelView = &fit.state.model.view;
         let used: Vec<usize> = fit.state.pairs.iter().map(|pair| pair.model).collect();
         let highest = used.iter().copied().max().unwrap_or(0);
         (0..(highest + 1 + MORE_MODES).min(view.modes.frequency_hz.len()))

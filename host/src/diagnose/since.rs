@@ -228,7 +228,7 @@ fn changed(
         differences.iter().filter_map(|one| moved_with(setting.measured, before, fitted, one, now)).collect();
     let model =
         Model { background_stiffness: None, background_mass: None, effects: Vec::new(), ..setting.model.clone() };
-    let mut problem = Problem::new(fitted.state.structure.clone(), &[], &model, setting.sensors, &moved)?;
+    let mut problem = Problem::new(fitted.state.model.structure.clone(), &[], &model, setting.sensors, &moved)?;
     problem.lacks_tolerance = false;
     Ok(problem)
 }
@@ -250,7 +250,7 @@ fn moved_with(
         // A close mode without a partner in the model stays as it was measured.
         let Some((_, block)) = partner else { return Some(shape.values.clone()) };
         let models = block.shape.as_ref().map_or(vec![block.model], |shape| shape.models.clone());
-        nearest(&fitted.state.view.at_sensors.select_rows(&shape.sensors).select_columns(&models), &shape.values)
+        nearest(&fitted.state.model.view.at_sensors.select_rows(&shape.sensors).select_columns(&models), &shape.values)
     };
     let images: Vec<DVector<f64>> = spanned_by.filter_map(image).collect();
     Some(difference.moved_from(&now[difference.now], frequency_hz, &images))

@@ -3,13 +3,14 @@
 //! `evaluation` makes a state from effects and background; whitened differences, their weights and what they cost together
 //! flow out, to `derivatives` and `fit`.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dim, Dyn, Matrix, RowDVector, StorageMut};
 
+use super::derivatives::BySegments;
 use super::knob::Knob;
 use super::misfit::{Group, Loss, TWIN};
-use crate::compare::{Block, ModelView, Pair, Residual};
+use crate::compare::{Block, Following, ModelView, Pair, Residual};
 use crate::model::effect::Effect;
 use crate::model::{Assembly, Responses, Structure};
 use crate::modes::WRONG_BY;
@@ -20,14 +21,8 @@ pub(super) struct State {
     pub(super) effects: Vec<Effect>,
     /// The background's numbers.
     pub(super) numbers: DVector<f64>,
-    /// The structure with both.
-    pub(super) structure: Structure,
-    /// Its matrices.
-    pub(super) assembly: Assembly,
-    /// Its modes.
-    pub(super) view: ModelView,
-    /// By how much each sensor is late.
-    pub(super) delays_s: Option<RowDVector<f64>>,
+    /// The structure with both, and its modes; states that differ by how they are weighed share it.
+    pub(super) model: Arc<Modelled>,
     /// Which modes belong together, one pair for each measured mode.
     pub(super) pairs: Vec<Pair>,
     /// Measured modes that are taken for noise.
@@ -46,8 +41,31 @@ pub(super) struct State {
     pub(super) damping: DVector<f64>,
     /// The model's modes in use, ascending.
     pub(super) models: Vec<usize>,
-    /// How these follow forces, made when first asked for.
+    /// How these, and the differences, follow a change of the structure, made when first asked for.
+    pub(super) slopes: Arc<Slopes>,
+}
+
+/// A structure with its modes, as the sensors see them.
+pub(super) struct Modelled {
+    /// The structure.
+    pub(super) structure: Structure,
+    /// Its matrices.
+    pub(super) assembly: Assembly,
+    /// Its modes.
+    pub(super) view: ModelView,
+    /// By how much each sensor is late.
+    pub(super) delays_s: Option<RowDVector<f64>>,
+}
+
+/// How a state's modes and differences, before they are weighed, follow a change of its structure.
+#[derive(Default)]
+pub(super) struct Slopes {
+    /// The modes, by forces at the DOFs.
     pub(super) responses: OnceLock<Responses>,
+    /// The differences; `None` where dashpots move a mode.
+    pub(super) following: OnceLock<Option<Following>>,
+    /// The differences, by what is not trusted of segments, masses and sections; `None` where that is nothing.
+    pub(super) by_segments: OnceLock<Option<BySegments>>,
 }
 
 impl State {
@@ -144,6 +162,16 @@ impl State {
         self.modes.len() + self.phases.len() + self.damping.len()
     }
 
+    /// Whether another state of the same model has differences of the same modes at the same sensors, which follow the model alike.
+    pub(super) fn is_compared_like(&self, other: &State) -> bool {
+        let are_alike = |((_, own), (_, other)): ((usize, &Block), (usize, &Block))| {
+            own.measured == other.measured && own.models() == other.models() && own.sensors() == other.sensors()
+        };
+        self.pairs == other.pairs
+            && self.size() == other.size()
+            && self.residual.blocks().zip(other.residual.blocks()).all(are_alike)
+    }
+
     /// By how much the differences of modes that have a partner in both, and of phases, are others than those of `other`;
     /// `None` where those are not the same numbers.
     pub(super) fn moved_from(&self, other: &State) -> Option<DVector<f64>> {
@@ -160,7 +188,7 @@ impl State {
 
     /// Frequency of the model mode that belongs to a measured one; `None` for a twin without a partner.
     pub(super) fn frequency_of(&self, measured: usize) -> Option<f64> {
-        Some(self.view.modes.frequency_hz[self.pairs.get(measured)?.model])
+        Some(self.model.view.modes.frequency_hz[self.pairs.get(measured)?.model])
     }
 
     /// Differences of modes in standard deviations.

@@ -200,7 +200,7 @@ impl Setting<'_> {
     /// As [`Setting::refit`].
     pub fn fitted(&self, effects: &[Effect]) -> Result<Assembly, DiagnoseError> {
         let (_, fit) = self.problem(effects)?.fit_settled(effects)?;
-        Ok(fit.state.assembly)
+        Ok(fit.state.model.assembly.clone())
     }
 
     /// Profiles with one effect more, at a place (the best one where none is given).
@@ -305,7 +305,7 @@ impl Setting<'_> {
         let structure = self.bare.clone().and(&effects)?;
         let view = ModelView::of(&structure.assemble(), self.sensors)?;
         let comparison = compare(&view, problem.measured(), self.sensors, None);
-        let scattered = compare(&fit.state.view, problem.measured(), self.sensors, None);
+        let scattered = compare(&fit.state.model.view, problem.measured(), self.sensors, None);
         // As every other command states it of the model with these effects.
         let stated = self.problem(&effects).ok().and_then(|problem| fit_as_given(&problem, &effects));
         let test = stated.map_or_else(|| fit.goodness_as_stated(problem).into(), |(test, _)| test);

@@ -558,7 +558,7 @@ pub(super) fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
         by_mode.push(ModeMisfit {
             measured: mode.number,
             measured_hz: mode.frequency_hz,
-            frequency_error_percent: error_percent(state.view.modes.frequency_hz[block.model], mode),
+            frequency_error_percent: error_percent(state.model.view.modes.frequency_hz[block.model], mode),
             mean_square: part.norm_squared() / block.size() as f64,
         });
         for (sensor, square) in sensor_squares(block, factor) {

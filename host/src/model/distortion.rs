@@ -5,8 +5,6 @@
 
 use std::ops::Add;
 
-use nalgebra::{DMatrix, RowDVector};
-
 use super::contribution::Contribution;
 
 /// How far sections distort in their own plane. Displacements are those at the plan offset (x, y) from the axis, which bends by
@@ -35,13 +33,13 @@ impl Distortion {
         *self == Self::default()
     }
 
-    /// Displacements along X and Y at a plan offset, over the DOFs; `bent` has the rows `kx`, `ky` and `rz`.
-    pub(super) fn at(&self, [x, y]: [f64; 2], bent: &DMatrix<f64>) -> [RowDVector<f64>; 2] {
-        let (kx, ky, rz) = (bent.row(0), bent.row(1), bent.row(2));
+    /// What `kx`, `ky` and `rz` each add to the displacement at a plan offset along a direction, cosines with X and Y.
+    pub(super) fn at(&self, [x, y]: [f64; 2], [cos, sin]: [f64; 2]) -> [f64; 3] {
         let (half, product) = (0.5 * (x * x - y * y), x * y);
         [
-            (kx * half + ky * product) * self.narrowing + rz * (self.racking * y),
-            (kx * product - ky * half) * self.narrowing + rz * (self.racking * x),
+            self.narrowing * (half * cos + product * sin),
+            self.narrowing * (product * cos - half * sin),
+            self.racking * (y * cos + x * sin),
         ]
     }
 }

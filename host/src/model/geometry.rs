@@ -142,19 +142,17 @@ impl Line {
         &self.guessed_m
     }
 
-    /// Vertical motion of the axis at a height, 1 x DOFs: straight between the nodes.
-    pub(super) fn vertical_motion(&self, z_m: f64, dofs: usize) -> RowDVector<f64> {
-        let mut motion = RowDVector::zeros(dofs);
+    /// Adds vertical motion of the axis at a height, times a factor: straight between the nodes.
+    pub(super) fn add_vertical_motion(&self, row: &mut RowDVector<f64>, z_m: f64, factor: f64) {
         let last = self.spans.len().saturating_sub(1);
         let index = self.spans.iter().position(|span| z_m <= span.z_top_m).unwrap_or(last);
-        let Some(span) = self.spans.get(index) else { return motion };
+        let Some(span) = self.spans.get(index) else { return };
         let share = ((z_m - span.z_bottom_m) / span.length_m()).clamp(0.0, 1.0);
         for (node, share) in [(index, 1.0 - share), (index + 1, share)] {
-            if let Some(row) = self.vertical_rows.get(node).copied().flatten() {
-                motion[row] += share;
+            if let Some(dof) = self.vertical_rows.get(node).copied().flatten() {
+                row[dof] += share * factor;
             }
         }
-        motion
     }
 
     /// Height of the lowest node in m.
@@ -183,23 +181,27 @@ impl Line {
         motion
     }
 
-    /// How the axis bends and turns at a height, 3 x DOFs: `d²ux/dz²` and `d²uy/dz²` by the rotations of sections over the length of a span
-    /// to both sides, and rz. The free top goes on mirrored, as nothing bends it; the clamped base with the opposite sign.
-    pub(super) fn bent(&self, z_m: f64, dofs: usize) -> DMatrix<f64> {
+    /// Adds how the axis bends and turns at a height, each times a factor: `d²ux/dz²` and `d²uy/dz²` by the rotations of sections over the
+    /// length of a span to both sides, and rz. The free top goes on mirrored, as nothing bends it; the clamped base with the opposite sign.
+    pub(super) fn add_bent(&self, row: &mut RowDVector<f64>, z_m: f64, [kx, ky, rz]: [f64; 3]) {
         let (z_base_m, z_top_m) = (self.z_base_m(), self.z_top_m());
         let z_m = z_m.clamp(z_base_m, z_top_m);
         let span = self.spans.iter().find(|span| z_m <= span.z_top_m).or(self.spans.last());
-        let Some(step_m) = span.map(Segment::length_m) else { return DMatrix::zeros(3, dofs) };
-        let below = match z_m - step_m {
-            z_m if z_m < z_base_m => -self.motion(2.0 * z_base_m - z_m, dofs),
-            z_m => self.motion(z_m, dofs),
+        let Some(step_m) = span.map(Segment::length_m) else { return };
+        // Slopes along X and Y are ry and -rx.
+        let mut add_turned = |z_m: f64, sign: f64| {
+            let by_length = sign / (2.0 * step_m);
+            self.local_motion(z_m).add_to(row, [0.0, 0.0, -ky * by_length, kx * by_length, 0.0]);
         };
-        let above = match z_m + step_m {
-            z_m if z_m > z_top_m => self.motion(2.0 * z_top_m - z_m, dofs),
-            z_m => self.motion(z_m, dofs),
-        };
-        let slope = |row: usize| (above.row(row) - below.row(row)) / (2.0 * step_m);
-        DMatrix::from_rows(&[slope(3), -slope(2), self.motion(z_m, dofs).row(4).into_owned()])
+        match z_m - step_m {
+            z_m if z_m < z_base_m => add_turned(2.0 * z_base_m - z_m, 1.0),
+            z_m => add_turned(z_m, -1.0),
+        }
+        match z_m + step_m {
+            z_m if z_m > z_top_m => add_turned(2.0 * z_top_m - z_m, 1.0),
+            z_m => add_turned(z_m, 1.0),
+        }
+        self.local_motion(z_m).add_to(row, [0.0, 0.0, 0.0, 0.0, rz]);
     }
 
     /// [`Line::motion`] at the few DOFs that take part in it.
@@ -214,6 +216,15 @@ impl Line {
             _ => interpolation(span, z_m),
         };
         let base_motion = self.base_motion.as_ref().filter(|_| index == 0);
+        // Both nodes free, one after the other, as in a beam but for its foot.
+        let first_of_both = self.rows[index][0].filter(|first| {
+            let all = self.rows[index].iter().chain(&self.rows[index + 1]);
+            all.enumerate().all(|(dof, row)| *row == Some(first + dof))
+        });
+        if let (Some(first), None) = (first_of_both, base_motion) {
+            let motion = DMatrix::from_column_slice(DOFS_A_NODE, shape.ncols(), shape.as_slice());
+            return LocalMotion { dofs: (first..first + shape.ncols()).collect(), motion };
+        }
         let mut dofs: Vec<usize> = self.rows[index].iter().chain(&self.rows[index + 1]).copied().flatten().collect();
         if let Some(base_motion) = base_motion {
             // The base may move with the node above it, whose DOFs are there already.
@@ -250,6 +261,13 @@ pub(super) struct LocalMotion {
 }
 
 impl LocalMotion {
+    /// Adds `ux, uy, rx, ry, rz`, each times a factor, to a row over all DOFs.
+    pub(super) fn add_to(&self, row: &mut RowDVector<f64>, factors: [f64; DOFS_A_NODE]) {
+        for (motion, &dof) in self.motion.column_iter().zip(&self.dofs) {
+            row[dof] += motion.iter().zip(factors).map(|(motion, factor)| motion * factor).sum::<f64>();
+        }
+    }
+
     /// Adds `factor * sum nᵀ n` over two of the motion's rows, from `first_row` on, to a matrix over all DOFs: what a mass (or
     /// a spring) of that size, alike in both directions, adds to M (or K).
     pub(super) fn add_square(&self, total: &mut DMatrix<f64>, first_row: usize, factor: f64) {
@@ -263,13 +281,12 @@ impl LocalMotion {
         first_row: usize,
         factors: [f64; ROWS],
     ) {
-        let rows = self.motion.rows(first_row, ROWS);
-        let mut weighted = rows.into_owned();
-        weighted.row_iter_mut().zip(factors).for_each(|(mut row, factor)| row *= factor);
-        let part = rows.tr_mul(&weighted);
-        for (i, &row) in self.dofs.iter().enumerate() {
-            for (j, &column) in self.dofs.iter().enumerate() {
-                total[(row, column)] += part[(i, j)];
+        let rows = self.motion.fixed_rows::<ROWS>(first_row);
+        for (along, &column) in rows.column_iter().zip(&self.dofs) {
+            let weighted: [f64; ROWS] = std::array::from_fn(|row| along[row] * factors[row]);
+            for (other, &row) in rows.column_iter().zip(&self.dofs) {
+                total[(row, column)] +=
+                    other.iter().zip(weighted).map(|(other, weighted)| other * weighted).sum::<f64>();
             }
         }
     }

@@ -13,7 +13,10 @@ pub(super) struct MassSpread(pub(super) f64);
 impl Contribution for MassSpread {
     fn rearrange(&self, assembly: &mut Assembly) {
         if self.0 != 0.0 {
-            assembly.mass += spread(assembly) * self.0;
+            // What is added to while places are asked for is not part of the assembly.
+            let mut mass = std::mem::replace(&mut assembly.mass, DMatrix::zeros(0, 0));
+            add_spread(assembly, self.0, &mut mass);
+            assembly.mass = mass;
         }
     }
 }
@@ -22,16 +25,22 @@ impl Contribution for MassSpread {
 /// is spread evenly to the middle of the segment below and, with the share that leaves its centre where it is, of the
 /// segment above. Zero where heights mean nothing.
 pub(super) fn spread(assembly: &Assembly) -> DMatrix<f64> {
+    let mut total = DMatrix::zeros(assembly.dofs(), assembly.dofs());
+    add_spread(assembly, 1.0, &mut total);
+    total
+}
+
+/// Adds a share of that to a matrix over the DOFs.
+fn add_spread(assembly: &Assembly, share: f64, total: &mut DMatrix<f64>) {
     // Two-point Gauss quadrature on (0, 1): exact for motion that is straight, 1e-3 for curved motion.
     const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
-    let mut total = DMatrix::zeros(assembly.dofs(), assembly.dofs());
     for pair in assembly.spans().windows(2) {
-        let (z_m, mass_kg) = (pair[0].z_top_m, pair[0].mass_top_kg);
+        let (z_m, mass_kg) = (pair[0].z_top_m, share * pair[0].mass_top_kg);
         let [below_m, above_m] = [0.5 * pair[0].length_m(), 0.5 * pair[1].length_m()];
         let share_below = above_m / (below_m + above_m);
         let mut add = |z_m: f64, mass_kg: f64| {
             if let Some(motion) = assembly.local_motion(z_m) {
-                motion.add_square(&mut total, 0, mass_kg);
+                motion.add_square(total, 0, mass_kg);
             }
         };
         add(z_m, -mass_kg);
@@ -40,5 +49,4 @@ pub(super) fn spread(assembly: &Assembly) -> DMatrix<f64> {
             add(z_m + point * above_m, 0.5 * mass_kg * (1.0 - share_below));
         }
     }
-    total
 }

@@ -41,6 +41,17 @@ impl Responses {
         Self(modes.iter().map(of).collect())
     }
 
+    /// The modes, where no dashpot moves one of them.
+    pub(crate) fn undamped(&self) -> Option<Vec<&UndampedResponse>> {
+        fn undamped(response: &Response) -> Option<&UndampedResponse> {
+            match response {
+                Response::Undamped(response) => Some(response),
+                Response::Damped(_) => None,
+            }
+        }
+        self.0.iter().map(undamped).collect()
+    }
+
     /// Derivatives of the modes by a change.
     pub fn derivatives(&self, change: &Change) -> Vec<ModeDerivative> {
         let derivative = |response: &Response| match response {

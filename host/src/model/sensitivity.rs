@@ -9,10 +9,10 @@ use super::eigen::ModalBasis;
 pub struct Change {
     /// The matrix rows that change, ascending.
     rows: Vec<usize>,
-    /// Change of K there, rows x rows.
-    stiffness: DMatrix<f64>,
+    /// Change of K there, rows x rows; `None` where it stays.
+    stiffness: Option<DMatrix<f64>>,
     /// Change of M there.
-    mass: DMatrix<f64>,
+    mass: Option<DMatrix<f64>>,
     /// Change of C there, where dashpots change.
     damping: Option<DMatrix<f64>>,
 }
@@ -34,9 +34,8 @@ const DEGENERATE: f64 = 1e-9;
 impl Change {
     /// Of the rows from `first_row` on, of K or of M.
     pub(super) fn local(first_row: usize, part: DMatrix<f64>, of_stiffness: bool) -> Self {
-        let none = DMatrix::zeros(part.nrows(), part.ncols());
         let rows = (first_row..first_row + part.nrows()).collect();
-        let (stiffness, mass) = if of_stiffness { (part, none) } else { (none, part) };
+        let (stiffness, mass) = if of_stiffness { (Some(part), None) } else { (None, Some(part)) };
         Self { rows, stiffness, mass, damping: None }
     }
 
@@ -47,6 +46,7 @@ impl Change {
         mass: DMatrix<f64>,
         damping: Option<DMatrix<f64>>,
     ) -> Self {
+        let [stiffness, mass] = [stiffness, mass].map(unless_zero);
         Self { rows, stiffness, mass, damping }
     }
 
@@ -56,18 +56,43 @@ impl Change {
         let changes = |row: usize| matrices().any(|matrix| matrix.column(row).iter().any(|&value| value != 0.0));
         let rows: Vec<usize> = (0..stiffness.nrows()).filter(|&row| changes(row)).collect();
         let part = |whole: &DMatrix<f64>| whole.select_rows(&rows).select_columns(&rows);
-        Self { stiffness: part(stiffness), mass: part(mass), damping: damping.map(part), rows }
+        let [stiffness, mass] = [stiffness, mass].map(|whole| unless_zero(part(whole)));
+        Self { stiffness, mass, damping: damping.map(part), rows }
     }
 
     /// The rows that change, ascending.
-    pub(super) fn rows(&self) -> &[usize] {
+    pub(crate) fn rows(&self) -> &[usize] {
         &self.rows
     }
 
     /// `(s² dM + dK) x`, x at the rows that change.
     pub(super) fn undamped(&self, s: Complex<f64>, x: &DVector<Complex<f64>>) -> DVector<Complex<f64>> {
-        let part = |matrix: &DMatrix<f64>| matrix.map(Complex::from) * x;
-        part(&self.stiffness) + part(&self.mass) * (s * s)
+        let mut force = DVector::zeros(x.len());
+        if let Some(stiffness) = &self.stiffness {
+            force += stiffness.map(Complex::from) * x;
+        }
+        if let Some(mass) = &self.mass {
+            force += mass.map(Complex::from) * x * (s * s);
+        }
+        force
+    }
+
+    /// What it does in modes of mass-normalised `shapes`, DOFs x modes, and lambda = 1 / mu.
+    pub(crate) fn loads(&self, shapes: &DMatrix<f64>, mu: &[f64]) -> Loads {
+        let local = shapes.select_rows(&self.rows);
+        let by = |matrix: &Option<DMatrix<f64>>| matrix.as_ref().map(|matrix| matrix * &local);
+        let (elastic, inertial) = (by(&self.stiffness), by(&self.mass));
+        let mut forces = elastic.unwrap_or_else(|| DMatrix::zeros(local.nrows(), local.ncols()));
+        let mut stretch = vec![0.0; mu.len()];
+        if let Some(inertial) = inertial {
+            for (mode, mu) in mu.iter().enumerate() {
+                stretch[mode] = -0.5 * local.column(mode).dot(&inertial.column(mode));
+                forces.column_mut(mode).axpy(-1.0 / mu, &inertial.column(mode), 1.0);
+            }
+        }
+        let ln_frequency = |(mode, mu): (usize, &f64)| 0.5 * local.column(mode).dot(&forces.column(mode)) * mu;
+        let ln_frequency = mu.iter().enumerate().map(ln_frequency).collect();
+        Loads { forces, stretch, ln_frequency }
     }
 
     /// `dC x`, x at the rows that change; `None` where no dashpot changes.
@@ -76,18 +101,28 @@ impl Change {
     }
 }
 
+/// What a change does in the motion of some modes.
+pub(crate) struct Loads {
+    /// `(dK - lambda dM) phi` of each at the rows that change, rows x modes.
+    pub(crate) forces: DMatrix<f64>,
+    /// `-phiᵀ dM phi / 2` of each: by this share the mass-normalised shape gets longer.
+    pub(crate) stretch: Vec<f64>,
+    /// The derivative of each frequency's logarithm.
+    pub(crate) ln_frequency: Vec<f64>,
+}
+
+fn unless_zero(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    matrix.iter().any(|&value| value != 0.0).then_some(matrix)
+}
+
 /// First derivatives of ln f of the modes `modes` (0-based, with mass) by a change: `phiᵀ (dK - lambda dM) phi / (2 lambda)`
 /// (Fox and Kapoor 1968, eq. 7).
 pub fn frequency_derivatives(basis: &ModalBasis, modes: &[usize], change: &Change) -> Vec<f64> {
-    // All modes at once, as below.
-    let local = basis.vectors.select_columns(modes).select_rows(&change.rows);
-    let (elastic, inertial) = (&change.stiffness * &local, &change.mass * &local);
-    let slope = |(at, &mode): (usize, &usize)| {
-        let local = local.column(at);
-        // phi = x / sqrt(mu) and lambda = 1 / mu.
-        0.5 * (local.dot(&elastic.column(at)) - local.dot(&inertial.column(at)) / basis.inverse_lambda[mode])
-    };
-    modes.iter().enumerate().map(slope).collect()
+    let mu: Vec<f64> = modes.iter().map(|&mode| basis.inverse_lambda[mode]).collect();
+    let mut shapes = basis.vectors.select_columns(modes);
+    // phi = x / sqrt(mu) and lambda = 1 / mu.
+    shapes.column_iter_mut().zip(&mu).for_each(|(mut shape, mu)| shape /= mu.sqrt());
+    change.loads(&shapes, &mu).ln_frequency
 }
 
 /// How an undamped mode follows forces at the DOFs: worth making where more than one change of a structure is looked at.
@@ -96,7 +131,7 @@ pub fn frequency_derivatives(basis: &ModalBasis, modes: &[usize], change: &Chang
 /// `d phi = -sum_(j≠i) x_j x_jᵀ (dK - lambda dM) phi / (1 - lambda mu_j) - phi phiᵀ dM phi / 2`: motions without mass
 /// (mu_j = 0) take part, so nothing is truncated (Fox and Kapoor 1968, AIAA Journal 6, eq. 13, in K-orthonormal form).
 #[derive(Debug, Clone)]
-pub(super) struct UndampedResponse {
+pub(crate) struct UndampedResponse {
     /// 1/lambda.
     mu: f64,
     /// phi = x / sqrt(mu), of the sign that [`ModalBasis::modes`] gives it.
@@ -131,15 +166,33 @@ impl UndampedResponse {
         }
     }
 
+    /// 1/lambda.
+    pub(crate) fn mu(&self) -> f64 {
+        self.mu
+    }
+
+    /// The mass-normalised shape.
+    pub(crate) fn shape(&self) -> &DVector<f64> {
+        &self.shape
+    }
+
+    /// What the sensors see of it.
+    pub(crate) fn seen(&self) -> &DVector<f64> {
+        &self.seen
+    }
+
+    /// Change of what they see by a force at each DOF, sensors x DOFs.
+    pub(crate) fn by_force(&self) -> &DMatrix<f64> {
+        &self.by_force
+    }
+
     pub(super) fn derivative(&self, change: &Change) -> ModeDerivative {
-        let local = self.shape.select_rows(&change.rows);
-        let inertial = &change.mass * &local;
-        let mut force = &change.stiffness * &local;
-        force.axpy(-1.0 / self.mu, &inertial, 1.0);
-        let mut shape = &self.seen * (-0.5 * local.dot(&inertial));
-        for (&row, force) in change.rows.iter().zip(force.iter()) {
+        let shape = DMatrix::from_column_slice(self.shape.len(), 1, self.shape.as_slice());
+        let Loads { forces, stretch, ln_frequency } = change.loads(&shape, &[self.mu]);
+        let mut shape = &self.seen * stretch[0];
+        for (&row, force) in change.rows.iter().zip(forces.iter()) {
             shape.axpy(*force, &self.by_force.column(row), 1.0);
         }
-        ModeDerivative { ln_frequency: 0.5 * local.dot(&force) * self.mu, shape, damping_ratio: 0.0 }
+        ModeDerivative { ln_frequency: ln_frequency[0], shape, damping_ratio: 0.0 }
     }
 }

@@ -135,8 +135,11 @@ impl Assembly {
     /// [`SensorError`] names the channel.
     pub fn sensor_rows(&self, sensors: &[Sensor]) -> Result<DMatrix<f64>, SensorError> {
         let row = |sensor: &Sensor| {
-            let row = self.sensor_row(sensor)?;
-            Ok(if self.distortion.is_none() { row } else { row + self.distorted_row(sensor, self.distortion) })
+            let mut row = self.sensor_row(sensor)?;
+            if !self.distortion.is_none() {
+                self.add_distorted(&mut row, sensor, self.distortion);
+            }
+            Ok(row)
         };
         self.recorded(sensors, row)
     }
@@ -150,7 +153,12 @@ impl Assembly {
         sensors: &[Sensor],
         distortion: Distortion,
     ) -> Result<DMatrix<f64>, SensorError> {
-        self.recorded(sensors, |sensor| Ok(self.distorted_row(sensor, distortion)))
+        let row = |sensor: &Sensor| {
+            let mut row = RowDVector::zeros(self.dofs());
+            self.add_distorted(&mut row, sensor, distortion);
+            Ok(row)
+        };
+        self.recorded(sensors, row)
     }
 
     /// Rows of sensors as they really point, as channels record them.
@@ -167,21 +175,19 @@ impl Assembly {
         Ok(rows)
     }
 
-    /// What a sensor sees of sections that distort: nothing at the axis, of tilt and strain, and where no beam says how it bends.
-    fn distorted_row(&self, sensor: &Sensor, distortion: Distortion) -> RowDVector<f64> {
+    /// Adds what a sensor sees of sections that distort: nothing at the axis, of tilt and strain, and where no beam says how it bends.
+    fn add_distorted(&self, row: &mut RowDVector<f64>, sensor: &Sensor, distortion: Distortion) {
         let is_displaced = sensor.dof.is_none()
             && sensor.offset_m != [0.0; 2]
             && !matches!(sensor.unit.map(Unit::motion), Some(Motion::Tilt | Motion::Strain));
         let line = match &self.geometry {
             Geometry::Line(line) if is_displaced && has_rotations(line) => line,
-            _ => return RowDVector::zeros(self.dofs()),
+            _ => return,
         };
-        let (Some(z_m), Some(direction)) = (sensor.elevation_m, sensor.direction) else {
-            return RowDVector::zeros(self.dofs());
-        };
-        let [cos, sin, _] = direction.cosines();
-        let [ux, uy] = distortion.at(sensor.offset_m, &line.bent(z_m, self.dofs()));
-        ux * cos + uy * sin
+        if let (Some(z_m), Some(direction)) = (sensor.elevation_m, sensor.direction) {
+            let [cos, sin, _] = direction.cosines();
+            line.add_bent(row, z_m, distortion.at(sensor.offset_m, [cos, sin]));
+        }
     }
 
     /// The beam whose turning a sensor sees.
@@ -203,8 +209,9 @@ impl Assembly {
         if up.abs() >= ALONG_AN_AXIS {
             return Err(SensorError::NotOfAPoint { channel: sensor.channel.clone() });
         }
-        let axis = line.motion(elevation_m, self.dofs());
-        Ok(axis.row(3) * cos - axis.row(2) * sin)
+        let mut row = RowDVector::zeros(self.dofs());
+        line.local_motion(elevation_m).add_to(&mut row, [0.0, 0.0, -sin, cos, 0.0]);
+        Ok(row)
     }
 
     /// What a vertical strain gauge sees: the section is rigid, so a fibre at the plan offset (x, y) moves up by y rx - x ry and
@@ -223,9 +230,12 @@ impl Assembly {
         let (bottom_m, top_m) = (span.z_bottom_m, span.z_top_m);
         let step_m = STRAIN_STEP * (top_m - bottom_m);
         let heights_m = [(elevation_m - step_m).max(bottom_m), (elevation_m + step_m).min(top_m)];
-        let [below, above] = heights_m.map(|z_m| line.motion(z_m, self.dofs()));
-        let slope = (above - below) / (heights_m[1] - heights_m[0]);
-        Ok(slope.row(2) * y - slope.row(3) * x)
+        let mut row = RowDVector::zeros(self.dofs());
+        for (z_m, sign) in heights_m.into_iter().zip([-1.0, 1.0]) {
+            let by_length = sign / (heights_m[1] - heights_m[0]);
+            line.local_motion(z_m).add_to(&mut row, [0.0, 0.0, y * by_length, -x * by_length, 0.0]);
+        }
+        Ok(row)
     }
 
     fn sensor_row(&self, sensor: &Sensor) -> Result<RowDVector<f64>, SensorError> {
@@ -242,16 +252,26 @@ impl Assembly {
             Some(Motion::Strain) => return self.strain_row(sensor, elevation_m),
             _ => {}
         }
-        let direction_cosines = direction_of(sensor)?.cosines();
+        let cosines = direction_of(sensor)?.cosines();
+        let cosines = cosines.map(|cosine| if cosine.abs() > ALONG_AN_AXIS { cosine } else { 0.0 });
         let [x, y] = sensor.offset_m;
-        // Columns of (ux, uy, uz) at the sensor over the DOFs, and whether the model has such motions.
-        let (motions, moves) = match &self.geometry {
+        let check_moves = |moves: [bool; 3]| {
+            let still = (0..3).find(|&axis| cosines[axis] != 0.0 && !moves[axis]);
+            still.map_or(Ok(()), |still| {
+                let (axis, dof) = [("X", "ux"), ("Y", "uy"), ("Z", "uz")][still];
+                Err(SensorError::NoMotion { channel: channel(), axis, dof })
+            })
+        };
+        let mut row = RowDVector::zeros(self.dofs());
+        match &self.geometry {
             Geometry::Line(line) => {
                 check_inside(line, sensor, elevation_m)?;
-                let axis = line.motion(elevation_m, self.dofs());
-                let (ux, uy, rx, ry, rz) = (axis.row(0), axis.row(1), axis.row(2), axis.row(3), axis.row(4));
-                let uz = line.vertical_motion(elevation_m, self.dofs()) + rx * y - ry * x;
-                ([ux - rz * y, uy + rz * x, uz], line.moves())
+                check_moves(line.moves())?;
+                let [cos, sin, up] = cosines;
+                // The section is rigid: the axis' motions, and what its rotations make of the offset.
+                let of_axis = [cos, sin, y * up, -x * up, x * sin - y * cos];
+                line.local_motion(elevation_m).add_to(&mut row, of_axis);
+                line.add_vertical_motion(&mut row, elevation_m, up);
             }
             Geometry::Space(nodes) => {
                 let place = [x, y, elevation_m];
@@ -268,29 +288,15 @@ impl Assembly {
                         position_m: nearest.position_m,
                     });
                 }
-                let unit = |dof: usize| {
-                    let mut row = RowDVector::zeros(self.dofs());
-                    if let Some(index) = nearest.rows[dof] {
-                        row[index] = 1.0;
-                    }
-                    row
-                };
                 let translations = [0, 1, 5];
-                let there = |dof: usize| nearest.rows[dof].is_some() || nearest.fixed[dof];
-                (translations.map(unit), translations.map(there))
+                check_moves(translations.map(|dof| nearest.rows[dof].is_some() || nearest.fixed[dof]))?;
+                for (dof, cosine) in translations.into_iter().zip(cosines) {
+                    if let Some(index) = nearest.rows[dof] {
+                        row[index] += cosine;
+                    }
+                }
             }
             Geometry::Unknown => return Err(SensorError::NoPlaces { channel: channel() }),
-        };
-        let mut row = RowDVector::zeros(self.dofs());
-        for (index, motion) in motions.into_iter().enumerate() {
-            let cosine = direction_cosines[index];
-            if cosine.abs() > ALONG_AN_AXIS {
-                if !moves[index] {
-                    let (axis, dof) = [("X", "ux"), ("Y", "uy"), ("Z", "uz")][index];
-                    return Err(SensorError::NoMotion { channel: channel(), axis, dof });
-                }
-                row += motion * cosine;
-            }
         }
         Ok(row)
     }

@@ -4,6 +4,7 @@
 //! flow out. A time column is followed as in CSV; besides seconds as plain numbers it may hold timestamps.
 
 mod column;
+mod footer;
 mod guard;
 
 use std::fmt;
@@ -21,6 +22,7 @@ use super::error::{At, FilePosition, RecordError};
 use super::row_reader::{RowReader, Rows};
 use crate::study::Sensor;
 use column::{Cells, Numbers, Scratch};
+use footer::announces_too_much;
 use guard::guarded;
 
 /// Rows read ahead to compare a time column with the sampling rate.
@@ -82,9 +84,12 @@ impl fmt::Debug for ParquetReader {
 impl ParquetReader {
     /// Opens a file and finds that the channels of `sensors` are numbers. A time column that no sensor claims is noted.
     pub(super) fn open(path: &Path, sensors: &[Sensor]) -> Result<Self, RecordError> {
-        let file = File::open(path).map_err(RecordError::io(path))?;
+        let mut file = File::open(path).map_err(RecordError::io(path))?;
         if file.metadata().map_err(RecordError::io(path))?.len() == 0 {
             return Err(RecordError::Empty { file: path.to_owned() });
+        }
+        if announces_too_much(&mut file).map_err(RecordError::io(path))? {
+            return Err(RecordError::parquet(path, "its footer announces a list that is longer than the footer"));
         }
         guarded(path, || {
             let file = SerializedFileReader::new(file).map_err(|error| RecordError::parquet(path, error))?;
