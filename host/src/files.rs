@@ -9,6 +9,7 @@ use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use tempfile::{Builder, NamedTempFile};
 
@@ -16,6 +17,11 @@ use tempfile::{Builder, NamedTempFile};
 const BUFFER: usize = 1 << 20;
 /// How the name of an unfinished file ends.
 pub(crate) const UNFINISHED_SUFFIX: &str = ".partial";
+
+/// How it begins.
+const UNFINISHED_PREFIX: &str = ".belfry-";
+/// Nobody writes at one file for so long: it was left behind by a program that was killed.
+const LEFT_BEHIND: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// The name of a folder's lock.
 pub(crate) const LOCK_FILE: &str = ".belfry-lock";
@@ -245,11 +251,28 @@ fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 
 /// An empty file of a name of its own, with the permissions of any new file.
 fn unfinished_file(folder: &Path) -> io::Result<NamedTempFile> {
+    remove_left_behind(folder);
     let mut builder = Builder::new();
-    builder.prefix(".belfry-").suffix(UNFINISHED_SUFFIX);
+    builder.prefix(UNFINISHED_PREFIX).suffix(UNFINISHED_SUFFIX);
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder)
+}
+
+/// Removes unfinished files of programs that were killed long ago. What cannot be removed does no harm.
+fn remove_left_behind(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let is_unfinished =
+            name.to_str().is_some_and(|name| name.starts_with(UNFINISHED_PREFIX) && name.ends_with(UNFINISHED_SUFFIX));
+        let is_old = |metadata: fs::Metadata| {
+            metadata.is_file()
+                && metadata.modified().is_ok_and(|then| then.elapsed().is_ok_and(|age| age > LEFT_BEHIND))
+        };
+        if is_unfinished && entry.metadata().is_ok_and(is_old) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
 }
 
 /// The folder that a file stands in.
@@ -321,6 +344,22 @@ mod tests {
         drop(file);
         assert!(!unfinished().contains(&unfinished_path));
         assert!(names(folder.path()).is_empty());
+    }
+
+    /// A program that is killed cannot remove its file; one that may still be writing keeps it.
+    #[test]
+    fn unfinished_files_of_long_ago_are_removed_and_no_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let make = |name: &str, age: Duration| {
+            let file = File::create(folder.path().join(name)).unwrap();
+            file.set_modified(std::time::SystemTime::now() - age).unwrap();
+        };
+        make(".belfry-abcdef.partial", LEFT_BEHIND + Duration::from_secs(60));
+        make(".belfry-ghijkl.partial", Duration::from_secs(60));
+        make("own.partial", 3 * LEFT_BEHIND);
+        make(".belfry-lock", 3 * LEFT_BEHIND);
+        write_whole(&folder.path().join("modes.json"), b"new").unwrap();
+        assert_eq!(names(folder.path()), [".belfry-ghijkl.partial", ".belfry-lock", "modes.json", "own.partial"]);
     }
 
     #[cfg(unix)]

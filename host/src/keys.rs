@@ -107,7 +107,7 @@ pub enum KeysError {
 pub struct Keys(BTreeMap<u16, Key>);
 
 impl Keys {
-    /// The keys in the user's file; none where there is no file. One that lies in a study is refused.
+    /// The keys in the user's file; none where there is no file.
     ///
     /// # Errors
     /// [`KeysError`].
@@ -117,14 +117,10 @@ impl Keys {
             Err(KeysError::NoHome) => return Ok(Self::default()),
             file => file?,
         };
-        let keys = Self::of_file(&file)?;
-        if !keys.0.is_empty() {
-            outside_studies(&fs::canonicalize(&file).unwrap_or(file))?;
-        }
-        Ok(keys)
+        Self::of_file(&file)
     }
 
-    /// The keys in a file; none where there is no file.
+    /// The keys in a file; none where there is no file. One that lies in a study is refused.
     ///
     /// # Errors
     /// [`KeysError`].
@@ -141,7 +137,11 @@ impl Keys {
         if std::os::unix::fs::PermissionsExt::mode(&metadata.permissions()) & 0o077 != 0 {
             return Err(KeysError::OpenToOthers { file: file.to_owned() });
         }
-        Self::parse(file, &fs::read_to_string(file).map_err(fail)?)
+        let keys = Self::parse(file, &fs::read_to_string(file).map_err(fail)?)?;
+        if !keys.0.is_empty() {
+            outside_studies(&fs::canonicalize(file).map_err(fail)?)?;
+        }
+        Ok(keys)
     }
 
     fn parse(file: &Path, text: &str) -> Result<Self, KeysError> {
@@ -358,6 +358,11 @@ mod tests {
         let file = folder.path().join("results/keys");
         assert!(matches!(add_new(&file, 1), Err(KeysError::InStudy { .. })));
         assert!(!file.exists());
+        // Nor are they read there.
+        let elsewhere = tempfile::tempdir().unwrap();
+        add_new(&elsewhere.path().join("keys"), 1).unwrap();
+        fs::copy(elsewhere.path().join("keys"), folder.path().join("keys")).unwrap();
+        assert!(matches!(Keys::of_file(&folder.path().join("keys")), Err(KeysError::InStudy { .. })));
     }
 
     #[test]

@@ -97,8 +97,12 @@ impl CholeskyFactor {
     /// and bending of a mast without eccentric masses, are solved each on their own: a third of the rows is a 27th of the work.
     pub fn generalised_eigen(&self, other: &DMatrix<f64>) -> Option<EigenPairs<f64>> {
         let (lower, other) = (self.0.L(), view(other));
+        let sets = uncoupled(lower, other);
+        if sets.len() == 1 {
+            return whole_eigen(lower, other.to_owned());
+        }
         let mut pairs: Vec<(f64, DVector<f64>)> = Vec::with_capacity(other.nrows());
-        for rows in uncoupled(lower, other) {
+        for rows in sets {
             let part = |whole: MatRef<'_, f64>| Mat::from_fn(rows.len(), rows.len(), |i, j| whole[(rows[i], rows[j])]);
             let eigen = whole_eigen(part(lower).as_ref(), part(other))?;
             for (value, vector) in eigen.values.into_iter().zip(eigen.vectors.column_iter()) {
@@ -142,6 +146,16 @@ fn whole_eigen(lower: MatRef<'_, f64>, mut half: Mat<f64>) -> Option<EigenPairs<
     let (values, mut vectors) = symmetric_eigen(symmetric.as_ref())?;
     solve_upper_triangular_in_place(lower.transpose(), vectors.as_mut(), Par::Seq);
     Some(EigenPairs { values, vectors: from_solver(vectors.as_ref()) })
+}
+
+/// Solves `kinetic z = mu strain z`, strain positive definite: largest mu first, `zᵀ strain z = 1`; `None` where strain is not positive
+/// definite or the iteration does not converge.
+pub(crate) fn reduced_eigen(strain: &DMatrix<f64>, kinetic: &DMatrix<f64>) -> Option<EigenPairs<f64>> {
+    let factor = Llt::new(view(strain), Side::Lower).ok()?;
+    let EigenPairs { values, vectors } = whole_eigen(factor.L(), view(kinetic).to_owned())?;
+    let descending: Vec<_> = (0..values.len()).rev().map(|index| vectors.column(index)).collect();
+    let vectors = if descending.is_empty() { DMatrix::zeros(0, 0) } else { DMatrix::from_columns(&descending) };
+    Some(EigenPairs { values: values.into_iter().rev().collect(), vectors })
 }
 
 /// Problems of this size and more are worth several threads.

@@ -1,10 +1,11 @@
-//! The host's inner numerics: Fourier transforms and dense eigenproblems as plain functions on `f64` and `Complex<f64>`.
+//! The host's inner numerics: Fourier transforms and eigenproblems, dense ones and those with few entries, as plain functions on `f64` and `Complex<f64>`.
 //!
 //! Generic libraries are compiled where their types become known. Here is that place, once, at full optimisation; the host and
 //! its tests, which change every day, only call.
 
 mod eigen;
 mod fourier;
+mod lowest;
 
 pub use eigen::{
     CholeskyFactor, EigenPairs, SingularTriplets, complex_product, general_eigen, general_eigen_complex,
@@ -14,3 +15,4 @@ pub use fourier::{
     ComplexTransform, ForwardTransform, InverseTransform, complex_transform, forward_transform,
     inverse_complex_transform, inverse_transform,
 };
+pub use lowest::{Envelope, EnvelopeFactor, lowest_modes};

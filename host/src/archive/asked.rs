@@ -9,6 +9,7 @@ use super::checksum::{ASKED_COLUMNS, Checksum, Kind, Tally, tallies};
 use super::damage::Damage;
 use super::error::is_damage;
 use super::{Archive, ArchiveError};
+use crate::numbers::counted;
 
 /// What a node was asked to measure.
 #[derive(Debug, Clone)]
@@ -100,6 +101,16 @@ impl Archive {
             Err(error) => Err(error),
         }
     }
+}
+
+/// That so many windows cannot be read, for nothing says with which settings they were measured; `None` where there are none.
+pub(super) fn unknown_settings(windows: u64) -> Option<Damage> {
+    let verb = if windows == 1 { "names" } else { "name" };
+    let what = format!(
+        "{} {verb} settings that nobody has asked for, and cannot be analysed; `belfry collect` with the same [analysis] notes these again",
+        counted(windows, "window")
+    );
+    (windows > 0).then(|| Damage::table("asked", what))
 }
 
 /// How many rows there should be, and are.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use rusqlite::Row;
 use serde::Serialize;
 
+use super::asked::unknown_settings;
 use super::checksum::{Checksum, Kind, Tally, hour_start_us};
 use super::damage::Damage;
 use super::error::is_damage;
@@ -90,12 +91,13 @@ impl Archive {
 
     /// Windows that are sound, and all that is damaged.
     fn check_rows(&self, version: i32) -> rusqlite::Result<(u64, Vec<Damage>)> {
-        let (_, mut damages) = self.asked()?;
+        let (asked, mut damages) = self.asked()?;
+        let known: BTreeSet<u32> = asked.iter().map(|one| one.configuration.hash()).collect();
         damages.extend(self.check_table(Kind::Service)?);
         if version >= 3 {
             damages.extend(self.check_table(Kind::Loss)?);
         }
-        let mut sound = 0;
+        let (mut sound, mut unknown) = (0, 0);
         for setup in self.setups()? {
             let survey = Survey::new(self, &setup)?;
             damages.extend(survey.damages.iter().cloned());
@@ -103,6 +105,7 @@ impl Archive {
                 let (heads, wrong) = survey.hour(self, hour)?;
                 damages.extend(wrong);
                 for head in heads {
+                    unknown += u64::from(!known.contains(&head.window.configuration_hash));
                     match self.channels(&head)? {
                         Ok(_) => sound += 1,
                         Err(what) => damages.push(head.damaged(what)),
@@ -110,6 +113,7 @@ impl Archive {
                 }
             }
         }
+        damages.extend(unknown_settings(unknown));
         Ok((sound, damages))
     }
 

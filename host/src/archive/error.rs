@@ -19,7 +19,7 @@ pub enum ArchiveError {
         why: rusqlite::Error,
     },
     /// It is a database of something else.
-    #[error("{file} is no archive of belfry: move it away", file = .file.display())]
+    #[error("{file} is no archive of belfry, or its first page is damaged: `belfry archive repair` rebuilds that of an archive; move anything else away", file = .file.display())]
     NotAnArchive {
         /// The file.
         file: PathBuf,
@@ -63,7 +63,7 @@ pub enum ArchiveError {
         why: rusqlite::Error,
     },
     /// Its end is missing.
-    #[error("the archive {file} has been cut: {has} of its {of} pages are there. `belfry archive repair` saves what is on them", file = .file.display())]
+    #[error("the archive {file} has been cut: {has} of its {of} pages are there. `belfry archive repair` saves what it finds on them", file = .file.display())]
     Cut {
         /// The archive.
         file: PathBuf,

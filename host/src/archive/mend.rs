@@ -1,7 +1,8 @@
 //! Rows as they are, and the mending of a single flipped bit.
 //!
 //! The checksums of two rows that differ in one bit differ by what depends on that bit's distance from the end alone. So a flipped bit is
-//! found from the checksum; that a row of megabytes with more damage is taken for one with a single flipped bit has odds of 1 to 10^11.
+//! found from the checksum; that a row of megabytes with more damage is taken for one with a single flipped bit has odds of 1 to 10^11. Where
+//! checksums differ in a single bit, it is the stored one that has flipped, and the row is as it was.
 
 use rusqlite::types::{Value, ValueRef};
 use rusqlite::{Connection, Row, ToSql, params_from_iter};
@@ -30,9 +31,12 @@ impl Values {
         checksum.value()
     }
 
-    /// Flips the one bit that makes them match `stored`; `false` where none does.
+    /// Flips the one bit that makes them match `stored`, but for a bit that has flipped in that; `false` where there is no such bit.
     pub(super) fn mend(&mut self, stored: i64) -> bool {
         let difference = (self.checksum() ^ stored) as u64;
+        if difference.is_power_of_two() {
+            return true;
+        }
         let table = table();
         // What a flip of each of a byte's bits makes of the checksum, for the last byte; for those before it is moved on.
         let mut flips: [u64; 8] = std::array::from_fn(|bit| table[1 << bit]);
@@ -120,5 +124,10 @@ mod tests {
             assert!(values.mend(stored) && values == sound, "{one:?}");
         }
         assert!(!flipped(&[(3, 100, 0), (3, 2000, 1)]).mend(stored));
+        for bit in [0, 31, 63] {
+            let mut values = sound.clone();
+            assert!(values.mend(stored ^ 1 << bit) && values == sound, "bit {bit} of the checksum");
+        }
+        assert!(!sound.clone().mend(stored ^ 0b11));
     }
 }

@@ -107,6 +107,15 @@ impl Archive {
         Self::open_any(folder)
     }
 
+    /// Says that the file of a study's archive is there and empty, where [`Archive::open`] finds no archive.
+    ///
+    /// # Errors
+    /// [`ArchiveError::Empty`].
+    pub(crate) fn refuse_empty(folder: &Path) -> Result<(), ArchiveError> {
+        let file = folder.join(ARCHIVE_FILE);
+        if file.exists() { Err(ArchiveError::absent(file)) } else { Ok(()) }
+    }
+
     /// Opens the archive for reading, of whichever version it is.
     fn open_any(folder: &Path) -> Result<Option<Self>, ArchiveError> {
         let file = folder.join(ARCHIVE_FILE);

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use belfry_shared::message::Configuration;
 use belfry_shared::time::WindowGrid;
 
-use super::asked::Asked;
+use super::asked::{Asked, unknown_settings};
 use super::checksum::hour_of;
 use super::damage::Damage;
 use super::heads::{Head, Survey};
@@ -185,10 +185,7 @@ impl Archive {
                 }
             }
         }
-        if unknown > 0 {
-            let what = format!("{unknown} windows name settings that nobody has asked for, and are left out");
-            damages.push(Damage::table("asked", what));
-        }
+        damages.extend(unknown_settings(unknown));
         Ok(Some(Counted { counts, middles_us, bounds_us: [first.start_us, last.start_us] }))
     }
 }

@@ -13,6 +13,7 @@ use rusqlite::types::Value;
 use rusqlite::{Connection, OpenFlags};
 use serde::Serialize;
 
+use super::asked::unknown_settings;
 use super::check::lost_in;
 use super::checksum::{CHANNEL_COLUMNS, Kind, Tally, WINDOW_COLUMNS, hour_of, seal, seal_window};
 use super::damage::Damage;
@@ -171,12 +172,17 @@ impl Archive {
     fn save_into(&self, new: &mut Connection) -> rusqlite::Result<(u64, u64, Vec<Damage>)> {
         let transaction = new.transaction()?;
         let (mut windows, mut mended, mut lost) = (0, 0, Vec::new());
+        // Hashes of settings, and windows of others.
+        let (mut known, mut unknown) = (BTreeSet::new(), 0);
         for kind in [Kind::Asked, Kind::Service, Kind::Loss] {
             let (table, columns) = (kind.name(), kind.columns());
             for id in self.row_ids(table) {
                 match self.row(table, columns, id) {
                     Some((values, was_mended)) if copy_row(&values, kind, &transaction)? => {
                         mended += u64::from(was_mended);
+                        if let (Kind::Asked, Some(&Value::Integer(configuration))) = (kind, values.0.get(4)) {
+                            known.insert(configuration);
+                        }
                     }
                     _ => lost.push(Damage::row(table, id, "it does not match its checksum")),
                 }
@@ -186,10 +192,13 @@ impl Archive {
         let ids = every(self.window_ids());
         let mut failed = BTreeSet::new();
         let mut save = |id: i64, window: SavedWindow| -> rusqlite::Result<()> {
-            let SavedWindow { head, channels, stored, was_mended } = window;
+            let SavedWindow { head, channels, checksum, was_mended } = window;
             if write_window(&transaction, id, &head, &channels)? {
                 if let (Some(Value::Text(setup)), Some(Value::Integer(start_us))) = (head.get(4), head.get(7)) {
-                    saved.entry((setup.clone(), hour_of(*start_us))).or_default().add(stored);
+                    saved.entry((setup.clone(), hour_of(*start_us))).or_default().add(checksum);
+                }
+                if let Some(&Value::Integer(configuration)) = head.get(5) {
+                    unknown += u64::from(!known.contains(&configuration));
                 }
                 windows += 1;
                 mended += u64::from(was_mended);
@@ -219,6 +228,7 @@ impl Archive {
                 save(id, window)
             })?;
         }
+        lost.extend(unknown_settings(unknown));
         for id in failed {
             if let Ok(Some(head)) = self.head(id) {
                 lost.push(head.damaged("it does not match its checksum"));
@@ -364,8 +374,9 @@ impl Archive {
         if was_mended && !values.mend(stored) {
             return None;
         }
+        let checksum = values.checksum();
         let channels = values.0.split_off(head);
-        Some(SavedWindow { head: values.0, channels, stored, was_mended })
+        Some(SavedWindow { head: values.0, channels, checksum, was_mended })
     }
 }
 
@@ -376,8 +387,8 @@ type Numbered = (i64, Vec<Value>);
 struct SavedWindow {
     head: Vec<Value>,
     channels: Vec<Value>,
-    /// Its checksum.
-    stored: i64,
+    /// The checksum that it was written with.
+    checksum: i64,
     was_mended: bool,
 }
 

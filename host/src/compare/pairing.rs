@@ -45,11 +45,7 @@ pub fn pair(view: &ModelView, measured: &[MeasuredMode]) -> Vec<Pair> {
 
 /// As [`pair`], with another least likeness.
 pub(crate) fn pair_above(view: &ModelView, measured: &[MeasuredMode], least_likeness: f64) -> Vec<Pair> {
-    let stated_hz = |mode: &MeasuredMode| mode.stated.as_ref().and_then(StatedMode::frequency_hz).unwrap_or(0.0);
-    let highest_hz = measured.iter().map(|mode| mode.frequency_hz.max(stated_hz(mode))).fold(0.0, f64::max);
-    // Beyond four deviations nothing pairs.
-    let reach = (4.0 * LIKENESS).exp();
-    let candidates = view.modes.frequency_hz.partition_point(|&frequency_hz| frequency_hz <= highest_hz * reach);
+    let candidates = candidates(view, measured);
     if measured.is_empty() || candidates == 0 {
         return Vec::new();
     }
@@ -78,6 +74,15 @@ pub(crate) fn pair_above(view: &ModelView, measured: &[MeasuredMode], least_like
         }
     }
     pairs
+}
+
+/// How many of the model's modes, from the lowest, can be paired with measured ones.
+pub(crate) fn candidates(view: &ModelView, measured: &[MeasuredMode]) -> usize {
+    let stated_hz = |mode: &MeasuredMode| mode.stated.as_ref().and_then(StatedMode::frequency_hz).unwrap_or(0.0);
+    let highest_hz = measured.iter().map(|mode| mode.frequency_hz.max(stated_hz(mode))).fold(0.0, f64::max);
+    // Beyond four deviations nothing pairs.
+    let reach = (4.0 * LIKENESS).exp();
+    view.modes.frequency_hz.partition_point(|&frequency_hz| frequency_hz <= highest_hz * reach)
 }
 
 /// Pairs of rows and columns, each in one pair at most, so that the sum of likeness is the largest; what has none is no pair. In the order of

@@ -398,3 +398,36 @@ fn a_complement_is_at_right_angles_to_all_that_it_is_the_complement_of() {
     }
     assert_eq!(complement(&DMatrix::zeros(2, 3)), None);
 }
+
+/// From the lowest modes of a structure near one that is known, its modes and their derivatives come out as from all modes.
+#[test]
+fn the_lowest_modes_near_known_ones_say_what_all_say() {
+    let (beam, sensors) = tower();
+    let known = seen(&Structure::new(beam.clone()), &sensors);
+    let changed: Effect = "stiffness-loss@100m=0.4".parse().unwrap();
+    let mut structure = Structure::new(beam).and(&[changed]).unwrap();
+    structure.spread_masses(0.3);
+    structure.shift_masses([0.1, -0.2]);
+    let (whole, assembly) = (seen(&structure, &sensors), structure.assemble());
+    let basis = assembly.modal_basis_near(&known.basis, 15, 45).unwrap();
+    assert_eq!(basis.vectors.ncols(), 45);
+    let lowest = ModelView::of_basis(basis.into(), None, whole.sensor_rows.clone(), None);
+    let modes: Vec<usize> = (0..12).collect();
+    let [all_responses, responses] = [&whole, &lowest].map(|view| view.responses(&modes));
+    let changes = structure.segment_changes();
+    for (mode, of_all) in modes.iter().zip(&whole.modes.frequency_hz) {
+        assert!((lowest.modes.frequency_hz[*mode] / of_all - 1.0).abs() < 1e-10);
+        let (shape, of_all) = (lowest.at_sensors.column(*mode), whole.at_sensors.column(*mode));
+        assert!((shape - of_all).norm() < 1e-6 * of_all.norm(), "mode {mode}");
+    }
+    for change in
+        changes.iter().step_by(5).flat_map(|change| [&change.stiffness[0], &change.stiffness[2], &change.mass])
+    {
+        let of_all = whole.derivatives(&all_responses, &modes, change);
+        let largest = of_all.iter().map(|derivative| derivative.shape.norm()).fold(0.0, f64::max);
+        for (derivative, of_all) in lowest.derivatives(&responses, &modes, change).iter().zip(&of_all) {
+            assert!((derivative.ln_frequency - of_all.ln_frequency).abs() < 1e-6 * of_all.ln_frequency.abs().max(1e-3));
+            assert!((&derivative.shape - &of_all.shape).norm() < 1e-4 * largest);
+        }
+    }
+}

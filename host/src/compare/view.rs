@@ -13,7 +13,7 @@ use crate::study::Sensor;
 /// A model's modes and what the sensors see of them.
 #[derive(Debug, Clone)]
 pub struct ModelView {
-    /// All eigenvectors of the structure without its dashpots.
+    /// Eigenvectors of the structure without its dashpots: all of them, or the lowest ones.
     pub basis: Arc<ModalBasis>,
     /// Where dashpots hang on it: its damped modes, which are those of `modes`.
     pub damped: Option<DampedModes>,
@@ -101,8 +101,7 @@ impl ModelView {
 
     /// How `modes` (0-based), as the sensors see them, follow forces at the DOFs.
     pub(crate) fn responses(&self, modes: &[usize]) -> Responses {
-        let sensor_vectors = &self.sensor_rows * &self.basis.vectors;
-        Responses::of(&self.basis, self.damped.as_ref(), &sensor_vectors, modes)
+        Responses::of(&self.basis, self.damped.as_ref(), &self.sensor_rows, modes)
     }
 
     /// Derivatives of `modes` (0-based), whose responses are given, as the sensors record them, by a change.

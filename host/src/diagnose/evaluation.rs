@@ -8,14 +8,19 @@ use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn};
 use super::discrepancy::Discrepancy;
 use super::problem::Problem;
 use super::state::{Modelled, Slopes, State};
-use crate::compare::{Block, ModelView, Pair, Residual, ShapeBlock, pair_above};
-use crate::model::Structure;
+use crate::compare::{Block, ModelView, Pair, Residual, ShapeBlock, candidates, pair_above};
 use crate::model::effect::Effect;
+use crate::model::{Assembly, EigenError, ModalBasis, Structure};
 use crate::modes::MeasuredMode;
 
 /// Least likeness of a pair. Every measured mode must find a partner, or effects could take values that make the modes that
 /// they do not explain disappear.
 pub(super) const LEAST_LIKENESS: f64 = 1e-6;
+/// Where only the lowest modes are looked for: so many above those that are paired have exact shapes, so that pairs may change, there are so
+/// many times as many in all, for the speed with which these are found, and so many more than can be paired.
+const MORE_SHARP: usize = 3;
+const LEAST_RATIO: usize = 2;
+const MORE_MODES: usize = 10;
 /// Modes further apart than this (ln f) do not mix.
 const FAR: f64 = 0.25;
 /// Sections rack by about this share of their rotation in the middle mode, and by the square of the ratio of frequencies more in others, as
@@ -68,14 +73,39 @@ impl Problem {
         let same = previous.map(|previous| &previous.model).filter(|previous| {
             previous.assembly.stiffness == assembly.stiffness && previous.assembly.mass == assembly.mass
         });
-        let basis = match same {
-            Some(previous) => previous.view.basis.clone(),
-            None => Arc::new(assembly.modal_basis().map_err(|error| error.to_string())?),
+        let basis = match (same, previous) {
+            (Some(same), _) => same.view.basis.clone(),
+            (None, Some(previous)) => {
+                Arc::new(self.basis_near(previous, &assembly).map_err(|error| error.to_string())?)
+            }
+            (None, None) => Arc::new(assembly.modal_basis().map_err(|error| error.to_string())?),
         };
         let delays_s = assembly.sensing.delays_s(&self.sensors);
         let damped = assembly.damped_modes(&basis).map_err(|error| error.to_string())?;
         let view = ModelView::of_basis(basis, damped, rows, delays_s.clone());
+        let state = self.compared(Arc::new(Modelled { structure, assembly, view, delays_s }), effects, numbers)?;
+        if state.models.last().is_none_or(|highest| *highest < state.model.view.basis.sharp()) {
+            return Ok(state);
+        }
+        // A mode is paired that is higher than those that were looked for closely.
+        let State { model, effects, numbers, .. } = state;
+        let basis = Arc::new(model.assembly.modal_basis().map_err(|error| error.to_string())?);
+        let view = ModelView::of_basis(basis, None, model.view.sensor_rows.clone(), model.delays_s.clone());
+        let (structure, assembly) = (model.structure.clone(), model.assembly.clone());
+        let delays_s = model.delays_s.clone();
         self.compared(Arc::new(Modelled { structure, assembly, view, delays_s }), effects, numbers)
+    }
+
+    /// Eigenvectors of a structure near that of another state: as many as measured modes may be paired with.
+    fn basis_near(&self, other: &State, assembly: &Assembly) -> Result<ModalBasis, EigenError> {
+        let Modelled { view, .. } = other.model.as_ref();
+        let sharp = other.models.last().map_or(0, |highest| highest + 1 + MORE_SHARP);
+        let needed = candidates(view, &self.measured).max(LEAST_RATIO * sharp);
+        let there = view.basis.vectors.ncols();
+        // As many as before, where these are enough: with softer segments a mode more comes within reach.
+        let is_enough = (needed + MORE_MODES / 2..=needed + MORE_MODES).contains(&there);
+        let count = if is_enough { there } else { needed + MORE_MODES };
+        assembly.modal_basis_near(&view.basis, sharp, count)
     }
 
     /// The same with the structure and the effects of `other`, whose background has the same segments with its own numbers and its own

@@ -64,7 +64,7 @@ impl Problem {
         let mut effects = fit.state.effects.clone();
         let last = effects.last_mut()?;
         *last = last.moved_to(Where::Height(z_m));
-        self.fit(effects, &fit.knobs, &fit.state.numbers, None).ok()
+        self.fit(effects, &fit.knobs, &fit.state.numbers, Some(&fit.state)).ok()
     }
 
     /// From place to place of the grid while the evidence rises.

@@ -296,12 +296,13 @@ impl Problem {
         let (_, stands) = here(&settled, self, fit);
         let is_straight = |numbers: &DVector<f64>| numbers.iter().all(|number| *number == 0.0);
         let straight = starts.iter().any(|(_, numbers)| is_straight(numbers));
-        let straight = straight.then(|| self.state_without_scatter(fit.effects()).ok()).flatten();
+        let zeros = || DVector::zeros(self.background.size());
+        let straight = straight.then(|| self.state(fit.effects().to_vec(), zeros(), Some(&fit.state)).ok()).flatten();
         let from = |(discrepancy, numbers): &(Discrepancy, DVector<f64>)| {
             let start = self.with_discrepancy(*discrepancy);
             let state = match straight.as_ref().filter(|_| is_straight(numbers)) {
                 Some(straight) => start.state_like(straight, numbers.clone()),
-                None => start.state(fit.state.effects.clone(), numbers.clone(), None),
+                None => start.state(fit.state.effects.clone(), numbers.clone(), Some(&fit.state)),
             };
             let first = start.fit_from(state.ok()?, &fit.knobs).ok()?;
             Some(start.settled(&first).unwrap_or((start, first)))
@@ -555,7 +556,7 @@ impl Problem {
                 None => present.state.effects.clone(),
             };
             effects.push(effect);
-            let state = self.state(effects, (*numbers).clone(), None).ok()?;
+            let state = self.state(effects, (*numbers).clone(), Some(&present.state)).ok()?;
             self.fit_by(losses, state, &knobs).ok()
         };
         let mut best: Option<Fit> = None;

@@ -88,7 +88,8 @@ pub enum MeasureError {
     },
     /// No window of a setup can be used.
     #[error(
-        "setup \"{setup}\": none of {windows} windows of {segment} points is sound on all live channels at once. Sound are: {channels}"
+        "setup \"{setup}\": none of {windows} windows of {segment} points is sound on all live channels at once. Sound are: {channels}{}",
+        may_be_why(found)
     )]
     NoSound {
         /// The setup.
@@ -99,5 +100,15 @@ pub enum MeasureError {
         windows: usize,
         /// Points of a window.
         segment: usize,
+        /// What was found in the recording.
+        found: Vec<String>,
     },
+}
+
+/// What was found in the recordings, after an error that it may explain.
+pub(crate) fn may_be_why(warnings: &[String]) -> String {
+    if warnings.is_empty() {
+        return String::new();
+    }
+    format!(". What was found in the recordings may be why:\n- {}", warnings.join("\n- "))
 }

@@ -100,7 +100,7 @@ fn filled_sentences(setup: &Setup, filled: &[Filled]) -> Vec<String> {
     let alike = channels_by(setup, filled.iter().map(|one| (one.count > 0).then_some(*one)));
     let sentence = |(filled, channels): (Filled, Affected)| {
         let at = time_of_day(filled.first_row as f64 / setup.sampling_rate_hz);
-        let gaps = if filled.count == 1 { "" } else { " in short gaps, the first" };
+        let gaps = if filled.count == 1 { "," } else { " in short gaps, the first" };
         let (samples, are) = (counted(filled.count, "missing sample"), is_or_are(filled.count));
         format!("{channels}: {samples}{gaps} {at} into the record, {are} filled by straight lines")
     };

@@ -42,6 +42,7 @@ use limits::{CutOff, MOST_CUT_OFF};
 use stream::{Streamed, Task};
 
 pub use error::MeasureError;
+pub(crate) use error::may_be_why;
 pub use intervals::{Interval, measure_intervals};
 pub use overview::{Overview, Ranges, Waterfall};
 
@@ -203,7 +204,13 @@ impl<'a> Opened<'a> {
         if setup.live {
             let failed = |source| MeasureError::Archive { setup: name(), source: Box::new(source) };
             let nothing = || MeasureError::NothingCollected { setup: name() };
-            let archive = Archive::open(folder).map_err(failed)?.ok_or_else(nothing)?;
+            let archive = match Archive::open(folder).map_err(failed)? {
+                Some(archive) => archive,
+                None => {
+                    Archive::refuse_empty(folder).map_err(failed)?;
+                    return Err(nothing());
+                }
+            };
             let collected = archive.collected(setup, range).map_err(failed)?.ok_or_else(nothing)?;
             let rows = rows_for(collected.setup.windows, collected.setup.decimation, collected.setup.grid.segment);
             return Ok(Self { setup, material: Material::Archive(Box::new(collected)), rows });
@@ -412,16 +419,21 @@ fn measure_setup<'a>(
     }
     let several = |warning: String| format!("setup \"{}\": {warning}", setup.name);
     let of_recording = report.map(|report| reader_sentences(setup, &report.warnings, &faults.filled));
-    let mut warnings: Vec<String> = of_recording.unwrap_or_default().into_iter().map(several).collect();
+    let of_recording = of_recording.unwrap_or_default();
     let (spectrum, left_out) = accumulator.finish().map_err(|error| match error {
         SpectraError::NoSoundWindows { sound, windows } => {
             let each = setup.sensors.iter().zip(&sound);
             let each = each.map(|(sensor, sound)| format!("\"{}\" in {sound}", sensor.channel));
             let (channels, segment) = (each.collect::<Vec<_>>().join(", "), grid.segment);
-            MeasureError::NoSound { setup: setup.name.clone(), channels, windows, segment }
+            let faults = fault_sentences(setup, &faults, &[]).into_iter();
+            let silenced = silenced_sentences(setup, &grid, &silenced);
+            let found =
+                of_recording.iter().cloned().chain(damage_in_words(&damages)).chain(faults).chain(silenced).collect();
+            MeasureError::NoSound { setup: setup.name.clone(), channels, windows, segment, found }
         }
         error => spectra(error),
     })?;
+    let mut warnings: Vec<String> = of_recording.into_iter().map(several).collect();
     warnings.extend(damage_in_words(&damages).into_iter().map(several));
     warnings.extend(copy_sentences(setup, &faults.copies).into_iter().map(several));
     let spectrum = spectrum.without_channels(&faults.copies.iter().map(|&[copy, _]| copy).collect::<Vec<_>>());
@@ -452,4 +464,25 @@ fn without_cut_off(spectrum: CrossSpectrum, cut_off: &[CutOff]) -> (CrossSpectru
         return (spectrum, Vec::new());
     }
     (spectrum.without_channels(&cut_off), cut_off)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where no window can be used, what was found says why.
+    #[test]
+    fn recordings_of_which_nothing_is_sound_say_what_is_wrong_with_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let row = |row: usize| if (3..40).contains(&(row % 100)) { "nan 0\n".to_owned() } else { format!("{row} 0\n") };
+        std::fs::write(folder.path().join("a.txt"), (0..4000).map(row).collect::<String>()).unwrap();
+        let sensors = "[[setup.sensor]]\nchannel = \"1\"\nnode = 1\n[[setup.sensor]]\nchannel = \"2\"\nnode = 1\n";
+        let setup = "[[setup]]\nname = \"now\"\nfiles = [\"a.txt\"]\nsampling_rate_hz = 10.0\nunit = \"m/s2\"\n";
+        let text = format!("[structure]\nname = \"mast\"\n{setup}{sensors}");
+        let study = Study::from_text(&text, folder.path()).unwrap();
+        let error = measure(&study, Route::Direct, Lines::Enough, &mut |_, _| ()).map(drop).unwrap_err().to_string();
+        let (said, found) = error.split_once("What was found in the recordings may be why:").expect(&error);
+        assert!(said.contains("windows of") && said.contains("Sound are: \"1\" in 0"), "{error}");
+        assert!(found.contains("a.txt, line 4") && found.contains("channel \"2\" is dead"), "{error}");
+    }
 }

@@ -208,6 +208,24 @@ impl Assembly {
         ModalBasis::of(&self.stiffness, &self.mass)
     }
 
+    /// The lowest eigenvectors, from those of a structure near by, the `sharp` lowest as exact as all would be; all, where that is sooner done or
+    /// dashpots mix modes.
+    ///
+    /// # Errors
+    /// As [`Assembly::modes`].
+    pub(crate) fn modal_basis_near(
+        &self,
+        near: &ModalBasis,
+        sharp: usize,
+        count: usize,
+    ) -> Result<ModalBasis, EigenError> {
+        let lowest = match self.damping {
+            None => near.near(&self.stiffness, &self.mass, sharp, count),
+            Some(_) => None,
+        };
+        lowest.map_or_else(|| self.modal_basis(), Ok)
+    }
+
     /// Its damped modes, where dashpots hang on it; `basis` is that of K and M.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use belfry_numerics::{CholeskyFactor, EigenPairs};
+use belfry_numerics::{CholeskyFactor, EigenPairs, Envelope, EnvelopeFactor, lowest_modes};
 use nalgebra::{DMatrix, DVectorView};
 use thiserror::Error;
 
@@ -15,16 +15,32 @@ pub struct Modes {
     pub shapes: DMatrix<f64>,
 }
 
-/// All eigenvectors of a supported structure, those without mass included, so that they span every motion.
+/// Eigenvectors of a supported structure: all of them, those without mass included, so that they span every motion; or the lowest ones with
+/// what tells of all others.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModalBasis {
     /// 1/lambda in s², descending (lowest frequency first); zero for motions without mass.
     pub inverse_lambda: Vec<f64>,
-    /// The vectors, DOFs x DOFs, `xᵀ K x = 1` and `xᵀ M x = inverse_lambda`.
+    /// The vectors, DOFs x vectors, `xᵀ K x = 1` and `xᵀ M x = inverse_lambda`.
     pub vectors: DMatrix<f64>,
     /// The sign that makes each vector's largest component positive.
     signs: Vec<f64>,
+    /// K and M, where these are the lowest vectors only.
+    rest: Option<Rest>,
 }
+
+/// What tells of vectors that are not there.
+#[derive(Debug, Clone, PartialEq)]
+struct Rest {
+    stiffness: EnvelopeFactor,
+    mass: Envelope,
+    /// So many of the vectors that are there are exact.
+    sharp: usize,
+}
+
+/// The lowest modes alone are looked for where they are at most this share of all, and matrices have at most this share of their entries.
+const FEW: f64 = 0.5;
+const SPARSE: f64 = 0.25;
 
 /// Why there are no modes.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -127,7 +143,65 @@ impl ModalBasis {
         let descending: Vec<_> = (0..ascending.len()).rev().map(|index| vectors.column(index)).collect();
         let sign = |vector: &DVectorView<'_, f64>| if vector[vector.icamax()] < 0.0 { -1.0 } else { 1.0 };
         let signs = descending.iter().map(sign).collect();
-        Ok(Self { inverse_lambda: inverse_lambda.collect(), vectors: DMatrix::from_columns(&descending), signs })
+        let vectors = DMatrix::from_columns(&descending);
+        Ok(Self { inverse_lambda: inverse_lambda.collect(), vectors, signs, rest: None })
+    }
+
+    /// The `count` lowest modes of a structure near this one, the `sharp` lowest as exact as those of all are. `None` where they are not found
+    /// sooner than all, or not at all: matrices that are full, or of another size, or too far from this.
+    pub(crate) fn near(
+        &self,
+        stiffness: &DMatrix<f64>,
+        mass: &DMatrix<f64>,
+        sharp: usize,
+        count: usize,
+    ) -> Option<Self> {
+        let dofs = self.vectors.nrows();
+        let fits = stiffness.shape() == (dofs, dofs) && mass.shape() == (dofs, dofs);
+        let is_finite = |matrix: &DMatrix<f64>| matrix.iter().all(|value| value.is_finite());
+        let is_small = sharp < count && count <= self.vectors.ncols() && count as f64 <= FEW * dofs as f64;
+        if !fits || !is_small || !is_finite(stiffness) || !is_finite(mass) {
+            return None;
+        }
+        let (stiffness, mass) = (Envelope::of(stiffness), Envelope::of(mass));
+        if (stiffness.entries() + mass.entries()) as f64 > SPARSE * (dofs * dofs) as f64 {
+            return None;
+        }
+        let factor = stiffness.factor(NEGLIGIBLE)?;
+        let near = self.vectors.columns(0, count).transpose();
+        let EigenPairs { values, vectors } = lowest_modes(&stiffness, &factor, &mass, &near, sharp)?;
+        // The last one of all must have mass.
+        let has_mass = values.last().is_some_and(|last| *last > NEGLIGIBLE * values[0]);
+        let signs =
+            vectors.column_iter().map(|vector| if vector[vector.icamax()] < 0.0 { -1.0 } else { 1.0 }).collect();
+        let rest = Some(Rest { stiffness: factor, mass, sharp });
+        has_mass.then_some(Self { inverse_lambda: values, vectors, signs, rest })
+    }
+
+    /// How many of the vectors, from the first, are exact.
+    pub(crate) fn sharp(&self) -> usize {
+        self.rest.as_ref().map_or(self.vectors.ncols(), |rest| rest.sharp)
+    }
+
+    /// What sensors see of motion by a force at each DOF in the vectors that are not there, each over a power of lambda: `S sum_j x_j x_jᵀ mu_j^k`
+    /// for k from 0 on, each sensors x DOFs; empty where all are there. `rows` is what sensors see of each DOF, sensors x DOFs.
+    pub(super) fn left_out(&self, rows: &DMatrix<f64>) -> Vec<DMatrix<f64>> {
+        let Some(rest) = &self.rest else { return Vec::new() };
+        let at_sensors = rows * &self.vectors;
+        let transposed = self.vectors.transpose();
+        let mut weighted = at_sensors.clone();
+        let mut whole = rows.clone();
+        let mut left_out = Vec::with_capacity(TERMS);
+        for term in 0..TERMS {
+            if term > 0 {
+                whole = rest.mass.times(&whole);
+                weighted.column_iter_mut().zip(&self.inverse_lambda).for_each(|(mut column, mu)| column *= *mu);
+            }
+            // All vectors together are K⁻¹, and K⁻¹ M K⁻¹ with mu.
+            rest.stiffness.solve(&mut whole);
+            left_out.push(&whole - &weighted * &transposed);
+        }
+        left_out
     }
 
     /// The sign that makes a vector's largest component positive.
@@ -146,6 +220,10 @@ impl ModalBasis {
         Modes { frequency_hz: massive.iter().map(|mu| 1.0 / (TAU * mu.sqrt())).collect(), shapes }
     }
 }
+
+/// Terms of a series in the ratio of a mode's lambda to that of the first mode that is not there: with as many modes beside those that are asked
+/// for as [`ModalBasis::near`] is given, that is some hundredth.
+const TERMS: usize = 4;
 
 fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)

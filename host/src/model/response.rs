@@ -20,16 +20,13 @@ enum Response {
 }
 
 impl Responses {
-    /// Of the modes `modes` (0-based, with mass). `sensor_vectors` are the basis' vectors at the sensors, sensors x DOFs, which are also the rows
-    /// to whose phase [`DampedModes::modes`] turned the shapes of damped modes.
-    pub fn of(
-        basis: &ModalBasis,
-        damped: Option<&DampedModes>,
-        sensor_vectors: &DMatrix<f64>,
-        modes: &[usize],
-    ) -> Self {
-        let transposed = basis.vectors.transpose();
-        let undamped = |mode| Response::Undamped(UndampedResponse::of(basis, sensor_vectors, &transposed, mode));
+    /// Of the modes `modes` (0-based, with mass). `rows` is what sensors see of each DOF, sensors x DOFs, to whose phase [`DampedModes::modes`]
+    /// turned the shapes of damped modes.
+    pub fn of(basis: &ModalBasis, damped: Option<&DampedModes>, rows: &DMatrix<f64>, modes: &[usize]) -> Self {
+        let (sensor_vectors, transposed) = (&(rows * &basis.vectors), basis.vectors.transpose());
+        let left_out = basis.left_out(rows);
+        let undamped =
+            |mode| Response::Undamped(UndampedResponse::of(basis, sensor_vectors, &transposed, &left_out, mode));
         let Some(damped) = damped else {
             return Self(modes.iter().map(|&mode| undamped(mode)).collect());
         };

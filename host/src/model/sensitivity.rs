@@ -143,12 +143,13 @@ pub(crate) struct UndampedResponse {
 }
 
 impl UndampedResponse {
-    /// Of the mode `mode` (0-based, with mass). `sensor_vectors` are the basis' vectors at the sensors, sensors x DOFs, `transposed` those at the
-    /// DOFs, vectors x DOFs.
+    /// Of the mode `mode` (0-based, with mass). `sensor_vectors` are the basis' vectors at the sensors, sensors x vectors, `transposed` those at
+    /// the DOFs, vectors x DOFs, and `left_out` is [`ModalBasis::left_out`].
     pub(super) fn of(
         basis: &ModalBasis,
         sensor_vectors: &DMatrix<f64>,
         transposed: &DMatrix<f64>,
+        left_out: &[DMatrix<f64>],
         mode: usize,
     ) -> Self {
         let mu = basis.inverse_lambda[mode];
@@ -157,13 +158,14 @@ impl UndampedResponse {
             let distance = 1.0 - basis.inverse_lambda[other] / mu;
             share *= if other == mode || distance.abs() < DEGENERATE { 0.0 } else { -distance.recip() };
         }
-        let length = basis.sign(mode) / mu.sqrt();
-        Self {
-            mu,
-            shape: basis.vectors.column(mode) * length,
-            seen: sensor_vectors.column(mode) * length,
-            by_force: shares * transposed,
+        let mut by_force = shares * transposed;
+        // 1 / (1 - lambda mu_j) as a series.
+        for (power, part) in left_out.iter().enumerate() {
+            let factor = mu.powi(-(power as i32));
+            by_force.zip_apply(part, |entry, part| *entry -= factor * part);
         }
+        let length = basis.sign(mode) / mu.sqrt();
+        Self { mu, shape: basis.vectors.column(mode) * length, seen: sensor_vectors.column(mode) * length, by_force }
     }
 
     /// 1/lambda.

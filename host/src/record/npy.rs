@@ -81,6 +81,11 @@ impl NpyArray {
         if found < expected {
             return Err(RecordError::Truncated { file: path, expected, found });
         }
+        if found > expected {
+            // A damaged shape would take some of the numbers, and perhaps in the wrong order.
+            let reason = format!("its header says {rows} × {columns} numbers, {expected} bytes, but {found} follow");
+            return Err(RecordError::NpyHeader { file: path, reason });
+        }
         Ok(ArrayReader::new(path, Source::File(file), layout))
     }
 }

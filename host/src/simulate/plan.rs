@@ -7,6 +7,7 @@ use thiserror::Error;
 use toml_edit::{Array, DocumentMut, Item, Value};
 
 use crate::files::write_whole;
+use crate::study::edit::with_line_ends_of;
 use crate::study::{Setup, Study};
 
 /// Where the recording of one setup goes.
@@ -124,7 +125,7 @@ pub fn adopt(folder: &Path, planned: &[PlannedRecording]) -> Result<(), AdoptErr
             table.insert("unit", Item::Value("m/s2".into()));
         }
     }
-    write_whole(&file, document.to_string().as_bytes()).map_err(io)
+    write_whole(&file, with_line_ends_of(&text, document.to_string()).as_bytes()).map_err(io)
 }
 
 fn plain_npy(setup: &Setup) -> Option<&str> {

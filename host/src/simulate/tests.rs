@@ -379,6 +379,10 @@ fn recordings_go_where_the_study_reads_them_or_are_adopted() {
     adopt(folder.path(), &planned).unwrap();
     let adopted = std::fs::read_to_string(folder.path().join("study.toml")).unwrap();
     assert_eq!(adopted, text.replace("a_*.txt", "simulated-january.npy"), "comments and order stay");
+    std::fs::write(folder.path().join("study.toml"), text.replace('\n', "\r\n")).unwrap();
+    adopt(folder.path(), &planned).unwrap();
+    let again = std::fs::read_to_string(folder.path().join("study.toml")).unwrap();
+    assert_eq!(again, adopted.replace('\n', "\r\n"), "line ends stay");
 
     let twice = plan(&super::tests::study(folder.path(), vec![two_levels(), two_levels()]), None);
     assert!(matches!(twice, Err(PlanError::SameFile { .. })));

@@ -9,7 +9,7 @@ use crate::compare::ViewError;
 use crate::covalidate::PredictError;
 use crate::diagnose::DiagnoseError;
 use crate::identify::IdentifyError;
-use crate::measure::MeasureError;
+use crate::measure::{MeasureError, may_be_why};
 use crate::model::effect::EffectError;
 use crate::model::{EigenError, ModelError};
 use crate::modes::MeasuredError;
@@ -335,12 +335,4 @@ pub enum CovalidateError {
         /// The setup.
         setup: String,
     },
-}
-
-/// What was found in the recordings, after an error that it may explain.
-fn may_be_why(warnings: &[String]) -> String {
-    if warnings.is_empty() {
-        return String::new();
-    }
-    format!(". What was found in the recordings may be why:\n- {}", warnings.join("\n- "))
 }

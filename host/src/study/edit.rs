@@ -50,7 +50,7 @@ fn edit(folder: &Path, change: impl FnOnce(&str) -> Result<String, String>) -> R
 }
 
 /// The text with the line ends, and the byte order mark, that an editor gave the file before.
-fn with_line_ends_of(before: &str, text: String) -> String {
+pub(crate) fn with_line_ends_of(before: &str, text: String) -> String {
     const MARK: char = '\u{feff}';
     let is_windows = before.contains("\r\n") && !before.replace("\r\n", "").contains('\n');
     let text = if is_windows { text.replace("\r\n", "\n").replace('\n', "\r\n") } else { text };

@@ -498,7 +498,7 @@ fn segment_changes_are_those_of_the_matrices() {
     let changes = structure.segment_changes();
     assert_eq!(changes.len(), 10);
     let basis: ModalBasis = structure.assemble().modal_basis().unwrap();
-    let sensor_vectors = basis.vectors.rows(40, 5).into_owned();
+    let rows = nalgebra::DMatrix::identity(5, structure.dofs());
     for (index, change) in changes.iter().enumerate() {
         for stiffness in Stiffness::ALL.map(Some).into_iter().chain([None]) {
             let step = 1e-4;
@@ -514,7 +514,7 @@ fn segment_changes_are_those_of_the_matrices() {
             };
             let (above, below) = (moved(step), moved(-step));
             let change = stiffness.map_or(&change.mass, |stiffness| &change.stiffness[stiffness as usize]);
-            let slopes = crate::model::Responses::of(&basis, None, &sensor_vectors, &[0, 1, 4]).derivatives(change);
+            let slopes = crate::model::Responses::of(&basis, None, &rows, &[0, 1, 4]).derivatives(change);
             for (slope, mode) in slopes.iter().zip([0, 1, 4]) {
                 let expected = (above[mode] / below[mode]).ln() / (2.0 * step);
                 // Second order in the steps.

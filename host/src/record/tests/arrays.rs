@@ -70,6 +70,7 @@ fn what_is_wrong_with_an_array_is_named() {
     let check = |file: &[u8], parts: &[&str]| expect_error(&one, &[("a.npy", file)], parts);
     let whole = npy(&[1.0, 2.0, 3.0], &[3], npyz::Order::C);
     check(&whole[..whole.len() - 1], &["a.npy is cut short", "24 bytes", "23 there"]);
+    check(&[whole.as_slice(), &[0; 8]].concat(), &["a.npy is not a NumPy array file", "24 bytes", "32 follow"]);
     check(&whole[..20], &["a.npy", "ends within its header"]);
     check(b"", &["a.npy is empty"]);
     check(b"1 2 3 4 5 6", &["a.npy is not a NumPy array file", "`1 2 3 4 `"]);
