@@ -137,6 +137,7 @@ pub fn add_until_nothing_gains(
     on_step: &mut dyn FnMut(&Step),
 ) -> Result<AutoEnd, StoryError> {
     let mut records: Vec<StepRecord> = starting_record(case, tally)?.into_iter().collect();
+    let began = records.len();
     let options = Options { without: without.to_vec() };
     let mut last = None;
     let mut note = |step: &Step| {
@@ -158,8 +159,11 @@ pub fn add_until_nothing_gains(
         // Effects that together explain too little are made up as likely as not.
         return Ok(AutoEnd::Unexplained { p_value });
     }
+    let data = data_mark(case)?;
+    // As in `adopt`.
+    results.append_history(&records[..began], &data)?;
     set_effects(&case.study.folder, &entries)?;
-    results.append_history(&records, &data_mark(case)?)?;
+    results.append_history(&records[began..], &data)?;
     Ok(AutoEnd::Adopted)
 }
 
@@ -241,9 +245,14 @@ fn adopt(
     let effects: Vec<Effect> = step.effects.iter().map(|fitted| fitted.effect.clone()).collect();
     let (before, after) = rayon::join(|| case.compare(), || case.compare_with(&effects));
     let after = after?;
+    let data = data_mark(case)?;
+    // What the step started from stands there even if the program is killed before the step does.
+    if let Some(start) = &start {
+        results.append_history(std::slice::from_ref(start), &data)?;
+    }
     set_effects(&case.study.folder, &entries(&step.effects))?;
-    let records: Vec<StepRecord> = start.into_iter().chain([step.record.clone()]).collect();
-    let record = results.append_history(&records, &data_mark(case)?)?.pop().unwrap_or_else(|| step.record.clone());
+    let record = results.append_history(std::slice::from_ref(&step.record), &data)?.pop();
+    let record = record.unwrap_or_else(|| step.record.clone());
     Ok(ChangeReport {
         action: step.action.clone(),
         effects: step
