@@ -60,7 +60,7 @@ impl WholeFile {
     fn begun(target: PathBuf) -> io::Result<Self> {
         let folder = folder_of(&target);
         fs::create_dir_all(folder)?;
-        let file = unfinished_file(folder)?;
+        let file = unfinished_file(folder, ANY_NEW)?;
         let listing = Listing::of(file.path());
         Ok(Self { file: BufWriter::with_capacity(BUFFER, file), listing, target })
     }
@@ -216,7 +216,7 @@ pub(crate) fn behind_links(path: &Path) -> io::Result<PathBuf> {
 /// When it cannot be made, or nothing can be written there.
 pub fn ready_folder(folder: &Path) -> io::Result<()> {
     fs::create_dir_all(folder)?;
-    unfinished_file(folder)?.close()
+    unfinished_file(folder, ANY_NEW)?.close()
 }
 
 /// Removes the files that are being written; for a program that is interrupted and about to end.
@@ -249,13 +249,18 @@ fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// An empty file of a name of its own, with the permissions of any new file.
-fn unfinished_file(folder: &Path) -> io::Result<NamedTempFile> {
+/// The permissions of any new file, of which the system takes what the user wants taken.
+const ANY_NEW: u32 = 0o666;
+
+/// An empty file of a name of its own, with these permissions where the system has such.
+pub(crate) fn unfinished_file(folder: &Path, mode: u32) -> io::Result<NamedTempFile> {
     remove_left_behind(folder);
     let mut builder = Builder::new();
     builder.prefix(UNFINISHED_PREFIX).suffix(UNFINISHED_SUFFIX);
     #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode));
+    #[cfg(not(unix))]
+    let _ = mode;
     builder.tempfile_in(folder)
 }
 
@@ -276,7 +281,7 @@ fn remove_left_behind(folder: &Path) {
 }
 
 /// The folder that a file stands in.
-fn folder_of(path: &Path) -> &Path {
+pub(crate) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if folder != Path::new("") => folder,
         _ => Path::new("."),

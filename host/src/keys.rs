@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use belfry_shared::seal::{KEY_BYTES, Key};
 use thiserror::Error;
 
-use crate::files::{FolderLock, behind_links, sync_folder};
+use crate::files::{FolderLock, behind_links, folder_of, sync_folder, unfinished_file};
 
 /// A variable of the environment that names the file.
 const VARIABLE: &str = "BELFRY_KEYS";
@@ -225,10 +225,7 @@ pub fn add_new(file: &Path, node: u16) -> Result<Key, KeysError> {
     // A link to it stays.
     let file = &behind_links(file).map_err(fail)?;
     outside_studies(file)?;
-    let folder = match file.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    };
+    let folder = folder_of(file);
     fs::create_dir_all(folder).map_err(fail)?;
     // Two at once must not lose a key.
     let _lock = FolderLock::take(folder, || {}).map_err(fail)?;
@@ -275,14 +272,8 @@ pub fn study_around(file: &Path) -> io::Result<Option<PathBuf>> {
 /// # Errors
 /// When it cannot be written.
 pub fn write_private(file: &Path, bytes: &[u8], replaces: bool) -> io::Result<()> {
-    let folder = match file.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o600));
-    let mut written = builder.prefix(".belfry-").tempfile_in(folder)?;
+    let folder = folder_of(file);
+    let mut written = unfinished_file(folder, 0o600)?;
     written.write_all(bytes)?;
     written.as_file().sync_all()?;
     if replaces {

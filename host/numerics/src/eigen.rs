@@ -33,6 +33,15 @@ pub struct EigenPairs<T> {
     pub vectors: DMatrix<T>,
 }
 
+impl EigenPairs<f64> {
+    /// The same pairs in the opposite order.
+    pub fn reversed(self) -> Self {
+        let columns: Vec<_> = (0..self.values.len()).rev().map(|index| self.vectors.column(index)).collect();
+        let vectors = if columns.is_empty() { DMatrix::zeros(0, 0) } else { DMatrix::from_columns(&columns) };
+        Self { values: self.values.into_iter().rev().collect(), vectors }
+    }
+}
+
 /// Eigenvalues and eigenvectors of a square matrix; `None` where the iteration does not converge.
 pub fn general_eigen(matrix: &DMatrix<f64>) -> Option<EigenPairs<Complex<f64>>> {
     let eigen = Eigen::new_from_real(view(matrix)).ok()?;
@@ -152,10 +161,7 @@ fn whole_eigen(lower: MatRef<'_, f64>, mut half: Mat<f64>) -> Option<EigenPairs<
 /// definite or the iteration does not converge.
 pub(crate) fn reduced_eigen(strain: &DMatrix<f64>, kinetic: &DMatrix<f64>) -> Option<EigenPairs<f64>> {
     let factor = Llt::new(view(strain), Side::Lower).ok()?;
-    let EigenPairs { values, vectors } = whole_eigen(factor.L(), view(kinetic).to_owned())?;
-    let descending: Vec<_> = (0..values.len()).rev().map(|index| vectors.column(index)).collect();
-    let vectors = if descending.is_empty() { DMatrix::zeros(0, 0) } else { DMatrix::from_columns(&descending) };
-    Some(EigenPairs { values: values.into_iter().rev().collect(), vectors })
+    whole_eigen(factor.L(), view(kinetic).to_owned()).map(EigenPairs::reversed)
 }
 
 /// Problems of this size and more are worth several threads.

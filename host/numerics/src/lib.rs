@@ -1,4 +1,5 @@
-//! The host's inner numerics: Fourier transforms and eigenproblems, dense ones and those with few entries, as plain functions on `f64` and `Complex<f64>`.
+//! The host's inner numerics: Fourier transforms and eigenproblems, dense ones and those with few entries, as plain functions on `f64` and
+//! `Complex<f64>`.
 //!
 //! Generic libraries are compiled where their types become known. Here is that place, once, at full optimisation; the host and
 //! its tests, which change every day, only call.

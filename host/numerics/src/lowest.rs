@@ -5,13 +5,6 @@ use nalgebra::DMatrix;
 
 use crate::eigen::{EigenPairs, reduced_eigen};
 
-/// The Cholesky factor L of a symmetric positive definite matrix, which has in each row nothing before the first entry of the matrix' row
-/// (skyline storage: Bathe 2014, "Finite Element Procedures", section 8.2.3). For a beam it takes a hundredth of the work of a whole one.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EnvelopeFactor {
-    rows: Vec<EnvelopeRow>,
-}
-
 /// The entries of a row from the first one to the diagonal.
 #[derive(Debug, Clone, PartialEq)]
 struct EnvelopeRow {
@@ -65,35 +58,13 @@ impl Envelope {
         product
     }
 
-    /// The Cholesky factor; `None` where the matrix is not positive definite, or singular up to rounding: a pivot at or below the share
-    /// `negligible` of its own diagonal entry counts as zero.
+    /// The factors; `None` where the matrix is not positive definite, or singular up to rounding: a pivot at or below the share `negligible` of
+    /// its own diagonal entry counts as zero.
     pub fn factor(&self, negligible: f64) -> Option<EnvelopeFactor> {
-        let mut rows: Vec<EnvelopeRow> = Vec::with_capacity(self.rows.len());
-        for (index, row) in self.rows.iter().enumerate() {
-            let mut entries = row.entries.clone();
-            for offset in 0..entries.len() {
-                let other = row.first + offset;
-                let done = if other < index { Some(&rows[other]) } else { None };
-                let first = done.map_or(row.first, |done| row.first.max(done.first));
-                let own = &entries[first - row.first..offset];
-                match done {
-                    Some(done) => {
-                        let products = own.iter().zip(&done.entries[first - done.first..]);
-                        let left = entries[offset] - products.map(|(a, b)| a * b).sum::<f64>();
-                        entries[offset] = left / done.entries[other - done.first];
-                    }
-                    None => {
-                        let pivot = entries[offset] - own.iter().map(|own| own * own).sum::<f64>();
-                        if pivot.is_nan() || pivot <= negligible * entries[offset] || pivot <= 0.0 {
-                            return None;
-                        }
-                        entries[offset] = pivot.sqrt();
-                    }
-                }
-            }
-            rows.push(EnvelopeRow { first: row.first, entries });
-        }
-        Some(EnvelopeFactor { rows })
+        let factor = self.clone().eliminated()?;
+        let diagonal = self.rows.iter().filter_map(|row| row.entries.last());
+        let is_sound = |(pivot, diagonal): (&f64, &f64)| *pivot > (negligible * diagonal).max(0.0);
+        factor.pivots.iter().zip(diagonal).all(is_sound).then_some(factor)
     }
 
     /// How many eigenvalues of `self x = value other x` lie below `value`, `other` positive definite: negative pivots of
@@ -103,68 +74,87 @@ impl Envelope {
     /// Where the two are not of the same size.
     pub fn count_below(&self, other: &Self, value: f64) -> Option<usize> {
         assert_eq!(self.rows.len(), other.rows.len(), "matrices of different sizes");
-        let mut rows: Vec<EnvelopeRow> = Vec::with_capacity(self.rows.len());
-        let mut pivots: Vec<f64> = Vec::with_capacity(self.rows.len());
-        for (index, (own, other)) in self.rows.iter().zip(&other.rows).enumerate() {
+        let difference = |(index, (own, other)): (usize, (&EnvelopeRow, &EnvelopeRow))| {
             let first = own.first.min(other.first);
             let mut entries = vec![0.0; index + 1 - first];
             for (row, factor) in [(own, 1.0), (other, -value)] {
                 let places = entries[row.first - first..].iter_mut();
                 places.zip(&row.entries).for_each(|(entry, more)| *entry += factor * more);
             }
-            // Row by row, `entries` become those of L D first, then of L.
-            for offset in 0..entries.len() - 1 {
-                let done = &rows[first + offset];
-                let from = first.max(done.first);
-                let products = entries[from - first..offset].iter().zip(&done.entries[from - done.first..]);
+            EnvelopeRow { first, entries }
+        };
+        let rows = self.rows.iter().zip(&other.rows).enumerate().map(difference).collect();
+        let factor = Self { rows }.eliminated()?;
+        Some(factor.pivots.iter().filter(|pivot| **pivot < 0.0).count())
+    }
+
+    /// The matrix as `L D Lᵀ`; `None` where a pivot vanishes.
+    fn eliminated(mut self) -> Option<EnvelopeFactor> {
+        let mut pivots: Vec<f64> = Vec::with_capacity(self.rows.len());
+        for index in 0..self.rows.len() {
+            let (done, rest) = self.rows.split_at_mut(index);
+            let EnvelopeRow { first, entries } = rest.first_mut()?;
+            let first = *first;
+            // Those of L D.
+            for offset in 0..index - first {
+                let other = &done[first + offset];
+                let from = first.max(other.first);
+                let products = entries[from - first..offset].iter().zip(&other.entries[from - other.first..]);
                 entries[offset] -= products.map(|(a, b)| a * b).sum::<f64>();
             }
-            let mut pivot = entries[index - first];
-            for (offset, &pivot_there) in pivots[first..index].iter().enumerate() {
-                let scaled = entries[offset] / pivot_there;
-                pivot -= scaled * entries[offset];
-                entries[offset] = scaled;
+            let mut pivot = entries.pop()?;
+            for (entry, above) in entries.iter_mut().zip(&pivots[first..]) {
+                let scaled = *entry / above;
+                pivot -= scaled * *entry;
+                *entry = scaled;
             }
             if pivot == 0.0 || !pivot.is_finite() {
                 return None;
             }
-            entries[index - first] = 1.0;
-            rows.push(EnvelopeRow { first, entries });
             pivots.push(pivot);
         }
-        Some(pivots.iter().filter(|pivot| **pivot < 0.0).count())
+        Some(EnvelopeFactor { rows: self.rows, pivots })
     }
 }
 
+/// A symmetric matrix as `L D Lᵀ`, where L has ones on its diagonal and in each row nothing before the first entry of the matrix' row
+/// (skyline storage: Bathe 2014, "Finite Element Procedures", section 8.2.3). For a beam it takes a hundredth of the work of a whole one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EnvelopeFactor {
+    /// Rows of L without their ones.
+    rows: Vec<EnvelopeRow>,
+    /// The diagonal of D.
+    pivots: Vec<f64>,
+}
+
 impl EnvelopeFactor {
-    /// Solves `L Lᵀ x = b` for vectors that stand in the rows of `transposed`, vectors x rows: the solutions take their place.
+    /// Solves `L D Lᵀ x = b` for vectors that stand in the rows of `transposed`, vectors x rows; so do the solutions.
     ///
     /// # Panics
     /// Where it has not as many columns as the matrix has rows.
-    pub fn solve(&self, transposed: &mut DMatrix<f64>) {
+    pub fn solve(&self, transposed: &DMatrix<f64>) -> DMatrix<f64> {
         assert_eq!(transposed.ncols(), self.rows.len(), "vectors of another length");
         let count = transposed.nrows();
-        let all = transposed.as_mut_slice();
+        let mut solved = transposed.clone();
+        let all = solved.as_mut_slice();
         for (index, row) in self.rows.iter().enumerate() {
             let (before, own) = all.split_at_mut(index * count);
-            let own = &mut own[..count];
-            let (pivot, entries) = row.entries.split_last().unwrap_or((&1.0, &[]));
-            for (offset, entry) in entries.iter().enumerate() {
+            for (offset, entry) in row.entries.iter().enumerate() {
                 let other = &before[(row.first + offset) * count..][..count];
                 own.iter_mut().zip(other).for_each(|(own, other)| *own -= entry * other);
             }
+        }
+        for (own, pivot) in all.chunks_exact_mut(count.max(1)).zip(&self.pivots) {
             own.iter_mut().for_each(|own| *own /= pivot);
         }
         for (index, row) in self.rows.iter().enumerate().rev() {
             let (before, own) = all.split_at_mut(index * count);
-            let own = &mut own[..count];
-            let (pivot, entries) = row.entries.split_last().unwrap_or((&1.0, &[]));
-            own.iter_mut().for_each(|own| *own /= pivot);
-            for (offset, entry) in entries.iter().enumerate() {
+            for (offset, entry) in row.entries.iter().enumerate() {
                 let other = &mut before[(row.first + offset) * count..][..count];
                 other.iter_mut().zip(&*own).for_each(|(other, own)| *other -= entry * own);
             }
         }
+        solved
     }
 }
 
@@ -198,16 +188,14 @@ pub fn lowest_modes(
     let mut before: Option<Vec<f64>> = None;
     for _ in 0..MOST_STEPS {
         let mut loads = inertia;
-        let mut solved = loads.clone();
-        factor.solve(&mut solved);
+        let mut solved = factor.solve(&loads);
         for _ in 1..SOLUTIONS_A_STEP {
             // Each as long as it was: the higher ones shrink faster.
             let products = solved.row_iter().zip(loads.row_iter()).map(|(solved, load)| solved.dot(&load));
             let lengths: Vec<f64> = products.map(f64::sqrt).collect();
             solved.row_iter_mut().zip(lengths).for_each(|(mut solved, length)| solved /= length);
             loads = mass.times(&solved);
-            solved.copy_from(&loads);
-            factor.solve(&mut solved);
+            solved = factor.solve(&loads);
         }
         // K Y = M X, so that Yᵀ K Y needs no product with K.
         let strain = &solved * loads.transpose();

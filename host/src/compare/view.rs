@@ -131,8 +131,8 @@ impl ModelView {
 
     /// Turns motion at the sensors in a mode into what they record of it, where clocks are off.
     fn record(&self, motion: &mut DVector<f64>, mode: usize) {
-        if let Some(phases) = &self.phases_rad {
-            motion.zip_apply(&phases.column(mode), |value, phase: f64| *value *= phase.cos());
+        if let Some(recorded) = self.recorded(mode) {
+            motion.component_mul_assign(&recorded);
         }
     }
 

@@ -70,16 +70,16 @@ impl Problem {
         let structure = structure.and(&effects).map_err(|error| error.to_string())?;
         let assembly = structure.assemble();
         let rows = assembly.sensor_rows(&self.sensors).map_err(|error| error.to_string())?;
-        let same = previous.map(|previous| &previous.model).filter(|previous| {
-            previous.assembly.stiffness == assembly.stiffness && previous.assembly.mass == assembly.mass
-        });
-        let basis = match (same, previous) {
-            (Some(same), _) => same.view.basis.clone(),
-            (None, Some(previous)) => {
-                Arc::new(self.basis_near(previous, &assembly).map_err(|error| error.to_string())?)
-            }
-            (None, None) => Arc::new(assembly.modal_basis().map_err(|error| error.to_string())?),
+        let is_same = |previous: &State| {
+            let before = &previous.model.assembly;
+            before.stiffness == assembly.stiffness && before.mass == assembly.mass
         };
+        let basis = match previous {
+            Some(previous) if is_same(previous) => Ok(previous.model.view.basis.clone()),
+            Some(previous) => self.basis_near(previous, &assembly).map(Arc::new),
+            None => assembly.modal_basis().map(Arc::new),
+        };
+        let basis = basis.map_err(|error| error.to_string())?;
         let delays_s = assembly.sensing.delays_s(&self.sensors);
         let damped = assembly.damped_modes(&basis).map_err(|error| error.to_string())?;
         let view = ModelView::of_basis(basis, damped, rows, delays_s.clone());
@@ -88,12 +88,7 @@ impl Problem {
             return Ok(state);
         }
         // A mode is paired that is higher than those that were looked for closely.
-        let State { model, effects, numbers, .. } = state;
-        let basis = Arc::new(model.assembly.modal_basis().map_err(|error| error.to_string())?);
-        let view = ModelView::of_basis(basis, None, model.view.sensor_rows.clone(), model.delays_s.clone());
-        let (structure, assembly) = (model.structure.clone(), model.assembly.clone());
-        let delays_s = model.delays_s.clone();
-        self.compared(Arc::new(Modelled { structure, assembly, view, delays_s }), effects, numbers)
+        self.state(state.effects, state.numbers, None)
     }
 
     /// Eigenvectors of a structure near that of another state: as many as measured modes may be paired with.

@@ -204,12 +204,9 @@ impl<'a> Opened<'a> {
         if setup.live {
             let failed = |source| MeasureError::Archive { setup: name(), source: Box::new(source) };
             let nothing = || MeasureError::NothingCollected { setup: name() };
-            let archive = match Archive::open(folder).map_err(failed)? {
-                Some(archive) => archive,
-                None => {
-                    Archive::refuse_empty(folder).map_err(failed)?;
-                    return Err(nothing());
-                }
+            let Some(archive) = Archive::open(folder).map_err(failed)? else {
+                Archive::refuse_empty(folder).map_err(failed)?;
+                return Err(nothing());
             };
             let collected = archive.collected(setup, range).map_err(failed)?.ok_or_else(nothing)?;
             let rows = rows_for(collected.setup.windows, collected.setup.decimation, collected.setup.grid.segment);

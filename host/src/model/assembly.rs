@@ -152,12 +152,6 @@ impl Assembly {
         self.line().map_or(&[], Line::node_rows)
     }
 
-    /// The beam between each node and the next; empty where the nodes do not stand above each other. Those of imported
-    /// matrices have no mass.
-    pub(super) fn spans(&self) -> &[Segment] {
-        self.line().map_or(&[], Line::spans)
-    }
-
     /// Heights of the nodes in m, lowest first, the lowest left out (a beam's node i has the DOFs from 5 i on, one of
     /// imported matrices those of its layout). Empty where the nodes do not stand above each other.
     pub fn node_elevations_m(&self) -> Vec<f64> {

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use belfry_numerics::{CholeskyFactor, EigenPairs, Envelope, EnvelopeFactor, lowest_modes};
-use nalgebra::{DMatrix, DVectorView};
+use nalgebra::DMatrix;
 use thiserror::Error;
 
 /// Modes of a structure, lowest frequency first.
@@ -41,6 +41,9 @@ struct Rest {
 /// The lowest modes alone are looked for where they are at most this share of all, and matrices have at most this share of their entries.
 const FEW: f64 = 0.5;
 const SPARSE: f64 = 0.25;
+/// Terms of a series in the ratio of a mode's lambda to that of the first mode that is not there: with as many modes beside those that are asked
+/// for as [`ModalBasis::near`] is given, that is some hundredth.
+const TERMS: usize = 4;
 
 /// Why there are no modes.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -130,21 +133,17 @@ impl ModalBasis {
             let lambda = least(&factor.generalised_eigen(stiffness).ok_or_else(not_converged)?.values);
             return Err(EigenError::Unsupported { lambda });
         };
-        let EigenPairs { values: ascending, vectors } = factor.generalised_eigen(mass).ok_or_else(not_converged)?;
-        let greatest = ascending.iter().fold(0.0, |most: f64, mu| most.max(mu.abs()));
+        let EigenPairs { values, vectors } = factor.generalised_eigen(mass).ok_or_else(not_converged)?.reversed();
+        let greatest = values.iter().fold(0.0, |most: f64, mu| most.max(mu.abs()));
         if greatest == 0.0 {
             return Err(EigenError::Massless);
         }
-        let inverse_lambda = least(&ascending);
+        let inverse_lambda = least(&values);
         if inverse_lambda < -1e-9 * greatest {
             return Err(EigenError::NegativeMass { inverse_lambda });
         }
-        let inverse_lambda = ascending.iter().rev().map(|&mu| if mu > NEGLIGIBLE * greatest { mu } else { 0.0 });
-        let descending: Vec<_> = (0..ascending.len()).rev().map(|index| vectors.column(index)).collect();
-        let sign = |vector: &DVectorView<'_, f64>| if vector[vector.icamax()] < 0.0 { -1.0 } else { 1.0 };
-        let signs = descending.iter().map(sign).collect();
-        let vectors = DMatrix::from_columns(&descending);
-        Ok(Self { inverse_lambda: inverse_lambda.collect(), vectors, signs, rest: None })
+        let inverse_lambda = values.into_iter().map(|mu| if mu > NEGLIGIBLE * greatest { mu } else { 0.0 });
+        Ok(Self { inverse_lambda: inverse_lambda.collect(), signs: signs(&vectors), vectors, rest: None })
     }
 
     /// The `count` lowest modes of a structure near this one, the `sharp` lowest as exact as those of all are. `None` where they are not found
@@ -172,10 +171,8 @@ impl ModalBasis {
         let EigenPairs { values, vectors } = lowest_modes(&stiffness, &factor, &mass, &near, sharp)?;
         // The last one of all must have mass.
         let has_mass = values.last().is_some_and(|last| *last > NEGLIGIBLE * values[0]);
-        let signs =
-            vectors.column_iter().map(|vector| if vector[vector.icamax()] < 0.0 { -1.0 } else { 1.0 }).collect();
         let rest = Some(Rest { stiffness: factor, mass, sharp });
-        has_mass.then_some(Self { inverse_lambda: values, vectors, signs, rest })
+        has_mass.then_some(Self { inverse_lambda: values, signs: signs(&vectors), vectors, rest })
     }
 
     /// How many of the vectors, from the first, are exact.
@@ -184,22 +181,25 @@ impl ModalBasis {
     }
 
     /// What sensors see of motion by a force at each DOF in the vectors that are not there, each over a power of lambda: `S sum_j x_j x_jᵀ mu_j^k`
-    /// for k from 0 on, each sensors x DOFs; empty where all are there. `rows` is what sensors see of each DOF, sensors x DOFs.
-    pub(super) fn left_out(&self, rows: &DMatrix<f64>) -> Vec<DMatrix<f64>> {
+    /// for k from 0 on, each sensors x DOFs; empty where all are there. `rows` is what sensors see of each DOF, sensors x DOFs, `sensor_vectors`
+    /// the vectors there, and `transposed` those at the DOFs.
+    pub(super) fn left_out(
+        &self,
+        rows: &DMatrix<f64>,
+        sensor_vectors: &DMatrix<f64>,
+        transposed: &DMatrix<f64>,
+    ) -> Vec<DMatrix<f64>> {
         let Some(rest) = &self.rest else { return Vec::new() };
-        let at_sensors = rows * &self.vectors;
-        let transposed = self.vectors.transpose();
-        let mut weighted = at_sensors.clone();
-        let mut whole = rows.clone();
+        let mut weighted = sensor_vectors.clone();
+        let mut whole = rest.stiffness.solve(rows);
         let mut left_out = Vec::with_capacity(TERMS);
         for term in 0..TERMS {
             if term > 0 {
-                whole = rest.mass.times(&whole);
+                whole = rest.stiffness.solve(&rest.mass.times(&whole));
                 weighted.column_iter_mut().zip(&self.inverse_lambda).for_each(|(mut column, mu)| column *= *mu);
             }
             // All vectors together are K⁻¹, and K⁻¹ M K⁻¹ with mu.
-            rest.stiffness.solve(&mut whole);
-            left_out.push(&whole - &weighted * &transposed);
+            left_out.push(&whole - &weighted * transposed);
         }
         left_out
     }
@@ -221,9 +221,10 @@ impl ModalBasis {
     }
 }
 
-/// Terms of a series in the ratio of a mode's lambda to that of the first mode that is not there: with as many modes beside those that are asked
-/// for as [`ModalBasis::near`] is given, that is some hundredth.
-const TERMS: usize = 4;
+/// The sign that makes each vector's largest component positive.
+fn signs(vectors: &DMatrix<f64>) -> Vec<f64> {
+    vectors.column_iter().map(|vector| if vector[vector.icamax()] < 0.0 { -1.0 } else { 1.0 }).collect()
+}
 
 fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)

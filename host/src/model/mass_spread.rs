@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use super::assembly::Assembly;
 use super::contribution::Contribution;
+use super::geometry::{Geometry, Line};
 
 /// Share of each node's mass that is not lumped there but spread to the middles of the segments below and above, its centre
 /// staying: 0 is the table as it is, 1 a structure that is as heavy between its nodes as at them.
@@ -12,11 +13,8 @@ pub(super) struct MassSpread(pub(super) f64);
 
 impl Contribution for MassSpread {
     fn rearrange(&self, assembly: &mut Assembly) {
-        if self.0 != 0.0 {
-            // What is added to while places are asked for is not part of the assembly.
-            let mut mass = std::mem::replace(&mut assembly.mass, DMatrix::zeros(0, 0));
-            add_spread(assembly, self.0, &mut mass);
-            assembly.mass = mass;
+        if let (Geometry::Line(line), true) = (&assembly.geometry, self.0 != 0.0) {
+            add_spread(line, self.0, &mut assembly.mass);
         }
     }
 }
@@ -26,23 +24,21 @@ impl Contribution for MassSpread {
 /// segment above. Zero where heights mean nothing.
 pub(super) fn spread(assembly: &Assembly) -> DMatrix<f64> {
     let mut total = DMatrix::zeros(assembly.dofs(), assembly.dofs());
-    add_spread(assembly, 1.0, &mut total);
+    if let Geometry::Line(line) = &assembly.geometry {
+        add_spread(line, 1.0, &mut total);
+    }
     total
 }
 
 /// Adds a share of that to a matrix over the DOFs.
-fn add_spread(assembly: &Assembly, share: f64, total: &mut DMatrix<f64>) {
+fn add_spread(line: &Line, share: f64, total: &mut DMatrix<f64>) {
     // Two-point Gauss quadrature on (0, 1): exact for motion that is straight, 1e-3 for curved motion.
     const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
-    for pair in assembly.spans().windows(2) {
+    for pair in line.spans().windows(2) {
         let (z_m, mass_kg) = (pair[0].z_top_m, share * pair[0].mass_top_kg);
         let [below_m, above_m] = [0.5 * pair[0].length_m(), 0.5 * pair[1].length_m()];
         let share_below = above_m / (below_m + above_m);
-        let mut add = |z_m: f64, mass_kg: f64| {
-            if let Some(motion) = assembly.local_motion(z_m) {
-                motion.add_square(total, 0, mass_kg);
-            }
-        };
+        let mut add = |z_m: f64, mass_kg: f64| line.local_motion(z_m).add_square(total, 0, mass_kg);
         add(z_m, -mass_kg);
         for point in POINTS {
             add(z_m - point * below_m, 0.5 * mass_kg * share_below);

@@ -24,7 +24,7 @@ impl Responses {
     /// turned the shapes of damped modes.
     pub fn of(basis: &ModalBasis, damped: Option<&DampedModes>, rows: &DMatrix<f64>, modes: &[usize]) -> Self {
         let (sensor_vectors, transposed) = (&(rows * &basis.vectors), basis.vectors.transpose());
-        let left_out = basis.left_out(rows);
+        let left_out = basis.left_out(rows, sensor_vectors, &transposed);
         let undamped =
             |mode| Response::Undamped(UndampedResponse::of(basis, sensor_vectors, &transposed, &left_out, mode));
         let Some(damped) = damped else {
@@ -40,13 +40,11 @@ impl Responses {
 
     /// The modes, where no dashpot moves one of them.
     pub(crate) fn undamped(&self) -> Option<Vec<&UndampedResponse>> {
-        fn undamped(response: &Response) -> Option<&UndampedResponse> {
-            match response {
-                Response::Undamped(response) => Some(response),
-                Response::Damped(_) => None,
-            }
-        }
-        self.0.iter().map(undamped).collect()
+        let responses = self.0.iter().map(|response| match response {
+            Response::Undamped(response) => Some(response),
+            Response::Damped(_) => None,
+        });
+        responses.collect()
     }
 
     /// Derivatives of the modes by a change.

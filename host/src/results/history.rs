@@ -39,6 +39,9 @@ impl Results {
     /// # Errors
     /// When the history cannot be read or written; it is then as it was.
     pub fn append_history(&self, steps: &[StepRecord], data: &str) -> Result<Vec<StepRecord>, ResultsError> {
+        if steps.is_empty() {
+            return Ok(Vec::new());
+        }
         let mut text = whole_lines(&self.read(HISTORY_FILE)?.unwrap_or_default()).to_owned();
         // Lines that are broken have had numbers as well.
         let lines = text.lines().filter(|line| !line.trim().is_empty()).count();

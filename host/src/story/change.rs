@@ -247,9 +247,7 @@ fn adopt(
     let after = after?;
     let data = data_mark(case)?;
     // What the step started from stands there even if the program is killed before the step does.
-    if let Some(start) = &start {
-        results.append_history(std::slice::from_ref(start), &data)?;
-    }
+    results.append_history(start.as_slice(), &data)?;
     set_effects(&case.study.folder, &entries(&step.effects))?;
     let record = results.append_history(std::slice::from_ref(&step.record), &data)?.pop();
     let record = record.unwrap_or_else(|| step.record.clone());

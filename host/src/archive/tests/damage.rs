@@ -61,11 +61,7 @@ fn a_window_that_is_gone_is_missed() {
 
 #[test]
 fn what_was_asked_is_held_against_its_checksum_too() {
-    let (mut bench, two, one) = Bench::of_both();
-    for number in 0..4 {
-        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
-        bench.store(&one, &sent(&one, 2, number, u64::from(number)));
-    }
+    let bench = Bench::with_windows_of_both(4);
     // Were it believed, both channels of node 1 would stand in each other's place.
     let swap = "UPDATE asked SET channels = '[\"top\",\"low\"]' WHERE node = 1";
     bench.archive.connection.execute(swap, []).unwrap();
@@ -89,11 +85,7 @@ fn what_was_asked_is_held_against_its_checksum_too() {
 /// A bit of a stored checksum takes nothing with it; settings that are gone are said, by the check and by the repair.
 #[test]
 fn what_was_asked_is_saved_where_its_checksum_has_changed_and_missed_where_it_is_gone() {
-    let (mut bench, two, one) = Bench::of_both();
-    for number in 0..4 {
-        bench.store(&two, &sent(&two, 1, number, u64::from(number)));
-        bench.store(&one, &sent(&one, 2, number, u64::from(number)));
-    }
+    let bench = Bench::with_windows_of_both(4);
     for table in ["asked", "window"] {
         let flip = format!("UPDATE {table} SET checksum = (checksum | 4) - (checksum & 4) WHERE id = 1");
         bench.archive.connection.execute(&flip, []).unwrap();

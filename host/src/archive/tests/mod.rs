@@ -98,6 +98,16 @@ impl Bench {
         (bench, two, one)
     }
 
+    /// With both asked, and so many windows that each sent from the epoch on.
+    fn with_windows_of_both(windows: u32) -> Self {
+        let (mut bench, two, one) = Self::of_both();
+        for number in 0..windows {
+            bench.store(&two, &sent(&two, 1, number, u64::from(number)));
+            bench.store(&one, &sent(&one, 2, number, u64::from(number)));
+        }
+        bench
+    }
+
     /// With node 1 asked, and so many windows that it sent from the epoch on.
     fn of_one(windows: u32) -> (Self, Configuration) {
         let mut bench = Self::new();
