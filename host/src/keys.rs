@@ -137,7 +137,8 @@ impl Keys {
         if std::os::unix::fs::PermissionsExt::mode(&metadata.permissions()) & 0o077 != 0 {
             return Err(KeysError::OpenToOthers { file: file.to_owned() });
         }
-        let keys = Self::parse(file, &fs::read_to_string(file).map_err(fail)?)?;
+        // A comment may be in any encoding; in a key, what is no ASCII is refused with its line.
+        let keys = Self::parse(file, &String::from_utf8_lossy(&fs::read(file).map_err(fail)?))?;
         if !keys.0.is_empty() {
             outside_studies(&fs::canonicalize(file).map_err(fail)?)?;
         }
@@ -232,20 +233,20 @@ pub fn add_new(file: &Path, node: u16) -> Result<Key, KeysError> {
     if Keys::of_file(file)?.of(node).is_some() {
         return Err(KeysError::Exists { node, file: file.to_owned() });
     }
-    let mut bytes = [0; KEY_BYTES];
-    getrandom::fill(&mut bytes).map_err(KeysError::Random)?;
-    let mut text = match fs::read_to_string(file) {
-        Err(error) if error.kind() == ErrorKind::NotFound => HEADING.to_owned(),
+    let mut key = [0; KEY_BYTES];
+    getrandom::fill(&mut key).map_err(KeysError::Random)?;
+    let mut text = match fs::read(file) {
+        Err(error) if error.kind() == ErrorKind::NotFound => HEADING.into(),
         text => text.map_err(fail)?,
     };
-    if !text.ends_with('\n') {
-        text.push('\n');
+    if !text.ends_with(b"\n") {
+        text.push(b'\n');
     }
-    let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-    text += &format!("{node} {digits}\n");
+    let digits: String = key.iter().map(|byte| format!("{byte:02x}")).collect();
+    text.extend(format!("{node} {digits}\n").bytes());
     // Never readable by others, not for a moment.
-    write_private(file, text.as_bytes(), true).map_err(fail)?;
-    Ok(Key::new(bytes))
+    write_private(file, &text, true).map_err(fail)?;
+    Ok(Key::new(key))
 }
 
 /// Refuses a place within a study.
@@ -340,6 +341,24 @@ mod tests {
             fs::set_permissions(&file, fs::Permissions::from_mode(0o640)).unwrap();
             assert!(matches!(Keys::of_file(&file), Err(KeysError::OpenToOthers { .. })));
         }
+    }
+
+    #[test]
+    fn what_is_no_text_is_refused_with_its_line_but_for_comments() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("keys");
+        add_new(&file, 1).unwrap();
+        let with = |more: &[u8]| {
+            let text = [fs::read(&file).unwrap(), more.to_vec()].concat();
+            write_private(&file, &text, true).unwrap();
+        };
+        with(b"# Turm f\xfcr Messung\n");
+        add_new(&file, 2).unwrap();
+        assert_eq!(Keys::of_file(&file).unwrap().nodes().collect::<Vec<_>>(), [1, 2]);
+        with(b"3 \xff\xfe\n");
+        let error = Keys::of_file(&file).unwrap_err().to_string();
+        let line = fs::read(&file).unwrap().iter().filter(|byte| **byte == b'\n').count();
+        assert!(error.contains(&format!("line {line} of")) && error.contains("is no key"), "{error}");
     }
 
     #[test]

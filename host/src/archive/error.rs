@@ -79,10 +79,8 @@ pub enum ArchiveError {
         file: PathBuf,
     },
     /// Nothing lies in the range of time that is asked for.
-    #[error("setup \"{setup}\" has no window {range}; its windows begin from {first} to {last}")]
+    #[error("it has no window {range}; its windows begin from {first} to {last}")]
     OutOfRange {
-        /// The setup.
-        setup: String,
         /// The range, in words.
         range: String,
         /// When its first window begins.

@@ -66,15 +66,16 @@ impl Archive {
         let file = WholeFile::create(output).map_err(fail)?;
         let mut new = Self::connect(file.unfinished_path().to_owned(), OpenFlags::default(), None)?;
         let mut extract = Extract::default();
+        let of_new = |source: rusqlite::Error| fail(io::Error::other(source));
         // Only the new file grows.
-        let failed = |source: rusqlite::Error| match source.sqlite_error_code() {
-            Some(ErrorCode::DiskFull | ErrorCode::ReadOnly | ErrorCode::CannotOpen) => fail(io::Error::other(source)),
+        let of_either = |source: rusqlite::Error| match source.sqlite_error_code() {
+            Some(ErrorCode::DiskFull | ErrorCode::ReadOnly | ErrorCode::CannotOpen) => of_new(source),
             _ => self.failed(source),
         };
         // What is unfinished is of no use, so that nothing has to be rolled back.
-        new.connection.pragma_update_and_check(None, "journal_mode", "off", |_| Ok(())).map_err(failed)?;
-        new.prepare().map_err(failed)?;
-        let transaction = new.connection.transaction().map_err(failed)?;
+        new.connection.pragma_update_and_check(None, "journal_mode", "off", |_| Ok(())).map_err(of_new)?;
+        new.prepare().map_err(of_new)?;
+        let transaction = new.connection.transaction().map_err(of_new)?;
         let mut write = || -> rusqlite::Result<()> {
             for kind in [Kind::Asked, Kind::Service, Kind::Loss] {
                 for id in self.row_ids(kind.name()) {
@@ -98,8 +99,8 @@ impl Archive {
                 write_window(&transaction, head.id, &values.0, &channels).map(drop)
             })
         };
-        write().map_err(failed)?;
-        transaction.commit().map_err(failed)?;
+        write().map_err(of_either)?;
+        transaction.commit().map_err(of_new)?;
         drop(new);
         file.finish().map_err(fail)?;
         Ok(extract)

@@ -90,7 +90,6 @@ impl Archive {
                 return Err(self.damaged(damage.to_string()));
             }
             return Err(ArchiveError::OutOfRange {
-                setup: setup.name.clone(),
                 range: range.to_string(),
                 first: moment(first_us),
                 last: moment(last_us),

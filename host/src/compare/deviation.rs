@@ -7,13 +7,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::identify::OWN_SHARE;
 use crate::modes::{MeasuredCovarianceFactor, MeasuredMode, MeasuredShape};
 
 /// Files round: a frequency is not known better than this share of it, nor a component of a shape than this share of its length.
 const FREQUENCY_DIGITS: f64 = 1e-6;
 const SHAPE_DIGITS: f64 = 1e-5;
-/// At least this share of a number's variance is its own: two dozen groups do not say that a number errs with others alone.
-const OWN: f64 = 0.02;
 /// A component whose phase is off, as of a late clock, is no surer than this share of its imaginary part: phases that identification
 /// finds of a node that is 0.1 s late are 1 % off in one strong mode or another, which their deviations do not say (14 records of six
 /// hours: delays of 0.0985 to 0.0996 s, 2 to 6 deviations off without).
@@ -55,10 +54,9 @@ impl Errors {
                 joint.rows_mut(1, shape.sensors.len()).copy_from(&(&scatter.shape / shape.values.norm()));
             }
         }
-        let own = deviations
-            .iter()
-            .zip(joint.row_iter())
-            .map(|(deviation, row)| (deviation * deviation - row.norm_squared()).max(OWN * deviation * deviation));
+        let own = deviations.iter().zip(joint.row_iter()).map(|(deviation, row)| {
+            (deviation * deviation - row.norm_squared()).max(OWN_SHARE * deviation * deviation)
+        });
         Self { own: DVector::from_iterator(deviations.len(), own), joint }
     }
 }

@@ -65,6 +65,7 @@ use singular::SingularValues;
 pub(crate) use choice::NEAR_SHARE;
 pub use choice::note_idle_bands;
 pub use covariance::CovarianceFactor;
+pub(crate) use covariance::OWN_SHARE;
 pub(crate) use pick::peaks_of;
 pub use result::{
     FittedSpectrum, Harmonic, Identification, Mode, ModeMethod, OnInPart, Rejected, RejectedBecause, ShapeComponent,

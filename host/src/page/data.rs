@@ -146,7 +146,11 @@ impl PageData {
                 None
             }
         };
-        let stale = case.as_ref().map(|case| stale(case, &results)).unwrap_or_default();
+        let inputs = results.read_json(INPUTS_FILE, "diagnose").unwrap_or_else(|error| {
+            note(format!("nothing says whether results are of today's model: {error}"));
+            None
+        });
+        let stale = case.as_ref().map(|case| stale(case, &results, &inputs.unwrap_or_default())).unwrap_or_default();
         // One of an earlier version has nothing to turn.
         let update: Option<UpdateReport> = results.read_json(UPDATE_FILE, "update").unwrap_or_default();
         let seen = case.as_ref().and_then(|case| match Seen::of(case, update.as_ref()) {
@@ -417,8 +421,7 @@ fn nodes(study: &Study) -> Result<Value, StoryError> {
 }
 
 /// Results that were computed from something else than what there is now. Of those of an earlier version nothing is known.
-fn stale(case: &Case, results: &Results) -> Map<String, Value> {
-    let then: BTreeMap<String, Inputs> = results.read_json(INPUTS_FILE, "diagnose").ok().flatten().unwrap_or_default();
+fn stale(case: &Case, results: &Results, then: &BTreeMap<String, Inputs>) -> Map<String, Value> {
     let now = Inputs::of_model(case);
     let mut stale = Map::new();
     for (what, file, command) in OF_THE_MODEL {

@@ -38,6 +38,8 @@ pub(super) struct Clock {
     pub(super) gap_count: u64,
     /// Rows missing in all gaps together.
     pub(super) missing_rows: u64,
+    /// Where the first blank line between two rows stands, and how many there are, in files without a time column.
+    pub(super) blank_lines: Option<(FilePosition, u64)>,
 }
 
 impl Clock {
@@ -52,7 +54,14 @@ impl Clock {
             gaps: Vec::new(),
             gap_count: 0,
             missing_rows: 0,
+            blank_lines: None,
         }
+    }
+
+    /// Notes blank lines between two rows, of which no time says whether samples are missing there.
+    pub(super) fn pass_blank_lines(&mut self, position: FilePosition, count: u64) {
+        let (_, all) = self.blank_lines.get_or_insert((position, 0));
+        *all += count;
     }
 
     /// The next time is the first of a file.

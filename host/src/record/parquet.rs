@@ -3,6 +3,7 @@
 //! Row groups flow in, a batch of rows at a time and of them only the columns that are wanted; rows of the setup's channels
 //! flow out. A time column is followed as in CSV; besides seconds as plain numbers it may hold timestamps.
 
+mod chunks;
 mod column;
 mod footer;
 mod guard;
@@ -21,6 +22,7 @@ use super::columns::{Columns, is_time_column};
 use super::error::{At, FilePosition, RecordError};
 use super::row_reader::{RowReader, Rows};
 use crate::study::Sensor;
+use chunks::Chunks;
 use column::{Cells, Numbers, Scratch};
 use footer::announces_too_much;
 use guard::guarded;
@@ -58,7 +60,7 @@ struct Batch {
 /// Reads one Parquet file row by row.
 pub(super) struct ParquetReader {
     path: PathBuf,
-    file: SerializedFileReader<File>,
+    file: SerializedFileReader<Chunks>,
     names: Vec<String>,
     time: Option<TimeColumn>,
     next_group: usize,
@@ -92,7 +94,7 @@ impl ParquetReader {
             return Err(RecordError::parquet(path, "its footer announces a list that is longer than the footer"));
         }
         guarded(path, || {
-            let file = SerializedFileReader::new(file).map_err(|error| RecordError::parquet(path, error))?;
+            let file = SerializedFileReader::new(Chunks(file)).map_err(|error| RecordError::parquet(path, error))?;
             let descriptors = file.metadata().file_metadata().schema_descr().columns();
             let names: Vec<String> = descriptors.iter().map(|descriptor| descriptor.path().string()).collect();
             for (name, descriptor) in names.iter().zip(descriptors) {

@@ -164,6 +164,9 @@ impl Statistics {
                 seconds: seconds(clock.missing_rows),
             });
         }
+        let blank_lines =
+            clock.blank_lines.clone().map(|(position, count)| RecordWarning::BlankLines { position, count });
+        warnings.extend(blank_lines);
         let warnings_of_channels = alike(&channels, |report| {
             let first = report.gaps.first().filter(|_| report.missing > filled_rows)?;
             Some((report.missing, report.gap_count, report.gaps.as_slice(), first))

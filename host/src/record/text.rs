@@ -45,6 +45,10 @@ pub(super) struct TextReader {
     unquoted: csv::ByteRecord,
     /// Rows of NaN that stand before the line reached.
     missing_before: u64,
+    /// A row has been met.
+    begun: bool,
+    /// Blank lines between the last two rows, which no time column explains: the first one, and how many.
+    blank_lines: Option<(FilePosition, u64)>,
     /// The line reached holds a row not yet handed out.
     row_waits: bool,
     line_of_row: Vec<u64>,
@@ -93,6 +97,8 @@ impl TextReader {
             cells: Vec::new(),
             unquoted: csv::ByteRecord::new(),
             missing_before: 0,
+            begun: false,
+            blank_lines: None,
             row_waits: false,
             line_of_row: Vec::new(),
         }
@@ -147,6 +153,9 @@ impl TextReader {
             self.missing_before = 0;
             return Ok(false);
         }
+        if let Some((position, count)) = self.blank_lines.take() {
+            clock.pass_blank_lines(position, count);
+        }
         if let Some(time) = &self.time {
             let time_s = self.time_s(time)?;
             self.missing_before += clock.advance(time_s, &time.name, &self.lines.position())?;
@@ -163,10 +172,17 @@ impl TextReader {
             if !self.is_blank() {
                 break;
             }
-            if self.width == 1 && self.names.is_some() && self.time.is_none() {
+            if self.time.is_some() {
+                continue;
+            }
+            if self.width == 1 && self.names.is_some() {
                 self.missing_before += 1;
+            } else if self.begun {
+                let (_, count) = self.blank_lines.get_or_insert_with(|| (self.lines.position(), 0));
+                *count += 1;
             }
         }
+        self.begun = true;
         self.split()?;
         let found = self.cell_count();
         if self.names.is_none() && self.width == 0 {

@@ -66,6 +66,8 @@ pub enum RecordWarning {
     TimeGap { position: FilePosition, rows: u64, seconds: f64 },
     /// More gaps than are worth listing; the figures are for all of them.
     TimeGaps { count: u64, rows: u64, seconds: f64 },
+    /// Blank lines between rows, where no time column says whether rows are missing.
+    BlankLines { position: FilePosition, count: u64 },
     /// The same samples of these channels are missing from rows that are there.
     MissingSamples { channels: Affected, samples: u64, seconds: f64, gap_count: u64, first: FilePosition, first_s: f64 },
     /// Numbers that no sensor gives; they count as missing.
@@ -87,6 +89,18 @@ impl fmt::Display for RecordWarning {
                 formatter,
                 "{count} gaps in time altogether: {rows} rows ({seconds:.3} s) are missing in all channels"
             ),
+            Self::BlankLines { position, count } => {
+                let (is, them) = if *count == 1 {
+                    ("is a blank line", "it counts as no row")
+                } else {
+                    ("is the first of", "they count as no rows")
+                };
+                let of = if *count == 1 { String::new() } else { format!(" {count} blank lines") };
+                write!(
+                    formatter,
+                    "{position} {is}{of} between rows; {them}. Where samples are missing, write NaN in their place, else the rows after it come too early"
+                )
+            }
             Self::MissingSamples { channels, samples, seconds, gap_count, first, first_s } => {
                 let have = channels.verb("has", "have");
                 let samples = counted(*samples, "sample");

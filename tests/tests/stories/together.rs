@@ -63,4 +63,10 @@ fn two_commands_that_change_a_study_at_once_both_do() {
     belfry_command().args(["remove", &study, "added-mass"]).assert().success();
     let last = fs::read_to_string(&file).unwrap();
     assert!(last.starts_with(&broken.join("\n")) && last.lines().count() == after.lines().count() + 1, "{last}");
+
+    // Where it is lost what results were computed from, the page says so.
+    fs::write(Path::new(&study).join("results/inputs.json"), "{").unwrap();
+    belfry_command().args(["report", &study]).assert().success();
+    let page = fs::read_to_string(Path::new(&study).join("results/report.html")).unwrap();
+    assert!(page.contains("othing says whether results are of today's model"), "no word of it");
 }

@@ -42,6 +42,6 @@ fn a_range_without_windows_says_where_they_are() {
     let error = read(bench.folder.path(), &range).unwrap_err().to_string();
     assert_eq!(
         error,
-        "setup \"now\" has no window from 2026-11-02T00:00:00Z; its windows begin from 1970-01-01T14:13:20Z to 1970-01-01T14:14:06Z"
+        "it has no window from 2026-11-02T00:00:00Z; its windows begin from 1970-01-01T14:13:20Z to 1970-01-01T14:14:06Z"
     );
 }

@@ -1,7 +1,8 @@
-//! A look at a Parquet file's footer before the library reads it.
+//! A look at a Parquet file's footer and at its pages' headers before the library reads them.
 //!
-//! The footer is Thrift's compact protocol. The library counts through what it skips: a list of two thousand million booleans, which it takes
-//! for entries of no length, holds it for seconds and costs a file five bytes. So lists must fit into what is left of the footer.
+//! Both are Thrift's compact protocol. The library counts through what it skips: a list of two thousand million booleans, which it takes
+//! for entries of no length, holds it for seconds and costs a file five bytes. So lists must fit into what is left of the footer, or of
+//! the longest header.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -23,6 +24,17 @@ pub(super) fn announces_too_much(file: &mut File) -> io::Result<bool> {
         let mut compact = Compact { left: &footer };
         matches!(compact.skip_structure(0), Err(Stop::TooMany))
     }))
+}
+
+/// How the structure that these bytes begin with is refused; `None` where it fits, or is left to the library. `is_cut`: the file goes on
+/// behind them.
+pub(super) fn refused_header(bytes: &[u8], is_cut: bool) -> Option<&'static str> {
+    let mut compact = Compact { left: bytes };
+    match compact.skip_structure(0) {
+        Err(Stop::TooMany) => Some("a page's header announces a list that is longer than any header"),
+        Err(Stop::Ended) if is_cut => Some("a page's header is longer than any header"),
+        _ => None,
+    }
 }
 
 /// The footer without its length and the last word; `None` where the file has none.
@@ -51,7 +63,9 @@ fn read_footer(file: &mut File) -> io::Result<Option<Vec<u8>>> {
 enum Stop {
     /// It announces more than it can hold.
     TooMany,
-    /// It is no such structure, or ends within one.
+    /// The bytes end within it.
+    Ended,
+    /// It is no such structure.
     Lost,
 }
 
@@ -62,12 +76,12 @@ struct Compact<'a> {
 
 impl Compact<'_> {
     fn skip(&mut self, bytes: usize) -> Result<(), Stop> {
-        self.left = self.left.get(bytes..).ok_or(Stop::Lost)?;
+        self.left = self.left.get(bytes..).ok_or(Stop::Ended)?;
         Ok(())
     }
 
     fn byte(&mut self) -> Result<u8, Stop> {
-        let (first, left) = self.left.split_first().ok_or(Stop::Lost)?;
+        let (first, left) = self.left.split_first().ok_or(Stop::Ended)?;
         self.left = left;
         Ok(*first)
     }
@@ -119,7 +133,7 @@ impl Compact<'_> {
             7 => self.skip(8),
             8 => {
                 let length = self.number()?;
-                self.skip(usize::try_from(length).map_err(|_| Stop::Lost)?)
+                self.skip(usize::try_from(length).map_err(|_| Stop::Ended)?)
             }
             9 | 10 => {
                 let header = self.byte()?;
@@ -168,6 +182,17 @@ mod tests {
         // Within a structure, and as a map.
         assert!(announces_too_much(&mut file_of(&[0x1c, 0x19, 0xf1, 0xff, 0x7f, 0, 0])).unwrap());
         assert!(announces_too_much(&mut file_of(&[0x1b, 0xff, 0x7f, 0x55, 0])).unwrap());
+    }
+
+    #[test]
+    fn a_header_that_is_longer_than_any_or_announces_more_is_refused() {
+        // A page of data of 7 bytes: type, sizes, and the structure with the number of its values and three encodings; the end.
+        let sound = [0x15, 0, 0x15, 14, 0x15, 14, 0x2c, 0x15, 2, 0x15, 0, 0x15, 6, 0x15, 6, 0, 0];
+        assert_eq!([true, false].map(|is_cut| refused_header(&sound, is_cut)), [None; 2]);
+        let cut = &sound[..9];
+        assert_eq!(refused_header(cut, false), None, "the library says that the file ends");
+        assert!(refused_header(cut, true).unwrap().contains("longer"));
+        assert!(refused_header(&[0x19, 0xf7, 0xff, 0xff, 0xff, 0xff, 0x07, 1, 2, 0], false).unwrap().contains("list"));
     }
 
     #[test]
