@@ -143,6 +143,39 @@ pub fn write_anew(path: &Path, bytes: &[u8]) -> io::Result<()> {
     WholeFile::create_anew(path)?.with_all(bytes)
 }
 
+/// Writes a file whole where there is none yet.
+///
+/// # Errors
+/// As [`write_whole`], and where there is one.
+pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let folder = folder_of(path);
+    let mut file = unfinished_file(folder, ANY_NEW)?;
+    let listing = Listing::of(file.path());
+    file.write_all(bytes)?;
+    file.as_file().sync_all()?;
+    file.persist_noclobber(path)?;
+    drop(listing);
+    sync_folder(folder)
+}
+
+/// Takes away the links in a folder, and the folder where it is one: what is written there replaces them, and not what they lead to.
+///
+/// # Errors
+/// When a link cannot be removed.
+pub fn without_links(folder: &Path) -> io::Result<()> {
+    let Ok(metadata) = fs::symlink_metadata(folder) else { return Ok(()) };
+    if metadata.is_symlink() {
+        return fs::remove_file(folder);
+    }
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_type()?.is_symlink() {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
 /// A folder of which this program alone changes what it has read, until this is dropped or the program ends.
 #[derive(Debug)]
 pub struct FolderLock {
@@ -312,6 +345,36 @@ mod tests {
     }
 
     #[cfg(unix)]
+    #[test]
+    fn a_new_file_is_whole_and_takes_the_place_of_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("study.toml");
+        write_new(&path, b"new").unwrap();
+        assert_eq!(write_new(&path, b"other").unwrap_err().kind(), ErrorKind::AlreadyExists);
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left behind");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_in_a_folder_and_a_folder_that_is_one_are_taken_away_and_what_they_lead_to_stays() {
+        use std::os::unix::fs::symlink;
+
+        let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let (file, results) = (elsewhere.path().join("mine.csv"), folder.path().join("export"));
+        fs::write(&file, "mine").unwrap();
+        without_links(&results).unwrap();
+        fs::create_dir(&results).unwrap();
+        fs::write(results.join("psd.csv"), "own").unwrap();
+        symlink(&file, results.join("modes.csv")).unwrap();
+        without_links(&results).unwrap();
+        assert!(results.join("modes.csv").symlink_metadata().is_err() && results.join("psd.csv").exists());
+        symlink(elsewhere.path(), folder.path().join("linked")).unwrap();
+        without_links(&folder.path().join("linked")).unwrap();
+        assert!(folder.path().join("linked").symlink_metadata().is_err());
+        assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
+    }
+
     #[test]
     fn a_lock_that_is_a_link_makes_no_file_where_it_leads() {
         let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());

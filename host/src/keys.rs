@@ -187,7 +187,7 @@ impl FromIterator<(u16, Key)> for Keys {
 
 /// Number and key of a line.
 fn key_of(line: &str) -> Option<(u16, Key)> {
-    let mut words = line.split_whitespace();
+    let mut words = line.split_ascii_whitespace();
     let (node, digits, None) = (words.next()?.parse().ok()?, words.next()?, words.next()) else { return None };
     if digits.len() != 2 * KEY_BYTES || node == 0 {
         return None;

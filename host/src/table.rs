@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use crate::record::quoted;
+
 /// Why a table was refused.
 #[derive(Debug, Error)]
 pub enum TableError {
@@ -150,7 +152,7 @@ impl<'a> Table<'a> {
             file: self.file.to_owned(),
             line: row.position().map_or(0, csv::Position::line),
             column: name,
-            value: self.text(row, column).to_owned(),
+            value: quoted(self.text(row, column).as_bytes()),
             expected: expected.to_owned(),
         }
     }

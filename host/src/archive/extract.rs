@@ -64,18 +64,19 @@ impl Archive {
     pub fn extract_archive(&self, range: &TimeRange, output: &Path) -> Result<Extract, ArchiveError> {
         let fail = |source| ArchiveError::Write { file: output.to_owned(), source };
         let file = WholeFile::create(output).map_err(fail)?;
-        let mut new = Self::connect(file.unfinished_path().to_owned(), OpenFlags::default(), None)?;
+        let new = Self::connect(file.unfinished_path().to_owned(), OpenFlags::default(), None);
+        let mut new = new.map_err(|error| fail(io::Error::other(error)))?;
         let mut extract = Extract::default();
-        let of_new = |source: rusqlite::Error| fail(io::Error::other(source));
+        let new_failed = |source: rusqlite::Error| fail(io::Error::other(source));
         // Only the new file grows.
-        let of_either = |source: rusqlite::Error| match source.sqlite_error_code() {
-            Some(ErrorCode::DiskFull | ErrorCode::ReadOnly | ErrorCode::CannotOpen) => of_new(source),
+        let either_failed = |source: rusqlite::Error| match source.sqlite_error_code() {
+            Some(ErrorCode::DiskFull | ErrorCode::ReadOnly | ErrorCode::CannotOpen) => new_failed(source),
             _ => self.failed(source),
         };
         // What is unfinished is of no use, so that nothing has to be rolled back.
-        new.connection.pragma_update_and_check(None, "journal_mode", "off", |_| Ok(())).map_err(of_new)?;
-        new.prepare().map_err(of_new)?;
-        let transaction = new.connection.transaction().map_err(of_new)?;
+        new.connection.pragma_update_and_check(None, "journal_mode", "off", |_| Ok(())).map_err(new_failed)?;
+        new.prepare().map_err(new_failed)?;
+        let transaction = new.connection.transaction().map_err(new_failed)?;
         let mut write = || -> rusqlite::Result<()> {
             for kind in [Kind::Asked, Kind::Service, Kind::Loss] {
                 for id in self.row_ids(kind.name()) {
@@ -99,8 +100,8 @@ impl Archive {
                 write_window(&transaction, head.id, &values.0, &channels).map(drop)
             })
         };
-        write().map_err(of_either)?;
-        transaction.commit().map_err(of_new)?;
+        write().map_err(either_failed)?;
+        transaction.commit().map_err(new_failed)?;
         drop(new);
         file.finish().map_err(fail)?;
         Ok(extract)

@@ -16,7 +16,7 @@ use super::route::RouteArguments;
 use crate::export::modes::Modes;
 use crate::export::spectra::{LinesTable, write_psd_csv, write_psd_parquet};
 use crate::export::{table, universal, write_file};
-use crate::files::ready_folder;
+use crate::files::{ready_folder, without_links};
 use crate::measure::{Measurement, Observer, Route, measure_observed};
 use crate::results::Results;
 use crate::study::Study;
@@ -206,6 +206,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         })
         .collect();
     let route = arguments.route.route();
+    if arguments.output.is_none() {
+        own_folder(&results)?;
+    }
     for (_, path) in &targets {
         // Before hours of recording are read.
         ready_for(path)?;
@@ -244,6 +247,12 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 }
 
 /// Makes sure that a file can be written there.
+/// Makes sure that the study's own folder of exports leads nowhere else: a study may come from someone else.
+fn own_folder(results: &Results) -> anyhow::Result<()> {
+    let folder = results.path("export");
+    without_links(&folder).with_context(|| format!("cannot remove the links in {}", folder.display()))
+}
+
 fn ready_for(path: &Path) -> anyhow::Result<()> {
     let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
     ready_folder(folder).with_context(|| format!("cannot write into {}", folder.display()))

@@ -2,8 +2,6 @@
 //!
 //! A folder's name flows in; the files of the study flow out. What is there already is never overwritten.
 
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -12,6 +10,7 @@ use serde::Serialize;
 
 use super::Console;
 use super::text::{in_shell, next_lines};
+use crate::files::write_new;
 use crate::study::{STUDY_FILE, template};
 
 /// Make a new study: a folder with a study.toml to edit
@@ -90,13 +89,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         .with_context(|| format!("cannot make the folder {}; name one that you may write to", folder.display()))?;
     for (name, content) in files {
         let path = folder.join(name);
-        // `create_new` so that a file which came up since the look above is not overwritten either.
-        OpenOptions::new()
-            .write(true)
-            .create_new(true)
-            .open(&path)
-            .and_then(|mut file| file.write_all(content.as_bytes()))
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        // A file which came up since the look above is not overwritten either.
+        write_new(&path, content.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
     }
 
     let to_do = arguments.template.to_do(folder);

@@ -13,7 +13,7 @@ use crate::story::Project;
 
 const EXAMPLES: &str = "Examples:
   belfry profile canton                                after `belfry identify canton`
-  belfry profile canton --with added-mass@442.7m       if the model had this effect
+  belfry profile canton --with added-mass@442.5m       if the model had this effect
   belfry profile canton --json
 
 The segments of a beam table are fitted together with the effects in the model, within the tolerance that the study states (background_stiffness and background_mass in [model]). Changes are in percent of the table, with one standard deviation; the last rows are that deviation before anything was measured, as stated and, where the data ask for another, as fitted. In brackets stands what the measurement says next to nothing of: a deviation that it lowers by less than a tenth.

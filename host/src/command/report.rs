@@ -1,5 +1,6 @@
 //! `belfry report`: everything known of a study in one HTML file.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -8,6 +9,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Console;
+use crate::files::{folder_of, sync_folder};
 use crate::page::Kind;
 use crate::story::Project;
 
@@ -95,7 +97,11 @@ fn print(page: &Path) -> anyhow::Result<PathBuf> {
         command.arg(format!("--print-to-pdf={}", printed.display())).arg(address.as_str());
         match command.output() {
             Ok(output) if output.status.success() && printed.exists() => {
-                std::fs::rename(&printed, &pdf).with_context(|| format!("cannot write {}", pdf.display()))?;
+                let on_disk = File::open(&printed).and_then(|file| file.sync_all());
+                let placed = on_disk.and_then(|()| std::fs::rename(&printed, &pdf));
+                placed
+                    .and_then(|()| sync_folder(folder_of(&pdf)))
+                    .with_context(|| format!("cannot write {}", pdf.display()))?;
                 return Ok(pdf);
             }
             Ok(output) => {

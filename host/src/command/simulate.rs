@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Console;
-use super::interrupt::leave_nothing_unfinished;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{in_shell, next_lines};
 use crate::files::write_whole;
 use crate::model::effect::Effect;
@@ -175,6 +175,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     write_whole(&truth_file, (serde_json::to_string_pretty(&truth)? + "\n").as_bytes())
         .with_context(|| format!("{}: cannot be written", truth_file.display()))?;
     if arguments.adopt {
+        let _lock = alone(&arguments.study, console)?;
         adopt(&study.folder, &planned)?;
     }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::DOFS_A_NODE;
+use crate::record::quoted;
 
 /// One beam segment with the masses lumped at its top node.
 #[derive(Debug, Clone, PartialEq)]
@@ -365,6 +366,7 @@ impl Row<'_> {
 
     fn value_error(&self, column: &'static str, expected: &'static str) -> BeamError {
         let value = self.cell(column).to_owned();
+        let value = quoted(value.as_bytes());
         BeamError::Value { file: self.file.to_owned(), line: self.line, column, value, expected }
     }
 }

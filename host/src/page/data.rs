@@ -146,11 +146,17 @@ impl PageData {
                 None
             }
         };
-        let inputs = results.read_json(INPUTS_FILE, "diagnose").unwrap_or_else(|error| {
-            note(format!("nothing says whether results are of today's model: {error}"));
-            None
+        let stale = case.as_ref().map(|case| {
+            let inputs = results.read_json(INPUTS_FILE, "diagnose").unwrap_or_else(|_| {
+                note(format!(
+                    "{} is damaged, so that nothing says whether results are of the model as it is now: run `belfry update`, `belfry covalidate`, `belfry diagnose` and `belfry profile` again",
+                    results.path(INPUTS_FILE).display()
+                ));
+                None
+            });
+            stale(case, &results, &inputs.unwrap_or_default())
         });
-        let stale = case.as_ref().map(|case| stale(case, &results, &inputs.unwrap_or_default())).unwrap_or_default();
+        let stale = stale.unwrap_or_default();
         // One of an earlier version has nothing to turn.
         let update: Option<UpdateReport> = results.read_json(UPDATE_FILE, "update").unwrap_or_default();
         let seen = case.as_ref().and_then(|case| match Seen::of(case, update.as_ref()) {

@@ -59,7 +59,7 @@ impl Clock {
     }
 
     /// Notes blank lines between two rows, of which no time says whether samples are missing there.
-    pub(super) fn pass_blank_lines(&mut self, position: FilePosition, count: u64) {
+    pub(super) fn note_blank_lines(&mut self, position: FilePosition, count: u64) {
         let (_, all) = self.blank_lines.get_or_insert((position, 0));
         *all += count;
     }

@@ -225,7 +225,7 @@ impl MatError {
 }
 
 /// A cell's text as an error quotes it: printable and short, whatever the file holds.
-pub(super) fn quoted(cell: &[u8]) -> String {
+pub(crate) fn quoted(cell: &[u8]) -> String {
     const LONGEST: usize = 40;
     let text = String::from_utf8_lossy(cell.get(..LONGEST).unwrap_or(cell));
     let ellipsis = if cell.len() > LONGEST { "…" } else { "" };

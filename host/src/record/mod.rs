@@ -31,6 +31,7 @@ use std::path::Path;
 
 pub use block::Block;
 pub(crate) use columns::si_factor;
+pub(crate) use error::quoted;
 pub use error::{At, FilePosition, MatError, RecordError};
 pub(crate) use files::matching_files;
 pub(crate) use npy::NpyArray;

@@ -91,7 +91,7 @@ impl ParquetReader {
             return Err(RecordError::Empty { file: path.to_owned() });
         }
         if announces_too_much(&mut file).map_err(RecordError::io(path))? {
-            return Err(RecordError::parquet(path, "its footer announces a list that is longer than the footer"));
+            return Err(RecordError::parquet(path, "its footer announces more than a footer holds"));
         }
         guarded(path, || {
             let file = SerializedFileReader::new(Chunks(file)).map_err(|error| RecordError::parquet(path, error))?;

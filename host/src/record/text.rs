@@ -45,7 +45,7 @@ pub(super) struct TextReader {
     unquoted: csv::ByteRecord,
     /// Rows of NaN that stand before the line reached.
     missing_before: u64,
-    /// A row has been met.
+    /// A row has been read.
     begun: bool,
     /// Blank lines between the last two rows, which no time column explains: the first one, and how many.
     blank_lines: Option<(FilePosition, u64)>,
@@ -154,7 +154,7 @@ impl TextReader {
             return Ok(false);
         }
         if let Some((position, count)) = self.blank_lines.take() {
-            clock.pass_blank_lines(position, count);
+            clock.note_blank_lines(position, count);
         }
         if let Some(time) = &self.time {
             let time_s = self.time_s(time)?;

@@ -90,15 +90,13 @@ impl fmt::Display for RecordWarning {
                 "{count} gaps in time altogether: {rows} rows ({seconds:.3} s) are missing in all channels"
             ),
             Self::BlankLines { position, count } => {
-                let (is, them) = if *count == 1 {
-                    ("is a blank line", "it counts as no row")
-                } else {
-                    ("is the first of", "they count as no rows")
+                let what = match count {
+                    1 => "a blank line between rows, which is skipped".to_owned(),
+                    count => format!("the first of {count} blank lines between rows, which are skipped"),
                 };
-                let of = if *count == 1 { String::new() } else { format!(" {count} blank lines") };
                 write!(
                     formatter,
-                    "{position} {is}{of} between rows; {them}. Where samples are missing, write NaN in their place, else the rows after it come too early"
+                    "{position}: {what}. Where samples are missing, write a row of NaN, or all later samples come too early"
                 )
             }
             Self::MissingSamples { channels, samples, seconds, gap_count, first, first_s } => {

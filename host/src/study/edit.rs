@@ -185,6 +185,24 @@ mod tests {
         assert!(!none.contains("model.effect") && none.contains("# mine"));
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn a_study_that_is_a_link_of_a_private_file_with_windows_line_ends_stays_so() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+
+        let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let real = elsewhere.path().join("tower.toml");
+        std::fs::write(&real, STUDY.replace('\n', "\r\n")).unwrap();
+        std::fs::set_permissions(&real, std::fs::Permissions::from_mode(0o600)).unwrap();
+        let file = folder.path().join(STUDY_FILE);
+        symlink(&real, &file).unwrap();
+        set_effects(folder.path(), &[entry("added-mass", Some("443.6m"), &[("mass", 2e5, None)])]).unwrap();
+        assert!(file.symlink_metadata().unwrap().is_symlink());
+        assert_eq!(real.metadata().unwrap().permissions().mode() & 0o777, 0o600);
+        let text = std::fs::read_to_string(&real).unwrap();
+        assert!(text.contains("added-mass") && !text.replace("\r\n", "").contains('\n'), "{text}");
+    }
+
     #[test]
     fn the_choice_of_modes_is_read_back_and_goes_where_nothing_is_chosen() {
         let mut choice = ModeChoice { add_hz: vec![1.28], ..ModeChoice::default() };

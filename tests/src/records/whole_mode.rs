@@ -65,11 +65,14 @@ impl WholeMode {
 
 /// In words: the root mean square by either covariance, and the shares that chance exceeds in one of twenty.
 pub(super) fn in_words(modes: &[WholeMode]) -> String {
+    if modes.is_empty() {
+        return "whole modes: -".to_owned();
+    }
     let numbers = modes.iter().map(|mode| mode.numbers).sum::<usize>().max(1) as f64;
     let of = |square: fn(&WholeMode) -> f64| {
         let rms = (modes.iter().map(square).sum::<f64>() / numbers).sqrt();
         let beyond = modes.iter().filter(|mode| mode.p_value(square(mode)) < 0.05).count();
-        format!("{rms:.2} ({:.0} % below p = 0.05)", 100.0 * beyond as f64 / modes.len().max(1) as f64)
+        format!("{rms:.2} ({:.0} % below p = 0.05)", 100.0 * beyond as f64 / modes.len() as f64)
     };
     format!("whole modes: {}, as if independent {}", of(|mode| mode.joint), of(|mode| mode.independent))
 }

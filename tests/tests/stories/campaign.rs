@@ -23,12 +23,23 @@ fn every_window_is_stored_once_or_listed_as_lost_whatever_fails() {
         "frames in another order",
         "host ended",
         "host killed",
+        "host's frame forged",
+        "host's frame repeated",
         "line stalled",
         "node restarted",
+        "node's frame forged",
+        "node's frame repeated",
+        "readings missing",
+        "sensor clipped",
+        "sensor silent",
+        "sensor stuck",
+        "spikes",
     ];
     for kind in kinds {
         assert!(report.faults.contains_key(kind), "no {kind}: {report}");
     }
+    let clock = ["computer's clock set ahead", "computer's clock set back"];
+    assert!(clock.iter().any(|kind| report.faults.contains_key(kind)), "the clock was never set: {report}");
 }
 
 #[test]

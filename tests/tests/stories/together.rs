@@ -64,9 +64,15 @@ fn two_commands_that_change_a_study_at_once_both_do() {
     let last = fs::read_to_string(&file).unwrap();
     assert!(last.starts_with(&broken.join("\n")) && last.lines().count() == after.lines().count() + 1, "{last}");
 
+    // A kill between a line and its end loses nothing, and the next step begins a line of its own.
+    fs::write(&file, last.trim_end()).unwrap();
+    belfry_command().args(["add", &study, "base-rotation=1e-14"]).assert().success();
+    let after = fs::read_to_string(&file).unwrap();
+    assert!(after.starts_with(&last) && after.lines().count() > last.lines().count(), "{after}");
+
     // Where it is lost what results were computed from, the page says so.
     fs::write(Path::new(&study).join("results/inputs.json"), "{").unwrap();
     belfry_command().args(["report", &study]).assert().success();
     let page = fs::read_to_string(Path::new(&study).join("results/report.html")).unwrap();
-    assert!(page.contains("othing says whether results are of today's model"), "no word of it");
+    assert!(page.contains("nothing says whether results are of the model as it is now"), "no word of it");
 }

@@ -1,7 +1,10 @@
 //! The file as the Parquet library reads it: each page's header is looked at first, and the end of the file is an error.
 //!
-//! What the library skips it reads into nothing, and takes the end of the file for what it skipped: a header that announces two thousand
-//! million numbers of eight bytes holds it for half an hour.
+//! The library skips bytes by reading on, and does not notice the end of the file there. A header that announces two thousand million
+//! numbers therefore keeps it busy for half an hour.
+//!
+//! Each read is taken for that of a header: the library asks for a page's data in one piece. It would not where rows are skipped, or
+//! columns hold lists, which recordings have none of.
 
 use std::fs::File;
 use std::io::{self, Chain, Cursor, ErrorKind, Read, Seek, SeekFrom};
@@ -67,7 +70,7 @@ mod tests {
     #[test]
     fn the_end_of_the_file_is_an_error_and_its_last_word_is_no_header() {
         let mut file = tempfile::tempfile().unwrap();
-        // As a header, the last eight bytes would be a list of numbers without end.
+        // As a header, the last eight bytes would be a list of 16 383 numbers.
         file.write_all(b"PAR1\x19\xf7\xff\x7fPAR1").unwrap();
         let chunks = Chunks(file);
         let mut bytes = Vec::new();

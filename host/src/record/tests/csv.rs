@@ -30,7 +30,7 @@ fn a_blank_line_in_the_only_column_is_a_missing_sample() {
 }
 
 #[test]
-fn blank_lines_between_rows_are_told_where_no_time_says_what_they_are() {
+fn blank_lines_between_rows_give_a_warning_where_no_time_says_what_they_are() {
     let told = |bytes: &[u8]| {
         let folder = folder(&[("a.csv", bytes)]);
         let (rows, report) = read(&setup(&["b"], &["a.csv"]), folder.path()).unwrap();
@@ -38,9 +38,9 @@ fn blank_lines_between_rows_are_told_where_no_time_says_what_they_are() {
         report.warnings.iter().map(ToString::to_string).collect::<Vec<_>>()
     };
     let [text] = &told(b"a,b\n\n1,1\n2,2\n\n \n3,1\n\n")[..] else { panic!("one warning") };
-    assert!(text.contains("a.csv, line 5 is the first of 2 blank lines between rows; they count as no rows"), "{text}");
+    assert!(text.contains("a.csv, line 5: the first of 2 blank lines between rows, which are skipped"), "{text}");
     let [text] = &told(b"a,b\n1,1\n\n2,2\n3,1\n")[..] else { panic!("one warning") };
-    assert!(text.contains("a.csv, line 3 is a blank line between rows; it counts as no row"), "{text}");
+    assert!(text.contains("a.csv, line 3: a blank line between rows, which is skipped"), "{text}");
     assert_eq!(told(b"Time,b\n0.00,1\n\n0.02,2\n0.04,3\n"), [""; 0]);
 }
 
