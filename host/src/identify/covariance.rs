@@ -389,7 +389,9 @@ mod tests {
         let numbers = Numbers { frequency_hz: 1.0, bandwidth_hz: 0.02, stds, changes: &changes };
         let found = factors(&[numbers], 0.001).remove(0).unwrap();
         assert!(found.damping_ratio.iter().all(|value| *value == 0.0), "{found:?}");
-        assert!(product(&found.frequency_hz, &found.shape[0]) > 0.5 * 0.1 * 0.3, "{found:?}");
+        // One of the three directions that are left counts as that along the shape, so that the two do not go together all the way.
+        let together = product(&found.frequency_hz, &found.shape[0]) / (0.1 * 0.3);
+        assert!((0.1..1.0).contains(&together), "{found:?}");
     }
 
     #[test]
