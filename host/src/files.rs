@@ -148,12 +148,28 @@ pub fn write_anew(path: &Path, bytes: &[u8]) -> io::Result<()> {
 /// # Errors
 /// As [`write_whole`], and where there is one.
 pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_of_mode(path, bytes, ANY_NEW, false)
+}
+
+/// Writes a file that only the user can read, whole or not at all. Without `replaces` there must be none.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_private(path: &Path, bytes: &[u8], replaces: bool) -> io::Result<()> {
+    write_of_mode(path, bytes, ONLY_THE_USERS, replaces)
+}
+
+fn write_of_mode(path: &Path, bytes: &[u8], mode: u32, replaces: bool) -> io::Result<()> {
     let folder = folder_of(path);
-    let mut file = unfinished_file(folder, ANY_NEW)?;
+    let mut file = unfinished_file(folder, mode)?;
     let listing = Listing::of(file.path());
     file.write_all(bytes)?;
     file.as_file().sync_all()?;
-    file.persist_noclobber(path)?;
+    if replaces {
+        file.persist(path)?;
+    } else {
+        file.persist_noclobber(path)?;
+    }
     drop(listing);
     sync_folder(folder)
 }
@@ -284,9 +300,11 @@ fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 
 /// The permissions of any new file, of which the system takes what the user wants taken.
 const ANY_NEW: u32 = 0o666;
+/// Those of a file that nobody else may read, not for a moment.
+const ONLY_THE_USERS: u32 = 0o600;
 
 /// An empty file of a name of its own, with these permissions where the system has such.
-pub(crate) fn unfinished_file(folder: &Path, mode: u32) -> io::Result<NamedTempFile> {
+fn unfinished_file(folder: &Path, mode: u32) -> io::Result<NamedTempFile> {
     remove_left_behind(folder);
     let mut builder = Builder::new();
     builder.prefix(UNFINISHED_PREFIX).suffix(UNFINISHED_SUFFIX);
@@ -344,7 +362,6 @@ mod tests {
         names
     }
 
-    #[cfg(unix)]
     #[test]
     fn a_new_file_is_whole_and_takes_the_place_of_none() {
         let folder = tempfile::tempdir().unwrap();
@@ -375,6 +392,7 @@ mod tests {
         assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
     }
 
+    #[cfg(unix)]
     #[test]
     fn a_lock_that_is_a_link_makes_no_file_where_it_leads() {
         let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());

@@ -5,13 +5,13 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use belfry_shared::seal::{KEY_BYTES, Key};
 use thiserror::Error;
 
-use crate::files::{FolderLock, behind_links, folder_of, sync_folder, unfinished_file};
+use crate::files::{FolderLock, behind_links, folder_of, write_private};
 
 /// A variable of the environment that names the file.
 const VARIABLE: &str = "BELFRY_KEYS";
@@ -266,23 +266,6 @@ pub fn study_around(file: &Path) -> io::Result<Option<PathBuf>> {
     let absolute = std::path::absolute(file)?;
     let study = absolute.ancestors().skip(1).find(|folder| folder.join("study.toml").is_file());
     Ok(study.map(Path::to_owned))
-}
-
-/// Writes a file that only the user can read, whole or not at all. Without `replaces` there must be none.
-///
-/// # Errors
-/// When it cannot be written.
-pub fn write_private(file: &Path, bytes: &[u8], replaces: bool) -> io::Result<()> {
-    let folder = folder_of(file);
-    let mut written = unfinished_file(folder, 0o600)?;
-    written.write_all(bytes)?;
-    written.as_file().sync_all()?;
-    if replaces {
-        written.persist(file)?;
-    } else {
-        written.persist_noclobber(file)?;
-    }
-    sync_folder(folder)
 }
 
 #[cfg(test)]

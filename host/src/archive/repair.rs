@@ -20,7 +20,7 @@ use super::damage::Damage;
 use super::loss::{DamagedHour, list_damaged, remember};
 use super::mend::Values;
 use super::{ARCHIVE_FILE, Archive, ArchiveError, PAGE_BYTES, VERSION, lock_file};
-use crate::files::{UNFINISHED_SUFFIX, sync_folder};
+use crate::files::{UNFINISHED_SUFFIX, folder_of, sync_folder};
 
 /// Where the first page says how large pages are, how often the file was changed, how many pages it has, which of them are free, and at which of
 /// the changes they were counted.
@@ -534,8 +534,7 @@ fn swap(new: &Path, file: &Path) -> Result<PathBuf, ArchiveError> {
     let before = fs::metadata(&kept).map_err(fail(&kept))?;
     fs::set_permissions(new, before.permissions()).map_err(fail(new))?;
     fs::rename(new, file).map_err(fail(file))?;
-    let folder = file.parent().unwrap_or(Path::new("."));
-    sync_folder(if folder == Path::new("") { Path::new(".") } else { folder }).map_err(fail(file))?;
+    sync_folder(folder_of(file)).map_err(fail(file))?;
     Ok(kept)
 }
 

@@ -16,7 +16,7 @@ use super::route::RouteArguments;
 use crate::export::modes::Modes;
 use crate::export::spectra::{LinesTable, write_psd_csv, write_psd_parquet};
 use crate::export::{table, universal, write_file};
-use crate::files::{ready_folder, without_links};
+use crate::files::{folder_of, ready_folder, without_links};
 use crate::measure::{Measurement, Observer, Route, measure_observed};
 use crate::results::Results;
 use crate::study::Study;
@@ -196,19 +196,16 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     }
     let mut study = Study::load(&arguments.study)?;
     study.range = arguments.range.range_of(&study)?;
-    let results = Results::of(&study);
     let content = arguments.content;
-    let targets: Vec<(Format, PathBuf)> = formats
-        .into_iter()
-        .map(|format| {
-            let file = format!("{}.{}", content.name(), format.ending());
-            (format, arguments.output.clone().unwrap_or_else(|| results.path("export").join(file)))
-        })
-        .collect();
+    let targets: Vec<(Format, PathBuf)> = match &arguments.output {
+        Some(output) => formats.into_iter().map(|format| (format, output.clone())).collect(),
+        None => {
+            let folder = own_folder(&study)?;
+            let own = |format: Format| (format, folder.join(format!("{}.{}", content.name(), format.ending())));
+            formats.into_iter().map(own).collect()
+        }
+    };
     let route = arguments.route.route();
-    if arguments.output.is_none() {
-        own_folder(&results)?;
-    }
     for (_, path) in &targets {
         // Before hours of recording are read.
         ready_for(path)?;
@@ -246,15 +243,16 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.json(&Report { files, left_out: Vec::new() })
 }
 
-/// Makes sure that a file can be written there.
-/// Makes sure that the study's own folder of exports leads nowhere else: a study may come from someone else.
-fn own_folder(results: &Results) -> anyhow::Result<()> {
-    let folder = results.path("export");
-    without_links(&folder).with_context(|| format!("cannot remove the links in {}", folder.display()))
+/// The study's own folder of exports, made sure to lead nowhere else: a study may come from someone else.
+fn own_folder(study: &Study) -> anyhow::Result<PathBuf> {
+    let folder = Results::of(study).path("export");
+    without_links(&folder).with_context(|| format!("cannot remove the links in {}", folder.display()))?;
+    Ok(folder)
 }
 
+/// Makes sure that a file can be written there.
 fn ready_for(path: &Path) -> anyhow::Result<()> {
-    let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     ready_folder(folder).with_context(|| format!("cannot write into {}", folder.display()))
 }
 

@@ -9,7 +9,8 @@ use serde::Serialize;
 
 use super::Console;
 use super::text::in_shell;
-use crate::keys::{Keys, KeysError, add_new, file, study_around, write_private};
+use crate::files::write_private;
+use crate::keys::{Keys, KeysError, add_new, file, study_around};
 
 /// Where a node's program looks for its key: the last sector of the board's flash.
 const ADDRESS: u32 = 0x0806_0000;

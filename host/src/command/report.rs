@@ -1,6 +1,5 @@
 //! `belfry report`: everything known of a study in one HTML file.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -9,7 +8,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Console;
-use crate::files::{folder_of, sync_folder};
+use crate::files::write_anew;
 use crate::page::Kind;
 use crate::story::Project;
 
@@ -86,7 +85,7 @@ fn print(page: &Path) -> anyhow::Result<PathBuf> {
         );
     }
     let Ok(address) = url::Url::from_file_path(&page) else { bail!("{}: no such path", page.display()) };
-    // Beside it, so that it can be moved to its place.
+    // Beside it: some packages of the browser write into the user's folders alone.
     let folder = tempfile::tempdir_in(page.parent().unwrap_or(&page)).context("no folder for what is printed")?;
     let printed = folder.path().join("report.pdf");
     for browser in BROWSERS {
@@ -97,11 +96,8 @@ fn print(page: &Path) -> anyhow::Result<PathBuf> {
         command.arg(format!("--print-to-pdf={}", printed.display())).arg(address.as_str());
         match command.output() {
             Ok(output) if output.status.success() && printed.exists() => {
-                let on_disk = File::open(&printed).and_then(|file| file.sync_all());
-                let placed = on_disk.and_then(|()| std::fs::rename(&printed, &pdf));
-                placed
-                    .and_then(|()| sync_folder(folder_of(&pdf)))
-                    .with_context(|| format!("cannot write {}", pdf.display()))?;
+                let placed = std::fs::read(&printed).and_then(|bytes| write_anew(&pdf, &bytes));
+                placed.with_context(|| format!("cannot write {}", pdf.display()))?;
                 return Ok(pdf);
             }
             Ok(output) => {

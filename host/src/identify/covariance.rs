@@ -127,8 +127,8 @@ fn unit_rows(mode: &Numbers<'_>) -> Option<DMatrix<f64>> {
     Some(rows)
 }
 
-/// The share of correlations that is more than chance: what a few groups change is correlated by chance too, and is shrunk as far as
-/// that goes (Schaefer and Strimmer 2005, eq. 8, with the variance of a normal variable's correlation).
+/// The share of correlations that is more than chance: what a few groups change is correlated by chance too (Schaefer and Strimmer 2005,
+/// eq. 8, with the variance of a normal variable's correlation).
 fn beyond_chance(correlations: &DMatrix<f64>, groups: usize) -> f64 {
     let (mut chance, mut squares) = (0.0, 0.0);
     for correlation in correlations.iter() {
@@ -156,17 +156,12 @@ fn common_errors(rows: &DMatrix<f64>, without_error: usize) -> DMatrix<f64> {
     }
     let kept = sizes.len().min(MOST_COLUMNS);
     // A number's variance is known; what is estimated here is how much of it goes with others'. What is not kept is its own.
-    let factors: Vec<f64> = common
-        .row_iter()
-        .map(|row| {
-            let shared = row.columns(0, kept).norm_squared();
-            let whole = (row.norm_squared() + least).max(shared / (1.0 - OWN_SHARE));
-            if whole > 0.0 { whole.sqrt().recip() } else { 0.0 }
-        })
-        .collect();
-    let mut common = common.columns(0, kept).into_owned();
-    common.row_iter_mut().zip(factors).for_each(|(mut row, factor)| row.scale_mut(factor));
-    common
+    for mut row in common.row_iter_mut() {
+        let shared = row.columns(0, kept).norm_squared();
+        let whole = (row.norm_squared() + least).max(shared / (1.0 - OWN_SHARE));
+        row.scale_mut(if whole > 0.0 { whole.sqrt().recip() } else { 0.0 });
+    }
+    common.columns(0, kept).into_owned()
 }
 
 /// The variances along the directions of the errors, largest first, and in all others: what groups show that had no part in the directions,

@@ -5,17 +5,16 @@ use std::path::{Path, PathBuf};
 use super::{Arguments, Content, Format, Report, WrittenFile, own_folder, ready_for};
 use crate::command::Console;
 use crate::export::model::{MatrixFormat, ModelExport, left_out};
-use crate::results::Results;
 use crate::story::{Project, StoryError};
 use crate::study::Study;
 
 /// Writes the model and tells.
 pub(super) fn run(arguments: &Arguments, format: Format, console: &Console) -> anyhow::Result<()> {
     let mut project = Project::open(&arguments.study)?;
-    let folder = arguments.output.clone().unwrap_or_else(|| Results::of(project.study()).path("export"));
-    if arguments.output.is_none() {
-        own_folder(&Results::of(project.study()))?;
-    }
+    let folder = match &arguments.output {
+        Some(output) => output.clone(),
+        None => own_folder(project.study())?,
+    };
     ready_for(&folder.join("dofs.csv"))?;
     let model = crate::model::load(project.study()).map_err(StoryError::from)?;
     let (bare, sensors) = (model.bare(), project.study().sensors());

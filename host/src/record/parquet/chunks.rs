@@ -11,14 +11,13 @@ use std::io::{self, Chain, Cursor, ErrorKind, Read, Seek, SeekFrom};
 
 use bytes::Bytes;
 use parquet::errors::{ParquetError, Result};
+use parquet::file::FOOTER_SIZE;
 use parquet::file::reader::{ChunkReader, Length};
 
 use super::footer::refused_header;
 
 /// No page's header is longer: a few numbers, and the least and the greatest value of a column of numbers.
 const LONGEST_HEADER: u64 = 8192;
-/// The footer's length and the last word of the file.
-const FILE_END: u64 = 8;
 
 /// A file whose page headers are looked at before they are read.
 pub(super) struct Chunks(pub(super) File);
@@ -37,7 +36,7 @@ impl ChunkReader for Chunks {
         file.seek(SeekFrom::Start(start))?;
         let mut first = Vec::new();
         file.by_ref().take(LONGEST_HEADER).read_to_end(&mut first)?;
-        let is_header = start.checked_add(FILE_END) != Some(self.len());
+        let is_header = start.checked_add(FOOTER_SIZE as u64) != Some(self.len());
         if let Some(why) = refused_header(&first, first.len() as u64 == LONGEST_HEADER).filter(|_| is_header) {
             return Err(ParquetError::General(why.to_owned()));
         }
