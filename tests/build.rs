@@ -36,6 +36,8 @@ fn main() {
     // The same of the browser and what drives it.
     println!("cargo::rerun-if-env-changed=BELFRY_BROWSER");
     allow("browser", is_there("BELFRY_BROWSER", "chromedriver"));
+    println!("cargo::rerun-if-env-changed=BELFRY_TRACER");
+    allow("tracer", is_there("BELFRY_TRACER", "strace"));
     // `./test --all` sets it.
     println!("cargo::rerun-if-env-changed=BELFRY_LONG_TESTS");
     allow("long_tests", env::var_os("BELFRY_LONG_TESTS").is_some());

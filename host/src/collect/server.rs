@@ -21,7 +21,7 @@ const REOPEN: Duration = Duration::from_secs(2);
 const SILENT_PAUSE: Duration = Duration::from_secs(5);
 /// Time between tries of a port whose node is of no use: it may be given another number, or other cables.
 const ASK_AGAIN: Duration = Duration::from_secs(15);
-/// Time between looks at what the node has come to.
+/// Time between looks at what a node that says something has come to.
 const LOOK: Duration = Duration::from_millis(200);
 /// Time between looks at whether a greeting is due.
 const GREETING_PAUSE: Duration = Duration::from_millis(100);
@@ -80,7 +80,9 @@ impl PortServer {
             Stage::Greeting { .. } => GREETING_PAUSE,
             Stage::Serving { node, .. } => {
                 let due_us = node.state.session.next_due().0.saturating_sub(collector.host_time().0.0);
-                Duration::from_micros(u64::try_from(due_us).unwrap_or(0)).min(LOOK)
+                let due = Duration::from_micros(u64::try_from(due_us).unwrap_or(0));
+                // What has come since the last look is to be told soon.
+                if node.heard.1 > node.looked { due.min(LOOK) } else { due }
             }
         }
     }

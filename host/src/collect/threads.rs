@@ -13,6 +13,8 @@ use super::status::PortStatus;
 
 /// Time between looks at what the ports have come to.
 const LOOK: Duration = Duration::from_millis(200);
+/// How long a port's thread sleeps at most: a stop waits for it.
+const LONGEST_SLEEP: Duration = Duration::from_secs(1);
 
 /// Sees what all ports have come to, and what has happened since its last look; whether to go on.
 pub type OnLook<'a> = &'a mut dyn FnMut(&[PortStatus], &[Event]) -> ControlFlow<()>;
@@ -43,8 +45,7 @@ fn work(collector: &Collector<'_>, ports: &dyn Ports, port: &str) {
     let mut server = PortServer::new(collector, port);
     while !collector.is_stopped() {
         let pause = server.step(collector, ports);
-        // A stop is not to wait for a long pause.
-        server.wait(pause.min(LOOK));
+        server.wait(pause.min(LONGEST_SLEEP));
     }
     server.end(collector);
 }

@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::Console;
 use super::diagnose::{cells, kind, tell_near};
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, mac_text, or_dash, p_is, p_text, short, signed};
 use crate::change::{Changes, LonelyMode, ModeChange};
 use crate::diagnose::{CandidateReport, ChangeDiagnosis, ChangeVerdict, Direction};
@@ -49,6 +50,8 @@ pub struct Arguments {
 /// # Errors
 /// When modes or the model cannot be read, sensors of the two differ, or they have no mode in common.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    leave_nothing_unfinished()?;
+    let _lock = alone(&arguments.study, console)?;
     let project = Project::open(&arguments.study)?;
     let request = SinceRequest {
         before: arguments.before.clone(),

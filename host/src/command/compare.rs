@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
-use super::interrupt::leave_nothing_unfinished;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is, width};
 use crate::compare::{Comparison, HeightMisfit, Side};
 use crate::diagnose::FAILS;
@@ -36,6 +36,7 @@ pub struct Arguments {
 /// When the study, its model or its modes cannot be read, or do not go together.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
+    let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     let comparison = compare_project(&mut project, console)?;
     console.json(&comparison)?;

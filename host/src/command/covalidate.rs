@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::interrupt::leave_nothing_unfinished;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, or_dash};
 use super::{Console, RangeArguments, RouteArguments};
 use crate::story::{ChannelReport, CovalidationReport, CovalidationRequest, Project, Stretch};
@@ -70,6 +70,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// When the study has no recording or no model, a channel is unknown, or the kept sensors cannot tell the modes apart.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
+    let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     let range = arguments.range.range_of(project.study())?;
     project.analyse_only(range);

@@ -58,7 +58,7 @@ pub(super) fn kind(text: &str) -> Result<String, String> {
 /// When the study, its model or its modes cannot be read, or do not go together.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
-    let _lock = if arguments.auto { alone(&arguments.study, console)? } else { None };
+    let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     console.warn_all(&project.case()?.warnings);
     if arguments.auto {

@@ -10,7 +10,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::Console;
-use super::interrupt::leave_nothing_unfinished;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::range::RangeArguments;
 use super::route::RouteArguments;
 use crate::export::modes::Modes;
@@ -191,6 +191,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     // What clap's attributes cannot say; it exits as for any wrong usage.
     let formats =
         formats(arguments).unwrap_or_else(|usage| clap::Error::raw(ErrorKind::ArgumentConflict, usage).exit());
+    let _lock = alone(&arguments.study, console)?;
     if let (Content::Model, [format]) = (arguments.content, &formats[..]) {
         return model::run(arguments, *format, console);
     }
@@ -245,7 +246,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
 
 /// The study's own folder of exports, made sure to lead nowhere else: a study may come from someone else.
 fn own_folder(study: &Study) -> anyhow::Result<PathBuf> {
-    let folder = Results::of(study).path("export");
+    let results = Results::of(study);
+    results.make_ready()?;
+    let folder = results.path("export");
     without_links(&folder).with_context(|| format!("cannot remove the links in {}", folder.display()))?;
     Ok(folder)
 }

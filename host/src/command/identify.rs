@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 
 use super::Console;
-use super::interrupt::leave_nothing_unfinished;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::range::RangeArguments;
 use super::route::RouteArguments;
 use super::text::{Columns, in_shell, next_lines};
@@ -152,6 +152,7 @@ fn when(parts: &[OnInPart]) -> String {
 /// When the study or all of its recordings cannot be read, hold too little for modes, or hold none.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
+    let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     let range = arguments.range.range_of(project.study())?;
     project.analyse_only(range);

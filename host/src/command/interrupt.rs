@@ -1,6 +1,6 @@
 //! Ctrl-C and requests to end.
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,16 +22,19 @@ pub(super) fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-/// The study's folder for this command alone, which changes study.toml as it has read it; waits for another one to end.
+/// The study's folder for this command alone, which writes there what it makes of what it reads there: study.toml, or results that belong
+/// together. Waits for another command to end.
 pub(super) fn alone(study: &Path, console: &Console) -> anyhow::Result<Option<FolderLock>> {
-    // Where there is no study, the next step says so.
+    // Where there is no study, or nothing can be written, the next step says so.
     let study = Study::folder_of(study);
     if !study.join(STUDY_FILE).exists() {
         return Ok(None);
     }
-    let wait = || console.warn("another command is changing this study; waiting for it to end");
-    let lock = FolderLock::take(study, wait);
-    lock.map(Some).with_context(|| format!("{} cannot be changed", study.display()))
+    let wait = || console.warn("another command is writing into this study; waiting for it to end");
+    match FolderLock::take(study, wait) {
+        Err(error) if matches!(error.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem) => Ok(None),
+        lock => lock.map(Some).with_context(|| format!("{} cannot be changed", study.display())),
+    }
 }
 
 /// From now on an interruption removes the files that are being written, and ends the program.

@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::Console;
 use super::diagnose::kind;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, short, unit_text, values_text};
 use crate::diagnose::Estimate;
 use crate::model::effect::{Effect, find, named};
@@ -91,6 +92,8 @@ fn rival(text: &str) -> Result<String, String> {
 /// # Errors
 /// When the study, its model or the table of places cannot be read, or the effect cannot be planned for.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    leave_nothing_unfinished()?;
+    let _lock = alone(&arguments.study, console)?;
     let project = Project::open(&arguments.study)?;
     let request = PlanRequest {
         effect: arguments.effect.clone(),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
-use super::interrupt::leave_nothing_unfinished;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, next_lines, p_is, unit_text, values_text, with_std};
 use crate::diagnose::steps::Profiles;
 use crate::diagnose::{Profile, ProfileSegment, QuantityProfile};
@@ -38,6 +38,7 @@ pub struct Arguments {
 /// When the study, its model or its modes cannot be read, the model has no segments, or the effects cannot be fitted.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
+    let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     console.warn_all(&project.case()?.warnings);
     let with = arguments.with.as_deref();

@@ -8,6 +8,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Console;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use crate::files::write_anew;
 use crate::page::Kind;
 use crate::story::Project;
@@ -55,6 +56,8 @@ const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "c
 /// # Errors
 /// When the study or a result cannot be read, or the report cannot be written.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
+    leave_nothing_unfinished()?;
+    let _lock = alone(&arguments.study, console)?;
     let project = Project::open(&arguments.study)?;
     let written = project.report(arguments.output.as_deref())?;
     for finding in written.findings.iter().filter(|finding| finding.kind == Kind::Finding) {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Console;
-use super::interrupt::leave_nothing_unfinished;
+use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, mac_text, next_lines, p_is, signed};
 use crate::model::Body;
 use crate::story::{Case, Project, UpdateReport};
@@ -52,6 +52,7 @@ fn weight(text: &str) -> Result<f64, String> {
 /// When the study cannot be read, no mode has a partner, or a result cannot be written.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
+    let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     let weights = Weights { frequency: arguments.frequency_weight, shape: arguments.shape_weights.clone() };
     let report = update_project(&mut project, &arguments.modes, &weights, console)?;

@@ -4,6 +4,7 @@
 
 mod history;
 
+use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -116,7 +117,19 @@ impl Results {
     /// # Errors
     /// [`ResultsError::Folder`].
     pub fn make_ready(&self) -> Result<(), ResultsError> {
-        ready_folder(&self.folder).map_err(|source| ResultsError::Folder { folder: self.folder.clone(), source })
+        let failed = |source| ResultsError::Folder { folder: self.folder.clone(), source };
+        self.is_own().and_then(|()| ready_folder(&self.folder)).map_err(failed)
+    }
+
+    /// A study from someone else may have a link here, to a folder of the user's: nothing is written behind one.
+    fn is_own(&self) -> io::Result<()> {
+        match fs::symlink_metadata(&self.folder) {
+            Ok(found) if found.is_symlink() => Err(io::Error::new(
+                io::ErrorKind::InvalidInput,
+                "it is a link, and files where it leads would be replaced; remove it, or move the whole study there",
+            )),
+            _ => Ok(()),
+        }
     }
 
     /// Writes a file and returns its path.
@@ -125,7 +138,7 @@ impl Results {
     /// [`ResultsError::Write`].
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, ResultsError> {
         let file = self.path(name);
-        match write_anew(&file, bytes) {
+        match self.is_own().and_then(|()| write_anew(&file, bytes)) {
             Ok(()) => Ok(file),
             Err(source) => Err(ResultsError::Write { file, source }),
         }
@@ -165,7 +178,7 @@ impl Results {
     /// The text of a file; `None` where there is none.
     fn read(&self, name: &str) -> Result<Option<String>, ResultsError> {
         let file = self.path(name);
-        match std::fs::read_to_string(&file) {
+        match fs::read_to_string(&file) {
             Ok(text) => Ok(Some(text)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(ResultsError::Read { file, source }),

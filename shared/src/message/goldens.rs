@@ -100,6 +100,7 @@ const HELLO_5: &str =
     "00 05 c2 c1 fc d3 f5 9a 8c cd 07 03 87 e0 02 04 01 01 01 ab 02 ad 02 00 01 01 02 03 04 01 01 a3 82 80 40 00";
 const HELLO_6: &str =
     "00 06 06 03 87 e0 02 01 01 02 03 04 01 01 02 03 04 04 01 01 01 ab 02 ad 02 00 06 01 a3 82 80 40 00 01 ac 02 02";
+const HEARTBEAT_3: &str = "03 03 87 e0 02 ad 02 ab 02 00 01 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 90 03 01 01";
 const HEARTBEAT_5: &str = "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 ac 02 c8 01 04 90 03 01 01 05";
 const HEARTBEAT_6: &str =
     "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 0a ac 02 c8 01 04 90 03 01 01 05 07 08";
@@ -219,7 +220,10 @@ fn a_build_of_version_5_with_other_messages_speaks_no_version_that_a_host_does()
 #[test]
 fn golden_messages_of_version_3() {
     let mut frame = [0; MAX_FRAME_BYTES];
-    for golden in unchanged_of_nodes().iter().map(|(_, golden)| *golden).chain([HELLO_3]) {
+    let of_nodes = unchanged_of_nodes().into_iter().map(|(_, golden)| golden).chain([HELLO_3, HEARTBEAT_3]);
+    // A greeting is its number alone.
+    let of_hosts = unchanged_of_hosts().into_iter().map(|(_, golden)| golden).chain(["00"]);
+    for golden in of_nodes.chain(of_hosts) {
         let length = frame::encode_as(3, &bytes(golden), &mut frame).unwrap();
         let (version, message) = opened(&frame[..length]);
         assert_eq!((version, hex(&message).as_str()), (3, golden));

@@ -27,7 +27,7 @@ fn write(name: &str, bytes: &[u8]) -> PathBuf {
 /// A message names the file that it is about, and is short. (What may not be printed is left out where it is printed.)
 fn check(message: &str, name: &str) {
     assert!(message.contains(name), "no `{name}` in: {message}");
-    assert!(message.len() < 4096, "a message of {} bytes", message.len());
+    assert!(message.len() < 1024, "a message of {} bytes", message.len());
 }
 
 /// A study.toml.

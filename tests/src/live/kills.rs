@@ -106,7 +106,8 @@ pub fn kills(kills: usize, seed: u64) -> Result<KillReport, Box<dyn Error>> {
         "SELECT sum(lives.made - lives.windows) FROM
              (SELECT max(number) + 1 AS made, count(DISTINCT number) AS windows FROM window GROUP BY node, boot) AS lives",
     )?;
-    let doubled = count("SELECT count(*) - count(DISTINCT node || ' ' || boot || ' ' || number) FROM window")?;
+    // A node has one window at a place of the grid; that a number comes once the archive itself sees to.
+    let doubled = count("SELECT count(*) - count(DISTINCT node || ' ' || boot || ' ' || grid_index) FROM window")?;
     let is_sound = Archive::check(live.folder.path())?.is_sound;
     Ok(KillReport { seed, kills, windows: windows(&live)?, lost, doubled, recoveries, is_sound })
 }

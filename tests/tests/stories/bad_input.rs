@@ -555,4 +555,22 @@ fn a_study_from_somebody_else_writes_into_no_other_file_and_not_on_the_terminal(
     assert!(!said.contains(['\u{1b}', '\u{7}', '\u{202e}']), "{said:?}");
     let picture = fs::read_to_string(folder.path().join("results/singular_values.svg")).unwrap();
     assert!(picture.contains("mast\u{fffd}[2J") && !picture.contains('\u{1b}'));
+
+    // The folder of results leads out of it as a whole.
+    let (results, elsewhere) = (folder.path().join("results"), own.path().join("documents"));
+    fs::rename(&results, &elsewhere).unwrap();
+    symlink(&elsewhere, &results).unwrap();
+    let state = || -> Vec<_> {
+        let files = fs::read_dir(&elsewhere).unwrap().map(|file| file.unwrap());
+        let mut state: Vec<_> = files.map(|file| (file.path(), file.metadata().unwrap().modified().unwrap())).collect();
+        state.sort();
+        state
+    };
+    let before = state();
+    for command in ["identify", "report", "export"] {
+        let output = belfry_command().arg(command).arg(folder.path()).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && said.contains("it is a link"), "{command}: {said}");
+    }
+    assert_eq!(state(), before);
 }

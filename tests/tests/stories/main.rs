@@ -11,6 +11,7 @@ mod collect;
 mod demo;
 mod diagnose;
 mod documents;
+mod durable;
 mod faults;
 mod fitted;
 mod hardware;

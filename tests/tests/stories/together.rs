@@ -1,6 +1,7 @@
 //! Two programs on one study at the same time: each change of study.toml stays.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Stdio};
 
@@ -13,17 +14,55 @@ fn started(study: &str, effect: &str) -> Child {
     command.args(["add", study, effect]).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("belfry starts")
 }
 
-#[test]
-fn two_commands_that_change_a_study_at_once_both_do() {
-    let folder = tempfile::tempdir().unwrap();
-    let study = folder.path().join("canton").to_str().unwrap().to_owned();
+/// A study whose model lacks what its recording has.
+fn canton(folder: &Path) -> String {
+    let study = folder.join("canton").to_str().unwrap().to_owned();
     for words in [
         &["init", &study, "--template", "canton"][..],
         &["simulate", &study, "--effect", "base-rotation=1.2e-14", "--hours", "1", "--seed", "5", "--adopt"],
-        &["identify", &study, "--direct"],
     ] {
         belfry_command().args(words).assert().success();
     }
+    study
+}
+
+#[test]
+fn commands_that_write_results_wait_for_one_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = canton(folder.path());
+    let lock = File::options().write(true).open(Path::new(&study).join(".belfry-lock")).unwrap();
+    for (words, written) in [
+        (&["identify", "--direct"][..], "modes.json"),
+        (&["compare"], "comparison.json"),
+        (&["update"], "update.json"),
+        (&["covalidate", "--direct"], "covalidation.json"),
+        (&["diagnose", "--without", "added-mass"], "diagnosis.json"),
+        (&["profile"], "profile.json"),
+        (&["plan", "--effect", "base-rotation=7e-15", "--hours", "1"], "plan.json"),
+        (&["report"], "report.html"),
+        (&["export", "--of", "modes"], "export/modes.csv"),
+    ] {
+        lock.lock().unwrap();
+        let mut command = belfry_command();
+        command.arg(words[0]).arg(&study).args(&words[1..]).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let mut stderr = BufReader::new(child.stderr.take().unwrap());
+        let mut first = String::new();
+        stderr.read_line(&mut first).unwrap();
+        assert!(first.contains("another command is writing into this study"), "{words:?}: {first}");
+        let written = Path::new(&study).join("results").join(written);
+        assert!(!written.exists(), "{words:?}");
+        lock.unlock().unwrap();
+        stderr.read_to_string(&mut first).unwrap();
+        assert!(child.wait().unwrap().success() && written.exists(), "{words:?}: {first}");
+    }
+}
+
+#[test]
+fn two_commands_that_change_a_study_at_once_both_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = canton(folder.path());
+    belfry_command().args(["identify", &study, "--direct"]).assert().success();
     let both = ["base-rotation=1e-14", "added-mass@300m=1e6"].map(|effect| started(&study, effect));
     let said = both.map(|child| {
         let output = child.wait_with_output().unwrap();
@@ -31,7 +70,7 @@ fn two_commands_that_change_a_study_at_once_both_do() {
         assert!(output.status.success(), "{said}");
         said
     });
-    assert!(said.iter().any(|said| said.contains("another command is changing this study")), "{said:?}");
+    assert!(said.iter().any(|said| said.contains("another command is writing into this study")), "{said:?}");
     let text = fs::read_to_string(Path::new(&study).join("study.toml")).unwrap();
     assert!(text.contains("base-rotation") && text.contains("added-mass"), "{text}");
     let history = fs::read_to_string(Path::new(&study).join("results/history.jsonl")).unwrap();

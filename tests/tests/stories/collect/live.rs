@@ -1,6 +1,7 @@
 //! The command in real time: nodes behind sockets, the host killed and started again, the modes of what has come.
 
-use std::io::{ErrorKind, Read, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::net::{Shutdown, TcpListener};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -183,6 +184,84 @@ fn a_port_that_is_never_quiet_keeps_collecting_from_no_end() {
     thread::sleep(Duration::from_secs(1));
     interrupt(&child);
     ended(child, "an interrupt");
+}
+
+/// Starts a command and waits until it says something on its error output.
+fn says(mut command: Command, part: &str) -> (Child, Vec<String>) {
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut said = Vec::new();
+    for line in BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok) {
+        said.push(line);
+        if said.last().is_some_and(|line| line.contains(part)) {
+            return (child, said);
+        }
+    }
+    kill(child);
+    panic!("no {part:?} in {said:?}");
+}
+
+#[test]
+fn an_archive_that_another_program_has_when_collecting_begins_is_waited_for() {
+    let bench = LiveBench::new();
+    let first = bench.collect(&[]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    bench.wait_for(4);
+    kill(first);
+    let before = numbers(bench.folder.path(), 3).len();
+    // It can neither be read nor written.
+    let other = rusqlite::Connection::open(bench.folder.path().join("archive.sqlite")).unwrap();
+    other.pragma_update(None, "locking_mode", "exclusive").unwrap();
+    other.execute_batch("BEGIN IMMEDIATE; UPDATE window SET received_us = received_us; COMMIT").unwrap();
+    let (mut child, said) = says(bench.collect(&[]), "It is tried again");
+    assert!(said.iter().any(|line| line.contains("archive.sqlite") && line.contains("locked")), "{said:?}");
+    assert!(child.try_wait().unwrap().is_none(), "it has given up: {said:?}");
+    drop(other);
+    bench.wait_for(before + 10);
+    kill(child);
+    for node in [3, 8] {
+        // Nodes have had no room for all windows of this time.
+        let numbers = numbers(bench.folder.path(), node);
+        assert!(numbers.is_sorted_by(|a, b| a < b), "node {node}: {numbers:?}");
+    }
+}
+
+/// Carries bytes between a TCP port of this computer and a node's socket, as a serial server does; the port.
+fn serial_server(socket: &Path) -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let socket = socket.to_owned();
+    // It ends with the tests.
+    thread::spawn(move || {
+        for outer in listener.incoming().flatten() {
+            let inner = UnixStream::connect(&socket).unwrap();
+            let (mut from_host, mut to_host) = (outer.try_clone().unwrap(), outer);
+            let (mut from_node, mut to_node) = (inner.try_clone().unwrap(), inner);
+            thread::spawn(move || std::io::copy(&mut from_node, &mut to_host));
+            thread::spawn(move || {
+                let carried = std::io::copy(&mut from_host, &mut to_node);
+                to_node.shutdown(Shutdown::Both).and(carried.map(drop))
+            });
+        }
+    });
+    port
+}
+
+#[test]
+fn a_node_without_a_key_behind_a_network_is_warned_of() {
+    let bench = LiveBench::new();
+    let port = serial_server(&bench.folder.path().join("node3"));
+    let collect = |host: &str| {
+        let mut command = belfry_command();
+        command.args(["collect", bench.study(), "--port", &format!("tcp:{host}:{port}"), "--for", "4s"]);
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stderr).unwrap()
+    };
+    // An address that is not this computer's own, though it leads there.
+    let said = collect("0.0.0.0");
+    let warned = said.matches("leads over a network, and its node has no key").count();
+    assert_eq!(warned, 1, "{said}");
+    let said = collect("127.0.0.1");
+    assert!(!said.contains("leads over a network"), "{said}");
 }
 
 #[test]
