@@ -50,6 +50,23 @@ impl ModelView {
         Ok(Self::of_basis(Arc::new(basis), damped, sensor_rows, assembly.sensing.delays_s(sensors)))
     }
 
+    /// The same of a structure near this one: its `count` lowest modes, the `sharp` lowest as exact as all would be; all, where they are
+    /// sooner found.
+    ///
+    /// # Errors
+    /// As [`ModelView::of`].
+    pub(crate) fn near(
+        &self,
+        assembly: &Assembly,
+        sensors: &[Sensor],
+        sharp: usize,
+        count: usize,
+    ) -> Result<Self, ViewError> {
+        let basis = assembly.modal_basis_near(&self.basis, sharp, count)?;
+        let (damped, sensor_rows) = (assembly.damped_modes(&basis)?, assembly.sensor_rows(sensors)?);
+        Ok(Self::of_basis(Arc::new(basis), damped, sensor_rows, assembly.sensing.delays_s(sensors)))
+    }
+
     /// From eigenvectors, motion at the sensors (sensors x DOFs) and by how much each is late.
     pub(crate) fn of_basis(
         basis: Arc<ModalBasis>,

@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::findings::{Finding, Sources, findings};
-use super::model::{MacMatrix, ModelPart};
+use super::model::{MODES_BEYOND, MacMatrix, ModelPart};
 use super::packed::Packed;
 use super::picks::Picks;
 use super::says::{method, says};
@@ -265,7 +265,7 @@ impl Tried {
     /// When the structure cannot have them.
     pub fn of(case: &Case, effects: &[Effect]) -> Result<Self, StoryError> {
         let structure = case.model.bare().and(effects)?;
-        let view = ModelView::of(&structure.assemble(), case.seen_sensors())?;
+        let view = case.view_of(&structure.assemble(), MODES_BEYOND)?;
         // Without a test: that of a diagnosis would take longer than a slider waits, and another is not to be compared with it.
         let comparison = Comparison {
             chi_squared: None,

@@ -8,7 +8,7 @@ use crate::model::{Assembly, LayoutNode};
 use crate::modes::MeasuredMode;
 
 /// Modes that are drawn beyond the highest that has a partner.
-const MODES_BEYOND: usize = 2;
+pub(super) const MODES_BEYOND: usize = 2;
 /// Points of a line that is drawn, so that few long segments look as they bend.
 const POINTS: usize = 60;
 

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::error::StoryError;
 use super::inputs::Inputs;
-use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, compare, pair};
+use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, candidates, compare, pair};
 use crate::diagnose::steps::Setting;
 use crate::diagnose::{Diagnosis, Options, Signals, diagnose, fit_as_given};
 use crate::model::effect::Effect;
@@ -17,6 +17,9 @@ use crate::plan::{Site, advice, advice_beside};
 use crate::progress::{Tally, UNHEARD};
 use crate::results::{MODES_FILE, Results};
 use crate::study::{STUDY_FILE, Sensor, Study};
+
+/// Modes that are looked for beyond those that are needed, for a structure whose modes come in another order or lie lower.
+const MORE_MODES: usize = 8;
 
 /// A study's model against its measured modes.
 #[derive(Debug, Clone)]
@@ -91,6 +94,25 @@ impl Case {
     /// When it has no modes.
     pub fn view_as_given(&self) -> Result<ModelView, StoryError> {
         Ok(ModelView::of(&self.model.as_given(), self.seen_sensors())?)
+    }
+
+    /// Another structure as the sensors see it: its lowest modes, where these are found sooner from those of the model and go `beyond` those
+    /// that the measured ones can be paired with; otherwise all.
+    ///
+    /// # Errors
+    /// When it has no modes.
+    pub(crate) fn view_of(&self, assembly: &Assembly, beyond: usize) -> Result<ModelView, StoryError> {
+        let (measured, sensors) = (&self.measured.modes, self.seen_sensors());
+        let needed = |view: &ModelView| {
+            let highest = pair(view, measured).iter().map(|pair| pair.model + 1).max().unwrap_or(0);
+            (highest + beyond, candidates(view, measured) + beyond)
+        };
+        let (sharp, count) = needed(&self.view);
+        let view = self.view.near(assembly, sensors, sharp + MORE_MODES, (count + MORE_MODES).max(3 * sharp))?;
+        let (sharp, count) = needed(&view);
+        let is_whole = view.basis.sharp() == view.basis.vectors.ncols();
+        let is_enough = is_whole || sharp <= view.basis.sharp() && count <= view.modes.frequency_hz.len();
+        if is_enough { Ok(view) } else { Ok(ModelView::of(assembly, sensors)?) }
     }
 
     /// Keeps only the measured modes of these numbers; none given keeps all.

@@ -11,7 +11,7 @@ mod driver;
 mod server;
 
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use belfry_tests::belfry_command;
 use driver::Browser;
@@ -19,6 +19,8 @@ use serde_json::{Value, json};
 use server::Server;
 
 const RUNS: usize = 5;
+/// A page that was scrolled is at rest after this time.
+const SETTLED: Duration = Duration::from_secs(1);
 const WINDOW: (u32, u32) = (1280, 900);
 
 /// Notes when the first picture has been shown, in ms since the address was opened.
@@ -120,6 +122,8 @@ async fn main() {
     for id in ["covalidation", "record"] {
         let there = browser.script(&format!("const f = document.getElementById('{id}'); f?.scrollIntoView(); f?.querySelector('.plot').focus(); return Boolean(f)")).await;
         assert_eq!(there, json!(true), "{id}");
+        // What has come into sight is painted before it is zoomed.
+        tokio::time::sleep(SETTLED).await;
         let wheel = format!(
             "{{ const over = document.querySelector('#{id} .u-over'), box = over.getBoundingClientRect(); \
             over.dispatchEvent(new WheelEvent('wheel', {{ deltaY: count % 120 < 60 ? -40 : 40, clientX: box.left + box.width / 3, clientY: box.top + 20, bubbles: true, cancelable: true }})) }}"

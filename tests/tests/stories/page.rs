@@ -10,6 +10,7 @@ use std::fs;
 use std::path::Path;
 
 use assert_cmd::prelude::*;
+use belfry_host::story::Project;
 use belfry_tests::belfry_command;
 use serde_json::{Value, json};
 
@@ -217,6 +218,21 @@ fn the_page_takes_the_steps_of_the_commands_for_its_own_window_alone() {
         answer.json()["model"]["modes"][0]["frequency_hz"].as_f64().unwrap()
     };
     assert!(first_hz("1e-13") < 0.9 * first_hz("1e-15"));
+    // It has the lowest modes alone; they are those that all modes have among them.
+    let mut project = Project::open(Path::new(&study)).unwrap();
+    for value in ["1.2e-15", "1.2e-14", "1.2e-13"] {
+        let tried = server.get(&format!("/try?effect=base-rotation%3D{value}")).json();
+        let effect = format!("base-rotation={value}").parse().unwrap();
+        let whole = project.case().unwrap().compare_with(&[effect]).unwrap();
+        let pairs = tried["comparison"]["pairs"].as_array().unwrap();
+        assert_eq!(pairs.len(), whole.pairs.len(), "{value}");
+        for (pair, whole) in pairs.iter().zip(&whole.pairs) {
+            assert_eq!(pair["model"], whole.model, "{value}");
+            let (hz, mac) = (pair["model_hz"].as_f64().unwrap(), pair["mac"].as_f64().unwrap());
+            assert!((hz / whole.model_hz - 1.0).abs() < 1e-6, "{value}: {hz} Hz and {} Hz", whole.model_hz);
+            assert!((mac - whole.mac.unwrap()).abs() < 1e-6, "{value}: MAC {mac} and {:?}", whole.mac);
+        }
+    }
     assert_eq!(server.get("/try?effect=base-rotation%3Dmuch").status, 400);
     assert_eq!(toml(), text);
 
