@@ -242,7 +242,11 @@ pub(crate) fn open_lock(path: &Path) -> io::Result<File> {
         let said = format!("{} is a link or something else, where a file was expected: remove it", path.display());
         return Err(io::Error::new(ErrorKind::InvalidInput, said));
     }
-    File::options().create(true).truncate(false).write(true).open(path)
+    match File::options().create(true).truncate(false).write(true).open(path) {
+        // Another user's, in a folder that both may write to: it can be locked all the same.
+        Err(error) if error.kind() == ErrorKind::PermissionDenied => File::open(path).map_err(|_| error),
+        opened => opened,
+    }
 }
 
 /// The file that a symbolic link leads to, so that it is changed and the link stays; any other path as it is.

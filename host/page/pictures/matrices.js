@@ -11,7 +11,7 @@ const best = m => m.values.map(row => row.reduce((a, b) => Math.max(a, b ?? 0), 
 // One is the same shape: nothing less is rounded to it.
 const short = (v, brief) => v >= 0.05 ? (brief ? fixed(v < 1 ? Math.min(v, 0.99) : v, 2) : written(v)).replace("0.", ".") : ""
 
-// What each MAC matrix was drawn of, its canvas, and the note that its cells write to.
+// What each MAC matrix was drawn of, its canvas, and where the note is that its cells write to.
 const drawn = new Map()
 
 export const macs = {
@@ -35,21 +35,21 @@ export const macs = {
         for (const [m, cell] of list) {
             const none = colour("low"), full = colour(m.what)
             // A slider moves one of them; the others stay as they are drawn.
-            const key = JSON.stringify([m, view.get("mode"), cell.clientWidth, none, full, colour("ink"), printing()]), before = drawn.get(m.what)
+            const key = JSON.stringify([m, view.get("mode"), cell.clientWidth, none, full, colour("ink"), printing(), devicePixelRatio]), before = drawn.get(m.what)
             if (before?.key === key) {
                 cell.append(before.sheet)
-                before.hear.note = note
+                before.to.note = note
                 continue
             }
-            const hear = { note }
+            const to = { note }
             matrix(cell, m.values, { rows: m.measured, columns: m.model, axes: ["measured mode", "model's mode"], most: 40, key: ["MAC", 0, 1, "0", "1"], text: short,
                 sentence: `${KINDS[m.what]}: best MAC of modes ${m.measured.join(", ")} is ${best(m).map(written).join(", ")}`,
                 hue: v => mix(none, full, (v || 0) ** 2), strong: r => m.measured[r] === view.get("mode"),
                 point(r, c, click) {
-                    hear.note.textContent = `${KINDS[m.what]}: measured mode ${m.measured[r]}, model's mode ${m.model[c]}, MAC ${written(m.values[r][c])}`
+                    to.note.textContent = `${KINDS[m.what]}: measured mode ${m.measured[r]}, model's mode ${m.model[c]}, MAC ${written(m.values[r][c])}`
                     if (click) view.set({ mode: m.measured[r] })
                 } })
-            drawn.set(m.what, { key, sheet: cell.lastChild, hear })
+            drawn.set(m.what, { key, sheet: cell.lastChild, to })
         }
     },
 }

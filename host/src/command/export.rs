@@ -191,7 +191,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     // What clap's attributes cannot say; it exits as for any wrong usage.
     let formats =
         formats(arguments).unwrap_or_else(|usage| clap::Error::raw(ErrorKind::ArgumentConflict, usage).exit());
-    let _lock = alone(&arguments.study, console)?;
+    let _lock = if arguments.output.is_none() { alone(&arguments.study, console)? } else { None };
     if let (Content::Model, [format]) = (arguments.content, &formats[..]) {
         return model::run(arguments, *format, console);
     }

@@ -6,7 +6,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Console;
-use super::interrupt::{alone, leave_nothing_unfinished};
+use super::interrupt::leave_nothing_unfinished;
 use super::text::{Columns, mac_text, or_dash, p_text};
 use crate::diagnose::steps::StepRecord;
 use crate::story::Project;
@@ -40,7 +40,6 @@ struct Report {
 /// When the study or its history cannot be read, or it has none.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
-    let _lock = alone(&arguments.study, console)?;
     let project = Project::open(&arguments.study)?;
     let steps = show_history(&project, console)?;
     console.json(&Report { steps })

@@ -22,18 +22,19 @@ pub(super) fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-/// The study's folder for this command alone, which writes there what it makes of what it reads there: study.toml, or results that belong
-/// together. Waits for another command to end.
+/// Takes the study's lock, so that no other command writes there meanwhile; waits for one that does. `None` where there is no study, or
+/// nothing can be written into its folder: what writes there says so.
 pub(super) fn alone(study: &Path, console: &Console) -> anyhow::Result<Option<FolderLock>> {
-    // Where there is no study, or nothing can be written, the next step says so.
     let study = Study::folder_of(study);
-    if !study.join(STUDY_FILE).exists() {
-        return Ok(None);
-    }
+    if study.join(STUDY_FILE).exists() { alone_in(study, console) } else { Ok(None) }
+}
+
+/// As [`alone`], of a folder that may become a study's.
+pub(super) fn alone_in(folder: &Path, console: &Console) -> anyhow::Result<Option<FolderLock>> {
     let wait = || console.warn("another command is writing into this study; waiting for it to end");
-    match FolderLock::take(study, wait) {
+    match FolderLock::take(folder, wait) {
         Err(error) if matches!(error.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem) => Ok(None),
-        lock => lock.map(Some).with_context(|| format!("{} cannot be changed", study.display())),
+        lock => lock.map(Some).with_context(|| format!("{} cannot be changed", folder.display())),
     }
 }
 

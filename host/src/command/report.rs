@@ -57,9 +57,11 @@ const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "c
 /// When the study or a result cannot be read, or the report cannot be written.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
-    let _lock = alone(&arguments.study, console)?;
+    let lock = alone(&arguments.study, console)?;
     let project = Project::open(&arguments.study)?;
     let written = project.report(arguments.output.as_deref())?;
+    // A browser may take long to print.
+    drop(lock);
     for finding in written.findings.iter().filter(|finding| finding.kind == Kind::Finding) {
         console.say(&finding.text);
     }

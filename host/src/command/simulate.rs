@@ -116,6 +116,8 @@ fn hours(text: &str) -> Result<f64, String> {
 /// What cannot be read, does not fit the structure, or would be overwritten.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
+    let is_in_study = arguments.output.is_none() || arguments.adopt;
+    let _lock = if is_in_study { alone(&arguments.study, console)? } else { None };
     let study = Study::load(&arguments.study)?;
     let beam_file = match (&arguments.beam, study.model.as_ref().map(|model| &model.source)) {
         (Some(beam), _) => beam.clone(),
@@ -175,7 +177,6 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     write_whole(&truth_file, (serde_json::to_string_pretty(&truth)? + "\n").as_bytes())
         .with_context(|| format!("{}: cannot be written", truth_file.display()))?;
     if arguments.adopt {
-        let _lock = alone(&arguments.study, console)?;
         adopt(&study.folder, &planned)?;
     }
 

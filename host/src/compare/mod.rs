@@ -26,7 +26,7 @@ pub(crate) use pairing::{assigned, candidates, pair_above};
 pub(crate) use residual::{Block, Residual, ShapeBlock, complement, exceeding};
 pub use residual::{ChiSquared, chi_squared};
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};
-pub(crate) use result::{frequency_z, levels};
+pub(crate) use result::{frequency_z, levels, searched};
 pub use shape::mac;
 pub(crate) use shape::scale;
 pub use tolerance::Tolerance;

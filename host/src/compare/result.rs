@@ -213,6 +213,11 @@ fn by_height(sensors: &[Sensor], misfits: &[Option<f64>]) -> Vec<HeightMisfit> {
         .collect()
 }
 
+/// How many of the model's modes, from the lowest, one of so many measured ones without a partner is held against.
+pub(crate) fn searched(measured: usize) -> usize {
+    2 * measured + 4
+}
+
 /// Values of sensors (height in m, value) by height, lowest first.
 pub(crate) fn levels(mut values: Vec<(f64, f64)>) -> Vec<(f64, Vec<f64>)> {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -232,7 +237,7 @@ fn unpaired(view: &ModelView, measured: &[MeasuredMode], pairs: &[Pair]) -> Vec<
             (0..view.modes.frequency_hz.len()).map(move |model| (model + 1, mac(view.shape(model), shape)))
         });
         // Far above the measured band anything resembles anything at a few sensors.
-        let near = models.and_then(|models| nearest(&mut models.take(2 * measured.len() + 4)));
+        let near = models.and_then(|models| nearest(&mut models.take(searched(measured.len()))));
         unpaired.push(Unpaired {
             side: Side::Measured,
             number: mode.number,

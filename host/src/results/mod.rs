@@ -98,7 +98,12 @@ pub struct Results {
 impl Results {
     /// The folder of a study's results; it need not exist yet.
     pub fn of(study: &Study) -> Self {
-        Self { folder: study.folder.join("results") }
+        Self::in_study(&study.folder)
+    }
+
+    /// The same of a folder that may become a study's.
+    pub(crate) fn in_study(folder: &Path) -> Self {
+        Self { folder: folder.join("results") }
     }
 
     /// Where it is.

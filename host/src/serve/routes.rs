@@ -195,11 +195,11 @@ async fn picks(State(shared): State<Arc<Shared>>, Json(picks): Json<Picks>) -> A
         if shared.is_busy() {
             return Err(Refused::conflict("a command is running; choose modes when it is done"));
         }
-        // A command in a terminal may be changing it.
+        // A command in a terminal may be writing there.
         let lock = FolderLock::at_once(shared.folder()).map_err(|error| Refused::conflict(error.to_string()))?;
         let Some(_lock) = lock else {
             return Err(Refused::conflict(
-                "a command in a terminal is changing this study; choose modes when it is done",
+                "a command in a terminal is writing into this study; choose modes when it is done",
             ));
         };
         let mut choice = Study::load(shared.folder())?.analysis.modes;

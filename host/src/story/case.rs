@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::error::StoryError;
 use super::inputs::Inputs;
-use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, candidates, compare, pair};
+use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, candidates, compare, pair, searched};
 use crate::diagnose::steps::Setting;
 use crate::diagnose::{Diagnosis, Options, Signals, diagnose, fit_as_given};
 use crate::model::effect::Effect;
@@ -96,16 +96,19 @@ impl Case {
         Ok(ModelView::of(&self.model.as_given(), self.seen_sensors())?)
     }
 
-    /// Another structure as the sensors see it: its lowest modes, where these are found sooner from those of the model and go `beyond` those
-    /// that the measured ones can be paired with; otherwise all.
+    /// The lowest modes of another structure, as the sensors see them; all modes, where the lowest are not found sooner, or do not reach
+    /// `beyond` the highest that has a partner.
     ///
     /// # Errors
     /// When it has no modes.
     pub(crate) fn view_of(&self, assembly: &Assembly, beyond: usize) -> Result<ModelView, StoryError> {
         let (measured, sensors) = (&self.measured.modes, self.seen_sensors());
         let needed = |view: &ModelView| {
-            let highest = pair(view, measured).iter().map(|pair| pair.model + 1).max().unwrap_or(0);
-            (highest + beyond, candidates(view, measured) + beyond)
+            let pairs = pair(view, measured);
+            let highest = pairs.iter().map(|pair| pair.model + 1).max().unwrap_or(0);
+            // A measured mode without a partner is held against those of the model one by one.
+            let searched = if pairs.len() < measured.len() { searched(measured.len()) } else { 0 };
+            (highest.max(searched) + beyond, candidates(view, measured) + beyond)
         };
         let (sharp, count) = needed(&self.view);
         let view = self.view.near(assembly, sensors, sharp + MORE_MODES, (count + MORE_MODES).max(3 * sharp))?;

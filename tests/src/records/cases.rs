@@ -101,7 +101,7 @@ const fn machine(name: &'static str, what: &'static str, bandwidths: f64, runs: 
 }
 
 /// All cases.
-pub const CASES: [Case; 36] = [
+pub const CASES: [Case; 39] = [
     wind("wind", "a tower of 20 channels and 10 modes under wind that is coherent up its height, 6 h at 20 Hz", None),
     correlated("correlated-0", "8 random modes, loads of f^(-5/3), modal forces uncorrelated, 4 h", 0.0),
     correlated("correlated-10", "the same with forces correlated by 0.1", 0.1),
@@ -165,6 +165,13 @@ pub const CASES: [Case; 36] = [
     wind("noise", "`wind`, one channel with added noise of ten times its root mean square", Some(Fault::Noise)),
     wind("missing-rows", "`wind`, 1 % of rows missing, unsaid", Some(Fault::MissingRows)),
     wind("clipped", "`wind`, one channel cut at 1.5 times its root mean square", Some(Fault::Clipped)),
+    wind("stuck", "`wind`, one channel holds its value for a tenth of the record", Some(Fault::Stuck)),
+    wind(
+        "gaps",
+        "`wind`, one channel without a reading for two seconds again and again, 1 % in all",
+        Some(Fault::Gaps),
+    ),
+    wind("gain-drifts", "`wind`, one channel's gain rises by 30 % over the record", Some(Fault::GainDrifts)),
     wind("miswired", "`wind`, one channel reversed and two exchanged", Some(Fault::Miswired)),
     machine("tone-1", "`wind`, and a machine one bandwidth above a mode", 1.0, Runs::Steadily),
     machine("tone-2.5", "the same two and a half bandwidths above", 2.5, Runs::Steadily),

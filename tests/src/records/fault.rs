@@ -20,6 +20,12 @@ pub enum Fault {
     MissingRows,
     /// One channel is cut at one and a half times its root mean square.
     Clipped,
+    /// One channel holds its value for a tenth of the record.
+    Stuck,
+    /// One channel has no reading for two seconds, again and again, in all for a hundredth of the record.
+    Gaps,
+    /// One channel reads 30 % more at the end of the record than at its beginning.
+    GainDrifts,
     /// Channel 10 is reversed, and channels 14 and 17 are exchanged.
     Miswired,
     /// The structure stands still: there is nothing but noise, of another size in each channel.
@@ -29,6 +35,8 @@ pub enum Fault {
 }
 
 const G: f64 = 9.81;
+/// How long a gap is.
+const GAP_S: f64 = 2.0;
 
 /// What a warning must hold to report a fault, or a part of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -101,6 +109,22 @@ impl Fault {
                 *value += (10.0 * rms * noise) as f32;
             }),
             Self::Clipped => own(samples, &mut |_, value| *value = value.clamp(-1.5 * rms as f32, 1.5 * rms as f32)),
+            Self::Stuck => {
+                let held = samples[at * channels + channel];
+                own(samples, &mut |row, value| {
+                    if (at..at + rows / 10).contains(&row) {
+                        *value = held;
+                    }
+                });
+            }
+            Self::Gaps => {
+                let long = (GAP_S * rate_hz) as usize;
+                let gaps: Vec<usize> = (0..rows / long / 100).map(|_| random.random_range(0..rows)).collect();
+                for row in gaps.into_iter().flat_map(|gap| gap..(gap + long).min(rows)) {
+                    samples[row * channels + channel] = f32::NAN;
+                }
+            }
+            Self::GainDrifts => own(samples, &mut |row, value| *value *= 1.0 + 0.3 * row as f32 / rows as f32),
             Self::StandsStill => {
                 let sizes: Vec<f64> = (0..channels).map(|_| random.random_range(0.3..3.0) * rms).collect();
                 for row in samples.chunks_mut(channels) {
@@ -137,6 +161,9 @@ impl Fault {
             Self::Step => vec![Sign::new(&[channel], &["step", "jump"])],
             Self::Noise => vec![Sign::new(&[channel], &["loud", "noise"])],
             Self::Clipped => vec![Sign::new(&[channel], &["cut off", "clipped"])],
+            Self::Stuck => vec![Sign::new(&[channel], &["holds one value"])],
+            Self::Gaps => vec![Sign::new(&[channel], &["gaps"])],
+            Self::GainDrifts => vec![Sign::new(&[channel], &["gain rises"])],
             Self::MissingRows => vec![Sign::new(&[], &["rows may be missing", "jump at once"])],
             Self::Miswired => vec![Sign::new(&[9], &["reversed"]), Sign::new(&[13, 16], &["exchanged"])],
             Self::StandsStill | Self::Machine(_) => Vec::new(),

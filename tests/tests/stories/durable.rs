@@ -32,11 +32,12 @@ enum Call {
 /// The calls of a command on files in a folder.
 fn calls(command: &Command, folder: &Path) -> Vec<Call> {
     let trace = tempfile::NamedTempFile::new().unwrap();
-    let calls = "trace=openat,write,writev,pwrite64,fsync,fdatasync,rename,renameat,renameat2";
+    let filter = "trace=openat,write,writev,pwrite64,fsync,fdatasync,rename,renameat,renameat2";
     let mut strace = Command::new("strace");
     // One line a call, whatever other threads do; paths whole, and those of open files too.
     strace.args(["--follow-forks", "--decode-fds=path", "--string-limit=4096", "--successful-only"]);
-    strace.arg("-e").arg(calls).arg("-o").arg(trace.path()).arg(command.get_program()).args(command.get_args());
+    strace.arg("-e").arg(filter).arg("-o").arg(trace.path()).arg(command.get_program()).args(command.get_args());
+    strace.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
     strace.assert().success();
     let text = fs::read_to_string(trace.path()).unwrap();
     let folder = fs::canonicalize(folder).unwrap();

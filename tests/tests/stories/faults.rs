@@ -1,6 +1,6 @@
 //! Recordings of another make: faults that nothing in them says, machines, and cables. Each is told, or does no harm.
 
-use belfry_tests::records::{CaseScore, case, run};
+use belfry_tests::records::{CaseScore, ModeScore, case, run};
 
 /// Drawn once; what is asked here holds for any.
 const SEED: u64 = 20_261_123;
@@ -34,6 +34,18 @@ fn a_channel_that_is_cut_off_is_named_and_left_out_and_no_shape_is_bent() {
     let damaged = score("clipped");
     assert!(tells(&damaged, "is cut off at") && tells(&damaged, "and is left out"), "{:?}", damaged.warnings);
     assert!(damaged.modes.iter().all(|mode| mode.least_mac.is_some_and(|mac| mac > 0.999)), "{}", damaged.table());
+}
+
+/// What a sensor did not measure is left out, and what it measured of the rest of the record is believed.
+#[test]
+fn a_channel_that_is_stuck_has_gaps_or_drifts_is_named_and_costs_no_mode() {
+    for (name, words) in [("stuck", "holds one value"), ("gaps", " gaps, "), ("gain-drifts", "its gain rises by")] {
+        let damaged = score(name);
+        assert!(tells(&damaged, words), "{name}: {:?}", damaged.warnings);
+        assert_eq!(damaged.faults, [1, 1], "{name}: {:?}", damaged.warnings);
+        let is_sound = |mode: &ModeScore| mode.missed == 0 && mode.least_mac.is_some_and(|mac| mac > 0.995);
+        assert!(damaged.modes.iter().all(is_sound), "{name}: {}", damaged.table());
+    }
 }
 
 #[test]

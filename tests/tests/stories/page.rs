@@ -218,7 +218,7 @@ fn the_page_takes_the_steps_of_the_commands_for_its_own_window_alone() {
         answer.json()["model"]["modes"][0]["frequency_hz"].as_f64().unwrap()
     };
     assert!(first_hz("1e-13") < 0.9 * first_hz("1e-15"));
-    // It has the lowest modes alone; they are those that all modes have among them.
+    // It looks for the lowest modes alone; they equal the lowest of all modes.
     let mut project = Project::open(Path::new(&study)).unwrap();
     for value in ["1.2e-15", "1.2e-14", "1.2e-13"] {
         let tried = server.get(&format!("/try?effect=base-rotation%3D{value}")).json();

@@ -1,9 +1,11 @@
-//! Two programs on one study at the same time: each change of study.toml stays.
+//! Two programs on one study at the same time: each change of study.toml stays, and results are of one of them.
 
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Stdio};
+use std::thread;
+use std::time::Duration;
 
 use assert_cmd::prelude::*;
 use belfry_tests::belfry_command;
@@ -41,20 +43,33 @@ fn commands_that_write_results_wait_for_one_another() {
         (&["plan", "--effect", "base-rotation=7e-15", "--hours", "1"], "plan.json"),
         (&["report"], "report.html"),
         (&["export", "--of", "modes"], "export/modes.csv"),
+        (&["add", "base-rotation"], "history.jsonl"),
+        (&["simulate", "--hours", "0.1", "--force"], "../truth.json"),
     ] {
         lock.lock().unwrap();
         let mut command = belfry_command();
         command.arg(words[0]).arg(&study).args(&words[1..]).stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap();
         let mut stderr = BufReader::new(child.stderr.take().unwrap());
-        let mut first = String::new();
-        stderr.read_line(&mut first).unwrap();
-        assert!(first.contains("another command is writing into this study"), "{words:?}: {first}");
+        let mut said = String::new();
+        stderr.read_line(&mut said).unwrap();
+        assert!(said.contains("another command is writing into this study"), "{words:?}: {said}");
         let written = Path::new(&study).join("results").join(written);
         assert!(!written.exists(), "{words:?}");
         lock.unlock().unwrap();
-        stderr.read_to_string(&mut first).unwrap();
-        assert!(child.wait().unwrap().success() && written.exists(), "{words:?}: {first}");
+        if words[0] == "identify" {
+            // It has the lock as long as it writes, and not only while it asks for it.
+            while lock.try_lock().is_ok() {
+                lock.unlock().unwrap();
+                assert!(child.try_wait().unwrap().is_none(), "it has ended, and never had the lock: {said}");
+                thread::sleep(Duration::from_millis(1));
+            }
+            lock.lock().unwrap();
+            assert!(written.exists(), "it has given the lock back before it has written");
+            lock.unlock().unwrap();
+        }
+        stderr.read_to_string(&mut said).unwrap();
+        assert!(child.wait().unwrap().success() && written.exists(), "{words:?}: {said}");
     }
 }
 

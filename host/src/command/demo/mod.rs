@@ -126,7 +126,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         true => Tower::of_paper()?,
         false => Tower::with_hidden(arguments.effect.as_ref(), arguments.seed)?,
     };
-    let study = write_study(&arguments.folder)?;
+    let (study, _lock) = write_study(&arguments.folder, console)?;
     console.say(format!(
         "A synthetic stand-in for the Canton Tower, {} h at 50 Hz, 20 accelerometers on 8 sensor nodes.",
         arguments.hours

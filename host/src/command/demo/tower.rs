@@ -7,15 +7,17 @@ use anyhow::{Context, bail};
 
 use super::hidden;
 use crate::command::Console;
-use crate::files::write_whole;
+use crate::command::interrupt::alone_in;
+use crate::files::{FolderLock, write_whole};
 use crate::model::effect::Effect;
 use crate::model::{BeamTable, Structure};
-use crate::results::HISTORY_FILE;
+use crate::results::{HISTORY_FILE, Results};
 use crate::simulate::{Options, Simulation, Truth, scattered};
 use crate::study::{STUDY_FILE, Study, template};
 
 /// First line of the demo's study.toml, by which a later demo knows that it may write over it.
 const MARK: &str = "# Made by `belfry demo`; the next `belfry demo` here writes it anew.\n";
+const TRUTH_FILE: &str = "truth.json";
 const RECORDING: &str = "recording.npy";
 /// Segments scatter by this share of what the model's tolerance allows.
 const SCATTER: f64 = 0.5;
@@ -61,15 +63,15 @@ impl Tower {
         simulation.write(&study.folder.join(RECORDING), rows, |made| bar.inc(made))?;
         bar.finish_and_clear();
         let truth = simulation.truth().clone();
-        let path = study.folder.join("truth.json");
+        let path = study.folder.join(TRUTH_FILE);
         let text = serde_json::to_string_pretty(&truth)? + "\n";
         write_whole(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
         Ok(truth)
     }
 }
 
-/// Writes the demo's study.
-pub(super) fn write_study(folder: &Path) -> anyhow::Result<Study> {
+/// Writes the demo's study, for this command alone.
+pub(super) fn write_study(folder: &Path, console: &Console) -> anyhow::Result<(Study, Option<FolderLock>)> {
     let path = folder.join(STUDY_FILE);
     if fs::read_to_string(&path).is_ok_and(|text| !text.starts_with(MARK)) {
         bail!(
@@ -79,6 +81,16 @@ pub(super) fn write_study(folder: &Path) -> anyhow::Result<Study> {
         );
     }
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let lock = alone_in(folder, console)?;
+    let results = Results::in_study(folder);
+    results.make_ready()?;
+    // A folder from someone else may have links to files of the user's.
+    for name in ["beam.csv", STUDY_FILE, RECORDING, TRUTH_FILE] {
+        let path = folder.join(name);
+        if path.is_symlink() {
+            fs::remove_file(&path).with_context(|| format!("cannot remove the link {}", path.display()))?;
+        }
+    }
     let mut study: toml_edit::DocumentMut = template::CANTON_STUDY.parse()?;
     if let Some(setups) = study.get_mut("setup").and_then(|item| item.as_array_of_tables_mut())
         && let Some(setup) = setups.get_mut(0)
@@ -90,7 +102,7 @@ pub(super) fn write_study(folder: &Path) -> anyhow::Result<Study> {
         write_whole(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
     };
     // The history is of the tower before.
-    match fs::remove_file(folder.join("results").join(HISTORY_FILE)) {
+    match fs::remove_file(results.path(HISTORY_FILE)) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
             return Err(error).with_context(|| format!("cannot remove the old history in {}", folder.display()));
         }
@@ -98,5 +110,5 @@ pub(super) fn write_study(folder: &Path) -> anyhow::Result<Study> {
     }
     write("beam.csv", template::CANTON_BEAM)?;
     write(STUDY_FILE, &format!("{MARK}{study}"))?;
-    Ok(Study::load(folder)?)
+    Ok((Study::load(folder)?, lock))
 }
