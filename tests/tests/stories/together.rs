@@ -33,6 +33,7 @@ fn commands_that_write_results_wait_for_one_another() {
     let folder = tempfile::tempdir().unwrap();
     let study = canton(folder.path());
     let lock = File::options().write(true).open(Path::new(&study).join(".belfry-lock")).unwrap();
+    fs::remove_file(Path::new(&study).join("truth.json")).unwrap();
     for (words, written) in [
         (&["identify", "--direct"][..], "modes.json"),
         (&["compare"], "comparison.json"),
