@@ -133,7 +133,7 @@ export function actionsOf(section, d) {
         diagnosis: has && modelled && [["Ask what is missing", ["diagnose"]],
             text && !isIn(d, text) && [`Add ${text} to the model`, ["add", text]],
             undo,
-            ["Fit the stiffness profile", ["profile"]], ["Draw the history", ["history"]]],
+            ["Fit the stiffness profile", ["profile"]]],
     }[section]
     const rows = (list || []).filter(Boolean)
     if (!rows.length) return null

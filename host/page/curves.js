@@ -17,6 +17,8 @@ const SETTLED_MS = 250
 // How high plots are on paper.
 const PRINTED = 0.8
 const MOST_ZOOM = 1e7
+// Room at the right of a plot for half of the last number, CSS pixels.
+const RIGHT = 18
 
 // ---- numbers
 
@@ -232,6 +234,17 @@ function around(low, high, log) {
     return log ? [low / room, high * room] : [a - 0.05 * (b - a), b + 0.05 * (b - a)]
 }
 
+/** Of numbers below an axis, those that neither touch the one before nor reach beyond the edge. */
+function apart(texts, places, edge) {
+    let end = -Infinity
+    return texts.map((text, i) => {
+        const half = 3.1 * text.length
+        if (!text || places[i] - half < end + 6 || places[i] + half > edge) return ""
+        end = places[i] + half
+        return text
+    })
+}
+
 function axisOf(axis, name, small) {
     const vertical = name === "y", own = font(SIZE), faint = { stroke: () => colour("line") }
     const length = u => (vertical ? u.bbox.height : u.bbox.width) / uPlot.pxRatio || (vertical ? u.height : u.width) * 0.9
@@ -243,11 +256,15 @@ function axisOf(axis, name, small) {
         splits: (u, _, low, high) => (axis.splits ?? (axis.log ? decades : ticks))(low, high, room(u), length(u)),
         filter: (_, splits) => splits,
         values(u, splits) {
-            if (axis.bare) return splits.map(() => "")
-            if (axis.values) return axis.values(splits, length(u))
-            if (axis.log) return splits.map(value => power(value))
-            const { min, max } = u.scales[name], step = splits[1] - splits[0] || stepFor(max - min, room(u))
-            return splits.map(value => fixed(value, decimals(step)))
+            const { min, max } = u.scales[name], all = length(u)
+            const written = () => {
+                if (axis.bare) return splits.map(() => "")
+                if (axis.values) return axis.values(splits, all)
+                if (axis.log) return splits.map(value => power(value))
+                const step = splits[1] - splits[0] || stepFor(max - min, room(u))
+                return splits.map(value => fixed(value, decimals(step)))
+            }
+            return vertical ? written() : apart(written(), splits.map(value => all * (value - min) / (max - min)), all + RIGHT)
         },
         // As wide as its longest number; `least` letters, so that panels below each other agree.
         size: vertical ? (_, values) => Math.ceil(6.3 * (values ?? []).reduce((most, text) => Math.max(most, text.length), axis.least ?? 3)) + 10 : axis.bare ? 0 : 22,
@@ -292,10 +309,15 @@ export function plot(host, options) {
     const width = () => Math.max(120, Math.floor(box.clientWidth))
     let settled = 0, applying = true
     const isWhole = () => u.scales.x.min <= whole[0] && u.scales.x.max >= whole[1]
+    // Also while it is made, when it is not yet `u`.
+    const tellPlace = (at = u) => {
+        const { left } = at.cursor
+        key?.show(left >= 0 ? at.posToIdx(left) : null, at.posToVal(left, "x"))
+    }
 
     const u = new uPlot({
         width: width(), height,
-        padding: [rows * MARK_ROW + (rows ? 4 : 8), 18, x.bare ? 6 : null, null],
+        padding: [rows * MARK_ROW + (rows ? 4 : 8), RIGHT, x.bare ? 6 : null, null],
         legend: { show: false },
         cursor: {
             show: options.cursor ?? !small, y: options.crosshair ?? false,
@@ -317,11 +339,13 @@ export function plot(host, options) {
         hooks: {
             drawAxes: [u => painted(u, [options.behind, drawMarks, drawBands])],
             draw: [u => { painted(u, [drawLines, options.front]); placeMarks() }],
-            setCursor: [({ cursor: { idx, left } }) => key?.show(left < 0 ? null : idx, u.posToVal(left, "x"))],
+            setCursor: [u => tellPlace(u)],
             setScale: [(u, name) => {
                 const { min, max } = u.scales.x
                 if (name !== "x" || min == null) return
                 again.hidden = still || options.quiet || isWhole()
+                // What is under the pointer is another place now.
+                tellPlace()
                 if (applying) return
                 const [low, high] = inside([min, max])
                 if (low !== min || high !== max) return void queueMicrotask(() => to([low, high]))
@@ -477,8 +501,7 @@ export function plot(host, options) {
             u.setData(next, false)
             u.redraw(true, true)
             // The place under the pointer has another index now.
-            const { left } = u.cursor
-            if (left >= 0) key?.show(u.posToIdx(left), u.posToVal(left, "x"))
+            tellPlace()
         },
         free() {
             clearTimeout(settled)

@@ -58,7 +58,7 @@ class Figure {
         const why = d.stale?.[picture.from]
         this.stale.replaceChildren(...why ? sentence(`From an older state: ${why}`) : [])
         // The data say what stands on results alone, the picture what follows the view.
-        this.says.textContent = [isPreview() && follows(picture, "preview") && "Preview, not written:", guarded(picture.id, () => picture.says?.(d, view)), d.says?.[picture.id]].filter(Boolean).join(" ")
+        this.says.textContent = [isPreview() && follows(picture, "preview") && "Preview, not written:", guarded(picture.id, () => picture.says?.(d, view)), signs(d.says?.[picture.id] ?? "")].filter(Boolean).join(" ")
         const free = guarded(picture.id, () => picture.draw(host, d, view) ?? null, false)
         if (free === false) host.replaceChildren(make("p.failed", "This picture could not be drawn."))
         else if (typeof free === "function") this.free = free
@@ -184,15 +184,16 @@ function navigation(d) {
         make("button", { "aria-label": "Next mode", onclick: () => step(1) }, "›")] : [], themeButton)))
 }
 
-// `belfry diagnose` in a sentence becomes code.
-const sentence = text => String(text ?? "").split("\x60").map((part, i) => i % 2 ? make("code", part) : part)
+// `belfry diagnose` in a sentence becomes code, the hyphen before a number a minus.
+const sentence = text => String(text ?? "").split("\x60").map((part, i) => i % 2 ? make("code", part) : signs(part))
+const signs = text => text.replace(/(^|[ (])-(?=\d)/g, "$1\u2212")
 
 // The command that a finding asks for, such as "add base-rotation": to type, and to run where a server answers.
 function asked(text) {
     if (!text) return []
     const command = text.split(" ")
     // Collecting ends when it is stopped: that is for a terminal.
-    return [" ", can() && text !== "collect" && button("Run", command, { "aria-label": `Run ${text}` }), " ", typed(command)].filter(Boolean)
+    return [" ", can() && text !== "collect" && button("Run", command, { class: "no-print", "aria-label": `Run ${text}` }), " ", typed(command)].filter(Boolean)
 }
 
 function findings(d) {

@@ -4,6 +4,9 @@ const minus = text => text.replace("-", "\u2212")
 /** What a version of the model is called; its key is also its colour. */
 export const KINDS = { given: "model as first given", effects: "model with its effects", updated: "after direct update" }
 
+/** What the direct update is called: that of the model as given stays in sight while effects come. */
+export const updateOf = d => KINDS.updated + (d.comparison?.effects && !d.update?.effects?.length ? " of the model as given" : "")
+
 /** Whether it is a number that can be written or drawn. */
 export const known = Number.isFinite
 export const clamp = (x, low, high) => Math.min(Math.max(x, low), high)

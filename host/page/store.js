@@ -72,16 +72,16 @@ export function watch(hear) {
         let said
         try { said = JSON.parse(event.data) } catch { return }
         if (said.job) hear(said.job, true)
-        if (said.version != null && said.version !== stored?.version) again(hear)
+        if (said.version != null && said.version !== stored?.version) again(hear, said.version)
     }
 }
 let isBroken = false
-async function again(hear) {
-    // A load under way may have begun before the change.
+async function again(hear, version) {
+    // A load under way may have begun before the change, or after it.
     const wanted = loading
     try { await wanted } catch { /* it is loaded anew */ }
     try {
-        await load()
+        if (isBroken || stored?.version !== version) await load()
         // What was wrong with it is mended.
         if (isBroken) hear({ command: "The study can be shown again." }, true)
         isBroken = false

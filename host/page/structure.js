@@ -273,11 +273,14 @@ export function scales(pen, s, view, height) {
     const ox = 26, oy = height - 20
     pen.font = font(11, "600")
     pen.textAlign = "center"
-    for (const [name, axis] of [["X", [1, 0, 0]], ["Y", [0, 1, 0]], ["Z", [0, 0, 1]]]) {
+    const letters = []
+    for (const [name, axis] of [["Z", [0, 0, 1]], ["X", [1, 0, 0]], ["Y", [0, 1, 0]]]) {
         const x = dot(axis, view.right), y = -dot(axis, view.up)
         if (Math.hypot(x, y) < 0.2) continue
         stroke(pen, [[ox, oy], [ox + 13 * x, oy + 13 * y]])
-        pen.fillText(name, ox + 20 * x, oy + 20 * y)
+        const at = far => [ox + far * x, oy + far * y], isFree = ([a, b]) => letters.every(([c, d]) => Math.hypot(a - c, b - d) > 10)
+        letters.push([20, 30].map(at).find(isFree) ?? at(40))
+        pen.fillText(name, ...letters.at(-1))
     }
 }
 

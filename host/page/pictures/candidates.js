@@ -32,7 +32,7 @@ export const candidates = {
         const groups = setsOf(ambiguous).map(names => sorted.filter(one => isAmong(one, names))).filter(rows => rows.length > 1), others = sorted.filter(one => !groups.flat().includes(one))
         const of = cell => one => one.isRest ? "" : cell(one), isImpossible = one => one.admissible === false
         host.append(table("Candidates", [
-            ["Effect", "", candidateName, "wrap"],
+            ["Effect", "", candidateName, "text"],
             ["Probability", "", one => isImpossible(one) ? "impossible" : bar(one.probability, 1, one.isRest ? "rejected" : "effects", probability(one.probability)), "text"],
             ["Value", "", of(one => one.parameters?.map(each => (one.parameters.length > 1 ? each.name + " " : "") + sized(each)).join("; ")), "wrap"],
             ["ln Bayes factor", "over the model as it is", of(one => signed(one.log_bayes_factor, 1))],
@@ -96,7 +96,7 @@ const SMALL = 208, FREQUENCIES = 52, BETWEEN = 8, SENSOR = 3
 export const fingerprints = {
     id: "fingerprints", title: "Every candidate beside what is missing", from: "diagnosis", follows: ["candidate"], long: true,
     has: data => fingerprint.has(data) && printsOf(data).length > 1,
-    says: data => `${plural(printsOf(data).length, "candidate")}, the most probable first. The more alike the two sides, the more it explains. Choose one to see it large.`,
+    says: data => `${plural(printsOf(data).length, "candidate")}, the most probable first. The more alike the two sides, the more it explains.${printing() ? "" : " Choose one to see it large."}`,
     draw(host, data, view) {
         const prints = printsOf(data), { print: chosen } = chosenOf(data, view), { measured } = data.fingerprints
         const end = Math.max(1, ...measured.frequency.map(Math.abs)), { hue } = huesOf(measured.shape ?? [])

@@ -2,12 +2,12 @@
 
 import { make } from "@/canvas.js"
 import { chosenMode, extent, items, plot } from "@/curves.js"
-import { KINDS, fixed, hertz, known, plural, pvalue, signed } from "@/numbers.js"
+import { KINDS, fixed, hertz, known, plural, pvalue, signed, updateOf } from "@/numbers.js"
 
-/** The errors of each mode: of the model as given, with its effects, after the update, unless that is of other modes. */
-function errorsOf({ modes, comparison, update, stale }) {
+/** The errors of each mode: of the model as given, with its effects, after the update, where that is of one of these and of these modes, so that its MAC is there. */
+function errorsOf({ modes, comparison, update, mac }) {
     const rows = new Map(), std = new Map(items(modes?.modes).map(mode => [mode.number, 100 * mode.frequency_std_hz / mode.frequency_hz]))
-    for (const [kind, pairs] of [["given", comparison?.given?.pairs], ["effects", comparison?.effects?.pairs], ["updated", stale?.update ? [] : update?.pairs]]) for (const pair of items(pairs)) {
+    for (const [kind, pairs] of [["given", comparison?.given?.pairs], ["effects", comparison?.effects?.pairs], ["updated", items(mac).some(one => one.what === "updated") ? update?.pairs : []]]) for (const pair of items(pairs)) {
         const { measured, measured_hz } = pair, { frequency_error_percent, frequency_z } = kind === "updated" ? pair.after ?? {} : pair
         // z is the error over the deviation; it gives the deviation where modes.json does not.
         if (!rows.has(measured)) rows.set(measured, { mode: measured, hz: measured_hz, std: std.get(measured) ?? Math.abs(frequency_error_percent / frequency_z) })
@@ -25,7 +25,7 @@ export const frequencyErrors = {
         const list = errorsOf(data), worst = list.filter(one => known(one.given)).sort((a, b) => Math.abs(b.given) - Math.abs(a.given))[0]
         const means = Object.entries(KINDS).map(([kind, label]) => {
             const values = list.map(one => one[kind]).filter(known)
-            return values.length && `${fixed(values.reduce((sum, value) => sum + Math.abs(value), 0) / values.length, 2)} % ${kind === "updated" ? "" : "for the "}${label}`
+            return values.length && `${fixed(values.reduce((sum, value) => sum + Math.abs(value), 0) / values.length, 2)} % ${kind === "updated" ? updateOf(data) : `for the ${label}`}`
         }).filter(Boolean)
         return `Over ${plural(list.length, "mode")} the mean error is ${means.join(", ") || "unknown"}${worst ? `; as given the model is worst at mode ${worst.mode}, ${signed(worst.given, 2)} %.` : "."}`
     },

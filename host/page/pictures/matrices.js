@@ -4,15 +4,15 @@
 
 import { colour, make, mix, printing } from "@/canvas.js"
 import { matrix } from "@/matrix.js"
-import { KINDS, clamp, fixed, known, mac as written, percent, significant } from "@/numbers.js"
+import { KINDS, clamp, fixed, known, mac as written, percent, significant, updateOf } from "@/numbers.js"
 
 const sane = d => Object.keys(KINDS).flatMap(what => (d.mac ?? []).filter(m => m.what === what && m.values?.length && m.measured?.length && m.model?.length))
 const best = m => m.values.map(row => row.reduce((a, b) => Math.max(a, b ?? 0), 0))
-// One is the same shape: nothing less is rounded to it.
-const short = (v, brief) => v >= 0.05 ? (brief ? fixed(v < 1 ? Math.min(v, 0.99) : v, 2) : written(v)).replace("0.", ".") : ""
+// Cut, never rounded: 1 is the same shape, and .99 is no less than that.
+const short = (v, brief) => v >= 0.05 ? (brief ? fixed(Math.floor(100 * v + 1e-9) / 100, 2) : written(v)).replace("0.", ".") : ""
 
-// What each MAC matrix was drawn of, its canvas, and where the note is that its cells write to.
-const drawn = new Map()
+// What each MAC matrix was drawn of, and its canvas; and the note that their cells write to.
+const drawn = new Map(), note = make("p.quiet.no-print")
 
 export const macs = {
     id: "mac", title: "Agreement of shapes (MAC)", follows: ["mode"], uses: ["mac"],
@@ -20,12 +20,13 @@ export const macs = {
     says(d) {
         const parts = sane(d).map(m => {
             const all = best(m), low = Math.min(...all)
-            return `${KINDS[m.what]} at least ${written(low)} (mode ${m.measured[all.indexOf(low)]})`
+            return `${m.what === "updated" ? updateOf(d) : KINDS[m.what]} at least ${written(low)} (mode ${m.measured[all.indexOf(low)]})`
         })
         return `Each measured mode against each of the model's; 1 is the same shape. Of the best pairs: ${parts.join(", ")}.` + (sane(d).some(m => m.what === "updated") ? " The direct update turns shapes within their span, so a good MAC after it is no evidence." : "")
     },
     draw(host, d, view) {
-        const grid = make("div.matrices"), note = make("p.quiet.no-print", "\u00a0")
+        const grid = make("div.matrices")
+        note.textContent = "\u00a0"
         host.append(grid, note)
         const list = sane(d).map(m => {
             const cell = make("div", make("h4", { tint: m.what + "-text" }, KINDS[m.what]))
@@ -38,18 +39,16 @@ export const macs = {
             const key = JSON.stringify([m, view.get("mode"), cell.clientWidth, none, full, colour("ink"), printing(), devicePixelRatio]), before = drawn.get(m.what)
             if (before?.key === key) {
                 cell.append(before.sheet)
-                before.to.note = note
                 continue
             }
-            const to = { note }
             matrix(cell, m.values, { rows: m.measured, columns: m.model, axes: ["measured mode", "model's mode"], most: 40, key: ["MAC", 0, 1, "0", "1"], text: short,
                 sentence: `${KINDS[m.what]}: best MAC of modes ${m.measured.join(", ")} is ${best(m).map(written).join(", ")}`,
                 hue: v => mix(none, full, (v || 0) ** 2), strong: r => m.measured[r] === view.get("mode"),
                 point(r, c, click) {
-                    to.note.textContent = `${KINDS[m.what]}: measured mode ${m.measured[r]}, model's mode ${m.model[c]}, MAC ${written(m.values[r][c])}`
+                    note.textContent = `${KINDS[m.what]}: measured mode ${m.measured[r]}, model's mode ${m.model[c]}, MAC ${written(m.values[r][c])}`
                     if (click) view.set({ mode: m.measured[r] })
                 } })
-            drawn.set(m.what, { key, sheet: cell.lastChild, to })
+            drawn.set(m.what, { key, sheet: cell.lastChild })
         }
     },
 }

@@ -1,13 +1,14 @@
 // The time history of a channel: from the whole record down to a second. A report has least and greatest values; a server gives the samples.
 
 import { can, samples } from "@/actions.js"
+import { printing } from "@/canvas.js"
 import { choice, clean, extent, items, plot, scaled, steps, unpack } from "@/curves.js"
 import { clamp, duration, fixed, known, significant } from "@/numbers.js"
 import { byHeight, channelsOf } from "@/pictures/psd.js"
 
 // A zoom that has rested so long asks for samples.
 const ASK_MS = 300
-const STEPS_S = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800]
+const STEPS_S = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800]
 const two = n => String(n).padStart(2, "0")
 
 /** What an axis of this unit shows. */
@@ -18,7 +19,7 @@ export function timeAxis(start, span_s) {
     const zero = Date.parse(start ?? ""), isKnown = known(zero), offset = isKnown ? zero / 1000 % 86400 : 0
     const date = seconds => new Date(zero + seconds * 1000).toISOString().slice(0, 10), days = isKnown && offset + span_s >= 86400
     function clock(seconds, step) {
-        const digits = step < 0.1 ? 2 : step < 1 ? 1 : 0, at = Math.round((seconds + offset) * 10 ** digits) / 10 ** digits
+        const digits = step < 0.01 ? 3 : step < 0.1 ? 2 : step < 1 ? 1 : 0, at = Math.round((seconds + offset) * 10 ** digits) / 10 ** digits
         const hours = Math.floor(at / 3600), rest = (at % 60).toFixed(digits).padStart(digits ? 3 + digits : 2, "0")
         if (days && (step >= 86400 || hours % 24 === 0 && at % 3600 === 0)) return date(seconds).slice(5)
         return `${isKnown ? two(hours % 24) : hours}:${two(Math.floor(at / 60) % 60)}${step < 60 ? ":" + rest : ""}`
@@ -50,7 +51,7 @@ export default {
     follows: ["channel"],
     says(data, view) {
         const { name, setup, most, factor, unit } = chosenOf(data, view)
-        return `Channel ${name} over ${duration(setup.duration_s)}: least and greatest value of every ${significant(setup.bin_s, 2)} s, at most ${significant(most * factor, 3)} ${unit}.${can() ? " In a zoom, those of finer pieces, down to the samples." : " A closer look shows no more here; belfry serve has the samples."}`
+        return `Channel ${name} over ${duration(setup.duration_s)}: least and greatest value of every ${significant(setup.bin_s, 2)} s, at most ${significant(most * factor, 3)} ${unit}.${printing() ? "" : can() ? " In a zoom, those of finer pieces, down to the samples." : " A closer look shows no more here; belfry serve has the samples."}`
     },
     has: data => allOf(data).length > 0,
     draw(host, data, view) {
@@ -83,7 +84,7 @@ export default {
             lines: [{ colour: "measured", width: 1 }, { colour: "measured", width: 1 }],
             bands: [{ between: [2, 1], colour: "measured", alpha: 0.35 }],
             moved: can() ? later : null,
-            at: (_, i) => axis.clock(shown[0][i], (chart.u.scales.x.max - chart.u.scales.x.min) / 200),
+            at: (x, i) => axis.clock(shown[0][i] ?? x, (chart.u.scales.x.max - chart.u.scales.x.min) / 200),
             legend: [{ label: `channel ${name}, least and greatest`, colour: "measured", kind: "band", alpha: 0.6,
                 value: i => shown[1][i] == null ? "no data" : `${fixed(shown[1][i], 3)} to ${fixed(shown[2][i], 3)} ${unit}` }],
         })

@@ -14,6 +14,12 @@ const setupsOf = data => items(data.spectra?.setups).filter(setup => items(setup
 const of = (data, name) => items(data.modes?.[name]).filter(one => known(one.frequency_hz))
 const rounded = hz => Number(hz.toFixed(4))
 
+/** A mode's fit as these lines see it: those of a narrow mode are finer. */
+function onTheseLines({ frequency_hz, fitted, on_lines }, hz) {
+    const xs = on_lines ? hz.subarray(on_lines.first_line) : frequency_hz
+    return Array.from(unpack(on_lines?.values ?? fitted), (value, i) => [xs[i], value])
+}
+
 export default {
     id: "singular-values",
     title: "Singular values",
@@ -45,9 +51,13 @@ export default {
             action.replaceChildren(words + " ", label ? make("button", { onclick: () => pick(...what) }, label) : "")
         }
         const { added_hz: added, dropped, bands, standing } = picks()
+        // Of the modes that come: those that were dropped before, and those that are new.
+        const isNear = (a, b) => Math.abs(a / b - 1) < 1e-6, were = items(standing?.dropped_hz), back = added.filter(hz => were.some(one => isNear(one, hz))), fresh = added.filter(hz => !back.includes(hz))
+        const gone = were.filter(hz => !back.some(one => isNear(one, hz))), absent = items(standing?.absent_hz).filter(hz => !fresh.includes(hz))
         // What a mode is called in study.toml: where it was asked for, it may lie beside.
         const asked = mark => mark.is.asked_hz ?? rounded(mark.x)
         const level = value => singular[0][nearest(hz, value)]
+        const offerBack = hz => offer(`Dropped at ${hertz(hz)} in study.toml.`, "Take it back", hz, true)
         const isDropped = ({ is }) => dropped.includes(is.number)
         const modes = modeMarks(data), mode = modes.find(mark => mark.chosen)
         // The band that the chosen mode is to be fitted to, where a reader has chosen it.
@@ -62,27 +72,26 @@ export default {
         }
         const marks = [
             ...modes.map(mark => isDropped(mark) ? { ...mark, colour: "rejected", dash: [2, 4], isStruck: true, title: mark.title + "; dropped, until modes are identified again" } : mark),
-            ...added.map(hz => ({ x: hz, text: "+", dash: [5, 4], alpha: 1, title: `added at ${hertz(hz)}, not identified yet`, press: () => offer(`Added at ${hertz(hz)}.`, "Take it back", hz, false) })),
+            ...fresh.map(hz => ({ x: hz, text: "+", dash: [5, 4], alpha: 1, title: `added at ${hertz(hz)}, not identified yet`, press: () => offer(`Added at ${hertz(hz)}.`, "Take it back", hz, false) })),
+            ...back.map(hz => ({ x: hz, text: "+", dash: [5, 4], alpha: 1, title: `no longer dropped at ${hertz(hz)}, not identified yet`, press: () => offer(`No longer dropped at ${hertz(hz)}.`, "Drop it again", hz, false) })),
             ...forced.map(line => ({
                 x: line.frequency_hz, text: "F", colour: "forced-text", dash: [5, 4], alpha: 1, half: line.wanders_hz,
                 title: `forced line at ${hertz(line.frequency_hz)}, kurtosis ${fixed(line.kurtosis, 2)}`
                     + (line.wanders_hz ? `, wanders by ${hertz(line.wanders_hz)}` : "") + (line.on_share < 1 ? `, there for ${percent(line.on_share, 0)} of the time` : ""),
             })),
             // Those of study.toml that the modes were identified with.
-            ...items(standing?.dropped_hz).filter(hz => !added.includes(hz)).map(hz => ({
-                x: hz, text: "−", colour: "rejected", dash: [2, 4], title: `dropped at ${hertz(hz)} in study.toml`, press: () => offer(`Dropped at ${hertz(hz)} in study.toml.`, "Take it back", hz, true),
-            })),
-            ...items(standing?.absent_hz).filter(hz => !added.includes(hz)).map(hz => ({
-                x: hz, text: "+", colour: "rejected", dash: [2, 4], isStruck: true, title: `asked for at ${hertz(hz)} in study.toml, where no mode was found`,
+            ...gone.map(hz => ({ x: hz, text: "−", colour: "rejected", dash: [2, 4], title: `dropped at ${hertz(hz)} in study.toml`, press: () => offerBack(hz) })),
+            ...absent.map(hz => ({
+                x: hz, text: "?", colour: "rejected", dash: [2, 4], title: `asked for at ${hertz(hz)} in study.toml, where no mode was found`,
                 press: () => offer(`No mode was found at ${hertz(hz)}, where study.toml asks for one.`, "Take it back", hz, false),
             })),
-            ...rejected.map(({ frequency_hz, in_words, because }) => ({
+            ...rejected.map(({ frequency_hz, in_words, because, can_be_added: canBeAdded }) => ({
                 x: frequency_hz, y: level(frequency_hz), text: "×", colour: "rejected", line: false, title: `${hertz(frequency_hz)} is no mode: ${in_words ?? because}`,
-                press: () => offer(`Rejected at ${hertz(frequency_hz)}.`, "Add it as a mode", rounded(frequency_hz), true),
+                press: () => canBeAdded === false ? offer(`Rejected at ${hertz(frequency_hz)}: ${in_words}. There is no resonance to add.`) : offer(`Rejected at ${hertz(frequency_hz)}.`, "Add it as a mode", rounded(frequency_hz), true),
             })),
         ]
         // The lower values reach far down in places; three decades below the first are enough.
-        const fits = items(data.spectra.fitted).filter(one => one.setup === setup.setup && one.frequency_hz)
+        const fits = items(data.spectra.fitted).filter(one => one.setup === setup.setup && one.frequency_hz).map(fit => onTheseLines(fit, hz))
         const [low, high] = extent(singular[0], true) ?? [1e-12, 1], least = Math.max(low * 1e-3, extent(singular.at(-1), true)?.[0] ?? 0)
         const chart = plot(host, {
             zoom: "hz", height: 340, noted: true, marks,
@@ -100,7 +109,7 @@ export default {
             },
             front(pen) {
                 pen.style("ink", { width: 1.2, dash: [3, 2] })
-                for (const { frequency_hz, fitted } of fits) pen.line(Array.from(unpack(fitted), (value, i) => [frequency_hz[i], value]))
+                for (const fit of fits) pen.line(fit)
             },
             moved: (from, to) => offerBand(from, to),
             at: (_, index) => hertz(hz[index]),
@@ -109,8 +118,10 @@ export default {
                 others.length > 0 && { label: others.length > 1 ? `first of the other ${others.length} setups` : "first of the other setup", colour: "rejected", alpha: 0.6 },
                 fits.length > 0 && { label: "fit of each mode", kind: "dash" },
                 modes.length > 0 && { label: "mode", kind: "up" },
-                added.length > 0 && { label: "added, not identified yet", kind: "dash" },
-                dropped.length > 0 && { label: "dropped mode", colour: "rejected", kind: "dots" },
+                added.length > 0 && { label: "+ added, not identified yet", kind: "dash" },
+                dropped.length > 0 && { label: "dropped, not identified yet", colour: "rejected", kind: "dots" },
+                gone.length > 0 && { label: "− dropped in study.toml", colour: "rejected", kind: "dots" },
+                absent.length > 0 && { label: "? asked for, no mode found", colour: "rejected", kind: "dots" },
                 forced.length > 0 && { label: "F forced line", colour: "forced", kind: "dash" },
                 rejected.length > 0 && { label: "rejected", colour: "rejected", kind: "cross" },
                 band && { label: "band of the mode's fit", colour: "rejected", alpha: 0.3, kind: "band" },
@@ -119,11 +130,14 @@ export default {
                 const reach = u.posToVal(SNAP, "x") - u.posToVal(0, "x"), near = modes.find(({ x }) => Math.abs(x - where) < reach)
                 // The line of a mode is that mode; beside it, zoom in.
                 if (near) return near.chosen ? offerMode() : view.set({ mode: near.is.number })
+                const before = gone.find(hz => Math.abs(hz - where) < reach)
+                if (before) return offerBack(before)
                 // A mode below a stronger one's bell has its peak in a lower curve.
                 if (!setup.peaks_hz) return offer("Where peaks stand out is known once modes are identified again.")
                 const peak = setup.peaks_hz.reduce((best, at) => Math.abs(at - where) >= Math.abs(best - where) ? best : at, NaN), at = hertz(peak)
-                const own = modes.find(({ x }) => Math.abs(x - peak) <= Math.max(SAME * peak, SAME_LINES * setup.spacing_hz)), none = `No peak stands out at ${hertz(where)}`
+                const isSame = (x, peak) => Math.abs(x - peak) <= Math.max(SAME * peak, SAME_LINES * setup.spacing_hz), own = modes.find(({ x }) => isSame(x, peak)), none = `No peak stands out at ${hertz(where)}`
                 if (!known(peak)) offer(`${none}, nor anywhere else.`)
+                else if (gone.some(hz => isSame(hz, peak))) offerBack(gone.find(hz => isSame(hz, peak)))
                 else if (own) offer(`${none}; the nearest is mode ${own.text}, at ${hertz(own.x)}.`)
                 else offer(Math.abs(peak - where) < reach ? `Peak at ${at}.` : `${none}; the nearest peak is at ${at}.`, `Add a mode at ${at}`, rounded(peak), true)
             } : null,
@@ -134,7 +148,7 @@ export default {
         }
         if (mode) offerMode()
         queueMicrotask(() => offerBand(chart.u.scales.x.min, chart.u.scales.x.max))
-        const count = [added.length && `${added.length} added`, dropped.length && `${dropped.length} dropped`, bands.length && plural(bands.length, "band")].filter(Boolean).join(", ")
+        const count = [fresh.length && `${fresh.length} added`, back.length && `${back.length} no longer dropped`, dropped.length && `${dropped.length} dropped`, bands.length && plural(bands.length, "band")].filter(Boolean).join(", ")
         host.append(action, fitting, standing ? make("p.quiet", standing.in_words) : "", count && make("p.pick", `Picked: ${count}, in study.toml, not identified yet. `, button("Identify modes", identify(data)), typed(identify(data))))
         return chart.free
     },

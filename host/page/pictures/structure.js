@@ -5,6 +5,9 @@ import { items, legend } from "@/curves.js"
 import { KINDS, clamp, fixed, hertz, known, mac, metres, signed } from "@/numbers.js"
 import { cameras, lens, misfits, paint, scales, scene } from "@/structure.js"
 
+// How high the view from above is where it stands below, CSS pixels.
+const BELOW = 210
+
 const words = { measured: "measured", ...KINDS }
 const keyOf = (s, check) => legend([...s.kinds.map(kind => ({ label: words[kind], colour: kind, kind: kind === "measured" ? "dot" : "line", check: check?.(kind) })), check && { label: "arrow: what the sensor measures of its motion", kind: "none" }])
 /** The modes that can be shown: the measured ones, otherwise the model's. */
@@ -37,6 +40,8 @@ export const structure = {
         // Most of the mode's motion is seen from there.
         const free = [s.towards - 0.4, 0.3]
         const width = Math.max(260, host.clientWidth), height = printing() ? 420 : width < 560 ? 470 : 600
+        // The view from above stands beside the other, or below it where there is no room.
+        const isBeside = width > 640, all = isBeside ? height : height + BELOW
         const camera = () => { const c = view.get("camera"); return Array.isArray(c) && c.length === 2 && c.every(known) ? c : free }
         const amplitude = () => { const a = view.get("amplitude"); return typeof a === "number" ? clamp(a, 0, 3) : 1 }
         const hidden = items(view.get("hidden")), shown = kind => !hidden.includes(kind), playing = () => !view.get("paused"), runs = () => playing() && !still()
@@ -57,23 +62,26 @@ export const structure = {
         // What stands still lies below what moves. No more pixels than the screen has where it moves, for 60 frames a second.
         const below = canvas(structure.says(d, view)), element = make("canvas.over", { "aria-hidden": "true" })
         stage.append(below, element)
-        const quiet = size(below, width, height), pen = size(element, width, height, still() || matchMedia("(min-resolution: 1.5dppx)").matches ? 2 : 1)
+        const quiet = size(below, width, all), pen = size(element, width, all, still() || matchMedia("(min-resolution: 1.5dppx)").matches ? 2 : 1)
         let view3, inset, strip, rows, frame = 0, onScreen = true, painted = false
         function look() {
             const c = camera(), above = Math.sin(c[1]) > 0.87
             rows = where(d, above)
-            const plan = !above && width > 760 ? Math.min(300, Math.round(width * 0.26)) : 0
+            const plan = !above && isBeside ? Math.min(300, Math.round(width * 0.26)) : 0
             strip = width - plan - (rows.length ? misfits.width : 10)
             view3 = lens(s, c, [62, 26, Math.max(60, strip - 74), height - 84], amplitude(), shown)
-            inset = plan && lens(s, cameras.above, [width - plan + 8, 40, plan - 16, height - 110], amplitude(), shown)
-            for (const [side, b] of sides) b.setAttribute("aria-pressed", String(String(side) === String(c)))
-            quiet.clearRect(0, 0, width, height)
+            const box = isBeside ? [width - plan + 8, 40, plan - 16, height - 110] : [62, height + 24, width - 124, BELOW - 40]
+            inset = !above && lens(s, cameras.above, box, amplitude(), shown)
+            const chosen = sides.findIndex(([side]) => String(side) === String(c))
+            sides.forEach(([, b], i) => b.setAttribute("aria-pressed", String(i === (chosen < 0 ? sides.length - 1 : chosen))))
+            quiet.clearRect(0, 0, width, all)
             for (const v of [view3, inset]) if (v) paint(quiet, s, v, { phase: 0, shown: kind => kind === "rest" })
             scales(quiet, s, view3, height)
             misfits(quiet, view3, rows, d.comparison?.effects ? "misfit with effects" : "misfit as given", strip, height)
             if (inset) {
                 quiet.fillStyle = colour("ink")
-                quiet.fillText("from above: X to the right, Y up", inset.left, 12)
+                quiet.textAlign = "left"
+                quiet.fillText("from above: X to the right, Y up", isBeside ? inset.left : 8, isBeside ? 12 : height + 10)
             }
             picture()
         }
@@ -81,7 +89,7 @@ export const structure = {
             // One swing in 2 s, whatever the mode's frequency.
             const how = { phase: runs() ? Math.cos(performance.now() / 1000 * Math.PI) : 1, amplitude: amplitude(), shown: kind => kind !== "rest" && shown(kind) }
             // Printed as vectors, it would erase what lies below.
-            if (painted) pen.clearRect(0, 0, width, height)
+            if (painted) pen.clearRect(0, 0, width, all)
             painted = true
             paint(pen, s, view3, how)
             if (inset) paint(pen, s, inset, how)
@@ -131,7 +139,7 @@ export const shapes = {
     id: "mode-shapes", title: "All mode shapes", follows: ["mode"], uses: ["model", "comparison"], long: true, has,
     says(d) {
         const turning = modesOf(d).map(m => m.number).filter(n => scene(d, n).character === "torsion")
-        return `${modesOf(d).length} modes, each from side X, from side Y and from above` + (turning.length ? `; torsion: mode ${turning.join(", ")}` : "") + ". Choose one to see it above."
+        return `${modesOf(d).length} modes, each from side X, from side Y and from above` + (turning.length ? `; torsion: mode ${turning.join(", ")}` : "") + (printing() ? "." : ". Choose one to see it above.")
     },
     draw(host, d, view) {
         const chosen = at(d, view), grid = make("div.shapes")

@@ -2,7 +2,7 @@
 
 import { make, printing } from "@/canvas.js"
 import { choice, chosenMode, clean, extent, freeing, items, legend, motionIn, plot, scaled, setupChoice, setupOf } from "@/curves.js"
-import { fixed, known, significant, within } from "@/numbers.js"
+import { fixed, hertz, known, significant, within } from "@/numbers.js"
 import { timeAxis } from "@/pictures/record.js"
 
 const of = (data, name) => items(data.modes?.trends?.[name])
@@ -45,8 +45,10 @@ export default {
                 const values = pick(value), std = pick(deviation)
                 // The mean by inverse variance.
                 const weights = values.map((value, i) => known(value) && std[i] > 0 ? std[i] ** -2 : 0), sum = weights.reduce((a, b) => a + b, 0), mean = weights.reduce((total, weight, i) => total + (weight && weight * values[i]), 0) / sum
+                // Frequencies in percent off their mean: what a change of a mode is compared by.
+                const off = list => list.map(value => 100 * value / mean), shown = isDamping ? { values, std, mean, name: `damping in %, mean ${fixed(mean, 2)}` } : { values: off(values.map(value => value - mean)), std: off(std), mean: 0, name: `frequency in % off ${hertz(mean)}` }
                 return {
-                    number, values, std, mean, colour: "measured", on: number === chosenMode(), name: `mode ${number}: ${isDamping ? "damping in %" : "frequency in Hz"}, mean ${fixed(mean, isDamping ? 2 : 4)}`,
+                    number, ...shown, colour: "measured", on: number === chosenMode(), name: `mode ${number}: ${shown.name}`,
                     more: isDamping || trend?.changes == null ? "" : trend.changes ? " — changes" : " — no change",
                 }
             }),

@@ -7,10 +7,10 @@ use clap::Args;
 use super::Console;
 use super::diagnose::{cells, kind, tell_near};
 use super::interrupt::{alone, leave_nothing_unfinished};
-use super::text::{Columns, mac_text, or_dash, p_is, p_text, short, signed};
+use super::text::{Columns, mac_text, or_dash, p_is, p_text, short};
 use crate::change::{Changes, LonelyMode, ModeChange};
 use crate::diagnose::{CandidateReport, ChangeDiagnosis, ChangeVerdict, Direction};
-use crate::numbers::probability_text;
+use crate::numbers::{probability_text, signed};
 use crate::story::{Project, SinceReport, SinceRequest};
 
 const EXAMPLES: &str = "Examples:
@@ -87,7 +87,7 @@ fn tell_modes(changes: &Changes, console: &Console) {
             name(mode),
             format!("{:.4}", mode.before_hz),
             format!("{:.4}", mode.now_hz),
-            signed(mode.change_percent),
+            signed(mode.change_percent, 2),
             short(mode.change_percent_std),
             percent(mode.damping_before),
             percent(mode.damping_now),
@@ -107,11 +107,11 @@ fn tell_modes(changes: &Changes, console: &Console) {
     let damped = |mode: &&ModeChange| mode.damping_z.is_some_and(|z| z.abs() > DAMPING_STANDS_OUT);
     for mode in changes.modes.iter().filter(damped) {
         console.say(format!(
-            "The damping of mode {} has changed: {} % -> {} % ({:+.1} deviations).",
+            "The damping of mode {} has changed: {} % -> {} % ({} deviations).",
             mode.now,
             percent(mode.damping_before),
             percent(mode.damping_now),
-            mode.damping_z.unwrap_or_default()
+            signed(mode.damping_z.unwrap_or_default(), 1)
         ));
     }
     tell_lonely(&changes.only_before, "before", console);

@@ -10,6 +10,7 @@ use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is, width}
 use crate::compare::{Comparison, HeightMisfit, Side};
 use crate::diagnose::FAILS;
 use crate::model::Body;
+use crate::numbers::signed;
 use crate::story::{Case, Project};
 
 const EXAMPLES: &str = "Examples:
@@ -83,8 +84,8 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
             format!("{:.4}", pair.measured_hz),
             pair.model.to_string(),
             format!("{:.4}", pair.model_hz),
-            format!("{:+.2}", pair.frequency_error_percent),
-            pair.frequency_z.map_or_else(|| "-".to_owned(), |z| format!("{z:+.1}")),
+            signed(pair.frequency_error_percent, 2),
+            pair.frequency_z.map_or_else(|| "-".to_owned(), |z| signed(z, 1)),
             mac_text(pair.mac, 4),
         ];
         row.extend(close.then(|| mac_text(pair.subspace_mac, 4)));
@@ -136,8 +137,10 @@ fn tell_where(comparison: &Comparison, console: &Console) {
     };
     if let Some(pair) = worst(&|index| Some(comparison.pairs[index].frequency_error_percent.abs())) {
         console.say(format!(
-            "  by mode: frequency worst in mode {} at {:.4} Hz ({:+.2} %)",
-            pair.measured, pair.measured_hz, pair.frequency_error_percent
+            "  by mode: frequency worst in mode {} at {:.4} Hz ({} %)",
+            pair.measured,
+            pair.measured_hz,
+            signed(pair.frequency_error_percent, 2)
         ));
     }
     if let Some(pair) = worst(&|index| comparison.pairs[index].mac.map(|mac| -mac)) {

@@ -13,7 +13,7 @@ use crate::diagnose::{
     Verdict,
 };
 use crate::model::effect::{self, Evidence};
-use crate::numbers::probability_text;
+use crate::numbers::{probability_text, signed};
 use crate::results::FINGERPRINTS_PICTURE;
 use crate::story::{AutoEnd, Project};
 use crate::study::Study;
@@ -393,8 +393,11 @@ pub(super) fn tell_unexplained(left: &Unexplained, console: &Console) {
     modes.sort_by(|a, b| b.mean_square.total_cmp(&a.mean_square));
     for mode in modes.iter().take(NAMED_MODES) {
         console.say(format!(
-            "  mode {} at {:.4} Hz: {:.1} times what is allowed (frequency {:+.2} %)",
-            mode.measured, mode.measured_hz, mode.mean_square, mode.frequency_error_percent
+            "  mode {} at {:.4} Hz: {:.1} times what is allowed (frequency {} %)",
+            mode.measured,
+            mode.measured_hz,
+            mode.mean_square,
+            signed(mode.frequency_error_percent, 2)
         ));
     }
     let mut sensors: Vec<_> = left.by_sensor.iter().collect();

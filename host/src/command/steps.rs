@@ -5,6 +5,7 @@ use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is, values
 use crate::compare::Comparison;
 use crate::diagnose::STANDS_OUT;
 use crate::diagnose::steps::StepRecord;
+use crate::numbers::signed;
 use crate::story::ChangeReport;
 use crate::study::{STUDY_FILE, Study};
 
@@ -81,8 +82,8 @@ fn before_and_after(before: &Comparison, after: &Comparison) -> Columns {
         table.row([
             pair.measured.to_string(),
             format!("{:.4}", pair.measured_hz),
-            old.map_or_else(|| "-".to_owned(), |old| format!("{:+.2}", old.frequency_error_percent)),
-            format!("{:+.2}", pair.frequency_error_percent),
+            old.map_or_else(|| "-".to_owned(), |old| signed(old.frequency_error_percent, 2)),
+            signed(pair.frequency_error_percent, 2),
             mac_text(old.and_then(|old| old.mac), 4),
             mac_text(pair.mac, 4),
         ]);

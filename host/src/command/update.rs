@@ -6,8 +6,9 @@ use clap::Args;
 
 use super::Console;
 use super::interrupt::{alone, leave_nothing_unfinished};
-use super::text::{Columns, in_shell, mac_text, next_lines, p_is, signed};
+use super::text::{Columns, in_shell, mac_text, next_lines, p_is};
 use crate::model::Body;
+use crate::numbers::signed;
 use crate::story::{Case, Project, UpdateReport};
 use crate::update::Weights;
 
@@ -161,9 +162,9 @@ fn tell(report: &UpdateReport, case: &Case, console: &Console) {
             pair.measured.to_string(),
             format!("{:.4}", pair.measured_hz),
             format!("{:.4}", pair.before.model_hz),
-            signed(pair.before.frequency_error_percent),
+            signed(pair.before.frequency_error_percent, 2),
             format!("{:.4}", pair.after.model_hz),
-            signed(pair.after.frequency_error_percent),
+            signed(pair.after.frequency_error_percent, 2),
             mac_text(pair.before.mac, 4),
             mac_text(pair.after.mac, 4),
             mac_text(*ceiling, 4),

@@ -45,9 +45,7 @@ impl ModelView {
     /// # Errors
     /// [`ViewError`] names the channel, or what is wrong with the matrices.
     pub fn of(assembly: &Assembly, sensors: &[Sensor]) -> Result<Self, ViewError> {
-        let (basis, sensor_rows) = (assembly.modal_basis()?, assembly.sensor_rows(sensors)?);
-        let damped = assembly.damped_modes(&basis)?;
-        Ok(Self::of_basis(Arc::new(basis), damped, sensor_rows, assembly.sensing.delays_s(sensors)))
+        Self::of_assembly(assembly.modal_basis()?, assembly, sensors)
     }
 
     /// The same of a structure near this one: its `count` lowest modes, the `sharp` lowest as exact as all would be; all, where they are
@@ -62,8 +60,13 @@ impl ModelView {
         sharp: usize,
         count: usize,
     ) -> Result<Self, ViewError> {
-        let basis = assembly.modal_basis_near(&self.basis, sharp, count)?;
-        let (damped, sensor_rows) = (assembly.damped_modes(&basis)?, assembly.sensor_rows(sensors)?);
+        Self::of_assembly(assembly.modal_basis_near(&self.basis, sharp, count)?, assembly, sensors)
+    }
+
+    /// From a model and its eigenvectors.
+    fn of_assembly(basis: ModalBasis, assembly: &Assembly, sensors: &[Sensor]) -> Result<Self, ViewError> {
+        let sensor_rows = assembly.sensor_rows(sensors)?;
+        let damped = assembly.damped_modes(&basis)?;
         Ok(Self::of_basis(Arc::new(basis), damped, sensor_rows, assembly.sensing.delays_s(sensors)))
     }
 

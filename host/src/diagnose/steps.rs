@@ -52,7 +52,7 @@ pub struct FittedEffect {
 pub struct StepRecord {
     /// Counts from 0, the model as first seen.
     pub step: usize,
-    /// `start`, `add NAME`, `drop NAME` or `replace NAME by NAME`.
+    /// `start`, `add NAME`, `remove NAME` (`drop NAME` in those of earlier versions) or `replace NAME by NAME`.
     pub action: String,
     /// Names of the effects in the model.
     pub effects: Vec<String>,
@@ -284,7 +284,7 @@ impl Setting<'_> {
                 - (problem.hypotheses(dropped.of_kind(), without) as f64).ln();
             if gain < STANDS_OUT || !with.is_significant(index) {
                 effects = without.effects().to_vec();
-                action += &format!(", drop {dropped}");
+                action += &format!(", remove {dropped}");
                 continue;
             }
             let searched = problem.search(&present, options);

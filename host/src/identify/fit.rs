@@ -7,7 +7,7 @@ use super::estimate;
 use super::judge;
 use super::merge;
 use super::pick::Pick;
-use super::result::{Identification, Rejected, RejectedBecause, SingularSpectrum};
+use super::result::{Identification, Mode, Rejected, RejectedBecause, SingularSpectrum};
 use super::setup::{MeasuredSetup, quantity};
 use super::setup_mode::{SetupMode, SetupModes};
 use super::tone::{self, Tone};
@@ -91,6 +91,11 @@ pub(super) fn fit(
         }
         worst.sort_by_key(|(pick, _)| std::cmp::Reverse(*pick));
         for (pick, because) in worst {
+            // What is doubtful and no more stays where the user asks for it.
+            if picks[pick].asked_hz.is_some() && because.can_be_added() {
+                picks[pick].by_user = true;
+                continue;
+            }
             let pick = picks.remove(pick);
             let Some(asked_hz) = pick.asked_hz else {
                 rejected.push(Rejected { frequency_hz: pick.frequency_hz(grid), because });
@@ -119,6 +124,7 @@ pub(super) fn fit(
     }
     basis.lone = Lone::all(&setups);
     let mut modes = merge::merge(grid, measured, &setups, &mut warnings);
+    hand_on_wishes(&mut basis.picks, &modes);
     for mode in &mut modes {
         let pick = mode.pick.and_then(|pick| basis.picks.get(pick));
         (mode.band_hz, mode.asked_hz) = pick.map_or((None, None), |pick| (pick.band_hz, pick.asked_hz));
@@ -140,6 +146,22 @@ pub(super) fn fit(
         stabilisation: Vec::new(),
         singular_values: singular,
         basis,
+    }
+}
+
+/// A wish is for the mode that is nearest, which may have been found after another was taken for it.
+fn hand_on_wishes(picks: &mut [Pick], modes: &[Mode]) {
+    for mode in modes {
+        let Some((own, asked_hz)) = mode.pick.and_then(|pick| Some((pick, picks.get(pick)?.asked_hz?))) else {
+            continue;
+        };
+        let off_hz = |other: &Mode| (other.frequency_hz - asked_hz).abs();
+        let nearest = modes.iter().min_by(|a, b| off_hz(a).total_cmp(&off_hz(b))).and_then(|nearest| nearest.pick);
+        if let Some(nearest) = nearest.filter(|&pick| picks.get(pick).is_some_and(|pick| pick.asked_hz.is_none())) {
+            let by_user = std::mem::take(&mut picks[own].by_user);
+            picks[own].asked_hz = None;
+            (picks[nearest].by_user, picks[nearest].asked_hz) = (by_user, Some(asked_hz));
+        }
     }
 }
 
@@ -167,4 +189,23 @@ pub(super) fn tones(harmonics: &[Pick]) -> Vec<Tone> {
 /// whose half width is the sum of the rates at which it goes on and off, over two pi. The line is a tone, the sidebands are fitted.
 fn as_tone(pick: &Pick) -> Tone {
     (pick.line, pick.kurtosis.frequency_lines())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::accuracy::tests::found;
+
+    #[test]
+    fn a_wish_is_for_the_nearest_mode_also_where_that_was_found_later() {
+        let taken = Pick { by_user: true, asked_hz: Some(0.979), ..Pick::new(10, Vec::new()) };
+        let mut picks = [taken, Pick::new(9, Vec::new())];
+        let mode = |frequency_hz: f64, pick: usize| Mode { frequency_hz, pick: Some(pick), ..found().modes.remove(0) };
+        let modes = [mode(0.98, 1), mode(0.998, 0)];
+        hand_on_wishes(&mut picks, &modes);
+        let wishes = picks.each_ref().map(|pick| (pick.by_user, pick.asked_hz));
+        assert_eq!(wishes, [(false, None), (true, Some(0.979))]);
+        hand_on_wishes(&mut picks, &modes);
+        assert_eq!(picks.map(|pick| (pick.by_user, pick.asked_hz)), wishes);
+    }
 }

@@ -91,9 +91,13 @@ impl Identification {
         if each.is_empty() {
             return None;
         }
-        let keep = self.rejected.iter().find(|one| one.because != RejectedBecause::NotInAllSetups);
-        let keep =
-            keep.map(|one| format!(" To keep one, name it: add_modes_hz = [{:.4}] in [analysis].", one.frequency_hz));
+        let keep = self.rejected.iter().find(|one| one.because.can_be_added());
+        let keep = keep.map(|one| {
+            let hz = format!("{:.4}", one.frequency_hz);
+            let all = self.rejected.iter().all(|one| one.because.can_be_added());
+            let which = if all { "one".to_owned() } else { format!("that at {hz} Hz") };
+            format!(" To keep {which}, name it: add_modes_hz = [{hz}] in [analysis].")
+        });
         Some(format!("Rejected: {}.{}", each.join("; "), keep.unwrap_or_default()))
     }
 }
@@ -223,6 +227,47 @@ pub struct FittedSpectrum {
     pub is_misfit: bool,
 }
 
+impl FittedSpectrum {
+    /// Whether its lines are finer than those of this spacing: a narrow mode has its own.
+    pub(crate) fn is_finer_than(&self, spacing_hz: f64) -> bool {
+        let own_hz = self.frequency_hz.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+        own_hz < FINER * spacing_hz
+    }
+
+    /// What the fit expects at other lines: a Hann window spreads a narrow peak over lines of this spacing. Of those beyond the fit's own
+    /// there is nothing.
+    pub(crate) fn expected_at(&self, lines_hz: impl Iterator<Item = f64>, spacing_hz: f64) -> Vec<(f64, f64)> {
+        let ends = self.frequency_hz.first().copied().zip(self.frequency_hz.last().copied());
+        let expected = |at_hz: f64| {
+            let mut sums = (0.0, 0.0);
+            for (other_hz, density) in self.frequency_hz.iter().zip(&self.fitted) {
+                let weight = hann_power((other_hz - at_hz) / spacing_hz);
+                sums = (sums.0 + weight * density, sums.1 + weight);
+            }
+            (at_hz, sums.0 / sums.1)
+        };
+        lines_hz.filter(|hz| ends.is_some_and(|(first, last)| (first..=last).contains(hz))).map(expected).collect()
+    }
+}
+
+/// Lines are finer than others from this share of their spacing on.
+const FINER: f64 = 0.75;
+
+/// The power that a Hann window lets through so many lines away, 1 at none (Harris 1978, "On the use of windows for harmonic analysis with
+/// the discrete Fourier transform", eq. 27).
+fn hann_power(lines: f64) -> f64 {
+    // Where the quotient below is 0/0.
+    const NEAR: f64 = 1e-6;
+    if lines.abs() < NEAR {
+        return 1.0;
+    }
+    if (lines.abs() - 1.0).abs() < NEAR {
+        return 0.25;
+    }
+    let x = std::f64::consts::PI * lines;
+    (x.sin() / (x * (1.0 - lines * lines))).powi(2)
+}
+
 /// A mode shape at one measurement point.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ShapeComponent {
@@ -302,12 +347,13 @@ pub struct Rejected {
 }
 
 impl Serialize for Rejected {
-    /// Writes the reason in words as well, for those who read the file and not these names.
+    /// Writes what a reason means as well, for those who read the file and not these names.
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut fields = serializer.serialize_struct("Rejected", 3)?;
+        let mut fields = serializer.serialize_struct("Rejected", 4)?;
         fields.serialize_field("frequency_hz", &self.frequency_hz)?;
         fields.serialize_field("because", &self.because)?;
         fields.serialize_field("in_words", &self.because.to_string())?;
+        fields.serialize_field("can_be_added", &self.because.can_be_added())?;
         fields.end()
     }
 }
@@ -350,6 +396,13 @@ pub enum RejectedBecause {
     NotInAllSetups,
 }
 
+impl RejectedBecause {
+    /// Whether the user may have it as a mode all the same: there is a resonance.
+    pub fn can_be_added(self) -> bool {
+        !matches!(self, Self::Double | Self::NotShown | Self::NotInAllSetups)
+    }
+}
+
 impl std::fmt::Display for RejectedBecause {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         formatter.write_str(match self {
@@ -368,7 +421,7 @@ impl std::fmt::Display for RejectedBecause {
             Self::Weak => "it explains less than half of the response there",
             Self::Unstable => "it returns at too few orders",
             Self::Damping => "its damping is mostly noise",
-            Self::NotInAllSetups => "not all setups have it, so that it cannot be added",
+            Self::NotInAllSetups => "not all setups have it",
         })
     }
 }
@@ -390,12 +443,52 @@ mod tests {
     use crate::identify::accuracy::tests::found;
 
     #[test]
+    fn a_narrow_fit_is_spread_over_wide_lines_and_keeps_its_power() {
+        // Half a line of this spacing wide, on lines that are ten times as fine.
+        let spacing_hz = 0.01;
+        let bell = |hz: f64| 1.0 / (1.0 + ((hz - 1.0) / (0.25 * spacing_hz)).powi(2));
+        let frequency_hz: Vec<f64> = (0..=1000).map(|line| 0.5 + 0.001 * f64::from(line)).collect();
+        let fit = FittedSpectrum {
+            setup: "first".to_owned(),
+            fitted: frequency_hz.iter().map(|hz| bell(*hz)).collect(),
+            measured: Vec::new(),
+            frequency_hz,
+            scatter: 0.1,
+            is_misfit: false,
+        };
+        assert!(fit.is_finer_than(spacing_hz) && !fit.is_finer_than(0.1 * spacing_hz));
+        let lines = (0..200).map(|line| spacing_hz * f64::from(line));
+        let expected = fit.expected_at(lines, spacing_hz);
+        assert!((expected[0].0, expected.last().unwrap().0) == (0.5, 1.5), "{expected:?}");
+        let highest = expected.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        assert!((highest.0 - 1.0).abs() < 1e-9 && (0.3..0.6).contains(&highest.1), "{highest:?}");
+        let spread = expected.iter().map(|at| at.1).sum::<f64>() * spacing_hz;
+        let own = fit.fitted.iter().sum::<f64>() * 0.001;
+        assert!((spread / own - 1.0).abs() < 0.02, "{spread} {own}");
+    }
+
+    #[test]
     fn a_rejected_peak_is_written_with_its_reason_in_words_and_read_back() {
         let narrow = Rejected { frequency_hz: 2.5, because: RejectedBecause::Narrow };
         let json = serde_json::to_value(narrow).expect("it is plain data");
         assert_eq!(json["because"], "narrow");
         assert_eq!(json["in_words"], RejectedBecause::Narrow.to_string());
         assert_eq!(serde_json::from_value::<Rejected>(json).expect("it is what was written"), narrow);
+    }
+
+    #[test]
+    fn what_has_no_resonance_is_not_advised() {
+        let rejected = |frequency_hz: f64, because| Rejected { frequency_hz, because };
+        let said = |rejected: &[Rejected]| {
+            Identification { rejected: rejected.to_vec(), ..found() }.rejected_in_words().unwrap()
+        };
+        let (double, narrow) = (rejected(0.5, RejectedBecause::Double), rejected(2.5, RejectedBecause::Narrow));
+        assert!(said(&[narrow]).ends_with("To keep one, name it: add_modes_hz = [2.5000] in [analysis]."));
+        assert!(
+            said(&[double, narrow])
+                .ends_with("To keep that at 2.5000 Hz, name it: add_modes_hz = [2.5000] in [analysis].")
+        );
+        assert!(!said(&[double]).contains("To keep"));
     }
 
     #[test]

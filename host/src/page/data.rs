@@ -15,13 +15,15 @@ use super::picks::Picks;
 use super::says::{method, says};
 use crate::archive::{Archive, NodeHealth};
 use crate::compare::{Comparison, ModelView, compare, pair};
-use crate::model::Structure;
 use crate::model::effect::{Effect, EffectRecord};
+use crate::model::{Assembly, LayoutNode};
 use crate::results::{
     CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, INPUTS_FILE, MODES_FILE,
     PROFILE_FILE, RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
 };
-use crate::story::{CURVES_FILE, Case, Inputs, StoryError, UpdateReport, data_mark, outdated, turned_by_update};
+use crate::story::{
+    CURVES_FILE, Case, EFFECTS, Inputs, StoryError, UpdateReport, data_mark, outdated, turned_by_update,
+};
 use crate::study::{Motion, STUDY_FILE, Sensor, Setup, Study, Unit};
 
 /// What a page shows. Its parts are described beside the front end, in `host/page/README.md`.
@@ -146,20 +148,24 @@ impl PageData {
                 None
             }
         };
-        let stale = case.as_ref().map(|case| {
-            let inputs = results.read_json(INPUTS_FILE, "diagnose").unwrap_or_else(|_| {
+        let inputs = case.as_ref().and_then(|_| {
+            results.read_json(INPUTS_FILE, "diagnose").unwrap_or_else(|_| {
                 note(format!(
                     "{} is damaged, so that nothing says whether results are of the model as it is now: run `belfry update`, `belfry covalidate`, `belfry diagnose` and `belfry profile` again",
                     results.path(INPUTS_FILE).display()
                 ));
                 None
-            });
-            stale(case, &results, &inputs.unwrap_or_default())
+            })
         });
-        let stale = stale.unwrap_or_default();
+        let inputs: BTreeMap<String, Inputs> = inputs.unwrap_or_default();
+        let stale = case.as_ref().map(|case| stale(case, &results, &inputs)).unwrap_or_default();
         // One of an earlier version has nothing to turn.
         let update: Option<UpdateReport> = results.read_json(UPDATE_FILE, "update").unwrap_or_default();
-        let seen = case.as_ref().and_then(|case| match Seen::of(case, update.as_ref()) {
+        let drawn = |case: &Case| {
+            let update = update.as_ref().filter(|update| is_shown(update, case, inputs.get(UPDATE_FILE)));
+            Seen::of(case, update)
+        };
+        let seen = case.as_ref().and_then(|case| match drawn(case) {
             Ok(seen) => Some(seen),
             Err(error) => {
                 note(format!("the model cannot be drawn: {error}"));
@@ -265,7 +271,8 @@ impl Tried {
     /// When the structure cannot have them.
     pub fn of(case: &Case, effects: &[Effect]) -> Result<Self, StoryError> {
         let structure = case.model.bare().and(effects)?;
-        let view = case.view_of(&structure.assemble(), MODES_BEYOND)?;
+        let assembly = structure.assemble();
+        let view = case.view_of(&assembly, MODES_BEYOND)?;
         // Without a test: that of a diagnosis would take longer than a slider waits, and another is not to be compared with it.
         let comparison = Comparison {
             chi_squared: None,
@@ -273,7 +280,8 @@ impl Tried {
             p_value: None,
             ..compare(&view, &case.measured.modes, case.seen_sensors(), case.tolerance.as_ref())
         };
-        Ok(Self { mac: mac_of("effects", case, &view), model: part("effects", case, &structure, &view), comparison })
+        let model = part("effects", case, &assembly, &structure.layout(), &view);
+        Ok(Self { mac: mac_of("effects", case, &view), model, comparison })
     }
 }
 
@@ -292,7 +300,8 @@ impl Seen {
         // Both comparisons look for the discrepancy that suits the model, which takes longer than all else.
         let has_effects = !case.model.effects.is_empty();
         let (given, with_effects) = rayon::join(|| case.compare_with(&[]), || has_effects.then(|| case.compare()));
-        let given = (part("given", case, &case.model.bare(), &view), given?);
+        let bare = case.model.bare();
+        let given = (part("given", case, &bare.assemble(), &bare.layout(), &view), given?);
         let mut mac: Vec<MacMatrix> = mac_of("given", case, &view).into_iter().collect();
         let turned = update.and_then(|update| turned_by_update(case, &view, update).ok());
         mac.extend(turned.and_then(|(used, shapes)| {
@@ -308,7 +317,8 @@ impl Seen {
             None => None,
             Some(comparison) => {
                 mac.extend(mac_of("effects", case, &case.view));
-                Some((part("effects", case, &case.model.structure()?, &case.view), comparison))
+                let layout = case.model.structure()?.layout();
+                Some((part("effects", case, &case.assembly, &layout, &case.view), comparison))
             }
         };
         let in_model = &case.model.effects;
@@ -318,9 +328,9 @@ impl Seen {
 }
 
 /// A version of the model.
-fn part(name: &'static str, case: &Case, structure: &Structure, view: &ModelView) -> ModelPart {
+fn part(name: &'static str, case: &Case, assembly: &Assembly, layout: &[LayoutNode], view: &ModelView) -> ModelPart {
     let measured = &case.measured.modes;
-    ModelPart::of(name, &structure.assemble(), &structure.layout(), view, &pair(view, measured), measured)
+    ModelPart::of(name, assembly, layout, view, &pair(view, measured), measured)
 }
 
 /// MAC with the modes up to the highest that has a partner.
@@ -424,6 +434,13 @@ fn nodes(study: &Study) -> Result<Value, StoryError> {
         })
     });
     Ok(Value::Array(nodes.collect()))
+}
+
+/// Whether an update is of a model that is shown: of the one as it is, or, where effects alone have changed since, of the one as given.
+fn is_shown(update: &UpdateReport, case: &Case, then: Option<&Inputs>) -> bool {
+    let now = Inputs::of_model(case);
+    let changed = then.map(|then| now.changed_since(then)).unwrap_or_default();
+    changed.is_empty() || update.effects.is_empty() && changed == [EFFECTS]
 }
 
 /// Results that were computed from something else than what there is now. Of those of an earlier version nothing is known.

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use crate::compare::Comparison;
 use crate::diagnose::FAILS;
-use crate::numbers::{is_or_are, mac_words, metres, with_std};
+use crate::numbers::{is_or_are, mac_words, metres, signed, with_std};
 use crate::study::Study;
 
 /// A sentence.
@@ -195,12 +195,12 @@ fn compared(sources: &Sources<'_>) -> Option<String> {
     let height =
         at.map_or_else(String::new, |height| format!("; shapes are furthest off at {}", metres(height.elevation_m)));
     Some(format!(
-        "{} of the measured modes have a partner in the model, with a mean frequency error of {:.2} %{mac}. The worst is mode {} at {:.4} Hz ({:+.2} %){height}.",
+        "{} of the measured modes have a partner in the model, with a mean frequency error of {:.2} %{mac}. The worst is mode {} at {:.4} Hz ({} %){height}.",
         comparison.pairs.len(),
         comparison.mean_abs_frequency_error_percent?,
         worst.measured,
         worst.measured_hz,
-        worst.frequency_error_percent,
+        signed(worst.frequency_error_percent, 2),
     ))
 }
 
@@ -290,7 +290,7 @@ fn next(sources: &Sources<'_>) -> Vec<Finding> {
         return run(text, "identify");
     }
     if sources.is_outdated {
-        return run("Identify the modes again.", "identify");
+        return run("Identify the modes again.", &identify_again(sources.modes));
     }
     if sources.study.model.is_none() {
         return vec![step("Name a model in study.toml ([model]) to compare with.", None)];
@@ -322,6 +322,13 @@ fn next(sources: &Sources<'_>) -> Vec<Finding> {
         steps.extend(run("Predict sensors that the model is not shown.", "covalidate"));
     }
     steps
+}
+
+/// The command that identifies modes the way these were: through nodes or not, with trends or without.
+pub(super) fn identify_again(modes: &Value) -> String {
+    let direct = (modes.is_object() && modes["link"].is_null()).then(|| " --direct".to_owned());
+    let every = modes["trends"]["every_s"].as_f64().map(|every_s| format!(" --every={every_s}s"));
+    ["identify".to_owned()].into_iter().chain(direct).chain(every).collect()
 }
 
 /// Whether an effect is in the model.

@@ -4,7 +4,7 @@
 
 use serde_json::{Map, Value, json};
 
-use super::findings::{Sources, listed, name_of, strings};
+use super::findings::{Sources, identify_again, listed, name_of, strings};
 use crate::command::p_is;
 use crate::numbers::{counted, metres, probability_text, signed};
 
@@ -63,7 +63,6 @@ fn history(history: &Value) -> Option<String> {
     }
     let name = |step: &Value| step["action"].as_str().unwrap_or_default().to_owned();
     let count = steps.len() - 1;
-    let steps_are = if count == 1 { "step" } else { "steps" };
     if first["effects"] == last["effects"] {
         let error = |step: &&Value| step[ERRORS[0].0].as_f64().unwrap_or(f64::INFINITY);
         let best = steps.iter().min_by(|a, b| error(a).total_cmp(&error(b)))?;
@@ -72,14 +71,15 @@ fn history(history: &Value) -> Option<String> {
             false => format!(" The least error of frequencies was {:.2} %, after \"{}\".", error(&best), name(best)),
         };
         return Some(format!(
-            "After {count} {steps_are}, the last of them \"{}\", the model has the same effects as at first: {}.{least} {LEFT_OUT}",
+            "After {}, the last of them \"{}\", the model has the same effects as at first: {}.{least} {LEFT_OUT}",
+            counted(count as u64, "step"),
             name(last),
             here(last)
         ));
     }
-    let fell = errors(first, last, &|before, after| format!("from {before:.2} to {after:.2} %"));
+    let went = errors(first, last, &|before, after| format!("went from {before:.2} to {after:.2} %"));
     let done: Vec<String> = steps[1..].iter().map(name).collect();
-    Some(format!("In {count} {steps_are} ({}): {fell}. {LEFT_OUT}", done.join("; ")))
+    Some(format!("{} ({}): {went}. {LEFT_OUT}", counted(count as u64, "step"), done.join("; ")))
 }
 
 /// Which modes change over time, by the test of the command.
@@ -264,10 +264,7 @@ pub(super) fn method(sources: &Sources<'_>, has_compared: bool, update: &Value, 
         None if !sources.modes.is_null() => {
             sentences.push("Modes are fitted to averaged spectra; a second method fits subspaces of correlations. Standard deviations come from the scatter of the averages.".to_owned());
             sentences.extend(strings(sources.modes["segments"].get("reasons")));
-            let every = sources.modes["trends"]["every_s"].as_f64().map(|every_s| format!("--every={every_s}s"));
-            let direct = sources.modes["link"].is_null().then(|| "--direct".to_owned());
-            let options: Vec<String> = direct.into_iter().chain(every).collect();
-            commands.push(words(format!("identify {}", options.join(" ")).trim_end()));
+            commands.push(words(&identify_again(sources.modes)));
         }
         None => {}
     }
@@ -303,7 +300,8 @@ pub(super) fn method(sources: &Sources<'_>, has_compared: bool, update: &Value, 
         run.into_iter().filter(|(.., is)| *is).partition(|(_, result, _)| sources.stale.contains_key(*result));
     commands.extend(older.into_iter().map(|(words, ..)| words));
     for action in sources.history.as_array().into_iter().flatten().filter_map(|step| step["action"].as_str()) {
-        if let Some((verb @ ("add" | "drop"), effect)) = action.split_once(' ')
+        // Earlier versions wrote `drop`.
+        if let Some((verb @ ("add" | "remove" | "drop"), effect)) = action.split_once(' ')
             && !effect.contains(", ")
         {
             commands.push(vec![if verb == "add" { "add" } else { "remove" }.to_owned(), effect.to_owned()]);
@@ -347,10 +345,10 @@ mod tests {
         let steps = [step("start", &[], 0.81), step("add base-rotation", &["base-rotation"], 0.11)];
         let fell = history(&json!(steps)).unwrap();
         assert!(
-            fell.starts_with("In 1 step (add base-rotation): the mean error of frequencies from 0.81 to 0.11 %"),
+            fell.starts_with("1 step (add base-rotation): the mean error of frequencies went from 0.81 to 0.11 %"),
             "{fell}"
         );
-        let undone = [&steps[..], &[step("drop base-rotation", &[], 0.81)]].concat();
+        let undone = [&steps[..], &[step("remove base-rotation", &[], 0.81)]].concat();
         let said = history(&json!(undone)).unwrap();
         assert!(!said.contains("from 0.81") && said.contains("the same effects as at first"), "{said}");
         assert!(said.contains("The least error of frequencies was 0.11 %, after \"add base-rotation\"."), "{said}");

@@ -49,19 +49,45 @@ struct FittedMode {
     frequency_hz: Vec<f64>,
     measured: Packed,
     fitted: Packed,
+    /// What the fit expects at the lines of the setup's spectra, where its own are finer.
+    on_lines: Option<OnLines>,
     /// Relative standard deviation of a measured density.
     scatter: f64,
     is_misfit: bool,
 }
 
+/// Densities at lines of a setup, one after the other.
+#[derive(Debug, Clone, Serialize)]
+struct OnLines {
+    /// Index of the first.
+    first_line: usize,
+    values: Packed,
+}
+
+impl OnLines {
+    fn of(spectrum: &FittedSpectrum, measured: &[MeasuredSetup<'_>], setups: &[SetupSpectra]) -> Option<Self> {
+        let (one, setup) = measured.iter().zip(setups).find(|(_, setup)| setup.setup == spectrum.setup)?;
+        let spacing_hz = one.spectrum.grid().spacing_hz();
+        if !spectrum.is_finer_than(spacing_hz) {
+            return None;
+        }
+        let hz = |line: usize| setup.first_hz + line as f64 * setup.spacing_hz;
+        let expected = spectrum.expected_at((0..setup.lines).map(hz), spacing_hz);
+        let first_hz = expected.first()?.0;
+        let first_line = (0..setup.lines).find(|&line| hz(line) >= first_hz)?;
+        Some(Self { first_line, values: Packed::fine_log(expected.into_iter().map(|(_, density)| density)) })
+    }
+}
+
 impl FittedMode {
-    fn of(mode: usize, spectrum: &FittedSpectrum) -> Self {
+    fn of(mode: usize, spectrum: &FittedSpectrum, on_lines: Option<OnLines>) -> Self {
         Self {
             mode,
             setup: spectrum.setup.clone(),
             frequency_hz: spectrum.frequency_hz.clone(),
             measured: Packed::fine_log(spectrum.measured.iter().copied()),
             fitted: Packed::fine_log(spectrum.fitted.iter().copied()),
+            on_lines,
             scatter: spectrum.scatter,
             is_misfit: spectrum.is_misfit,
         }
@@ -71,9 +97,10 @@ impl FittedMode {
 impl Spectra {
     /// Those that modes were identified from.
     pub fn of(identification: &Identification, measured: &[MeasuredSetup<'_>]) -> Self {
-        let modes = identification.modes.iter();
-        let fitted = modes.flat_map(|mode| mode.fitted.iter().map(|one| FittedMode::of(mode.number, one))).collect();
-        let setups = measured.iter().map(|setup| setup_spectra(identification, setup, measured)).collect();
+        let setups: Vec<SetupSpectra> =
+            measured.iter().map(|setup| setup_spectra(identification, setup, measured)).collect();
+        let all = identification.modes.iter().flat_map(|mode| mode.fitted.iter().map(|one| (mode.number, one)));
+        let fitted = all.map(|(mode, one)| FittedMode::of(mode, one, OnLines::of(one, measured, &setups))).collect();
         Self { setups, fitted }
     }
 }

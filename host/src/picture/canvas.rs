@@ -54,8 +54,26 @@ pub(super) fn picture(
         Ok(root.present()?)
     })();
     drawn
-        .map(|()| without_controls(finished(&svg)))
+        .map(|()| with_minus_signs(&without_controls(finished(&svg))))
         .map_err(|reason: Box<dyn std::error::Error>| PictureError { what, reason: reason.to_string() })
+}
+
+/// Numbers below zero have a minus sign, not a hyphen, in what is written: lines that are no elements.
+fn with_minus_signs(svg: &str) -> String {
+    let mut signed = String::with_capacity(svg.len());
+    for line in svg.split_inclusive('\n') {
+        let mut before = ' ';
+        let mut letters = line.chars().peekable();
+        while let Some(letter) = letters.next() {
+            let is_sign = letter == '-'
+                && matches!(before, ' ' | '(')
+                && !line.starts_with('<')
+                && letters.peek().is_some_and(char::is_ascii_digit);
+            signed.push(if is_sign { '\u{2212}' } else { letter });
+            before = letter;
+        }
+    }
+    signed
 }
 
 // The library places everything on whole pixels, so that curves have steps. What is drawn finely has coordinates in hundredths of a pixel, and

@@ -310,11 +310,11 @@ fn draw(
 
 /// The shapes' misfit by height.
 fn draw_misfit(panel: &Area<'_>, is_first: bool, levels: &[HeightMisfit], range_m: [f64; 2]) -> DrawResult {
-    let largest = 100.0 * levels.iter().map(|level| level.misfit).fold(f64::MIN_POSITIVE, f64::max);
-    let label = |percent: &f64| format!("{} %", fixed(*percent, axis_digits(largest)));
+    let largest = levels.iter().map(|level| level.misfit).fold(f64::MIN_POSITIVE, f64::max);
+    let label = |misfit: &f64| fixed(*misfit, axis_digits(largest));
     let mut chart = over_height(panel, is_first, "misfit by height", 0.0..1.1 * largest, range_m, &label)?;
     for level in levels {
-        let bar = [(0.0, level.elevation_m), (100.0 * level.misfit, level.elevation_m)];
+        let bar = [(0.0, level.elevation_m), (level.misfit, level.elevation_m)];
         chart.draw_series(LineSeries::new(bar, MISFIT.stroke_width(5)))?;
     }
     Ok(())

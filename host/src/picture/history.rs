@@ -189,7 +189,7 @@ fn digits(value: f64) -> String {
     fixed(value, (2.0 - value.abs().log10().floor()).clamp(0.0, 4.0) as usize)
 }
 
-/// `add NAME@PLACE, drop NAME` in lines that fit below a step of this width.
+/// `add NAME@PLACE, remove NAME` in lines that fit below a step of this width.
 fn words(action: &str, width: u32) -> Vec<String> {
     let is_wide = |text: &str| width_of(text, 12) > width as i32;
     let mut lines = Vec::new();
@@ -277,7 +277,7 @@ mod tests {
     fn names_of_steps_are_broken_where_words_end() {
         assert_eq!(words("add added-mass@443.6m", STEP), ["add", "added-mass", "@443.6m"]);
         assert_eq!(words("add connection-flexibility@-5m", STEP), ["add", "connection-", "flexibility", "@-5m"]);
-        assert_eq!(words("add a, add b@1m, drop c, drop d", STEP).len(), MOST_NAMES);
+        assert_eq!(words("add a, add b@1m, remove c, remove d", STEP).len(), MOST_NAMES);
         assert_eq!([0.0, 0.1401, 12.04, 1.0].map(digits), ["0", "0.140", "12.0", "1.00"]);
     }
 }

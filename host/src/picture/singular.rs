@@ -7,7 +7,7 @@ use super::canvas::{
 };
 use super::units::density_unit;
 use crate::colour::{Colour, SERIES};
-use crate::identify::{Identification, SingularSpectrum};
+use crate::identify::{FittedSpectrum, Identification, SingularSpectrum};
 use crate::study::Setup;
 
 const WHAT: &str = "the singular values";
@@ -55,6 +55,17 @@ fn lines(spectra: &[SingularSpectrum]) -> Vec<Line<'_>> {
             .map(|(spectrum, color)| one(spectrum, 0, spectrum.setup.clone(), color.stroke_width(1)))
             .collect(),
     }
+}
+
+/// What the fit of each mode expects at the lines of a spectrum.
+fn fits(identification: &Identification, spectrum: &SingularSpectrum) -> Vec<Vec<(f64, f64)>> {
+    let spacing_hz = identification.frequency_resolution_hz;
+    let fits = identification.modes.iter().flat_map(|mode| &mode.fitted).filter(|fit| fit.setup == spectrum.setup);
+    let on_lines = |fit: &FittedSpectrum| match fit.is_finer_than(spacing_hz) {
+        true => fit.expected_at(spectrum.frequency_hz.iter().copied(), spacing_hz),
+        false => fit.frequency_hz.iter().copied().zip(fit.fitted.iter().copied()).collect(),
+    };
+    fits.map(on_lines).collect()
 }
 
 /// Singular values over frequency: those of one setup, or the first of each of several; modes are marked by their numbers, forced lines by F,
@@ -126,6 +137,13 @@ pub fn singular_values(
             let points = line.spectrum.frequency_hz.iter().zip(line.values()).map(|(f, v)| (*f, v.clamp(bottom, top)));
             plane.curve(points, Dashes::Full, line.style)?;
         }
+        // Of several setups each has one line, of which fits would make a tangle.
+        if let [spectrum] = &spectra[..] {
+            for fit in fits(identification, spectrum) {
+                let points = fit.into_iter().map(|(hz, value)| (hz, value.clamp(bottom, top)));
+                plane.curve(points, Dashes::Short, INK.stroke_width(1))?;
+            }
+        }
         let rejected = identification.rejected.iter().map(|peak| (peak.frequency_hz, top * 0.4));
         chart.draw_series(rejected.map(|at| Cross::new(at, 3, REJECTED)))?;
         let mode_labels = identification.modes.iter().map(|mode| (mode.number.to_string(), mode.frequency_hz, INK));
@@ -181,7 +199,10 @@ fn legend(lines: &[Line<'_>], identification: &Identification) -> Vec<Entry> {
         let name = line.name.clone();
         (name, INK, Some(line.style))
     });
+    let has_fits =
+        identification.singular_values.len() == 1 && identification.modes.iter().any(|mode| !mode.fitted.is_empty());
     let marks = [
+        (has_fits, "- - fit of each mode", INK),
         (!identification.modes.is_empty(), "1, 2, ... modes", INK),
         (!identification.harmonics.is_empty(), "F forced lines: machinery or vortices", FORCED),
         (!identification.rejected.is_empty(), "x rejected peaks", REJECTED),

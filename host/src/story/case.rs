@@ -107,8 +107,8 @@ impl Case {
             let pairs = pair(view, measured);
             let highest = pairs.iter().map(|pair| pair.model + 1).max().unwrap_or(0);
             // A measured mode without a partner is held against those of the model one by one.
-            let searched = if pairs.len() < measured.len() { searched(measured.len()) } else { 0 };
-            (highest.max(searched) + beyond, candidates(view, measured) + beyond)
+            let lonely = if pairs.len() < measured.len() { searched(measured.len()) } else { 0 };
+            (highest.max(lonely) + beyond, candidates(view, measured) + beyond)
         };
         let (sharp, count) = needed(&self.view);
         let view = self.view.near(assembly, sensors, sharp + MORE_MODES, (count + MORE_MODES).max(3 * sharp))?;

@@ -121,7 +121,7 @@ pub fn remove(case: &Case, name: &str, tally: &Tally) -> Result<ChangeReport, St
     let left: Vec<Effect> =
         effects.iter().enumerate().filter(|(at, _)| *at != index).map(|(_, effect)| effect.clone()).collect();
     let setting = case.setting(tally)?;
-    let step = setting.refit_beside(&format!("drop {}", effects[index]), &left, effects)?;
+    let step = setting.refit_beside(&format!("remove {}", effects[index]), &left, effects)?;
     adopt(case, start, &step, warnings)
 }
 

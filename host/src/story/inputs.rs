@@ -18,6 +18,9 @@ const CHECKSUM: Crc<u64> = Crc::<u64>::new(&CRC_64_XZ);
 /// Of a recording, so many bytes at either end and its length stand for the whole: recordings have gigabytes.
 const END_BYTES: u64 = 4096;
 
+/// What [`Inputs`] calls the effects of a model.
+pub(crate) const EFFECTS: &str = "the model's effects";
+
 /// A checksum of everything that modes are identified from, by its name (`[analysis]`, each setup, each recording), or of what a model is
 /// held against.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,7 +68,7 @@ impl Inputs {
         let layout = format!("{:?}", case.model.bare().layout());
         let named = [
             ("the model's tables", checksum(&[&tables, layout.as_bytes()].concat())),
-            ("the model's effects", checksum(format!("{effects:?}").as_bytes())),
+            (EFFECTS, checksum(format!("{effects:?}").as_bytes())),
             ("the model's tolerance, odds or custom effects", checksum(format!("{trust:?}").as_bytes())),
             ("the sensors", checksum(format!("{sensors:?}").as_bytes())),
             ("the measured modes", checksum(format!("{:?}", case.measured.modes).as_bytes())),

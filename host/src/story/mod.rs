@@ -75,6 +75,7 @@ pub use covalidated::{
 };
 pub use error::{CovalidateError, StoryError};
 pub use identified::{LinkReport, Method, ModesReport, SegmentReport, TimingReport, identify};
+pub(crate) use inputs::EFFECTS;
 pub use inputs::Inputs;
 pub use left_out::MOST_NOISE_GAIN;
 pub use motion::Stretch;

@@ -17,9 +17,10 @@ fn study(parent: &Path) -> PathBuf {
     folder
 }
 
+/// What lies in `folder`, but for the lock that a command leaves to the next one.
 fn files(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let names = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.filter(|name| name != ".belfry-lock").collect();
     names.sort();
     names
 }

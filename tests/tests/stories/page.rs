@@ -149,6 +149,9 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
     let found = sentences(&data, "finding");
     assert!(!found.iter().any(|text| text.contains("fell from")), "{found:?}");
     assert!(data["stale"]["history"].is_string(), "{}", data["stale"]);
+    // The update of other modes is no picture of these; that of the model as given was, while the effect came.
+    let macs: Vec<&str> = data["mac"].as_array().unwrap().iter().map(|mac| mac["what"].as_str().unwrap()).collect();
+    assert_eq!(macs, ["given", "effects"]);
     let damaged = sentences(&data, "warning");
     let is_named = |text: &String| text.ends_with("results/diagnosis.json is damaged: run `belfry diagnose` again.");
     assert!(damaged.iter().any(is_named), "{damaged:?}");

@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::command::Console;
 use crate::command::text::Columns;
 use crate::identify::{Mode, mac};
+use crate::numbers::signed;
 use crate::picture::TrueShape;
 use crate::simulate::{TrueMode, Truth};
 
@@ -93,7 +94,7 @@ impl Measured {
                 format!("{:.4}", pair.true_frequency_hz),
                 format!("{:.4}", pair.frequency_hz),
                 format!("{:.4}", pair.frequency_std_hz),
-                format!("{:+.2}", pair.frequency_error_percent),
+                signed(pair.frequency_error_percent, 2),
                 format!("{:.2}", 100.0 * pair.true_damping_ratio),
                 format!("{:.2}", 100.0 * pair.damping_ratio),
                 format!("{:.2}", 100.0 * pair.damping_ratio_std),

@@ -176,8 +176,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     }
     let folder = in_shell(&study.folder);
     console.say(next_lines(&[
-        (format!("serve {folder} --open"), "the same in the browser, with the next steps to click"),
-        (format!("compare {folder}"), "the steps one by one; every one has --json"),
+        (format!("serve {folder} --open"), "in the browser, with next steps"),
+        (format!("compare {folder}"), "step by step; all have --json"),
         (format!("identify {folder} --direct"), "modes without nodes and link"),
     ]));
     console.json(&outcome)

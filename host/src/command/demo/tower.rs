@@ -8,7 +8,7 @@ use anyhow::{Context, bail};
 use super::hidden;
 use crate::command::Console;
 use crate::command::interrupt::alone_in;
-use crate::files::{FolderLock, write_whole};
+use crate::files::{FolderLock, write_anew};
 use crate::model::effect::Effect;
 use crate::model::{BeamTable, Structure};
 use crate::results::{HISTORY_FILE, Results};
@@ -17,7 +17,6 @@ use crate::study::{STUDY_FILE, Study, template};
 
 /// First line of the demo's study.toml, by which a later demo knows that it may write over it.
 const MARK: &str = "# Made by `belfry demo`; the next `belfry demo` here writes it anew.\n";
-const TRUTH_FILE: &str = "truth.json";
 const RECORDING: &str = "recording.npy";
 /// Segments scatter by this share of what the model's tolerance allows.
 const SCATTER: f64 = 0.5;
@@ -63,9 +62,9 @@ impl Tower {
         simulation.write(&study.folder.join(RECORDING), rows, |made| bar.inc(made))?;
         bar.finish_and_clear();
         let truth = simulation.truth().clone();
-        let path = study.folder.join(TRUTH_FILE);
+        let path = study.folder.join("truth.json");
         let text = serde_json::to_string_pretty(&truth)? + "\n";
-        write_whole(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+        write_anew(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
         Ok(truth)
     }
 }
@@ -84,12 +83,10 @@ pub(super) fn write_study(folder: &Path, console: &Console) -> anyhow::Result<(S
     let lock = alone_in(folder, console)?;
     let results = Results::in_study(folder);
     results.make_ready()?;
-    // A folder from someone else may have links to files of the user's.
-    for name in ["beam.csv", STUDY_FILE, RECORDING, TRUTH_FILE] {
-        let path = folder.join(name);
-        if path.is_symlink() {
-            fs::remove_file(&path).with_context(|| format!("cannot remove the link {}", path.display()))?;
-        }
+    // A folder from someone else may have a link to a file of the user's. Recordings are written behind links.
+    let recording = folder.join(RECORDING);
+    if recording.is_symlink() {
+        fs::remove_file(&recording).with_context(|| format!("cannot remove the link {}", recording.display()))?;
     }
     let mut study: toml_edit::DocumentMut = template::CANTON_STUDY.parse()?;
     if let Some(setups) = study.get_mut("setup").and_then(|item| item.as_array_of_tables_mut())
@@ -99,7 +96,7 @@ pub(super) fn write_study(folder: &Path, console: &Console) -> anyhow::Result<(S
     }
     let write = |name: &str, text: &str| {
         let path = folder.join(name);
-        write_whole(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+        write_anew(&path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
     };
     // The history is of the tower before.
     match fs::remove_file(results.path(HISTORY_FILE)) {
