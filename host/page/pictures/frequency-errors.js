@@ -4,7 +4,7 @@ import { make } from "@/canvas.js"
 import { chosenMode, extent, items, plot } from "@/curves.js"
 import { KINDS, fixed, hertz, known, plural, pvalue, signed, updateOf } from "@/numbers.js"
 
-/** The errors of each mode: of the model as given, with its effects, after the update, where that is of one of these and of these modes, so that its MAC is there. */
+/** The errors of each mode: of the model as given, with its effects, and after the update. An update that has no MAC is of another model, or of other modes. */
 function errorsOf({ modes, comparison, update, mac }) {
     const rows = new Map(), std = new Map(items(modes?.modes).map(mode => [mode.number, 100 * mode.frequency_std_hz / mode.frequency_hz]))
     for (const [kind, pairs] of [["given", comparison?.given?.pairs], ["effects", comparison?.effects?.pairs], ["updated", items(mac).some(one => one.what === "updated") ? update?.pairs : []]]) for (const pair of items(pairs)) {
@@ -35,7 +35,7 @@ export const frequencyErrors = {
         return bars(host, {
             height: 280, x: "measured mode", y: "error of the model in %", more: "± 2 standard deviations of the measurement",
             groups: list.map(one => ({ mode: one.mode, below: hertz(one.hz, 3), one })),
-            kinds: Object.entries(KINDS).filter(([kind]) => list.some(one => known(one[kind]))),
+            kinds: Object.entries({ ...KINDS, updated: updateOf(data) }).filter(([kind]) => list.some(one => known(one[kind]))),
             value: ({ one }, kind) => one[kind], error: ({ one }) => one.std,
             press: ({ mode }) => view.set({ mode }),
         }).free

@@ -8,7 +8,8 @@ import { KINDS, clamp, fixed, known, mac as written, percent, significant, updat
 
 const sane = d => Object.keys(KINDS).flatMap(what => (d.mac ?? []).filter(m => m.what === what && m.values?.length && m.measured?.length && m.model?.length))
 const best = m => m.values.map(row => row.reduce((a, b) => Math.max(a, b ?? 0), 0))
-// Cut, never rounded: 1 is the same shape, and .99 is no less than that.
+const nameOf = (m, d) => m.what === "updated" ? updateOf(d) : KINDS[m.what]
+// Cut, never rounded up: only the same shape is 1, and .99 stands for all from 0.99 on.
 const short = (v, brief) => v >= 0.05 ? (brief ? fixed(Math.floor(100 * v + 1e-9) / 100, 2) : written(v)).replace("0.", ".") : ""
 
 // What each MAC matrix was drawn of, and its canvas; and the note that their cells write to.
@@ -20,7 +21,7 @@ export const macs = {
     says(d) {
         const parts = sane(d).map(m => {
             const all = best(m), low = Math.min(...all)
-            return `${m.what === "updated" ? updateOf(d) : KINDS[m.what]} at least ${written(low)} (mode ${m.measured[all.indexOf(low)]})`
+            return `${nameOf(m, d)} at least ${written(low)} (mode ${m.measured[all.indexOf(low)]})`
         })
         return `Each measured mode against each of the model's; 1 is the same shape. Of the best pairs: ${parts.join(", ")}.` + (sane(d).some(m => m.what === "updated") ? " The direct update turns shapes within their span, so a good MAC after it is no evidence." : "")
     },
@@ -29,7 +30,7 @@ export const macs = {
         note.textContent = "\u00a0"
         host.append(grid, note)
         const list = sane(d).map(m => {
-            const cell = make("div", make("h4", { tint: m.what + "-text" }, KINDS[m.what]))
+            const cell = make("div", make("h4", { tint: m.what + "-text" }, nameOf(m, d)))
             grid.append(cell)
             return [m, cell]
         })

@@ -87,7 +87,7 @@ export default {
             })),
             ...rejected.map(({ frequency_hz, in_words, because, can_be_added: canBeAdded }) => ({
                 x: frequency_hz, y: level(frequency_hz), text: "×", colour: "rejected", line: false, title: `${hertz(frequency_hz)} is no mode: ${in_words ?? because}`,
-                press: () => canBeAdded === false ? offer(`Rejected at ${hertz(frequency_hz)}: ${in_words}. There is no resonance to add.`) : offer(`Rejected at ${hertz(frequency_hz)}.`, "Add it as a mode", rounded(frequency_hz), true),
+                press: () => canBeAdded === false ? offer(`Rejected at ${hertz(frequency_hz)}: ${in_words}. It cannot be added.`) : offer(`Rejected at ${hertz(frequency_hz)}.`, "Add it as a mode", rounded(frequency_hz), true),
             })),
         ]
         // The lower values reach far down in places; three decades below the first are enough.
@@ -118,8 +118,8 @@ export default {
                 others.length > 0 && { label: others.length > 1 ? `first of the other ${others.length} setups` : "first of the other setup", colour: "rejected", alpha: 0.6 },
                 fits.length > 0 && { label: "fit of each mode", kind: "dash" },
                 modes.length > 0 && { label: "mode", kind: "up" },
-                added.length > 0 && { label: "+ added, not identified yet", kind: "dash" },
-                dropped.length > 0 && { label: "dropped, not identified yet", colour: "rejected", kind: "dots" },
+                added.length > 0 && { label: "+ added: comes when modes are identified again", kind: "dash" },
+                dropped.length > 0 && { label: "dropped: goes then", colour: "rejected", kind: "dots" },
                 gone.length > 0 && { label: "− dropped in study.toml", colour: "rejected", kind: "dots" },
                 absent.length > 0 && { label: "? asked for, no mode found", colour: "rejected", kind: "dots" },
                 forced.length > 0 && { label: "F forced line", colour: "forced", kind: "dash" },

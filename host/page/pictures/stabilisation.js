@@ -12,7 +12,7 @@ export default {
     follows: ["setup", "mode"],
     says(data) {
         const one = setupOf(diagramsOf(data)), poles = polesOf(one), stable = items(one.stable)
-        return `Bands that overlap have a subspace model each, up to order ${extent(poles.map(pole => pole.order))?.[1] ?? 0}. Together they have ${plural(poles.length, "pole")}, with ${plural(stable.length, "line")} of stable ones, ${stable.filter(pole => pole.is_clear).length} of them clear.`
+        return `The band is fitted piece by piece, each piece with subspace models up to order ${extent(poles.map(pole => pole.order))?.[1] ?? 0}. Together they have ${plural(poles.length, "pole")}, with ${plural(stable.length, "line")} of stable ones, ${stable.filter(pole => pole.is_clear).length} of them clear.`
     },
     has: data => diagramsOf(data).length > 0,
     draw(host, data) {
@@ -29,7 +29,7 @@ export default {
         return plot(host, {
             zoom: "hz", height: 320, marks: modeMarks(data),
             x: { label: "frequency in Hz", range },
-            y: { label: "order of the band's model", range: [0, top], values: splits => splits.map(value => Number.isInteger(value) ? String(value) : "") },
+            y: { label: "order of the piece's model", range: [0, top], values: splits => splits.map(value => Number.isInteger(value) ? String(value) : "") },
             behind(pen) {
                 if (hz.length < 2) return
                 pen.style("rejected", { width: 1, alpha: 0.6 })

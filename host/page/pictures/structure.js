@@ -75,12 +75,15 @@ export const structure = {
             const chosen = sides.findIndex(([side]) => String(side) === String(c))
             sides.forEach(([, b], i) => b.setAttribute("aria-pressed", String(i === (chosen < 0 ? sides.length - 1 : chosen))))
             quiet.clearRect(0, 0, width, all)
+            // Seen from above there is no second view below.
+            stage.style.height = `${inset ? all : height}px`
             for (const v of [view3, inset]) if (v) paint(quiet, s, v, { phase: 0, shown: kind => kind === "rest" })
             scales(quiet, s, view3, height)
             misfits(quiet, view3, rows, d.comparison?.effects ? "misfit with effects" : "misfit as given", strip, height)
             if (inset) {
                 quiet.fillStyle = colour("ink")
                 quiet.textAlign = "left"
+                quiet.font = font(11)
                 quiet.fillText("from above: X to the right, Y up", isBeside ? inset.left : 8, isBeside ? 12 : height + 10)
             }
             picture()

@@ -56,11 +56,14 @@ pub(super) fn tell_change(report: &ChangeReport, study: &Study, console: &Consol
     console.say(format!("Written into {}.", study.folder.join(STUDY_FILE).display()));
 }
 
+/// How a step that took an effect out begins.
+const REMOVED: &str = "remove ";
+
 /// Whether a step was worth it.
 fn gain_text(gain: f64, step: &StepRecord, study: &Study) -> String {
     let study = in_shell(&study.folder);
     let last = step.effects.last().cloned().unwrap_or_default();
-    if step.action.starts_with("drop") {
+    if step.action.starts_with(REMOVED) {
         return match gain > -STANDS_OUT {
             true => format!("The data do not support it (ln B = {gain:+.1} without it)."),
             false => format!("The data support it: without it, ln B = {gain:+.1}."),

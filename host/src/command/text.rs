@@ -118,7 +118,7 @@ impl Columns {
         }
         let left_out = self.names.iter().zip(&shown).filter(|(_, shown)| !**shown);
         let mut left_out: Vec<&str> = left_out.map(|(name, _)| name.as_str()).collect();
-        // Columns of one name belong to the ones before them, which are not named here.
+        // Two columns of one name are told once.
         left_out.dedup();
         (table, left_out)
     }

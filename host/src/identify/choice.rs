@@ -46,7 +46,7 @@ pub(super) fn drop_picks(grid: &LineGrid, picks: &mut Vec<Pick>, choice: &ModeCh
 }
 
 /// Adds the modes that the user names: at the highest point near by of what the other picks leave. One stays whatever the data say where a
-/// peak stands out; elsewhere it is judged as all picks are, and the fit may find nothing there.
+/// peak stands out; elsewhere it stays where the fit finds a resonance.
 pub(super) fn add_picks(
     grid: &LineGrid,
     measured: &[MeasuredSetup<'_>],
@@ -133,9 +133,9 @@ pub fn note_idle_bands(found: &mut Identification) {
 
 /// Numbers of the modes that the user asked for.
 pub(super) fn asked_for(identification: &Identification) -> Vec<usize> {
-    let is_by_user = |mode: &&Mode| {
+    let is_asked_for = |mode: &&Mode| {
         let pick = mode.pick.and_then(|pick| identification.basis.picks.get(pick));
-        pick.is_some_and(|pick| pick.by_user)
+        pick.is_some_and(|pick| pick.by_user || pick.asked_hz.is_some())
     };
-    identification.modes.iter().filter(is_by_user).map(|mode| mode.number).collect()
+    identification.modes.iter().filter(is_asked_for).map(|mode| mode.number).collect()
 }

@@ -45,6 +45,8 @@ pub(super) fn fit(
         pick.band_hz = band_at(bands_hz, pick.frequency_hz(grid));
     }
     let mut setups = Vec::new();
+    // Where the user asks for modes that would not stay otherwise.
+    let mut doubted_hz: Vec<f64> = Vec::new();
     loop {
         tone::one_each(harmonics);
         let tones = tones(harmonics);
@@ -72,30 +74,38 @@ pub(super) fn fit(
         }
         let mut worst =
             judge::worst(&setups, grid.spacing_hz(), may_go, |pick| picks[pick].unseen, |pick| picks[pick].is_twin);
-        if worst.is_empty() {
-            // Where nothing stands out, a fit goes elsewhere, is a wide one through what others leave, or a narrow one to a few lines of noise.
-            let is_elsewhere = |pick: usize, asked_hz: f64| {
-                estimates(pick).all(|SetupMode { resonance, damping_std, .. }| {
-                    (resonance.frequency_hz - asked_hz).abs() > meant_hz(grid.spacing_hz(), asked_hz)
-                        || resonance.damping_ratio > judge::BRIDGING_DAMPING
-                        || resonance.damping_ratio < judge::SHOWN_SIGMAS * damping_std
-                })
-            };
+        // Where nothing stands out, a fit goes elsewhere, is a wide one through what others leave, or a narrow one to a few lines of noise.
+        let is_elsewhere = |pick: usize, asked_hz: f64| {
+            estimates(pick).all(|SetupMode { resonance, damping_std, .. }| {
+                (resonance.frequency_hz - asked_hz).abs() > meant_hz(grid.spacing_hz(), asked_hz)
+                    || resonance.damping_ratio > judge::BRIDGING_DAMPING
+                    || resonance.damping_ratio < judge::SHOWN_SIGMAS * damping_std
+            })
+        };
+        // What is doubtful and no more stays where the user asks for it: there is a resonance, and it is there.
+        let is_wanted = |&(pick, because): &(usize, RejectedBecause)| {
+            because.can_be_added() && picks[pick].asked_hz.is_some_and(|asked_hz| !is_elsewhere(pick, asked_hz))
+        };
+        let wanted: Vec<usize> = worst.iter().filter(|one| is_wanted(one)).map(|(pick, _)| *pick).collect();
+        worst.retain(|(pick, _)| !wanted.contains(pick));
+        if worst.is_empty() && wanted.is_empty() {
             let is_nothing = |&pick: &usize| {
                 may_go(pick) && picks[pick].asked_hz.is_some_and(|asked_hz| is_elsewhere(pick, asked_hz))
             };
             worst.extend((0..picks.len()).find(is_nothing).map(|pick| (pick, RejectedBecause::NotShown)));
+        }
+        if !wanted.is_empty() {
+            for pick in wanted {
+                picks[pick].by_user = true;
+                doubted_hz.extend(picks[pick].asked_hz);
+            }
+            continue;
         }
         if worst.is_empty() {
             break;
         }
         worst.sort_by_key(|(pick, _)| std::cmp::Reverse(*pick));
         for (pick, because) in worst {
-            // What is doubtful and no more stays where the user asks for it.
-            if picks[pick].asked_hz.is_some() && because.can_be_added() {
-                picks[pick].by_user = true;
-                continue;
-            }
             let pick = picks.remove(pick);
             let Some(asked_hz) = pick.asked_hz else {
                 rejected.push(Rejected { frequency_hz: pick.frequency_hz(grid), because });
@@ -107,7 +117,12 @@ pub(super) fn fit(
         }
     }
     let mut warnings = basis.warnings.clone();
-    for asked_hz in basis.picks.iter().filter(|pick| !pick.by_user).filter_map(|pick| pick.asked_hz) {
+    basis.lone = Lone::all(&setups);
+    let mut of_modes = Vec::new();
+    let mut modes = merge::merge(grid, measured, &setups, &mut of_modes);
+    hand_on_wishes(&mut basis.picks, &modes, grid);
+    let unsure = basis.picks.iter().filter(|pick| !pick.by_user).filter_map(|pick| pick.asked_hz);
+    for asked_hz in unsure.chain(doubted_hz) {
         warnings.push(format!(
             "no peak stands out at {asked_hz} Hz, where you asked for a mode: its values may come from noise or from neighbouring modes"
         ));
@@ -122,9 +137,7 @@ pub(super) fn fit(
             ));
         }
     }
-    basis.lone = Lone::all(&setups);
-    let mut modes = merge::merge(grid, measured, &setups, &mut warnings);
-    hand_on_wishes(&mut basis.picks, &modes);
+    warnings.append(&mut of_modes);
     for mode in &mut modes {
         let pick = mode.pick.and_then(|pick| basis.picks.get(pick));
         (mode.band_hz, mode.asked_hz) = pick.map_or((None, None), |pick| (pick.band_hz, pick.asked_hz));
@@ -150,17 +163,18 @@ pub(super) fn fit(
 }
 
 /// A wish is for the mode that is nearest, which may have been found after another was taken for it.
-fn hand_on_wishes(picks: &mut [Pick], modes: &[Mode]) {
+fn hand_on_wishes(picks: &mut [Pick], modes: &[Mode], grid: &LineGrid) {
     for mode in modes {
-        let Some((own, asked_hz)) = mode.pick.and_then(|pick| Some((pick, picks.get(pick)?.asked_hz?))) else {
-            continue;
-        };
+        let wish = mode.pick.and_then(|own| Some((own, picks.get(own)?.asked_hz?)));
+        let Some((own, asked_hz)) = wish else { continue };
         let off_hz = |other: &Mode| (other.frequency_hz - asked_hz).abs();
-        let nearest = modes.iter().min_by(|a, b| off_hz(a).total_cmp(&off_hz(b))).and_then(|nearest| nearest.pick);
-        if let Some(nearest) = nearest.filter(|&pick| picks.get(pick).is_some_and(|pick| pick.asked_hz.is_none())) {
+        let is_near = |other: &&Mode| off_hz(other) <= meant_hz(grid.spacing_hz(), asked_hz);
+        let nearest = modes.iter().filter(is_near).min_by(|a, b| off_hz(a).total_cmp(&off_hz(b)));
+        let other = nearest.and_then(|nearest| nearest.pick);
+        if let Some(other) = other.filter(|&other| picks.get(other).is_some_and(|pick| pick.asked_hz.is_none())) {
             let by_user = std::mem::take(&mut picks[own].by_user);
             picks[own].asked_hz = None;
-            (picks[nearest].by_user, picks[nearest].asked_hz) = (by_user, Some(asked_hz));
+            (picks[other].by_user, picks[other].asked_hz) = (by_user, Some(asked_hz));
         }
     }
 }
@@ -198,14 +212,18 @@ mod tests {
 
     #[test]
     fn a_wish_is_for_the_nearest_mode_also_where_that_was_found_later() {
-        let taken = Pick { by_user: true, asked_hz: Some(0.979), ..Pick::new(10, Vec::new()) };
-        let mut picks = [taken, Pick::new(9, Vec::new())];
+        let grid = LineGrid { sampling_rate_hz: 10.0, segment: 1000, first_line: 1, lines: 200 };
+        let taken = Pick { by_user: true, asked_hz: Some(0.979), ..Pick::new(99, Vec::new()) };
         let mode = |frequency_hz: f64, pick: usize| Mode { frequency_hz, pick: Some(pick), ..found().modes.remove(0) };
-        let modes = [mode(0.98, 1), mode(0.998, 0)];
-        hand_on_wishes(&mut picks, &modes);
-        let wishes = picks.each_ref().map(|pick| (pick.by_user, pick.asked_hz));
-        assert_eq!(wishes, [(false, None), (true, Some(0.979))]);
-        hand_on_wishes(&mut picks, &modes);
-        assert_eq!(picks.map(|pick| (pick.by_user, pick.asked_hz)), wishes);
+        let wishes = |other_hz: f64| {
+            let mut picks = [taken.clone(), Pick::new(97, Vec::new())];
+            hand_on_wishes(&mut picks, &[mode(other_hz, 1), mode(0.998, 0)], &grid);
+            picks.map(|pick| (pick.by_user, pick.asked_hz))
+        };
+        assert_eq!(wishes(0.98), [(false, None), (true, Some(0.979))]);
+        // One that is no nearer, or further away than was meant, has nothing to do with it.
+        for other_hz in [0.95, 1.2] {
+            assert_eq!(wishes(other_hz), [(true, Some(0.979)), (false, None)]);
+        }
     }
 }

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::packed::Packed;
 use crate::identify::{FittedSpectrum, Identification, MeasuredSetup, peaks_of};
 use crate::measure::Overview;
+use crate::spectra::LineGrid;
 use crate::study::Setup;
 
 /// Lines of a setup that are shown at most; more are taken together by their largest.
@@ -65,17 +66,19 @@ struct OnLines {
 }
 
 impl OnLines {
-    fn of(spectrum: &FittedSpectrum, measured: &[MeasuredSetup<'_>], setups: &[SetupSpectra]) -> Option<Self> {
-        let (one, setup) = measured.iter().zip(setups).find(|(_, setup)| setup.setup == spectrum.setup)?;
-        let spacing_hz = one.spectrum.grid().spacing_hz();
-        if !spectrum.is_finer_than(spacing_hz) {
+    fn of(spectrum: &FittedSpectrum, measured: &[MeasuredSetup<'_>]) -> Option<Self> {
+        let grid = measured.iter().find(|one| one.setup.name == spectrum.setup)?.spectrum.grid();
+        if !spectrum.is_finer_than(grid.spacing_hz()) {
             return None;
         }
-        let hz = |line: usize| setup.first_hz + line as f64 * setup.spacing_hz;
-        let expected = spectrum.expected_at((0..setup.lines).map(hz), spacing_hz);
-        let first_hz = expected.first()?.0;
-        let first_line = (0..setup.lines).find(|&line| hz(line) >= first_hz)?;
-        Some(Self { first_line, values: Packed::fine_log(expected.into_iter().map(|(_, density)| density)) })
+        let expected = spectrum.expected_at((0..grid.lines).map(|line| grid.frequency_hz(line)), grid.spacing_hz());
+        // As singular values: the largest of those that are taken together.
+        let together = lines_together(grid);
+        let line_of = |at: &(f64, f64)| grid.nearest_line(at.0) / together;
+        let values = expected
+            .chunk_by(|a, b| line_of(a) == line_of(b))
+            .map(|group| group.iter().map(|at| at.1).fold(f64::NEG_INFINITY, f64::max));
+        Some(Self { first_line: line_of(expected.first()?), values: Packed::fine_log(values) })
     }
 }
 
@@ -97,12 +100,16 @@ impl FittedMode {
 impl Spectra {
     /// Those that modes were identified from.
     pub fn of(identification: &Identification, measured: &[MeasuredSetup<'_>]) -> Self {
-        let setups: Vec<SetupSpectra> =
-            measured.iter().map(|setup| setup_spectra(identification, setup, measured)).collect();
+        let setups = measured.iter().map(|setup| setup_spectra(identification, setup, measured)).collect();
         let all = identification.modes.iter().flat_map(|mode| mode.fitted.iter().map(|one| (mode.number, one)));
-        let fitted = all.map(|(mode, one)| FittedMode::of(mode, one, OnLines::of(one, measured, &setups))).collect();
+        let fitted = all.map(|(mode, one)| FittedMode::of(mode, one, OnLines::of(one, measured))).collect();
         Self { setups, fitted }
     }
+}
+
+/// So many lines are shown as one.
+fn lines_together(grid: &LineGrid) -> usize {
+    grid.lines.div_ceil(LINES).max(1)
 }
 
 fn setup_spectra(
@@ -112,7 +119,7 @@ fn setup_spectra(
 ) -> SetupSpectra {
     let (setup, spectrum) = (measured.setup, &measured.spectrum);
     let grid = spectrum.grid();
-    let together = grid.lines.div_ceil(LINES).max(1);
+    let together = lines_together(grid);
     let largest = |values: &[f64]| -> Vec<f64> {
         values.chunks(together).map(|values| values.iter().copied().fold(f64::NEG_INFINITY, f64::max)).collect()
     };

@@ -373,6 +373,13 @@ mod tests {
         assert!(svg.chars().all(|letter| !letter.is_control() || letter == '\n'));
     }
 
+    #[test]
+    fn numbers_below_zero_have_a_minus_sign() {
+        let svg = "<polyline points=\"-1,-2 3,-4\"/>\n-0.5\nfrom -2 to (-1), 1e-9, 2026-11-29, a-1 - 2\n</text>\n";
+        let signed = "<polyline points=\"-1,-2 3,-4\"/>\n\u{2212}0.5\nfrom \u{2212}2 to (\u{2212}1), 1e-9, 2026-11-29, a-1 - 2\n</text>\n";
+        assert_eq!(with_minus_signs(svg), signed);
+    }
+
     /// A straight line that rises by a pixel over four has no steps, and a mark stands on it.
     #[test]
     fn curves_are_drawn_between_pixels() {

@@ -271,7 +271,8 @@ mod tests {
                 && svg.contains("missed, in µm/s")
                 && svg.contains("time in s")
         );
-        assert!(!svg.contains("\n-0.0\n") && !svg.contains("\n-0.00\n") && !svg.contains("NaN"));
+        assert!(svg.contains("\n\u{2212}"), "an axis about zero");
+        assert!(!["\n\u{2212}0.0\n", "\n\u{2212}0.00\n", "\n-", "NaN"].iter().any(|wrong| svg.contains(wrong)));
     }
 
     #[test]

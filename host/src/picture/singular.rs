@@ -248,6 +248,36 @@ mod tests {
         assert_eq!((of(&marked, "#555555"), of(&plain, "#555555")), (3, 0), "two strokes of a cross, and the legend");
     }
 
+    #[test]
+    fn fits_stand_on_the_curves_of_one_setup() {
+        let mut identification = found();
+        let frequency_hz: Vec<f64> = (1..100).map(|line| 0.1 * f64::from(line)).collect();
+        let fit = FittedSpectrum {
+            setup: "first".to_owned(),
+            frequency_hz: frequency_hz[20..40].to_vec(),
+            measured: vec![1.0; 20],
+            fitted: vec![0.5; 20],
+            scatter: 0.1,
+            is_misfit: false,
+        };
+        let spectrum = |setup: &str| SingularSpectrum {
+            setup: setup.to_owned(),
+            frequency_hz: frequency_hz.clone(),
+            values: vec![vec![1.0; 99]],
+        };
+        identification.frequency_resolution_hz = 0.1;
+        identification.singular_values = vec![spectrum("first")];
+        let dashed = |identification: &Identification| {
+            let svg = singular_values("Tower", &[], identification).unwrap();
+            (svg.matches("stroke-dasharray").count(), svg.contains("fit of each mode"))
+        };
+        assert_eq!(dashed(&identification), (0, false));
+        identification.modes[0].fitted = vec![fit];
+        assert_eq!(dashed(&identification), (1, true));
+        identification.singular_values.push(spectrum("second"));
+        assert_eq!(dashed(&identification), (0, false));
+    }
+
     /// As one flipped bit in a recording leaves them, and as a silent structure does.
     #[test]
     fn any_numbers_make_a_picture() {

@@ -16,7 +16,7 @@ const TELL_EVERY: Duration = Duration::from_secs(1);
 const LINES_KEPT: usize = 40;
 
 /// Commands that the page may ask for, and what they may be given: flags, and whether a word of their own.
-const ALLOWED: [(&str, &[&str], bool); 9] = [
+const ALLOWED: [(&str, &[&str], bool); 8] = [
     ("identify", &["--direct", "--every"], false),
     ("compare", &[], false),
     ("update", &[], false),
@@ -25,7 +25,6 @@ const ALLOWED: [(&str, &[&str], bool); 9] = [
     ("profile", &[], false),
     ("add", &[], true),
     ("remove", &[], true),
-    ("history", &[], false),
 ];
 
 /// Of these, those that read windows, which take a range of time.

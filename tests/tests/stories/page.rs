@@ -47,6 +47,11 @@ fn sentences(data: &Value, kind: &str) -> Vec<String> {
     all.map(|finding| finding["text"].as_str().unwrap().to_owned()).collect()
 }
 
+/// Of which models there is a MAC matrix.
+fn macs(data: &Value) -> Vec<&str> {
+    data["mac"].as_array().unwrap().iter().map(|mac| mac["what"].as_str().unwrap()).collect()
+}
+
 #[test]
 fn one_file_tells_what_was_found_and_asks_for_nothing() {
     let folder = tempfile::tempdir().unwrap();
@@ -124,8 +129,8 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
     let near_base = |part: &Value| moves(part, 1) / moves(part, top);
     assert!(near_base(&parts[1]) > 1.05 * near_base(&parts[0]), "{} {}", near_base(&parts[0]), near_base(&parts[1]));
     assert!(parts.iter().all(|part| moves(part, 0) < 1e-9), "it stands where it stood");
-    let macs: Vec<&str> = data["mac"].as_array().unwrap().iter().map(|mac| mac["what"].as_str().unwrap()).collect();
-    assert_eq!(macs, ["given", "updated", "effects"]);
+    // The update is that of the model as given, which is shown as well.
+    assert_eq!(macs(&data), ["given", "updated", "effects"]);
     assert_eq!(data["spectra"]["setups"][0]["psd"].as_array().unwrap().len(), 20);
     assert_eq!(data["record"]["setups"][0]["min"].as_array().unwrap().len(), 20);
     assert_eq!(data["curves"]["channels"][0]["channel"], "09");
@@ -135,6 +140,16 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
     run(&["report", &study]);
     let data = data_of(&fs::read_to_string(&report).unwrap());
     assert!(sentences(&data, "finding")[0].contains("fell from"), "{}", data["stale"]);
+
+    // An update of the model with an effect is none of the model without it.
+    run(&["update", &study]);
+    run(&["report", &study]);
+    assert_eq!(macs(&data_of(&fs::read_to_string(&report).unwrap())), ["given", "updated", "effects"]);
+    let removed = run(&["remove", &study, "base-rotation"]);
+    assert!(removed.contains("The data support it: without it, ln B = -"), "{removed}");
+    run(&["report", &study]);
+    assert_eq!(macs(&data_of(&fs::read_to_string(&report).unwrap())), ["given"]);
+    run(&["add", &study, "base-rotation"]);
 
     // With other modes the fall is one of older ones; a result that holds nothing is named.
     let toml = Path::new(&study).join("study.toml");
@@ -149,9 +164,6 @@ fn one_file_tells_what_was_found_and_asks_for_nothing() {
     let found = sentences(&data, "finding");
     assert!(!found.iter().any(|text| text.contains("fell from")), "{found:?}");
     assert!(data["stale"]["history"].is_string(), "{}", data["stale"]);
-    // The update of other modes is no picture of these; that of the model as given was, while the effect came.
-    let macs: Vec<&str> = data["mac"].as_array().unwrap().iter().map(|mac| mac["what"].as_str().unwrap()).collect();
-    assert_eq!(macs, ["given", "effects"]);
     let damaged = sentences(&data, "warning");
     let is_named = |text: &String| text.ends_with("results/diagnosis.json is damaged: run `belfry diagnose` again.");
     assert!(damaged.iter().any(is_named), "{damaged:?}");

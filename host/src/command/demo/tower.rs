@@ -83,7 +83,7 @@ pub(super) fn write_study(folder: &Path, console: &Console) -> anyhow::Result<(S
     let lock = alone_in(folder, console)?;
     let results = Results::in_study(folder);
     results.make_ready()?;
-    // A folder from someone else may have a link to a file of the user's. Recordings are written behind links.
+    // A folder from someone else may have a link to a file of the user's, and what writes recordings follows links.
     let recording = folder.join(RECORDING);
     if recording.is_symlink() {
         fs::remove_file(&recording).with_context(|| format!("cannot remove the link {}", recording.display()))?;
