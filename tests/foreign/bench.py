@@ -210,22 +210,23 @@ def judge_diagnosis(diagnosed, truth, body):
             place = candidates[0]["where"]
             if truth.place_m is not None and place:
                 result["place_error_percent"] = 100 * abs(float(place.rstrip("m")) - truth.place_m) / body.height_m()
-            result["value_deviations"] = deviations(candidates[0], truth)
+            result["stated"] = stated(candidates[0], truth)
+            distances = [max(low - value, value - high, 0.0) / std for _, value, std, (low, high) in result["stated"]]
+            result["value_deviations"] = max(distances) if distances else None
     return result
 
 
-def deviations(candidate, truth):
-    """The largest distance of a stated value from the true interval in stated standard deviations; None without a true value."""
-    distances = []
+def stated(candidate, truth):
+    """Of each value that has a true interval: its name, itself, its stated standard deviation, and the interval."""
+    found = []
     for parameter in candidate["parameters"]:
         value, std, interval = parameter["value"], parameter["std"], truth.values.get(parameter["name"])
         if interval is None or not std:
             continue
         if candidate["effect"] == "mass-scale":
             value, std = 1 / (1 + value) - 1, std / (1 + value) ** 2
-        low, high = interval
-        distances.append(max(low - value, value - high, 0.0) / std)
-    return max(distances) if distances else None
+        found.append((parameter["name"], value, std, interval))
+    return found
 
 
 def line(case):

@@ -16,6 +16,7 @@ mod cluster;
 mod covariance;
 mod crossing;
 mod curve;
+mod drifting;
 mod estimate;
 mod finer;
 mod finer_peaks;
@@ -66,6 +67,7 @@ pub(crate) use choice::NEAR_SHARE;
 pub use choice::note_idle_bands;
 pub use covariance::CovarianceFactor;
 pub(crate) use covariance::OWN_SHARE;
+pub use drifting::{Drift, widen_drifting};
 pub(crate) use pick::peaks_of;
 pub use result::{
     FittedSpectrum, Harmonic, Identification, Mode, ModeMethod, OnInPart, Rejected, RejectedBecause, ShapeComponent,

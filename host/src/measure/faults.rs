@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use super::epoch_s;
 use super::fill::Filled;
 use super::flat::Flat;
-use super::gains::Drift;
 use super::jumps::Jumps;
 use super::limits::{CutOff, MOST_CUT_OFF};
 use super::spikes::Spikes;
 use super::stream::Faults;
+use crate::identify::Drift;
 use crate::numbers::{counted, is_or_are};
 use crate::record::{Affected, RecordWarning, time_of_day};
 use crate::spectra::{LineGrid, Silenced, SpectraWarning};
@@ -133,7 +133,7 @@ pub(super) fn drift_sentences(setup: &Setup, drifts: &[Drift]) -> Vec<String> {
         };
         let channels = channels_at(setup, &drift.channels);
         format!(
-            "{channels}: {told}; it stays, and its components of shapes are means: check the sensor, its supply and its mounting"
+            "{channels}: {told}; it stays, and its components of shapes are means, with half of the change as a deviation: check the sensor, its supply and its mounting"
         )
     };
     drifts.iter().map(sentence).collect()

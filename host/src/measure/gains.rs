@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::identify::Drift;
 use crate::regression::slopes;
 use crate::spectra::WindowLines;
 use crate::statistics::median;
@@ -44,15 +45,6 @@ const AS_WELL_MORE: f64 = 20.0;
 const RIDGE: f64 = 1e-6;
 /// More channels than this share do not drift by chance: then it is not the channels.
 const MOST_SHARE: f64 = 0.34;
-
-/// A channel whose gain drifts.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Drift {
-    /// The channel, in the setup's order; behind it those of which it may be one as well, for they move much as it does.
-    pub(super) channels: Vec<usize>,
-    /// By how much the gain changes from the record's beginning to its end: 0.1 for a tenth more.
-    pub(super) change: f64,
-}
 
 /// A part of the record: sums of products of channels in each band, and windows in which both of two channels were sound.
 #[derive(Debug, Clone)]

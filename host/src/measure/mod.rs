@@ -26,7 +26,7 @@ use serde::Serialize;
 
 use crate::archive::{Archive, Collected, TimeRange, damage_in_words};
 use crate::fleet::{FleetOptions, FleetReport};
-use crate::identify::MeasuredSetup;
+use crate::identify::{Drift, MeasuredSetup};
 use crate::record::Recording;
 use crate::spectra::{
     CrossSpectrum, CrossSpectrumAccumulator, LineGrid, Lines, PlanError, SetupExtent, SpectraError, SpectralPlan,
@@ -101,6 +101,8 @@ pub struct Measurement<'a> {
     pub overviews: Vec<Overview>,
     /// What the nodes and lines did, for each of them (nothing on the direct route).
     pub fleets: Vec<FleetReport>,
+    /// The channels of each of them whose gains drift.
+    pub drifts: Vec<Vec<Drift>>,
     /// What the reader should know.
     pub warnings: Vec<String>,
     /// Duration of all recordings in s.
@@ -152,7 +154,8 @@ fn measure_prepared<'a>(
     let total_rows: u64 = opened.iter().map(|opened| opened.rows).sum();
     let collected = opened.iter().filter_map(Opened::span).collect();
     let mut done_rows = 0;
-    let (mut setups, mut overviews, mut fleets, mut duration_s) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
+    let (mut setups, mut overviews, mut drifts, mut fleets) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut duration_s = 0.0;
     for ((Opened { setup, material, rows }, &decimation), &windows) in
         opened.into_iter().zip(&plan.decimations).zip(&plan.windows)
     {
@@ -167,6 +170,7 @@ fn measure_prepared<'a>(
                 duration_s += rows as f64 / setup.sampling_rate_hz;
                 setups.push(measured.setup);
                 overviews.push(measured.overview);
+                drifts.push(measured.drifts);
             }
             Err(error) => leave_out(&mut warnings, &mut failure, error),
         }
@@ -174,7 +178,7 @@ fn measure_prepared<'a>(
     if setups.is_empty() {
         return Err(failure.unwrap_or(MeasureError::NoSetups));
     }
-    Ok(Measurement { plan, reasons, collected, setups, overviews, fleets, warnings, duration_s, timings })
+    Ok(Measurement { plan, reasons, collected, setups, overviews, drifts, fleets, warnings, duration_s, timings })
 }
 
 /// Where a setup's windows come from.
@@ -386,6 +390,7 @@ fn leave_out(warnings: &mut Vec<String>, failure: &mut Option<MeasureError>, err
 struct OneSetup<'a> {
     setup: MeasuredSetup<'a>,
     overview: Overview,
+    drifts: Vec<Drift>,
     fleet: Option<FleetReport>,
     warnings: Vec<String>,
 }
@@ -441,7 +446,8 @@ fn measure_setup<'a>(
     let (spectrum, alone) = spectrum.without_noisy_channels();
     warnings.extend(noisy_sentence(setup, &alone.loud).map(several));
     warnings.extend(alone_sentence(setup, &alone.quiet).map(several));
-    warnings.extend(drift_sentences(setup, &gains.finish(spectrum.channels())).into_iter().map(several));
+    let drifts = gains.finish(spectrum.channels());
+    warnings.extend(drift_sentences(setup, &drifts).into_iter().map(several));
     if let Some(fleet) = &fleet {
         let lost: u64 = fleet.nodes.iter().map(|node| node.session.lost_windows).sum();
         if lost > 0 {
@@ -450,7 +456,7 @@ fn measure_setup<'a>(
             )));
         }
     }
-    Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, overview, fleet, warnings })
+    Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, overview, drifts, fleet, warnings })
 }
 
 /// The spectrum without channels that are cut off too often, and which these are; none where they are most of all.

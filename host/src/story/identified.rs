@@ -14,7 +14,9 @@ use crate::identify::lean::lean_suspicions;
 use crate::identify::phases::phase_suspicions;
 use crate::identify::ssi::{add_second_opinion, identify_by_subspace};
 use crate::identify::suspect::suspicions;
-use crate::identify::{Identification, hold_to_standards, identify as identify_setups, note_idle_bands};
+use crate::identify::{
+    Identification, hold_to_standards, identify as identify_setups, note_idle_bands, widen_drifting,
+};
 use crate::measure::{CollectedSpan, MeasureError, Measurement, Progress, Route, measure};
 use crate::page::{Records, Spectra};
 use crate::progress::{OnProgress, rows_of};
@@ -179,6 +181,9 @@ fn identify_lines(
         add_second_opinion(&measurement.setups, choice, &mut identification)?;
     }
     hold_to_standards(&mut identification);
+    for (measured, drifts) in measurement.setups.iter().zip(&measurement.drifts) {
+        widen_drifting(&mut identification.modes, measured.setup, drifts);
+    }
     note_idle_bands(&mut identification);
     let times = Times { modes, second_opinion: second_start.elapsed(), all: start.elapsed() };
     let mut warnings = measurement.warnings.clone();

@@ -34,7 +34,7 @@ pub(in crate::identify) fn component_of<'a>(
 }
 
 /// The same, to be changed.
-pub(super) fn component_of_mut<'a>(
+pub(in crate::identify) fn component_of_mut<'a>(
     shape: &'a mut [ShapeComponent],
     setup: &str,
     sensor: &Sensor,

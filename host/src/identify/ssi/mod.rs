@@ -33,7 +33,7 @@ use crate::spectra::{CrossSpectrum, LineGrid};
 use stabilisation::{Diagram, StablePole};
 
 pub(in crate::identify) use covariance::OUTER_MARGIN_LINES;
-pub(super) use likeness::component_of;
+pub(super) use likeness::{component_of, component_of_mut};
 pub use modes::identify_by_subspace;
 pub use opinion::add_second_opinion;
 
