@@ -68,7 +68,7 @@ function choose(after, change) {
 }
 
 /** The command that identifies modes the way it was done last. */
-export const identify = ({ modes }) => ["identify", ...modes && !modes.link ? ["--direct"] : [], ...modes?.trends ? [`--every=${modes.trends.every_s}s`] : []]
+export const identify = ({ method }) => method?.commands.find(([name]) => name === "identify") ?? ["identify"]
 
 const cancel = () => attempt(() => ask("/cancel", {}), () => {})
 

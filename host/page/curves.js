@@ -309,10 +309,9 @@ export function plot(host, options) {
     const width = () => Math.max(120, Math.floor(box.clientWidth))
     let settled = 0, applying = true
     const isWhole = () => u.scales.x.min <= whole[0] && u.scales.x.max >= whole[1]
-    // Also while it is made, when it is not yet `u`.
-    const tellPlace = (at = u) => {
-        const { left } = at.cursor
-        key?.show(left >= 0 ? at.posToIdx(left) : null, at.posToVal(left, "x"))
+    function tellPlace(u) {
+        const { left } = u.cursor
+        key?.show(left >= 0 ? u.posToIdx(left) : null, u.posToVal(left, "x"))
     }
 
     const u = new uPlot({
@@ -339,13 +338,13 @@ export function plot(host, options) {
         hooks: {
             drawAxes: [u => painted(u, [options.behind, drawMarks, drawBands])],
             draw: [u => { painted(u, [drawLines, options.front]); placeMarks() }],
-            setCursor: [u => tellPlace(u)],
+            setCursor: [tellPlace],
             setScale: [(u, name) => {
                 const { min, max } = u.scales.x
                 if (name !== "x" || min == null) return
                 again.hidden = still || options.quiet || isWhole()
                 // What is under the pointer is another place now.
-                tellPlace()
+                tellPlace(u)
                 if (applying) return
                 const [low, high] = inside([min, max])
                 if (low !== min || high !== max) return void queueMicrotask(() => to([low, high]))
@@ -501,7 +500,7 @@ export function plot(host, options) {
             u.setData(next, false)
             u.redraw(true, true)
             // The place under the pointer has another index now.
-            tellPlace()
+            tellPlace(u)
         },
         free() {
             clearTimeout(settled)

@@ -4,8 +4,8 @@ const minus = text => text.replace("-", "\u2212")
 /** What a version of the model is called; its key is also its colour. */
 export const KINDS = { given: "model as first given", effects: "model with its effects", updated: "after direct update" }
 
-/** What the direct update is called: that of the model as given stays in sight while effects come. */
-export const updateOf = d => KINDS.updated + (d.comparison?.effects && !d.update?.effects?.length ? " of the model as given" : "")
+/** The same of a study's data: an update of the model as given stays in sight while effects come. */
+export const kindsOf = d => ({ ...KINDS, updated: KINDS.updated + (d.comparison?.effects && !d.update?.effects?.length ? " of the model as given" : "") })
 
 /** Whether it is a number that can be written or drawn. */
 export const known = Number.isFinite

@@ -2,7 +2,7 @@
 
 import { make } from "@/canvas.js"
 import { chosenMode, extent, items, plot } from "@/curves.js"
-import { KINDS, fixed, hertz, known, plural, pvalue, signed, updateOf } from "@/numbers.js"
+import { fixed, hertz, kindsOf, known, plural, pvalue, signed } from "@/numbers.js"
 
 /** The errors of each mode: of the model as given, with its effects, and after the update. An update that has no MAC is of another model, or of other modes. */
 function errorsOf({ modes, comparison, update, mac }) {
@@ -23,9 +23,9 @@ export const frequencyErrors = {
     uses: ["comparison"],
     says(data) {
         const list = errorsOf(data), worst = list.filter(one => known(one.given)).sort((a, b) => Math.abs(b.given) - Math.abs(a.given))[0]
-        const means = Object.entries(KINDS).map(([kind, label]) => {
+        const means = Object.entries(kindsOf(data)).map(([kind, label]) => {
             const values = list.map(one => one[kind]).filter(known)
-            return values.length && `${fixed(values.reduce((sum, value) => sum + Math.abs(value), 0) / values.length, 2)} % ${kind === "updated" ? updateOf(data) : `for the ${label}`}`
+            return values.length && `${fixed(values.reduce((sum, value) => sum + Math.abs(value), 0) / values.length, 2)} % ${kind === "updated" ? "" : "for the "}${label}`
         }).filter(Boolean)
         return `Over ${plural(list.length, "mode")} the mean error is ${means.join(", ") || "unknown"}${worst ? `; as given the model is worst at mode ${worst.mode}, ${signed(worst.given, 2)} %.` : "."}`
     },
@@ -35,7 +35,7 @@ export const frequencyErrors = {
         return bars(host, {
             height: 280, x: "measured mode", y: "error of the model in %", more: "± 2 standard deviations of the measurement",
             groups: list.map(one => ({ mode: one.mode, below: hertz(one.hz, 3), one })),
-            kinds: Object.entries({ ...KINDS, updated: updateOf(data) }).filter(([kind]) => list.some(one => known(one[kind]))),
+            kinds: Object.entries(kindsOf(data)).filter(([kind]) => list.some(one => known(one[kind]))),
             value: ({ one }, kind) => one[kind], error: ({ one }) => one.std,
             press: ({ mode }) => view.set({ mode }),
         }).free

@@ -4,11 +4,10 @@
 
 import { colour, make, mix, printing } from "@/canvas.js"
 import { matrix } from "@/matrix.js"
-import { KINDS, clamp, fixed, known, mac as written, percent, significant, updateOf } from "@/numbers.js"
+import { KINDS, clamp, fixed, kindsOf, known, mac as written, percent, significant } from "@/numbers.js"
 
 const sane = d => Object.keys(KINDS).flatMap(what => (d.mac ?? []).filter(m => m.what === what && m.values?.length && m.measured?.length && m.model?.length))
 const best = m => m.values.map(row => row.reduce((a, b) => Math.max(a, b ?? 0), 0))
-const nameOf = (m, d) => m.what === "updated" ? updateOf(d) : KINDS[m.what]
 // Cut, never rounded up: only the same shape is 1, and .99 stands for all from 0.99 on.
 const short = (v, brief) => v >= 0.05 ? (brief ? fixed(Math.floor(100 * v + 1e-9) / 100, 2) : written(v)).replace("0.", ".") : ""
 
@@ -21,7 +20,7 @@ export const macs = {
     says(d) {
         const parts = sane(d).map(m => {
             const all = best(m), low = Math.min(...all)
-            return `${nameOf(m, d)} at least ${written(low)} (mode ${m.measured[all.indexOf(low)]})`
+            return `${kindsOf(d)[m.what]} at least ${written(low)} (mode ${m.measured[all.indexOf(low)]})`
         })
         return `Each measured mode against each of the model's; 1 is the same shape. Of the best pairs: ${parts.join(", ")}.` + (sane(d).some(m => m.what === "updated") ? " The direct update turns shapes within their span, so a good MAC after it is no evidence." : "")
     },
@@ -30,7 +29,7 @@ export const macs = {
         note.textContent = "\u00a0"
         host.append(grid, note)
         const list = sane(d).map(m => {
-            const cell = make("div", make("h4", { tint: m.what + "-text" }, nameOf(m, d)))
+            const cell = make("div", make("h4", { tint: m.what + "-text" }, kindsOf(d)[m.what]))
             grid.append(cell)
             return [m, cell]
         })

@@ -52,8 +52,8 @@ export default {
         }
         const { added_hz: added, dropped, bands, standing } = picks()
         // Of the modes that come: those that were dropped before, and those that are new.
-        const isNear = (a, b) => Math.abs(a / b - 1) < 1e-6, were = items(standing?.dropped_hz), back = added.filter(hz => were.some(one => isNear(one, hz))), fresh = added.filter(hz => !back.includes(hz))
-        const gone = were.filter(hz => !back.some(one => isNear(one, hz))), absent = items(standing?.absent_hz).filter(hz => !fresh.includes(hz))
+        const were = items(standing?.dropped_hz), [back, fresh] = [true, false].map(is => added.filter(hz => were.includes(hz) === is))
+        const [gone, absent] = [were, items(standing?.absent_hz)].map(list => list.filter(hz => !added.includes(hz)))
         // What a mode is called in study.toml: where it was asked for, it may lie beside.
         const asked = mark => mark.is.asked_hz ?? rounded(mark.x)
         const level = value => singular[0][nearest(hz, value)]
@@ -72,8 +72,9 @@ export default {
         }
         const marks = [
             ...modes.map(mark => isDropped(mark) ? { ...mark, colour: "rejected", dash: [2, 4], isStruck: true, title: mark.title + "; dropped, until modes are identified again" } : mark),
-            ...fresh.map(hz => ({ x: hz, text: "+", dash: [5, 4], alpha: 1, title: `added at ${hertz(hz)}, not identified yet`, press: () => offer(`Added at ${hertz(hz)}.`, "Take it back", hz, false) })),
-            ...back.map(hz => ({ x: hz, text: "+", dash: [5, 4], alpha: 1, title: `no longer dropped at ${hertz(hz)}, not identified yet`, press: () => offer(`No longer dropped at ${hertz(hz)}.`, "Drop it again", hz, false) })),
+            ...[[fresh, "Added", "Take it back"], [back, "No longer dropped", "Drop it again"]].flatMap(([list, what, undo]) => list.map(hz => ({
+                x: hz, text: "+", dash: [5, 4], alpha: 1, title: `${what.toLowerCase()} at ${hertz(hz)}, not identified yet`, press: () => offer(`${what} at ${hertz(hz)}.`, undo, hz, false),
+            }))),
             ...forced.map(line => ({
                 x: line.frequency_hz, text: "F", colour: "forced-text", dash: [5, 4], alpha: 1, half: line.wanders_hz,
                 title: `forced line at ${hertz(line.frequency_hz)}, kurtosis ${fixed(line.kurtosis, 2)}`
@@ -135,9 +136,9 @@ export default {
                 // A mode below a stronger one's bell has its peak in a lower curve.
                 if (!setup.peaks_hz) return offer("Where peaks stand out is known once modes are identified again.")
                 const peak = setup.peaks_hz.reduce((best, at) => Math.abs(at - where) >= Math.abs(best - where) ? best : at, NaN), at = hertz(peak)
-                const isSame = (x, peak) => Math.abs(x - peak) <= Math.max(SAME * peak, SAME_LINES * setup.spacing_hz), own = modes.find(({ x }) => isSame(x, peak)), none = `No peak stands out at ${hertz(where)}`
+                const isSame = (x, peak) => Math.abs(x - peak) <= Math.max(SAME * peak, SAME_LINES * setup.spacing_hz), own = modes.find(({ x }) => isSame(x, peak)), lost = gone.find(hz => isSame(hz, peak)), none = `No peak stands out at ${hertz(where)}`
                 if (!known(peak)) offer(`${none}, nor anywhere else.`)
-                else if (gone.some(hz => isSame(hz, peak))) offerBack(gone.find(hz => isSame(hz, peak)))
+                else if (lost) offerBack(lost)
                 else if (own) offer(`${none}; the nearest is mode ${own.text}, at ${hertz(own.x)}.`)
                 else offer(Math.abs(peak - where) < reach ? `Peak at ${at}.` : `${none}; the nearest peak is at ${at}.`, `Add a mode at ${at}`, rounded(peak), true)
             } : null,

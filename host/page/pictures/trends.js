@@ -43,10 +43,9 @@ export default {
                 const seen = intervals.map(interval => items(interval.modes).find(mode => mode.number === number)), trend = of(data, "modes").find(mode => mode.number === number)
                 const [value, deviation, factor] = isDamping ? ["damping_ratio", "damping_ratio_std", 100] : ["frequency_hz", "frequency_std_hz", 1], pick = name => seen.map(mode => mode ? factor * mode[name] : NaN)
                 const values = pick(value), std = pick(deviation)
-                // The mean by inverse variance.
-                const weights = values.map((value, i) => known(value) && std[i] > 0 ? std[i] ** -2 : 0), sum = weights.reduce((a, b) => a + b, 0), there = values.filter(known)
-                // Without deviations all count alike.
-                const mean = sum ? weights.reduce((total, weight, i) => total + (weight && weight * values[i]), 0) / sum : there.reduce((a, b) => a + b, 0) / there.length
+                // The mean by inverse variance; without any, all count alike.
+                const isSure = values.some((value, i) => known(value) && std[i] > 0), weightOf = i => isSure ? std[i] > 0 ? std[i] ** -2 : 0 : 1
+                const weights = values.map((value, i) => known(value) ? weightOf(i) : 0), sum = weights.reduce((a, b) => a + b, 0), mean = weights.reduce((total, weight, i) => total + (weight && weight * values[i]), 0) / sum
                 // Frequencies in percent off their mean: what a change of a mode is compared by.
                 const off = list => list.map(value => 100 * value / mean), shown = isDamping ? { values, std, mean, name: `damping in %, mean ${fixed(mean, 2)}` } : { values: off(values.map(value => value - mean)), std: off(std), mean: 0, name: `frequency in % off its mean of ${hertz(mean)}` }
                 return {

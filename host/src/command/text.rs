@@ -117,10 +117,7 @@ impl Columns {
             });
         }
         let left_out = self.names.iter().zip(&shown).filter(|(_, shown)| !**shown);
-        let mut left_out: Vec<&str> = left_out.map(|(name, _)| name.as_str()).collect();
-        // Two columns of one name are told once.
-        left_out.dedup();
-        (table, left_out)
+        (table, left_out.map(|(name, _)| name.as_str()).collect())
     }
 
     /// The narrowest that a column can be: as its longest line below the header, or the longest word in it.
@@ -191,7 +188,7 @@ fn width_by_environment() -> Option<u16> {
 
 impl fmt::Display for Columns {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (mut table, left_out) = match self.width {
+        let (mut table, mut left_out) = match self.width {
             Some(width) => self.fitted(width),
             None => (self.table.clone(), Vec::new()),
         };
@@ -200,6 +197,8 @@ impl fmt::Display for Columns {
         }
         write!(formatter, "{table}")?;
         if !left_out.is_empty() {
+            // Two columns of one name are told once.
+            left_out.dedup();
             write!(formatter, "\nNot shown on so narrow a terminal: {}.", left_out.join(", "))?;
         }
         Ok(())
@@ -314,7 +313,7 @@ mod tests {
         table.row(cells);
         table.width = None;
         assert!(widest(&table.to_string()) > 80);
-        for (width, hidden) in [(110, 0), (80, 1), (60, 3)] {
+        for (width, hidden) in [(110, 0), (80, 2), (60, 4)] {
             table.width = Some(width);
             let text = table.to_string();
             let (_, left_out) = table.fitted(width);

@@ -87,19 +87,18 @@ pub(super) fn fit(
             because.can_be_added() && picks[pick].asked_hz.is_some_and(|asked_hz| !is_elsewhere(pick, asked_hz))
         };
         let wanted: Vec<usize> = worst.iter().filter(|one| is_wanted(one)).map(|(pick, _)| *pick).collect();
-        worst.retain(|(pick, _)| !wanted.contains(pick));
-        if worst.is_empty() && wanted.is_empty() {
-            let is_nothing = |&pick: &usize| {
-                may_go(pick) && picks[pick].asked_hz.is_some_and(|asked_hz| is_elsewhere(pick, asked_hz))
-            };
-            worst.extend((0..picks.len()).find(is_nothing).map(|pick| (pick, RejectedBecause::NotShown)));
-        }
         if !wanted.is_empty() {
             for pick in wanted {
                 picks[pick].by_user = true;
                 doubted_hz.extend(picks[pick].asked_hz);
             }
             continue;
+        }
+        if worst.is_empty() {
+            let is_nothing = |&pick: &usize| {
+                may_go(pick) && picks[pick].asked_hz.is_some_and(|asked_hz| is_elsewhere(pick, asked_hz))
+            };
+            worst.extend((0..picks.len()).find(is_nothing).map(|pick| (pick, RejectedBecause::NotShown)));
         }
         if worst.is_empty() {
             break;

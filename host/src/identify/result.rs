@@ -228,15 +228,13 @@ pub struct FittedSpectrum {
 }
 
 impl FittedSpectrum {
-    /// Whether its lines are finer than those of this spacing: a narrow mode has its own.
-    pub(crate) fn is_finer_than(&self, spacing_hz: f64) -> bool {
+    /// What the fit of a narrow mode, which has finer lines of its own, expects at lines of this spacing: a Hann window spreads its peak over
+    /// them. Of lines further than one beyond the fit's own there is nothing. `None` where its own are no finer.
+    pub(crate) fn on_lines(&self, lines_hz: impl Iterator<Item = f64>, spacing_hz: f64) -> Option<Vec<(f64, f64)>> {
         let own_hz = self.frequency_hz.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-        own_hz < FINER * spacing_hz
-    }
-
-    /// What the fit expects at other lines: a Hann window spreads a narrow peak over lines of this spacing. Of lines further than one beyond
-    /// the fit's own there is nothing.
-    pub(crate) fn expected_at(&self, lines_hz: impl Iterator<Item = f64>, spacing_hz: f64) -> Vec<(f64, f64)> {
+        if own_hz >= FINER * spacing_hz {
+            return None;
+        }
         let ends = self.frequency_hz.first().copied().zip(self.frequency_hz.last().copied());
         let expected = |at_hz: f64| {
             let mut sums = (0.0, 0.0);
@@ -248,7 +246,7 @@ impl FittedSpectrum {
         };
         let is_near =
             |hz: &f64| ends.is_some_and(|(first, last)| (first - spacing_hz..=last + spacing_hz).contains(hz));
-        lines_hz.filter(is_near).map(expected).collect()
+        Some(lines_hz.filter(is_near).map(expected).collect())
     }
 }
 
@@ -458,9 +456,9 @@ mod tests {
             scatter: 0.1,
             is_misfit: false,
         };
-        assert!(fit.is_finer_than(spacing_hz) && !fit.is_finer_than(0.1 * spacing_hz));
         let lines = (0..200).map(|line| spacing_hz * f64::from(line));
-        let expected = fit.expected_at(lines, spacing_hz);
+        assert_eq!(fit.on_lines(lines.clone(), 0.1 * spacing_hz), None);
+        let expected = fit.on_lines(lines, spacing_hz).unwrap();
         let ends = [expected[0].0, expected.last().unwrap().0];
         assert!((ends[0] - 0.49).abs() < 1e-9 && (ends[1] - 1.51).abs() < 1e-9, "{ends:?}");
         let highest = expected.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();

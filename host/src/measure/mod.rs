@@ -101,7 +101,7 @@ pub struct Measurement<'a> {
     pub overviews: Vec<Overview>,
     /// What the nodes and lines did, for each of them (nothing on the direct route).
     pub fleets: Vec<FleetReport>,
-    /// The channels of each of them whose gains drift.
+    /// The channels of each setup whose gains drift.
     pub drifts: Vec<Vec<Drift>>,
     /// What the reader should know.
     pub warnings: Vec<String>,

@@ -158,14 +158,13 @@ impl PageData {
             })
         });
         let inputs: BTreeMap<String, Inputs> = inputs.unwrap_or_default();
-        let stale = case.as_ref().map(|case| stale(case, &results, &inputs)).unwrap_or_default();
+        let present = case.as_ref().map(Inputs::of_model);
+        let stale = case.as_ref().zip(present.as_ref()).map(|(case, now)| stale(case, now, &results, &inputs));
+        let stale = stale.unwrap_or_default();
         // One of an earlier version has nothing to turn.
         let update: Option<UpdateReport> = results.read_json(UPDATE_FILE, "update").unwrap_or_default();
-        let drawn = |case: &Case| {
-            let update = update.as_ref().filter(|update| is_shown(update, case, inputs.get(UPDATE_FILE)));
-            Seen::of(case, update)
-        };
-        let seen = case.as_ref().and_then(|case| match drawn(case) {
+        let shown = update.as_ref().filter(|update| is_shown(update, present.as_ref(), inputs.get(UPDATE_FILE)));
+        let seen = case.as_ref().and_then(|case| match Seen::of(case, shown) {
             Ok(seen) => Some(seen),
             Err(error) => {
                 note(format!("the model cannot be drawn: {error}"));
@@ -296,12 +295,13 @@ struct Seen {
 
 impl Seen {
     fn of(case: &Case, update: Option<&UpdateReport>) -> Result<Self, StoryError> {
-        let view = case.view_as_given()?;
+        let bare = case.model.bare();
+        let assembly = bare.assemble();
+        let view = ModelView::of(&assembly, case.seen_sensors())?;
         // Both comparisons look for the discrepancy that suits the model, which takes longer than all else.
         let has_effects = !case.model.effects.is_empty();
         let (given, with_effects) = rayon::join(|| case.compare_with(&[]), || has_effects.then(|| case.compare()));
-        let bare = case.model.bare();
-        let given = (part("given", case, &bare.assemble(), &bare.layout(), &view), given?);
+        let given = (part("given", case, &assembly, &bare.layout(), &view), given?);
         let mut mac: Vec<MacMatrix> = mac_of("given", case, &view).into_iter().collect();
         let turned = update.and_then(|update| turned_by_update(case, &view, update).ok());
         mac.extend(turned.and_then(|(used, shapes)| {
@@ -437,15 +437,13 @@ fn nodes(study: &Study) -> Result<Value, StoryError> {
 }
 
 /// Whether an update is of a model that is shown: of the one as it is, or, where effects alone have changed since, of the one as given.
-fn is_shown(update: &UpdateReport, case: &Case, then: Option<&Inputs>) -> bool {
-    let now = Inputs::of_model(case);
-    let changed = then.map(|then| now.changed_since(then)).unwrap_or_default();
+fn is_shown(update: &UpdateReport, now: Option<&Inputs>, then: Option<&Inputs>) -> bool {
+    let changed = now.zip(then).map(|(now, then)| now.changed_since(then)).unwrap_or_default();
     changed.is_empty() || update.effects.is_empty() && changed == [EFFECTS]
 }
 
 /// Results that were computed from something else than what there is now. Of those of an earlier version nothing is known.
-fn stale(case: &Case, results: &Results, then: &BTreeMap<String, Inputs>) -> Map<String, Value> {
-    let now = Inputs::of_model(case);
+fn stale(case: &Case, now: &Inputs, results: &Results, then: &BTreeMap<String, Inputs>) -> Map<String, Value> {
     let mut stale = Map::new();
     for (what, file, command) in OF_THE_MODEL {
         let Some(then) = then.get(file).filter(|_| results.path(file).exists()) else { continue };

@@ -68,10 +68,7 @@ struct OnLines {
 impl OnLines {
     fn of(spectrum: &FittedSpectrum, measured: &[MeasuredSetup<'_>]) -> Option<Self> {
         let grid = measured.iter().find(|one| one.setup.name == spectrum.setup)?.spectrum.grid();
-        if !spectrum.is_finer_than(grid.spacing_hz()) {
-            return None;
-        }
-        let expected = spectrum.expected_at((0..grid.lines).map(|line| grid.frequency_hz(line)), grid.spacing_hz());
+        let expected = spectrum.on_lines((0..grid.lines).map(|line| grid.frequency_hz(line)), grid.spacing_hz())?;
         // As singular values: the largest of those that are taken together.
         let together = lines_together(grid);
         let line_of = |at: &(f64, f64)| grid.nearest_line(at.0) / together;

@@ -62,13 +62,15 @@ pub(super) fn picture(
 fn with_minus_signs(svg: &str) -> String {
     let mut signed = String::with_capacity(svg.len());
     for line in svg.split_inclusive('\n') {
+        if line.starts_with('<') {
+            signed += line;
+            continue;
+        }
         let mut before = ' ';
         let mut letters = line.chars().peekable();
         while let Some(letter) = letters.next() {
-            let is_sign = letter == '-'
-                && matches!(before, ' ' | '(')
-                && !line.starts_with('<')
-                && letters.peek().is_some_and(char::is_ascii_digit);
+            let is_sign =
+                letter == '-' && matches!(before, ' ' | '(') && letters.peek().is_some_and(char::is_ascii_digit);
             signed.push(if is_sign { '\u{2212}' } else { letter });
             before = letter;
         }

@@ -423,7 +423,7 @@ mod tests {
         assert!((0.99995..1.0).contains(&mac), "{mac}");
         let svg = comparison("Tower", &assembly, &view, &sensors, &measured, &result, false).unwrap().unwrap();
         assert!(svg.contains("2: 0.0 %, MAC 0.9999") && !svg.contains("2: 0.0 %, MAC 1.0000"));
-        assert!(!svg.contains("\u{2212}0.0 "));
+        assert!(!svg.contains("-0.0") && !svg.contains("\u{2212}0.0"));
         // Dots and circles of the first direction, squares of the other; one each in the legend.
         let marks =
             |tag: &str, what: &str| svg.lines().filter(|line| line.starts_with(tag) && line.contains(what)).count();

@@ -61,11 +61,9 @@ fn lines(spectra: &[SingularSpectrum]) -> Vec<Line<'_>> {
 fn fits(identification: &Identification, spectrum: &SingularSpectrum) -> Vec<Vec<(f64, f64)>> {
     let spacing_hz = identification.frequency_resolution_hz;
     let fits = identification.modes.iter().flat_map(|mode| &mode.fitted).filter(|fit| fit.setup == spectrum.setup);
-    let on_lines = |fit: &FittedSpectrum| match fit.is_finer_than(spacing_hz) {
-        true => fit.expected_at(spectrum.frequency_hz.iter().copied(), spacing_hz),
-        false => fit.frequency_hz.iter().copied().zip(fit.fitted.iter().copied()).collect(),
-    };
-    fits.map(on_lines).collect()
+    let own = |fit: &FittedSpectrum| fit.frequency_hz.iter().copied().zip(fit.fitted.iter().copied()).collect();
+    let lines_hz = || spectrum.frequency_hz.iter().copied();
+    fits.map(|fit| fit.on_lines(lines_hz(), spacing_hz).unwrap_or_else(|| own(fit))).collect()
 }
 
 /// Singular values over frequency: those of one setup, or the first of each of several; modes are marked by their numbers, forced lines by F,
