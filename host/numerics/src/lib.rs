@@ -4,10 +4,12 @@
 //! Generic libraries are compiled where their types become known. Here is that place, once, at full optimisation; the host and
 //! its tests, which change every day, only call.
 
+mod dashpots;
 mod eigen;
 mod fourier;
 mod lowest;
 
+pub use dashpots::dashpot_modes;
 pub use eigen::{
     CholeskyFactor, EigenPairs, SingularTriplets, complex_product, general_eigen, general_eigen_complex,
     singular_triplets,

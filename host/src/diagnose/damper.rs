@@ -171,13 +171,13 @@ impl<'a> Hanging<'a> {
         Some(Self { problem, present, kind, clue, heights: heights.len(), places })
     }
 
-    /// A structure with the damper besides the effects and the scatter of a fit.
-    fn state(&self, z_m: f64, values: &[f64], like: &Fit) -> Option<State> {
+    /// A structure with the damper besides the effects and the scatter of a fit; `near` is one with such a damper elsewhere.
+    fn state(&self, z_m: f64, values: &[f64], like: &Fit, near: Option<&State>) -> Option<State> {
         let parameters = *self.kind.parameter_sets().iter().find(|set| set.len() == values.len())?;
         let damper = Effect::with_parameters(self.kind, Some(Where::Height(z_m)), parameters, values).ok()?;
         let mut effects = like.state.effects[..self.present.state.effects.len()].to_vec();
         effects.push(damper);
-        self.problem.state(effects, like.state.numbers.clone(), None).ok()
+        self.problem.state(effects, like.state.numbers.clone(), near).ok()
     }
 
     fn motion(&self, z_m: f64) -> Option<f64> {
@@ -222,8 +222,11 @@ impl<'a> Hanging<'a> {
                 grid.extend(MASSES.map(|share| (*z_m, [mass_kg(share), frequency_hz, DAMPING_RATIO])));
             }
         }
-        let start = |(z_m, values): &(f64, [f64; 3])| self.state(*z_m, values, self.present);
-        let mut starts: Vec<State> = grid.par_iter().filter_map(start).collect();
+        let start =
+            |(z_m, values): &(f64, [f64; 3]), near: Option<&State>| self.state(*z_m, values, self.present, near);
+        let first = start(grid.first()?, None);
+        let mut starts: Vec<State> = grid[1..].par_iter().filter_map(|place| start(place, first.as_ref())).collect();
+        starts.extend(first);
         starts.sort_by(|a, b| a.misfit(Loss::Robust).total_cmp(&b.misfit(Loss::Robust)));
         starts.truncate(FITTED);
         let both = better(starts.par_iter().filter_map(|state| self.fit(state)).collect())?;
@@ -231,7 +234,7 @@ impl<'a> Hanging<'a> {
         let (z_m, values) = (damper_height_m(&both)?, damper_values(&both));
         let one_way = [1.0, 2.0].par_iter().filter_map(|axis| {
             let values = [&values[..], &[*axis]].concat();
-            self.fit(&self.state(z_m, &values, &both)?)
+            self.fit(&self.state(z_m, &values, &both, None)?)
         });
         let mut fits: Vec<Fit> = one_way.collect();
         fits.push(both);
@@ -242,7 +245,7 @@ impl<'a> Hanging<'a> {
     fn moved(&self, fit: &Fit, (z_m, motion): (f64, f64)) -> Option<State> {
         let mut values = damper_values(fit);
         *values.first_mut()? *= self.motion(damper_height_m(fit)?)? / motion;
-        self.state(z_m, &values, fit)
+        self.state(z_m, &values, fit, Some(&fit.state))
     }
 
     /// From height to height while the evidence rises, in steps that get shorter; the best fit, and all by index of the

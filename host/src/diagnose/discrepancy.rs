@@ -252,6 +252,9 @@ const STARTS: [f64; 3] = [0.0, 1.0, 2.0];
 const COARSE: [f64; 2] = [1.6, 0.8];
 const FINE: [f64; 2] = [0.8, 0.4];
 const PRUNED: [f64; 1] = [0.4];
+/// Where the evidence (ln) falls by more without a number, the others do not make up for it: in 400 cases where nothing fits they made up for
+/// three quarters of a fall at most.
+const HOPELESS: f64 = 30.0;
 /// Fits and sizes are settled in turn, so often at most.
 const MOST_ROUNDS: usize = 3;
 
@@ -315,7 +318,7 @@ impl Problem {
             let without = |&at: &usize| {
                 let mut numbers = best.0;
                 numbers[at] = none[at];
-                let evidence = evidence_of(numbers)?;
+                let evidence = evidence_of(numbers).filter(|evidence| *evidence > best.1 - HOPELESS)?;
                 let rest: Vec<usize> = in_use.iter().copied().filter(|other| *other != at).collect();
                 Some(climb((numbers, evidence), &PRUNED, &rest, &ranges, &evidence_of))
             };

@@ -45,7 +45,7 @@ impl Fit {
                 let knob = &self.knobs[at];
                 let effect = self.state.effects.get(knob.effect)?;
                 let (parameter, value) = effect.parameters().nth(knob.parameter)?;
-                let std = self.covariance[(at, at)].max(0.0).sqrt() * knob.scale;
+                let std = self.stated_variance(at).sqrt() * knob.scale;
                 let (name, unit) = (parameter.name.to_owned(), parameter.unit.to_owned());
                 Some(JointValue { effect: effect.to_string(), parameter: name, value, std, unit })
             })
@@ -58,9 +58,12 @@ impl Fit {
         };
         let scale = |at: usize| self.knobs[at].scale;
         // Mirror images differ by rounding.
-        let of_units = |row: usize, column: usize| self.covariance[(row.max(column), row.min(column))];
+        let of_units = |row: usize, column: usize| match row == column {
+            true => self.stated_variance(row),
+            false => self.covariance[(row.max(column), row.min(column))],
+        };
         let covariance = table(&|row, column| of_units(row, column) * (scale(row) * scale(column)));
-        let size = |at: usize| self.covariance[(at, at)].max(0.0).sqrt();
+        let size = |at: usize| self.stated_variance(at).sqrt();
         let correlation = table(&|row, column| match size(row) * size(column) {
             product if product > 0.0 => (of_units(row, column) / product).clamp(-1.0, 1.0),
             _ => 0.0,

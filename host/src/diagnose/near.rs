@@ -9,7 +9,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::discrepancy::{Discrepancy, SCATTER, log_determinant};
 use super::evaluation::ShapeErrors;
-use super::fit::{Fit, Marginal, weighted};
+use super::fit::{Fit, Marginal, weigh, weighted};
 use super::misfit::Loss;
 use super::problem::Problem;
 
@@ -132,8 +132,9 @@ impl<'a> Near<'a> {
     /// Logarithm of the evidence, up to what all discrepancies have in common: effects and background at their best, one step away.
     pub(super) fn log_evidence(&self, problem: &Problem, sizes: &Discrepancy) -> Option<f64> {
         let (state, count) = (&self.fit.state, self.fit.knobs.len());
-        let Weighed { factors, mut differences, slopes, numbers, weights } = self.weighed(problem, sizes)?;
-        let jacobian = weighted(&slopes, &weights);
+        let Weighed { factors, mut differences, slopes: mut jacobian, numbers, weights } =
+            self.weighed(problem, sizes)?;
+        weigh(&mut jacobian, &weights);
         let information = squares(&jacobian);
         let mut curvature = information.clone();
         for index in 0..curvature.nrows() {
@@ -148,7 +149,10 @@ impl<'a> Near<'a> {
         let mut by_numbers = gradient.rows_mut(count, numbers.len());
         by_numbers += &numbers;
         let step = -Cholesky::new(curvature)?.solve(&gradient);
-        differences += slopes * &step;
+        // A twin without weight is so far off that no step brings it near.
+        let moved = jacobian * &step;
+        let unweighted = moved.zip_map(&weights, |moved, weight| if weight > 0.0 { moved / weight } else { 0.0 });
+        differences += unweighted;
         let scatter = (&numbers + step.rows(count, numbers.len())).norm_squared();
         let size = information.nrows();
         let posterior = log_determinant(&Cholesky::new(information + DMatrix::identity(size, size))?);

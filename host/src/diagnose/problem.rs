@@ -12,6 +12,7 @@ use super::background::Background;
 use super::discrepancy::Discrepancy;
 use super::error::DiagnoseError;
 use super::families::families;
+use super::fit::USUAL_TOLERANCE;
 use super::prior::PriorOdds;
 use super::smooth::smooth_covariance;
 use super::state::State;
@@ -59,6 +60,8 @@ pub struct Problem {
     pub(super) prior_odds: PriorOdds,
     /// Whether the study states how far it trusts a model that has segments.
     pub(super) lacks_tolerance: bool,
+    /// What a segment's stiffness is uncertain by, as far as effects are weighed against what the table may have wrong.
+    pub(super) stiffness_known_to: f64,
     /// What it misses for reasons that neither effects nor the background explain.
     pub(super) discrepancy: Discrepancy,
     /// What effects are weighed by; made when first asked for.
@@ -175,6 +178,7 @@ impl Problem {
             discrepancy: Discrepancy::NONE,
             prior_odds: PriorOdds::of(&model.prior_odds),
             lacks_tolerance: matches!(bare.body, Body::Beam(_)) && Tolerance::of(&bare, model).is_none(),
+            stiffness_known_to: model.background_stiffness.unwrap_or(USUAL_TOLERANCE),
             bare,
             sensors: sensors.to_vec(),
             measured: in_use,

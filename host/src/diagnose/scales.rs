@@ -65,6 +65,7 @@ impl State {
                     let typical = problem.typical(&effects[effect], index, guess);
                     // Where an effect is the only one and not there yet, a step that serves the structure as first given serves here, too.
                     let served = typical.filter(|_| effects.len() == 1 && value == parameter.neutral);
+                    knob.step = typical.map_or(guess, |typical| typical.step);
                     let found = match served {
                         Some(typical) => Some((typical.step, typical.shift)),
                         None => self.step_that_shifts(problem, effects, &knob, value),

@@ -307,8 +307,12 @@ impl Problem {
             let first = start.fit_from(state.ok()?, &fit.knobs).ok()?;
             Some(start.settled(&first).unwrap_or((start, first)))
         };
+        // Where nothing but the background is fitted, and the discrepancy is that of the start, the fit came from there.
+        let is_new = |(discrepancy, numbers): &&(Discrepancy, DVector<f64>)| {
+            !(fit.knobs.is_empty() && *discrepancy == fit.discrepancy && is_straight(numbers))
+        };
         let mut found: Vec<(Problem, Fit)> =
-            starts.par_iter().filter_map(from).filter(|(_, fit)| is_allowed(fit)).collect();
+            starts.par_iter().filter(is_new).filter_map(from).filter(|(_, fit)| is_allowed(fit)).collect();
         let most = found.iter().map(|(_, fit)| fit.log_evidence()).fold(stands.log_evidence(), f64::max);
         let is_as_probable = |fit: &Fit| fit.log_evidence() > most - AS_PROBABLE;
         found.retain(|(_, fit)| is_as_probable(fit));

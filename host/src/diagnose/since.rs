@@ -230,6 +230,8 @@ fn changed(
         Model { background_stiffness: None, background_mass: None, effects: Vec::new(), ..setting.model.clone() };
     let mut problem = Problem::new(fitted.state.model.structure.clone(), &[], &model, setting.sensors, &moved)?;
     problem.lacks_tolerance = false;
+    // What a table has wrong it had wrong before.
+    problem.stiffness_known_to = 0.0;
     Ok(problem)
 }
 

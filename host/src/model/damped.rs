@@ -6,7 +6,7 @@
 
 use std::f64::consts::TAU;
 
-use belfry_numerics::{EigenPairs, general_eigen};
+use belfry_numerics::{EigenPairs, dashpot_modes, general_eigen};
 use nalgebra::{Complex, DMatrix, DMatrixView, DVector};
 
 use super::eigen::{EigenError, ModalBasis, Modes};
@@ -47,11 +47,26 @@ const FAIR: f64 = 0.1;
 /// Poles closer than this share are one: their vectors turn without bound.
 const DEGENERATE: f64 = 1e-9;
 
+/// Poles and vectors of `(s² + s C + diag(omega²)) q = 0` by the first-order form `[0 I; -Omega² -C]` (Géradin and Rixen 2015, "Mechanical
+/// Vibrations", section 3.3), in units of the highest frequency (at least 1 rad/s).
+fn of_first_order(omega: &[f64], damping: &DMatrix<f64>) -> Result<EigenPairs<Complex<f64>>, EigenError> {
+    let count = omega.len();
+    let unit = omega.iter().copied().fold(1.0, f64::max);
+    let mut state = DMatrix::zeros(2 * count, 2 * count);
+    for a in 0..count {
+        state[(a, count + a)] = 1.0;
+        state[(count + a, a)] = -(omega[a] / unit).powi(2);
+        for b in 0..count {
+            state[(count + a, count + b)] = -damping[(a, b)] / unit;
+        }
+    }
+    let EigenPairs { values, vectors } = general_eigen(&state).ok_or(EigenError::NotConverged { dofs: 2 * count })?;
+    let values = values.into_iter().map(|value| value * unit).collect();
+    Ok(EigenPairs { values, vectors: vectors.rows(0, count).into_owned() })
+}
+
 impl DampedModes {
     /// Of a structure with the undamped modes `basis` and the damping matrix `damping` (N s/m, DOFs x DOFs).
-    ///
-    /// The first-order form `[0 I; -Omega² -C]` in undamped modes (Géradin and Rixen 2015, "Mechanical Vibrations",
-    /// section 3.3), in units of the highest mixed frequency (at least 1 rad/s).
     ///
     /// # Errors
     /// [`EigenError::NotConverged`].
@@ -65,26 +80,21 @@ impl DampedModes {
         let largest = (0..massive).map(ratio).fold(0.0, f64::max);
         let highest = (0..massive).rev().find(|&mode| ratio(mode) > FAIR * largest).map_or(0.0, omega);
         let mixed = (0..massive).filter(|&mode| omega(mode) <= REACH * highest).count();
-        let unit = (0..mixed).map(omega).fold(1.0, f64::max);
         let damping =
             DMatrix::from_fn(mixed, mixed, |a, b| vectors.column(a).dot(&along.column(b)) * omega(a) * omega(b));
-        let mut state = DMatrix::zeros(2 * mixed, 2 * mixed);
-        for a in 0..mixed {
-            state[(a, mixed + a)] = 1.0;
-            state[(mixed + a, a)] = -(omega(a) / unit).powi(2);
-            for b in 0..mixed {
-                state[(mixed + a, mixed + b)] = -damping[(a, b)] / unit;
-            }
-        }
-        let EigenPairs { values, vectors } =
-            general_eigen(&state).ok_or(EigenError::NotConverged { dofs: 2 * mixed })?;
-        let poles: Vec<Complex<f64>> = values.iter().map(|value| *value * unit).collect();
-        let vectors = vectors.rows(0, mixed).into_owned();
-        let norms = poles.iter().zip(vectors.column_iter()).map(|(pole, q)| {
-            let damped = damping.map(Complex::from) * q;
-            q.dot(&q) * pole * 2.0 + q.dot(&damped)
-        });
-        let norms = norms.collect();
+        let omegas: Vec<f64> = (0..mixed).map(omega).collect();
+        let EigenPairs { values: poles, vectors } = match dashpot_modes(&omegas, &damping) {
+            Some(modes) => modes,
+            None => of_first_order(&omegas, &damping)?,
+        };
+        let damped = Complexes::of(&vectors).after(&damping);
+        let norm = |(index, pole): (usize, &Complex<f64>)| {
+            let q = vectors.column(index);
+            let by_dashpots: Complex<f64> =
+                q.iter().enumerate().map(|(row, value)| value * damped.at(row, index)).sum();
+            q.dot(&q) * pole * 2.0 + by_dashpots
+        };
+        let norms = poles.iter().enumerate().map(norm).collect();
         let turning = (0..2 * mixed).filter(|&pole| poles[pole].im > 0.0).map(Mode::Damped);
         let mut modes: Vec<(f64, Mode)> = turning
             .chain((mixed..massive).map(Mode::Undamped))
@@ -294,6 +304,10 @@ struct Complexes {
 impl Complexes {
     fn of(matrix: &DMatrix<Complex<f64>>) -> Self {
         Self { re: matrix.map(|value| value.re), im: matrix.map(|value| value.im) }
+    }
+
+    fn at(&self, row: usize, column: usize) -> Complex<f64> {
+        Complex::new(self.re[(row, column)], self.im[(row, column)])
     }
 
     /// A real matrix times this one.

@@ -282,11 +282,16 @@ impl LocalMotion {
         factors: [f64; ROWS],
     ) {
         let rows = self.motion.fixed_rows::<ROWS>(first_row);
-        for (along, &column) in rows.column_iter().zip(&self.dofs) {
+        let motions: Vec<[f64; ROWS]> =
+            rows.column_iter().map(|motion| std::array::from_fn(|row| motion[row])).collect();
+        for (along, &column) in motions.iter().zip(&self.dofs) {
             let weighted: [f64; ROWS] = std::array::from_fn(|row| along[row] * factors[row]);
-            for (other, &row) in rows.column_iter().zip(&self.dofs) {
-                total[(row, column)] +=
-                    other.iter().zip(weighted).map(|(other, weighted)| other * weighted).sum::<f64>();
+            if weighted == [0.0; ROWS] {
+                continue;
+            }
+            let mut into = total.column_mut(column);
+            for (other, &row) in motions.iter().zip(&self.dofs) {
+                into[row] += other.iter().zip(weighted).map(|(other, weighted)| other * weighted).sum::<f64>();
             }
         }
     }

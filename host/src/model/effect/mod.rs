@@ -58,6 +58,6 @@ pub use catalogue::{KINDS, find};
 pub use error::EffectError;
 pub use given::{Effect, EffectRecord, ParameterRecord};
 pub use kind::{About, EffectKind, Evidence, Given, LookAlike};
-pub use parameter::{Parameter, Prior};
+pub use parameter::{Parameter, Prior, TYPICAL_SHIFT};
 pub use parse::{named, named_in_study};
 pub use place::{PlaceKind, Where};

@@ -46,7 +46,7 @@ fn finite<S: serde::Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::
 }
 
 /// An effect that is worth looking for moves a frequency by some percent.
-const TYPICAL_SHIFT: f64 = 0.05;
+pub const TYPICAL_SHIFT: f64 = 0.05;
 
 impl Parameter {
     /// A number of zero or more whose typical size depends on the structure.
