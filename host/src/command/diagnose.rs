@@ -347,7 +347,7 @@ fn worst_text(worst: Part) -> &'static str {
     match worst {
         Part::All => "",
         Part::Frequencies => " by its frequencies alone",
-        Part::Scatter => " by how far its segments' stiffness and mass had to be adjusted",
+        Part::Scatter => " by how far the stiffness and mass of its parts had to be adjusted",
         Part::Phases => " by the phases of its shapes alone",
         Part::Discrepancy => " by how much it would miss for reasons that no effect explains",
     }

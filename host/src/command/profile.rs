@@ -52,7 +52,12 @@ fn tell(profiles: &Profiles, project: &Project, console: &Console) {
     let profile = profiles.present();
     let with = if profile.effects.is_empty() { String::new() } else { format!(" with {}", profile.effects.join(", ")) };
     console.say(format!("\n{}: stiffness and mass over the height, as fitted{with}", study.structure.name));
-    console.say(table(profile));
+    if !profile.quantities.is_empty() {
+        console.say(table(profile));
+    }
+    if !profile.groups.is_empty() {
+        console.say(groups(profile));
+    }
     console.say("In % of the table, ± one standard deviation. In brackets: hardly measured.");
     if let Some(masses) = &profile.masses {
         let [x, y] = &masses.offset;
@@ -120,6 +125,22 @@ fn table(profile: &Profile) -> Columns {
     table
 }
 
+/// Changes of groups in percent, the highest first where heights are known.
+fn groups(profile: &Profile) -> Columns {
+    let mut table = Columns::new(["group", "height m", "change %", "study.toml"]).expendable(&[1]);
+    for group in profile.groups_from_the_top().into_iter().filter_map(|at| profile.groups.get(at)) {
+        let height = match group.span_m {
+            Some([low, high]) if low == high => format!("{low:.1}"),
+            Some([low, high]) => format!("{low:.1} - {high:.1}"),
+            None => dash(),
+        };
+        let change = percent_with_std(group.factor, group.std, group.prior_std);
+        let stated = 100.0 * group.prior_std / profile.discrepancy.scatter;
+        table.row([group.name.clone(), height, change, format!("± {stated:.1}")]);
+    }
+    table
+}
+
 fn dash() -> String {
     "-".to_owned()
 }
@@ -128,8 +149,13 @@ fn cell(segment: &ProfileSegment) -> String {
     if segment.given.is_none() {
         return dash();
     }
-    let percent = 100.0 * (segment.factor - 1.0);
+    percent_with_std(segment.factor, segment.std, segment.prior_std)
+}
+
+/// In brackets where the measurement says next to nothing.
+fn percent_with_std(factor: f64, std: f64, prior_std: f64) -> String {
+    let percent = 100.0 * (factor - 1.0);
     let change = if percent.abs() < 0.05 { "0.0".to_owned() } else { format!("{percent:+.1}") };
-    let text = format!("{change} ± {:.1}", 100.0 * segment.std);
-    if segment.std > (1.0 - HARDLY) * segment.prior_std { format!("({text})") } else { text }
+    let text = format!("{change} ± {:.1}", 100.0 * std);
+    if std > (1.0 - HARDLY) * prior_std { format!("({text})") } else { text }
 }

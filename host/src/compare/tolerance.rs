@@ -12,7 +12,7 @@ pub struct Tolerance {
     pub(super) changes: Vec<Change>,
     /// Covariance of these relative changes, changes x changes.
     pub(crate) covariance: DMatrix<f64>,
-    /// What changes, each for all segments, base first: a stiffness, or the mass where it is none.
+    /// What changes of segments, each for all of them, base first: a stiffness, or the mass where it is none.
     pub(crate) quantities: Vec<Option<Stiffness>>,
 }
 
@@ -33,12 +33,33 @@ const SHEAR_ITS_OWN: [f64; 2] = [2.0, 1.0];
 const OF_A_KIND: f64 = 3.0;
 
 impl Tolerance {
+    /// Of the segments of a beam and of groups; `None` where the study trusts its model, or the model has neither.
+    pub fn of(structure: &Structure, model: &Model) -> Option<Self> {
+        let segments = Self::of_segments(structure, model);
+        let stds: Vec<f64> = structure.groups().map(|(_, group)| group.std).collect();
+        if stds.is_empty() {
+            return segments;
+        }
+        let mut all = segments.unwrap_or_else(|| Self {
+            changes: Vec::new(),
+            covariance: DMatrix::zeros(0, 0),
+            quantities: Vec::new(),
+        });
+        all.changes.extend(structure.group_changes());
+        let first = all.covariance.nrows();
+        all.covariance = all.covariance.resize(first + stds.len(), first + stds.len(), 0.0);
+        for (at, std) in stds.iter().enumerate() {
+            all.covariance[(first + at, first + at)] = std * std;
+        }
+        Some(all)
+    }
+
     /// From `background_stiffness`, `background_mass` and `correlation_length_m` of a beam model; `None` where the study
     /// trusts its model, or the model has no segments.
     ///
     /// A relative factor a segment on each of its stiffnesses, of which one part is common to all of them and another its own, and one
     /// on its mass; Gaussian kernels over the heights of the segments' middles.
-    pub fn of(structure: &Structure, model: &Model) -> Option<Self> {
+    pub(crate) fn of_segments(structure: &Structure, model: &Model) -> Option<Self> {
         let Body::Beam(beam) = &structure.body else { return None };
         let [by_stiffness, by_mass] = deviations(model)?;
         let length_m = correlation_length_m([beam.z_base_m(), beam.z_top_m()], model);

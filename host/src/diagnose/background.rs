@@ -14,8 +14,10 @@ pub(super) struct Background {
     /// of the foot. More numbers say how far masses are spread between the nodes, how far their centres are off the axis, and how far
     /// sections narrow.
     parts: Vec<(Option<Stiffness>, DMatrix<f64>)>,
-    /// How many numbers scatter segments.
+    /// How many numbers scatter segments, and then groups.
     scatter: usize,
+    /// How far each group scatters: one standard deviation.
+    groups: Vec<f64>,
     /// How large the scatter is, in units of what the study states.
     size: f64,
     /// One standard deviation of how far centres of mass are off the axis, in m.
@@ -58,8 +60,10 @@ impl Background {
             Body::Beam(beam) => beam.segments().len(),
             Body::Matrices(_) => 0,
         };
-        let Some(tolerance) = Tolerance::of(structure, model) else {
-            return Self { parts: Vec::new(), scatter: 0, size: 1.0, eccentricity_m: 0.0, families: 0 };
+        let groups: Vec<f64> = structure.groups().map(|(_, group)| group.std).collect();
+        let Some(tolerance) = Tolerance::of_segments(structure, model) else {
+            let (parts, scatter) = (Vec::new(), groups.len());
+            return Self { parts, scatter, groups, size: 1.0, eccentricity_m: 0.0, families: 0 };
         };
         let eigen = tolerance.covariance.clone().symmetric_eigen();
         let order = largest_first(eigen.eigenvalues.as_slice());
@@ -80,15 +84,17 @@ impl Background {
         let radius_m = radius_of_gyration_m(structure);
         let foot = foot(structure, radius_m);
         let part = |(index, quantity): (usize, &Option<Stiffness>)| {
-            let mut part = directions.rows(index * segments, segments).into_owned().insert_column(kept.len(), 0.0);
+            let by_scatter = directions.rows(index * segments, segments).into_owned();
+            let mut part = by_scatter.insert_columns(kept.len(), groups.len() + OF_FOOT, 0.0);
             if matches!(quantity, Some(Stiffness::Bending1 | Stiffness::Bending2)) {
-                part.column_mut(kept.len()).rows_mut(0, foot.len()).copy_from(&foot);
+                part.column_mut(kept.len() + groups.len()).rows_mut(0, foot.len()).copy_from(&foot);
             }
             (*quantity, part)
         };
         Self {
             parts: tolerance.quantities.iter().enumerate().map(part).collect(),
-            scatter: kept.len(),
+            scatter: kept.len() + groups.len(),
+            groups,
             size: 1.0,
             eccentricity_m: ECCENTRICITY * radius_m,
             families: 0,
@@ -107,11 +113,14 @@ impl Background {
             let mut by_scatter = part.columns_mut(0, self.scatter);
             by_scatter *= size / self.size;
         }
+        for group in &mut other.groups {
+            *group *= size / self.size;
+        }
         other.size = size;
         other
     }
 
-    /// How many numbers scatter segments: the first ones.
+    /// How many numbers scatter segments and groups: the first ones.
     pub(super) fn scatter(&self) -> usize {
         self.scatter
     }
@@ -123,17 +132,39 @@ impl Background {
 
     /// The place of the first number of a family of modes.
     pub(super) fn first_of_families(&self) -> usize {
-        self.of_segments() + if self.is_none() { 0 } else { OF_MASSES + OF_SECTIONS }
+        self.of_segments() + if self.has_segments() { OF_MASSES + OF_SECTIONS } else { 0 }
     }
 
-    /// How many numbers change segments, by their scatter and at the foot; those of masses and of sections come after them.
+    /// How many numbers change segments and groups, by their scatter and at the foot; those of masses and of sections come after them.
     pub(super) fn of_segments(&self) -> usize {
-        self.scatter + if self.is_none() { 0 } else { OF_FOOT }
+        self.scatter + if self.has_segments() { OF_FOOT } else { 0 }
     }
 
-    /// Whether segments scatter not at all.
+    /// Whether neither segments nor groups scatter.
     pub(super) fn is_none(&self) -> bool {
-        self.parts.is_empty()
+        self.parts.is_empty() && self.groups.is_empty()
+    }
+
+    /// Whether segments scatter.
+    pub(super) fn has_segments(&self) -> bool {
+        !self.parts.is_empty()
+    }
+
+    /// How far each group scatters: one standard deviation of its relative change.
+    pub(super) fn groups(&self) -> &[f64] {
+        &self.groups
+    }
+
+    /// The place of the first group's number.
+    pub(super) fn first_of_groups(&self) -> usize {
+        self.scatter - self.groups.len()
+    }
+
+    /// Relative changes of groups.
+    pub(super) fn changes_of_groups(&self, numbers: &DVector<f64>) -> Vec<f64> {
+        let first = self.first_of_groups();
+        let change = |(at, std): (usize, &f64)| (std * numbers[first + at]).max(LEAST_FACTOR - 1.0);
+        self.groups.iter().enumerate().map(change).collect()
     }
 
     /// What is not trusted.
@@ -149,7 +180,7 @@ impl Background {
     /// How far masses are spread and off the axis, in units of their numbers: a share of what a table lumps, then along X and Y in m.
     /// `None` where nothing is said of masses.
     pub(super) fn units_of_masses(&self) -> Option<[f64; OF_MASSES]> {
-        (!self.is_none()).then_some([SPREAD, self.eccentricity_m, self.eccentricity_m])
+        self.has_segments().then_some([SPREAD, self.eccentricity_m, self.eccentricity_m])
     }
 
     /// How far sections distort by this number.
@@ -159,7 +190,7 @@ impl Background {
 
     /// The place of the number that says how far sections narrow; `None` where nothing is said of them.
     pub(super) fn of_sections(&self) -> Option<usize> {
-        (!self.is_none()).then(|| self.of_segments() + OF_MASSES)
+        self.has_segments().then(|| self.of_segments() + OF_MASSES)
     }
 
     /// Factors on each segment's part.
@@ -167,8 +198,9 @@ impl Background {
         (part * numbers.rows(0, part.ncols())).map(|change| (1.0 + change).max(LEAST_FACTOR))
     }
 
-    /// Scatters the segments of a structure.
+    /// Scatters the segments and groups of a structure.
     pub(super) fn apply(&self, numbers: &DVector<f64>, structure: &mut Structure) {
+        structure.change_groups(&self.changes_of_groups(numbers));
         if let Body::Beam(beam) = &mut structure.body {
             for (quantity, part) in &self.parts {
                 for (segment, factor) in beam.segments_mut().iter_mut().zip(Self::factors(part, numbers).iter()) {
@@ -191,16 +223,20 @@ impl Background {
     }
 
     /// From derivatives by each segment's relative change of each quantity (anything x segments, in the order of
-    /// [`Background::quantities`]), by the spread of masses and by their eccentricity along X and Y, and by one standard deviation of
+    /// [`Background::quantities`]), by each group's relative change, by the spread of masses and by their eccentricity along X and Y, and by one standard deviation of
     /// how far sections narrow, at the scatter `numbers`, to derivatives by the numbers, without those of families.
     pub(super) fn chain(
         &self,
         by_quantities: &[DMatrix<f64>],
+        by_groups: &DMatrix<f64>,
         by_others: &[DVector<f64>],
         numbers: &DVector<f64>,
     ) -> DMatrix<f64> {
         let by_segments = self.of_segments();
-        let mut scattered = DMatrix::zeros(by_others[0].len(), by_segments);
+        let mut scattered = DMatrix::zeros(by_groups.nrows(), by_segments);
+        for (at, (by_group, std)) in by_groups.column_iter().zip(&self.groups).enumerate() {
+            scattered.set_column(self.first_of_groups() + at, &(by_group * *std));
+        }
         for ((_, part), by_quantity) in self.parts.iter().zip(by_quantities) {
             let mut relative = part.clone();
             for (mut row, factor) in relative.row_iter_mut().zip(Self::factors(part, numbers).iter()) {

@@ -113,7 +113,11 @@ impl Problem {
             // With one node only, its clock and its azimuth are those of all.
             PlaceKind::Node => nodes.collect(),
             PlaceKind::NodeOrAll => std::iter::once(None).chain(nodes).collect(),
-            PlaceKind::Name => self.bare.customs.iter().map(|custom| Some(Where::Name(custom.name.clone()))).collect(),
+            PlaceKind::Name | PlaceKind::Group => {
+                let is_group = kind.place() == PlaceKind::Group;
+                let named = self.bare.customs.iter().filter(|custom| custom.group.is_some() == is_group);
+                named.map(|custom| Some(Where::Name(custom.name.clone()))).collect()
+            }
             PlaceKind::Frequency => Vec::new(),
         }
     }

@@ -16,18 +16,23 @@ use crate::model::{Change, ModeDerivative, Responses, SegmentChange, Stiffness, 
 pub(super) struct BySegments {
     /// Relative changes of each segment's quantities, in the order of [`Background::quantities`], each differences x segments.
     quantities: Vec<DMatrix<f64>>,
+    /// Relative changes of groups, differences x groups.
+    groups: DMatrix<f64>,
     /// How far masses are spread and off the axis, and how far sections narrow.
     others: Vec<DVector<f64>>,
 }
 
 impl BySegments {
-    /// At a state; `None` where there are no segments.
+    /// At a state.
     fn of(state: &State, problem: &Problem) -> Option<Self> {
         let Modelled { structure, assembly, view, .. } = state.model.as_ref();
-        let changes = structure.segment_changes();
-        if changes.is_empty() {
-            return None;
+        let by_groups: Vec<DVector<f64>> = structure.group_changes().iter().map(|change| state.along(change)).collect();
+        let groups =
+            if by_groups.is_empty() { DMatrix::zeros(state.modes.len(), 0) } else { DMatrix::from_columns(&by_groups) };
+        if !problem.background.has_segments() {
+            return Some(Self { quantities: Vec::new(), groups, others: Vec::new() });
         }
+        let changes = structure.segment_changes();
         let by_quantity = |quantity: Option<Stiffness>| {
             let change = |change: &SegmentChange| match quantity {
                 Some(stiffness) => state.along(&change.stiffness[stiffness as usize]),
@@ -40,7 +45,7 @@ impl BySegments {
         let by_masses = [&structure.spread_change(), &along_x, &along_y].map(|change| state.along(change));
         let rows = assembly.distorted_rows(&problem.sensors, Background::distortion(1.0)).ok()?;
         let by_sections = state.residual.slope(&state.models, &view.derivatives_by_rows(&rows, &state.models));
-        Some(Self { quantities, others: by_masses.into_iter().chain([by_sections]).collect() })
+        Some(Self { quantities, groups, others: by_masses.into_iter().chain([by_sections]).collect() })
     }
 }
 
@@ -82,7 +87,7 @@ impl State {
             return None;
         }
         let by_segments = self.slopes.by_segments.get_or_init(|| BySegments::of(self, problem)).as_ref()?;
-        Some(problem.background.chain(&by_segments.quantities, &by_segments.others, &self.numbers))
+        Some(problem.background.chain(&by_segments.quantities, &by_segments.groups, &by_segments.others, &self.numbers))
     }
 
     /// The derivative of the differences by what takes the structure to `structure` in a step of the size `step`; those of modes

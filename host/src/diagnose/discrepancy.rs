@@ -197,7 +197,7 @@ impl Discrepancy {
     /// How far segments scatter, in words; `None` where that is as far as the study states.
     pub fn scatter_in_words(&self) -> Option<String> {
         let is_other = self.scatter != self.expected_scatter;
-        is_other.then(|| format!("segments scatter {:.1} times as far as study.toml states", self.scatter))
+        is_other.then(|| format!("its parts scatter {:.1} times as far as study.toml states", self.scatter))
     }
 
     /// Whether a model misses more than the study says that it may.

@@ -39,7 +39,7 @@ impl Elsewise {
             (None, _) => "unknown",
         };
         format!(
-            "the verdict rests on the model's tolerance: with {much} background_stiffness and background_mass it would be: {verdict}"
+            "the verdict rests on the model's tolerance: with {much} the deviations that study.toml states it would be: {verdict}"
         )
     }
 }
@@ -140,11 +140,11 @@ mod tests {
         };
         assert!(
             told(0.5, Verdict::Effect, Some("p-delta"))
-                .ends_with("with half of background_stiffness and background_mass it would be: p-delta")
+                .ends_with("with half of the deviations that study.toml states it would be: p-delta")
         );
         assert!(
             told(2.0, Verdict::Adequate, None)
-                .ends_with("with twice background_stiffness and background_mass it would be: adequate")
+                .ends_with("with twice the deviations that study.toml states it would be: adequate")
         );
     }
 }

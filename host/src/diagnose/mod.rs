@@ -41,6 +41,8 @@ mod found;
 mod goodness;
 #[cfg(test)]
 mod goodness_tests;
+#[cfg(test)]
+mod group_tests;
 mod height;
 pub mod held_out;
 mod joint;
@@ -88,7 +90,7 @@ pub(crate) use outlook::{Draw, Outlook, Rival, Weighed};
 pub use partial_report::{Instead, PartialAnswer, PartialEffect};
 pub use posterior::Probabilities;
 pub use problem::Problem;
-pub use profile::{Masses, Profile, ProfileSegment, Quantity, QuantityProfile, Sections};
+pub use profile::{Masses, Profile, ProfileGroup, ProfileSegment, Quantity, QuantityProfile, Sections};
 pub use relief::Left;
 pub use report::{
     CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,

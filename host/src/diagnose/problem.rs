@@ -18,7 +18,7 @@ use super::smooth::smooth_covariance;
 use super::state::State;
 use crate::compare::{ModelView, Pair, Tolerance, ViewError, complement, correlation_length_m, pair, shape_deviations};
 use crate::model::effect::Effect;
-use crate::model::{Assembly, Body, Distortion, Structure};
+use crate::model::{Assembly, Distortion, Structure};
 use crate::modes::{CLOSE, MeasuredMode};
 use crate::progress::Tally;
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, groups, median};
@@ -58,7 +58,7 @@ pub struct Problem {
     pub(super) smooth: Arc<DMatrix<f64>>,
     /// What is likely before anything is measured.
     pub(super) prior_odds: PriorOdds,
-    /// Whether the study states how far it trusts a model that has segments.
+    /// Whether the study does not state how far it trusts the model.
     pub(super) lacks_tolerance: bool,
     /// What a segment's stiffness is uncertain by, as far as effects are weighed against what the table may have wrong.
     pub(super) stiffness_known_to: f64,
@@ -177,7 +177,7 @@ impl Problem {
             middle_hz: median(&mut frequencies_hz).unwrap_or(1.0),
             discrepancy: Discrepancy::NONE,
             prior_odds: PriorOdds::of(&model.prior_odds),
-            lacks_tolerance: matches!(bare.body, Body::Beam(_)) && Tolerance::of(&bare, model).is_none(),
+            lacks_tolerance: Tolerance::of(&bare, model).is_none(),
             stiffness_known_to: model.background_stiffness.unwrap_or(USUAL_TOLERANCE),
             bare,
             sensors: sensors.to_vec(),

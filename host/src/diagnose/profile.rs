@@ -4,6 +4,8 @@
 //! segment, beside the deviations before anything was measured. Effects are free there, so what an effect could do as well is not taken for
 //! knowledge of a segment.
 
+use std::cmp::Ordering;
+
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
@@ -13,8 +15,9 @@ use super::fit::{Estimate, Fit};
 use super::joint::Joint;
 use super::problem::Problem;
 use super::report::GoodnessOfFit;
-use crate::model::effect::Effect;
-use crate::model::{Segment, Stiffness};
+use crate::model::effect::{Effect, PlaceKind, Where};
+use crate::model::{Custom, Segment, Stiffness};
+use crate::study::GroupTerms;
 
 /// What was learned of a model's segments.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -23,6 +26,8 @@ pub struct Profile {
     pub effects: Vec<String>,
     /// Bending about each axis, shear, torsion and mass; only those that the study does not trust.
     pub quantities: Vec<QuantityProfile>,
+    /// Groups of the model, as study.toml has them.
+    pub groups: Vec<ProfileGroup>,
     /// What was learned of where masses are within a floor and along the height; null where the study trusts its table.
     pub masses: Option<Masses>,
     /// What was learned of how sections distort; null where the study trusts its table.
@@ -78,6 +83,21 @@ pub struct ProfileSegment {
     /// Its standard deviation.
     pub std: f64,
     /// The same before anything was measured: the model's tolerance.
+    pub prior_std: f64,
+}
+
+/// A group's factor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ProfileGroup {
+    /// Its name in study.toml.
+    pub name: String,
+    /// From which height to which it stands; null where study.toml does not say.
+    pub span_m: Option<[f64; 2]>,
+    /// The factor on its own part of the model, its effects included.
+    pub factor: f64,
+    /// Its standard deviation.
+    pub std: f64,
+    /// The same before anything was measured: what study.toml trusts it to.
     pub prior_std: f64,
 }
 
@@ -153,6 +173,14 @@ impl ProfileSegment {
 }
 
 impl Profile {
+    /// Indices of groups, the highest first where heights are known, else in the order of study.toml.
+    pub fn groups_from_the_top(&self) -> Vec<usize> {
+        let lowest = |at: usize| self.groups[at].span_m.map(|span_m| span_m[0]);
+        let mut order: Vec<usize> = (0..self.groups.len()).collect();
+        order.sort_by(|&a, &b| lowest(b).partial_cmp(&lowest(a)).unwrap_or(Ordering::Equal));
+        order
+    }
+
     /// Of a fit of a problem; without quantities where the model has no segments or the study trusts them.
     pub(super) fn of(problem: &Problem, fit: &Fit) -> Self {
         let (numbers, first) = (&fit.state.numbers, fit.knobs.len());
@@ -176,6 +204,7 @@ impl Profile {
         Self {
             effects: fit.effects().iter().map(Effect::to_string).collect(),
             quantities: problem.background.parts().map(of_part).collect(),
+            groups: groups(problem, fit),
             masses: masses(problem, fit),
             sections: sections(problem, fit),
             joint: fit.joint(),
@@ -201,6 +230,38 @@ fn of_number(fit: &Fit, at: usize, one: f64, name: &str, unit: &str) -> Estimate
         unit: unit.to_owned(),
         typical_sizes: None,
     }
+}
+
+/// Groups as they are fitted: within what they are trusted to, and by the effect that one may have besides.
+fn groups(problem: &Problem, fit: &Fit) -> Vec<ProfileGroup> {
+    let (background, first) = (&problem.background, problem.background.first_of_groups());
+    let changes = background.changes_of_groups(&fit.state.numbers);
+    let named = problem.bare.groups().zip(changes).zip(background.groups());
+    let group = |(at, ((given, change), std)): (usize, _)| {
+        let ((custom, terms), change, std): ((&Custom, GroupTerms), f64, &f64) = (given, change, std);
+        let mut along = DVector::zeros(fit.covariance.nrows());
+        along[fit.knobs.len() + first + at] = *std;
+        let mut all = change;
+        for (index, effect) in fit.effects().iter().enumerate() {
+            let is_of_it = effect.of_kind().place() == PlaceKind::Group
+                && matches!(effect.place(), Some(Where::Name(name)) if *name == custom.name);
+            if is_of_it {
+                all += effect.parameters().next().map_or(0.0, |(_, value)| value);
+                if let Some(knob) = fit.knobs.iter().position(|knob| knob.effect == index) {
+                    along[knob] = fit.knobs[knob].scale;
+                }
+            }
+        }
+        let std_of_all = along.dot(&(&fit.covariance * &along)).max(0.0).sqrt();
+        ProfileGroup {
+            name: custom.name.clone(),
+            span_m: terms.span_m,
+            factor: 1.0 + all,
+            std: std_of_all,
+            prior_std: *std,
+        }
+    };
+    named.enumerate().map(group).collect()
 }
 
 fn sections(problem: &Problem, fit: &Fit) -> Option<Sections> {

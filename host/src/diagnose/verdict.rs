@@ -26,6 +26,7 @@ use super::settle::next_measurement;
 use super::signals::{Signal, Signals, all_shown, shown};
 use super::state::State;
 use crate::compare::{exceeding, levels};
+use crate::model::Body;
 use crate::model::effect::{Effect, Where};
 use crate::modes::{MeasuredMode, are_known};
 
@@ -388,10 +389,15 @@ fn unused_modes(problem: &Problem) -> Vec<String> {
         ));
     }
     if problem.lacks_tolerance {
-        warnings.push(
-            "study.toml states no background_stiffness and background_mass, so the table is taken to be exact and its errors may pass for effects; 0.03 and 0.01 are usual"
-                .to_owned(),
-        );
+        let warning = match problem.bare.body {
+            Body::Beam(_) => {
+                "study.toml states no background_stiffness and background_mass, so the table is taken to be exact and its errors may pass for effects; 0.03 and 0.01 are usual"
+            }
+            Body::Matrices(_) => {
+                "the model is given as matrices without a [[model.group]], so all of it is taken to be exact and its errors may pass for effects; name its parts and how far each is trusted"
+            }
+        };
+        warnings.push(warning.to_owned());
     }
     let assumed = |mode: &&MeasuredMode| {
         mode.frequency_std_hz.is_none() || mode.shape.as_ref().is_some_and(|shape| shape.stds.is_none())

@@ -1,5 +1,5 @@
-//! Hypotheses of the user's own, as matrices or as relative changes of segments: a `[[model.custom]]` of a study flows in, a
-//! [`Custom`] that `custom@name` adds to a model flows out.
+//! Hypotheses of the user's own and named groups of a model, as matrices or as relative changes of segments: a `[[model.custom]]` or
+//! `[[model.group]]` of a study flows in, a [`Custom`] that `custom@name` or `group@name` adds to a model flows out.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -7,11 +7,14 @@ use std::sync::Arc;
 use nalgebra::DMatrix;
 use thiserror::Error;
 
+use super::assembly::Assembly;
 use super::beam::Segment;
+use super::contribution::Contribution;
 use super::matrices::{MatrixError, read_sum};
-use crate::study::{CustomSource, MatrixTerm};
+use super::structure::{Body, Structure};
+use crate::study::{CustomSource, GroupTerms, MatrixTerm};
 
-/// A `[[model.custom]]` that was read.
+/// A `[[model.custom]]` or `[[model.group]]` that was read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Custom {
     /// Its name.
@@ -26,6 +29,8 @@ pub struct Custom {
     pub range: [f64; 2],
     /// The typical value.
     pub typical: f64,
+    /// How far a group is trusted, and where it stands; `None` for a hypothesis.
+    pub group: Option<GroupTerms>,
 }
 
 /// Relative changes between two heights.
@@ -77,6 +82,10 @@ impl Custom {
             let read = || read_sum(terms, quantity, file.as_deref(), folder, None);
             Ok(if terms.is_empty() { None } else { Some(Arc::new(read()?)) })
         };
+        let (usual, typical) = match source.group {
+            Some(group) => (GROUP_RANGE, TYPICAL_OF_GROUP.max(TYPICAL_TIMES * group.std)),
+            None => ([f64::NEG_INFINITY, f64::INFINITY], 1.0),
+        };
         Ok(Self {
             name: source.name.clone(),
             stiffness: matrix(&source.stiffness, "custom stiffness")?,
@@ -85,9 +94,56 @@ impl Custom {
                 Some(path) => read_segments(&folder.join(path))?,
                 None => Vec::new(),
             },
-            range: [source.least.unwrap_or(f64::NEG_INFINITY), source.greatest.unwrap_or(f64::INFINITY)],
-            typical: source.typical.unwrap_or(1.0),
+            range: [source.least.unwrap_or(usual[0]), source.greatest.unwrap_or(usual[1])],
+            typical: source.typical.unwrap_or(typical),
+            group: source.group,
         })
+    }
+
+    /// So much of it.
+    pub(super) fn times(&self, value: f64) -> Amount {
+        Amount { custom: self.clone(), value }
+    }
+
+    /// Why it is no group of a model beside those `before`; `None` where it is.
+    pub(super) fn fault<'a>(&self, body: &Body, mut before: impl Iterator<Item = &'a Self>) -> Option<String> {
+        let is_beam = matches!(body, Body::Beam(_));
+        if self.changes_segments() && !is_beam {
+            return Some(
+                "it changes segments, and a model given as matrices has none; give its own part of K or M".to_owned(),
+            );
+        }
+        let expected = Structure::new(body.clone()).dofs();
+        if let Some(matrix) = self.stiffness.iter().chain(&self.mass).find(|matrix| matrix.nrows() != expected) {
+            let found = matrix.nrows();
+            return Some(format!("its matrices are {found} x {found}, those of the model {expected} x {expected}"));
+        }
+        if self.likeness(self) == 0.0 && !self.changes_segments() {
+            return Some("it changes nothing: all entries of its matrices are zero".to_owned());
+        }
+        let same = before.find(|other| {
+            let alike = self.likeness(other).powi(2) >= (1.0 - SAME) * self.likeness(self) * other.likeness(other);
+            if self.changes_segments() || other.changes_segments() {
+                self.segments == other.segments && alike
+            } else {
+                alike
+            }
+        })?;
+        Some(format!(
+            "it changes the same as group `{}`, up to a factor, so no measurement tells the two apart; make one group of them",
+            same.name
+        ))
+    }
+
+    /// Sum of the products of entries.
+    fn likeness(&self, other: &Self) -> f64 {
+        let of = |one: &Option<Arc<DMatrix<f64>>>, other: &Option<Arc<DMatrix<f64>>>| match (one, other) {
+            (Some(one), Some(other)) => one.dot(other),
+            _ => 0.0,
+        };
+        // Stiffness and mass in their own units.
+        let stiffness = of(&self.stiffness, &other.stiffness);
+        if self.mass.is_none() && other.mass.is_none() { stiffness } else { stiffness + of(&self.mass, &other.mass) }
     }
 
     /// Whether it changes segments, which only a beam table has.
@@ -110,6 +166,40 @@ impl Custom {
         }
     }
 }
+
+/// Relative changes that a group may have: from next to nothing left of it to ten times as much.
+const GROUP_RANGE: [f64; 2] = [-0.99, 9.0];
+/// A group that lacks something has changed by about this, or by three standard deviations of what it is trusted to.
+const TYPICAL_OF_GROUP: f64 = 0.3;
+const TYPICAL_TIMES: f64 = 3.0;
+
+/// So much of a hypothesis, or a relative change of a group.
+#[derive(Debug)]
+pub(super) struct Amount {
+    custom: Custom,
+    value: f64,
+}
+
+impl Contribution for Amount {
+    fn change_segments(&self, segments: &mut [Segment]) {
+        for segment in segments {
+            self.custom.change(segment, self.value);
+        }
+    }
+
+    fn add_matrices(&self, assembly: &mut Assembly) {
+        let add = |matrix: &mut DMatrix<f64>, change: &Option<Arc<DMatrix<f64>>>| {
+            if let Some(change) = change {
+                *matrix += change.as_ref() * self.value;
+            }
+        };
+        add(&mut assembly.stiffness, &self.custom.stiffness);
+        add(&mut assembly.mass, &self.custom.mass);
+    }
+}
+
+/// Groups whose entries differ by less than this share of them are one.
+const SAME: f64 = 1e-9;
 
 /// No hypothesis takes stiffness or mass away altogether.
 const LEAST_FACTOR: f64 = 1e-3;

@@ -61,6 +61,18 @@ pub enum ModelError {
         /// Why.
         source: Box<CustomError>,
     },
+    /// A group that does not suit the model, or that no measurement could tell from another.
+    #[error("{}, line {line}, [[model.group]] `{name}`: {reason}", file.display())]
+    Group {
+        /// The study's file.
+        file: PathBuf,
+        /// 1-based line.
+        line: usize,
+        /// The group.
+        name: String,
+        /// Why.
+        reason: String,
+    },
     /// An effect of the study.
     #[error("{}, line {line}, [[model.effect]]: {source}", file.display())]
     Effect {
@@ -92,6 +104,15 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
         })
     };
     let customs: Arc<[Custom]> = model.customs.iter().map(custom).collect::<Result<Vec<_>, _>>()?.into();
+    for (at, (group, source)) in
+        customs.iter().zip(&model.customs).enumerate().filter(|(_, (one, _))| one.group.is_some())
+    {
+        let before = customs[..at].iter().filter(|other| other.group.is_some());
+        if let Some(reason) = group.fault(&body, before) {
+            let (file, name) = (file.clone(), group.name.clone());
+            return Err(ModelError::Group { file, line: source.line, name, reason });
+        }
+    }
     let sensors = study.sensors();
     let mut structure = Structure::new(body.clone()).with_customs(customs.clone());
     let mut effects = Vec::new();

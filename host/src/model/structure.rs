@@ -22,6 +22,7 @@ use super::mass_spread::{MassSpread, spread};
 use super::matrices::ImportedMatrices;
 use super::sensing::Sensing;
 use super::sensitivity::Change;
+use crate::study::GroupTerms;
 
 /// What a model is made of.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,6 +80,35 @@ impl Structure {
     /// Lets sections distort in their own plane as the structure bends and twists: sensors off the axis see it.
     pub fn distort_sections(&mut self, distortion: Distortion) {
         self.push(Arc::new(distortion));
+    }
+
+    /// Changes groups of the model, in the order of [`Structure::groups`], by these shares of themselves.
+    pub fn change_groups(&mut self, changes: &[f64]) {
+        let groups: Vec<Arc<dyn Contribution>> = self
+            .groups()
+            .zip(changes)
+            .filter(|(_, change)| **change != 0.0)
+            .map(|((group, _), &change)| Arc::new(group.times(change)) as Arc<dyn Contribution>)
+            .collect();
+        self.contributions.extend(groups);
+    }
+
+    /// Parts of the model that are trusted to a standard deviation of their own.
+    pub fn groups(&self) -> impl Iterator<Item = (&Custom, GroupTerms)> {
+        self.customs.iter().filter_map(|custom| Some((custom, custom.group?)))
+    }
+
+    /// What a relative change of each group does to K and M, group by group.
+    pub fn group_changes(&self) -> Vec<Change> {
+        let here = self.assemble();
+        let change = |at: usize| {
+            let mut there = self.clone();
+            let step: Vec<f64> = (0..=at).map(|other| if other == at { STEP } else { 0.0 }).collect();
+            there.change_groups(&step);
+            let nothing = || Change::local(0, DMatrix::zeros(0, 0), true);
+            here.change_to(&there.assemble(), STEP).unwrap_or_else(nothing)
+        };
+        (0..self.groups().count()).map(change).collect()
     }
 
     /// How many contributions are dampers.

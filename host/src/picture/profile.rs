@@ -1,15 +1,19 @@
 //! Stiffness and mass over the height, as fitted: a panel a quantity, bands of one standard deviation over the tolerance.
 
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::canvas::{
-    Area, Dashes, DrawResult, FRAME, GIVEN, INK, PictureError, Plane, REJECTED, WITH_EFFECTS, picture,
+    Area, Dashes, DrawResult, FRAME, GIVEN, INK, PictureError, Plane, REJECTED, WITH_EFFECTS, picture, width_of,
 };
 use crate::diagnose::steps::Profiles;
-use crate::diagnose::{Profile, ProfileSegment, Quantity, QuantityProfile};
+use crate::diagnose::{Profile, ProfileGroup, ProfileSegment, Quantity, QuantityProfile};
 
 const PANEL: (u32, u32) = (190, 430);
 const HEADER: u32 = 58;
+/// Of groups.
+const ROW: u32 = 24;
+const AROUND_ROWS: u32 = 52;
 /// How strong the tolerance is drawn, which the study states before anything is measured.
 const TOLERANCE: f64 = 0.18;
 /// The scale is that of the widest band, and at least this in percent.
@@ -48,8 +52,11 @@ pub fn profile(structure: &str, profiles: &Profiles) -> Result<String, PictureEr
     let (reach, beyond) = reach(segments);
     let greatest = present.quantities.iter().map(|one| stated(present, one)).fold(reach, f64::max);
     let scale = 1.05 * (100.0 * greatest).max(LEAST_PERCENT);
-    let count = present.quantities.len().max(1);
-    let size = (PANEL.0 * count.max(4) as u32, HEADER + PANEL.1);
+    let count = present.quantities.len();
+    let of_quantities = if count > 0 { PANEL.1 } else { 0 };
+    let of_groups = if present.groups.is_empty() { 0 } else { ROW * present.groups.len() as u32 + AROUND_ROWS };
+    // The legend of two models needs the width of five panels.
+    let size = (PANEL.0 * count.max(3 + bands.len()) as u32, HEADER + of_quantities + of_groups);
     picture("the profile", size, |root| {
         let (header, body) = root.split_vertically(HEADER);
         let with =
@@ -60,7 +67,14 @@ pub fn profile(structure: &str, profiles: &Profiles) -> Result<String, PictureEr
             ("sans-serif", 16),
         ))?;
         legend(&header, &bands, &beyond)?;
-        let (panels, _) = body.split_horizontally(PANEL.0 * count as u32);
+        let (quantities, groups) = body.split_vertically(of_quantities);
+        if of_groups > 0 {
+            draw_groups(&groups, &bands)?;
+        }
+        if count == 0 {
+            return Ok(());
+        }
+        let (panels, _) = quantities.split_horizontally(PANEL.0 * count as u32);
         for (index, panel) in panels.split_evenly((1, count)).iter().enumerate() {
             draw(panel, index, &bands, scale)?;
         }
@@ -165,6 +179,57 @@ fn draw(panel: &Area<'_>, index: usize, bands: &[Band<'_>], scale: f64) -> DrawR
         let middle = side(&segments, 0.0, scale);
         let dashes = if band.is_dashed { Dashes::Short } else { Dashes::Full };
         plane.curve(middle, dashes, band.color.stroke_width(2))?;
+    }
+    Ok(())
+}
+
+/// A row a group, the highest first where heights are known: its change in percent with one standard deviation either way, over what it is
+/// trusted to.
+fn draw_groups(panel: &Area<'_>, bands: &[Band<'_>]) -> DrawResult {
+    let Some(first) = bands.first() else { return Ok(()) };
+    let order = first.profile.groups_from_the_top();
+    let reach = |group: &ProfileGroup| 100.0 * ((group.factor - 1.0).abs() + group.std);
+    let all = bands.iter().flat_map(|band| &band.profile.groups).map(reach).fold(LEAST_PERCENT, f64::max);
+    let scale = 1.05 * all;
+    let names = order.iter().map(|&at| width_of(&first.profile.groups[at].name, 12)).max().unwrap_or(0);
+    let rows = -0.5..order.len() as f64 - 0.5;
+    let mut chart = ChartBuilder::on(panel)
+        .margin(6)
+        .margin_right(14)
+        .x_label_area_size(34)
+        .y_label_area_size(names + 16)
+        .build_cartesian_2d(-scale..scale, rows.clone())?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .y_labels(0)
+        .x_labels(9)
+        .x_desc("% of the group's own part of the model")
+        .x_label_formatter(&|percent| if *percent == 0.0 { "0".to_owned() } else { format!("{percent:+.0}") })
+        .label_style(("sans-serif", 11))
+        .axis_style(FRAME)
+        .draw()?;
+    let style = ("sans-serif", 12).into_text_style(panel).pos(Pos::new(HPos::Right, VPos::Center));
+    for (row, &at) in order.iter().enumerate() {
+        let y = (order.len() - 1 - row) as f64;
+        let group = &first.profile.groups[at];
+        let stated = (100.0 * group.prior_std / first.profile.discrepancy.scatter).min(scale);
+        let tolerance = Rectangle::new([(-stated, y - 0.32), (stated, y + 0.32)], REJECTED.mix(TOLERANCE).filled());
+        chart.draw_series(std::iter::once(tolerance))?;
+        chart.draw_series(std::iter::once(Text::new(group.name.clone(), (-scale * 1.01, y), style.clone())))?;
+    }
+    let plane = Plane::of(&chart, -scale..scale, rows.clone(), false);
+    plane.curve([(0.0, rows.start), (0.0, rows.end)], Dashes::Full, INK.stroke_width(1))?;
+    for (number, band) in bands.iter().enumerate() {
+        // Two models of one group stand above each other.
+        let beside = if bands.len() > 1 { 0.16 - 0.32 * number as f64 } else { 0.0 };
+        for (row, &at) in order.iter().enumerate() {
+            let Some(group) = band.profile.groups.get(at) else { continue };
+            let y = (order.len() - 1 - row) as f64 + beside;
+            let at = |deviations: f64| 100.0 * (group.factor - 1.0 + deviations * group.std);
+            plane.curve([(at(-1.0), y), (at(1.0), y)], Dashes::Full, band.color.stroke_width(2))?;
+            plane.dot((at(0.0), y), 4, band.color.filled())?;
+        }
     }
     Ok(())
 }

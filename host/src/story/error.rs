@@ -196,7 +196,7 @@ pub enum StoryError {
     },
     /// A model without segments has no profile.
     #[error(
-        "{}: [model] is given as matrices, which have no segments; only a beam table has a profile of stiffness and mass",
+        "{}: [model] is given as matrices without a [[model.group]]; only groups and the segments of a beam table have a profile of stiffness and mass",
         file.display()
     )]
     NoSegments {

@@ -69,7 +69,7 @@ impl Inputs {
         let named = [
             ("the model's tables", checksum(&[&tables, layout.as_bytes()].concat())),
             (EFFECTS, checksum(format!("{effects:?}").as_bytes())),
-            ("the model's tolerance, odds or custom effects", checksum(format!("{trust:?}").as_bytes())),
+            ("the model's tolerance, odds, groups or custom effects", checksum(format!("{trust:?}").as_bytes())),
             ("the sensors", checksum(format!("{sensors:?}").as_bytes())),
             ("the measured modes", checksum(format!("{:?}", case.measured.modes).as_bytes())),
         ];
@@ -206,7 +206,7 @@ azimuth_deg = 0
         write("study.toml", &format!("{study}\n[[model.effect]]\nkind = \"base-rotation\"\nvalue = 1e-15\n"));
         assert_eq!(changed(), "the model's effects");
         write("study.toml", &study.replace("background_mass = 0.01", "background_mass = 0.02"));
-        assert_eq!(changed(), "the model's tolerance, odds or custom effects");
+        assert_eq!(changed(), "the model's tolerance, odds, groups or custom effects");
         write("study.toml", &study.replace("azimuth_deg = 108", "azimuth_deg = 107"));
         assert_eq!(changed(), "the sensors");
     }

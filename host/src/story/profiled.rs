@@ -39,7 +39,8 @@ impl Case {
 /// Checks that there are segments to fit, and that the study lets them.
 fn check_segments(case: &Case) -> Result<(), StoryError> {
     let file = || case.study.folder.join(STUDY_FILE);
-    if matches!(case.model.body, Body::Matrices(_)) {
+    let has_groups = case.model.customs.iter().any(|custom| custom.group.is_some());
+    if matches!(case.model.body, Body::Matrices(_)) && !has_groups {
         return Err(StoryError::NoSegments { file: file() });
     }
     if case.tolerance.is_none() {
@@ -63,6 +64,12 @@ pub(super) fn csv(profiles: &Profiles) -> std::io::Result<Vec<u8>> {
 }
 
 fn write_rows(writer: &mut csv::Writer<Vec<u8>>, model: &str, profile: &Profile) -> std::io::Result<()> {
+    for group in &profile.groups {
+        let words = [model.to_owned(), format!("group {}", group.name), "-".to_owned()];
+        let span = [0, 1].map(|end| group.span_m.map_or_else(String::new, |span_m| span_m[end].to_string()));
+        let numbers = [group.factor, group.std, group.prior_std].map(|number| number.to_string());
+        writer.write_record(words.into_iter().chain(span).chain([String::new()]).chain(numbers))?;
+    }
     for QuantityProfile { quantity, unit, segments } in &profile.quantities {
         for segment in segments {
             let given = segment.given.map_or_else(String::new, |given| given.to_string());

@@ -69,11 +69,11 @@ pub(super) fn places(sensors: &[Sensor], sections: &[Section<'_>]) -> Result<(),
     Ok(())
 }
 
-/// Every hypothesis has a name of its own.
+/// Every hypothesis and every group has a name of its own.
 pub(super) fn custom_names(customs: &[CustomSource], sections: &[Section<'_>]) -> Result<(), StudyError> {
     let mut names = HashMap::new();
     for (custom, section) in customs.iter().zip(sections) {
-        unique(&mut names, &custom.name, section, "name", "give every hypothesis its own name")?;
+        unique(&mut names, &custom.name, section, "name", "give every hypothesis and every group its own name")?;
     }
     Ok(())
 }

@@ -15,8 +15,9 @@ use std::path::Path;
 pub use error::{FilePosition, StudyError};
 pub(crate) use types::band_at;
 pub use types::{
-    Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
-    ModelSource, Motion, NO_KINDS, STANDARD_GRAVITY_M_S2, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
+    Analysis, CustomSource, Direction, Effect, GroupTerms, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource,
+    ModeChoice, Model, ModelSource, Motion, NO_KINDS, STANDARD_GRAVITY_M_S2, STUDY_FILE, Sensor, Setup, Structure,
+    Study, Unit,
 };
 
 impl Study {

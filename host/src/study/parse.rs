@@ -9,8 +9,8 @@ use super::check;
 use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
 use super::types::{
-    Analysis, CustomSource, Direction, Effect, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource, ModeChoice, Model,
-    ModelSource, NO_KINDS, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
+    Analysis, CustomSource, Direction, Effect, GroupTerms, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource,
+    ModeChoice, Model, ModelSource, NO_KINDS, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
 };
 use crate::archive::TimeRange;
 use crate::model::effect::KINDS;
@@ -37,6 +37,8 @@ const ANALYSIS_KEYS: &[&str] =
 const MEASURED_KEYS: &[&str] = &["modes"];
 const MATRICES_KEYS: &[&str] = &["file", "stiffness", "mass", "nodes", "dofs"];
 const CUSTOM_KEYS: &[&str] = &["name", "file", "stiffness", "mass", "segments", "least", "greatest", "typical"];
+const GROUP_KEYS: &[&str] =
+    &["name", "file", "stiffness", "mass", "segments", "std", "z_m", "least", "greatest", "typical"];
 const MODEL_KEYS: &[&str] = &[
     "beam",
     "matrices",
@@ -45,6 +47,7 @@ const MODEL_KEYS: &[&str] = &[
     "correlation_length_m",
     "effect",
     "custom",
+    "group",
     "prior_odds",
 ];
 
@@ -463,22 +466,50 @@ fn is_name(word: &str) -> bool {
     word.starts_with(char::is_alphabetic) && word.chars().all(is_part) && !reads_otherwise
 }
 
-/// Hypotheses of the user's own, each name once.
+/// Hypotheses of the user's own, then groups of the model, each name once.
 fn customs(section: &Section<'_>) -> Result<Vec<CustomSource>, StudyError> {
-    let sections = section.tables("custom")?;
-    let customs = sections.iter().map(custom).collect::<Result<Vec<_>, _>>()?;
+    let (mut sections, groups) = (section.tables("custom")?, section.tables("group")?);
+    let mut customs = sections.iter().map(custom).collect::<Result<Vec<_>, _>>()?;
+    customs.extend(groups.iter().map(group).collect::<Result<Vec<_>, _>>()?);
+    sections.extend(groups);
     check::custom_names(&customs, &sections)?;
     Ok(customs)
 }
 
 fn custom(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     section.allow_only(CUSTOM_KEYS)?;
+    change_of_model(section)
+}
+
+fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
+    const STD: &str = "one relative standard deviation, a number above 0 such as 0.1";
+    const SPAN: &str = "a height in metres, or two such as [3.0, 6.5]";
+    section.allow_only(GROUP_KEYS)?;
+    let std = section.required("std", STD)?.positive(STD)?;
+    let span = |entry: Entry<'_>| -> Result<[f64; 2], StudyError> {
+        if let Ok(z_m) = entry.number(SPAN) {
+            return Ok([z_m; 2]);
+        }
+        match entry.list(SPAN)?.as_slice() {
+            [low, high] => {
+                let span_m = [low.number(SPAN)?, high.number(SPAN)?];
+                if span_m[0] <= span_m[1] { Ok(span_m) } else { Err(entry.out_of_range(SPAN)) }
+            }
+            _ => Err(entry.out_of_range(SPAN)),
+        }
+    };
+    let span_m = section.get("z_m").map(span).transpose()?;
+    Ok(CustomSource { group: Some(GroupTerms { std, span_m }), ..change_of_model(section)? })
+}
+
+/// A named change of the model, of a hypothesis or of a group.
+fn change_of_model(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     const NAME: &str =
         "a name of letters, digits, - and _ that starts with neither ch nor node, in quotes, such as \"cables\"";
     const FILE: &str = "the name of a MATLAB v5 file, in quotes, such as \"model.mat\"";
     const MATRIX: &str = "a matrix: a name such as \"dK\" or \"dk.mtx\", or a list of names and [name, factor] pairs";
     const SEGMENTS: &str = "the name of a CSV file of relative changes, in quotes, such as \"cables.csv\"";
-    const CONTENT: &str = "`stiffness`, `mass` or `segments`: what the hypothesis changes";
+    const CONTENT: &str = "`stiffness`, `mass` or `segments`: what it changes";
     const NUMBER: &str = "a number";
     const TYPICAL: &str = "a number above 0: the value that is typical";
     let name = section.required("name", NAME)?;
@@ -502,6 +533,7 @@ fn custom(section: &Section<'_>) -> Result<CustomSource, StudyError> {
         least: number("least")?,
         greatest: number("greatest")?,
         typical: section.get("typical").map(|entry: Entry<'_>| entry.positive(TYPICAL)).transpose()?,
+        group: None,
     };
     if source.stiffness.is_empty() && source.mass.is_empty() && source.segments.is_none() {
         return Err(name.out_of_range(CONTENT));

@@ -414,6 +414,17 @@ pub struct CustomSource {
     pub greatest: Option<f64>,
     /// The typical value.
     pub typical: Option<f64>,
+    /// What makes a `[[model.group]]` of it; `None` for a `[[model.custom]]`.
+    pub group: Option<GroupTerms>,
+}
+
+/// What a `[[model.group]]` has besides: a part of the model that is trusted to a standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroupTerms {
+    /// How far its stiffness or mass is trusted: one relative standard deviation.
+    pub std: f64,
+    /// From which height to which it stands, in m, where that is known.
+    pub span_m: Option<[f64; 2]>,
 }
 
 /// A file that says where the rows of matrices stand.

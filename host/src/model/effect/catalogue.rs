@@ -39,6 +39,7 @@ pub const KINDS: &[&dyn EffectKind] = &[
     &clock_offset::ClockOffset,
     &harmonic::Harmonic,
     &custom::CustomChange,
+    &custom::GroupChange,
 ];
 
 /// The kind of a name.

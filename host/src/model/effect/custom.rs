@@ -1,16 +1,12 @@
 //! `custom@name`: a hypothesis of the user's own, as matrices or as factors on segments, so that it can be tested without
-//! writing Rust.
+//! writing Rust. `group@name`: a part of the model that the study names, which may be stiffer or softer than the model has it.
 
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
-
 use super::error::EffectError;
-use super::kind::{About, EffectKind, Given};
+use super::kind::{About, EffectKind, Given, LookAlike};
 use super::parameter::Parameter;
 use super::place::{PlaceKind, Where};
-use crate::model::assembly::Assembly;
-use crate::model::beam::Segment;
 use crate::model::contribution::Contribution;
 use crate::model::custom::Custom;
 use crate::model::structure::Structure;
@@ -26,8 +22,27 @@ const ABOUT: About = About {
     examples: &["custom@cables=0.5"],
 };
 
+const ABOUT_GROUP: About = About {
+    name: "group",
+    physics: "A part of the model that study.toml names as [[model.group]]: columns of a storey, braces, soil springs. The value is by how much \
+              of itself it is stiffer, or heavier, than the model has it, beyond what the study trusts it to.",
+    formula: "K += change dK, M += change dM, where dK and dM are the group's own part of K and M",
+    fingerprint: "what the group's own stiffness or mass does to frequencies and shapes",
+    look_alikes: &[LookAlike { kind: "stiffness-scale", separated_by: "modes that move other groups" }],
+    source: "sub-structure updating: Mottershead and Friswell 1993, J. Sound Vib. 167, section 4",
+    examples: &["group@storey3=-0.2"],
+};
+
 const VALUE: Parameter =
     Parameter::ranged("value", "-", [f64::NEG_INFINITY, f64::INFINITY], 1.0, "how much of the given change there is");
+
+const CHANGE: Parameter = Parameter::ranged(
+    "change",
+    "-",
+    [-1.0, f64::INFINITY],
+    0.3,
+    "share of itself by which the group is stiffer or heavier",
+);
 
 /// The user's own change.
 #[derive(Debug)]
@@ -47,52 +62,66 @@ impl EffectKind for CustomChange {
     }
 
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
-        let Some(Where::Name(name)) = given.place() else { return Err(given.wrong_place(self)) };
-        let Some(custom) = structure.customs.iter().find(|custom| custom.name == *name).cloned() else {
-            let known: Vec<&str> = structure.customs.iter().map(|custom| custom.name.as_str()).collect();
-            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-            return Err(EffectError::NoCustom { name: name.clone(), known });
-        };
-        let value = given.or_zero(VALUE.name);
-        let [least, greatest] = custom.range;
-        if !(least..=greatest).contains(&value) {
-            let range = Parameter::ranged(VALUE.name, "-", custom.range, custom.typical, "").range();
-            return Err(EffectError::OutOfRange { kind: ABOUT.name, parameter: VALUE.name, value, range });
-        }
-        if custom.changes_segments() {
-            given.check_beam(self, structure)?;
-        }
-        let expected = structure.dofs();
-        for matrix in custom.stiffness.iter().chain(&custom.mass) {
-            if matrix.nrows() != expected {
-                return Err(EffectError::CustomSize { name: name.clone(), found: matrix.nrows(), expected });
-            }
-        }
-        Ok(Arc::new(Amount { custom, value }))
+        named(self, given, structure, &VALUE)
     }
 }
 
-/// So much of a hypothesis.
+/// A group of the model that is stiffer or softer, heavier or lighter, than the model has it.
 #[derive(Debug)]
-struct Amount {
-    custom: Custom,
-    value: f64,
+pub(super) struct GroupChange;
+
+impl EffectKind for GroupChange {
+    fn about(&self) -> &'static About {
+        &ABOUT_GROUP
+    }
+
+    fn place(&self) -> PlaceKind {
+        PlaceKind::Group
+    }
+
+    fn parameter_sets(&self) -> &'static [&'static [Parameter]] {
+        &[&[CHANGE]]
+    }
+
+    fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
+        named(self, given, structure, &CHANGE)
+    }
 }
 
-impl Contribution for Amount {
-    fn change_segments(&self, segments: &mut [Segment]) {
-        for segment in segments {
-            self.custom.change(segment, self.value);
+/// So much of what a study has under this name.
+fn named(
+    kind: &dyn EffectKind,
+    given: &Given<'_>,
+    structure: &Structure,
+    parameter: &Parameter,
+) -> Result<Arc<dyn Contribution>, EffectError> {
+    let Some(Where::Name(name)) = given.place() else { return Err(given.wrong_place(kind)) };
+    let is_of_kind = |custom: &&Custom| custom.group.is_some() == (kind.place() == PlaceKind::Group);
+    let mut of_kind = structure.customs.iter().filter(is_of_kind);
+    let Some(custom) = of_kind.clone().find(|custom| custom.name == *name) else {
+        let known: Vec<&str> = of_kind.by_ref().map(|custom| custom.name.as_str()).collect();
+        let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+        return Err(EffectError::NoCustom { kind: kind.name(), name: name.clone(), known });
+    };
+    let value = given.or_zero(parameter.name);
+    let [least, greatest] = custom.range;
+    if !(least..=greatest).contains(&value) {
+        let range = Parameter::ranged(parameter.name, "-", custom.range, custom.typical, "").range();
+        return Err(EffectError::OutOfRange { kind: kind.name(), parameter: parameter.name, value, range });
+    }
+    if custom.changes_segments() {
+        given.check_beam(kind, structure)?;
+    }
+    let expected = structure.dofs();
+    for matrix in custom.stiffness.iter().chain(&custom.mass) {
+        if matrix.nrows() != expected {
+            return Err(EffectError::CustomSize {
+                kind: kind.name(),
+                name: name.clone(),
+                found: matrix.nrows(),
+                expected,
+            });
         }
     }
-
-    fn add_matrices(&self, assembly: &mut Assembly) {
-        let add = |matrix: &mut DMatrix<f64>, change: &Option<Arc<DMatrix<f64>>>| {
-            if let Some(change) = change {
-                *matrix += change.as_ref() * self.value;
-            }
-        };
-        add(&mut assembly.stiffness, &self.custom.stiffness);
-        add(&mut assembly.mass, &self.custom.mass);
-    }
+    Ok(Arc::new(custom.times(value)))
 }

@@ -103,17 +103,21 @@ pub enum EffectError {
         /// The nodes there are.
         known: String,
     },
-    /// The custom change is not defined.
-    #[error("custom@{name}: no [[model.custom]] in study.toml has this name; there are {known}")]
+    /// The custom change or the group is not defined.
+    #[error("{kind}@{name}: no [[model.{kind}]] in study.toml has this name; there are {known}")]
     NoCustom {
+        /// The kind.
+        kind: &'static str,
         /// What was asked for.
         name: String,
         /// The names there are.
         known: String,
     },
-    /// The custom matrices do not fit the model.
-    #[error("custom@{name}: its matrices are {found} x {found}, those of the model {expected} x {expected}")]
+    /// The matrices of a custom change or a group do not fit the model.
+    #[error("{kind}@{name}: its matrices are {found} x {found}, those of the model {expected} x {expected}")]
     CustomSize {
+        /// The kind.
+        kind: &'static str,
         /// The name.
         name: String,
         /// Rows of the custom matrix.

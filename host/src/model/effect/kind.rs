@@ -100,7 +100,7 @@ impl dyn EffectKind + '_ {
     /// Whether it is of the structure rather than of how it was measured.
     pub fn is_of_structure(&self) -> bool {
         match self.place() {
-            PlaceKind::Nowhere | PlaceKind::Height | PlaceKind::Name => true,
+            PlaceKind::Nowhere | PlaceKind::Height | PlaceKind::Name | PlaceKind::Group => true,
             PlaceKind::Channel
             | PlaceKind::TwoChannels
             | PlaceKind::Node

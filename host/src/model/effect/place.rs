@@ -24,6 +24,8 @@ pub enum PlaceKind {
     Frequency,
     /// The name of a `[[model.custom]]`.
     Name,
+    /// The name of a `[[model.group]]`.
+    Group,
 }
 
 /// The part after the @: where an effect acts.
@@ -37,7 +39,7 @@ pub enum Where {
     Node(u16),
     /// `0.83hz`: a frequency in Hz.
     Frequency(f64),
-    /// `cables`: the name of a `[[model.custom]]`.
+    /// `cables`: the name of a `[[model.custom]]` or `[[model.group]]`.
     Name(String),
 }
 
@@ -53,6 +55,7 @@ impl PlaceKind {
             Self::NodeOrAll => "[@NODE]",
             Self::Frequency => "@FREQUENCYhz",
             Self::Name => "@NAME",
+            Self::Group => "@GROUP",
         }
     }
 
@@ -67,6 +70,7 @@ impl PlaceKind {
             Self::NodeOrAll => "a sensor node such as @node3, or none for all sensors",
             Self::Frequency => "a frequency such as @0.83hz",
             Self::Name => "the name of a [[model.custom]] of the study, such as @cables",
+            Self::Group => "the name of a [[model.group]] of the study, such as @storey3",
         }
     }
 
@@ -88,7 +92,7 @@ impl PlaceKind {
                 text.strip_prefix("node").unwrap_or(text).trim_start().parse().ok().map(Where::Node)
             }
             Self::Frequency => number("hz").or(number("Hz")).filter(|&hz| hz > 0.0).map(Where::Frequency),
-            Self::Name => (!text.is_empty()).then(|| Where::Name(text.to_owned())),
+            Self::Name | Self::Group => (!text.is_empty()).then(|| Where::Name(text.to_owned())),
         }
     }
 
@@ -99,7 +103,7 @@ impl PlaceKind {
             | (Self::Height, Some(Where::Height(_)))
             | (Self::Node | Self::NodeOrAll, Some(Where::Node(_)))
             | (Self::Frequency, Some(Where::Frequency(_)))
-            | (Self::Name, Some(Where::Name(_))) => true,
+            | (Self::Name | Self::Group, Some(Where::Name(_))) => true,
             (Self::Channel, Some(Where::Channels(channels))) => channels.len() == 1,
             // More parts than two are channels with a + in their names, which only the study can tell.
             (Self::TwoChannels, Some(Where::Channels(channels))) => channels.len() > 1 && channels[0] != channels[1],
