@@ -90,6 +90,9 @@ impl<'a> Dashpots<'a> {
     /// By Cholesky's method with pivots, which ends at the rank.
     fn of(omega: &'a [f64], damping: &DMatrix<f64>) -> Option<Self> {
         let count = omega.len();
+        if !damping.trace().is_finite() {
+            return None;
+        }
         if omega.iter().any(|omega| *omega <= 0.0) {
             return None;
         }

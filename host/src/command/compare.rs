@@ -189,7 +189,7 @@ fn tell_test(comparison: &Comparison, case: &Case, console: &Console) {
     let allowance = if case.tolerance.is_some() {
         "the measurement's deviations and the model's tolerance"
     } else if matches!(case.model.body, Body::Matrices(_)) {
-        "the measurement's deviations alone (matrices have no tolerance)"
+        "the measurement's deviations alone (no [[model.group]] says how far parts of the matrices are trusted)"
     } else {
         "the measurement's deviations alone (no background_stiffness or background_mass in [model])"
     };

@@ -12,6 +12,7 @@ use crate::diagnose::Estimate;
 use crate::model::effect::{Effect, find, named};
 use crate::plan::{ORDINARY_DAMPING, ORDINARY_NOISE_PERCENT, Obstacle, Plan, SensorOption};
 use crate::story::{PlanRequest, Project};
+use crate::study::Model;
 
 const EXAMPLES: &str = "Examples:
   belfry plan canton --effect added-mass@443.6m=2e6
@@ -111,8 +112,11 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if study.setups.len() > 1 {
         console.warn("the sensors of all setups are taken to record together");
     }
-    if study.model.as_ref().is_none_or(|model| model.background_stiffness.or(model.background_mass).is_none()) {
-        console.warn("the model has no tolerance (background_stiffness, background_mass in [model]), so the plan takes it as exact");
+    let has_groups = |model: &Model| model.customs.iter().any(|one| one.group.is_some());
+    let is_trusted =
+        |model: &Model| model.background_stiffness.or(model.background_mass).is_none() && !has_groups(model);
+    if study.model.as_ref().is_none_or(is_trusted) {
+        console.warn("the model has no tolerance (background_stiffness and background_mass in [model], or [[model.group]]), so the plan takes it as exact");
     }
     if plan.options.iter().flat_map(|option| &option.records).any(|record| record.hours < plan.least_hours) {
         console.warn(format!(

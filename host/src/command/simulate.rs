@@ -138,6 +138,11 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     }
     let sensors = study.sensors();
     let effects = arguments.effects.iter().map(|effect| effect.in_study(&sensors)).collect::<Result<Vec<_>, _>>()?;
+    if let Some(effect) = effects.iter().find(|effect| matches!(effect.kind(), "custom" | "group")) {
+        bail!(
+            "{effect} is of the study's model, not of the simulated structure; change the beam table that --beam names instead"
+        );
+    }
     let assembly = Structure::with_effects(beam, &effects)?.assemble();
     let planned = plan(&study, arguments.output.as_deref())?;
     let truth_file = arguments.output.as_ref().unwrap_or(&study.folder).join("truth.json");

@@ -60,7 +60,10 @@ impl Background {
             Body::Beam(beam) => beam.segments().len(),
             Body::Matrices(_) => 0,
         };
-        let groups: Vec<f64> = structure.groups().map(|(_, group)| group.std).collect();
+        let mut groups: Vec<f64> = structure.groups().map(|(_, group)| group.std).collect();
+        if groups.iter().all(|std| *std == 0.0) {
+            groups.clear();
+        }
         let Some(tolerance) = Tolerance::of_segments(structure, model) else {
             let (parts, scatter) = (Vec::new(), groups.len());
             return Self { parts, scatter, groups, size: 1.0, eccentricity_m: 0.0, families: 0 };

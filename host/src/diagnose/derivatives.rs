@@ -26,7 +26,15 @@ impl BySegments {
     /// At a state.
     fn of(state: &State, problem: &Problem) -> Option<Self> {
         let Modelled { structure, assembly, view, .. } = state.model.as_ref();
-        let by_groups: Vec<DVector<f64>> = structure.group_changes().iter().map(|change| state.along(change)).collect();
+        // Factors on segments multiply, so a step of one that has changed is so much larger.
+        let changes = problem.background.changes_of_groups(&state.numbers);
+        let larger = structure.groups().zip(changes).map(
+            |((group, _), change)| {
+                if group.changes_segments() { 1.0 + change } else { 1.0 }
+            },
+        );
+        let by_groups: Vec<DVector<f64>> =
+            structure.group_changes().iter().zip(larger).map(|(change, larger)| state.along(change) / larger).collect();
         let groups =
             if by_groups.is_empty() { DMatrix::zeros(state.modes.len(), 0) } else { DMatrix::from_columns(&by_groups) };
         if !problem.background.has_segments() {

@@ -57,11 +57,15 @@ impl Problem {
             return Vec::new();
         }
         let verdict = if verdict == Verdict::Ambiguous { Verdict::Effect } else { verdict };
-        let kind = |name: &str| name.split('@').next().map(str::to_owned);
+        // Groups and hypotheses of the user's own are told by name.
+        let kind = |name: &str| {
+            let kind = name.split('@').next().unwrap_or(name);
+            if matches!(kind, "group" | "custom") { name.to_owned() } else { kind.to_owned() }
+        };
         let there = |times: f64| self.tally.piece(|| self.verdict_at(times, present, found));
         let differs = |other: &Elsewise| {
             other.verdict != verdict
-                || (verdict == Verdict::Effect && other.best.as_deref().and_then(kind) != best.and_then(kind))
+                || (verdict == Verdict::Effect && other.best.as_deref().map(kind) != best.map(kind))
         };
         self.tally.stage("the verdict with other tolerances", TIMES.len());
         TIMES.into_iter().filter_map(there).filter(differs).collect()

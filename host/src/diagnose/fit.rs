@@ -293,7 +293,10 @@ impl Problem {
         let log_evidence = log_evidence + discrepancy.log_prior();
         let allowed = self.allowed(&state, &slopes, &covariance);
         for (index, knob) in knobs.iter().enumerate() {
-            if state.effects[knob.effect].of_kind().is_of_structure() {
+            // What the user has given is all that it is.
+            let kind = state.effects[knob.effect].of_kind();
+            let is_given = matches!(kind.place(), PlaceKind::Name | PlaceKind::Group);
+            if kind.is_of_structure() && !is_given {
                 let units = (state.value(knob) - knob.neutral) / knob.scale;
                 covariance[(index, index)] += (IDEALISED * units).powi(2);
             }
@@ -307,7 +310,9 @@ impl Problem {
     fn looks_like(&self, state: &State, knob: &Knob) -> f64 {
         let effect = &state.effects[knob.effect];
         let prior = effect.parameters().nth(knob.parameter).map(|(parameter, _)| parameter.prior);
-        if !matches!(prior, Some(Prior::FrequencyShift(_) | Prior::Value(_))) {
+        let has_scale = matches!(prior, Some(Prior::FrequencyShift(_) | Prior::Value(_)));
+        // Of a damper's damping and of axes no table says anything.
+        if !has_scale || effect.of_kind().evidence() == Evidence::TwinPeaks || effect.kind() == "axis-rotation" {
             return 0.0;
         }
         let share = match effect.of_kind().place() {

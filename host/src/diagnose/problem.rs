@@ -18,7 +18,7 @@ use super::smooth::smooth_covariance;
 use super::state::State;
 use crate::compare::{ModelView, Pair, Tolerance, ViewError, complement, correlation_length_m, pair, shape_deviations};
 use crate::model::effect::Effect;
-use crate::model::{Assembly, Distortion, Structure};
+use crate::model::{Assembly, Body, Distortion, Structure};
 use crate::modes::{CLOSE, MeasuredMode};
 use crate::progress::Tally;
 use crate::statistics::{MEDIAN_OF_ABSOLUTE, groups, median};
@@ -106,6 +106,16 @@ pub(super) struct MeasuredPhases {
     pub(super) deviations: DVector<f64>,
 }
 
+/// What a segment's stiffness, or a group, is uncertain by.
+fn stiffness_known_to(bare: &Structure, model: &Model) -> f64 {
+    let squares: Vec<f64> = bare.groups().map(|(_, group)| group.std.powi(2)).collect();
+    match bare.body {
+        Body::Matrices(_) if !squares.is_empty() => (squares.iter().sum::<f64>() / squares.len() as f64).sqrt(),
+        Body::Matrices(_) => USUAL_TOLERANCE,
+        Body::Beam(_) => model.background_stiffness.unwrap_or(USUAL_TOLERANCE),
+    }
+}
+
 /// Model modes that differ by less than this: their shapes in the model are arbitrary within the span.
 const DEGENERATE: f64 = 0.005;
 
@@ -178,7 +188,7 @@ impl Problem {
             discrepancy: Discrepancy::NONE,
             prior_odds: PriorOdds::of(&model.prior_odds),
             lacks_tolerance: Tolerance::of(&bare, model).is_none(),
-            stiffness_known_to: model.background_stiffness.unwrap_or(USUAL_TOLERANCE),
+            stiffness_known_to: stiffness_known_to(&bare, model),
             bare,
             sensors: sensors.to_vec(),
             measured: in_use,

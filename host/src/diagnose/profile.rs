@@ -97,7 +97,7 @@ pub struct ProfileGroup {
     pub factor: f64,
     /// Its standard deviation.
     pub std: f64,
-    /// The same before anything was measured: what study.toml trusts it to.
+    /// The same before anything was measured: what study.toml trusts it to, times how far parts scatter.
     pub prior_std: f64,
 }
 

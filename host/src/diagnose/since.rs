@@ -228,7 +228,8 @@ fn changed(
         differences.iter().filter_map(|one| moved_with(setting.measured, before, fitted, one, now)).collect();
     let model =
         Model { background_stiffness: None, background_mass: None, effects: Vec::new(), ..setting.model.clone() };
-    let mut problem = Problem::new(fitted.state.model.structure.clone(), &[], &model, setting.sensors, &moved)?;
+    let structure = fitted.state.model.structure.clone().with_trusted_groups();
+    let mut problem = Problem::new(structure, &[], &model, setting.sensors, &moved)?;
     problem.lacks_tolerance = false;
     // What a table has wrong it had wrong before.
     problem.stiffness_known_to = 0.0;

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
 use super::assembly::Assembly;
@@ -62,8 +62,10 @@ pub enum CustomError {
         reason: String,
     },
     /// The file cannot be opened.
-    #[error("{}: cannot be read ({source}); [[model.custom]] in study.toml names it", file.display())]
+    #[error("{}: cannot be read ({source}); [[model.{section}]] in study.toml names it", file.display())]
     Unreadable {
+        /// `custom` or `group`.
+        section: &'static str,
         /// The file.
         file: PathBuf,
         /// What the system said.
@@ -91,7 +93,7 @@ impl Custom {
             stiffness: matrix(&source.stiffness, "custom stiffness")?,
             mass: matrix(&source.mass, "custom mass")?,
             segments: match &source.segments {
-                Some(path) => read_segments(&folder.join(path))?,
+                Some(path) => read_segments(&folder.join(path), source.section())?,
                 None => Vec::new(),
             },
             range: [source.least.unwrap_or(usual[0]), source.greatest.unwrap_or(usual[1])],
@@ -105,49 +107,48 @@ impl Custom {
         Amount { custom: self.clone(), value }
     }
 
-    /// Why it is no group of a model beside those `before`; `None` where it is.
-    pub(super) fn fault<'a>(&self, body: &Body, mut before: impl Iterator<Item = &'a Self>) -> Option<String> {
-        let is_beam = matches!(body, Body::Beam(_));
-        if self.changes_segments() && !is_beam {
-            return Some(
-                "it changes segments, and a model given as matrices has none; give its own part of K or M".to_owned(),
-            );
+    /// Why it is no group of a model, given the changes of those `before`; else its own change, K and M each in units of the model's.
+    pub(super) fn change_of_group(&self, body: &Body, before: &[(&str, DVector<f64>)]) -> Result<DVector<f64>, String> {
+        if self.changes_segments() && !matches!(body, Body::Beam(_)) {
+            let why = "it changes segments, and a model given as matrices has none; give its own part of K or M";
+            return Err(why.to_owned());
         }
-        let expected = Structure::new(body.clone()).dofs();
+        let structure = Structure::new(body.clone());
+        let expected = structure.dofs();
         if let Some(matrix) = self.stiffness.iter().chain(&self.mass).find(|matrix| matrix.nrows() != expected) {
             let found = matrix.nrows();
-            return Some(format!("its matrices are {found} x {found}, those of the model {expected} x {expected}"));
+            return Err(format!("its matrices are {found} x {found}, those of the model {expected} x {expected}"));
         }
-        if self.likeness(self) == 0.0 && !self.changes_segments() {
-            return Some("it changes nothing: all entries of its matrices are zero".to_owned());
+        let here = structure.assemble();
+        let mut there = structure;
+        there.push(Arc::new(self.times(SMALL)));
+        let there = there.assemble();
+        let part = |here: &DMatrix<f64>, there: &DMatrix<f64>| (there - here) / here.norm();
+        let parts = [part(&here.stiffness, &there.stiffness), part(&here.mass, &there.mass)];
+        let change = DVector::from_iterator(2 * here.stiffness.len(), parts.iter().flatten().copied());
+        let size = change.norm();
+        if size.is_nan() || size < ROUNDING {
+            return Err("it changes nothing of the model".to_owned());
         }
-        let same = before.find(|other| {
-            let alike = self.likeness(other).powi(2) >= (1.0 - SAME) * self.likeness(self) * other.likeness(other);
-            if self.changes_segments() || other.changes_segments() {
-                self.segments == other.segments && alike
-            } else {
-                alike
-            }
-        })?;
-        Some(format!(
-            "it changes the same as group `{}`, up to a factor, so no measurement tells the two apart; make one group of them",
-            same.name
-        ))
+        let change = change / size;
+        match before.iter().find(|(_, other)| 1.0 - other.dot(&change).abs() < SAME) {
+            Some((other, _)) => Err(format!(
+                "it changes the same as group `{other}`, up to a factor, so no measurement tells the two apart; make one group of them"
+            )),
+            None => Ok(change),
+        }
     }
 
-    /// Sum of the products of entries.
-    fn likeness(&self, other: &Self) -> f64 {
-        let of = |one: &Option<Arc<DMatrix<f64>>>, other: &Option<Arc<DMatrix<f64>>>| match (one, other) {
-            (Some(one), Some(other)) => one.dot(other),
-            _ => 0.0,
-        };
-        // Stiffness and mass in their own units.
-        let stiffness = of(&self.stiffness, &other.stiffness);
-        if self.mass.is_none() && other.mass.is_none() { stiffness } else { stiffness + of(&self.mass, &other.mass) }
+    /// All that its files say, to tell whether they have changed.
+    pub fn bytes(&self) -> Vec<u8> {
+        let matrices = self.stiffness.iter().chain(&self.mass).flat_map(|matrix| matrix.iter());
+        let mut bytes: Vec<u8> = matrices.flat_map(|entry| entry.to_le_bytes()).collect();
+        bytes.extend_from_slice(format!("{:?}", self.segments).as_bytes());
+        bytes
     }
 
     /// Whether it changes segments, which only a beam table has.
-    pub(super) fn changes_segments(&self) -> bool {
+    pub fn changes_segments(&self) -> bool {
         !self.segments.is_empty()
     }
 
@@ -198,14 +199,22 @@ impl Contribution for Amount {
     }
 }
 
-/// Groups whose entries differ by less than this share of them are one.
-const SAME: f64 = 1e-9;
+/// A small relative change.
+const SMALL: f64 = 1e-3;
+/// A change by less than this share of the model is rounding.
+const ROUNDING: f64 = 1e-15;
+/// Groups whose changes have a cosine this near to one differ by less than a thousandth: no measurement tells them apart.
+const SAME: f64 = 1e-7;
 
 /// No hypothesis takes stiffness or mass away altogether.
 const LEAST_FACTOR: f64 = 1e-3;
 
-fn read_segments(path: &Path) -> Result<Vec<SegmentFactor>, CustomError> {
-    let file = std::fs::File::open(path).map_err(|source| CustomError::Unreadable { file: path.to_owned(), source })?;
+fn read_segments(path: &Path, section: &'static str) -> Result<Vec<SegmentFactor>, CustomError> {
+    let file = std::fs::File::open(path).map_err(|source| CustomError::Unreadable {
+        section,
+        file: path.to_owned(),
+        source,
+    })?;
     let failed = |line: u64, reason: String| CustomError::Table { file: path.to_owned(), line, reason };
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file);
     let header = reader.headers().map_err(|error| failed(1, error.to_string()))?.clone();

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use nalgebra::DVector;
 use thiserror::Error;
 
 use super::DOFS_A_NODE;
@@ -52,8 +53,10 @@ pub enum ModelError {
     #[error(transparent)]
     Matrices(#[from] MatrixError),
     /// A hypothesis of the user's own.
-    #[error("{}, line {line}, [[model.custom]]: {source}", file.display())]
+    #[error("{}, line {line}, [[model.{section}]]: {source}", file.display())]
     Custom {
+        /// `custom` or `group`.
+        section: &'static str,
         /// The study's file.
         file: PathBuf,
         /// 1-based line.
@@ -98,20 +101,18 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
     };
     let custom = |source: &CustomSource| {
         Custom::read(source, &study.folder).map_err(|error| ModelError::Custom {
+            section: source.section(),
             file: file.clone(),
             line: source.line,
             source: Box::new(error),
         })
     };
     let customs: Arc<[Custom]> = model.customs.iter().map(custom).collect::<Result<Vec<_>, _>>()?.into();
-    for (at, (group, source)) in
-        customs.iter().zip(&model.customs).enumerate().filter(|(_, (one, _))| one.group.is_some())
-    {
-        let before = customs[..at].iter().filter(|other| other.group.is_some());
-        if let Some(reason) = group.fault(&body, before) {
-            let (file, name) = (file.clone(), group.name.clone());
-            return Err(ModelError::Group { file, line: source.line, name, reason });
-        }
+    let mut changes: Vec<(&str, DVector<f64>)> = Vec::new();
+    for (group, source) in customs.iter().zip(&model.customs).filter(|(one, _)| one.group.is_some()) {
+        let failed =
+            |reason| ModelError::Group { file: file.clone(), line: source.line, name: group.name.clone(), reason };
+        changes.push((&group.name, group.change_of_group(&body, &changes).map_err(failed)?));
     }
     let sensors = study.sensors();
     let mut structure = Structure::new(body.clone()).with_customs(customs.clone());

@@ -82,6 +82,17 @@ impl Structure {
         self.push(Arc::new(distortion));
     }
 
+    /// The same with groups that do not scatter: they may still be effects.
+    #[must_use]
+    pub fn with_trusted_groups(self) -> Self {
+        let trusted = |custom: &Custom| {
+            let mut custom = custom.clone();
+            custom.group = custom.group.map(|group| GroupTerms { std: 0.0, ..group });
+            custom
+        };
+        Self { customs: self.customs.iter().map(trusted).collect(), ..self }
+    }
+
     /// Changes groups of the model, in the order of [`Structure::groups`], by these shares of themselves.
     pub fn change_groups(&mut self, changes: &[f64]) {
         let groups: Vec<Arc<dyn Contribution>> = self

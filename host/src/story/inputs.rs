@@ -9,6 +9,7 @@ use crc::{CRC_64_XZ, Crc};
 use serde::{Deserialize, Serialize};
 
 use super::case::Case;
+use crate::model::Custom;
 use crate::model::effect::Effect;
 use crate::record::matching_files;
 use crate::results::{COVALIDATION_FILE, Results, UPDATE_FILE};
@@ -58,7 +59,8 @@ impl Inputs {
         let trust = case.study.model.as_ref().map(|model| {
             let Model { background_stiffness, background_mass, correlation_length_m, prior_odds, .. } = model;
             let customs: Vec<_> = model.customs.iter().map(|one| CustomSource { line: 0, ..one.clone() }).collect();
-            (background_stiffness, background_mass, correlation_length_m, prior_odds, customs)
+            let contents: Vec<u8> = case.model.customs.iter().flat_map(Custom::bytes).collect();
+            (background_stiffness, background_mass, correlation_length_m, prior_odds, customs, checksum(&contents))
         });
         let sensors: Vec<_> = case
             .sensors

@@ -369,6 +369,31 @@ fn the_blank_template_explains_every_key_with_a_value_that_loads() {
 }
 
 #[test]
+fn groups_are_read_and_their_faults_named_by_line() {
+    let text = |group: &str| {
+        format!(
+            "[structure]\nname = \"x\"\n[measured]\nmodes = \"m.csv\"\n[model]\nbeam = \"b.csv\"\n[[model.custom]]\nname = \"cables\"\nstiffness = \"k.mtx\"\n[[model.group]]\n{group}"
+        )
+    };
+    let groups = |group: &str| load(&text(group)).map(|study| study.model.unwrap().customs);
+    let read = groups("name = \"soil\"\nstiffness = \"s.mtx\"\nstd = 0.3\nz_m = [0.0, 2.5]\n").unwrap();
+    assert_eq!((read[0].section(), read[1].section()), ("custom", "group"));
+    assert_eq!(read[1].group, Some(GroupTerms { std: 0.3, span_m: Some([0.0, 2.5]) }));
+    let at_one_height = groups("name = \"soil\"\nstiffness = \"s.mtx\"\nstd = 0.3\nz_m = 2.5\n").unwrap();
+    assert_eq!(at_one_height[1].group.unwrap().span_m, Some([2.5, 2.5]));
+    let refused = |group: &str| groups(group).unwrap_err().to_string();
+    for (group, expected) in [
+        ("name = \"soil\"\nstiffness = \"s.mtx\"\n", "`std`"),
+        ("name = \"soil\"\nstiffness = \"s.mtx\"\nstd = -0.1\n", "-0.1"),
+        ("name = \"soil\"\nstiffness = \"s.mtx\"\nstd = 0.1\nz_m = [3.0, 1.0]\n", "z_m"),
+        ("name = \"soil\"\nstd = 0.1\n", "what it changes"),
+        ("name = \"cables\"\nstiffness = \"s.mtx\"\nstd = 0.1\n", "cables"),
+    ] {
+        assert!(refused(group).contains(expected), "{}", refused(group));
+    }
+}
+
+#[test]
 fn the_canton_template_is_the_benchmarks_table_of_channels() {
     let mut table =
         csv::Reader::from_path(concat!(env!("CARGO_MANIFEST_DIR"), "/templates/canton/channels.csv")).unwrap();

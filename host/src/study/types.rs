@@ -418,6 +418,13 @@ pub struct CustomSource {
     pub group: Option<GroupTerms>,
 }
 
+impl CustomSource {
+    /// `custom` or `group`, as its section in study.toml is called.
+    pub fn section(&self) -> &'static str {
+        if self.group.is_some() { "group" } else { "custom" }
+    }
+}
+
 /// What a `[[model.group]]` has besides: a part of the model that is trusted to a standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroupTerms {
