@@ -64,8 +64,11 @@ fn a_model_with_its_effects_is_exported_and_read_back() {
         assert!(pair["frequency_error_percent"].as_f64().unwrap().abs() < 1e-6, "{pair}");
         assert!(pair["mac"].as_f64().unwrap() > 0.9999, "{pair}");
     }
-    assert!(refused(&["profile", &again], 1).contains("matrices, which have no segments"));
-    assert!(refused(&["export", &again, "--of", "model", "--fitted-background"], 1).contains("no segments"));
+    assert!(refused(&["profile", &again], 1).contains("matrices without a [[model.group]]"));
+    assert!(
+        refused(&["export", &again, "--of", "model", "--fitted-background"], 1)
+            .contains("matrices without a [[model.group]]")
+    );
 
     // The beam without the effect: the profile bends, and straightens with it.
     let beam = "[model]\nbeam = \"../canton/beam.csv\"\nbackground_stiffness = 0.03\nbackground_mass = 0.01";
