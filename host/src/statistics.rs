@@ -1,5 +1,7 @@
 //! Figures and orders of numbers that several folders need.
 
+use belfry_numerics::sets_apart;
+
 /// The median of the magnitudes of normal numbers, in standard deviations.
 pub(crate) const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
 
@@ -35,16 +37,11 @@ pub(crate) fn at_least(count: usize, of: usize, probability: f64) -> f64 {
 
 /// Which of `count` belong together, for each of them: chains of what is near.
 pub(crate) fn groups(count: usize, near: &dyn Fn(usize, usize) -> bool) -> Vec<Vec<usize>> {
-    let mut label: Vec<usize> = (0..count).collect();
-    for a in 0..count {
-        for b in 0..a {
-            if near(a, b) && label[a] != label[b] {
-                let (from, to) = (label[a], label[b]);
-                label.iter_mut().filter(|label| **label == from).for_each(|label| *label = to);
-            }
-        }
+    let mut groups = vec![Vec::new(); count];
+    for set in sets_apart(count, near) {
+        set.iter().for_each(|&member| groups[member].clone_from(&set));
     }
-    (0..count).map(|a| (0..count).filter(|&b| label[a] == label[b]).collect()).collect()
+    groups
 }
 
 #[cfg(test)]

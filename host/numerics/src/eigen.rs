@@ -9,6 +9,8 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side, Spec};
 use nalgebra::{Complex, DMatrix, DVector};
 
+use super::sets::sets_apart;
+
 /// A matrix as the solvers' library sees it; both store column after column.
 fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
     MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
@@ -130,19 +132,7 @@ impl CholeskyFactor {
 /// The rows of two symmetric matrices, of which the lower triangles are looked at, in sets between which both have nothing but
 /// zeros; each set ascending. A Cholesky factor has the sets of its matrix.
 fn uncoupled(one: MatRef<'_, f64>, other: MatRef<'_, f64>) -> Vec<Vec<usize>> {
-    let rows = one.nrows();
-    // The lowest row that each is known to hang together with.
-    let mut lowest: Vec<usize> = (0..rows).collect();
-    for column in 0..rows {
-        for row in column + 1..rows {
-            if (one[(row, column)] != 0.0 || other[(row, column)] != 0.0) && lowest[row] != lowest[column] {
-                let (kept, gone) = (lowest[row].min(lowest[column]), lowest[row].max(lowest[column]));
-                lowest.iter_mut().filter(|of_row| **of_row == gone).for_each(|of_row| *of_row = kept);
-            }
-        }
-    }
-    let members = |first: usize| (first..rows).filter(|&row| lowest[row] == first).collect();
-    (0..rows).filter(|&row| lowest[row] == row).map(members).collect()
+    sets_apart(one.nrows(), |row, column| one[(row, column)] != 0.0 || other[(row, column)] != 0.0)
 }
 
 /// Solves `other x = value (L Lᵀ) x` with all rows at once.

@@ -1,5 +1,5 @@
-//! The host's inner numerics: Fourier transforms and eigenproblems, dense ones and those with few entries, as plain functions on `f64` and
-//! `Complex<f64>`.
+//! The host's inner numerics: Fourier transforms and eigenproblems, dense ones, those with few entries and those of a few dashpots, as plain
+//! functions on `f64` and `Complex<f64>`.
 //!
 //! Generic libraries are compiled where their types become known. Here is that place, once, at full optimisation; the host and
 //! its tests, which change every day, only call.
@@ -8,6 +8,7 @@ mod dashpots;
 mod eigen;
 mod fourier;
 mod lowest;
+mod sets;
 
 pub use dashpots::dashpot_modes;
 pub use eigen::{
@@ -19,3 +20,4 @@ pub use fourier::{
     inverse_complex_transform, inverse_transform,
 };
 pub use lowest::{Envelope, EnvelopeFactor, lowest_modes};
+pub use sets::sets_apart;

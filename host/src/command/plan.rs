@@ -112,9 +112,10 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if study.setups.len() > 1 {
         console.warn("the sensors of all setups are taken to record together");
     }
-    let has_groups = |model: &Model| model.customs.iter().any(|one| one.group.is_some());
-    let is_trusted =
-        |model: &Model| model.background_stiffness.or(model.background_mass).is_none() && !has_groups(model);
+    let is_trusted = |model: &Model| {
+        model.background_stiffness.or(model.background_mass).is_none()
+            && model.customs.iter().all(|one| one.group.is_none())
+    };
     if study.model.as_ref().is_none_or(is_trusted) {
         console.warn("the model has no tolerance (background_stiffness and background_mass in [model], or [[model.group]]), so the plan takes it as exact");
     }

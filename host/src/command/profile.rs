@@ -128,7 +128,7 @@ fn table(profile: &Profile) -> Columns {
 /// Changes of groups in percent, the highest first where heights are known.
 fn groups(profile: &Profile) -> Columns {
     let mut table = Columns::new(["group", "height m", "change %", "study.toml"]).expendable(&[1]);
-    for group in profile.groups_from_the_top().into_iter().filter_map(|at| profile.groups.get(at)) {
+    for group in profile.groups_from_the_top().into_iter().map(|at| &profile.groups[at]) {
         let height = match group.span_m {
             Some([low, high]) if low == high => format!("{low:.1}"),
             Some([low, high]) => format!("{low:.1} - {high:.1}"),

@@ -138,7 +138,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     }
     let sensors = study.sensors();
     let effects = arguments.effects.iter().map(|effect| effect.in_study(&sensors)).collect::<Result<Vec<_>, _>>()?;
-    if let Some(effect) = effects.iter().find(|effect| matches!(effect.kind(), "custom" | "group")) {
+    if let Some(effect) = effects.iter().find(|effect| effect.of_kind().is_of_the_study()) {
         bail!(
             "{effect} is of the study's model, not of the simulated structure; change the beam table that --beam names instead"
         );

@@ -45,7 +45,7 @@ impl Tolerance {
             covariance: DMatrix::zeros(0, 0),
             quantities: Vec::new(),
         });
-        all.changes.extend(structure.group_changes());
+        all.changes.extend(structure.group_changes(&structure.assemble()));
         let first = all.covariance.nrows();
         all.covariance = all.covariance.resize(first + stds.len(), first + stds.len(), 0.0);
         for (at, std) in stds.iter().enumerate() {

@@ -60,10 +60,7 @@ impl Background {
             Body::Beam(beam) => beam.segments().len(),
             Body::Matrices(_) => 0,
         };
-        let mut groups: Vec<f64> = structure.groups().map(|(_, group)| group.std).collect();
-        if groups.iter().all(|std| *std == 0.0) {
-            groups.clear();
-        }
+        let groups: Vec<f64> = structure.groups().map(|(_, group)| group.std).collect();
         let Some(tolerance) = Tolerance::of_segments(structure, model) else {
             let (parts, scatter) = (Vec::new(), groups.len());
             return Self { parts, scatter, groups, size: 1.0, eccentricity_m: 0.0, families: 0 };
@@ -226,8 +223,9 @@ impl Background {
     }
 
     /// From derivatives by each segment's relative change of each quantity (anything x segments, in the order of
-    /// [`Background::quantities`]), by each group's relative change, by the spread of masses and by their eccentricity along X and Y, and by one standard deviation of
-    /// how far sections narrow, at the scatter `numbers`, to derivatives by the numbers, without those of families.
+    /// [`Background::quantities`]), by each group's relative change, by the spread of masses and by their eccentricity along X and Y, and
+    /// by one standard deviation of how far sections narrow, at the scatter `numbers`, to derivatives by the numbers, without those of
+    /// families.
     pub(super) fn chain(
         &self,
         by_quantities: &[DMatrix<f64>],

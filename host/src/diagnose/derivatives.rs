@@ -33,8 +33,12 @@ impl BySegments {
                 if group.changes_segments() { 1.0 + change } else { 1.0 }
             },
         );
-        let by_groups: Vec<DVector<f64>> =
-            structure.group_changes().iter().zip(larger).map(|(change, larger)| state.along(change) / larger).collect();
+        let by_groups: Vec<DVector<f64>> = structure
+            .group_changes(assembly)
+            .iter()
+            .zip(larger)
+            .map(|(change, larger)| state.along(change) / larger)
+            .collect();
         let groups =
             if by_groups.is_empty() { DMatrix::zeros(state.modes.len(), 0) } else { DMatrix::from_columns(&by_groups) };
         if !problem.background.has_segments() {

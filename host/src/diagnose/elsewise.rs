@@ -12,6 +12,7 @@ use super::posterior::{Hypothesis, posterior};
 use super::problem::Problem;
 use super::report::Verdict;
 use super::search::CLEAR;
+use crate::model::effect::find;
 
 /// What the tolerance is multiplied with.
 const TIMES: [f64; 2] = [0.5, 2.0];
@@ -60,7 +61,8 @@ impl Problem {
         // Groups and hypotheses of the user's own are told by name.
         let kind = |name: &str| {
             let kind = name.split('@').next().unwrap_or(name);
-            if matches!(kind, "group" | "custom") { name.to_owned() } else { kind.to_owned() }
+            let is_of_the_study = find(kind).is_ok_and(|kind| kind.is_of_the_study());
+            if is_of_the_study { name.to_owned() } else { kind.to_owned() }
         };
         let there = |times: f64| self.tally.piece(|| self.verdict_at(times, present, found));
         let differs = |other: &Elsewise| {

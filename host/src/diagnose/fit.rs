@@ -295,8 +295,7 @@ impl Problem {
         for (index, knob) in knobs.iter().enumerate() {
             // What the user has given is all that it is.
             let kind = state.effects[knob.effect].of_kind();
-            let is_given = matches!(kind.place(), PlaceKind::Name | PlaceKind::Group);
-            if kind.is_of_structure() && !is_given {
+            if kind.is_of_structure() && !kind.is_of_the_study() {
                 let units = (state.value(knob) - knob.neutral) / knob.scale;
                 covariance[(index, index)] += (IDEALISED * units).powi(2);
             }

@@ -16,7 +16,7 @@ use super::fit::USUAL_TOLERANCE;
 use super::prior::PriorOdds;
 use super::smooth::smooth_covariance;
 use super::state::State;
-use crate::compare::{ModelView, Pair, Tolerance, ViewError, complement, correlation_length_m, pair, shape_deviations};
+use crate::compare::{ModelView, Pair, ViewError, complement, correlation_length_m, pair, shape_deviations};
 use crate::model::effect::Effect;
 use crate::model::{Assembly, Body, Distortion, Structure};
 use crate::modes::{CLOSE, MeasuredMode};
@@ -170,6 +170,7 @@ impl Problem {
         let mut known: Vec<f64> = damping.iter().copied().flatten().collect();
         let families = families(&view, &assembly, &pairs, in_use.len());
         let racking = Arc::new(racking(&view, &assembly, &pairs, &in_use, sensors)?);
+        let background = Background::of(&bare, model);
         Ok(Self {
             reference: Arc::default(),
             ordinary_damping: median(&mut known).unwrap_or(1.0),
@@ -177,7 +178,8 @@ impl Problem {
             phases: phases.collect(),
             complex: complex.iter().map(|mode| mode.number).collect(),
             close,
-            background: Background::of(&bare, model).with_families(families.ncols()),
+            lacks_tolerance: background.is_none(),
+            background: background.with_families(families.ncols()),
             smooth: Arc::new(match bare.z_range_m() {
                 Some(heights_m) => smooth_covariance(sensors, correlation_length_m(heights_m, model)),
                 None => DMatrix::zeros(sensors.len(), sensors.len()),
@@ -187,7 +189,6 @@ impl Problem {
             middle_hz: median(&mut frequencies_hz).unwrap_or(1.0),
             discrepancy: Discrepancy::NONE,
             prior_odds: PriorOdds::of(&model.prior_odds),
-            lacks_tolerance: Tolerance::of(&bare, model).is_none(),
             stiffness_known_to: stiffness_known_to(&bare, model),
             bare,
             sensors: sensors.to_vec(),

@@ -4,8 +4,6 @@
 //! segment, beside the deviations before anything was measured. Effects are free there, so what an effect could do as well is not taken for
 //! knowledge of a segment.
 
-use std::cmp::Ordering;
-
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
@@ -175,9 +173,9 @@ impl ProfileSegment {
 impl Profile {
     /// Indices of groups, the highest first where heights are known, else in the order of study.toml.
     pub fn groups_from_the_top(&self) -> Vec<usize> {
-        let lowest = |at: usize| self.groups[at].span_m.map(|span_m| span_m[0]);
+        let lowest_m = |at: usize| self.groups[at].span_m.map_or(f64::NEG_INFINITY, |span_m| span_m[0]);
         let mut order: Vec<usize> = (0..self.groups.len()).collect();
-        order.sort_by(|&a, &b| lowest(b).partial_cmp(&lowest(a)).unwrap_or(Ordering::Equal));
+        order.sort_by(|&a, &b| lowest_m(b).total_cmp(&lowest_m(a)));
         order
     }
 
@@ -234,34 +232,32 @@ fn of_number(fit: &Fit, at: usize, one: f64, name: &str, unit: &str) -> Estimate
 
 /// Groups as they are fitted: within what they are trusted to, and by the effect that one may have besides.
 fn groups(problem: &Problem, fit: &Fit) -> Vec<ProfileGroup> {
-    let (background, first) = (&problem.background, problem.background.first_of_groups());
-    let changes = background.changes_of_groups(&fit.state.numbers);
-    let named = problem.bare.groups().zip(changes).zip(background.groups());
-    let group = |(at, ((given, change), std)): (usize, _)| {
-        let ((custom, terms), change, std): ((&Custom, GroupTerms), f64, &f64) = (given, change, std);
+    let background = &problem.background;
+    let (changes, stds) = (background.changes_of_groups(&fit.state.numbers), background.groups());
+    let first = fit.knobs.len() + background.first_of_groups();
+    let group = |(at, (custom, terms)): (usize, (&Custom, GroupTerms))| {
         let mut along = DVector::zeros(fit.covariance.nrows());
-        along[fit.knobs.len() + first + at] = *std;
-        let mut all = change;
-        for (index, effect) in fit.effects().iter().enumerate() {
-            let is_of_it = effect.of_kind().place() == PlaceKind::Group
-                && matches!(effect.place(), Some(Where::Name(name)) if *name == custom.name);
-            if is_of_it {
-                all += effect.parameters().next().map_or(0.0, |(_, value)| value);
-                if let Some(knob) = fit.knobs.iter().position(|knob| knob.effect == index) {
-                    along[knob] = fit.knobs[knob].scale;
-                }
+        along[first + at] = stds[at];
+        let is_of_it = |effect: &Effect| {
+            effect.of_kind().place() == PlaceKind::Group
+                && matches!(effect.place(), Some(Where::Name(name)) if *name == custom.name)
+        };
+        let mut change = changes[at];
+        if let Some(index) = fit.effects().iter().position(is_of_it) {
+            change += fit.effects()[index].parameters().next().map_or(0.0, |(_, value)| value);
+            if let Some(knob) = fit.knobs.iter().position(|knob| knob.effect == index) {
+                along[knob] = fit.knobs[knob].scale;
             }
         }
-        let std_of_all = along.dot(&(&fit.covariance * &along)).max(0.0).sqrt();
         ProfileGroup {
             name: custom.name.clone(),
             span_m: terms.span_m,
-            factor: 1.0 + all,
-            std: std_of_all,
-            prior_std: *std,
+            factor: 1.0 + change,
+            std: along.dot(&(&fit.covariance * &along)).max(0.0).sqrt(),
+            prior_std: stds[at],
         }
     };
-    named.enumerate().map(group).collect()
+    problem.bare.groups().enumerate().map(group).collect()
 }
 
 fn sections(problem: &Problem, fit: &Fit) -> Option<Sections> {

@@ -115,8 +115,7 @@ impl Custom {
         }
         let structure = Structure::new(body.clone());
         let expected = structure.dofs();
-        if let Some(matrix) = self.stiffness.iter().chain(&self.mass).find(|matrix| matrix.nrows() != expected) {
-            let found = matrix.nrows();
+        if let Some(found) = self.other_size(expected) {
             return Err(format!("its matrices are {found} x {found}, those of the model {expected} x {expected}"));
         }
         let here = structure.assemble();
@@ -137,6 +136,11 @@ impl Custom {
             )),
             None => Ok(change),
         }
+    }
+
+    /// The rows of a matrix that has not as many as `expected`.
+    pub(super) fn other_size(&self, expected: usize) -> Option<usize> {
+        self.stiffness.iter().chain(&self.mass).map(|matrix| matrix.nrows()).find(|rows| *rows != expected)
     }
 
     /// All that its files say, to tell whether they have changed.

@@ -82,7 +82,7 @@ impl Structure {
         self.push(Arc::new(distortion));
     }
 
-    /// The same with groups that do not scatter: they may still be effects.
+    /// The same with groups that are trusted: they may still be effects.
     #[must_use]
     pub fn with_trusted_groups(self) -> Self {
         let trusted = |custom: &Custom| {
@@ -104,22 +104,20 @@ impl Structure {
         self.contributions.extend(groups);
     }
 
-    /// Parts of the model that are trusted to a standard deviation of their own.
+    /// Parts of the model that are trusted to a standard deviation of their own, and no further.
     pub fn groups(&self) -> impl Iterator<Item = (&Custom, GroupTerms)> {
-        self.customs.iter().filter_map(|custom| Some((custom, custom.group?)))
+        self.customs.iter().filter_map(|custom| Some((custom, custom.group.filter(|group| group.std > 0.0)?)))
     }
 
-    /// What a relative change of each group does to K and M, group by group.
-    pub fn group_changes(&self) -> Vec<Change> {
-        let here = self.assemble();
-        let change = |at: usize| {
+    /// What a relative change of each group does to K and M, group by group; `here` is this structure, assembled.
+    pub fn group_changes(&self, here: &Assembly) -> Vec<Change> {
+        let change = |(group, _): (&Custom, GroupTerms)| {
             let mut there = self.clone();
-            let step: Vec<f64> = (0..=at).map(|other| if other == at { STEP } else { 0.0 }).collect();
-            there.change_groups(&step);
+            there.push(Arc::new(group.times(STEP)));
             let nothing = || Change::local(0, DMatrix::zeros(0, 0), true);
             here.change_to(&there.assemble(), STEP).unwrap_or_else(nothing)
         };
-        (0..self.groups().count()).map(change).collect()
+        self.groups().map(change).collect()
     }
 
     /// How many contributions are dampers.

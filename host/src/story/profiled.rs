@@ -39,14 +39,11 @@ impl Case {
 /// Checks that there are segments to fit, and that the study lets them.
 fn check_segments(case: &Case) -> Result<(), StoryError> {
     let file = || case.study.folder.join(STUDY_FILE);
-    let has_groups = case.model.customs.iter().any(|custom| custom.group.is_some());
-    if matches!(case.model.body, Body::Matrices(_)) && !has_groups {
-        return Err(StoryError::NoSegments { file: file() });
+    match (&case.tolerance, &case.model.body) {
+        (Some(_), _) => Ok(()),
+        (None, Body::Matrices(_)) => Err(StoryError::NoSegments { file: file() }),
+        (None, Body::Beam(_)) => Err(StoryError::NoTolerance { file: file() }),
     }
-    if case.tolerance.is_none() {
-        return Err(StoryError::NoTolerance { file: file() });
-    }
-    Ok(())
 }
 
 const HEADER: [&str; 9] =

@@ -103,6 +103,15 @@ fn a_pairing_that_cannot_be_is_refused_by_line() {
     }
 }
 
+/// Stiffness (N/m) and mass (kg) of each storey of a frame as its designers have it.
+fn storeys(data: &Path) -> Vec<[f64; 2]> {
+    let of_row = |row: &str| {
+        let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
+        [cells[1], cells[2]]
+    };
+    fs::read_to_string(data.join("model.csv")).unwrap().lines().skip(1).map(of_row).collect()
+}
+
 /// The four-storey frame as matrices with a group a storey, trusted to 20 %: the storeys' stiffnesses are near those that fit best by the
 /// authors' own method (`../shared/real`), though the objective is another.
 #[test]
@@ -111,15 +120,7 @@ fn storeys_of_a_frame_are_fitted_as_groups() {
     const PUBLISHED: [f64; 4] = [-0.260, -0.216, -0.128, 0.533];
     let folder = tempfile::tempdir().unwrap();
     let data = published("real").join("four-storey");
-    let model = fs::read_to_string(data.join("model.csv")).unwrap();
-    let storeys: Vec<[f64; 2]> = model
-        .lines()
-        .skip(1)
-        .map(|row| {
-            let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
-            [cells[1], cells[2]]
-        })
-        .collect();
+    let storeys = storeys(&data);
     let count = storeys.len();
     let head = |entries: usize| format!("%%MatrixMarket matrix coordinate real symmetric\n{count} {count} {entries}\n");
     let mut text = "[structure]\nname = \"frame\"\n[measured]\nmodes = \"modes.csv\"\n".to_owned();
@@ -163,17 +164,8 @@ fn storeys_of_a_frame_are_fitted_as_groups() {
 /// A frame as its designers have it: storeys that only shear, `height_m` high, across the direction of measurement far stiffer.
 fn frame(name: &str, height_m: f64, folder: &Path) -> String {
     let data = published("real").join(name);
-    let read = |file: &str| fs::read_to_string(data.join(file)).unwrap();
     let mut beam = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_1_n,shear_2_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2\n".to_owned();
-    let model = read("model.csv");
-    let storeys: Vec<[f64; 2]> = model
-        .lines()
-        .skip(1)
-        .map(|row| {
-            let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
-            [cells[1], cells[2]]
-        })
-        .collect();
+    let storeys = storeys(&data);
     for (index, [stiffness, mass]) in storeys.iter().enumerate() {
         let (bottom_m, top_m) = (index as f64 * height_m, (index + 1) as f64 * height_m);
         // Bending that adds less than a thousandth to what the shear of all storeys gives.
@@ -186,7 +178,7 @@ fn frame(name: &str, height_m: f64, folder: &Path) -> String {
         )
         .unwrap();
     }
-    let modes = read("modes.csv");
+    let modes = fs::read_to_string(data.join("modes.csv")).unwrap();
     let channels = modes.lines().next().unwrap().split(',').filter(|name| name.starts_with("storey"));
     let mut sensors = String::new();
     for channel in channels {

@@ -38,7 +38,7 @@ pub(super) fn drawn(seed: u64) -> anyhow::Result<Effect> {
 
 /// Whether the demo's simulated structure can have an effect.
 pub(super) fn check(effect: &Effect) -> anyhow::Result<()> {
-    if !can_show(effect.of_kind()) || matches!(effect.kind(), "custom" | "group") {
+    if !can_show(effect.of_kind()) || effect.of_kind().is_of_the_study() {
         bail!(
             "the demo cannot hide {}: choose an effect of the structure, of its sensors or their clocks, or a harmonic",
             effect.kind()

@@ -97,9 +97,9 @@ fn named(
 ) -> Result<Arc<dyn Contribution>, EffectError> {
     let Some(Where::Name(name)) = given.place() else { return Err(given.wrong_place(kind)) };
     let is_of_kind = |custom: &&Custom| custom.group.is_some() == (kind.place() == PlaceKind::Group);
-    let mut of_kind = structure.customs.iter().filter(is_of_kind);
-    let Some(custom) = of_kind.clone().find(|custom| custom.name == *name) else {
-        let known: Vec<&str> = of_kind.by_ref().map(|custom| custom.name.as_str()).collect();
+    let of_kind: Vec<&Custom> = structure.customs.iter().filter(is_of_kind).collect();
+    let Some(custom) = of_kind.iter().find(|custom| custom.name == *name) else {
+        let known: Vec<&str> = of_kind.iter().map(|custom| custom.name.as_str()).collect();
         let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
         return Err(EffectError::NoCustom { kind: kind.name(), name: name.clone(), known });
     };
@@ -113,15 +113,8 @@ fn named(
         given.check_beam(kind, structure)?;
     }
     let expected = structure.dofs();
-    for matrix in custom.stiffness.iter().chain(&custom.mass) {
-        if matrix.nrows() != expected {
-            return Err(EffectError::CustomSize {
-                kind: kind.name(),
-                name: name.clone(),
-                found: matrix.nrows(),
-                expected,
-            });
-        }
+    if let Some(found) = custom.other_size(expected) {
+        return Err(EffectError::CustomSize { kind: kind.name(), name: name.clone(), found, expected });
     }
     Ok(Arc::new(custom.times(value)))
 }

@@ -97,6 +97,11 @@ impl dyn EffectKind + '_ {
         self.about().name
     }
 
+    /// Whether the study itself says what it is, as a `[[model.custom]]` or `[[model.group]]`.
+    pub fn is_of_the_study(&self) -> bool {
+        matches!(self.place(), PlaceKind::Name | PlaceKind::Group)
+    }
+
     /// Whether it is of the structure rather than of how it was measured.
     pub fn is_of_structure(&self) -> bool {
         match self.place() {
