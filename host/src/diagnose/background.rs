@@ -120,9 +120,26 @@ impl Background {
         other
     }
 
+    /// The same with the numbers that scatter segments along these directions alone: numbers x directions, at right angles.
+    pub(super) fn along(&self, directions: &DMatrix<f64>) -> Self {
+        let (of_segments, seen) = (self.first_of_groups(), directions.ncols());
+        let turned = |part: &DMatrix<f64>| {
+            let mut turned = part.clone().remove_columns(seen, of_segments - seen);
+            turned.columns_mut(0, seen).copy_from(&(part.columns(0, of_segments) * directions));
+            turned
+        };
+        let parts = self.parts.iter().map(|(quantity, part)| (*quantity, turned(part))).collect();
+        Self { parts, scatter: seen + self.groups.len(), ..self.clone() }
+    }
+
     /// How many numbers scatter segments and groups: the first ones.
     pub(super) fn scatter(&self) -> usize {
         self.scatter
+    }
+
+    /// How large the scatter is, in units of what the study states.
+    pub(super) fn times(&self) -> f64 {
+        self.size
     }
 
     /// How many numbers there are.

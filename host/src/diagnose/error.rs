@@ -5,7 +5,7 @@
 use thiserror::Error;
 
 use crate::compare::ViewError;
-use crate::model::effect::EffectError;
+use crate::model::effect::{Effect, EffectError};
 
 /// Why there is no diagnosis.
 #[derive(Debug, Error)]
@@ -77,6 +77,18 @@ pub enum DiagnoseError {
         /// Why.
         reason: String,
     },
+}
+
+impl DiagnoseError {
+    /// That the structure with these effects is unstable.
+    pub(super) fn no_structure(effects: &[Effect], reason: String) -> Self {
+        Self::NoStructure { effects: in_words(effects), reason }
+    }
+}
+
+/// Effects by name, "and" between them.
+pub(super) fn in_words(effects: &[Effect]) -> String {
+    effects.iter().map(Effect::to_string).collect::<Vec<_>>().join(" and ")
 }
 
 /// Why a kind of effect is not found.

@@ -3,15 +3,17 @@
 //! A [`Fit`] flows in; its differences and how they follow what is fitted, before they are weighed, are kept, as they hang on no
 //! discrepancy. With one, the evidence near the fit (Laplace's approximation) or a [`Marginal`] flows out, without another fit.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::discrepancy::{Discrepancy, SCATTER, log_determinant};
+use super::error::DiagnoseError;
 use super::evaluation::ShapeErrors;
 use super::fit::{Fit, Marginal, weigh, weighted};
 use super::misfit::Loss;
 use super::problem::Problem;
+use crate::model::effect::Effect;
 
 /// A fit's differences, and how they follow what is fitted, before they are weighed.
 pub(super) struct Near<'a> {
@@ -39,7 +41,39 @@ struct Weighed {
 }
 
 /// Directions of the scatter that move what is measured by less than this many of its standard deviations are not seen.
-const UNSEEN: f64 = 0.03;
+const UNSEEN: f64 = 0.05;
+
+/// Directions at right angles, numbers x directions, along which numbers that scatter segments this many times as far as a study states
+/// move what is measured, whose weighted derivatives these are.
+fn seen(by_scatter: &DMatrix<f64>, scatter: f64) -> DMatrix<f64> {
+    let eigen = squares(by_scatter).symmetric_eigen();
+    let least = (UNSEEN * scatter / SCATTER[1]).powi(2);
+    let seen: Vec<usize> = (0..by_scatter.ncols()).filter(|&at| eigen.eigenvalues[at] > least).collect();
+    eigen.eigenvectors.select_columns(&seen)
+}
+
+impl Problem {
+    /// The same without directions of the segments' scatter that the measurement does not see, at the model with these effects. They tell
+    /// nothing of effects and cost as much as the others: each segment of a tower of 38 has a number for its stiffness and one for its mass,
+    /// and a dozen modes see a third of them.
+    ///
+    /// # Errors
+    /// Where the model with these effects cannot be solved.
+    pub(super) fn as_seen(&self, effects: &[Effect]) -> Result<Self, DiagnoseError> {
+        let of_segments = self.background.first_of_groups();
+        if of_segments == 0 {
+            return Ok(self.clone());
+        }
+        let state =
+            self.state_without_scatter(effects).map_err(|reason| DiagnoseError::no_structure(effects, reason))?;
+        let by_background = state.by_background(self);
+        let directions = seen(&by_background.columns(0, of_segments).into_owned(), self.background.times());
+        let mut other = self.clone();
+        other.background = self.background.along(&directions);
+        other.reference = Arc::default();
+        Ok(other)
+    }
+}
 
 impl<'a> Near<'a> {
     pub(super) fn of(problem: &Problem, fit: &'a Fit) -> Self {
@@ -85,10 +119,7 @@ impl<'a> Near<'a> {
         let factors = problem.factors_of(&state.residual, errors, &Discrepancy::NONE)?;
         let mut by_scatter = self.slopes.columns(self.fit.knobs.len(), self.scatter).into_owned();
         state.whiten_by(&factors, &mut by_scatter);
-        let eigen = squares(&by_scatter).symmetric_eigen();
-        let least = (UNSEEN * self.fit.discrepancy.scatter / SCATTER[1]).powi(2);
-        let seen: Vec<usize> = (0..self.scatter).filter(|&at| eigen.eigenvalues[at] > least).collect();
-        Some(eigen.eigenvectors.select_columns(&seen))
+        Some(seen(&by_scatter, self.fit.discrepancy.scatter))
     }
 
     fn weighed(&self, problem: &Problem, sizes: &Discrepancy) -> Option<Weighed> {

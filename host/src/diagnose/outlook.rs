@@ -139,10 +139,7 @@ impl Outlook {
         rivals: &[Rival],
     ) -> Result<Self, DiagnoseError> {
         let problem = setting.problem(effects)?;
-        let failed = |reason| DiagnoseError::NoStructure {
-            effects: effects.iter().map(Effect::to_string).collect::<Vec<_>>().join(" and "),
-            reason,
-        };
+        let failed = |reason| DiagnoseError::no_structure(effects, reason);
         let mut given = problem.as_given(effects).map_err(failed)?;
         let unity = |size: usize| Cholesky::new(DMatrix::identity(size, size));
         given.state.factors = given.state.residual.blocks().filter_map(|(_, block)| unity(block.size())).collect();

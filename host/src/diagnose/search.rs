@@ -161,7 +161,8 @@ impl Problem {
         let falls = is_accounted_for
             || found.is_called_for_by(present)
             || found.left.is_none_or(|left| left.is_relief(present.passes()));
-        found.helps = falls && !found.own().is_usual(found.index());
+        let (own, index) = (found.own(), found.index());
+        found.helps = falls && !own.is_usual(index) && !own.looks_like_the_table(index);
     }
 
     /// The discrepancy that the best of a few kinds leaves, at the places that promise most, and their fits.

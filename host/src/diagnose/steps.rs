@@ -15,6 +15,7 @@ use super::held_out::held_out;
 use super::joint::Joint;
 use super::problem::Problem;
 use super::profile::Profile;
+use super::search::Searched;
 use super::signals::{Signals, shown};
 use crate::compare::{ModelView, compare};
 use crate::model::effect::{Effect, EffectKind, Where};
@@ -95,6 +96,8 @@ pub struct Step {
     pub effects: Vec<FittedEffect>,
     /// Its errors.
     pub record: StepRecord,
+    /// Whether it explains the measurement as a diagnosis judges, which lets segments scatter further than the study states.
+    pub explains: bool,
 }
 
 /// What was learned of a model's segments.
@@ -115,6 +118,23 @@ impl Profiles {
 
 /// No record of a dozen modes can separate more effects than this.
 const MOST_EFFECTS: usize = 5;
+/// Effects of a set that are added without being asked for have at least this probability, each beside the others.
+const SURE: f64 = 0.95;
+
+/// A model's effects with those of the best set, where together they explain the measurement and each is sure beside the others.
+fn sure_set(
+    problem: &Problem,
+    present: &Fit,
+    settled: &Settled,
+    found: &[Found],
+    options: &Options,
+) -> Option<Vec<Effect>> {
+    let (problem, present) = here(settled, problem, present);
+    let set = problem.best_set(present, found, options)?;
+    let is_sure = set.members.iter().all(|member| member.probability(&set.problem) > SURE);
+    let fits = set.fit.passes() && set.fit.effects().len() <= MOST_EFFECTS;
+    (is_sure && fits).then(|| set.fit.effects().to_vec())
+}
 
 impl Setting<'_> {
     /// The problem of the model with these effects.
@@ -126,12 +146,17 @@ impl Setting<'_> {
         Ok(problem.told_to(self.tally))
     }
 
+    /// The same without what the measurement does not see of how segments scatter, which moves no fit.
+    fn problem_as_seen(&self, effects: &[Effect]) -> Result<Problem, DiagnoseError> {
+        self.problem(effects)?.as_seen(effects)
+    }
+
     /// The model with effects refitted together.
     ///
     /// # Errors
     /// [`DiagnoseError`] where the data do not determine the effects.
     pub fn refit(&self, action: &str, effects: &[Effect]) -> Result<Step, DiagnoseError> {
-        let problem = self.problem(effects)?;
+        let problem = self.problem_as_seen(effects)?;
         let (problem, fit) = problem.fit_settled(effects)?;
         self.step(action, &problem, &fit)
     }
@@ -141,7 +166,7 @@ impl Setting<'_> {
     /// # Errors
     /// As [`Setting::refit`].
     pub fn refit_beside(&self, action: &str, effects: &[Effect], before: &[Effect]) -> Result<Step, DiagnoseError> {
-        let given = self.problem(effects)?;
+        let given = self.problem_as_seen(effects)?;
         let (problem, fit) = given.fit_settled(effects)?;
         let mut step = self.step(action, &problem, &fit)?;
         // Both on the modes of one of them: otherwise they explain different numbers.
@@ -160,7 +185,7 @@ impl Setting<'_> {
         kind: &'static dyn EffectKind,
         place: Option<&Where>,
     ) -> Result<Step, DiagnoseError> {
-        let problem = self.problem(effects)?;
+        let problem = self.problem_as_seen(effects)?;
         let present = problem.fit_present(effects)?;
         let (mut found, settled) = problem.find(&present, kind, place)?;
         let with: Vec<Effect> = found.fit.effects().to_vec();
@@ -198,9 +223,12 @@ impl Setting<'_> {
     ///
     /// # Errors
     /// As [`Setting::refit`].
-    pub fn fitted(&self, effects: &[Effect]) -> Result<Assembly, DiagnoseError> {
-        let (_, fit) = self.problem(effects)?.fit_settled(effects)?;
-        Ok(fit.state.model.assembly.clone())
+    pub fn fitted(&self, whole: &Structure, effects: &[Effect]) -> Result<Assembly, DiagnoseError> {
+        let (problem, fit) = self.problem_as_seen(effects)?.fit_settled(effects)?;
+        // The fit may be one of a reduced model.
+        let mut fitted = whole.clone();
+        problem.background.apply(&fit.state.numbers, &mut fitted);
+        Ok(fitted.and(fit.effects())?.assemble())
     }
 
     /// Profiles with one effect more, at a place (the best one where none is given).
@@ -234,13 +262,26 @@ impl Setting<'_> {
         let mut effects = effects.to_vec();
         let mut visited: Vec<Vec<String>> = vec![names(&effects)];
         while effects.len() < MOST_EFFECTS {
-            let problem = self.problem(&effects)?;
+            let problem = self.problem_as_seen(&effects)?;
             let present = problem.fit_present(&effects)?;
-            let searched = problem.search(&present, options);
-            let Some(best) = problem.leading(&searched.found) else { break };
+            let Searched { settled, found, .. } = problem.search(&present, options);
+            let best = problem.leading(&found);
+            // One after the other need not find effects that hide each other.
+            let is_explained = present.passes() || best.is_some_and(|best| best.own().passes());
+            let set = if is_explained { None } else { sure_set(&problem, &present, &settled, &found, options) };
             let before = effects;
-            let mut action = format!("add {}", best.effect());
-            effects = best.fit.effects().to_vec();
+            let mut action;
+            (effects, action) = match (&set, best) {
+                (Some(set), _) => {
+                    let added: Vec<String> = set[before.len()..].iter().map(Effect::to_string).collect();
+                    (set.clone(), format!("add {}", added.join(", ")))
+                }
+                (None, Some(best)) => (best.fit.effects().to_vec(), format!("add {}", best.effect())),
+                (None, None) => {
+                    effects = before;
+                    break;
+                }
+            };
             (effects, action) = self.improved(effects, action, options)?;
             let step = self.refit_beside(&action, &effects, &before)?;
             effects = step.effects.iter().map(|fitted| fitted.effect.clone()).collect();
@@ -270,7 +311,7 @@ impl Setting<'_> {
         if effects.len() < 2 {
             return Ok((effects, action));
         }
-        let problem = self.problem(&effects)?;
+        let problem = self.problem_as_seen(&effects)?;
         // The data call for the effect added last; each of those before it must still earn its place beside it.
         for index in (0..effects.len() - 1).rev() {
             let (_, with) = problem.fit_settled(&effects)?;
@@ -332,7 +373,8 @@ impl Setting<'_> {
             effect: effect.clone(),
             parameters: fit.estimates(index),
         };
-        Ok(Step { action: action.to_owned(), effects: effects.iter().enumerate().map(fitted).collect(), record })
+        let effects = effects.iter().enumerate().map(fitted).collect();
+        Ok(Step { action: action.to_owned(), effects, record, explains: fit.passes() })
     }
 }
 

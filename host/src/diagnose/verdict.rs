@@ -9,7 +9,7 @@ use super::candidates::Options;
 use super::criteria::{FAILS, STANDS_OUT};
 use super::discrepancy::here;
 use super::elsewise::Elsewise;
-use super::error::DiagnoseError;
+use super::error::{DiagnoseError, in_words};
 use super::fit::{Estimate, Fit};
 use super::found::Found;
 use super::goodness::fit_as_given;
@@ -43,6 +43,7 @@ pub fn diagnose(
     signals: &Signals,
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
+    let problem = &problem.as_seen(effects)?;
     let present = problem.fit_present(effects)?;
     let (as_given, Searched { settled, own, found, rejected }) =
         rayon::join(|| fit_as_given(problem, effects), || problem.search(&present, options));
@@ -260,6 +261,12 @@ impl<'a> Weighed<'a> {
                 found.effect()
             ));
         }
+        if found.own().looks_like_the_table(found.index()) {
+            return Some(format!(
+                "{} stands out, but is not counted: it is no larger than what the model's own tolerance looks like",
+                found.effect()
+            ));
+        }
         let left = found.left?;
         let how = match (left.misfit < 1.0, left.frequency < 1.0) {
             (false, _) => "the model's errors rise with it",
@@ -302,12 +309,10 @@ impl Problem {
     /// # Errors
     /// [`DiagnoseError`] where the data do not determine them.
     pub(super) fn fit_present(&self, effects: &[Effect]) -> Result<Fit, DiagnoseError> {
-        let names = || effects.iter().map(Effect::to_string).collect::<Vec<_>>().join(" and ");
-        let present =
-            self.present(effects).map_err(|reason| DiagnoseError::NoStructure { effects: names(), reason })?;
+        let present = self.present(effects).map_err(|reason| DiagnoseError::no_structure(effects, reason))?;
         let (numbers, parameters) = (present.state.modes.len(), present.knobs.len());
         if parameters >= numbers {
-            return Err(DiagnoseError::TooFewModes { numbers, parameters, effects: names() });
+            return Err(DiagnoseError::TooFewModes { numbers, parameters, effects: in_words(effects) });
         }
         self.check_apart(&present)?;
         Ok(present)

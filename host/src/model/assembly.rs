@@ -1,5 +1,7 @@
 //! Mass and stiffness matrices with what places them in space.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVectorView};
 
 use super::DOFS_A_NODE;
@@ -22,6 +24,8 @@ pub struct Assembly {
     pub mass: DMatrix<f64>,
     /// C of the dashpots, DOFs x DOFs, symmetric (N s/m); `None` where there are none.
     pub damping: Option<DMatrix<f64>>,
+    /// How the rows that nodes and sensors name move with the DOFs, where these are a reduced model's; `None` where they are the DOFs.
+    pub(super) coordinates: Option<Arc<DMatrix<f64>>>,
     /// Where the DOFs stand.
     pub(super) geometry: Geometry,
     /// How far sections distort in their own plane.
@@ -51,6 +55,7 @@ impl Assembly {
             stiffness,
             mass,
             damping: None,
+            coordinates: None,
             geometry,
             distortion: Distortion::default(),
             sensing: Sensing::default(),
@@ -58,11 +63,13 @@ impl Assembly {
     }
 
     /// Imported matrices as they are.
-    pub(super) fn of_matrices(ImportedMatrices { stiffness, mass, nodes }: &ImportedMatrices) -> Self {
+    pub(super) fn of_matrices(matrices: &ImportedMatrices) -> Self {
+        let ImportedMatrices { stiffness, mass, nodes, coordinates } = matrices;
         Self {
             stiffness: stiffness.clone(),
             mass: mass.clone(),
             damping: None,
+            coordinates: coordinates.clone(),
             geometry: Geometry::of_nodes(nodes, stiffness),
             distortion: Distortion::default(),
             sensing: Sensing::default(),
@@ -78,6 +85,11 @@ impl Assembly {
     /// Number of degrees of freedom.
     pub fn dofs(&self) -> usize {
         self.stiffness.nrows()
+    }
+
+    /// Number of rows that nodes and sensors name: as many as degrees of freedom, but in a reduced model.
+    pub(super) fn rows(&self) -> usize {
+        self.coordinates.as_ref().map_or_else(|| self.dofs(), |coordinates| coordinates.nrows())
     }
 
     /// One more degree of freedom, without mass and stiffness, that does not belong to the line; its row.

@@ -9,8 +9,9 @@ use thiserror::Error;
 
 use super::assembly::Assembly;
 use super::beam::Segment;
-use super::contribution::Contribution;
+use super::contribution::{Contribution, Factors};
 use super::matrices::{MatrixError, read_sum};
+use super::sensitivity::Change;
 use super::structure::{Body, Structure};
 use crate::study::{CustomSource, GroupTerms, MatrixTerm};
 
@@ -31,6 +32,14 @@ pub struct Custom {
     pub typical: f64,
     /// How far a group is trusted, and where it stands; `None` for a hypothesis.
     pub group: Option<GroupTerms>,
+}
+
+/// A change of K or M.
+pub(super) struct CustomMatrix<'a> {
+    /// DOFs x DOFs.
+    pub(super) entries: &'a DMatrix<f64>,
+    /// Whether it is one of M.
+    pub(super) is_mass: bool,
 }
 
 /// Relative changes between two heights.
@@ -102,6 +111,18 @@ impl Custom {
         })
     }
 
+    /// What it does to K and M by value, of a structure that is multiplied with factors, where that is the same however the structure is;
+    /// `None` where it changes segments.
+    pub(super) fn constant_change(&self, factors: &Factors) -> Option<Change> {
+        let dofs = self.stiffness.iter().chain(&self.mass).map(|matrix| matrix.nrows()).next()?;
+        let part = |matrix: &Option<Arc<DMatrix<f64>>>, factor: f64| match matrix {
+            Some(matrix) => matrix.as_ref() * factor,
+            None => DMatrix::zeros(dofs, dofs),
+        };
+        let change = || Change::of(&part(&self.stiffness, factors.stiffness), &part(&self.mass, factors.mass), None);
+        (!self.changes_segments()).then(change)
+    }
+
     /// So much of it.
     pub(super) fn times(&self, value: f64) -> Amount {
         Amount { custom: self.clone(), value }
@@ -141,6 +162,18 @@ impl Custom {
     /// The rows of a matrix that has not as many as `expected`.
     pub(super) fn other_size(&self, expected: usize) -> Option<usize> {
         self.stiffness.iter().chain(&self.mass).map(|matrix| matrix.nrows()).find(|rows| *rows != expected)
+    }
+
+    /// What a value of 1 adds to K and to M.
+    pub(super) fn matrices(&self) -> impl Iterator<Item = CustomMatrix<'_>> {
+        let matrices = [(&self.stiffness, false), (&self.mass, true)];
+        matrices.into_iter().filter_map(|(matrix, is_mass)| Some(CustomMatrix { entries: matrix.as_deref()?, is_mass }))
+    }
+
+    /// The same with other matrices in the place of its own.
+    pub(super) fn within(&self, reduced: &impl Fn(&DMatrix<f64>) -> DMatrix<f64>) -> Self {
+        let of = |matrix: &Option<Arc<DMatrix<f64>>>| matrix.as_deref().map(|matrix| Arc::new(reduced(matrix)));
+        Self { stiffness: of(&self.stiffness), mass: of(&self.mass), ..self.clone() }
     }
 
     /// All that its files say, to tell whether they have changed.
@@ -195,7 +228,7 @@ impl Contribution for Amount {
     fn add_matrices(&self, assembly: &mut Assembly) {
         let add = |matrix: &mut DMatrix<f64>, change: &Option<Arc<DMatrix<f64>>>| {
             if let Some(change) = change {
-                *matrix += change.as_ref() * self.value;
+                matrix.zip_apply(change.as_ref(), |entry, change| *entry += self.value * change);
             }
         };
         add(&mut assembly.stiffness, &self.custom.stiffness);

@@ -3,6 +3,7 @@
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use nalgebra::DMatrix;
 use nalgebra_sparse::io::load_coo_from_matrix_market_str;
@@ -24,6 +25,9 @@ pub struct ImportedMatrices {
     pub mass: DMatrix<f64>,
     /// The nodes, lowest first; empty where nothing is known of them, and sensors name rows.
     pub nodes: Vec<LayoutNode>,
+    /// Where K and M are those of a reduced model: how the rows of the whole one, which nodes and sensors name, move with its coordinates,
+    /// DOFs x coordinates.
+    pub(super) coordinates: Option<Arc<DMatrix<f64>>>,
 }
 
 /// Why matrices were refused.
@@ -155,7 +159,7 @@ impl ImportedMatrices {
             Some(LayoutFile::Dofs(path)) => read_dofs(&folder.join(path), stiffness.nrows())?,
             None => Vec::new(),
         };
-        Ok(Self { stiffness, mass, nodes })
+        Ok(Self { stiffness, mass, nodes, coordinates: None })
     }
 
     /// Whether the nodes stand above each other, so that heights mean something.

@@ -28,6 +28,9 @@ mod layout;
 mod load;
 mod mass_spread;
 mod matrices;
+mod reduction;
+#[cfg(test)]
+mod reduction_tests;
 mod response;
 mod sensing;
 mod sensitivity;

@@ -136,6 +136,12 @@ impl Assembly {
     pub fn sensor_rows(&self, sensors: &[Sensor]) -> Result<DMatrix<f64>, SensorError> {
         let row = |sensor: &Sensor| {
             let mut row = self.sensor_row(sensor)?;
+            if let Some(coordinates) = &self.coordinates {
+                // A sensor names few rows of the whole model.
+                let named = row.iter().enumerate().filter(|(_, share)| **share != 0.0);
+                let nothing = RowDVector::zeros(self.dofs());
+                row = named.fold(nothing, |sum, (at, share)| sum + coordinates.row(at) * *share);
+            }
             if !self.distortion.is_none() {
                 self.add_distorted(&mut row, sensor, self.distortion);
             }
@@ -241,9 +247,9 @@ impl Assembly {
     fn sensor_row(&self, sensor: &Sensor) -> Result<RowDVector<f64>, SensorError> {
         let channel = || sensor.channel.clone();
         if let Some(dof) = sensor.dof {
-            let mut row = RowDVector::zeros(self.dofs());
+            let mut row = RowDVector::zeros(self.rows());
             let slot = dof.checked_sub(1).and_then(|index| row.get_mut(index));
-            *slot.ok_or_else(|| SensorError::NoSuchDof { channel: channel(), dof, dofs: self.dofs() })? = 1.0;
+            *slot.ok_or_else(|| SensorError::NoSuchDof { channel: channel(), dof, dofs: self.rows() })? = 1.0;
             return Ok(row);
         }
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
@@ -262,7 +268,7 @@ impl Assembly {
                 Err(SensorError::NoMotion { channel: channel(), axis, dof })
             })
         };
-        let mut row = RowDVector::zeros(self.dofs());
+        let mut row = RowDVector::zeros(self.rows());
         match &self.geometry {
             Geometry::Line(line) => {
                 check_inside(line, sensor, elevation_m)?;

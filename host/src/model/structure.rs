@@ -111,7 +111,11 @@ impl Structure {
 
     /// What a relative change of each group does to K and M, group by group; `here` is this structure, assembled.
     pub fn group_changes(&self, here: &Assembly) -> Vec<Change> {
+        let factors = self.factors();
         let change = |(group, _): (&Custom, GroupTerms)| {
+            if let Some(change) = group.constant_change(&factors) {
+                return change;
+            }
             let mut there = self.clone();
             there.push(Arc::new(group.times(STEP)));
             let nothing = || Change::local(0, DMatrix::zeros(0, 0), true);

@@ -173,12 +173,12 @@ fn the_real_diagnosis_succeeds_as_often_as_predicted() {
 #[test]
 fn an_ambiguous_verdict_gets_the_best_line_of_a_plan() {
     let shaft = shaft(&[60.0, 100.0]);
-    let effect: Effect = "stiffness-loss@45m=0.12".parse().unwrap();
+    let effect: Effect = "stiffness-loss@45m=0.15".parse().unwrap();
     let subject = Subject { site: shaft.site(), truth: &effect, conditions: &CONDITIONS, seed: 5 };
     let sight = Sight::new(subject, shaft.sensors.clone()).unwrap();
     let (outlook, _) = sight.outlook(1.0, &[]).unwrap();
     let mut said = Vec::new();
-    for index in 0..12 {
+    for index in 0..24 {
         let measured = sight.measured(&outlook, 1.0, index).unwrap();
         let problem = Problem::new(shaft.bare.clone(), &[], &shaft.model, &shaft.sensors, &measured).unwrap();
         let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();

@@ -12,7 +12,7 @@ use crate::diagnose::steps::Setting;
 use crate::diagnose::{Diagnosis, Options, Signals, diagnose, fit_as_given};
 use crate::model::effect::Effect;
 use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load};
-use crate::modes::{MeasuredError, MeasuredModes, read};
+use crate::modes::{MeasuredError, MeasuredMode, MeasuredModes, read};
 use crate::plan::{Site, advice, advice_beside};
 use crate::progress::{Tally, UNHEARD};
 use crate::results::{MODES_FILE, Results};
@@ -32,7 +32,7 @@ pub struct Case {
     pub sensors: Vec<Sensor>,
     /// The measured modes.
     pub measured: MeasuredModes,
-    /// The structure as first given.
+    /// The structure as first given, in few coordinates where it has many degrees of freedom.
     bare: Structure,
     /// The model with the study's effects.
     pub assembly: Assembly,
@@ -84,7 +84,7 @@ impl Case {
         };
         warnings.extend(model_warnings(&study, &model, &assembly, &sensors));
         let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
-        let bare = model.bare();
+        let bare = reduced(&model, &view, &measured.modes)?;
         Ok(Self { study, model, sensors, measured, bare, assembly, view, tolerance, warnings })
     }
 
@@ -246,6 +246,17 @@ impl Case {
     pub fn effect_names(&self) -> Vec<String> {
         self.model.effects.iter().map(ToString::to_string).collect()
     }
+}
+
+/// The model without its effects, in few coordinates where it has many degrees of freedom; `view` is of the model with them.
+fn reduced(model: &LoadedModel, view: &ModelView, measured: &[MeasuredMode]) -> Result<Structure, StoryError> {
+    let bare = model.bare();
+    let highest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
+    if model.effects.is_empty() || !bare.is_reducible() {
+        return Ok(bare.reduced(&view.basis, highest_hz));
+    }
+    let basis = bare.assemble().modal_basis().map_err(ViewError::Eigen)?;
+    Ok(bare.reduced(&basis, highest_hz))
 }
 
 /// What the reader should know of a model that was read.

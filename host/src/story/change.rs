@@ -7,7 +7,7 @@ use super::case::Case;
 use super::error::StoryError;
 use crate::compare::Comparison;
 use crate::diagnose::steps::{FittedEffect, Step, StepRecord};
-use crate::diagnose::{Estimate, FAILS, Options, shown_effects};
+use crate::diagnose::{Estimate, Options, shown_effects};
 use crate::model::effect::{self, Effect, EffectError, EffectKind, Evidence, PlaceKind, Where};
 use crate::modes::are_known;
 use crate::progress::Tally;
@@ -143,19 +143,19 @@ pub fn add_until_nothing_gains(
     let mut note = |step: &Step| {
         on_step(step);
         records.push(step.record.clone());
-        last = Some((entries(&step.effects), step.record.p_value));
+        last = Some((entries(&step.effects), step.record.p_value, step.explains));
     };
     let setting = case.setting(tally)?;
     setting.auto(&case.model.effects, &case.signals()?, &options, &mut note)?;
     let results = Results::of(&case.study);
-    let Some((entries, p_value)) = last else {
+    let Some((entries, p_value, explains)) = last else {
         results.append_history(&records, &data_mark(case)?)?;
         return Ok(AutoEnd::NothingGained);
     };
     if !are_known(&case.measured.modes) {
         return Ok(AutoEnd::FrequenciesAlone);
     }
-    if p_value < FAILS {
+    if !explains {
         // Effects that together explain too little are made up as likely as not.
         return Ok(AutoEnd::Unexplained { p_value });
     }

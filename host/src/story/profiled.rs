@@ -32,7 +32,7 @@ impl Case {
     /// When the model has no segments, the study trusts them, or the effects cannot be fitted.
     pub fn fitted(&self) -> Result<Assembly, StoryError> {
         check_segments(self)?;
-        Ok(self.setting(&UNHEARD)?.fitted(&self.model.effects)?)
+        Ok(self.setting(&UNHEARD)?.fitted(&self.model.bare(), &self.model.effects)?)
     }
 }
 
