@@ -1,4 +1,4 @@
-// Stiffness and mass over the height, as fitted, against the table: bands of one standard deviation beside the tolerance.
+// Stiffness and mass over the height, and of groups, as fitted, against the model: bands of one standard deviation beside the tolerance.
 
 import { make } from "@/canvas.js"
 import { extent, freeing, items, legend, plot } from "@/curves.js"
@@ -15,11 +15,45 @@ const quantitiesOf = profile => items(profile?.quantities).map(({ quantity, segm
     segments: items(segments).filter(one => one.given != null && [one.factor, one.z_bottom_m, one.z_top_m].every(known)),
 })).filter(one => one.segments.length)
 
+const groupsOf = profile => items(profile?.groups).filter(one => [one.factor, one.std, one.prior_std].every(known))
+const inPercent = { room: 32, values: splits => splits.map(value => signed(value, splits[1] - splits[0] < 1 ? 1 : 0)) }
+
+/** A row a group: the highest on top where heights are known, else as in study.toml. */
+function drawGroups(grid, groups, kinds, stated) {
+    const lowest = one => one.span_m?.[0] ?? -Infinity
+    const rows = groups.toReversed().sort((a, b) => lowest(a) - lowest(b) || 0)
+    const of = (profile, name) => groupsOf(profile).find(one => one.name === name)
+    const furthest = one => Math.max(Math.abs(change(one.factor)) + 100 * one.std, stated(one))
+    const reach = 1.05 * Math.max(1, ...kinds.flatMap(([, profile]) => groupsOf(profile).map(furthest)))
+    const cell = make("div.cell", make("p.caption", "groups"))
+    grid.append(cell)
+    return plot(cell, {
+        name: `change of each group: ${rows.toReversed().slice(0, 40).map(one => `${one.name} ${signed(change(one.factor), 1)} %`).join(", ")}`, small: true, still: true, height: 70 + 26 * rows.length,
+        x: { label: "% of the group", range: [-reach, reach], ...inPercent },
+        y: { label: null, range: [0, rows.length], splits: () => rows.map((_, i) => i + 0.5), values: () => rows.map(one => one.name) },
+        behind(pen) {
+            const box = (i, low, high) => pen.area([[low, i + 0.15], [high, i + 0.15], [high, i + 0.85], [low, i + 0.85]])
+            pen.style("rejected", { alpha: 0.22 })
+            rows.forEach((one, i) => box(i, -stated(one), stated(one)))
+            pen.style("ink", { width: 1 })
+            pen.line([[0, 0], [0, rows.length]])
+            for (const [kind, profile] of kinds) rows.forEach(({ name }, i) => {
+                const one = of(profile, name)
+                if (!one) return
+                pen.style(kind, { alpha: 0.22 })
+                box(i, change(one.factor - one.std), change(one.factor + one.std))
+                pen.style(kind, { width: 2, dash: kind === "given" && kinds.length > 1 ? [6, 3] : [] })
+                pen.line([[change(one.factor), i + 0.15], [change(one.factor), i + 0.85]])
+            })
+        },
+    })
+}
+
 export default {
     id: "profile",
-    title: "Stiffness and mass over the height",
+    title: "Stiffness and mass, as fitted",
     from: "profile",
-    has: data => quantitiesOf(lastOf(data)).length > 0,
+    has: data => quantitiesOf(lastOf(data)).length + groupsOf(lastOf(data)).length > 0,
     draw(host, data) {
         const { as_given, with_effects } = data.profile, last = lastOf(data)
         const kinds = [["given", as_given, with_effects ? "without effects" : "as given"], ["effects", with_effects, "with effects"]].filter(([, profile]) => profile)
@@ -40,12 +74,13 @@ export default {
             { label: "bands: ± 1 standard deviation", kind: "none" },
             beyond.length && { label: `beyond the scale: ${[...new Set(beyond.map(one => `${metres(one.z_bottom_m)} to ${metres(one.z_top_m)}`))].join(", ")}`, kind: "none" },
         ]), grid)
+        const groups = groupsOf(last), drawn = groups.length ? [drawGroups(grid, groups, kinds, stated)] : []
         return freeing(quantitiesOf(last).map(({ quantity, name, segments: own }, i) => {
             const cell = make("div.cell", make("p.caption", name))
             grid.append(cell)
             return plot(cell, {
                 name: `${name}, change of each segment: ${own.slice(0, 40).map(one => `${metres(one.z_bottom_m)} ${signed(change(one.factor), 1)} %`).join(", ")}`, small: true, still: true, height: 330,
-                x: { label: "% of the table", range: [-reach, reach], room: 32, values: splits => splits.map(value => signed(value, splits[1] - splits[0] < 1 ? 1 : 0)) },
+                x: { label: "% of the table", range: [-reach, reach], ...inPercent },
                 y: { label: i ? null : "height in m", range: heights },
                 behind(pen) {
                     const band = (list, low, high) => pen.area([...edge(list, high), ...edge(list, low).reverse()])
@@ -63,6 +98,6 @@ export default {
                     }
                 },
             })
-        }))
+        }).concat(drawn))
     },
 }

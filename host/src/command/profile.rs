@@ -1,4 +1,4 @@
-//! `belfry profile`: what the measurement says of the stiffness and mass of the model's segments.
+//! `belfry profile`: what the measurement says of the stiffness and mass of the model's segments and groups.
 
 use std::path::PathBuf;
 
@@ -16,9 +16,9 @@ const EXAMPLES: &str = "Examples:
   belfry profile canton --with added-mass@442.5m       if the model had this effect
   belfry profile canton --json
 
-The segments of a beam table are fitted together with the effects in the model, within the tolerance that the study states (background_stiffness and background_mass in [model]). Changes are in percent of the table, with one standard deviation; the last rows are that deviation before anything was measured, as stated and, where the data ask for another, as fitted. In brackets stands what the measurement says next to nothing of: a deviation that it lowers by less than a tenth.
+The segments of a beam table, and the groups that the study names ([[model.group]]), are fitted together with the effects in the model, within the tolerance that the study states (background_stiffness and background_mass in [model], std of a group). Changes are in percent of the table, or of the group, with one standard deviation; the last rows are that deviation before anything was measured, as stated and, where the data ask for another, as fitted. In brackets stands what the measurement says next to nothing of: a deviation that it lowers by less than a tenth.
 
-Writes profile.json, profile.csv (factors of every segment, with and without effects) and profile.svg into `results`. The study stays as it is.";
+Writes profile.json, profile.csv (factors of every segment and group, with and without effects) and profile.svg into `results`. The study stays as it is.";
 
 /// Show stiffness and mass over the height, as fitted, with standard deviations
 #[derive(Debug, Args)]
@@ -35,7 +35,7 @@ pub struct Arguments {
 /// Runs the command.
 ///
 /// # Errors
-/// When the study, its model or its modes cannot be read, the model has no segments, or the effects cannot be fitted.
+/// When the study, its model or its modes cannot be read, the model has neither segments nor groups, or the effects cannot be fitted.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
     let _lock = alone(&arguments.study, console)?;
@@ -58,7 +58,8 @@ fn tell(profiles: &Profiles, project: &Project, console: &Console) {
     if !profile.groups.is_empty() {
         console.say(groups(profile));
     }
-    console.say("In % of the table, ± one standard deviation. In brackets: hardly measured.");
+    let of = if profile.quantities.is_empty() { "group" } else { "table" };
+    console.say(format!("In % of the {of}, ± one standard deviation. In brackets: hardly measured."));
     if let Some(masses) = &profile.masses {
         let [x, y] = &masses.offset;
         let text = |estimate: &_| values_text(std::slice::from_ref(estimate));

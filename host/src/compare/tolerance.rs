@@ -172,16 +172,29 @@ mod tests {
 
     use super::*;
 
+    fn uniform(segments: usize, shear_n: f64) -> BeamTable {
+        let head = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2";
+        let row = |at: usize| format!("{},{},3e9,3e9,0,{shear_n},1e9,1e3,0,0,0\n", 10 * at, 10 * (at + 1));
+        let rows: String = (0..segments).map(row).collect();
+        BeamTable::from_reader(format!("{head}\n{rows}").as_bytes(), Path::new("beam.csv")).unwrap()
+    }
+
+    /// A study states the whole deviation of a segment. Neighbours have the smooth part in common, and all have that of the whole.
+    #[test]
+    fn segments_vary_as_far_as_stated_in_three_ways() {
+        let correlation = in_common(&uniform(20, 1e7), 10.0);
+        let smooth = 1.0 - OF_THE_WHOLE - OF_A_SEGMENT;
+        let expected = [(0, 1.0), (1, OF_THE_WHOLE + smooth * (-0.5_f64).exp()), (19, OF_THE_WHOLE)];
+        for (apart, expected) in expected {
+            assert!((correlation[(0, apart)] - expected).abs() < 1e-9, "{apart}: {}", correlation[(0, apart)]);
+        }
+        assert!(correlation.cholesky().is_some());
+    }
+
     /// A uniform cantilever: `H³ / 3 EI` against `H / GA`.
     #[test]
     fn shear_has_its_share_of_a_uniform_beam() {
-        let head = "z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n,torsion_n_m2,mass_top_kg,inertia_x_kg_m2,inertia_y_kg_m2,inertia_z_kg_m2";
-        let share = |shear_n: f64| {
-            let rows: String =
-                [0, 10, 20].map(|z_m| format!("{z_m},{},3e9,3e9,0,{shear_n},1e9,1e3,0,0,0\n", z_m + 10)).concat();
-            let table = format!("{head}\n{rows}");
-            share_of_shear(&BeamTable::from_reader(table.as_bytes(), Path::new("beam.csv")).unwrap())
-        };
+        let share = |shear_n: f64| share_of_shear(&uniform(3, shear_n));
         // 3e-6 m/N by bending, and as much by shear.
         assert!((share(1e7) - 0.5).abs() < 1e-9, "{}", share(1e7));
         assert!(share(1e4) > 0.99 && share(1e10) < 0.01);

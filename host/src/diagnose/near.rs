@@ -216,6 +216,27 @@ mod tests {
     use super::super::testing::{measured, scattered, study};
     use super::*;
 
+    /// What the measurement does not see moves neither values nor evidence, whatever is in the model.
+    #[test]
+    fn a_fit_is_the_same_without_what_is_not_seen() {
+        let (structure, model, sensors) = study();
+        let effects: Vec<Effect> = vec!["added-mass@443.6m=2e6".parse().unwrap()];
+        let truth = scattered(&structure, &model, 1.0, 3).and(&effects).unwrap();
+        let modes = measured(&truth, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(3));
+        let whole = Problem::new(structure, &effects, &model, &sensors, &modes).unwrap();
+        let seen = whole.as_seen(&effects).unwrap();
+        let numbers = |problem: &Problem| problem.background.scatter();
+        assert!(2 * numbers(&seen) < numbers(&whole), "{} of {}", numbers(&seen), numbers(&whole));
+        let [by_whole, by_seen] = [&whole, &seen].map(|problem| problem.present(&effects).unwrap());
+        let [one, other] = [&by_whole, &by_seen].map(|fit| fit.estimates(0)[0].clone());
+        let std = one.std.unwrap();
+        assert!((one.value - other.value).abs() < 0.02 * std, "{one:?} {other:?}");
+        assert!((other.std.unwrap() / std - 1.0).abs() < 0.02, "{one:?} {other:?}");
+        let gain = |problem: &Problem, fit: &Fit| fit.log_evidence() - problem.present(&[]).unwrap().log_evidence();
+        let (one, other) = (gain(&whole, &by_whole), gain(&seen, &by_seen));
+        assert!((one - other).abs() < 0.3 + 0.01 * one.abs(), "{one} {other}");
+    }
+
     /// The evidence of another discrepancy near a fit is that of a fit with it, but for what another step moves.
     #[test]
     fn evidence_near_a_fit_is_that_of_another_fit() {

@@ -561,6 +561,26 @@ mod long {
         assert!(last.held_out_error_percent.unwrap() < 0.5 * first.held_out_error_percent.unwrap());
     }
 
+    /// Three effects of which no single one explains the modes: a set of them is added at once, and what it leaves after it.
+    #[test]
+    #[ignore = "long: ./test --all runs it"]
+    fn effects_that_hide_each_other_are_added_as_a_set() {
+        let words = ["base-rotation=8e-15", "added-mass@300m=6e6", "stiffness-loss@200m=0.5"];
+        let (structure, model, sensors) = study();
+        let truth = structure.clone().and(&effects(&words)).unwrap();
+        let modes = measured(&truth, &sensors, 13, &mut ChaCha8Rng::seed_from_u64(51));
+        let setting =
+            steps::Setting { bare: &structure, model: &model, sensors: &sensors, measured: &modes, tally: &UNHEARD };
+        let mut told = Vec::new();
+        let mut tell = |step: &steps::Step| told.push((step.action.clone(), step.explains));
+        let found = setting.auto(&[], &Signals::default(), &Options::default(), &mut tell).unwrap();
+        let mut kinds: Vec<&str> = found.iter().map(Effect::kind).collect();
+        kinds.sort_unstable();
+        assert_eq!(kinds, ["added-mass", "base-rotation", "stiffness-loss"], "{told:?}");
+        // The set's effects are listed, those of a step are not.
+        assert!(told[0].0.contains(", ") && told.iter().all(|(_, explains)| *explains), "{told:?}");
+    }
+
     /// The structure is stiffer than its model, where the only effect there can soften it.
     #[test]
     #[ignore = "long: ./test --all runs it"]
@@ -592,6 +612,22 @@ fn a_typical_radius_moves_a_frequency_as_expected() {
     let most = measured.iter().map(|&mode| (sound[mode] / heavy[mode]).ln()).fold(0.0, f64::max);
     // 5 % by the slope at nothing; less by the whole of it.
     assert!((0.02..0.08).contains(&most), "{typical} m moves a frequency by {most}");
+}
+
+/// 60 t of 600 m are what a tolerance of 3 % looks like, however exact the modes are; 4000 t are not.
+#[test]
+fn an_effect_no_larger_than_what_the_table_has_wrong_is_no_finding() {
+    let (structure, model, sensors) = study();
+    let looks_like_it = |word: &str| {
+        let effects = effects(&[word]);
+        let modes =
+            measured(&structure.clone().and(&effects).unwrap(), &sensors, 12, &mut ChaCha8Rng::seed_from_u64(1));
+        let problem = Problem::new(structure.clone(), &effects, &model, &sensors, &modes).unwrap();
+        problem.present(&effects).unwrap().looks_like_the_table(0)
+    };
+    assert!(looks_like_it("added-mass@443.6m=6e4") && !looks_like_it("added-mass@443.6m=4e6"));
+    // Of a gain no table says anything.
+    assert!(!looks_like_it("sensor-gain@ch13=1.3"));
 }
 
 /// What holds a structure near its foot is how it is founded, which the tolerance has: an outrigger is looked for higher up.

@@ -97,10 +97,14 @@ impl Custom {
             Some(group) => (GROUP_RANGE, TYPICAL_OF_GROUP.max(TYPICAL_TIMES * group.std)),
             None => ([f64::NEG_INFINITY, f64::INFINITY], 1.0),
         };
+        let [stiffness, mass] = match source.group {
+            Some(_) => ["group's stiffness", "group's mass"],
+            None => ["custom stiffness", "custom mass"],
+        };
         Ok(Self {
             name: source.name.clone(),
-            stiffness: matrix(&source.stiffness, "custom stiffness")?,
-            mass: matrix(&source.mass, "custom mass")?,
+            stiffness: matrix(&source.stiffness, stiffness)?,
+            mass: matrix(&source.mass, mass)?,
             segments: match &source.segments {
                 Some(path) => read_segments(&folder.join(path), source.section())?,
                 None => Vec::new(),

@@ -130,6 +130,17 @@ fn profile_says(profile: &Value) -> Option<String> {
             off.push((100.0 * (factor - 1.0), 100.0 * std, place));
         }
     }
+    let groups = last["groups"].as_array().map_or(&[][..], Vec::as_slice);
+    for group in groups {
+        let all = group["factor"].as_f64().zip(group["std"].as_f64()).zip(group["name"].as_str());
+        let Some(((factor, std), name)) = all.filter(|((_, std), _)| *std > 0.0) else { continue };
+        off.push((100.0 * (factor - 1.0), 100.0 * std, format!("group {name}")));
+    }
+    let (each, none) = match (quantities.is_empty(), groups.is_empty()) {
+        (true, _) => ("group of the model", "group"),
+        (false, true) => ("segment of the table", "segment"),
+        (false, false) => ("segment of the table and each group", "segment and no group"),
+    };
     let most = |size: fn(&(f64, f64, String)) -> f64| off.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
     let (surest, largest) = (most(|(change, std, _)| (change / std).abs())?, most(|(change, _, _)| change.abs())?);
     let effects = strings(last.get("effects"));
@@ -140,7 +151,7 @@ fn profile_says(profile: &Value) -> Option<String> {
     let said = |(change, std, place): &(f64, f64, String)| format!("{place} with {} ± {std:.1} %", signed(*change, 1));
     let deviations = (surest.0 / surest.1).abs();
     let finding = if deviations <= OFF {
-        format!("No segment is off by more than {OFF:.0} of its standard deviations.")
+        format!("No {none} is off by more than {OFF:.0} of its standard deviations.")
     } else if surest == largest {
         format!("Furthest off is {}, {deviations:.1} of its standard deviations.", said(surest))
     } else {
@@ -150,7 +161,7 @@ fn profile_says(profile: &Value) -> Option<String> {
             said(largest)
         )
     };
-    Some(format!("What the measurement says of each segment of the table{with}. {finding}"))
+    Some(format!("What the measurement says of each {each}{with}. {finding}"))
 }
 
 /// The verdict with its probability, the tests that go with it, and what the table's columns are.
@@ -366,6 +377,19 @@ mod tests {
         assert!(said.contains("Surest to be off is bending, 1st axis at 5.00 m with +2.0 ± 0.5 %, 4.0 of its standard deviations; the largest change is bending, 1st axis at 305 m with -10.0 ± 20.0 %."), "{said}");
         let said = profile_says(&of(json!([segment(0.0, 1.001, 0.005)]))).unwrap();
         assert!(said.ends_with("No segment is off by more than 2 of its standard deviations."), "{said}");
+    }
+
+    #[test]
+    fn groups_are_told_as_segments_are() {
+        let group = |name: &str, factor: f64| json!({ "name": name, "span_m": null, "factor": factor, "std": 0.02, "prior_std": 0.2 });
+        let of = |groups: Value| json!({ "as_given": { "effects": [], "quantities": [], "groups": groups }, "with_effects": null });
+        let said = profile_says(&of(json!([group("storey1", 0.7), group("storey2", 1.01)]))).unwrap();
+        assert_eq!(
+            said,
+            "What the measurement says of each group of the model. Furthest off is group storey1 with -30.0 ± 2.0 %, 15.0 of its standard deviations."
+        );
+        let said = profile_says(&of(json!([group("storey2", 1.01)]))).unwrap();
+        assert!(said.ends_with("No group is off by more than 2 of its standard deviations."), "{said}");
     }
 
     #[test]
