@@ -14,6 +14,7 @@
 //! or not at all, [`progress`] says how far long work is, and [`table`] reads small CSV tables. [`command`] holds a file for each subcommand of the `belfry` program; nothing else prints.
 
 pub mod archive;
+mod assignment;
 pub mod change;
 pub mod collect;
 mod colour;

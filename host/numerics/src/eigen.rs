@@ -154,6 +154,12 @@ pub(crate) fn reduced_eigen(strain: &DMatrix<f64>, kinetic: &DMatrix<f64>) -> Op
     whole_eigen(factor.L(), view(kinetic).to_owned()).map(EigenPairs::reversed)
 }
 
+/// The eigenpairs of a symmetric matrix, largest value first; `None` where the iteration does not converge.
+pub fn symmetric_pairs(matrix: &DMatrix<f64>) -> Option<EigenPairs<f64>> {
+    let (values, vectors) = symmetric_eigen(view(matrix))?;
+    Some(EigenPairs { values, vectors: from_solver(vectors.as_ref()) }.reversed())
+}
+
 /// Problems of this size and more are worth several threads.
 const SHARED: usize = 400;
 /// Parts of this size and less are solved by rotations, of which there are as many as the square of the size: left at the library's 128,

@@ -9,11 +9,12 @@ mod eigen;
 mod fourier;
 mod lowest;
 mod sets;
+mod sparse;
 
 pub use dashpots::dashpot_modes;
 pub use eigen::{
     CholeskyFactor, EigenPairs, SingularTriplets, complex_product, general_eigen, general_eigen_complex,
-    singular_triplets,
+    singular_triplets, symmetric_pairs,
 };
 pub use fourier::{
     ComplexTransform, ForwardTransform, InverseTransform, complex_transform, forward_transform,
@@ -21,3 +22,4 @@ pub use fourier::{
 };
 pub use lowest::{Envelope, EnvelopeFactor, lowest_modes};
 pub use sets::sets_apart;
+pub use sparse::{SparseFactor, count_below, lowest_sparse_modes};

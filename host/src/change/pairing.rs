@@ -1,6 +1,7 @@
 //! Which mode of one measurement is which of another.
 
-use crate::compare::{assigned, mac};
+use crate::assignment::assigned;
+use crate::compare::mac;
 use crate::modes::{MeasuredMode, MeasuredShape};
 
 /// Frequencies of a mode may have changed by about this (standard deviation of their logarithm): a structure that has lost more than a

@@ -73,7 +73,15 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
         .node_elevations_m()
         .last()
         .map_or(String::new(), |top_m| format!(", from {} m to {top_m} m", assembly.z_base_m()));
-    console.say(format!("The model has {} degrees of freedom{extent}.", assembly.dofs()));
+    console.say(match case.model.is_reduced() {
+        Some(true) => format!(
+            "The model has {} degrees of freedom, reduced to {} coordinates: modes and static corrections.",
+            assembly.rows(),
+            assembly.dofs()
+        ),
+        Some(false) => format!("The model is known by its modes, at {} places.", assembly.rows()),
+        None => format!("The model has {} degrees of freedom{extent}.", assembly.dofs()),
+    });
     let close = comparison.pairs.iter().any(|pair| pair.subspace_mac.is_some());
     let mut header = vec!["mode", "measured Hz", "model", "model Hz", "error %", "z", "MAC"];
     header.extend(close.then_some("MAC of close modes together"));

@@ -122,8 +122,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let beam_file = match (&arguments.beam, study.model.as_ref().map(|model| &model.source)) {
         (Some(beam), _) => beam.clone(),
         (None, Some(ModelSource::Beam(beam))) => study.folder.join(beam),
-        (None, Some(ModelSource::Matrices(_))) => {
-            bail!("the study's model is matrices; name the simulated structure's beam table with --beam FILE")
+        (None, Some(ModelSource::Matrices(_) | ModelSource::Modes(_))) => {
+            bail!("the study's model is no beam table; name the simulated structure's beam table with --beam FILE")
         }
         (None, None) => bail!("the study has no [model]; name the structure's beam table with --beam FILE"),
     };

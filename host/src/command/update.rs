@@ -20,7 +20,7 @@ const EXAMPLES: &str = "Examples:
 
 K* = K + M Phi1 Psi Phi1ᵀ M (Lei, Wang, Shen 2012, eqs. 8 to 14) meets the used frequencies exactly and turns the used shapes within their own span; every other mode stays as it is.
 
-Writes update.json, stiffness_updated.mtx (and .npy) and mass.mtx into `results`, for a beam table also nodes.csv: together they are a model for [model] matrices.";
+Writes update.json, stiffness_updated.mtx (and .npy) and mass.mtx into `results`, for a beam table also nodes.csv: together they are a model for [model] matrices. Of a model of many degrees of freedom it writes stiffness.mtx, mass.mtx, update_factor.npy (F = M Phi1) and psi.npy: K* = K + F Psi F^T.";
 
 /// Update the model's stiffness matrix directly (Psi)
 #[derive(Debug, Args)]
@@ -77,14 +77,24 @@ pub(super) fn update_project(
     console.warn_all(&case.warnings);
     console.warn_all(&report.warnings);
     tell(&report, case, console);
-    let of_beam = matches!(case.model.body, Body::Beam(_));
+    let (of_beam, is_reduced) = (matches!(case.model.body, Body::Beam(_)), case.model.is_reduced());
     let path = |name: &str| project.results().path(name).display().to_string();
     let nodes = if of_beam { format!(", the nodes of their rows in {}", path("nodes.csv")) } else { String::new() };
-    console.detail(format!(
-        "The updated stiffness matrix is in {} (and .npy), the mass matrix, which stays, in {}{nodes}.",
-        path("stiffness_updated.mtx"),
-        path("mass.mtx")
-    ));
+    console.detail(match is_reduced {
+        Some(true) => format!(
+            "The updated stiffness matrix is full, so it is written as K + F Psi F^T: K in {}, F = M Phi1 in {}, Psi in {}; the mass matrix, which stays, in {}.",
+            path("stiffness.mtx"),
+            path("update_factor.npy"),
+            path("psi.npy"),
+            path("mass.mtx")
+        ),
+        Some(false) => "A model of modes has no matrices to write; Psi is in update.json.".to_owned(),
+        None => format!(
+            "The updated stiffness matrix is in {} (and .npy), the mass matrix, which stays, in {}{nodes}.",
+            path("stiffness_updated.mtx"),
+            path("mass.mtx")
+        ),
+    });
     Ok(report)
 }
 

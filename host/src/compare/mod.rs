@@ -22,7 +22,7 @@ use crate::study::Sensor;
 pub(crate) use deviation::{Errors, shape_deviations};
 pub(crate) use following::Following;
 pub use pairing::{Pair, pair};
-pub(crate) use pairing::{assigned, candidates, pair_above};
+pub(crate) use pairing::{candidates, pair_above};
 pub(crate) use residual::{Block, Residual, ShapeBlock, complement, exceeding};
 pub use residual::{ChiSquared, chi_squared};
 pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};

@@ -4,10 +4,10 @@
 //! partner the file of modes states is followed by the shape of that partner in the model as first given.
 
 use nalgebra::DMatrix;
-use pathfinding::prelude::{Matrix, kuhn_munkres};
 
 use super::shape::mac;
 use super::view::ModelView;
+use crate::assignment::assigned;
 use crate::modes::{MeasuredMode, MeasuredShape, StatedMode};
 
 /// A measured mode and the model mode that belongs to it; both 0-based.
@@ -34,8 +34,6 @@ const UNKNOWN_SHAPE: f64 = 0.5;
 const CLOSE: f64 = 0.03;
 /// What is stated goes before all that is alike.
 const STATED: f64 = 1e3;
-/// Likeness is brought to whole numbers for the assignment.
-const WHOLE: f64 = 1e9;
 
 /// Pairs measured with model modes so that the sum of `MAC exp(-(ln f ratio)²/(2 LIKENESS²))` is the largest; pairs that
 /// resemble each other too little are left out. In the order of the measured modes.
@@ -83,21 +81,6 @@ pub(crate) fn candidates(view: &ModelView, measured: &[MeasuredMode]) -> usize {
     // Beyond four deviations nothing pairs.
     let reach = (4.0 * LIKENESS).exp();
     view.modes.frequency_hz.partition_point(|&frequency_hz| frequency_hz <= highest_hz * reach)
-}
-
-/// Pairs of rows and columns, each in one pair at most, so that the sum of likeness is the largest; what has none is no pair. In the order of
-/// the rows.
-pub(crate) fn assigned(rows: usize, columns: usize, likeness: &dyn Fn(usize, usize) -> f64) -> Vec<(usize, usize)> {
-    if rows == 0 || columns == 0 {
-        return Vec::new();
-    }
-    // A column for every row that stays without a partner: the assignment wants no fewer columns than rows.
-    let weights = Matrix::from_fn(rows, columns + rows, |(row, column)| {
-        if column < columns { (likeness(row, column) * WHOLE) as i64 } else { 0 }
-    });
-    let (_, assignment) = kuhn_munkres(&weights);
-    let is_pair = |&(row, column): &(usize, usize)| column < columns && weights[(row, column)] > 0;
-    assignment.into_iter().enumerate().filter(is_pair).collect()
 }
 
 /// The paired model modes that stand close together with `model`, itself included.

@@ -228,6 +228,7 @@ fn the_models_tolerance_explains_what_it_allows() {
         correlation_length_m: Some(100.0),
         effects: Vec::new(),
         customs: Vec::new(),
+        runs: Vec::new(),
         prior_odds: Vec::new(),
     };
     let tolerance = Tolerance::of(&structure, &model).unwrap();

@@ -50,7 +50,6 @@ pub struct Tests {
 /// The test of the model with its effects as they are written, as comparison, history and diagnosis state it, and what it had to allow for;
 /// `None` where nothing can be compared. Their values count as fitted to these data, which `belfry add` has done.
 pub fn fit_as_given(problem: &Problem, effects: &[Effect]) -> Option<(GoodnessOfFit, Discrepancy)> {
-    let problem = &problem.as_seen(effects).ok()?;
     let numbers = DVector::zeros(problem.background.size());
     let fit = problem.fit(effects.to_vec(), &[], &numbers, None).ok()?;
     let (problem, fit) = problem.at_its_best(&fit).unwrap_or_else(|| (problem.clone(), fit));

@@ -106,16 +106,6 @@ fn mode_difference(one: &Fit, other: &Fit) -> Option<(f64, f64)> {
 }
 
 fn probe(z_m: f64, azimuth_deg: f64) -> Sensor {
-    Sensor {
-        channel: String::new(),
-        point: String::new(),
-        node: 0,
-        elevation_m: Some(z_m),
-        direction: Some(Direction::AzimuthDeg(azimuth_deg)),
-        offset_m: [0.0; 2],
-        reference: false,
-        unit: None,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
-    }
+    let direction = Some(Direction::AzimuthDeg(azimuth_deg));
+    Sensor { elevation_m: Some(z_m), direction, ..Sensor::new("", 0) }
 }

@@ -18,8 +18,8 @@ use super::profile::Profile;
 use super::search::Searched;
 use super::signals::{Signals, shown};
 use crate::compare::{ModelView, compare};
+use crate::model::Structure;
 use crate::model::effect::{Effect, EffectKind, Where};
-use crate::model::{Assembly, Structure};
 use crate::modes::MeasuredMode;
 use crate::progress::{Tally, UNHEARD};
 use crate::study::{Model, Sensor};
@@ -147,7 +147,10 @@ impl Setting<'_> {
     }
 
     /// The same without what the measurement does not see of how segments scatter, which moves no fit.
-    fn problem_as_seen(&self, effects: &[Effect]) -> Result<Problem, DiagnoseError> {
+    ///
+    /// # Errors
+    /// As [`Problem::new`], and where the model with these effects cannot be solved.
+    pub fn problem_as_seen(&self, effects: &[Effect]) -> Result<Problem, DiagnoseError> {
         self.problem(effects)?.as_seen(effects)
     }
 
@@ -219,16 +222,15 @@ impl Setting<'_> {
         Ok(Profiles { as_given: of(&[])?, with_effects })
     }
 
-    /// The matrices of the model with its effects and its segments as they fit best, within the tolerance.
+    /// The model with its effects and its segments or groups as they fit best, within the tolerance.
     ///
     /// # Errors
     /// As [`Setting::refit`].
-    pub fn fitted(&self, whole: &Structure, effects: &[Effect]) -> Result<Assembly, DiagnoseError> {
+    pub fn fitted(&self, effects: &[Effect]) -> Result<Structure, DiagnoseError> {
         let (problem, fit) = self.problem_as_seen(effects)?.fit_settled(effects)?;
-        // The fit may be one of a reduced model.
-        let mut fitted = whole.clone();
+        let mut fitted = self.bare.clone();
         problem.background.apply(&fit.state.numbers, &mut fitted);
-        Ok(fitted.and(fit.effects())?.assemble())
+        Ok(fitted.and(fit.effects())?)
     }
 
     /// Profiles with one effect more, at a place (the best one where none is given).
@@ -269,20 +271,10 @@ impl Setting<'_> {
             // One after the other need not find effects that hide each other.
             let is_explained = present.passes() || best.is_some_and(|best| best.own().passes());
             let set = if is_explained { None } else { sure_set(&problem, &present, &settled, &found, options) };
+            let Some(with) = set.or_else(|| Some(best?.fit.effects().to_vec())) else { break };
+            let mut action = format!("add {}", names(&with[effects.len()..]).join(", "));
             let before = effects;
-            let mut action;
-            (effects, action) = match (&set, best) {
-                (Some(set), _) => {
-                    let added: Vec<String> = set[before.len()..].iter().map(Effect::to_string).collect();
-                    (set.clone(), format!("add {}", added.join(", ")))
-                }
-                (None, Some(best)) => (best.fit.effects().to_vec(), format!("add {}", best.effect())),
-                (None, None) => {
-                    effects = before;
-                    break;
-                }
-            };
-            (effects, action) = self.improved(effects, action, options)?;
+            (effects, action) = self.improved(with, action, options)?;
             let step = self.refit_beside(&action, &effects, &before)?;
             effects = step.effects.iter().map(|fitted| fitted.effect.clone()).collect();
             tell(&step);
@@ -348,7 +340,7 @@ impl Setting<'_> {
         let comparison = compare(&view, problem.measured(), self.sensors, None);
         let scattered = compare(&fit.state.model.view, problem.measured(), self.sensors, None);
         // As every other command states it of the model with these effects.
-        let stated = self.problem(&effects).ok().and_then(|problem| fit_as_given(&problem, &effects));
+        let stated = self.problem_as_seen(&effects).ok().and_then(|problem| fit_as_given(&problem, &effects));
         let test = stated.map_or_else(|| fit.goodness_as_stated(problem).into(), |(test, _)| test);
         let held_out = held_out(problem, fit);
         let record = StepRecord {

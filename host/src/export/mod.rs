@@ -22,8 +22,8 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use crate::files::write_whole;
-use crate::model::EigenError;
 use crate::model::effect::EffectError;
+use crate::model::{EigenError, TooManyUnknowns};
 
 /// Why something could not be exported.
 #[derive(Debug, Error)]
@@ -42,6 +42,12 @@ pub enum ExportError {
         /// The file.
         file: PathBuf,
     },
+    /// The model is known by its modes alone.
+    #[error("a model of modes ([model] modes) has no matrices to export; the program that computed the modes has them")]
+    NoMatrices,
+    /// Full matrices do not fit into memory.
+    #[error("NumPy files hold full matrices: {0}; without --format npy they are written with what is not zero")]
+    TooLarge(TooManyUnknowns),
     /// The file of modes cannot be opened.
     #[error("{}: cannot be read ({source})", file.display())]
     Unreadable {

@@ -5,12 +5,16 @@
 
 use std::path::{Path, PathBuf};
 
+use nalgebra::DMatrix;
+use nalgebra_sparse::io::save_to_matrix_market_str;
 use num_complex::Complex64;
 
 use super::modes::{Component, Mode, Modes};
 use super::{ExportError, table, universal, write_bytes, write_file};
 use crate::model::effect::{Effect, EffectError};
-use crate::model::{Assembly, EigenError, LayoutNode, Structure, dof_of_row, dofs_csv, matrix_market, npy};
+use crate::model::{
+    Assembly, EigenError, LayoutNode, Structure, WholeMatrices, dof_of_row, dofs_csv, fits_in_full, matrix_market, npy,
+};
 use crate::study::Sensor;
 
 /// The lowest modes that are written.
@@ -41,8 +45,8 @@ pub struct ModelExport<'a> {
     pub title: &'a str,
     /// The structure without effects.
     pub bare: &'a Structure,
-    /// Its matrices with effects.
-    pub assembly: &'a Assembly,
+    /// The structure with effects.
+    pub structure: &'a Structure,
     /// The study's sensors.
     pub sensors: &'a [Sensor],
 }
@@ -64,16 +68,38 @@ impl ModelExport<'_> {
     pub fn write(&self, folder: &Path, format: MatrixFormat) -> Result<(Vec<Written>, Vec<String>), ExportError> {
         let mut written = Vec::new();
         let mut note = |file: PathBuf, rows: usize| written.push(Written { file, rows });
-        let dofs = self.assembly.dofs();
-        let matrices = [("stiffness", Some(&self.assembly.stiffness)), ("mass", Some(&self.assembly.mass))];
-        for (name, matrix) in matrices.into_iter().chain([("damping", self.assembly.damping.as_ref())]) {
-            let Some(matrix) = matrix else { continue };
-            let path = folder.join(format!("{name}.{}", format.ending()));
+        let assembly = self.structure.assemble();
+        let dofs = assembly.rows();
+        let path_of = |name: &str| folder.join(format!("{name}.{}", format.ending()));
+        let write = |name: &str, matrix: &DMatrix<f64>| -> Result<PathBuf, ExportError> {
+            let path = path_of(name);
             match format {
                 MatrixFormat::MatrixMarket => write_file(&path, &matrix_market(matrix))?,
                 MatrixFormat::Numpy => write_bytes(&path, &npy(matrix).map_err(ExportError::write(&path))?)?,
             }
-            note(path, dofs);
+            Ok(path)
+        };
+        match self.structure.whole_matrices() {
+            Some(WholeMatrices { stiffness, mass, .. }) => {
+                for (name, matrix) in [("stiffness", &stiffness), ("mass", &mass)] {
+                    if format == MatrixFormat::Numpy {
+                        fits_in_full(dofs).map_err(ExportError::TooLarge)?;
+                        note(write(name, &DMatrix::from(matrix))?, dofs);
+                        continue;
+                    }
+                    let path = path_of(name);
+                    write_file(&path, &save_to_matrix_market_str(matrix))?;
+                    note(path, dofs);
+                }
+            }
+            None if assembly.is_in_other_coordinates() => return Err(ExportError::NoMatrices),
+            None => {
+                note(write("stiffness", &assembly.stiffness)?, dofs);
+                note(write("mass", &assembly.mass)?, dofs);
+            }
+        }
+        if let Some(damping) = &assembly.damping {
+            note(write("damping", damping)?, dofs);
         }
         let layout = self.bare.layout();
         if !layout.is_empty() {
@@ -81,11 +107,11 @@ impl ModelExport<'_> {
             write_bytes(&path, &dofs_csv(&layout).map_err(ExportError::write(&path))?)?;
             note(path, layout.iter().flat_map(|node| node.rows).flatten().count());
         }
-        let (path, modes) = (folder.join("model_shapes.csv"), self.assembly.modal_basis()?.modes(MODES));
-        table::write_rows(&path, &shapes(&layout, &modes))?;
+        let (path, modes) = (folder.join("model_shapes.csv"), assembly.modal_basis()?.modes(MODES));
+        table::write_rows(&path, &shapes(&layout, &assembly.at_rows(&modes.shapes)))?;
         note(path, dofs);
-        let mut warnings = self.warnings(&layout);
-        let at_sensors = self.modes_at_sensors(&modes, &mut warnings)?;
+        let mut warnings = self.warnings(&assembly, &layout);
+        let at_sensors = self.modes_at_sensors(&assembly, &modes, &mut warnings)?;
         let (path, count) = (folder.join("model_modes.csv"), at_sensors.modes.len());
         table::write_csv(&path, &at_sensors)?;
         note(path, count);
@@ -100,8 +126,13 @@ impl ModelExport<'_> {
     }
 
     /// Modes as perfect sensors would see them, where they have a place: faults of sensors are none of the model.
-    fn modes_at_sensors(&self, modes: &crate::model::Modes, warnings: &mut Vec<String>) -> Result<Modes, EigenError> {
-        let perfect = self.assembly.with_perfect_sensors();
+    fn modes_at_sensors(
+        &self,
+        assembly: &Assembly,
+        modes: &crate::model::Modes,
+        warnings: &mut Vec<String>,
+    ) -> Result<Modes, EigenError> {
+        let perfect = assembly.with_perfect_sensors();
         let (sensors, rows) = match perfect.sensor_rows(self.sensors) {
             Ok(rows) => (self.sensors.to_vec(), Some(rows)),
             Err(error) => {
@@ -133,22 +164,22 @@ impl ModelExport<'_> {
     }
 
     /// What the files do not hold.
-    fn warnings(&self, layout: &[LayoutNode]) -> Vec<String> {
+    fn warnings(&self, assembly: &Assembly, layout: &[LayoutNode]) -> Vec<String> {
         let mut warnings = Vec::new();
         let placed = layout.iter().flat_map(|node| node.rows).flatten().count();
-        let extra = self.assembly.dofs().saturating_sub(placed);
+        let extra = assembly.rows().saturating_sub(placed);
         if !layout.is_empty() && extra > 0 {
             warnings.push(format!(
                 "the last {extra} rows of the matrices are those of dampers, which stand at no node; dofs.csv leaves them out"
             ));
         }
-        if self.assembly.damping.is_some() {
+        if assembly.damping.is_some() {
             warnings.push(
                 "the modes are those of stiffness and mass; `[model] matrices` does not read a damping matrix"
                     .to_owned(),
             );
         }
-        let base_moves = self.assembly.axis_motion(self.assembly.z_base_m()).amax() > 0.0;
+        let base_moves = assembly.axis_motion(assembly.z_base_m()).amax() > 0.0;
         if let (true, [base, first, ..]) = (base_moves && self.bare.segments().is_some(), layout) {
             let [below_m, above_m] = [base.position_m[2], first.position_m[2]];
             let inside = |sensor: &&Sensor| sensor.elevation_m.is_some_and(|z_m| z_m < above_m);
@@ -173,16 +204,16 @@ impl MatrixFormat {
 }
 
 /// A row a degree of freedom: what it is, then the mass-normalised shape of every mode.
-fn shapes(layout: &[LayoutNode], modes: &crate::model::Modes) -> Vec<Vec<String>> {
+fn shapes(layout: &[LayoutNode], shapes: &DMatrix<f64>) -> Vec<Vec<String>> {
     let header = ["row", "node", "dof", "z_m"].map(str::to_owned);
-    let names = (1..=modes.frequency_hz.len()).map(|mode| format!("mode_{mode}"));
+    let names = (1..=shapes.ncols()).map(|mode| format!("mode_{mode}"));
     let mut rows: Vec<Vec<String>> = vec![header.into_iter().chain(names).collect()];
-    for row in 0..modes.shapes.nrows() {
+    for row in 0..shapes.nrows() {
         let place = match dof_of_row(layout, row) {
             Some((node, dof)) => [node.name.clone(), dof.to_owned(), node.position_m[2].to_string()],
             None => [const { String::new() }; 3],
         };
-        let values = modes.shapes.row(row).iter().map(ToString::to_string).collect::<Vec<_>>();
+        let values = shapes.row(row).iter().map(ToString::to_string).collect::<Vec<_>>();
         rows.push(std::iter::once((row + 1).to_string()).chain(place).chain(values).collect());
     }
     rows

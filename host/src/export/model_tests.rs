@@ -19,9 +19,9 @@ fn effects(words: &[&str]) -> Vec<Effect> {
     words.iter().map(|word| word.parse().unwrap()).collect()
 }
 
-fn exported(folder: &Path, bare: &Structure, assembly: &Assembly, format: MatrixFormat) -> Vec<String> {
+fn exported(folder: &Path, bare: &Structure, structure: &Structure, format: MatrixFormat) -> Vec<String> {
     let (_, sensors) = tower();
-    let export = ModelExport { title: "Tower", bare, assembly, sensors: &sensors };
+    let export = ModelExport { title: "Tower", bare, structure, sensors: &sensors };
     export.write(folder, format).unwrap().1
 }
 
@@ -54,7 +54,7 @@ fn a_model_is_read_back_with_its_modes_and_what_sensors_see() {
     let seen = assembly.sensor_rows(&sensors).unwrap() * modes.shapes.columns(0, 12);
     for (format, ending) in [(MatrixFormat::MatrixMarket, "mtx"), (MatrixFormat::Numpy, "npy")] {
         let folder = tempfile::tempdir().unwrap();
-        let warnings = exported(folder.path(), &bare, &assembly, format);
+        let warnings = exported(folder.path(), &bare, &structure, format);
         assert!(warnings.is_empty(), "{warnings:?}");
         let back = read_back(folder.path(), ending);
         let modes_back = back.modes().unwrap();
@@ -72,9 +72,10 @@ fn modes_are_written_at_sensors_and_at_every_degree_of_freedom() {
     let (bare, sensors) = tower();
     let with = effects(&["added-mass@443.6m=2e6", "sensor-polarity@ch08"]);
     // The channel is turned for the study's sensors only, which name it so.
-    let assembly = bare.clone().and(&with).unwrap().assemble();
+    let structure = bare.clone().and(&with).unwrap();
+    let assembly = structure.assemble();
     let folder = tempfile::tempdir().unwrap();
-    exported(folder.path(), &bare, &assembly, MatrixFormat::MatrixMarket);
+    exported(folder.path(), &bare, &structure, MatrixFormat::MatrixMarket);
     let modes = assembly.modes().unwrap();
     let perfect = bare.clone().and(&with[..1]).unwrap().assemble();
     let seen = perfect.sensor_rows(&sensors).unwrap() * &modes.shapes;
@@ -114,9 +115,10 @@ fn effects_that_are_no_part_of_the_matrices_are_named() {
 #[test]
 fn a_base_that_moves_is_told() {
     let (bare, sensors) = tower();
-    let assembly = bare.clone().and(&effects(&["base-rotation=8e-15"])).unwrap().assemble();
+    let structure = bare.clone().and(&effects(&["base-rotation=8e-15"])).unwrap();
+    let assembly = structure.assemble();
     let folder = tempfile::tempdir().unwrap();
-    let warnings = exported(folder.path(), &bare, &assembly, MatrixFormat::MatrixMarket);
+    let warnings = exported(folder.path(), &bare, &structure, MatrixFormat::MatrixMarket);
     assert!(warnings.len() == 1 && warnings[0].contains("the base moves"), "{warnings:?}");
     let back = read_back(folder.path(), "mtx");
     assert!(frequency_error(&assembly.modes().unwrap(), &back.modes().unwrap()) < 1e-9);
@@ -131,7 +133,7 @@ fn a_base_that_moves_is_told() {
 fn imported_models_keep_their_nodes() {
     let (bare, _) = tower();
     let folder = tempfile::tempdir().unwrap();
-    exported(folder.path(), &bare, &bare.assemble(), MatrixFormat::MatrixMarket);
+    exported(folder.path(), &bare, &bare, MatrixFormat::MatrixMarket);
     let text = fs::read_to_string(folder.path().join("dofs.csv")).unwrap();
     let again = tempfile::tempdir().unwrap();
     let source = crate::study::MatrixSource {
@@ -143,11 +145,8 @@ fn imported_models_keep_their_nodes() {
     let matrices = crate::model::ImportedMatrices::read(&source, folder.path()).unwrap();
     let imported = Structure::new(crate::model::Body::Matrices(matrices));
     let with = effects(&["tuned-mass-damper@300m=mass=1e5,frequency=0.14,damping_ratio=0.05"]);
-    let assembly = match imported.clone().and(&with) {
-        Ok(structure) => structure.assemble(),
-        Err(error) => panic!("{error}"),
-    };
-    let warnings = exported(again.path(), &imported, &assembly, MatrixFormat::MatrixMarket);
+    let structure = imported.clone().and(&with).unwrap();
+    let warnings = exported(again.path(), &imported, &structure, MatrixFormat::MatrixMarket);
     assert_eq!(fs::read_to_string(again.path().join("dofs.csv")).unwrap(), text);
     assert!(again.path().join("damping.mtx").exists());
     assert!(warnings.iter().any(|warning| warning.contains("dampers")), "{warnings:?}");

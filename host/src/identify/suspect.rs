@@ -297,18 +297,7 @@ mod tests {
     use crate::study::{Direction, Unit};
 
     fn sensor(elevation_m: f64, direction: Direction, unit: Option<Unit>) -> Sensor {
-        Sensor {
-            channel: "1".to_owned(),
-            point: "1".to_owned(),
-            node: 1,
-            elevation_m: Some(elevation_m),
-            direction: Some(direction),
-            offset_m: [0.0; 2],
-            reference: false,
-            unit,
-            sensitivity_v_per_m_s2: None,
-            dof: None,
-        }
+        Sensor { elevation_m: Some(elevation_m), direction: Some(direction), unit, ..Sensor::new("1", 1) }
     }
 
     /// Four modes of a cantilever at eight heights, seen along X and Y, damaged by `change`; what is found wrong.

@@ -1,5 +1,6 @@
 //! Mass and stiffness matrices with what places them in space.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVectorView};
@@ -64,13 +65,17 @@ impl Assembly {
 
     /// Imported matrices as they are.
     pub(super) fn of_matrices(matrices: &ImportedMatrices) -> Self {
-        let ImportedMatrices { stiffness, mass, nodes, coordinates } = matrices;
+        let ImportedMatrices { stiffness, mass, nodes, coordinates, places, whole: _ } = matrices;
         Self {
             stiffness: stiffness.clone(),
             mass: mass.clone(),
             damping: None,
             coordinates: coordinates.clone(),
-            geometry: Geometry::of_nodes(nodes, stiffness),
+            geometry: if places.is_empty() {
+                Geometry::of_nodes(nodes, stiffness)
+            } else {
+                Geometry::Named(places.clone())
+            },
             distortion: Distortion::default(),
             sensing: Sensing::default(),
         }
@@ -87,9 +92,22 @@ impl Assembly {
         self.stiffness.nrows()
     }
 
-    /// Number of rows that nodes and sensors name: as many as degrees of freedom, but in a reduced model.
-    pub(super) fn rows(&self) -> usize {
+    /// Number of rows that nodes and sensors name: as many as degrees of freedom, but in a model of modes or a reduced one.
+    pub fn rows(&self) -> usize {
         self.coordinates.as_ref().map_or_else(|| self.dofs(), |coordinates| coordinates.nrows())
+    }
+
+    /// Whether degrees of freedom are others than the rows that nodes and sensors name: of a model of modes, or of a reduced one.
+    pub fn is_in_other_coordinates(&self) -> bool {
+        self.coordinates.is_some()
+    }
+
+    /// Motion of the rows that nodes and sensors name, rows x anything, where that of the degrees of freedom is `motion`.
+    pub fn at_rows<'a>(&self, motion: &'a DMatrix<f64>) -> Cow<'a, DMatrix<f64>> {
+        match &self.coordinates {
+            Some(coordinates) => Cow::Owned(coordinates.as_ref() * motion),
+            None => Cow::Borrowed(motion),
+        }
     }
 
     /// One more degree of freedom, without mass and stiffness, that does not belong to the line; its row.
@@ -154,7 +172,7 @@ impl Assembly {
     fn line(&self) -> Option<&Line> {
         match &self.geometry {
             Geometry::Line(line) => Some(line),
-            Geometry::Unknown | Geometry::Space(_) => None,
+            Geometry::Unknown | Geometry::Named(_) | Geometry::Space(_) => None,
         }
     }
 

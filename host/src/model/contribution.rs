@@ -30,6 +30,7 @@ use super::beam::Segment;
 use super::distortion::Distortion;
 use super::element::Compression;
 use super::joint::Element;
+use super::matrices::WholeMatrices;
 use super::sensing::SensorChange;
 
 /// One thing that makes a structure differ from its body; `model/contribution.rs` opens with the order of the phases.
@@ -74,6 +75,9 @@ pub trait Contribution: fmt::Debug + Send + Sync {
 
     /// Adds to K and M as a whole.
     fn add_matrices(&self, _assembly: &mut Assembly) {}
+
+    /// Adds to K and M of a model that is reduced, as its files have them.
+    fn add_to_whole(&self, _matrices: &mut WholeMatrices) {}
 
     /// Factors on the whole of K and M.
     fn factors(&self) -> Factors {

@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
+use nalgebra_sparse::CscMatrix;
 use thiserror::Error;
 
 use super::assembly::Assembly;
 use super::beam::Segment;
 use super::contribution::{Contribution, Factors};
-use super::matrices::{MatrixError, read_sum};
+use super::matrices::{MatrixError, WholeMatrices, read_sum, sparse_bytes};
+use super::runs::RunChange;
 use super::sensitivity::Change;
 use super::structure::{Body, Structure};
 use crate::study::{CustomSource, GroupTerms, MatrixTerm};
@@ -24,6 +26,8 @@ pub struct Custom {
     pub(super) stiffness: Option<Arc<DMatrix<f64>>>,
     /// What a value of 1 adds to M.
     pub(super) mass: Option<Arc<DMatrix<f64>>>,
+    /// What a value of 1 adds to K and to M of the whole model, where files say so.
+    whole: [Option<Arc<CscMatrix<f64>>>; 2],
     /// What a value of 1 changes about segments.
     segments: Vec<SegmentFactor>,
     /// The admissible values.
@@ -36,8 +40,8 @@ pub struct Custom {
 
 /// A change of K or M.
 pub(super) struct CustomMatrix<'a> {
-    /// DOFs x DOFs.
-    pub(super) entries: &'a DMatrix<f64>,
+    /// DOFs x DOFs of the whole model.
+    pub(super) entries: &'a CscMatrix<f64>,
     /// Whether it is one of M.
     pub(super) is_mass: bool,
 }
@@ -83,48 +87,80 @@ pub enum CustomError {
 }
 
 impl Custom {
-    /// Reads what a study names; paths start at `folder`.
+    /// Reads what a study names; paths start at `folder`. Matrices are those of a model that is not reduced.
     ///
     /// # Errors
     /// [`CustomError`] names the file and the line.
     pub fn read(source: &CustomSource, folder: &Path) -> Result<Self, CustomError> {
+        Ok(Self::read_whole(source, folder)?.within(&|matrix| DMatrix::from(matrix)))
+    }
+
+    /// As [`Custom::read`], but for its matrices in the rows of the model: [`Custom::within`] makes these.
+    ///
+    /// # Errors
+    /// As there.
+    pub(super) fn read_whole(source: &CustomSource, folder: &Path) -> Result<Self, CustomError> {
         let file = source.file.as_ref().map(|file| folder.join(file));
-        let matrix = |terms: &[MatrixTerm], quantity| -> Result<Option<Arc<DMatrix<f64>>>, CustomError> {
+        let matrix = |terms: &[MatrixTerm], quantity| -> Result<Option<Arc<CscMatrix<f64>>>, CustomError> {
             let read = || read_sum(terms, quantity, file.as_deref(), folder, None);
             Ok(if terms.is_empty() { None } else { Some(Arc::new(read()?)) })
-        };
-        let (usual, typical) = match source.group {
-            Some(group) => (GROUP_RANGE, TYPICAL_OF_GROUP.max(TYPICAL_TIMES * group.std)),
-            None => ([f64::NEG_INFINITY, f64::INFINITY], 1.0),
         };
         let [stiffness, mass] = match source.group {
             Some(_) => ["group's stiffness", "group's mass"],
             None => ["custom stiffness", "custom mass"],
         };
         Ok(Self {
-            name: source.name.clone(),
-            stiffness: matrix(&source.stiffness, stiffness)?,
-            mass: matrix(&source.mass, mass)?,
+            whole: [matrix(&source.stiffness, stiffness)?, matrix(&source.mass, mass)?],
             segments: match &source.segments {
                 Some(path) => read_segments(&folder.join(path), source.section())?,
                 None => Vec::new(),
             },
+            ..Self::without_change(source)
+        })
+    }
+
+    /// What a run of the user's own program changes; nothing that takes K or M to where it is not positive is admissible.
+    pub(super) fn of_run(source: &CustomSource, change: &RunChange) -> Self {
+        let without = Self::without_change(source);
+        let [least, greatest] = without.range;
+        Self {
+            stiffness: Some(change.stiffness.clone()),
+            mass: change.mass.clone(),
+            range: [least.max(change.range[0]), greatest.min(change.range[1])],
+            ..without
+        }
+    }
+
+    /// What a study says of it, but for what it changes.
+    fn without_change(source: &CustomSource) -> Self {
+        let (usual, typical) = match source.group {
+            Some(group) => (GROUP_RANGE, TYPICAL_OF_GROUP.max(TYPICAL_TIMES * group.std)),
+            None => ([f64::NEG_INFINITY, f64::INFINITY], 1.0),
+        };
+        Self {
+            name: source.name.clone(),
+            stiffness: None,
+            mass: None,
+            whole: [None, None],
+            segments: Vec::new(),
             range: [source.least.unwrap_or(usual[0]), source.greatest.unwrap_or(usual[1])],
             typical: source.typical.unwrap_or(typical),
             group: source.group,
-        })
+        }
     }
 
     /// What it does to K and M by value, of a structure that is multiplied with factors, where that is the same however the structure is;
     /// `None` where it changes segments.
     pub(super) fn constant_change(&self, factors: &Factors) -> Option<Change> {
-        let dofs = self.stiffness.iter().chain(&self.mass).map(|matrix| matrix.nrows()).next()?;
+        if self.changes_segments() {
+            return None;
+        }
+        let dofs = self.stiffness.as_ref().or(self.mass.as_ref())?.nrows();
         let part = |matrix: &Option<Arc<DMatrix<f64>>>, factor: f64| match matrix {
             Some(matrix) => matrix.as_ref() * factor,
             None => DMatrix::zeros(dofs, dofs),
         };
-        let change = || Change::of(&part(&self.stiffness, factors.stiffness), &part(&self.mass, factors.mass), None);
-        (!self.changes_segments()).then(change)
+        Some(Change::of(&part(&self.stiffness, factors.stiffness), &part(&self.mass, factors.mass), None))
     }
 
     /// So much of it.
@@ -165,25 +201,33 @@ impl Custom {
 
     /// The rows of a matrix that has not as many as `expected`.
     pub(super) fn other_size(&self, expected: usize) -> Option<usize> {
-        self.stiffness.iter().chain(&self.mass).map(|matrix| matrix.nrows()).find(|rows| *rows != expected)
+        [&self.stiffness, &self.mass].into_iter().flatten().map(|matrix| matrix.nrows()).find(|rows| *rows != expected)
     }
 
-    /// What a value of 1 adds to K and to M.
-    pub(super) fn matrices(&self) -> impl Iterator<Item = CustomMatrix<'_>> {
-        let matrices = [(&self.stiffness, false), (&self.mass, true)];
-        matrices.into_iter().filter_map(|(matrix, is_mass)| Some(CustomMatrix { entries: matrix.as_deref()?, is_mass }))
+    /// The rows of a matrix for a whole model that has not as many as `expected`.
+    pub(super) fn other_whole_size(&self, expected: usize) -> Option<usize> {
+        self.whole_matrices().map(|matrix| matrix.entries.nrows()).find(|rows| *rows != expected)
     }
 
-    /// The same with other matrices in the place of its own.
-    pub(super) fn within(&self, reduced: &impl Fn(&DMatrix<f64>) -> DMatrix<f64>) -> Self {
-        let of = |matrix: &Option<Arc<DMatrix<f64>>>| matrix.as_deref().map(|matrix| Arc::new(reduced(matrix)));
-        Self { stiffness: of(&self.stiffness), mass: of(&self.mass), ..self.clone() }
+    /// What a value of 1 adds to K and to M of the whole model.
+    pub(super) fn whole_matrices(&self) -> impl Iterator<Item = CustomMatrix<'_>> {
+        let matrices = self.whole.iter().zip([false, true]);
+        matrices.filter_map(|(matrix, is_mass)| Some(CustomMatrix { entries: matrix.as_deref()?, is_mass }))
+    }
+
+    /// The same with matrices for a model in other coordinates than those of the whole one.
+    pub(super) fn within(self, coordinates: &impl Fn(&CscMatrix<f64>) -> DMatrix<f64>) -> Self {
+        let of = |matrix: &Option<Arc<CscMatrix<f64>>>| matrix.as_deref().map(|matrix| Arc::new(coordinates(matrix)));
+        Self { stiffness: of(&self.whole[0]), mass: of(&self.whole[1]), ..self }
     }
 
     /// All that its files say, to tell whether they have changed.
     pub fn bytes(&self) -> Vec<u8> {
-        let matrices = self.stiffness.iter().chain(&self.mass).flat_map(|matrix| matrix.iter());
-        let mut bytes: Vec<u8> = matrices.flat_map(|entry| entry.to_le_bytes()).collect();
+        let mut bytes: Vec<u8> = self.whole_matrices().flat_map(|matrix| sparse_bytes(matrix.entries)).collect();
+        if bytes.is_empty() {
+            let matrices = [&self.stiffness, &self.mass].into_iter().flatten();
+            bytes = matrices.flat_map(|matrix| matrix.iter()).flat_map(|entry| entry.to_le_bytes()).collect();
+        }
         bytes.extend_from_slice(format!("{:?}", self.segments).as_bytes());
         bytes
     }
@@ -226,6 +270,13 @@ impl Contribution for Amount {
     fn change_segments(&self, segments: &mut [Segment]) {
         for segment in segments {
             self.custom.change(segment, self.value);
+        }
+    }
+
+    fn add_to_whole(&self, matrices: &mut WholeMatrices) {
+        for CustomMatrix { entries, is_mass } in self.custom.whole_matrices() {
+            let matrix = if is_mass { &mut matrices.mass } else { &mut matrices.stiffness };
+            *matrix = &*matrix + &(entries * self.value);
         }
     }
 

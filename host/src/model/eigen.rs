@@ -71,6 +71,11 @@ pub enum EigenError {
         "neither K nor M is positive definite: the structure can move freely and parts of it have no mass; support it, or give it mass"
     )]
     NotDefinite,
+    /// K allows motion without strain, and its factor tells no more.
+    #[error(
+        "K is not positive definite: the structure can move without strain, or a stiffness is negative; support it, check the signs"
+    )]
+    NotSupported,
     /// K allows motion without strain.
     #[error(
         "K is not positive definite (lambda = {lambda:.3e} 1/s²): the structure can move without strain, or a stiffness is negative; support it, check the signs"

@@ -1,6 +1,8 @@
 //! Where a model's degrees of freedom stand in space: heights and places flow in, motion there as a matrix over the DOFs
 //! flows out.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, Matrix2, RowDVector, Vector2};
 
 use super::DOFS_A_NODE;
@@ -14,6 +16,8 @@ use super::layout::{LayoutNode, is_line};
 pub(super) enum Geometry {
     /// Not known: sensors name rows of the matrices.
     Unknown,
+    /// Not known, but rows have names.
+    Named(Arc<[String]>),
     /// Nodes above each other, joined by beam segments.
     Line(Line),
     /// Nodes anywhere; between them nothing is known.

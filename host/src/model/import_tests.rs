@@ -1,9 +1,14 @@
 //! Models from matrices: what is read, where sensors stand in it, and what is refused.
 
 use std::fs;
+use std::io::Write;
 use std::path::Path;
 
 use nalgebra::DMatrix;
+use npyz::WriterBuilder;
+
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
 use super::tests::{Uniform, near};
 use super::*;
@@ -18,18 +23,8 @@ fn files(stiffness: &str, mass: &str, layout: Option<LayoutFile>) -> MatrixSourc
 }
 
 fn sensor(elevation_m: f64, azimuth_deg: f64, offset_m: [f64; 2]) -> Sensor {
-    Sensor {
-        channel: "07".to_owned(),
-        point: "07".to_owned(),
-        node: 1,
-        elevation_m: Some(elevation_m),
-        direction: Some(Direction::AzimuthDeg(azimuth_deg)),
-        offset_m,
-        reference: false,
-        unit: None,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
-    }
+    let direction = Some(Direction::AzimuthDeg(azimuth_deg));
+    Sensor { elevation_m: Some(elevation_m), direction, offset_m, ..Sensor::new("07", 1) }
 }
 
 /// A beam's matrices as files, with their heights.
@@ -345,5 +340,68 @@ fn matrix_market_files_of_impossible_sizes_are_refused() {
         fs::write(folder.path().join("k.mtx"), format!("{header}{body}")).unwrap();
         let refused = ImportedMatrices::read(&files("k.mtx", "k.mtx", None), folder.path()).unwrap_err().to_string();
         assert!(refused.contains("k.mtx") && refused.contains(expected), "{body}: {refused}");
+    }
+}
+
+/// A SciPy file of one array each, uncompressed or not.
+fn scipy_file(path: &Path, compression: CompressionMethod, arrays: &[(&str, Vec<u8>)]) {
+    let mut archive = ZipWriter::new(fs::File::create(path).unwrap());
+    for (name, bytes) in arrays {
+        let options = SimpleFileOptions::default().compression_method(compression);
+        archive.start_file(format!("{name}.npy"), options).unwrap();
+        archive.write_all(bytes).unwrap();
+    }
+    archive.finish().unwrap();
+}
+
+fn array<T: npyz::AutoSerialize + Copy>(values: &[T]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let shape = [values.len() as u64];
+    let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(&mut bytes).begin_nd().unwrap();
+    writer.extend(values.iter().copied()).unwrap();
+    writer.finish().unwrap();
+    bytes
+}
+
+/// SciPy's forms, CalculiX' and Abaqus' lines, and Matrix Market are one matrix; what is none is told.
+#[test]
+fn sparse_matrices_are_read_from_every_programs_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let expected = DMatrix::from_row_slice(3, 3, &[2.0, -1.0, 0.0, -1.0, 2.5, 0.0, 0.0, 0.0, 3.0]);
+    fs::write(
+        at("market.mtx"),
+        "%%MatrixMarket matrix coordinate real symmetric\n3 3 4\n1 1 2\n2 1 -1\n2 2 2.5\n3 3 3\n",
+    )
+    .unwrap();
+    fs::write(at("calculix.sti"), "1 1 2.0\n1 2 -1.D0\n2 2 2.5\n3 3 3.0\n").unwrap();
+    fs::write(at("abaqus.mtx"), "1, 1, 2.\n2, 1, -1.\n1, 2, -1.\n2, 2, 2.5\n3, 3, 3.\n").unwrap();
+    let (data, shape) = (array(&[2.0, -1.0, -1.0, 2.5, 3.0]), array(&[3_i64, 3]));
+    let rows = |starts: Vec<u8>| {
+        let indices = array(&[0_i32, 1, 0, 1, 2]);
+        vec![("data", data.clone()), ("shape", shape.clone()), ("indices", indices), ("indptr", starts)]
+    };
+    scipy_file(&at("rows.npz"), CompressionMethod::Deflated, &rows(array(&[0_i32, 2, 4, 5])));
+    let places = [("row", array(&[0_i64, 0, 1, 1, 2])), ("col", array(&[0_i64, 1, 0, 1, 2]))];
+    let coordinates = [[("data", data.clone()), ("shape", shape.clone())], places].concat();
+    scipy_file(&at("places.npz"), CompressionMethod::Stored, &coordinates);
+    for file in ["market.mtx", "calculix.sti", "abaqus.mtx", "rows.npz", "places.npz"] {
+        let read = ImportedMatrices::read(&files(file, file, None), folder.path());
+        assert_eq!(read.unwrap_or_else(|error| panic!("{file}: {error}")).stiffness, expected, "{file}");
+    }
+    scipy_file(&at("outside.npz"), CompressionMethod::Stored, &rows(array(&[0_i32, 2, 4, 9])));
+    scipy_file(&at("none.npz"), CompressionMethod::Stored, &[("data", data), ("shape", shape)]);
+    fs::write(at("damaged.npz"), "PK, but no archive").unwrap();
+    fs::write(at("nodes.mtx"), "1, 1, 1, 1, 2.0\n").unwrap();
+    fs::write(at("words.sti"), "1 1 2.0\n1 two 3.0\n").unwrap();
+    for (file, expected) in [
+        ("outside.npz", "row 3 has no entries 4 to 9"),
+        ("none.npz", "scipy.sparse.save_npz"),
+        ("damaged.npz", "not a .npz file"),
+        ("nodes.mtx", "FORMAT=COORDINATE"),
+        ("words.sti", "line 2: `1 two 3.0`"),
+    ] {
+        let refused = ImportedMatrices::read(&files(file, file, None), folder.path()).unwrap_err().to_string();
+        assert!(refused.contains(file) && refused.contains(expected), "{file}: {refused}");
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
 use super::DOFS_A_NODE;
@@ -11,10 +11,13 @@ use super::assembly::Assembly;
 use super::beam::{BeamError, BeamTable};
 use super::custom::{Custom, CustomError};
 use super::effect::{Effect, EffectError};
-use super::matrices::{ImportedMatrices, MatrixError};
+use super::eigen::EigenError;
+use super::matrices::{MatrixError, WholeMatrices};
+use super::reduction;
+use super::runs::{self, RunError};
 use super::size::{self, TooManyUnknowns};
 use super::structure::{Body, Structure};
-use crate::study::{CustomSource, ModelSource, STUDY_FILE, Study};
+use crate::study::{CustomSource, Model, ModelSource, STUDY_FILE, Study};
 
 /// A study's model, read.
 #[derive(Debug, Clone)]
@@ -25,6 +28,8 @@ pub struct LoadedModel {
     pub effects: Vec<Effect>,
     /// The user's own hypotheses.
     pub customs: Arc<[Custom]>,
+    /// What the reader should know of its files.
+    pub warnings: Vec<String>,
 }
 
 /// Why a study has no usable model.
@@ -52,6 +57,9 @@ pub enum ModelError {
     /// The matrices.
     #[error(transparent)]
     Matrices(#[from] MatrixError),
+    /// Modes of the user's own program.
+    #[error(transparent)]
+    Runs(#[from] RunError),
     /// A hypothesis of the user's own.
     #[error("{}, line {line}, [[model.{section}]]: {source}", file.display())]
     Custom {
@@ -64,9 +72,11 @@ pub enum ModelError {
         /// Why.
         source: Box<CustomError>,
     },
-    /// A group that does not suit the model, or that no measurement could tell from another.
-    #[error("{}, line {line}, [[model.group]] `{name}`: {reason}", file.display())]
+    /// A group or a hypothesis that does not suit the model, or a group that no measurement could tell from another.
+    #[error("{}, line {line}, [[model.{section}]] `{name}`: {reason}", file.display())]
     Group {
+        /// `custom` or `group`.
+        section: &'static str,
         /// The study's file.
         file: PathBuf,
         /// 1-based line.
@@ -76,6 +86,9 @@ pub enum ModelError {
         /// Why.
         reason: String,
     },
+    /// The modes of a model of many degrees of freedom.
+    #[error("[model] matrices: {0}")]
+    Reduction(#[from] EigenError),
     /// An effect of the study.
     #[error("{}, line {line}, [[model.effect]]: {source}", file.display())]
     Effect {
@@ -88,30 +101,66 @@ pub enum ModelError {
     },
 }
 
-/// Reads the model of a study: its beam table or matrices, and its effects, checked against them.
+/// Reads the model of a study: its beam table, matrices or modes, and its effects, checked against them.
 ///
 /// # Errors
 /// [`ModelError`] names the file and, in it, line, column or matrix entry.
 pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
+    load_up_to(study, None)
+}
+
+/// As [`load`], for modes up to `highest_hz` where that is known: a model of many degrees of freedom is reduced to what moves up to there.
+///
+/// # Errors
+/// As there.
+pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel, ModelError> {
     let file = study.folder.join(STUDY_FILE);
     let model = study.model.as_ref().ok_or_else(|| ModelError::NoModel { file: file.clone() })?;
-    let body = match &model.source {
-        ModelSource::Beam(path) => Body::Beam(read_beam(&study.folder.join(path))?),
-        ModelSource::Matrices(source) => Body::Matrices(ImportedMatrices::read(source, &study.folder)?),
-    };
     let custom = |source: &CustomSource| {
-        Custom::read(source, &study.folder).map_err(|error| ModelError::Custom {
+        Custom::read_whole(source, &study.folder).map_err(|error| ModelError::Custom {
             section: source.section(),
             file: file.clone(),
             line: source.line,
             source: Box::new(error),
         })
     };
-    let customs: Arc<[Custom]> = model.customs.iter().map(custom).collect::<Result<Vec<_>, _>>()?.into();
+    let customs = || model.customs.iter().map(custom).collect::<Result<Vec<Custom>, _>>();
+    let in_full = |customs: Vec<Custom>| -> Vec<Custom> {
+        customs.into_iter().map(|custom| custom.within(&|matrix| DMatrix::from(matrix))).collect()
+    };
+    let mut warnings = Vec::new();
+    let (body, customs) = match &model.source {
+        ModelSource::Beam(path) => (Body::Beam(read_beam(&study.folder.join(path))?), in_full(customs()?)),
+        ModelSource::Matrices(source) => {
+            let (whole, customs) = (WholeMatrices::read(source, &study.folder)?, customs()?);
+            if reduction::is_worthwhile(&whole) {
+                check_sizes(&whole, &customs, model, &file)?;
+                let (matrices, customs) = reduction::reduced(whole, customs, highest_hz)?;
+                (Body::Matrices(matrices), customs)
+            } else {
+                (Body::Matrices(whole.in_full()?), in_full(customs))
+            }
+        }
+        ModelSource::Modes(base) => {
+            let of_runs = runs::read(base, &model.runs, &study.folder)?;
+            warnings = of_runs.warnings;
+            let change = |source: &CustomSource| {
+                let (_, change) = of_runs.changes.iter().find(|(name, _)| *name == source.name)?;
+                Some(Custom::of_run(source, change))
+            };
+            (Body::Matrices(of_runs.body), model.customs.iter().filter_map(change).collect())
+        }
+    };
+    let customs: Arc<[Custom]> = customs.into();
     let mut changes: Vec<(&str, DVector<f64>)> = Vec::new();
     for (group, source) in customs.iter().zip(&model.customs).filter(|(one, _)| one.group.is_some()) {
-        let failed =
-            |reason| ModelError::Group { file: file.clone(), line: source.line, name: group.name.clone(), reason };
+        let failed = |reason| ModelError::Group {
+            section: source.section(),
+            file: file.clone(),
+            line: source.line,
+            name: group.name.clone(),
+            reason,
+        };
         changes.push((&group.name, group.change_of_group(&body, &changes).map_err(failed)?));
     }
     let sensors = study.sensors();
@@ -123,7 +172,19 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
         structure = structure.and(std::slice::from_ref(&effect)).map_err(failed)?;
         effects.push(effect);
     }
-    Ok(LoadedModel { body, effects, customs })
+    Ok(LoadedModel { body, effects, customs, warnings })
+}
+
+/// Matrices that are reduced together are of one size.
+fn check_sizes(whole: &WholeMatrices, customs: &[Custom], model: &Model, file: &Path) -> Result<(), ModelError> {
+    let expected = whole.stiffness.nrows();
+    let other = |(custom, source): (&Custom, &CustomSource)| {
+        let found = custom.other_whole_size(expected)?;
+        let reason = format!("its matrices are {found} x {found}, those of the model {expected} x {expected}");
+        let (file, line, name) = (file.to_owned(), source.line, source.name.clone());
+        Some(ModelError::Group { section: source.section(), file, line, name, reason })
+    };
+    customs.iter().zip(&model.customs).find_map(other).map_or(Ok(()), Err)
 }
 
 /// Reads a beam table whose model fits into the memory.
@@ -134,7 +195,7 @@ pub fn read_beam(file: &Path) -> Result<BeamTable, ModelError> {
     let table = BeamTable::read(file)?;
     let segments = table.segments().len();
     let too_many = |why| ModelError::TooManySegments { file: file.to_owned(), segments, why };
-    size::fits(segments.saturating_mul(DOFS_A_NODE)).map_err(too_many)?;
+    size::fits_in_full(segments.saturating_mul(DOFS_A_NODE)).map_err(too_many)?;
     Ok(table)
 }
 
@@ -142,6 +203,26 @@ impl LoadedModel {
     /// The model as first given, without effects.
     pub fn as_given(&self) -> Assembly {
         Structure::new(self.body.clone()).assemble()
+    }
+
+    /// Whether the model is reduced from matrices of many degrees of freedom, or known by its modes (`false`); `None` where its degrees of
+    /// freedom are its own.
+    pub fn is_reduced(&self) -> Option<bool> {
+        match &self.body {
+            Body::Matrices(matrices) if matrices.coordinates.is_some() => Some(matrices.whole.is_some()),
+            _ => None,
+        }
+    }
+
+    /// All that its files say of K and M as first given, to tell whether they have changed.
+    pub fn bytes(&self) -> Vec<u8> {
+        match &self.body {
+            Body::Matrices(matrices) => matrices.bytes(),
+            Body::Beam(_) => {
+                let given = self.as_given();
+                given.stiffness.iter().chain(given.mass.iter()).flat_map(|number| number.to_le_bytes()).collect()
+            }
+        }
     }
 
     /// The structure without effects; effects may name the user's own hypotheses.

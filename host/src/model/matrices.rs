@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
-use nalgebra_sparse::io::load_coo_from_matrix_market_str;
+use nalgebra_sparse::CscMatrix;
 use npyz::WriterBuilder;
 use thiserror::Error;
 
 use super::layout::{LayoutError, LayoutNode, is_line, read_dofs, read_nodes};
-use super::size;
-use crate::record::mat::{read_matrix, variables};
-use crate::record::{MatError, NpyArray, RecordError};
+use super::matrix_files;
+use super::size::{self, TooManyUnknowns};
+use crate::record::{MatError, RecordError};
 use crate::study::{LayoutFile, MatrixSource, MatrixTerm};
 
 /// Mass and stiffness matrices from files, and where their rows stand.
@@ -25,9 +25,13 @@ pub struct ImportedMatrices {
     pub mass: DMatrix<f64>,
     /// The nodes, lowest first; empty where nothing is known of them, and sensors name rows.
     pub nodes: Vec<LayoutNode>,
+    /// The matrices that these are reduced from; `None` where they are not reduced.
+    pub(super) whole: Option<Arc<WholeMatrices>>,
     /// Where K and M are those of a reduced model: how the rows of the whole one, which nodes and sensors name, move with its coordinates,
     /// DOFs x coordinates.
     pub(super) coordinates: Option<Arc<DMatrix<f64>>>,
+    /// What the rows are called, where sensors name them by channel or point; empty where they do not.
+    pub(super) places: Arc<[String]>,
 }
 
 /// Why matrices were refused.
@@ -41,7 +45,7 @@ pub enum MatrixError {
     Npy(#[from] RecordError),
     /// A name that no file goes with.
     #[error(
-        "[model] matrices: `{name}` is neither a Matrix Market file (.mtx), a NumPy file (.npy), nor a variable of a MATLAB file named by `file`"
+        "[model] matrices: `{name}` is neither a Matrix Market file (.mtx), a NumPy or SciPy file (.npy, .npz), a file of CalculiX (.sti, .mas), nor a variable of a MATLAB file named by `file`"
     )]
     NoFile {
         /// The name.
@@ -129,6 +133,9 @@ pub enum MatrixError {
         /// What would have been right.
         expected: &'static str,
     },
+    /// Full matrices do not fit into memory: those of a model whose nodes stand above each other are not reduced.
+    #[error("[model] matrices: {0}")]
+    TooLarge(TooManyUnknowns),
     /// The layout of nodes.
     #[error(transparent)]
     Layout(#[from] LayoutError),
@@ -137,12 +144,23 @@ pub enum MatrixError {
 /// Differences of mirror images below this share of the geometric mean of their diagonals are rounding.
 const SYMMETRY_TOLERANCE: f64 = 1e-8;
 
-impl ImportedMatrices {
+/// Matrices as their files have them, with both triangles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WholeMatrices {
+    /// K, DOFs x DOFs, symmetric.
+    pub stiffness: CscMatrix<f64>,
+    /// M, DOFs x DOFs, symmetric.
+    pub mass: CscMatrix<f64>,
+    /// The nodes, lowest first; empty where nothing is known of them.
+    pub nodes: Vec<LayoutNode>,
+}
+
+impl WholeMatrices {
     /// Reads and sums the matrices that a study names; relative paths start at `folder`.
     ///
     /// # Errors
     /// [`MatrixError`] names the file, the matrix and the entry.
-    pub fn read(source: &MatrixSource, folder: &Path) -> Result<Self, MatrixError> {
+    pub(super) fn read(source: &MatrixSource, folder: &Path) -> Result<Self, MatrixError> {
         let file = source.file.as_ref().map(|file| folder.join(file));
         let stiffness = read_sum(&source.stiffness, "stiffness", file.as_deref(), folder, None)?;
         let mass = read_sum(&source.mass, "mass", file.as_deref(), folder, Some(stiffness.nrows()))?;
@@ -150,8 +168,9 @@ impl ImportedMatrices {
             (&stiffness, "stiffness", (|value| value > 0.0) as fn(f64) -> bool, "only a number above 0"),
             (&mass, "mass", |value| value >= 0.0, "only 0 or more"),
         ] {
-            if let Some(row) = matrix.diagonal().iter().position(|&value| !admissible(value)) {
-                return Err(MatrixError::Diagonal { quantity, row: row + 1, value: matrix[(row, row)], expected });
+            let diagonal = diagonal(matrix);
+            if let Some(row) = diagonal.iter().position(|&value| !admissible(value)) {
+                return Err(MatrixError::Diagonal { quantity, row: row + 1, value: diagonal[row], expected });
             }
         }
         let nodes = match &source.layout {
@@ -159,13 +178,66 @@ impl ImportedMatrices {
             Some(LayoutFile::Dofs(path)) => read_dofs(&folder.join(path), stiffness.nrows())?,
             None => Vec::new(),
         };
-        Ok(Self { stiffness, mass, nodes, coordinates: None })
+        Ok(Self { stiffness, mass, nodes })
+    }
+
+    /// Whether the nodes stand above each other, so that heights mean something.
+    pub(super) fn is_line(&self) -> bool {
+        is_line(&self.nodes)
+    }
+
+    /// Every entry, also those that are zero.
+    ///
+    /// # Errors
+    /// [`MatrixError::TooLarge`] where full matrices of so many rows do not fit into memory.
+    pub(super) fn in_full(&self) -> Result<ImportedMatrices, MatrixError> {
+        size::fits_in_full(self.stiffness.nrows()).map_err(MatrixError::TooLarge)?;
+        Ok(ImportedMatrices {
+            stiffness: DMatrix::from(&self.stiffness),
+            mass: DMatrix::from(&self.mass),
+            nodes: self.nodes.clone(),
+            coordinates: None,
+            places: Arc::default(),
+            whole: None,
+        })
+    }
+}
+
+impl ImportedMatrices {
+    /// Reads and sums the matrices that a study names; relative paths start at `folder`.
+    ///
+    /// # Errors
+    /// [`MatrixError`] names the file, the matrix and the entry.
+    pub fn read(source: &MatrixSource, folder: &Path) -> Result<Self, MatrixError> {
+        WholeMatrices::read(source, folder)?.in_full()
     }
 
     /// Whether the nodes stand above each other, so that heights mean something.
     pub fn is_line(&self) -> bool {
         is_line(&self.nodes)
     }
+
+    /// All that its files say, to tell whether they have changed.
+    pub fn bytes(&self) -> Vec<u8> {
+        match &self.whole {
+            Some(whole) => sparse_bytes(&whole.stiffness).chain(sparse_bytes(&whole.mass)).collect(),
+            None => self.stiffness.iter().chain(self.mass.iter()).flat_map(|entry| entry.to_le_bytes()).collect(),
+        }
+    }
+}
+
+/// Where entries stand and what they are, to tell whether they have changed.
+pub(super) fn sparse_bytes(matrix: &CscMatrix<f64>) -> impl Iterator<Item = u8> + '_ {
+    let entry = |(row, column, value): (usize, usize, &f64)| {
+        [(row as u64).to_le_bytes(), (column as u64).to_le_bytes(), value.to_le_bytes()].into_iter().flatten()
+    };
+    matrix.triplet_iter().filter(|(_, _, value)| **value != 0.0).flat_map(entry)
+}
+
+/// The diagonal entries.
+fn diagonal(matrix: &CscMatrix<f64>) -> Vec<f64> {
+    let entry = |at: usize| matrix.get_entry(at, at).map_or(0.0, |entry| entry.into_value());
+    (0..matrix.nrows().min(matrix.ncols())).map(entry).collect()
 }
 
 /// The sum of the matrices that `terms` name, symmetric; `file` is the MATLAB file of names without an ending.
@@ -178,114 +250,32 @@ pub(super) fn read_sum(
     file: Option<&Path>,
     folder: &Path,
     mut size: Option<usize>,
-) -> Result<DMatrix<f64>, MatrixError> {
-    let mut total: Option<DMatrix<f64>> = None;
+) -> Result<CscMatrix<f64>, MatrixError> {
+    let mut total: Option<CscMatrix<f64>> = None;
     for MatrixTerm { name, factor } in terms {
-        let (path, matrix) = read_one(name, quantity, file, folder)?;
+        let (path, matrix) = matrix_files::read(name, quantity, file, folder)?;
         check(&matrix, &path, name, quantity, size)?;
         size = Some(matrix.nrows());
-        let scaled = symmetric(&matrix) * *factor;
+        // Mirror images may differ by rounding.
+        let scaled = (&matrix + &matrix.transpose()) * (0.5 * factor);
         total = Some(match total {
             Some(total) => total + scaled,
             None => scaled,
         });
     }
     // The study's reader refuses an empty list.
-    Ok(total.unwrap_or_else(|| DMatrix::zeros(0, 0)))
-}
-
-fn read_one(
-    name: &str,
-    quantity: &'static str,
-    file: Option<&Path>,
-    folder: &Path,
-) -> Result<(PathBuf, DMatrix<f64>), MatrixError> {
-    let unreadable = |path: &Path, reason: String| MatrixError::Unreadable { file: path.to_owned(), reason };
-    let size = |length: u64| usize::try_from(length).unwrap_or(usize::MAX);
-    let path = folder.join(name);
-    match (Path::new(name).extension().and_then(|extension| extension.to_str()), file) {
-        (Some("mtx"), _) => {
-            let text = std::fs::read_to_string(&path)
-                .map_err(|error| unreadable(&path, format!("cannot be read ({error})")))?;
-            check_sizes(&text).map_err(|reason| unreadable(&path, reason))?;
-            let entries = load_coo_from_matrix_market_str::<f64>(&text)
-                .map_err(|error| unreadable(&path, format!("not a Matrix Market file of real numbers ({error})")))?;
-            let mut matrix = DMatrix::zeros(entries.nrows(), entries.ncols());
-            for (row, column, value) in entries.triplet_iter() {
-                matrix[(row, column)] += value;
-            }
-            Ok((path, matrix))
-        }
-        (Some("npy"), _) => {
-            let array = NpyArray::open(&path)?;
-            let &[rows, columns] = array.shape() else {
-                let shape = array.shape();
-                return Err(unreadable(&path, format!("an array of shape {shape:?}; a matrix has two dimensions")));
-            };
-            check_size(size(rows), size(columns), &path, name, quantity)?;
-            Ok((path, array.read_matrix()?))
-        }
-        (_, Some(file)) => {
-            let known = variables(file)?.into_iter().find(|variable| variable.name == name);
-            let dimensions = known.map(|variable| variable.dimensions).unwrap_or_default();
-            let rows = dimensions.first().copied().map_or(0, size);
-            let columns = dimensions.get(1).copied().map_or(rows, size);
-            check_size(rows, columns, file, name, quantity)?;
-            Ok((file.to_owned(), read_matrix(file, name)?))
-        }
-        (_, None) => Err(MatrixError::NoFile { name: name.to_owned() }),
-    }
-}
-
-/// More rows than this no model has that is kept as a full matrix (3 GB a matrix).
-const MOST_ROWS: usize = 20_000;
-
-/// Refuses sizes and indices that the library would choke on: it takes any digits for a number that fits, and any size for
-/// one that fits into memory.
-fn check_sizes(text: &str) -> Result<(), String> {
-    let coordinate = text.lines().next().is_some_and(|header| header.to_ascii_lowercase().contains("coordinate"));
-    let is_content = |line: &str| !line.trim().is_empty() && !line.starts_with('%');
-    let mut lines = text.lines().enumerate().filter(|(_, line)| is_content(line));
-    let Some((index, sizes)) = lines.next() else { return Ok(()) };
-    let is_size = |word: &str| word.parse::<usize>().is_ok_and(|size| (1..=MOST_ROWS).contains(&size));
-    let rows = sizes.split_whitespace().next().and_then(|word| word.parse().ok()).unwrap_or(0);
-    if let Some(word) = sizes.split_whitespace().take(2).find(|word| !is_size(word)) {
-        return Err(format!(
-            "line {}: `{word}` where a number of rows or columns, 1 to {MOST_ROWS}, was expected",
-            index + 1
-        ));
-    }
-    size::fits(rows).map_err(|why| why.to_string())?;
-    let is_no_index = |word: &&str| word.parse::<u32>().is_err();
-    if let Some(word) = sizes.split_whitespace().nth(2).filter(is_no_index) {
-        return Err(format!("line {}: `{word}` where a number of entries was expected", index + 1));
-    }
-    for (index, line) in lines.filter(|_| coordinate) {
-        if let Some(word) = line.split_whitespace().take(2).find(is_no_index) {
-            return Err(format!("line {}: `{word}` where a row or column was expected", index + 1));
-        }
-    }
-    Ok(())
-}
-
-/// Before a matrix is read: a long one may take more memory than any square one that is let through.
-fn check_size(rows: usize, columns: usize, file: &Path, name: &str, quantity: &'static str) -> Result<(), MatrixError> {
-    let (file, name) = (file.to_owned(), name.to_owned());
-    if rows != columns {
-        return Err(MatrixError::NotSquare { file, name, quantity, rows, columns });
-    }
-    size::fits(rows).map_err(|why| MatrixError::Unreadable { file, reason: format!("`{name}` is too large: {why}") })
+    Ok(total.unwrap_or_else(|| CscMatrix::zeros(0, 0)))
 }
 
 fn check(
-    matrix: &DMatrix<f64>,
+    matrix: &CscMatrix<f64>,
     file: &Path,
     name: &str,
     quantity: &'static str,
     size: Option<usize>,
 ) -> Result<(), MatrixError> {
     let (file, name) = (file.to_owned(), name.to_owned());
-    let (rows, columns) = matrix.shape();
+    let (rows, columns) = (matrix.nrows(), matrix.ncols());
     if rows != columns || rows == 0 {
         return Err(MatrixError::NotSquare { file, name, quantity, rows, columns });
     }
@@ -294,17 +284,21 @@ fn check(
     {
         return Err(MatrixError::Size { file, name, rows, expected });
     }
-    if let Some(index) = matrix.iter().position(|value| !value.is_finite()) {
-        let (row, column) = matrix.vector_to_matrix_index(index);
+    if let Some((row, column, _)) = matrix.triplet_iter().find(|(_, _, value)| !value.is_finite()) {
         return Err(MatrixError::NotFinite { file, name, row: row + 1, column: column + 1 });
     }
-    let largest = matrix.amax();
-    for (row, column) in (0..rows).flat_map(|column| (0..column).map(move |row| (row, column))) {
-        let (value, mirror) = (matrix[(row, column)], matrix[(column, row)]);
+    let diagonal = diagonal(matrix);
+    let largest = matrix.values().iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+    // What is not its own mirror image is an entry of the difference.
+    let difference = matrix - &matrix.transpose();
+    for (row, column, difference) in difference.triplet_iter().filter(|(row, column, _)| row < column) {
         // Entries are of different units; where a diagonal is empty, the largest entry is the scale.
-        let diagonal = (matrix[(row, row)] * matrix[(column, column)]).abs().sqrt();
-        let scale = if diagonal > 0.0 { diagonal } else { largest };
-        if (value - mirror).abs() > SYMMETRY_TOLERANCE * scale {
+        let product = (diagonal[row] * diagonal[column]).abs().sqrt();
+        let scale = if product > 0.0 { product } else { largest };
+        if difference.abs() > SYMMETRY_TOLERANCE * scale {
+            let entry =
+                |row: usize, column: usize| matrix.get_entry(row, column).map_or(0.0, |entry| entry.into_value());
+            let (value, mirror) = (entry(row, column), entry(column, row));
             return Err(MatrixError::NotSymmetric { file, name, row: row + 1, column: column + 1, value, mirror });
         }
     }
@@ -312,7 +306,7 @@ fn check(
 }
 
 /// Mirror images may differ by rounding.
-fn symmetric(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn symmetric(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     (matrix + matrix.transpose()) * 0.5
 }
 

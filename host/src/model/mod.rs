@@ -28,10 +28,14 @@ mod layout;
 mod load;
 mod mass_spread;
 mod matrices;
+mod matrix_files;
 mod reduction;
 #[cfg(test)]
 mod reduction_tests;
 mod response;
+mod runs;
+#[cfg(test)]
+mod runs_tests;
 mod sensing;
 mod sensitivity;
 mod sensor;
@@ -52,13 +56,13 @@ pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use element::Compression;
 pub use joint::Element;
 pub use layout::{LayoutError, LayoutNode, dof_of_row, dofs_csv};
-pub use load::{LoadedModel, ModelError, load, read_beam};
-pub use matrices::{ImportedMatrices, MatrixError, matrix_market, npy};
+pub use load::{LoadedModel, ModelError, load, load_up_to, read_beam};
+pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy};
 pub use response::Responses;
 pub use sensing::{Sensing, SensorChange, phases_rad};
 pub use sensitivity::{Change, ModeDerivative, frequency_derivatives};
 pub use sensor::SensorError;
-pub use size::TooManyUnknowns;
+pub use size::{TooManyUnknowns, fits_in_full};
 pub use structure::{Body, SegmentChange, Structure};
 
 /// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.

@@ -1,27 +1,31 @@
-//! A model of many degrees of freedom, reduced once to few: matrices with the modes of the model flow in, the same structure in generalised
-//! coordinates flows out, in which a fit of effects costs the same for 200 and for 20 000 degrees of freedom.
+//! A model of many degrees of freedom, reduced once to few: matrices as they are in files flow in, the same structure in generalised
+//! coordinates flows out, in which everything costs the same for 200 and for 20 000 degrees of freedom.
 //!
 //! The coordinates are the lowest modes and static corrections: how the structure gives way, `K⁻¹ dK φ` and `K⁻¹ dM φ λ`, to what each
-//! group and each hypothesis of the user's own does to each mode that was measured (Bouazzouni, Lallement and Cogan 1997, "Selecting a Ritz
+//! group and each hypothesis of the user's own does to each mode that is measured (Bouazzouni, Lallement and Cogan 1997, "Selecting a Ritz
 //! basis for the reanalysis of the frequency response functions of modified structures", J. Sound Vib. 199, 309). Frequencies are exact
 //! without changes, and to second order in what corrections leave with them.
 
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector};
+use belfry_numerics::{EigenPairs, SparseFactor, count_below, lowest_sparse_modes, symmetric_pairs};
+use nalgebra::DMatrix;
+use nalgebra_sparse::CscMatrix;
 
 use super::custom::Custom;
-use super::eigen::ModalBasis;
-use super::matrices::ImportedMatrices;
-use super::structure::{Body, Structure};
+use super::eigen::EigenError;
+use super::matrices::{ImportedMatrices, WholeMatrices, symmetric};
 
 /// Smaller models gain nothing.
 const LEAST_DOFS: usize = 200;
 /// Modes are kept up to this many times the highest measured frequency, for changes that lower them that far.
 const BEYOND: f64 = 2.0;
-/// So many modes are kept, and so many of them corrected.
+/// At least and at most so many modes are kept, and at most so many of them corrected.
 const MODES: [usize; 2] = [20, 150];
 const MOST_CORRECTED: usize = 30;
+/// Where no mode is measured yet, this many modes are kept.
+const MODES_IF_UNKNOWN: usize = 60;
 /// Modes are corrected up to this many times the highest measured frequency.
 const CORRECTED: f64 = 1.6;
 /// Corrections of a second kind: how the structure gives way to what a change does to the first.
@@ -31,87 +35,106 @@ const ORDERS: usize = 2;
 const NEGLIGIBLE: f64 = 1e-7;
 /// No more directions than this.
 const MOST_CORRECTIONS: usize = 150;
+/// A solution that is off by more than this share is one of a structure that can move without strain.
+const UNSUPPORTED: f64 = 1e-4;
 
-impl Structure {
-    /// Whether [`Structure::reduced`] makes it another.
-    pub fn is_reducible(&self) -> bool {
-        matches!(&self.body, Body::Matrices(matrices) if !matrices.is_line()) && self.dofs() >= LEAST_DOFS
-    }
-
-    /// The same in few coordinates, exact up to about `highest_hz`, where it is given as matrices of many degrees of freedom whose nodes do
-    /// not stand above each other (effects of masts act at their nodes); `basis` has all vectors of it as it is, without contributions.
-    #[must_use]
-    pub fn reduced(&self, basis: &ModalBasis, highest_hz: f64) -> Self {
-        let Body::Matrices(matrices) = &self.body else { return self.clone() };
-        let dofs = self.dofs();
-        if !self.is_reducible() || basis.vectors.shape() != (dofs, dofs) {
-            return self.clone();
-        }
-        let coordinates = coordinates(basis, &self.customs, highest_hz);
-        if coordinates.ncols() >= dofs {
-            return self.clone();
-        }
-        let within = |matrix: &DMatrix<f64>| symmetric(coordinates.tr_mul(&(matrix * &coordinates)));
-        let customs = self.customs.iter().map(|custom| custom.within(&within)).collect();
-        let body = ImportedMatrices {
-            stiffness: within(&matrices.stiffness),
-            mass: within(&matrices.mass),
-            nodes: matrices.nodes.clone(),
-            coordinates: Some(Arc::new(coordinates)),
-        };
-        Self::new(Body::Matrices(body)).with_customs(customs)
-    }
+/// Whether matrices are worth reducing: many degrees of freedom, whose nodes do not stand above each other (effects of masts act at their
+/// nodes).
+pub(super) fn is_worthwhile(whole: &WholeMatrices) -> bool {
+    whole.stiffness.nrows() >= LEAST_DOFS && !whole.is_line()
 }
 
-/// Coordinates of unit strain energy, at right angles by K: DOFs x coordinates.
-fn coordinates(basis: &ModalBasis, customs: &[Custom], highest_hz: f64) -> DMatrix<f64> {
-    let below = |hz: f64| {
-        let least = (std::f64::consts::TAU * hz).powi(-2);
-        basis.inverse_lambda.iter().take_while(|inverse_lambda| **inverse_lambda > least).count()
+/// The same in few coordinates, exact up to about `highest_hz`, with what hypotheses and groups change; where all modes that have mass are no
+/// more than would be kept, these.
+///
+/// # Errors
+/// Where K is not that of a supported structure, M has no mass, or its modes are not found.
+pub(super) fn reduced(
+    whole: WholeMatrices,
+    customs: Vec<Custom>,
+    highest_hz: Option<f64>,
+) -> Result<(ImportedMatrices, Vec<Custom>), EigenError> {
+    let reducer = Reducer::of(&whole, highest_hz)?;
+    let coordinates = reducer.coordinates(&whole.stiffness, &customs, highest_hz);
+    let across = coordinates.transpose();
+    let within = |matrix: &CscMatrix<f64>| symmetric(&(&across * (matrix * &coordinates)));
+    let customs = customs.into_iter().map(|custom| custom.within(&within)).collect();
+    let body = ImportedMatrices {
+        stiffness: within(&whole.stiffness),
+        mass: within(&whole.mass),
+        nodes: whole.nodes.clone(),
+        coordinates: Some(Arc::new(coordinates)),
+        places: Arc::default(),
+        whole: Some(Arc::new(whole)),
     };
-    let kept = below(BEYOND * highest_hz).clamp(MODES[0], MODES[1]).min(basis.vectors.ncols());
-    let corrected = below(CORRECTED * highest_hz).clamp(1, MOST_CORRECTED).min(kept);
-    let modes = basis.vectors.columns(0, kept).into_owned();
-    // Vectors of unit strain energy that span every motion: K⁻¹ is the sum of their squares.
-    let rest = basis.vectors.columns(kept, basis.vectors.ncols() - kept);
-    let inverse_lambda = DVector::from_column_slice(&basis.inverse_lambda[..corrected]);
-    let mut corrections: Vec<DMatrix<f64>> = Vec::new();
-    for matrix in customs.iter().flat_map(Custom::matrices) {
-        // In units of a mode that strains the whole by one.
-        let scale = |mut forces: DMatrix<f64>| {
-            if matrix.is_mass {
-                forces.column_iter_mut().zip(inverse_lambda.iter()).for_each(|(mut column, mu)| column /= *mu);
-            }
-            forces
-        };
-        let mut motion = modes.columns(0, corrected).into_owned();
-        for _ in 0..ORDERS {
-            let forces = scale(matrix.entries * &motion);
-            motion = rest.tr_mul(&forces);
-            corrections.push(motion.clone());
-            motion = rest * &motion;
-        }
-    }
-    let columns: usize = corrections.iter().map(DMatrix::ncols).sum();
-    if columns == 0 || rest.ncols() == 0 {
-        return modes;
-    }
-    // By coordinates of the rest, which are at right angles by K: the Gram matrix is that of strain energies.
-    let all = DMatrix::from_columns(&corrections.iter().flat_map(DMatrix::column_iter).collect::<Vec<_>>());
-    let eigen = symmetric(all.tr_mul(&all)).symmetric_eigen();
-    let mut order: Vec<usize> = (0..columns).filter(|&at| eigen.eigenvalues[at] > NEGLIGIBLE).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    order.truncate(MOST_CORRECTIONS);
-    let mut directions = eigen.eigenvectors.select_columns(&order);
-    for (mut direction, &at) in directions.column_iter_mut().zip(&order) {
-        direction /= eigen.eigenvalues[at].sqrt();
-    }
-    let more = rest * (all * directions);
-    let mut coordinates = modes.resize_horizontally(kept + more.ncols(), 0.0);
-    coordinates.columns_mut(kept, more.ncols()).copy_from(&more);
-    coordinates
+    Ok((body, customs))
 }
 
-fn symmetric(matrix: DMatrix<f64>) -> DMatrix<f64> {
-    (&matrix + matrix.transpose()) * 0.5
+/// The lowest modes of a large model, and what solves for any other motion.
+struct Reducer {
+    factor: SparseFactor,
+    /// Of unit strain energy.
+    modes: EigenPairs<f64>,
+}
+
+impl Reducer {
+    fn of(whole: &WholeMatrices, highest_hz: Option<f64>) -> Result<Self, EigenError> {
+        let WholeMatrices { stiffness, mass, .. } = whole;
+        let factor = SparseFactor::of(stiffness, UNSUPPORTED).ok_or(EigenError::NotSupported)?;
+        if mass.values().iter().all(|entry| *entry == 0.0) {
+            return Err(EigenError::Massless);
+        }
+        let not_converged = || EigenError::NotConverged { dofs: stiffness.nrows() };
+        let up_to = |hz: f64| count_below(stiffness, mass, (TAU * BEYOND * hz).powi(2)).ok_or_else(not_converged);
+        let count = highest_hz.map_or(Ok(MODES_IF_UNKNOWN), up_to)?.clamp(MODES[0], MODES[1]);
+        let modes = lowest_sparse_modes(&factor, stiffness, mass, count).ok_or_else(not_converged)?;
+        Ok(Self { factor, modes })
+    }
+
+    /// Coordinates of unit strain energy, at right angles by K: DOFs x coordinates.
+    fn coordinates(&self, stiffness: &CscMatrix<f64>, customs: &[Custom], highest_hz: Option<f64>) -> DMatrix<f64> {
+        let EigenPairs { values, vectors: modes } = &self.modes;
+        let up_to = |highest_hz: f64| {
+            let least = (TAU * CORRECTED * highest_hz).powi(-2);
+            values.iter().take_while(|value| **value > least).count()
+        };
+        let corrected = highest_hz.map_or(values.len() / 2, up_to).clamp(1, MOST_CORRECTED.min(values.len()));
+        let across = modes.transpose();
+        let mut corrections: Vec<DMatrix<f64>> = Vec::new();
+        for matrix in customs.iter().flat_map(Custom::whole_matrices) {
+            let mut motion = modes.columns(0, corrected).into_owned();
+            for _ in 0..ORDERS {
+                let mut forces = matrix.entries * &motion;
+                if matrix.is_mass {
+                    forces.column_iter_mut().zip(values).for_each(|(mut column, mu)| column /= *mu);
+                }
+                // K⁻¹ less its share in the modes, so that a force's work on its motion is the strain energy of what is left.
+                motion = self.factor.solve(&forces) - modes * (&across * &forces);
+                let energies = symmetric(&(motion.transpose() * &forces));
+                corrections.extend(principal(&energies, usize::MAX).map(|directions| &motion * directions));
+            }
+        }
+        let columns: Vec<_> = corrections.iter().flat_map(DMatrix::column_iter).collect();
+        if columns.is_empty() {
+            return modes.clone();
+        }
+        let all = DMatrix::from_columns(&columns);
+        let energies = symmetric(&(all.transpose() * (stiffness * &all)));
+        let Some(mut directions) = principal(&energies, MOST_CORRECTIONS) else { return modes.clone() };
+        directions.column_iter_mut().for_each(|mut direction| {
+            let energy = direction.dot(&(&energies * &direction));
+            direction.unscale_mut(energy.sqrt());
+        });
+        let more = all * directions;
+        let mut coordinates = modes.clone().resize_horizontally(modes.ncols() + more.ncols(), 0.0);
+        coordinates.columns_mut(modes.ncols(), more.ncols()).copy_from(&more);
+        coordinates
+    }
+}
+
+/// The directions in which motions of these energies (a Gram matrix) have more than next to none, the most first; `None` where there is none.
+fn principal(energies: &DMatrix<f64>, most: usize) -> Option<DMatrix<f64>> {
+    let EigenPairs { values, vectors } = symmetric_pairs(energies)?;
+    let kept = values.iter().take(most).take_while(|energy| **energy > NEGLIGIBLE).count();
+    (kept > 0).then(|| vectors.columns(0, kept).into_owned())
 }

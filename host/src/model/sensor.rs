@@ -7,6 +7,7 @@ use super::assembly::Assembly;
 use super::distortion::Distortion;
 use super::geometry::{Geometry, Line};
 use super::layout::LayoutNode;
+use crate::modes::node_and_direction;
 use crate::study::{Direction, Motion, Sensor, Unit};
 
 /// Why a sensor has no place in the model.
@@ -72,6 +73,14 @@ pub enum SensorError {
         /// `ux`, `uy` or `uz`.
         dof: &'static str,
     },
+    /// It is no column of the model's modes.
+    #[error("channel {channel}: the model's modes have no column of that name (nor of its `point`); they have {known}")]
+    NotAmongPlaces {
+        /// The channel.
+        channel: String,
+        /// The columns.
+        known: String,
+    },
     /// A strain gauge at the beam's axis.
     #[error("channel {channel}: a strain gauge at the axis sees no bending; give its place in plan, offset_m = [x, y]")]
     StrainAtAxis {
@@ -106,6 +115,23 @@ const ALONG_AN_AXIS: f64 = 1e-9;
 const STRAIN_STEP: f64 = 0.01;
 /// A sensor this near (in m) to a node of a structure in space stands at it.
 const NODE_TOLERANCE_M: f64 = 1e-3;
+
+/// The row that a sensor's channel or point names, by itself or as node and direction (`12x`, `12:+X`).
+fn named_row(places: &[String], sensor: &Sensor) -> Option<usize> {
+    let names = [&sensor.channel, &sensor.point];
+    let by_name = names.into_iter().find_map(|name| places.iter().position(|place| place == name));
+    by_name.or_else(|| {
+        let sought = names.into_iter().find_map(|name| node_and_direction(name))?;
+        places.iter().position(|place| node_and_direction(place) == Some(sought))
+    })
+}
+
+/// The first few names.
+fn listed(places: &[String]) -> String {
+    const MOST: usize = 12;
+    let more = if places.len() > MOST { format!(" and {} more", places.len() - MOST) } else { String::new() };
+    format!("{}{more}", places[..places.len().min(MOST)].join(", "))
+}
 
 fn direction_of(sensor: &Sensor) -> Result<Direction, SensorError> {
     sensor.direction.ok_or_else(|| SensorError::NoDirection { channel: sensor.channel.clone() })
@@ -252,6 +278,13 @@ impl Assembly {
             *slot.ok_or_else(|| SensorError::NoSuchDof { channel: channel(), dof, dofs: self.rows() })? = 1.0;
             return Ok(row);
         }
+        if let Geometry::Named(places) = &self.geometry {
+            let row = named_row(places, sensor);
+            let mut row_of_place = RowDVector::zeros(self.rows());
+            row_of_place
+                [row.ok_or_else(|| SensorError::NotAmongPlaces { channel: channel(), known: listed(places) })?] = 1.0;
+            return Ok(row_of_place);
+        }
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
         match sensor.unit.map(Unit::motion) {
             Some(Motion::Tilt) => return self.tilt_row(sensor, elevation_m),
@@ -302,7 +335,7 @@ impl Assembly {
                     }
                 }
             }
-            Geometry::Unknown => return Err(SensorError::NoPlaces { channel: channel() }),
+            Geometry::Unknown | Geometry::Named(_) => return Err(SensorError::NoPlaces { channel: channel() }),
         }
         Ok(row)
     }

@@ -35,7 +35,7 @@ impl fmt::Display for TooManyUnknowns {
 ///
 /// # Errors
 /// How much it would take, where it does not.
-pub(super) fn fits(unknowns: usize) -> Result<(), TooManyUnknowns> {
+pub fn fits_in_full(unknowns: usize) -> Result<(), TooManyUnknowns> {
     fits_into(unknowns, free_bytes().unwrap_or(FREE_IF_UNKNOWN))
 }
 

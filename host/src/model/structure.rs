@@ -19,7 +19,7 @@ use super::element::{Compression, DOFS_A_SEGMENT, scatter};
 use super::joint::Element;
 use super::layout::LayoutNode;
 use super::mass_spread::{MassSpread, spread};
-use super::matrices::ImportedMatrices;
+use super::matrices::{ImportedMatrices, WholeMatrices};
 use super::sensing::Sensing;
 use super::sensitivity::Change;
 use crate::study::GroupTerms;
@@ -226,6 +226,19 @@ impl Structure {
         assembly.distortion = distortions.fold(Distortion::default(), Add::add);
         assembly.sensing = Sensing::of(self.contributions.iter().filter_map(|one| one.sensor_change()));
         assembly
+    }
+
+    /// K and M with all changes in the rows of the files that a reduced model was read from; `None` where the model is not reduced.
+    pub fn whole_matrices(&self) -> Option<WholeMatrices> {
+        let Body::Matrices(matrices) = &self.body else { return None };
+        let mut whole = matrices.whole.as_deref()?.clone();
+        for contribution in &self.contributions {
+            contribution.add_to_whole(&mut whole);
+        }
+        let factors = self.factors();
+        whole.stiffness *= factors.stiffness;
+        whole.mass *= factors.mass;
+        Some(whole)
     }
 
     /// A beam with all masses at its nodes.

@@ -83,18 +83,7 @@ pub(super) fn near(value: f64, expected: f64, relative: f64) {
 }
 
 fn sensor(channel: &str, elevation_m: f64, direction: Direction, offset_m: [f64; 2]) -> Sensor {
-    Sensor {
-        channel: channel.into(),
-        point: channel.into(),
-        node: 1,
-        elevation_m: Some(elevation_m),
-        direction: Some(direction),
-        offset_m,
-        reference: false,
-        unit: None,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
-    }
+    Sensor { elevation_m: Some(elevation_m), direction: Some(direction), offset_m, ..Sensor::new(channel, 1) }
 }
 
 #[test]

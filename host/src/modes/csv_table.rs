@@ -22,6 +22,8 @@ enum Column {
     DampingStd,
     /// Which of the model's modes it is.
     ModelMode,
+    /// Of a computed shape.
+    ModalMass,
     /// Of later use, or of other tools: what identify prints beside.
     Ignored,
     Component(usize),
@@ -29,13 +31,8 @@ enum Column {
 }
 
 pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<RawMode>, MeasuredError> {
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
-    let syntax = |error: csv::Error| MeasuredError::Syntax {
-        file: path.to_owned(),
-        line: error.position().map_or(1, csv::Position::line),
-        reason: format!("not a CSV row like its header ({error})"),
-    };
-    let header = reader.headers().map_err(syntax)?.clone();
+    let mut reader = reader(text);
+    let header = reader.headers().map_err(|error| syntax(path, &error))?.clone();
     let columns = header.iter().map(|name| column(path, name, sensors)).collect::<Result<Vec<_>, _>>()?;
     if !columns.iter().any(|column| matches!(column, Column::Frequency)) {
         let reason = "the column `frequency_hz` is missing; expected mode,frequency_hz,frequency_std_hz,damping_ratio and a column a channel";
@@ -43,7 +40,7 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
     }
     let mut modes: Vec<RawMode> = Vec::new();
     for record in reader.records() {
-        let record = record.map_err(syntax)?;
+        let record = record.map_err(|error| syntax(path, &error))?;
         let row = Row { path, header: &header, line: record.position().map_or(0, csv::Position::line) };
         let mode = row.mode(&record, &columns, modes.len() + 1)?;
         if let Some(stated) = &mode.stated {
@@ -58,16 +55,35 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
     Ok(modes)
 }
 
-fn column(path: &Path, name: &str, sensors: &[Sensor]) -> Result<Column, MeasuredError> {
-    Ok(match name {
+/// The columns that are not of the mode as a whole: the places of shapes that a program computed.
+///
+/// # Errors
+/// [`MeasuredError::Syntax`] where there is no header.
+pub(super) fn places(path: &Path, text: &str) -> Result<Vec<String>, MeasuredError> {
+    let mut reader = reader(text);
+    let header = reader.headers().map_err(|error| syntax(path, &error))?;
+    Ok(header.iter().filter(|name| of_the_mode(name).is_none()).map(str::to_owned).collect())
+}
+
+/// What a column of this name holds of the mode as a whole.
+fn of_the_mode(name: &str) -> Option<Column> {
+    Some(match name {
         "mode" | "number" => Column::Number,
         "frequency_hz" | "measured_hz" => Column::Frequency,
         "frequency_std_hz" => Column::FrequencyStd,
         "damping_ratio" => Column::Damping,
         "damping_ratio_std" => Column::DampingStd,
         "model_mode" => Column::ModelMode,
+        "modal_mass" | "modal_mass_kg" => Column::ModalMass,
         "phase_collinearity" | "type" => Column::Ignored,
-        _ => match (sensor_named(sensors, name), name.strip_suffix("_std")) {
+        _ => return None,
+    })
+}
+
+fn column(path: &Path, name: &str, sensors: &[Sensor]) -> Result<Column, MeasuredError> {
+    Ok(match of_the_mode(name) {
+        Some(column) => column,
+        None => match (sensor_named(sensors, name), name.strip_suffix("_std")) {
             (Some(sensor), _) => Column::Component(sensor),
             (None, Some(channel)) if sensor_named(sensors, channel).is_some() => {
                 Column::ComponentStd(sensor_named(sensors, channel).unwrap_or_default())
@@ -81,6 +97,18 @@ fn column(path: &Path, name: &str, sensors: &[Sensor]) -> Result<Column, Measure
             }
         },
     })
+}
+
+fn reader(text: &str) -> csv::Reader<&[u8]> {
+    csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes())
+}
+
+fn syntax(path: &Path, error: &csv::Error) -> MeasuredError {
+    MeasuredError::Syntax {
+        file: path.to_owned(),
+        line: error.position().map_or(1, csv::Position::line),
+        reason: format!("not a CSV row like its header ({error})"),
+    }
 }
 
 struct Row<'a> {
@@ -99,6 +127,7 @@ impl Row<'_> {
             damping_ratio: None,
             damping_ratio_std: None,
             stated: None,
+            modal_mass: None,
             components: Vec::new(),
         };
         let mut stds = Vec::new();
@@ -123,6 +152,14 @@ impl Row<'_> {
                     let number =
                         number.ok_or_else(|| self.value(index, cell, "the number of a mode of the model, from 1,"))?;
                     mode.stated = Some(StatedMode::new(number, self.line));
+                }
+                Column::ModalMass => {
+                    let expected = "a modal mass in kg, above 0,";
+                    let mass = self.number(index, cell, expected)?;
+                    if mass.is_some_and(|mass| mass <= 0.0) {
+                        return Err(self.value(index, cell, expected));
+                    }
+                    mode.modal_mass = mass;
                 }
                 Column::Ignored => {}
                 Column::Component(sensor) => {

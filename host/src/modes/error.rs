@@ -15,6 +15,37 @@ pub enum MeasuredError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A run of the user's own program that cannot be opened.
+    #[error("{}: cannot be read ({source}); [model] modes or a [[model.run]] in study.toml names it", file.display())]
+    UnreadableRun {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A computed shape that is not real.
+    #[error(
+        "{}, mode {number}, {place}: the shape is complex; a run is of the undamped structure that does not rotate, whose shapes are real",
+        file.display()
+    )]
+    Complex {
+        /// The file.
+        file: PathBuf,
+        /// The mode.
+        number: usize,
+        /// The place.
+        place: String,
+    },
+    /// A computed shape with a gap.
+    #[error("{}, mode {number}: no component at {place}; a run has all of its modes at all of its places", file.display())]
+    NoComponent {
+        /// The file.
+        file: PathBuf,
+        /// The mode.
+        number: usize,
+        /// The place.
+        place: String,
+    },
     /// Its text is not what its format wants.
     #[error("{}, line {line}: {reason}", file.display())]
     Syntax {

@@ -77,6 +77,7 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
             None => (None, vec![Vec::new(); mode.shape.len()]),
         };
         Ok(RawMode {
+            modal_mass: None,
             number: mode.number.unwrap_or(index + 1),
             frequency_hz: mode.frequency_hz,
             frequency_std_hz: mode.frequency_std_hz,

@@ -4,6 +4,7 @@
 //! complex in the file; it is turned to the phase at which it is the most real.
 
 mod channel;
+mod computed;
 mod csv_table;
 mod drawn;
 mod error;
@@ -19,6 +20,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use crate::study::Sensor;
+pub use computed::{ComputedModes, read_computed};
 pub use drawn::DrawnErrors;
 pub(crate) use drawn::normals;
 pub use error::MeasuredError;
@@ -47,19 +49,24 @@ enum Format {
     Uff,
 }
 
+impl Format {
+    fn of(path: &Path, text: &str) -> Self {
+        match path.extension().and_then(|extension| extension.to_str()) {
+            Some("json") => Self::Json,
+            Some("csv") => Self::Csv,
+            Some("uff" | "unv" | "u55") => Self::Uff,
+            _ if text.trim_start().starts_with('{') => Self::Json,
+            _ if text.lines().next().is_some_and(|line| line.trim() == "-1") => Self::Uff,
+            _ => Self::Csv,
+        }
+    }
+}
+
 fn parse(path: &Path, bytes: &[u8], sensors: &[Sensor]) -> Result<MeasuredModes, MeasuredError> {
     let text = String::from_utf8_lossy(bytes);
     let text = text.trim_start_matches('\u{feff}');
-    let format = match path.extension().and_then(|extension| extension.to_str()) {
-        Some("json") => Format::Json,
-        Some("csv") => Format::Csv,
-        Some("uff" | "unv" | "u55") => Format::Uff,
-        _ if text.trim_start().starts_with('{') => Format::Json,
-        _ if text.lines().next().is_some_and(|line| line.trim() == "-1") => Format::Uff,
-        _ => Format::Csv,
-    };
     let mut warnings = Vec::new();
-    let raw = match format {
+    let raw = match Format::of(path, text) {
         Format::Json => json::modes(path, text, sensors)?,
         Format::Csv => csv_table::modes(path, text, sensors)?,
         Format::Uff => uff::modes(path, text, sensors, &mut warnings)?,

@@ -19,6 +19,8 @@ pub(super) struct RawMode {
     pub(super) damping_ratio: Option<f64>,
     pub(super) damping_ratio_std: Option<f64>,
     pub(super) stated: Option<StatedMode>,
+    /// Of a computed shape as it is scaled in the file, in kg; above 0.
+    pub(super) modal_mass: Option<f64>,
     pub(super) components: Vec<RawComponent>,
     /// Its group and the frequency's row, where the file tells how errors are correlated.
     pub(super) scatter: Option<(usize, Vec<f64>)>,

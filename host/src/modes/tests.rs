@@ -7,21 +7,7 @@ use proptest::prelude::*;
 use super::*;
 
 fn sensors(channels: &[&str]) -> Vec<Sensor> {
-    channels
-        .iter()
-        .map(|channel| Sensor {
-            channel: (*channel).to_owned(),
-            point: format!("point {channel}"),
-            node: 0,
-            elevation_m: None,
-            direction: None,
-            offset_m: [0.0; 2],
-            reference: false,
-            unit: None,
-            sensitivity_v_per_m_s2: None,
-            dof: None,
-        })
-        .collect()
+    channels.iter().map(|channel| Sensor { point: format!("point {channel}"), ..Sensor::new(*channel, 0) }).collect()
 }
 
 fn read_text(name: &str, text: &str, channels: &[&str]) -> Result<MeasuredModes, MeasuredError> {

@@ -6,6 +6,7 @@
 //! last before); record 8 (frequency, modal mass and damping, or for complex modes the eigenvalue); then for each node its
 //! label and its values. A node's label and direction name a channel or a point: `12x`, `12y`, `12z` (also `12X`, `12:+x`).
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use num_complex::Complex64;
@@ -28,21 +29,7 @@ pub(super) fn modes(
     sensors: &[Sensor],
     warnings: &mut Vec<String>,
 ) -> Result<Vec<RawMode>, MeasuredError> {
-    let mut lines = Lines { path, lines: text.lines().collect(), next: 0 };
-    let mut nodal: Vec<NodalMode> = Vec::new();
-    while let Some(line) = lines.take() {
-        if line.trim() != "-1" {
-            continue;
-        }
-        let Some(dataset) = lines.take() else { break };
-        match dataset.trim() {
-            "55" => nodal.extend(lines.dataset_55(nodal.len() + 1)?),
-            "2414" => {
-                return Err(lines.syntax("dataset 2414 is not read; export the modes as dataset 55"));
-            }
-            _ => lines.skip_dataset(),
-        }
-    }
+    let nodal = nodal_modes(path, text)?;
     let named = NodeNames::of(&nodal, sensors);
     if let NodeNames::InOrder(directions) = &named {
         warnings.push(format!(
@@ -75,6 +62,7 @@ pub(super) fn modes(
                 }
             }
             Ok(RawMode {
+                modal_mass: None,
                 scatter: None,
                 number: mode.number,
                 frequency_hz: mode.frequency_hz,
@@ -86,6 +74,36 @@ pub(super) fn modes(
             })
         })
         .collect()
+}
+
+/// Names of all places at which some mode moves: node and direction, such as `12x`.
+pub(super) fn places(path: &Path, text: &str) -> Result<Vec<String>, MeasuredError> {
+    let modes = nodal_modes(path, text)?;
+    let moving = modes.iter().flat_map(|mode| &mode.values).flat_map(|(node, values)| {
+        let moves = (0..3).filter(|&direction| values[direction].norm_sqr() > 0.0);
+        moves.map(|direction| (*node, direction))
+    });
+    let places: BTreeSet<(i64, usize)> = moving.collect();
+    Ok(places.into_iter().map(|(node, direction)| format!("{node}{}", DIRECTIONS[direction])).collect())
+}
+
+fn nodal_modes(path: &Path, text: &str) -> Result<Vec<NodalMode>, MeasuredError> {
+    let mut lines = Lines { path, lines: text.lines().collect(), next: 0 };
+    let mut nodal: Vec<NodalMode> = Vec::new();
+    while let Some(line) = lines.take() {
+        if line.trim() != "-1" {
+            continue;
+        }
+        let Some(dataset) = lines.take() else { break };
+        match dataset.trim() {
+            "55" => nodal.extend(lines.dataset_55(nodal.len() + 1)?),
+            "2414" => {
+                return Err(lines.syntax("dataset 2414 is not read; export the modes as dataset 55"));
+            }
+            _ => lines.skip_dataset(),
+        }
+    }
+    Ok(nodal)
 }
 
 /// A mode at nodes: translations along x, y, z.

@@ -116,6 +116,10 @@ fn profile_says(profile: &Value) -> Option<String> {
     let quantities = last["quantities"].as_array()?;
     // Change in percent, its deviation, and where.
     let mut off: Vec<(f64, f64, String)> = Vec::new();
+    let change = |one: &Value| {
+        let (factor, std) = one["factor"].as_f64().zip(one["std"].as_f64())?;
+        (std > 0.0).then_some((100.0 * (factor - 1.0), 100.0 * std))
+    };
     for quantity in quantities {
         let name = match quantity["quantity"].as_str()? {
             "bending_1" => "bending, 1st axis",
@@ -123,18 +127,15 @@ fn profile_says(profile: &Value) -> Option<String> {
             other => other,
         };
         for segment in quantity["segments"].as_array()?.iter().filter(|segment| !segment["given"].is_null()) {
-            let number = |key: &str| segment[key].as_f64();
-            let all = number("factor").zip(number("std")).zip(number("z_bottom_m").zip(number("z_top_m")));
-            let Some(((factor, std), (bottom_m, top_m))) = all.filter(|((_, std), _)| *std > 0.0) else { continue };
-            let place = format!("{name} at {}", metres((bottom_m + top_m) / 2.0));
-            off.push((100.0 * (factor - 1.0), 100.0 * std, place));
+            let ends = segment["z_bottom_m"].as_f64().zip(segment["z_top_m"].as_f64());
+            let Some(((change, std), (bottom_m, top_m))) = change(segment).zip(ends) else { continue };
+            off.push((change, std, format!("{name} at {}", metres((bottom_m + top_m) / 2.0))));
         }
     }
     let groups = last["groups"].as_array().map_or(&[][..], Vec::as_slice);
     for group in groups {
-        let all = group["factor"].as_f64().zip(group["std"].as_f64()).zip(group["name"].as_str());
-        let Some(((factor, std), name)) = all.filter(|((_, std), _)| *std > 0.0) else { continue };
-        off.push((100.0 * (factor - 1.0), 100.0 * std, format!("group {name}")));
+        let Some(((change, std), name)) = change(group).zip(group["name"].as_str()) else { continue };
+        off.push((change, std, format!("group {name}")));
     }
     let (each, none) = match (quantities.is_empty(), groups.is_empty()) {
         (true, _) => ("group of the model", "group"),

@@ -13,18 +13,7 @@ const NEEDED: usize = 3;
 
 /// A sensor at a place, of the unit of the others.
 pub(crate) fn sensor_at(channel: String, elevation_m: f64, direction: Direction, offset_m: [f64; 2]) -> Sensor {
-    Sensor {
-        point: channel.clone(),
-        channel,
-        node: 0,
-        elevation_m: Some(elevation_m),
-        direction: Some(direction),
-        offset_m,
-        reference: false,
-        unit: None,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
-    }
+    Sensor { elevation_m: Some(elevation_m), direction: Some(direction), offset_m, ..Sensor::new(channel, 0) }
 }
 
 /// Reads a table of places; `sensors` are there already, and no place may have the channel of one.

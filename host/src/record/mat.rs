@@ -9,6 +9,7 @@ use std::fs::File;
 use std::path::Path;
 
 use nalgebra::DMatrix;
+use nalgebra_sparse::CooMatrix;
 
 use super::array::{ArrayReader, Layout, Source};
 use super::error::MatError;
@@ -41,18 +42,7 @@ pub fn read_matrix(path: &Path, name: &str) -> Result<DMatrix<f64>, MatError> {
         return Err(MatError::TooLarge { file: path.to_owned(), variable: variable.name, rows, columns });
     };
     if variable.class == Class::Sparse {
-        let mut matrix = DMatrix::zeros(row_count, column_count);
-        file.sparse(&variable, [rows, columns], &mut |row, column, value| match matrix.get_mut((row, column)) {
-            Some(entry) => {
-                *entry += value;
-                Ok(())
-            }
-            None => {
-                let reason = format!("entry ({row}, {column}) is outside {rows} × {columns}");
-                Err(MatError::Damaged { file: path.to_owned(), variable: variable.name.clone(), reason })
-            }
-        })?;
-        return Ok(matrix);
+        return Ok(DMatrix::from(&sparse_entries(path, &file, &variable, [rows, columns])?));
     }
     // MATLAB stores column after column, as nalgebra does.
     let values = file.full(&variable)?;
@@ -61,6 +51,38 @@ pub fn read_matrix(path: &Path, name: &str) -> Result<DMatrix<f64>, MatError> {
         return Err(MatError::Damaged { file: path.to_owned(), variable: variable.name, reason });
     }
     Ok(DMatrix::from_vec(row_count, column_count, values))
+}
+
+/// Reads the entries of a real sparse matrix by its variable's name; `None` where the variable is a full one.
+///
+/// # Errors
+/// As [`read_matrix`].
+pub fn read_sparse_matrix(path: &Path, name: &str) -> Result<Option<CooMatrix<f64>>, MatError> {
+    let file = MatFile::open(path)?;
+    let variable = find(path, file.variables()?, name)?;
+    let (rows, columns) = real_dimensions(path, &variable)?;
+    let is_sparse = variable.class == Class::Sparse;
+    is_sparse.then(|| sparse_entries(path, &file, &variable, [rows, columns])).transpose()
+}
+
+fn sparse_entries(
+    path: &Path,
+    file: &MatFile,
+    variable: &Variable,
+    [rows, columns]: [u64; 2],
+) -> Result<CooMatrix<f64>, MatError> {
+    let size = |length: u64| usize::try_from(length).unwrap_or(usize::MAX);
+    let (row_count, column_count) = (size(rows), size(columns));
+    let mut entries = CooMatrix::new(row_count, column_count);
+    file.sparse(variable, [rows, columns], &mut |row, column, value| {
+        if row >= row_count || column >= column_count {
+            let reason = format!("entry ({row}, {column}) is outside {rows} × {columns}");
+            return Err(MatError::Damaged { file: path.to_owned(), variable: variable.name.clone(), reason });
+        }
+        entries.push(row, column, value);
+        Ok(())
+    })?;
+    Ok(entries)
 }
 
 /// Shape of a recording: its longer dimension is time (the first, where they are equal).

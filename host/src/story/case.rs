@@ -11,8 +11,8 @@ use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, candidat
 use crate::diagnose::steps::Setting;
 use crate::diagnose::{Diagnosis, Options, Signals, diagnose, fit_as_given};
 use crate::model::effect::Effect;
-use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load};
-use crate::modes::{MeasuredError, MeasuredMode, MeasuredModes, read};
+use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load_up_to};
+use crate::modes::{MeasuredError, MeasuredModes, read};
 use crate::plan::{Site, advice, advice_beside};
 use crate::progress::{Tally, UNHEARD};
 use crate::results::{MODES_FILE, Results};
@@ -32,7 +32,7 @@ pub struct Case {
     pub sensors: Vec<Sensor>,
     /// The measured modes.
     pub measured: MeasuredModes,
-    /// The structure as first given, in few coordinates where it has many degrees of freedom.
+    /// The structure as first given.
     bare: Structure,
     /// The model with the study's effects.
     pub assembly: Assembly,
@@ -50,9 +50,8 @@ impl Case {
     /// # Errors
     /// When the study has no model or no modes, one of them cannot be read, or they do not go together.
     pub fn load(study: Study) -> Result<Self, StoryError> {
-        let model = load(&study)?;
         let measured = measured_modes(&study, &study.sensors())?;
-        Self::with(study, model, measured)
+        Self::of(study, measured)
     }
 
     /// A study's model and measured modes that may be others than its own.
@@ -60,7 +59,8 @@ impl Case {
     /// # Errors
     /// When the study has no model, it cannot be read, or it does not go with the modes.
     pub(super) fn of(study: Study, measured: MeasuredModes) -> Result<Self, StoryError> {
-        let model = load(&study)?;
+        let highest_hz = measured.modes.iter().map(|mode| mode.frequency_hz).reduce(f64::max);
+        let model = load_up_to(&study, highest_hz)?;
         Self::with(study, model, measured)
     }
 
@@ -82,9 +82,10 @@ impl Case {
             }
             view => view?,
         };
+        warnings.extend(model.warnings.iter().cloned());
         warnings.extend(model_warnings(&study, &model, &assembly, &sensors));
         let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
-        let bare = reduced(&model, &view, &measured.modes)?;
+        let bare = model.bare();
         Ok(Self { study, model, sensors, measured, bare, assembly, view, tolerance, warnings })
     }
 
@@ -149,7 +150,7 @@ impl Case {
     /// A comparison with the test of a diagnosis in the place of its own, which takes the tolerance for linear: so all commands
     /// state one chi-squared of one model.
     fn tested(&self, comparison: Comparison, effects: &[Effect]) -> Comparison {
-        let problem = self.setting(&UNHEARD).ok().and_then(|setting| setting.problem(effects).ok());
+        let problem = self.setting(&UNHEARD).ok().and_then(|setting| setting.problem_as_seen(effects).ok());
         let Some((test, allowed)) = problem.and_then(|problem| fit_as_given(&problem, effects)) else {
             return comparison;
         };
@@ -246,17 +247,6 @@ impl Case {
     pub fn effect_names(&self) -> Vec<String> {
         self.model.effects.iter().map(ToString::to_string).collect()
     }
-}
-
-/// The model without its effects, in few coordinates where it has many degrees of freedom; `view` is of the model with them.
-fn reduced(model: &LoadedModel, view: &ModelView, measured: &[MeasuredMode]) -> Result<Structure, StoryError> {
-    let bare = model.bare();
-    let highest_hz = measured.iter().map(|mode| mode.frequency_hz).fold(0.0, f64::max);
-    if model.effects.is_empty() || !bare.is_reducible() {
-        return Ok(bare.reduced(&view.basis, highest_hz));
-    }
-    let basis = bare.assemble().modal_basis().map_err(ViewError::Eigen)?;
-    Ok(bare.reduced(&basis, highest_hz))
 }
 
 /// What the reader should know of a model that was read.

@@ -208,10 +208,7 @@ fn signalled(case: &Case, kind: &'static dyn EffectKind, place: Option<&Where>) 
 pub(crate) fn data_mark(case: &Case) -> Result<String, StoryError> {
     // The modes themselves: how long their identification took stands beside them.
     let modes: Vec<u8> = case.measured.modes.iter().flat_map(|mode| mode.canonical_bytes()).collect();
-    let given = case.model.as_given();
-    let numbers: Vec<u8> =
-        given.stiffness.iter().chain(given.mass.iter()).flat_map(|number| number.to_le_bytes()).collect();
-    Ok(format!("{:08x}{:08x}", crc32(&modes), crc32(&numbers)))
+    Ok(format!("{:08x}{:08x}", crc32(&modes), crc32(&case.model.bytes())))
 }
 
 /// The record of the model as it is, where the history does not end with it.

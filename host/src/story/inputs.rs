@@ -52,9 +52,7 @@ impl Inputs {
 
     /// What decides what is said of a model: its tables and effects, how far it is trusted, the sensors, and the measured modes.
     pub(crate) fn of_model(case: &Case) -> Self {
-        let given = case.model.as_given();
-        let numbers = given.stiffness.iter().chain(given.mass.iter());
-        let tables: Vec<u8> = numbers.flat_map(|number| number.to_le_bytes()).collect();
+        let tables = case.model.bytes();
         let effects: Vec<String> = case.model.effects.iter().map(Effect::typed).collect();
         let trust = case.study.model.as_ref().map(|model| {
             let Model { background_stiffness, background_mass, correlation_length_m, prior_odds, .. } = model;

@@ -5,7 +5,7 @@ use super::change::named;
 use super::error::StoryError;
 use crate::diagnose::steps::Profiles;
 use crate::diagnose::{Profile, QuantityProfile};
-use crate::model::{Assembly, Body};
+use crate::model::{Body, Structure};
 use crate::progress::{Tally, UNHEARD};
 use crate::study::STUDY_FILE;
 
@@ -30,9 +30,9 @@ impl Case {
     ///
     /// # Errors
     /// When the model has no segments, the study trusts them, or the effects cannot be fitted.
-    pub fn fitted(&self) -> Result<Assembly, StoryError> {
+    pub fn fitted(&self) -> Result<Structure, StoryError> {
         check_segments(self)?;
-        Ok(self.setting(&UNHEARD)?.fitted(&self.model.bare(), &self.model.effects)?)
+        Ok(self.setting(&UNHEARD)?.fitted(&self.model.effects)?)
     }
 }
 

@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use nalgebra_sparse::io::save_to_matrix_market_str;
+
 use super::case::Case;
 use super::change::{AutoEnd, ChangeReport, add, add_until_nothing_gains, remove};
 use super::covalidated::{CURVES_FILE, CovalidationReport, CovalidationRequest, covalidate};
@@ -262,10 +264,23 @@ impl Project {
         let case = self.case_of(modes)?;
         self.results.make_ready()?;
         let updated = update(&case, weights)?;
-        let stiffness = &updated.matrices.stiffness;
-        self.results.write("stiffness_updated.mtx", matrix_market(stiffness).as_bytes())?;
-        self.write_bytes("stiffness_updated.npy", npy(stiffness))?;
-        self.results.write("mass.mtx", matrix_market(&case.assembly.mass).as_bytes())?;
+        match case.model.structure()?.whole_matrices() {
+            // K* of a large model is full; its factors are not.
+            Some(whole) => {
+                let momentum = &whole.mass * case.assembly.at_rows(&updated.matrices.used_shapes).as_ref();
+                self.results.write("stiffness.mtx", save_to_matrix_market_str(&whole.stiffness).as_bytes())?;
+                self.results.write("mass.mtx", save_to_matrix_market_str(&whole.mass).as_bytes())?;
+                self.write_bytes("update_factor.npy", npy(&momentum))?;
+                self.write_bytes("psi.npy", npy(&updated.matrices.psi))?;
+            }
+            None if case.assembly.is_in_other_coordinates() => {}
+            None => {
+                let stiffness = &updated.matrices.stiffness;
+                self.results.write("stiffness_updated.mtx", matrix_market(stiffness).as_bytes())?;
+                self.write_bytes("stiffness_updated.npy", npy(stiffness))?;
+                self.results.write("mass.mtx", matrix_market(&case.assembly.mass).as_bytes())?;
+            }
+        }
         if matches!(case.model.body, Body::Beam(_)) {
             self.results.write("nodes.csv", nodes_csv(&case.assembly).as_bytes())?;
         }

@@ -289,14 +289,14 @@ pub enum StudyError {
     },
     /// A model of nothing, or of two things.
     #[error(
-        "{position}: a model has either `beam` or `matrices`, this one has {}",
-        if *both { "both; remove one" } else { "neither; write for instance beam = \"beam.csv\"" }
+        "{position}: a model has one of `beam`, `matrices` and `modes`, this one has {}",
+        if *several { "more than one; remove all but one" } else { "none; write for instance beam = \"beam.csv\"" }
     )]
     ModelSource {
         /// The model.
         position: FilePosition,
-        /// Whether both are there.
-        both: bool,
+        /// Whether more than one is there.
+        several: bool,
     },
 }
 

@@ -16,8 +16,8 @@ pub use error::{FilePosition, StudyError};
 pub(crate) use types::band_at;
 pub use types::{
     Analysis, CustomSource, Direction, Effect, GroupTerms, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource,
-    ModeChoice, Model, ModelSource, Motion, NO_KINDS, STANDARD_GRAVITY_M_S2, STUDY_FILE, Sensor, Setup, Structure,
-    Study, Unit,
+    ModeChoice, Model, ModelSource, Motion, NO_KINDS, RunSource, STANDARD_GRAVITY_M_S2, STUDY_FILE, Sensor, Setup,
+    Structure, Study, Unit,
 };
 
 impl Study {

@@ -10,7 +10,7 @@ use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
 use super::types::{
     Analysis, CustomSource, Direction, Effect, GroupTerms, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource,
-    ModeChoice, Model, ModelSource, NO_KINDS, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
+    ModeChoice, Model, ModelSource, NO_KINDS, RunSource, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
 };
 use crate::archive::TimeRange;
 use crate::model::effect::KINDS;
@@ -39,9 +39,12 @@ const MATRICES_KEYS: &[&str] = &["file", "stiffness", "mass", "nodes", "dofs"];
 const CUSTOM_KEYS: &[&str] = &["name", "file", "stiffness", "mass", "segments", "least", "greatest", "typical"];
 const GROUP_KEYS: &[&str] =
     &["name", "file", "stiffness", "mass", "segments", "std", "z_m", "least", "greatest", "typical"];
+const RUN_KEYS: &[&str] = &["changed", "by", "quantity", "modes"];
 const MODEL_KEYS: &[&str] = &[
     "beam",
     "matrices",
+    "modes",
+    "run",
     "background_stiffness",
     "background_mass",
     "correlation_length_m",
@@ -385,18 +388,25 @@ fn model(section: &Section<'_>) -> Result<Model, StudyError> {
 
     let optional_positive =
         |key, expected| section.get(key).map(|entry: Entry<'_>| entry.positive(expected)).transpose();
-    let source = match (section.get("beam"), section.get("matrices")) {
-        (Some(beam), None) => ModelSource::Beam(PathBuf::from(beam.text(BEAM)?)),
-        (None, Some(matrices)) => ModelSource::Matrices(matrix_source(&matrices.section(MATRICES)?)?),
-        (beam, _) => return Err(StudyError::ModelSource { position: section.position(), both: beam.is_some() }),
+    const MODES: &str = "the name of a file of modes, in quotes, such as \"base.csv\"";
+    let source = match (section.get("beam"), section.get("matrices"), section.get("modes")) {
+        (Some(beam), None, None) => ModelSource::Beam(PathBuf::from(beam.text(BEAM)?)),
+        (None, Some(matrices), None) => ModelSource::Matrices(matrix_source(&matrices.section(MATRICES)?)?),
+        (None, None, Some(modes)) => ModelSource::Modes(PathBuf::from(modes.text(MODES)?)),
+        (None, None, None) => return Err(StudyError::ModelSource { position: section.position(), several: false }),
+        _ => return Err(StudyError::ModelSource { position: section.position(), several: true }),
     };
+    let of_modes = matches!(source, ModelSource::Modes(_));
+    let customs = customs(section, of_modes)?;
+    let runs = runs(section, &source)?;
     Ok(Model {
+        runs,
         source,
         background_stiffness: optional_positive("background_stiffness", BACKGROUND)?,
         background_mass: optional_positive("background_mass", BACKGROUND)?,
         correlation_length_m: optional_positive("correlation_length_m", LENGTH)?,
         effects: section.tables("effect")?.iter().map(effect).collect::<Result<Vec<_>, _>>()?,
-        customs: customs(section)?,
+        customs,
         prior_odds: section.get("prior_odds").map_or(Ok(Vec::new()), |entry| prior_odds(&entry))?,
     })
 }
@@ -467,21 +477,72 @@ fn is_name(word: &str) -> bool {
 }
 
 /// Hypotheses of the user's own, then groups of the model, each name once.
-fn customs(section: &Section<'_>) -> Result<Vec<CustomSource>, StudyError> {
+fn customs(section: &Section<'_>, of_modes: bool) -> Result<Vec<CustomSource>, StudyError> {
     let (mut sections, groups) = (section.tables("custom")?, section.tables("group")?);
-    let mut customs = sections.iter().map(custom).collect::<Result<Vec<_>, _>>()?;
-    customs.extend(groups.iter().map(group).collect::<Result<Vec<_>, _>>()?);
+    let mut customs = sections.iter().map(|section| custom(section, of_modes)).collect::<Result<Vec<_>, _>>()?;
+    customs.extend(groups.iter().map(|section| group(section, of_modes)).collect::<Result<Vec<_>, _>>()?);
     sections.extend(groups);
     check::custom_names(&customs, &sections)?;
     Ok(customs)
 }
 
-fn custom(section: &Section<'_>) -> Result<CustomSource, StudyError> {
-    section.allow_only(CUSTOM_KEYS)?;
-    change_of_model(section)
+/// What the user's own program computed with something changed: each run names a group or hypothesis, and in a model of modes each of those
+/// has a run.
+fn runs(section: &Section<'_>, source: &ModelSource) -> Result<Vec<RunSource>, StudyError> {
+    const ONLY_WITH_MODES: &str = "left out without [model] modes, the modes of the model as it is";
+    const HAS_RUN: &str =
+        "a name that a [[model.run]] has as `changed`: nothing else says what it does to a model of modes";
+    const NAME: &str = "a name, in quotes";
+    let sections = section.tables("run")?;
+    let changed_by = [section.tables("custom")?, section.tables("group")?].concat();
+    if !matches!(source, ModelSource::Modes(_)) {
+        let first = section.get("run").filter(|_| !sections.is_empty());
+        return first.map_or(Ok(Vec::new()), |entry| Err(entry.out_of_range(ONLY_WITH_MODES)));
+    }
+    let names = changed_by.iter().map(|section| section.required("name", NAME)?.text(NAME));
+    let names = names.collect::<Result<Vec<_>, _>>()?;
+    let runs = sections.iter().map(|section| run(section, &names)).collect::<Result<Vec<_>, _>>()?;
+    for (section, name) in changed_by.iter().zip(&names) {
+        if runs.iter().all(|run| run.changed != *name) {
+            return Err(section.required("name", NAME)?.out_of_range(HAS_RUN));
+        }
+    }
+    Ok(runs)
 }
 
-fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
+fn run(section: &Section<'_>, names: &[String]) -> Result<RunSource, StudyError> {
+    const CHANGED: &str = "the name of a [[model.group]] or [[model.custom]], in quotes";
+    const BY: &str =
+        "by how much it was changed, as a share of itself: a number such as 0.1 or -0.1, not 0 and above -1";
+    const QUANTITY: &str = "\"stiffness\" or \"mass\"";
+    const MODES: &str = "the name of a file of modes, in quotes, such as \"columns.csv\"";
+    section.allow_only(RUN_KEYS)?;
+    let changed = section.required("changed", CHANGED)?;
+    let name = changed.text(CHANGED)?;
+    if !names.contains(&name) {
+        return Err(changed.out_of_range(CHANGED));
+    }
+    let by = section.required("by", BY)?;
+    let change = by.number(BY)?;
+    if change == 0.0 || change <= -1.0 {
+        return Err(by.out_of_range(BY));
+    }
+    let quantity = section.get("quantity");
+    let is_mass = match quantity.as_ref().map(|entry| entry.text(QUANTITY)).transpose()?.as_deref() {
+        None | Some("stiffness") => false,
+        Some("mass") => true,
+        Some(_) => return Err(section.required("quantity", QUANTITY)?.out_of_range(QUANTITY)),
+    };
+    let modes = PathBuf::from(section.required("modes", MODES)?.text(MODES)?);
+    Ok(RunSource { line: section.position().line, changed: name, change, is_mass, modes })
+}
+
+fn custom(section: &Section<'_>, of_modes: bool) -> Result<CustomSource, StudyError> {
+    section.allow_only(CUSTOM_KEYS)?;
+    change_of_model(section, of_modes)
+}
+
+fn group(section: &Section<'_>, of_modes: bool) -> Result<CustomSource, StudyError> {
     const STD: &str = "one relative standard deviation, a number above 0 such as 0.1";
     const SPAN: &str = "a height in metres, or two such as [3.0, 6.5]";
     section.allow_only(GROUP_KEYS)?;
@@ -499,17 +560,19 @@ fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
         }
     };
     let span_m = section.get("z_m").map(span).transpose()?;
-    Ok(CustomSource { group: Some(GroupTerms { std, span_m }), ..change_of_model(section)? })
+    Ok(CustomSource { group: Some(GroupTerms { std, span_m }), ..change_of_model(section, of_modes)? })
 }
 
-/// A named change of the model, of a hypothesis or of a group.
-fn change_of_model(section: &Section<'_>) -> Result<CustomSource, StudyError> {
+/// A named change of the model, of a hypothesis or of a group; runs say what it does to a model `of_modes`.
+fn change_of_model(section: &Section<'_>, of_modes: bool) -> Result<CustomSource, StudyError> {
     const NAME: &str =
         "a name of letters, digits, - and _ that starts with neither ch nor node, in quotes, such as \"cables\"";
     const FILE: &str = "the name of a MATLAB v5 file, in quotes, such as \"model.mat\"";
     const MATRIX: &str = "a matrix: a name such as \"dK\" or \"dk.mtx\", or a list of names and [name, factor] pairs";
-    const SEGMENTS: &str = "the name of a CSV file of relative changes, in quotes, such as \"cables.csv\"";
     const CONTENT: &str = "`stiffness`, `mass` or `segments`: what it changes";
+    const BY_RUNS: &str =
+        "neither `stiffness` nor `mass` nor `segments`: in a model of modes a [[model.run]] says what it changes";
+    const SEGMENTS: &str = "the name of a CSV file of relative changes, in quotes, such as \"cables.csv\"";
     const NUMBER: &str = "a number";
     const TYPICAL: &str = "a number above 0: the value that is typical";
     let name = section.required("name", NAME)?;
@@ -535,10 +598,12 @@ fn change_of_model(section: &Section<'_>) -> Result<CustomSource, StudyError> {
         typical: section.get("typical").map(|entry: Entry<'_>| entry.positive(TYPICAL)).transpose()?,
         group: None,
     };
-    if source.stiffness.is_empty() && source.mass.is_empty() && source.segments.is_none() {
-        return Err(name.out_of_range(CONTENT));
+    let says_itself = !source.stiffness.is_empty() || !source.mass.is_empty() || source.segments.is_some();
+    match (of_modes, says_itself) {
+        (true, true) => Err(name.out_of_range(BY_RUNS)),
+        (false, false) => Err(name.out_of_range(CONTENT)),
+        _ => Ok(source),
     }
-    Ok(source)
 }
 
 fn effect(section: &Section<'_>) -> Result<Effect, StudyError> {

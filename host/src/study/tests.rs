@@ -274,11 +274,45 @@ fn effects_are_kept_as_written() {
     assert_eq!(effect.parameters["mass"].as_float(), Some(4e5));
     assert_eq!(effect.parameters["axis"].as_str(), Some("x"));
 
-    assert_fault("beam = ", "matrices = {}\nbeam = ", 24, &["`model`", "both"]);
-    assert_fault("beam = \"beam.csv\"\n", "", 24, &["neither"]);
+    assert_fault("beam = ", "matrices = {}\nbeam = ", 24, &["`model`", "more than one"]);
+    assert_fault("beam = \"beam.csv\"\n", "", 24, &["has none"]);
     assert_told(&format!("{SOUND}[[model.effect]]\nvalue = 1\n"), 27, &["[[model.effect]] needs `kind`"]);
     let huge = format!("{SOUND}[[model.effect]]\nkind = \"p-delta\"\nvalue = 99999999999999999999\n");
     assert_told(&huge, 29, &["`model.effect.value`"]);
+}
+
+#[test]
+fn a_model_of_modes_has_runs() {
+    let start = SOUND.find("beam = ").unwrap();
+    let before = &SOUND[..start];
+    let runs = "modes = \"base.csv\"\n[[model.group]]\nname = \"soil\"\nstd = 0.2\n[[model.run]]\nchanged = \"soil\"\nby = 0.1\nmodes = \"soil.csv\"\n[[model.run]]\nchanged = \"soil\"\nby = -0.1\nquantity = \"mass\"\nmodes = \"m.csv\"\n";
+    let model = load(&format!("{before}{runs}")).unwrap().model.unwrap();
+    assert_eq!(model.source, ModelSource::Modes("base.csv".into()));
+    let run = |line, change, is_mass, modes: &str| RunSource {
+        line,
+        changed: "soil".to_owned(),
+        change,
+        is_mass,
+        modes: modes.into(),
+    };
+    assert_eq!(model.runs, [run(28, 0.1, false, "soil.csv"), run(32, -0.1, true, "m.csv")]);
+    let wrong = |from: &str, to: &str, line, parts: &[&str]| {
+        assert_told(&format!("{before}{}", runs.replacen(from, to, 1)), line, parts);
+    };
+    wrong("changed = \"soil\"", "changed = \"sole\"", 29, &["`model.run.changed`", "the name of a [[model.group]]"]);
+    wrong("by = 0.1", "by = 0", 30, &["`model.run.by`", "not 0"]);
+    wrong("by = -0.1", "by = -1.5", 34, &["`model.run.by`", "above -1"]);
+    wrong("\"mass\"", "\"weight\"", 35, &["`model.run.quantity`", "\"stiffness\" or \"mass\""]);
+    wrong("std = 0.2", "std = 0.2\nstiffness = \"k.mtx\"", 26, &["`model.group.name`", "a [[model.run]] says"]);
+    wrong("std = 0.2", "std = 0.2\n[[model.group]]\nname = \"piles\"\nstd = 0.1", 29, &["has as `changed`"]);
+    wrong(
+        "modes = \"base.csv\"",
+        "beam = \"beam.csv\"",
+        26,
+        &["`model.group.name`", "`stiffness`, `mass` or `segments`"],
+    );
+    let run_alone = "[[model.run]]\nchanged = \"soil\"\nby = 0.1\nmodes = \"soil.csv\"\n";
+    assert_told(&format!("{SOUND}{run_alone}"), 27, &["`model.run`", "without [model] modes"]);
 }
 
 #[test]

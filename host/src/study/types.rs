@@ -205,6 +205,25 @@ pub struct Sensor {
     pub dof: Option<usize>,
 }
 
+impl Sensor {
+    /// A channel of a node, of which nothing else is known; its point has its name.
+    pub fn new(channel: impl Into<String>, node: u16) -> Self {
+        let channel = channel.into();
+        Self {
+            point: channel.clone(),
+            channel,
+            node,
+            elevation_m: None,
+            direction: None,
+            offset_m: [0.0; 2],
+            reference: false,
+            unit: None,
+            sensitivity_v_per_m_s2: None,
+            dof: None,
+        }
+    }
+}
+
 /// A sensor's positive direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Direction {
@@ -355,6 +374,8 @@ pub struct Model {
     pub effects: Vec<Effect>,
     /// Hypotheses of the user's own.
     pub customs: Vec<CustomSource>,
+    /// What the user's own program computed with something changed; only with [`ModelSource::Modes`].
+    pub runs: Vec<RunSource>,
     /// Odds of kinds of effects before anything is measured, where they are others than usual.
     pub prior_odds: Vec<(String, f64)>,
 }
@@ -369,6 +390,8 @@ pub enum ModelSource {
     Beam(PathBuf),
     /// Matrices.
     Matrices(MatrixSource),
+    /// Modes that the user's own program computed, by the file's name.
+    Modes(PathBuf),
 }
 
 /// `matrices = { ... }`: where M and K are.
@@ -416,6 +439,21 @@ pub struct CustomSource {
     pub typical: Option<f64>,
     /// What makes a `[[model.group]]` of it; `None` for a `[[model.custom]]`.
     pub group: Option<GroupTerms>,
+}
+
+/// `[[model.run]]`: modes of the model with a group or a hypothesis changed; paths are relative to the study's folder.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunSource {
+    /// 1-based line in `study.toml`.
+    pub line: usize,
+    /// The name of the group or hypothesis.
+    pub changed: String,
+    /// By how much: of a group the share of itself, of a hypothesis its value. Not 0.
+    pub change: f64,
+    /// Whether masses were changed, instead of stiffnesses.
+    pub is_mass: bool,
+    /// The file of modes.
+    pub modes: PathBuf,
 }
 
 impl CustomSource {

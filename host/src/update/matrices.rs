@@ -9,6 +9,10 @@ use crate::model::{Assembly, EigenError, ModalBasis, Modes};
 pub struct UpdatedMatrices {
     /// K* = K + M Phi1 Psi Phi1ᵀ M, DOFs x DOFs, symmetric.
     pub stiffness: DMatrix<f64>,
+    /// Phi1, DOFs x used modes.
+    pub used_shapes: DMatrix<f64>,
+    /// Psi, symmetric.
+    pub psi: DMatrix<f64>,
     /// Its modes, solved anew.
     pub modes: Modes,
     /// The largest relative change of an eigenvalue that does not belong to the updated modes; 1 where one has appeared or
@@ -42,7 +46,8 @@ pub fn updated(
     psi: &DMatrix<f64>,
     measured_lambda: &[f64],
 ) -> Result<UpdatedMatrices, EigenError> {
-    let momentum = &assembly.mass * modes.shapes.select_columns(used);
+    let used_shapes = modes.shapes.select_columns(used);
+    let momentum = &assembly.mass * &used_shapes;
     let change = &momentum * psi * momentum.transpose();
     let stiffness = &assembly.stiffness + (&change + change.transpose()) * 0.5;
     let basis = ModalBasis::of(&stiffness, &assembly.mass)?;
@@ -71,6 +76,8 @@ pub fn updated(
     Ok(UpdatedMatrices {
         max_relative_change_of_other_eigenvalues: others.iter().map(change).fold(appeared_or_vanished, f64::max),
         max_turn_of_other_shapes: greatest_turn(&assembly.mass, modes, &unused, &solved, &left),
+        used_shapes,
+        psi: psi.clone(),
         stiffness,
         modes: solved,
         others,

@@ -21,18 +21,7 @@ fn grid() -> LineGrid {
 }
 
 fn setup() -> Setup {
-    let sensors = (0..CHANNELS).map(|channel| Sensor {
-        channel: channel.to_string(),
-        point: channel.to_string(),
-        node: (channel * 8 / CHANNELS) as u16 + 1,
-        elevation_m: None,
-        direction: None,
-        offset_m: [0.0; 2],
-        reference: false,
-        unit: None,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
-    });
+    let sensors = (0..CHANNELS).map(|channel| Sensor::new(channel.to_string(), (channel * 8 / CHANNELS) as u16 + 1));
     Setup {
         name: "bench".to_owned(),
         files: Vec::new(),

@@ -80,6 +80,7 @@ fn update(criterion: &mut Criterion) {
         correlation_length_m: Some(100.0),
         effects: Vec::new(),
         customs: Vec::new(),
+        runs: Vec::new(),
         prior_odds: Vec::new(),
     };
     criterion.bench_function("comparison with the model's tolerance, 37 segments", |bencher| {

@@ -13,16 +13,8 @@ const RAW_BYTES_PER_SECOND: f64 = 150.0;
 
 fn setup(channels: usize, a_node: usize) -> Setup {
     let sensors = (0..channels).map(|channel| Sensor {
-        channel: format!("{channel}"),
-        point: format!("{channel}"),
-        node: (channel / a_node) as u16 + 1,
-        elevation_m: None,
         direction: Some(Direction::Up),
-        offset_m: [0.0; 2],
-        reference: false,
-        unit: None,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
+        ..Sensor::new(channel.to_string(), (channel / a_node) as u16 + 1)
     });
     Setup {
         name: "wire".to_owned(),

@@ -19,15 +19,15 @@ pub(super) fn run(arguments: &Arguments, format: Format, console: &Console) -> a
     let model = crate::model::load(project.study()).map_err(StoryError::from)?;
     let (bare, sensors) = (model.bare(), project.study().sensors());
     let left_out = left_out(&bare, &model.effects)?;
-    let assembly = if arguments.fitted_background {
+    let structure = if arguments.fitted_background {
         let case = project.case()?;
         console.warn_all(&case.warnings);
         case.fitted()?
     } else {
-        model.structure()?.assemble()
+        model.structure()?
     };
     let title = &project.study().structure.name;
-    let export = ModelExport { title, bare: &bare, assembly: &assembly, sensors: &sensors };
+    let export = ModelExport { title, bare: &bare, structure: &structure, sensors: &sensors };
     let matrices = if format == Format::Npy { MatrixFormat::Numpy } else { MatrixFormat::MatrixMarket };
     let (written, warnings) = export.write(&folder, matrices)?;
     console.warn_all(&warnings);

@@ -406,18 +406,8 @@ fn an_eccentric_mass_couples_and_keeps_the_mass() {
 }
 
 pub(super) fn sensor(channel: &str, node: u16, azimuth_deg: f64) -> Sensor {
-    Sensor {
-        channel: channel.to_owned(),
-        point: channel.to_owned(),
-        node,
-        elevation_m: Some(90.0),
-        direction: Some(Direction::AzimuthDeg(azimuth_deg)),
-        offset_m: [0.0; 2],
-        reference: false,
-        unit: None,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
-    }
+    let direction = Some(Direction::AzimuthDeg(azimuth_deg));
+    Sensor { elevation_m: Some(90.0), direction, ..Sensor::new(channel, node) }
 }
 
 #[test]

@@ -16,18 +16,6 @@ use crate::study::{Sensor, Setup, Unit};
 
 /// A setup of channels at 50 Hz, in m/s².
 fn setup(channels: &[&str], files: &[&str]) -> Setup {
-    let sensor = |channel: &&str| Sensor {
-        channel: (*channel).to_owned(),
-        point: (*channel).to_owned(),
-        node: 1,
-        elevation_m: None,
-        direction: None,
-        offset_m: [0.0; 2],
-        reference: false,
-        unit: None,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
-    };
     Setup {
         name: "january".to_owned(),
         files: files.iter().map(|file| (*file).to_owned()).collect(),
@@ -37,7 +25,7 @@ fn setup(channels: &[&str], files: &[&str]) -> Setup {
         sampling_rate_hz: 50.0,
         unit: Unit::MetrePerSecondSquared,
         temperature: None,
-        sensors: channels.iter().map(sensor).collect(),
+        sensors: channels.iter().map(|channel| Sensor::new(*channel, 1)).collect(),
     }
 }
 

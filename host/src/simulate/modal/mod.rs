@@ -67,16 +67,9 @@ impl Recording {
 /// A setup whose channels are "1", "2", ... and whose points are named the same.
 pub fn setup(name: &str, points: &[String], references: &[bool]) -> Setup {
     let sensor = |(at, point): (usize, &String)| Sensor {
-        channel: (at + 1).to_string(),
         point: point.clone(),
-        node: 1,
-        elevation_m: None,
-        direction: None,
-        offset_m: [0.0; 2],
         reference: references.get(at).copied().unwrap_or(false),
-        unit: None,
-        sensitivity_v_per_m_s2: None,
-        dof: None,
+        ..Sensor::new((at + 1).to_string(), 1)
     };
     Setup {
         name: name.into(),
