@@ -38,6 +38,8 @@ fn main() {
     allow("browser", is_there("BELFRY_BROWSER", "chromedriver"));
     println!("cargo::rerun-if-env-changed=BELFRY_TRACER");
     allow("tracer", is_there("BELFRY_TRACER", "strace"));
+    println!("cargo::rerun-if-env-changed=BELFRY_CALCULIX");
+    allow("calculix", is_there("BELFRY_CALCULIX", "ccx"));
     // `./test --all` sets it.
     println!("cargo::rerun-if-env-changed=BELFRY_LONG_TESTS");
     allow("long_tests", env::var_os("BELFRY_LONG_TESTS").is_some());

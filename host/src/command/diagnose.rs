@@ -283,7 +283,7 @@ fn tell_discrepancy(diagnosis: &Diagnosis, console: &Console) {
         console.say(format!("{which} misses {missed}, for reasons that no effect explains."));
     }
     if let Some(scatter) = diagnosis.discrepancy.scatter_in_words() {
-        console.say(format!("Its {scatter}."));
+        console.say(format!("{}.", scatter.replacen("its", "Its", 1)));
     }
 }
 

@@ -19,6 +19,7 @@ use crate::study::{STUDY_FILE, template};
 Examples:
   belfry init tower                       a study to fill in, in the new folder `tower`
   belfry init canton --template canton    the Canton Tower: 20 accelerometers, beam model
+  belfry init turbine --template turbine  a wind turbine on a monopile, clamped at the mudline
   belfry init . --json                    in this folder, and say what was written as JSON")]
 pub struct Arguments {
     /// Folder of the study; made where it does not exist
@@ -34,6 +35,8 @@ pub struct Arguments {
 pub enum Template {
     /// The Canton Tower: 20 accelerometers at 8 levels, with its beam model
     Canton,
+    /// A 5 MW wind turbine on a monopile: 8 accelerometers at 4 levels, with its beam model, clamped at the mudline
+    Turbine,
     /// One setup of two sensors, every key explained
     Blank,
 }
@@ -43,6 +46,7 @@ impl Template {
     pub fn files(self) -> &'static [(&'static str, &'static str)] {
         match self {
             Self::Canton => &[("beam.csv", template::CANTON_BEAM), (STUDY_FILE, template::CANTON_STUDY)],
+            Self::Turbine => &[("beam.csv", template::TURBINE_BEAM), (STUDY_FILE, template::TURBINE_STUDY)],
             Self::Blank => &[(STUDY_FILE, template::BLANK_STUDY)],
         }
     }
@@ -51,6 +55,9 @@ impl Template {
     fn to_do(self, folder: &Path) -> String {
         match self {
             Self::Canton => format!("Put recordings accdata_*.txt into {}, or simulate one.", folder.display()),
+            Self::Turbine => {
+                format!("Put recordings acceleration_*.txt into {}, or simulate one.", folder.display())
+            }
             Self::Blank => format!(
                 "Describe your sensors in {} and put the recording next to it; or write `live = true` there, and `belfry collect` fetches it from nodes.",
                 folder.join(STUDY_FILE).display()
@@ -64,7 +71,7 @@ impl Template {
         let simulate = (format!("simulate {study} --adopt"), "simulates an hour of recording");
         let identify = (format!("identify {study}"), "the modes of the recording");
         match self {
-            Self::Canton => vec![simulate, identify],
+            Self::Canton | Self::Turbine => vec![simulate, identify],
             Self::Blank => vec![identify],
         }
     }

@@ -35,6 +35,34 @@ pub enum LayoutError {
     /// The table itself.
     #[error(transparent)]
     Table(#[from] TableError),
+    /// The names of rows cannot be read.
+    #[error("{}: cannot be read ({source}); {NAMED_BY} names it", file.display())]
+    RowNames {
+        /// The file.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A line that is no name of a row.
+    #[error("{}, line {line}: `{found}` where a node and its direction, such as 12.1, were expected", file.display())]
+    RowName {
+        /// The file.
+        file: PathBuf,
+        /// 1-based line.
+        line: usize,
+        /// What stands there.
+        found: String,
+    },
+    /// Not as many names as rows.
+    #[error("{}: names {found} rows, but the matrices have {dofs}", file.display())]
+    RowCount {
+        /// The file.
+        file: PathBuf,
+        /// Names in it.
+        found: usize,
+        /// Rows of the matrices.
+        dofs: usize,
+    },
     /// The nodes and the matrices do not go together.
     #[error(
         "{}: {nodes} nodes, but matrices of {dofs} rows have {} nodes of 5 DOFs (with the fixed base first, {}); a different layout needs `dofs` instead of `nodes`",
@@ -48,6 +76,25 @@ pub enum LayoutError {
         /// Rows of the matrices.
         dofs: usize,
     },
+}
+
+/// Reads CalculiX' list of what each row is, `node.direction` a line, directions from 1: names such as `12x`, in the order of the rows.
+pub(super) fn read_row_names(path: &Path, dofs: usize) -> Result<Vec<String>, LayoutError> {
+    const DIRECTIONS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
+    let file = path.to_owned();
+    let text = std::fs::read_to_string(path).map_err(|source| LayoutError::RowNames { file: file.clone(), source })?;
+    let name = |line: &str| {
+        let (node, direction) = line.trim().split_once('.')?;
+        let direction = DIRECTIONS.get(direction.parse::<usize>().ok()?.checked_sub(1)?)?;
+        Some(format!("{}{direction}", node.parse::<u64>().ok()?))
+    };
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    let names = lines.map(|(index, line)| {
+        let (file, found) = (file.clone(), line.trim().to_owned());
+        name(line).ok_or(LayoutError::RowName { file, line: index + 1, found })
+    });
+    let names = names.collect::<Result<Vec<String>, _>>()?;
+    if names.len() == dofs { Ok(names) } else { Err(LayoutError::RowCount { file, found: names.len(), dofs }) }
 }
 
 /// Reads `node,z_m` (further columns are read over): five DOFs a node, lowest first; one node more than the matrices hold

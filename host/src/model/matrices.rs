@@ -10,7 +10,7 @@ use nalgebra_sparse::CscMatrix;
 use npyz::WriterBuilder;
 use thiserror::Error;
 
-use super::layout::{LayoutError, LayoutNode, is_line, read_dofs, read_nodes};
+use super::layout::{LayoutError, LayoutNode, is_line, read_dofs, read_nodes, read_row_names};
 use super::matrix_files;
 use super::size::{self, TooManyUnknowns};
 use crate::record::{MatError, RecordError};
@@ -153,6 +153,8 @@ pub struct WholeMatrices {
     pub mass: CscMatrix<f64>,
     /// The nodes, lowest first; empty where nothing is known of them.
     pub nodes: Vec<LayoutNode>,
+    /// What the rows are called, where sensors name them; else empty.
+    pub places: Arc<[String]>,
 }
 
 impl WholeMatrices {
@@ -173,12 +175,16 @@ impl WholeMatrices {
                 return Err(MatrixError::Diagonal { quantity, row: row + 1, value: diagonal[row], expected });
             }
         }
-        let nodes = match &source.layout {
-            Some(LayoutFile::Nodes(path)) => read_nodes(&folder.join(path), stiffness.nrows())?,
-            Some(LayoutFile::Dofs(path)) => read_dofs(&folder.join(path), stiffness.nrows())?,
-            None => Vec::new(),
-        };
-        Ok(Self { stiffness, mass, nodes })
+        let (rows, mut nodes, mut places) = (stiffness.nrows(), Vec::new(), Vec::new());
+        match &source.layout {
+            Some(LayoutFile::Nodes(path)) => nodes = read_nodes(&folder.join(path), rows)?,
+            Some(LayoutFile::Dofs(path)) if path.extension().is_some_and(|ending| ending == "dof") => {
+                places = read_row_names(&folder.join(path), rows)?;
+            }
+            Some(LayoutFile::Dofs(path)) => nodes = read_dofs(&folder.join(path), rows)?,
+            None => {}
+        }
+        Ok(Self { stiffness, mass, nodes, places: places.into() })
     }
 
     /// Whether the nodes stand above each other, so that heights mean something.
@@ -197,7 +203,7 @@ impl WholeMatrices {
             mass: DMatrix::from(&self.mass),
             nodes: self.nodes.clone(),
             coordinates: None,
-            places: Arc::default(),
+            places: self.places.clone(),
             whole: None,
         })
     }

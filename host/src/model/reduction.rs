@@ -64,7 +64,7 @@ pub(super) fn reduced(
         mass: within(&whole.mass),
         nodes: whole.nodes.clone(),
         coordinates: Some(Arc::new(coordinates)),
-        places: Arc::default(),
+        places: whole.places.clone(),
         whole: Some(Arc::new(whole)),
     };
     Ok((body, customs))

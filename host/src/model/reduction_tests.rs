@@ -73,7 +73,7 @@ fn whole(folder: &Path) -> (WholeMatrices, Vec<Custom>) {
         .collect();
     groups.push(group("m", &corner, true, folder));
     let (stiffness, mass) = (CscMatrix::from(&(a + b + c + d + ground)), CscMatrix::from(&mass));
-    (WholeMatrices { stiffness, mass, nodes: Vec::new() }, groups)
+    (WholeMatrices { stiffness, mass, nodes: Vec::new(), places: std::sync::Arc::default() }, groups)
 }
 
 /// The structure as its files have it.

@@ -7,13 +7,14 @@
 //! of eigenvalues and eigenvectors", AIAA J. 6, 2426). Where a group of M is changed, K and M change places. What the changed shapes have
 //! that no combination of the base's has, the static share of modes beyond, gets coordinates of its own, to first order.
 
+use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
-use super::eigen::eigenmodes;
+use super::eigen::{Modes, eigenmodes};
 use super::matrices::{ImportedMatrices, symmetric};
 use crate::assignment::assigned;
 use crate::modes::{ComputedModes, MeasuredError, read_computed};
@@ -76,9 +77,9 @@ const EXPLAINED: f64 = 0.8;
 const LEAST_STRENGTH: f64 = 1e-4;
 /// Frequencies and shapes that differ by less are the same.
 const SAME: [f64; 2] = [1e-7, 1e-5];
-/// Motions that no combination of the base's modes has are kept where they are above this share of a shape, and at most so many.
+/// Motions that no combination of the base's modes has are kept where they are above this share of a shape, and at most so many a change.
 const NEGLIGIBLE: f64 = 1e-3;
-const MOST_BEYOND: usize = 30;
+const MOST_BEYOND: usize = 5;
 /// Modes above this share of the highest lambda lack those that come after it: nothing is judged by them.
 const WELL_INSIDE: f64 = 0.5;
 /// Their coordinates stand this many times above the highest mode in frequency, where they add motion and no resonance.
@@ -128,6 +129,14 @@ struct Change {
     /// What each of the base's modes gets of motions that none of them has, modes x places.
     beyond: DMatrix<f64>,
     is_mass: bool,
+    /// How large the change was that tells: with it, frequencies are those of the run.
+    by: f64,
+}
+
+/// By how much lambda of the base's modes falls further below a straight line than the base's modes let it, by a change by 1, squared.
+struct Bend {
+    /// By mode of the base: relative; `None` where the run does not tell.
+    of_modes: Vec<Option<f64>>,
 }
 
 /// Reads the modes of the model as it is, and the runs; paths start at `folder`.
@@ -151,9 +160,16 @@ pub(super) fn read(base: &Path, runs: &[RunSource], folder: &Path) -> Result<OfR
     }
     let pairs = names.iter().map(|(_, runs)| Paired::of(&base, &runs[0])).collect::<Result<Vec<_>, _>>()?;
     let changes: Vec<Change> = pairs.iter().map(|paired| paired.change(&base)).collect();
-    let motions = motions_beyond(&base, &changes);
-    let body = body(&base, &motions);
-    let changes: Vec<RunChange> = changes.into_iter().map(|change| change.in_coordinates(&body, &motions)).collect();
+    let mut motions: Vec<DMatrix<f64>> = changes.iter().map(|change| change.motions_beyond(&base)).collect();
+    let mut model = body(&base, &motions);
+    let straight = in_coordinates(&changes, &model, &motions);
+    for (at, (_, runs)) in names.iter().enumerate() {
+        let bends = runs[1..].iter().filter_map(|run| Bend::of(&base, &model, &changes[at], &straight[at], run));
+        stiffen(&mut motions[at], &changes[at], &bends.collect::<Vec<_>>(), &model);
+    }
+    model = body(&base, &motions);
+    let changes = in_coordinates(&changes, &model, &motions);
+    let body = model;
     let mut warnings: Vec<String> = not_normalised(&base, &pairs).into_iter().collect();
     for ((name, runs), change) in names.iter().zip(&changes) {
         warnings.extend(runs[1..].iter().filter_map(|run| not_linear(name, &body, change, &runs[0], run)));
@@ -203,7 +219,7 @@ impl<'a> Paired<'a> {
             return Err(RunError::OtherModes { run, base, paired: pairs.len(), modes });
         }
         let (lambda, lambda_there) = (base.lambda(), run.modes.lambda());
-        // Of what changes, each mode has so much: the share by which its frequency moves.
+        // So much each mode has of what changes: the share by which its lambda moves.
         let most = pairs.iter().map(|&(at, other)| strength(lambda[at], lambda_there[other], run)).fold(0.0, f64::max);
         let mut strengths = DVector::from_element(lambda.len(), most);
         pairs.iter().for_each(|&(at, other)| strengths[at] = strength(lambda[at], lambda_there[other], run));
@@ -219,9 +235,12 @@ impl<'a> Paired<'a> {
                 // To first order `dK_ij / (λi - λj)`, and where M changes `-λi dM_ij / (λi - λj)`.
                 let moved = if run.is_mass { lambda[at] } else { (lambda[mode] * lambda[at]).sqrt() };
                 let coupled = (strengths[mode] * strengths[at]).sqrt() * run.change.abs() * moved;
-                if mode == at { 1.0 } else { (coupled / (lambda[mode] - lambda[at]).abs()).min(1.0) }
+                let greatest = (coupled / (lambda[mode] - lambda[at]).abs()).min(1.0);
+                if mode == at { 1.0 } else { 0.5 * greatest }
             });
-            let shares = shares(&here, &shape, at, &deviations);
+            // What the shape has of modes that the base lacks looks like some of those that it has.
+            let lacking = strengths[at] * run.change.abs() * lambda[at] / lambda.max();
+            let shares = shares(&here, &shape, at, &deviations, lacking.max(DIGITS));
             if (&here * &shares).norm_squared() >= EXPLAINED * shape.norm_squared() {
                 modes.push(PairedMode { base: at, lambda: lambda_there[other], shape, shares });
             }
@@ -262,26 +281,54 @@ impl<'a> Paired<'a> {
                 continue;
             }
             let size = if is_mass { mode.lambda.sqrt() } else { 1.0 };
-            let left = (&mode.shape - &self.here * &mode.shares) * (size / column.norm());
+            let shares = if is_mass { turned.component_div(&root) * size } else { turned.into_owned() };
+            let left = &mode.shape * (size / column.norm()) - &self.here * shares;
             for ([row, _], value) in self.rows.iter().zip(&left) {
                 beyond.column_mut(*row).axpy(value / self.run.change, &turned, 1.0);
             }
         }
-        Change { within, beyond, is_mass }
+        Change { within, beyond, is_mass, by: self.run.change }
     }
 }
 
+/// All changes in the coordinates of a body, each of which has motions beyond the modes of its own.
+fn in_coordinates(changes: &[Change], body: &ImportedMatrices, motions: &[DMatrix<f64>]) -> Vec<RunChange> {
+    let mut first = changes.first().map_or(0, |change| change.within.nrows());
+    let mut all = Vec::with_capacity(changes.len());
+    for (change, motions) in changes.iter().zip(motions) {
+        all.push(change.in_coordinates(body, motions, first));
+        first += motions.ncols();
+    }
+    all
+}
+
 impl Change {
-    /// In the coordinates of a body with motions beyond its modes.
-    fn in_coordinates(self, body: &ImportedMatrices, motions: &DMatrix<f64>) -> RunChange {
+    /// The motions at the places that no combination of the base's modes has, each so large that its coordinate has next to no energy: places
+    /// x motions.
+    fn motions_beyond(&self, base: &ComputedModes) -> DMatrix<f64> {
+        let typical = base.shapes.norm() / (base.frequencies_hz.len() as f64).sqrt();
+        let svd = self.beyond.clone().svd(false, true);
+        let Some(directions) = svd.v_t else { return DMatrix::zeros(base.places.len(), 0) };
+        let mut order = largest_first(svd.singular_values.as_slice());
+        order.retain(|&at| svd.singular_values[at] > NEGLIGIBLE * typical);
+        order.truncate(MOST_BEYOND);
+        directions.select_rows(&order).transpose() * (LIGHT * typical)
+    }
+
+    /// In the coordinates of a body in which the motions beyond its modes are the coordinates from `first` on.
+    fn in_coordinates(&self, body: &ImportedMatrices, motions: &DMatrix<f64>, first: usize) -> RunChange {
         let (modes, size) = (self.within.nrows(), body.stiffness.nrows());
         let mut whole = DMatrix::zeros(size, size);
         whole.view_mut((0, 0), (modes, modes)).copy_from(&self.within);
         let mut coupling = DMatrix::zeros(size, size);
         for (at, motion) in motions.column_iter().enumerate() {
             // A coordinate far above answers a force statically: by force over stiffness, times its motion at the places.
-            let coordinate = modes + at;
-            let part = &self.beyond * motion * (-body.stiffness[(coordinate, coordinate)] / motion.norm_squared());
+            let coordinate = first + at;
+            let stiffness = body.stiffness[(coordinate, coordinate)];
+            let part = &self.beyond * motion * (-stiffness / motion.norm_squared());
+            // What that softens at the change of the run is in the run's frequencies already.
+            let mut own = coupling.view_mut((0, 0), (modes, modes));
+            own += &part * part.transpose() * (self.by / stiffness);
             coupling.view_mut((0, coordinate), (modes, 1)).copy_from(&part);
             coupling.view_mut((coordinate, 0), (1, modes)).copy_from(&part.transpose());
         }
@@ -316,13 +363,13 @@ fn strength(lambda: f64, lambda_there: f64, run: &Run) -> f64 {
 }
 
 /// The shares of the base's modes in a changed shape that is scaled to its partner `at`: as the shape has them at the places, and where
-/// these do not tell, near to none of the others. `deviations` is how large they may be: two modes are coupled by no more than what a
-/// change has of both, `dK_ij² <= dK_ii dK_jj`.
-fn shares(here: &DMatrix<f64>, shape: &DVector<f64>, at: usize, deviations: &DVector<f64>) -> DVector<f64> {
+/// these do not tell, near to none of the others. `deviations` is how large they may be, half of what is possible: two modes are coupled by no
+/// more than what a change has of both, `dK_ij² <= dK_ii dK_jj`. `noise` is what a component may be off by, as a share of their root mean square.
+fn shares(here: &DMatrix<f64>, shape: &DVector<f64>, at: usize, deviations: &DVector<f64>, noise: f64) -> DVector<f64> {
     let modes = deviations.len();
     let expected = DVector::from_fn(modes, |mode, _| f64::from(u8::from(mode == at)));
     let scaled = here * DMatrix::from_diagonal(deviations);
-    let noise = DIGITS * shape.norm() / (shape.len() as f64).sqrt();
+    let noise = noise * shape.norm() / (shape.len() as f64).sqrt();
     let normal = scaled.transpose() * &scaled + DMatrix::identity(modes, modes) * (noise * noise);
     let right = scaled.transpose() * (shape - here.column(at));
     let solved = normal.cholesky().map(|factor| factor.solve(&right));
@@ -349,30 +396,91 @@ fn positive(change: &DMatrix<f64>) -> [f64; 2] {
     [-bound(eigenvalues.max()), bound(-eigenvalues.min())]
 }
 
-/// The motions at the places that no combination of the base's modes has, each so large that its coordinate has next to no energy: places x
-/// motions.
-fn motions_beyond(base: &ComputedModes, changes: &[Change]) -> DMatrix<f64> {
-    let typical = base.shapes.norm() / (base.frequencies_hz.len() as f64).sqrt();
-    let all: Vec<DVector<f64>> =
-        changes.iter().flat_map(|change| change.beyond.row_iter().map(|row| row.transpose())).collect();
-    let svd = if all.is_empty() { None } else { Some(DMatrix::from_columns(&all).svd(true, false)) };
-    let Some((directions, sizes)) = svd.and_then(|svd| Some((svd.u?, svd.singular_values))) else {
-        return DMatrix::zeros(base.places.len(), 0);
-    };
-    let mut order = largest_first(sizes.as_slice());
-    order.retain(|&at| sizes[at] > NEGLIGIBLE * typical);
-    order.truncate(MOST_BEYOND);
-    directions.select_columns(&order) * (LIGHT * typical)
+impl Bend {
+    /// From a run of another size than the one that tells of the change, and what the model of that has there.
+    fn of(
+        base: &ComputedModes,
+        body: &ImportedMatrices,
+        change: &Change,
+        in_model: &RunChange,
+        run: &Run,
+    ) -> Option<Self> {
+        let (modes, by) = (base.frequencies_hz.len(), run.change);
+        let apart = by * (by - change.by);
+        if apart == 0.0 || run.is_mass || !(in_model.range[0]..=in_model.range[1]).contains(&by) {
+            return None;
+        }
+        let expected = in_model.modes(body, by)?;
+        let (lambda, highest) = (base.lambda(), base.lambda().max());
+        let mut of_modes = vec![None; modes];
+        for mode in Paired::of(base, run).ok()?.modes.iter().filter(|mode| lambda[mode.base] < WELL_INSIDE * highest) {
+            // The mode of the model that is mostly this one of the base.
+            let share = |at: &usize| expected.shapes[(mode.base, *at)].abs();
+            let at = (0..expected.frequency_hz.len()).max_by(|a, b| share(a).total_cmp(&share(b)))?;
+            if expected.shapes[(mode.base, at)].powi(2) > EXPLAINED {
+                let lambda_expected = (TAU * expected.frequency_hz[at]).powi(2);
+                of_modes[mode.base] = Some((lambda_expected - mode.lambda) / apart / lambda[mode.base]);
+            }
+        }
+        Some(Self { of_modes })
+    }
+}
+
+/// Gives motions beyond the stiffness that runs of other sizes show, where there are any: a force that moves what is stiff lowers a mode more
+/// than its share in the shape tells. None is negative; each motion's is fitted in turn until none changes.
+fn stiffen(motions: &mut DMatrix<f64>, change: &Change, bends: &[Bend], body: &ImportedMatrices) {
+    const ROUNDS: usize = 500;
+    let Some(lightest) = motions.column_iter().next().map(|motion| motion.norm()) else { return };
+    // By a unit of stiffness a mode bends by the square of what it gets of a motion.
+    let along = &change.beyond * &*motions / lightest;
+    let (mut rows, mut wanted) = (Vec::new(), Vec::new());
+    for (mode, bent) in bends.iter().flat_map(|bend| bend.of_modes.iter().enumerate()) {
+        let Some(bent) = bent else { continue };
+        rows.push(along.row(mode).map(|share| share * share / body.stiffness[(mode, mode)]));
+        wanted.push(*bent);
+    }
+    if rows.is_empty() {
+        return;
+    }
+    let (rows, wanted) = (DMatrix::from_rows(&rows), DVector::from_vec(wanted));
+    let (normal, right) = (rows.transpose() * &rows, rows.transpose() * wanted);
+    let mut found = DVector::<f64>::zeros(motions.ncols());
+    for _ in 0..ROUNDS {
+        for at in 0..found.len() {
+            let left = right[at] - normal.column(at).dot(&found) + normal[(at, at)] * found[at];
+            found[at] = if normal[(at, at)] > 0.0 { (left / normal[(at, at)]).max(0.0) } else { 0.0 };
+        }
+    }
+    // All motions beyond have coordinates of one stiffness: that of a motion, times the square of its size.
+    let Some(stiffness) = body.stiffness.diagonal().iter().copied().reduce(f64::max) else { return };
+    for (mut motion, found) in motions.column_iter_mut().zip(&found) {
+        let size = (stiffness / found).sqrt();
+        if size < lightest {
+            motion *= size / lightest;
+        }
+    }
+}
+
+impl RunChange {
+    /// Modes in the coordinates of the body, changed by so much.
+    fn modes(&self, body: &ImportedMatrices, by: f64) -> Option<Modes> {
+        let stiffness = &body.stiffness + self.stiffness.as_ref() * by;
+        let mass = self.mass.as_ref().map_or_else(|| body.mass.clone(), |mass| &body.mass + mass.as_ref() * by);
+        eigenmodes(&stiffness, &mass).ok()
+    }
 }
 
 /// Matrices in the coordinates of the modes and of the motions beyond; its rows are the places.
-fn body(base: &ComputedModes, motions: &DMatrix<f64>) -> ImportedMatrices {
+fn body(base: &ComputedModes, motions: &[DMatrix<f64>]) -> ImportedMatrices {
     let lambda = base.lambda();
-    let (modes, size) = (lambda.len(), lambda.len() + motions.ncols());
+    let beyond: Vec<_> = motions.iter().flat_map(DMatrix::column_iter).collect();
+    let (modes, size) = (lambda.len(), lambda.len() + beyond.len());
     let above = ABOVE * ABOVE * lambda.max();
     let diagonal = DVector::from_fn(size, |at, _| lambda.get(at).copied().unwrap_or(above));
     let mut coordinates = base.shapes.clone().resize_horizontally(size, 0.0);
-    coordinates.columns_mut(modes, motions.ncols()).copy_from(motions);
+    for (at, motion) in beyond.into_iter().enumerate() {
+        coordinates.set_column(modes + at, &motion);
+    }
     ImportedMatrices {
         stiffness: DMatrix::from_diagonal(&diagonal),
         mass: DMatrix::identity(size, size),
@@ -441,9 +549,7 @@ fn not_linear(name: &str, body: &ImportedMatrices, change: &RunChange, smallest:
             smallest.change
         ));
     }
-    let stiffness = &body.stiffness + change.stiffness.as_ref() * by;
-    let mass = change.mass.as_ref().map_or_else(|| body.mass.clone(), |mass| &body.mass + mass.as_ref() * by);
-    let expected = eigenmodes(&stiffness, &mass).ok()?;
+    let expected = change.modes(body, by)?;
     let coordinates = body.coordinates.as_ref()?;
     let expected = ComputedModes {
         file: run.modes.file.clone(),
@@ -481,7 +587,7 @@ fn not_linear(name: &str, body: &ImportedMatrices, change: &RunChange, smallest:
 impl ComputedModes {
     /// Squared circular frequencies in 1/s².
     fn lambda(&self) -> DVector<f64> {
-        let squared = |hz: &f64| (std::f64::consts::TAU * hz).powi(2);
+        let squared = |hz: &f64| (TAU * hz).powi(2);
         DVector::from_iterator(self.frequencies_hz.len(), self.frequencies_hz.iter().map(squared))
     }
 }

@@ -73,12 +73,12 @@ pub enum SensorError {
         /// `ux`, `uy` or `uz`.
         dof: &'static str,
     },
-    /// It is no column of the model's modes.
-    #[error("channel {channel}: the model's modes have no column of that name (nor of its `point`); they have {known}")]
+    /// It names no row of a model whose rows have names.
+    #[error("channel {channel}: no row of the model has that name (nor that of its `point`); there are {known}")]
     NotAmongPlaces {
         /// The channel.
         channel: String,
-        /// The columns.
+        /// The names.
         known: String,
     },
     /// A strain gauge at the beam's axis.

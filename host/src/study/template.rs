@@ -9,6 +9,13 @@ pub const CANTON_STUDY: &str = include_str!("../../templates/canton/study.toml")
 /// The tower's beam table, fitted to the published reduced model: 13 frequencies within 0.07 %, masses as published.
 pub const CANTON_BEAM: &str = include_str!("../../templates/canton/beam.csv");
 
+/// `study.toml` of a wind turbine on a monopile: eight accelerometers at four levels, model in `beam.csv`.
+pub const TURBINE_STUDY: &str = include_str!("../../templates/turbine/study.toml");
+
+/// The turbine's beam table, clamped at the mudline, from the published diameters and thicknesses of the NREL 5 MW reference turbine and the
+/// monopile of OC3.
+pub const TURBINE_BEAM: &str = include_str!("../../templates/turbine/beam.csv");
+
 /// A stand-in for the real tower, whose recordings are not public. Synthetic: together with a base rotation flexibility
 /// of 7.21e-15 rad/(N m) it has the measured frequencies of Lei, Wang, Shen (2012), table 1, within 0.03 %.
 pub const CANTON_BEAM_FIELD: &str = include_str!("../../templates/canton/beam_field.csv");

@@ -295,20 +295,20 @@ fn a_model_of_modes_has_runs() {
         is_mass,
         modes: modes.into(),
     };
-    assert_eq!(model.runs, [run(28, 0.1, false, "soil.csv"), run(32, -0.1, true, "m.csv")]);
+    assert_eq!(model.runs, [run(29, 0.1, false, "soil.csv"), run(33, -0.1, true, "m.csv")]);
     let wrong = |from: &str, to: &str, line, parts: &[&str]| {
         assert_told(&format!("{before}{}", runs.replacen(from, to, 1)), line, parts);
     };
-    wrong("changed = \"soil\"", "changed = \"sole\"", 29, &["`model.run.changed`", "the name of a [[model.group]]"]);
-    wrong("by = 0.1", "by = 0", 30, &["`model.run.by`", "not 0"]);
-    wrong("by = -0.1", "by = -1.5", 34, &["`model.run.by`", "above -1"]);
-    wrong("\"mass\"", "\"weight\"", 35, &["`model.run.quantity`", "\"stiffness\" or \"mass\""]);
-    wrong("std = 0.2", "std = 0.2\nstiffness = \"k.mtx\"", 26, &["`model.group.name`", "a [[model.run]] says"]);
-    wrong("std = 0.2", "std = 0.2\n[[model.group]]\nname = \"piles\"\nstd = 0.1", 29, &["has as `changed`"]);
+    wrong("changed = \"soil\"", "changed = \"sole\"", 30, &["`model.run.changed`", "the name of a [[model.group]]"]);
+    wrong("by = 0.1", "by = 0", 31, &["`model.run.by`", "not 0"]);
+    wrong("by = -0.1", "by = -1.5", 35, &["`model.run.by`", "above -1"]);
+    wrong("\"mass\"", "\"weight\"", 36, &["`model.run.quantity`", "\"stiffness\" or \"mass\""]);
+    wrong("std = 0.2", "std = 0.2\nstiffness = \"k.mtx\"", 27, &["`model.group.name`", "a [[model.run]] says"]);
+    wrong("std = 0.2", "std = 0.2\n[[model.group]]\nname = \"piles\"\nstd = 0.1", 30, &["has as `changed`"]);
     wrong(
         "modes = \"base.csv\"",
         "beam = \"beam.csv\"",
-        26,
+        27,
         &["`model.group.name`", "`stiffness`, `mass` or `segments`"],
     );
     let run_alone = "[[model.run]]\nchanged = \"soil\"\nby = 0.1\nmodes = \"soil.csv\"\n";

@@ -477,7 +477,7 @@ pub struct GroupTerms {
 pub enum LayoutFile {
     /// `node,z_m`: five DOFs a node.
     Nodes(PathBuf),
-    /// `row,node,dof` and positions.
+    /// `row,node,dof` and positions; or CalculiX' .dof.
     Dofs(PathBuf),
 }
 

@@ -5,6 +5,7 @@
 mod analysis;
 mod bad_input;
 mod blind;
+mod calculix;
 mod campaign;
 mod change;
 mod collect;
@@ -27,4 +28,5 @@ mod partial;
 mod plan;
 mod published;
 mod real_records;
+mod runs;
 mod together;
