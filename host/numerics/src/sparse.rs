@@ -88,6 +88,9 @@ pub fn lowest_sparse_modes(
     count: usize,
 ) -> Option<EigenPairs<f64>> {
     let rows = stiffness.nrows();
+    if count == 0 {
+        return Some(EigenPairs { values: Vec::new(), vectors: DMatrix::zeros(rows, 0) });
+    }
     let most = (MOST_TIMES * count + MOST_MORE).min(rows);
     let mut basis = Basis::new(rows, most);
     let mut seed = 0;
@@ -128,10 +131,15 @@ pub fn lowest_sparse_modes(
         if basis.size == most {
             return None;
         }
-        let is_stuck = is_found || coupling.nrows() == 0;
-        if is_stuck && basis.add(fresh(), stiffness, mass).nrows() == 0 {
-            // No motion with mass is left.
-            return is_found.then(|| found(&basis));
+        if is_found || coupling.nrows() == 0 {
+            // Nothing is known yet of what K⁻¹ M makes of the block that was added: it goes on beside the fresh one.
+            let waiting = std::mem::replace(&mut basis.inertia, DMatrix::zeros(rows, 0));
+            if basis.add(fresh(), stiffness, mass).nrows() == 0 {
+                // No motion with mass is left.
+                return is_found.then(|| found(&basis));
+            }
+            let columns: Vec<_> = waiting.column_iter().chain(basis.inertia.column_iter()).collect();
+            basis.inertia = DMatrix::from_columns(&columns);
         }
     }
 }
@@ -143,7 +151,7 @@ struct Basis {
     size: usize,
     /// M in the span of the vectors.
     projected: DMatrix<f64>,
-    /// M times the last block.
+    /// M times the last block: what the iteration goes on from.
     inertia: DMatrix<f64>,
 }
 

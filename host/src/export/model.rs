@@ -6,7 +6,6 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
-use nalgebra_sparse::io::save_to_matrix_market_str;
 use num_complex::Complex64;
 
 use super::modes::{Component, Mode, Modes};
@@ -14,6 +13,7 @@ use super::{ExportError, table, universal, write_bytes, write_file};
 use crate::model::effect::{Effect, EffectError};
 use crate::model::{
     Assembly, EigenError, LayoutNode, Structure, WholeMatrices, dof_of_row, dofs_csv, fits_in_full, matrix_market, npy,
+    sparse_matrix_market,
 };
 use crate::study::Sensor;
 
@@ -88,7 +88,7 @@ impl ModelExport<'_> {
                         continue;
                     }
                     let path = path_of(name);
-                    write_file(&path, &save_to_matrix_market_str(matrix))?;
+                    write_file(&path, &sparse_matrix_market(matrix))?;
                     note(path, dofs);
                 }
             }

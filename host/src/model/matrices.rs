@@ -330,6 +330,19 @@ pub fn matrix_market(matrix: &DMatrix<f64>) -> String {
     text
 }
 
+/// A symmetric matrix with few entries as a Matrix Market file (coordinate, real, symmetric: the lower triangle), every digit kept. The library's
+/// writer has a header in small letters, which other programs refuse.
+pub fn sparse_matrix_market(matrix: &CscMatrix<f64>) -> String {
+    let lower: Vec<(usize, usize, &f64)> = matrix.triplet_iter().filter(|(row, column, _)| row >= column).collect();
+    let size = matrix.nrows();
+    let mut text = format!("%%MatrixMarket matrix coordinate real symmetric\n{size} {size} {}\n", lower.len());
+    for (row, column, value) in lower {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{} {} {value:e}", row + 1, column + 1);
+    }
+    text
+}
+
 /// A matrix as a NumPy file.
 ///
 /// # Errors

@@ -13,6 +13,8 @@ use super::size;
 use crate::record::NpyArray;
 use crate::record::mat::{read_matrix, read_sparse_matrix, variables};
 
+/// How a Matrix Market file starts, in letters of either case.
+const HEADER: &str = "%%MatrixMarket";
 /// More rows than this no model has.
 const MOST_ROWS: usize = 200_000;
 
@@ -33,11 +35,8 @@ pub(super) fn read(
     let matrix = match (ending, matlab) {
         (Some("mtx"), _) => {
             let text = text()?;
-            let read = if text.starts_with("%%MatrixMarket") || text.trim().is_empty() {
-                matrix_market(&text)
-            } else {
-                triplets(&text)
-            };
+            let has_header = text.get(..HEADER.len()).is_some_and(|start| start.eq_ignore_ascii_case(HEADER));
+            let read = if has_header || text.trim().is_empty() { matrix_market(&text) } else { triplets(&text) };
             read.map_err(unreadable)?
         }
         (Some("sti" | "mas"), _) => triplets(&text()?).map_err(unreadable)?,

@@ -34,8 +34,6 @@ mod reduction;
 mod reduction_tests;
 mod response;
 mod runs;
-#[cfg(test)]
-mod runs_tests;
 mod sensing;
 mod sensitivity;
 mod sensor;
@@ -57,7 +55,7 @@ pub use element::Compression;
 pub use joint::Element;
 pub use layout::{LayoutError, LayoutNode, dof_of_row, dofs_csv};
 pub use load::{LoadedModel, ModelError, load, load_up_to, read_beam};
-pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy};
+pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy, sparse_matrix_market};
 pub use response::Responses;
 pub use sensing::{Sensing, SensorChange, phases_rad};
 pub use sensitivity::{Change, ModeDerivative, frequency_derivatives};

@@ -50,6 +50,9 @@ impl Case {
     /// # Errors
     /// When the study has no model or no modes, one of them cannot be read, or they do not go together.
     pub fn load(study: Study) -> Result<Self, StoryError> {
+        if study.model.is_none() {
+            return Err(ModelError::NoModel { file: study.folder.join(STUDY_FILE) }.into());
+        }
         let measured = measured_modes(&study, &study.sensors())?;
         Self::of(study, measured)
     }

@@ -4,8 +4,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use nalgebra_sparse::io::save_to_matrix_market_str;
-
 use super::case::Case;
 use super::change::{AutoEnd, ChangeReport, add, add_until_nothing_gains, remove};
 use super::covalidated::{CURVES_FILE, CovalidationReport, CovalidationRequest, covalidate};
@@ -25,7 +23,7 @@ use crate::diagnose::steps::{Profiles, Step, StepRecord};
 use crate::files::{FolderLock, write_anew, write_whole};
 use crate::identify::accuracy::{Wish, record_needed};
 use crate::measure::Route;
-use crate::model::{Assembly, Body, matrix_market, npy};
+use crate::model::{Assembly, Body, matrix_market, npy, sparse_matrix_market};
 use crate::page::{Finding, PageData, report};
 use crate::picture;
 use crate::plan::Plan;
@@ -268,8 +266,8 @@ impl Project {
             // K* of a large model is full; its factors are not.
             Some(whole) => {
                 let momentum = &whole.mass * case.assembly.at_rows(&updated.matrices.used_shapes).as_ref();
-                self.results.write("stiffness.mtx", save_to_matrix_market_str(&whole.stiffness).as_bytes())?;
-                self.results.write("mass.mtx", save_to_matrix_market_str(&whole.mass).as_bytes())?;
+                self.results.write("stiffness.mtx", sparse_matrix_market(&whole.stiffness).as_bytes())?;
+                self.results.write("mass.mtx", sparse_matrix_market(&whole.mass).as_bytes())?;
                 self.write_bytes("update_factor.npy", npy(&momentum))?;
                 self.write_bytes("psi.npy", npy(&updated.matrices.psi))?;
             }
