@@ -22,4 +22,4 @@ pub use fourier::{
 };
 pub use lowest::{Envelope, EnvelopeFactor, lowest_modes};
 pub use sets::sets_apart;
-pub use sparse::{SparseFactor, count_below, lowest_sparse_modes};
+pub use sparse::{SparseFactor, count_below, factor_entries, lowest_sparse_modes};

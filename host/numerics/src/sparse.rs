@@ -48,6 +48,13 @@ impl SparseFactor {
     }
 }
 
+/// How many numbers a factor of such a matrix has; `None` where they cannot be counted.
+pub fn factor_entries(matrix: &CscMatrix<f64>) -> Option<usize> {
+    let symbolic =
+        factorize_symbolic_cholesky(view(matrix).symbolic(), Side::Lower, Default::default(), Default::default());
+    symbolic.ok().map(|symbolic| symbolic.len_val())
+}
+
 /// Vectors of numbers between -1 and 1 that look random and are the same each time.
 fn spread_vectors(rows: usize, columns: usize, seed: u64) -> DMatrix<f64> {
     // The sequence of SplitMix64 (Steele, Lea, Flood 2014).
@@ -92,7 +99,8 @@ pub fn lowest_sparse_modes(
         return Some(EigenPairs { values: Vec::new(), vectors: DMatrix::zeros(rows, 0) });
     }
     let most = (MOST_TIMES * count + MOST_MORE).min(rows);
-    let mut basis = Basis::new(rows, most);
+    // Two blocks may come at once, none of which is cut short.
+    let mut basis = Basis::new(rows, most + 2 * BLOCK);
     let mut seed = 0;
     let mut fresh = || {
         seed += 1;
@@ -103,7 +111,7 @@ pub fn lowest_sparse_modes(
     loop {
         let before = basis.size;
         let coupling = basis.add(factor.solve(&basis.inertia), stiffness, mass);
-        let is_whole = coupling.nrows() == 0 || basis.size == most;
+        let is_whole = coupling.nrows() == 0 || basis.size >= most;
         if before < due && !is_whole {
             continue;
         }
@@ -128,7 +136,8 @@ pub fn lowest_sparse_modes(
                 return Some(found(&basis));
             }
         }
-        if basis.size == most {
+        // A basis of all rows is judged once more, for then nothing is left.
+        if basis.size >= most && (most < rows || coupling.nrows() == 0 && !is_found) {
             return None;
         }
         if is_found || coupling.nrows() == 0 {

@@ -12,8 +12,8 @@ use super::modes::{Component, Mode, Modes};
 use super::{ExportError, table, universal, write_bytes, write_file};
 use crate::model::effect::{Effect, EffectError};
 use crate::model::{
-    Assembly, EigenError, LayoutNode, Structure, WholeMatrices, dof_of_row, dofs_csv, fits_in_full, matrix_market, npy,
-    sparse_matrix_market,
+    Assembly, EigenError, LayoutNode, ROW_DIRECTIONS, Structure, WholeMatrices, dof_of_row, dofs_csv, fits_in_full,
+    matrix_market, npy, sparse_matrix_market,
 };
 use crate::study::Sensor;
 
@@ -107,8 +107,15 @@ impl ModelExport<'_> {
             write_bytes(&path, &dofs_csv(&layout).map_err(ExportError::write(&path))?)?;
             note(path, layout.iter().flat_map(|node| node.rows).flatten().count());
         }
+        let names = self.structure.row_names();
+        if !names.is_empty() {
+            // As CalculiX calls them, which `dofs` of a study reads.
+            let path = folder.join("dofs.dof");
+            write_file(&path, &row_names(names))?;
+            note(path, names.len());
+        }
         let (path, modes) = (folder.join("model_shapes.csv"), assembly.modal_basis()?.modes(MODES));
-        table::write_rows(&path, &shapes(&layout, &assembly.at_rows(&modes.shapes)))?;
+        table::write_rows(&path, &shapes(&layout, names, &assembly.at_rows(&modes.shapes)))?;
         note(path, dofs);
         let mut warnings = self.warnings(&assembly, &layout);
         let at_sensors = self.modes_at_sensors(&assembly, &modes, &mut warnings)?;
@@ -203,15 +210,25 @@ impl MatrixFormat {
     }
 }
 
+/// Names such as `12x` as CalculiX writes them, `12.1`; a name of another kind is left as it is.
+fn row_names(names: &[String]) -> String {
+    let name = |name: &String| {
+        let (at, direction) =
+            ROW_DIRECTIONS.iter().enumerate().rev().find(|(_, direction)| name.ends_with(**direction))?;
+        Some(format!("{}.{}\n", name.strip_suffix(direction)?, at + 1))
+    };
+    names.iter().map(|one| name(one).unwrap_or_else(|| format!("{one}\n"))).collect()
+}
+
 /// A row a degree of freedom: what it is, then the mass-normalised shape of every mode.
-fn shapes(layout: &[LayoutNode], shapes: &DMatrix<f64>) -> Vec<Vec<String>> {
+fn shapes(layout: &[LayoutNode], names: &[String], shapes: &DMatrix<f64>) -> Vec<Vec<String>> {
     let header = ["row", "node", "dof", "z_m"].map(str::to_owned);
-    let names = (1..=shapes.ncols()).map(|mode| format!("mode_{mode}"));
-    let mut rows: Vec<Vec<String>> = vec![header.into_iter().chain(names).collect()];
+    let modes = (1..=shapes.ncols()).map(|mode| format!("mode_{mode}"));
+    let mut rows: Vec<Vec<String>> = vec![header.into_iter().chain(modes).collect()];
     for row in 0..shapes.nrows() {
         let place = match dof_of_row(layout, row) {
             Some((node, dof)) => [node.name.clone(), dof.to_owned(), node.position_m[2].to_string()],
-            None => [const { String::new() }; 3],
+            None => [names.get(row).cloned().unwrap_or_default(), String::new(), String::new()],
         };
         let values = shapes.row(row).iter().map(ToString::to_string).collect::<Vec<_>>();
         rows.push(std::iter::once((row + 1).to_string()).chain(place).chain(values).collect());

@@ -92,17 +92,18 @@ impl Custom {
     /// # Errors
     /// [`CustomError`] names the file and the line.
     pub fn read(source: &CustomSource, folder: &Path) -> Result<Self, CustomError> {
-        Ok(Self::read_whole(source, folder)?.within(&|matrix| DMatrix::from(matrix)))
+        Ok(Self::read_whole(source, folder, 0)?.within(&|matrix| DMatrix::from(matrix)))
     }
 
-    /// As [`Custom::read`], but for its matrices in the rows of the model: [`Custom::within`] makes these.
+    /// As [`Custom::read`], but for its matrices in the rows of the model: [`Custom::within`] makes these. Files that do not state a size have
+    /// at least `least_rows` rows.
     ///
     /// # Errors
     /// As there.
-    pub(super) fn read_whole(source: &CustomSource, folder: &Path) -> Result<Self, CustomError> {
+    pub(super) fn read_whole(source: &CustomSource, folder: &Path, least_rows: usize) -> Result<Self, CustomError> {
         let file = source.file.as_ref().map(|file| folder.join(file));
         let matrix = |terms: &[MatrixTerm], quantity| -> Result<Option<Arc<CscMatrix<f64>>>, CustomError> {
-            let read = || read_sum(terms, quantity, file.as_deref(), folder, None);
+            let read = || read_sum(terms, quantity, file.as_deref(), folder, None, least_rows);
             Ok(if terms.is_empty() { None } else { Some(Arc::new(read()?)) })
         };
         let [stiffness, mass] = match source.group {

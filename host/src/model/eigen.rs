@@ -71,6 +71,18 @@ pub enum EigenError {
         "neither K nor M is positive definite: the structure can move freely and parts of it have no mass; support it, or give it mass"
     )]
     NotDefinite,
+    /// The factor of K does not fit into memory.
+    #[error(
+        "the modes of {dofs} degrees of freedom take about {needed_gb:.1} GB of memory, and {free_gb:.1} GB are free; bring a coarser model"
+    )]
+    TooLarge {
+        /// Rows of K.
+        dofs: usize,
+        /// What it would take.
+        needed_gb: f64,
+        /// What there is.
+        free_gb: f64,
+    },
     /// K allows motion without strain, and its factor tells no more.
     #[error(
         "K is not positive definite: the structure can move without strain, or a stiffness is negative; support it, check the signs"

@@ -389,6 +389,10 @@ fn sparse_matrices_are_read_from_every_programs_files() {
         let read = ImportedMatrices::read(&files(file, file, None), folder.path());
         assert_eq!(read.unwrap_or_else(|error| panic!("{file}: {error}")).stiffness, expected, "{file}");
     }
+    // A mass that the last rows do not have.
+    fs::write(at("light.mas"), "1 1 1.0\n2 2 1.0\n").unwrap();
+    let light = ImportedMatrices::read(&files("calculix.sti", "light.mas", None), folder.path()).unwrap();
+    assert_eq!(light.mass.diagonal().as_slice(), [1.0, 1.0, 0.0]);
     scipy_file(&at("outside.npz"), CompressionMethod::Stored, &rows(array(&[0_i32, 2, 4, 9])));
     scipy_file(&at("none.npz"), CompressionMethod::Stored, &[("data", data), ("shape", shape)]);
     fs::write(at("damaged.npz"), "PK, but no archive").unwrap();

@@ -9,6 +9,8 @@ use crate::table::{Table, TableError};
 
 /// Rotations and translations of a node, in the order of [`LayoutNode::rows`].
 const DOF_NAMES: [&str; 6] = ["ux", "uy", "rx", "ry", "rz", "uz"];
+/// Directions 1 to 6 of a node, as names of rows end; those that end like another come after it.
+pub const ROW_DIRECTIONS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 /// Nodes whose plan positions differ by less (in m) stand above each other.
 const PLAN_TOLERANCE_M: f64 = 1e-6;
 /// What names the tables.
@@ -80,12 +82,11 @@ pub enum LayoutError {
 
 /// Reads CalculiX' list of what each row is, `node.direction` a line, directions from 1: names such as `12x`, in the order of the rows.
 pub(super) fn read_row_names(path: &Path, dofs: usize) -> Result<Vec<String>, LayoutError> {
-    const DIRECTIONS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
     let file = path.to_owned();
     let text = std::fs::read_to_string(path).map_err(|source| LayoutError::RowNames { file: file.clone(), source })?;
     let name = |line: &str| {
         let (node, direction) = line.trim().split_once('.')?;
-        let direction = DIRECTIONS.get(direction.parse::<usize>().ok()?.checked_sub(1)?)?;
+        let direction = ROW_DIRECTIONS.get(direction.parse::<usize>().ok()?.checked_sub(1)?)?;
         Some(format!("{}{direction}", node.parse::<u64>().ok()?))
     };
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());

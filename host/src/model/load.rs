@@ -116,28 +116,32 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
 pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel, ModelError> {
     let file = study.folder.join(STUDY_FILE);
     let model = study.model.as_ref().ok_or_else(|| ModelError::NoModel { file: file.clone() })?;
-    let custom = |source: &CustomSource| {
-        Custom::read_whole(source, &study.folder).map_err(|error| ModelError::Custom {
+    let custom = |source: &CustomSource, rows: usize| {
+        Custom::read_whole(source, &study.folder, rows).map_err(|error| ModelError::Custom {
             section: source.section(),
             file: file.clone(),
             line: source.line,
             source: Box::new(error),
         })
     };
-    let customs = || model.customs.iter().map(custom).collect::<Result<Vec<Custom>, _>>();
+    let customs =
+        |rows: usize| model.customs.iter().map(|source| custom(source, rows)).collect::<Result<Vec<Custom>, _>>();
     let in_full = |customs: Vec<Custom>| -> Vec<Custom> {
         customs.into_iter().map(|custom| custom.within(&|matrix| DMatrix::from(matrix))).collect()
     };
     let mut warnings = Vec::new();
     let (body, customs) = match &model.source {
-        ModelSource::Beam(path) => (Body::Beam(read_beam(&study.folder.join(path))?), in_full(customs()?)),
+        ModelSource::Beam(path) => (Body::Beam(read_beam(&study.folder.join(path))?), in_full(customs(0)?)),
         ModelSource::Matrices(source) => {
-            let (whole, customs) = (WholeMatrices::read(source, &study.folder)?, customs()?);
+            let whole = WholeMatrices::read(source, &study.folder)?;
+            let customs = customs(whole.stiffness.nrows())?;
             if reduction::is_worthwhile(&whole) {
                 check_sizes(&whole, &customs, model, &file)?;
                 let (matrices, customs) = reduction::reduced(whole, customs, highest_hz)?;
                 (Body::Matrices(matrices), customs)
             } else {
+                // Each has a matrix, and what it changes of K and M is kept beside it.
+                size::fits_with(whole.stiffness.nrows(), 4 * customs.len()).map_err(MatrixError::TooLarge)?;
                 (Body::Matrices(whole.in_full()?), in_full(customs))
             }
         }

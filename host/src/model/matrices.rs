@@ -164,8 +164,8 @@ impl WholeMatrices {
     /// [`MatrixError`] names the file, the matrix and the entry.
     pub(super) fn read(source: &MatrixSource, folder: &Path) -> Result<Self, MatrixError> {
         let file = source.file.as_ref().map(|file| folder.join(file));
-        let stiffness = read_sum(&source.stiffness, "stiffness", file.as_deref(), folder, None)?;
-        let mass = read_sum(&source.mass, "mass", file.as_deref(), folder, Some(stiffness.nrows()))?;
+        let stiffness = read_sum(&source.stiffness, "stiffness", file.as_deref(), folder, None, 0)?;
+        let mass = read_sum(&source.mass, "mass", file.as_deref(), folder, Some(stiffness.nrows()), 0)?;
         for (matrix, quantity, admissible, expected) in [
             (&stiffness, "stiffness", (|value| value > 0.0) as fn(f64) -> bool, "only a number above 0"),
             (&mass, "mass", |value| value >= 0.0, "only 0 or more"),
@@ -246,7 +246,8 @@ fn diagonal(matrix: &CscMatrix<f64>) -> Vec<f64> {
     (0..matrix.nrows().min(matrix.ncols())).map(entry).collect()
 }
 
-/// The sum of the matrices that `terms` name, symmetric; `file` is the MATLAB file of names without an ending.
+/// The sum of the matrices that `terms` name, symmetric; `file` is the MATLAB file of names without an ending; files that do
+/// not state a size have at least `least_rows` rows.
 ///
 /// # Errors
 /// [`MatrixError`] names the file and the matrix.
@@ -256,10 +257,11 @@ pub(super) fn read_sum(
     file: Option<&Path>,
     folder: &Path,
     mut size: Option<usize>,
+    least_rows: usize,
 ) -> Result<CscMatrix<f64>, MatrixError> {
     let mut total: Option<CscMatrix<f64>> = None;
     for MatrixTerm { name, factor } in terms {
-        let (path, matrix) = matrix_files::read(name, quantity, file, folder)?;
+        let (path, matrix) = matrix_files::read(name, quantity, file, folder, size.unwrap_or(least_rows))?;
         check(&matrix, &path, name, quantity, size)?;
         size = Some(matrix.nrows());
         // Mirror images may differ by rounding.
@@ -270,7 +272,14 @@ pub(super) fn read_sum(
         });
     }
     // The study's reader refuses an empty list.
-    Ok(total.unwrap_or_else(|| CscMatrix::zeros(0, 0)))
+    let total = total.unwrap_or_else(|| CscMatrix::zeros(0, 0));
+    if let Some((row, column, _)) = total.triplet_iter().find(|(_, _, value)| !value.is_finite()) {
+        // Finite by themselves, they overflow together or by a factor.
+        let file = file.map_or_else(|| folder.to_owned(), Path::to_path_buf);
+        let name = format!("the sum of the {quantity} matrices");
+        return Err(MatrixError::NotFinite { file, name, row: row + 1, column: column + 1 });
+    }
+    Ok(total)
 }
 
 fn check(

@@ -1,7 +1,7 @@
 //! Files of one matrix: a name flows in, the entries that are not zero flow out, whatever the format.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use nalgebra_sparse::io::load_coo_from_matrix_market_str;
@@ -10,8 +10,8 @@ use zip::ZipArchive;
 
 use super::matrices::MatrixError;
 use super::size;
-use crate::record::NpyArray;
 use crate::record::mat::{read_matrix, read_sparse_matrix, variables};
+use crate::record::{NpyArray, read_row};
 
 /// How a Matrix Market file starts, in letters of either case.
 const HEADER: &str = "%%MatrixMarket";
@@ -20,6 +20,8 @@ const MOST_ROWS: usize = 200_000;
 
 /// The matrix that `name` stands for, and its file: by its ending a file in `folder`, else a variable of the MATLAB file `matlab`.
 ///
+/// Files without a size have at least `least_rows` rows.
+///
 /// # Errors
 /// [`MatrixError`] names the file.
 pub(super) fn read(
@@ -27,6 +29,7 @@ pub(super) fn read(
     quantity: &'static str,
     matlab: Option<&Path>,
     folder: &Path,
+    least_rows: usize,
 ) -> Result<(PathBuf, CscMatrix<f64>), MatrixError> {
     let path = folder.join(name);
     let unreadable = |reason: String| MatrixError::Unreadable { file: path.clone(), reason };
@@ -36,10 +39,11 @@ pub(super) fn read(
         (Some("mtx"), _) => {
             let text = text()?;
             let has_header = text.get(..HEADER.len()).is_some_and(|start| start.eq_ignore_ascii_case(HEADER));
-            let read = if has_header || text.trim().is_empty() { matrix_market(&text) } else { triplets(&text) };
+            let read =
+                if has_header || text.trim().is_empty() { matrix_market(&text) } else { triplets(&text, least_rows) };
             read.map_err(unreadable)?
         }
-        (Some("sti" | "mas"), _) => triplets(&text()?).map_err(unreadable)?,
+        (Some("sti" | "mas"), _) => triplets(&text()?, least_rows).map_err(unreadable)?,
         (Some("npz"), _) => scipy(&path).map_err(unreadable)?,
         (Some("npy"), _) => {
             let array = NpyArray::open(&path)?;
@@ -123,8 +127,9 @@ fn check_sizes(text: &str) -> Result<(), String> {
 }
 
 /// Lines of row, column and value, from 1, without a header: what CalculiX writes as .sti and .mas (SOLVER=MATRIXSTORAGE) and Abaqus with
-/// FORMAT=COORDINATE. Where only one triangle is there, the other is its mirror image. As many rows as the largest number says.
-fn triplets(text: &str) -> Result<CscMatrix<f64>, String> {
+/// FORMAT=COORDINATE. Where only one triangle is there, the other is its mirror image. As many rows as the largest number says, and at least
+/// `least_rows`: the last ones may have no mass, or be none of a group's.
+fn triplets(text: &str, least_rows: usize) -> Result<CscMatrix<f64>, String> {
     const EXPECTED: &str =
         "where row, column and value were expected, as CalculiX (.sti, .mas) and Abaqus (FORMAT=COORDINATE) write them";
     const OF_NODES: &str = "where row, column and value were expected; five numbers are Abaqus' nodes and degrees of freedom: write the matrix with FORMAT=COORDINATE";
@@ -147,6 +152,7 @@ fn triplets(text: &str) -> Result<CscMatrix<f64>, String> {
         }
     }
     let rows = entries.iter().map(|(row, column, _)| row.max(column) + 1).max().ok_or("no entries in it")?;
+    let rows = rows.max(least_rows);
     let is_triangle =
         entries.iter().all(|(row, column, _)| row <= column) || entries.iter().all(|(row, column, _)| row >= column);
     let mut matrix = CooMatrix::new(rows, rows);
@@ -210,25 +216,10 @@ const NOT_SCIPY: &str =
 fn numbers(archive: &mut ZipArchive<BufReader<File>>, name: &str) -> Result<Option<Vec<f64>>, String> {
     let Ok(member) = archive.by_name(&format!("{name}.npy")) else { return Ok(None) };
     let damaged = |reason: String| format!("array `{name}`: {reason}");
-    let array = npyz::NpyFile::new(member.take(MOST_NUMBERS * 8)).map_err(|error| damaged(error.to_string()))?;
-    if array.shape().len() != 1 || array.len() > MOST_NUMBERS {
-        return Err(damaged(format!("of shape {:?}; one row of numbers was expected", array.shape())));
-    }
-    let described = array.dtype().descr();
-    let failed = |error: std::io::Error| damaged(error.to_string());
-    // Read one after the other: a small file may announce billions.
-    let read = match array.try_data::<f64>() {
-        Ok(numbers) => numbers.collect::<Result<Vec<f64>, _>>(),
-        Err(array) => match array.try_data::<i32>() {
-            Ok(numbers) => numbers.map(|number| number.map(f64::from)).collect(),
-            Err(array) => match array.try_data::<i64>() {
-                Ok(numbers) => numbers.map(|number| number.map(|number| number as f64)).collect(),
-                Err(array) => match array.try_data::<f32>() {
-                    Ok(numbers) => numbers.map(|number| number.map(f64::from)).collect(),
-                    Err(_) => return Err(damaged(format!("numbers of type {described}, which are not real ones"))),
-                },
-            },
-        },
-    };
-    read.map(Some).map_err(failed)
+    // A small file may announce billions: values, rows and columns of a matrix stand in memory three times over.
+    let most = member.size().min(MOST_NUMBERS);
+    size::fit_numbers(usize::try_from(most).unwrap_or(usize::MAX).saturating_mul(9)).map_err(|[needed, free]| {
+        damaged(format!("it takes about {needed:.1} GB of memory, and {free:.1} GB are free"))
+    })?;
+    read_row(member, most).map(Some).map_err(damaged)
 }

@@ -53,7 +53,7 @@ pub use effect::mass_eccentricity::eccentricity_changes;
 pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use element::Compression;
 pub use joint::Element;
-pub use layout::{LayoutError, LayoutNode, dof_of_row, dofs_csv};
+pub use layout::{LayoutError, LayoutNode, ROW_DIRECTIONS, dof_of_row, dofs_csv};
 pub use load::{LoadedModel, ModelError, load, load_up_to, read_beam};
 pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy, sparse_matrix_market};
 pub use response::Responses;

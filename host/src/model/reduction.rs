@@ -9,13 +9,14 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use belfry_numerics::{EigenPairs, SparseFactor, count_below, lowest_sparse_modes, symmetric_pairs};
+use belfry_numerics::{EigenPairs, SparseFactor, count_below, factor_entries, lowest_sparse_modes, symmetric_pairs};
 use nalgebra::DMatrix;
 use nalgebra_sparse::CscMatrix;
 
 use super::custom::Custom;
 use super::eigen::EigenError;
 use super::matrices::{ImportedMatrices, WholeMatrices, symmetric};
+use super::size;
 
 /// Smaller models gain nothing.
 const LEAST_DOFS: usize = 200;
@@ -35,6 +36,8 @@ const ORDERS: usize = 2;
 const NEGLIGIBLE: f64 = 1e-7;
 /// No more directions than this.
 const MOST_CORRECTIONS: usize = 150;
+/// So many are gathered before those that have next to nothing of their own are left out.
+const GATHERED: usize = 1000;
 /// A solution that is off by more than this share is one of a structure that can move without strain.
 const UNSUPPORTED: f64 = 1e-4;
 
@@ -80,6 +83,11 @@ struct Reducer {
 impl Reducer {
     fn of(whole: &WholeMatrices, highest_hz: Option<f64>) -> Result<Self, EigenError> {
         let WholeMatrices { stiffness, mass, .. } = whole;
+        // Two factors and the basis of modes stand beside each other.
+        let entries = factor_entries(stiffness).unwrap_or(usize::MAX);
+        let vectors = stiffness.nrows().saturating_mul(MODES[1] * 6);
+        size::fit_numbers(entries.saturating_mul(2).saturating_add(vectors))
+            .map_err(|[needed_gb, free_gb]| EigenError::TooLarge { dofs: stiffness.nrows(), needed_gb, free_gb })?;
         let factor = SparseFactor::of(stiffness, UNSUPPORTED).ok_or(EigenError::NotSupported)?;
         if mass.values().iter().all(|entry| *entry == 0.0) {
             return Err(EigenError::Massless);
@@ -101,10 +109,12 @@ impl Reducer {
         let corrected = highest_hz.map_or(values.len() / 2, up_to).clamp(1, MOST_CORRECTED.min(values.len()));
         let across = modes.transpose();
         let mut corrections: Vec<DMatrix<f64>> = Vec::new();
-        for matrix in customs.iter().flat_map(Custom::whole_matrices) {
+        for (custom, matrix) in customs.iter().flat_map(|one| one.whole_matrices().map(move |matrix| (one, matrix))) {
+            // All of a group, or what is typical of a hypothesis.
+            let amount = if custom.group.is_some() { 1.0 } else { custom.typical };
             let mut motion = modes.columns(0, corrected).into_owned();
             for _ in 0..ORDERS {
-                let mut forces = matrix.entries * &motion;
+                let mut forces = matrix.entries * &motion * amount;
                 if matrix.is_mass {
                     forces.column_iter_mut().zip(values).for_each(|(mut column, mu)| column /= *mu);
                 }
@@ -113,13 +123,15 @@ impl Reducer {
                 let energies = symmetric(&(motion.transpose() * &forces));
                 corrections.extend(principal(&energies, usize::MAX).map(|directions| &motion * directions));
             }
+            // Many groups have most of their motions in common.
+            if corrections.iter().map(DMatrix::ncols).sum::<usize>() > GATHERED
+                && let Some((all, energies)) = together(&corrections, stiffness)
+            {
+                corrections =
+                    principal(&energies, GATHERED / 2).map(|directions| all * directions).into_iter().collect();
+            }
         }
-        let columns: Vec<_> = corrections.iter().flat_map(DMatrix::column_iter).collect();
-        if columns.is_empty() {
-            return modes.clone();
-        }
-        let all = DMatrix::from_columns(&columns);
-        let energies = symmetric(&(all.transpose() * (stiffness * &all)));
+        let Some((all, energies)) = together(&corrections, stiffness) else { return modes.clone() };
         let Some(mut directions) = principal(&energies, MOST_CORRECTIONS) else { return modes.clone() };
         directions.column_iter_mut().for_each(|mut direction| {
             let energy = direction.dot(&(&energies * &direction));
@@ -130,6 +142,17 @@ impl Reducer {
         coordinates.columns_mut(modes.ncols(), more.ncols()).copy_from(&more);
         coordinates
     }
+}
+
+/// All motions side by side, and their strain energies; `None` where there is none.
+fn together(motions: &[DMatrix<f64>], stiffness: &CscMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+    let columns: Vec<_> = motions.iter().flat_map(DMatrix::column_iter).collect();
+    if columns.is_empty() {
+        return None;
+    }
+    let all = DMatrix::from_columns(&columns);
+    let energies = symmetric(&(all.transpose() * (stiffness * &all)));
+    Some((all, energies))
 }
 
 /// The directions in which motions of these energies (a Gram matrix) have more than next to none, the most first; `None` where there is none.

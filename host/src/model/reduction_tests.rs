@@ -198,6 +198,16 @@ fn the_lowest_modes_of_few_entries_are_those_of_all() {
         let between = 0.5 * (expected.inverse_lambda[0] + expected.inverse_lambda[copies]);
         assert_eq!(count_below(&sparse, &sparse_mass, 1.0 / between), Some(copies));
     }
+    // Most of all modes of a small one.
+    let stiffness =
+        DMatrix::from_fn(200, 200, |row, column| [2.0, -1.0].get(row.abs_diff(column)).copied().unwrap_or(0.0));
+    let (sparse, ones) = (CscMatrix::from(&stiffness), CscMatrix::identity(200));
+    let found = lowest_sparse_modes(&SparseFactor::of(&sparse, 1e-6).unwrap(), &sparse, &ones, 150).unwrap();
+    for (mode, mu) in (1..).zip(&found.values) {
+        let lambda = 4.0 * (f64::from(mode) * std::f64::consts::PI / 402.0).sin().powi(2);
+        assert!((mu * lambda - 1.0).abs() < 1e-8, "mode {mode}");
+    }
+    assert_eq!(found.values.len(), 150);
 }
 
 #[test]

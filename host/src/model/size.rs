@@ -57,6 +57,30 @@ fn most_within(free_bytes: u64) -> u64 {
     (free_bytes as f64 / (MATRICES as f64 * size_of::<f64>() as f64)).sqrt() as u64
 }
 
+/// Whether a model of so many unknowns fits into the memory that is free now, with so many full matrices more than usual.
+///
+/// # Errors
+/// How much it would take, where it does not.
+pub(super) fn fits_with(unknowns: usize, more_matrices: usize) -> Result<(), TooManyUnknowns> {
+    let free_bytes = free_bytes().unwrap_or(FREE_IF_UNKNOWN);
+    let matrix = (unknowns as u128).saturating_mul(unknowns as u128).saturating_mul(size_of::<f64>() as u128);
+    let needed_bytes = matrix.saturating_mul(MATRICES + more_matrices as u128);
+    if needed_bytes <= u128::from(free_bytes) {
+        return Ok(());
+    }
+    Err(TooManyUnknowns { unknowns, needed_bytes, free_bytes })
+}
+
+/// Whether so many numbers fit into the memory that is free now.
+///
+/// # Errors
+/// What they take and what is free, in GB.
+pub(super) fn fit_numbers(numbers: usize) -> Result<(), [f64; 2]> {
+    let needed = numbers as f64 * size_of::<f64>() as f64;
+    let free = free_bytes().unwrap_or(FREE_IF_UNKNOWN) as f64;
+    if needed <= free { Ok(()) } else { Err([needed * 1e-9, free * 1e-9]) }
+}
+
 /// Memory that this program may still take.
 #[cfg(target_os = "linux")]
 fn free_bytes() -> Option<u64> {

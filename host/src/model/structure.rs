@@ -184,6 +184,14 @@ impl Structure {
         heights_m.enumerate().map(node).collect()
     }
 
+    /// What the rows are called, where sensors name them; else empty.
+    pub fn row_names(&self) -> &[String] {
+        match &self.body {
+            Body::Beam(_) => &[],
+            Body::Matrices(matrices) => &matrices.places,
+        }
+    }
+
     /// The segments of a beam with all changes, base first; `None` for matrices.
     pub fn segments(&self) -> Option<Vec<Segment>> {
         let Body::Beam(beam) = &self.body else { return None };

@@ -3,6 +3,7 @@
 //!
 //! The files are those of measured modes: a CSV table, whose columns are the places, or UFF 55, whose places are called `12x`.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
@@ -10,6 +11,9 @@ use nalgebra::DMatrix;
 use super::error::MeasuredError;
 use super::{Format, csv_table, uff};
 use crate::study::Sensor;
+
+/// No structure has frequencies beyond these; their squares' squares are still numbers.
+const POSSIBLE_HZ: RangeInclusive<f64> = 1e-6..=1e9;
 
 /// Computed modes, lowest first.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,7 +61,7 @@ pub fn read_computed(path: &Path) -> Result<ComputedModes, MeasuredError> {
     let mut shapes = DMatrix::from_element(places.len(), modes.len(), f64::NAN);
     for (column, mode) in modes.iter().enumerate() {
         let number = mode.number;
-        if !(mode.frequency_hz.is_finite() && mode.frequency_hz > 0.0) {
+        if !POSSIBLE_HZ.contains(&mode.frequency_hz) {
             return Err(MeasuredError::Frequency { file, number, frequency_hz: mode.frequency_hz });
         }
         for component in &mode.components {

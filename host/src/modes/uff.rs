@@ -62,7 +62,7 @@ pub(super) fn modes(
                 }
             }
             Ok(RawMode {
-                modal_mass: None,
+                modal_mass: mode.modal_mass,
                 scatter: None,
                 number: mode.number,
                 frequency_hz: mode.frequency_hz,
@@ -111,6 +111,8 @@ struct NodalMode {
     number: usize,
     frequency_hz: f64,
     damping_ratio: f64,
+    /// Above 0, where the file states one.
+    modal_mass: Option<f64>,
     values: Vec<(i64, [Complex64; 3])>,
 }
 
@@ -268,6 +270,7 @@ impl<'a> Lines<'a> {
             }
             values.push((label, translations));
         }
-        Ok(Some(NodalMode { number, frequency_hz, damping_ratio, values }))
+        let stated = reals.get(1).copied().filter(|mass| !is_complex_mode && *mass > 0.0 && mass.is_finite());
+        Ok(Some(NodalMode { number, frequency_hz, damping_ratio, modal_mass: stated, values }))
     }
 }

@@ -34,7 +34,7 @@ pub(crate) use columns::si_factor;
 pub(crate) use error::quoted;
 pub use error::{At, FilePosition, MatError, RecordError};
 pub(crate) use files::matching_files;
-pub(crate) use npy::NpyArray;
+pub(crate) use npy::{NpyArray, read_row};
 pub use report::{ChannelReport, Gap, RecordReport};
 pub(crate) use warning::time_of_day;
 pub use warning::{Affected, RecordWarning};

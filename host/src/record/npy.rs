@@ -111,6 +111,28 @@ pub(super) fn open(path: &Path) -> Result<ArrayReader, RecordError> {
     array.reader(rows, columns, row_by_row)
 }
 
+/// The numbers of an array of one dimension that a reader holds, at most so many.
+///
+/// # Errors
+/// A sentence, where it is none, of other numbers than real ones, longer, or cut short.
+pub(crate) fn read_row(mut reader: impl Read, most: u64) -> Result<Vec<f64>, String> {
+    let (text, _) = header_text(&mut reader)?;
+    let header = parse_header(&text)?;
+    let (sample, big_endian) =
+        sample_type(&header.descr).ok_or_else(|| format!("its numbers are of type `{}`", header.descr))?;
+    let &[length] = &header.shape[..] else { return Err(format!("its shape is {:?}, not one row", header.shape)) };
+    if length > most {
+        return Err(format!("it announces {length} numbers, and no more than {most} are read"));
+    }
+    let bytes = length * sample.bytes() as u64;
+    let mut raw = Vec::new();
+    reader.take(bytes).read_to_end(&mut raw).map_err(|error| error.to_string())?;
+    if (raw.len() as u64) < bytes {
+        return Err("it is cut short".to_owned());
+    }
+    Ok(sample.decode_all(&mut raw, big_endian))
+}
+
 fn shape_error(path: &Path, shape: &[u64]) -> RecordError {
     RecordError::Shape { file: path.to_owned(), shape: format!("{shape:?}") }
 }

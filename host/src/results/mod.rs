@@ -149,6 +149,18 @@ impl Results {
         }
     }
 
+    /// Removes a file, where it is there.
+    ///
+    /// # Errors
+    /// [`ResultsError::Write`].
+    pub fn remove(&self, name: &str) -> Result<(), ResultsError> {
+        let file = self.path(name);
+        match self.is_own().and_then(|()| std::fs::remove_file(&file)) {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => Err(ResultsError::Write { file, source }),
+            _ => Ok(()),
+        }
+    }
+
     /// Writes an object as JSON and returns its path.
     ///
     /// # Errors

@@ -253,7 +253,8 @@ impl Project {
     }
 
     /// Updates the stiffness matrix with the measured `modes` (all that have a partner where none are named). Writes
-    /// `update.json` and the matrices; for a beam table also `nodes.csv`.
+    /// `update.json` and the matrices; for a beam table also `nodes.csv`, for a model that is reduced the factors of what is added to K, and for
+    /// one of modes none.
     ///
     /// # Errors
     /// As [`Project::case`], when no mode has a partner, or when a result cannot be written.
@@ -262,7 +263,16 @@ impl Project {
         let case = self.case_of(modes)?;
         self.results.make_ready()?;
         let updated = update(&case, weights)?;
-        match case.model.structure()?.whole_matrices() {
+        const FULL: [&str; 4] = ["stiffness_updated.mtx", "stiffness_updated.npy", "nodes.csv", "mass.mtx"];
+        const FACTORS: [&str; 4] = ["stiffness.mtx", "mass.mtx", "update_factor.npy", "psi.npy"];
+        let whole = case.model.structure()?.whole_matrices();
+        // What a model of another kind has left is of no use beside this one.
+        let is_other = whole.is_some() || case.assembly.is_in_other_coordinates();
+        let others = if is_other { FULL.iter().chain(&FACTORS[..]) } else { FACTORS[2..].iter().chain(&FULL[..0]) };
+        for name in others {
+            self.results.remove(name)?;
+        }
+        match whole {
             // K* of a large model is full; its factors are not.
             Some(whole) => {
                 let momentum = &whole.mass * case.assembly.at_rows(&updated.matrices.used_shapes).as_ref();

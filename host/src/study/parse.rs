@@ -502,6 +502,13 @@ fn runs(section: &Section<'_>, source: &ModelSource) -> Result<Vec<RunSource>, S
     let names = changed_by.iter().map(|section| section.required("name", NAME)?.text(NAME));
     let names = names.collect::<Result<Vec<_>, _>>()?;
     let runs = sections.iter().map(|section| run(section, &names)).collect::<Result<Vec<_>, _>>()?;
+    const ONE_QUANTITY: &str =
+        "the same in all runs of one name: a group of stiffness and one of mass have names of their own";
+    let first_of = |run: &RunSource| runs.iter().find(|other| other.changed == run.changed).map(|first| first.is_mass);
+    if let Some((section, _)) = sections.iter().zip(&runs).find(|(_, run)| first_of(run) != Some(run.is_mass)) {
+        let entry = section.get("quantity").map_or_else(|| section.required("changed", ONE_QUANTITY), Ok)?;
+        return Err(entry.out_of_range(ONE_QUANTITY));
+    }
     for (section, name) in changed_by.iter().zip(&names) {
         if runs.iter().all(|run| run.changed != *name) {
             return Err(section.required("name", NAME)?.out_of_range(HAS_RUN));
@@ -512,8 +519,7 @@ fn runs(section: &Section<'_>, source: &ModelSource) -> Result<Vec<RunSource>, S
 
 fn run(section: &Section<'_>, names: &[String]) -> Result<RunSource, StudyError> {
     const CHANGED: &str = "the name of a [[model.group]] or [[model.custom]], in quotes";
-    const BY: &str =
-        "by how much it was changed, as a share of itself: a number such as 0.1 or -0.1, not 0 and above -1";
+    const BY: &str = "by how much it was changed, as a share of itself: a number such as 0.1 or -0.1, above -1 and 1e-6 to 1000 in size";
     const QUANTITY: &str = "\"stiffness\" or \"mass\"";
     const MODES: &str = "the name of a file of modes, in quotes, such as \"columns.csv\"";
     section.allow_only(RUN_KEYS)?;
@@ -524,7 +530,7 @@ fn run(section: &Section<'_>, names: &[String]) -> Result<RunSource, StudyError>
     }
     let by = section.required("by", BY)?;
     let change = by.number(BY)?;
-    if change == 0.0 || change <= -1.0 {
+    if change <= -1.0 || !(1e-6..=1e3).contains(&change.abs()) {
         return Err(by.out_of_range(BY));
     }
     let quantity = section.get("quantity");

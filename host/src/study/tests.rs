@@ -285,7 +285,7 @@ fn effects_are_kept_as_written() {
 fn a_model_of_modes_has_runs() {
     let start = SOUND.find("beam = ").unwrap();
     let before = &SOUND[..start];
-    let runs = "modes = \"base.csv\"\n[[model.group]]\nname = \"soil\"\nstd = 0.2\n[[model.run]]\nchanged = \"soil\"\nby = 0.1\nmodes = \"soil.csv\"\n[[model.run]]\nchanged = \"soil\"\nby = -0.1\nquantity = \"mass\"\nmodes = \"m.csv\"\n";
+    let runs = "modes = \"base.csv\"\n[[model.group]]\nname = \"soil\"\nstd = 0.2\n[[model.run]]\nchanged = \"soil\"\nby = 0.1\nquantity = \"mass\"\nmodes = \"soil.csv\"\n[[model.run]]\nchanged = \"soil\"\nby = -0.1\nquantity = \"mass\"\nmodes = \"m.csv\"\n";
     let model = load(&format!("{before}{runs}")).unwrap().model.unwrap();
     assert_eq!(model.source, ModelSource::Modes("base.csv".into()));
     let run = |line, change, is_mass, modes: &str| RunSource {
@@ -295,14 +295,14 @@ fn a_model_of_modes_has_runs() {
         is_mass,
         modes: modes.into(),
     };
-    assert_eq!(model.runs, [run(29, 0.1, false, "soil.csv"), run(33, -0.1, true, "m.csv")]);
+    assert_eq!(model.runs, [run(29, 0.1, true, "soil.csv"), run(34, -0.1, true, "m.csv")]);
     let wrong = |from: &str, to: &str, line, parts: &[&str]| {
         assert_told(&format!("{before}{}", runs.replacen(from, to, 1)), line, parts);
     };
     wrong("changed = \"soil\"", "changed = \"sole\"", 30, &["`model.run.changed`", "the name of a [[model.group]]"]);
-    wrong("by = 0.1", "by = 0", 31, &["`model.run.by`", "not 0"]);
-    wrong("by = -0.1", "by = -1.5", 35, &["`model.run.by`", "above -1"]);
-    wrong("\"mass\"", "\"weight\"", 36, &["`model.run.quantity`", "\"stiffness\" or \"mass\""]);
+    wrong("by = 0.1", "by = 0", 31, &["`model.run.by`", "1e-6 to 1000 in size"]);
+    wrong("by = -0.1", "by = -1.5", 36, &["`model.run.by`", "above -1"]);
+    wrong("\"mass\"", "\"weight\"", 32, &["`model.run.quantity`", "\"stiffness\" or \"mass\""]);
     wrong("std = 0.2", "std = 0.2\nstiffness = \"k.mtx\"", 27, &["`model.group.name`", "a [[model.run]] says"]);
     wrong("std = 0.2", "std = 0.2\n[[model.group]]\nname = \"piles\"\nstd = 0.1", 30, &["has as `changed`"]);
     wrong(
@@ -311,6 +311,7 @@ fn a_model_of_modes_has_runs() {
         27,
         &["`model.group.name`", "`stiffness`, `mass` or `segments`"],
     );
+    wrong("quantity = \"mass\"\nmodes = \"m.csv\"", "modes = \"m.csv\"", 35, &["the same in all runs of one name"]);
     let run_alone = "[[model.run]]\nchanged = \"soil\"\nby = 0.1\nmodes = \"soil.csv\"\n";
     assert_told(&format!("{SOUND}{run_alone}"), 27, &["`model.run`", "without [model] modes"]);
 }

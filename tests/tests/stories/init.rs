@@ -20,7 +20,7 @@ fn init(folder: &Path, arguments: &[&str]) -> Command {
 #[test]
 fn each_template_makes_a_study_that_loads() {
     for (template, setup, sensors, segments) in
-        [("canton", "january", 20, Some(37)), ("turbine", "standstill", 8, Some(18)), ("blank", "first", 2, None)]
+        [("canton", "january", 20, Some(37)), ("turbine", "january", 8, Some(18)), ("blank", "first", 2, None)]
     {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("new").join("study");

@@ -56,10 +56,10 @@ pub(super) fn not_normalised(base: &ComputedModes, runs: &[Paired<'_>]) -> Optio
     let factor = (scales[largest] - scales[smallest]).exp();
     (factor > NOT_NORMALISED).then(|| {
         format!(
-            "{}: its shapes do not look mass-normalised: by the runs, mode {} is scaled {factor:.1} times as large as mode {}; export mass-normalised shapes, or give each mode its `modal_mass`",
+            "{}: its shapes do not look mass-normalised: by the runs, the mode at {:.4} Hz is scaled {factor:.1} times as large as that at {:.4} Hz; export mass-normalised shapes, or give each mode its `modal_mass`",
             base.file.display(),
-            largest + 1,
-            smallest + 1
+            base.frequencies_hz[largest],
+            base.frequencies_hz[smallest]
         )
     })
 }
@@ -105,9 +105,8 @@ pub(super) fn not_linear(
     let most = pairs.iter().map(moved).fold(0.0, f64::max);
     (wrong(&worst).abs() > NOT_WORTH.max(NOT_LINEAR * most)).then(|| {
         format!(
-            "{}: by {by} of `{name}` mode {} has {:.4} Hz, where the run by {} lets expect {:.4} Hz: frequencies do not follow this change as stiffness or mass would make them; take values of this size as estimates",
+            "{}: by {by} of `{name}` a mode has {:.4} Hz, where the run by {} lets expect {:.4} Hz: frequencies do not follow this change as stiffness or mass would make them; take values of this size as estimates",
             run.modes.file.display(),
-            worst.1 + 1,
             run.modes.frequencies_hz[worst.1],
             smallest.change,
             expected.frequencies_hz[worst.0],

@@ -21,10 +21,11 @@ use nalgebra::{DMatrix, DVector};
 use thiserror::Error;
 
 use super::matrices::ImportedMatrices;
+use super::size::{self, TooManyUnknowns};
 use crate::modes::{ComputedModes, MeasuredError, read_computed};
 use crate::study::RunSource;
 use checks::{not_linear, not_normalised};
-use coordinates::{Coordinates, bend, forces_on_unseen};
+use coordinates::{Coordinates, MOST_BEYOND, bend, forces_on_unseen};
 use paired::{Change, Paired};
 
 /// Modes above this share of the highest lambda lack those that come after it: nothing is judged by them.
@@ -58,6 +59,9 @@ pub enum RunError {
         /// How many there are.
         modes: usize,
     },
+    /// More modes and changes than fit into memory.
+    #[error("[model] modes: {0}; give fewer modes or runs")]
+    TooLarge(TooManyUnknowns),
     /// Nothing differs.
     #[error(
         "{run}: the same modes as {base}, up to {largest:.0e} of a frequency; nothing was changed, or the change is too small for the digits of the file"
@@ -120,6 +124,8 @@ pub(super) fn read(base: &Path, runs: &[RunSource], folder: &Path) -> Result<OfR
     }
     let pairs = names.iter().map(|(_, runs)| Paired::of(&base, &runs[0])).collect::<Result<Vec<_>, _>>()?;
     let changes: Vec<Change> = pairs.iter().map(|paired| paired.change(&base)).collect();
+    let most = base.frequencies_hz.len() * 2 + changes.len() * MOST_BEYOND;
+    size::fits_with(most, 6 * changes.len()).map_err(RunError::TooLarge)?;
     let motions: Vec<DMatrix<f64>> = changes.iter().map(|change| change.motions_beyond(&base)).collect();
     let straight = Coordinates::of(&base, &motions, DMatrix::zeros(changes.len(), 0));
     let bends = names.iter().enumerate().map(|(at, (_, runs))| {

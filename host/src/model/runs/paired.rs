@@ -114,6 +114,11 @@ impl<'a> Paired<'a> {
         if !paired.is_complete(base) {
             paired.modes = modes(false);
         }
+        let expected = base.frequencies_hz.len().min(run.modes.frequencies_hz.len());
+        if (paired.modes.len() as f64) < LEAST_PAIRED * expected as f64 {
+            let (run, base) = names();
+            return Err(RunError::OtherModes { run, base, paired: paired.modes.len(), modes: expected });
+        }
         Ok(paired)
     }
 
