@@ -123,6 +123,8 @@ pub(super) fn read(base: &Path, runs: &[RunSource], folder: &Path) -> Result<OfR
         runs.sort_by(|a, b| a.change.abs().total_cmp(&b.change.abs()));
     }
     let pairs = names.iter().map(|(_, runs)| Paired::of(&base, &runs[0])).collect::<Result<Vec<_>, _>>()?;
+    // What is wrong with a run of another size is an error too.
+    names.iter().flat_map(|(_, runs)| &runs[1..]).try_for_each(|run| Paired::of(&base, run).map(drop))?;
     let changes: Vec<Change> = pairs.iter().map(|paired| paired.change(&base)).collect();
     let most = base.frequencies_hz.len() * 2 + changes.len() * MOST_BEYOND;
     size::fits_with(most, 6 * changes.len()).map_err(RunError::TooLarge)?;

@@ -274,4 +274,8 @@ fn runs_that_say_nothing_are_refused() {
         assert!(error.contains("bad.csv") && error.contains(expected), "{error}");
     }
     assert!(refused("none.csv").to_string().contains("[[model.run]]"));
+    // So is a second run of a change, from which only its bend is taken.
+    let part = write(folder.path(), "part.csv", &(&whole + &parts[0] * 0.1), &mass, &usual);
+    let both = [run("a", 0.1, false, part), run("a", 0.2, false, "elsewhere.csv".into())];
+    assert!(matches!(read(&base, &both, folder.path()).unwrap_err(), RunError::NoCommonPlace { .. }));
 }
