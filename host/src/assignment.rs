@@ -5,6 +5,14 @@ use pathfinding::prelude::{Matrix, kuhn_munkres};
 /// Likeness is brought to whole numbers for the assignment.
 const WHOLE: f64 = 1e9;
 
+/// How alike two modes are: their MAC, or what stands for it, times `exp(-(ln ratio)²/(2 deviation²))` of their frequencies' ratio; nothing below
+/// `least`.
+pub(crate) fn likeness(mac: f64, ratio: f64, deviation: f64, least: f64) -> f64 {
+    let off = ratio.ln() / deviation;
+    let likeness = mac * (-0.5 * off * off).exp();
+    if likeness < least { 0.0 } else { likeness }
+}
+
 /// Pairs of rows and columns, each in one pair at most, so that the sum of likeness is the largest; what has none is no pair. In the order of
 /// the rows.
 pub(crate) fn assigned(rows: usize, columns: usize, likeness: &dyn Fn(usize, usize) -> f64) -> Vec<(usize, usize)> {

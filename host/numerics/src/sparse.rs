@@ -4,7 +4,7 @@
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::solvers::Solve;
 use faer::sparse::linalg::cholesky::supernodal::SupernodalLdltRef;
-use faer::sparse::linalg::cholesky::{SymbolicCholeskyRaw, factorize_symbolic_cholesky};
+use faer::sparse::linalg::cholesky::{SymbolicCholesky, SymbolicCholeskyRaw, factorize_symbolic_cholesky};
 use faer::sparse::linalg::solvers::Llt;
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{MatRef, Par, Side};
@@ -48,11 +48,14 @@ impl SparseFactor {
     }
 }
 
+/// Where a factor has entries that are not zero.
+fn symbolic_factor(matrix: SparseColMatRef<'_, usize, f64>) -> Option<SymbolicCholesky<usize>> {
+    factorize_symbolic_cholesky(matrix.symbolic(), Side::Lower, Default::default(), Default::default()).ok()
+}
+
 /// How many numbers a factor of such a matrix has; `None` where they cannot be counted.
 pub fn factor_entries(matrix: &CscMatrix<f64>) -> Option<usize> {
-    let symbolic =
-        factorize_symbolic_cholesky(view(matrix).symbolic(), Side::Lower, Default::default(), Default::default());
-    symbolic.ok().map(|symbolic| symbolic.len_val())
+    symbolic_factor(view(matrix)).map(|symbolic| symbolic.len_val())
 }
 
 /// Vectors of numbers between -1 and 1 that look random and are the same each time.
@@ -172,9 +175,9 @@ impl Basis {
 
     /// Adds the directions of a block that are new; what the block has of them, new x block.
     fn add(&mut self, block: DMatrix<f64>, stiffness: &CscMatrix<f64>, mass: &CscMatrix<f64>) -> DMatrix<f64> {
-        let lengths: Vec<f64> =
-            block.column_iter().zip((stiffness * &block).column_iter()).map(|(one, force)| one.dot(&force)).collect();
-        let longest = lengths.iter().copied().fold(0.0, f64::max);
+        let forces = stiffness * &block;
+        let longest = block.column_iter().zip(forces.column_iter()).map(|(one, force)| one.dot(&force));
+        let longest = longest.fold(0.0, f64::max);
         let block = self.without_known(block, stiffness);
         let Some(gram) = symmetric_pairs(&(block.transpose() * (stiffness * &block))) else {
             return DMatrix::zeros(0, block.ncols());
@@ -190,9 +193,9 @@ impl Basis {
         }
         // What is left of directions that nearly vanish has lost its right angles.
         let mut directions = self.without_known(block * turned, stiffness);
-        if let Some(factor) = (directions.transpose() * (stiffness * &directions)).cholesky() {
-            let inverse = factor.l().transpose().try_inverse();
-            directions = inverse.map_or(directions.clone(), |inverse| &directions * inverse);
+        let gram = directions.transpose() * (stiffness * &directions);
+        if let Some(inverse) = gram.cholesky().and_then(|factor| factor.l().transpose().try_inverse()) {
+            directions *= inverse;
         }
         self.vectors.columns_mut(self.size, new).copy_from(&directions);
         self.size += new;
@@ -223,8 +226,7 @@ impl Basis {
 pub fn count_below(stiffness: &CscMatrix<f64>, mass: &CscMatrix<f64>, value: f64) -> Option<usize> {
     let difference = stiffness - &(mass * value);
     let matrix = view(&difference);
-    let symbolic =
-        factorize_symbolic_cholesky(matrix.symbolic(), Side::Lower, Default::default(), Default::default()).ok()?;
+    let symbolic = symbolic_factor(matrix)?;
     let mut values = vec![0.0; symbolic.len_val()];
     let scratch = symbolic.factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Default::default());
     let mut memory = MemBuffer::new(scratch);

@@ -1,6 +1,6 @@
 //! Which mode of one measurement is which of another.
 
-use crate::assignment::assigned;
+use crate::assignment::{assigned, likeness};
 use crate::compare::mac;
 use crate::modes::{MeasuredMode, MeasuredShape};
 
@@ -14,13 +14,12 @@ const UNKNOWN_SHAPE: f64 = 0.5;
 
 /// Pairs of modes (indices, before and now) whose `MAC exp(-(ln f ratio)²/(2 LIKENESS²))` has the largest sum, in the order of now's.
 pub(super) fn pairs(before: &[MeasuredMode], now: &[MeasuredMode]) -> Vec<(usize, usize)> {
-    let likeness = |row: usize, column: usize| {
+    let alike = |row: usize, column: usize| {
         let (one, other) = (&now[row], &before[column]);
-        let ratio = (one.frequency_hz / other.frequency_hz).ln() / LIKENESS;
-        let likeness = mac_of(one, other).unwrap_or(UNKNOWN_SHAPE) * (-0.5 * ratio * ratio).exp();
-        if likeness < LEAST_LIKENESS { 0.0 } else { likeness }
+        let shape = mac_of(one, other).unwrap_or(UNKNOWN_SHAPE);
+        likeness(shape, one.frequency_hz / other.frequency_hz, LIKENESS, LEAST_LIKENESS)
     };
-    assigned(now.len(), before.len(), &likeness).into_iter().map(|(now, before)| (before, now)).collect()
+    assigned(now.len(), before.len(), &alike).into_iter().map(|(now, before)| (before, now)).collect()
 }
 
 /// MAC of two measured shapes at the sensors that both have; `None` where these are fewer than two.

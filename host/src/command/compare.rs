@@ -9,7 +9,7 @@ use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is, width};
 use crate::compare::{Comparison, HeightMisfit, Side};
 use crate::diagnose::FAILS;
-use crate::model::Body;
+use crate::model::{Body, Freedoms};
 use crate::numbers::signed;
 use crate::story::{Case, Project};
 
@@ -73,14 +73,14 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
         .node_elevations_m()
         .last()
         .map_or(String::new(), |top_m| format!(", from {} m to {top_m} m", assembly.z_base_m()));
-    console.say(match case.model.is_reduced() {
-        Some(true) => format!(
+    console.say(match case.model.freedoms() {
+        Freedoms::Reduced => format!(
             "The model has {} degrees of freedom, reduced to {} coordinates: modes and static corrections.",
             assembly.rows(),
             assembly.dofs()
         ),
-        Some(false) => format!("The model is known by its modes, at {} places.", assembly.rows()),
-        None => format!("The model has {} degrees of freedom{extent}.", assembly.dofs()),
+        Freedoms::Modes => format!("The model is known by its modes, at {} places.", assembly.rows()),
+        Freedoms::Own => format!("The model has {} degrees of freedom{extent}.", assembly.dofs()),
     });
     let close = comparison.pairs.iter().any(|pair| pair.subspace_mac.is_some());
     let mut header = vec!["mode", "measured Hz", "model", "model Hz", "error %", "z", "MAC"];

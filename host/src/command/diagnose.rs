@@ -14,6 +14,7 @@ use crate::diagnose::{
 };
 use crate::model::effect::{self, Evidence};
 use crate::numbers::{probability_text, signed};
+use crate::page::capital;
 use crate::results::FINGERPRINTS_PICTURE;
 use crate::story::{AutoEnd, Project};
 use crate::study::Study;
@@ -283,7 +284,7 @@ fn tell_discrepancy(diagnosis: &Diagnosis, console: &Console) {
         console.say(format!("{which} misses {missed}, for reasons that no effect explains."));
     }
     if let Some(scatter) = diagnosis.discrepancy.scatter_in_words() {
-        console.say(format!("{}.", scatter.replacen("its", "Its", 1)));
+        console.say(format!("{}.", capital(&scatter)));
     }
 }
 

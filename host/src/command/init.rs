@@ -53,11 +53,10 @@ impl Template {
 
     /// What is to be done before modes can be identified, in a sentence.
     fn to_do(self, folder: &Path) -> String {
+        let put = |files: &str| format!("Put recordings {files} into {}, or simulate one.", folder.display());
         match self {
-            Self::Canton => format!("Put recordings accdata_*.txt into {}, or simulate one.", folder.display()),
-            Self::Turbine => {
-                format!("Put recordings acceleration_*.txt into {}, or simulate one.", folder.display())
-            }
+            Self::Canton => put("accdata_*.txt"),
+            Self::Turbine => put("acceleration_*.txt"),
             Self::Blank => format!(
                 "Describe your sensors in {} and put the recording next to it; or write `live = true` there, and `belfry collect` fetches it from nodes.",
                 folder.join(STUDY_FILE).display()

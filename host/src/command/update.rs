@@ -7,7 +7,7 @@ use clap::Args;
 use super::Console;
 use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, mac_text, next_lines, p_is};
-use crate::model::Body;
+use crate::model::{Body, Freedoms};
 use crate::numbers::signed;
 use crate::story::{Case, Project, UpdateReport};
 use crate::update::Weights;
@@ -77,19 +77,19 @@ pub(super) fn update_project(
     console.warn_all(&case.warnings);
     console.warn_all(&report.warnings);
     tell(&report, case, console);
-    let (of_beam, is_reduced) = (matches!(case.model.body, Body::Beam(_)), case.model.is_reduced());
+    let (of_beam, freedoms) = (matches!(case.model.body, Body::Beam(_)), case.model.freedoms());
     let path = |name: &str| project.results().path(name).display().to_string();
     let nodes = if of_beam { format!(", the nodes of their rows in {}", path("nodes.csv")) } else { String::new() };
-    console.detail(match is_reduced {
-        Some(true) => format!(
+    console.detail(match freedoms {
+        Freedoms::Reduced => format!(
             "The updated stiffness matrix is full, so it is written as K + F Psi F^T: K in {}, F = M Phi1 in {}, Psi in {}; the mass matrix, which stays, in {}.",
             path("stiffness.mtx"),
             path("update_factor.npy"),
             path("psi.npy"),
             path("mass.mtx")
         ),
-        Some(false) => "A model of modes has no matrices to write; Psi is in update.json.".to_owned(),
-        None => format!(
+        Freedoms::Modes => "A model of modes has no matrices to write; Psi is in update.json.".to_owned(),
+        Freedoms::Own => format!(
             "The updated stiffness matrix is in {} (and .npy), the mass matrix, which stays, in {}{nodes}.",
             path("stiffness_updated.mtx"),
             path("mass.mtx")

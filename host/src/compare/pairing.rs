@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 
 use super::shape::mac;
 use super::view::ModelView;
-use crate::assignment::assigned;
+use crate::assignment::{assigned, likeness};
 use crate::modes::{MeasuredMode, MeasuredShape, StatedMode};
 
 /// A measured mode and the model mode that belongs to it; both 0-based.
@@ -47,16 +47,15 @@ pub(crate) fn pair_above(view: &ModelView, measured: &[MeasuredMode], least_like
     if measured.is_empty() || candidates == 0 {
         return Vec::new();
     }
-    let likeness = |mode: &MeasuredMode, model: usize| {
+    let alike = |mode: &MeasuredMode, model: usize| {
         if let Some(stated) = &mode.stated {
             return STATED * stated.likeness(model, view.modes.shapes.column(model));
         }
-        let ratio = (view.modes.frequency_hz[model] / mode.frequency_hz).ln() / LIKENESS;
+        let ratio = view.modes.frequency_hz[model] / mode.frequency_hz;
         let shape = mode.shape.as_ref().map_or(UNKNOWN_SHAPE, |shape| mac(view.shape(model), shape));
-        let likeness = shape * (-0.5 * ratio * ratio).exp();
-        if likeness < least_likeness { 0.0 } else { likeness }
+        likeness(shape, ratio, LIKENESS, least_likeness)
     };
-    let mut pairs: Vec<Pair> = assigned(measured.len(), candidates, &|index, model| likeness(&measured[index], model))
+    let mut pairs: Vec<Pair> = assigned(measured.len(), candidates, &|index, model| alike(&measured[index], model))
         .into_iter()
         .map(|(index, model)| {
             let mac = measured[index].shape.as_ref().map(|shape| mac(view.shape(model), shape));

@@ -80,13 +80,13 @@ impl ModelExport<'_> {
             Ok(path)
         };
         match self.structure.whole_matrices() {
+            Some(WholeMatrices { stiffness, mass, .. }) if format == MatrixFormat::Numpy => {
+                fits_in_full(dofs).map_err(ExportError::TooLarge)?;
+                note(write("stiffness", &DMatrix::from(&stiffness))?, dofs);
+                note(write("mass", &DMatrix::from(&mass))?, dofs);
+            }
             Some(WholeMatrices { stiffness, mass, .. }) => {
                 for (name, matrix) in [("stiffness", &stiffness), ("mass", &mass)] {
-                    if format == MatrixFormat::Numpy {
-                        fits_in_full(dofs).map_err(ExportError::TooLarge)?;
-                        note(write(name, &DMatrix::from(matrix))?, dofs);
-                        continue;
-                    }
                     let path = path_of(name);
                     write_file(&path, &sparse_matrix_market(matrix))?;
                     note(path, dofs);

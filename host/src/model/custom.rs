@@ -11,7 +11,7 @@ use thiserror::Error;
 use super::assembly::Assembly;
 use super::beam::Segment;
 use super::contribution::{Contribution, Factors};
-use super::matrices::{MatrixError, WholeMatrices, read_sum, sparse_bytes};
+use super::matrices::{MatrixError, WholeMatrices, dense_bytes, read_sum, sparse_bytes};
 use super::runs::RunChange;
 use super::sensitivity::Change;
 use super::structure::{Body, Structure};
@@ -92,7 +92,7 @@ impl Custom {
     /// # Errors
     /// [`CustomError`] names the file and the line.
     pub fn read(source: &CustomSource, folder: &Path) -> Result<Self, CustomError> {
-        Ok(Self::read_whole(source, folder, 0)?.within(&|matrix| DMatrix::from(matrix)))
+        Ok(Self::read_whole(source, folder, 0)?.in_full())
     }
 
     /// As [`Custom::read`], but for its matrices in the rows of the model: [`Custom::within`] makes these. Files that do not state a size have
@@ -178,7 +178,7 @@ impl Custom {
         let structure = Structure::new(body.clone());
         let expected = structure.dofs();
         if let Some(found) = self.other_size(expected) {
-            return Err(format!("its matrices are {found} x {found}, those of the model {expected} x {expected}"));
+            return Err(of_other_size(found, expected));
         }
         let here = structure.assemble();
         let mut there = structure;
@@ -222,12 +222,16 @@ impl Custom {
         Self { stiffness: of(&self.whole[0]), mass: of(&self.whole[1]), ..self }
     }
 
+    /// The same with matrices for a model that is not reduced.
+    pub(super) fn in_full(self) -> Self {
+        self.within(&|matrix| DMatrix::from(matrix))
+    }
+
     /// All that its files say, to tell whether they have changed.
     pub fn bytes(&self) -> Vec<u8> {
         let mut bytes: Vec<u8> = self.whole_matrices().flat_map(|matrix| sparse_bytes(matrix.entries)).collect();
-        if bytes.is_empty() {
-            let matrices = [&self.stiffness, &self.mass].into_iter().flatten();
-            bytes = matrices.flat_map(|matrix| matrix.iter()).flat_map(|entry| entry.to_le_bytes()).collect();
+        if self.whole_matrices().next().is_none() {
+            bytes = dense_bytes([&self.stiffness, &self.mass].into_iter().filter_map(Option::as_deref));
         }
         bytes.extend_from_slice(format!("{:?}", self.segments).as_bytes());
         bytes
@@ -252,6 +256,11 @@ impl Custom {
             segment.scale_mass(factor(row.mass));
         }
     }
+}
+
+/// Why matrices of so many rows are none of a model's.
+pub(super) fn of_other_size(found: usize, expected: usize) -> String {
+    format!("its matrices are {found} x {found}, those of the model {expected} x {expected}")
 }
 
 /// Relative changes that a group may have: from next to nothing left of it to ten times as much.

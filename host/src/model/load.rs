@@ -3,16 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use thiserror::Error;
 
 use super::DOFS_A_NODE;
 use super::assembly::Assembly;
 use super::beam::{BeamError, BeamTable};
-use super::custom::{Custom, CustomError};
+use super::custom::{Custom, CustomError, of_other_size};
 use super::effect::{Effect, EffectError};
 use super::eigen::EigenError;
-use super::matrices::{MatrixError, WholeMatrices};
+use super::matrices::{MatrixError, WholeMatrices, dense_bytes};
 use super::reduction;
 use super::runs::{self, RunError};
 use super::size::{self, TooManyUnknowns};
@@ -30,6 +30,17 @@ pub struct LoadedModel {
     pub customs: Arc<[Custom]>,
     /// What the reader should know of its files.
     pub warnings: Vec<String>,
+}
+
+/// What the degrees of freedom of a model are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Freedoms {
+    /// Those of its beam or its matrices.
+    Own,
+    /// Few, for the many of its matrices.
+    Reduced,
+    /// Its modes: it has no matrices.
+    Modes,
 }
 
 /// Why a study has no usable model.
@@ -101,6 +112,14 @@ pub enum ModelError {
     },
 }
 
+/// `[model]` of a study.
+///
+/// # Errors
+/// [`ModelError::NoModel`].
+pub fn section(study: &Study) -> Result<&Model, ModelError> {
+    study.model.as_ref().ok_or_else(|| ModelError::NoModel { file: study.folder.join(STUDY_FILE) })
+}
+
 /// Reads the model of a study: its beam table, matrices or modes, and its effects, checked against them.
 ///
 /// # Errors
@@ -115,7 +134,7 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
 /// As there.
 pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel, ModelError> {
     let file = study.folder.join(STUDY_FILE);
-    let model = study.model.as_ref().ok_or_else(|| ModelError::NoModel { file: file.clone() })?;
+    let model = section(study)?;
     let custom = |source: &CustomSource, rows: usize| {
         Custom::read_whole(source, &study.folder, rows).map_err(|error| ModelError::Custom {
             section: source.section(),
@@ -126,11 +145,9 @@ pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel,
     };
     let customs =
         |rows: usize| model.customs.iter().map(|source| custom(source, rows)).collect::<Result<Vec<Custom>, _>>();
-    let in_full = |customs: Vec<Custom>| -> Vec<Custom> {
-        customs.into_iter().map(|custom| custom.within(&|matrix| DMatrix::from(matrix))).collect()
-    };
+    let in_full = |customs: Vec<Custom>| customs.into_iter().map(Custom::in_full).collect();
     let mut warnings = Vec::new();
-    let (body, customs) = match &model.source {
+    let (body, customs): (Body, Vec<Custom>) = match &model.source {
         ModelSource::Beam(path) => (Body::Beam(read_beam(&study.folder.join(path))?), in_full(customs(0)?)),
         ModelSource::Matrices(source) => {
             let whole = WholeMatrices::read(source, &study.folder)?;
@@ -141,8 +158,7 @@ pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel,
                 (Body::Matrices(matrices), customs)
             } else {
                 // Each has a matrix, and what it changes of K and M is kept beside it.
-                size::fits_with(whole.stiffness.nrows(), 4 * customs.len()).map_err(MatrixError::TooLarge)?;
-                (Body::Matrices(whole.in_full()?), in_full(customs))
+                (Body::Matrices(whole.in_full(4 * customs.len())?), in_full(customs))
             }
         }
         ModelSource::Modes(base) => {
@@ -184,7 +200,7 @@ fn check_sizes(whole: &WholeMatrices, customs: &[Custom], model: &Model, file: &
     let expected = whole.stiffness.nrows();
     let other = |(custom, source): (&Custom, &CustomSource)| {
         let found = custom.other_whole_size(expected)?;
-        let reason = format!("its matrices are {found} x {found}, those of the model {expected} x {expected}");
+        let reason = of_other_size(found, expected);
         let (file, line, name) = (file.to_owned(), source.line, source.name.clone());
         Some(ModelError::Group { section: source.section(), file, line, name, reason })
     };
@@ -209,12 +225,12 @@ impl LoadedModel {
         Structure::new(self.body.clone()).assemble()
     }
 
-    /// Whether the model is reduced from matrices of many degrees of freedom, or known by its modes (`false`); `None` where its degrees of
-    /// freedom are its own.
-    pub fn is_reduced(&self) -> Option<bool> {
+    /// What its degrees of freedom are.
+    pub fn freedoms(&self) -> Freedoms {
         match &self.body {
-            Body::Matrices(matrices) if matrices.coordinates.is_some() => Some(matrices.whole.is_some()),
-            _ => None,
+            Body::Matrices(matrices) if matrices.whole.is_some() => Freedoms::Reduced,
+            Body::Matrices(matrices) if matrices.coordinates.is_some() => Freedoms::Modes,
+            _ => Freedoms::Own,
         }
     }
 
@@ -224,7 +240,7 @@ impl LoadedModel {
             Body::Matrices(matrices) => matrices.bytes(),
             Body::Beam(_) => {
                 let given = self.as_given();
-                given.stiffness.iter().chain(given.mass.iter()).flat_map(|number| number.to_le_bytes()).collect()
+                dense_bytes([&given.stiffness, &given.mass].into_iter())
             }
         }
     }

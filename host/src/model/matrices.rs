@@ -187,23 +187,18 @@ impl WholeMatrices {
         Ok(Self { stiffness, mass, nodes, places: places.into() })
     }
 
-    /// Whether the nodes stand above each other, so that heights mean something.
-    pub(super) fn is_line(&self) -> bool {
-        is_line(&self.nodes)
-    }
-
     /// Every entry, also those that are zero.
     ///
     /// # Errors
-    /// [`MatrixError::TooLarge`] where full matrices of so many rows do not fit into memory.
-    pub(super) fn in_full(&self) -> Result<ImportedMatrices, MatrixError> {
-        size::fits_in_full(self.stiffness.nrows()).map_err(MatrixError::TooLarge)?;
+    /// [`MatrixError::TooLarge`] where full matrices of so many rows, and so many more than usual, do not fit into memory.
+    pub(super) fn in_full(self, more_matrices: usize) -> Result<ImportedMatrices, MatrixError> {
+        size::fits_with(self.stiffness.nrows(), more_matrices).map_err(MatrixError::TooLarge)?;
         Ok(ImportedMatrices {
             stiffness: DMatrix::from(&self.stiffness),
             mass: DMatrix::from(&self.mass),
-            nodes: self.nodes.clone(),
+            nodes: self.nodes,
             coordinates: None,
-            places: self.places.clone(),
+            places: self.places,
             whole: None,
         })
     }
@@ -215,7 +210,7 @@ impl ImportedMatrices {
     /// # Errors
     /// [`MatrixError`] names the file, the matrix and the entry.
     pub fn read(source: &MatrixSource, folder: &Path) -> Result<Self, MatrixError> {
-        WholeMatrices::read(source, folder)?.in_full()
+        WholeMatrices::read(source, folder)?.in_full(0)
     }
 
     /// Whether the nodes stand above each other, so that heights mean something.
@@ -225,10 +220,11 @@ impl ImportedMatrices {
 
     /// All that its files say, to tell whether they have changed.
     pub fn bytes(&self) -> Vec<u8> {
-        match &self.whole {
-            Some(whole) => sparse_bytes(&whole.stiffness).chain(sparse_bytes(&whole.mass)).collect(),
-            None => self.stiffness.iter().chain(self.mass.iter()).flat_map(|entry| entry.to_le_bytes()).collect(),
+        if let Some(whole) = &self.whole {
+            return sparse_bytes(&whole.stiffness).chain(sparse_bytes(&whole.mass)).collect();
         }
+        // Of a model of modes the coordinates are its shapes.
+        dense_bytes([&self.stiffness, &self.mass].into_iter().chain(self.coordinates.as_deref()))
     }
 }
 
@@ -240,10 +236,25 @@ pub(super) fn sparse_bytes(matrix: &CscMatrix<f64>) -> impl Iterator<Item = u8> 
     matrix.triplet_iter().filter(|(_, _, value)| **value != 0.0).flat_map(entry)
 }
 
+/// All entries, to tell whether they have changed.
+pub(super) fn dense_bytes<'a>(matrices: impl Iterator<Item = &'a DMatrix<f64>>) -> Vec<u8> {
+    matrices.flat_map(|matrix| matrix.iter()).flat_map(|entry| entry.to_le_bytes()).collect()
+}
+
+/// An entry, from 0; zero where none is kept.
+fn entry(matrix: &CscMatrix<f64>, row: usize, column: usize) -> f64 {
+    matrix.get_entry(row, column).map_or(0.0, |entry| entry.into_value())
+}
+
+/// Row and column, from 1, of an entry that is not finite.
+fn not_finite(matrix: &CscMatrix<f64>) -> Option<[usize; 2]> {
+    let (row, column, _) = matrix.triplet_iter().find(|(_, _, value)| !value.is_finite())?;
+    Some([row + 1, column + 1])
+}
+
 /// The diagonal entries.
 fn diagonal(matrix: &CscMatrix<f64>) -> Vec<f64> {
-    let entry = |at: usize| matrix.get_entry(at, at).map_or(0.0, |entry| entry.into_value());
-    (0..matrix.nrows().min(matrix.ncols())).map(entry).collect()
+    (0..matrix.nrows().min(matrix.ncols())).map(|at| entry(matrix, at, at)).collect()
 }
 
 /// The sum of the matrices that `terms` name, symmetric; `file` is the MATLAB file of names without an ending; files that do
@@ -273,11 +284,11 @@ pub(super) fn read_sum(
     }
     // The study's reader refuses an empty list.
     let total = total.unwrap_or_else(|| CscMatrix::zeros(0, 0));
-    if let Some((row, column, _)) = total.triplet_iter().find(|(_, _, value)| !value.is_finite()) {
+    if let Some([row, column]) = not_finite(&total) {
         // Finite by themselves, they overflow together or by a factor.
         let file = file.map_or_else(|| folder.to_owned(), Path::to_path_buf);
         let name = format!("the sum of the {quantity} matrices");
-        return Err(MatrixError::NotFinite { file, name, row: row + 1, column: column + 1 });
+        return Err(MatrixError::NotFinite { file, name, row, column });
     }
     Ok(total)
 }
@@ -299,8 +310,8 @@ fn check(
     {
         return Err(MatrixError::Size { file, name, rows, expected });
     }
-    if let Some((row, column, _)) = matrix.triplet_iter().find(|(_, _, value)| !value.is_finite()) {
-        return Err(MatrixError::NotFinite { file, name, row: row + 1, column: column + 1 });
+    if let Some([row, column]) = not_finite(matrix) {
+        return Err(MatrixError::NotFinite { file, name, row, column });
     }
     let diagonal = diagonal(matrix);
     let largest = matrix.values().iter().fold(0.0, |most: f64, value| most.max(value.abs()));
@@ -311,9 +322,7 @@ fn check(
         let product = (diagonal[row] * diagonal[column]).abs().sqrt();
         let scale = if product > 0.0 { product } else { largest };
         if difference.abs() > SYMMETRY_TOLERANCE * scale {
-            let entry =
-                |row: usize, column: usize| matrix.get_entry(row, column).map_or(0.0, |entry| entry.into_value());
-            let (value, mirror) = (entry(row, column), entry(column, row));
+            let (value, mirror) = (entry(matrix, row, column), entry(matrix, column, row));
             return Err(MatrixError::NotSymmetric { file, name, row: row + 1, column: column + 1, value, mirror });
         }
     }

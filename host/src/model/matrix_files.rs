@@ -10,7 +10,7 @@ use zip::ZipArchive;
 
 use super::matrices::MatrixError;
 use super::size;
-use crate::record::mat::{read_matrix, read_sparse_matrix, variables};
+use crate::record::mat::{Class, read_matrix, read_sparse_matrix, variables};
 use crate::record::{NpyArray, read_row};
 
 /// How a Matrix Market file starts, in letters of either case.
@@ -51,7 +51,7 @@ pub(super) fn read(
                 let shape = array.shape();
                 return Err(unreadable(format!("an array of shape {shape:?}; a matrix has two dimensions")));
             };
-            check_size(size_of(rows), size_of(columns), &path, name, quantity)?;
+            check_size(in_memory(rows), in_memory(columns), &path, name, quantity)?;
             CscMatrix::from(&array.read_matrix()?)
         }
         (_, Some(file)) => return Ok((file.to_owned(), of_matlab(file, name, quantity)?)),
@@ -60,19 +60,19 @@ pub(super) fn read(
     Ok((path, matrix))
 }
 
-fn size_of(length: u64) -> usize {
+/// A length that no memory has, where it is too long for one.
+fn in_memory(length: u64) -> usize {
     usize::try_from(length).unwrap_or(usize::MAX)
 }
 
 fn of_matlab(file: &Path, name: &str, quantity: &'static str) -> Result<CscMatrix<f64>, MatrixError> {
     let known = variables(file)?.into_iter().find(|variable| variable.name == name);
+    let is_sparse = known.as_ref().is_some_and(|variable| variable.class == Class::Sparse);
     let dimensions = known.map(|variable| variable.dimensions).unwrap_or_default();
-    let rows = dimensions.first().copied().map_or(0, size_of);
-    let columns = dimensions.get(1).copied().map_or(rows, size_of);
-    if rows.max(columns) <= MOST_ROWS
-        && let Some(entries) = read_sparse_matrix(file, name)?
-    {
-        return Ok(CscMatrix::from(&entries));
+    let rows = dimensions.first().copied().map_or(0, in_memory);
+    let columns = dimensions.get(1).copied().map_or(rows, in_memory);
+    if is_sparse && rows.max(columns) <= MOST_ROWS {
+        return Ok(CscMatrix::from(&read_sparse_matrix(file, name)?));
     }
     check_size(rows, columns, file, name, quantity)?;
     Ok(CscMatrix::from(&read_matrix(file, name)?))
@@ -218,7 +218,7 @@ fn numbers(archive: &mut ZipArchive<BufReader<File>>, name: &str) -> Result<Opti
     let damaged = |reason: String| format!("array `{name}`: {reason}");
     // A small file may announce billions: values, rows and columns of a matrix stand in memory three times over.
     let most = member.size().min(MOST_NUMBERS);
-    size::fit_numbers(usize::try_from(most).unwrap_or(usize::MAX).saturating_mul(9)).map_err(|[needed, free]| {
+    size::fit_numbers(in_memory(most).saturating_mul(9)).map_err(|[needed, free]| {
         damaged(format!("it takes about {needed:.1} GB of memory, and {free:.1} GB are free"))
     })?;
     read_row(member, most).map(Some).map_err(damaged)

@@ -54,7 +54,7 @@ pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use element::Compression;
 pub use joint::Element;
 pub use layout::{LayoutError, LayoutNode, ROW_DIRECTIONS, dof_of_row, dofs_csv};
-pub use load::{LoadedModel, ModelError, load, load_up_to, read_beam};
+pub use load::{Freedoms, LoadedModel, ModelError, load, load_up_to, read_beam, section};
 pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy, sparse_matrix_market};
 pub use response::Responses;
 pub use sensing::{Sensing, SensorChange, phases_rad};

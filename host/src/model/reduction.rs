@@ -15,6 +15,7 @@ use nalgebra_sparse::CscMatrix;
 
 use super::custom::Custom;
 use super::eigen::EigenError;
+use super::layout::is_line;
 use super::matrices::{ImportedMatrices, WholeMatrices, symmetric};
 use super::size;
 
@@ -44,11 +45,10 @@ const UNSUPPORTED: f64 = 1e-4;
 /// Whether matrices are worth reducing: many degrees of freedom, whose nodes do not stand above each other (effects of masts act at their
 /// nodes).
 pub(super) fn is_worthwhile(whole: &WholeMatrices) -> bool {
-    whole.stiffness.nrows() >= LEAST_DOFS && !whole.is_line()
+    whole.stiffness.nrows() >= LEAST_DOFS && !is_line(&whole.nodes)
 }
 
-/// The same in few coordinates, exact up to about `highest_hz`, with what hypotheses and groups change; where all modes that have mass are no
-/// more than would be kept, these.
+/// The same in few coordinates, exact up to about `highest_hz`, with what hypotheses and groups change.
 ///
 /// # Errors
 /// Where K is not that of a supported structure, M has no mass, or its modes are not found.
@@ -121,22 +121,23 @@ impl Reducer {
                 // K⁻¹ less its share in the modes, so that a force's work on its motion is the strain energy of what is left.
                 motion = self.factor.solve(&forces) - modes * (&across * &forces);
                 let energies = symmetric(&(motion.transpose() * &forces));
-                corrections.extend(principal(&energies, usize::MAX).map(|directions| &motion * directions));
+                corrections.extend(principal(&energies, usize::MAX).map(|directions| &motion * directions.vectors));
             }
             // Many groups have most of their motions in common.
             if corrections.iter().map(DMatrix::ncols).sum::<usize>() > GATHERED
                 && let Some((all, energies)) = together(&corrections, stiffness)
             {
                 corrections =
-                    principal(&energies, GATHERED / 2).map(|directions| all * directions).into_iter().collect();
+                    principal(&energies, GATHERED / 2).map(|directions| all * directions.vectors).into_iter().collect();
             }
         }
         let Some((all, energies)) = together(&corrections, stiffness) else { return modes.clone() };
-        let Some(mut directions) = principal(&energies, MOST_CORRECTIONS) else { return modes.clone() };
-        directions.column_iter_mut().for_each(|mut direction| {
-            let energy = direction.dot(&(&energies * &direction));
+        let Some(EigenPairs { values, vectors: mut directions }) = principal(&energies, MOST_CORRECTIONS) else {
+            return modes.clone();
+        };
+        for (mut direction, energy) in directions.column_iter_mut().zip(values) {
             direction.unscale_mut(energy.sqrt());
-        });
+        }
         let more = all * directions;
         let mut coordinates = modes.clone().resize_horizontally(modes.ncols() + more.ncols(), 0.0);
         coordinates.columns_mut(modes.ncols(), more.ncols()).copy_from(&more);
@@ -155,9 +156,11 @@ fn together(motions: &[DMatrix<f64>], stiffness: &CscMatrix<f64>) -> Option<(DMa
     Some((all, energies))
 }
 
-/// The directions in which motions of these energies (a Gram matrix) have more than next to none, the most first; `None` where there is none.
-fn principal(energies: &DMatrix<f64>, most: usize) -> Option<DMatrix<f64>> {
-    let EigenPairs { values, vectors } = symmetric_pairs(energies)?;
+/// The directions in which motions of these energies (a Gram matrix) have more than next to none, and how much, the most first; `None` where there
+/// is none.
+fn principal(energies: &DMatrix<f64>, most: usize) -> Option<EigenPairs<f64>> {
+    let EigenPairs { mut values, vectors } = symmetric_pairs(energies)?;
     let kept = values.iter().take(most).take_while(|energy| **energy > NEGLIGIBLE).count();
-    (kept > 0).then(|| vectors.columns(0, kept).into_owned())
+    values.truncate(kept);
+    (kept > 0).then(|| EigenPairs { values, vectors: vectors.columns(0, kept).into_owned() })
 }

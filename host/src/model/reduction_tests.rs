@@ -78,7 +78,7 @@ fn whole(folder: &Path) -> (WholeMatrices, Vec<Custom>) {
 
 /// The structure as its files have it.
 fn in_full((matrices, groups): (WholeMatrices, Vec<Custom>)) -> Structure {
-    Structure::new(Body::Matrices(matrices.in_full().unwrap())).with_customs(groups.into())
+    Structure::new(Body::Matrices(matrices.in_full(0).unwrap())).with_customs(groups.into())
 }
 
 /// The structure in few coordinates.

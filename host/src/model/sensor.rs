@@ -272,18 +272,19 @@ impl Assembly {
 
     fn sensor_row(&self, sensor: &Sensor) -> Result<RowDVector<f64>, SensorError> {
         let channel = || sensor.channel.clone();
-        if let Some(dof) = sensor.dof {
+        let of_row = |index: usize| {
             let mut row = RowDVector::zeros(self.rows());
-            let slot = dof.checked_sub(1).and_then(|index| row.get_mut(index));
-            *slot.ok_or_else(|| SensorError::NoSuchDof { channel: channel(), dof, dofs: self.rows() })? = 1.0;
-            return Ok(row);
+            row[index] = 1.0;
+            row
+        };
+        if let Some(dof) = sensor.dof {
+            let index = dof.checked_sub(1).filter(|index| *index < self.rows());
+            let no_such_dof = || SensorError::NoSuchDof { channel: channel(), dof, dofs: self.rows() };
+            return index.map(of_row).ok_or_else(no_such_dof);
         }
         if let Geometry::Named(places) = &self.geometry {
-            let row = named_row(places, sensor);
-            let mut row_of_place = RowDVector::zeros(self.rows());
-            row_of_place
-                [row.ok_or_else(|| SensorError::NotAmongPlaces { channel: channel(), known: listed(places) })?] = 1.0;
-            return Ok(row_of_place);
+            let not_among = || SensorError::NotAmongPlaces { channel: channel(), known: listed(places) };
+            return named_row(places, sensor).map(of_row).ok_or_else(not_among);
         }
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
         match sensor.unit.map(Unit::motion) {

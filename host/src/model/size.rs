@@ -12,6 +12,8 @@ const FREE_IF_UNKNOWN: u64 = 1 << 36;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TooManyUnknowns {
     unknowns: usize,
+    /// Held at once.
+    matrices: u128,
     needed_bytes: u128,
     free_bytes: u64,
 }
@@ -26,7 +28,7 @@ impl fmt::Display for TooManyUnknowns {
             self.unknowns,
             gigabytes(self.needed_bytes as f64),
             gigabytes(self.free_bytes as f64),
-            most_within(self.free_bytes)
+            most_within(self.free_bytes, self.matrices)
         )
     }
 }
@@ -36,39 +38,29 @@ impl fmt::Display for TooManyUnknowns {
 /// # Errors
 /// How much it would take, where it does not.
 pub fn fits_in_full(unknowns: usize) -> Result<(), TooManyUnknowns> {
-    fits_into(unknowns, free_bytes().unwrap_or(FREE_IF_UNKNOWN))
+    fits_with(unknowns, 0)
 }
 
-fn fits_into(unknowns: usize, free_bytes: u64) -> Result<(), TooManyUnknowns> {
-    let needed_bytes = needed_bytes(unknowns);
+/// The same with so many full matrices more than usual.
+///
+/// # Errors
+/// As there.
+pub(super) fn fits_with(unknowns: usize, more_matrices: usize) -> Result<(), TooManyUnknowns> {
+    fit(unknowns, MATRICES + more_matrices as u128, free_bytes().unwrap_or(FREE_IF_UNKNOWN))
+}
+
+fn fit(unknowns: usize, matrices: u128, free_bytes: u64) -> Result<(), TooManyUnknowns> {
+    let entries = (unknowns as u128).saturating_mul(unknowns as u128);
+    let needed_bytes = entries.saturating_mul(matrices * size_of::<f64>() as u128);
     if needed_bytes <= u128::from(free_bytes) {
         return Ok(());
     }
-    Err(TooManyUnknowns { unknowns, needed_bytes, free_bytes })
-}
-
-fn needed_bytes(unknowns: usize) -> u128 {
-    let unknowns = unknowns as u128;
-    unknowns.saturating_mul(unknowns).saturating_mul(MATRICES * size_of::<f64>() as u128)
+    Err(TooManyUnknowns { unknowns, matrices, needed_bytes, free_bytes })
 }
 
 /// The largest number of unknowns that fits.
-fn most_within(free_bytes: u64) -> u64 {
-    (free_bytes as f64 / (MATRICES as f64 * size_of::<f64>() as f64)).sqrt() as u64
-}
-
-/// Whether a model of so many unknowns fits into the memory that is free now, with so many full matrices more than usual.
-///
-/// # Errors
-/// How much it would take, where it does not.
-pub(super) fn fits_with(unknowns: usize, more_matrices: usize) -> Result<(), TooManyUnknowns> {
-    let free_bytes = free_bytes().unwrap_or(FREE_IF_UNKNOWN);
-    let matrix = (unknowns as u128).saturating_mul(unknowns as u128).saturating_mul(size_of::<f64>() as u128);
-    let needed_bytes = matrix.saturating_mul(MATRICES + more_matrices as u128);
-    if needed_bytes <= u128::from(free_bytes) {
-        return Ok(());
-    }
-    Err(TooManyUnknowns { unknowns, needed_bytes, free_bytes })
+fn most_within(free_bytes: u64, matrices: u128) -> u64 {
+    (free_bytes as f64 / (matrices as f64 * size_of::<f64>() as f64)).sqrt() as u64
 }
 
 /// Whether so many numbers fit into the memory that is free now.
@@ -102,6 +94,10 @@ fn free_bytes() -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn fits_into(unknowns: usize, free_bytes: u64) -> Result<(), TooManyUnknowns> {
+        fit(unknowns, MATRICES, free_bytes)
+    }
 
     #[test]
     fn what_does_not_fit_is_told_with_what_would() {

@@ -37,23 +37,17 @@ pub fn read_computed(path: &Path) -> Result<ComputedModes, MeasuredError> {
     let bytes = std::fs::read(path).map_err(|source| MeasuredError::UnreadableRun { file: file.clone(), source })?;
     let text = String::from_utf8_lossy(&bytes);
     let text = text.trim_start_matches('\u{feff}');
-    let named = |names: Vec<String>| -> Vec<Sensor> { names.into_iter().map(|name| Sensor::new(name, 0)).collect() };
-    let (places, mut modes) = match Format::of(path, text) {
+    let format = Format::of(path, text);
+    let places = match format {
         Format::Json => {
             let reason = "computed modes are read from CSV and UFF 55".to_owned();
             return Err(MeasuredError::Syntax { file, line: 1, reason });
         }
-        Format::Csv => {
-            let places = named(csv_table::places(path, text)?);
-            let modes = csv_table::modes(path, text, &places)?;
-            (places, modes)
-        }
-        Format::Uff => {
-            let places = named(uff::places(path, text)?);
-            let modes = uff::modes(path, text, &places, &mut Vec::new())?;
-            (places, modes)
-        }
+        Format::Csv => csv_table::places(path, text)?,
+        Format::Uff => uff::places(path, text)?,
     };
+    let places: Vec<Sensor> = places.into_iter().map(|name| Sensor::new(name, 0)).collect();
+    let mut modes = format.modes(path, text, &places, &mut Vec::new())?;
     if modes.is_empty() {
         return Err(MeasuredError::NoModes { file });
     }

@@ -60,17 +60,27 @@ impl Format {
             _ => Self::Csv,
         }
     }
+
+    fn modes(
+        self,
+        path: &Path,
+        text: &str,
+        sensors: &[Sensor],
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<RawMode>, MeasuredError> {
+        match self {
+            Self::Json => json::modes(path, text, sensors),
+            Self::Csv => csv_table::modes(path, text, sensors),
+            Self::Uff => uff::modes(path, text, sensors, warnings),
+        }
+    }
 }
 
 fn parse(path: &Path, bytes: &[u8], sensors: &[Sensor]) -> Result<MeasuredModes, MeasuredError> {
     let text = String::from_utf8_lossy(bytes);
     let text = text.trim_start_matches('\u{feff}');
     let mut warnings = Vec::new();
-    let raw = match Format::of(path, text) {
-        Format::Json => json::modes(path, text, sensors)?,
-        Format::Csv => csv_table::modes(path, text, sensors)?,
-        Format::Uff => uff::modes(path, text, sensors, &mut warnings)?,
-    };
+    let raw = Format::of(path, text).modes(path, text, sensors, &mut warnings)?;
     finish(path, raw, sensors, warnings)
 }
 

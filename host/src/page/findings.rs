@@ -363,7 +363,7 @@ pub(super) fn listed(names: &[String]) -> String {
 }
 
 /// A path or a key stays as it is written.
-fn capital(text: &str) -> String {
+pub(crate) fn capital(text: &str) -> String {
     if text.split(' ').next().is_some_and(|word| word.contains(['/', '_', '.'])) {
         return text.to_owned();
     }

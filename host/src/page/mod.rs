@@ -14,6 +14,7 @@ mod spectra;
 
 pub use data::{PageData, Tried};
 pub use document::{Asset, assets, report, served};
+pub(crate) use findings::capital;
 pub use findings::{Finding, Kind};
 pub use model::{MacMatrix, ModelPart};
 pub use packed::{Packed, PackedType};

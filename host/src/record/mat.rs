@@ -53,16 +53,15 @@ pub fn read_matrix(path: &Path, name: &str) -> Result<DMatrix<f64>, MatError> {
     Ok(DMatrix::from_vec(row_count, column_count, values))
 }
 
-/// Reads the entries of a real sparse matrix by its variable's name; `None` where the variable is a full one.
+/// Reads the entries of a real matrix of [`Class::Sparse`] by its variable's name.
 ///
 /// # Errors
 /// As [`read_matrix`].
-pub fn read_sparse_matrix(path: &Path, name: &str) -> Result<Option<CooMatrix<f64>>, MatError> {
+pub fn read_sparse_matrix(path: &Path, name: &str) -> Result<CooMatrix<f64>, MatError> {
     let file = MatFile::open(path)?;
     let variable = find(path, file.variables()?, name)?;
     let (rows, columns) = real_dimensions(path, &variable)?;
-    let is_sparse = variable.class == Class::Sparse;
-    is_sparse.then(|| sparse_entries(path, &file, &variable, [rows, columns])).transpose()
+    sparse_entries(path, &file, &variable, [rows, columns])
 }
 
 fn sparse_entries(

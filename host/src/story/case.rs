@@ -11,12 +11,12 @@ use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, candidat
 use crate::diagnose::steps::Setting;
 use crate::diagnose::{Diagnosis, Options, Signals, diagnose, fit_as_given};
 use crate::model::effect::Effect;
-use crate::model::{Assembly, Body, LoadedModel, ModelError, Structure, load_up_to};
+use crate::model::{Assembly, Body, LoadedModel, Structure, load_up_to, section};
 use crate::modes::{MeasuredError, MeasuredModes, read};
 use crate::plan::{Site, advice, advice_beside};
 use crate::progress::{Tally, UNHEARD};
 use crate::results::{MODES_FILE, Results};
-use crate::study::{STUDY_FILE, Sensor, Study};
+use crate::study::{Sensor, Study};
 
 /// Modes that are looked for beyond those that are needed, for a structure whose modes come in another order or lie lower.
 const MORE_MODES: usize = 8;
@@ -50,9 +50,7 @@ impl Case {
     /// # Errors
     /// When the study has no model or no modes, one of them cannot be read, or they do not go together.
     pub fn load(study: Study) -> Result<Self, StoryError> {
-        if study.model.is_none() {
-            return Err(ModelError::NoModel { file: study.folder.join(STUDY_FILE) }.into());
-        }
+        section(&study)?;
         let measured = measured_modes(&study, &study.sensors())?;
         Self::of(study, measured)
     }
@@ -223,8 +221,7 @@ impl Case {
 
     /// What a diagnosis and fits of effects start from.
     pub(super) fn setting<'a>(&'a self, tally: &'a Tally) -> Result<Setting<'a>, StoryError> {
-        let no_model = || ModelError::NoModel { file: self.study.folder.join(STUDY_FILE) };
-        let model = self.study.model.as_ref().ok_or_else(no_model)?;
+        let model = section(&self.study)?;
         let (sensors, measured) = (self.seen_sensors(), &self.measured.modes);
         Ok(Setting { bare: &self.bare, model, sensors, measured, tally })
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::change::named;
 use super::error::StoryError;
 use crate::model::effect::Effect;
-use crate::model::{Structure, load};
+use crate::model::{Structure, load, section};
 use crate::plan::{Conditions, Plan, Request, Site, plan, read_places};
 use crate::progress::{OnProgress, Progress};
 use crate::study::{Sensor, Study};
@@ -50,9 +50,7 @@ pub fn planned(study: &Study, request: &PlanRequest, on_progress: OnProgress<'_>
     };
     let against = request.against.iter().map(|name| named(name, &sensors)).collect::<Result<Vec<_>, _>>()?;
     let bare = model.bare();
-    let no_model = || crate::model::ModelError::NoModel { file: study.folder.join(crate::study::STUDY_FILE) };
-    let section = study.model.as_ref().ok_or_else(no_model)?;
-    let site = Site { bare: &bare, model: section, effects: &model.effects, sensors: &sensors };
+    let site = Site { bare: &bare, model: section(study)?, effects: &model.effects, sensors: &sensors };
     let request = Request {
         effect,
         against,

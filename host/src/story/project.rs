@@ -23,7 +23,7 @@ use crate::diagnose::steps::{Profiles, Step, StepRecord};
 use crate::files::{FolderLock, write_anew, write_whole};
 use crate::identify::accuracy::{Wish, record_needed};
 use crate::measure::Route;
-use crate::model::{Assembly, Body, matrix_market, npy, sparse_matrix_market};
+use crate::model::{Assembly, Body, Freedoms, matrix_market, npy, sparse_matrix_market};
 use crate::page::{Finding, PageData, report};
 use crate::picture;
 use crate::plan::Plan;
@@ -263,16 +263,7 @@ impl Project {
         let case = self.case_of(modes)?;
         self.results.make_ready()?;
         let updated = update(&case, weights)?;
-        const FULL: [&str; 4] = ["stiffness_updated.mtx", "stiffness_updated.npy", "nodes.csv", "mass.mtx"];
-        const FACTORS: [&str; 4] = ["stiffness.mtx", "mass.mtx", "update_factor.npy", "psi.npy"];
-        let whole = case.model.structure()?.whole_matrices();
-        // What a model of another kind has left is of no use beside this one.
-        let is_other = whole.is_some() || case.assembly.is_in_other_coordinates();
-        let others = if is_other { FULL.iter().chain(&FACTORS[..]) } else { FACTORS[2..].iter().chain(&FULL[..0]) };
-        for name in others {
-            self.results.remove(name)?;
-        }
-        match whole {
+        let written: &[&str] = match case.model.structure()?.whole_matrices() {
             // K* of a large model is full; its factors are not.
             Some(whole) => {
                 let momentum = &whole.mass * case.assembly.at_rows(&updated.matrices.used_shapes).as_ref();
@@ -280,17 +271,23 @@ impl Project {
                 self.results.write("mass.mtx", sparse_matrix_market(&whole.mass).as_bytes())?;
                 self.write_bytes("update_factor.npy", npy(&momentum))?;
                 self.write_bytes("psi.npy", npy(&updated.matrices.psi))?;
+                &["stiffness.mtx", "mass.mtx", "update_factor.npy", "psi.npy"]
             }
-            None if case.assembly.is_in_other_coordinates() => {}
+            None if case.model.freedoms() == Freedoms::Modes => &[],
             None => {
                 let stiffness = &updated.matrices.stiffness;
                 self.results.write("stiffness_updated.mtx", matrix_market(stiffness).as_bytes())?;
                 self.write_bytes("stiffness_updated.npy", npy(stiffness))?;
                 self.results.write("mass.mtx", matrix_market(&case.assembly.mass).as_bytes())?;
+                &["stiffness_updated.mtx", "stiffness_updated.npy", "mass.mtx", "nodes.csv"]
             }
-        }
+        };
         if matches!(case.model.body, Body::Beam(_)) {
             self.results.write("nodes.csv", nodes_csv(&case.assembly).as_bytes())?;
+        }
+        // What a model of another kind has left is of no use beside this one.
+        for name in UPDATED_MATRICES.into_iter().filter(|name| !written.contains(name)) {
+            self.results.remove(name)?;
         }
         self.results.write_json(UPDATE_FILE, &updated.report)?;
         self.note(UPDATE_FILE, inputs)?;
@@ -470,6 +467,17 @@ pub struct WrittenReport {
     /// The sentences that it begins with.
     pub findings: Vec<Finding>,
 }
+
+/// What an update writes beside its figures, of one kind of model or another.
+const UPDATED_MATRICES: [&str; 7] = [
+    "stiffness_updated.mtx",
+    "stiffness_updated.npy",
+    "mass.mtx",
+    "nodes.csv",
+    "stiffness.mtx",
+    "update_factor.npy",
+    "psi.npy",
+];
 
 /// A beam's nodes as `[model] matrices` reads them: the base first, whose rows are left out.
 fn nodes_csv(assembly: &Assembly) -> String {

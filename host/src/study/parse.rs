@@ -396,9 +396,7 @@ fn model(section: &Section<'_>) -> Result<Model, StudyError> {
         (None, None, None) => return Err(StudyError::ModelSource { position: section.position(), several: false }),
         _ => return Err(StudyError::ModelSource { position: section.position(), several: true }),
     };
-    let of_modes = matches!(source, ModelSource::Modes(_));
-    let customs = customs(section, of_modes)?;
-    let runs = runs(section, &source)?;
+    let (customs, runs) = customs(section, &source)?;
     Ok(Model {
         runs,
         source,
@@ -477,31 +475,45 @@ fn is_name(word: &str) -> bool {
 }
 
 /// Hypotheses of the user's own, then groups of the model, each name once.
-fn customs(section: &Section<'_>, of_modes: bool) -> Result<Vec<CustomSource>, StudyError> {
-    let (mut sections, groups) = (section.tables("custom")?, section.tables("group")?);
-    let mut customs = sections.iter().map(|section| custom(section, of_modes)).collect::<Result<Vec<_>, _>>()?;
-    customs.extend(groups.iter().map(|section| group(section, of_modes)).collect::<Result<Vec<_>, _>>()?);
-    sections.extend(groups);
-    check::custom_names(&customs, &sections)?;
-    Ok(customs)
-}
-
-/// What the user's own program computed with something changed: each run names a group or hypothesis, and in a model of modes each of those
-/// has a run.
-fn runs(section: &Section<'_>, source: &ModelSource) -> Result<Vec<RunSource>, StudyError> {
-    const ONLY_WITH_MODES: &str = "left out without [model] modes, the modes of the model as it is";
+///
+/// Each says itself what it changes, but in a model of modes, where runs do.
+fn customs(section: &Section<'_>, source: &ModelSource) -> Result<(Vec<CustomSource>, Vec<RunSource>), StudyError> {
+    const CONTENT: &str = "`stiffness`, `mass` or `segments`: what it changes";
+    const BY_RUNS: &str =
+        "neither `stiffness` nor `mass` nor `segments`: in a model of modes a [[model.run]] says what it changes";
     const HAS_RUN: &str =
         "a name that a [[model.run]] has as `changed`: nothing else says what it does to a model of modes";
-    const NAME: &str = "a name, in quotes";
-    let sections = section.tables("run")?;
-    let changed_by = [section.tables("custom")?, section.tables("group")?].concat();
-    if !matches!(source, ModelSource::Modes(_)) {
-        let first = section.get("run").filter(|_| !sections.is_empty());
-        return first.map_or(Ok(Vec::new()), |entry| Err(entry.out_of_range(ONLY_WITH_MODES)));
+    let (mut sections, groups) = (section.tables("custom")?, section.tables("group")?);
+    let mut customs = sections.iter().map(custom).collect::<Result<Vec<_>, _>>()?;
+    customs.extend(groups.iter().map(group).collect::<Result<Vec<_>, _>>()?);
+    sections.extend(groups);
+    let of_modes = matches!(source, ModelSource::Modes(_));
+    let fault = |at: usize, expected| Err(sections[at].required("name", expected)?.out_of_range(expected));
+    for (at, custom) in customs.iter().enumerate() {
+        let says_itself = !custom.stiffness.is_empty() || !custom.mass.is_empty() || custom.segments.is_some();
+        match (of_modes, says_itself) {
+            (true, true) => return fault(at, BY_RUNS),
+            (false, false) => return fault(at, CONTENT),
+            _ => {}
+        }
     }
-    let names = changed_by.iter().map(|section| section.required("name", NAME)?.text(NAME));
-    let names = names.collect::<Result<Vec<_>, _>>()?;
-    let runs = sections.iter().map(|section| run(section, &names)).collect::<Result<Vec<_>, _>>()?;
+    check::custom_names(&customs, &sections)?;
+    let runs = runs(section, &customs, of_modes)?;
+    let has_run = |custom: &CustomSource| runs.iter().any(|run| run.changed == custom.name);
+    match customs.iter().position(|custom| of_modes && !has_run(custom)) {
+        Some(at) => fault(at, HAS_RUN),
+        None => Ok((customs, runs)),
+    }
+}
+
+/// What the user's own program computed with something changed: each run names a group or hypothesis.
+fn runs(section: &Section<'_>, customs: &[CustomSource], of_modes: bool) -> Result<Vec<RunSource>, StudyError> {
+    const ONLY_WITH_MODES: &str = "left out without [model] modes, the modes of the model as it is";
+    let sections = section.tables("run")?;
+    if let Some(entry) = section.get("run").filter(|_| !of_modes && !sections.is_empty()) {
+        return Err(entry.out_of_range(ONLY_WITH_MODES));
+    }
+    let runs = sections.iter().map(|section| run(section, customs)).collect::<Result<Vec<_>, _>>()?;
     const ONE_QUANTITY: &str =
         "the same in all runs of one name: a group of stiffness and one of mass have names of their own";
     let first_of = |run: &RunSource| runs.iter().find(|other| other.changed == run.changed).map(|first| first.is_mass);
@@ -509,15 +521,10 @@ fn runs(section: &Section<'_>, source: &ModelSource) -> Result<Vec<RunSource>, S
         let entry = section.get("quantity").map_or_else(|| section.required("changed", ONE_QUANTITY), Ok)?;
         return Err(entry.out_of_range(ONE_QUANTITY));
     }
-    for (section, name) in changed_by.iter().zip(&names) {
-        if runs.iter().all(|run| run.changed != *name) {
-            return Err(section.required("name", NAME)?.out_of_range(HAS_RUN));
-        }
-    }
     Ok(runs)
 }
 
-fn run(section: &Section<'_>, names: &[String]) -> Result<RunSource, StudyError> {
+fn run(section: &Section<'_>, customs: &[CustomSource]) -> Result<RunSource, StudyError> {
     const CHANGED: &str = "the name of a [[model.group]] or [[model.custom]], in quotes";
     const BY: &str = "by how much it was changed, as a share of itself: a number such as 0.1 or -0.1, above -1 and 1e-6 to 1000 in size";
     const QUANTITY: &str = "\"stiffness\" or \"mass\"";
@@ -525,7 +532,7 @@ fn run(section: &Section<'_>, names: &[String]) -> Result<RunSource, StudyError>
     section.allow_only(RUN_KEYS)?;
     let changed = section.required("changed", CHANGED)?;
     let name = changed.text(CHANGED)?;
-    if !names.contains(&name) {
+    if customs.iter().all(|custom| custom.name != name) {
         return Err(changed.out_of_range(CHANGED));
     }
     let by = section.required("by", BY)?;
@@ -543,12 +550,12 @@ fn run(section: &Section<'_>, names: &[String]) -> Result<RunSource, StudyError>
     Ok(RunSource { line: section.position().line, changed: name, change, is_mass, modes })
 }
 
-fn custom(section: &Section<'_>, of_modes: bool) -> Result<CustomSource, StudyError> {
+fn custom(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     section.allow_only(CUSTOM_KEYS)?;
-    change_of_model(section, of_modes)
+    change_of_model(section)
 }
 
-fn group(section: &Section<'_>, of_modes: bool) -> Result<CustomSource, StudyError> {
+fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     const STD: &str = "one relative standard deviation, a number above 0 such as 0.1";
     const SPAN: &str = "a height in metres, or two such as [3.0, 6.5]";
     section.allow_only(GROUP_KEYS)?;
@@ -566,18 +573,15 @@ fn group(section: &Section<'_>, of_modes: bool) -> Result<CustomSource, StudyErr
         }
     };
     let span_m = section.get("z_m").map(span).transpose()?;
-    Ok(CustomSource { group: Some(GroupTerms { std, span_m }), ..change_of_model(section, of_modes)? })
+    Ok(CustomSource { group: Some(GroupTerms { std, span_m }), ..change_of_model(section)? })
 }
 
-/// A named change of the model, of a hypothesis or of a group; runs say what it does to a model `of_modes`.
-fn change_of_model(section: &Section<'_>, of_modes: bool) -> Result<CustomSource, StudyError> {
+/// A named change of the model, of a hypothesis or of a group.
+fn change_of_model(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     const NAME: &str =
         "a name of letters, digits, - and _ that starts with neither ch nor node, in quotes, such as \"cables\"";
     const FILE: &str = "the name of a MATLAB v5 file, in quotes, such as \"model.mat\"";
     const MATRIX: &str = "a matrix: a name such as \"dK\" or \"dk.mtx\", or a list of names and [name, factor] pairs";
-    const CONTENT: &str = "`stiffness`, `mass` or `segments`: what it changes";
-    const BY_RUNS: &str =
-        "neither `stiffness` nor `mass` nor `segments`: in a model of modes a [[model.run]] says what it changes";
     const SEGMENTS: &str = "the name of a CSV file of relative changes, in quotes, such as \"cables.csv\"";
     const NUMBER: &str = "a number";
     const TYPICAL: &str = "a number above 0: the value that is typical";
@@ -592,7 +596,7 @@ fn change_of_model(section: &Section<'_>, of_modes: bool) -> Result<CustomSource
         section.get(key).map_or(Ok(Vec::new()), |entry: Entry<'_>| matrix_terms(&entry, MATRIX))
     };
     let number = |key| section.get(key).map(|entry: Entry<'_>| entry.number(NUMBER)).transpose();
-    let source = CustomSource {
+    Ok(CustomSource {
         line: section.position().line,
         name: text,
         file: path("file", FILE)?,
@@ -603,13 +607,7 @@ fn change_of_model(section: &Section<'_>, of_modes: bool) -> Result<CustomSource
         greatest: number("greatest")?,
         typical: section.get("typical").map(|entry: Entry<'_>| entry.positive(TYPICAL)).transpose()?,
         group: None,
-    };
-    let says_itself = !source.stiffness.is_empty() || !source.mass.is_empty() || source.segments.is_some();
-    match (of_modes, says_itself) {
-        (true, true) => Err(name.out_of_range(BY_RUNS)),
-        (false, false) => Err(name.out_of_range(CONTENT)),
-        _ => Ok(source),
-    }
+    })
 }
 
 fn effect(section: &Section<'_>) -> Result<Effect, StudyError> {

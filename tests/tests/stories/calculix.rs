@@ -5,9 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use assert_cmd::prelude::*;
-use belfry_tests::belfry_command;
-use serde_json::Value;
+use crate::said::json;
 
 /// Elements along each axis, and their sizes in m: a cantilever that is wider along Y.
 const ELEMENTS: [usize; 3] = [2, 2, 20];
@@ -62,17 +60,13 @@ fn frequencies_hz(folder: &Path, name: &str) -> Vec<f64> {
     rows.map(|words| words[3].parse().unwrap()).collect()
 }
 
-fn json(folder: &Path, command: &str) -> Value {
-    let output = belfry_command().arg(command).arg(folder).arg("--json").assert().success().get_output().stdout.clone();
-    serde_json::from_slice(&output).unwrap()
-}
-
 /// Its matrices have its frequencies in Belfry; a lower half that is softer than the model has it is named, by name and value.
 #[test]
 #[cfg_attr(not(calculix), ignore = "CalculiX (ccx) is not installed; ./test installs it")]
 fn a_model_of_calculix_is_read_reduced_and_diagnosed() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
+    let path = at.to_str().unwrap();
     let matrices = "*FREQUENCY,SOLVER=MATRIXSTORAGE\n8";
     calculix(at, "model", &input(3e10, matrices));
     // What the lower half has of K: the difference to twice its modulus.
@@ -120,14 +114,14 @@ std = 0.02
     )
     .unwrap();
     fs::write(at.join("modes.csv"), modes(&sound_hz)).unwrap();
-    let compared = json(at, "compare");
+    let compared = json(&["compare", path]);
     for pair in compared["pairs"].as_array().unwrap() {
         // CalculiX prints seven digits.
         let error = pair["frequency_error_percent"].as_f64().unwrap().abs();
         assert!(error < 1e-4, "{pair}");
     }
     fs::write(at.join("modes.csv"), modes(&soft_hz)).unwrap();
-    let diagnosis = json(at, "diagnose");
+    let diagnosis = json(&["diagnose", path]);
     assert_eq!(diagnosis["verdict"], "effect", "{diagnosis}");
     let best = &diagnosis["candidates"][0];
     assert_eq!((best["effect"].as_str(), best["where"].as_str()), (Some("group"), Some("lower")), "{best}");

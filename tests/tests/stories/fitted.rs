@@ -7,10 +7,7 @@ use assert_cmd::prelude::*;
 use belfry_tests::belfry_command;
 use serde_json::Value;
 
-fn json(arguments: &[&str]) -> Value {
-    let output = belfry_command().args(arguments).arg("--json").assert().success().get_output().stdout.clone();
-    serde_json::from_slice(&output).expect("standard output is one JSON object")
-}
+use crate::said::json;
 
 /// What a command says that must fail so.
 fn refused(arguments: &[&str], code: i32) -> String {

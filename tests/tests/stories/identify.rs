@@ -7,11 +7,7 @@ use assert_cmd::prelude::*;
 use belfry_tests::{belfry_command, published};
 use serde_json::Value;
 
-/// The JSON that a command prints; it must succeed.
-fn json(arguments: &[&str]) -> Value {
-    let output = belfry_command().args(arguments).arg("--json").assert().success().get_output().stdout.clone();
-    serde_json::from_slice(&output).expect("standard output is one JSON object")
-}
+use crate::said::json;
 
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))

@@ -29,4 +29,5 @@ mod plan;
 mod published;
 mod real_records;
 mod runs;
+mod said;
 mod together;

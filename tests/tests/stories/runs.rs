@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::Path;
 
+use crate::said::json;
 use assert_cmd::prelude::*;
 use belfry_tests::belfry_command;
 use predicates::prelude::*;
 use predicates::str::contains;
-use serde_json::Value;
 
 /// A copy of the study that `tests/foreign/runs/frame.py` has written.
 fn study(folder: &Path) {
@@ -19,11 +19,6 @@ fn study(folder: &Path) {
     }
 }
 
-fn json(folder: &Path, command: &str) -> Value {
-    let output = belfry_command().arg(command).arg(folder).arg("--json").assert().success().get_output().stdout.clone();
-    serde_json::from_slice(&output).unwrap()
-}
-
 /// What the script has changed: the lower columns have lost a quarter, and all other groups differ within what they are trusted to.
 const TRUTH: [(&str, f64); 4] = [("columns-low", 0.75), ("columns-high", 0.98), ("beams", 1.03), ("foundation", 1.05)];
 
@@ -31,13 +26,14 @@ const TRUTH: [(&str, f64); 4] = [("columns-low", 0.75), ("columns-high", 0.98), 
 fn a_group_that_has_lost_stiffness_is_named_from_modes_alone() {
     let folder = tempfile::tempdir().unwrap();
     study(folder.path());
+    let path = folder.path().to_str().unwrap();
     belfry_command().arg("compare").arg(folder.path()).assert().success().stdout(contains("known by its modes"));
-    let diagnosis = json(folder.path(), "diagnose");
+    let diagnosis = json(&["diagnose", path]);
     assert_eq!(diagnosis["verdict"], "effect", "{diagnosis}");
     let best = &diagnosis["candidates"][0];
     assert_eq!((best["effect"].as_str(), best["where"].as_str()), (Some("group"), Some("columns-low")), "{best}");
     belfry_command().arg("add").arg(folder.path()).arg("group@columns-low").assert().success();
-    let profiles = json(folder.path(), "profile");
+    let profiles = json(&["profile", path]);
     for group in profiles["with_effects"]["groups"].as_array().unwrap() {
         let (name, factor, std) = (&group["name"], group["factor"].as_f64().unwrap(), group["std"].as_f64().unwrap());
         let (_, truth) = TRUTH.iter().find(|(known, _)| name == known).unwrap();

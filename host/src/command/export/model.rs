@@ -16,16 +16,17 @@ pub(super) fn run(arguments: &Arguments, format: Format, console: &Console) -> a
         None => own_folder(project.study())?,
     };
     ready_for(&folder.join("dofs.csv"))?;
-    let model = crate::model::load(project.study()).map_err(StoryError::from)?;
-    let (bare, sensors) = (model.bare(), project.study().sensors());
-    let left_out = left_out(&bare, &model.effects)?;
-    let structure = if arguments.fitted_background {
+    let (model, structure) = if arguments.fitted_background {
         let case = project.case()?;
         console.warn_all(&case.warnings);
-        case.fitted()?
+        (case.model.clone(), case.fitted()?)
     } else {
-        model.structure()?
+        let model = crate::model::load(project.study()).map_err(StoryError::from)?;
+        let structure = model.structure()?;
+        (model, structure)
     };
+    let (bare, sensors) = (model.bare(), project.study().sensors());
+    let left_out = left_out(&bare, &model.effects)?;
     let title = &project.study().structure.name;
     let export = ModelExport { title, bare: &bare, structure: &structure, sensors: &sensors };
     let matrices = if format == Format::Npy { MatrixFormat::Numpy } else { MatrixFormat::MatrixMarket };

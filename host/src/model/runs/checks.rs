@@ -2,28 +2,28 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::paired::{Paired, pairs};
+use super::paired::{Common, Paired};
 use super::{Run, RunChange, WELL_INSIDE};
 use crate::model::matrices::ImportedMatrices;
 use crate::modes::ComputedModes;
 
 /// A change of a frequency is said not to be linear where the run of another size has this share of it otherwise than predicted.
-pub(super) const NOT_LINEAR: f64 = 0.1;
+const NOT_LINEAR: f64 = 0.1;
 /// Less than this share of a frequency is not worth a word.
-pub(super) const NOT_WORTH: f64 = 1e-3;
+const NOT_WORTH: f64 = 1e-3;
 /// Shares of modes in each other tell how these are scaled where they are at least this large.
-pub(super) const TELLING: f64 = 3e-3;
+const TELLING: f64 = 3e-3;
 /// Shapes that are this far from mass-normalised (as a factor between two modes) are said to be.
-pub(super) const NOT_NORMALISED: f64 = 1.5;
+const NOT_NORMALISED: f64 = 1.5;
 
 /// Says where shapes are not mass-normalised. With shapes scaled by s, the share of mode j in the changed mode i is to that of i in j as
 /// `-s_i² / s_j²` where K was changed, and as `-λ_i s_i² / (λ_j s_j²)` where M was.
-pub(super) fn not_normalised(base: &ComputedModes, runs: &[Paired<'_>]) -> Option<String> {
+pub(super) fn not_normalised<'a>(base: &ComputedModes, runs: impl Iterator<Item = &'a Paired<'a>>) -> Option<String> {
     let lambda = base.lambda();
     let size = lambda.len();
     let (mut normal, mut right) = (DMatrix::zeros(size, size), DVector::zeros(size));
     // At fewer places than modes, shares are a guess.
-    for paired in runs.iter().filter(|paired| paired.rows.len() >= size) {
+    for paired in runs.filter(|paired| paired.rows.len() >= size) {
         for (index, one) in paired.modes.iter().enumerate() {
             for other in &paired.modes[..index] {
                 let (i, j) = (one.base, other.base);
@@ -73,7 +73,7 @@ pub(super) fn not_linear(
     run: &Run,
 ) -> Option<String> {
     let by = run.change;
-    if !(change.range[0]..=change.range[1]).contains(&by) {
+    if !change.admits(by) {
         return Some(format!(
             "{}: the run by {} of `{name}` says nothing of a change by {by}: stiffness or mass would become negative",
             run.modes.file.display(),
@@ -88,14 +88,9 @@ pub(super) fn not_linear(
         shapes: coordinates.as_ref() * &expected.shapes,
         frequencies_hz: expected.frequency_hz,
     };
-    let seen: Vec<[usize; 2]> = (expected.places.iter().enumerate())
-        .filter_map(|(row, place)| Some([row, run.modes.places.iter().position(|other| other == place)?]))
-        .collect();
-    let here = expected.shapes.select_rows(seen.iter().map(|[row, _]| row));
-    let there = run.modes.shapes.select_rows(seen.iter().map(|[_, row]| row));
     let wrong = |&(at, other): &(usize, usize)| (expected.frequencies_hz[at] / run.modes.frequencies_hz[other]).ln();
     let highest_hz = smallest.modes.frequencies_hz.last()? * WELL_INSIDE.sqrt();
-    let mut pairs = pairs(&expected, &here, &run.modes, &there);
+    let mut pairs = Common::of(&expected, &run.modes).pairs(&expected, &run.modes);
     pairs.retain(|&(_, other)| run.modes.frequencies_hz[other] < highest_hz);
     let worst = pairs.iter().copied().max_by(|a, b| wrong(a).abs().total_cmp(&wrong(b).abs()))?;
     let moved = |&(_, other): &(usize, usize)| {

@@ -5,28 +5,28 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::paired::{Change, EXPLAINED, Paired};
-use super::{Run, RunChange, WELL_INSIDE};
+use super::paired::{Change, EXPLAINED, Paired, in_units};
+use super::{RunChange, WELL_INSIDE};
 use crate::model::eigen::{Modes, eigenmodes};
 use crate::model::matrices::{ImportedMatrices, symmetric};
 use crate::modes::ComputedModes;
 use crate::statistics::largest_first;
 
 /// Motions that no combination of the base's modes has are kept where they are above this share of a shape, and at most so many a change.
-pub(super) const NEGLIGIBLE: f64 = 1e-3;
+const NEGLIGIBLE: f64 = 1e-3;
 pub(super) const MOST_BEYOND: usize = 5;
 /// Their coordinates stand this many times above the highest mode in frequency, where they add motion and no resonance.
-pub(super) const ABOVE: f64 = 10.0;
+const ABOVE: f64 = 10.0;
 /// And move so little themselves that what they add to a mode's energy is nothing (as a factor to the shape).
-pub(super) const LIGHT: f64 = 1e3;
+const LIGHT: f64 = 1e3;
 
 /// The coordinates of a model of modes: the base's modes, motions beyond them, and what no place sees.
 pub(super) struct Coordinates<'a> {
     pub(super) body: ImportedMatrices,
     /// Of each change, places x motions.
-    pub(super) motions: &'a [DMatrix<f64>],
+    motions: &'a [DMatrix<f64>],
     /// What each change exerts on the unseen coordinate of each mode, changes x modes.
-    pub(super) unseen: DMatrix<f64>,
+    unseen: DMatrix<f64>,
 }
 
 impl Change {
@@ -90,18 +90,16 @@ impl<'a> Coordinates<'a> {
             coupling[(mode, mode)] += change.by * force * force * stiffness(mode);
         }
         let (stiffness, mass) = if change.is_mass { (coupling, Some(whole)) } else { (whole + coupling, None) };
-        let root = self.body.stiffness.diagonal().map(f64::sqrt);
-        let in_units =
-            DMatrix::from_fn(size, size, |row, column| stiffness[(row, column)] / (root[row] * root[column]));
         let of_mass = mass.as_ref().map_or([f64::NEG_INFINITY, f64::INFINITY], positive);
-        let of_stiffness = positive(&in_units);
+        let units = self.body.stiffness.diagonal().map(|stiffness| stiffness.sqrt().recip());
+        let of_stiffness = positive(&in_units(&stiffness, &units));
         let range = [of_stiffness[0].max(of_mass[0]), of_stiffness[1].min(of_mass[1])];
         RunChange { stiffness: Arc::new(stiffness), mass: mass.map(Arc::new), range }
     }
 }
 
 /// Between which factors `1 + factor * change` stays positive definite.
-pub(super) fn positive(change: &DMatrix<f64>) -> [f64; 2] {
+fn positive(change: &DMatrix<f64>) -> [f64; 2] {
     /// So much of the way to where it is not.
     const NEARLY: f64 = 0.99;
     let eigenvalues = symmetric(change).symmetric_eigenvalues();
@@ -112,23 +110,22 @@ pub(super) fn positive(change: &DMatrix<f64>) -> [f64; 2] {
 /// By how much lambda of each of the base's modes falls below what the change says so far, by a change by 1, squared, as a share of it: joints
 /// and massless parts give way, which no place need see. Zero where other runs do not tell, or it does not fall.
 pub(super) fn bend(
-    base: &ComputedModes,
+    lambda: &DVector<f64>,
     body: &ImportedMatrices,
     by: f64,
     change: &RunChange,
-    others: &[Run],
+    others: &[Paired<'_>],
 ) -> DVector<f64> {
-    let lambda = base.lambda();
-    let highest = lambda.max();
     let (mut sum, mut count) = (DVector::<f64>::zeros(lambda.len()), DVector::<f64>::zeros(lambda.len()));
-    for run in others.iter().filter(|run| (change.range[0]..=change.range[1]).contains(&run.change)) {
+    for paired in others {
+        let there = paired.run.change;
         // With the change that tells as it is, the rest is to that from there on.
-        let apart = run.change * (run.change - by);
-        let (Some(expected), Ok(paired)) = (change.modes(body, run.change), Paired::of(base, run)) else { continue };
-        if apart == 0.0 {
+        let apart = there * (there - by);
+        if apart == 0.0 || !change.admits(there) {
             continue;
         }
-        for mode in paired.modes.iter().filter(|mode| lambda[mode.base] < WELL_INSIDE * highest) {
+        let Some(expected) = change.modes(body, there) else { continue };
+        for mode in paired.modes.iter().filter(|mode| lambda[mode.base] < WELL_INSIDE * lambda.max()) {
             // The mode of the model that is mostly this one of the base.
             let share = |at: &usize| expected.shapes[(mode.base, *at)].abs();
             let at = (0..expected.frequency_hz.len()).max_by(|a, b| share(a).total_cmp(&share(b)));
@@ -139,7 +136,7 @@ pub(super) fn bend(
             }
         }
     }
-    DVector::from_fn(lambda.len(), |mode, _| if count[mode] > 0.0 { (sum[mode] / count[mode]).max(0.0) } else { 0.0 })
+    sum.zip_map(&count, |sum, count| if count > 0.0 { (sum / count).max(0.0) } else { 0.0 })
 }
 
 /// What each change exerts on a coordinate of each mode that no place sees, changes x modes: its square is what the mode bends by. Where all parts
@@ -162,6 +159,11 @@ pub(super) fn forces_on_unseen(bends: &[DVector<f64>]) -> DMatrix<f64> {
 }
 
 impl RunChange {
+    /// Whether K and M stay positive where it is so large.
+    pub(super) fn admits(&self, by: f64) -> bool {
+        (self.range[0]..=self.range[1]).contains(&by)
+    }
+
     /// Modes in the coordinates of the body, changed by so much.
     pub(super) fn modes(&self, body: &ImportedMatrices, by: f64) -> Option<Modes> {
         let stiffness = &body.stiffness + self.stiffness.as_ref() * by;

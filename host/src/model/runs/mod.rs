@@ -122,24 +122,24 @@ pub(super) fn read(base: &Path, runs: &[RunSource], folder: &Path) -> Result<OfR
     for (_, runs) in &mut names {
         runs.sort_by(|a, b| a.change.abs().total_cmp(&b.change.abs()));
     }
-    let pairs = names.iter().map(|(_, runs)| Paired::of(&base, &runs[0])).collect::<Result<Vec<_>, _>>()?;
-    // What is wrong with a run of another size is an error too.
-    names.iter().flat_map(|(_, runs)| &runs[1..]).try_for_each(|run| Paired::of(&base, run).map(drop))?;
-    let changes: Vec<Change> = pairs.iter().map(|paired| paired.change(&base)).collect();
+    let paired = names.iter().map(|(_, runs)| runs.iter().map(|run| Paired::of(&base, run)).collect());
+    let paired = paired.collect::<Result<Vec<Vec<Paired<'_>>>, _>>()?;
+    let changes: Vec<Change> = paired.iter().map(|runs| runs[0].change(&base)).collect();
     let most = base.frequencies_hz.len() * 2 + changes.len() * MOST_BEYOND;
     size::fits_with(most, 6 * changes.len()).map_err(RunError::TooLarge)?;
     let motions: Vec<DMatrix<f64>> = changes.iter().map(|change| change.motions_beyond(&base)).collect();
     let straight = Coordinates::of(&base, &motions, DMatrix::zeros(changes.len(), 0));
-    let bends = names.iter().enumerate().map(|(at, (_, runs))| {
-        let change = straight.change(at, &changes[at]);
-        bend(&base, &straight.body, changes[at].by, &change, &runs[1..])
+    let lambda = base.lambda();
+    let bends = paired.iter().zip(&changes).enumerate().map(|(at, (runs, change))| match &runs[1..] {
+        [] => DVector::zeros(lambda.len()),
+        others => bend(&lambda, &straight.body, change.by, &straight.change(at, change), others),
     });
     let unseen = forces_on_unseen(&bends.collect::<Vec<_>>());
     let coordinates = Coordinates::of(&base, &motions, unseen);
     let changes: Vec<RunChange> =
         changes.iter().enumerate().map(|(at, change)| coordinates.change(at, change)).collect();
     let body = coordinates.body;
-    let mut warnings: Vec<String> = not_normalised(&base, &pairs).into_iter().collect();
+    let mut warnings: Vec<String> = not_normalised(&base, paired.iter().map(|runs| &runs[0])).into_iter().collect();
     for ((name, runs), change) in names.iter().zip(&changes) {
         warnings.extend(runs[1..].iter().filter_map(|run| not_linear(name, &body, change, &runs[0], run)));
     }

@@ -1,28 +1,30 @@
 //! A run beside the base: which mode is which, what the changed shapes have of the base's, and what that says of K or M.
 
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::{Run, RunError, WELL_INSIDE};
-use crate::assignment::assigned;
+use crate::assignment::{assigned, likeness};
 use crate::model::matrices::symmetric;
 use crate::modes::ComputedModes;
 
 /// Shapes in files have about so many digits: what a component may be off by, as a share of the shape's root mean square.
-pub(super) const DIGITS: f64 = 1e-4;
+const DIGITS: f64 = 1e-4;
 /// A run's mode and the base's are one where the product of their MAC and the likeness of their frequencies is above this.
-pub(super) const LEAST_LIKENESS: f64 = 0.3;
+const LEAST_LIKENESS: f64 = 0.3;
 /// Frequencies of one mode are alike over this range (standard deviation of their logarithm).
-pub(super) const LIKENESS: f64 = 0.3;
+const LIKENESS: f64 = 0.3;
 /// Of the base's modes at least this share has a partner in a run.
-pub(super) const LEAST_PAIRED: f64 = 0.5;
+const LEAST_PAIRED: f64 = 0.5;
 /// A changed mode of which the base's modes explain less than this share (as a square) is not of their span.
 pub(super) const EXPLAINED: f64 = 0.8;
 /// A change has at least this share of each mode: frequencies in files do not tell less.
-pub(super) const LEAST_STRENGTH: f64 = 1e-4;
+const LEAST_STRENGTH: f64 = 1e-4;
 /// Modes whose cosines are below this are at right angles, up to the digits of the file.
-pub(super) const AT_RIGHT_ANGLES: f64 = 0.01;
+const AT_RIGHT_ANGLES: f64 = 0.01;
 /// Frequencies and shapes that differ by less are the same.
-pub(super) const SAME: [f64; 2] = [1e-7, 1e-5];
+const SAME: [f64; 2] = [1e-7, 1e-5];
 
 /// A run beside the base: the places and the modes that both have.
 pub(super) struct Paired<'a> {
@@ -30,7 +32,7 @@ pub(super) struct Paired<'a> {
     /// Rows of the places in the base's and in the run's shapes.
     pub(super) rows: Vec<[usize; 2]>,
     /// The base's shapes at these places.
-    pub(super) here: DMatrix<f64>,
+    here: DMatrix<f64>,
     pub(super) modes: Vec<PairedMode>,
 }
 
@@ -41,7 +43,7 @@ pub(super) struct PairedMode {
     /// Its lambda in the run.
     pub(super) lambda: f64,
     /// Its shape in the run at the common places, of the base's sign and about its size.
-    pub(super) shape: DVector<f64>,
+    shape: DVector<f64>,
     /// The shares of the base's modes in that shape.
     pub(super) shares: DVector<f64>,
 }
@@ -57,44 +59,58 @@ pub(super) struct Change {
     pub(super) by: f64,
 }
 
+/// Rows of the places that both have, and the shapes there.
+pub(super) struct Common {
+    pub(super) rows: Vec<[usize; 2]>,
+    pub(super) here: DMatrix<f64>,
+    pub(super) there: DMatrix<f64>,
+}
+
+impl Common {
+    pub(super) fn of(one: &ComputedModes, other: &ComputedModes) -> Self {
+        let rows_there: HashMap<&str, usize> = other.places.iter().map(String::as_str).zip(0..).collect();
+        let rows: Vec<[usize; 2]> = (one.places.iter().enumerate())
+            .filter_map(|(row, place)| Some([row, *rows_there.get(place.as_str())?]))
+            .collect();
+        let here = one.shapes.select_rows(rows.iter().map(|[row, _]| row));
+        let there = other.shapes.select_rows(rows.iter().map(|[_, row]| row));
+        Self { rows, here, there }
+    }
+
+    /// Pairs of the modes of both, by shape and frequency; they may be in another order.
+    pub(super) fn pairs(&self, one: &ComputedModes, other: &ComputedModes) -> Vec<(usize, usize)> {
+        let alike = |at: usize, there: usize| {
+            let (a, b) = (self.here.column(at), self.there.column(there));
+            let mac = a.dot(&b).powi(2) / (a.norm_squared() * b.norm_squared());
+            let ratio = other.frequencies_hz[there] / one.frequencies_hz[at];
+            // A mode that does not move at the common places has no shape there.
+            likeness(if mac.is_finite() { mac } else { 0.0 }, ratio, LIKENESS, LEAST_LIKENESS)
+        };
+        assigned(one.frequencies_hz.len(), other.frequencies_hz.len(), &alike)
+    }
+}
+
 impl<'a> Paired<'a> {
+    /// # Errors
+    /// [`RunError`] where too few modes have partners, or nothing differs.
     pub(super) fn of(base: &ComputedModes, run: &'a Run) -> Result<Self, RunError> {
         let names = || (run.modes.file.display().to_string(), base.file.display().to_string());
-        let row = |place: &String| run.modes.places.iter().position(|other| other == place);
-        let rows: Vec<[usize; 2]> =
-            base.places.iter().enumerate().filter_map(|(here, place)| Some([here, row(place)?])).collect();
-        if rows.is_empty() {
+        let common = Common::of(base, &run.modes);
+        if common.rows.is_empty() {
             let (run, base) = names();
             return Err(RunError::NoCommonPlace { run, base });
         }
-        let here = base.shapes.select_rows(rows.iter().map(|[row, _]| row));
-        let there = run.modes.shapes.select_rows(rows.iter().map(|[_, row]| row));
-        let pairs = pairs(base, &here, &run.modes, &there);
-        let modes = base.frequencies_hz.len().min(run.modes.frequencies_hz.len());
-        if (pairs.len() as f64) < LEAST_PAIRED * modes as f64 {
-            let (run, base) = names();
-            return Err(RunError::OtherModes { run, base, paired: pairs.len(), modes });
-        }
+        let pairs = common.pairs(base, &run.modes);
+        let Common { rows, here, there } = common;
         let (lambda, lambda_there) = (base.lambda(), run.modes.lambda());
         // So much each mode has of what changes: the share by which its lambda moves.
         let most = pairs.iter().map(|&(at, other)| strength(lambda[at], lambda_there[other], run)).fold(0.0, f64::max);
         let mut strengths = DVector::from_element(lambda.len(), most);
         pairs.iter().for_each(|&(at, other)| strengths[at] = strength(lambda[at], lambda_there[other], run));
-        let scaled = |at: usize, other: usize| {
-            let (shape, partner) = (there.column(other), here.column(at));
-            shape * (shape.dot(&partner) / shape.norm_squared())
-        };
-        let of_frequency = pairs.iter().map(|&(at, other)| (lambda_there[other] / lambda[at]).ln().abs() / 2.0);
-        let of_shape =
-            pairs.iter().map(|&(at, other)| (scaled(at, other) - here.column(at)).norm() / here.column(at).norm());
-        let largest = [of_frequency.fold(0.0, f64::max), of_shape.fold(0.0, f64::max)];
-        if largest[0] < SAME[0] && largest[1] < SAME[1] {
-            let (run, base) = names();
-            return Err(RunError::NothingChanged { run, base, largest: largest[0] });
-        }
         // In the order of the base's modes, lowest first.
         let mode = |&(at, other): &(usize, usize), is_complete: bool| {
-            let shape = scaled(at, other);
+            let (shape, partner) = (there.column(other), here.column(at));
+            let shape = shape * (shape.dot(&partner) / shape.norm_squared());
             let deviations = DVector::from_fn(lambda.len(), |mode, _| {
                 // To first order `dK_ij / (λi - λj)`, and where M changes `-λi dM_ij / (λi - λj)`.
                 let moved = if run.is_mass { lambda[at] } else { (lambda[mode] * lambda[at]).sqrt() };
@@ -109,40 +125,27 @@ impl<'a> Paired<'a> {
             let is_explained = (&here * &shares).norm_squared() >= EXPLAINED * shape.norm_squared();
             is_explained.then_some(PairedMode { base: at, lambda: lambda_there[other], shape, shares })
         };
-        let modes = |is_complete: bool| pairs.iter().filter_map(|pair| mode(pair, is_complete)).collect::<Vec<_>>();
-        let mut paired = Self { run, rows, here: here.clone(), modes: modes(true) };
-        if !paired.is_complete(base) {
-            paired.modes = modes(false);
+        let modes_if = |is_complete: bool| pairs.iter().filter_map(|pair| mode(pair, is_complete)).collect();
+        let mut modes: Vec<PairedMode> = modes_if(true);
+        if !are_complete(&modes, run, &lambda) {
+            modes = modes_if(false);
         }
-        let expected = base.frequencies_hz.len().min(run.modes.frequencies_hz.len());
-        if (paired.modes.len() as f64) < LEAST_PAIRED * expected as f64 {
+        let expected = lambda.len().min(lambda_there.len());
+        if (modes.len() as f64) < LEAST_PAIRED * expected as f64 {
             let (run, base) = names();
-            return Err(RunError::OtherModes { run, base, paired: paired.modes.len(), modes: expected });
+            return Err(RunError::OtherModes { run, base, paired: modes.len(), modes: expected });
         }
-        Ok(paired)
-    }
-
-    /// The modes in coordinates in which what stays as it is by the change, K or M, is 1: a column each, and their lengths before.
-    pub(super) fn columns(&self, base: &ComputedModes) -> (DMatrix<f64>, Vec<f64>) {
-        let root = base.lambda().map(f64::sqrt);
-        let scaled = |mode: &PairedMode| {
-            if self.run.is_mass { mode.shares.component_mul(&root) } else { mode.shares.clone() }
-        };
-        let mut columns = DMatrix::zeros(root.len(), self.modes.len());
-        let mut lengths = Vec::new();
-        for (mut column, mode) in columns.column_iter_mut().zip(&self.modes) {
-            let one = scaled(mode);
-            lengths.push(one.norm());
-            column.copy_from(&one.normalize());
+        let of_frequency = modes.iter().map(|mode| (mode.lambda / lambda[mode.base]).ln().abs() / 2.0);
+        let of_shape = modes.iter().map(|mode| {
+            let partner = here.column(mode.base);
+            (&mode.shape - partner).norm() / partner.norm()
+        });
+        let largest = [of_frequency.fold(0.0, f64::max), of_shape.fold(0.0, f64::max)];
+        if largest[0] < SAME[0] && largest[1] < SAME[1] {
+            let (run, base) = names();
+            return Err(RunError::NothingChanged { run, base, largest: largest[0] });
         }
-        (columns, lengths)
-    }
-
-    /// Whether the base has all that the run has: its modes are then at right angles, as those of all degrees of freedom are.
-    pub(super) fn is_complete(&self, base: &ComputedModes) -> bool {
-        let (columns, _) = self.columns(base);
-        let gram = columns.transpose() * &columns;
-        (gram - DMatrix::identity(self.modes.len(), self.modes.len())).amax() < AT_RIGHT_ANGLES
+        Ok(Self { run, rows, here, modes })
     }
 
     /// What a change by 1 does.
@@ -151,7 +154,7 @@ impl<'a> Paired<'a> {
         let lambda = base.lambda();
         let root = lambda.map(f64::sqrt);
         // What changes is diagonal before and after.
-        let (columns, lengths) = self.columns(base);
+        let (columns, lengths) = columns(&self.modes, self.run, &lambda);
         let turned = orthonormal(&columns);
         let diagonal = |lambda: f64| if is_mass { lambda.recip() } else { lambda };
         let before = DMatrix::from_diagonal(&lambda.map(diagonal));
@@ -161,9 +164,7 @@ impl<'a> Paired<'a> {
         let after = &turned * DMatrix::from_diagonal(&after) * turned.transpose() + &rest * &before * &rest;
         let mut within = symmetric(&(after - before)) / self.run.change;
         if is_mass {
-            within.iter_mut().enumerate().for_each(|(at, entry)| {
-                *entry *= root[at % lambda.len()] * root[at / lambda.len()];
-            });
+            within = in_units(&within, &root);
         }
         // The shape of unit modal mass, less what the base's modes make of it.
         let mut beyond = DMatrix::zeros(lambda.len(), base.places.len());
@@ -182,26 +183,28 @@ impl<'a> Paired<'a> {
     }
 }
 
-/// Pairs of the base's modes and a run's, by shape and frequency; a run may have them in another order.
-pub(super) fn pairs(
-    base: &ComputedModes,
-    here: &DMatrix<f64>,
-    run: &ComputedModes,
-    there: &DMatrix<f64>,
-) -> Vec<(usize, usize)> {
-    let likeness = |at: usize, other: usize| {
-        let (a, b) = (here.column(at), there.column(other));
-        let mac = a.dot(&b).powi(2) / (a.norm_squared() * b.norm_squared());
-        let ratio = (run.frequencies_hz[other] / base.frequencies_hz[at]).ln() / LIKENESS;
-        // A mode that does not move at the common places has no shape there.
-        let likeness = if mac.is_finite() { mac } else { 0.0 } * (-0.5 * ratio * ratio).exp();
-        if likeness < LEAST_LIKENESS { 0.0 } else { likeness }
-    };
-    assigned(base.frequencies_hz.len(), run.frequencies_hz.len(), &likeness)
+/// The modes in coordinates in which what stays as it is by the change, K or M, is 1: a column each, and their lengths before.
+fn columns(modes: &[PairedMode], run: &Run, lambda: &DVector<f64>) -> (DMatrix<f64>, Vec<f64>) {
+    let mut columns = DMatrix::zeros(lambda.len(), modes.len());
+    for (mut column, mode) in columns.column_iter_mut().zip(modes) {
+        column.copy_from(&mode.shares);
+        if run.is_mass {
+            column.zip_apply(lambda, |share, lambda| *share *= lambda.sqrt());
+        }
+    }
+    let lengths = columns.column_iter_mut().map(|mut column| column.normalize_mut()).collect();
+    (columns, lengths)
+}
+
+/// Whether the base has all that the run has: its modes are then at right angles, as those of all degrees of freedom are.
+fn are_complete(modes: &[PairedMode], run: &Run, lambda: &DVector<f64>) -> bool {
+    let (columns, _) = columns(modes, run, lambda);
+    let gram = columns.transpose() * &columns;
+    (gram - DMatrix::identity(modes.len(), modes.len())).amax() < AT_RIGHT_ANGLES
 }
 
 /// The share of a mode that a change by 1 changes, of its strain energy or of its kinetic energy.
-pub(super) fn strength(lambda: f64, lambda_there: f64, run: &Run) -> f64 {
+fn strength(lambda: f64, lambda_there: f64, run: &Run) -> f64 {
     let ratio = if run.is_mass { lambda / lambda_there } else { lambda_there / lambda };
     ((ratio - 1.0) / run.change).abs().clamp(LEAST_STRENGTH, 1.0)
 }
@@ -209,13 +212,7 @@ pub(super) fn strength(lambda: f64, lambda_there: f64, run: &Run) -> f64 {
 /// The shares of the base's modes in a changed shape that is scaled to its partner `at`: as the shape has them at the places, and where
 /// these do not tell, near to none of the others. `deviations` is how large they may be, half of what is possible: two modes are coupled by no
 /// more than what a change has of both, `dK_ij² <= dK_ii dK_jj`. `noise` is what a component may be off by, as a share of their root mean square.
-pub(super) fn shares(
-    here: &DMatrix<f64>,
-    shape: &DVector<f64>,
-    at: usize,
-    deviations: &DVector<f64>,
-    noise: f64,
-) -> DVector<f64> {
+fn shares(here: &DMatrix<f64>, shape: &DVector<f64>, at: usize, deviations: &DVector<f64>, noise: f64) -> DVector<f64> {
     let modes = deviations.len();
     let expected = DVector::from_fn(modes, |mode, _| f64::from(u8::from(mode == at)));
     let scaled = here * DMatrix::from_diagonal(deviations);
@@ -226,9 +223,14 @@ pub(super) fn shares(
     solved.map_or(expected.clone(), |more| expected + more.component_mul(deviations))
 }
 
+/// A matrix with each row and each column times what `units` has for it.
+pub(super) fn in_units(matrix: &DMatrix<f64>, units: &DVector<f64>) -> DMatrix<f64> {
+    DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |row, column| units[row] * matrix[(row, column)] * units[column])
+}
+
 /// Columns made orthonormal one after the other: the shares of low modes are the most exact, for what the base lacks lies above it, and a high
 /// mode's share in a low one follows from that of the low one in it.
-pub(super) fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
+fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
     let qr = columns.clone().qr();
     let (mut turned, triangle) = (qr.q(), qr.r());
     for (mut column, own) in turned.column_iter_mut().zip(triangle.diagonal().iter()) {

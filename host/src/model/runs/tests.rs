@@ -90,11 +90,26 @@ fn sensors(places: &[usize]) -> Vec<Sensor> {
     places.iter().map(|place| Sensor::new(format!("n{place}"), 0)).collect()
 }
 
+/// The structure as it is, and its file.
+struct Base {
+    parts: [DMatrix<f64>; 3],
+    whole: DMatrix<f64>,
+    mass: DMatrix<f64>,
+    file: PathBuf,
+}
+
+impl Base {
+    fn of(folder: &Path, writing: &Writing) -> Self {
+        let (parts, mass) = structure();
+        let whole: DMatrix<f64> = parts.iter().sum();
+        let file = write(folder, "base.csv", &whole, &mass, writing);
+        Self { parts, whole, mass, file }
+    }
+}
+
 /// The model of modes, of three parts and the mass of the first third.
 fn of_runs(folder: &Path, writing: &Writing) -> (Structure, Vec<String>) {
-    let (parts, mass) = structure();
-    let whole: DMatrix<f64> = parts.iter().sum();
-    let base = write(folder, "base.csv", &whole, &mass, writing);
+    let Base { parts, whole, mass, file: base } = Base::of(folder, writing);
     let mut runs = Vec::new();
     for (at, part) in parts.iter().enumerate() {
         let name = format!("part{at}");
@@ -210,10 +225,8 @@ fn shapes_that_are_not_mass_normalised_are_told() {
 #[test]
 fn a_change_that_is_not_linear_is_told() {
     let folder = tempfile::tempdir().unwrap();
-    let (parts, mass) = structure();
-    let whole: DMatrix<f64> = parts.iter().sum();
     let usual = Writing::usual();
-    let base = write(folder.path(), "base.csv", &whole, &mass, &usual);
+    let Base { parts, whole, mass, file: base } = Base::of(folder.path(), &usual);
     let once = write(folder.path(), "once.csv", &(&whole + &parts[1] * 0.1), &mass, &usual);
     // As if a joint opened.
     let twice = write(folder.path(), "twice.csv", &(&whole + &parts[1] * 0.12), &mass, &usual);
@@ -244,10 +257,8 @@ fn changes_stay_where_the_structure_has_modes() {
 #[test]
 fn runs_that_say_nothing_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let (parts, mass) = structure();
-    let whole: DMatrix<f64> = parts.iter().sum();
     let usual = Writing::usual();
-    let base = write(folder.path(), "base.csv", &whole, &mass, &usual);
+    let Base { parts, whole, mass, file: base } = Base::of(folder.path(), &usual);
     let refused = |file: &str| read(&base, &[run("a", 0.1, false, file.into())], folder.path()).unwrap_err();
     write(folder.path(), "same.csv", &whole, &mass, &usual);
     assert!(matches!(refused("same.csv"), RunError::NothingChanged { .. }));
@@ -278,4 +289,17 @@ fn runs_that_say_nothing_are_refused() {
     let part = write(folder.path(), "part.csv", &(&whole + &parts[0] * 0.1), &mass, &usual);
     let both = [run("a", 0.1, false, part), run("a", 0.2, false, "elsewhere.csv".into())];
     assert!(matches!(read(&base, &both, folder.path()).unwrap_err(), RunError::NoCommonPlace { .. }));
+}
+
+/// Shapes alone may have changed in a file, its frequencies not.
+#[test]
+fn other_shapes_are_another_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = |factor| {
+        let Base { file, .. } = Base::of(folder.path(), &Writing { factor, ..Writing::usual() });
+        read(&file, &[], folder.path()).unwrap().body.bytes()
+    };
+    let usual = bytes(|_| 1.0);
+    assert_eq!(usual, bytes(|_| 1.0));
+    assert_ne!(usual, bytes(|mode| if mode == 3 { 2.0 } else { 1.0 }));
 }
