@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::criteria::STANDS_OUT;
@@ -109,11 +110,14 @@ impl Problem {
             clues.truncate(MOST_CLUES);
             return clues;
         }
-        // Identification may merge the two modes of a pair on either side of the split; then every mode has a partner.
+        // Identification may merge the two modes of a pair on either side of the split; then every mode has a partner. Segments that are bent
+        // to stand in for the damper have moved the model's pair apart, so it is looked up without them.
+        let unbent = self.state_without_scatter(present.effects()).ok();
+        let unbent = unbent.as_ref().unwrap_or(&present.state);
         for mode in 0..self.paired {
             for other in 0..mode {
                 let [mode_hz, other_hz] = [mode, other].map(|mode| self.measured[mode].frequency_hz);
-                let [model_hz, other_model_hz] = [mode, other].map(|mode| present.state.frequency_of(mode));
+                let [model_hz, other_model_hz] = [mode, other].map(|mode| unbent.frequency_of(mode));
                 let (Some(model_hz), Some(other_model_hz)) = (model_hz, other_model_hz) else { continue };
                 let (apart, in_model) = ((mode_hz / other_hz).ln().abs(), (model_hz / other_model_hz).ln().abs());
                 if in_model < PAIR && apart > in_model + SPLIT && apart < TWIN_WITHIN {
@@ -171,13 +175,20 @@ impl<'a> Hanging<'a> {
         Some(Self { problem, present, kind, clue, heights: heights.len(), places })
     }
 
-    /// A structure with the damper besides the effects and the scatter of a fit; `near` is one with such a damper elsewhere.
-    fn state(&self, z_m: f64, values: &[f64], like: &Fit, near: Option<&State>) -> Option<State> {
+    /// A structure with the damper besides the effects of a fit, its segments scattered by these numbers; `near` is one with such a damper
+    /// elsewhere.
+    fn state(
+        &self,
+        z_m: f64,
+        values: &[f64],
+        (like, numbers): (&Fit, &DVector<f64>),
+        near: Option<&State>,
+    ) -> Option<State> {
         let parameters = *self.kind.parameter_sets().iter().find(|set| set.len() == values.len())?;
         let damper = Effect::with_parameters(self.kind, Some(Where::Height(z_m)), parameters, values).ok()?;
         let mut effects = like.state.effects[..self.present.state.effects.len()].to_vec();
         effects.push(damper);
-        self.problem.state(effects, like.state.numbers.clone(), near).ok()
+        self.problem.state(effects, numbers.clone(), near).ok()
     }
 
     fn motion(&self, z_m: f64) -> Option<f64> {
@@ -222,11 +233,18 @@ impl<'a> Hanging<'a> {
                 grid.extend(MASSES.map(|share| (*z_m, [mass_kg(share), frequency_hz, DAMPING_RATIO])));
             }
         }
-        let start =
-            |(z_m, values): &(f64, [f64; 3]), near: Option<&State>| self.state(*z_m, values, self.present, near);
-        let first = start(grid.first()?, None);
-        let mut starts: Vec<State> = grid[1..].par_iter().filter_map(|place| start(place, first.as_ref())).collect();
-        starts.extend(first);
+        // Where the present model does not pass, its segments were bent to stand in for the damper.
+        let bent = &self.present.state.numbers;
+        let straight = bent.map(|_| 0.0);
+        let mut starts: Vec<State> = Vec::new();
+        for numbers in [bent, &straight].into_iter().take(if self.present.passes() { 1 } else { 2 }) {
+            let start = |(z_m, values): &(f64, [f64; 3]), near: Option<&State>| {
+                self.state(*z_m, values, (self.present, numbers), near)
+            };
+            let first = start(grid.first()?, None);
+            starts.par_extend(grid[1..].par_iter().filter_map(|place| start(place, first.as_ref())));
+            starts.extend(first);
+        }
         starts.sort_by(|a, b| a.misfit(Loss::Robust).total_cmp(&b.misfit(Loss::Robust)));
         starts.truncate(FITTED);
         let both = better(starts.par_iter().filter_map(|state| self.fit(state)).collect())?;
@@ -234,7 +252,7 @@ impl<'a> Hanging<'a> {
         let (z_m, values) = (damper_height_m(&both)?, damper_values(&both));
         let one_way = [1.0, 2.0].par_iter().filter_map(|axis| {
             let values = [&values[..], &[*axis]].concat();
-            self.fit(&self.state(z_m, &values, &both, None)?)
+            self.fit(&self.state(z_m, &values, (&both, &both.state.numbers), None)?)
         });
         let mut fits: Vec<Fit> = one_way.collect();
         fits.push(both);
@@ -245,7 +263,7 @@ impl<'a> Hanging<'a> {
     fn moved(&self, fit: &Fit, (z_m, motion): (f64, f64)) -> Option<State> {
         let mut values = damper_values(fit);
         *values.first_mut()? *= self.motion(damper_height_m(fit)?)? / motion;
-        self.state(z_m, &values, fit, Some(&fit.state))
+        self.state(z_m, &values, (fit, &fit.state.numbers), Some(&fit.state))
     }
 
     /// From height to height while the evidence rises, in steps that get shorter; the best fit, and all by index of the

@@ -319,7 +319,7 @@ fn are_left_alone(seeds: std::ops::Range<u64>) {
 const OUTSIDE: [(&str, &[&str]); 5] = [
     ("added-mass@443.6m=5e6", &["added-mass"]),
     ("sensor-swap@ch05+ch14", &["sensor-swap"]),
-    ("base-rotation=1.5e-14", &["base-rotation", "connection-flexibility", "stiffness-loss"]),
+    ("base-rotation=4e-14", &["base-rotation", "connection-flexibility", "stiffness-loss"]),
     ("mass-eccentricity=x=3,y=2", &["mass-eccentricity"]),
     ("stiffness-scale=0.25", &["stiffness-scale", "mass-scale"]),
 ];
@@ -334,7 +334,8 @@ fn are_unknown(cases: &[(&str, &[&str])]) {
     for (seed, &(word, without)) in (200..).zip(cases) {
         let without = without.iter().map(|kind| (*kind).to_owned()).collect();
         let diagnosis = diagnosed(&[word], seed, &Options { without });
-        assert_eq!(diagnosis.verdict, Verdict::Unknown, "{word}: {:?}", diagnosis.best);
+        let first = diagnosis.candidates.first();
+        assert_eq!(diagnosis.verdict, Verdict::Unknown, "{word}: {first:?}, {:?}", diagnosis.discrepancy);
         assert!(diagnosis.goodness_of_fit.p_value < 0.01);
         assert!(!diagnosis.unexplained.by_mode.is_empty() && !diagnosis.unexplained.by_sensor.is_empty());
     }
@@ -536,7 +537,7 @@ mod long {
     #[test]
     #[ignore = "long: ./test --all runs it"]
     fn of_several_effects_at_once_the_set_has_those_that_were_hidden() {
-        have_hidden(&[&["base-rotation=8e-15", "added-mass@300m=6e6", "stiffness-loss@200m=0.5"]]);
+        have_hidden(&[&["base-rotation=1.6e-14", "added-mass@300m=6e6", "stiffness-loss@200m=0.5"]]);
     }
 
     /// Two effects at once: adding step by step finds both, and a first pick that the second makes needless goes again.
@@ -555,7 +556,7 @@ mod long {
         names.sort();
         assert_eq!(names, ["base-rotation", "sensor-gain@ch13"]);
         let (first, last) = (&records[0], records.last().unwrap());
-        assert!(last.p_value > 0.01 && first.p_value < 1e-6);
+        assert!(last.p_value > FAILS && first.p_value < FAILS, "{} to {}", first.p_value, last.p_value);
         assert!(last.mean_abs_frequency_error_percent < 0.1 * first.mean_abs_frequency_error_percent);
         assert!(last.held_out_mode_error_percent.unwrap() < 0.1 * first.held_out_mode_error_percent.unwrap());
         assert!(last.held_out_error_percent.unwrap() < 0.5 * first.held_out_error_percent.unwrap());

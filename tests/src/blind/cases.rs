@@ -13,7 +13,7 @@ use super::structures::{NAMES, Structure};
 use super::world::{Loads, World, Worlds};
 
 /// Kinds that stand in the matrices.
-const STRUCTURAL: [&str; 15] = [
+const STRUCTURAL: [&str; 16] = [
     "stiffness-scale",
     "mass-scale",
     "base-rotation",
@@ -29,6 +29,7 @@ const STRUCTURAL: [&str; 15] = [
     "axis-rotation",
     "outrigger",
     "lateral-support",
+    "soil-springs",
 ];
 /// Kinds that stand in the sensors.
 const SENSORS: [&str; 5] = ["sensor-gain", "sensor-polarity", "sensor-swap", "sensor-rotation", "clock-offset"];

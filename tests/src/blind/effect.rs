@@ -49,6 +49,11 @@ pub(super) enum Effect {
         z_m: f64,
         stiffness: [f64; 2],
     },
+    /// Springs along X and Y from the base up to a height, in N/m on a metre.
+    SoilSprings {
+        z_m: f64,
+        stiffness: [f64; 2],
+    },
     SensorGain {
         channel: usize,
         factor: f64,
@@ -99,6 +104,7 @@ impl Effect {
             Self::AxisRotation(_) => "axis-rotation",
             Self::Outrigger { .. } => "outrigger",
             Self::LateralSupport { .. } => "lateral-support",
+            Self::SoilSprings { .. } => "soil-springs",
             Self::SensorGain { .. } => "sensor-gain",
             Self::SensorPolarity(_) => "sensor-polarity",
             Self::SensorSwap(_) => "sensor-swap",
@@ -116,6 +122,7 @@ impl Effect {
             | Self::Connection { z_m, .. }
             | Self::TunedMassDamper { z_m, .. }
             | Self::LateralSupport { z_m, .. }
+            | Self::SoilSprings { z_m, .. }
             | Self::Outrigger { z_m, .. } => Place::Height(*z_m),
             Self::SensorGain { channel, .. } | Self::SensorPolarity(channel) => {
                 Place::Label(format!("ch{}", channel_name(*channel)))
@@ -153,8 +160,12 @@ impl Effect {
             Self::MassEccentricity([x, y]) => vec![("x", x), ("y", y)],
             Self::AxisRotation(angle) | Self::SensorRotation { angle_deg: angle, .. } => vec![("angle", angle)],
             Self::Outrigger { stiffness, .. } => vec![("stiffness", stiffness)],
-            Self::LateralSupport { stiffness: [x, y], .. } if x == y => vec![("stiffness", x)],
-            Self::LateralSupport { stiffness: [x, y], .. } => vec![("stiffness_x", x), ("stiffness_y", y)],
+            Self::LateralSupport { stiffness: [x, y], .. } | Self::SoilSprings { stiffness: [x, y], .. } if x == y => {
+                vec![("stiffness", x)]
+            }
+            Self::LateralSupport { stiffness: [x, y], .. } | Self::SoilSprings { stiffness: [x, y], .. } => {
+                vec![("stiffness_x", x), ("stiffness_y", y)]
+            }
             Self::SensorGain { factor, .. } => vec![("factor", factor)],
             Self::ClockOffset { delay_s, .. } => vec![("delay", delay_s)],
             Self::Harmonic(frequency_hz) => vec![("frequency", frequency_hz)],
@@ -217,6 +228,20 @@ impl Effect {
             Self::LateralSupport { z_m, stiffness: [x, y] } => {
                 let node = body.nearest_node(z_m);
                 body.springs.extend([(node, 0, x), (node, 1, y)]);
+            }
+            Self::SoilSprings { z_m, stiffness } => {
+                for element in 0..body.elements.len() {
+                    let bottom_m = body.nodes[element].z_m;
+                    let held_m = body.nodes[element + 1].z_m.min(z_m) - bottom_m;
+                    if held_m <= 0.0 {
+                        break;
+                    }
+                    // Half of an element's bed at each of its ends, more below where it ends within.
+                    let above = 0.5 * held_m * held_m / body.length_m(element);
+                    for (node, metres) in [(element, held_m - above), (element + 1, above)] {
+                        body.springs.extend([(node, 0, stiffness[0] * metres), (node, 1, stiffness[1] * metres)]);
+                    }
+                }
             }
             Self::SensorGain { channel, factor } => body.sensors[channel].factor *= factor,
             Self::SensorPolarity(channel) => body.sensors[channel].factor *= -1.0,

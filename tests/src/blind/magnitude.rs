@@ -158,6 +158,11 @@ pub(super) fn draw(
         "lateral-support" => {
             ([1e-4 * stiff, 1e3 * stiff], Box::new(move |v| Effect::LateralSupport { z_m, stiffness: [v, v * ratio] }))
         }
+        "soil-springs" => {
+            let soft = stiff / height;
+            let z_m = base + height * random.random_range(0.05..0.3);
+            ([1e-4 * soft, 1e4 * soft], Box::new(move |v| Effect::SoilSprings { z_m, stiffness: [v, v * ratio] }))
+        }
         "mass-eccentricity" => {
             ([0.01 * gyration, 0.5 * gyration], Box::new(move |v| Effect::MassEccentricity([v * cos, v * sin])))
         }

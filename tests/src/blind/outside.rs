@@ -3,40 +3,31 @@
 use rand::{Rng, RngExt};
 
 use super::body::{Attachment, Body};
-use super::magnitude::{Band, Reach, Wanted, sized};
+use super::magnitude::Band;
 use super::structures::Structure;
 use super::world::SHIFT;
 
 /// Their names.
-pub(super) const NAMES: [&str; 4] = ["one-axis-bending", "jumping-storeys", "secondary-structure", "soil-springs"];
+pub(super) const NAMES: [&str; 4] = ["one-axis-bending", "jumping-storeys", "secondary-structure", "jumping-masses"];
 
 /// Puts a defect into a structure; `None` where this draw cannot be seen.
 pub(super) fn put(name: &str, sound: &Body, structure: &Structure, random: &mut impl Rng) -> Option<Body> {
     let mut body = sound.clone();
     let before = Band::of(sound, structure, None)?;
     match name {
-        "soil-springs" => {
-            let below_m = structure.base_m() + 0.2 * structure.height_m();
-            let nodes = (1..sound.nodes.len()).filter(|&node| sound.nodes[node].z_m < below_m);
-            let springs = |size: f64| nodes.clone().flat_map(move |node| [(node, 0, size), (node, 1, size)]);
-            let stiff = structure.total_mass_kg() * (std::f64::consts::TAU * before.frequencies_hz[0]).powi(2);
-            let change = |body: &mut Body, size: f64| body.springs.extend(springs(size));
-            let wanted = Wanted { bounds: [1e-4 * stiff, 1e3 * stiff], change: &change, by: Reach::Shift(SHIFT) };
-            let size = sized(sound, structure, &wanted, random)?;
-            change(&mut body, size);
-            return Some(body);
+        "jumping-masses" => {
+            let factors: Vec<f64> = structure.segments.iter().map(|_| jumping(random)).collect();
+            // A node goes with the segment below it.
+            for (node, element) in body.nodes[1..].iter_mut().zip(&body.elements) {
+                node.scale(factors[element.segment]);
+            }
         }
         "one-axis-bending" => {
             let left = 1.0 - random.random_range(0.15..0.3);
             body.elements.iter_mut().for_each(|element| element.bending_n_m2[1] *= left);
         }
         "jumping-storeys" => {
-            let mut factors = vec![1.0; structure.segments.len()];
-            for factor in &mut factors {
-                if random.random_bool(0.5) {
-                    *factor = if random.random_bool(0.5) { 1.25 } else { 0.75 };
-                }
-            }
+            let factors: Vec<f64> = structure.segments.iter().map(|_| jumping(random)).collect();
             body.elements.iter_mut().for_each(|element| element.scale(factors[element.segment]));
         }
         "secondary-structure" => {
@@ -59,4 +50,13 @@ pub(super) fn put(name: &str, sound: &Body, structure: &Structure, random: &mut 
     }
     let after = Band::of(&body, structure, Some(before.frequencies_hz.len()))?;
     (SHIFT[0]..SHIFT[1]).contains(&before.shift(&after)).then_some(body)
+}
+
+/// As the table has it, or a quarter more or less.
+fn jumping(random: &mut impl Rng) -> f64 {
+    match (random.random_bool(0.5), random.random_bool(0.5)) {
+        (false, _) => 1.0,
+        (true, true) => 1.25,
+        (true, false) => 0.75,
+    }
 }

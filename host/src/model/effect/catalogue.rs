@@ -6,7 +6,8 @@ use super::{
     added_mass, amplitude_stiffness, axis_rotation, base_rotation, base_torsion, base_translation, clock_offset,
     connection_flexibility, coupled_shear, custom, foundation_mass, harmonic, lateral_support, mass_eccentricity,
     mass_scale, outrigger, p_delta, rotary_inertia, sensor_gain, sensor_polarity, sensor_rotation, sensor_swap,
-    shear_flexibility, stiffness_loss, stiffness_scale, temperature_stiffness, tuned_mass_damper, wall_frame,
+    shear_flexibility, soil_springs, stiffness_loss, stiffness_scale, temperature_stiffness, tuned_mass_damper,
+    wall_frame,
 };
 
 /// Every kind there is.
@@ -30,6 +31,7 @@ pub const KINDS: &[&dyn EffectKind] = &[
     &axis_rotation::AxisRotation,
     &outrigger::KIND,
     &lateral_support::KIND,
+    &soil_springs::SoilSprings,
     &temperature_stiffness::KIND,
     &amplitude_stiffness::KIND,
     &sensor_gain::SensorGain,

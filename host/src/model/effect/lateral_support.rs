@@ -13,6 +13,10 @@ const ABOUT: About = About {
     look_alikes: &[
         LookAlike { kind: "stiffness-scale", separated_by: "modes with a node at z, which a support leaves alone" },
         LookAlike { kind: "outrigger", separated_by: "which modes rise: an outrigger holds those that turn at z" },
+        LookAlike {
+            kind: "soil-springs",
+            separated_by: "sensors below z: a support holds one point, soil the whole length below",
+        },
     ],
     source: "H. M. Irvine (1981), Cable Structures, chapter 4",
     examples: &[

@@ -40,6 +40,7 @@ mod sensor_polarity;
 mod sensor_rotation;
 mod sensor_swap;
 mod shear_flexibility;
+mod soil_springs;
 mod stiffness_loss;
 mod stiffness_scale;
 mod target;

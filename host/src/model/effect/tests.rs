@@ -341,6 +341,43 @@ fn a_lateral_support_holds_a_mode_by_how_far_it_moves_there() {
     }
 }
 
+/// A soft bed adds the integral of k phi² over its height, here by Simpson's rule on 2000 pieces, wherever between the nodes it ends.
+#[test]
+fn soil_along_a_foot_holds_a_mode_by_how_far_it_moves_there() {
+    let assembly = Structure::new(beam()).assemble();
+    let modes = assembly.modes().unwrap();
+    let sound = frequencies(&[]);
+    for (z_m, word) in
+        [(33.0, "soil-springs@33m=stiffness_x=20,stiffness_y=5"), (7.0, "soil-springs@7m=stiffness_x=20,stiffness_y=5")]
+    {
+        let held = frequencies(&[word]);
+        let density = |z_m: f64| {
+            let motion = assembly.axis_motion(z_m) * &modes.shapes;
+            motion.row(0).map(|x| 20.0 * x * x) + motion.row(1).map(|y| 5.0 * y * y)
+        };
+        let pieces = 2000;
+        let step_m = z_m / f64::from(pieces);
+        let sum = (0..=pieces).fold(density(0.0) * 0.0, |sum, at| {
+            let weight = if at == 0 || at == pieces {
+                1.0
+            } else if at % 2 == 1 {
+                4.0
+            } else {
+                2.0
+            };
+            sum + density(f64::from(at) * step_m) * (weight * step_m / 3.0)
+        });
+        for mode in 0..6 {
+            let expected = sum[mode] / (std::f64::consts::TAU * sound[mode]).powi(2);
+            let found = (held[mode] / sound[mode]).powi(2) - 1.0;
+            assert!(
+                (found - expected).abs() < 1e-3 * expected + 1e-10,
+                "{word}, mode {mode}: {found} where {expected}"
+            );
+        }
+    }
+}
+
 /// With everything rigid but one rotational spring at the top, a stiff mast is an inverted pendulum.
 #[test]
 fn an_outrigger_holds_and_a_tuned_mass_splits() {
