@@ -95,8 +95,10 @@ function compose(d, mode) {
     const isWide = radius > 1e-6, arm = isWide ? radius : SECTION * height
     const plan = isWide ? Math.max(1, SECTION * height / radius) : 1
 
-    // Levels of sensors, with what the mode's shape says there and the outline of the section.
     const values = new Map((d.modes?.modes?.find(m => m.number === mode)?.shape ?? []).map(c => [c.channel, c.re]))
+    const frame = parts.find(p => p.is_spatial)
+    if (frame) return spatial(d, mode, { frame, parts, sensors, values, low, high })
+    // Levels of sensors, with what the mode's shape says there and the outline of the section.
     const levels = new Map()
     for (const s of sensors) {
         const key = s.elevation_m.toFixed(2), value = values.get(s.channel)
@@ -169,6 +171,39 @@ function compose(d, mode) {
     const flat = sensors.flatMap(s => finite(s.direction) && Math.hypot(s.direction[0], s.direction[1]) > 0.3 ? [s.direction] : []), single = flat.every(d => Math.abs(d[0] * flat[0][1] - d[1] * flat[0][0]) < 0.1)
     return { items, low, high, plan, towards, isWide, kinds: ["measured", "given", "effects"].filter(k => items.some(i => i.kind === k)), undetermined: told.some(r => !r.turns),
         character: !told.length ? "" : torsion > bending ? "torsion" : `bending towards ${fixed(towards * 180 / Math.PI, 0)}°${single ? ", the only direction that was measured" : ""}${torsion > 0.1 * bending ? " with torsion" : ""}` }
+}
+
+/** A structure with lines of its own: they move as the model says, and a dot at each sensor's place along what is measured there. */
+function spatial(d, mode, { frame, parts, sensors, values, low, high }) {
+    const motions = parts.map(part => ({ part, motion: partner(d, part, mode)?.motion, kind: part.name === "effects" ? "effects" : "given" })).filter(m => m.motion)
+    const best = motions.find(m => m.kind === "effects") ?? motions[0], far = (n, p) => Math.hypot(...n.map((v, k) => v - p[k]))
+    const dots = new Map()
+    for (const s of sensors) {
+        const value = values.get(s.channel), place = [...s.offset, s.elevation_m], key = String(place)
+        if (!known(value) || !finite(s.direction)) continue
+        const near = best ? best.part.nodes.reduce((m, n, i) => far(n, place) < far(best.part.nodes[m], place) ? i : m, 0) : 0
+        const dot = dots.get(key) ?? { place, end: best?.motion[near]?.slice(0, 3) ?? [0, 0, 0], measured: [0, 0, 0] }
+        dots.set(key, dot)
+        const left = value - s.direction.reduce((sum, v, k) => sum + v * dot.end[k], 0)
+        s.direction.forEach((v, k) => { dot.end[k] += left * v; dot.measured[k] += value * v })
+    }
+    const told = [...dots.values()], side = k => { const all = frame.nodes.map(n => n[k]); return Math.max(...all) - Math.min(...all) }
+    const size = Math.max(side(0), side(1), side(2)) || 1, travel = list => largest(list.map(m => Math.hypot(m[0], m[1], m[2])))
+    const most = Math.max(travel(told.map(t => t.end)), travel(motions.flatMap(m => m.motion))), A = most > 0 ? TRAVEL * size / most : 0, scaled = m => m.slice(0, 3).map(v => A * v)
+    const items = []
+    const draw = (kind, part, motion) => {
+        const put = (ids, more) => items.push({ kind, points: ids.map(i => part.nodes[i]), moves: ids.map(i => motion ? scaled(motion[i]) : [0, 0, 0]), ...more })
+        for (const ids of part.surfaces ?? []) put(ids, { closed: true, thin: true })
+        for (const ids of part.lines ?? []) put(ids)
+    }
+    draw("rest", frame)
+    for (const { part, motion, kind } of motions) draw(kind, part, motion)
+    for (const { place, end, measured } of told) items.push({ kind: "measured", dot: true, points: [place], moves: [scaled(end)], from: scaled(end.map((v, k) => v - measured[k])) })
+    const share = k => told.reduce((sum, t) => sum + t.measured[k] ** 2, 0), [x, y, z] = [0, 1, 2].map(share)
+    const xy = told.reduce((sum, t) => sum + t.measured[0] * t.measured[1], 0), angle = (Math.atan2(2 * xy, x - y) / 2 + Math.PI) % Math.PI
+    const isWide = Math.hypot(side(0), side(1)) > side(2), isVertical = z > x + y
+    return { items, low, high, plan: 1, towards: isWide ? (side(0) >= side(1) ? 0 : Math.PI / 2) : angle, isWide: true, isLong: isWide, kinds: ["measured", "given", "effects"].filter(k => items.some(i => i.kind === k)), undetermined: false,
+        character: !told.length ? "" : isVertical ? "mostly vertical" : `mostly towards ${fixed(angle * 180 / Math.PI, 0)}°` }
 }
 
 const shifted = (p, m, by) => [p[0] + by * m[0], p[1] + by * m[1], p[2] + by * m[2]]

@@ -15,11 +15,11 @@ export const modesOf = d => d.modes?.modes?.length ? d.modes.modes : d.model?.pa
 const at = (d, view) => modesOf(d).some(m => m.number === view.get("mode")) ? view.get("mode") : modesOf(d)[0]?.number
 const has = d => modesOf(d).length > 0 && scene(d, modesOf(d)[0].number) !== null
 
-/** Where the model misses, of the last comparison: by height, or by sensor for the view from above. */
+/** Where the model misses, of the last comparison: by height, by group where it is no tower, or by sensor for the view from above. */
 function where(d, above) {
     const c = d.comparison?.effects ?? d.comparison?.given
-    const rows = ((above ? c?.by_sensor : c?.by_height) ?? []).filter(r => known(r.misfit) && (above || known(r.elevation_m)))
-    return rows.map(r => ({ misfit: r.misfit, z: r.elevation_m, label: above ? "ch " + r.channel : metres(r.elevation_m) })).sort((a, b) => b.misfit - a.misfit)
+    const rows = ((above ? c?.by_sensor : c?.by_group?.length ? c.by_group : c?.by_height) ?? []).filter(r => known(r.misfit))
+    return rows.map(r => ({ misfit: r.misfit, z: r.elevation_m, label: r.group ?? (above ? "ch " + r.channel : metres(r.elevation_m)) })).sort((a, b) => b.misfit - a.misfit)
 }
 
 export const structure = {
@@ -142,7 +142,8 @@ export const shapes = {
     id: "mode-shapes", title: "All mode shapes", follows: ["mode"], uses: ["model", "comparison"], long: true, has,
     says(d) {
         const turning = modesOf(d).map(m => m.number).filter(n => scene(d, n).character === "torsion")
-        return `${modesOf(d).length} modes, each from side X, from side Y and from above` + (turning.length ? `; torsion: mode ${turning.join(", ")}` : "") + (printing() ? "." : ". Choose one to see it above.")
+        const isLong = modesOf(d).some(m => scene(d, m.number).isLong)
+        return `${modesOf(d).length} modes, each ${isLong ? "from beside" : "from side X, from side Y and from above"}` + (turning.length ? `; torsion: mode ${turning.join(", ")}` : "") + (printing() ? "." : ". Choose one to see it above.")
     },
     draw(host, d, view) {
         const chosen = at(d, view), grid = make("div.shapes")
@@ -155,10 +156,12 @@ export const shapes = {
             return { cell, sheet, s }
         })
         const width = Math.max(110, (cells[0]?.cell.clientWidth ?? 0) - 10), height = 158, side = Math.floor(width * 0.28)
-        const panels = [["X", cameras.x, [3, 4, side - 6, height - 24]], ["Y", cameras.y, [side + 3, 4, side - 6, height - 24]], ["above", cameras.above, [2 * side + 4, 12, width - 2 * side - 8, height - 40]]]
+        // What lies along the ground is seen from beside it alone.
+        const isLong = cells.some(c => c.s.isLong)
+        const panels = isLong ? [["", [cells[0].s.towards - 0.4, 0.3], [4, 6, width - 8, height - 12]]] : [["X", cameras.x, [3, 4, side - 6, height - 24]], ["Y", cameras.y, [side + 3, 4, side - 6, height - 24]], ["above", cameras.above, [2 * side + 4, 12, width - 2 * side - 8, height - 40]]]
         for (const { sheet, s } of cells) {
             const pen = size(sheet, width, height)
-            const both = Math.min(...panels.slice(0, 2).map(([, camera, box]) => lens(s, camera, box, 1).scale))
+            const both = Math.min(...panels.slice(0, isLong ? 1 : 2).map(([, camera, box]) => lens(s, camera, box, 1).scale))
             for (const [label, camera, box] of panels) {
                 paint(pen, s, lens(s, camera, box, 1, undefined, label === "above" ? Infinity : both), { phase: 1, small: true })
                 pen.fillStyle = colour("quiet")

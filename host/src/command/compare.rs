@@ -7,7 +7,7 @@ use clap::Args;
 use super::Console;
 use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is, width};
-use crate::compare::{Comparison, HeightMisfit, Side};
+use crate::compare::{Comparison, GroupMisfit, HeightMisfit, Side};
 use crate::diagnose::FAILS;
 use crate::model::{Body, Freedoms};
 use crate::numbers::signed;
@@ -172,6 +172,17 @@ fn tell_where(comparison: &Comparison, console: &Console) {
             sensor.misfit,
             or_dash(sensor.comac, 3),
             "▪".repeat((bar * sensor.misfit / largest).round() as usize)
+        ));
+    }
+    let largest = comparison.by_group.iter().map(|group| group.misfit).fold(f64::MIN_POSITIVE, f64::max);
+    let is_told = |group: &&GroupMisfit| !console.is_brief() || group.misfit >= largest;
+    for (index, group) in comparison.by_group.iter().filter(is_told).enumerate() {
+        console.say(format!(
+            "  {:10} {:17}   misfit {:5.3}               {}",
+            if index == 0 { "by group:" } else { "" },
+            group.group,
+            group.misfit,
+            "▪".repeat((bar * group.misfit / largest).round() as usize)
         ));
     }
     let largest = comparison.by_height.iter().map(|level| level.misfit).fold(f64::MIN_POSITIVE, f64::max);

@@ -406,4 +406,9 @@ pub(super) fn tell_unexplained(left: &Unexplained, console: &Console) {
     for sensor in sensors.iter().take(NAMED_MODES) {
         console.say(format!("  channel {}: {:.1} times what is allowed", sensor.channel, sensor.mean_square));
     }
+    let mut groups: Vec<_> = left.by_group.iter().collect();
+    groups.sort_by(|a, b| b.mean_square.total_cmp(&a.mean_square));
+    for group in groups.iter().take(NAMED_MODES) {
+        console.say(format!("  sensors at group {}: {:.1} times what is allowed", group.group, group.mean_square));
+    }
 }

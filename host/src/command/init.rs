@@ -20,6 +20,8 @@ Examples:
   belfry init tower                       a study to fill in, in the new folder `tower`
   belfry init canton --template canton    the Canton Tower: 20 accelerometers, beam model
   belfry init turbine --template turbine  a wind turbine on a monopile, clamped at the mudline
+  belfry init frame --template frame      a building frame of five storeys, matrices with a group a storey
+  belfry init bridge --template bridge    a bridge of three spans, matrices with groups by span and bearing
   belfry init . --json                    in this folder, and say what was written as JSON")]
 pub struct Arguments {
     /// Folder of the study; made where it does not exist
@@ -37,6 +39,10 @@ pub enum Template {
     Canton,
     /// A 5 MW wind turbine on a monopile: 8 accelerometers at 4 levels, with its beam model, clamped at the mudline
     Turbine,
+    /// A building frame of five storeys: 15 accelerometers, matrices with a group a storey
+    Frame,
+    /// A bridge of three spans: 21 accelerometers, matrices with groups by span and bearing
+    Bridge,
     /// One setup of two sensors, every key explained
     Blank,
 }
@@ -47,6 +53,8 @@ impl Template {
         match self {
             Self::Canton => &[("beam.csv", template::CANTON_BEAM), (STUDY_FILE, template::CANTON_STUDY)],
             Self::Turbine => &[("beam.csv", template::TURBINE_BEAM), (STUDY_FILE, template::TURBINE_STUDY)],
+            Self::Frame => template::FRAME_FILES,
+            Self::Bridge => template::BRIDGE_FILES,
             Self::Blank => &[(STUDY_FILE, template::BLANK_STUDY)],
         }
     }
@@ -56,7 +64,7 @@ impl Template {
         let put = |files: &str| format!("Put recordings {files} into {}, or simulate one.", folder.display());
         match self {
             Self::Canton => put("accdata_*.txt"),
-            Self::Turbine => put("acceleration_*.txt"),
+            Self::Turbine | Self::Frame | Self::Bridge => put("acceleration_*.txt"),
             Self::Blank => format!(
                 "Describe your sensors in {} and put the recording next to it; or write `live = true` there, and `belfry collect` fetches it from nodes.",
                 folder.join(STUDY_FILE).display()
@@ -68,9 +76,17 @@ impl Template {
     fn next(self, folder: &Path) -> Vec<(String, &'static str)> {
         let study = in_shell(folder);
         let simulate = (format!("simulate {study} --adopt"), "simulates an hour of recording");
+        let with_change = |group: &str| {
+            (
+                format!("simulate {study} --effect group@{group}=-0.25 --adopt"),
+                "an hour of recording, with a group that is softer",
+            )
+        };
         let identify = (format!("identify {study}"), "the modes of the recording");
         match self {
             Self::Canton | Self::Turbine => vec![simulate, identify],
+            Self::Frame => vec![with_change("storey2"), identify],
+            Self::Bridge => vec![with_change("span2"), identify],
             Self::Blank => vec![identify],
         }
     }

@@ -11,18 +11,19 @@ use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{in_shell, next_lines};
 use crate::files::write_whole;
 use crate::model::effect::Effect;
-use crate::model::{Structure, read_beam};
-use crate::simulate::{Options, PlannedRecording, Simulation, Truth, adopt, plan, scattered};
-use crate::study::{ModelSource, Study};
+use crate::model::{BeamTable, Body, Freedoms, Structure, load_up_to, read_beam};
+use crate::simulate::{Options, PlannedRecording, Simulation, Truth, adopt, plan, scatter_groups, scattered};
+use crate::study::{Model, Study};
 
 const EXAMPLES: &str = "Examples:
   belfry simulate canton --effect base-rotation=7.21e-15 --hours 24 --seed 1
   belfry simulate canton --effect added-mass@443.6m=2e5 --effect mass-scale=0.02
   belfry simulate canton --effect base-rotation=flexibility_x=1e-14,flexibility_y=5e-15
   belfry simulate canton --effect sensor-polarity@07 --scatter 0.7 --adopt
+  belfry simulate bridge --effect group@span2=-0.2 --adopt
   belfry simulate canton --beam tower_as_built.csv --output recordings --force
 
-The structure is clamped at its base unless an effect frees it. White noise loads it at all nodes, coherent over a tenth of the height; the top of the Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json holds what identification should find. Interrupted, the command leaves no unfinished recording behind.";
+A tower is clamped at its base unless an effect frees it. White noise loads the structure at all nodes, coherent over a tenth of the height (of its longest side, where nodes do not stand above each other); the top of the Canton Tower's body then moves by about 3e-4 m/s² RMS. truth.json holds what identification should find. Interrupted, the command leaves no unfinished recording behind.";
 
 /// Simulate recordings of a structure with effects that the model lacks
 #[derive(Debug, Args)]
@@ -43,7 +44,7 @@ pub struct Arguments {
     /// Beam table of the simulated structure [default: the study's model]
     #[arg(long, value_name = "FILE")]
     beam: Option<PathBuf>,
-    /// Scatter the segments smoothly over the height, by this many standard deviations of background_stiffness and background_mass
+    /// Scatter the segments smoothly over the height, and groups each by itself, by this many standard deviations of what they are trusted to
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = scatter)]
     scatter: f64,
     /// Seed of that scatter, for one structure under several loads [default: --seed]
@@ -119,31 +120,20 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let is_in_study = arguments.output.is_none() || arguments.adopt;
     let _lock = if is_in_study { alone(&arguments.study, console)? } else { None };
     let study = Study::load(&arguments.study)?;
-    let beam_file = match (&arguments.beam, study.model.as_ref().map(|model| &model.source)) {
-        (Some(beam), _) => beam.clone(),
-        (None, Some(ModelSource::Beam(beam))) => study.folder.join(beam),
-        (None, Some(ModelSource::Matrices(_) | ModelSource::Modes(_))) => {
-            bail!("the study's model is no beam table; name the simulated structure's beam table with --beam FILE")
-        }
-        (None, None) => bail!("the study has no [model]; name the structure's beam table with --beam FILE"),
-    };
     if study.model.as_ref().is_some_and(|model| !model.effects.is_empty()) {
         console.warn("the [[model.effect]] of study.toml are not in the simulated structure; name them with --effect");
     }
-    let mut beam = read_beam(&beam_file)?;
-    if arguments.scatter > 0.0 {
-        let model = study.model.as_ref().filter(|model| model.background_stiffness.or(model.background_mass).is_some());
-        let model = model.context("--scatter needs background_stiffness or background_mass in [model]")?;
-        beam = scattered(beam, model, arguments.scatter, arguments.scatter_seed.unwrap_or(arguments.seed));
-    }
+    let structure = simulated(&study, arguments)?;
     let sensors = study.sensors();
     let effects = arguments.effects.iter().map(|effect| effect.in_study(&sensors)).collect::<Result<Vec<_>, _>>()?;
-    if let Some(effect) = effects.iter().find(|effect| effect.of_kind().is_of_the_study()) {
+    if let Some(effect) = effects.iter().find(|effect| effect.of_kind().is_of_the_study())
+        && arguments.beam.is_some()
+    {
         bail!(
             "{effect} is of the study's model, not of the simulated structure; change the beam table that --beam names instead"
         );
     }
-    let assembly = Structure::with_effects(beam, &effects)?.assemble();
+    let assembly = structure.and(&effects)?.assemble();
     let planned = plan(&study, arguments.output.as_deref())?;
     let truth_file = arguments.output.as_ref().unwrap_or(&study.folder).join("truth.json");
     refuse_overwriting(arguments, &planned, &truth_file)?;
@@ -192,6 +182,47 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(next_lines(&[(format!("identify {study}"), "the modes of the recording")]));
     }
     console.json(&outcome)
+}
+
+/// The structure without the effects that are asked for: the study's model, or the beam table that is named, scattered where that is asked for.
+fn simulated(study: &Study, arguments: &Arguments) -> anyhow::Result<Structure> {
+    let model = study.model.as_ref();
+    let seed = arguments.scatter_seed.unwrap_or(arguments.seed);
+    if arguments.scatter > 0.0 {
+        let is_trusted = |model: &Model| {
+            model.background_stiffness.or(model.background_mass).is_none()
+                && (arguments.beam.is_some() || model.customs.iter().all(|custom| custom.group.is_none()))
+        };
+        if model.is_none_or(is_trusted) {
+            bail!("--scatter needs background_stiffness or background_mass in [model], or a [[model.group]]");
+        }
+    }
+    let scattered = |beam: BeamTable| match model.filter(|_| arguments.scatter > 0.0) {
+        Some(model) => scattered(beam, model, arguments.scatter, seed),
+        None => beam,
+    };
+    if let Some(beam) = &arguments.beam {
+        return Ok(Structure::new(scattered(read_beam(beam)?)));
+    }
+    if model.is_none() {
+        bail!("the study has no [model]; name the structure's beam table with --beam FILE");
+    }
+    let highest_hz = study.setups.iter().map(|setup| 0.5 * setup.sampling_rate_hz).reduce(f64::max);
+    let loaded = load_up_to(study, highest_hz)?;
+    if loaded.freedoms() == Freedoms::Modes {
+        bail!(
+            "the study's model is known by its modes alone, which say nothing of its masses; simulate with your own program, or name a beam table with --beam FILE"
+        );
+    }
+    let body = match loaded.body {
+        Body::Beam(beam) => Body::Beam(scattered(beam)),
+        matrices @ Body::Matrices(_) => matrices,
+    };
+    let mut structure = Structure::new(body).with_customs(loaded.customs);
+    if arguments.scatter > 0.0 {
+        scatter_groups(&mut structure, arguments.scatter, seed);
+    }
+    Ok(structure)
 }
 
 fn refuse_overwriting(

@@ -25,7 +25,7 @@ pub use pairing::{Pair, pair};
 pub(crate) use pairing::{candidates, pair_above};
 pub(crate) use residual::{Block, Residual, ShapeBlock, complement, exceeding};
 pub use residual::{ChiSquared, chi_squared};
-pub use result::{Comparison, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};
+pub use result::{Comparison, GroupMisfit, HeightMisfit, PairReport, SensorMisfit, Side, Unpaired};
 pub(crate) use result::{frequency_z, levels, searched};
 pub use shape::mac;
 pub(crate) use shape::scale;

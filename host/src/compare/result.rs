@@ -30,6 +30,8 @@ pub struct Comparison {
     pub by_sensor: Vec<SensorMisfit>,
     /// Misfit of each height with sensors, lowest first.
     pub by_height: Vec<HeightMisfit>,
+    /// Of a structure that is no tower, instead: misfit of each group with sensors at its nodes.
+    pub by_group: Vec<GroupMisfit>,
     /// Modes without a partner.
     pub unpaired: Vec<Unpaired>,
     /// What the reader should know.
@@ -80,6 +82,15 @@ pub struct HeightMisfit {
     pub misfit: f64,
 }
 
+/// Misfit at a group of the model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GroupMisfit {
+    /// The group's name.
+    pub group: String,
+    /// Root mean square of the misfit of the sensors at its nodes.
+    pub misfit: f64,
+}
+
 /// Whose mode has no partner.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -127,6 +138,7 @@ pub(super) fn comparison(
         p_value: chi_squared.map(|test| test.p_value),
         by_sensor: by_sensor.collect(),
         by_height: by_height(sensors, &misfits),
+        by_group: Vec::new(),
         unpaired: unpaired(view, measured, pairs),
         warnings: warnings(measured, &reports, chi_squared.is_some()),
         pairs: reports,

@@ -230,6 +230,7 @@ fn the_models_tolerance_explains_what_it_allows() {
         customs: Vec::new(),
         runs: Vec::new(),
         prior_odds: Vec::new(),
+        drawing: crate::study::Drawing::default(),
     };
     let tolerance = Tolerance::of(&structure, &model).unwrap();
     let segments = beam.segments().len();

@@ -93,8 +93,8 @@ pub use problem::Problem;
 pub use profile::{Masses, Profile, ProfileGroup, ProfileSegment, Quantity, QuantityProfile, Sections};
 pub use relief::Left;
 pub use report::{
-    CandidateReport, Diagnosis, Explained, GoodnessOfFit, HeightMisfit, ModeMisfit, NearPlace, SensorMisfit,
-    Unexplained, Verdict,
+    CandidateReport, Diagnosis, Explained, GoodnessOfFit, GroupSquare, HeightMisfit, ModeMisfit, NearPlace,
+    SensorMisfit, Unexplained, Verdict,
 };
 pub use signals::{Signals, shown_effects};
 pub use since::{ChangeDiagnosis, ChangeProbabilities, ChangeVerdict, Direction, Predicted, diagnose_change};

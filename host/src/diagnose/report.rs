@@ -135,6 +135,17 @@ pub struct Unexplained {
     pub by_sensor: Vec<SensorMisfit>,
     /// By height, lowest first.
     pub by_height: Vec<HeightMisfit>,
+    /// Of a structure that is no tower, instead: by group with sensors at its nodes.
+    pub by_group: Vec<GroupSquare>,
+}
+
+/// What is left at a group of the model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GroupSquare {
+    /// The group's name.
+    pub group: String,
+    /// Mean square of what its sensors leave.
+    pub mean_square: f64,
 }
 
 /// What is left of a mode.

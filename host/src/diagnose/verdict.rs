@@ -594,6 +594,7 @@ pub(super) fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
                 mean_square,
             })
             .collect(),
+        by_group: Vec::new(),
         by_height: levels
             .iter()
             .map(|(elevation_m, squares)| HeightMisfit {

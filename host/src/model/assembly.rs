@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVectorView};
+use nalgebra::{DMatrix, DVectorView, RowDVector};
 
 use super::DOFS_A_NODE;
 use super::beam::Segment;
@@ -12,9 +12,30 @@ use super::distortion::Distortion;
 use super::eigen::{EigenError, ModalBasis, Modes};
 use super::geometry::{Geometry, Line, LocalMotion};
 use super::joint::Kink;
-use super::matrices::ImportedMatrices;
+use super::layout::LayoutNode;
+use super::matrices::{ImportedMatrices, WholeMatrices};
 use super::sensing::Sensing;
 use super::sensitivity::Change;
+
+/// A mass on the diagonal of M.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MassAtRow {
+    /// The row that nodes and sensors name.
+    pub row: usize,
+    /// The mass.
+    pub mass_kg: f64,
+    /// Where it is, in m.
+    pub place_m: Option<[f64; 3]>,
+}
+
+/// The longest side of the box around nodes, in m.
+pub(super) fn longest_side_m(nodes: &[LayoutNode]) -> f64 {
+    let side = |axis: usize| {
+        let along = nodes.iter().map(|node| node.position_m[axis]);
+        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+    };
+    (0..3).map(side).fold(0.0, f64::max)
+}
 
 /// Mass and stiffness matrices with what places them in space.
 #[derive(Debug, Clone)]
@@ -29,6 +50,8 @@ pub struct Assembly {
     pub(super) coordinates: Option<Arc<DMatrix<f64>>>,
     /// Where the DOFs stand.
     pub(super) geometry: Geometry,
+    /// The matrices that these are reduced from, where they are.
+    whole: Option<Arc<WholeMatrices>>,
     /// How far sections distort in their own plane.
     pub(super) distortion: Distortion,
     /// What the sensors really are.
@@ -57,6 +80,7 @@ impl Assembly {
             mass,
             damping: None,
             coordinates: None,
+            whole: None,
             geometry,
             distortion: Distortion::default(),
             sensing: Sensing::default(),
@@ -65,12 +89,13 @@ impl Assembly {
 
     /// Imported matrices as they are.
     pub(super) fn of_matrices(matrices: &ImportedMatrices) -> Self {
-        let ImportedMatrices { stiffness, mass, nodes, coordinates, places, whole: _ } = matrices;
+        let ImportedMatrices { stiffness, mass, nodes, coordinates, places, whole } = matrices;
         Self {
             stiffness: stiffness.clone(),
             mass: mass.clone(),
             damping: None,
             coordinates: coordinates.clone(),
+            whole: whole.clone(),
             geometry: if places.is_empty() {
                 Geometry::of_nodes(nodes, stiffness)
             } else {
@@ -79,6 +104,56 @@ impl Assembly {
             distortion: Distortion::default(),
             sensing: Sensing::default(),
         }
+    }
+
+    /// The longest side of the box around its nodes in m, the height of a line; 0 where nothing is known of them.
+    pub fn size_m(&self) -> f64 {
+        match &self.geometry {
+            Geometry::Line(line) => line.z_top_m() - line.z_base_m(),
+            Geometry::Space(nodes) => longest_side_m(nodes),
+            Geometry::Unknown | Geometry::Named(_) => 0.0,
+        }
+    }
+
+    /// Masses on the diagonal of M where they are none of a beam's: along X, along Y and upwards, where directions are known, else all in one.
+    /// `None` for nodes above each other that have five degrees of freedom each.
+    pub(crate) fn masses_in_space(&self) -> Option<Vec<Vec<MassAtRow>>> {
+        if self.node_elevations_m().len() * DOFS_A_NODE == self.dofs() {
+            return None;
+        }
+        let mass_kg = |row: usize| match &self.whole {
+            Some(whole) => whole.mass.get_entry(row, row).map_or(0.0, |entry| entry.into_value()),
+            None => self.mass.get((row, row)).copied().unwrap_or(0.0),
+        };
+        let of_nodes = |nodes: &[LayoutNode]| {
+            let along = |dof: usize| {
+                let at = |node: &LayoutNode| {
+                    let row = node.rows[dof]?;
+                    Some(MassAtRow { row, mass_kg: mass_kg(row), place_m: Some(node.position_m) })
+                };
+                nodes.iter().filter_map(at).collect::<Vec<_>>()
+            };
+            let [ux, uy, uz] = [0, 1, 5];
+            [ux, uy, uz].map(along).to_vec()
+        };
+        Some(match &self.geometry {
+            Geometry::Space(nodes) => of_nodes(nodes),
+            Geometry::Line(line) => {
+                let heights_m: Vec<f64> = std::iter::once(line.z_base_m()).chain(line.node_elevations_m()).collect();
+                let along = |dof: usize| {
+                    let at = |(rows, z_m): (&[Option<usize>; DOFS_A_NODE], &f64)| {
+                        let row = rows[dof]?;
+                        Some(MassAtRow { row, mass_kg: mass_kg(row), place_m: Some([0.0, 0.0, *z_m]) })
+                    };
+                    line.node_rows().iter().zip(&heights_m).filter_map(at).collect::<Vec<_>>()
+                };
+                [0, 1].map(along).to_vec()
+            }
+            Geometry::Unknown | Geometry::Named(_) => {
+                let at = |row: usize| MassAtRow { row, mass_kg: mass_kg(row), place_m: None };
+                vec![(0..self.rows()).map(at).collect()]
+            }
+        })
     }
 
     /// The same with sensors that are as the study says: faults of sensors are none of the model.
@@ -108,6 +183,11 @@ impl Assembly {
             Some(coordinates) => Cow::Owned(coordinates.as_ref() * motion),
             None => Cow::Borrowed(motion),
         }
+    }
+
+    /// How a row that nodes and sensors name moves with the degrees of freedom; `None` where it is one of them.
+    pub(super) fn coordinates_of(&self, row: usize) -> Option<RowDVector<f64>> {
+        self.coordinates.as_ref().map(|coordinates| coordinates.row(row).into_owned())
     }
 
     /// One more degree of freedom, without mass and stiffness, that does not belong to the line; its row.

@@ -1,6 +1,7 @@
 //! Hypotheses of the user's own and named groups of a model, as matrices or as relative changes of segments: a `[[model.custom]]` or
 //! `[[model.group]]` of a study flows in, a [`Custom`] that `custom@name` or `group@name` adds to a model flows out.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -214,6 +215,12 @@ impl Custom {
     pub(super) fn whole_matrices(&self) -> impl Iterator<Item = CustomMatrix<'_>> {
         let matrices = self.whole.iter().zip([false, true]);
         matrices.filter_map(|(matrix, is_mass)| Some(CustomMatrix { entries: matrix.as_deref()?, is_mass }))
+    }
+
+    /// Rows of the whole model that its matrices have entries in; none where no matrix says so.
+    pub fn touched_rows(&self) -> BTreeSet<usize> {
+        let entries = self.whole_matrices().flat_map(|matrix| matrix.entries.triplet_iter());
+        entries.filter(|(_, _, value)| **value != 0.0).map(|(row, _, _)| row).collect()
     }
 
     /// The same with matrices for a model in other coordinates than those of the whole one.

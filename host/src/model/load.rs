@@ -17,6 +17,7 @@ use super::reduction;
 use super::runs::{self, RunError};
 use super::size::{self, TooManyUnknowns};
 use super::structure::{Body, Structure};
+use super::wireframe::{Wireframe, WireframeError};
 use crate::study::{CustomSource, Model, ModelSource, STUDY_FILE, Study};
 
 /// A study's model, read.
@@ -30,6 +31,8 @@ pub struct LoadedModel {
     pub customs: Arc<[Custom]>,
     /// What the reader should know of its files.
     pub warnings: Vec<String>,
+    /// What it looks like, where the study says so.
+    pub wireframe: Option<Wireframe>,
 }
 
 /// What the degrees of freedom of a model are.
@@ -97,6 +100,9 @@ pub enum ModelError {
         /// Why.
         reason: String,
     },
+    /// What it looks like.
+    #[error(transparent)]
+    Wireframe(#[from] WireframeError),
     /// The modes of a model of many degrees of freedom.
     #[error("[model] matrices: {0}")]
     Reduction(#[from] EigenError),
@@ -192,7 +198,8 @@ pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel,
         structure = structure.and(std::slice::from_ref(&effect)).map_err(failed)?;
         effects.push(effect);
     }
-    Ok(LoadedModel { body, effects, customs, warnings })
+    let wireframe = Wireframe::read(model, &study.folder)?;
+    Ok(LoadedModel { body, effects, customs, warnings, wireframe })
 }
 
 /// Matrices that are reduced together are of one size.

@@ -41,8 +41,9 @@ mod size;
 mod structure;
 #[cfg(test)]
 pub(crate) mod tests;
+mod wireframe;
 
-pub use assembly::Assembly;
+pub use assembly::{Assembly, MassAtRow};
 pub use base::BaseFlexibility;
 pub use beam::{BeamError, BeamTable, Segment, Stiffness};
 pub use contribution::{Contribution, Factors, MassAbove, PointMass};
@@ -59,9 +60,10 @@ pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, 
 pub use response::Responses;
 pub use sensing::{Sensing, SensorChange, phases_rad};
 pub use sensitivity::{Change, ModeDerivative, frequency_derivatives};
-pub use sensor::SensorError;
+pub use sensor::{BesideNode, SensorError};
 pub use size::{TooManyUnknowns, fits_in_full};
 pub use structure::{Body, SegmentChange, Structure};
+pub use wireframe::{Wireframe, WireframeError};
 
 /// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.
 pub const DOFS_A_NODE: usize = 5;

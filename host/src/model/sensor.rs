@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, RowDVector};
 use thiserror::Error;
 
-use super::assembly::Assembly;
+use super::assembly::{Assembly, longest_side_m};
 use super::distortion::Distortion;
 use super::geometry::{Geometry, Line};
 use super::layout::LayoutNode;
@@ -47,19 +47,17 @@ pub enum SensorError {
         /// The channel.
         channel: String,
     },
-    /// It stands at no node of a structure in space.
+    /// It stands far from all nodes of a structure in space.
     #[error(
-        "channel {channel}: no node stands at {place:?} m (x, y, height); the nearest, {nearest}, stands at {position_m:?}"
+        "channel {channel}: no node stands near {place:?} m (x, y, height): the nearest is {nearest}; check units and axes, or name the node with model_node"
     )]
     NotAtNode {
         /// The channel.
         channel: String,
         /// Where the sensor stands.
         place: [f64; 3],
-        /// The nearest node's name.
+        /// The nearest node, where that stands, and how far away.
         nearest: String,
-        /// Where that stands.
-        position_m: [f64; 3],
     },
     /// It points where the model does not move.
     #[error(
@@ -115,6 +113,26 @@ const ALONG_AN_AXIS: f64 = 1e-9;
 const STRAIN_STEP: f64 = 0.01;
 /// A sensor this near (in m) to a node of a structure in space stands at it.
 const NODE_TOLERANCE_M: f64 = 1e-3;
+/// A sensor further than this share of the structure's size from all nodes is not of this structure.
+const FAR: f64 = 0.1;
+
+/// A sensor of a structure in space that stands at no node, and whose motion is that of the nearest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BesideNode {
+    /// The channel.
+    pub channel: String,
+    /// The node's name.
+    pub node: String,
+    /// How far it is, in m.
+    pub distance_m: f64,
+}
+
+/// The node nearest to a place, and how far that is in m.
+fn nearest_node(nodes: &[LayoutNode], place: [f64; 3]) -> Option<(&LayoutNode, f64)> {
+    let distance =
+        |node: &LayoutNode| node.position_m.iter().zip(place).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    nodes.iter().map(|node| (node, distance(node))).min_by(|a, b| a.1.total_cmp(&b.1))
+}
 
 /// The row that a sensor's channel or point names, by itself or as node and direction (`12x`, `12:+X`).
 fn named_row(places: &[String], sensor: &Sensor) -> Option<usize> {
@@ -155,7 +173,7 @@ impl Assembly {
     ///
     /// Where nodes stand above each other the section is rigid, but for its [`Distortion`]: a sensor at the plan offset (x, y) moves by
     /// `ux - y rz` and `uy + x rz`, and up by `uz + y rx - x ry`. Between nodes see [`Assembly::axis_motion`]. In a structure in space the
-    /// offset is the sensor's place in plan, at which a node must stand.
+    /// offset is the sensor's place in plan, and its motion that of the nearest node, see [`Assembly::beside_nodes`].
     ///
     /// # Errors
     /// [`SensorError`] names the channel.
@@ -174,6 +192,26 @@ impl Assembly {
             Ok(row)
         };
         self.recorded(sensors, row)
+    }
+
+    /// Sensors of a structure in space that stand at no node.
+    pub fn beside_nodes(&self, sensors: &[Sensor]) -> Vec<BesideNode> {
+        let Geometry::Space(nodes) = &self.geometry else { return Vec::new() };
+        let beside = |sensor: &Sensor| {
+            let z_m = sensor.elevation_m.filter(|_| sensor.dof.is_none())?;
+            let [x, y] = sensor.offset_m;
+            let (node, distance_m) = nearest_node(nodes, [x, y, z_m])?;
+            let (channel, node) = (sensor.channel.clone(), node.name.clone());
+            (distance_m > NODE_TOLERANCE_M).then_some(BesideNode { channel, node, distance_m })
+        };
+        sensors.iter().filter_map(beside).collect()
+    }
+
+    /// The rows of the model, as files have them, whose motion a sensor sees; none where it has no place.
+    pub fn rows_seen_by(&self, sensor: &Sensor) -> std::collections::BTreeSet<usize> {
+        let row = self.sensor_row(sensor).ok();
+        let seen = row.iter().flat_map(|row| row.iter().enumerate().filter(|(_, share)| **share != 0.0));
+        seen.map(|(at, _)| at).collect()
     }
 
     /// What of [`Assembly::sensor_rows`] such a distortion of sections makes, sensors x DOFs: linear in it.
@@ -315,17 +353,13 @@ impl Assembly {
             }
             Geometry::Space(nodes) => {
                 let place = [x, y, elevation_m];
-                let distance = |node: &&LayoutNode| {
-                    node.position_m.iter().zip(place).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-                };
-                let nearest = nodes.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-                let nearest = nearest.ok_or_else(|| SensorError::NoPlaces { channel: channel() })?;
-                if distance(&nearest) > NODE_TOLERANCE_M {
+                let nearest = nearest_node(nodes, place);
+                let (nearest, distance_m) = nearest.ok_or_else(|| SensorError::NoPlaces { channel: channel() })?;
+                if distance_m > (FAR * longest_side_m(nodes)).max(NODE_TOLERANCE_M) {
                     return Err(SensorError::NotAtNode {
                         channel: channel(),
                         place,
-                        nearest: nearest.name.clone(),
-                        position_m: nearest.position_m,
+                        nearest: format!("{} at {:?}, {distance_m:.2} m away", nearest.name, nearest.position_m),
                     });
                 }
                 let translations = [0, 1, 5];

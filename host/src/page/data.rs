@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::findings::{Finding, Sources, findings};
-use super::model::{MODES_BEYOND, MacMatrix, ModelPart};
+use super::model::{Look, MODES_BEYOND, MacMatrix, ModelPart};
 use super::packed::Packed;
 use super::picks::Picks;
 use super::says::{method, says};
@@ -273,12 +273,12 @@ impl Tried {
         let assembly = structure.assemble();
         let view = case.view_of(&assembly, MODES_BEYOND)?;
         // Without a test: that of a diagnosis would take longer than a slider waits, and another is not to be compared with it.
-        let comparison = Comparison {
+        let comparison = case.by_group_or_height(Comparison {
             chi_squared: None,
             degrees_of_freedom: None,
             p_value: None,
             ..compare(&view, &case.measured.modes, case.seen_sensors(), case.tolerance.as_ref())
-        };
+        });
         let model = part("effects", case, &assembly, &structure.layout(), &view);
         Ok(Self { mac: mac_of("effects", case, &view), model, comparison })
     }
@@ -330,7 +330,8 @@ impl Seen {
 /// A version of the model.
 fn part(name: &'static str, case: &Case, assembly: &Assembly, layout: &[LayoutNode], view: &ModelView) -> ModelPart {
     let measured = &case.measured.modes;
-    ModelPart::of(name, assembly, layout, view, &pair(view, measured), measured)
+    let look = Look { layout, frame: case.model.wireframe.as_ref() };
+    ModelPart::of(name, assembly, look, view, &pair(view, measured), measured)
 }
 
 /// MAC with the modes up to the highest that has a partner.

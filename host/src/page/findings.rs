@@ -191,9 +191,10 @@ fn compared(sources: &Sources<'_>) -> Option<String> {
         .iter()
         .max_by(|a, b| a.frequency_error_percent.abs().total_cmp(&b.frequency_error_percent.abs()))?;
     let mac = comparison.mean_mac.map_or_else(String::new, |mac| format!(", and a mean MAC of {}", mac_words(mac, 4)));
-    let at = comparison.by_height.iter().max_by(|a, b| a.misfit.total_cmp(&b.misfit));
-    let height =
-        at.map_or_else(String::new, |height| format!("; shapes are furthest off at {}", metres(height.elevation_m)));
+    let by_height = comparison.by_height.iter().map(|level| (level.misfit, metres(level.elevation_m)));
+    let by_group = comparison.by_group.iter().map(|group| (group.misfit, format!("group {}", group.group)));
+    let at = by_height.chain(by_group).max_by(|a, b| a.0.total_cmp(&b.0));
+    let height = at.map_or_else(String::new, |(_, place)| format!("; shapes are furthest off at {place}"));
     Some(format!(
         "{} of the measured modes have a partner in the model, with a mean frequency error of {:.2} %{mac}. The worst is mode {} at {:.4} Hz ({} %){height}.",
         comparison.pairs.len(),

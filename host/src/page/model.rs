@@ -1,10 +1,10 @@
 //! The model as the page draws it: nodes, what joins them, and the motion of each in every mode; and its MAC with what was measured.
 
-use nalgebra::DVectorView;
+use nalgebra::DMatrix;
 use serde::Serialize;
 
 use crate::compare::{ModelView, Pair, mac, scale};
-use crate::model::{Assembly, LayoutNode};
+use crate::model::{Assembly, LayoutNode, Wireframe};
 use crate::modes::MeasuredMode;
 
 /// Modes that are drawn beyond the highest that has a partner.
@@ -21,6 +21,11 @@ pub struct ModelPart {
     pub nodes: Vec<[f64; 3]>,
     /// Which of them are joined.
     pub lines: Vec<[usize; 2]>,
+    /// Which of them stand around a surface.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub surfaces: Vec<Vec<usize>>,
+    /// Whether lines are those of a structure in space, not of one axis.
+    pub is_spatial: bool,
     /// Its modes.
     pub modes: Vec<ModeMotion>,
 }
@@ -41,16 +46,16 @@ impl ModelPart {
     pub fn of(
         name: &'static str,
         assembly: &Assembly,
-        layout: &[LayoutNode],
+        look: Look<'_>,
         view: &ModelView,
         pairs: &[Pair],
         measured: &[MeasuredMode],
     ) -> Self {
-        let points = Points::of(assembly, layout);
+        let points = Points::of(assembly, look);
         let last = pairs.iter().map(|pair| pair.model + 1).max().unwrap_or(0) + MODES_BEYOND;
         let count = last.min(view.modes.frequency_hz.len());
         let mode = |index: usize| {
-            let motion = points.motion(assembly, view.modes.shapes.column(index));
+            let motion = points.motion(assembly, &view.modes.shapes.columns(index, 1).into_owned());
             let pair = pairs.iter().find(|pair| pair.model == index);
             let shape = pair.and_then(|pair| measured.get(pair.measured)?.shape.as_ref());
             let largest =
@@ -64,7 +69,14 @@ impl ModelPart {
                 motion: motion.into_iter().map(|parts| parts.map(|part| (factor * part) as f32)).collect(),
             }
         };
-        Self { name, modes: (0..count).map(mode).collect(), lines: points.lines(), nodes: points.into_places() }
+        Self {
+            name,
+            modes: (0..count).map(mode).collect(),
+            lines: points.lines(),
+            surfaces: points.surfaces(),
+            is_spatial: matches!(points, Points::Frame { .. }),
+            nodes: points.into_places(),
+        }
     }
 }
 
@@ -74,12 +86,25 @@ enum Points<'a> {
     Line(Vec<f64>),
     /// Nodes anywhere; nobody says what joins them.
     Space(&'a [LayoutNode]),
+    /// Nodes anywhere, and what joins them.
+    Frame { frame: &'a Wireframe, layout: &'a [LayoutNode] },
+}
+
+/// What a model looks like.
+#[derive(Clone, Copy)]
+pub struct Look<'a> {
+    /// Where its nodes stand.
+    pub layout: &'a [LayoutNode],
+    /// What joins them, where the study says so.
+    pub frame: Option<&'a Wireframe>,
 }
 
 impl<'a> Points<'a> {
-    fn of(assembly: &Assembly, layout: &'a [LayoutNode]) -> Self {
-        if !assembly.is_line() {
-            return Self::Space(layout);
+    fn of(assembly: &Assembly, Look { layout, frame }: Look<'a>) -> Self {
+        match frame {
+            Some(frame) if !assembly.is_line() => return Self::Frame { frame, layout },
+            None if !assembly.is_line() => return Self::Space(layout),
+            _ => {}
         }
         let mut heights_m = assembly.node_elevations_m();
         heights_m.insert(0, assembly.z_base_m());
@@ -93,7 +118,8 @@ impl<'a> Points<'a> {
         Self::Line(between.chain([top_m]).collect())
     }
 
-    fn motion(&self, assembly: &Assembly, shape: DVectorView<'_, f64>) -> Vec<[f64; 4]> {
+    /// Of one shape over the degrees of freedom.
+    fn motion(&self, assembly: &Assembly, shape: &DMatrix<f64>) -> Vec<[f64; 4]> {
         match self {
             Self::Line(heights_m) => {
                 let at = |z_m: &f64| {
@@ -102,7 +128,12 @@ impl<'a> Points<'a> {
                 };
                 heights_m.iter().map(at).collect()
             }
+            Self::Frame { frame, layout } => {
+                let motion = frame.motion(assembly, layout, shape);
+                motion.as_slice().chunks_exact(3).map(|of| [of[0], of[1], of[2], 0.0]).collect()
+            }
             Self::Space(nodes) => {
+                let shape = assembly.at_rows(shape);
                 let of = |row: Option<usize>| row.and_then(|row| shape.get(row)).copied().unwrap_or(0.0);
                 let [ux, uy, uz, rz] = [0, 1, 5, 4];
                 nodes.iter().map(|node| [ux, uy, uz, rz].map(|dof: usize| of(node.rows[dof]))).collect()
@@ -114,6 +145,14 @@ impl<'a> Points<'a> {
         match self {
             Self::Line(heights_m) => (1..heights_m.len()).map(|upper| [upper - 1, upper]).collect(),
             Self::Space(_) => Vec::new(),
+            Self::Frame { frame, .. } => frame.lines.clone(),
+        }
+    }
+
+    fn surfaces(&self) -> Vec<Vec<usize>> {
+        match self {
+            Self::Frame { frame, .. } => frame.surfaces.clone(),
+            Self::Line(_) | Self::Space(_) => Vec::new(),
         }
     }
 
@@ -121,6 +160,7 @@ impl<'a> Points<'a> {
         match self {
             Self::Line(heights_m) => heights_m.into_iter().map(|z_m| [0.0, 0.0, z_m]).collect(),
             Self::Space(nodes) => nodes.iter().map(|node| node.position_m).collect(),
+            Self::Frame { frame, .. } => frame.places_m.clone(),
         }
     }
 }

@@ -167,7 +167,7 @@ fn modal_loads(assembly: &Assembly, shapes: &DMatrix<f64>) -> Vec<f64> {
         return vec![1.0; shapes.ncols()];
     }
     let loading = Loading::new(assembly, 1.0, default_coherence_length_m(assembly), 2.0);
-    loading.on_modes(shapes).row_iter().map(|row| row.norm_squared()).collect()
+    loading.on_modes(assembly.at_rows(shapes).as_ref()).row_iter().map(|row| row.norm_squared()).collect()
 }
 
 #[cfg(test)]

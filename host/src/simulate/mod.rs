@@ -1,11 +1,11 @@
 //! Simulation: recordings of a structure whose truth is known.
 //!
-//! A beam with effects and a setup's sensors flow in; rows of samples in the setup's unit flow out, as many as asked for,
+//! A beam or imported matrices with effects and a setup's sensors flow in; rows of samples in the setup's unit flow out, as many as asked for,
 //! in blocks of constant memory, and with them the [`Truth`] that an identification should find.
 //!
 //! The structure is a sum of its modes below 0.9 of the Nyquist rate, all with one damping ratio. It is loaded by white
-//! noise: forces in X and Y, coherent over a tenth of the height, and a small torsional moment at every node (see the `loading` module
-//! for their levels). A force is held over each sample, which leaves sinc²(f/fs) of its density: 0.4 % less at a thirtieth of the
+//! noise: forces in X and Y, coherent over a tenth of the height, and a small torsional moment at every node; upward forces as well where nodes
+//! stand in space (see the `loading` module for their levels). A force is held over each sample, which leaves sinc²(f/fs) of its density: 0.4 % less at a thirtieth of the
 //! sampling rate, 60 % at the Nyquist rate. The response is stationary from the first row; white sensor noise is added.
 //! A `harmonic` is a sine beside the random force, growing in from the first row; late clocks delay channels.
 
@@ -36,7 +36,7 @@ use late::LateChannels;
 pub(crate) use loading::Loading;
 use oscillator::{OscillatorBank, Quantity};
 pub use plan::{AdoptError, PlanError, PlannedRecording, adopt, plan};
-pub use scatter::scattered;
+pub use scatter::{scatter_groups, scattered};
 pub use truth::{TrueChannel, TrueMode, Truth};
 
 /// Rows that are made at once: the matrix products are efficient and the block stays in the cache.
@@ -158,13 +158,13 @@ pub enum SimulationError {
     },
 }
 
-/// Of the structure's height, how far loads are coherent where nothing else is said: gusts of 40 m at the lowest modes of a tower of
+/// Of the structure's height, or its longest side, how far loads are coherent where nothing else is said: gusts of 40 m at the lowest modes of a tower of
 /// 400 m.
 const COHERENT_SHARE: f64 = 0.1;
 
 /// The distance over which loads are coherent where nothing else is said.
 pub(crate) fn default_coherence_length_m(assembly: &Assembly) -> f64 {
-    assembly.node_elevations_m().last().map_or(0.0, |top_m| COHERENT_SHARE * (top_m - assembly.z_base_m()))
+    COHERENT_SHARE * assembly.size_m()
 }
 
 /// A running simulation of one setup.
@@ -257,7 +257,7 @@ impl Simulation {
 
         let length_m = options.coherence_length_m.unwrap_or_else(|| default_coherence_length_m(assembly));
         let loading = Loading::new(assembly, options.load_level_m_s2_per_root_hz, length_m, sampling_rate_hz);
-        let modal_loads = loading.on_modes(&shapes);
+        let modal_loads = loading.on_modes(assembly.at_rows(&shapes).as_ref());
         let quantity = match setup.common_motion() {
             Some(Motion::Acceleration) => Quantity::Acceleration,
             Some(Motion::Velocity) => Quantity::Velocity,

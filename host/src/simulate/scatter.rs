@@ -6,11 +6,27 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::compare::one_factor_covariance;
-use crate::model::BeamTable;
+use crate::model::{BeamTable, Structure};
 use crate::study::Model;
 
 /// No segment keeps less than this of its stiffness or mass.
 const LEAST_FACTOR: f64 = 0.2;
+
+/// Groups draw from here; segments from the start.
+const GROUPS: u64 = 1 << 40;
+
+/// Changes the groups of a structure, each by itself, `share` times as far as the study trusts it to in one standard deviation; the same seed gives
+/// the same structure.
+pub fn scatter_groups(structure: &mut Structure, share: f64, seed: u64) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(GROUPS);
+    let mut change = |std: f64| {
+        let normal: f64 = StandardNormal.sample(&mut random);
+        (share * std * normal).max(LEAST_FACTOR - 1.0)
+    };
+    let changes: Vec<f64> = structure.groups().map(|(_, terms)| change(terms.std)).collect();
+    structure.change_groups(&changes);
+}
 
 /// The table with its segments' stiffness and mass scattered smoothly over the height, `share` times as far as `background_*`
 /// of the study allow in one standard deviation; the same seed gives the same structure.

@@ -7,11 +7,12 @@ use serde::Deserialize;
 
 use super::error::StoryError;
 use super::inputs::Inputs;
+use super::parts::Parts;
 use crate::compare::{Comparison, ModelView, Pair, Tolerance, ViewError, candidates, compare, pair, searched};
 use crate::diagnose::steps::Setting;
 use crate::diagnose::{Diagnosis, Options, Signals, diagnose, fit_as_given};
 use crate::model::effect::Effect;
-use crate::model::{Assembly, Body, LoadedModel, Structure, load_up_to, section};
+use crate::model::{Assembly, BesideNode, Body, LoadedModel, Structure, load_up_to, section};
 use crate::modes::{MeasuredError, MeasuredModes, read};
 use crate::plan::{Site, advice, advice_beside};
 use crate::progress::{Tally, UNHEARD};
@@ -42,6 +43,8 @@ pub struct Case {
     pub tolerance: Option<Tolerance>,
     /// What the reader should know.
     pub warnings: Vec<String>,
+    /// Its groups with the sensors at them, where it is no tower.
+    parts: Parts,
 }
 
 impl Case {
@@ -87,7 +90,8 @@ impl Case {
         warnings.extend(model_warnings(&study, &model, &assembly, &sensors));
         let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
         let bare = model.bare();
-        Ok(Self { study, model, sensors, measured, bare, assembly, view, tolerance, warnings })
+        let parts = Parts::of(&model, &assembly, &sensors);
+        Ok(Self { study, model, sensors, measured, bare, assembly, view, tolerance, warnings, parts })
     }
 
     /// The model as first given, seen by the same sensors.
@@ -150,7 +154,8 @@ impl Case {
 
     /// A comparison with the test of a diagnosis in the place of its own, which takes the tolerance for linear: so all commands
     /// state one chi-squared of one model.
-    fn tested(&self, comparison: Comparison, effects: &[Effect]) -> Comparison {
+    fn tested(&self, mut comparison: Comparison, effects: &[Effect]) -> Comparison {
+        self.parts.tell(&mut comparison);
         let problem = self.setting(&UNHEARD).ok().and_then(|setting| setting.problem_as_seen(effects).ok());
         let Some((test, allowed)) = problem.and_then(|problem| fit_as_given(&problem, effects)) else {
             return comparison;
@@ -202,7 +207,9 @@ impl Case {
         let (site, hours) = (Site { bare, model, effects, sensors }, self.record_hours());
         let planned = advice(&site, measured, &diagnosis, hours);
         diagnosis.next_measurement = planned.or(diagnosis.next_measurement);
+        self.parts.tell_left(&mut diagnosis.unexplained);
         if let Some(partial) = &mut diagnosis.partial {
+            self.parts.tell_left(&mut partial.unexplained);
             let planned = advice_beside(&site, measured, partial, hours);
             partial.next_measurement = planned.or(partial.next_measurement.take());
         }
@@ -224,6 +231,12 @@ impl Case {
         let model = section(&self.study)?;
         let (sensors, measured) = (self.seen_sensors(), &self.measured.modes);
         Ok(Setting { bare: &self.bare, model, sensors, measured, tally })
+    }
+
+    /// A comparison whose misfit is told by group where the structure is no tower.
+    pub(crate) fn by_group_or_height(&self, mut comparison: Comparison) -> Comparison {
+        self.parts.tell(&mut comparison);
+        comparison
     }
 
     /// The sensors that take part: none where no shape was measured and they have no place.
@@ -259,6 +272,11 @@ fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, senso
             "[model] background_stiffness and background_mass scatter the segments of a beam table; matrices have none, so they are not used"
                 .to_owned(),
         );
+    }
+    for BesideNode { channel, node, distance_m } in assembly.beside_nodes(sensors) {
+        warnings.push(format!(
+            "channel {channel} stands at no node of the model: the nearest, {node}, is {distance_m:.2} m away, and its motion is taken"
+        ));
     }
     let guessed = assembly.guessed_spans_m();
     if !guessed.is_empty() {

@@ -54,6 +54,7 @@ mod identified;
 mod inputs;
 mod left_out;
 mod motion;
+mod parts;
 mod planned;
 mod profiled;
 mod project;

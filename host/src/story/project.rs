@@ -23,9 +23,9 @@ use crate::diagnose::steps::{Profiles, Step, StepRecord};
 use crate::files::{FolderLock, write_anew, write_whole};
 use crate::identify::accuracy::{Wish, record_needed};
 use crate::measure::Route;
-use crate::model::{Assembly, Body, Freedoms, matrix_market, npy, sparse_matrix_market};
+use crate::model::{Assembly, Body, Freedoms, Wireframe, matrix_market, npy, sparse_matrix_market};
 use crate::page::{Finding, PageData, report};
-use crate::picture;
+use crate::picture::{self, SeenInSpace};
 use crate::plan::Plan;
 use crate::progress::{OnProgress, counted, rows_of};
 use crate::results::{
@@ -167,7 +167,11 @@ impl Project {
         self.results.write_json_short(SPECTRA_FILE, &report.spectra)?;
         self.results.write_json_short(RECORD_FILE, &report.records)?;
         self.case = None;
-        if let Some(picture) = picture::mode_shapes(name, &self.study.setups, &report.identification, &[])? {
+        let drawn = match self.frame() {
+            Some(frame) => picture::shapes_in_space(name, &frame, &self.study.sensors(), &report.identification)?,
+            None => picture::mode_shapes(name, &self.study.setups, &report.identification, &[])?,
+        };
+        if let Some(picture) = drawn {
             self.results.write("mode_shapes.svg", picture.as_bytes())?;
         }
         if let Some(picture) = picture::fits(name, &self.study.setups, &report.identification)? {
@@ -191,6 +195,11 @@ impl Project {
             self.results.write_json(MODES_FILE, &report)?;
         }
         Ok(report)
+    }
+
+    /// Lines of a structure in space, where the study has some; whether the model can be used is asked where it is.
+    fn frame(&self) -> Option<Wireframe> {
+        Wireframe::read(self.study.model.as_ref()?, &self.study.folder).ok()?.filter(|frame| !frame.is_upright())
     }
 
     /// The interval at which the modes of an earlier run were followed.
@@ -238,15 +247,16 @@ impl Project {
         self.results.make_ready()?;
         let case = self.case()?;
         let comparison = case.compare();
-        let picture = picture::comparison(
-            &case.study.structure.name,
-            &case.assembly,
-            &case.view,
-            &case.sensors,
-            &case.measured.modes,
-            &comparison,
-            case.study.model.as_ref().is_some_and(|model| !model.effects.is_empty()),
-        )?;
+        let (name, sensors, measured) = (&case.study.structure.name, &case.sensors, &case.measured.modes);
+        let has_effects = !case.model.effects.is_empty();
+        let (assembly, view) = (&case.assembly, &case.view);
+        let picture = match &case.model.wireframe {
+            Some(frame) if !assembly.is_line() && view.at_sensors.nrows() > 0 => {
+                let seen = SeenInSpace { frame, layout: &case.model.bare().layout(), assembly, view };
+                picture::comparison_in_space(name, &seen, sensors, measured, &comparison, has_effects)?
+            }
+            _ => picture::comparison(name, assembly, view, sensors, measured, &comparison, has_effects)?,
+        };
         self.results.write_json(COMPARISON_FILE, &comparison)?;
         let write = |picture: String| self.results.write("comparison.svg", picture.as_bytes());
         Ok(Compared { picture: picture.map(write).transpose()?, comparison })

@@ -26,6 +26,9 @@ impl fmt::Display for FilePosition {
 /// Why a study cannot be used.
 #[derive(Debug, Error)]
 pub enum StudyError {
+    /// A table of places.
+    #[error(transparent)]
+    Places(#[from] super::places::PlacesError),
     /// The file cannot be written.
     #[error("{file}: cannot be written ({source})", file = .file.display())]
     Write {

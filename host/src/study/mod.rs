@@ -6,6 +6,7 @@ mod check;
 pub mod edit;
 mod error;
 mod parse;
+mod places;
 mod section;
 pub mod template;
 mod types;
@@ -13,11 +14,12 @@ mod types;
 use std::path::Path;
 
 pub use error::{FilePosition, StudyError};
+pub use places::{Places, PlacesError};
 pub(crate) use types::band_at;
 pub use types::{
-    Analysis, CustomSource, Direction, Effect, GroupTerms, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource,
-    ModeChoice, Model, ModelSource, Motion, NO_KINDS, RunSource, STANDARD_GRAVITY_M_S2, STUDY_FILE, Sensor, Setup,
-    Structure, Study, Unit,
+    Analysis, CustomSource, Direction, Drawing, Effect, GroupTerms, LayoutFile, MatrixSource, MatrixTerm,
+    MeasuredSource, ModeChoice, Model, ModelSource, Motion, NO_KINDS, RunSource, STANDARD_GRAVITY_M_S2, STUDY_FILE,
+    Sensor, Setup, Structure, Study, Unit,
 };
 
 impl Study {
@@ -50,7 +52,9 @@ impl Study {
             let line = section::line_of(error.as_bytes(), good);
             StudyError::Syntax { file, line, message: "there is a byte that is not UTF-8 text".to_owned() }
         })?;
-        Self::from_text(&text, folder)
+        let mut study = Self::from_text(&text, folder)?;
+        places::place_sensors(&mut study)?;
+        Ok(study)
     }
 
     /// Reads and checks the text of a `study.toml` that stands in `folder`; touches no file.

@@ -9,8 +9,9 @@ use super::check;
 use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
 use super::types::{
-    Analysis, CustomSource, Direction, Effect, GroupTerms, LayoutFile, MatrixSource, MatrixTerm, MeasuredSource,
-    ModeChoice, Model, ModelSource, NO_KINDS, RunSource, STUDY_FILE, Sensor, Setup, Structure, Study, Unit,
+    Analysis, CustomSource, Direction, Drawing, Effect, GroupTerms, LayoutFile, MatrixSource, MatrixTerm,
+    MeasuredSource, ModeChoice, Model, ModelSource, NO_KINDS, RunSource, STUDY_FILE, Sensor, Setup, Structure, Study,
+    Unit,
 };
 use crate::archive::TimeRange;
 use crate::model::effect::KINDS;
@@ -31,6 +32,7 @@ const SENSOR_KEYS: &[&str] = &[
     "unit",
     "sensitivity_v_per_m_s2",
     "dof",
+    "model_node",
 ];
 const ANALYSIS_KEYS: &[&str] =
     &["band_hz", "decimated_rate_hz", "segment", "modes_hz", "add_modes_hz", "drop_modes_hz", "mode_bands_hz"];
@@ -52,6 +54,9 @@ const MODEL_KEYS: &[&str] = &[
     "custom",
     "group",
     "prior_odds",
+    "points",
+    "lines",
+    "surfaces",
 ];
 
 /// Reads and checks a whole study.
@@ -246,6 +251,14 @@ fn sensor(section: &Section<'_>, sampled: bool) -> Result<Sensor, StudyError> {
         None if sampled => return Err(section.missing("node", NODE)),
         None => 0,
     };
+    const MODEL_NODE: &str = "the name of a node of the model, in quotes, such as \"B3\"";
+    const NO_PLACE: &str = "left out beside model_node, which says where the sensor stands";
+    let model_node = section.get("model_node").map(|entry| entry.text(MODEL_NODE)).transpose()?;
+    for key in ["elevation_m", "offset_m", "dof"] {
+        if let Some(entry) = section.get(key).filter(|_| model_node.is_some()) {
+            return Err(entry.out_of_range(NO_PLACE));
+        }
+    }
     let dof = section.get("dof").map(|entry| entry.whole(1..i64::from(u32::MAX), DOF)).transpose()?;
     Ok(Sensor {
         channel,
@@ -261,6 +274,7 @@ fn sensor(section: &Section<'_>, sampled: bool) -> Result<Sensor, StudyError> {
             .map(|entry| entry.positive(SENSITIVITY))
             .transpose()?,
         dof: dof.map(|dof| dof as usize),
+        model_node,
     })
 }
 
@@ -406,7 +420,15 @@ fn model(section: &Section<'_>) -> Result<Model, StudyError> {
         effects: section.tables("effect")?.iter().map(effect).collect::<Result<Vec<_>, _>>()?,
         customs,
         prior_odds: section.get("prior_odds").map_or(Ok(Vec::new()), |entry| prior_odds(&entry))?,
+        drawing: drawing(section)?,
     })
+}
+
+/// Tables of what the structure looks like.
+fn drawing(section: &Section<'_>) -> Result<Drawing, StudyError> {
+    const TABLE: &str = "the name of a CSV file, in quotes, such as \"lines.csv\"";
+    let path = |key| section.get(key).map(|entry: Entry<'_>| entry.text(TABLE).map(PathBuf::from)).transpose();
+    Ok(Drawing { points: path("points")?, lines: path("lines")?, surfaces: path("surfaces")? })
 }
 
 /// Odds by the name of a kind, of a sound model (`adequate`) or of something else.

@@ -78,6 +78,7 @@ fn a_sound_study_is_read_with_every_value_in_its_place() {
         unit: None,
         sensitivity_v_per_m_s2: None,
         dof: None,
+        model_node: None,
     };
     let second = Sensor {
         channel: "z".to_owned(),

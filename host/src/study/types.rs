@@ -203,6 +203,8 @@ pub struct Sensor {
     pub sensitivity_v_per_m_s2: Option<f64>,
     /// 1-based row of the model's matrices, instead of a place.
     pub dof: Option<usize>,
+    /// The node of the model that it stands at, by name; a study that is read from its folder has the node's place as well.
+    pub model_node: Option<String>,
 }
 
 impl Sensor {
@@ -220,6 +222,7 @@ impl Sensor {
             unit: None,
             sensitivity_v_per_m_s2: None,
             dof: None,
+            model_node: None,
         }
     }
 }
@@ -378,6 +381,19 @@ pub struct Model {
     pub runs: Vec<RunSource>,
     /// Odds of kinds of effects before anything is measured, where they are others than usual.
     pub prior_odds: Vec<(String, f64)>,
+    /// What it looks like.
+    pub drawing: Drawing,
+}
+
+/// What a structure looks like, where nodes do not just stand above each other; paths are relative to the study's folder.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Drawing {
+    /// A table of nodes and their places, where the model's own files have none.
+    pub points: Option<PathBuf>,
+    /// A table of pairs of nodes.
+    pub lines: Option<PathBuf>,
+    /// A table of three or four nodes each.
+    pub surfaces: Option<PathBuf>,
 }
 
 /// Names among the prior odds that are no kinds of effects: of a model that lacks nothing, and of something else.

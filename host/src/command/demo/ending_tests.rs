@@ -53,7 +53,12 @@ fn diagnosis(verdict: Verdict, best: &[&str], ambiguous: &[&str], candidates: Ve
         partial: None,
         present: test,
         present_beside_best: None,
-        unexplained: Unexplained { by_mode: vec![odd], by_sensor: Vec::new(), by_height: Vec::new() },
+        unexplained: Unexplained {
+            by_mode: vec![odd],
+            by_sensor: Vec::new(),
+            by_height: Vec::new(),
+            by_group: Vec::new(),
+        },
         explained: Vec::new(),
         effects: Vec::new(),
         joint: None,

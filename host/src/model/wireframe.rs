@@ -1,0 +1,201 @@
+//! What a structure in space looks like: tables of lines and surfaces between named nodes flow in; the points, what joins them, and how each moves
+//! in a mode flow out. Pictures and the page draw it; nothing is computed from it.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use nalgebra::{DMatrix, RowDVector};
+use thiserror::Error;
+
+use super::assembly::Assembly;
+use super::geometry::Geometry;
+use super::layout::LayoutNode;
+use crate::modes::node_and_direction;
+use crate::study::{Model, Places};
+use crate::table::{Table, TableError};
+
+/// What names the tables.
+const NAMED_BY: &str = "[model] in study.toml";
+/// No more lines, and no more surfaces, than a page draws in a moment.
+const MOST: usize = 20_000;
+
+/// Points, lines and surfaces of a structure.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wireframe {
+    /// Names of the points.
+    pub names: Vec<String>,
+    /// Where they stand, in m: X, Y, and Z up.
+    pub places_m: Vec<[f64; 3]>,
+    /// Points that lines join.
+    pub lines: Vec<[usize; 2]>,
+    /// Three or four points around each surface.
+    pub surfaces: Vec<Vec<usize>>,
+}
+
+/// Why there is nothing to draw.
+#[derive(Debug, Error)]
+pub enum WireframeError {
+    /// One of the tables.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// Nothing places the nodes.
+    #[error(
+        "[model] `{key}`: nothing says where the nodes stand; name a table of them, as `dofs` of matrices or `points` (node,x_m,y_m,z_m)"
+    )]
+    NoPlaces {
+        /// `lines` or `surfaces`.
+        key: &'static str,
+    },
+    /// More than can be drawn.
+    #[error("{}: {found} {what}, where at most {MOST} are drawn; name those that show the structure's form", file.display())]
+    TooMany {
+        /// The table.
+        file: std::path::PathBuf,
+        /// How many.
+        found: usize,
+        /// `lines` or `surfaces`.
+        what: &'static str,
+    },
+}
+
+impl Wireframe {
+    /// Reads what a study says of its model's look; `None` where it says nothing.
+    ///
+    /// # Errors
+    /// [`WireframeError`] names file, line and column.
+    pub fn read(model: &Model, folder: &Path) -> Result<Option<Self>, WireframeError> {
+        let drawing = &model.drawing;
+        let key = match (&drawing.lines, &drawing.surfaces) {
+            (None, None) => return Ok(None),
+            (Some(_), _) => "lines",
+            (None, Some(_)) => "surfaces",
+        };
+        let places = Places::of(model, folder)?.ok_or(WireframeError::NoPlaces { key })?;
+        let mut frame = Self { names: Vec::new(), places_m: Vec::new(), lines: Vec::new(), surfaces: Vec::new() };
+        let mut known = HashMap::new();
+        if let Some(path) = &drawing.lines {
+            let corners = frame.corners(&folder.join(path), &["from", "to"], &places, &mut known)?;
+            frame.lines = corners.iter().filter_map(|ends| ends.as_slice().try_into().ok()).collect();
+        }
+        if let Some(path) = &drawing.surfaces {
+            frame.surfaces = frame.corners(&folder.join(path), &["a", "b", "c", "d"], &places, &mut known)?;
+        }
+        Ok(Some(frame))
+    }
+
+    /// The points that each row of a table names; the fourth of a surface may be absent.
+    fn corners(
+        &mut self,
+        file: &Path,
+        columns: &[&'static str],
+        places: &Places,
+        known: &mut HashMap<String, usize>,
+    ) -> Result<Vec<Vec<usize>>, WireframeError> {
+        let table = Table::read(file, NAMED_BY)?;
+        let (what, expected) = match columns.len() {
+            2 => ("lines", "from,to: names of nodes"),
+            _ => ("surfaces", "a,b,c,d: names of nodes (d is empty for a triangle)"),
+        };
+        if table.rows.is_empty() {
+            return Err(table.empty(what).into());
+        }
+        if table.rows.len() > MOST {
+            return Err(WireframeError::TooMany { file: file.to_owned(), found: table.rows.len(), what });
+        }
+        let optional = 3;
+        let at: Vec<Option<usize>> = columns
+            .iter()
+            .enumerate()
+            .map(
+                |(index, name)| {
+                    if index >= optional { Ok(table.find(name)) } else { table.column(name, expected).map(Some) }
+                },
+            )
+            .collect::<Result<_, _>>()?;
+        let mut all = Vec::with_capacity(table.rows.len());
+        for row in &table.rows {
+            let mut corners = Vec::with_capacity(columns.len());
+            for (index, (column, name)) in at.iter().zip(columns).enumerate() {
+                let Some(column) = column else { continue };
+                let node = table.text(row, *column);
+                if node.is_empty() && index >= optional {
+                    continue;
+                }
+                let point = match known.get(node) {
+                    Some(point) => *point,
+                    None => {
+                        let place_m = places.find(node).ok_or_else(|| {
+                            let like =
+                                places.nearest_name(node).map_or_else(String::new, |name| format!(" such as {name}"));
+                            table.value(row, *column, name, &format!("a node of {}{like}", places.file().display()))
+                        })?;
+                        self.names.push(node.to_owned());
+                        self.places_m.push(place_m);
+                        known.insert(node.to_owned(), self.names.len() - 1);
+                        self.names.len() - 1
+                    }
+                };
+                if corners.contains(&point) {
+                    return Err(table.value(row, *column, name, "another node than before in this line").into());
+                }
+                corners.push(point);
+            }
+            all.push(corners);
+        }
+        Ok(all)
+    }
+
+    /// Whether all points stand above each other, as those of a mast: it is drawn by height.
+    pub fn is_upright(&self) -> bool {
+        self.places_m.windows(2).all(|pair| pair[0][..2] == pair[1][..2])
+    }
+
+    /// Lines and the edges of surfaces, each once.
+    pub fn edges(&self) -> Vec<[usize; 2]> {
+        let around = self
+            .surfaces
+            .iter()
+            .flat_map(|corners| (0..corners.len()).map(|at| [corners[at], corners[(at + 1) % corners.len()]]));
+        let mut edges: Vec<[usize; 2]> =
+            self.lines.iter().copied().chain(around).map(|[a, b]| [a.min(b), a.max(b)]).collect();
+        edges.sort_unstable();
+        edges.dedup();
+        edges
+    }
+
+    /// Motion of every point along X, Y and Z in shapes over the degrees of freedom, point by point: 3 points x shapes. Zero where the model has
+    /// no such motion.
+    pub fn motion(&self, assembly: &Assembly, layout: &[LayoutNode], shapes: &DMatrix<f64>) -> DMatrix<f64> {
+        let rows = self.rows(assembly, layout);
+        let mut motion = DMatrix::zeros(rows.len(), shapes.ncols());
+        for (index, row) in rows.iter().enumerate() {
+            let Some(row) = *row else { continue };
+            let of_row: RowDVector<f64> = match assembly.coordinates_of(row) {
+                Some(coordinates) => coordinates * shapes,
+                None => shapes.row(row).into_owned(),
+            };
+            motion.set_row(index, &of_row);
+        }
+        motion
+    }
+
+    /// Rows of the model along X, Y and Z of every point.
+    fn rows(&self, assembly: &Assembly, layout: &[LayoutNode]) -> Vec<Option<usize>> {
+        if let Geometry::Named(rows) = &assembly.geometry {
+            let named: HashMap<(i64, usize), usize> =
+                rows.iter().enumerate().filter_map(|(row, name)| Some((node_and_direction(name)?, row))).collect();
+            let of_point = |name: &String| {
+                let node = name.parse::<i64>().ok();
+                [0, 1, 2].map(|axis| named.get(&(node?, axis)).copied())
+            };
+            return self.names.iter().flat_map(of_point).collect();
+        }
+        let nodes: HashMap<&str, &LayoutNode> = layout.iter().map(|node| (node.name.as_str(), node)).collect();
+        let [ux, uy, uz] = [0, 1, 5];
+        let of_point = |name: &String| {
+            let node = nodes.get(name.as_str());
+            [ux, uy, uz].map(|dof: usize| node.and_then(|node| node.rows[dof]))
+        };
+        self.names.iter().flat_map(of_point).collect()
+    }
+}
