@@ -17,6 +17,11 @@ use super::matrices::{ImportedMatrices, WholeMatrices};
 use super::sensing::Sensing;
 use super::sensitivity::Change;
 
+/// Buildings, bridges and towers weigh 20 to 700 kg per m³ of the box around them, whose sides are taken as no less than a twentieth of the
+/// longest: so many tonnes.
+const TONNES_PER_M3: [f64; 2] = [0.02, 0.7];
+const SLENDER: f64 = 20.0;
+
 /// A mass on the diagonal of M.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MassAtRow {
@@ -154,6 +159,24 @@ impl Assembly {
                 vec![(0..self.rows()).map(at).collect()]
             }
         })
+    }
+
+    /// Why masses look as if they were in tonnes: what all weigh, and the space that the nodes enclose, in m³. `None` where they look right, or
+    /// nothing is known of where nodes stand.
+    pub fn looks_like_tonnes(&self) -> Option<[f64; 2]> {
+        let masses = self.masses_in_space()?;
+        let places = || masses.iter().flatten().filter_map(|mass| mass.place_m);
+        let longest = self.size_m();
+        let side = |axis: usize| {
+            let along = places().map(|place| place[axis]);
+            let side = along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min);
+            side.max(longest / SLENDER)
+        };
+        let volume_m3: f64 = (0..3).map(side).product();
+        let of_direction = |masses: &Vec<MassAtRow>| masses.iter().map(|mass| mass.mass_kg).sum::<f64>();
+        let mass = masses.iter().map(of_direction).fold(0.0, f64::max);
+        (volume_m3 > 0.0 && (TONNES_PER_M3[0]..TONNES_PER_M3[1]).contains(&(mass / volume_m3)))
+            .then_some([mass, volume_m3])
     }
 
     /// The same with sensors that are as the study says: faults of sensors are none of the model.

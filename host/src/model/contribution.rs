@@ -97,6 +97,11 @@ pub trait Contribution: fmt::Debug + Send + Sync {
         Distortion::default()
     }
 
+    /// The name of a hypothesis or group of the user's own, and how much of it this is; `None` of all else.
+    fn amount_of(&self) -> Option<(&str, f64)> {
+        None
+    }
+
     /// What it changes about the sensors.
     fn sensor_change(&self) -> Option<Arc<dyn SensorChange>> {
         None

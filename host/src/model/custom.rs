@@ -133,6 +133,35 @@ impl Custom {
         }
     }
 
+    /// Takes in what another group changes, which changes as this one does.
+    ///
+    /// # Errors
+    /// Where their matrices are not of one size.
+    pub(super) fn tie(&mut self, other: Self) -> Result<(), String> {
+        for (own, more) in self.whole.iter_mut().zip(other.whole) {
+            *own = match (own.take(), more) {
+                (Some(own), Some(more)) if own.nrows() != more.nrows() => {
+                    return Err(of_other_size(more.nrows(), own.nrows()));
+                }
+                (Some(own), Some(more)) => Some(Arc::new(own.as_ref() + more.as_ref())),
+                (own, more) => own.or(more),
+            };
+        }
+        // Of runs, both are in the coordinates of the same modes.
+        for (own, more) in [(&mut self.stiffness, other.stiffness), (&mut self.mass, other.mass)] {
+            *own = match (own.take(), more) {
+                (Some(own), Some(more)) if own.shape() == more.shape() => Some(Arc::new(own.as_ref() + more.as_ref())),
+                (own, more) => own.or(more),
+            };
+        }
+        self.segments.extend(other.segments);
+        self.range = [self.range[0].max(other.range[0]), self.range[1].min(other.range[1])];
+        if let (Some(own), Some(more)) = (&mut self.group, other.group) {
+            own.span_m = own.span_m.zip(more.span_m).map(|([a, b], [c, d])| [a.min(c), b.max(d)]);
+        }
+        Ok(())
+    }
+
     /// What a study says of it, but for what it changes.
     fn without_change(source: &CustomSource) -> Self {
         let (usual, typical) = match source.group {
@@ -288,6 +317,10 @@ impl Contribution for Amount {
         for segment in segments {
             self.custom.change(segment, self.value);
         }
+    }
+
+    fn amount_of(&self) -> Option<(&str, f64)> {
+        Some((&self.custom.name, self.value))
     }
 
     fn add_to_whole(&self, matrices: &mut WholeMatrices) {

@@ -1,10 +1,12 @@
 //! Where the degrees of freedom of matrices stand: `nodes.csv` or `dofs.csv` flows in, places of matrix rows flow out.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
 use super::DOFS_A_NODE;
+use super::assembly::longest_side_m;
 use crate::table::{Table, TableError};
 
 /// Rotations and translations of a node, in the order of [`LayoutNode::rows`].
@@ -64,6 +66,17 @@ pub enum LayoutError {
         found: usize,
         /// Rows of the matrices.
         dofs: usize,
+    },
+    /// Nodes spread over more than any structure.
+    #[error(
+        "{}: nodes spread over {size_m:.0} m; are their places in mm? Columns that end in _m are in metres",
+        file.display()
+    )]
+    TooWide {
+        /// The file.
+        file: PathBuf,
+        /// Their longest side.
+        size_m: f64,
     },
     /// The nodes and the matrices do not go together.
     #[error(
@@ -130,7 +143,16 @@ pub(super) fn read_nodes(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, La
         }
         layout.push(node);
     }
+    check_size(path, &layout)?;
     Ok(layout)
+}
+
+/// No structure is longer: its places are in mm.
+const LONGEST_M: f64 = 10_000.0;
+
+fn check_size(path: &Path, nodes: &[LayoutNode]) -> Result<(), LayoutError> {
+    let size_m = longest_side_m(nodes);
+    if size_m > LONGEST_M { Err(LayoutError::TooWide { file: path.to_owned(), size_m }) } else { Ok(()) }
 }
 
 /// Reads `row,node,dof` and the position as `z_m` or `x_m,y_m,z_m`; `row` counts from 1 and is empty for a fixed DOF.
@@ -142,6 +164,7 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
     let plan_columns = [table.find("x_m"), table.find("y_m")];
     let mut layout: Vec<LayoutNode> = Vec::new();
     let mut taken = vec![false; dofs];
+    let mut known: HashMap<&str, usize> = HashMap::new();
     for row in &table.rows {
         let mut position_m = [0.0, 0.0, table.number(row, z_column, "z_m", METRES)?];
         for ((slot, column), name) in position_m.iter_mut().zip(plan_columns).zip(["x_m", "y_m"]) {
@@ -170,7 +193,7 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
             }
         };
         let name = table.text(row, node_column);
-        let node = match layout.iter_mut().find(|node| node.name == name) {
+        let node = match known.get(name).copied().and_then(|at| layout.get_mut(at)) {
             Some(node) if node.position_m != position_m => {
                 let [x, y, z] = node.position_m;
                 let expected = format!("the position ({x}, {y}, {z}) that the node has in an earlier line");
@@ -180,6 +203,7 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
             None => {
                 layout.push(LayoutNode { name: name.to_owned(), position_m, rows: [None; 6], fixed: [false; 6] });
                 let last = layout.len() - 1;
+                known.insert(name, last);
                 &mut layout[last]
             }
         };
@@ -191,6 +215,7 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
         node.fixed[dof] = matrix_row.is_none();
     }
     layout.sort_by(|a, b| a.position_m[2].total_cmp(&b.position_m[2]));
+    check_size(path, &layout)?;
     Ok(layout)
 }
 

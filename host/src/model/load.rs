@@ -151,13 +151,14 @@ pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel,
     };
     let customs =
         |rows: usize| model.customs.iter().map(|source| custom(source, rows)).collect::<Result<Vec<Custom>, _>>();
+    let tied = |customs: Vec<Custom>| join_tied(customs, &model.customs, &file);
     let in_full = |customs: Vec<Custom>| customs.into_iter().map(Custom::in_full).collect();
     let mut warnings = Vec::new();
     let (body, customs): (Body, Vec<Custom>) = match &model.source {
-        ModelSource::Beam(path) => (Body::Beam(read_beam(&study.folder.join(path))?), in_full(customs(0)?)),
+        ModelSource::Beam(path) => (Body::Beam(read_beam(&study.folder.join(path))?), in_full(tied(customs(0)?)?)),
         ModelSource::Matrices(source) => {
             let whole = WholeMatrices::read(source, &study.folder)?;
-            let customs = customs(whole.stiffness.nrows())?;
+            let customs = tied(customs(whole.stiffness.nrows())?)?;
             if reduction::is_worthwhile(&whole) {
                 check_sizes(&whole, &customs, model, &file)?;
                 let (matrices, customs) = reduction::reduced(whole, customs, highest_hz)?;
@@ -174,12 +175,12 @@ pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel,
                 let (_, change) = of_runs.changes.iter().find(|(name, _)| *name == source.name)?;
                 Some(Custom::of_run(source, change))
             };
-            (Body::Matrices(of_runs.body), model.customs.iter().filter_map(change).collect())
+            (Body::Matrices(of_runs.body), tied(model.customs.iter().filter_map(change).collect())?)
         }
     };
     let customs: Arc<[Custom]> = customs.into();
     let mut changes: Vec<(&str, DVector<f64>)> = Vec::new();
-    for (group, source) in customs.iter().zip(&model.customs).filter(|(one, _)| one.group.is_some()) {
+    for (group, source) in customs.iter().zip(untied(&model.customs)).filter(|(one, _)| one.group.is_some()) {
         let failed = |reason| ModelError::Group {
             section: source.section(),
             file: file.clone(),
@@ -202,6 +203,30 @@ pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel,
     Ok(LoadedModel { body, effects, customs, warnings, wireframe })
 }
 
+/// Hypotheses and groups that are tied to no other.
+fn untied(sources: &[CustomSource]) -> impl Iterator<Item = &CustomSource> {
+    sources.iter().filter(|source| source.tied_to.is_none())
+}
+
+/// Hypotheses and groups, those that are tied to others in them; `customs` are those of `sources`, in their order.
+fn join_tied(customs: Vec<Custom>, sources: &[CustomSource], file: &Path) -> Result<Vec<Custom>, ModelError> {
+    let (free, tied): (Vec<_>, Vec<_>) =
+        customs.into_iter().zip(sources).partition(|(_, source)| source.tied_to.is_none());
+    let mut free: Vec<Custom> = free.into_iter().map(|(custom, _)| custom).collect();
+    for (custom, source) in tied {
+        // The study's reader has found it.
+        let Some(with) = free.iter_mut().find(|other| source.tied_to.as_ref() == Some(&other.name)) else { continue };
+        with.tie(custom).map_err(|reason| ModelError::Group {
+            section: source.section(),
+            file: file.to_owned(),
+            line: source.line,
+            name: source.name.clone(),
+            reason,
+        })?;
+    }
+    Ok(free)
+}
+
 /// Matrices that are reduced together are of one size.
 fn check_sizes(whole: &WholeMatrices, customs: &[Custom], model: &Model, file: &Path) -> Result<(), ModelError> {
     let expected = whole.stiffness.nrows();
@@ -211,7 +236,7 @@ fn check_sizes(whole: &WholeMatrices, customs: &[Custom], model: &Model, file: &
         let (file, line, name) = (file.to_owned(), source.line, source.name.clone());
         Some(ModelError::Group { section: source.section(), file, line, name, reason })
     };
-    customs.iter().zip(&model.customs).find_map(other).map_or(Ok(()), Err)
+    customs.iter().zip(untied(&model.customs)).find_map(other).map_or(Ok(()), Err)
 }
 
 /// Reads a beam table whose model fits into the memory.

@@ -57,6 +57,7 @@ fn group(name: &str, matrix: &DMatrix<f64>, of_mass: bool, folder: &Path) -> Cus
         least: None,
         greatest: None,
         typical: None,
+        tied_to: None,
         group: Some(GroupTerms { std: 0.1, span_m: None }),
     };
     Custom::read(&source, folder).unwrap()

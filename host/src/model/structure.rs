@@ -124,6 +124,12 @@ impl Structure {
         self.groups().map(change).collect()
     }
 
+    /// How much there is of a hypothesis or group of the user's own by all that contributes so far.
+    pub(super) fn amount_of(&self, name: &str) -> f64 {
+        let amounts = self.contributions.iter().filter_map(|contribution| contribution.amount_of());
+        amounts.filter(|(other, _)| *other == name).map(|(_, amount)| amount).sum()
+    }
+
     /// How many contributions are dampers.
     pub fn dampers(&self) -> usize {
         self.contributions.iter().filter(|contribution| contribution.is_damper()).count()

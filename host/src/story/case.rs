@@ -273,6 +273,11 @@ fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, senso
                 .to_owned(),
         );
     }
+    if let Some([mass, volume_m3]) = assembly.looks_like_tonnes() {
+        warnings.push(format!(
+            "the model weighs {mass:.3} kg in {volume_m3:.0} m³, a thousandth of what structures do: are its matrices in N, mm and t? Frequencies are the same in such units, but masses and stiffnesses are not; export it in N, m and kg, or give every matrix of K and M the factor 1000, as in [[\"K\", 1000.0]]"
+        ));
+    }
     for BesideNode { channel, node, distance_m } in assembly.beside_nodes(sensors) {
         warnings.push(format!(
             "channel {channel} stands at no node of the model: the nearest, {node}, is {distance_m:.2} m away, and its motion is taken"

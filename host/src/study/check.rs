@@ -78,6 +78,21 @@ pub(super) fn custom_names(customs: &[CustomSource], sections: &[Section<'_>]) -
     Ok(())
 }
 
+/// A group is tied to another one that is tied to none.
+pub(super) fn ties(customs: &[CustomSource], sections: &[Section<'_>]) -> Result<(), StudyError> {
+    const FREE: &str = "the name of another [[model.group]] that is itself not tied, in quotes";
+    for (custom, section) in customs.iter().zip(sections) {
+        let Some(name) = &custom.tied_to else { continue };
+        let is_free = |other: &CustomSource| {
+            other.name == *name && other.name != custom.name && other.group.is_some() && other.tied_to.is_none()
+        };
+        if !customs.iter().any(is_free) {
+            return Err(section.required("tied_to", FREE)?.out_of_range(FREE));
+        }
+    }
+    Ok(())
+}
+
 fn sensitivity(setup: &Setup, sensor: &Sensor, section: &Section<'_>) -> Result<(), StudyError> {
     let position = section.position_of("sensitivity_v_per_m_s2");
     let (setup_name, channel) = (setup.name.clone(), sensor.channel.clone());

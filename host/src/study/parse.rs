@@ -40,7 +40,7 @@ const MEASURED_KEYS: &[&str] = &["modes"];
 const MATRICES_KEYS: &[&str] = &["file", "stiffness", "mass", "nodes", "dofs"];
 const CUSTOM_KEYS: &[&str] = &["name", "file", "stiffness", "mass", "segments", "least", "greatest", "typical"];
 const GROUP_KEYS: &[&str] =
-    &["name", "file", "stiffness", "mass", "segments", "std", "z_m", "least", "greatest", "typical"];
+    &["name", "file", "stiffness", "mass", "segments", "std", "z_m", "least", "greatest", "typical", "tied_to"];
 const RUN_KEYS: &[&str] = &["changed", "by", "quantity", "modes"];
 const MODEL_KEYS: &[&str] = &[
     "beam",
@@ -520,6 +520,7 @@ fn customs(section: &Section<'_>, source: &ModelSource) -> Result<(Vec<CustomSou
         }
     }
     check::custom_names(&customs, &sections)?;
+    check::ties(&customs, &sections)?;
     let runs = runs(section, &customs, of_modes)?;
     let has_run = |custom: &CustomSource| runs.iter().any(|run| run.changed == custom.name);
     match customs.iter().position(|custom| of_modes && !has_run(custom)) {
@@ -579,9 +580,20 @@ fn custom(section: &Section<'_>) -> Result<CustomSource, StudyError> {
 
 fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     const STD: &str = "one relative standard deviation, a number above 0 such as 0.1";
+    const TIED: &str = "the name of another [[model.group]], in quotes";
+    const OF_OTHER: &str = "left out beside tied_to: the group that it names has deviation and bounds for both";
     const SPAN: &str = "a height in metres, or two such as [3.0, 6.5]";
     section.allow_only(GROUP_KEYS)?;
-    let std = section.required("std", STD)?.positive(STD)?;
+    let tied_to = section.get("tied_to").map(|entry| entry.text(TIED)).transpose()?;
+    let of_other = ["std", "least", "greatest", "typical"].into_iter().filter_map(|key| section.get(key)).next();
+    if let Some(entry) = of_other.filter(|_| tied_to.is_some()) {
+        return Err(entry.out_of_range(OF_OTHER));
+    }
+    let std = match tied_to {
+        // That of the group that it is tied to.
+        Some(_) => 0.0,
+        None => section.required("std", STD)?.positive(STD)?,
+    };
     let span = |entry: Entry<'_>| -> Result<[f64; 2], StudyError> {
         if let Ok(z_m) = entry.number(SPAN) {
             return Ok([z_m; 2]);
@@ -595,7 +607,7 @@ fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
         }
     };
     let span_m = section.get("z_m").map(span).transpose()?;
-    Ok(CustomSource { group: Some(GroupTerms { std, span_m }), ..change_of_model(section)? })
+    Ok(CustomSource { group: Some(GroupTerms { std, span_m }), tied_to, ..change_of_model(section)? })
 }
 
 /// A named change of the model, of a hypothesis or of a group.
@@ -628,6 +640,7 @@ fn change_of_model(section: &Section<'_>) -> Result<CustomSource, StudyError> {
         least: number("least")?,
         greatest: number("greatest")?,
         typical: section.get("typical").map(|entry: Entry<'_>| entry.positive(TYPICAL)).transpose()?,
+        tied_to: None,
         group: None,
     })
 }

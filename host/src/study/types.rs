@@ -453,6 +453,8 @@ pub struct CustomSource {
     pub greatest: Option<f64>,
     /// The typical value.
     pub typical: Option<f64>,
+    /// The group that this one changes with, whose deviation and bounds are those of both.
+    pub tied_to: Option<String>,
     /// What makes a `[[model.group]]` of it; `None` for a `[[model.custom]]`.
     pub group: Option<GroupTerms>,
 }

@@ -109,6 +109,11 @@ fn named(
         let range = Parameter::ranged(parameter.name, "-", custom.range, custom.typical, "").range();
         return Err(EffectError::OutOfRange { kind: kind.name(), parameter: parameter.name, value, range });
     }
+    // Changes of segments are factors, which never turn a stiffness round.
+    let total = structure.amount_of(name) + value;
+    if custom.group.is_some() && !custom.changes_segments() && total < -1.0 {
+        return Err(EffectError::NothingLeft { kind: kind.name(), name: name.clone(), value, total });
+    }
     if custom.changes_segments() {
         given.check_beam(kind, structure)?;
     }

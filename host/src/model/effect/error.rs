@@ -137,6 +137,20 @@ pub enum EffectError {
         /// How the kind is typed.
         examples: String,
     },
+    /// Of a group less than nothing would be left.
+    #[error(
+        "{kind}@{name}: {value} more would leave less than nothing of it, as all effects on it together are {total:.3}; above -1 something is left"
+    )]
+    NothingLeft {
+        /// The kind.
+        kind: &'static str,
+        /// The group.
+        name: String,
+        /// The effect's value.
+        value: f64,
+        /// With all effects before it.
+        total: f64,
+    },
     /// A value outside its bounds.
     #[error("{kind}: {parameter} = {value} is out of range; it must be {range}")]
     OutOfRange {

@@ -566,6 +566,7 @@ fn a_custom_change_is_what_its_files_say() {
             least: Some(0.0),
             greatest: Some(2.0),
             typical: None,
+            tied_to: None,
             group: None,
         };
         Custom::read(&source, folder.path())

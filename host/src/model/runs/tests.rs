@@ -82,6 +82,7 @@ fn group(name: &str) -> CustomSource {
         least: None,
         greatest: None,
         typical: None,
+        tied_to: None,
         group: Some(GroupTerms { std: 0.1, span_m: None }),
     }
 }
