@@ -39,7 +39,7 @@ export const structure = {
         const s = scene(d, at(d, view))
         // Most of the mode's motion is seen from there.
         const free = [s.towards - 0.4, 0.3]
-        const width = Math.max(260, host.clientWidth), height = printing() ? 420 : width < 560 ? 470 : 600
+        const width = Math.max(260, host.clientWidth), height = s.isLong ? 400 : printing() ? 420 : width < 560 ? 470 : 600
         // The view from above stands beside the other, or below it where there is no room.
         const isBeside = width > 640, all = isBeside ? height : height + BELOW
         const camera = () => { const c = view.get("camera"); return Array.isArray(c) && c.length === 2 && c.every(known) ? c : free }

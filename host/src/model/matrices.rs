@@ -102,7 +102,7 @@ pub enum MatrixError {
     },
     /// Not symmetric.
     #[error(
-        "{name} in {}: not symmetric: row {row}, column {column} (counted from 1) holds {value:e}, its mirror {mirror:e}; stiffness and mass matrices are symmetric",
+        "{name} in {}: not symmetric: row {row}, column {column} (counted from 1) holds {value:e}, its mirror {mirror:e}; stiffness and mass matrices are symmetric (gyroscopic terms and forces that follow the motion are not: export K and M without them)",
         file.display()
     )]
     NotSymmetric {

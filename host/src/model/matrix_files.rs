@@ -90,6 +90,13 @@ fn check_size(rows: usize, columns: usize, file: &Path, name: &str, quantity: &'
 
 /// A Matrix Market file.
 fn matrix_market(text: &str) -> Result<CscMatrix<f64>, String> {
+    let header = text.lines().next().unwrap_or_default().to_ascii_lowercase();
+    if header.split_whitespace().any(|word| word == "complex" || word == "hermitian") {
+        return Err(
+            "entries are complex; K and M are real (structural damping makes K complex: export it without, and give damping by the modes)"
+                .to_owned(),
+        );
+    }
     check_sizes(text)?;
     let entries = load_coo_from_matrix_market_str::<f64>(text)
         .map_err(|error| format!("not a Matrix Market file of real numbers ({error})"))?;

@@ -102,12 +102,7 @@ pub fn comparison_in_space(
         let motion = frame.motion(assembly, layout, &view.modes.shapes.columns(pair.model - 1, 1).into_owned());
         let motion = motion.as_slice().chunks_exact(3).map(|of| [of[0], of[1], of[2]].map(|part| factor * part));
         let mac = pair.mac.map_or_else(String::new, |mac| format!(", MAC {}", mac_words(mac, 4)));
-        let caption = format!(
-            "{}: {:.3} Hz, model {} %{mac}",
-            pair.measured,
-            pair.measured_hz,
-            signed(pair.frequency_error_percent, 1)
-        );
+        let caption = format!("{}: {} %{mac}", pair.measured, signed(pair.frequency_error_percent, 1));
         let index_of = |sensor: &Sensor| sensors.iter().position(|other| std::ptr::eq(other, sensor));
         let marks = marks(sensors, |sensor| value(index_of(sensor)?));
         Some(Panel { caption, model: Some(motion.collect()), marks })
@@ -264,7 +259,7 @@ fn draw_header(header: &Area<'_>, title: &str, model: Option<RGBColor>) -> DrawR
     sample(header, (x, 41), 26, Dashes::Full, FRAME.stroke_width(1))?;
     label("at rest", &mut x)?;
     let words = if model.is_some() {
-        "Above each panel: the measured mode, the model's frequency against it, MAC. Where dots are inside of circles, model and measurement agree."
+        "Above each panel: mode, the model's frequency against the measured, MAC. Where dots are inside of circles, model and measurement agree."
     } else {
         "Motion without unit: the largest of each mode is drawn alike."
     };

@@ -262,6 +262,18 @@ impl Case {
     }
 }
 
+/// Channels that see nothing of any motion of the model.
+fn still_channels<'a>(assembly: &Assembly, sensors: &'a [Sensor]) -> Vec<&'a str> {
+    let seen = assembly.sensor_rows(sensors);
+    let is_still = |index: usize| seen.as_ref().is_ok_and(|rows| rows.row(index).iter().all(|share| *share == 0.0));
+    sensors
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| is_still(*index))
+        .map(|(_, sensor)| sensor.channel.as_str())
+        .collect()
+}
+
 /// What the reader should know of a model that was read.
 fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, sensors: &[Sensor]) -> Vec<String> {
     let mut warnings = Vec::new();
@@ -276,6 +288,18 @@ fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, senso
     if let Some([mass, volume_m3]) = assembly.looks_like_tonnes() {
         warnings.push(format!(
             "the model weighs {mass:.3} kg in {volume_m3:.0} m³, a thousandth of what structures do: are its matrices in N, mm and t? Frequencies are the same in such units, but masses and stiffnesses are not; export it in N, m and kg, or give every matrix of K and M the factor 1000, as in [[\"K\", 1000.0]]"
+        ));
+    }
+    let is_imported = matches!(model.body, Body::Matrices(_));
+    let still = if is_imported { still_channels(assembly, sensors) } else { Vec::new() };
+    if !still.is_empty() {
+        let (channels, stand) = match still.len() {
+            1 => ("channel", "stands"),
+            _ => ("channels", "stand"),
+        };
+        warnings.push(format!(
+            "{channels} {} {stand} where the model cannot move, at a support or at a degree of freedom that is fixed: is that the right node and direction?",
+            still.join(", ")
         ));
     }
     for BesideNode { channel, node, distance_m } in assembly.beside_nodes(sensors) {

@@ -19,9 +19,13 @@ fn init(folder: &Path, arguments: &[&str]) -> Command {
 
 #[test]
 fn each_template_makes_a_study_that_loads() {
-    for (template, setup, sensors, segments) in
-        [("canton", "january", 20, Some(37)), ("turbine", "january", 8, Some(18)), ("blank", "first", 2, None)]
-    {
+    for (template, setup, sensors, parts) in [
+        ("canton", "january", 20, Some(37)),
+        ("turbine", "january", 8, Some(18)),
+        ("frame", "january", 15, Some(5)),
+        ("bridge", "january", 21, Some(8)),
+        ("blank", "first", 2, None),
+    ] {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("new").join("study");
         let next = predicate::str::contains("Next: belfry ").and(predicate::str::contains("belfry identify"));
@@ -29,11 +33,14 @@ fn each_template_makes_a_study_that_loads() {
         let study = Study::load(&folder).unwrap();
         assert_eq!(study.setups[0].name, setup);
         assert_eq!(study.setups[0].sensors.len(), sensors);
-        assert_eq!(study.model.is_some(), segments.is_some());
+        assert_eq!(study.model.is_some(), parts.is_some());
         if let Some(model) = study.model {
-            let ModelSource::Beam(beam) = model.source else { panic!("the template has a beam table") };
+            let ModelSource::Beam(beam) = model.source else {
+                assert_eq!(Some(model.customs.len()), parts, "groups");
+                continue;
+            };
             let beam = fs::read_to_string(folder.join(beam)).unwrap();
-            assert_eq!(Some(beam.lines().count() - 1), segments, "segments below a header");
+            assert_eq!(Some(beam.lines().count() - 1), parts, "segments below a header");
         }
     }
 }

@@ -30,4 +30,5 @@ mod published;
 mod real_records;
 mod runs;
 mod said;
+mod space;
 mod together;
