@@ -1,7 +1,6 @@
 //! Hypotheses of the user's own and named groups of a model, as matrices or as relative changes of segments: a `[[model.custom]]` or
 //! `[[model.group]]` of a study flows in, a [`Custom`] that `custom@name` or `group@name` adds to a model flows out.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -246,10 +245,12 @@ impl Custom {
         matrices.filter_map(|(matrix, is_mass)| Some(CustomMatrix { entries: matrix.as_deref()?, is_mass }))
     }
 
-    /// Rows of the whole model that its matrices have entries in; none where no matrix says so.
-    pub fn touched_rows(&self) -> BTreeSet<usize> {
-        let entries = self.whole_matrices().flat_map(|matrix| matrix.entries.triplet_iter());
-        entries.filter(|(_, _, value)| **value != 0.0).map(|(row, _, _)| row).collect()
+    /// Whether its matrices, which are symmetric, have an entry in a row of the whole model; never where no matrix says so.
+    pub fn touches(&self, row: usize) -> bool {
+        let has_entry = |matrix: CustomMatrix<'_>| {
+            matrix.entries.get_col(row).is_some_and(|column| column.values().iter().any(|value| *value != 0.0))
+        };
+        self.whole_matrices().any(has_entry)
     }
 
     /// The same with matrices for a model in other coordinates than those of the whole one.

@@ -208,7 +208,7 @@ impl Assembly {
     }
 
     /// The rows of the model, as files have them, whose motion a sensor sees; none where it has no place.
-    pub fn rows_seen_by(&self, sensor: &Sensor) -> std::collections::BTreeSet<usize> {
+    pub fn rows_seen_by(&self, sensor: &Sensor) -> Vec<usize> {
         let row = self.sensor_row(sensor).ok();
         let seen = row.iter().flat_map(|row| row.iter().enumerate().filter(|(_, share)| **share != 0.0));
         seen.map(|(at, _)| at).collect()

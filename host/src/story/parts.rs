@@ -1,8 +1,6 @@
 //! Where a model fails that is no tower: which sensors see which of its groups. A study's groups and sensors flow in, the misfit of each group by
 //! that of its sensors flows out.
 
-use std::collections::BTreeSet;
-
 use crate::compare::{Comparison, GroupMisfit};
 use crate::diagnose::{GroupSquare, Unexplained};
 use crate::model::{Assembly, LayoutNode, LoadedModel};
@@ -20,11 +18,10 @@ impl Parts {
         if assembly.is_line() || (has_heights && !is_wide(&model.bare().layout())) {
             return Self::default();
         }
-        let rows: Vec<(&Sensor, BTreeSet<usize>)> =
+        let rows: Vec<(&Sensor, Vec<usize>)> =
             sensors.iter().map(|sensor| (sensor, assembly.rows_seen_by(sensor))).collect();
         let part = |group: &crate::model::Custom| {
-            let touched = group.touched_rows();
-            let at_it = rows.iter().filter(|(_, seen)| seen.iter().any(|row| touched.contains(row)));
+            let at_it = rows.iter().filter(|(_, seen)| seen.iter().any(|row| group.touches(*row)));
             (group.name.clone(), at_it.map(|(sensor, _)| sensor.channel.clone()).collect::<Vec<String>>())
         };
         Self(groups().map(part).filter(|(_, channels)| !channels.is_empty()).collect())

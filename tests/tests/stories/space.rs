@@ -154,6 +154,33 @@ fn lines_between_nodes_that_do_not_exist_are_told_with_their_line() {
     belfry_command().args(["compare", path]).assert().failure().stderr(said);
 }
 
+/// A model that is known by its modes alone has lines where a table says where its columns (`300x`) stand.
+#[test]
+fn a_model_of_modes_is_drawn_by_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("foreign/runs");
+    for entry in fs::read_dir(from).unwrap().map(|entry| entry.unwrap().path()) {
+        if entry.extension().is_some_and(|ending| ending == "csv" || ending == "toml") {
+            fs::copy(&entry, folder.path().join(entry.file_name().unwrap())).unwrap();
+        }
+    }
+    let (mut points, mut lines) = ("node,x_m,y_m,z_m\n0,0,0,0\n2,12,0,0\n".to_owned(), "from,to\n".to_owned());
+    for storey in 1..=6 {
+        for column in [0, 2] {
+            points += &format!("{},{},0,{}\n", 100 * storey + column, 6 * column, 3.5 * f64::from(storey));
+            lines += &format!("{},{}\n", 100 * (storey - 1) + column, 100 * storey + column);
+        }
+        lines += &format!("{},{}\n", 100 * storey, 100 * storey + 2);
+    }
+    fs::write(folder.path().join("points.csv"), points).unwrap();
+    fs::write(folder.path().join("lines.csv"), lines).unwrap();
+    edit(folder.path(), "modes = \"base.csv\"", "modes = \"base.csv\"\npoints = \"points.csv\"\nlines = \"lines.csv\"");
+    let comparison = json(&["compare", folder.path().to_str().unwrap()]);
+    assert_eq!(comparison["by_height"].as_array().unwrap().len(), 6, "channels have the places of their nodes");
+    let svg = fs::read_to_string(folder.path().join("results/comparison.svg")).unwrap();
+    assert!(svg.contains("at rest"));
+}
+
 /// Two storeys tied together are one group with one value for both, which has no less than nothing left.
 #[test]
 fn groups_that_are_tied_change_as_one() {
@@ -247,7 +274,7 @@ fn what_is_no_model_of_a_structure_at_rest_is_told() {
     refused("floors.mtx", &floors.replacen("180 180", "186 186", 1), "all must be of one size");
     // The columns of the lowest storey are what holds it.
     let nothing = "%%MatrixMarket matrix coordinate real symmetric\n180 180 1\n180 180 1\n";
-    refused("storey1.mtx", nothing, "can move without strain");
+    refused("storey1.mtx", nothing, "the structure can move freely");
     edit(folder.path(), "stiffness = \"storey5.mtx\"", "stiffness = [[\"storey4.mtx\", 2.0]]");
     belfry_command()
         .args(["compare", path])
