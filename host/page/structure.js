@@ -202,8 +202,16 @@ function spatial(d, mode, { frame, parts, sensors, values, low, high }) {
     const share = k => told.reduce((sum, t) => sum + t.measured[k] ** 2, 0), [x, y, z] = [0, 1, 2].map(share)
     const xy = told.reduce((sum, t) => sum + t.measured[0] * t.measured[1], 0), angle = (Math.atan2(2 * xy, x - y) / 2 + Math.PI) % Math.PI
     const isWide = Math.hypot(side(0), side(1)) > side(2), isVertical = z > x + y
+    // Levels whose sensors tell sway and turn: how they turn about the middle of the plan.
+    const middle = [0, 1].map(k => frame.nodes.reduce((sum, n) => sum + n[k], 0) / frame.nodes.length), arm = Math.hypot(side(0), side(1)) / 2 || 1, levels = new Map()
+    for (const s of sensors) {
+        const value = values.get(s.channel), key = s.elevation_m.toFixed(1)
+        if (known(value) && finite(s.direction) && Math.hypot(s.direction[0], s.direction[1]) > 0.3) levels.set(key, [...levels.get(key) ?? [], { offset: s.offset.map((v, k) => v - middle[k]), direction: s.direction, value }])
+    }
+    const turning = [...levels.values()].map(r => section(r, [0, 0, 0], arm)).filter(l => l.turns).map(l => l.motion)
+    const turned = turning.reduce((sum, m) => sum + (m[2] * arm) ** 2, 0), swayed = turning.reduce((sum, m) => sum + m[0] ** 2 + m[1] ** 2, 0)
     return { items, low, high, plan: 1, towards: isWide ? (side(0) >= side(1) ? 0 : Math.PI / 2) : angle, isWide: true, isLong: isWide, kinds: ["measured", "given", "effects"].filter(k => items.some(i => i.kind === k)), undetermined: false,
-        character: !told.length ? "" : isVertical ? "mostly vertical" : `mostly towards ${fixed(angle * 180 / Math.PI, 0)}°` }
+        character: !told.length ? "" : turned > swayed ? "torsion" : isVertical ? "mostly vertical" : `mostly towards ${fixed(angle * 180 / Math.PI, 0)}°` }
 }
 
 const shifted = (p, m, by) => [p[0] + by * m[0], p[1] + by * m[1], p[2] + by * m[2]]

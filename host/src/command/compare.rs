@@ -104,7 +104,13 @@ fn tell(comparison: &Comparison, case: &Case, console: &Console) {
         (Some(error), Some(mac)) => console.say(format!("Mean frequency error {error:.2} %, mean MAC {mac:.4}.")),
         (Some(error), None) => console.say(format!("Mean frequency error {error:.2} %; no shapes were measured.")),
         (None, _) if case.measured.modes.iter().any(|mode| mode.shape.is_some()) => {
-            console.say("No measured mode resembles any of the model's: check units, heights and azimuths.");
+            let numbering = match case.model.body {
+                Body::Matrices(_) => ", and whether rows are numbered as the matrices have them",
+                Body::Beam(_) => "",
+            };
+            console.say(format!(
+                "No measured mode resembles any of the model's: check units, heights and azimuths{numbering}."
+            ));
         }
         (None, _) => console.say("No measured frequency is near one of the model's: check units."),
     }
