@@ -106,12 +106,6 @@ impl Acquisition {
         self.samples
     }
 
-    /// A channel's last reading about its bias, for the level meter.
-    pub(crate) fn about_bias(&self, channel: usize) -> f32 {
-        let channel = self.channels.get(channel);
-        channel.map_or(0.0, |channel| channel.last_value - channel.bias.unwrap_or(channel.last_value))
-    }
-
     /// Takes the first `channels` of a row of readings in m/s²; one that is absent or not a number counts as missing. Returns
     /// whether a decimated sample was made.
     pub(crate) fn push(

@@ -8,25 +8,67 @@ const NOISY_M_S2: f32 = 0.1;
 /// Where this share of the power is white, little of it is motion of the structure.
 const WHITE: f32 = 0.5;
 
+/// A sum in two steps: a minute at 1000 Hz has 60 000 terms, more than an f32 bears one by one.
+#[derive(Debug, Clone, Copy)]
+struct Sum {
+    total: f32,
+    part: f32,
+}
+
+impl Sum {
+    const ZERO: Self = Self { total: 0.0, part: 0.0 };
+
+    fn add(&mut self, term: f32) {
+        self.part += term;
+    }
+
+    /// Puts what has gathered to the rest.
+    fn gather(&mut self) {
+        self.total += self.part;
+        self.part = 0.0;
+    }
+
+    fn value(&self) -> f32 {
+        self.total + self.part
+    }
+}
+
+/// Rows after which sums are gathered.
+const GATHER: u32 = 256;
+
 /// Sums over one channel's readings.
 #[derive(Debug, Clone, Copy)]
 struct Meter {
     rows: u32,
     missing: u32,
     clipped: u32,
+    stale: u32,
     changed: bool,
-    /// Of squares about the bias, and of squared second differences.
-    squares: f32,
-    roughness: f32,
-    /// The last two readings about the bias.
+    /// The first reading: sums about it keep their digits, and an offset that has drifted since the node's start counts for nothing.
+    reference: Option<f32>,
+    /// Of readings about the reference, of their squares, and of squared second differences.
+    sum: Sum,
+    squares: Sum,
+    roughness: Sum,
+    /// The last two readings about the reference.
     before: [Option<f32>; 2],
 }
 
 impl Meter {
-    const START: Self =
-        Self { rows: 0, missing: 0, clipped: 0, changed: false, squares: 0.0, roughness: 0.0, before: [None; 2] };
+    const START: Self = Self {
+        rows: 0,
+        missing: 0,
+        clipped: 0,
+        stale: 0,
+        changed: false,
+        reference: None,
+        sum: Sum::ZERO,
+        squares: Sum::ZERO,
+        roughness: Sum::ZERO,
+        before: [None; 2],
+    };
 
-    fn add(&mut self, reading: Option<f32>, about_bias: f32, full_scale: f32) {
+    fn add(&mut self, reading: Option<f32>, full_scale: f32) {
         self.rows = self.rows.saturating_add(1);
         let Some(reading) = reading else {
             self.missing += 1;
@@ -34,21 +76,27 @@ impl Meter {
             return;
         };
         self.clipped += u32::from(reading.abs() >= full_scale);
-        self.squares += about_bias * about_bias;
-        self.changed |= self.before[1].is_some_and(|before| before != about_bias);
+        let about = reading - *self.reference.get_or_insert(reading);
+        self.sum.add(about);
+        self.squares.add(about * about);
+        self.changed |= self.before[1].is_some_and(|before| before != about);
         if let [Some(first), Some(second)] = self.before {
-            let bend = first - 2.0 * second + about_bias;
-            self.roughness += bend * bend;
+            let bend = first - 2.0 * second + about;
+            self.roughness.add(bend * bend);
         }
-        self.before = [self.before[1], Some(about_bias)];
+        self.before = [self.before[1], Some(about)];
+        if self.rows.is_multiple_of(GATHER) {
+            [&mut self.sum, &mut self.squares, &mut self.roughness].into_iter().for_each(Sum::gather);
+        }
     }
 
     fn state(&self) -> SensorState {
         let taken = self.rows.saturating_sub(self.missing).max(1) as f32;
         // Second differences of white noise have six times its variance.
-        let (power, white) = (self.squares / taken, self.roughness / (6.0 * taken));
+        let (power, white) = (self.variance(), self.roughness.value() / (6.0 * taken));
         if self.missing == self.rows {
-            SensorState::Absent
+            // While it is started anew it gives none.
+            if 2 * self.stale > self.rows { SensorState::Unsynchronised } else { SensorState::Absent }
         } else if !self.changed {
             SensorState::Stuck
         } else if self.missing > 0 {
@@ -62,13 +110,41 @@ impl Meter {
         }
     }
 
-    /// The square root is micromath's, up to 6 % off: enough to tell a live sensor from a dead one.
-    fn level(&self) -> f32 {
+    fn variance(&self) -> f32 {
         match self.rows.saturating_sub(self.missing) {
             0 => 0.0,
-            taken => micromath::F32(self.squares / taken as f32).sqrt().0,
+            taken => {
+                let mean = self.sum.value() / taken as f32;
+                (self.squares.value() / taken as f32 - mean * mean).max(0.0)
+            }
         }
     }
+
+    fn mean(&self) -> f32 {
+        let taken = self.rows.saturating_sub(self.missing).max(1) as f32;
+        self.reference.unwrap_or(0.0) + self.sum.value() / taken
+    }
+
+    /// The square root is micromath's, up to 6 % off: enough to tell a live sensor from a dead one. Who wants more takes the variance.
+    fn level(&self) -> f32 {
+        // Of 0 it would be a little more.
+        Some(self.variance())
+            .filter(|&variance| variance > 0.0)
+            .map_or(0.0, |variance| micromath::F32(variance).sqrt().0)
+    }
+}
+
+/// What a meter has read, a value a channel.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Levels {
+    /// RMS about the mean in m/s², to 6 %.
+    pub(crate) level: Vec<f32, MAX_CHANNELS>,
+    /// Variance about the mean in (m/s²)².
+    pub(crate) variance: Vec<f32, MAX_CHANNELS>,
+    /// Mean in m/s².
+    pub(crate) mean: Vec<f32, MAX_CHANNELS>,
+    /// What the readings say about the sensors.
+    pub(crate) sensors: Vec<SensorState, MAX_CHANNELS>,
 }
 
 /// Sums until it is read, then starts again.
@@ -81,18 +157,30 @@ impl LevelMeter {
     /// A meter that has seen nothing.
     pub(crate) const START: Self = Self { channels: [Meter::START; MAX_CHANNELS] };
 
-    /// Adds a reading of a channel in m/s², as it is and about its bias; `None` where it is missing.
-    pub(crate) fn add(&mut self, channel: usize, reading: Option<f32>, about_bias: f32, full_scale: f32) {
+    /// Adds a reading of a channel in m/s²; `None` where it is missing.
+    pub(crate) fn add(&mut self, channel: usize, reading: Option<f32>, full_scale: f32) {
         if let Some(meter) = self.channels.get_mut(channel) {
-            meter.add(reading, about_bias, full_scale);
+            meter.add(reading, full_scale);
         }
     }
 
-    /// The levels of the first `channels` channels in m/s² and the states of their sensors since the last call.
-    pub(crate) fn take(&mut self, channels: usize) -> (Vec<f32, MAX_CHANNELS>, Vec<SensorState, MAX_CHANNELS>) {
+    /// Notes that the last row was missing because the sensor had taken no sample.
+    pub(crate) fn note_stale(&mut self) {
+        for meter in &mut self.channels {
+            meter.stale = meter.stale.saturating_add(1);
+        }
+    }
+
+    /// What the first `channels` channels have shown since the last call.
+    pub(crate) fn take(&mut self, channels: usize) -> Levels {
         let taken = core::mem::replace(self, Self::START);
         let meters = taken.channels.iter().take(channels);
-        (meters.clone().map(Meter::level).collect(), meters.map(Meter::state).collect())
+        Levels {
+            level: meters.clone().map(Meter::level).collect(),
+            variance: meters.clone().map(Meter::variance).collect(),
+            mean: meters.clone().map(Meter::mean).collect(),
+            sensors: meters.map(Meter::state).collect(),
+        }
     }
 }
 
@@ -107,14 +195,14 @@ mod tests {
             let mut meter = LevelMeter::START;
             for n in 0..1000 {
                 let value = amplitude * (0.3 * n as f32).sin();
-                meter.add(0, Some(value), value, f32::INFINITY);
+                meter.add(0, Some(value), f32::INFINITY);
             }
-            let level = meter.take(1).0[0];
+            let level = meter.take(1).level[0];
             let rms = amplitude / 2.0_f32.sqrt();
             assert!((level / rms - 1.0).abs() < 0.065, "{level} for {rms}");
         }
         let mut unused = LevelMeter::START;
-        assert_eq!(unused.take(2).0.as_slice(), &[0.0, 0.0]);
+        assert_eq!(unused.take(2).level.as_slice(), &[0.0, 0.0]);
     }
 
     #[test]
@@ -123,9 +211,9 @@ mod tests {
             let mut meter = LevelMeter::START;
             for n in 0..500 {
                 let value = reading(n);
-                meter.add(0, value, value.unwrap_or(0.0) - 9.81, 19.6);
+                meter.add(0, value, 19.6);
             }
-            meter.take(1).1[0]
+            meter.take(1).sensors[0]
         };
         let swaying = |n: u32| 9.81 + 0.5 * (0.1 * n as f32).sin();
         let noise = |n: u32| (n.wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32 - 0.5;
@@ -136,5 +224,20 @@ mod tests {
         assert_eq!(state(&|n| Some(9.81 + noise(n))), SensorState::Noisy);
         assert_eq!(state(&|n| Some(swaying(n) + 0.01 * noise(n))), SensorState::Sound);
         assert_eq!(state(&|n| Some(9.81 + 0.01 * noise(n))), SensorState::Sound, "a quiet night");
+    }
+
+    #[test]
+    fn the_variance_is_that_of_the_motion_however_far_the_offset_has_drifted() {
+        let mut meter = LevelMeter::START;
+        // Two minutes at 1000 Hz: 1 mm/s² of motion on 1 g, after an offset that has wandered by 0.1 m/s² since the start.
+        meter.add(0, Some(9.7), 19.6);
+        meter.take(1);
+        for n in 0..120_000 {
+            meter.add(0, Some(9.8 + 1e-3 * (0.37 * n as f32).sin()), 19.6);
+        }
+        let levels = meter.take(1);
+        // An f32 has steps of 1 µm/s² at 9.8 m/s², which is 0.1 % of this motion; rounding is evenly spread.
+        assert!((levels.variance[0] / 0.5e-6 - 1.0).abs() < 0.005, "{}", levels.variance[0]);
+        assert!((levels.mean[0] - 9.8).abs() < 2e-6, "{}", levels.mean[0]);
     }
 }

@@ -21,6 +21,7 @@ mod node;
 mod outbox;
 mod plan;
 mod psd;
+pub mod sampling;
 mod schedule;
 mod spectrum;
 mod store;

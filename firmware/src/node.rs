@@ -6,14 +6,14 @@ use belfry_shared::frame;
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened};
 use belfry_shared::message::{
     self, Acknowledgement, Again, BoardState, ClockReply, ClockRequest, Configuration, Conversation, Counters, Fault,
-    Fed, FeedPart, Heard, Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, Replay, Versions,
-    WindowName,
+    Fed, FeedPart, Heard, Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, RefusalReason, Replay,
+    Versions, WindowName,
 };
 use belfry_shared::seal::{Key, Sender, next_counter};
 use belfry_shared::time::{ClockModel, NodeTime};
 
 use crate::acquisition::{Acquisition, Rings, empty_rings};
-use crate::level::LevelMeter;
+use crate::level::{LevelMeter, Levels};
 use crate::outbox::{Keeping, Outbox};
 use crate::plan::Plan;
 use crate::schedule::{SampleMoment, rows_to_us};
@@ -160,7 +160,11 @@ pub struct Node<M, K = NoStore> {
     unsealed_messages: u32,
     sealing: Option<Sealing>,
     lost_rows: u32,
+    stale_rows: u32,
     fault: Option<Fault>,
+    /// Why it measures nothing.
+    unfit: Option<RefusalReason>,
+    correction: Option<fn(u32) -> f32>,
     board: BoardState,
     pending: Pending,
     transmitter: Transmitter,
@@ -196,7 +200,10 @@ impl<M, K> Node<M, K> {
             unsealed_messages: 0,
             sealing: None,
             lost_rows: 0,
+            stale_rows: 0,
             fault: None,
+            unfit: None,
+            correction: None,
             board: BoardState {
                 stack_bytes: 0,
                 stack_free_bytes: 0,
@@ -204,6 +211,8 @@ impl<M, K> Node<M, K> {
                 latest_sample_ns: 0,
                 temperature_centi_c: None,
                 dropped_frames: 0,
+                oscillator_ppm: None,
+                longest_fetch_us: 0,
             },
             pending: Pending {
                 end_mark: true,
@@ -255,6 +264,18 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
     /// Sets the reason for the restart, for every greeting.
     pub fn report_fault(&mut self, fault: Fault) {
         self.fault = Some(fault);
+    }
+
+    /// Sets how to divide the pass band of its sensor's filters out of its lines: what they get more with the square of their frequency in Hz, at a
+    /// sampling rate in mHz. Without, its samples have passed none.
+    pub fn set_correction(&mut self, per_hz2: fn(u32) -> f32) {
+        self.correction = Some(per_hz2);
+    }
+
+    /// Makes it refuse every configuration, and forget the one that it has kept.
+    pub fn refuse_to_measure(&mut self, reason: RefusalReason) {
+        self.unfit = Some(reason);
+        self.plan = None;
     }
 
     /// Sets the state of its board, for the next heartbeat.
@@ -437,7 +458,11 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
             self.pending.hello = true;
             return;
         }
-        match Plan::new(configuration, self.identity.channels, self.identity.highest_rate_mhz) {
+        let plan = match self.unfit {
+            Some(reason) => Err(reason),
+            None => Plan::new(configuration, self.identity.channels, self.identity.highest_rate_mhz),
+        };
+        match plan {
             Ok(plan) => {
                 let (_, ring) = self.memory.arena.split(plan.cells);
                 self.outbox.shrink(ring.len());
@@ -467,6 +492,16 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
     pub fn sample(&mut self, time: NodeTime, readings: &[f32]) {
         if self.replay.is_none() {
             self.take(time, readings);
+        }
+    }
+
+    /// Takes a row that is missing because the sensor answers and has taken no sample since the last one.
+    pub fn stale(&mut self, time: NodeTime) {
+        let rows = self.acquisition.rows();
+        self.sample(time, &[]);
+        if self.acquisition.rows() > rows {
+            self.stale_rows = self.stale_rows.saturating_add(1);
+            self.level.note_stale();
         }
     }
 
@@ -508,7 +543,7 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
         let made = self.acquisition.push(&mut self.memory.rings, &plan.stages, readings, channels, full_scale);
         for channel in 0..channels {
             let reading = readings.get(channel).copied().filter(|reading| reading.is_finite());
-            self.level.add(channel, reading, self.acquisition.about_bias(channel), full_scale);
+            self.level.add(channel, reading, full_scale);
         }
         if made {
             let index = self.acquisition.samples() - 1;
@@ -540,7 +575,11 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
         let keeps = self.store.keeps() && self.replay.is_none();
         let keeping = if keeps { Keeping::Waiting } else { Keeping::Never };
         let mut files = Files { outbox: &mut self.outbox, ring, name, keeping };
-        let workshop = Workshop { acquisition: &mut self.acquisition, rings, segment, cells };
+        // A recording has passed no sensor.
+        let rate_mhz = u32::try_from(plan.configuration.sampling_rate_uhz / 1000).unwrap_or(u32::MAX);
+        let correction = self.correction.filter(|_| self.replay.is_none());
+        let correction_per_hz2 = correction.map_or(0.0, |of_rate| of_rate(rate_mhz));
+        let workshop = Workshop { acquisition: &mut self.acquisition, rings, segment, cells, correction_per_hz2 };
         self.windows.work(plan, workshop, &mut files)
     }
 
@@ -631,7 +670,8 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
         } else if let Some(refusal) = self.pending.refusal.take() {
             NodeMessage::Refused(refusal)
         } else if core::mem::take(&mut self.pending.heartbeat) {
-            let (level, sensors) = self.level.take(self.plan.as_ref().map_or(0, Plan::channels));
+            let Levels { level, variance, mean, sensors } =
+                self.level.take(self.plan.as_ref().map_or(0, Plan::channels));
             NodeMessage::Heartbeat(Heartbeat {
                 node: self.identity.node,
                 boot: self.identity.boot,
@@ -646,6 +686,9 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
                 board: self.board,
                 unknown_messages: self.unknown_messages,
                 unsealed_messages: self.unsealed_messages,
+                stale_rows: self.stale_rows,
+                variance,
+                mean,
             })
         } else {
             let (_, ring) = self.memory.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));

@@ -73,6 +73,8 @@ pub(crate) struct Workshop<'a> {
     pub(crate) segment: &'a mut [f32; LONGEST_SEGMENT],
     /// The running averages.
     pub(crate) cells: &'a mut [f32],
+    /// How much more lines get with the square of their frequency, for what the sensor's filters have attenuated; see [`belfry_shared::adxl355`].
+    pub(crate) correction_per_hz2: f32,
 }
 
 /// Where finished parts go.
@@ -172,7 +174,7 @@ impl WindowMaker {
 
     /// Does one step of the work that waits: one channel of one segment. Returns whether there was any.
     pub(crate) fn work(&mut self, plan: &Plan, workshop: Workshop<'_>, files: &mut Files<'_>) -> bool {
-        let Workshop { acquisition, rings, segment, cells } = workshop;
+        let Workshop { acquisition, rings, segment, cells, correction_per_hz2 } = workshop;
         let Some(&complete) = self.waiting.front() else { return false };
         let span = complete.span;
         files.name.number = self.next_number;
@@ -182,6 +184,9 @@ impl WindowMaker {
         if let (ChannelState::Sound { .. }, Some(buffer)) = (state, segment.get_mut(..plan.segment())) {
             if acquisition.fetch(rings, channel, span.start, buffer) {
                 let lines = transform(buffer, decimated_rate_hz(&plan.configuration));
+                if correction_per_hz2 > 0.0 {
+                    correct_pass_band(plan, lines, correction_per_hz2);
+                }
                 match plan.configuration.summary {
                     Summary::Lines { bits } => file_lines(plan, files, channel, lines, bits, &mut parts),
                     Summary::Psd { .. } => self.average.add(&plan.configuration, cells, channel, lines),
@@ -241,6 +246,18 @@ impl WindowMaker {
         };
         files.store(0, &NodeMessage::Head(head));
         self.next_number = self.next_number.wrapping_add(1);
+    }
+}
+
+/// Divides the pass band of the sensor's filters out of the lines that are sent.
+fn correct_pass_band(plan: &Plan, lines: &mut [Complex32], correction_per_hz2: f32) {
+    let spacing_hz = decimated_rate_hz(&plan.configuration) / plan.segment() as f32;
+    for band in &plan.configuration.bands {
+        let (first, count) = (usize::from(band.first_line), usize::from(band.lines));
+        for (index, line) in lines.iter_mut().enumerate().skip(first).take(count) {
+            let frequency_hz = index as f32 * spacing_hz;
+            *line *= 1.0 + correction_per_hz2 * frequency_hz * frequency_hz;
+        }
     }
 }
 

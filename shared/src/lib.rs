@@ -1,4 +1,5 @@
-//! What Belfry's sensor nodes and its host agree on: messages, framing, quantisation, time and decimation.
+//! What Belfry's sensor nodes and its host agree on: messages, framing, quantisation, time, and the filters that
+//! samples pass.
 //!
 //! The wire format lives in this crate, once; [`message`] describes it in prose, from the byte on the line to the
 //! number in m/s². Nothing here allocates, and no function panics on any input.
@@ -7,6 +8,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod adxl355;
 pub mod decimation;
 pub mod frame;
 pub mod message;

@@ -111,7 +111,7 @@ pub use clock::{ClockReply, ClockRequest};
 pub use configuration::{Band, Configuration, MAX_BANDS, MAX_CHANNELS, Refusal, RefusalReason, Summary};
 pub use greeting::Greeting;
 pub use heartbeat::{BoardState, Heartbeat, SensorState};
-pub use hello::{Counters, Fault, FaultKind, Hello, Kept, MAX_PLACE_BYTES, Versions};
+pub use hello::{Counters, Fault, FaultKind, Hello, Kept, MAX_FURTHER_FAULTS, MAX_PLACE_BYTES, Versions};
 pub use recording::{Fed, FeedPart, MAX_FEED, Replay};
 pub use window::{
     ChannelState, DensityPart, LinesPart, MAX_DATA_BYTES, MAX_PEAKS, Peak, PeaksPart, WindowHead, WindowName,

@@ -3,7 +3,7 @@
 use super::*;
 use belfry_shared::decimation::Stages;
 use belfry_shared::frame::PROTOCOL_VERSION;
-use belfry_shared::message::{Acknowledgement, Again, Band, ChannelState, Greeting, RefusalReason, Summary};
+use belfry_shared::message::{Acknowledgement, Again, Band, ChannelState, FaultKind, Greeting, RefusalReason, Summary};
 use belfry_shared::quantise::{decode_density, decode_lines};
 use belfry_shared::time::HostTime;
 use heapless::Vec as HeaplessVec;
@@ -195,6 +195,61 @@ fn a_question_is_answered_and_leaves_it_with_its_host() {
     bench.listen();
     assert!(matches!(bench.messages().last(), Some(NodeMessage::Clock(_))));
     assert_eq!(bench.next_hello(), None);
+}
+
+#[test]
+fn a_node_that_cannot_measure_refuses_with_the_reason_and_says_all_that_is_wrong() {
+    let mut bench = Bench { node: new_node(), row: 0, frames: Vec::new() };
+    bench.node.refuse_to_measure(RefusalReason::Clock);
+    let mut fault = Fault::from(FaultKind::Watchdog);
+    fault.further = [FaultKind::Clock, FaultKind::Store].into_iter().collect();
+    bench.node.report_fault(fault.clone());
+    bench.say(&GREET);
+    bench.say(&HostMessage::Configure(configuration(Summary::Lines { bits: 8 })));
+    let hello = bench.next_hello().unwrap();
+    assert_eq!((hello.configuration_hash, hello.fault), (None, Some(fault)));
+    let configuration_hash = configuration(Summary::Lines { bits: 8 }).hash();
+    let refusal = Refusal { configuration_hash, reason: RefusalReason::Clock };
+    assert!(bench.messages().contains(&NodeMessage::Refused(refusal)));
+    assert_eq!(bench.node.sampling_rate_uhz(), None);
+}
+
+#[test]
+fn only_what_a_sensor_gave_is_corrected_for_its_filters() {
+    let lines = |correct: bool, replays: bool| -> Vec<Complex32> {
+        let mut bench = Bench::new(Summary::Lines { bits: 16 });
+        if correct {
+            bench.node.set_correction(|rate_mhz| if rate_mhz == 50_000 { 0.01 } else { f32::NAN });
+        }
+        if replays {
+            bench.say(&HostMessage::Replay(Replay { start: HostTime(0) }));
+            for first_row in (0..4000).step_by(20) {
+                let readings = (first_row..first_row + 20).flat_map(|row| [tone(row), tone(row)]).collect();
+                bench.say(&HostMessage::Feed(FeedPart { first_row, readings }));
+                bench.listen();
+            }
+        } else {
+            bench.run(4000, |row| [tone(row); 2]);
+        }
+        let first = bench.messages().into_iter().find_map(|message| match message {
+            NodeMessage::Lines(part) => {
+                let mut lines = vec![Complex32::default(); usize::from(part.lines)];
+                decode_lines(part.code, part.bits, &mut lines).unwrap();
+                Some(lines)
+            }
+            _ => None,
+        });
+        first.unwrap()
+    };
+    let plain = lines(false, false);
+    let largest = plain.iter().map(|line| line.norm()).fold(0.0, f32::max);
+    for (index, (plain, corrected)) in plain.iter().zip(lines(true, false)).enumerate() {
+        // Line 3 is the first, and lines are 10/256 Hz apart.
+        let frequency_hz = (3 + index) as f32 * 10.0 / 256.0;
+        let expected = plain * (1.0 + 0.01 * frequency_hz * frequency_hz);
+        assert!((corrected - expected).norm() < 1e-4 * largest, "line {index}: {corrected} for {expected}");
+    }
+    assert_eq!(lines(false, true), lines(true, true));
 }
 
 /// A host with a node's key, which counts what it says.

@@ -46,6 +46,8 @@ pub struct PortReport {
     pub foreign_windows: u64,
     /// Samples that the node has lost since it started.
     pub lost_rows: u32,
+    /// Pulses since it started after which the sensor had taken no new sample.
+    pub stale_rows: u32,
     /// Messages to the node that came faster than it could take them.
     pub dropped_frames: u32,
     /// Frames that came damaged.
@@ -58,8 +60,16 @@ pub struct PortReport {
     pub bytes_received: u64,
     /// How much faster the host's clock runs than the node's.
     pub clock_drift_ppm: Option<f64>,
-    /// Level of each channel.
+    /// How much the sensor's own oscillator was fast when it started, which its delay is corrected for.
+    pub oscillator_ppm: Option<i32>,
+    /// The sensor's temperature.
+    pub temperature_c: Option<f64>,
+    /// Level of each channel: the RMS about the mean since the last heartbeat, of a node that says its variance; else to 6 %.
     pub level_m_s2: Vec<f32>,
+    /// Mean of each channel's readings since the last heartbeat: gravity and offset.
+    pub mean_m_s2: Vec<f32>,
+    /// Longest time since the node's start that it took to fetch a sample.
+    pub longest_fetch_us: u32,
     /// What is wrong with each channel's sensor; nothing where it is sound.
     pub sensors: Vec<Option<String>>,
     /// The highest peaks.
@@ -138,13 +148,20 @@ impl PortReport {
             lost_windows: status.statistics.lost_windows,
             foreign_windows: status.statistics.foreign_windows,
             lost_rows: heartbeat.map_or(0, |heartbeat| heartbeat.lost_rows),
+            stale_rows: heartbeat.map_or(0, |heartbeat| heartbeat.stale_rows),
             dropped_frames: heartbeat.map_or(0, |heartbeat| heartbeat.board.dropped_frames),
             damaged_frames: status.statistics.damaged_frames,
             refused_parts: status.statistics.contradictions,
             refused_messages: heartbeat.map_or(0, |heartbeat| heartbeat.refused_messages),
             bytes_received: status.statistics.bytes_received,
             clock_drift_ppm: status.drift_ppm,
-            level_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.level.to_vec()),
+            oscillator_ppm: heartbeat.and_then(|heartbeat| heartbeat.board.oscillator_ppm),
+            temperature_c: heartbeat
+                .and_then(|heartbeat| heartbeat.board.temperature_centi_c)
+                .map(|centi_c| f64::from(centi_c) * 0.01),
+            level_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.rms().to_vec()),
+            mean_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.mean.to_vec()),
+            longest_fetch_us: heartbeat.map_or(0, |heartbeat| heartbeat.board.longest_fetch_us),
             sensors: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.sensors.iter().map(wrong).collect()),
             peaks_hz: status.peaks_hz.clone(),
             last_fault: status.hello.as_ref().and_then(|hello| hello.fault.as_ref()).map(ToString::to_string),

@@ -61,6 +61,9 @@ impl Words {
             if heartbeat.lost_rows > 0 {
                 words += &format!("; {} samples lost", heartbeat.lost_rows);
             }
+            if heartbeat.stale_rows > 0 {
+                words += &format!("; {} times the sensor had taken no new sample", heartbeat.stale_rows);
+            }
             if heartbeat.refused_messages > 0 {
                 words += &format!(
                     "; the node refused {} messages, mostly of a program that had not greeted it last",

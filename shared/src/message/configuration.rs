@@ -129,6 +129,9 @@ pub enum RefusalReason {
         /// Bytes there are.
         available: u32,
     },
+    /// The node runs on its internal clock, which is off by up to a percent.
+    #[error("the node's external clock does not run, and its own is too inexact to measure with")]
+    Clock,
     /// Something of which only a later version knows.
     #[error("for a reason that this version of Belfry does not know: update it")]
     #[serde(other)]

@@ -25,7 +25,7 @@ pub struct Heartbeat {
     /// Messages from hosts that it did not take, since the start: of a host that had not greeted last, or acknowledgements of
     /// windows that there are not yet.
     pub refused_messages: u32,
-    /// Each channel's level: the RMS of the raw reading about its bias in m/s² since the last heartbeat. Good to 6 % only (a
+    /// Each channel's level: the RMS of the raw reading about its mean in m/s² since the last heartbeat. Good to 6 % only (a
     /// fast square root): enough to tell a live sensor from a dead one, not a measurement.
     pub level: Vec<f32, MAX_CHANNELS>,
     /// What each channel's readings since the last heartbeat say about its sensor.
@@ -39,6 +39,25 @@ pub struct Heartbeat {
     pub unknown_messages: u32,
     /// Messages from hosts without a seal, with a wrong one, or heard before, since the start; 0 of a node without a key.
     pub unsealed_messages: u32,
+    /// Rows since the start for which the sensor answered and had taken no new sample.
+    #[serde(default)]
+    pub stale_rows: u32,
+    /// The variance of each channel's raw readings about their mean since the last heartbeat, in (m/s²)². Empty of a node that does not say.
+    #[serde(default)]
+    pub variance: Vec<f32, MAX_CHANNELS>,
+    /// That mean in m/s². Empty of a node that does not say.
+    #[serde(default)]
+    pub mean: Vec<f32, MAX_CHANNELS>,
+}
+
+impl Heartbeat {
+    /// Each channel's RMS about its mean since the last heartbeat in m/s²: the root of its variance where the node says that, else its level.
+    pub fn rms(&self) -> Vec<f32, MAX_CHANNELS> {
+        if self.variance.is_empty() {
+            return self.level.clone();
+        }
+        self.variance.iter().map(|&variance| libm::sqrtf(variance)).collect()
+    }
 }
 
 /// What readings say about a sensor; the first that is true.
@@ -63,6 +82,9 @@ pub enum SensorState {
     /// Nothing is wrong.
     #[error("sound")]
     Sound,
+    /// It answers, and takes no samples.
+    #[error("without pulses: it answers and takes no samples; check the wire to its DRDY pin")]
+    Unsynchronised,
     /// Something of which only a later version knows.
     #[error("in a state that this version of Belfry does not know")]
     #[serde(other)]
@@ -88,4 +110,11 @@ pub struct BoardState {
     /// Frames from the host that were dropped since the start, because they came faster than the program could take them. Some of
     /// them count as damaged as well.
     pub dropped_frames: u32,
+    /// How much the sensor's own oscillator was fast when it started, in ppm; `None` without a sensor, or of a node that does not say.
+    #[serde(default)]
+    pub oscillator_ppm: Option<i32>,
+    /// Longest time since the start from a sample's request to its end in memory, in µs; 0 of a node that does not say. Times the sampling rate,
+    /// it is the most of the processor's time that sampling takes.
+    #[serde(default)]
+    pub longest_fetch_us: u32,
 }

@@ -1,6 +1,6 @@
 //! Who a node is, and why it restarted.
 
-use heapless::String;
+use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
 use super::{Conversation, growth};
@@ -9,6 +9,8 @@ use crate::time::HostTime;
 
 /// Longest [`Fault::place`] in bytes.
 pub const MAX_PLACE_BYTES: usize = 64;
+/// Most faults beside the first.
+pub const MAX_FURTHER_FAULTS: usize = 6;
 
 /// The versions of the protocol that an end speaks: all from the lowest to the highest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -123,12 +125,33 @@ pub struct Fault {
     pub address: u32,
     /// File and line of the source; empty if unknown.
     pub place: String<MAX_PLACE_BYTES>,
+    /// Of a hard fault, where the function that failed was to return to (the link register); 0 if unknown.
+    #[serde(default)]
+    pub link: u32,
+    /// Of a hard fault, what the processor could not do: its Configurable Fault Status Register (ARMv7-M, B3.2.15); 0 if unknown.
+    #[serde(default)]
+    pub status: u32,
+    /// What else is wrong at the same time.
+    #[serde(default)]
+    pub further: Vec<FaultKind, MAX_FURTHER_FAULTS>,
+}
+
+impl From<FaultKind> for Fault {
+    fn from(kind: FaultKind) -> Self {
+        Self { kind, address: 0, place: String::new(), link: 0, status: 0, further: Vec::new() }
+    }
 }
 
 impl core::fmt::Display for Fault {
     fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         self.kind.fmt(formatter)?;
-        if self.place.is_empty() { Ok(()) } else { write!(formatter, " at {}", self.place) }
+        if !self.place.is_empty() {
+            write!(formatter, " at {}", self.place)?;
+        } else if self.kind == FaultKind::HardFault {
+            let Self { address, link, status, .. } = self;
+            write!(formatter, " at {address:#010x}, to return to {link:#010x}, status {status:#010x}")?;
+        }
+        self.further.iter().try_for_each(|kind| write!(formatter, "; {kind}"))
     }
 }
 
@@ -148,8 +171,10 @@ pub enum FaultKind {
     /// The program hung, and the watchdog reset it.
     #[error("the program hung, and the watchdog restarted it")]
     Watchdog,
-    /// The external clock did not start; the node runs on its inexact internal one.
-    #[error("the external clock does not run, and the node's own is inexact")]
+    /// The external clock did not start; the node runs on its inexact internal one, and does not measure.
+    #[error(
+        "the external clock does not run, and the node's own is too inexact to measure with: check the board's solder bridges for its clock"
+    )]
     Clock,
     /// Where its key should be is something else. It can be asked who it is, and does nothing.
     #[error("its key is damaged or another node's, so it obeys nobody: write the image of its key again")]

@@ -83,7 +83,11 @@ impl From<Hello> for super::Hello {
             oldest_window: old.oldest_window,
             next_window: old.next_window,
             replaying: old.replaying,
-            fault: old.fault.map(|Fault { kind, address, place }| super::Fault { kind, address, place }),
+            fault: old.fault.map(|Fault { kind, address, place }| super::Fault {
+                address,
+                place,
+                ..super::Fault::from(kind)
+            }),
             counters: None,
             kept: None,
         }
@@ -118,9 +122,14 @@ impl From<Heartbeat> for super::Heartbeat {
                 latest_sample_ns,
                 temperature_centi_c,
                 dropped_frames,
+                oscillator_ppm: None,
+                longest_fetch_us: 0,
             },
             unknown_messages: 0,
             unsealed_messages: 0,
+            stale_rows: 0,
+            variance: Vec::new(),
+            mean: Vec::new(),
         }
     }
 }

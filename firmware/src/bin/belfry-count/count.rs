@@ -1,5 +1,9 @@
 //! The counts.
 
+use core::convert::Infallible;
+
+use belfry_firmware::adxl355::{Adxl355, BURST_BYTES};
+use belfry_firmware::sampling::Fetcher;
 use belfry_firmware::{Identity, Memory, Node, SUPPORTED_SEGMENTS, welch_segment};
 use belfry_shared::frame::{MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, PROTOCOL_VERSION, crc32, encode};
 use belfry_shared::message::{
@@ -8,6 +12,8 @@ use belfry_shared::message::{
 use belfry_shared::seal::{Key, Sender};
 use belfry_shared::time::{ClockModel, HostTime, NodeTime};
 use cortex_m_semihosting::{debug, hprintln};
+use embedded_hal::delay::DelayNs;
+use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 use panic_semihosting as _;
 use stm32f4xx_hal::pac::TIM5;
 
@@ -47,9 +53,10 @@ fn run() -> ! {
         (*TIM5::ptr()).arr().write(|w| w.bits(u32::MAX));
         (*TIM5::ptr()).cr1().write(|w| w.cen().set_bit());
     }
-    hprintln!("a segment: straight line out, window, FFT, power, sum; points and instructions");
+    hprintln!("a segment: straight line out, window, FFT, power, sum; and its FFT alone; points and instructions");
     for segment in SUPPORTED_SEGMENTS {
         segments(usize::from(segment));
+        transforms(usize::from(segment));
     }
     hprintln!(
         "a second of the node in Hz of sampling and instructions: 4 channels, 4096 points at 5 Hz, 1188 lines of 6 bits"
@@ -60,6 +67,8 @@ fn run() -> ! {
     let mut node = Node::new(identity, memory);
     whole_node(&mut node, "second", None, 50, 10);
     whole_node(&mut node, "second", None, 1000, 200);
+    hprintln!("a sample in bytes on the sensor's bus, at 5 MHz 1.6 us each, and instructions beside them");
+    fetching();
     hprintln!("a seal in bytes of its message and instructions; and the same seconds of a node with a key");
     seals();
     node.set_key(Some(KEY));
@@ -70,6 +79,20 @@ fn run() -> ! {
     debug::exit(debug::EXIT_SUCCESS);
     #[expect(clippy::empty_loop, reason = "the emulator has stopped")]
     loop {}
+}
+
+/// Counts the FFT alone.
+fn transforms(length: usize) {
+    // SAFETY: as in `segments`.
+    let (samples, _) = unsafe { (*core::ptr::addr_of_mut!(MEMORY)).workbench() };
+    let Some(samples) = samples.get_mut(..length) else { return };
+    for (n, sample) in samples.iter_mut().enumerate() {
+        *sample = noise(n as u32);
+    }
+    let instructions = count(|| {
+        core::hint::black_box(belfry_kernels::real_fft(core::hint::black_box(samples)));
+    });
+    hprintln!("fft {} {}", length, instructions);
 }
 
 fn segments(length: usize) {
@@ -84,6 +107,53 @@ fn segments(length: usize) {
     hprintln!("segment {} {}", length, instructions);
     // The host's sums are to have the same bits.
     hprintln!("checksum {} {}", length, crc32(bytemuck::cast_slice(sums)));
+}
+
+/// A bus that takes no time: what bytes take on a real one is known.
+struct QuickBus;
+
+impl ErrorType for QuickBus {
+    type Error = Infallible;
+}
+
+impl SpiDevice for QuickBus {
+    fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
+        for operation in operations {
+            if let Operation::Read(bytes) = operation {
+                match bytes {
+                    [ad, mst, part] => (*ad, *mst, *part) = (0xAD, 0x1D, 0xED),
+                    [status] => *status = 0,
+                    // A sample is ready.
+                    bytes => bytes.fill(1),
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl DelayNs for QuickBus {
+    fn delay_ns(&mut self, _: u32) {}
+}
+
+/// Counts what is done with the sensor at each pulse, beside the bytes on its bus.
+fn fetching() {
+    // Every look at its oscillator's samples finds one, in time.
+    let mut us = 0;
+    let mut now_us = || {
+        us += 16_000;
+        us
+    };
+    let Ok(sensor) = Adxl355::start(QuickBus, &mut QuickBus, &mut now_us, 1_000_000) else {
+        hprintln!("no sensor");
+        return;
+    };
+    let mut fetcher = Fetcher::NONE;
+    fetcher.set_sensor(sensor);
+    let instructions = count(|| {
+        core::hint::black_box(fetcher.fetch(core::hint::black_box(NodeTime(1))));
+    });
+    hprintln!("fetch {} {}", BURST_BYTES, instructions);
 }
 
 fn seals() {

@@ -165,7 +165,8 @@ impl View {
             // By the host's clock: the node's crystal makes it what it is.
             let rate = status.drift_ppm.map(|drift| format!("{:.4}", self.sampling_rate_hz / (1.0 + drift * 1e-6)));
             let level = status.heartbeat.as_ref().map(|heartbeat| {
-                let channels = heartbeat.level.iter().zip(&heartbeat.sensors);
+                let rms = heartbeat.rms();
+                let channels = rms.iter().zip(&heartbeat.sensors);
                 let level = |(level, sensor): (&f32, &SensorState)| match sensor {
                     SensorState::Absent => "-".to_owned(),
                     _ => format!("{:.2}", 1e3 * level),

@@ -286,6 +286,9 @@ fn heartbeat(boot: u32, oldest_window: u32, next_window: u32) -> NodeMessage<'st
         board: Default::default(),
         unknown_messages: 0,
         unsealed_messages: 0,
+        stale_rows: 0,
+        variance: Default::default(),
+        mean: Default::default(),
     })
 }
 

@@ -31,7 +31,13 @@ fn fault_after(program: &Path, registers: &[(u8, u32)]) -> (Fault, String) {
 fn a_hard_fault_is_recorded_and_told_after_the_restart() {
     let (fault, words) = fault_after(&program("belfry-node"), &[(PROGRAM_COUNTER, 0xF000_0000)]);
     assert_eq!((fault.kind, fault.address), (FaultKind::HardFault, 0xF000_0000));
-    assert_eq!(words, "the processor stopped (a hard fault)");
+    // The processor could not fetch the instruction: bits 0 (not permitted) or 8 (bus error) of the status.
+    assert!(fault.status & 0x101 != 0 && fault.link != 0, "{fault:?}");
+    let Fault { link, status, .. } = fault;
+    assert_eq!(
+        words,
+        format!("the processor stopped (a hard fault) at 0xf0000000, to return to {link:#010x}, status {status:#010x}")
+    );
 }
 
 /// The handler of interrupts that nothing should call panics; the processor is sent there.

@@ -91,6 +91,7 @@ fn kind(reason: &RefusalReason) -> usize {
         RefusalReason::Bands => 4,
         RefusalReason::Summary => 5,
         RefusalReason::Memory { .. } => 6,
+        RefusalReason::Clock => panic!("the emulated board's clock runs"),
         RefusalReason::Unknown => panic!("a node has no reasons that it does not know"),
     }
 }

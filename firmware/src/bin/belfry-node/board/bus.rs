@@ -4,7 +4,7 @@ use core::cell::UnsafeCell;
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, MODE_0, Operation, SpiDevice};
-use stm32f4xx_hal::gpio::{Output, Pin, PinState};
+use stm32f4xx_hal::gpio::{Output, Pin, PinState, Speed};
 use stm32f4xx_hal::pac::SPI2;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Rcc;
@@ -52,6 +52,9 @@ impl Wires {
         (clock, input, output): (Pin<'B', 13>, Pin<'B', 14>, Pin<'B', 15>),
         rcc: &mut Rcc,
     ) -> &'static Self {
+        // At their lowest speed, which they have after a reset, pins are only good for 2 to 8 MHz (STM32F446xC/E data sheet, "I/O AC characteristics").
+        let clock = clock.into_alternate::<5>().speed(Speed::Medium);
+        let output = output.into_alternate::<5>().speed(Speed::Medium);
         let spi = Spi::new(spi, (Some(clock), Some(input), Some(output)), MODE_0, CLOCK_MHZ.MHz(), rcc);
         // This function runs once.
         let Some(wires) = cortex_m::singleton!(: Wires = Wires(UnsafeCell::new(spi))) else { panic!("started twice") };
@@ -99,6 +102,18 @@ impl<const N: u8> Device<N> {
         Err(BusError::Late)
     }
 
+    /// Takes what a transfer that was given up has left in the receiver: it would answer the next one's first byte, and put all off by one. Reading
+    /// the data and then the status also ends an overrun (RM0390, 26.3.10).
+    fn drain(&mut self) {
+        // SAFETY: as in `exchange`.
+        let spi = unsafe { &mut *self.wires.0.get() };
+        // What is still on the wires takes as long as a byte.
+        Delay.delay_us(2 * 8 / CLOCK_MHZ + 1);
+        for _ in 0..2 {
+            let _ = spi.read_nonblocking();
+        }
+    }
+
     fn run(&mut self, operation: &mut Operation<'_, u8>) -> Result<(), BusError> {
         match operation {
             Operation::Read(bytes) => bytes.iter_mut().try_for_each(|byte| {
@@ -135,6 +150,9 @@ impl<const N: u8> SpiDevice for Device<N> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), BusError> {
         self.select.set_low();
         let result = operations.iter_mut().try_for_each(|operation| self.run(operation));
+        if result.is_err() {
+            self.drain();
+        }
         self.select.set_high();
         result
     }

@@ -13,7 +13,7 @@ use heapless::String;
 
 use super::stack;
 
-const MAGIC: u32 = 0xBE1F_0001;
+const MAGIC: u32 = 0xBE1F_0002;
 
 #[derive(Clone, Copy)]
 #[repr(C)]
@@ -21,6 +21,8 @@ struct Words {
     magic: u32,
     kind: u32,
     address: u32,
+    link: u32,
+    status: u32,
     length: u32,
     place: [u8; MAX_PLACE_BYTES],
     check: u32,
@@ -33,14 +35,17 @@ const PANIC: u32 = 1;
 const HARD_FAULT: u32 = 2;
 const STACK_OVERFLOW: u32 = 3;
 
+/// Bytes of the numbers between the magic one and the place.
+const NUMBERS_BYTES: usize = 20;
+
 impl Words {
     fn sum(&self) -> u32 {
-        let mut bytes = [0; 12 + MAX_PLACE_BYTES];
-        let numbers = [self.kind, self.address, self.length];
+        let mut bytes = [0; NUMBERS_BYTES + MAX_PLACE_BYTES];
+        let numbers = [self.kind, self.address, self.link, self.status, self.length];
         for (place, number) in bytes.chunks_exact_mut(4).zip(numbers) {
             place.copy_from_slice(&number.to_le_bytes());
         }
-        if let Some(rest) = bytes.get_mut(12..) {
+        if let Some(rest) = bytes.get_mut(NUMBERS_BYTES..) {
             rest.copy_from_slice(&self.place);
         }
         crc32(&bytes)
@@ -63,13 +68,14 @@ pub(super) fn take() -> Option<Fault> {
     };
     let text = words.place.get(..words.length as usize).and_then(|bytes| core::str::from_utf8(bytes).ok());
     let place = text.and_then(|text| String::try_from(text).ok()).unwrap_or_default();
-    Some(Fault { kind, address: words.address, place })
+    let Words { address, link, status, .. } = words;
+    Some(Fault { address, place, link, status, ..Fault::from(kind) })
 }
 
 /// Writes last words and restarts.
-fn end(kind: u32, address: u32, place: &str) -> ! {
-    let mut words =
-        Words { magic: MAGIC, kind, address, length: place.len() as u32, place: [0; MAX_PLACE_BYTES], check: 0 };
+fn end(kind: u32, [address, link, status]: [u32; 3], place: &str) -> ! {
+    let length = place.len() as u32;
+    let mut words = Words { magic: MAGIC, kind, address, link, status, length, place: [0; MAX_PLACE_BYTES], check: 0 };
     for (to, from) in words.place.iter_mut().zip(place.as_bytes()) {
         *to = *from;
     }
@@ -89,7 +95,7 @@ fn on_panic(info: &PanicInfo<'_>) -> ! {
         let tail = name.char_indices().map(|(at, _)| at).find(|at| name.len() - at <= MAX_PLACE_BYTES - 8).unwrap_or(0);
         let _ = write!(place, "{}:{}", name.get(tail..).unwrap_or(name), location.line());
     }
-    end(PANIC, 0, &place)
+    end(PANIC, [0; 3], &place)
 }
 
 /// Starts with an empty stack: one that has run over has no room left to handle that.
@@ -112,9 +118,11 @@ unsafe extern "C" fn HardFault() -> ! {
 extern "C" fn record(frame: usize) -> ! {
     let frame_bytes = size_of::<ExceptionFrame>();
     if frame < stack::end() + frame_bytes {
-        end(STACK_OVERFLOW, 0, "")
+        end(STACK_OVERFLOW, [0; 3], "")
     }
     // SAFETY: within the stack, where the processor has put it.
-    let address = unsafe { (*(frame as *const ExceptionFrame)).pc() };
-    end(HARD_FAULT, address, "")
+    let frame = unsafe { &*(frame as *const ExceptionFrame) };
+    // SAFETY: the register is the core's own, and is only read.
+    let status = unsafe { (*SCB::PTR).cfsr.read() };
+    end(HARD_FAULT, [frame.pc(), frame.lr(), status], "")
 }

@@ -13,11 +13,13 @@ mod memory_chip;
 mod port;
 mod sampler;
 mod stack;
-mod ticks;
+pub(crate) mod ticks;
+mod timekeeping;
 
 use belfry_firmware::{Memory, Node};
+use belfry_shared::adxl355::correction_per_hz2;
 use belfry_shared::frame::MAX_FRAME_BYTES;
-use belfry_shared::message::{BoardState, Fault, FaultKind};
+use belfry_shared::message::{BoardState, Fault, FaultKind, RefusalReason};
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::{entry, exception};
@@ -92,12 +94,13 @@ fn run() -> ! {
     let mut node = Node::new(identity::identity(identity::random_boot()), memory);
     #[cfg(feature = "store")]
     let (mut node, store_fault) = {
-        let fault = (!store.has_chip()).then(|| simple_fault(FaultKind::Store));
+        let fault = (!store.has_chip()).then_some(FaultKind::Store);
         (Node::with_store(identity::identity(store.boot()), memory, store), fault)
     };
     #[cfg(not(feature = "store"))]
     let store_fault = None;
-    let watchdog_fault = was_watchdog.then(|| simple_fault(FaultKind::Watchdog));
+    node.set_correction(correction_per_hz2);
+    let watchdog_fault = was_watchdog.then_some(FaultKind::Watchdog);
     let key_fault = match identity::key(node.identity().node) {
         Ok(None) => None,
         Ok(key) => {
@@ -106,11 +109,19 @@ fn run() -> ! {
         }
         Err(_) => {
             node.set_key(None);
-            Some(simple_fault(FaultKind::Key))
+            Some(FaultKind::Key)
         }
     };
-    let clock_fault = (!has_external).then(|| simple_fault(FaultKind::Clock));
-    if let Some(fault) = key_fault.or(ended).or(watchdog_fault).or(clock_fault).or(store_fault) {
+    let clock_fault = (!has_external).then_some(FaultKind::Clock);
+    if clock_fault.is_some() {
+        // Off by 1 % (STM32F446xC/E data sheet, "HSI oscillator characteristics"): frequencies would be as wrong, and windows drift off the grid.
+        node.refuse_to_measure(RefusalReason::Clock);
+    }
+    // What ended the last life says most, and has a place.
+    let kinds = [key_fault, watchdog_fault, clock_fault, store_fault];
+    let mut kinds = kinds.into_iter().flatten();
+    if let Some(mut fault) = ended.or_else(|| kinds.next().map(Fault::from)) {
+        fault.further = kinds.collect();
         defmt::warn!("restarted: {}", fault);
         node.report_fault(fault);
     }
@@ -125,7 +136,11 @@ fn run() -> ! {
         longest_us = now.since(last_look).max(longest_us);
         last_look = now;
         while let Some(row) = sampler.next_row() {
-            node.sample(row.time, &row.readings);
+            if row.is_stale {
+                node.stale(row.time);
+            } else {
+                node.sample(row.time, &row.readings);
+            }
         }
         while let Some((time, byte)) = port.next_byte() {
             node.receive(time, byte);
@@ -135,13 +150,17 @@ fn run() -> ! {
         #[cfg(feature = "store")]
         let worked = (sampler.has_time(STORE_STEP_US) && node.keep(now)) | worked;
         if port.has_sent_all() && node.has_bytes() {
+            let (latest_sample_ns, longest_fetch_us) = sampler.latest();
+            let (temperature_centi_c, oscillator_ppm) = sampler.sensor();
             node.report_board(BoardState {
                 stack_bytes: stack::size(),
                 stack_free_bytes: stack::never_used(),
                 longest_step_us: u32::try_from(longest_us).unwrap_or(u32::MAX),
-                latest_sample_ns: sampler.latest_ns(),
-                temperature_centi_c: sampler.temperature_centi_c(),
+                latest_sample_ns,
+                temperature_centi_c,
                 dropped_frames: port.dropped_frames(),
+                oscillator_ppm,
+                longest_fetch_us,
             });
             let count = node.transmit(ticks::now(), &mut frame);
             port.send(frame.get(..count).unwrap_or(&[]));
@@ -171,10 +190,6 @@ fn clocks(rcc: pac::RCC, is_emulated: bool) -> (Rcc, bool) {
     let has_external = (0..EXTERNAL_LOOKS).any(|_| rcc.cr().read().hserdy().bit_is_set());
     let source = if has_external { Config::hse(EXTERNAL).bypass_hse_oscillator() } else { Config::hsi() };
     (rcc.freeze(source.sysclk(CORE)), has_external)
-}
-
-fn simple_fault(kind: FaultKind) -> Fault {
-    Fault { kind, address: 0, place: heapless::String::new() }
 }
 
 /// Wakes the loop.

@@ -6,16 +6,17 @@
 
 use core::cell::RefCell;
 
-use belfry_firmware::adxl355::{self, Adxl355, CHANNELS, Reading};
-use belfry_shared::time::NodeTime;
+use belfry_firmware::adxl355::{self, Adxl355};
+use belfry_firmware::sampling::{Fetcher, Row};
 use critical_section::Mutex;
 use heapless::spsc::{Consumer, Producer, Queue};
-use stm32f4xx_hal::gpio::Pin;
+use stm32f4xx_hal::gpio::{Alternate, Pin, Speed};
 use stm32f4xx_hal::pac::{TIM2, interrupt};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 use super::bus::Delay;
 use super::ticks;
+use super::timekeeping::Timekeeping;
 use crate::Bus;
 
 /// Rows that may wait for the loop: 28 ms at 1000 Hz.
@@ -23,25 +24,21 @@ const ROWS: usize = 28;
 /// Time between looks for an absent sensor, in µs.
 const LOOK_AGAIN_US: i64 = 2_000_000;
 
-/// A row of readings and when it was sampled.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Row {
-    pub(super) time: NodeTime,
-    /// In m/s²; NaN where there was none.
-    pub(super) readings: [f32; CHANNELS],
-}
-
 /// What the interrupt has.
 struct Shared {
-    sensor: Option<Adxl355<Bus>>,
+    fetcher: Fetcher<Bus>,
     rows: Producer<'static, Row>,
     period: Period,
-    lateness: Lateness,
-    is_emulated: bool,
-    temperature_centi_c: Option<i16>,
+    timekeeping: Timekeeping,
+    longest_fetch_us: u32,
 }
 
 static SHARED: Mutex<RefCell<Option<Shared>>> = Mutex::new(RefCell::new(None));
+
+/// Works with what the interrupt has, which does not come meanwhile.
+fn with_shared<T>(work: impl FnOnce(&mut Shared) -> T) -> Option<T> {
+    critical_section::with(|section| SHARED.borrow_ref_mut(section).as_mut().map(work))
+}
 
 /// The sampling period in ticks of the timer, exact on average: a period is a tick longer whenever the fractions left over add
 /// up to one.
@@ -79,46 +76,26 @@ impl Period {
     }
 }
 
-/// Delay of interrupts by the timer's own count, which starts at 0 with every period.
-#[derive(Debug, Clone, Copy, Default)]
-struct Lateness {
-    latest_ticks: u32,
-    /// In the emulator: the count when the next interrupt is due, and how late the last one was.
-    due: u32,
-    last_ticks: i32,
-}
-
-impl Lateness {
-    fn note(&mut self, count: u32) {
-        self.latest_ticks = self.latest_ticks.max(count);
-    }
-
-    /// The same in the emulator, whose counts run on and whose alarms may be late: a period that begins late ends late. A delay
-    /// that neighbours share is the alarm's; an interrupt that the program held up is later than the one after it.
-    fn note_emulated(&mut self, count: u32, reload: u32) {
-        let late = count.wrapping_sub(self.due) as i32;
-        let alike = late.min(self.last_ticks);
-        self.latest_ticks = self.latest_ticks.max(self.last_ticks.abs_diff(alike));
-        self.last_ticks = late.wrapping_sub(alike);
-        self.due = self.due.wrapping_add_signed(alike).wrapping_add(reload);
-    }
+/// The pin of the pulses, PB10. The sensor's end of the wire is an output until the sensor is told that it is an input.
+enum PulsePin {
+    Off(Pin<'B', 10>),
+    On(Pin<'B', 10, Alternate<1>>),
 }
 
 /// The loop's end of sampling.
 pub(super) struct Sampler {
     timer: TIM2,
     timer_hz: u32,
-    is_emulated: bool,
     rows: Consumer<'static, Row>,
     rate_uhz: Option<u64>,
+    pin: Option<PulsePin>,
     bus: Option<Bus>,
-    looked: Option<NodeTime>,
+    looked: Option<ticks::NodeTime>,
 }
 
 impl Sampler {
-    /// Sets up the timer, whose pulses leave at PB10 for the sensor's DRDY pin. Nothing is sampled yet.
+    /// Sets up the timer, whose pulses leave at PB10 for the sensor's DRDY pin once it listens. Nothing is sampled yet.
     pub(super) fn start(timer: TIM2, pulse: Pin<'B', 10>, bus: Bus, rcc: &mut Rcc, is_emulated: bool) -> Self {
-        let _ = pulse.into_alternate::<1>();
         TIM2::enable(rcc);
         TIM2::reset(rcc);
         // Channel 3 rises in the middle of a period (PWM mode 2) and falls at its end, where the interrupt reads the sample.
@@ -129,23 +106,23 @@ impl Sampler {
         let Some(queue) = queue else { panic!("started twice") };
         let (producer, rows) = queue.split();
         let shared = Shared {
-            sensor: None,
+            fetcher: Fetcher::NONE,
             rows: producer,
             period: Period::default(),
-            lateness: Lateness::default(),
-            is_emulated,
-            temperature_centi_c: None,
+            timekeeping: Timekeeping::new(is_emulated),
+            longest_fetch_us: 0,
         };
         critical_section::with(|section| SHARED.borrow_ref_mut(section).replace(shared));
         let timer_hz = ticks::timer_hz(rcc, is_emulated);
-        Self { timer, timer_hz, is_emulated, rows, rate_uhz: None, bus: Some(bus), looked: None }
+        let pin = Some(PulsePin::Off(pulse));
+        Self { timer, timer_hz, rows, rate_uhz: None, pin, bus: Some(bus), looked: None }
     }
 
     /// Whether the sensor's bus is free for so many µs before the next sample comes.
     #[cfg(feature = "store")]
     pub(super) fn has_time(&self, us: u32) -> bool {
-        // In the emulator counts run on, and nothing takes the bus for long.
-        if self.rate_uhz.is_none() || self.is_emulated {
+        // Where counts run on, in the emulator, nothing takes the bus for long.
+        if self.rate_uhz.is_none() || with_shared(|shared| shared.timekeeping.counts_from_zero()) != Some(true) {
             return true;
         }
         let (end, count) = (self.timer.arr().read().bits(), self.timer.cnt().read().bits());
@@ -164,32 +141,27 @@ impl Sampler {
         let Some(rate) = rate_uhz else { return };
         let mut period = Period::of(rate, self.timer_hz);
         let reload = period.next() - 1;
-        let untold = critical_section::with(|section| {
-            let mut shared = SHARED.borrow_ref_mut(section);
-            let shared = shared.as_mut()?;
+        let untold = with_shared(|shared| {
             shared.period = period;
-            let error = shared.sensor.as_mut()?.set_rate(milli(rate)).err()?;
-            Some((error, shared.sensor.take()?))
+            shared.fetcher.set_rate(milli(rate)).err()
         });
-        if let Some((error, sensor)) = untold {
+        if let Some((error, bus)) = untold.flatten() {
             // It may still be in standby; the next look starts it again.
             defmt::warn!("the sensor takes no rate: {}", error);
-            self.bus = Some(sensor.release());
+            self.bus = Some(bus);
         }
         // SAFETY: every value is possible.
         self.timer.ccr3().write(|w| unsafe { w.bits(reload / 2) });
         let start = self.timer.cnt().read().bits();
         // SAFETY: as above.
         self.timer.arr().write(|w| unsafe { w.bits(reload) });
-        // In the emulator, writing ARR has set the alarm; restarting the count would add its clock to every period.
-        if !self.is_emulated {
+        let has_begun = with_shared(|shared| {
+            shared.timekeeping.begin(start, reload);
+            !shared.timekeeping.counts_from_zero()
+        });
+        if has_begun != Some(true) {
             self.timer.egr().write(|w| w.ug().set_bit());
         }
-        critical_section::with(|section| {
-            if let Some(shared) = SHARED.borrow_ref_mut(section).as_mut() {
-                (shared.lateness.due, shared.lateness.last_ticks) = (start.wrapping_add(reload), 0);
-            }
-        });
         self.timer.sr().write(|w| w.uif().clear_bit());
         self.timer.dier().write(|w| w.uie().set_bit());
         self.timer.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
@@ -202,31 +174,32 @@ impl Sampler {
             return;
         }
         self.looked = Some(now);
-        let lost = critical_section::with(|section| {
-            let mut shared = SHARED.borrow_ref_mut(section);
-            // A temperature is there as long as the sensor answers.
-            shared.as_mut().filter(|shared| shared.temperature_centi_c.is_none())?.sensor.take()
-        });
-        if let Some(sensor) = lost {
-            self.bus = Some(sensor.release());
+        if let Some(bus) = with_shared(|shared| shared.fetcher.take_lost()).flatten() {
+            self.bus = Some(bus);
         }
         let Some(bus) = self.bus.take() else { return };
-        match Adxl355::start(bus, &mut Delay, rate_uhz.map_or(adxl355::HIGHEST_RATE_MHZ, milli)) {
-            Ok(mut sensor) => {
-                let temperature_centi_c = sensor.read().ok().map(|reading| reading.temperature_centi_c);
-                critical_section::with(|section| {
-                    if let Some(shared) = SHARED.borrow_ref_mut(section).as_mut() {
-                        shared.sensor = Some(sensor);
-                        shared.temperature_centi_c = temperature_centi_c;
-                    }
-                });
-                defmt::info!("the sensor answers");
+        self.set_pulses(false);
+        let rate_mhz = rate_uhz.map_or(adxl355::HIGHEST_RATE_MHZ, milli);
+        match Adxl355::start(bus, &mut Delay, &mut || ticks::now().0, rate_mhz) {
+            Ok(sensor) => {
+                defmt::info!("the sensor answers, its oscillator {} ppm fast", sensor.oscillator_ppm());
+                with_shared(|shared| shared.fetcher.set_sensor(sensor));
+                self.set_pulses(true);
             }
             Err((error, bus)) => {
                 defmt::debug!("no sensor: {}", error);
                 self.bus = Some(bus);
             }
         }
+    }
+
+    /// Lets the pulses out of the pin, or makes an input of it.
+    fn set_pulses(&mut self, are_on: bool) {
+        self.pin = self.pin.take().map(|pin| match (pin, are_on) {
+            (PulsePin::Off(pin), true) => PulsePin::On(pin.into_alternate::<1>().speed(Speed::Medium)),
+            (PulsePin::On(pin), false) => PulsePin::Off(pin.into_input()),
+            (pin, _) => pin,
+        });
     }
 
     /// The oldest waiting row.
@@ -239,17 +212,18 @@ impl Sampler {
         !self.rows.ready()
     }
 
-    /// The sensor's temperature in units of 0.01 °C; `None` where there is no sensor.
-    pub(super) fn temperature_centi_c(&self) -> Option<i16> {
-        critical_section::with(|section| SHARED.borrow_ref(section).as_ref()?.temperature_centi_c)
+    /// The sensor's temperature in units of 0.01 °C, and by how many ppm its oscillator was fast; `None` where there is no sensor.
+    pub(super) fn sensor(&self) -> (Option<i16>, Option<i32>) {
+        let told = with_shared(|shared| (shared.fetcher.temperature_centi_c(), shared.fetcher.oscillator_ppm()));
+        told.unwrap_or((None, None))
     }
 
-    /// Longest delay of an interrupt since the start, in ns.
-    pub(super) fn latest_ns(&self) -> u32 {
-        let latest =
-            critical_section::with(|section| SHARED.borrow_ref(section).as_ref().map(|shared| shared.lateness));
-        let ticks = latest.map_or(0, |lateness| lateness.latest_ticks);
-        u32::try_from(u64::from(ticks) * 1_000_000_000 / u64::from(self.timer_hz.max(1))).unwrap_or(u32::MAX)
+    /// Longest delay of an interrupt since the start, in ns, and the longest time until a sample was fetched, in µs.
+    pub(super) fn latest(&self) -> (u32, u32) {
+        let told = with_shared(|shared| (shared.timekeeping.latest_ticks(), shared.longest_fetch_us));
+        let (ticks, longest_fetch_us) = told.unwrap_or((0, 0));
+        let ns = u64::from(ticks) * 1_000_000_000 / u64::from(self.timer_hz.max(1));
+        (u32::try_from(ns).unwrap_or(u32::MAX), longest_fetch_us)
     }
 }
 
@@ -263,26 +237,19 @@ fn TIM2() {
     let timer = unsafe { &*TIM2::ptr() };
     // First of all: anything before it would count as delay.
     let count = timer.cnt().read().bits();
-    critical_section::with(|section| {
-        timer.sr().write(|w| w.uif().clear_bit());
-        let mut shared = SHARED.borrow_ref_mut(section);
-        let Some(shared) = shared.as_mut() else { return };
-        let time = ticks::now().offset(-shared.period.half_us);
+    timer.sr().write(|w| w.uif().clear_bit());
+    with_shared(|shared| {
+        let now = ticks::now();
         let reload = shared.period.next() - 1;
         // Only where it changes: the emulator begins a period with every write.
         if timer.arr().read().bits() != reload {
             // SAFETY: every value is possible; it counts from the next period on.
             timer.arr().write(|w| unsafe { w.bits(reload) });
         }
-        if shared.is_emulated {
-            shared.lateness.note_emulated(count, reload);
-        } else {
-            shared.lateness.note(count);
-        }
-        let reading = shared.sensor.as_mut().and_then(|sensor| sensor.read().ok());
-        shared.temperature_centi_c = reading.map(|reading: Reading| reading.temperature_centi_c);
-        let readings = reading.map_or([f32::NAN; CHANNELS], |reading| reading.acceleration_m_s2);
+        shared.timekeeping.note(count, reload);
+        let row = shared.fetcher.fetch(now.offset(-shared.period.half_us));
         // If the queue is full, the node misses the row by its time and counts it.
-        let _ = shared.rows.enqueue(Row { time, readings });
+        let _ = shared.rows.enqueue(row);
+        shared.longest_fetch_us = shared.longest_fetch_us.max(ticks::now().since(now) as u32);
     });
 }

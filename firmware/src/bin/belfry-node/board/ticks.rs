@@ -2,7 +2,7 @@
 
 use core::cell::Cell;
 
-use belfry_shared::time::NodeTime;
+pub(super) use belfry_shared::time::NodeTime;
 use critical_section::Mutex;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
@@ -31,7 +31,7 @@ pub(super) fn start(timer: pac::TIM5, rcc: &mut Rcc, is_emulated: bool) {
 }
 
 /// The time. Call it at least every 71 minutes, after which the count overflows.
-pub(super) fn now() -> NodeTime {
+pub(crate) fn now() -> NodeTime {
     critical_section::with(|section| {
         // SAFETY: TIM5 is this module's, and its count is only read.
         let count = unsafe { (*pac::TIM5::ptr()).cnt().read().bits() };

@@ -79,6 +79,9 @@ fn from_node_5(_: u8, message: Vec<u8>) -> Vec<(u8, Vec<u8>)> {
             let belfry_shared::message::Heartbeat { node, boot, level, sensors, lost_rows, board, .. } = heartbeat;
             let counts = (heartbeat.next_window, heartbeat.oldest_window, heartbeat.lost_windows);
             let counts = (counts, heartbeat.damaged_frames, heartbeat.refused_messages);
+            let belfry_shared::message::BoardState { stack_bytes, stack_free_bytes, longest_step_us, .. } = board;
+            let times = (longest_step_us, board.latest_sample_ns, board.temperature_centi_c, board.dropped_frames);
+            let board = (stack_bytes, stack_free_bytes, times);
             postcard_bytes(&(3_u8, node, boot, counts, level, sensors, lost_rows, board))
         }
         _ => message,
@@ -104,8 +107,12 @@ fn from_next_node(_: u8, mut message: Vec<u8>) -> Vec<(u8, Vec<u8>)> {
         NodeMessage::Heartbeat(heartbeat) => {
             assert_eq!(heartbeat.sensors.len(), 1);
             // A state that came with it, in front of the lost rows, the board and its length.
-            let behind = postcard_bytes(&(heartbeat.lost_rows, heartbeat.board)).len() + 1;
-            let state = message.len() - 2 - behind - 1;
+            let counts = (heartbeat.unknown_messages, heartbeat.unsealed_messages, heartbeat.stale_rows);
+            let behind =
+                postcard_bytes(&(heartbeat.lost_rows, heartbeat.board, counts, heartbeat.variance, heartbeat.mean))
+                    .len()
+                    + 1;
+            let state = message.len() - behind - 1;
             message[state] = 99;
             message.extend(ADDED);
             vec![(PROTOCOL_VERSION, message)]
