@@ -329,7 +329,15 @@ fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'
     reasons.extend(
         spans.map(|CollectedSpan { setup, from, to }| format!("Setup \"{setup}\": windows from {from} to {to}.")),
     );
+    reasons.extend(opened.iter().filter_map(|opened| gains_in_words(opened.setup)));
     Ok(Prepared { setups: opened, plan, reasons, warnings, failure, counting })
+}
+
+/// By what a setup's readings are multiplied, where study.toml says so.
+fn gains_in_words(setup: &Setup) -> Option<String> {
+    let of = |sensor: &crate::study::Sensor| Some(format!("{} by {}", sensor.channel, sensor.gain?));
+    let gains: Vec<String> = setup.sensors.iter().filter_map(of).collect();
+    (!gains.is_empty()).then(|| format!("Setup \"{}\": readings multiplied, {}.", setup.name, gains.join(", ")))
 }
 
 /// The analysis whose lines are those that were collected.

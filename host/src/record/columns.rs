@@ -111,8 +111,12 @@ impl Selection {
     }
 }
 
-/// What makes m/s² (m/s of a velocity, m of a displacement, rad of a tilt) of a recorded number.
+/// What makes m/s² (m/s of a velocity, m of a displacement, rad of a tilt) of a recorded number, with the sensor's gain.
 pub(crate) fn si_factor(unit: Unit, sensor: &Sensor) -> Result<f64, RecordError> {
+    Ok(sensor.gain.unwrap_or(1.0) * unit_factor(unit, sensor)?)
+}
+
+fn unit_factor(unit: Unit, sensor: &Sensor) -> Result<f64, RecordError> {
     match unit {
         Unit::MetrePerSecondSquared | Unit::MetrePerSecond | Unit::Metre | Unit::Radian | Unit::Strain => Ok(1.0),
         Unit::StandardGravity => Ok(STANDARD_GRAVITY_M_S2),

@@ -421,5 +421,6 @@ fn unit_factors(setup: &Setup) -> Result<Vec<f64>, SimulationError> {
             SimulationError::NoSensitivity { setup: setup.name.clone(), channel: sensor.channel.clone() }
         }),
     };
-    setup.sensors.iter().map(factor).collect()
+    // What is recorded is what a reader's gain makes right again.
+    setup.sensors.iter().map(|sensor| Ok(factor(sensor)? / sensor.gain.unwrap_or(1.0))).collect()
 }

@@ -22,6 +22,7 @@ fn sensor(channel: &str, elevation_m: f64, azimuth_deg: f64, offset_m: [f64; 2])
         reference: false,
         unit: None,
         sensitivity_v_per_m_s2: Some(2.0),
+        gain: None,
         dof: None,
         model_node: None,
     }

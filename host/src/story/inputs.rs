@@ -39,7 +39,12 @@ impl Inputs {
                 .iter()
                 .map(|sensor| (&sensor.channel, &sensor.point, sensor.reference, sensor.sensitivity_v_per_m_s2))
                 .collect();
-            let said = format!("{:?}", (&setup.files, &setup.variable, setup.sampling_rate_hz, setup.unit, sensors));
+            let mut said =
+                format!("{:?}", (&setup.files, &setup.variable, setup.sampling_rate_hz, setup.unit, sensors));
+            // Only where there are any, so that studies without keep the checksums that they had.
+            if setup.sensors.iter().any(|sensor| sensor.gain.is_some()) {
+                said += &format!("{:?}", setup.sensors.iter().map(|sensor| sensor.gain).collect::<Vec<_>>());
+            }
             inputs.insert(format!("setup \"{}\"", setup.name), checksum(said.as_bytes()));
             for file in matching_files(setup, &study.folder).unwrap_or_default() {
                 // What cannot be read now has changed.

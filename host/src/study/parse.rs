@@ -31,6 +31,7 @@ const SENSOR_KEYS: &[&str] = &[
     "reference",
     "unit",
     "sensitivity_v_per_m_s2",
+    "gain",
     "dof",
     "model_node",
 ];
@@ -273,9 +274,22 @@ fn sensor(section: &Section<'_>, sampled: bool) -> Result<Sensor, StudyError> {
             .get("sensitivity_v_per_m_s2")
             .map(|entry| entry.positive(SENSITIVITY))
             .transpose()?,
+        gain: gain_of(section, sampled)?,
         dof: dof.map(|dof| dof as usize),
         model_node,
     })
+}
+
+/// A sensor's gain; what was identified elsewhere has no readings.
+fn gain_of(section: &Section<'_>, sampled: bool) -> Result<Option<f64>, StudyError> {
+    const GAIN: &str = "a number from 0.5 to 2 that the readings are multiplied by";
+    let Some(entry) = section.get("gain") else { return Ok(None) };
+    if !sampled {
+        return Err(entry.out_of_range("left out: shapes from elsewhere are taken as they are"));
+    }
+    let gain = entry.positive(GAIN)?;
+    // Beyond that it is a unit, or a mistake.
+    if (0.5..=2.0).contains(&gain) { Ok(Some(gain)) } else { Err(entry.out_of_range(GAIN)) }
 }
 
 /// A sensor's own unit; modes that were identified elsewhere have none.

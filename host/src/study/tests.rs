@@ -77,6 +77,7 @@ fn a_sound_study_is_read_with_every_value_in_its_place() {
         reference: false,
         unit: None,
         sensitivity_v_per_m_s2: None,
+        gain: None,
         dof: None,
         model_node: None,
     };
@@ -125,6 +126,11 @@ fn units_and_sensitivities_belong_together() {
     assert_eq!(load(&volts).unwrap().setups[0].sensors[1].sensitivity_v_per_m_s2, Some(0.1));
     assert_told(&volts.replace("\"V\"", "\"g\""), 11, &["sensitivity_v_per_m_s2", "\"x\"", "remove it"]);
     assert_told(&volts.replacen("= 0.1", "= -0.1", 1), 11, &["above 0", "-0.1"]);
+    let with_gain = |gain: &str| SOUND.replace("node = 1", &format!("node = 1\ngain = {gain}"));
+    assert_eq!(load(&with_gain("1.04")).unwrap().setups[0].sensors[0].gain, Some(1.04));
+    for wrong in ["9.81", "0.2", "-1.0", "nan"] {
+        assert_told(&with_gain(wrong), 11, &["gain", "0.5 to 2"]);
+    }
 }
 
 #[test]

@@ -201,6 +201,8 @@ pub struct Sensor {
     pub unit: Option<Unit>,
     /// Recorded volts per m/s² (only with [`Unit::Volt`]).
     pub sensitivity_v_per_m_s2: Option<f64>,
+    /// What its readings are to be multiplied by, as its calibration says; none where they are taken as they are.
+    pub gain: Option<f64>,
     /// 1-based row of the model's matrices, instead of a place.
     pub dof: Option<usize>,
     /// The node of the model that it stands at, by name; a study that is read from its folder has the node's place as well.
@@ -221,6 +223,7 @@ impl Sensor {
             reference: false,
             unit: None,
             sensitivity_v_per_m_s2: None,
+            gain: None,
             dof: None,
             model_node: None,
         }

@@ -161,11 +161,14 @@ fn sent(configuration: &Configuration, node: u16, number: u32, grid_index: u64) 
 type Read = (CollectedSetup, Vec<WindowLines>, Vec<Damage>);
 
 fn read(folder: &Path, range: &TimeRange) -> Result<Option<Read>, ArchiveError> {
-    let setup = setup();
+    read_as(&setup(), folder, range)
+}
+
+fn read_as(setup: &Setup, folder: &Path, range: &TimeRange) -> Result<Option<Read>, ArchiveError> {
     let Some(archive) = Archive::open(folder)? else { return Ok(None) };
-    let Some(collected) = archive.collected(&setup, range)? else { return Ok(None) };
+    let Some(collected) = archive.collected(setup, range)? else { return Ok(None) };
     let mut windows = Vec::new();
-    let damages = collected.each_window(&setup, &mut |window| windows.push(window))?;
+    let damages = collected.each_window(setup, &mut |window| windows.push(window))?;
     Ok(Some((collected.setup, windows, damages)))
 }
 
@@ -197,6 +200,22 @@ fn windows_come_back_in_the_order_of_the_grid_each_channel_in_its_place() {
         // Channels of node 1 are sensors 0 and 2, that of node 2 is sensor 1.
         let middle = if whole.grid_index == 1 { None } else { expected(0) };
         assert_eq!(whole.channels, [expected(0), middle, expected(1)]);
+    }
+}
+
+#[test]
+fn a_gain_that_is_found_later_counts_for_windows_that_were_stored_before() {
+    let bench = Bench::with_windows_of_both(4);
+    let mut calibrated = setup();
+    // Of the second channel of node 1.
+    calibrated.sensors[2].gain = Some(1.5);
+    let (_, plain) = bench.read().unwrap().unwrap();
+    let (_, windows, _) = read_as(&calibrated, bench.folder.path(), &TimeRange::ALL).unwrap().unwrap();
+    assert!(!plain.is_empty() && plain.len() == windows.len());
+    for (plain, with_gain) in plain.iter().zip(&windows) {
+        assert_eq!(plain.channels[..2], with_gain.channels[..2]);
+        let [plain, with_gain] = [plain, with_gain].map(|window| window.channels[2].as_ref().unwrap());
+        assert!(plain.iter().zip(with_gain).all(|(plain, with_gain)| *plain * 1.5 == *with_gain));
     }
 }
 

@@ -41,6 +41,8 @@ fn units_become_si() {
     }
     recorded.sensors[0].sensitivity_v_per_m_s2 = Some(0.25);
     assert_eq!(rows_of(&recorded, "a.txt", b"2"), [[8.0]]);
+    recorded.sensors[0].gain = Some(1.25);
+    assert_eq!(rows_of(&recorded, "a.txt", b"2"), [[10.0]]);
 }
 
 #[test]
